@@ -52,6 +52,7 @@ class CsvTable:
             values, damage = self._row_by_row(order)
         if not values.size:
             raise InputError(f"'{self.path}' holds a header and no row of numbers")
+        values[np.isinf(values)] = np.nan
         return {name: values[:, order.index(i)] for name, i in indices.items()}, damage
 
     def number_columns(self) -> tuple[str, ...]:

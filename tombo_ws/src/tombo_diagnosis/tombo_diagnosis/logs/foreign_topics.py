@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable
 from tombo_bag.recording import Recording
+from tombo_bag.rotor_topics import RANKS, is_rotor_type, rotor_reading
 from tombo_diagnosis.logs.csv_log import converted
 from tombo_diagnosis.logs.csv_mapping import LogMapping
 from tombo_diagnosis.logs.flight_log import Finding, Series
-from tombo_diagnosis.logs.rotor_topics import RANKS, is_rotor_type, rotor_reading
 from tombo_diagnosis.logs.topic_columns import columns_at, number_columns
 from tombo_diagnosis.logs.ulog import PX4_TOPICS, estimate_findings, px4_series
 from tombo_diagnosis.logs.units import factor

@@ -11,13 +11,14 @@ import numpy as np
 
 from tombo_bag.formats.chunks import MAGIC as MCAP_MAGIC
 from tombo_bag.formats.sqlite_bag import MAGIC as SQLITE_MAGIC
+from tombo_bag.formats.telemetry_log import is_tlog
 from tombo_bag.recording import SUFFIXES, ZSTD_MAGIC
 from tombo_diagnosis.logs.bag_log import read_bag
 from tombo_diagnosis.logs.csv_log import read_csv
 from tombo_diagnosis.logs.csv_mapping import LogMapping, load_mapping
 from tombo_diagnosis.logs.flight_log import FlightLog
 from tombo_diagnosis.logs.log_names import flight_names
-from tombo_diagnosis.logs.tlog import is_tlog, read_tlog
+from tombo_diagnosis.logs.tlog import read_tlog
 from tombo_diagnosis.logs.ulog import MAGIC as ULOG_MAGIC
 from tombo_diagnosis.logs.ulog import read_ulog
 from tombo_dynamics.errors import InputError

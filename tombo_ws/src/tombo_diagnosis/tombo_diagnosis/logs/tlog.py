@@ -1,16 +1,7 @@
-"""A flight from a telemetry log (`.tlog`): MAVLink frames, each behind its time of reception.
-
-QGroundControl, Mission Planner and MAVProxy write it: 8 bytes with the time [us since 1970, big
-endian], then a frame of MAVLink 1 or 2 (mavlink.io, "Serialization"). Layouts and checksums are
-those of `common.xml` and, for ESC_TELEMETRY_1_TO_4, `ardupilotmega.xml`.
-"""
+"""A flight from a telemetry log of QGroundControl, Mission Planner or MAVProxy (`.tlog`)."""
 
 from __future__ import annotations
 
-import binascii
-from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,68 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tombo_bag.columns import ColumnTable
+from tombo_bag.formats.telemetry_log import MOCAP, telemetry_messages
 from tombo_diagnosis.logs.flight_log import FlightLog, damage_findings
 from tombo_diagnosis.logs.ulog import estimate_findings, px4_series
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
-
-Columns = dict[str, NDArray[Any]]
-
-_V1, _V2 = 0xFE, 0xFD
-_AUTOPILOT = 1
-"""Component that is the autopilot itself."""
-_EARLIEST_US, _LATEST_US = 946_684_800_000_000, 4_102_444_800_000_000
-"""2000 to 2100."""
-_MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
-
-
-@dataclass(frozen=True)
-class _Message:
-    """One message: checksum seed, and the fields from its start that are of use."""
-
-    seed: int
-    fields: str
-    """As numpy has them: `name type` or `name type shape`, parted by commas."""
-    time_us: float = 1.0
-    """What one count of its first field is [us]; 0: it has no time."""
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        parts = [part.split() for part in self.fields.split(", ")]
-        return np.dtype([(p[0], f"<{p[1]}", *map(int, p[2:])) for p in parts])
-
-
-_MESSAGES: Mapping[int, _Message] = {
-    1: _Message(124, "sensors u4 3, load u2, voltage u2, current i2", 0.0),  # SYS_STATUS
-    26: _Message(170, "t u4, acc i2 3, gyro i2 3", 1e3),  # SCALED_IMU
-    27: _Message(144, "t u8, acc i2 3, gyro i2 3"),  # RAW_IMU
-    30: _Message(39, "t u4, rpy f4 3", 1e3),  # ATTITUDE
-    31: _Message(246, "t u4, q f4 4", 1e3),  # ATTITUDE_QUATERNION
-    32: _Message(185, "t u4, position f4 3", 1e3),  # LOCAL_POSITION_NED
-    36: _Message(222, "t u4, output u2 8, port u1"),  # SERVO_OUTPUT_RAW
-    93: _Message(47, "t u8, flags u8, control f4 16"),  # HIL_ACTUATOR_CONTROLS
-    102: _Message(158, "t u8, position f4 3, rpy f4 3"),  # VISION_POSITION_ESTIMATE
-    104: _Message(56, "t u8, position f4 3, rpy f4 3"),  # VICON_POSITION_ESTIMATE
-    105: _Message(93, "t u8, acc f4 3, gyro f4 3"),  # HIGHRES_IMU
-    138: _Message(109, "t u8, q f4 4, position f4 3"),  # ATT_POS_MOCAP
-    291: _Message(10, "t u8, rpm i4 4, voltage f4 4, current f4 4, index u1"),  # ESC_STATUS
-    11030: _Message(144, "volt u2 4, current u2 4, total u2 4, rpm u2 4", 0.0),  # ESC_TELEMETRY
-}
-_MOCAP = (104, 138, 102)
-
-
-@dataclass
-class _Stream:
-    """Payloads of one message, and when they were received [us]."""
-
-    received: list[int] = field(default_factory=list)
-    payloads: list[bytes] = field(default_factory=list)
-
-
-def is_tlog(start: bytes) -> bool:
-    """Return whether a file starts with a time of reception and a MAVLink frame."""
-    stamp = int.from_bytes(start[:8], "big")
-    return len(start) > 8 and start[8] in (_V1, _V2) and _EARLIEST_US < stamp < _LATEST_US
 
 
 def read_tlog(path: Path, name: str) -> FlightLog:
@@ -88,8 +23,10 @@ def read_tlog(path: Path, name: str) -> FlightLog:
     Raises:
         InputError: no position and attitude in it.
     """
-    streams, damage = _frames(path.read_bytes())
-    topics, vehicles = _topics(streams)
+    messages, damage = telemetry_messages(path.read_bytes())
+    topics: dict[str, ColumnTable] = {}
+    for number, table in messages.items():
+        topics = {**_as_topics(number, table), **topics}
     start = min((float(t["timestamp"][0]) for t in topics.values()), default=0.0)
     series, source = px4_series(topics, start)
     if not source:
@@ -98,91 +35,11 @@ def read_tlog(path: Path, name: str) -> FlightLog:
             "VICON_POSITION_ESTIMATE, VISION_POSITION_ESTIMATE or LOCAL_POSITION_NED with "
             f"ATTITUDE; of these it has {', '.join(sorted(topics)) or 'none'}"
         )
-    if vehicles > 1:
-        damage.append(f"{vehicles} vehicles in one log; that with most messages is read")
     findings = [*damage_findings(name, path, damage), *estimate_findings(name, source)]
     return FlightLog(name, f"{path} (telemetry log)", series, findings=tuple(findings))
 
 
-def _frames(raw: bytes) -> tuple[dict[tuple[int, int, int], _Stream], list[str]]:
-    """Return (message, system, component) → its payloads, and what could not be read."""
-    streams: dict[tuple[int, int, int], _Stream] = {}
-    at, bad, skipped = 0, 0, 0
-    while at + 8 + 8 <= len(raw):
-        begin = at + 8
-        head = 10 if raw[begin] == _V2 else 6
-        end = begin + head + raw[begin + 1] + 2
-        if raw[begin] not in (_V1, _V2):
-            at, skipped = at + 1, skipped + 1
-            continue
-        if end > len(raw):
-            break
-        number = int.from_bytes(raw[begin + (5 if head == 6 else 7) : begin + head], "little")
-        message = _MESSAGES.get(number)
-        if message is not None and not _is_whole(raw[begin:end], message.seed):
-            at, bad = at + 1, bad + 1
-            continue
-        if message is not None:
-            sender = begin + (3 if head == 6 else 5)
-            stream = streams.setdefault((number, raw[sender], raw[sender + 1]), _Stream())
-            stream.received.append(int.from_bytes(raw[at:begin], "big"))
-            stream.payloads.append(raw[begin + head : end - 2])
-        signed = head == 10 and raw[begin + 2] & 1
-        at = end + (13 if signed else 0)
-    damage = []
-    if bad or skipped:
-        damage.append(f"damaged: {bad} frames and {skipped} bytes are left out")
-    if at < len(raw):
-        damage.append("cut off within a frame; read up to there")
-    return streams, damage
-
-
-def _is_whole(frame: bytes, seed: int) -> bool:
-    """Return whether a frame's checksum is right (CRC-16/MCRF4XX, with the seed at the end)."""
-    mirrored = (frame[1:-2] + bytes([seed])).translate(_MIRRORED)
-    crc = int(f"{binascii.crc_hqx(mirrored, 0xFFFF):016b}"[::-1], 2)
-    return crc == int.from_bytes(frame[-2:], "little")
-
-
-def _topics(streams: Mapping[tuple[int, int, int], _Stream]) -> tuple[dict[str, Columns], int]:
-    """Return the messages as PX4's topics, and how many vehicles there are."""
-    senders: Counter[int] = Counter()
-    for (number, system, component), stream in streams.items():
-        if number not in _MOCAP and component == _AUTOPILOT:
-            senders[system] += len(stream.received)
-    vehicle = senders.most_common(1)[0][0] if senders else 0
-    topics: dict[str, Columns] = {}
-    for number in _MESSAGES:
-        of_number = [(key, s) for key, s in streams.items() if key[0] == number]
-        fitting = [s for key, s in of_number if number in _MOCAP or key[1] == vehicle]
-        if fitting:
-            table = _table(_MESSAGES[number], max(fitting, key=lambda s: len(s.received)))
-            for name, columns in _as_topics(number, table).items():
-                topics.setdefault(name, columns)
-    return topics, len(senders)
-
-
-def _table(message: _Message, stream: _Stream) -> Columns:
-    dtype = message.dtype
-    size = dtype.itemsize
-    # MAVLink 2 leaves out zeros at the end
-    whole = b"".join(payload[:size].ljust(size, b"\0") for payload in stream.payloads)
-    records = np.frombuffer(whole, dtype)
-    first = (
-        records["index"] == 0 if "index" in (dtype.names or ()) else np.ones(len(records), bool)
-    )
-    records = records[first]  # of ESC_STATUS those of the first four
-    table: Columns = {key: records[key].astype(np.float64) for key in dtype.names or ()}
-    received = np.array(stream.received, np.float64)[first]
-    table["timestamp"] = table["timestamp_sample"] = received
-    if message.time_us:
-        own = table["t"] * message.time_us
-        # the clock of the vehicle, at the mean delay of the link
-        table["timestamp_sample"] = own + np.median(received - own)
-    return table
-
-
-def _as_topics(number: int, table: Columns) -> dict[str, Columns]:
+def _as_topics(number: int, table: ColumnTable) -> dict[str, ColumnTable]:
     times = {key: table[key] for key in ("timestamp", "timestamp_sample")}
     if "acc" in table:
         raw = number in (26, 27)  # mG and mrad/s
@@ -191,10 +48,10 @@ def _as_topics(number: int, table: Columns) -> dict[str, Columns]:
             "vehicle_angular_velocity": times | _spread("xyz", gyro * table["gyro"]),
             "vehicle_acceleration": times | _spread("xyz", accel * table["acc"]),
         }
-    if number in _MOCAP or number in (30, 31):
+    if number in MOCAP or number in (30, 31):
         q = table.get("q", _quaternion(table["rpy"]) if "rpy" in table else None)
         posed = times | _spread("q", q)
-        if number not in _MOCAP:
+        if number not in MOCAP:
             return {"vehicle_attitude": posed}
         return {"vehicle_visual_odometry": posed | _spread("position", table["position"])}
     if number == 32:
@@ -203,7 +60,7 @@ def _as_topics(number: int, table: Columns) -> dict[str, Columns]:
     return _drives(number, table, times)
 
 
-def _drives(number: int, table: Columns, times: Columns) -> dict[str, Columns]:
+def _drives(number: int, table: ColumnTable, times: ColumnTable) -> dict[str, ColumnTable]:
     if number == 1:
         volts, amperes = 1e-3 * table["voltage"], 1e-2 * table["current"]
         return {"battery_status": times | {"voltage_v": volts, "current_a": amperes}}
@@ -215,7 +72,7 @@ def _drives(number: int, table: Columns, times: Columns) -> dict[str, Columns]:
     return {"esc_status": times | rpm}
 
 
-def _spread(name: str, values: NDArray[Any] | None) -> Columns:
+def _spread(name: str, values: NDArray[Any] | None) -> ColumnTable:
     """Return the columns of an array as PX4 names them."""
     columns = () if values is None else values.T
     return {f"{name}[{i}]": column for i, column in enumerate(columns)}

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from pyulog import ULog
 from pyulog.exceptions import ULogException
 
+from tombo_bag.rotor_topics import share_of_pulse
 from tombo_diagnosis.logs.csv_log import converted
 from tombo_diagnosis.logs.csv_mapping import LogMapping
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series, damage_findings
-from tombo_diagnosis.logs.rotor_topics import share_of_pulse
 from tombo_diagnosis.logs.topic_columns import columns_at
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError

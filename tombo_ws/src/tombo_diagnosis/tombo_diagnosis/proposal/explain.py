@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from tombo_bag.recording import Recording
 from tombo_diagnosis.checks import check_log
 from tombo_diagnosis.logs.csv_mapping import LogMapping, parse_mapping, shipped
 from tombo_diagnosis.logs.csv_table import open_table
-from tombo_diagnosis.logs.flight_log import Airframe, FlightLog
+from tombo_diagnosis.logs.flight_log import Airframe, FlightLog, Series
 from tombo_diagnosis.logs.log_reader import kind_of, read_log
 from tombo_diagnosis.proposal.mapping_text import mapping_text
 from tombo_diagnosis.proposal.propose import Line, Proposal, propose
@@ -20,6 +21,7 @@ from tombo_dynamics.errors import InputError
 _TOLD = {"unit", "frame", "rpm", "stamps", "missing", "frozen", "gap", "duplicate", "damage"}
 """Checks that say whether a mapping is right."""
 _MOST = 8
+_SAMPLES = 60_000
 
 
 def explain_mapping(path: Path) -> str:
@@ -106,9 +108,23 @@ def _tried(
     """Return the log as read and checked, or why not."""
     try:
         log = read_log(path, path.name, mapping)
-        return (check_log(log) if checked else log), ""
+        return (check_log(_first_part(log)) if checked else log), ""
     except InputError as error:
         return None, str(error)
+
+
+def _first_part(log: FlightLog) -> FlightLog:
+    """Return what a log holds up to the last of so many samples, which is enough to try it."""
+    ends = [s.t[_SAMPLES] for s in log.series.values() if s.t.size > _SAMPLES]
+    if not ends:
+        return log
+    return replace(log, series={k: _until(s, min(ends)) for k, s in log.series.items()})
+
+
+def _until(series: Series, end: float) -> Series:
+    rows = slice(int(np.searchsorted(series.t, end)))
+    arrival = None if series.arrival is None else series.arrival[rows]
+    return Series(series.t[rows], series.values[rows], arrival)
 
 
 def _as_read(log: FlightLog) -> list[str]:

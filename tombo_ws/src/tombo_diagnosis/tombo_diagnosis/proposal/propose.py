@@ -38,6 +38,9 @@ _BITCRAZE, _PX4 = (0, 2, 3, 1), (0, 1, 2, 3)
 """Which of the columns front right, rear left, front left and rear right are."""
 _CRAZYFLIE = {"stabilizer", "ctrltarget"}
 _ENOUGH = 20
+"""Rows that a channel must have."""
+_LARGEST = 1e9
+"""What is larger is no value of a sensor, in any unit."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ class _Proposer:
     def _series(self, columns: Sequence[str], scale: float = 1.0) -> Series | None:
         """Return the rows in which all columns have a value; None: too few."""
         values = np.column_stack([self._columns[c] for c in columns])
-        rows = np.isfinite(values).all(axis=1) & np.isfinite(self._t)
+        rows = (np.abs(values) < _LARGEST).all(axis=1) & np.isfinite(self._t)
         t = self._t[rows]
         rising = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]]) if t.size else []
         if np.count_nonzero(rising) < _ENOUGH:
@@ -119,8 +122,8 @@ class _Proposer:
                 self._t = self._columns[column] * UNITS["s"][guess.unit]
                 self._t = self._t - np.nanmin(self._t)
                 return True
-        tried = f" ({', '.join(named)} do not rise)" if named else ""
-        self._note(f"no column of times{tried}: needed is one that rises, as time or timestamp")
+        tried = f" ({', '.join(named)}: too short, or it does not rise)" if named else ""
+        self._note(f"no column of times{tried}; needed: one that rises, named time or timestamp")
         return False
 
     def _poses_and_imu(self) -> None:

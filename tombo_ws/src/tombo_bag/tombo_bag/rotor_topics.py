@@ -7,18 +7,18 @@ the motion.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from tombo_bag.columns import ColumnTable
-from tombo_diagnosis.logs.units import UNITS
 from tombo_dynamics.arrays import Array
 
 PULSE_US = (1000.0, 2000.0)
 """Length of a servo pulse that stands for 0 and for 1 [us]."""
-_RPM = UNITS["rad/s"]["rpm"]
+_RPM = math.pi / 30.0
 _SLOWED = "Gazebo may turn its joints slower than the rotors (rotorVelocitySlowdownSim)"
 
 
@@ -28,7 +28,7 @@ class RotorReading:
 
     channel: str
     values: Array
-    """(N, 4), unit as in CHANNELS, in the order of the message."""
+    """(N, 4), rad/s, or commands from 0 to 1; in the order of the message."""
     doubt: str = ""
 
 
