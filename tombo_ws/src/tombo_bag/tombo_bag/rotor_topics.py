@@ -54,18 +54,19 @@ def _actuators(topic: str, table: ColumnTable) -> RotorReading | None:
     """Of Gazebo and RotorS: what is asked for, unless a topic of RotorS says `motor_speed`."""
     commanded = "velocity" in table or "command" in topic or "cmd" in topic
     for field in ("velocity", "angular_velocities"):
-        speeds = _four(table, field)
+        speeds = None if _has_more(table, field) else _four(table, field)
         if speeds is not None:
             channel = "rotor_command" if commanded else "rotor_speed"
             return RotorReading(channel, np.abs(speeds), "the order depends on the model file")
-    share = _four(table, "normalized")
+    share = None if _has_more(table, "normalized") else _four(table, "normalized")
     return None if share is None else RotorReading("motor_command", share)
 
 
 def _escs(name: str) -> Callable[[str, ColumnTable], RotorReading | None]:
     def read(topic: str, table: ColumnTable) -> RotorReading | None:
         columns = [table.get(f"{name}[{i}].rpm") for i in range(4)]
-        if any(column is None for column in columns):
+        fifth = table.get(f"{name}[4].rpm", np.zeros(1))
+        if any(column is None for column in columns) or np.any(fifth):
             return None
         speeds = np.column_stack([np.asarray(c, np.float64) for c in columns if c is not None])
         return RotorReading("rotor_speed", _RPM * np.abs(speeds)) if np.any(speeds) else None
@@ -97,6 +98,12 @@ def _joints(topic: str, table: ColumnTable) -> RotorReading | None:
         return None
     columns = [i for _, i in rotors]
     return RotorReading("rotor_speed", np.abs(speeds[:, columns].astype(np.float64)), _SLOWED)
+
+
+def _has_more(table: ColumnTable, field: str) -> bool:
+    """Return whether an array holds more than four rotors: no quadrotor's."""
+    values = table.get(field)
+    return values is not None and values.ndim == 2 and bool(np.nan_to_num(values[:, 4:]).any())
 
 
 def _four(table: ColumnTable, field: str) -> Array | None:

@@ -42,7 +42,7 @@ class _Message:
 
 
 _MESSAGES: Mapping[int, _Message] = {
-    138: _Message(109, "t u8, q f4 4, position f4 3"),  # ATT_POSMOCAP
+    138: _Message(109, "t u8, q f4 4, position f4 3"),  # ATT_POS_MOCAP
     104: _Message(56, "t u8, position f4 3, rpy f4 3"),  # VICON_POSITION_ESTIMATE
     102: _Message(158, "t u8, position f4 3, rpy f4 3"),  # VISION_POSITION_ESTIMATE
     32: _Message(185, "t u4, position f4 3", 1e3),  # LOCAL_POSITION_NED

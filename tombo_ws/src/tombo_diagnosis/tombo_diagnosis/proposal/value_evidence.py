@@ -85,15 +85,21 @@ def angle_unit(values: Array, named: str) -> Guess | None:
 
 
 def motor_scale(values: Array) -> tuple[float, float] | None:
-    """Return what stands for 0 and for 1 of motor commands; None: these are none."""
-    good = values[np.isfinite(values).all(axis=1)]
-    if not len(good):
+    """Return what stands for 0 and for 1 of motor commands; None: these are none.
+
+    Nearly all values must lie in between, or at least most: the end of a log may be damaged.
+    """
+    good = values[np.isfinite(values)]
+    running = good[good > 1e-3 * np.max(good, initial=0.0)]
+    if not running.size:
         return None
-    low, high = float(good.min()), float(good.max())
-    for bottom, top in _FULL_SCALES:
-        span = top - bottom
-        if low > bottom - 0.12 * span and 0.2 * span < high - bottom < 1.05 * span:
-            return bottom, top
+    middle = float(np.median(running))
+    for share in (0.985, 0.7):
+        for bottom, top in _FULL_SCALES:
+            span = top - bottom
+            inside = (good > bottom - 0.12 * span) & (good < bottom + 1.05 * span)
+            if inside.mean() >= share and 0.1 < (middle - bottom) / span <= 1.0:
+                return bottom, top
     return None
 
 
