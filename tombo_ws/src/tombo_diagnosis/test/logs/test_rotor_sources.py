@@ -178,3 +178,25 @@ def test_servo_pulses_of_an_old_px4_log(tmp_path):
     out.topic("actuator_outputs", ["float[16] output"], [pulses], microseconds(SPEED.t))
     path.write_bytes(out.content())
     close(read_ulog(path, "a").series["motor_command"].values, SHARE, 1e-4)
+
+
+def test_a_mapping_names_a_topic_of_a_px4_log(tmp_path):
+    path = tmp_path / "a.ulg"
+    out = write_ulog(path, FLIGHT)
+    out.topic("debug_array", ["float[4] data"], [RPM[:, [3, 2, 1, 0]]], microseconds(SPEED.t))
+    path.write_bytes(out.content())
+    text = """
+channels:
+  rotor_speed:
+    topic: debug_array
+    columns: ["data[3]", "data[2]", "data[1]", "data[0]"]
+    unit: rpm
+    scale: 0.5
+"""
+    log = read_ulog(path, "a", parse_mapping(text, "lab"))
+    close(log.series["rotor_speed"].values, 0.5 * np.abs(SPEED.values), 1e-3)
+    close(log.series["rotor_speed"].t - log.series["gyro"].t[0], SPEED.t + 0.0025, 1e-5)
+    with pytest.raises(InputError, match=r"unknown column of .* 'data\[9\]'"):
+        read_ulog(path, "a", parse_mapping(text.replace("data[3]", "data[9]"), "lab"))
+    with pytest.raises(InputError, match="unknown topic in .* 'debug_arry'"):
+        read_ulog(path, "a", parse_mapping(text.replace("debug_array", "debug_arry"), "lab"))

@@ -9,11 +9,11 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
+from tombo_bag.columns import stacked_columns
 from tombo_diagnosis.logs.csv_mapping import ChannelMap, LogMapping, TimeColumn, shipped
 from tombo_diagnosis.logs.csv_table import CsvTable, open_table
 from tombo_diagnosis.logs.flight_log import CHANNELS, Finding, FlightLog, Series, damage_findings
 from tombo_diagnosis.logs.frames import axes_matrix, handedness, turn_attitude
-from tombo_diagnosis.logs.topic_columns import columns_at
 from tombo_diagnosis.logs.units import factor
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
@@ -115,7 +115,7 @@ def _series(
     time = channel.time or mapping.time
     assert time is not None  # `_zero` has seen to it
     t = _stamps(columns, time, zero)
-    values = columns_at(columns, channel, f"mapping '{mapping.name}'")
+    values = stacked_columns(columns, channel.columns, f"mapping '{mapping.name}'")
     # a row without the channel: tables that merge streams leave most cells empty
     rows = np.isfinite(t) & np.isfinite(values).any(axis=1)
     arrival = None if channel.arrival is None else _stamps(columns, channel.arrival, zero)[rows]

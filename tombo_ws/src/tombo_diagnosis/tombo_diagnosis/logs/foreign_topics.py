@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.columns import ColumnTable
+from tombo_bag.columns import ColumnTable, number_columns, stacked_columns
 from tombo_bag.recording import Recording
 from tombo_bag.rotor_topics import RANKS, is_rotor_type, rotor_reading
 from tombo_diagnosis.logs.csv_log import converted
 from tombo_diagnosis.logs.csv_mapping import LogMapping
 from tombo_diagnosis.logs.flight_log import Finding, Series
-from tombo_diagnosis.logs.topic_columns import columns_at, number_columns
 from tombo_diagnosis.logs.ulog import PX4_TOPICS, estimate_findings, px4_series
 from tombo_diagnosis.logs.units import factor
 from tombo_dynamics.arrays import Array
@@ -120,12 +118,12 @@ class ForeignTopics:
             for key, channel in channels.items():
                 if table is None:
                     continue
-                values = columns_at(table, channel, topic)
+                values = stacked_columns(table, channel.columns, topic)
                 own = dict(table)
                 if channel.time is not None:
                     unit = factor(channel.time.unit, "s", "time") * 1e9
-                    times = replace(channel, columns=(channel.time.column,))
-                    own["stamp_ns"] = (columns_at(table, times, topic)[:, 0] * unit).astype(int)
+                    times = stacked_columns(table, [channel.time.column], topic)[:, 0]
+                    own["stamp_ns"] = (times * unit).astype(int)
                 self.tables[f"{topic} {key}"] = own
                 self.channels[key] = f"{topic} {key}", converted(key, channel, mapping, values)
 

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from pyulog import ULog
 from pyulog.exceptions import ULogException
 
+from tombo_bag.columns import stacked_columns
 from tombo_bag.rotor_topics import share_of_pulse
 from tombo_diagnosis.logs.csv_log import converted
 from tombo_diagnosis.logs.csv_mapping import LogMapping
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series, damage_findings
-from tombo_diagnosis.logs.topic_columns import columns_at
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError
+from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
 
 Topics = Mapping[str, Mapping[str, NDArray[Any]]]
@@ -57,7 +57,7 @@ def read_ulog(path: Path, name: str, mapping: LogMapping | None = None) -> Fligh
     Of a mapping, channels with a topic replace what is read by name.
 
     Raises:
-        InputError: no ULog, or one without position and attitude.
+        InputError: no ULog, one without position and attitude, or without a topic of the mapping.
     """
     mapped = {} if mapping is None else mapping.by_topic
     log = _opened(path, [*PX4_TOPICS, *(topic.strip("/") for topic in mapped)])
@@ -65,11 +65,13 @@ def read_ulog(path: Path, name: str, mapping: LogMapping | None = None) -> Fligh
     findings = damage_findings(name, path, _damage(log, path.read_bytes()))
     start = float(log.start_timestamp)
     series, source = px4_series(topics, start, log.initial_parameters)
-    for key, channel in {k: c for group in mapped.values() for k, c in group.items()}.items():
-        table = topics.get(channel.topic.strip("/"))
-        if mapping is not None and table is not None:
-            values = converted(key, channel, mapping, columns_at(table, channel, str(path)))
-            series[key] = Series(_captured(table, start), values)
+    for topic, channels in mapped.items():
+        table = topics.get(topic.strip("/"))
+        if mapping is None or table is None:
+            raise unknown_name(f"topic in '{path}'", topic, topics)
+        for key, channel in channels.items():
+            values = stacked_columns(table, channel.columns, f"'{path}'")
+            series[key] = Series(_captured(table, start), converted(key, channel, mapping, values))
     if not {"position", "attitude"} <= set(series):
         there = ", ".join(sorted({d.name for d in log.data_list})) or "none of the topics"
         raise InputError(

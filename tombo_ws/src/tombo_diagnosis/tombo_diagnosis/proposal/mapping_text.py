@@ -56,8 +56,7 @@ def _entry(line: Line, indent: str) -> Iterable[str]:
 def _vehicle(airframe: Airframe | None) -> Iterable[str]:
     if airframe is None:
         yield from _comment(
-            "The vehicle: of its own file (docs/logs.md), or stated here; without it the suite's "
-            "S500 is assumed:"
+            "The vehicle: with --vehicle, or stated here; without it the suite's S500 is assumed:"
         )
         yield "# airframe: {name: mine, mass: 1.2, arm_length: 0.225, rotor_radius: 0.12}"
         return

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from tombo_bag.columns import number_columns
 from tombo_bag.recording import Recording
 from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE
 from tombo_diagnosis.checks.rotor_order import clear_order
 from tombo_diagnosis.logs.bag_log import POSES, usable_topics
 from tombo_diagnosis.logs.flight_log import Series
-from tombo_diagnosis.logs.topic_columns import number_columns
 from tombo_diagnosis.proposal import roles
 from tombo_diagnosis.proposal.column_names import grouped
 from tombo_diagnosis.proposal.propose import Line, Proposal
