@@ -198,5 +198,5 @@ channels:
     close(log.series["rotor_speed"].t - log.series["gyro"].t[0], SPEED.t + 0.0025, 1e-5)
     with pytest.raises(InputError, match=r"unknown column of .* 'data\[9\]'"):
         read_ulog(path, "a", parse_mapping(text.replace("data[3]", "data[9]"), "lab"))
-    with pytest.raises(InputError, match="unknown topic in .* 'debug_arry'"):
+    with pytest.raises(InputError, match=r"unknown topic in .* 'debug_arry'"):
         read_ulog(path, "a", parse_mapping(text.replace("debug_array", "debug_arry"), "lab"))
