@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -10,9 +12,11 @@ from numpy.typing import NDArray
 
 from tombo_bag.columnar_cdr import Layout, Text, layout_of
 from tombo_bag.schemas import Types
+from tombo_dynamics.errors import unknown_name
 from tombo_dynamics.time_base import SECOND_NS
 
 ColumnTable: TypeAlias = dict[str, NDArray[Any]]
+_ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 
 
 @dataclass(frozen=True)
@@ -117,3 +121,40 @@ def _decoded(text: Text, block: NDArray[np.uint8]) -> NDArray[Any]:
 
 def _word(raw: bytes) -> str:
     return raw.decode("utf-8", "replace")
+
+
+def stacked_columns(
+    table: Mapping[str, NDArray[Any]], names: Sequence[str], what: str
+) -> NDArray[np.float64]:
+    """Return (N, k): columns of numbers by name, as `data[2]`; with a minus before it, negative.
+
+    Raises:
+        InputError: `what` has no such column.
+    """
+    return np.column_stack([_column(table, name, what) for name in names])
+
+
+def number_columns(table: Mapping[str, NDArray[Any]]) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Yield all columns of numbers, those of an array one by one; each (N,)."""
+    for name, values in table.items():
+        if values.dtype.kind not in "fiub":
+            continue
+        if values.ndim == 1:
+            yield name, values.astype(np.float64)
+        elif values.ndim == 2:
+            for i, column in enumerate(values.T):
+                yield f"{name}[{i}]", column.astype(np.float64)
+
+
+def _column(table: Mapping[str, NDArray[Any]], name: str, what: str) -> NDArray[np.float64]:
+    if name not in table and name.startswith("-"):
+        return -_column(table, name[1:], what)
+    found = table.get(name)
+    element = _ELEMENT.fullmatch(name)
+    if found is None and element is not None:
+        array = table.get(element[1])
+        if array is not None and array.ndim == 2 and int(element[2]) < array.shape[1]:
+            found = array[:, int(element[2])]
+    if found is None or found.ndim != 1 or found.dtype.kind not in "fiub":
+        raise unknown_name(f"column of {what}", name, [n for n, _ in number_columns(table)])
+    return np.asarray(found, np.float64)

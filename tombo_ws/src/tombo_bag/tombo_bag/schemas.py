@@ -183,6 +183,26 @@ def parse_schema(typename: str, text: str) -> Types:
         raise _not_readable(typename, error, "schema") from error
 
 
+@cache
+def extended_store(typename: str, text: str) -> Typestore:
+    """Return a type store of its own with a type as it stands in a file, and all it depends on.
+
+    Types that ROS 2 Jazzy knows are as there: a ROS 1 header has lost its count.
+
+    Raises:
+        InputError: the text is no message definition.
+    """
+    from rosbags.typesys import Stores, TypesysError, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    own = parse_schema(typename, text)
+    try:
+        store.register({name: fields for name, fields in own.items() if name not in store.types})
+    except TypesysError as error:
+        raise _not_readable(typename, error, "schema") from error
+    return store
+
+
 def _not_readable(typename: str, error: Exception, what: str) -> InputError:
     # the library's error: "Could not parse:", the whole text, a position, what is left of it
     rest = (str(error).splitlines() + [""] * 4)[3]

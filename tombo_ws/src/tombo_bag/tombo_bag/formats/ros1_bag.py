@@ -12,11 +12,15 @@ import re
 import struct
 from collections.abc import Collection, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tombo_bag.formats.bag_files import BagFile, RawMessages, Stream, in_log_order
-from tombo_bag.schemas import type_store
+from tombo_bag.schemas import Types, extended_store, known_types, type_store
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 MAGIC = b"#ROSBAG V2.0\n"
 _LENGTH = struct.Struct("<I")
@@ -24,7 +28,7 @@ _MESSAGE, _CHUNK, _CONNECTION = 0x02, 0x05, 0x07
 
 
 class Ros1Bag(BagFile):
-    """A ROS 1 `.bag` (or `.bag.active`) file; messages of types that ROS 2 knows can be read."""
+    """A ROS 1 `.bag` (or `.bag.active`) file; other types than ROS 2's by its own definitions."""
 
     def __init__(self, path: Path) -> None:
         """Walk through a file and note where its messages are.
@@ -37,6 +41,7 @@ class Ros1Bag(BagFile):
         self.metadata: dict[str, dict[str, str]] = {}
         self._topic_of: dict[int, str] = {}
         self._types: dict[str, str] = {}
+        self._definitions: dict[str, str] = {}
         self._messages: dict[str, list[tuple[int, memoryview]]] = {}
         try:
             data = memoryview(path.read_bytes())
@@ -52,8 +57,7 @@ class Ros1Bag(BagFile):
         """Read the messages of some topics, turned into CDR."""
         found: dict[str, RawMessages] = {}
         for topic in (name for name in topics if name in self.topics):
-            self.types(topic)
-            typename, store = self.topics[topic].typename, type_store()
+            typename, store = self.topics[topic].typename, self._store(topic)
             recorded = self._messages.get(topic, [])
             times: list[int] = []
             messages: list[bytes] = []
@@ -68,6 +72,22 @@ class Ros1Bag(BagFile):
                 self.damage.append(f"{lost} messages of topic {topic} don't fit their type")
             found[topic] = in_log_order(times, times, messages)
         return found
+
+    def types(self, topic: str) -> Types:
+        """Return a topic's type in the form of ROS 2, where that has none as the file does."""
+        return self._store(topic).fielddefs
+
+    def _store(self, topic: str) -> Typestore:
+        """Return the types of ROS 2, with what the file itself defines for a topic.
+
+        Raises:
+            InputError: the type is not known, nor is its definition in the file.
+        """
+        typename = self.topics[topic].typename
+        if typename in known_types() or typename not in self._definitions:
+            super().types(topic)
+            return type_store()
+        return extended_store(typename, self._definitions[typename])
 
     def _walk(self, data: memoryview, offset: int, *, inside_chunk: bool) -> None:
         where = f"chunk at byte {offset}: byte" if inside_chunk else "byte"
@@ -120,6 +140,9 @@ class Ros1Bag(BagFile):
         topic = "/" + re.sub(r"/+", "/", topic).strip("/")
         self._topic_of[_LENGTH.unpack(header["conn"])[0]] = topic
         self._types[topic] = fields["type"].decode("utf-8", "replace")
+        text = fields.get("message_definition", b"").decode("utf-8", "replace")
+        if text.strip():
+            self._definitions.setdefault(_long_name(self._types[topic]), text)
 
 
 class _Cut(Exception):
@@ -173,6 +196,9 @@ def _fields(data: memoryview) -> dict[str, bytes]:
 
 def _stream(typename: str, times_ns: list[int]) -> Stream:
     """Describe the messages of a type in its ROS 1 form, as `geometry_msgs/PoseStamped`."""
-    long_name = typename.replace("/", "/msg/", 1)
     first, last = min(times_ns, default=0), max(times_ns, default=0)
-    return Stream(long_name, len(times_ns), first, last)
+    return Stream(_long_name(typename), len(times_ns), first, last)
+
+
+def _long_name(typename: str) -> str:
+    return typename.replace("/", "/msg/", 1)

@@ -102,3 +102,29 @@ def compute_into(
         except Stopped:
             typer.echo("Error: interrupted", err=True)
             raise typer.Exit(stop.exit_code) from None
+
+
+def write_file(path: Path, text: str) -> None:
+    """Write a text, whole or not at all.
+
+    Raises:
+        InputError: it can't be written.
+    """
+    staged = path.with_name(f".{path.name}.unfinished")
+    try:
+        staged.write_text(text, encoding="utf-8", newline="\n")
+        staged.replace(path)
+    except OSError as error:
+        raise unwritable(path, error) from error
+    finally:
+        staged.unlink(missing_ok=True)
+
+
+def unwritable(path: Path, error: OSError) -> Exception:
+    """Return what is said of a file of -o that can't be written."""
+    from tombo_dynamics.errors import InputError
+
+    return InputError(
+        f"-o {path}: can't be written ({error.strerror}); accepted: a file in a folder that can "
+        "be written"
+    )

@@ -76,6 +76,41 @@ def test_delimiters_byte_order_marks_and_comments_are_understood(tmp_path, delim
     close(log.series["position"].values, FLIGHT.series["position"].values)
 
 
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_decimal_commas_are_understood(tmp_path, delimiter):
+    text = table_text(FLIGHT, POSE, delimiter).replace(".", ",")
+    log = read_csv(written(tmp_path / "a.csv", text), "a")
+    close(log.series["position"].values, FLIGHT.series["position"].values)
+
+
+def test_a_header_may_stand_behind_a_hash(tmp_path):
+    text = "# from the lab\n#" + table_text(FLIGHT, POSE)
+    log = read_csv(written(tmp_path / "a.csv", text), "a")
+    close(log.series["position"].values, FLIGHT.series["position"].values)
+
+
+def test_infinite_values_are_gaps(tmp_path):
+    lines = table_text(FLIGHT, POSE).splitlines()
+    lines[7] = lines[7].replace(lines[7].split(",")[1], "-inf")
+    position = read_csv(written(tmp_path / "a.csv", "\n".join(lines)), "a").series["position"]
+    assert np.isnan(position.values[6, 0]) and np.isfinite(np.delete(position.values, 6, 0)).all()
+
+
+def test_a_minus_before_a_column_and_a_scale_turn_it_round(tmp_path):
+    slow = {
+        f"w{i}": 0.1 * column for i, column in enumerate(FLIGHT.series["rotor_speed"].values.T)
+    }
+    n = len(P)
+    path = posed(tmp_path / "a.csv", P * [1, -1, 1], Q, **{k: v[:n] for k, v in slow.items()})
+    text = (
+        f"time: t\nchannels:{COLUMNS.replace('x, y, z', 'x, -y, z')}"
+        "  rotor_speed: {columns: [-w0, w1, -w2, w3], unit: rad/s, scale: 10}\n"
+    )
+    log = read(path, text)
+    close(log.series["position"].values, P)
+    close(log.series["rotor_speed"].values, FLIGHT.series["rotor_speed"].values[:n])
+
+
 def test_units_and_axes_of_a_mapping_give_the_flight_back(tmp_path):
     """NED and FRD, millimetres, degrees per second, g, thousandths of a second, wxyz."""
     world, body = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1.0]]), np.diag([1.0, -1.0, -1.0])

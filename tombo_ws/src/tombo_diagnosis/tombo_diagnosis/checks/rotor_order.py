@@ -28,27 +28,41 @@ def rotor_order(
     flight: str, channel: str, drive: Series, gyro: Series, exclude: list[Span]
 ) -> list[Finding]:
     """Report when another order of the rotors explains the gyro, and ours does not."""
+    scores = order_scores(drive, gyro, exclude)
+    best = max(scores, key=lambda order: scores[order], default=_ORDERS[0])
+    if not scores or scores[best] < _CLEAR or scores[best] < scores[_ORDERS[0]] + _BETTER:
+        return []
+    order = ", ".join(ROTOR_NAMES[best.index(i)] for i in range(4))
+    text = (
+        f"{channel}: what it commands turns the vehicle otherwise; its columns fit as {order}; "
+        f"expected: {', '.join(ROTOR_NAMES)}; left out"
+    )
+    return [Finding("rpm", "fault", flight, text, channel=channel)]
+
+
+def clear_order(drive: Series, gyro: Series) -> tuple[int, ...] | None:
+    """Return which column of `drive` each of our rotors is, where the motion tells it clearly."""
+    scores = order_scores(drive, gyro, [])
+    best, *others = sorted(scores, key=lambda order: -scores[order]) or [_ORDERS[0]]
+    clear = others and scores[best] >= max(_CLEAR, scores[others[0]] + 0.5 * _BETTER)
+    return best if clear else None
+
+
+def order_scores(drive: Series, gyro: Series, exclude: list[Span]) -> dict[tuple[int, ...], float]:
+    """Return for each order how well torque and rotation agree, at most 3; too short: nothing."""
     begin, end = max(drive.t[0], gyro.t[0]), min(drive.t[-1], gyro.t[-1])
     t = np.arange(begin, end, 1.0 / _RATE)
     if t.size < 300:
-        return []
+        return {}
     sigma = _WIDTH * _RATE
     thrust = gaussian_filter1d(_sampled(drive, t) ** 2, sigma, axis=0)
     turning = gaussian_filter1d(_sampled(gyro, t), sigma, axis=0, order=1) * _RATE
     good = gaussian_filter1d(inside(t, exclude).astype(np.float64), sigma) < 1e-9
     good[: max(_LAGS)] = False
     if np.count_nonzero(good) < 300:
-        return []
+        return {}
     scores = np.max([_scores(np.roll(thrust, lag, 0)[good], turning[good]) for lag in _LAGS], 0)
-    best = int(np.argmax(scores))
-    if scores[best] < _CLEAR or scores[best] < scores[0] + _BETTER:
-        return []
-    order = ", ".join(ROTOR_NAMES[_ORDERS[best].index(i)] for i in range(4))
-    text = (
-        f"{channel}: what it commands turns the vehicle otherwise; its columns fit as {order}; "
-        f"expected: {', '.join(ROTOR_NAMES)}; left out"
-    )
-    return [Finding("rpm", "fault", flight, text, channel=channel)]
+    return dict(zip(_ORDERS, scores.tolist(), strict=True))
 
 
 def _scores(thrust: Array, turning: Array) -> Array:

@@ -15,14 +15,16 @@ import numpy as np
 from tombo_bag.columns import ColumnTable
 from tombo_bag.recording import Recording
 from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, ROTOR_COMMAND
+from tombo_diagnosis.logs.csv_mapping import LogMapping
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series, damage_findings
+from tombo_diagnosis.logs.foreign_topics import PX4, ForeignTopics
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
 
 ROTOR_SPEED = "/rotor_speed"
 """Measured rotor speeds, as tombo_msgs/RotorSpeeds; the suite itself publishes none."""
-_POSES = {
+POSES = {
     "geometry_msgs/msg/PoseStamped": ("pose.position.", "pose.orientation."),
     "geometry_msgs/msg/PoseWithCovarianceStamped": (
         "pose.pose.position.",
@@ -33,7 +35,7 @@ _POSES = {
 }
 """Message types that hold a pose, and where."""
 _TYPES = {
-    MOCAP_POSE.name: tuple(_POSES),
+    MOCAP_POSE.name: tuple(POSES),
     IMU.name: (IMU.typename,),
     ROTOR_COMMAND.name: (ROTOR_COMMAND.typename,),
     ROTOR_SPEED: (ROTOR_COMMAND.typename,),
@@ -41,15 +43,22 @@ _TYPES = {
 }
 _ALONE = "no metadata.yaml: the recorder was not closed"
 """No damage if the folder has one recording, as of a headless flight."""
+_POSE = {"position", "attitude"}
 _TRUTH = "ground_truth"
 _OTHER_CLOCK_S = 30.0
 """Stamps this far from the log's times come from another clock."""
 
 
-def read_bag(path: Path, name: str, names: Mapping[str, str] | None = None) -> FlightLog:
+def read_bag(
+    path: Path,
+    name: str,
+    names: Mapping[str, str] | None = None,
+    mapping: LogMapping | None = None,
+) -> FlightLog:
     """Read a recording, a file or a folder, under a name for the flight.
 
-    `names`: topic as recorded → name in this suite (`/mocap/pose`, `/imu/data_raw` …).
+    `names`: topic as recorded → name in this suite (`/mocap/pose`, `/imu/data_raw` …). Channels
+    of a mapping that name a topic go first, then the suite's topics, then those of other projects.
 
     Raises:
         InputError: no recording, or none with a pose in it.
@@ -58,23 +67,30 @@ def read_bag(path: Path, name: str, names: Mapping[str, str] | None = None) -> F
         if _TRUTH in source.split("/"):
             raise InputError(f"{source}:={target}: ground truth is what a diagnosis must not see")
     with Recording(path, names or {}) as recording:
-        topics = _topics(recording)
-        if MOCAP_POSE.name not in topics:
+        mapped = set() if mapping is None else {k for g in mapping.by_topic.values() for k in g}
+        topics = _topics(recording, skip={MOCAP_POSE.name} if _POSE & mapped else set())
+        foreign = ForeignTopics(recording, name, mapping)
+        if MOCAP_POSE.name not in topics and not {*mapped, *foreign.px4} >= _POSE:
             raise _no_pose(recording)
         recording.load(list(topics.values()))
         tables = {name: recording.columns(topic) for name, topic in topics.items()}
-        typename = recording.topics[topics[MOCAP_POSE.name]].typename
+        typenames = {key: recording.topics[topic].typename for key, topic in topics.items()}
         tables = {key: table for key, table in tables.items() if len(table["log_time_ns"])}
         starts = [s.first_ns for s in recording.topics.values() if s.count]
         metadata = _scenario_name(recording.metadata)
         damage = [text for text in recording.damage if text != _ALONE or len(recording.files) > 1]
     findings = damage_findings(name, path, damage)
-    clock = _Clock(name, min(starts, default=0), tables)
-    series: dict[str, Series] = {}
+    used = {key for key, _ in foreign.channels.values()} | ({PX4} if foreign.px4 else set())
+    others = {key: foreign.tables[key] for key in used}
+    clock = _Clock(name, min(starts, default=0), {**tables, **others})
+    series = {key: clock.shifted(PX4, one) for key, one in foreign.px4.items()}
+    for channel, (key, values) in foreign.channels.items():
+        series[channel] = clock.series(key, others[key], values)
     for key, table in tables.items():
-        for channel, values in _values(key, table, typename).items():
-            series[channel] = clock.series(key, table, values)
-    every = (*findings, *clock.findings)
+        for channel, values in _values(key, table, typenames[key]).items():
+            if channel not in mapped:
+                series[channel] = clock.series(key, table, values)
+    every = (*findings, *foreign.findings, *clock.findings)
     return FlightLog(name, f"{path} (recording)", series, findings=every, metadata=metadata)
 
 
@@ -109,12 +125,18 @@ class _Clock:
         arrival = (table["log_time_ns"] - self._arrival_zero) * 1e-9
         return Series((stamps - zero) * 1e-9, values, np.asarray(arrival))
 
+    def shifted(self, key: str, one: Series) -> Series:
+        """Return a series with stamps [s] of a clock as one on the recording's."""
+        return Series(one.t - self._zero[key] * 1e-9, one.values)
 
-def _topics(recording: Recording) -> dict[str, str]:
+
+def _topics(recording: Recording, skip: Collection[str]) -> dict[str, str]:
     """Return our topic → the recorded one: by name, or under a namespace if there is just one."""
     found: dict[str, str] = {}
     for key, types in _TYPES.items():
-        fitting = [topic for topic in _usable(recording, types) if topic.endswith(key)]
+        if key in skip:
+            continue
+        fitting = [topic for topic in usable_topics(recording, types) if topic.endswith(key)]
         if key in fitting:
             found[key] = key
         elif len(fitting) == 1:
@@ -127,7 +149,7 @@ def _topics(recording: Recording) -> dict[str, str]:
     return found
 
 
-def _usable(recording: Recording, types: Collection[str]) -> list[str]:
+def usable_topics(recording: Recording, types: Collection[str]) -> list[str]:
     """Return the topics of these types that have messages and are no ground truth."""
     return [
         topic
@@ -137,7 +159,7 @@ def _usable(recording: Recording, types: Collection[str]) -> list[str]:
 
 
 def _no_pose(recording: Recording) -> InputError:
-    poses = _usable(recording, _POSES)
+    poses = usable_topics(recording, POSES)
     if poses:
         hint = f"poses are in {', '.join(poses)}: name one as {poses[0]}:={MOCAP_POSE.name}"
     else:
@@ -154,7 +176,7 @@ def _columns(table: ColumnTable, prefix: str, letters: Iterable[str]) -> Array:
 
 
 def _pose(table: ColumnTable, typename: str) -> dict[str, Array]:
-    position, orientation = _POSES[typename]
+    position, orientation = POSES[typename]
     return {
         "position": _columns(table, position, "xyz"),
         "attitude": unwrap_quaternions(_columns(table, orientation, "xyzw")),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
+from tombo_bag.columns import stacked_columns
 from tombo_diagnosis.logs.csv_mapping import ChannelMap, LogMapping, TimeColumn, shipped
 from tombo_diagnosis.logs.csv_table import CsvTable, open_table
 from tombo_diagnosis.logs.flight_log import CHANNELS, Finding, FlightLog, Series, damage_findings
@@ -39,7 +40,7 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
     findings = damage_findings(name, path, table.damage)
     channels = {}
     for key, channel in mapping.channels.items():
-        lacking = [c for c in _columns(channel, mapping) if c not in there]
+        lacking = [c for c in _columns(channel, mapping, there) if c not in there]
         if lacking and key in _NEEDED:
             raise unknown_name(
                 f"column for {key} (mapping '{mapping.name}') in '{path}'", lacking[0], there
@@ -49,7 +50,7 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
         elif any(c in there for c in channel.columns):
             text = f"{key}: columns {', '.join(lacking)} are not in the table: left out"
             findings.append(Finding("missing", "warning", name, text, channel=key))
-    wanted = {c for channel in channels.values() for c in _columns(channel, mapping)}
+    wanted = {c for channel in channels.values() for c in _columns(channel, mapping, there)}
     for column in sorted(wanted):
         if table.columns.count(column) > 1:
             raise InputError(f"'{table.path}' has column '{column}' twice; accepted: once")
@@ -72,7 +73,7 @@ def _recognised(table: CsvTable) -> LogMapping:
     fitting = [
         mapping
         for mapping in known.values()
-        if all(set(_columns(mapping.channels[key], mapping)) <= there for key in _NEEDED)
+        if all(set(_columns(mapping.channels[key], mapping, there)) <= there for key in _NEEDED)
     ]
     if len(fitting) == 1:
         return fitting[0]
@@ -83,9 +84,11 @@ def _recognised(table: CsvTable) -> LogMapping:
     )
 
 
-def _columns(channel: ChannelMap, mapping: LogMapping) -> tuple[str, ...]:
+def _columns(channel: ChannelMap, mapping: LogMapping, there: Collection[str]) -> tuple[str, ...]:
+    """Return the columns that a channel needs of those that are there; a minus is a sign."""
     times = (channel.time or mapping.time, channel.arrival)
-    return (*channel.columns, *(t.column for t in times if t is not None))
+    names = (*channel.columns, *(t.column for t in times if t is not None))
+    return tuple(n if n in there or not n.startswith("-") else n[1:] for n in names)
 
 
 def _zero(
@@ -112,7 +115,7 @@ def _series(
     time = channel.time or mapping.time
     assert time is not None  # `_zero` has seen to it
     t = _stamps(columns, time, zero)
-    values = np.column_stack([columns[c] for c in channel.columns])
+    values = stacked_columns(columns, channel.columns, f"mapping '{mapping.name}'")
     # a row without the channel: tables that merge streams leave most cells empty
     rows = np.isfinite(t) & np.isfinite(values).any(axis=1)
     arrival = None if channel.arrival is None else _stamps(columns, channel.arrival, zero)[rows]
@@ -133,8 +136,11 @@ def converted(key: str, channel: ChannelMap, mapping: LogMapping, values: Array)
     if channel.range is not None:
         low, high = channel.range
         return np.asarray((values - low) / (high - low))
-    values = values * factor(channel.unit, CHANNELS[key].unit, key)
-    if key == "position":
+    values = values * (channel.scale * factor(channel.unit, CHANNELS[key].unit, key))
+    if key == "rotor_speed":
+        # some logs sign it by the direction of rotation
+        return np.asarray(values * np.where(np.nansum(values, axis=0) < 0.0, -1.0, 1.0))
+    if key in ("position", "acceleration"):
         return np.asarray(values @ world.T)
     if key in ("gyro", "accel"):
         if channel.axes is not None:

@@ -38,6 +38,7 @@ class ChannelMap:
     """Where a channel comes from."""
 
     columns: tuple[str, ...]
+    """As in the file; with a minus before it, of the opposite sign."""
     unit: str
     order: str = "xyzw"
     """Of an attitude: one of ORDERS."""
@@ -48,6 +49,10 @@ class ChannelMap:
     time: TimeColumn | None = None
     """Where the channel has stamps of its own."""
     arrival: TimeColumn | None = None
+    topic: str = ""
+    """Of recordings and PX4 logs: where the columns are, as `esc[0].rpm` or `data[2]`."""
+    scale: float = 1.0
+    """By what values are multiplied, beside the unit: -1, or 10 for joints that Gazebo slows."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +78,15 @@ class LogMapping:
         times = [self.time] + [t for c in self.channels.values() for t in (c.time, c.arrival)]
         named = {t.column for t in times if t is not None}
         return named | {name for c in self.channels.values() for name in c.columns}
+
+    @property
+    def by_topic(self) -> dict[str, dict[str, ChannelMap]]:
+        """Topic → its channels, of those that name one."""
+        topics: dict[str, dict[str, ChannelMap]] = {}
+        for key, channel in self.channels.items():
+            if channel.topic:
+                topics.setdefault(channel.topic, {})[key] = channel
+        return topics
 
     @property
     def turn(self) -> Rotation:
@@ -164,6 +178,8 @@ def _channel(key: str, content: object, what: str) -> ChannelMap:
         axes=None if axes is None else _axes(axes, BODIES, f"{what}: axes"),
         time=_time(values.get("time"), f"{what}: time"),
         arrival=_time(values.get("arrival"), f"{what}: arrival"),
+        topic=str(values.get("topic", "")),
+        scale=_numbers([values.get("scale", 1.0)], 1, f"{what}: scale")[0],
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import zlib
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from tombo_dynamics.errors import InputError
 _GZIP = b"\x1f\x8b"
 _LARGEST = 2_000_000_000
 """Bytes that an unpacked table may have."""
+_DECIMAL_COMMA = re.compile(rb"(?:^|[;\t])\s*-?\d+,\d+(?:[eE][-+]?\d+)?\s*(?:[;\t]|$)")
 _NOTHING = {"", "nan", "none", "null", "na", "n/a", "-nan", "nil"}
 
 
@@ -50,7 +52,22 @@ class CsvTable:
             values, damage = self._row_by_row(order)
         if not values.size:
             raise InputError(f"'{self.path}' holds a header and no row of numbers")
+        values[np.isinf(values)] = np.nan
         return {name: values[:, order.index(i)] for name, i in indices.items()}, damage
+
+    def number_columns(self) -> tuple[str, ...]:
+        """Return columns that begin with numbers or empty cells and whose name is there once."""
+        count = len(self.columns)
+        text: set[int] = set()
+        for line in self.body[:200_000].decode("utf-8", "replace").splitlines()[:200]:
+            cells = line.split(self.delimiter)
+            if len(cells) == count:
+                text |= {i for i, cell in enumerate(cells) if _number(cell) is None}
+        return tuple(
+            name
+            for i, name in enumerate(self.columns)
+            if i not in text and name and self.columns.count(name) == 1
+        )
 
     def _row_by_row(self, order: list[int]) -> tuple[Array, tuple[str, ...]]:
         rows, short, text = [], 0, 0
@@ -105,23 +122,40 @@ def open_table(path: Path) -> CsvTable:
         whole, _, rest = raw.rpartition(b"\n")
         if damage:
             raw, damage = whole, (*damage, f"its last row, '{_shown(rest)}', is not whole")
+    remark = ""
     while raw:
-        first, _, raw = raw.partition(b"\n")
+        first, _, rest = raw.partition(b"\n")
         line = first.decode("utf-8", "replace").strip()
         if line and not line.startswith(("#", "%")):
-            return _header(path, line, raw, damage)
+            if remark and _is_numbers(line) and len(_cells(line)) == len(_cells(remark)):
+                return _header(path, remark, raw, damage)  # as in "#timestamp [ns],x [m]"
+            return _header(path, line, rest, damage)
+        remark, raw = line.lstrip("#% ") or remark, rest
     raise InputError(f"'{path}' has no header; accepted: a first line with names of columns")
 
 
 def _header(path: Path, line: str, body: bytes, damage: tuple[str, ...]) -> CsvTable:
-    delimiter = max(",;\t", key=line.count)
-    columns = tuple(cell.strip().strip('"') for cell in line.split(delimiter))
-    if len(columns) < 2 or all(_number(cell) is not None for cell in columns):
+    delimiter, columns = _delimiter(line), tuple(_cells(line))
+    if delimiter != "," and _DECIMAL_COMMA.search(body.partition(b"\n")[0]):
+        body = body.replace(b",", b".")
+    if len(columns) < 2 or _is_numbers(line):
         raise InputError(
             f"'{path}' starts with '{_shown(line.encode())}'; accepted: a header with the names "
             "of columns, parted by commas, semicolons or tabs"
         )
     return CsvTable(path, columns, delimiter, body, damage)
+
+
+def _delimiter(line: str) -> str:
+    return max(",;\t", key=line.count)
+
+
+def _cells(line: str) -> list[str]:
+    return [cell.strip().strip('"').strip() for cell in line.split(_delimiter(line))]
+
+
+def _is_numbers(line: str) -> bool:
+    return all(_number(cell) is not None for cell in _cells(line))
 
 
 def _unpack(raw: bytes, path: Path) -> tuple[bytes, tuple[str, ...]]:

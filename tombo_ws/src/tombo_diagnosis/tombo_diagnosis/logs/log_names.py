@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-_ENDINGS = (".gz", ".csv", ".ulg", ".bag", ".zstd", ".mcap", ".db3")
+_ENDINGS = (".gz", ".csv", ".ulg", ".tlog", ".bag", ".zstd", ".mcap", ".db3")
 _GENERIC_NAME = re.compile(r"(flight|log|bag|rosbag|record(ing)?|data)?[\d_-]*", re.IGNORECASE)
 
 

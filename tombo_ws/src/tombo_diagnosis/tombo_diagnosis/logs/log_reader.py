@@ -11,20 +11,22 @@ import numpy as np
 
 from tombo_bag.formats.chunks import MAGIC as MCAP_MAGIC
 from tombo_bag.formats.sqlite_bag import MAGIC as SQLITE_MAGIC
+from tombo_bag.formats.telemetry_log import is_tlog
 from tombo_bag.recording import SUFFIXES, ZSTD_MAGIC
 from tombo_diagnosis.logs.bag_log import read_bag
 from tombo_diagnosis.logs.csv_log import read_csv
 from tombo_diagnosis.logs.csv_mapping import LogMapping, load_mapping
 from tombo_diagnosis.logs.flight_log import FlightLog
 from tombo_diagnosis.logs.log_names import flight_names
+from tombo_diagnosis.logs.tlog import read_tlog
 from tombo_diagnosis.logs.ulog import MAGIC as ULOG_MAGIC
 from tombo_diagnosis.logs.ulog import read_ulog
 from tombo_dynamics.errors import InputError
 
-READABLE = "MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV, CSV.gz"
+READABLE = "MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, telemetry log (tlog), CSV, CSV.gz"
 _BAG_MAGIC = (MCAP_MAGIC, SQLITE_MAGIC, b"#ROSBAG", ZSTD_MAGIC)
 _BAG_SUFFIXES = (*SUFFIXES, ".bag")
-_LOG_SUFFIXES = (*_BAG_SUFFIXES, ".ulg", ".csv", ".csv.gz")
+_LOG_SUFFIXES = (*_BAG_SUFFIXES, ".ulg", ".tlog", ".csv", ".csv.gz")
 _GZIP = b"\x1f\x8b"
 
 
@@ -67,27 +69,55 @@ def read_log(
     Raises:
         InputError: it can't be read; says why and what is accepted.
     """
-    start = b""
-    if not path.is_dir():
-        try:
-            with path.open("rb") as file:
-                start = file.read(64)
-        except OSError as error:
-            why = f"{error.strerror}; accepted: {READABLE}"
-            raise InputError(f"can't read '{path}': {why}") from error
-        if not start:
-            raise InputError(f"'{path}' is empty; accepted: {READABLE}")
-    if start.startswith(_BAG_MAGIC) or (len(start) < 8 and MCAP_MAGIC.startswith(start)):
-        return _adapted(read_bag(path, name, names), mapping)
+    start = _first_bytes(path)
+    if _is_recording(start):
+        return _adapted(read_bag(path, name, names, mapping), mapping)
     if start.startswith(ULOG_MAGIC):
-        return _adapted(read_ulog(path, name), mapping)
-    text = start.removeprefix(b"\xef\xbb\xbf")
-    if start.startswith(_GZIP) or not any(byte < 9 or 13 < byte < 32 for byte in text):
+        return _adapted(read_ulog(path, name, mapping), mapping)
+    if is_tlog(start):
+        return _adapted(read_tlog(path, name), mapping)
+    if _is_table(start):
         return read_csv(path, name, mapping)
     raise InputError(
         f"'{path}' starts with bytes {start[:8].hex(' ')}: no log that is known; accepted: "
         f"{READABLE}"
     )
+
+
+def kind_of(path: Path) -> str:
+    """Return what a file is: "recording", "table", or "" for the logs of autopilots and others.
+
+    Raises:
+        InputError: it can't be read, or is empty.
+    """
+    start = _first_bytes(path)
+    return "recording" if _is_recording(start) else "table" if _is_table(start) else ""
+
+
+def _first_bytes(path: Path) -> bytes:
+    """Return the start of a file; of a folder nothing."""
+    if path.is_dir():
+        return b""
+    try:
+        with path.open("rb") as file:
+            start = file.read(64)
+    except OSError as error:
+        why = f"{error.strerror}; accepted: {READABLE}"
+        raise InputError(f"can't read '{path}': {why}") from error
+    if not start:
+        raise InputError(f"'{path}' is empty; accepted: {READABLE}")
+    return start
+
+
+def _is_recording(start: bytes) -> bool:
+    return start.startswith(_BAG_MAGIC) or (len(start) < 8 and MCAP_MAGIC.startswith(start))
+
+
+def _is_table(start: bytes) -> bool:
+    if start.startswith((ULOG_MAGIC, *_BAG_MAGIC)) or is_tlog(start):
+        return False
+    text = start.removeprefix(b"\xef\xbb\xbf")
+    return start.startswith(_GZIP) or not any(byte < 9 or 13 < byte < 32 for byte in text)
 
 
 def _logs_in(path: Path) -> list[Path]:

@@ -7,6 +7,7 @@ import io
 import math
 import struct
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,13 @@ from numpy.typing import NDArray
 from pyulog import ULog
 from pyulog.exceptions import ULogException
 
+from tombo_bag.columns import stacked_columns
+from tombo_bag.rotor_topics import share_of_pulse
+from tombo_diagnosis.logs.csv_log import converted
+from tombo_diagnosis.logs.csv_mapping import LogMapping
 from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series, damage_findings
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError
+from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
 
 Topics = Mapping[str, Mapping[str, NDArray[Any]]]
@@ -25,7 +30,7 @@ Topics = Mapping[str, Mapping[str, NDArray[Any]]]
 MAGIC = ULog.HEADER_BYTES[:4]
 _POSES = ("vehicle_visual_odometry", "vehicle_mocap_odometry", "vehicle_odometry")
 """Best first: the first two are what the motion capture sent, the last is the estimate."""
-_TOPICS = (
+PX4_TOPICS = (
     *_POSES,
     "vehicle_local_position",
     "vehicle_attitude",
@@ -41,38 +46,39 @@ _HALF = math.sqrt(0.5)
 _RPM = math.pi / 30.0
 _MOTOR_1 = 101
 """actuator_function of the first motor."""
-_PWM = (1000.0, 2000.0)
 _BROKEN = (ULogException, struct.error, IndexError, KeyError, ValueError, TypeError,
            AttributeError, OverflowError)  # fmt: skip
 """What pyulog raises on a file that is none, or that ends within its definitions."""
 
 
-def read_ulog(path: Path, name: str) -> FlightLog:
+def read_ulog(path: Path, name: str, mapping: LogMapping | None = None) -> FlightLog:
     """Read a PX4 log (`.ulg`) under a name for the flight.
 
+    Of a mapping, channels with a topic replace what is read by name.
+
     Raises:
-        InputError: no ULog, or one without position and attitude.
+        InputError: no ULog, one without position and attitude, or without a topic of the mapping.
     """
-    log = _opened(path)
+    mapped = {} if mapping is None else mapping.by_topic
+    log = _opened(path, [*PX4_TOPICS, *(topic.strip("/") for topic in mapped)])
     topics = _first_instances(log)
     findings = damage_findings(name, path, _damage(log, path.read_bytes()))
     start = float(log.start_timestamp)
-    series: dict[str, Series] = {}
-    source = _poses(topics, series, start)
-    if not source:
+    series, source = px4_series(topics, start, log.initial_parameters)
+    for topic, channels in mapped.items():
+        table = topics.get(topic.strip("/"))
+        if mapping is None or table is None:
+            raise unknown_name(f"topic in '{path}'", topic, topics)
+        for key, channel in channels.items():
+            values = stacked_columns(table, channel.columns, f"'{path}'")
+            series[key] = Series(_captured(table, start), converted(key, channel, mapping, values))
+    if not {"position", "attitude"} <= set(series):
         there = ", ".join(sorted({d.name for d in log.data_list})) or "none of the topics"
         raise InputError(
             f"'{path}' has no poses; needed: position and attitude, as {', '.join(_POSES)} or "
             f"vehicle_local_position with vehicle_attitude; of these it has {there}"
         )
-    if "estimate" in source:
-        text = (
-            f"position and attitude are PX4's {source}, smoothed with the IMU's; expected: motion "
-            f"capture ({_POSES[0]})"
-        )
-        findings.append(Finding("missing", "warning", name, text, channel="position"))
-    for reader in (_imu, _motors, _escs, _battery):
-        reader(topics, series, start)
+    findings += estimate_findings(name, source)
     info = {k: str(v) for k, v in log.msg_info_dict.items() if k in ("sys_name", "ver_hw")}
     return FlightLog(
         name=name,
@@ -83,10 +89,56 @@ def read_ulog(path: Path, name: str) -> FlightLog:
     )
 
 
-def _opened(path: Path) -> Any:
+def px4_series(
+    topics: Topics, start: float, parameters: Mapping[str, Any] | None = None
+) -> tuple[dict[str, Series], str]:
+    """Return channels of PX4 topics, and where the poses are from (empty: there are none).
+
+    Args:
+        topics: name of a uORB topic → its fields, each (N,), times in us.
+        start: time that is zero [us].
+        parameters: of the autopilot, for the places of the motors.
+    """
+    series: dict[str, Series] = {}
+    source = _poses(topics, series, start)
+    for reader in (_imu, _motors, _escs, _battery):
+        reader(topics, series, start)
+    order = motor_order(parameters or {})
+    for key in {"motor_command", "rotor_speed"} & set(series):
+        series[key] = replace(series[key], values=series[key].values[:, order])
+    return {key: s for key, s in series.items() if s.t.size}, source
+
+
+def estimate_findings(flight: str, source: str) -> list[Finding]:
+    """Report poses that are an estimate of the autopilot."""
+    if "estimate" not in source:
+        return []
+    text = (
+        f"position and attitude are the autopilot's {source}, smoothed with the IMU's; expected: "
+        f"motion capture ({_POSES[0]})"
+    )
+    return [Finding("missing", "warning", flight, text, channel="position")]
+
+
+def motor_order(parameters: Mapping[str, Any]) -> list[int]:
+    """Return which motor of PX4 each of our rotors is, from `CA_ROTORn_PX` and `_PY`.
+
+    Without these parameters, or for other than four rotors in an X: PX4's numbering of a quad-X,
+    which is ours (PX4 user guide, "Actuator Configuration and Testing"; ArduCopter's is the same).
+    """
+    quadrants = {(True, True): 0, (False, False): 1, (True, False): 2, (False, True): 3}
+    order = {}
+    for motor in range(4):
+        x, y = (float(parameters.get(f"CA_ROTOR{motor}_P{a}", 0.0)) for a in "XY")
+        if x and y:  # forward and to the right
+            order[quadrants[x > 0.0, y > 0.0]] = motor
+    return [order[i] for i in range(4)] if len(order) == 4 else [0, 1, 2, 3]
+
+
+def _opened(path: Path, topics: list[str]) -> Any:
     try:
         with contextlib.redirect_stdout(io.StringIO()):
-            return ULog(str(path), message_name_filter_list=list(_TOPICS))
+            return ULog(str(path), message_name_filter_list=topics)
     except OSError as error:
         raise InputError(f"can't read '{path}': {error.strerror}") from error
     except _BROKEN as error:
@@ -202,9 +254,9 @@ def _motors(topics: Topics, series: dict[str, Series], start: float) -> None:
         return
     table = topics.get("actuator_outputs", {})
     pulses = _array(table, "output", 4)
-    if pulses is not None and np.median(pulses) > 0.8 * _PWM[0]:
-        share = (pulses - _PWM[0]) / (_PWM[1] - _PWM[0])
-        series["motor_command"] = Series(_seconds(table, start), np.clip(share, 0.0, None))
+    share = None if pulses is None else share_of_pulse(pulses)
+    if share is not None:
+        series["motor_command"] = Series(_captured(table, start), share)
 
 
 def _escs(topics: Topics, series: dict[str, Series], start: float) -> None:
@@ -220,7 +272,7 @@ def _escs(topics: Topics, series: dict[str, Series], start: float) -> None:
             order = [motors.index(i) for i in range(4)]
     if np.any(speeds):
         speed = np.abs(speeds[:, order]) * _RPM
-        series["rotor_speed"] = Series(_seconds(table, start), speed)
+        series["rotor_speed"] = Series(_captured(table, start), speed)
 
 
 def _battery(topics: Topics, series: dict[str, Series], start: float) -> None:

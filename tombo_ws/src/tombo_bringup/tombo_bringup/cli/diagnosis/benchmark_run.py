@@ -10,6 +10,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from tombo_bringup.cli.options import integer_option, json_option
+from tombo_bringup.cli.result_files import unwritable, write_file
 from tombo_dynamics.errors import InputError
 
 EXIT_CODES: Final = (
@@ -82,24 +83,13 @@ def run_and_print(
             raise typer.Exit(stop.exit_code)
     text = to_json({"cases": result.cases, "aggregate": result.aggregate})
     if output is not None:
-        _write(output, text)
+        write_file(output, text)
     if as_json:
         typer.echo(text, nl=False)
         return
     show(result.aggregate, len(result.cases))
     if output is not None:
         typer.echo(f"Wrote {output}")
-
-
-def _write(path: Path, text: str) -> None:
-    staged = path.with_name(f".{path.name}.unfinished")
-    try:
-        staged.write_text(text, encoding="utf-8", newline="\n")
-        staged.replace(path)
-    except OSError as error:
-        raise _unwritable(path, error) from error
-    finally:
-        staged.unlink(missing_ok=True)
 
 
 def _try_to_write(path: Path) -> None:
@@ -111,11 +101,4 @@ def _try_to_write(path: Path) -> None:
         if not there:
             path.unlink()
     except OSError as error:
-        raise _unwritable(path, error) from error
-
-
-def _unwritable(path: Path, error: OSError) -> Exception:
-    return InputError(
-        f"-o {path}: can't be written ({error.strerror}); accepted: a file in a folder that can "
-        "be written"
-    )
+        raise unwritable(path, error) from error

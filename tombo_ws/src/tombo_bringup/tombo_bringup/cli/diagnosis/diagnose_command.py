@@ -57,6 +57,14 @@ def diagnose(
             "What the columns of a CSV are, in which units and frames (docs/logs.md).",
         ),
     ] = None,
+    explain: Annotated[
+        bool,
+        option(
+            "--explain-mapping",
+            "Propose a mapping file for one log and leave: YAML with a reason for each line, on "
+            "standard output or in the file of -o.",
+        ),
+    ] = False,
     topics: Annotated[
         list[str] | None,
         option(
@@ -86,6 +94,11 @@ def diagnose(
     """
     # One thread of linear algebra: on matrices this small more get into each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if explain:
+        from tombo_bringup.cli.diagnosis.mapping_proposal import print_proposal
+
+        print_proposal(logs, output, force)
+        return
     from tombo_diagnosis.report.diagnosis_output import (
         DIAGNOSIS_FILES,
         diagnosis_json,

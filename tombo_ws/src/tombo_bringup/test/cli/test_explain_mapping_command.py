@@ -1,0 +1,49 @@
+"""`tombo diagnose --explain-mapping`: from a foreign table to a verdict by it alone."""
+
+from __future__ import annotations
+
+import foreign_tables
+import pytest
+
+from tombo_diagnosis.diagnosis import VERDICTS
+
+
+@pytest.mark.slow
+def test_from_a_foreign_table_to_a_verdict(tombo, tmp_path):
+    (tmp_path / "cf.csv").write_text(foreign_tables.crazyflie())
+    printed = tombo("diagnose", "--explain-mapping", "cf.csv")
+    assert printed.code == 0, printed.err
+    assert [path.name for path in tmp_path.iterdir()] == ["cf.csv"]
+    assert tombo("diagnose", "--explain-mapping", "cf.csv", "-o", "m.yaml").code == 0
+    assert (tmp_path / "m.yaml").read_text() == printed.out
+    verdict = tombo("diagnose", "cf.csv", "--mapping", "m.yaml", "--json")
+    assert verdict.code == 0, verdict.err
+    assert verdict.json["verdict"] in VERDICTS
+    assert verdict.json["vehicle"] == "Crazyflie 2.1"
+
+
+@pytest.mark.slow
+def test_a_file_is_replaced_only_if_asked(tombo, tmp_path):
+    (tmp_path / "cf.csv").write_text(foreign_tables.crazyflie())
+    (tmp_path / "m.yaml").write_text("mine")
+    kept = tombo("diagnose", "--explain-mapping", "cf.csv", "-o", "m.yaml")
+    assert (kept.code, kept.err.count("\n")) == (2, 1) and "--force" in kept.err
+    assert (tmp_path / "m.yaml").read_text() == "mine"
+    assert tombo("diagnose", "--explain-mapping", "cf.csv", "-o", "m.yaml", "--force").code == 0
+    assert "channels:" in (tmp_path / "m.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("a.csv", "b.csv"), ("2 logs", "accepted: one")),
+        (("nowhere.csv",), ("nowhere.csv", "does not exist")),
+        (("words.csv",), ("words.csv", "no column of numbers")),
+        (("words.csv", "-o", "folder"), ("folder", "is a folder")),
+        (("words.csv", "-o", ""), ("-o ''",)),
+    ],
+)
+def test_bad_input_is_one_line(refused, tmp_path, arguments, words):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "words.csv").write_text("name,kind\nfoo,bar\n")
+    refused(("diagnose", "--explain-mapping", *arguments), *words)

@@ -1,0 +1,1 @@
+"""Proposes a mapping for a log that nobody has described yet."""
