@@ -26,6 +26,7 @@ CHANNELS: Mapping[str, Channel] = {
     "attitude": Channel(4, "1", "motion capture, quaternion xyzw, map from base_link (FLU)"),
     "gyro": Channel(3, "rad/s", "body rates, base_link (FLU)"),
     "accel": Channel(3, "m/s^2", "specific force, base_link (FLU); at rest +9.81 on z"),
+    "acceleration": Channel(3, "m/s^2", "of an estimator, map (ENU), without gravity: at rest 0"),
     "rotor_speed": Channel(4, "rad/s", "measured, positive, in the order of ROTOR_NAMES"),
     "rotor_command": Channel(4, "rad/s", "rotor speeds asked for, in the order of ROTOR_NAMES"),
     "motor_command": Channel(4, "1", "0 to 1, where no speed is asked for; order of ROTOR_NAMES"),

@@ -49,6 +49,14 @@ def diagnose(
             "What the columns of a CSV are, in which units and frames (docs/logs.md).",
         ),
     ] = None,
+    healthy: Annotated[
+        list[Path] | None,
+        option(
+            "--healthy OLD...",
+            "Flights of the same vehicle from before: say what has changed since. They are the "
+            "model; no other is used. All paths up to the next option, or once for each.",
+        ),
+    ] = None,
     topics: Annotated[
         list[str] | None,
         option(
@@ -85,6 +93,13 @@ def diagnose(
     )
 
     names = parse_topics(topics or [])
+    if healthy:
+        if model is not None:
+            raise InputError("--model and --healthy: both say what to compare with; accepted: one")
+        from tombo_bringup.cli.diagnosis.change_command import say_what_changed
+
+        say_what_changed(logs, healthy, mapping, names, output, force, no_report, as_json)
+        return
     path = results_folder(output, "diagnosis", logs[0].name.split(".")[0], as_json, "log")
     (found, _), written = compute_into(
         path, force or output is None, DIAGNOSIS_FILES,
