@@ -1,8 +1,8 @@
 """New flights against healthy ones: how likely is each candidate, and none of them.
 
 Healthy flights differ by day: another battery, another seat of it, other air. How much is known
-from a few flights only, so the spread is a matrix of its own with a prior, and what is predicted for
-new flights has the tails of Student's t. New flights of one day share one day's offset: their mean
+from a few flights only, so their spread is fitted with a prior, and what is predicted for new
+flights has the tails of Student's t. New flights of one day share one day's offset: their mean
 is compared as one draw, however many they are.
 """
 
@@ -30,8 +30,8 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES
 
 DAY_DEMAND, DAY_SHAKE, DAY_SWING, DAY_TRAIL = 0.01, 0.2, 0.2, 0.01
-"""Spread between days before any flight is seen, of logarithms, and of `trail` [s/m]. Demand: a battery that sits 0.7 % of
-the arm off its place."""
+"""Spread between days before any flight is seen, of logarithms, and of `trail` [s/m]. Demand: a
+battery that sits 0.7 % of the arm off its place."""
 _PRIOR_FLIGHTS = 4.0
 """How many flights that weighs."""
 _WITHIN = 0.004
@@ -47,12 +47,12 @@ _YAW_SHARE = 0.3
 """Change of a rotor's torque per thrust, as a share of the thrust lost: a cut or taped blade has
 another ratio."""
 _WASH = 0.1
-"""Share of thrust, and of torque by the swirl, that a weight in its downwash may take from a rotor,
-whatever its mass."""
+"""Share of thrust, and of torque by the swirl, that a weight in its downwash may take from a
+rotor, whatever its mass."""
 _ROUGH = 0.7
-"""Spread of the logarithm of shake where blades, or the air at them, are changed: a factor of 2."""
+"""Spread of the logarithm of shake where blades, or their air, are changed: a factor of 2."""
 _DETUNED = 10.0
-"""Logarithm of swing per size: a rotor that gives less thrust than asked for slackens the loops."""
+"""Logarithm of swing per demand: a rotor that gives less than asked for slackens the loops."""
 _SWUNG = 0.7, 0.7
 """Logarithm of swing of a hanging load: mean and spread."""
 _DRAGGED = 0.02
@@ -101,7 +101,7 @@ class Comparison:
     none: float
     """Probability that nothing has changed."""
     surprise: float
-    """Probability of a difference as large as this among healthy flights, whatever its direction."""
+    """Probability of a difference as large as this among healthy flights, in any direction."""
     found: tuple[Finding, ...]
     """All candidates, most probable first."""
     shift: Features
@@ -185,7 +185,7 @@ def compare(
 
 
 def _prior(candidate: Candidate) -> float:
-    """Return the weight of a candidate before the data: every effect the same, then every rotor."""
+    """Return the weight of a candidate before the data: effects alike, then rotors."""
     if "+" in candidate.rotor:
         return _PAIR_PRIOR / 6.0
     return 0.25 if candidate.rotor else 1.0

@@ -47,8 +47,8 @@ def summary(verdict: ChangeVerdict, spread: Spread, comparison: Comparison) -> s
     k = int(np.abs(shift / day).argmax())
     more = "more" if shift[k] > 0.0 else "less"
     seen = (
-        f"Rotor {ROTOR_NAMES[k].replace('_', ' ')} is asked for {percent(abs(shift[k]), 1)} {more} "
-        f"thrust than in {counted(spread.flights, 'healthy flight')}, which spread by "
+        f"Rotor {ROTOR_NAMES[k].replace('_', ' ')} is asked for {percent(abs(shift[k]), 1)} "
+        f"{more} thrust than in {counted(spread.flights, 'healthy flight')}, which spread by "
         f"{percent(day[k], 1)}; swing {percent(np.expm1(comparison.shift.swing))}."
     )
     if verdict.verdict == "none":
@@ -59,16 +59,17 @@ def summary(verdict: ChangeVerdict, spread: Spread, comparison: Comparison) -> s
         ]
         most = f" Most probable: {listed(first[:4])}." if first else " No candidate explains it."
         return f"{seen}{most}"
-    return f"{seen} That is what {listed([phrase(m.candidate.label) for m in verdict.members], 'or')} asks for."
+    said = listed([phrase(m.candidate.label) for m in verdict.members], "or")
+    return f"{seen} That is what {said} asks for."
 
 
 def notes(spread: Spread, verdict: ChangeVerdict, new: Features) -> tuple[str, ...]:
     """Return what can't be certified."""
     n = spread.flights
     found = [
-        f"With {counted(n, 'healthy flight')} a false alarm below {percent(1.0 / (n + 1.0))} can't "
-        f"be certified, so no confidence is above {percent(n / (n + 1.0))}; fly healthy flights on "
-        "more days.",
+        f"With {counted(n, 'healthy flight')} a false alarm below {percent(1.0 / (n + 1.0))} "
+        f"can't be certified, so no confidence is above {percent(n / (n + 1.0))}; fly healthy "
+        "flights on more days.",
         "In hover a weight beside a rotor and a weak propeller there ask for nearly the same "
         "commands. Exchange the propeller: a weight stays, a weak propeller goes.",
         "All new flights are taken to be in one state; a battery that sits elsewhere looks like "

@@ -34,8 +34,8 @@ class ChangeVerdict:
 def judge_change(comparison: Comparison, healthy: int) -> ChangeVerdict:
     """Return the verdict; `healthy` flights bound its confidence.
 
-    Of n healthy flights and one more, any is the oddest with probability 1 / (n + 1): no rule can be
-    known to raise fewer false alarms.
+    Of n healthy flights and one more, any is the oddest with probability 1 / (n + 1): no rule can
+    be known to raise fewer false alarms.
     """
     most = healthy / (healthy + 1.0)
     if comparison.none > CHANGED:

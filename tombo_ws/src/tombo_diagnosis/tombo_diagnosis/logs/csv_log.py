@@ -25,7 +25,8 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
     """Read a table, CSV or CSV.gz with a header; without a mapping, by the shipped one that fits.
 
     Raises:
-        InputError: no table, no mapping fits, or columns of position or attitude that it names are missing.
+        InputError: no table, no mapping fits, or columns of position or attitude that it names
+            are missing.
     """
     table = open_table(path)
     mapping = mapping or _recognised(table)

@@ -36,7 +36,7 @@ def say_what_changed(
     Raises:
         InputError: a log or the mapping can't be used.
     """
-    from tombo_diagnosis.change.report import CHANGE_FILES, write_change
+    from tombo_diagnosis.report.change_report import CHANGE_FILES, write_change
     from tombo_diagnosis.report.diagnosis_output import diagnosis_json
 
     path = results_folder(output, "diagnosis", new[0].name.split(".")[0], as_json, "log")
@@ -82,7 +82,7 @@ def run_change(
 
 def print_change(found: Diagnosis, folder: Path | None, written: list[str]) -> None:
     """Print what has changed, and where the files are."""
-    from tombo_diagnosis.change.report import change_labels
+    from tombo_diagnosis.report.change_report import change_labels
     from tombo_diagnosis.change.summary_text import headline, phrase
 
     colour = {"none": "bold green", "unknown": "bold red"}.get(found.verdict, "bold yellow")

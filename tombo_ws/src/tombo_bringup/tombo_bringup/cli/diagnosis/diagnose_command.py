@@ -93,7 +93,7 @@ def diagnose(
     )
 
     names = parse_topics(topics or [])
-    if healthy:
+    if healthy is not None:
         if model is not None:
             raise InputError("--model and --healthy: both say what to compare with; accepted: one")
         from tombo_bringup.cli.diagnosis.change_command import say_what_changed

@@ -1,4 +1,4 @@
-"""The drive curve: thrust of a rotor from its command and the supply, fitted on healthy flights."""
+"""The drive curve: thrust of a rotor from its command and the supply, of healthy flights."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _TRUSTED = 0.3
 
 @dataclass(frozen=True)
 class DriveCurve:
-    """Thrust over weight of all rotors = gain · mean(command^exponent) · voltage^supply_exponent."""
+    """Thrust over weight = gain · mean of command^exponent · voltage^supply_exponent."""
 
     gain: float
     exponent: float
@@ -53,8 +53,9 @@ class DriveSamples:
 def fit_drive_curve(flights: Sequence[DriveSamples], exponent: float) -> DriveCurve:
     """Fit gain and exponents by least squares of the logarithm of thrust over weight.
 
-    Where flights do not vary thrust or supply, the exponents stay what they were before: `exponent`
-    and 0. Each flight counts as one block of correlated samples for the deviations.
+    Cautious: what the exponents expected before the fit leave counts as noise. Where flights do
+    not vary thrust or supply, the exponents stay what they were before:
+    `exponent` and 0. Each flight counts as one block of correlated samples for the deviations.
     """
     with_supply = all(f.voltage is not None for f in flights)
     rows, target = [], []
