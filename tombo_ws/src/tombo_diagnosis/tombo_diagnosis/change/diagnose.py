@@ -32,10 +32,11 @@ from tombo_diagnosis.diagnosis import Change, Diagnosis, FlightSummary, Score
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, fit_drive_curve
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.logs.flight_log import FlightLog
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import FittedParameter
 
-_SIZES = np.geomspace(0.004, 0.5, 40)
+_SIZES: Array = np.asarray(np.geomspace(0.004, 0.5, 40), np.float64)
 """Shares of thrust and of mass that are tried."""
 _EQUAL = "thrust_coefficient_error"
 """What no flight tells from another mass."""
@@ -131,7 +132,9 @@ def _with_drive(flight: AirborneFlight, drive: str) -> AirborneFlight:
 
 def _changes(member: Finding, verdict: ChangeVerdict, mass: float, arm: float) -> list[Change]:
     """Return a member as it is reported; of a named pair one entry each."""
-    candidate, sure = member.candidate, min(member.probability, verdict.confidence)
+    candidate = member.candidate
+    whole = sum(m.probability for m in verdict.members)
+    sure = member.probability * min(1.0, verdict.confidence / whole)
     theta = _theta(member, mass, arm)
     if verdict.verdict == "named" and "+" in candidate.rotor:
         return [

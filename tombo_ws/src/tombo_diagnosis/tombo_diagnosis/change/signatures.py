@@ -106,7 +106,7 @@ def centre_directions(vehicle: VehicleParams, maps: RotorMaps) -> Array:
     step, arm = 0.02, vehicle.arm_length
     healthy = hover_thrust(vehicle, maps, {})
     moved = [hover_thrust(vehicle, maps, {CENTRE: {axis: step * arm}}) for axis in "xy"]
-    return np.log(np.array(moved) / healthy) / step
+    return np.asarray(np.log(np.array(moved) / healthy) / step)
 
 
 def hover_thrust(vehicle: VehicleParams, maps: RotorMaps, effects: Effects) -> Array:

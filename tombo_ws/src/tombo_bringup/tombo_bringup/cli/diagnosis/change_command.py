@@ -82,8 +82,8 @@ def run_change(
 
 def print_change(found: Diagnosis, folder: Path | None, written: list[str]) -> None:
     """Print what has changed, and where the files are."""
-    from tombo_diagnosis.report.change_report import change_labels
     from tombo_diagnosis.change.summary_text import headline, phrase
+    from tombo_diagnosis.report.change_report import change_labels
 
     colour = {"none": "bold green", "unknown": "bold red"}.get(found.verdict, "bold yellow")
     labels = change_labels(found)
