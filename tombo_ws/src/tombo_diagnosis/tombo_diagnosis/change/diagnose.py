@@ -102,7 +102,7 @@ def diagnose_change(
         residuals=(),
         confidence=verdict.confidence,
         summary=summary(verdict, spread, comparison),
-        notes=notes(spread, verdict, mean_of(data.new)),
+        notes=notes(spread, mean_of(data.new)),
         model=f"{len(healthy)} healthy flight{'s' * (len(healthy) > 1)} of the same vehicle",
         vehicle=airframe.name if airframe is not None else "",
         seconds=clock() - began,

@@ -131,7 +131,7 @@ def hover_thrust(vehicle: VehicleParams, maps: RotorMaps, effects: Effects) -> A
         plant.past_commands[:] = speed
         begin_tick(plant, maps, _NORMALS, theta)
         up = plant.force[2] - mass * GRAVITY
-        return np.array([up, *plant.moment]) / scale
+        return np.asarray(np.array([up, *plant.moment]) / scale)
 
     thrust = np.full(4, mass * GRAVITY / 4.0)
     step = 1e-3 * mass * GRAVITY

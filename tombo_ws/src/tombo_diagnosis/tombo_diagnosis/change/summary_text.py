@@ -63,7 +63,7 @@ def summary(verdict: ChangeVerdict, spread: Spread, comparison: Comparison) -> s
     return f"{seen} That is what {said} asks for."
 
 
-def notes(spread: Spread, verdict: ChangeVerdict, new: Features) -> tuple[str, ...]:
+def notes(spread: Spread, new: Features) -> tuple[str, ...]:
     """Return what can't be certified."""
     n = spread.flights
     found = [
