@@ -44,7 +44,8 @@ def test_the_fields_are_exactly_those_agreed_on():
     found = strict(diagnosis_json(sample("set")))
     assert list(found) == [
         "verdict", "causes", "set", "separating_experiment", "gain", "prechecks", "candidates",
-        "flights", "confidence", "summary", "notes", "model", "vehicle", "seconds", "version",
+        "flights", "confidence", "summary", "notes", "model", "vehicle", "seconds",
+        "changed", "version",
     ]  # fmt: skip
     cause, gain = found["causes"][0], strict(diagnosis_json(sample()))["gain"][0]
     for fields, names in (

@@ -95,6 +95,19 @@ class FlightSummary:
 
 
 @dataclass(frozen=True)
+class Change:
+    """What may be different now from the vehicle's healthy flights."""
+
+    effect: str
+    """Name in the registry, or of `change.signatures`."""
+    rotor: str
+    """Of ROTOR_NAMES; two as `a+b`; empty: it concerns no rotor."""
+    theta: tuple[FittedParameter, ...]
+    confidence: float
+    """Probability (0 to 1)."""
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """All that was found."""
 
@@ -124,3 +137,5 @@ class Diagnosis:
     """Name of the airframe that flew; empty: the suite's own."""
     seconds: float = 0.0
     """Run time after loading."""
+    changed: tuple[Change, ...] = ()
+    """Of a comparison with healthy flights: named: what has changed; set: its members."""

@@ -147,6 +147,8 @@ def test_ctrl_c_leaves_nothing_and_130(tombo, monkeypatch, tmp_path):
         (("a.mcap", "--topic", "/a=/b", "--topic", "/a=/c"), ("/a", "twice")),
         (("a.mcap", "--mapping", "no_such_mapping"), ("no_such_mapping",)),
         (("a.mcap", "--model", "no_model.yaml"), ("no_model.yaml",)),
+        (("a.mcap", "--model", "m.yaml", "--healthy", "b.mcap"), ("--model and --healthy",)),
+        (("--healthy", "a.mcap", "b.mcap"), ("LOG",)),
         (("a.mcap", "-o", ""), ("-o ''", "accepted")),
         (("a.mcap", "-o", "empty.mcap"), ("empty.mcap", "it is a file")),
         ((), ("LOG",)),

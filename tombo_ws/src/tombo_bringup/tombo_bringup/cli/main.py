@@ -11,6 +11,7 @@ import typer
 from tombo_bringup.cli.compare_command import COMPARE_EXIT_CODES, compare
 from tombo_bringup.cli.diagnosis import benchmark_command
 from tombo_bringup.cli.diagnosis.diagnose_command import DIAGNOSE_EXIT_CODES, diagnose
+from tombo_bringup.cli.diagnosis.many_paths import ManyPathsCommand
 from tombo_bringup.cli.effects_command import effects
 from tombo_bringup.cli.errors import exit_code_of
 from tombo_bringup.cli.flight.fly_command import EXIT_CODES, fly
@@ -40,7 +41,7 @@ app.command(epilog=PX4_EXIT_CODES)(px4)
 app.command(epilog=HIL_EXIT_CODES)(hil)
 app.command(epilog=REPLAY_EXIT_CODES)(replay)
 app.command(epilog=COMPARE_EXIT_CODES)(compare)
-app.command(epilog=DIAGNOSE_EXIT_CODES)(diagnose)
+app.command(epilog=DIAGNOSE_EXIT_CODES, cls=ManyPathsCommand)(diagnose)
 app.command("run", context_settings=PASS_ON)(run_executable)
 app.command()(scenarios)
 app.add_typer(propeller_command.app, name="propeller", context_settings=_HELP)

@@ -1,10 +1,13 @@
 """Mapping files: what is wrong with one is said by key, value and what is accepted."""
 
+from pathlib import Path
+
 import pytest
 
 from tombo_diagnosis.logs.csv_mapping import load_mapping, parse_mapping, shipped
 from tombo_diagnosis.logs.units import UNITS, factor
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.vehicle import ROTOR_NAMES
 
 GOOD = """
 time: {column: t, unit: ms}
@@ -19,6 +22,15 @@ def test_the_shipped_ones_can_be_read_and_are_distinguished():
     assert {"nanobench", "generic"} <= set(known)
     first, second = (known[n].columns for n in ("nanobench", "generic"))
     assert not first & second - {"t"}
+
+
+def test_the_example_puts_each_motor_at_its_rotor():
+    """Bitcraze: M1 front right, M2 rear right, M3 rear left, M4 front left."""
+    folder = Path(__file__).resolve().parents[5] / "examples"
+    mapping = load_mapping(folder / "crazypad.yaml")
+    place = {"1": "front_right", "2": "rear_right", "3": "rear_left", "4": "front_left"}
+    columns = mapping.channels["motor_command"].columns
+    assert tuple(place[c[-1]] for c in columns) == ROTOR_NAMES
 
 
 @pytest.mark.parametrize(

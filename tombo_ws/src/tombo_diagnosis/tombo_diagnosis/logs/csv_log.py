@@ -19,29 +19,29 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
 
-_NEEDED = ("position", "attitude")
+_POSE = ("position", "attitude")
 
 
 def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> FlightLog:
     """Read a table, CSV or CSV.gz with a header; without a mapping, by the shipped one that fits.
 
     Raises:
-        InputError: no table, no mapping fits, or columns of position or attitude are missing.
+        InputError: no table, no mapping fits, or columns of position or attitude that it names
+            are missing.
     """
     table = open_table(path)
     mapping = mapping or _recognised(table)
-    for key in _NEEDED:
-        if key not in mapping.channels:
-            raise InputError(
-                f"mapping '{mapping.name}' has no channel {key}; needed: position and attitude of "
-                "the motion capture"
-            )
+    if "position" not in mapping.channels:
+        raise InputError(
+            f"mapping '{mapping.name}' has no channel position; needed: position of the motion "
+            "capture, and its attitude for all but --healthy"
+        )
     there = set(table.columns)
     findings = damage_findings(name, path, table.damage)
     channels = {}
     for key, channel in mapping.channels.items():
         lacking = [c for c in _columns(channel, mapping, there) if c not in there]
-        if lacking and key in _NEEDED:
+        if lacking and key in _POSE:
             raise unknown_name(
                 f"column for {key} (mapping '{mapping.name}') in '{path}'", lacking[0], there
             )
@@ -73,7 +73,7 @@ def _recognised(table: CsvTable) -> LogMapping:
     fitting = [
         mapping
         for mapping in known.values()
-        if all(set(_columns(mapping.channels[key], mapping, there)) <= there for key in _NEEDED)
+        if all(set(_columns(mapping.channels[key], mapping, there)) <= there for key in _POSE)
     ]
     if len(fitting) == 1:
         return fitting[0]

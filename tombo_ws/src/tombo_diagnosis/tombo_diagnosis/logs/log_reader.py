@@ -44,7 +44,7 @@ def read_logs(
         InputError: a path that can't be read, or a flight given twice.
     """
     use = None if mapping is None else load_mapping(mapping)
-    found = [log for path in paths for log in _logs_in(Path(path))]
+    found = [log for path in paths for log in logs_in(Path(path))]
     if not found:
         raise InputError(f"no logs given; accepted: {READABLE}")
     named = zip(found, flight_names(found), strict=True)
@@ -120,7 +120,7 @@ def _is_table(start: bytes) -> bool:
     return start.startswith(_GZIP) or not any(byte < 9 or 13 < byte < 32 for byte in text)
 
 
-def _logs_in(path: Path) -> list[Path]:
+def logs_in(path: Path) -> list[Path]:
     """Return the path itself, or the logs of a folder that is no recording."""
     if not path.exists():
         raise InputError(f"'{path}' does not exist; accepted: {READABLE}")

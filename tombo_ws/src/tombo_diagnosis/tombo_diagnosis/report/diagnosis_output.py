@@ -34,6 +34,8 @@ def diagnosis_mapping(diagnosis: Diagnosis) -> dict[str, Any]:
     for cause in values["causes"]:
         del cause["signature"]
         cause["theta"] = {theta.pop("name"): theta for theta in cause["theta"]}
+    for change in values["changed"]:
+        change["theta"] = {theta.pop("name"): theta for theta in change["theta"]}
     experiment = values["separating_experiment"]
     if experiment is not None:
         experiment["mission_file"] = MISSION if experiment.pop("mission") else None

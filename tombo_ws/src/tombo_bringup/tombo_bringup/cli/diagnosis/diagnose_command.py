@@ -65,6 +65,14 @@ def diagnose(
             "standard output or in the file of -o.",
         ),
     ] = False,
+    healthy: Annotated[
+        list[Path] | None,
+        option(
+            "--healthy OLD...",
+            "Flights of the same vehicle from before: say what has changed since. They are the "
+            "model; no other is used. All paths up to the next option, or once for each.",
+        ),
+    ] = None,
     topics: Annotated[
         list[str] | None,
         option(
@@ -106,6 +114,13 @@ def diagnose(
     )
 
     names = parse_topics(topics or [])
+    if healthy is not None:
+        if model is not None:
+            raise InputError("--model and --healthy: both say what to compare with; accepted: one")
+        from tombo_bringup.cli.diagnosis.change_command import say_what_changed
+
+        say_what_changed(logs, healthy, mapping, names, output, force, no_report, as_json)
+        return
     path = results_folder(output, "diagnosis", logs[0].name.split(".")[0], as_json, "log")
     (found, _), written = compute_into(
         path, force or output is None, DIAGNOSIS_FILES,

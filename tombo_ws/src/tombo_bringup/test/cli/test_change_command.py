@@ -1,0 +1,48 @@
+"""`tombo diagnose NEW... --healthy OLD...` on the command line, from files to the answer."""
+
+from __future__ import annotations
+
+import pytest
+
+from tombo_bringup.cli.diagnosis.many_paths import spread_paths
+
+ONE_VEHICLE = "effects.thrust_scatter.deviation=0"
+
+
+@pytest.mark.parametrize(
+    ("given", "read"),
+    [
+        ("n --healthy a b --json", "n --healthy a --healthy b --json"),
+        ("--healthy a b -o d n", "--healthy a --healthy b -o d n"),
+        ("n --healthy a --healthy b", "n --healthy a --healthy b"),
+        ("--healthy a -- n", "--healthy a -- n"),
+        ("n --json", "n --json"),
+    ],
+)
+def test_an_option_takes_all_paths_up_to_the_next_one(given, read):
+    assert spread_paths(given.split()) == read.split()
+
+
+def fly(tombo, name, seed, *more):
+    settings = [word for key in (ONE_VEHICLE, "duration=12", *more) for word in ("--set", key)]
+    flown = tombo("fly", "hover", "--seed", str(seed), *settings, "-o", name)
+    assert flown.code in (0, 1), flown.err  # 1: cut before it has landed
+    return f"{name}/flight.mcap"
+
+
+@pytest.mark.slow
+def test_a_weak_propeller_hidden_in_a_flight_of_the_suite_is_found(tombo, tmp_path):
+    before = [fly(tombo, f"before{seed}", seed) for seed in (0, 1)]
+    new = fly(tombo, "new", 7, "effects.weak_propeller.rear_left=0.1")
+    result = tombo("diagnose", new, "--healthy", *before, "--json")
+    assert (result.code, result.err) == (0, "")
+    assert result.json["verdict"] in ("named", "set")
+    assert {c["rotor"] for c in result.json["changed"]} == {"rear_left"}
+    first = result.json["changed"][0]
+    assert first["effect"] == "weak_propeller"
+    assert first["theta"]["rear_left"]["value"] == pytest.approx(0.1, abs=0.02)
+    again = fly(tombo, "again", 8)
+    shown = tombo("diagnose", again, "--healthy", *before, "-o", "out")
+    assert shown.out.splitlines()[0] == "Nothing has changed that these flights show."
+    names = {str(p.relative_to(tmp_path / "out")) for p in (tmp_path / "out").rglob("*.*")}
+    assert names == {"diagnosis.json", "report.html", "plots/changed.png"}

@@ -1,0 +1,57 @@
+"""Real flights of one Crazyflie with known causes, where they are on this machine."""
+
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from tombo_diagnosis.change.diagnose import diagnose_change
+from tombo_diagnosis.flight.scenario_nominal import nominal_model
+from tombo_diagnosis.logs.log_reader import read_logs
+
+ROOT = Path(__file__).resolve().parents[5]
+FOLDER = ROOT.parent / "shared" / "data" / "crazypad"
+CAUSES = {
+    "weight_w1_near_m3": {"added_weight"}, "weight_w3_near_m3": {"added_weight"},
+    "cut_m3_both_tips_1mm": {"weak_propeller"}, "cut_m3_both_tips_2mm": {"weak_propeller"},
+    "cut_m3_one_tip_1mm": {"weak_propeller", "propeller_unbalance"},
+    "cut_m3_3mm": {"weak_propeller"}, "string_w2_m3": {"hanging_load"},
+    "string_w3_m3": {"hanging_load"}, "tape_m3": {"weak_propeller"},
+}  # fmt: skip
+"""Each of rotor 3, rear left; `tape_m1_m3` has two rotors."""
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not FOLDER.is_dir(), reason=f"real data absent: no {FOLDER}"),
+]
+
+
+def flights(condition):
+    return read_logs(sorted(FOLDER.glob(f"{condition}_[0-9].csv.gz")),
+                     ROOT / "examples" / "crazypad.yaml")  # fmt: skip
+
+
+NOMINAL = cache(nominal_model)
+
+
+@pytest.fixture(scope="module")
+def healthy():
+    return flights("normal")
+
+
+def test_what_is_said_is_right_and_most_of_it_is_said(healthy):
+    said = set()
+    for condition, causes in CAUSES.items():
+        found = diagnose_change(flights(condition), healthy, NOMINAL())[0]
+        if found.verdict in ("named", "set"):
+            assert len(found.changed) <= 3, condition
+            assert {c.rotor for c in found.changed} == {"rear_left"}, condition
+            assert {c.effect for c in found.changed} & causes, condition
+            said.add(condition)
+    assert len(said) >= 6
+
+
+def test_no_healthy_flight_is_named_against_the_others(healthy):
+    for k, one in enumerate(healthy):
+        others = [log for log in healthy if log is not one]
+        assert diagnose_change([one], others, NOMINAL())[0].verdict == "none", k

@@ -1,0 +1,32 @@
+"""The drive curve, against data made with a curve that is known."""
+
+import numpy as np
+import pytest
+
+from tombo_diagnosis.flight.fit.drive_curve import DriveSamples, fit_drive_curve
+
+
+def flight(seed, swing, supply, noise=0.003):
+    """Return samples of 0.8 · mean(c^1.2) · V^0.7, whose thrust varies by the share `swing`."""
+    rng = np.random.default_rng(seed)
+    load = 1.0 + swing * np.sin(np.linspace(0.0, 40.0, 2000))
+    voltage = np.linspace(*supply, 2000)
+    command = (load / 0.8 / voltage**0.7) ** (1.0 / 1.2)
+    spread = 1.0 + 0.02 * np.array([1.0, -1.0, 1.0, -1.0])
+    values = command[:, None] * spread
+    return DriveSamples(values, load * (1.0 + noise * rng.standard_normal(2000)), voltage)
+
+
+def test_exponents_are_found_where_flights_show_them():
+    curve = fit_drive_curve([flight(k, 0.3, (4.1 - 0.2 * k, 3.6)) for k in range(4)], 1.0)
+    assert curve.exponent == pytest.approx(1.2, abs=0.03)
+    assert curve.supply_exponent == pytest.approx(0.7, abs=2.0 * curve.deviation[1])
+    samples = flight(0, 0.3, (4.1, 3.6), 0.0)
+    total = np.exp(curve.demand(samples.command, samples.voltage)).mean(axis=1)
+    assert np.std(np.log(total / samples.load_factor)) < 0.2 * np.std(np.log(total))
+
+
+def test_what_flights_do_not_show_stays_and_is_called_uncertain():
+    curve = fit_drive_curve([flight(k, 0.0, (3.8, 3.8)) for k in range(3)], 1.0)
+    assert (curve.exponent, curve.supply_exponent) == pytest.approx((1.0, 0.0), abs=0.05)
+    assert min(curve.deviation) > 0.25

@@ -1,0 +1,146 @@
+"""What each candidate does to the demand of the four rotors in hover: asked of the simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.effects.compose import new_plant, pack_theta
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.rigid_body import begin_flight, begin_tick
+from tombo_dynamics.rotor_maps import RotorMaps, rotor_thrust, speed_for_thrust
+from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, ROTOR_NAMES, VehicleParams
+
+_TICK = 1e-3
+_NORMALS = np.zeros(16)
+_HIGH = 100.0
+"""m above the floor."""
+_STEPS = 6
+WEAK_PROPELLER, ADDED_WEIGHT, HANGING_LOAD = "weak_propeller", "added_weight", "hanging_load"
+UNBALANCE, MASS, CENTRE = "propeller_unbalance", "mass_error", "cog_offset"
+
+Effects = Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One thing that may have changed, of unknown size."""
+
+    effect: str
+    rotor: str
+    """Which one, of ROTOR_NAMES; two of them as `a+b`; empty: it concerns no rotor."""
+    sizes: Array
+    """(S,) share of thrust lost, of mass added, or of the arm."""
+    demand: Array
+    """(S, 4) change of the logarithm of thrust that the healthy curve reads in hover."""
+
+    @property
+    def label(self) -> str:
+        """Effect and rotor in one name."""
+        return f"{self.effect}.{self.rotor}" if self.rotor else self.effect
+
+
+def effects_of(effect: str, rotor: str, size: float, arm: float) -> dict[str, dict[str, float]]:
+    """Return what the simulator has to switch on for a candidate of a size.
+
+    A weight beside a rotor, taped or hung, is mass and centre of gravity in hover. `arm`: centre
+    to rotor axis [m].
+    """
+    if effect == WEAK_PROPELLER:
+        return {WEAK_PROPELLER: dict.fromkeys(rotor.split("+"), size)}
+    if effect in (ADDED_WEIGHT, HANGING_LOAD):
+        k = ROTOR_NAMES.index(rotor)
+        off = arm * size / (1.0 + size)
+        return {
+            MASS: {"fraction": size},
+            CENTRE: {"x": off * float(ARM_X[k]), "y": off * float(ARM_Y[k])},
+        }
+    if effect == MASS:
+        return {MASS: {"fraction": size}}
+    return {}
+
+
+def candidates(vehicle: VehicleParams, maps: RotorMaps, sizes: Array) -> list[Candidate]:
+    """Return all candidates with their demand in hover, from the simulated vehicle.
+
+    Args:
+        vehicle: its geometry counts; shares of thrust and mass are the same for any size.
+        maps: its rotors.
+        sizes: (S,) above 0, to be tried.
+    """
+    healthy = hover_thrust(vehicle, maps, {})
+    pairs = ["+".join(pair) for pair in combinations(ROTOR_NAMES, 2)]
+    asked = [(WEAK_PROPELLER, r) for r in (*ROTOR_NAMES, *pairs)]
+    asked += [(e, r) for e in (ADDED_WEIGHT, HANGING_LOAD) for r in ROTOR_NAMES]
+    found = []
+    for effect, rotor in asked:
+        found.append(_candidate(effect, rotor, sizes, vehicle, maps, healthy))
+    both = np.concatenate([-sizes[::-1], sizes])
+    both = both[both > -0.4]
+    found.append(_candidate(MASS, "", both, vehicle, maps, healthy))
+    still = np.zeros((1, 4))
+    found += [Candidate(UNBALANCE, r, np.zeros(1), still) for r in ROTOR_NAMES]
+    return found
+
+
+def _candidate(
+    effect: str, rotor: str, sizes: Array, vehicle: VehicleParams, maps: RotorMaps, healthy: Array
+) -> Candidate:
+    kept, rows = [], []
+    for size in sizes:
+        try:
+            now = hover_thrust(vehicle, maps, effects_of(effect, rotor, size, vehicle.arm_length))
+        except InputError:
+            continue  # so large that it would not hover
+        kept.append(size)
+        rows.append(np.log(now / healthy))
+    return Candidate(effect, rotor, np.array(kept), np.array(rows))
+
+
+def centre_directions(vehicle: VehicleParams, maps: RotorMaps) -> Array:
+    """Return (2, 4): change of the demand's logarithm per arm that the centre moves along x, y."""
+    step, arm = 0.02, vehicle.arm_length
+    healthy = hover_thrust(vehicle, maps, {})
+    moved = [hover_thrust(vehicle, maps, {CENTRE: {axis: step * arm}}) for axis in "xy"]
+    return np.asarray(np.log(np.array(moved) / healthy) / step)
+
+
+def hover_thrust(vehicle: VehicleParams, maps: RotorMaps, effects: Effects) -> Array:
+    """Return what healthy rotors would give [N] at the speeds that hover asks for (4,).
+
+    Newton's method on force and moment of the simulator's own first slope, level and at rest.
+
+    Raises:
+        InputError: the vehicle can't hover so within its range of speeds.
+    """
+    theta = pack_theta(effects)
+    plant = new_plant(vehicle)
+    plant.state.position[2] = _HIGH
+    begin_flight(plant, _NORMALS, theta, _TICK)
+    mass = float(plant.mass)
+    scale = np.array([mass * GRAVITY, *[0.1 * mass * GRAVITY * vehicle.arm_length] * 3])
+
+    def imbalance(thrust: Array) -> Array:
+        speed = np.array([speed_for_thrust(maps, t) for t in thrust])
+        plant.rotor_speed = speed
+        plant.rotor_command = speed
+        plant.past_commands[:] = speed
+        begin_tick(plant, maps, _NORMALS, theta)
+        up = plant.force[2] - mass * GRAVITY
+        return np.asarray(np.array([up, *plant.moment]) / scale)
+
+    thrust = np.full(4, mass * GRAVITY / 4.0)
+    step = 1e-3 * mass * GRAVITY
+    for _ in range(_STEPS):
+        here = imbalance(thrust)
+        slope = np.column_stack([(imbalance(thrust + d) - here) / step for d in step * np.eye(4)])
+        thrust = thrust - np.linalg.solve(slope, here)
+        lowest, highest = 1.05 * maps.thrust_lowest, maps.thrust_highest - 2.0 * step
+        if not ((thrust > lowest) & (thrust < highest)).all():
+            raise InputError(f"the vehicle can't hover with {dict(effects)}")
+    speed = np.array([speed_for_thrust(maps, t) for t in thrust])
+    return np.array([rotor_thrust(maps, s) for s in speed])
