@@ -28,7 +28,7 @@ from tombo_flight.course_check import check_course
 from tombo_flight.extended_model import merge_effects
 from tombo_flight.model_file import read_model
 from tombo_flight.scenario_catalogue import builtin_scenarios
-from tombo_flight.vehicle_file import is_builtin_vehicle, read_vehicle
+from tombo_flight.vehicle_file import VehicleFile, is_builtin_vehicle, vehicle_named
 from tombo_sim.world import ObstacleParams, SpreadParams, World
 
 DEFAULT_SCENARIO = "paper_collision"
@@ -135,9 +135,9 @@ def _with_vehicle(values: Mapping[str, Any]) -> dict[str, Any]:
     win over them.
     """
     name = values.get("vehicle")
-    if not isinstance(name, str):
+    if not isinstance(name, str | VehicleFile):
         return dict(values)
-    file = read_vehicle(name)
+    file = vehicle_named(name)
     found = dict(values)
     for section in ("vehicle", "propeller", "control"):
         found[section] = dataclasses.asdict(getattr(file, section))
@@ -147,7 +147,7 @@ def _with_vehicle(values: Mapping[str, Any]) -> dict[str, Any]:
         found["control"] |= kept
     effects = values.get("effects")
     if isinstance(effects, Mapping):
-        scenario_from_mapping({"effects": effects}, name)  # refuses what is no effect
+        scenario_from_mapping({"effects": effects}, file.name)  # refuses what is no effect
         found["effects"] = {**effects_for(effects, file.vehicle), **file.effects}
     elif effects is None:
         found["effects"] = dict(file.effects)
@@ -204,7 +204,7 @@ def load_scenario(
     name: str = DEFAULT_SCENARIO,
     settings: Sequence[str] = (),
     model: str | None = None,
-    vehicle: str | None = None,
+    vehicle: str | VehicleFile | None = None,
 ) -> Scenario:
     """Read a built-in scenario by name, or a file by path, apply settings, and check it.
 
@@ -213,8 +213,8 @@ def load_scenario(
         settings: overrides such as "vehicle.mass=1.4" or "effects.steady_wind.east=2".
         model: path of a `model.yaml`, whose effects are laid over those of the scenario; settings
             win over both.
-        vehicle: name or path of a vehicle file, in place of the scenario's vehicle, propeller and
-            gains; settings win over it.
+        vehicle: a vehicle file, or its name or path, in place of the scenario's vehicle, propeller
+            and gains; settings win over it.
 
     Raises:
         InputError: unknown scenario or key, wrong type, NaN, a value out of bounds, no model.
@@ -225,7 +225,7 @@ def load_scenario(
     values = _with_vehicle(values)
     if model is not None:
         extended = read_model(Path(model))
-        own = "" if vehicle is None else read_vehicle(vehicle).name
+        own = "" if vehicle is None else vehicle_named(vehicle).name
         if extended.origin.vehicle not in ("", own):
             raise InputError(
                 f"model '{model}' is of another vehicle ({extended.origin.vehicle}), its forces "

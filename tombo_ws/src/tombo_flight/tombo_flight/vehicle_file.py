@@ -17,6 +17,7 @@ from typing import Any
 
 from tombo_control.loops.loop_design import gains_for
 from tombo_control.params import ControlParams
+from tombo_dynamics.drive import DriveParams
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_number, from_mapping
@@ -47,6 +48,7 @@ _SECTIONS: dict[str, type[Any]] = {
     "vehicle": VehicleParams,
     "propeller": PropellerChoice,
     "control": ControlParams,
+    "drive": DriveParams,
 }
 _KEYS = ("tombo_vehicle", "name", "about", *_SECTIONS, "effects", "sources")
 _BEGIN = "---"
@@ -77,6 +79,8 @@ class VehicleFile:
     vehicle: VehicleParams
     propeller: PropellerChoice
     control: ControlParams
+    drive: DriveParams = field(default_factory=DriveParams)
+    """What a motor command does, where logs have no rotor speeds."""
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """What it has of effects, in place of a scenario's: its drag, for example."""
     given: frozenset[str] = frozenset()
@@ -128,6 +132,11 @@ def read_vehicle(name: str) -> VehicleFile:
         raise unknown_name("vehicle", name, builtin_vehicles())
     what = f"vehicle file '{name}'"
     return vehicle_from_text(read_whole(path, what, _ACCEPTED), what, path.parent)
+
+
+def vehicle_named(vehicle: str | VehicleFile) -> VehicleFile:
+    """Return a vehicle that is given, or the one of a name or path: see `read_vehicle`."""
+    return vehicle if isinstance(vehicle, VehicleFile) else read_vehicle(vehicle)
 
 
 def vehicle_from_text(text: str, what: str, folder: Path = Path()) -> VehicleFile:
@@ -214,6 +223,7 @@ def _built(
         vehicle,
         propeller,
         control,
+        from_mapping(DriveParams, plain["drive"], "drive"),
         {} if effects is None else check_theta(_of_effects(effects), "effects"),
         frozenset(f"{s}.{key}" for s, inner in plain.items() for key in inner),
         notes,

@@ -95,7 +95,7 @@ def thrust_from_track(
     changed = []
     for log in logs:
         track = track_of(log)
-        thrust = 0.25 * nominal.vehicle.mass * np.maximum(_force_z(track), 0.0)
+        thrust = 0.25 * nominal.vehicle.mass * np.maximum(force_along_thrust(track), 0.0)
         speed = np.array([speed_for_thrust(nominal.maps, t) for t in thrust])
         series = Series(track.t, np.repeat(speed[:, None], 4, axis=1))
         changed.append(replace(log, series={**log.series, "rotor_speed": series}))
@@ -141,7 +141,7 @@ def _thrust_fit(logs: Sequence[FlightLog]) -> tuple[float, float]:
         drive = _drive(log)
         good = np.isfinite(drive.values).all(axis=1)
         mean = np.interp(track.t, drive.t[good], drive.values[good].mean(axis=1))
-        force = track.accel[:, 2] if track.accel.size else _force_z(track)
+        force = track.accel[:, 2] if track.accel.size else force_along_thrust(track)
         smooth = track.slow_kernel.smooth
         xs.append(smooth @ mean)
         ys.append(smooth @ force)
@@ -154,7 +154,7 @@ def _thrust_fit(logs: Sequence[FlightLog]) -> tuple[float, float]:
     return float(y.mean() - gain * x.mean()), gain
 
 
-def _force_z(track: Track) -> Array:
+def force_along_thrust(track: Track) -> Array:
     """Return specific force along body z from the motion capture alone [m/s^2], (N,)."""
     pose = interpolated(track.t, track.pose_t, track.pose)
     up = pose[:, 3:] / np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)

@@ -6,14 +6,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.logs.flight_log import FlightLog
 from tombo_diagnosis.logs.vehicle_airframe import airframe_of
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, thrust_map_of
-from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.scenario import Scenario, load_scenario, world_of
-from tombo_flight.vehicle_file import VehicleFile, read_vehicle
+from tombo_flight.vehicle_file import VehicleFile, vehicle_named
 from tombo_sim.propeller_effects import propulsion_effects
 
 _SCENARIO = "no_obstacle"
@@ -25,16 +27,19 @@ _EFFECTS = {
     "vehicle.motor_time_constant": ("motor_lag.extra_tau", False),
     "propeller.k_thrust": ("thrust_coefficient_error.fraction", True),
     "propeller.curve": ("thrust_coefficient_error.fraction", False),
+    "drive.gain": ("thrust_coefficient_error.fraction", True),
 }
 """Value of a vehicle file → the effect that its error is, and whether as a share of the value."""
 
 
-def nominal_model(model: Path | None = None, vehicle: str | None = None) -> NominalModel:
+def nominal_model(
+    model: Path | None = None, vehicle: str | VehicleFile | None = None
+) -> NominalModel:
     """Return a vehicle without an obstacle, extended by a model file if given.
 
     Args:
         model: a `model.yaml`.
-        vehicle: name or path of a vehicle file; None: the suite's own vehicle.
+        vehicle: a vehicle file, or its name or path; None: the suite's own vehicle.
 
     Raises:
         InputError: a file can't be used.
@@ -45,7 +50,7 @@ def nominal_model(model: Path | None = None, vehicle: str | None = None) -> Nomi
     label = _SCENARIO if model is None else f"{_SCENARIO} with {model.name}"
     if vehicle is None:
         return nominal_of(scenario, label)
-    file = read_vehicle(vehicle)
+    file = vehicle_named(vehicle)
     foreign = (file.vehicle, file.propeller) != (VehicleParams(), PropellerChoice())
     return replace(
         nominal_of(scenario, f"{file.name}, {label}"),
@@ -73,13 +78,33 @@ def tolerances_of(file: VehicleFile) -> dict[str, float]:
 def held_against(logs: Sequence[FlightLog], file: VehicleFile) -> list[FlightLog]:
     """Return flights so that they are held against a vehicle file, whatever airframe they name.
 
-    Where rotor speeds are there, its own thrust is flown; where only motor commands are, its mass,
-    arms and inertia are used, and thrust is fitted to the flights.
+    Where rotor speeds are there, its own thrust is flown; where only motor commands are, what its
+    drive makes of them. Without a drive its mass, arms and inertia are used, and thrust is fitted
+    to the flights.
     """
+    if file.drive.known:
+        logs = [_with_drive(log, file) for log in logs]
     frame = None
     if not all({"rotor_speed", "rotor_command"} & set(log.series) for log in logs):
         frame = airframe_of(file)
     return [replace(log, airframe=frame) for log in logs]
+
+
+def _with_drive(log: FlightLog, file: VehicleFile) -> FlightLog:
+    """Return a log with its motor commands as the rotor speeds that give their thrust."""
+    command = log.series.get("motor_command")
+    if command is None or "rotor_command" in log.series:
+        return log
+    voltage = None
+    supply = log.series.get("voltage")
+    if supply is not None and np.isfinite(supply.values[:, 0]).any():
+        good = np.isfinite(supply.values[:, 0])
+        voltage = np.interp(command.t, supply.t[good], supply.values[good, 0])
+    maps = file.maps
+    thrust = file.drive.thrust(command.values, voltage)
+    speeds = [speed_for_thrust(maps, value) for value in thrust.ravel()]
+    asked = replace(command, values=np.reshape(speeds, thrust.shape))
+    return replace(log, series={**log.series, "rotor_command": asked})
 
 
 def nominal_of(scenario: Scenario, label: str) -> NominalModel:
