@@ -153,7 +153,8 @@ def test_a_battery_that_sags_is_none():
     [
         (lambda s: s * 30.0 / np.pi, "fault", ("9.5", "rpm declared as rad/s")),
         (lambda s: s * 1.4, "warning", ("1.40 times",)),
-        (lambda s: s * [1, 0, 1, 1], "warning", ("rear_left reads nothing",)),
+        (lambda s: s * [1, 0, 1, 1], "fault", ("rear_left reads 0 in 100 %",)),
+        (lambda s: s * [1, 1, 0.8, 1], "fault", ("front_left reads 0.8 times",)),
         (lambda s: s[:, [1, 0, 2, 3]], "fault", ("rear_left, front_right, front_left",)),
     ],
 )

@@ -10,9 +10,9 @@ from hypothesis.extra import numpy as hnp
 from made_flight import made_flight, poses_only, with_series, with_values, wrote
 
 from tombo_diagnosis.checks import check_log
+from tombo_diagnosis.checks.clocks.timestamps import jitter
 from tombo_diagnosis.checks.pipeline import _motion
 from tombo_diagnosis.checks.pose_imu_consistency import time_offset
-from tombo_diagnosis.checks.timestamps import jitter
 from tombo_diagnosis.logs.flight_log import CHANNELS, FlightLog, Series
 from tombo_dynamics.errors import InputError
 
@@ -94,7 +94,8 @@ def test_a_channel_that_ends_early_is_said():
     gyro = FLIGHT.series["gyro"]
     early = gyro.t < 12.0
     checked = check_log(with_series(FLIGHT, gyro=Series(gyro.t[early], gyro.values[early])))
-    assert wrote(checked, "gyro: ends 8.0 s early")
+    assert wrote(checked, "gyro: covers 0.0 to 12.0 s", "the rest is set apart")
+    assert any(b <= 12.01 and e >= 17.9 for b, e in checked.exclude)
 
 
 def test_frozen_poses_are_set_apart():
@@ -226,4 +227,9 @@ def test_whole_flights_with_holes_of_every_kind(seed):
 
 
 def test_poses_alone_are_enough():
-    assert not [f for f in check_log(poses_only(FLIGHT)).findings if f.severity != "info"]
+    said = [f for f in check_log(poses_only(FLIGHT)).findings if f.severity != "info"]
+    assert [(f.check, f.channel) for f in said] == [
+        ("missing", "gyro"),
+        ("missing", "rotor_speed"),
+    ]
+    assert all("can't be seen" in f.message for f in said)

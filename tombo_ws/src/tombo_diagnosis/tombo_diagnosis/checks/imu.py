@@ -8,13 +8,20 @@ from __future__ import annotations
 import numpy as np
 
 from tombo_diagnosis.checks.motion import Motion
-from tombo_diagnosis.checks.pose_imu_consistency import Alignment, alignment, time_offset
+from tombo_diagnosis.checks.pose_imu_consistency import (
+    Alignment,
+    alignment,
+    drag_response,
+    time_offset,
+)
 from tombo_diagnosis.checks.spans import Mask
 from tombo_diagnosis.checks.unit_mistakes import guess
 from tombo_diagnosis.logs.flight_log import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 
+_DRAG_SEEN = 0.3
+"""Correlation of accelerometer and poses along x and y from which on these are compared."""
 TURNED = np.radians(20.0)
 """Turn between motion capture and IMU that is a fault; the diagnosis fits smaller ones."""
 _LATE_S = 0.005
@@ -47,6 +54,25 @@ def check_accel(flight: str, accel: Series, flying: Mask) -> list[Finding]:
         f"accel: points along ({mean[0]:.2f}, {mean[1]:.2f}, {mean[2]:.2f}) in flight, its "
         f"{name} is up; expected: (0, 0, 1), base_link (FLU); is it FRD? In a mapping: axes "
         "of gyro and accel; they are left out"
+    )
+    return [Finding("frame", "fault", flight, text, channel="accel")]
+
+
+def check_accel_axes(flight: str, motion: Motion) -> list[Finding]:
+    """Report an accelerometer whose x and y are swapped or reversed; a fault drops it."""
+    response = drag_response(motion)
+    if response is None or response[1] < _DRAG_SEEN:
+        return []
+    matrix = response[0]
+    near = np.round(matrix)
+    if np.allclose(near, np.eye(2)) or np.abs(matrix - near).max() > 0.35:
+        return []
+    axes = ", ".join(
+        ("-" if row.sum() < 0.0 else "") + "xy"[int(np.argmax(np.abs(row)))] for row in near.T
+    )
+    text = (
+        f"accel: its x and y show the drag that the poses show as along {axes}; expected: x, y of "
+        "base_link (FLU); gyro and accel are left out"
     )
     return [Finding("frame", "fault", flight, text, channel="accel")]
 

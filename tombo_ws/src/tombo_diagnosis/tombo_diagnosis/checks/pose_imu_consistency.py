@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_diagnosis.checks.motion import RATE, WIDTH, Motion
+from tombo_diagnosis.checks.motion import INDEPENDENT, RATE, Motion
 from tombo_diagnosis.checks.spans import Mask
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
@@ -15,8 +15,6 @@ from tombo_dynamics.vehicle import GRAVITY
 _EXCITED = 0.04
 """rad/s: root mean square of a rate that tells anything."""
 _MAX_LAG_S = 0.3
-_INDEPENDENT = RATE * WIDTH * 2.0 * np.sqrt(np.pi)
-"""Rows of the even clock for each independent one, behind the Gaussian."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +67,7 @@ def time_offset(motion: Motion) -> TimeOffset | None:
     fitted = _fit(np.roll(rates, -int(shifts[best]), axis=0)[good], gyro[good])
     slope = np.gradient(gyro, 1.0 / RATE, axis=0)[good]
     noise = _rms(fitted)
-    sharp = np.sqrt(np.sum(slope**2) / _INDEPENDENT)
+    sharp = np.sqrt(np.sum(slope**2) / INDEPENDENT)
     return TimeOffset(float(lag), float(noise / max(sharp, 1e-9)))
 
 
@@ -97,7 +95,7 @@ def alignment(motion: Motion, lag: float) -> Alignment | None:
     angle = float(turn.magnitude())
     # the turn about an axis is told by what turns about the two others
     weak = max(float(np.sqrt(s[1:].mean() / max(scale, 1e-9))), 1e-6)
-    sigma = _rms(left) / max(scale, 1e-9) / weak * np.sqrt(_INDEPENDENT / len(w))
+    sigma = _rms(left) / max(scale, 1e-9) / weak * np.sqrt(INDEPENDENT / len(w))
     return Alignment(scale, turn, mirrored, angle, float(sigma), _explained(left, g))
 
 
@@ -115,6 +113,42 @@ def tilt_response(motion: Motion) -> tuple[Array, float] | None:
         return None
     response, _, _, _ = np.linalg.lstsq(expected, found, rcond=None)
     return np.asarray(response.T), _explained(found - expected @ response, found)
+
+
+def lean_explains(motion: Motion, turn: Rotation) -> float:
+    """Return the share of the horizontal acceleration that thrust along body z explains.
+
+    `turn`: attitudes of the rows with `good`.
+    """
+    up = turn.apply([0.0, 0.0, 1.0])
+    expected = _centred(up[:, :2] / np.maximum(np.abs(up[:, 2:]), 0.2) * GRAVITY)
+    found = _centred(motion.acceleration[motion.good, :2])
+    return _explained(found - expected, found)
+
+
+def drag_response(motion: Motion) -> tuple[Array, float] | None:
+    """Return (2, 2): the accelerometer's x and y per specific force of the poses along body x, y.
+
+    Thrust is along z: what is left is drag, faint, but seen by both. Also the smaller one of the
+    two correlations, each along the direction that fits best. None without excitation.
+    """
+    good = motion.good
+    if not motion.accel.size or np.count_nonzero(good) < 100:
+        return None
+    force = motion.acceleration[good] + np.array([0.0, 0.0, GRAVITY])
+    poses = _centred(Rotation.from_quat(motion.attitude[good]).inv().apply(force)[:, :2])
+    accel = _centred(motion.accel[good, :2])
+    left = _white(poses), _white(accel)
+    if left[0] is None or left[1] is None:
+        return None
+    u, s, vt = np.linalg.svd(left[1].T @ left[0] / len(accel))
+    return u @ vt, float(s[1])
+
+
+def _white(values: Array) -> Array | None:
+    """Return columns of unit deviation, None where one is constant."""
+    spread = values.std(axis=0)
+    return None if spread.min() < 1e-3 else np.asarray(values / spread)
 
 
 def force_response(motion: Motion) -> tuple[Array, float] | None:

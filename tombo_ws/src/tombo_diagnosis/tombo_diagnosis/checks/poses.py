@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.checks.motion import Motion
-from tombo_diagnosis.checks.pose_imu_consistency import force_response, tilt_response
+from tombo_diagnosis.checks.pose_imu_consistency import (
+    force_response,
+    lean_explains,
+    tilt_response,
+)
 from tombo_diagnosis.checks.unit_mistakes import guess
 from tombo_diagnosis.logs.flight_log import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
+
+_SIZES = (0.4, 2.5)
+"""Acceleration of the track over what its lean gives: drag and wind change it by far less."""
+_LEANS = 5.0
+"""From this ratio on it is the lean that is too small, if the acceleration is a possible one."""
+_CONJUGATE = 0.4
+"""Share of the track's acceleration by which the conjugate attitude must explain it better."""
 
 
 def check_attitude(flight: str, attitude: Series) -> None:
@@ -46,6 +58,21 @@ def check_tilt(flight: str, motion: Motion) -> None:
         )
 
 
+def check_conjugate(flight: str, motion: Motion) -> None:
+    """Refuse attitudes whose inverse gives the track's acceleration, and they do not."""
+    good = motion.good
+    if np.count_nonzero(good) < 100:
+        return
+    turn = Rotation.from_quat(motion.attitude[good])
+    own, inverse = (lean_explains(motion, each) for each in (turn, turn.inv()))
+    if inverse > 0.5 and inverse > own + _CONJUGATE:
+        raise InputError(
+            f"flight '{flight}': attitude: the inverse turn explains {100 * inverse:.0f} % of the "
+            f"track's horizontal acceleration, this one {100 * max(own, 0.0):.0f} %; is the "
+            "attitude base_link from map? Expected: map from base_link"
+        )
+
+
 def check_poses(flight: str, motion: Motion, scale: float | None, imu: bool) -> None:
     """Refuse poses whose position and attitude contradict each other.
 
@@ -57,7 +84,7 @@ def check_poses(flight: str, motion: Motion, scale: float | None, imu: bool) -> 
     """
     lean = tilt_response(motion)
     size = _size(motion)
-    if scale is not None and not 0.33 < scale < 3.0 and not 0.2 < size < 5.0:
+    if scale is not None and not 0.33 < scale < 3.0 and not _SIZES[0] < size < _SIZES[1]:
         raise InputError(
             f"flight '{flight}': attitude: leans and turns {1.0 / size:.3g} times as much as "
             f"position and gyro show{guess(1.0 / size, ('degrees', 'radians'))}"
@@ -81,17 +108,22 @@ def _size(motion: Motion) -> float:
 
 def _check_size(flight: str, motion: Motion, size: float) -> None:
     good = motion.good
-    if np.count_nonzero(good) < 50 or 0.2 < size < 5.0:
+    if np.count_nonzero(good) < 50 or _SIZES[0] < size < _SIZES[1]:
         return
     usual = float(np.median(np.linalg.norm(motion.acceleration[good], axis=1)))
-    if size > 5.0 and usual < 2.0 * GRAVITY:
-        seen, times, given, among = "attitude: leans", 1.0 / size, "acceleration", "radians"
+    if size > _LEANS and usual < 2.0 * GRAVITY:
+        seen, times, given, among = (
+            "attitude: leans",
+            1.0 / size,
+            "acceleration",
+            ("radians declared",),
+        )
     else:
         seen, times, given = f"position: accelerates by {usual:.3g} m/s^2,", size, "lean"
-        among = "m"
+        among = ("m declared", "ft declared")
     raise InputError(
         f"flight '{flight}': {seen} {times:.3g} times what its {given} gives"
-        f"{guess(times, (f'{among} declared',))}; expected: about 1, both in the axes of map, z up"
+        f"{guess(times, among)}; expected: about 1, both in the axes of map, z up"
     )
 
 

@@ -121,16 +121,18 @@ def run(
     base = None if model is None else read_model(model)
     on_progress(f"reading {logs[0].name}{' and others' if len(logs) > 1 else ''}", 0.0)
     flights = read_logs(logs, mapping=mapping, names=names)
-    checked = []
-    for k, flight in enumerate(flights):
-        on_progress(f"checking {flight.name}", k / len(flights))
-        checked.append(check_log(flight))
-
     on_progress("loading the model", 0.0)  # imports compiled code
+    from tombo_diagnosis.checks.rotors.hover import hover_of
     from tombo_diagnosis.flight.diagnose import diagnose
     from tombo_diagnosis.flight.scenario_nominal import nominal_model
 
     nominal = nominal_model(model)
+    hover = hover_of(nominal.label, nominal.vehicle, nominal.maps)
+    checked = []
+    for k, flight in enumerate(flights):
+        on_progress(f"checking {flight.name}", k / len(flights))
+        checked.append(check_log(flight, hover))
+
     from tombo_diagnosis.flight.experiment_design import separate
 
     found = diagnose(checked, nominal, on_progress, separate, time.perf_counter)
