@@ -5,13 +5,15 @@ Such an IMU is left out, and the flight diagnosed from the motion capture alone.
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
 from tombo_diagnosis.checks.motion import Motion
 from tombo_diagnosis.checks.pose_imu_consistency import (
     Alignment,
     alignment,
-    drag_response,
+    drag_correlations,
     time_offset,
 )
 from tombo_diagnosis.checks.spans import Mask
@@ -20,8 +22,10 @@ from tombo_diagnosis.logs.flight_log import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 
-_DRAG_SEEN = 0.3
-"""Correlation of accelerometer and poses along x and y from which on these are compared."""
+_DRAG_SEEN = 0.9
+"""Sum of both correlations that tells the axes."""
+_DRAG_CLEAR = 0.5
+"""By how much the correlations of other axes of the accelerometer must be higher than ours."""
 TURNED = np.radians(20.0)
 """Turn between motion capture and IMU that is a fault; the diagnosis fits smaller ones."""
 _LATE_S = 0.005
@@ -60,19 +64,21 @@ def check_accel(flight: str, accel: Series, flying: Mask) -> list[Finding]:
 
 def check_accel_axes(flight: str, motion: Motion) -> list[Finding]:
     """Report an accelerometer whose x and y are swapped or reversed; a fault drops it."""
-    response = drag_response(motion)
-    if response is None or response[1] < _DRAG_SEEN:
+    seen = drag_correlations(motion)
+    if seen is None:
         return []
-    matrix = response[0]
-    near = np.round(matrix)
-    if np.allclose(near, np.eye(2)) or np.abs(matrix - near).max() > 0.35:
+    ways = {
+        (order, signs): sum(signs[i] * float(seen[i, order[i]]) for i in range(2))
+        for order in ((0, 1), (1, 0))
+        for signs in product((1.0, -1.0), repeat=2)
+    }
+    best = max(ways, key=lambda way: ways[way])
+    if ways[best] < max(ways[(0, 1), (1.0, 1.0)] + _DRAG_CLEAR, _DRAG_SEEN):
         return []
-    axes = ", ".join(
-        ("-" if row.sum() < 0.0 else "") + "xy"[int(np.argmax(np.abs(row)))] for row in near.T
-    )
+    axes = [("-" if sign < 0.0 else "") + "xy"[axis] for axis, sign in zip(*best, strict=True)]
     text = (
-        f"accel: its x and y show the drag that the poses show as along {axes}; expected: x, y of "
-        "base_link (FLU); gyro and accel are left out"
+        f"accel: its x and y read the drag that by the poses is along {axes[0]} and {axes[1]}; "
+        "expected: x and y of base_link (FLU); gyro and accel are left out"
     )
     return [Finding("frame", "fault", flight, text, channel="accel")]
 

@@ -219,9 +219,12 @@ def _held_together(
     motion = _motion(series, apart)
     poses.check_conjugate(flight, motion)
     findings, scale = imu.check_gyro(flight, motion)
-    findings += imu.check_accel_axes(flight, motion)
     wrong = any(f.severity == "fault" for f in findings)
     poses.check_poses(flight, motion, scale, imu=not wrong)
+    if not wrong:
+        found = imu.check_accel_axes(flight, motion)
+        findings += found
+        wrong = bool(found)
     if wrong:
         series = {name: s for name, s in series.items() if name not in _IMU}
     return series, findings

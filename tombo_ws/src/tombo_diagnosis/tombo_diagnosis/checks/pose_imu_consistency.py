@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.checks.motion import INDEPENDENT, RATE, Motion
@@ -15,6 +16,12 @@ from tombo_dynamics.vehicle import GRAVITY
 _EXCITED = 0.04
 """rad/s: root mean square of a rate that tells anything."""
 _MAX_LAG_S = 0.3
+_MIRROR_SEEN = 0.8
+"""Correlation of gyro and attitude along the direction that turns least, to tell a mirror."""
+_DRAG = 0.08
+"""m/s^2: standard deviation of drag along an axis below which noise of the sensors hides it."""
+_DRAG_WIDTH = 0.15 * RATE
+"""Rows: standard deviation of the Gaussian for drag, far above that of the noise of poses."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +94,8 @@ def alignment(motion: Motion, lag: float) -> Alignment | None:
     excited = bool((np.sqrt(s) > _EXCITED / 2.0).all())
     # a mirror shows in the directions that are excited, all three of them
     sign = np.sign(np.linalg.det(u @ vt))
-    mirrored = bool(excited and sign < 0.0 and s[2] > 0.2 * s[1])
+    weakest = s[2] / max(float((g @ u[:, 2]).std() * (w @ vt[2]).std()), 1e-12)
+    mirrored = bool(excited and sign < 0.0 and weakest > _MIRROR_SEEN)
     matrix = u @ np.diag([1.0, 1.0, sign]) @ vt
     scale = float(s.sum() / max(np.trace(w.T @ w / len(w)), 1e-12))
     left = g - scale * w @ (u @ vt if mirrored else matrix).T
@@ -126,29 +134,22 @@ def lean_explains(motion: Motion, turn: Rotation) -> float:
     return _explained(found - expected, found)
 
 
-def drag_response(motion: Motion) -> tuple[Array, float] | None:
-    """Return (2, 2): the accelerometer's x and y per specific force of the poses along body x, y.
+def drag_correlations(motion: Motion) -> Array | None:
+    """Return (2, 2): correlations of the accelerometer's x and y with the poses' specific force.
 
-    Thrust is along z: what is left is drag, faint, but seen by both. Also the smaller one of the
-    two correlations, each along the direction that fits best. None without excitation.
+    Row: axis of the accelerometer, column: body axis. Thrust is along z: what is left is drag,
+    faint and slow, but seen by both. None without drag.
     """
-    good = motion.good
-    if not motion.accel.size or np.count_nonzero(good) < 100:
+    if not motion.accel.size or np.count_nonzero(motion.good) < 100:
         return None
-    force = motion.acceleration[good] + np.array([0.0, 0.0, GRAVITY])
-    poses = _centred(Rotation.from_quat(motion.attitude[good]).inv().apply(force)[:, :2])
-    accel = _centred(motion.accel[good, :2])
-    left = _white(poses), _white(accel)
-    if left[0] is None or left[1] is None:
+    force = motion.acceleration + np.array([0.0, 0.0, GRAVITY])
+    poses = Rotation.from_quat(motion.attitude).inv().apply(force)[:, :2]
+    good = gaussian_filter1d((~motion.good).astype(np.float64), _DRAG_WIDTH) < 0.01
+    slow = [gaussian_filter1d(v, _DRAG_WIDTH, axis=0) for v in (motion.accel[:, :2], poses)]
+    if np.count_nonzero(good) < 100 or min(v[good].std(axis=0).min() for v in slow) < _DRAG:
         return None
-    u, s, vt = np.linalg.svd(left[1].T @ left[0] / len(accel))
-    return u @ vt, float(s[1])
-
-
-def _white(values: Array) -> Array | None:
-    """Return columns of unit deviation, None where one is constant."""
-    spread = values.std(axis=0)
-    return None if spread.min() < 1e-3 else np.asarray(values / spread)
+    accel, expected = (_centred(v[good]) / np.maximum(v[good].std(axis=0), 1e-6) for v in slow)
+    return np.asarray(accel.T @ expected / len(accel))
 
 
 def force_response(motion: Motion) -> tuple[Array, float] | None:

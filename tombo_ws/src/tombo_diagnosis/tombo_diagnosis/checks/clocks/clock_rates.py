@@ -188,7 +188,7 @@ def _on_poses_clock(
         return []
     stretch, last = _stretch(motion, channel, series[channel], course)
     text = (
-        f"{channel}: its clock is {100 * abs(1.0 - stretch):.3g} % "
+        f"{channel}: its clock is {100 * abs(1.0 - stretch):.2g} % "
         f"{'slow' if stretch > 1.0 else 'fast'} against the poses', ± {100 * last.sigma:.1g} %: "
         f"their delay changes by {1e3 * course.growth:.0f} ms along the flight"
     )
