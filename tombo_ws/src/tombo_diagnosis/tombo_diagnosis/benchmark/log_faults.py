@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series
+from tombo_diagnosis.logs.flight_log import CHANNELS, Finding, FlightLog, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
@@ -57,9 +57,9 @@ class LogFault:
         )
 
     def named_by_error(self, error: InputError) -> bool:
-        """Return whether an error names the channel or the clock."""
+        """Return whether an error names a channel that it concerns."""
         text = str(error)
-        return any(name in text for name in (*self.channels, "poses"))
+        return any(name in text for name in CHANNELS if self.concerns(name))
 
     def concerns(self, channel: str) -> bool:
         """Return whether the channel is changed, or compared with one that is."""
@@ -157,7 +157,8 @@ def _mixed(values: Array, way: tuple[list[int], Array]) -> Array:
 
 
 def _turn_over(q: Array) -> Array:
-    return (Rotation.from_quat(q) * Rotation.from_rotvec([np.pi, 0.0, 0.0])).as_quat()
+    over = Rotation.from_quat(q) * Rotation.from_rotvec([np.pi, 0.0, 0.0])
+    return np.asarray(over.as_quat())
 
 
 def _fault(

@@ -217,10 +217,10 @@ def _held_together(
 ) -> tuple[dict[str, Series], list[Finding]]:
     """Compare poses, gyro and accelerometer; leave out what contradicts."""
     motion = _motion(series, apart)
-    poses.check_conjugate(flight, motion)
     findings, scale = imu.check_gyro(flight, motion)
     wrong = any(f.severity == "fault" for f in findings)
     poses.check_poses(flight, motion, scale, imu=not wrong)
+    poses.check_lean(flight, motion)
     if not wrong:
         found = imu.check_accel_axes(flight, motion)
         findings += found
@@ -277,7 +277,7 @@ def _motors(
         found = motors.speed_against_command(flight, speed, series["rotor_command"], flying)
         findings += _without(series, found)
     if hover is not None:
-        drives = {
+        drives: dict[str, tuple[Series, Mask]] = {
             name: (series[name], _flying(series[name], apart))
             for name in ("rotor_speed", "rotor_command")
             if name in series

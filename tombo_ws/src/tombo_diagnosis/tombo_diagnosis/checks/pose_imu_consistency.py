@@ -123,14 +123,16 @@ def tilt_response(motion: Motion) -> tuple[Array, float] | None:
     return np.asarray(response.T), _explained(found - expected @ response, found)
 
 
-def lean_explains(motion: Motion, turn: Rotation) -> float:
+def lean_explains(motion: Motion, turn: Rotation, axes: Array | None = None) -> float:
     """Return the share of the horizontal acceleration that thrust along body z explains.
 
-    `turn`: attitudes of the rows with `good`.
+    `turn`: attitudes of the rows with `good`; `axes` (2, 2): world x, y from those of the track.
     """
     up = turn.apply([0.0, 0.0, 1.0])
     expected = _centred(up[:, :2] / np.maximum(np.abs(up[:, 2:]), 0.2) * GRAVITY)
     found = _centred(motion.acceleration[motion.good, :2])
+    if axes is not None:
+        found = found @ axes.T
     return _explained(found - expected, found)
 
 

@@ -33,6 +33,10 @@ _SIGMAS = 4.0
 _UNEVEN_S = 0.03
 """s by which lags may scatter about a straight line."""
 _LARGEST_RATE = 0.05
+_FAR_RATES = (0.95, 0.96, 0.97, 0.98, 0.99, 1.01, 1.02, 1.03, 1.04, 1.05)
+"""Factors of the stamps that are tried where no constant rate near 1 fits."""
+_FAR_MATCH = 0.85
+"""Median correlation from which on one of them counts."""
 _SURE_S = 0.003
 """s to which a lag must be known along a flight for its stamps to be corrected."""
 _PASSES = 3
@@ -148,6 +152,27 @@ def _course(motion: Motion, channel: str, series: Series) -> LagCourse | None:
     return _rotor_course(motion, series)
 
 
+def _first_course(motion: Motion, channel: str, series: Series) -> tuple[float, LagCourse] | None:
+    """Return a factor for the stamps and the lags that are left then.
+
+    The factor is 1 unless the rate is so far off that lags leave the range that is searched.
+    """
+    course = _course(motion, channel, series)
+    if course is not None and not _is_uneven(course):
+        return 1.0, course
+    tried = [(k, _course(motion, channel, _stretched(series, k))) for k in _FAR_RATES]
+    even = [
+        (k, c) for k, c in tried if c is not None and not _is_uneven(c) and c.match > _FAR_MATCH
+    ]
+    if even:
+        return max(even, key=lambda each: each[1].match)
+    return None if course is None else (1.0, course)
+
+
+def _is_uneven(course: LagCourse) -> bool:
+    return course.scatter > _UNEVEN_S or abs(course.rate) > _LARGEST_RATE
+
+
 def _rotor_course(motion: Motion, drive: Series) -> LagCourse | None:
     """Compare the rotors' thrust with the specific force along body z that the poses show."""
     if drive.t.size < 2 or not motion.t.size:
@@ -164,9 +189,10 @@ def _on_poses_clock(
     reset: frozenset[str],
 ) -> list[Finding]:  # fmt: skip
     """Correct the stamps of these channels, or leave them out, where the lag is not constant."""
-    course = _course(motion, channel, series[channel])
-    if course is None:
+    found = _first_course(motion, channel, series[channel])
+    if found is None:
         return []
+    stretch, course = found
     changed = ", ".join(names)
     if set(names) & reset and abs(course.first) > 2.0 * _GROWTH_S:
         text = (
@@ -174,23 +200,23 @@ def _on_poses_clock(
             f"poses'; {changed}: left out"
         )
         return _left_out(flight, series, names, channel, text)
-    uneven = course.scatter > _UNEVEN_S or abs(course.rate) > _LARGEST_RATE
-    if uneven and (channel not in IMU or course.match < _SURE_MATCH):
+    if _is_uneven(course) and (channel not in IMU or course.match < _SURE_MATCH):
         return []  # thrust alone tells a lag too poorly, and so do rates about other axes
-    if uneven:
+    if _is_uneven(course):
         text = (
             f"{channel}: its delay against the poses scatters by {1e3 * course.scatter:.0f} ms "
             f"and changes by {1e3 * course.growth:.0f} ms along the flight; expected: one delay; "
             f"{changed}: left out"
         )
         return _left_out(flight, series, names, channel, text)
-    if abs(course.growth) < max(_GROWTH_S, _SIGMAS * course.sigma * course.length):
+    growth = course.growth + (stretch - 1.0) * course.length
+    if abs(growth) < max(_GROWTH_S, _SIGMAS * course.sigma * course.length):
         return []
-    stretch, last = _stretch(motion, channel, series[channel], course)
+    stretch, last = _stretch(motion, channel, series[channel], stretch, course)
     text = (
         f"{channel}: its clock is {100 * abs(1.0 - stretch):.2g} % "
         f"{'slow' if stretch > 1.0 else 'fast'} against the poses', ± {100 * last.sigma:.1g} %: "
-        f"their delay changes by {1e3 * course.growth:.0f} ms along the flight"
+        f"their delay changes by {1e3 * growth:.0f} ms along the flight"
     )
     if last.sigma * last.length > _SURE_S or last.scatter > _UNEVEN_S:
         return _left_out(flight, series, names, channel, f"{text}; {changed}: left out")
@@ -201,13 +227,12 @@ def _on_poses_clock(
 
 
 def _stretch(
-    motion: Motion, channel: str, series: Series, course: LagCourse
+    motion: Motion, channel: str, series: Series, stretch: float, course: LagCourse
 ) -> tuple[float, LagCourse]:
     """Return the factor that makes the lag constant, and the last course.
 
     Within a window the lag grows, too: it is measured again with corrected stamps.
     """
-    stretch = 1.0
     for _ in range(_PASSES):
         stretch *= 1.0 + course.rate
         again = _course(motion, channel, _stretched(series, stretch))

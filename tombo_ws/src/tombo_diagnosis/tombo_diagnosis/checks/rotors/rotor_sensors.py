@@ -77,7 +77,7 @@ def _repeats(t: Array, values: Array, zeros: Mask) -> list[str]:
     texts = []
     for i, name in enumerate(ROTOR_NAMES):
         alone = same[:, i] & ~zeros[1:, i]
-        moving = ~np.delete(same, i, axis=1).all(axis=1)
+        moving = np.asarray(~np.delete(same, i, axis=1).all(axis=1))
         held = [
             (b, e)
             for b, e in runs(alone)
