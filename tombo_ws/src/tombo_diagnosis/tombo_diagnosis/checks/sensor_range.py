@@ -65,7 +65,9 @@ def value_step(values: Array) -> float:
     steps = []
     for column in values.T:
         levels = np.unique(column)
-        if not 2 < levels.size < 0.8 * column.size:
+        if levels.size < 2:
+            continue
+        if levels.size > 0.8 * column.size:
             return 0.0
         gaps = np.diff(levels)
         step = float(np.percentile(gaps, 10.0))
