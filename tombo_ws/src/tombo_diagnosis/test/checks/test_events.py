@@ -18,6 +18,9 @@ from made_flight import (
 from tombo_diagnosis.checks import check_log
 from tombo_diagnosis.checks.events import Event
 from tombo_diagnosis.checks.impacts import impacts
+from tombo_diagnosis.checks.rotors.hover import Hover
+from tombo_diagnosis.logs.flight_log import Airframe
+from tombo_dynamics.errors import InputError
 
 FLIGHT = made_flight(duration=24.0)
 
@@ -122,6 +125,51 @@ def test_a_flight_that_begins_and_ends_in_the_air_has_no_ground():
     assert not check_log(air).exclude and not check_log(poses_only(air)).exclude
 
 
+def low_hover(commands):
+    """Hover at 0.35 m, so quiet that it seems to stand, then at 0.6 m; takes off and lands."""
+    t = np.arange(0.0, 20.0, 0.01)
+    height = 0.05 + np.interp(
+        t, [1.5, 2.5, 11.0, 12.0, 17.0, 18.5], [0.0, 0.3, 0.3, 0.55, 0.55, 0.0]
+    )
+    rng = np.random.default_rng(6)
+    p = np.column_stack([0 * t, 0 * t, height]) + 2e-4 * rng.standard_normal((t.size, 3))
+    q = np.column_stack([1e-3 * rng.standard_normal((t.size, 3)), np.ones(t.size)])
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    on = np.where((t > 1.4) & (t < 18.5), 400.0, 40.0)[:, None] * np.ones(4)
+    series = {"position": Series(t, p), "attitude": Series(t, q)}
+    if commands:
+        series["rotor_command"] = Series(t, on + rng.standard_normal(on.shape))
+    return replace(FLIGHT, series=series)
+
+
+@pytest.mark.parametrize("commands", [True, False])
+def test_a_low_hover_is_no_ground(commands):
+    checked = check_log(low_hover(commands))
+    (first, second) = checked.exclude
+    assert 1.3 < first[1] < 2.0 and 18.0 < second[0] < 18.8
+    assert not found(checked, "set apart")
+
+
+def test_much_airborne_time_set_apart_is_a_warning():
+    imu = {name: FLIGHT.series[name] for name in ("gyro", "accel")}
+    short = {n: Series(s.t[s.t < 15.0], s.values[s.t < 15.0]) for n, s in imu.items()}
+    (said,) = found(check_log(with_series(FLIGHT, **short)), "set apart")
+    assert said.severity == "warning" and "s in the air are set apart (gap" in said.message
+    assert not found(check_log(FLIGHT), "set apart")
+
+
+def test_the_model_of_another_vehicle_is_refused():
+    """A hover at 400 rad/s; the model's vehicle is nine times as heavy, or as heavy."""
+    assert not found(check_log(FLIGHT, Hover("ours", 1.3, 420.0)), "vehicle")
+    with pytest.raises(
+        InputError, match=r"carry 0\.1\d kg in flight, not 1\.3 kg.*another vehicle"
+    ):
+        check_log(FLIGHT, Hover("ours", 1.3, 1200.0))
+    # a log that says its airframe is not held against ours
+    foreign = replace(FLIGHT, airframe=Airframe("theirs", 0.1, 0.1, 0.05))
+    assert not found(check_log(foreign, Hover("ours", 1.3, 1200.0)), "vehicle")
+
+
 def test_hovering_at_two_heights_is_not_standing():
     """Hovering wanders by more than the noise of the poses."""
     t = np.arange(0.0, 30.0, 0.01)
@@ -153,7 +201,8 @@ def test_a_battery_that_sags_is_none():
     [
         (lambda s: s * 30.0 / np.pi, "fault", ("9.5", "rpm declared as rad/s")),
         (lambda s: s * 1.4, "warning", ("1.40 times",)),
-        (lambda s: s * [1, 0, 1, 1], "warning", ("rear_left reads nothing",)),
+        (lambda s: s * [1, 0, 1, 1], "fault", ("rear_left reads 0 in 100 %",)),
+        (lambda s: s * [1, 1, 0.8, 1], "fault", ("front_left reads 0.8 times",)),
         (lambda s: s[:, [1, 0, 2, 3]], "fault", ("rear_left, front_right, front_left",)),
     ],
 )

@@ -10,9 +10,9 @@ from hypothesis.extra import numpy as hnp
 from made_flight import made_flight, poses_only, with_series, with_values, wrote
 
 from tombo_diagnosis.checks import check_log
+from tombo_diagnosis.checks.clocks.timestamps import jitter
 from tombo_diagnosis.checks.pipeline import _motion
 from tombo_diagnosis.checks.pose_imu_consistency import time_offset
-from tombo_diagnosis.checks.timestamps import jitter
 from tombo_diagnosis.logs.flight_log import CHANNELS, FlightLog, Series
 from tombo_dynamics.errors import InputError
 
@@ -81,6 +81,65 @@ def test_a_clock_that_was_set_leaves_the_longest_part():
     assert {f.channel for f in faults} == set(POSE) and faults[0].severity == "fault"
 
 
+def clock(log, factor, channels):
+    series = {c: Series(factor * log.series[c].t, log.series[c].values) for c in channels}
+    return with_series(log, **series)
+
+
+def test_a_clock_that_is_fast_is_measured_and_corrected():
+    checked = check_log(clock(FLIGHT, 1.002, ("gyro", "accel")))
+    (said,) = wrote(checked, "gyro: its clock is 0.2 % fast")
+    assert (said.check, said.severity) == ("stamps", "warning")
+    for name in ("gyro", "accel"):
+        np.testing.assert_allclose(checked.series[name].t, FLIGHT.series[name].t, atol=0.003)
+    assert not wrote(check_log(clock(FLIGHT, 1.00002, ("gyro", "accel"))), "its clock is")
+
+
+def test_rotors_on_a_clock_that_is_fast_are_corrected_by_their_thrust():
+    rotors = ("rotor_speed", "rotor_command")
+    checked = check_log(clock(FLIGHT, 1.01, rotors))
+    for name in rotors:
+        (said,) = wrote(checked, f"{name}: its clock is", "fast")
+        if name in checked.series:  # else thrust did not tell it to milliseconds
+            np.testing.assert_allclose(checked.series[name].t, FLIGHT.series[name].t, atol=0.004)
+        assert (name in checked.series) == (said.severity == "warning")
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+def test_stamps_in_another_unit_are_named(factor, unit):
+    checked = check_log(clock(FLIGHT, factor, ("gyro",)))
+    assert wrote(checked, "gyro: its stamps run from 0 to", f"{unit} declared as s")
+    assert "gyro" not in checked.series
+    with pytest.raises(InputError, match=f"position: its stamps.*{unit} declared as s"):
+        check_log(clock(FLIGHT, factor, FLIGHT.series))
+
+
+def test_a_small_step_back_is_a_clock_that_was_set_and_not_disorder():
+    gyro = FLIGHT.series["gyro"]
+    stepped = Series(gyro.t - np.where(gyro.t > 12.0, 0.1, 0.0), gyro.values)
+    checked = check_log(with_series(FLIGHT, gyro=stepped))
+    assert wrote(checked, "gyro: stamps jump back by 0.09", "the clock was set")
+    assert not wrote(checked, "go backwards")
+
+
+def test_a_channel_of_little_of_the_flight_is_left_out():
+    speed = FLIGHT.series["rotor_speed"]
+    late = speed.t > 14.0
+    checked = check_log(with_series(FLIGHT, rotor_speed=Series(speed.t[late], speed.values[late])))
+    assert wrote(checked, "rotor_speed: covers 14.0 to 20.0 s", "left out")
+    assert "rotor_speed" not in checked.series and len(checked.exclude) == 2
+
+
+def test_saturated_and_coarse_readings_are_said():
+    checked = check_log(with_values(FLIGHT, "gyro", lambda w: np.clip(w, -0.9, 0.9)))
+    assert wrote(checked, "gyro: reads exactly its limit of 0.9")
+    coarse = with_values(FLIGHT, "gyro", lambda w: np.round(w / 0.1) * 0.1)
+    assert wrote(check_log(coarse), "gyro: all values are multiples of 0.1")
+    assert not wrote(check_log(coarse), "limit")
+    with pytest.raises(InputError, match=r"position: all values are multiples of 0\.05"):
+        check_log(with_values(FLIGHT, "position", lambda p: np.round(p / 0.05) * 0.05))
+
+
 def test_gaps_are_counted_and_the_longest_is_dated():
     t = FLIGHT.series["position"].t
     keep = (np.abs(t - 9.0) > 0.4) & (np.abs(t - 12.0) > 0.1)
@@ -94,7 +153,8 @@ def test_a_channel_that_ends_early_is_said():
     gyro = FLIGHT.series["gyro"]
     early = gyro.t < 12.0
     checked = check_log(with_series(FLIGHT, gyro=Series(gyro.t[early], gyro.values[early])))
-    assert wrote(checked, "gyro: ends 8.0 s early")
+    assert wrote(checked, "gyro: covers 0.0 to 12.0 s", "the rest is set apart")
+    assert any(b <= 12.01 and e >= 17.9 for b, e in checked.exclude)
 
 
 def test_frozen_poses_are_set_apart():
@@ -226,4 +286,9 @@ def test_whole_flights_with_holes_of_every_kind(seed):
 
 
 def test_poses_alone_are_enough():
-    assert not [f for f in check_log(poses_only(FLIGHT)).findings if f.severity != "info"]
+    said = [f for f in check_log(poses_only(FLIGHT)).findings if f.severity != "info"]
+    assert [(f.check, f.channel) for f in said] == [
+        ("missing", "gyro"),
+        ("missing", "rotor_speed"),
+    ]
+    assert all("can't be seen" in f.message for f in said)

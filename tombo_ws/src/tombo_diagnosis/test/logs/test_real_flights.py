@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tombo_diagnosis.checks import check_log
-from tombo_diagnosis.checks.rotor_order import rotor_order
+from tombo_diagnosis.checks.rotors.rotor_order import rotor_order
 from tombo_diagnosis.logs.flight_log import Series
 from tombo_diagnosis.logs.log_reader import read_logs
 

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter
 from scipy.spatial.transform import Rotation
 
+from tombo_diagnosis.checks.clocks.timestamps import jitter
 from tombo_diagnosis.checks.motion import WIDTH
 from tombo_diagnosis.checks.spans import block_means, runs, sample_interval
-from tombo_diagnosis.checks.timestamps import jitter
 from tombo_diagnosis.logs.flight_log import Series
 from tombo_diagnosis.logs.frames import is_usable
 from tombo_dynamics.arrays import Array

@@ -21,29 +21,46 @@ _NOISE_FREE = 2e-5
 """m of noise that every motion capture has; less is made up."""
 _MARGIN_S = 0.2
 """s after lift-off and before touch-down that are excluded as well."""
-_DRIVERS = ("rotor_speed", "rotor_command", "motor_command")
+_LANDING = 1.0
+"""m/s: a landing is slower, a fall is faster."""
+_FALL_S = 0.3
+_DRIVERS = ("rotor_command", "motor_command", "rotor_speed")
+"""Commands first: sensors fail more often."""
+_OFF, _IDLE = 0.2, 0.8
+"""Speed or command over that in flight below which motors are off, and below which they idle."""
+_PART_IDLE = 0.3
+"""Share of the time on the ground for which motors idle or are off."""
 
 
 def ground_spans(position: Series, series: Mapping[str, Series]) -> list[Span]:
     """Return the spans on the ground; none where it can't be told from hovering.
 
-    It stands where it is still and low, and rises later or came down before. Where the motors'
-    commands are known, they must be low or the height that of the start or the end.
+    It stands where it is still and as low as anywhere in the flight, and rises later or came down
+    before. Where speeds or commands of the motors are known, they must be below those of hover
+    for a part of that time: a hover is still and low, too.
     """
     t, z = position.t, position.values[:, 2]
     if t.size < 10 or t[-1] - t[0] < 2.0 * _WINDOW_S:
         return []
     still = _still(t, position.values)
-    off = _motors_off(t, series)
+    drive = _drive(t, series)
+    off = drive < _OFF
+    floor = float(z.min())
+    if (off & still).any():
+        floor = max(floor, float(z[off & still].max()))  # of the highest place where it stood
     spans = []
     top = float(np.percentile(z, 90.0))
     for begin, end in runs(still | off):
         # from where it stands on, so long as it stays low: lift-off is slow at first
         level = float(np.median(z[begin:end]))
-        if top - level < _RISE:
+        if top - level < _RISE or level > floor + _NEAR + _RISE:
             continue
-        standing = off[begin:end].mean() > 0.5
-        if not standing and not _is_still(t[begin:end], position.values[begin:end]):
+        if np.isfinite(drive[begin:end]).any():
+            # idling before take-off is below hover for a while
+            standing = bool((drive[begin:end] < _IDLE).mean() > _PART_IDLE)
+        else:
+            standing = _is_still(t[begin:end], position.values[begin:end])
+        if not standing:
             continue
         low = z < level + _NEAR
         first, last = begin, end - 1
@@ -52,7 +69,14 @@ def ground_spans(position: Series, series: Mapping[str, Series]) -> list[Span]:
         while last < t.size - 1 and low[last + 1]:
             last += 1
         spans.append((_touch_down(t, z, first, level, top), float(t[last]) + _MARGIN_S))
-    spans = merged([*spans, *_off_spans(t, off)])
+    if spans and z[-1] < floor + _NEAR and t[-1] > spans[-1][1]:
+        # the log ends before it stands still
+        last = int(np.flatnonzero(z >= floor + _NEAR)[-1]) + 1
+        touched = _touch_down(t, z, last, floor, top)
+        fall = np.interp(touched - _FALL_S, t, z) - np.interp(touched, t, z)
+        if fall < _LANDING * _FALL_S:  # else it fell: a crash
+            spans.append((touched, float(t[-1])))
+    spans = merged([*spans, *_off_spans(t, off & (z < floor + _RISE))])
     return [(t[0] if b < t[0] + 0.5 else b, t[-1] if e > t[-1] - 0.5 else e) for b, e in spans]
 
 
@@ -100,8 +124,8 @@ def _is_still(t: Array, position: Array) -> bool:
     return bool((wander <= np.maximum(2.5 * noise, 1.5e-3)).all())
 
 
-def _motors_off(t: Array, series: Mapping[str, Series]) -> Mask:
-    """Return when the motors' commands are below a fifth of what they are in flight."""
+def _drive(t: Array, series: Mapping[str, Series]) -> Array:
+    """Return the motors' mean speed or command over that in flight; NaN: not known."""
     for name in _DRIVERS:
         drive = series.get(name)
         if drive is None or drive.t.size < 10:
@@ -109,10 +133,10 @@ def _motors_off(t: Array, series: Mapping[str, Series]) -> Mask:
         mean = drive.values.mean(axis=1)
         usual = float(np.percentile(mean, 75.0))
         if usual > 0.0:
-            at = np.interp(t, drive.t, mean)
+            at = np.interp(t, drive.t, mean) / usual
             outside = (t < drive.t[0] - 0.1) | (t > drive.t[-1] + 0.1)
-            return np.asarray((at < 0.2 * usual) & ~outside)
-    return np.zeros(t.shape, np.bool_)
+            return np.where(outside, np.nan, at)
+    return np.full(t.shape, np.nan)
 
 
 def _off_spans(t: Array, off: Mask) -> list[Span]:

@@ -5,16 +5,27 @@ Such an IMU is left out, and the flight diagnosed from the motion capture alone.
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
 from tombo_diagnosis.checks.motion import Motion
-from tombo_diagnosis.checks.pose_imu_consistency import Alignment, alignment, time_offset
+from tombo_diagnosis.checks.pose_imu_consistency import (
+    Alignment,
+    alignment,
+    drag_correlations,
+    time_offset,
+)
 from tombo_diagnosis.checks.spans import Mask
 from tombo_diagnosis.checks.unit_mistakes import guess
 from tombo_diagnosis.logs.flight_log import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 
+_DRAG_SEEN = 0.9
+"""Sum of both correlations that tells the axes."""
+_DRAG_CLEAR = 0.5
+"""By how much the correlations of other axes of the accelerometer must be higher than ours."""
 TURNED = np.radians(20.0)
 """Turn between motion capture and IMU that is a fault; the diagnosis fits smaller ones."""
 _LATE_S = 0.005
@@ -47,6 +58,27 @@ def check_accel(flight: str, accel: Series, flying: Mask) -> list[Finding]:
         f"accel: points along ({mean[0]:.2f}, {mean[1]:.2f}, {mean[2]:.2f}) in flight, its "
         f"{name} is up; expected: (0, 0, 1), base_link (FLU); is it FRD? In a mapping: axes "
         "of gyro and accel; they are left out"
+    )
+    return [Finding("frame", "fault", flight, text, channel="accel")]
+
+
+def check_accel_axes(flight: str, motion: Motion) -> list[Finding]:
+    """Report an accelerometer whose x and y are swapped or reversed; a fault drops it."""
+    seen = drag_correlations(motion)
+    if seen is None:
+        return []
+    ways = {
+        (order, signs): sum(signs[i] * float(seen[i, order[i]]) for i in range(2))
+        for order in ((0, 1), (1, 0))
+        for signs in product((1.0, -1.0), repeat=2)
+    }
+    best = max(ways, key=lambda way: ways[way])
+    if ways[best] < max(ways[(0, 1), (1.0, 1.0)] + _DRAG_CLEAR, _DRAG_SEEN):
+        return []
+    axes = [("-" if sign < 0.0 else "") + "xy"[axis] for axis, sign in zip(*best, strict=True)]
+    text = (
+        f"accel: its x and y read the drag that by the poses is along {axes[0]} and {axes[1]}; "
+        "expected: x and y of base_link (FLU); gyro and accel are left out"
     )
     return [Finding("frame", "fault", flight, text, channel="accel")]
 

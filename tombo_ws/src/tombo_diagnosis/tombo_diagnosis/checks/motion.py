@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from tombo_diagnosis.checks.gaps import gap_spans
+from tombo_diagnosis.checks.clocks.gaps import gap_spans
 from tombo_diagnosis.checks.spans import Mask, Span, inside
 from tombo_diagnosis.logs.flight_log import Series
 from tombo_diagnosis.logs.frames import is_usable
@@ -20,6 +20,8 @@ RATE = 50.0
 WIDTH = 0.055
 """Standard deviation of the Gaussian that all pass through [s]."""
 _REACH = 4.0 * WIDTH
+INDEPENDENT = RATE * WIDTH * 2.0 * np.sqrt(np.pi)
+"""Rows of the even clock for each independent one, behind the Gaussian."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +80,8 @@ def motion_of(
         turn.apply([0.0, 0.0, 1.0]),
         smooth,
         ~near,
-        empty if gyro is None else gaussian_filter1d(_sampled(gyro, t), sigma, axis=0),
-        empty if accel is None else gaussian_filter1d(_sampled(accel, t), sigma, axis=0),
+        empty if gyro is None else resampled(gyro, t),
+        empty if accel is None else resampled(accel, t),
     )
 
 
@@ -96,3 +98,8 @@ def _sampled(series: Series, t: Array) -> Array:
         areas.append(np.interp(edges, stamps, area))
     held = np.diff(np.clip(edges, stamps[0], stamps[-1]))
     return np.asarray(np.diff(np.column_stack(areas), axis=0) / np.maximum(held, 1e-9)[:, None])
+
+
+def resampled(series: Series, t: Array) -> Array:
+    """Return a channel at times `t` of the even clock, behind the same Gaussian, (N, k)."""
+    return np.asarray(gaussian_filter1d(_sampled(series, t), WIDTH * RATE, axis=0))

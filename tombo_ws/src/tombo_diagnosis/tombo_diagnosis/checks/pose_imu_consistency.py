@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from tombo_diagnosis.checks.motion import RATE, WIDTH, Motion
+from tombo_diagnosis.checks.motion import INDEPENDENT, RATE, Motion
 from tombo_diagnosis.checks.spans import Mask
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
@@ -15,8 +16,12 @@ from tombo_dynamics.vehicle import GRAVITY
 _EXCITED = 0.04
 """rad/s: root mean square of a rate that tells anything."""
 _MAX_LAG_S = 0.3
-_INDEPENDENT = RATE * WIDTH * 2.0 * np.sqrt(np.pi)
-"""Rows of the even clock for each independent one, behind the Gaussian."""
+_MIRROR_SEEN = 0.8
+"""Correlation of gyro and attitude along the direction that turns least, to tell a mirror."""
+_DRAG = 0.08
+"""m/s^2: standard deviation of drag along an axis below which noise of the sensors hides it."""
+_DRAG_WIDTH = 0.15 * RATE
+"""Rows: standard deviation of the Gaussian for drag, far above that of the noise of poses."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +74,7 @@ def time_offset(motion: Motion) -> TimeOffset | None:
     fitted = _fit(np.roll(rates, -int(shifts[best]), axis=0)[good], gyro[good])
     slope = np.gradient(gyro, 1.0 / RATE, axis=0)[good]
     noise = _rms(fitted)
-    sharp = np.sqrt(np.sum(slope**2) / _INDEPENDENT)
+    sharp = np.sqrt(np.sum(slope**2) / INDEPENDENT)
     return TimeOffset(float(lag), float(noise / max(sharp, 1e-9)))
 
 
@@ -89,7 +94,8 @@ def alignment(motion: Motion, lag: float) -> Alignment | None:
     excited = bool((np.sqrt(s) > _EXCITED / 2.0).all())
     # a mirror shows in the directions that are excited, all three of them
     sign = np.sign(np.linalg.det(u @ vt))
-    mirrored = bool(excited and sign < 0.0 and s[2] > 0.2 * s[1])
+    weakest = s[2] / max(float((g @ u[:, 2]).std() * (w @ vt[2]).std()), 1e-12)
+    mirrored = bool(excited and sign < 0.0 and weakest > _MIRROR_SEEN)
     matrix = u @ np.diag([1.0, 1.0, sign]) @ vt
     scale = float(s.sum() / max(np.trace(w.T @ w / len(w)), 1e-12))
     left = g - scale * w @ (u @ vt if mirrored else matrix).T
@@ -97,7 +103,7 @@ def alignment(motion: Motion, lag: float) -> Alignment | None:
     angle = float(turn.magnitude())
     # the turn about an axis is told by what turns about the two others
     weak = max(float(np.sqrt(s[1:].mean() / max(scale, 1e-9))), 1e-6)
-    sigma = _rms(left) / max(scale, 1e-9) / weak * np.sqrt(_INDEPENDENT / len(w))
+    sigma = _rms(left) / max(scale, 1e-9) / weak * np.sqrt(INDEPENDENT / len(w))
     return Alignment(scale, turn, mirrored, angle, float(sigma), _explained(left, g))
 
 
@@ -115,6 +121,37 @@ def tilt_response(motion: Motion) -> tuple[Array, float] | None:
         return None
     response, _, _, _ = np.linalg.lstsq(expected, found, rcond=None)
     return np.asarray(response.T), _explained(found - expected @ response, found)
+
+
+def lean_explains(motion: Motion, turn: Rotation, axes: Array | None = None) -> float:
+    """Return the share of the horizontal acceleration that thrust along body z explains.
+
+    `turn`: attitudes of the rows with `good`; `axes` (2, 2): world x, y from those of the track.
+    """
+    up = turn.apply([0.0, 0.0, 1.0])
+    expected = _centred(up[:, :2] / np.maximum(np.abs(up[:, 2:]), 0.2) * GRAVITY)
+    found = _centred(motion.acceleration[motion.good, :2])
+    if axes is not None:
+        found = found @ axes.T
+    return _explained(found - expected, found)
+
+
+def drag_correlations(motion: Motion) -> Array | None:
+    """Return (2, 2): correlations of the accelerometer's x and y with the poses' specific force.
+
+    Row: axis of the accelerometer, column: body axis. Thrust is along z: what is left is drag,
+    faint and slow, but seen by both. None without drag.
+    """
+    if not motion.accel.size or np.count_nonzero(motion.good) < 100:
+        return None
+    force = motion.acceleration + np.array([0.0, 0.0, GRAVITY])
+    poses = Rotation.from_quat(motion.attitude).inv().apply(force)[:, :2]
+    good = gaussian_filter1d((~motion.good).astype(np.float64), _DRAG_WIDTH) < 0.01
+    slow = [gaussian_filter1d(v, _DRAG_WIDTH, axis=0) for v in (motion.accel[:, :2], poses)]
+    if np.count_nonzero(good) < 100 or min(v[good].std(axis=0).min() for v in slow) < _DRAG:
+        return None
+    accel, expected = (_centred(v[good]) / np.maximum(v[good].std(axis=0), 1e-6) for v in slow)
+    return np.asarray(accel.T @ expected / len(accel))
 
 
 def force_response(motion: Motion) -> tuple[Array, float] | None:

@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.checks.motion import Motion
-from tombo_diagnosis.checks.pose_imu_consistency import force_response, tilt_response
+from tombo_diagnosis.checks.pose_imu_consistency import (
+    force_response,
+    lean_explains,
+    tilt_response,
+)
 from tombo_diagnosis.checks.unit_mistakes import guess
 from tombo_diagnosis.logs.flight_log import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
+
+_SIZES = (0.4, 2.5)
+"""Acceleration of the track over what its lean gives: drag and wind change it by far less."""
+_LEANS = 5.0
+"""From this ratio on it is the lean that is too small, if the acceleration is a possible one."""
+_EXPLAINED, _CONTRADICTED = 0.6, 0.35
+"""Share of the track's acceleration that other axes explain, and share that they may leave of what
+ours leave, to be the right ones."""
 
 
 def check_attitude(flight: str, attitude: Series) -> None:
@@ -46,6 +61,39 @@ def check_tilt(flight: str, motion: Motion) -> None:
         )
 
 
+def check_lean(flight: str, motion: Motion) -> None:
+    """Refuse poses whose track goes with its lean only once one of them is turned over.
+
+    Thrust along body z gives the track's horizontal acceleration. Tried are the inverse attitude,
+    and the track with axes swapped or reversed.
+    """
+    good = motion.good
+    if np.count_nonzero(good) < 100:
+        return
+    turn = Rotation.from_quat(motion.attitude[good])
+    own = lean_explains(motion, turn)
+    others = {
+        "attitude: its inverse does; is it base_link from map? Expected: map from base_link": (
+            lean_explains(motion, turn.inv())
+        )
+    }
+    for order in ((0, 1), (1, 0)):
+        for signs in product((1.0, -1.0), repeat=2):
+            axes = [("-" if g < 0.0 else "") + "xy"[k] for k, g in zip(order, signs, strict=True)]
+            text = (
+                f"position: with its {', '.join(axes)} as x, y it does; expected: ENU, as attitude"
+            )
+            matrix = np.eye(2)[list(order)] * np.array(signs)[:, None]
+            others[text] = lean_explains(motion, turn, matrix)
+    best = max(others, key=lambda text: others[text])
+    if others[best] > _EXPLAINED and 1.0 - others[best] < _CONTRADICTED * (1.0 - own):
+        raise InputError(
+            f"flight '{flight}': the lean of the attitude does not give the acceleration of the "
+            f"position ({100 * max(own, 0.0):.0f} % explained, else {100 * others[best]:.0f} %); "
+            f"{best}"
+        )
+
+
 def check_poses(flight: str, motion: Motion, scale: float | None, imu: bool) -> None:
     """Refuse poses whose position and attitude contradict each other.
 
@@ -57,7 +105,7 @@ def check_poses(flight: str, motion: Motion, scale: float | None, imu: bool) -> 
     """
     lean = tilt_response(motion)
     size = _size(motion)
-    if scale is not None and not 0.33 < scale < 3.0 and not 0.2 < size < 5.0:
+    if scale is not None and not 0.33 < scale < 3.0 and not _SIZES[0] < size < _SIZES[1]:
         raise InputError(
             f"flight '{flight}': attitude: leans and turns {1.0 / size:.3g} times as much as "
             f"position and gyro show{guess(1.0 / size, ('degrees', 'radians'))}"
@@ -81,17 +129,17 @@ def _size(motion: Motion) -> float:
 
 def _check_size(flight: str, motion: Motion, size: float) -> None:
     good = motion.good
-    if np.count_nonzero(good) < 50 or 0.2 < size < 5.0:
+    if np.count_nonzero(good) < 50 or _SIZES[0] < size < _SIZES[1]:
         return
     usual = float(np.median(np.linalg.norm(motion.acceleration[good], axis=1)))
-    if size > 5.0 and usual < 2.0 * GRAVITY:
-        seen, times, given, among = "attitude: leans", 1.0 / size, "acceleration", "radians"
-    else:
-        seen, times, given = f"position: accelerates by {usual:.3g} m/s^2,", size, "lean"
-        among = "m"
+    among: tuple[str, ...] = ("m declared", "ft declared")
+    seen, times, given = f"position: accelerates by {usual:.3g} m/s^2,", size, "lean"
+    if size > _LEANS and usual < 2.0 * GRAVITY:
+        seen, times, given = "attitude: leans", 1.0 / size, "acceleration"
+        among = ("radians declared",)
     raise InputError(
         f"flight '{flight}': {seen} {times:.3g} times what its {given} gives"
-        f"{guess(times, (f'{among} declared',))}; expected: about 1, both in the axes of map, z up"
+        f"{guess(times, among)}; expected: about 1, both in the axes of map, z up"
     )
 
 

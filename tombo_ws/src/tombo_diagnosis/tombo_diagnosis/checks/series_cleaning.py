@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_diagnosis.checks.clocks.resets import resets
+from tombo_diagnosis.checks.sensor_range import resolution
 from tombo_diagnosis.checks.spans import Mask, runs, sample_interval
 from tombo_diagnosis.logs.flight_log import Finding, Series
 
-_RESET_S = 0.5
-"""Stamps that go back by more are a clock that was set, not messages out of order."""
 _LARGEST = 1e7
 """Beyond it, no value of any channel is one."""
 _HELD = 0.3
@@ -36,10 +36,14 @@ def clean_series(flight: str, channel: str, series: Series) -> tuple[Series, lis
     lost = int(finite.size - np.count_nonzero(finite))
     if lost:
         text = f"{lost} of {finite.size} samples are no numbers, or no possible ones"
-        note("missing", "warning" if lost / finite.size > 0.01 else "info", text)
+        severity = (
+            "fault" if lost == finite.size else "warning" if lost > 0.01 * finite.size else "info"
+        )
+        note("missing", severity, text)
         series = _part(series, finite)
     share, repeats = _held_share(series)
-    if share > _HELD and channel in _SAMPLED:
+    # rounded values repeat, too: they were measured
+    if share > _HELD and channel in _SAMPLED and not resolution(flight, channel, series):
         text = (
             f"{100 * share:.0f} % of the samples repeat the one before: a slower channel held "
             f"on a faster clock ({1.0 / max(sample_interval(series.t), 1e-9):.0f} Hz); the "
@@ -62,14 +66,14 @@ def _ordered(series: Series, note: Callable[[str, str, str], None]) -> Series:
     if not good.all() or size < series.t.size:
         note("stamps", "warning", f"{int(size - good.sum())} stamps are no numbers")
     series = _part(series, np.flatnonzero(good))
-    back = np.diff(series.t)
-    resets = np.flatnonzero(back < -_RESET_S)
-    if resets.size:
-        edges = np.concatenate([[0], resets + 1, [series.t.size]])
+    set_back = resets(series)
+    if set_back:
+        steps = [float(series.t[i - 1] - series.t[i]) for i in set_back]
+        edges = np.array([0, *set_back, series.t.size])
         longest = int(np.argmax(np.diff(edges)))
         begin, end = int(edges[longest]), int(edges[longest + 1])
         text = (
-            f"stamps jump back by {-back.min():.3g} s ({resets.size} times): the clock was set, "
+            f"stamps jump back by {max(steps):.3g} s ({len(steps)} times): the clock was set, "
             f"or logs were joined; only the longest part is used, {end - begin} of "
             f"{series.t.size} samples"
         )

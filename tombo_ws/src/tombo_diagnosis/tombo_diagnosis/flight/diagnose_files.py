@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from tombo_diagnosis.checks import check_log
+from tombo_diagnosis.checks.rotors.hover import hover_of
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.analyse import FlightFindings
 from tombo_diagnosis.flight.diagnose import Separate, diagnose_flights
@@ -21,15 +22,26 @@ def read_and_check(
     paths: Sequence[Path],
     mapping: Path | str | None = None,
     names: Mapping[str, str] | None = None,
+    vehicle: VehicleFile | None = None,
+    nominal: NominalModel | None = None,
     progress: ProgressCallback = no_progress,
 ) -> list[FlightLog]:
-    """Return the flights of files, checked. Arguments and errors are those of `read_logs`."""
+    """Return the flights of files, held against a vehicle file and a model if given, checked.
+
+    Raises:
+        InputError: as `read_logs` and `check_log`.
+    """
     progress(f"reading {paths[0].name}{' and others' if len(paths) > 1 else ''}", 0.0)
     flights = read_logs(paths, mapping=mapping, names=names)
+    if vehicle is not None:
+        flights = held_against(flights, vehicle)
+    hover = None
+    if nominal is not None:
+        hover = hover_of(nominal.label, nominal.vehicle, nominal.maps)
     checked = []
     for k, flight in enumerate(flights):
         progress(f"checking {flight.name}", k / len(flights))
-        checked.append(check_log(flight))
+        checked.append(check_log(flight, hover))
     return checked
 
 
@@ -43,12 +55,10 @@ def diagnose_files(
     separate: Separate | None = None,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> tuple[Diagnosis, FlightFindings]:
-    """Read, check and diagnose flights: see `read_logs`, `held_against` and `diagnose_flights`.
+    """Read, check and diagnose flights: see `read_and_check` and `diagnose_flights`.
 
     Raises:
         InputError: a log or the mapping can't be used, or no flight can.
     """
-    logs = read_and_check(paths, mapping, names, progress)
-    if vehicle is not None:
-        logs = held_against(logs, vehicle)
+    logs = read_and_check(paths, mapping, names, vehicle, nominal, progress)
     return diagnose_flights(logs, nominal, progress, separate, clock)

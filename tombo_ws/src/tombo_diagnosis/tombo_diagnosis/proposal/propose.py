@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_diagnosis.checks.rotor_order import clear_order
+from tombo_diagnosis.checks.rotors.rotor_order import clear_order
 from tombo_diagnosis.logs.flight_log import CHANNELS, Series
 from tombo_diagnosis.logs.frames import axes_matrix, is_usable
 from tombo_diagnosis.logs.units import UNITS

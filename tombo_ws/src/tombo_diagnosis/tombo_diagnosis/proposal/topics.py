@@ -9,7 +9,7 @@ import numpy as np
 from tombo_bag.columns import number_columns
 from tombo_bag.recording import Recording
 from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE
-from tombo_diagnosis.checks.rotor_order import clear_order
+from tombo_diagnosis.checks.rotors.rotor_order import clear_order
 from tombo_diagnosis.logs.bag_log import POSES, usable_topics
 from tombo_diagnosis.logs.flight_log import Series
 from tombo_diagnosis.proposal import roles

@@ -69,7 +69,7 @@ def imu_noise_statistics(tracks: Sequence[Track]) -> Statistics:
             third = third[np.isfinite(third).all(axis=1)]
             sums += float(_robust_variance(third)) * third.size
             count += third.size
-        if count:
+        if sums > 0.0:  # of values rounded coarsely it is 0, and says nothing
             found[channel] = 0.5 * math.log(sums / count / 20.0), _sigma(count)
     return found
 

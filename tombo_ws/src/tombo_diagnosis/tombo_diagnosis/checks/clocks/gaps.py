@@ -20,8 +20,8 @@ def gap_spans(t: Array) -> list[Span]:
     return [(float(t[i]), float(t[i + 1])) for i in found]
 
 
-def gaps(flight: str, channel: str, t: Array, begin: float, end: float) -> list[Finding]:
-    """Report gaps of a channel between begin and end of the flight."""
+def gaps(flight: str, channel: str, t: Array) -> list[Finding]:
+    """Report gaps of a channel."""
     if t.size < 2:
         return []
     findings = []
@@ -36,12 +36,4 @@ def gaps(flight: str, channel: str, t: Array, begin: float, end: float) -> list[
             f"{lengths.max():.2f} s at {longest[0]:.2f} s"
         )
         findings.append(Finding("gap", severity, flight, message, *longest, channel))
-    for text, span in (
-        ("begins {:.1f} s late", (begin, float(t[0]))),
-        ("ends {:.1f} s early", (float(t[-1]), end)),
-    ):
-        missing = span[1] - span[0]
-        if missing > 1.0:
-            message = f"{channel}: {text.format(missing)}; expected: the whole flight"
-            findings.append(Finding("gap", "warning", flight, message, *span, channel))
     return findings

@@ -1,0 +1,242 @@
+"""Faults of logs, put into healthy flights: what a pre-check has to name, and never as physics.
+
+Each kind has three sizes, small to large, or three variants where it has no size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tombo_diagnosis.logs.flight_log import CHANNELS, Finding, FlightLog, Series
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.vehicle import GRAVITY
+
+POSE, IMU = ("position", "attitude"), ("gyro", "accel")
+SPEEDS, ROTORS = ("rotor_speed",), ("rotor_speed", "rotor_command")
+SIZES = ("small", "medium", "large")
+
+Change = Callable[[Series, Any, np.random.Generator], Series]
+
+
+@dataclass(frozen=True)
+class LogFault:
+    """One kind of fault."""
+
+    name: str
+    channels: tuple[str, ...]
+    """Channels that it changes."""
+    sizes: tuple[Any, Any, Any]
+    change: Change
+    """(series, size, generator) to the series of the faulty log; the generator starts the same for
+    each channel."""
+    checks: frozenset[str]
+    """Checks whose finding names it."""
+    effects: frozenset[str] = frozenset()
+    """Effects of the registry that describe it: to name one of them is right, too."""
+
+    def applied(self, log: FlightLog, size: int, seed: Sequence[int]) -> FlightLog:
+        """Return the log with this fault, `size` 0 (small) to 2 (large)."""
+        changed = {
+            name: self.change(log.series[name], self.sizes[size], np.random.default_rng(seed))
+            for name in self.channels
+            if name in log.series
+        }
+        return replace(log, series={**log.series, **changed})
+
+    def named_by(self, findings: Sequence[Finding]) -> bool:
+        """Return whether one of these findings names the fault, with its channel."""
+        return any(
+            f.severity != "info" and f.check in self.checks and self.concerns(f.channel)
+            for f in findings
+        )
+
+    def named_by_error(self, error: InputError) -> bool:
+        """Return whether an error names a channel that it concerns."""
+        text = str(error)
+        return any(name in text for name in CHANNELS if self.concerns(name))
+
+    def concerns(self, channel: str) -> bool:
+        """Return whether the channel is changed, or compared with one that is."""
+        return any(channel in kin for kin in (POSE, IMU, ROTORS) if set(kin) & set(self.channels))
+
+
+def _values(change: Callable[[Array, Any], Array]) -> Change:
+    return lambda s, size, rng: replace(s, values=change(s.values, size))
+
+
+def _stamps(change: Callable[[Array, Any], Array]) -> Change:
+    return lambda s, size, rng: replace(s, t=change(s.t, size), arrival=None)
+
+
+def _part(series: Series, rows: Any) -> Series:
+    arrival = None if series.arrival is None else series.arrival[rows]
+    return Series(series.t[rows], series.values[rows], arrival)
+
+
+def _one_rotor(series: Series, factor: float, rng: np.random.Generator) -> Series:
+    values = series.values.copy()
+    values[:, int(rng.integers(4))] *= factor
+    return replace(series, values=values)
+
+
+def _zeros(series: Series, share: float, rng: np.random.Generator) -> Series:
+    """Read 0 in runs of 20 samples."""
+    values = series.values.copy()
+    rotor = int(rng.integers(4))
+    lost = np.repeat(rng.random(len(values) // 20 + 1) < share, 20)[: len(values)]
+    values[lost, rotor] = 0.0
+    return replace(series, values=values)
+
+
+def _stuck_rotor(series: Series, seconds: float, rng: np.random.Generator) -> Series:
+    values = series.values.copy()
+    rotor, begin = int(rng.integers(4)), float(rng.uniform(6.0, 12.0))
+    rows = (series.t > begin) & (series.t < begin + seconds)
+    values[rows, rotor] = values[np.argmax(rows), rotor]
+    return replace(series, values=values)
+
+
+def _stepped_back(series: Series, seconds: float, rng: np.random.Generator) -> Series:
+    at = float(rng.uniform(8.0, 16.0))
+    return replace(series, t=series.t - np.where(series.t > at, seconds, 0.0), arrival=None)
+
+
+def _only(keep: Callable[[Array, Any], Any]) -> Change:
+    return lambda s, size, rng: _part(s, keep(s.t, size))
+
+
+def _no_numbers(series: Series, share: float, rng: np.random.Generator) -> Series:
+    values = series.values.copy()
+    values[: round(share * len(values))] = np.nan
+    return replace(series, values=values)
+
+
+def _frozen(series: Series, seconds: float, rng: np.random.Generator) -> Series:
+    begin = float(rng.uniform(6.0, 12.0))
+    rows = np.arange(series.t.size)
+    held = (series.t > begin) & (series.t < begin + seconds)
+    rows[held] = np.argmax(held)
+    return replace(series, values=series.values[rows])
+
+
+def _held(series: Series, times: int, rng: np.random.Generator) -> Series:
+    return replace(series, values=series.values[np.arange(series.t.size) // times * times])
+
+
+def _clipped(values: Array, share: float) -> Array:
+    limit = share * np.percentile(np.abs(values), 99.9)
+    return np.asarray(np.clip(values, -limit, limit))
+
+
+def _bursts(series: Series, share: float, rng: np.random.Generator) -> Series:
+    lost = rng.random(int(series.t[-1] / 0.5) + 2) < share
+    return _part(series, ~lost[(series.t / 0.5).astype(np.int64).clip(0)])
+
+
+def _swaps(series: Series, size: float, rng: np.random.Generator) -> Series:
+    """Displace the poses for four samples, about every 4 s."""
+    values = series.values.copy()
+    for begin in np.arange(5.0, series.t[-1] - 3.0, 4.0):
+        at = int(np.argmax(series.t > begin + rng.uniform(0.0, 2.0)))
+        values[at : at + 4] += size * np.array([0.8, 0.6, 0.0])
+    return replace(series, values=values)
+
+
+def _columns(*ways: tuple[Sequence[int], Sequence[float]]) -> tuple[Any, ...]:
+    return tuple((list(order), np.array(signs)) for order, signs in ways)
+
+
+def _mixed(values: Array, way: tuple[list[int], Array]) -> Array:
+    return np.asarray(values[:, way[0]] * way[1])
+
+
+def _turn_over(q: Array) -> Array:
+    over = Rotation.from_quat(q) * Rotation.from_rotvec([np.pi, 0.0, 0.0])
+    return np.asarray(over.as_quat())
+
+
+def _fault(
+    name: str, channels: Sequence[str], sizes: tuple[Any, ...], change: Change, checks: str,
+    effects: str = "",
+) -> LogFault:  # fmt: skip
+    one, two, three = sizes
+    return LogFault(
+        name, tuple(channels), (one, two, three), change, frozenset(checks.split()),
+        frozenset(effects.split()),
+    )  # fmt: skip
+
+
+_SCALE = _values(lambda v, factor: v * factor)
+_MIXED = _values(_mixed)
+_TIMES = _stamps(lambda t, factor: t * factor)
+
+FAULTS: tuple[LogFault, ...] = (
+    _fault("one rotor's scale", SPEEDS, (0.85, 0.7, 0.536), _one_rotor, "rpm"),
+    _fault("one rotor reads zero", SPEEDS, (0.05, 0.2, 0.8), _zeros, "rpm"),
+    _fault("one rotor stuck", SPEEDS, (1.0, 4.0, 60.0), _stuck_rotor, "rpm frozen"),
+    _fault("scale of all rotors", SPEEDS, (2.0, 7.0, 9.5493), _SCALE, "rpm unit"),
+    _fault(
+        "order of rotors", SPEEDS,
+        _columns(([1, 0, 2, 3], [1]), ([0, 2, 1, 3], [1]), ([3, 2, 0, 1], [1])), _MIXED, "rpm",
+    ),
+    _fault("another vehicle", ROTORS, (0.7, 1.5, 4.0), _SCALE, "vehicle"),
+    _fault("IMU clock rate", IMU, (1.0005, 1.001, 1.01), _TIMES, "stamps"),
+    _fault("rotor clock rate", ROTORS, (0.995, 1.01, 1.03), _TIMES, "stamps"),
+    _fault("IMU clock set back", IMU, (0.1, 0.6, 5.0), _stepped_back, "stamps"),
+    _fault("poses' clock set back", POSE, (0.1, 0.6, 5.0), _stepped_back, "stamps"),
+    _fault("IMU time unit", IMU, (1e3, 1e6, 1e9), _TIMES, "stamps unit"),
+    _fault(
+        "log's time unit", (*POSE, *IMU, *ROTORS, "voltage"), (1e-3, 1e3, 1e6), _TIMES,
+        "stamps unit",
+    ),
+    _fault(
+        "delay of the poses", POSE, (0.025, 0.06, 0.2), _stamps(lambda t, late: t + late),
+        "stamps", "mocap_stamp_error mocap_latency",
+    ),
+    _fault("IMU starts late", IMU, (3.0, 8.0, 20.0), _only(lambda t, late: t > late), "gap"),
+    _fault("rotors end early", ROTORS, (24.0, 18.0, 6.0), _only(lambda t, end: t < end), "gap"),
+    _fault("gyro no numbers", ("gyro",), (0.1, 0.5, 1.0), _no_numbers, "missing gap"),
+    _fault("poses lost in bursts", POSE, (0.1, 0.3, 0.6), _bursts, "gap", "mocap_dropouts"),
+    _fault("poses frozen", POSE, (0.4, 1.5, 5.0), _frozen, "frozen"),
+    _fault("poses held", POSE, (2, 4, 8), _held, "duplicate"),
+    _fault("markers swapped", ("position",), (0.05, 0.15, 0.5), _swaps, "jump"),
+    _fault("gyro unit", ("gyro",), (9.5493, 57.296, 57296.0), _SCALE, "unit"),
+    _fault("accel unit", ("accel",), (1.0 / GRAVITY, 3.2808, 1e3 / GRAVITY), _SCALE, "unit"),
+    _fault(
+        "gyro axes", ("gyro",),
+        _columns(([0, 1, 2], [1, 1, -1]), ([1, 0, 2], [1]), ([1, 0, 2], [1, -1, 1])), _MIXED,
+        "frame",
+    ),
+    _fault(
+        "accel axes", ("accel",),
+        _columns(([0, 1, 2], [-1, 1, 1]), ([1, 0, 2], [1]), ([0, 1, 2], [1, -1, -1])), _MIXED,
+        "frame",
+    ),
+    _fault("gyro saturated", ("gyro",), (0.7, 0.5, 0.3), _values(_clipped), "saturation"),
+    _fault(
+        "gyro quantised", ("gyro",), (0.05, 0.2, 1.0),
+        _values(lambda v, step: np.round(v / step) * step), "resolution",
+    ),
+    _fault(
+        "position quantised", ("position",), (0.01, 0.03, 0.1),
+        _values(lambda v, step: np.round(v / step) * step), "resolution duplicate",
+    ),
+    _fault("unit of length", ("position",), (3.2808, 100.0, 1000.0), _SCALE, "unit"),
+    _fault(
+        "world axes", ("position",),
+        _columns(([0, 1, 2], [1, -1, 1]), ([1, 0, 2], [1]), ([1, 0, 2], [1, 1, -1])), _MIXED,
+        "frame",
+    ),
+    _fault(
+        "quaternion", ("attitude",),
+        (lambda q: q * [-1, -1, -1, 1], lambda q: q[:, [3, 0, 1, 2]], _turn_over),
+        _values(lambda q, change: change(q)), "frame",
+    ),
+)  # fmt: skip
+"""Kinds of faults, each with three sizes."""

@@ -1,0 +1,1 @@
+"""Checks of stamps: units, resets, rates, jitter, gaps."""

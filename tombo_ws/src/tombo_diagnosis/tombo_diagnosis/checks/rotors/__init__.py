@@ -1,0 +1,1 @@
+"""Checks of rotor speeds and commands."""
