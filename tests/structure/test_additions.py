@@ -156,16 +156,16 @@ ADDITIONS = {
     ),
     "a log format": Addition(
         (
-            Edit("tombo_diagnosis/tombo_diagnosis/logs/hello_log.py", READER),
+            Edit("tombo_logs/tombo_logs/readers/hello_log.py", READER),
             Edit(
-                "tombo_diagnosis/tombo_diagnosis/logs/log_reader.py",
+                "tombo_logs/tombo_logs/readers/log_reader.py",
                 '    if start.startswith(b"HELLO"):\n'
-                "        from tombo_diagnosis.logs.hello_log import read_hello\n"
+                "        from tombo_logs.readers.hello_log import read_hello\n"
                 "        return read_hello(path, name)\n",
                 before="    if start.startswith(ULOG_MAGIC)",
             ),
         ),
-        "from_('tombo_diagnosis.logs.log_reader').read_log(written('HELLO'), 'mine')",
+        "from_('tombo_logs.readers.log_reader').read_log(written('HELLO'), 'mine')",
         "read mine",
     ),
     "a message or a topic": Addition(

@@ -35,28 +35,31 @@ MAY_IMPORT = {
     "tombo_px4": {"tombo_dynamics", "tombo_control", "tombo_sim"},
     "tombo_flight": FLOWN,
     # The functions that simulate an effect are the ones that the diagnosis fits.
-    "tombo_diagnosis": {"tombo_dynamics", "tombo_bag", "tombo_sim", "tombo_flight"},
+    "tombo_logs": {"tombo_dynamics", "tombo_bag", "tombo_flight"},
+    "tombo_diagnosis": {"tombo_dynamics", "tombo_bag", "tombo_sim", "tombo_flight", "tombo_logs"},
     "tombo_propeller": {
         "tombo_dynamics",
         "tombo_control",
         "tombo_sim",
         "tombo_flight",
+        "tombo_logs",
         "tombo_diagnosis",
     },
-    "tombo_bringup": {*FLOWN, "tombo_flight", "tombo_diagnosis", "tombo_propeller"},
+    "tombo_bringup": {*FLOWN, "tombo_flight", "tombo_logs", "tombo_diagnosis", "tombo_propeller"},
 }
 LIBRARIES = {
     "tombo_dynamics": {"numpy", "scipy", "numba", "yaml"},  # yaml: the paper's printed tables
     "tombo_control": {"numpy", "scipy", "numba"},
     "tombo_collision": {"numpy", "scipy", "numba", "filterpy"},
     "tombo_sim": {"numpy", "scipy", "numba"},
-    "tombo_diagnosis": {"numpy", "scipy", "yaml", "pyulog", "ruptures"},
+    "tombo_logs": {"numpy", "scipy", "yaml", "pyulog", "ruptures"},
+    "tombo_diagnosis": {"numpy", "scipy", "yaml", "ruptures"},
 }
 LARGEST_SHARE = 0.22
 """No package holds more of the lines than this."""
 COMPILED = {*MATHS, "tombo_sim"}
 """Packages whose sources are in the key of the compile cache."""
-NED_FRD = {("tombo_px4",), ("tombo_diagnosis", "logs", "ulog.py")}
+NED_FRD = {("tombo_px4",), ("tombo_logs", "readers", "ulog.py")}
 """Where names of PX4's frames may be: everywhere else the world is ENU and the body FLU."""
 CLOCKLESS = {*LIBRARIES, "tombo_px4"}
 SHELLS = {("tombo_diagnosis", "benchmark"), ("tombo_diagnosis", "report")}

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from tombo_diagnosis.diagnosis import Cause, Diagnosis, Experiment, FlightSummary, Residual, Score
-from tombo_diagnosis.logs.flight_log import Finding
 from tombo_flight.extended_model import FittedParameter, Gain
+from tombo_logs.flight_log import Finding
 
 DRAG = 0.283
 MASS = 1.2

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from tombo_diagnosis.flight.scenario_nominal import held_against, nominal_model
-from tombo_diagnosis.logs.flight_log import FlightLog, Series
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import hover_point
 from tombo_flight.extended_model import FittedEffect, FittedParameter, Model, Origin
 from tombo_flight.model_file import write_model
 from tombo_flight.scenario import load_scenario
 from tombo_flight.vehicle_file import read_vehicle
+from tombo_logs.flight_log import FlightLog, Series
 
 DRAG = FittedEffect(
     "linear_rotor_drag", (FittedParameter("d_xy", "N s/m", 0.3, 0.5, 0.48, 0.52),), 0.9

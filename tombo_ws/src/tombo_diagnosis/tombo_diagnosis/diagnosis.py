@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from tombo_diagnosis.engine.detectable import Detectable
-from tombo_diagnosis.logs.flight_log import Finding
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import FittedParameter, Gain
+from tombo_logs.flight_log import Finding
 
 VERDICTS = ("none", "named", "set", "unknown", "partly_explained")
 

@@ -319,7 +319,8 @@ PRODUCTS: Final = (
         ("docs/diagnosis.png", "docs/diagnosis.md#crazyflie"),
         _diagnosis,
         (
-            *(f"{_DIAGNOSIS}/{part}" for part in ("engine", "flight", "checks", "logs")),
+            *(f"{_DIAGNOSIS}/{part}" for part in ("engine", "flight")),
+            "tombo_logs/tombo_logs",
             "tombo_dynamics/tombo_dynamics/effects",
         ),
         data="flights",

@@ -7,7 +7,7 @@ import pytest
 
 from tombo_diagnosis.change.diagnose import diagnose_change
 from tombo_diagnosis.flight.scenario_nominal import nominal_model
-from tombo_diagnosis.logs.log_reader import read_logs
+from tombo_logs.readers.log_reader import read_logs
 
 ROOT = Path(__file__).resolve().parents[5]
 FOLDER = ROOT.parent / "shared" / "data" / "crazypad"

@@ -8,10 +8,10 @@ from tombo_diagnosis.benchmark.flight_cases import NOMINAL
 from tombo_diagnosis.flight.experiment_design import as_log as simulated_log
 from tombo_diagnosis.flight.fit.track import track_of
 from tombo_diagnosis.flight.scenario_nominal import nominal_of
-from tombo_diagnosis.logs.flight_log import FlightLog, Series
 from tombo_dynamics.disturbance import set_disturbance
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import scenario_over
+from tombo_logs.flight_log import FlightLog, Series
 
 HEALTHY = NOMINAL
 """What the model knows: drag and cushion, and how noisy a sound lab is."""

@@ -11,9 +11,9 @@ from measured_flights import SLOW, logs, nominal
 
 from tombo_diagnosis.diagnosis import VERDICTS, Experiment
 from tombo_diagnosis.flight.diagnose import diagnose
-from tombo_diagnosis.logs.flight_log import Airframe, Finding, Series
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
+from tombo_logs.flight_log import Airframe, Finding, Series
 
 pytestmark = pytest.mark.slow
 

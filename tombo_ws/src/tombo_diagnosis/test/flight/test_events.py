@@ -11,7 +11,7 @@ from tombo_diagnosis.flight.diagnose import diagnose
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import track_of
 from tombo_diagnosis.flight.fit.transients import find_transients
-from tombo_diagnosis.logs.flight_log import Series
+from tombo_logs.flight_log import Series
 
 pytestmark = pytest.mark.slow
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from measured_flights import logs, nominal
 
-from tombo_diagnosis.checks import check_log
 from tombo_diagnosis.flight.calibrate import calibrated
 from tombo_diagnosis.flight.diagnose import diagnose
 from tombo_diagnosis.flight.fit.prediction import residuals
 from tombo_diagnosis.flight.fit.track import track_of
-from tombo_diagnosis.logs.flight_log import Airframe, Series
-from tombo_diagnosis.logs.log_reader import read_logs
 from tombo_dynamics.errors import InputError
+from tombo_logs.checks import check_log
+from tombo_logs.flight_log import Airframe, Series
+from tombo_logs.readers.log_reader import read_logs
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,7 @@ from tombo_diagnosis.engine.evidence import solve
 from tombo_diagnosis.flight.fit.parameters import PARAMETERS
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import track_of
-from tombo_diagnosis.logs.flight_log import Series
+from tombo_logs.flight_log import Series
 
 pytestmark = pytest.mark.slow
 

@@ -29,8 +29,8 @@ from tombo_diagnosis.flight.fit.prediction import residuals
 from tombo_diagnosis.flight.held_out_test import final_explanation
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.scenario_nominal import nominal_model
-from tombo_diagnosis.logs.log_recording import record_log
 from tombo_dynamics.errors import InputError
+from tombo_logs.readers.log_recording import record_log
 
 
 @lru_cache(maxsize=1)

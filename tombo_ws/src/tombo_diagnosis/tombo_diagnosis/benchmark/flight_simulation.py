@@ -10,13 +10,13 @@ from scipy.signal import lfilter
 
 from tombo_diagnosis.benchmark.flight_cases import FlightCase
 from tombo_diagnosis.flight.experiment_design import sensor_series
-from tombo_diagnosis.logs.flight_log import FlightLog, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.disturbance import set_disturbance
 from tombo_dynamics.plant import Plant
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, scenario_over
+from tombo_logs.flight_log import FlightLog, Series
 
 DURATION_S = 34.0
 _COURSE_DURATION_S = 20.0

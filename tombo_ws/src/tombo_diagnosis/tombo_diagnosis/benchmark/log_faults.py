@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_diagnosis.logs.flight_log import CHANNELS, Finding, FlightLog, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
+from tombo_logs.flight_log import CHANNELS, Finding, FlightLog, Series
 
 POSE, IMU = ("position", "attitude"), ("gyro", "accel")
 SPEEDS, ROTORS = ("rotor_speed",), ("rotor_speed", "rotor_command")

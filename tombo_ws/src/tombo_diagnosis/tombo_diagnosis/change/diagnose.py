@@ -31,10 +31,10 @@ from tombo_diagnosis.change.verdict import ChangeVerdict, judge_change
 from tombo_diagnosis.diagnosis import Change, Diagnosis, FlightSummary, Score
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, fit_drive_curve
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.logs.flight_log import FlightLog
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import FittedParameter
+from tombo_logs.flight_log import FlightLog
 
 _SIZES: Array = np.asarray(np.geomspace(0.004, 0.5, 40), np.float64)
 """Shares of thrust and of mass that are tried."""

@@ -9,15 +9,15 @@ from itertools import pairwise
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from tombo_diagnosis.checks.ground import ground_spans
-from tombo_diagnosis.checks.series_cleaning import clean_series
-from tombo_diagnosis.checks.spans import merged, sample_interval
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, DriveSamples
-from tombo_diagnosis.logs.flight_log import Finding, FlightLog, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
+from tombo_logs.checks.ground import ground_spans
+from tombo_logs.checks.series_cleaning import clean_series
+from tombo_logs.checks.spans import merged, sample_interval
+from tombo_logs.flight_log import Finding, FlightLog, Series
 
 DRIVES = ("rotor_speed", "rotor_command", "motor_command")
 """Channels that say what the rotors are asked for, best first."""

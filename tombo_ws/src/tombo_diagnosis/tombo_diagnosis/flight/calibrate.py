@@ -16,11 +16,11 @@ from scipy.spatial.transform import Rotation
 from tombo_diagnosis.flight.fit.filters import interpolated
 from tombo_diagnosis.flight.fit.track import Track, track_of
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.logs.flight_log import Airframe, FlightLog, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES, VehicleParams
+from tombo_logs.flight_log import Airframe, FlightLog, Series
 
 _HOVER_SPEED = 1000.0
 """rad/s that stands for hover: only thrust counts, speeds are a way to write it."""

@@ -20,9 +20,9 @@ from tombo_diagnosis.flight.fit.transients import transient_findings
 from tombo_diagnosis.flight.held_out_test import final_explanation, refuse_contradicted
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.summary_text import notes, summary
-from tombo_diagnosis.logs.flight_log import Finding, FlightLog
 from tombo_dynamics.errors import InputError
 from tombo_flight.progress import ProgressCallback, no_progress
+from tombo_logs.flight_log import Finding, FlightLog
 
 Separate = Callable[[FlightFindings, ProgressCallback], Experiment | None]
 
@@ -53,7 +53,7 @@ def diagnose_flights(
     """Report what the model gets wrong in measured flights, and what the report rests on.
 
     Args:
-        logs: flights of one vehicle, checked (`tombo_diagnosis.checks`).
+        logs: flights of one vehicle, checked (`tombo_logs.checks`).
         nominal: the model; of a vehicle that is not the suite's own one is made from the flights.
         progress: called with a stage and the share done.
         separate: finds the experiment that separates what the flights can't.
@@ -71,7 +71,7 @@ def diagnose_flights(
     tracks = _blocks([track_of(log) for log in usable])
     findings = analyse(tracks, nominal, progress)
     progress("measuring the gain", 0.7)
-    findings, gains, refused = refuse_contradicted(findings)
+    findings, gains, contradicted = refuse_contradicted(findings)
     problem, search, judgement = findings.problem, findings.search, findings.judgement
     final = final_explanation(findings)
     causes = tuple(
@@ -94,7 +94,7 @@ def diagnose_flights(
             *refused,
             *transient_findings(problem.tracks, findings.remainder.transients),
         ),
-        candidates=scores(findings, gain_by_effect(problem, search), refused),
+        candidates=scores(findings, gain_by_effect(problem, search), contradicted),
         flights=tuple(
             FlightSummary(
                 t.name, t.log.source, t.log.duration_s, t.used_s, t.formulation, t.missing

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from tombo_diagnosis.checks import check_log
-from tombo_diagnosis.checks.rotors.hover import hover_of
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.analyse import FlightFindings
 from tombo_diagnosis.flight.diagnose import Separate, diagnose_flights
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.scenario_nominal import held_against
-from tombo_diagnosis.logs.flight_log import FlightLog
-from tombo_diagnosis.logs.log_reader import read_logs
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.vehicle_file import VehicleFile
+from tombo_logs.checks import check_log
+from tombo_logs.checks.rotors.hover import hover_of
+from tombo_logs.flight_log import FlightLog
+from tombo_logs.readers.log_reader import read_logs
 
 
 def read_and_check(

@@ -22,7 +22,6 @@ from tombo_diagnosis.flight.fit.sensitivity import SCATTER
 from tombo_diagnosis.flight.fit.track import track_of
 from tombo_diagnosis.flight.manoeuvres import Manoeuvre, manoeuvre_catalogue
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.logs.flight_log import FlightLog, Series
 from tombo_diagnosis.wording import capital, listed
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
@@ -30,6 +29,7 @@ from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.progress import ProgressCallback
 from tombo_flight.scenario import extended_scenario
+from tombo_logs.flight_log import FlightLog, Series
 
 _SUFFICIENT_LOG_BF = 8.0
 """The first manoeuvre that gives every pair this log Bayes factor is taken."""

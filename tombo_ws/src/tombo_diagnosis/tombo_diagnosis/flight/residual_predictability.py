@@ -9,12 +9,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tombo_diagnosis.checks.spans import block_means
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.fit.prediction import Motion
 from tombo_diagnosis.flight.fit.problem import FlightProblem, tangent_of
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import yaw_pitch_roll
+from tombo_logs.checks.spans import block_means
 
 _BLOCK_S = 0.48
 """Means over such blocks are looked at: noise of the sensors is no gust."""

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.logs.flight_log import FlightLog
-from tombo_diagnosis.logs.vehicle_airframe import airframe_of
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, thrust_map_of
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_flight.vehicle_file import VehicleFile, vehicle_named
+from tombo_logs.flight_log import FlightLog
+from tombo_logs.readers.vehicle_airframe import airframe_of
 from tombo_sim.propeller_effects import propulsion_effects
 
 _SCENARIO = "no_obstacle"

@@ -10,20 +10,20 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from tombo_diagnosis.checks.spans import block_means
 from tombo_diagnosis.engine.cause_estimates import TWO_SIDED, fitted_parameter
 from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS
 from tombo_diagnosis.flight.calibrate import force_along_thrust
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import FAST_SPACING, SLOW_SPACING, track_of
 from tombo_diagnosis.flight.scenario_nominal import held_against, nominal_model
-from tombo_diagnosis.logs.flight_log import FlightLog
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.drive import DriveParams
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import FittedParameter
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.vehicle_file import Note, VehicleFile
+from tombo_logs.checks.spans import block_means
+from tombo_logs.flight_log import FlightLog
 
 FITTED = {
     "thrust_coefficient_error.fraction": "thrust of the propellers",

@@ -11,13 +11,13 @@ from typing import Final
 import numpy as np
 
 from tombo_diagnosis.diagnosis import Diagnosis, Residual
-from tombo_diagnosis.logs.flight_log import Finding
 from tombo_diagnosis.report import diagnosis_plot_data as data
 from tombo_diagnosis.report.diagnosis_plot_data import Pair, corrected, rms
 from tombo_diagnosis.report.svg_chart import Axis, Chart
 from tombo_diagnosis.wording import capital, display_name, figure, percent, unit
 from tombo_dynamics.arrays import Array
 from tombo_flight.report.html_page import hint
+from tombo_logs.flight_log import Finding
 
 MOST_PANELS: Final = 60
 """Small pictures of the overview; of more flights those that show most."""

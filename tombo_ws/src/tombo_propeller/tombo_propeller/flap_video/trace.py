@@ -7,9 +7,9 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from tombo_diagnosis.logs.csv_table import open_table
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
+from tombo_logs.readers.csv_table import open_table
 
 THRUST, SPEED = "thrust", "speed"
 UNITS = {

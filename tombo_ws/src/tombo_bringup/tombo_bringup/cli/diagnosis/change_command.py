@@ -65,7 +65,7 @@ def run_change(
     Raises:
         InputError: a log or the mapping can't be used, or a flight is on both sides.
     """
-    from tombo_diagnosis.logs.log_reader import logs_in, read_logs
+    from tombo_logs.readers.log_reader import logs_in, read_logs
 
     on_progress(f"reading {new[0].name} and others", 0.0)
     count = sum(len(logs_in(path)) for path in new)

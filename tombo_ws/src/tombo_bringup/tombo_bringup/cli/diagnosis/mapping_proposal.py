@@ -23,7 +23,7 @@ def print_proposal(logs: list[Path], output: str | None, force: bool) -> None:
     if path is not None and (path.is_dir() or (path.exists() and not force)):
         what = "a folder" if path.is_dir() else "there already"
         raise InputError(f"-o '{path}' is {what}; accepted: a new file, or --force to replace one")
-    from tombo_diagnosis.proposal.explain import explain_mapping
+    from tombo_logs.proposal.explain import explain_mapping
 
     text = explain_mapping(logs[0])
     if path is None:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from tombo_diagnosis.checks.spans import Mask
 from tombo_dynamics.arrays import Array
+from tombo_logs.checks.spans import Mask
 
 _REACH = 4.0
 """Half length of the kernel, in widths."""

@@ -9,7 +9,6 @@ from functools import reduce
 
 import numpy as np
 
-from tombo_diagnosis.checks.spans import block_means
 from tombo_diagnosis.engine.evidence import NormalEquations, solve
 from tombo_diagnosis.engine.model import Setting
 from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, TIGHT, Columns, Fit
@@ -20,6 +19,7 @@ from tombo_diagnosis.flight.noise.noise_variance import floors_of, long_run_vari
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY
+from tombo_logs.checks.spans import block_means
 
 _STEPS = 6
 """Gauss-Newton steps of a refinement, at most."""

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from tombo_diagnosis.checks.spans import Mask, Span, inside
 from tombo_diagnosis.flight.fit.filters import (
     Kernel,
     clear_rows,
@@ -18,10 +17,11 @@ from tombo_diagnosis.flight.fit.filters import (
     rows_of,
     tick_means,
 )
-from tombo_diagnosis.logs.flight_log import FlightLog, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
+from tombo_logs.checks.spans import Mask, Span, inside
+from tombo_logs.flight_log import FlightLog, Series
 
 TICK = 0.004
 """[s]"""

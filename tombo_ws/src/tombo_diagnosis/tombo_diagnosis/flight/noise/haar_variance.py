@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tombo_diagnosis.checks.spans import block_means
 from tombo_dynamics.arrays import Array
+from tombo_logs.checks.spans import block_means
 
 SCALES_S = (0.12, 0.24, 0.48, 0.96, 1.92, 3.84)
 """Lengths of the blocks."""

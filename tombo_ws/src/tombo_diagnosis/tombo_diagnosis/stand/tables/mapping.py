@@ -11,11 +11,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 
-from tombo_diagnosis.logs.mapping_file import read_mapping, shipped_mappings, table_of
-from tombo_diagnosis.logs.units import factor as flight_factor
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_dynamics.yaml_text import parse_yaml
+from tombo_logs.readers.mapping_file import read_mapping, shipped_mappings, table_of
+from tombo_logs.readers.units import factor as flight_factor
 
 CHANNELS: Mapping[str, str] = {
     "time": "s",
@@ -124,7 +124,7 @@ def unit_factor(unit: str, channel: str, what: str) -> float:
 
 def shipped() -> dict[str, StandMapping]:
     """Return the mappings that come with the package, by name."""
-    return shipped_mappings("stand/mappings", parse_mapping)
+    return shipped_mappings("tombo_diagnosis", "stand/mappings", parse_mapping)
 
 
 def load_mapping(name: str) -> StandMapping:

@@ -10,8 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tombo_diagnosis.logs.csv_table import CsvTable, open_table
-from tombo_diagnosis.logs.flight_log import Finding
 from tombo_diagnosis.stand.tables.mapping import (
     StandMapping,
     infer_mapping,
@@ -22,6 +20,8 @@ from tombo_diagnosis.stand.tables.mapping import (
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import RPM, SPEED_LIMIT
+from tombo_logs.flight_log import Finding
+from tombo_logs.readers.csv_table import CsvTable, open_table
 
 _SOUND = 340.0
 _MACH = 0.95

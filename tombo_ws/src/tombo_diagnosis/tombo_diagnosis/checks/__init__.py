@@ -1,5 +1,0 @@
-"""Checks of a log before the diagnosis: see `check_log`."""
-
-from tombo_diagnosis.checks.pipeline import check_log
-
-__all__ = ["check_log"]

@@ -1,0 +1,143 @@
+"""Wrong units, frames and orders are said with the channel's name, and never used."""
+
+import numpy as np
+import pytest
+from made_flight import made_flight, poses_only, unwound, with_values, wrote
+from scipy.spatial.transform import Rotation
+
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.vehicle import GRAVITY
+from tombo_logs.checks import check_log
+
+FLIGHT = made_flight()
+IMU = {"gyro", "accel"}
+FRD = np.array([1.0, -1.0, -1.0])
+
+
+def euler(degrees_in, degrees_out):
+    def change(q):
+        angles = Rotation.from_quat(q).as_euler("ZYX", degrees=degrees_in)
+        return Rotation.from_euler("ZYX", angles, degrees=degrees_out).as_quat()
+
+    return change
+
+
+def turned(*angles):
+    def change(q):
+        return (Rotation.from_quat(q) * Rotation.from_euler("xyz", angles, degrees=True)).as_quat()
+
+    return change
+
+
+def ned(log):
+    world = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1.0]])
+
+    def attitude(q):
+        matrices = world @ Rotation.from_quat(q).as_matrix() @ np.diag(FRD)
+        return unwound(Rotation.from_matrix(matrices).as_quat())
+
+    return with_values(with_values(log, "position", lambda p: p @ world.T), "attitude", attitude)
+
+
+@pytest.mark.parametrize(
+    ("channel", "change", "check", "texts"),
+    [
+        ("gyro", lambda w: np.degrees(w), "unit", ("degrees declared as radians", "57.")),
+        ("gyro", lambda w: np.radians(w), "unit", ("radians declared as degrees",)),
+        ("accel", lambda a: a / GRAVITY, "unit", ("g declared as m/s^2", "about 9.81")),
+        ("accel", lambda a: a * GRAVITY, "unit", ("m/s^2 declared as g",)),
+        ("accel", lambda a: a - [0, 0, GRAVITY], "unit", ("gravity taken out",)),
+        ("accel", lambda a: a * FRD, "frame", ("its -z is up", "FRD")),
+        ("accel", lambda a: a[:, [0, 2, 1]], "frame", ("its y is up",)),
+        ("gyro", lambda w: w * [1, -1, 1], "frame", ("mirrored", "[x, -y, z]")),
+        ("gyro", lambda w: w[:, [1, 0, 2]], "frame", ("mirrored", "[y, x, z]")),
+        ("gyro", lambda w: w[:, [1, 0, 2]] * [-1, 1, 1], "frame", ("90", "[y, -x, z]")),
+    ],
+)
+def test_an_imu_that_contradicts_the_poses_is_left_out(channel, change, check, texts):
+    checked = check_log(with_values(FLIGHT, channel, change))
+    assert not IMU & set(checked.series)
+    faults = [f for f in wrote(checked, *texts) if f.severity == "fault"]
+    assert [(f.check, f.channel) for f in faults] == [(check, channel)]
+
+
+def test_the_axes_it_suggests_are_the_right_ones():
+    """What the message says to write, written, is accepted."""
+    off = with_values(FLIGHT, "gyro", lambda w: w[:, [1, 0, 2]] * [-1, 1, 1])
+    off = with_values(off, "accel", lambda a: a[:, [1, 0, 2]] * [-1, 1, 1])
+    (fault,) = [f for f in check_log(off).findings if f.severity == "fault"]
+    assert "axes: [y, -x, z]" in fault.message
+    back = with_values(off, "gyro", lambda w: w[:, [1, 0, 2]] * [1, -1, 1])
+    back = with_values(back, "accel", lambda a: a[:, [1, 0, 2]] * [1, -1, 1])
+    assert set(check_log(back).series) >= IMU
+
+
+def test_a_turned_rigid_body_is_a_fault_with_its_correction():
+    off = with_values(FLIGHT, "attitude", turned(4.0, -3.0, 35.0))
+    checked = check_log(off)
+    (fault,) = [f for f in checked.findings if f.severity == "fault"]
+    text = fault.message.partition("turn_deg: [")[2].partition("]")[0]
+    angles = [float(x) for x in text.split(",")]
+    back = check_log(with_values(off, "attitude", turned(*angles)))
+    assert set(back.series) == set(FLIGHT.series)
+    assert not [f for f in back.findings if f.check == "frame"]
+
+
+def test_a_slightly_turned_one_is_left_to_the_diagnosis():
+    checked = check_log(with_values(FLIGHT, "attitude", turned(0.0, 0.0, 8.0)))
+    assert set(checked.series) == set(FLIGHT.series)
+    (note,) = [f for f in checked.findings if f.check == "frame"]
+    assert note.severity == "info" and "yaw 8.0 deg" in note.message
+
+
+@pytest.mark.parametrize("only_poses", [False, True])
+@pytest.mark.parametrize(
+    ("channel", "change", "complaint"),
+    [
+        ("position", lambda p: 1000.0 * p, "position.*mm declared as m"),
+        ("position", lambda p: 0.001 * p, "position.*m declared as mm"),
+        ("position", lambda p: p * [1, -1, 1], "position.*mirrored"),
+        ("position", lambda p: p[:, [1, 0, 2]], "position.*mirrored"),
+        ("position", lambda p: p * [1, 1, -1], "position: z goes from .* down|expected: up"),
+        ("attitude", lambda q: q[:, [3, 0, 1, 2]], "attitude.*wxyz read as xyzw"),
+        ("attitude", lambda q: q * [-1, -1, -1, 1], "map from base_link"),
+        ("attitude", lambda q: 3.0 * q, "attitude.*norm 3"),
+        ("attitude", euler(True, False), "attitude.*degrees declared as radians"),
+        ("attitude", euler(False, True), "attitude.*radians declared as degrees"),
+        ("attitude", turned(180.0, 0.0, 0.0), "attitude: body z points along"),
+        ("position", lambda p: 0.0 * p, "position: one value throughout"),
+    ],
+)
+def test_poses_that_contradict_themselves_are_refused(channel, change, complaint, only_poses):
+    off = with_values(FLIGHT, channel, change)
+    with pytest.raises(InputError, match=complaint) as error:
+        check_log(poses_only(off) if only_poses else off)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "change", [lambda p: p[:, [1, 0, 2]] * [-1, 1, 1], lambda p: p[:, [0, 2, 1]] * [1, 1, -1]]
+)
+def test_a_turned_track_is_told_by_the_accelerometer(change):
+    """Yaw by 90 deg, and y up, of the position alone."""
+    with pytest.raises(InputError, match="position: it moves 90 deg off"):
+        check_log(with_values(FLIGHT, "position", change))
+
+
+@pytest.mark.parametrize("width", [0.02, 1.0])
+def test_ned_for_enu_is_refused_also_in_hover(width):
+    flight = made_flight(width=width)
+    for off in (ned(flight), poses_only(ned(flight))):
+        with pytest.raises(InputError, match="expected: up, as in ENU"):
+            check_log(off)
+
+
+def test_effects_of_the_registry_are_no_contradictions():
+    """Sizes that the diagnosis has to name: bias, scale, lever arm, marker offset, tilt."""
+    flight = with_values(FLIGHT, "accel", lambda a: 1.1 * a + [0.9, -0.9, 0.5])
+    flight = with_values(flight, "gyro", lambda w: w + np.array([0.2, -0.1, 0.1]))
+    flight = with_values(flight, "attitude", turned(3.0, -3.0, 10.0))
+    flight = with_values(flight, "position", lambda p: p + np.array([0.0, 0.0, 0.1]))
+    checked = check_log(flight)
+    assert set(checked.series) == set(FLIGHT.series)
+    assert not [f for f in checked.findings if f.severity != "info"]

@@ -1,0 +1,243 @@
+"""Crashes, contacts, jumps of the motion capture, the ground, and changes of the vehicle."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_flight import (
+    STAND,
+    Series,
+    made_flight,
+    poses_only,
+    recorded,
+    with_series,
+    with_values,
+    wrote,
+)
+
+from tombo_dynamics.errors import InputError
+from tombo_logs.checks import check_log
+from tombo_logs.checks.events import Event
+from tombo_logs.checks.impacts import impacts
+from tombo_logs.checks.rotors.hover import Hover
+from tombo_logs.flight_log import Airframe
+
+FLIGHT = made_flight(duration=24.0)
+
+
+def cut(log, begin=-1.0, end=99.0):
+    series = {}
+    for name, s in log.series.items():
+        keep = (s.t > begin) & (s.t < end)
+        series[name] = Series(s.t[keep], s.values[keep])
+    return replace(log, series=series)
+
+
+def pushed(channel, rows, push):
+    """The flight with a push of a channel's rows."""
+
+    def change(values):
+        values[rows] += push
+        return values
+
+    return with_values(FLIGHT, channel, change)
+
+
+def found(log, check):
+    return [f for f in log.findings if f.check == check]
+
+
+@pytest.mark.parametrize(
+    ("name", "first", "last"),
+    [("paper_collision_0", 23.099, 23.261), ("paper_collision_7", 23.097, 23.243),
+     ("known_obstacle_1", 23.116, 23.128)],
+)  # fmt: skip
+def test_a_strike_is_found_in_the_poses_and_set_apart_with_the_recovery(name, first, last):
+    """Times of contact from the simulation's truth, which the checks don't see."""
+    (contact,) = found(check_log(recorded(name)), "contact")
+    assert first - 0.5 < contact.start_s < first
+    assert last + 1.9 < contact.end_s < last + 2.4
+
+
+def test_a_strike_that_ends_on_the_ground_is_a_crash():
+    checked = check_log(recorded("soft_strike_3"))
+    (crash,) = found(checked, "crash")
+    assert 22.6 < crash.start_s < 23.11
+    assert checked.exclude[-1][1] == checked.series["position"].t[-1]
+
+
+def test_a_blow_to_the_accelerometer_is_a_contact():
+    blow = pushed("accel", slice(2400, 2404), [50.0, 0.0, 20.0])
+    (contact,) = found(check_log(blow), "contact")
+    assert contact.start_s == pytest.approx(11.75, abs=0.02)
+    assert contact.end_s == pytest.approx(14.0, abs=0.05)
+
+
+def test_a_blow_at_landing_is_none():
+    checked = check_log(pushed("accel", int((24.0 - STAND) * 200), [0.0, 0.0, 400.0]))
+    assert not found(checked, "contact") and not found(checked, "crash")
+
+
+@pytest.mark.parametrize("only_poses", [False, True])
+def test_markers_that_swap_are_no_contact(only_poses):
+    flight = pushed("position", slice(1200, 1204), [0.4, 0.0, 0.0])
+    checked = check_log(poses_only(flight) if only_poses else flight)
+    (jump,) = found(checked, "jump")
+    assert jump.start_s < 12.0 < 12.04 < jump.end_s < 13.0
+    assert not found(checked, "contact")
+
+
+@pytest.mark.parametrize(("gyro_at", "said"), [(12.05, []), (12.5, ["jump"])])
+def test_a_turn_that_the_gyro_confirms_is_a_manoeuvre(gyro_at, said):
+    events = [
+        Event(12.0, "the body's rate jumps", "attitude", "turn", 4.0),
+        Event(gyro_at, "the gyro jumps", "gyro", "gyro"),
+    ]
+    findings = impacts("a", events, [], (0.0, 30.0), {"gyro", "accel"})
+    assert [f.check for f in findings] == said
+
+
+def test_a_fall_out_of_the_air_is_a_crash():
+    """The log ends soon after the vehicle has turned over."""
+    flight = cut(FLIGHT, end=14.0)
+
+    def over(values):
+        t = flight.series["attitude"].t
+        angle = np.clip((t - 13.0) / 0.6, 0.0, 1.0) * np.pi
+        values[:, 0], values[:, 1:3], values[:, 3] = np.sin(angle / 2), 0.0, np.cos(angle / 2)
+        return np.where((t > 13.0)[:, None], values, FLIGHT.series["attitude"].values[: t.size])
+
+    checked = check_log(poses_only(with_values(flight, "attitude", over)))
+    (crash,) = found(checked, "crash")
+    assert 12.5 < crash.start_s < 13.5 and crash.end_s > 13.9
+
+
+def test_the_ground_is_set_apart_and_the_flight_is_not():
+    for flight in (FLIGHT, poses_only(FLIGHT), made_flight(mocap_hz=30.0, duration=24.0)):
+        (first, second) = check_log(flight).exclude
+        assert first[0] == pytest.approx(0.0, abs=0.02) and STAND < first[1] < STAND + 1.0
+        assert 24.0 - STAND - 1.0 < second[0] < 24.0 - STAND
+        assert second[1] == pytest.approx(24.0, abs=0.05)
+
+
+def test_a_flight_that_begins_and_ends_in_the_air_has_no_ground():
+    air = cut(FLIGHT, 6.0, 18.0)
+    assert not check_log(air).exclude and not check_log(poses_only(air)).exclude
+
+
+def low_hover(commands):
+    """Hover at 0.35 m, so quiet that it seems to stand, then at 0.6 m; takes off and lands."""
+    t = np.arange(0.0, 20.0, 0.01)
+    height = 0.05 + np.interp(
+        t, [1.5, 2.5, 11.0, 12.0, 17.0, 18.5], [0.0, 0.3, 0.3, 0.55, 0.55, 0.0]
+    )
+    rng = np.random.default_rng(6)
+    p = np.column_stack([0 * t, 0 * t, height]) + 2e-4 * rng.standard_normal((t.size, 3))
+    q = np.column_stack([1e-3 * rng.standard_normal((t.size, 3)), np.ones(t.size)])
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    on = np.where((t > 1.4) & (t < 18.5), 400.0, 40.0)[:, None] * np.ones(4)
+    series = {"position": Series(t, p), "attitude": Series(t, q)}
+    if commands:
+        series["rotor_command"] = Series(t, on + rng.standard_normal(on.shape))
+    return replace(FLIGHT, series=series)
+
+
+@pytest.mark.parametrize("commands", [True, False])
+def test_a_low_hover_is_no_ground(commands):
+    checked = check_log(low_hover(commands))
+    (first, second) = checked.exclude
+    assert 1.3 < first[1] < 2.0 and 18.0 < second[0] < 18.8
+    assert not found(checked, "set apart")
+
+
+def test_much_airborne_time_set_apart_is_a_warning():
+    imu = {name: FLIGHT.series[name] for name in ("gyro", "accel")}
+    short = {n: Series(s.t[s.t < 15.0], s.values[s.t < 15.0]) for n, s in imu.items()}
+    (said,) = found(check_log(with_series(FLIGHT, **short)), "set apart")
+    assert said.severity == "warning" and "s in the air are set apart (gap" in said.message
+    assert not found(check_log(FLIGHT), "set apart")
+
+
+def test_the_model_of_another_vehicle_is_refused():
+    """A hover at 400 rad/s; the model's vehicle is nine times as heavy, or as heavy."""
+    assert not found(check_log(FLIGHT, Hover("ours", 1.3, 420.0)), "vehicle")
+    with pytest.raises(
+        InputError, match=r"carry 0\.1\d kg in flight, not 1\.3 kg.*another vehicle"
+    ):
+        check_log(FLIGHT, Hover("ours", 1.3, 1200.0))
+    # a log that says its airframe is not held against ours
+    foreign = replace(FLIGHT, airframe=Airframe("theirs", 0.1, 0.1, 0.05))
+    assert not found(check_log(foreign, Hover("ours", 1.3, 1200.0)), "vehicle")
+
+
+def test_hovering_at_two_heights_is_not_standing():
+    """Hovering wanders by more than the noise of the poses."""
+    t = np.arange(0.0, 30.0, 0.01)
+    rng = np.random.default_rng(5)
+    wander = 0.01 * np.column_stack([np.sin((0.7 + 0.3 * i) * t + i) for i in range(3)])
+    climb = 1.0 + 0.8 / (1.0 + np.exp(-(t - 15.0) * 3.0))
+    p = wander + np.column_stack([0 * t, 0 * t, climb]) + 2e-4 * rng.standard_normal((t.size, 3))
+    q = np.column_stack([1e-3 * rng.standard_normal((t.size, 3)), np.ones(t.size)])
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    log = with_series(poses_only(FLIGHT), position=Series(t, p), attitude=Series(t, q))
+    assert not check_log(log).exclude
+
+
+def test_a_load_that_drops_is_a_change_point():
+    t = FLIGHT.series["accel"].t[:, None]
+    lighter = with_values(FLIGHT, "accel", lambda a: a * np.where(t > 12.0, 1.12, 1.0))
+    (change,) = found(check_log(lighter), "change")
+    assert change.start_s == pytest.approx(12.0, abs=0.5) and "12 % more" in change.message
+
+
+def test_a_battery_that_sags_is_none():
+    t = FLIGHT.series["accel"].t[:, None]
+    sagging = with_values(FLIGHT, "accel", lambda a: a * (1.0 - 0.01 * t))
+    assert not found(check_log(sagging), "change")
+
+
+@pytest.mark.parametrize(
+    ("change", "severity", "texts"),
+    [
+        (lambda s: s * 30.0 / np.pi, "fault", ("9.5", "rpm declared as rad/s")),
+        (lambda s: s * 1.4, "warning", ("1.40 times",)),
+        (lambda s: s * [1, 0, 1, 1], "fault", ("rear_left reads 0 in 100 %",)),
+        (lambda s: s * [1, 1, 0.8, 1], "fault", ("front_left reads 0.8 times",)),
+        (lambda s: s[:, [1, 0, 2, 3]], "fault", ("rear_left, front_right, front_left",)),
+    ],
+)
+def test_rotor_speeds_against_commands(change, severity, texts):
+    checked = check_log(with_values(FLIGHT, "rotor_speed", change))
+    (said,) = wrote(checked, *texts)
+    assert (said.check, said.severity) == ("rpm", severity)
+    assert ("rotor_speed" in checked.series) == (severity == "warning")
+
+
+def test_rotor_order_is_found_from_commands_without_gyro():
+    flight = with_values(FLIGHT, "rotor_speed", lambda s: s[:, [1, 0, 2, 3]])
+    checked = check_log(with_series(flight, gyro=None))
+    assert wrote(checked, "in the order rear_left, front_right, front_left")
+    assert "rotor_speed" not in checked.series
+
+
+def test_commands_in_another_order_are_told_by_the_gyro():
+    """As a Crazyflie numbers its motors: clockwise from front right."""
+    flight = with_series(FLIGHT, rotor_speed=None)
+    checked = check_log(with_values(flight, "rotor_command", lambda s: s[:, [0, 3, 1, 2]]))
+    assert "rotor_command" not in checked.series
+    (said,) = found(checked, "rpm")
+    assert "front_right, rear_right, rear_left, front_left" in said.message
+
+
+def test_saturated_motors_are_said():
+    flight = with_values(FLIGHT, "rotor_command", lambda s: np.minimum(s, 404.0))
+    (said,) = found(check_log(flight), "saturation")
+    assert "rotor_command" in said.message and "%" in said.message
+
+
+def test_motor_commands_have_a_range():
+    command = FLIGHT.series["rotor_command"]
+    pwm = Series(command.t, 1000.0 + command.values)
+    checked = check_log(with_series(FLIGHT, motor_command=pwm))
+    assert "motor_command" not in checked.series
+    assert wrote(checked, "motor_command: values from", "expected: 0 to 1")

@@ -1,0 +1,294 @@
+"""Stamps: late, jittering, backwards, twice; samples: missing, frozen, held, drawn."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from made_flight import made_flight, poses_only, with_series, with_values, wrote
+
+from tombo_dynamics.errors import InputError
+from tombo_logs.checks import check_log
+from tombo_logs.checks.clocks.timestamps import jitter
+from tombo_logs.checks.pipeline import _motion
+from tombo_logs.checks.pose_imu_consistency import time_offset
+from tombo_logs.flight_log import CHANNELS, FlightLog, Series
+
+FLIGHT = made_flight()
+POSE = ("position", "attitude")
+
+
+def with_poses(change):
+    """The flight with times and values of position and attitude changed alike."""
+    series = {c: Series(*change(FLIGHT.series[c].t, FLIGHT.series[c].values)) for c in POSE}
+    return with_series(FLIGHT, **series)
+
+
+@pytest.mark.parametrize("late", [-0.05, -0.012, 0.0, 0.008, 0.03, 0.11])
+@pytest.mark.parametrize("rate", [30.0, 100.0])
+def test_how_late_stamps_are_is_found_within_its_uncertainty(late, rate):
+    checked = check_log(made_flight(late=late, mocap_hz=rate))
+    found = time_offset(_motion(dict(checked.series), list(checked.exclude)))
+    assert abs(found.lag - late) < max(3.0 * found.sigma, 0.002)
+    assert found.sigma < 0.004
+
+
+def test_late_stamps_are_said_and_small_lags_are_not():
+    (late,) = wrote(check_log(made_flight(late=0.03)), "30 ±", "later than the gyro's")
+    assert (late.check, late.severity) == ("stamps", "warning")
+    (early,) = wrote(check_log(made_flight(late=-0.012)), "12 ±", "earlier than")
+    assert early.severity == "info"
+    assert not wrote(check_log(made_flight(late=0.002)), "than the gyro's")
+
+
+def test_stamps_of_arrival_are_recognised_by_their_jitter():
+    late = np.random.default_rng(2).gamma(2.0, 0.0015, FLIGHT.series["position"].t.size)
+    shaken = with_poses(lambda t, values: (t + late, values))
+    assert wrote(check_log(shaken), "position: stamps jitter")
+
+
+@pytest.mark.parametrize("rate", [30.0, 120.0])
+def test_drift_and_rounding_are_no_jitter(rate):
+    t = np.round(np.arange(0.0, 60.0, 1.0 / rate) * 1.0002, 3)
+    assert jitter(t) < 0.0006
+    assert jitter(np.delete(t, np.arange(100, 140))) < 0.0006  # nor is a gap
+
+
+def test_stamps_that_are_the_times_of_recording_are_said():
+    position = FLIGHT.series["position"]
+    same = Series(position.t, position.values, position.t + 1e-5)
+    assert wrote(check_log(with_series(FLIGHT, position=same)), "are the times of recording")
+
+
+def test_backwards_and_double_stamps_are_put_right():
+    position = FLIGHT.series["position"]
+    order = np.arange(position.t.size)
+    order[300:310] = order[300:310][::-1]
+    order = np.insert(order, 700, [699] * 60)
+    mixed = Series(position.t[order], position.values[order])
+    checked = check_log(with_series(FLIGHT, position=mixed))
+    np.testing.assert_array_equal(checked.series["position"].t, position.t)
+    np.testing.assert_array_equal(checked.series["position"].values, position.values)
+    assert wrote(checked, "9 stamps go backwards") and wrote(checked, "60 stamps are there twice")
+
+
+def test_a_clock_that_was_set_leaves_the_longest_part():
+    checked = check_log(with_poses(lambda t, v: (t + np.where(t > 13.0, -9.0, 0.0), v)))
+    assert checked.series["position"].t[-1] < 13.01
+    faults = wrote(checked, "jump back by 8.99 s")
+    assert {f.channel for f in faults} == set(POSE) and faults[0].severity == "fault"
+
+
+def clock(log, factor, channels):
+    series = {c: Series(factor * log.series[c].t, log.series[c].values) for c in channels}
+    return with_series(log, **series)
+
+
+def test_a_clock_that_is_fast_is_measured_and_corrected():
+    checked = check_log(clock(FLIGHT, 1.002, ("gyro", "accel")))
+    (said,) = wrote(checked, "gyro: its clock is 0.2 % fast")
+    assert (said.check, said.severity) == ("stamps", "warning")
+    for name in ("gyro", "accel"):
+        np.testing.assert_allclose(checked.series[name].t, FLIGHT.series[name].t, atol=0.003)
+    assert not wrote(check_log(clock(FLIGHT, 1.00002, ("gyro", "accel"))), "its clock is")
+
+
+def test_rotors_on_a_clock_that_is_fast_are_corrected_by_their_thrust():
+    rotors = ("rotor_speed", "rotor_command")
+    checked = check_log(clock(FLIGHT, 1.01, rotors))
+    for name in rotors:
+        (said,) = wrote(checked, f"{name}: its clock is", "fast")
+        if name in checked.series:  # else thrust did not tell it to milliseconds
+            np.testing.assert_allclose(checked.series[name].t, FLIGHT.series[name].t, atol=0.004)
+        assert (name in checked.series) == (said.severity == "warning")
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+def test_stamps_in_another_unit_are_named(factor, unit):
+    checked = check_log(clock(FLIGHT, factor, ("gyro",)))
+    assert wrote(checked, "gyro: its stamps run from 0 to", f"{unit} declared as s")
+    assert "gyro" not in checked.series
+    with pytest.raises(InputError, match=f"position: its stamps.*{unit} declared as s"):
+        check_log(clock(FLIGHT, factor, FLIGHT.series))
+
+
+def test_a_small_step_back_is_a_clock_that_was_set_and_not_disorder():
+    gyro = FLIGHT.series["gyro"]
+    stepped = Series(gyro.t - np.where(gyro.t > 12.0, 0.1, 0.0), gyro.values)
+    checked = check_log(with_series(FLIGHT, gyro=stepped))
+    assert wrote(checked, "gyro: stamps jump back by 0.09", "the clock was set")
+    assert not wrote(checked, "go backwards")
+
+
+def test_a_channel_of_little_of_the_flight_is_left_out():
+    speed = FLIGHT.series["rotor_speed"]
+    late = speed.t > 14.0
+    checked = check_log(with_series(FLIGHT, rotor_speed=Series(speed.t[late], speed.values[late])))
+    assert wrote(checked, "rotor_speed: covers 14.0 to 20.0 s", "left out")
+    assert "rotor_speed" not in checked.series and len(checked.exclude) == 2
+
+
+def test_saturated_and_coarse_readings_are_said():
+    checked = check_log(with_values(FLIGHT, "gyro", lambda w: np.clip(w, -0.9, 0.9)))
+    assert wrote(checked, "gyro: reads exactly its limit of 0.9")
+    coarse = with_values(FLIGHT, "gyro", lambda w: np.round(w / 0.1) * 0.1)
+    assert wrote(check_log(coarse), "gyro: all values are multiples of 0.1")
+    assert not wrote(check_log(coarse), "limit")
+    with pytest.raises(InputError, match=r"position: all values are multiples of 0\.05"):
+        check_log(with_values(FLIGHT, "position", lambda p: np.round(p / 0.05) * 0.05))
+
+
+def test_gaps_are_counted_and_the_longest_is_dated():
+    t = FLIGHT.series["position"].t
+    keep = (np.abs(t - 9.0) > 0.4) & (np.abs(t - 12.0) > 0.1)
+    holed = with_poses(lambda t, values: (t[keep], values[keep]))
+    (gap,) = wrote(check_log(holed), "position: 2 gaps")
+    assert gap.severity == "warning"
+    assert (gap.start_s, gap.end_s) == pytest.approx((8.6, 9.4), abs=0.021)
+
+
+def test_a_channel_that_ends_early_is_said():
+    gyro = FLIGHT.series["gyro"]
+    early = gyro.t < 12.0
+    checked = check_log(with_series(FLIGHT, gyro=Series(gyro.t[early], gyro.values[early])))
+    assert wrote(checked, "gyro: covers 0.0 to 12.0 s", "the rest is set apart")
+    assert any(b <= 12.01 and e >= 17.9 for b, e in checked.exclude)
+
+
+def test_frozen_poses_are_set_apart():
+    rows = np.arange(FLIGHT.series["position"].t.size)
+    rows[900:980] = 900
+    checked = check_log(with_poses(lambda t, values: (t, values[rows])))
+    frozen = [f for f in checked.findings if f.check == "frozen"]
+    assert {f.channel for f in frozen} == set(POSE)
+    for f in frozen:
+        assert (f.start_s, f.end_s) == pytest.approx((9.0, 9.79), abs=0.011)
+    assert any(b <= 9.0 and e >= 9.79 for b, e in checked.exclude)
+
+
+def test_a_straight_line_is_no_measurement():
+    def line(values):
+        values[1600:1800] = np.linspace(values[1600], values[1799], 200)
+        return values
+
+    checked = check_log(with_values(FLIGHT, "gyro", line))
+    (drawn,) = wrote(checked, "gyro: a straight line over 1.00 s: interpolated")
+    assert drawn.severity == "fault"
+    assert any(b <= 8.0 and e >= 8.99 for b, e in checked.exclude)
+
+
+def test_extrapolated_data_are_not_taken_for_a_crash():
+    def line(values):
+        slope = np.array([15.0, 4.0, 20.0])[: values.shape[1]] / 200.0
+        values[2400:] = values[2400] + slope * np.arange(len(values) - 2400)[:, None]
+        return values
+
+    flight = with_values(with_values(FLIGHT, "accel", line), "gyro", line)
+    checked = check_log(flight)
+    (crash,) = [f for f in checked.findings if f.check == "crash"]
+    assert "what crashed is the log" in crash.message
+    assert checked.exclude[-1][0] < 12.0 and checked.exclude[-1][1] >= 19.9
+
+
+def test_poses_held_on_a_faster_clock_are_thinned():
+    checked = check_log(with_poses(lambda t, v: (t, v[np.arange(len(v)) // 3 * 3])))
+    assert wrote(checked, "position: 67 % of the samples repeat")
+    assert np.median(np.diff(checked.series["position"].t)) == pytest.approx(0.03, abs=1e-6)
+    assert not [f for f in checked.findings if f.severity == "fault"]
+
+
+def test_values_that_are_no_numbers_are_gaps():
+    def lost(values):
+        values[1000:1200, 1] = np.nan
+        return values
+
+    checked = check_log(with_values(FLIGHT, "gyro", lost))
+    assert np.isfinite(checked.series["gyro"].values).all()
+    assert wrote(checked, "gyro: 200 of") and wrote(checked, "gyro: 1 gaps")
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300])
+def test_a_channel_of_nothing_is_left_out_and_poses_are_needed(bad):
+    checked = check_log(with_values(FLIGHT, "gyro", lambda w: w * 0.0 + bad))
+    assert "gyro" not in checked.series
+    assert [f.channel for f in wrote(checked, "left out")] == ["gyro"]
+    with pytest.raises(InputError, match=r"no usable position.*needed: position and attitude"):
+        check_log(with_values(FLIGHT, "position", lambda p: p * 0.0 + bad))
+
+
+@pytest.mark.parametrize("missing", POSE)
+def test_poses_are_needed(missing):
+    with pytest.raises(InputError, match=f"no usable {missing}; needed: position and attitude"):
+        check_log(with_series(FLIGHT, **{missing: None}))
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 5, 12, 40])
+def test_logs_of_a_few_samples(count):
+    short = replace(
+        FLIGHT, series={k: Series(s.t[:count], s.values[:count]) for k, s in FLIGHT.series.items()}
+    )
+    if count < 10:
+        with pytest.raises(InputError, match="needed"):
+            check_log(short)
+    else:
+        check_log(short)
+
+
+NUMBERS = st.one_of(
+    st.floats(-20.0, 20.0), st.sampled_from([0.0, 1.0, np.nan, np.inf, -np.inf, 1e200, -1e-300])
+)
+
+
+@st.composite
+def any_series(draw, width):
+    count = draw(st.integers(0, 60))
+    t = draw(hnp.arrays(np.float64, count, elements=NUMBERS))
+    if draw(st.booleans()):
+        t = np.arange(count) * 0.01
+    return Series(t, draw(hnp.arrays(np.float64, (count, width), elements=NUMBERS)))
+
+
+@pytest.mark.slow
+@settings(max_examples=60)
+@given(st.fixed_dictionaries({}, optional={k: any_series(c.width) for k, c in CHANNELS.items()}))
+@pytest.mark.filterwarnings("error")
+def test_any_arrays_end_in_a_log_or_in_one_line(series):
+    try:
+        checked = check_log(FlightLog("any", "nowhere", series))
+    except InputError as error:
+        assert "\n" not in str(error)
+    else:
+        assert {*POSE} <= set(checked.series)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("seed", range(6))
+def test_whole_flights_with_holes_of_every_kind(seed):
+    rng = np.random.default_rng(seed)
+    flight = made_flight(duration=8.0, seed=seed)
+    series = {}
+    for name, s in flight.series.items():
+        t, values = s.t.copy(), s.values.copy()
+        begin = rng.integers(0, t.size)
+        part = slice(begin, begin + rng.integers(1, 200))
+        kind = rng.integers(6)
+        if kind in (0, 1, 4):
+            values[part] = {0: np.nan, 1: values[begin], 4: 1e6 * values[part]}[int(kind)]
+        else:
+            t[part] = {2: t[begin], 3: np.nan, 5: t[part] - rng.random()}[int(kind)]
+        series[name] = Series(t, values)
+    try:
+        check_log(replace(flight, series=series))
+    except InputError as error:
+        assert "\n" not in str(error)
+
+
+def test_poses_alone_are_enough():
+    said = [f for f in check_log(poses_only(FLIGHT)).findings if f.severity != "info"]
+    assert [(f.check, f.channel) for f in said] == [
+        ("missing", "gyro"),
+        ("missing", "rotor_speed"),
+    ]
+    assert all("can't be seen" in f.message for f in said)

@@ -1,0 +1,104 @@
+"""PX4 logs, written here byte by byte."""
+
+import numpy as np
+import pytest
+from log_writers import write_ulog
+from made_flight import made_flight
+from scipy.spatial.transform import Rotation
+
+from tombo_dynamics.errors import InputError
+from tombo_logs.checks import check_log
+from tombo_logs.readers.ulog import read_ulog
+
+FLIGHT = made_flight(duration=6.0, mocap_hz=50.0, imu_hz=100.0)
+
+
+def close(a, b, tolerance=1e-5):
+    np.testing.assert_allclose(a, b, atol=tolerance)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "a.ulg"
+
+
+def test_everything_comes_back_in_our_frames_and_units(path):
+    write_ulog(path, FLIGHT)
+    log = read_ulog(path, "a")
+    position, attitude = log.series["position"], log.series["attitude"]
+    start = 1.0  # the log began a second before
+    close(position.t, FLIGHT.series["position"].t + start)
+    close(position.arrival - position.t, 0.02)
+    close(position.values, FLIGHT.series["position"].values)
+    turns = Rotation.from_quat(attitude.values).inv() * Rotation.from_quat(
+        FLIGHT.series["attitude"].values
+    )
+    assert turns.magnitude().max() < 1e-6
+    for name, shift in (("gyro", -0.0025), ("accel", -0.0035)):
+        # means over 5 ms that end at the stamp; the accelerometer's ends 1 ms earlier
+        close(log.series[name].t, FLIGHT.series[name].t + start + shift)
+        close(log.series[name].values, FLIGHT.series[name].values)
+    close(log.series["rotor_speed"].values, np.abs(FLIGHT.series["rotor_speed"].values), 0.06)
+    command = np.clip(FLIGHT.series["rotor_command"].values / 800.0, 0.0, 1.0)
+    close(log.series["motor_command"].values, command)
+    close(log.series["motor_command"].t, FLIGHT.series["gyro"].t + start)
+    close(log.series["voltage"].values, FLIGHT.series["voltage"].values)
+    close(log.series["current"].values, 7.0)
+
+
+def test_the_checks_find_nothing_wrong_with_it(path):
+    write_ulog(path, made_flight(duration=12.0, mocap_hz=50.0))
+    log = check_log(read_ulog(path, "a"))
+    assert not [f for f in log.findings if f.severity != "info"]
+    assert {"gyro", "accel", "rotor_speed"} <= set(log.series)
+
+
+def test_without_motion_capture_the_estimate_is_taken_and_said(path):
+    write_ulog(path, FLIGHT, mocap=False, estimate=True)
+    log = read_ulog(path, "a")
+    close(log.series["position"].values, FLIGHT.series["position"].values)
+    assert log.series["position"].arrival is None
+    assert any("estimate" in f.message and f.check == "missing" for f in log.findings)
+
+
+def test_without_poses_what_is_needed_is_said(path):
+    write_ulog(path, FLIGHT, mocap=False)
+    with pytest.raises(InputError, match=r"needed: position and attitude.*sensor_combined"):
+        read_ulog(path, "a")
+
+
+def test_dropouts_of_the_logger_are_said(path):
+    log = write_ulog(path, FLIGHT)
+    log.dropout(3_000_000, 700)
+    path.write_bytes(log.content())
+    assert any("0.7 s together" in f.message for f in read_ulog(path, "a").findings)
+
+
+@pytest.mark.parametrize("share", [0.001, 0.01, 0.02, 0.1, 0.5, 0.97])
+def test_a_cut_log_is_read_as_far_as_it_goes_or_refused_in_a_line(path, share, capsys):
+    write_ulog(path, FLIGHT)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole)) + 5])
+    try:
+        log = read_ulog(path, "a")
+    except InputError as error:
+        assert share < 0.1 and "\n" not in str(error)
+    else:
+        assert log.series["position"].t.size < FLIGHT.series["position"].t.size
+        assert any("cut off" in f.message for f in log.findings)
+    assert capsys.readouterr().out == ""
+
+
+def test_bytes_that_are_wrong_are_survived(path):
+    write_ulog(path, FLIGHT)
+    whole = bytearray(path.read_bytes())
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        bad = whole.copy()
+        for at in rng.integers(24, len(bad), 30):
+            bad[at] = int(rng.integers(256))
+        path.write_bytes(bytes(bad))
+        try:
+            read_ulog(path, "a")
+        except InputError as error:
+            assert "\n" not in str(error)

@@ -1,0 +1,260 @@
+"""Whether IMU and rotors are on clocks that run as fast as that of the poses.
+
+The lag between what two sensors see of the same motion is measured in windows along the flight. On
+one clock it is constant; between clocks of different rates it grows linearly. Stamps of a clock
+whose rate is off are corrected; those of one whose lag changes otherwise can't be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.vehicle import GRAVITY
+from tombo_logs.checks.motion import INDEPENDENT, RATE, Motion, resampled
+from tombo_logs.checks.spans import Mask
+from tombo_logs.flight_log import Finding, Series
+
+_WINDOW = round(5.0 * RATE)
+_HOP = _WINDOW // 2
+_REACH = round(0.5 * RATE)
+"""Largest lag that is looked for, in rows."""
+_MATCH = 0.8
+"""Correlation from which on a window's lag counts."""
+_SURE_MATCH = 0.95
+"""Median correlation from which on lags that scatter are those of the clocks."""
+_LEAST_WINDOWS = 4
+_GROWTH_S = 0.004
+"""s by which a lag may change along a flight without being reported."""
+_SIGMAS = 4.0
+_UNEVEN_S = 0.03
+"""s by which lags may scatter about a straight line."""
+_LARGEST_RATE = 0.05
+_FAR_RATES = (0.95, 0.96, 0.97, 0.98, 0.99, 1.01, 1.02, 1.03, 1.04, 1.05)
+"""Factors of the stamps that are tried where no constant rate near 1 fits."""
+_FAR_MATCH = 0.85
+"""Median correlation from which on one of them counts."""
+_SURE_S = 0.003
+"""s to which a lag must be known along a flight for its stamps to be corrected."""
+_PASSES = 3
+IMU = ("gyro", "accel")
+ROTORS = ("rotor_speed", "rotor_command", "motor_command")
+
+
+@dataclass(frozen=True)
+class LagCourse:
+    """How the lag of one sensor against another changes along a flight."""
+
+    rate: float
+    """s/s: the other's clock is slow by it, if positive."""
+    sigma: float
+    """Standard deviation of the rate."""
+    growth: float
+    """s from the first to the last window."""
+    scatter: float
+    """Standard deviation of the lags about the line [s]."""
+    first: float
+    """Lag of the first window [s]."""
+    length: float
+    """s between first and last window."""
+    match: float
+    """Median correlation of the windows."""
+
+
+def lag_course(t: Array, seen: Array, other: Array, good: Mask) -> LagCourse | None:
+    """Return how the lag of `seen` (N, k) behind `other` (N, k) changes; None: it can't be told.
+
+    Rows are on an even clock `t` (N,) of `motion.RATE`; only those with `good` count.
+    """
+    times, lags, sigmas, matches = [], [], [], []
+    for begin in range(_REACH, t.size - _WINDOW - _REACH + 1, _HOP):
+        rows = slice(begin, begin + _WINDOW)
+        if np.count_nonzero(good[begin - _REACH : begin + _WINDOW + _REACH]) < 0.8 * (
+            _WINDOW + 2 * _REACH
+        ):
+            continue
+        found = _window_lag(seen, other[rows], begin)
+        if found is not None:
+            times.append(float(t[rows].mean()))
+            lags.append(found[0])
+            sigmas.append(found[1])
+            matches.append(found[2])
+    if len(times) < _LEAST_WINDOWS:
+        return None
+    at, lag, weight = np.array(times), np.array(lags), 1.0 / np.array(sigmas) ** 2
+    rate, first = np.polyfit(at - at[0], lag, 1, w=np.sqrt(weight))
+    left = lag - first - rate * (at - at[0])
+    scatter = 1.4826 * float(np.median(np.abs(left)))
+    middle = np.average(at, weights=weight)
+    # windows overlap by half
+    spread = np.sqrt(2.0 / np.sum(weight * (at - middle) ** 2))
+    much = max(float(np.sqrt(np.average(left**2, weights=weight) * np.mean(weight))), 1.0)
+    length = float(at[-1] - at[0])
+    return LagCourse(
+        float(rate),
+        float(spread) * much,
+        float(rate) * length,
+        scatter,
+        float(first),
+        length,
+        float(np.median(matches)),
+    )
+
+
+def _window_lag(seen: Array, other: Array, begin: int) -> tuple[float, float, float] | None:
+    """Return lag [s] of `seen` behind a window of `other` from a row on, its sigma, the match."""
+    b = other - other.mean(axis=0)
+    size_b = float(np.sum(b**2))
+    match = np.zeros(2 * _REACH + 1)
+    for k in range(match.size):
+        first = begin + k - _REACH
+        a = seen[first : first + len(b)]
+        a = a - a.mean(axis=0)
+        match[k] = np.sum(a * b) / np.sqrt(max(float(np.sum(a**2)) * size_b, 1e-24))
+    best = int(np.argmax(match))
+    if best in (0, match.size - 1) or match[best] < _MATCH:
+        return None
+    left, top, right = match[best - 1 : best + 2]
+    offset = 0.5 * (left - right) / min(left - 2.0 * top + right, -1e-12)
+    noise = np.sqrt(size_b * (1.0 - top**2) / b.size)
+    slope = np.gradient(b, 1.0 / RATE, axis=0)
+    sharp = np.sqrt(np.sum(slope**2) / INDEPENDENT)
+    sigma = max(float(noise / max(sharp, 1e-9)), 2e-4)
+    return (best - _REACH + offset) / RATE, sigma, float(top)
+
+
+def common_clock(
+    flight: str, series: Mapping[str, Series], motion: Motion, reset: frozenset[str]
+) -> tuple[dict[str, Series], list[Finding]]:
+    """Return the channels with IMU and rotors on the poses' clock, and what was wrong.
+
+    `reset`: channels whose clock was set back, which then need not agree with the others any more.
+    """
+    series = dict(series)
+    findings: list[Finding] = []
+    if "gyro" in series and motion.gyro.size:
+        alike = [n for n in ROTORS if n in series and _same_stamps(series[n], series["gyro"])]
+        names = [*(name for name in IMU if name in series), *alike]
+        findings += _on_poses_clock(flight, series, names, motion, "gyro", reset)
+    for name in ROTORS:
+        if name in series:
+            findings += _on_poses_clock(flight, series, [name], motion, name, reset)
+    return series, findings
+
+
+def _course(motion: Motion, channel: str, series: Series) -> LagCourse | None:
+    if channel == "gyro":
+        covered = motion.good & (motion.t > series.t[0]) & (motion.t < series.t[-1])
+        return lag_course(motion.t, motion.rates, resampled(series, motion.t), covered)
+    return _rotor_course(motion, series)
+
+
+def _first_course(motion: Motion, channel: str, series: Series) -> tuple[float, LagCourse] | None:
+    """Return a factor for the stamps and the lags that are left then.
+
+    The factor is 1 unless the rate is so far off that lags leave the range that is searched.
+    """
+    course = _course(motion, channel, series)
+    if course is not None and not _is_uneven(course):
+        return 1.0, course
+    tried = [(k, _course(motion, channel, _stretched(series, k))) for k in _FAR_RATES]
+    even = [
+        (k, c) for k, c in tried if c is not None and not _is_uneven(c) and c.match > _FAR_MATCH
+    ]
+    if even:
+        return max(even, key=lambda each: each[1].match)
+    return None if course is None else (1.0, course)
+
+
+def _is_uneven(course: LagCourse) -> bool:
+    return course.scatter > _UNEVEN_S or abs(course.rate) > _LARGEST_RATE
+
+
+def _rotor_course(motion: Motion, drive: Series) -> LagCourse | None:
+    """Compare the rotors' thrust with the specific force along body z that the poses show."""
+    if drive.t.size < 2 or not motion.t.size:
+        return None
+    thrust = resampled(Series(drive.t, (drive.values**2).mean(axis=1, keepdims=True)), motion.t)
+    force = motion.acceleration + np.array([0.0, 0.0, GRAVITY])
+    along = np.einsum("ni,ni->n", force, motion.up)[:, None]
+    covered = motion.good & (motion.t > drive.t[0]) & (motion.t < drive.t[-1])
+    return lag_course(motion.t, along, thrust, covered)
+
+
+def _on_poses_clock(
+    flight: str, series: dict[str, Series], names: list[str], motion: Motion, channel: str,
+    reset: frozenset[str],
+) -> list[Finding]:  # fmt: skip
+    """Correct the stamps of these channels, or leave them out, where the lag is not constant."""
+    found = _first_course(motion, channel, series[channel])
+    if found is None:
+        return []
+    stretch, course = found
+    changed = ", ".join(names)
+    if set(names) & reset and abs(course.first) > 2.0 * _GROWTH_S:
+        text = (
+            f"{channel}: after its clock was set it is {1e3 * abs(course.first):.0f} ms off the "
+            f"poses'; {changed}: left out"
+        )
+        return _left_out(flight, series, names, channel, text)
+    if _is_uneven(course) and (channel not in IMU or course.match < _SURE_MATCH):
+        return []  # thrust alone tells a lag too poorly, and so do rates about other axes
+    if _is_uneven(course):
+        text = (
+            f"{channel}: its delay against the poses scatters by {1e3 * course.scatter:.0f} ms "
+            f"and changes by {1e3 * course.growth:.0f} ms along the flight; expected: one delay; "
+            f"{changed}: left out"
+        )
+        return _left_out(flight, series, names, channel, text)
+    growth = course.growth + (stretch - 1.0) * course.length
+    if abs(growth) < max(_GROWTH_S, _SIGMAS * course.sigma * course.length):
+        return []
+    stretch, last = _stretch(motion, channel, series[channel], stretch, course)
+    text = (
+        f"{channel}: its clock is {100 * abs(1.0 - stretch):.2g} % "
+        f"{'slow' if stretch > 1.0 else 'fast'} against the poses', ± {100 * last.sigma:.1g} %: "
+        f"their delay changes by {1e3 * growth:.0f} ms along the flight"
+    )
+    if last.sigma * last.length > _SURE_S or last.scatter > _UNEVEN_S:
+        return _left_out(flight, series, names, channel, f"{text}; {changed}: left out")
+    for name in names:
+        series[name] = _stretched(series[name], stretch)
+    text += f"; the stamps of {changed} are multiplied by {stretch:.6f}"
+    return [Finding("stamps", "warning", flight, text, channel=channel)]
+
+
+def _stretch(
+    motion: Motion, channel: str, series: Series, stretch: float, course: LagCourse
+) -> tuple[float, LagCourse]:
+    """Return the factor that makes the lag constant, and the last course.
+
+    Within a window the lag grows, too: it is measured again with corrected stamps.
+    """
+    for _ in range(_PASSES):
+        stretch *= 1.0 + course.rate
+        again = _course(motion, channel, _stretched(series, stretch))
+        if again is None:
+            break
+        course = again
+    return stretch, course
+
+
+def _stretched(series: Series, factor: float) -> Series:
+    begin = series.t[0]
+    return Series(begin + (series.t - begin) * factor, series.values, series.arrival)
+
+
+def _left_out(
+    flight: str, series: dict[str, Series], names: list[str], channel: str, text: str
+) -> list[Finding]:
+    for name in names:
+        del series[name]
+    return [Finding("stamps", "fault", flight, text, channel=channel)]
+
+
+def _same_stamps(one: Series, other: Series) -> bool:
+    """Return whether two channels are stamped by one clock: sample by sample alike."""
+    return one.t.size == other.t.size and bool(np.abs(one.t - other.t).max() < 1e-6)

@@ -1,0 +1,39 @@
+"""Where samples are missing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tombo_dynamics.arrays import Array
+from tombo_logs.checks.spans import Span, sample_interval
+from tombo_logs.flight_log import Finding
+
+_LEAST_S = 0.05
+_LONG_S = 0.3
+_SHARE = 0.05
+
+
+def gap_spans(t: Array) -> list[Span]:
+    """Return where stamps are further apart than three usual steps, and 50 ms."""
+    limit = max(_LEAST_S, 3.5 * sample_interval(t))
+    found = np.flatnonzero(np.diff(t) > limit)
+    return [(float(t[i]), float(t[i + 1])) for i in found]
+
+
+def gaps(flight: str, channel: str, t: Array) -> list[Finding]:
+    """Report gaps of a channel."""
+    if t.size < 2:
+        return []
+    findings = []
+    spans = gap_spans(t)
+    if spans:
+        lengths = np.array([e - b for b, e in spans])
+        share = float(lengths.sum() / max(t[-1] - t[0], 1e-9))
+        longest = spans[int(np.argmax(lengths))]
+        severity = "warning" if lengths.max() > _LONG_S or share > _SHARE else "info"
+        message = (
+            f"{channel}: {len(spans)} gaps, {100 * share:.1f} % of the time, the longest "
+            f"{lengths.max():.2f} s at {longest[0]:.2f} s"
+        )
+        findings.append(Finding("gap", severity, flight, message, *longest, channel))
+    return findings

@@ -1,0 +1,294 @@
+"""All checks of a flight, in their order."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+
+import numpy as np
+
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.vehicle import GRAVITY
+from tombo_logs.checks import coverage, events, frozen_values, impacts, imu, poses, sensor_range
+from tombo_logs.checks.clocks.clock_rates import common_clock
+from tombo_logs.checks.clocks.gaps import gaps
+from tombo_logs.checks.clocks.time_units import check_pose_rate, other_times
+from tombo_logs.checks.clocks.timestamps import arrival_stamps
+from tombo_logs.checks.ground import ground
+from tombo_logs.checks.motion import Motion, motion_of
+from tombo_logs.checks.rotors import motors, rotor_order
+from tombo_logs.checks.rotors.change_points import changes
+from tombo_logs.checks.rotors.hover import Hover, check_vehicle
+from tombo_logs.checks.rotors.rotor_sensors import sensor_faults
+from tombo_logs.checks.series_cleaning import clean_series, nothing_left
+from tombo_logs.checks.spans import Mask, Span, block_means, inside, merged, sample_interval
+from tombo_logs.flight_log import Finding, FlightLog, Series
+
+POSE = ("position", "attitude")
+_IMU = ("gyro", "accel")
+_MOVING = (*POSE, *_IMU, "rotor_speed", "motor_command")
+"""Channels that never stand still or follow a line in flight."""
+_LEAST = 10
+_NEAR_GROUND_S = 1.0
+"""s around what is set apart in which rotors may turn slowly."""
+_SET_APART = {"crash", "contact", "jump", "ground", "frozen"}
+"""Checks whose spans are not diagnosed."""
+
+
+def check_log(log: FlightLog, hover: Hover | None = None) -> FlightLog:
+    """Return a flight with cleaned channels, findings, and excluded spans.
+
+    Channels that can't be used are taken out; a second call changes nothing.
+
+    Args:
+        log: as read.
+        hover: how the vehicle of the nominal model hovers (`rotors.hover.hover_of`), to see that
+            it is the vehicle that flew; None, or a log with an airframe of its own: not checked.
+
+    Raises:
+        InputError: position or attitude is missing or can't be used, or another vehicle flew.
+    """
+    series, findings = _tidy(log)
+    _check_poses(log.name, series, findings)
+    begin, end = series["position"].t[0], series["position"].t[-1]
+    findings += _without(series, other_times(log.name, series))
+    stood_still = _stuck(log.name, series)
+    lost = _spans(f for f in stood_still if f.channel in POSE)
+    position = series["position"]
+    keep = ~inside(position.t, lost)
+    seen = Series(position.t[keep], position.values[keep]) if keep.any() else position
+    findings += ground(log.name, seen, series)
+    down = _spans(f for f in findings if f.check == "ground")
+    # motors stand still on the ground
+    findings += [
+        f for f in stood_still if not any(b <= f.start_s and f.end_s <= e for b, e in down)
+    ]
+    findings += _accel_unit(log.name, series, down)
+    known = [*log.exclude, *_spans(findings)]
+    motion = _motion(series, known)
+    poses.check_tilt(log.name, motion)
+    findings += _rotor_sensors(log.name, series, known)
+    set_back = {f.channel for f in findings if f.check == "stamps" and f.severity == "fault"}
+    series, found = common_clock(log.name, series, motion, frozenset(set_back))
+    findings += found
+    uncovered, found = _whole(log.name, series, (begin, end), down)
+    findings += found
+    excluded = [*log.exclude, *uncovered]
+    motion = _motion(series, [*excluded, *_spans(findings)])
+    findings += _impacts(log.name, series, motion, findings)
+    apart = merged([*excluded, *_spans(findings)])
+    series, found = _held_together(log.name, series, apart)
+    findings += found
+    findings += _motors(log.name, series, apart, None if log.airframe is not None else hover)
+    findings += _changes(log.name, series, apart)
+    position = series["position"]
+    findings += arrival_stamps(log.name, position.t, position.arrival)
+    for name, s in series.items():
+        if name not in ("voltage", "current", "rotor_command", "attitude"):
+            findings += gaps(log.name, name, s.t)
+    findings += coverage.absent(log.name, series)
+    findings += coverage.share_set_apart(log.name, position, apart, [*log.findings, *findings])
+    kept = [f for f in dict.fromkeys(findings) if f not in log.findings]
+    return dataclasses.replace(
+        log, series=series, findings=(*log.findings, *kept), exclude=tuple(apart)
+    )
+
+
+def _tidy(log: FlightLog) -> tuple[dict[str, Series], list[Finding]]:
+    series: dict[str, Series] = {}
+    findings: list[Finding] = []
+    for name, raw in log.series.items():
+        clean, found = clean_series(log.name, name, raw)
+        findings += found
+        if nothing_left(clean):
+            text = f"{name}: {raw.t.size} samples, {clean.t.size} of them usable; left out"
+            findings.append(Finding("missing", "fault", log.name, text, channel=name))
+        else:
+            series[name] = clean
+    for name in tuple(series):
+        findings += _without(series, sensor_range.resolution(log.name, name, series[name]))
+    return series, findings
+
+
+def _check_poses(flight: str, series: dict[str, Series], findings: list[Finding]) -> None:
+    for name in POSE:
+        if name not in series:
+            why = "; ".join(f.message for f in findings if f.channel == name)
+            raise InputError(
+                f"flight '{flight}': no usable {name}{f' ({why})' if why else ''}; needed: "
+                "position and attitude of the motion capture"
+            )
+        if series[name].t.size < _LEAST:
+            raise InputError(
+                f"flight '{flight}': {name}: {series[name].t.size} samples; needed: at least "
+                f"{_LEAST}, and seconds of flight for a diagnosis"
+            )
+    check_pose_rate(flight, series)
+    poses.check_attitude(flight, series["attitude"])
+    poses.check_height(flight, series["position"])
+
+
+def _without(series: dict[str, Series], findings: list[Finding]) -> list[Finding]:
+    """Take channels with a fault out of `series`; returns the findings."""
+    for f in findings:
+        if f.severity == "fault":
+            series.pop(f.channel, None)
+    return findings
+
+
+def _whole(
+    flight: str, series: dict[str, Series], flown: Span, down: list[Span]
+) -> tuple[list[Span], list[Finding]]:
+    """Return the spans in which a channel is not there or at its limit, and findings.
+
+    Channels of which too little is left are taken out.
+    """
+    out, findings, apart = coverage.parts(flight, series, flown, down)
+    for name in out:
+        del series[name]
+    for name in _IMU:
+        if name in series:
+            flying = _flying(series[name], down)
+            at, found = sensor_range.clipped(flight, name, series[name], flying)
+            findings += found
+            if sensor_range.is_mostly_clipped(at, flying):
+                del series[name]
+            elif found:
+                apart += sensor_range.spans_at_limit(series[name].t, at)
+    return apart, findings
+
+
+def _stuck(flight: str, series: dict[str, Series]) -> list[Finding]:
+    found: list[Finding] = []
+    for name in _MOVING:
+        if name in series:
+            values = series[name].t, series[name].values
+            found += frozen_values.frozen(flight, name, *values)
+            found += frozen_values.drawn(flight, name, *values)
+    return found
+
+
+def _spans(findings: Iterable[Finding]) -> list[Span]:
+    return [
+        (f.start_s, f.end_s)
+        for f in findings
+        if f.check in _SET_APART and np.isfinite(f.start_s) and np.isfinite(f.end_s)
+    ]
+
+
+def _motion(series: dict[str, Series], apart: list[Span]) -> Motion:
+    return motion_of(
+        series["position"], series["attitude"], series.get("gyro"), series.get("accel"), apart
+    )
+
+
+def _impacts(
+    flight: str, series: dict[str, Series], motion: Motion, findings: list[Finding]
+) -> list[Finding]:
+    down = [(f.start_s, f.end_s) for f in findings if f.check == "ground"]
+    times = series["position"].t
+    found = events.pose_events(series["position"], series["attitude"])
+    found += events.tilt_events(series["attitude"])
+    if "accel" in series:
+        force = np.linalg.norm(motion.acceleration + np.array([0.0, 0.0, GRAVITY]), axis=1)
+        found += events.accel_events(series["accel"], motion.t, force)
+    if "gyro" in series:
+        found += events.gyro_events(series["gyro"])
+    lines = [f for f in findings if f.check == "frozen" and f.channel in _IMU]
+    drawn = inside(np.array([e.t for e in found]), [(f.start_s, f.end_s) for f in lines])
+    on_lines = [e for e, d in zip(found, drawn, strict=True) if d]
+    real = [e for e, d in zip(found, drawn, strict=True) if not d]
+    return [
+        *impacts.unmeasured(flight, on_lines, lines),
+        *impacts.impacts(flight, real, down, (times[0], times[-1]), series),
+    ]
+
+
+def _held_together(
+    flight: str, series: dict[str, Series], apart: list[Span]
+) -> tuple[dict[str, Series], list[Finding]]:
+    """Compare poses, gyro and accelerometer; leave out what contradicts."""
+    motion = _motion(series, apart)
+    findings, scale = imu.check_gyro(flight, motion)
+    wrong = any(f.severity == "fault" for f in findings)
+    poses.check_poses(flight, motion, scale, imu=not wrong)
+    poses.check_lean(flight, motion)
+    if not wrong:
+        found = imu.check_accel_axes(flight, motion)
+        findings += found
+        wrong = bool(found)
+    if wrong:
+        series = {name: s for name, s in series.items() if name not in _IMU}
+    return series, findings
+
+
+def _accel_unit(flight: str, series: dict[str, Series], down: list[Span]) -> list[Finding]:
+    """Check unit and upward axis of the accelerometer; a faulty IMU is taken out."""
+    if "accel" not in series:
+        return []
+    accel = series["accel"]
+    found = imu.check_accel(flight, accel, _flying(accel, down))
+    if found:
+        for name in _IMU:
+            series.pop(name, None)
+    return found
+
+
+def _rotor_sensors(flight: str, series: dict[str, Series], apart: list[Span]) -> list[Finding]:
+    """Check each rotor's speed; what can't be used is taken out."""
+    if "rotor_speed" not in series:
+        return []
+    speed = series.pop("rotor_speed")
+    # its clock and that of the poses may differ: not close to take-off and landing
+    wide = [(b - _NEAR_GROUND_S, e + _NEAR_GROUND_S) for b, e in apart]
+    kept, found = sensor_faults(flight, speed, series.get("rotor_command"), _flying(speed, wide))
+    if kept is not None:
+        series["rotor_speed"] = kept
+    return found
+
+
+def _motors(
+    flight: str, series: dict[str, Series], apart: list[Span], hover: Hover | None
+) -> list[Finding]:
+    findings: list[Finding] = []
+    for name in ("motor_command", "rotor_command"):
+        if name in series:
+            flying = _flying(series[name], apart)
+            findings += motors.saturation(flight, name, series[name], flying)
+    if "motor_command" in series:
+        command = series["motor_command"]
+        found = motors.range_of(flight, command, _flying(command, apart))
+        findings += _without(series, found)
+    for name in coverage.DRIVES:
+        if name in series and "gyro" in series:
+            found = rotor_order.rotor_order(flight, name, series[name], series["gyro"], apart)
+            findings += _without(series, found)
+    if "rotor_speed" in series and "rotor_command" in series:
+        speed = series["rotor_speed"]
+        flying = _flying(speed, apart)
+        found = motors.speed_against_command(flight, speed, series["rotor_command"], flying)
+        findings += _without(series, found)
+    if hover is not None:
+        drives: dict[str, tuple[Series, Mask]] = {
+            name: (series[name], _flying(series[name], apart))
+            for name in ("rotor_speed", "rotor_command")
+            if name in series
+        }
+        findings += _without(series, check_vehicle(flight, drives, hover))
+    return findings
+
+
+def _changes(flight: str, series: dict[str, Series], apart: list[Span]) -> list[Finding]:
+    drivers = [n for n in ("rotor_speed", "rotor_command", "motor_command") if n in series]
+    if "accel" not in series or not drivers:
+        return []
+    accel, drive = series["accel"], series[drivers[0]]
+    every = max(round(0.02 / max(sample_interval(accel.t), 1e-6)), 1)  # 20 ms
+    t, force = block_means(accel.t, every), block_means(accel.values[:, 2], every)
+    asked = np.interp(t, drive.t, np.mean(drive.values**2, axis=1))
+    rows = ~inside(t, apart) & (t >= drive.t[0]) & (t <= drive.t[-1])
+    return changes(flight, t[rows], force[rows], asked[rows])
+
+
+def _flying(series: Series, apart: list[Span]) -> Mask:
+    return ~inside(series.t, apart)

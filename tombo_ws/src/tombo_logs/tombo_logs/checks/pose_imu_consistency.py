@@ -1,0 +1,210 @@
+"""Comparison of poses with the IMU: units, frames and stamps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
+
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.vehicle import GRAVITY
+from tombo_logs.checks.motion import INDEPENDENT, RATE, Motion
+from tombo_logs.checks.spans import Mask
+
+_EXCITED = 0.04
+"""rad/s: root mean square of a rate that tells anything."""
+_MAX_LAG_S = 0.3
+_MIRROR_SEEN = 0.8
+"""Correlation of gyro and attitude along the direction that turns least, to tell a mirror."""
+_DRAG = 0.08
+"""m/s^2: standard deviation of drag along an axis below which noise of the sensors hides it."""
+_DRAG_WIDTH = 0.15 * RATE
+"""Rows: standard deviation of the Gaussian for drag, far above that of the noise of poses."""
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """How gyro and rates of the attitude go together: gyro = scale * turn @ rates."""
+
+    scale: float
+    turn: Rotation
+    mirrored: bool
+    """True: the turn is to be followed by a mirror; axes have different handedness."""
+    angle: float
+    """of the turn [rad]."""
+    sigma: float
+    """Standard deviation of the angle [rad]."""
+    explained: float
+    """Share of the gyro's variance that is explained."""
+
+
+@dataclass(frozen=True)
+class TimeOffset:
+    """Delay of the motion capture's stamps against the IMU's."""
+
+    lag: float
+    """s"""
+    sigma: float
+
+
+def time_offset(motion: Motion) -> TimeOffset | None:
+    """Return the lag of best agreement between gyro and rates of the attitude.
+
+    Only sizes are compared where axes may be wrong; None where nothing turns.
+    """
+    if not motion.gyro.size or np.count_nonzero(motion.good) < 100:
+        return None
+    good = motion.good
+    rates = motion.rates - motion.rates[good].mean(axis=0)
+    gyro = motion.gyro - motion.gyro[good].mean(axis=0)
+    if _rms(rates[good]) < _EXCITED:
+        return None
+    reach = int(_MAX_LAG_S * RATE)
+    shifts = np.arange(-reach, reach + 1)
+    match = np.array([_matched(rates, gyro, good, int(s)) for s in shifts])
+    best = int(np.argmax(match))
+    if best in (0, match.size - 1) or match[best] < 0.5:
+        return None
+    left, top, right = match[best - 1 : best + 2]
+    offset = 0.5 * (left - right) / min(left - 2.0 * top + right, -1e-12)
+    lag = (shifts[best] + offset) / RATE
+    # how sharply a shift shows, against what no shift explains
+    fitted = _fit(np.roll(rates, -int(shifts[best]), axis=0)[good], gyro[good])
+    slope = np.gradient(gyro, 1.0 / RATE, axis=0)[good]
+    noise = _rms(fitted)
+    sharp = np.sqrt(np.sum(slope**2) / INDEPENDENT)
+    return TimeOffset(float(lag), float(noise / max(sharp, 1e-9)))
+
+
+def alignment(motion: Motion, lag: float) -> Alignment | None:
+    """Return how gyro and rates of the attitude go together once the lag is taken out."""
+    if not motion.gyro.size or np.count_nonzero(motion.good) < 100:
+        return None
+    good = motion.good
+    t = motion.t
+    shifted = np.column_stack([np.interp(t + lag, t, c) for c in motion.rates.T])
+    w, g = _centred(shifted[good]), _centred(motion.gyro[good])
+    if _rms(w) < _EXCITED:
+        return None
+    covariance = g.T @ w / len(w)
+    u, s, vt = np.linalg.svd(covariance)
+    # what both see; noise of one alone is not in it
+    excited = bool((np.sqrt(s) > _EXCITED / 2.0).all())
+    # a mirror shows in the directions that are excited, all three of them
+    sign = np.sign(np.linalg.det(u @ vt))
+    weakest = s[2] / max(float((g @ u[:, 2]).std() * (w @ vt[2]).std()), 1e-12)
+    mirrored = bool(excited and sign < 0.0 and weakest > _MIRROR_SEEN)
+    matrix = u @ np.diag([1.0, 1.0, sign]) @ vt
+    scale = float(s.sum() / max(np.trace(w.T @ w / len(w)), 1e-12))
+    left = g - scale * w @ (u @ vt if mirrored else matrix).T
+    turn = Rotation.from_matrix(-u @ vt if mirrored else matrix)
+    angle = float(turn.magnitude())
+    # the turn about an axis is told by what turns about the two others
+    weak = max(float(np.sqrt(s[1:].mean() / max(scale, 1e-9))), 1e-6)
+    sigma = _rms(left) / max(scale, 1e-9) / weak * np.sqrt(INDEPENDENT / len(w))
+    return Alignment(scale, turn, mirrored, angle, float(sigma), _explained(left, g))
+
+
+def tilt_response(motion: Motion) -> tuple[Array, float] | None:
+    """Return (2, 2): horizontal acceleration per horizontal lean, over gravity; and its share.
+
+    A multirotor is pushed along its body z: the identity is expected. None without excitation.
+    """
+    up, found = motion.up[motion.good], motion.acceleration[motion.good, :2]
+    if len(found) < 100:
+        return None
+    expected = _centred(up[:, :2] / np.maximum(np.abs(up[:, 2:]), 0.2) * GRAVITY)
+    found = _centred(found)
+    if max(_rms(expected), _rms(found)) < 0.2 or _rms(expected) < 2e-3:
+        return None
+    response, _, _, _ = np.linalg.lstsq(expected, found, rcond=None)
+    return np.asarray(response.T), _explained(found - expected @ response, found)
+
+
+def lean_explains(motion: Motion, turn: Rotation, axes: Array | None = None) -> float:
+    """Return the share of the horizontal acceleration that thrust along body z explains.
+
+    `turn`: attitudes of the rows with `good`; `axes` (2, 2): world x, y from those of the track.
+    """
+    up = turn.apply([0.0, 0.0, 1.0])
+    expected = _centred(up[:, :2] / np.maximum(np.abs(up[:, 2:]), 0.2) * GRAVITY)
+    found = _centred(motion.acceleration[motion.good, :2])
+    if axes is not None:
+        found = found @ axes.T
+    return _explained(found - expected, found)
+
+
+def drag_correlations(motion: Motion) -> Array | None:
+    """Return (2, 2): correlations of the accelerometer's x and y with the poses' specific force.
+
+    Row: axis of the accelerometer, column: body axis. Thrust is along z: what is left is drag,
+    faint and slow, but seen by both. None without drag.
+    """
+    if not motion.accel.size or np.count_nonzero(motion.good) < 100:
+        return None
+    force = motion.acceleration + np.array([0.0, 0.0, GRAVITY])
+    poses = Rotation.from_quat(motion.attitude).inv().apply(force)[:, :2]
+    good = gaussian_filter1d((~motion.good).astype(np.float64), _DRAG_WIDTH) < 0.01
+    slow = [gaussian_filter1d(v, _DRAG_WIDTH, axis=0) for v in (motion.accel[:, :2], poses)]
+    if np.count_nonzero(good) < 100 or min(v[good].std(axis=0).min() for v in slow) < _DRAG:
+        return None
+    accel, expected = (_centred(v[good]) / np.maximum(v[good].std(axis=0), 1e-6) for v in slow)
+    return np.asarray(accel.T @ expected / len(accel))
+
+
+def force_response(motion: Motion) -> tuple[Array, float] | None:
+    """Return (3, 3): the turn from the accelerometer's reading in map to the track's acceleration.
+
+    Also the share of the track's acceleration that it explains. Drag and wind are in both: no
+    turn is expected. None without excitation along two axes.
+    """
+    if not motion.accel.size or np.count_nonzero(motion.good) < 100:
+        return None
+    good = motion.good
+    expected = _centred(Rotation.from_quat(motion.attitude[good]).apply(motion.accel[good]))
+    found = _centred(motion.acceleration[good])
+    if max(_rms(expected), _rms(found)) < 0.2:
+        return None
+    u, s, vt = np.linalg.svd(found.T @ expected / len(found))
+    if s[1] < 0.2 * s[0]:
+        return None
+    turn = u @ vt
+    if s[2] < 0.2 * s[1]:
+        # a plane can be turned over or mirrored: the smaller mistake is the more probable one
+        other = u @ np.diag([1.0, 1.0, -1.0]) @ vt
+        proper, mirror = (turn, other) if np.linalg.det(turn) > 0.0 else (other, turn)
+        turn = mirror if np.trace(mirror) > np.trace(proper) + 1.0 else proper
+    return turn, _explained(found - expected @ turn.T, found)
+
+
+def _matched(rates: Array, gyro: Array, good: Mask, shift: int) -> float:
+    """Return the share of the gyro's variance that rates `shift` steps later explain."""
+    both = good & np.roll(good, -shift)
+    if shift > 0:
+        both[-shift:] = False
+    elif shift < 0:
+        both[:-shift] = False
+    g = gyro[both]
+    return _explained(_fit(np.roll(rates, -shift, axis=0)[both], g), g)
+
+
+def _fit(w: Array, g: Array) -> Array:
+    """Return what is left of g behind a linear map of w."""
+    if not len(w):
+        return g
+    coefficients, _, _, _ = np.linalg.lstsq(w, g, rcond=None)
+    return np.asarray(g - w @ coefficients)
+
+
+def _centred(values: Array) -> Array:
+    return np.asarray(values - values.mean(axis=0))
+
+
+def _explained(left: Array, whole: Array) -> float:
+    return 1.0 - float(np.sum(left**2) / max(np.sum(whole**2), 1e-12))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0

@@ -1,0 +1,129 @@
+"""Each rotor's speed against its own command and the other rotors: faults of one sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.vehicle import ROTOR_NAMES
+from tombo_logs.checks.spans import Mask, runs, sample_interval
+from tombo_logs.flight_log import Finding, Series
+
+_NOTHING = 0.1
+"""Share of a rotor's usual speed below which it reads nothing: no rotor in flight is so slow."""
+_ZEROS = 0.003
+"""Share of samples that read nothing from which on it is reported."""
+_FEW = 0.3
+"""Up to this share of zeros the samples are left out, where no command could replace them."""
+_STUCK_S = 0.25
+"""s for which a rotor's reading may stay the same while the others change."""
+_REPEATS = 0.4
+"""Share of repeated samples by which one rotor may exceed the others."""
+_OFF_COMMAND = 0.07
+"""Share by which the ratio of speed to command may differ between rotors: several times what
+sound speed controllers leave."""
+_OFF_PEERS = (0.75, 1.33)
+"""Ratio of a rotor's speed to the other rotors' where no command is known: a centre of gravity
+2 cm off, or a propeller that lost a third of its thrust, stays within."""
+
+
+def sensor_faults(
+    flight: str, speed: Series, command: Series | None, flying: Mask
+) -> tuple[Series | None, list[Finding]]:
+    """Return the speeds that can be used, None for none, and the faults of single sensors.
+
+    `flying` (N,): rows of `speed` in flight.
+    """
+    if np.count_nonzero(flying) < 50:
+        return speed, []
+    values = speed.values[flying]
+    zeros = values < _NOTHING * np.maximum(_usual(values), 1e-9)
+    texts = [*_zeros(values, zeros), *_repeats(speed.t[flying], values, zeros)]
+    texts += _scales(speed, command, flying, zeros)
+    if not texts:
+        return speed, []
+    few = command is None and all(" reads 0" in text for text in texts)
+    few &= float(zeros.any(axis=1).mean()) < _FEW
+    kept = None
+    if few:
+        rows = ~(flying & (speed.values < _NOTHING * _usual(values)).any(axis=1))
+        kept = Series(speed.t[rows], speed.values[rows])
+    remedy = "those samples are left out" if few else "rotor_speed is left out"
+    return kept, [
+        Finding("rpm", "fault", flight, f"rotor_speed: {t}; {remedy}", channel="rotor_speed")
+        for t in texts
+    ]
+
+
+def _usual(values: Array) -> float:
+    """Return the speed at which the rotors usually turn [rad/s]."""
+    return float(np.median(np.percentile(values, 80.0, axis=0)))
+
+
+def _zeros(values: Array, zeros: Mask) -> list[str]:
+    shares = zeros.mean(axis=0)
+    return [
+        f"{name} reads 0 in {100 * share:.0f} % of the samples in flight; expected: about "
+        f"{_usual(values):.0f} rad/s, as the others"
+        for name, share in zip(ROTOR_NAMES, shares, strict=True)
+        if share > _ZEROS
+    ]
+
+
+def _repeats(t: Array, values: Array, zeros: Mask) -> list[str]:
+    """Report rotors whose readings stay the same while the others' change."""
+    same = np.diff(values, axis=0) == 0.0
+    shares, step = same.mean(axis=0), sample_interval(t)
+    texts = []
+    for i, name in enumerate(ROTOR_NAMES):
+        alone = same[:, i] & ~zeros[1:, i]
+        moving = np.asarray(~np.delete(same, i, axis=1).all(axis=1))
+        held = [
+            (b, e)
+            for b, e in runs(alone)
+            if (e - b) * step > _STUCK_S and moving[b:e].mean() > 0.5
+        ]
+        least = float(np.median(np.delete(shares, i)))
+        if held:
+            longest = max(held, key=lambda run: run[1] - run[0])
+            texts.append(
+                f"{name} is stuck {len(held)} times while the others change, for "
+                f"{(longest[1] - longest[0]) * step:.2f} s from {t[longest[0]]:.2f} s on"
+            )
+        elif alone.mean() > least + _REPEATS:
+            texts.append(
+                f"{name} repeats the reading before in {100 * alone.mean():.0f} % of the samples, "
+                f"the others in {100 * least:.0f} %"
+            )
+    return texts
+
+
+def _scales(speed: Series, command: Series | None, flying: Mask, zeros: Mask) -> list[str]:
+    """Report rotors whose scale differs from that of the others."""
+    if command is not None and command.t.size > 10:
+        covered = (speed.t[flying] >= command.t[0]) & (speed.t[flying] <= command.t[-1])
+        asked = np.column_stack(
+            [np.interp(speed.t[flying], command.t, c) for c in command.values.T]
+        )
+        against, low, high = "its command", 1.0 - _OFF_COMMAND, 1.0 + _OFF_COMMAND
+    else:
+        covered = np.ones(np.count_nonzero(flying), np.bool_)
+        asked = np.ones((covered.size, 4))
+        against, (low, high) = "the speed expected", _OFF_PEERS
+    ratio = np.full(4, np.nan)
+    for i in range(4):
+        rows = covered & ~zeros[:, i] & (asked[:, i] > 0.0)
+        if np.count_nonzero(rows) >= 50:
+            ratio[i] = np.median(speed.values[flying][rows, i] / asked[rows, i])
+    if np.isfinite(ratio).sum() < 3:
+        return []
+    texts = []
+    for i, name in enumerate(ROTOR_NAMES):
+        relative = ratio[i] / np.nanmedian(np.delete(ratio, i))
+        if not low <= relative <= high and np.isfinite(relative):
+            own = f"{speed.values[flying][:, i].mean():.0f} rad/s on average"
+            texts.append(
+                f"{name} reads {relative:.3g} times {against}, measured by the other rotors "
+                f"({own}): its sensor's scale"
+            )
+    return texts

@@ -1,0 +1,215 @@
+"""A flight from a recording of ROS messages: MCAP, SQLite or ROS 1, file or folder.
+
+Ground truth is never read, even where it is recorded.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tombo_bag.columns import ColumnTable
+from tombo_bag.recording import Recording
+from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, ROTOR_COMMAND
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.rotation import unwrap_quaternions
+from tombo_logs.flight_log import Finding, FlightLog, Series, damage_findings
+from tombo_logs.readers.csv_mapping import LogMapping
+from tombo_logs.readers.foreign_topics import PX4, ForeignTopics
+
+ROTOR_SPEED = "/rotor_speed"
+"""Measured rotor speeds, as tombo_msgs/RotorSpeeds; the suite itself publishes none."""
+POSES = {
+    "geometry_msgs/msg/PoseStamped": ("pose.position.", "pose.orientation."),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": (
+        "pose.pose.position.",
+        "pose.pose.orientation.",
+    ),
+    "nav_msgs/msg/Odometry": ("pose.pose.position.", "pose.pose.orientation."),
+    "geometry_msgs/msg/TransformStamped": ("transform.translation.", "transform.rotation."),
+}
+"""Message types that hold a pose, and where."""
+_TYPES = {
+    MOCAP_POSE.name: tuple(POSES),
+    IMU.name: (IMU.typename,),
+    ROTOR_COMMAND.name: (ROTOR_COMMAND.typename,),
+    ROTOR_SPEED: (ROTOR_COMMAND.typename,),
+    BATTERY.name: (BATTERY.typename,),
+}
+_ALONE = "no metadata.yaml: the recorder was not closed"
+"""No damage if the folder has one recording, as of a headless flight."""
+_POSE = {"position", "attitude"}
+_TRUTH = "ground_truth"
+_OTHER_CLOCK_S = 30.0
+"""Stamps this far from the log's times come from another clock."""
+
+
+def read_bag(
+    path: Path,
+    name: str,
+    names: Mapping[str, str] | None = None,
+    mapping: LogMapping | None = None,
+) -> FlightLog:
+    """Read a recording, a file or a folder, under a name for the flight.
+
+    `names`: topic as recorded → name in this suite (`/mocap/pose`, `/imu/data_raw` …). Channels
+    of a mapping that name a topic go first, then the suite's topics, then those of other projects.
+
+    Raises:
+        InputError: no recording, or none with a pose in it.
+    """
+    for source, target in (names or {}).items():
+        if _TRUTH in source.split("/"):
+            raise InputError(f"{source}:={target}: ground truth is what a diagnosis must not see")
+    with Recording(path, names or {}) as recording:
+        mapped = set() if mapping is None else {k for g in mapping.by_topic.values() for k in g}
+        topics = _topics(recording, skip={MOCAP_POSE.name} if _POSE & mapped else set())
+        foreign = ForeignTopics(recording, name, mapping)
+        if MOCAP_POSE.name not in topics and not {*mapped, *foreign.px4} >= _POSE:
+            raise _no_pose(recording)
+        recording.load(list(topics.values()))
+        tables = {name: recording.columns(topic) for name, topic in topics.items()}
+        typenames = {key: recording.topics[topic].typename for key, topic in topics.items()}
+        tables = {key: table for key, table in tables.items() if len(table["log_time_ns"])}
+        starts = [s.first_ns for s in recording.topics.values() if s.count]
+        metadata = _scenario_name(recording.metadata)
+        damage = [text for text in recording.damage if text != _ALONE or len(recording.files) > 1]
+    findings = damage_findings(name, path, damage)
+    used = {key for key, _ in foreign.channels.values()} | ({PX4} if foreign.px4 else set())
+    others = {key: foreign.tables[key] for key in used}
+    clock = _Clock(name, min(starts, default=0), {**tables, **others})
+    series = {key: clock.shifted(PX4, one) for key, one in foreign.px4.items()}
+    for channel, (key, values) in foreign.channels.items():
+        series[channel] = clock.series(key, others[key], values)
+    for key, table in tables.items():
+        for channel, values in _values(key, table, typenames[key]).items():
+            if channel not in mapped:
+                series[channel] = clock.series(key, table, values)
+    every = (*findings, *foreign.findings, *clock.findings)
+    return FlightLog(name, f"{path} (recording)", series, findings=every, metadata=metadata)
+
+
+class _Clock:
+    """Turns stamps into seconds since the recording's start."""
+
+    def __init__(self, flight: str, start_ns: int, tables: Mapping[str, ColumnTable]) -> None:
+        self.findings: list[Finding] = []
+        self._flight = flight
+        self._zero: dict[str, int] = {}
+        self._arrival_zero = start_ns
+        apart = {
+            key: float(np.median(table["log_time_ns"] - table["stamp_ns"]))
+            for key, table in tables.items()
+        }
+        limit = _OTHER_CLOCK_S * 1e9
+        # simulated or boot time against the recorder's: one shift for all keeps delays as they are
+        own = [gap for gap in apart.values() if abs(gap) > limit]
+        shift = int(np.median(own)) if len(own) == len(apart) and own else 0
+        for key, gap in apart.items():
+            far = abs(gap - shift) > limit
+            self._zero[key] = start_ns - int(gap if far else shift)
+            if far:
+                text = (
+                    f"{key}: stamps are {gap * 1e-9:.1f} s before the times of recording, those "
+                    "of other topics not: another clock; shifted so that they agree on average"
+                )
+                self.findings.append(Finding("stamps", "warning", flight, text, channel=key))
+
+    def series(self, key: str, table: ColumnTable, values: Array) -> Series:
+        stamps, zero = table["stamp_ns"], self._zero[key]
+        arrival = (table["log_time_ns"] - self._arrival_zero) * 1e-9
+        return Series((stamps - zero) * 1e-9, values, np.asarray(arrival))
+
+    def shifted(self, key: str, one: Series) -> Series:
+        """Return a series with stamps [s] of a clock as one on the recording's."""
+        return Series(one.t - self._zero[key] * 1e-9, one.values)
+
+
+def _topics(recording: Recording, skip: Collection[str]) -> dict[str, str]:
+    """Return our topic → the recorded one: by name, or under a namespace if there is just one."""
+    found: dict[str, str] = {}
+    for key, types in _TYPES.items():
+        if key in skip:
+            continue
+        fitting = [topic for topic in usable_topics(recording, types) if topic.endswith(key)]
+        if key in fitting:
+            found[key] = key
+        elif len(fitting) == 1:
+            found[key] = fitting[0]
+        elif fitting:
+            raise InputError(
+                f"'{recording.path}': {' and '.join(fitting)} could be {key}; accepted: one, "
+                f"named with {fitting[0]}:={key}"
+            )
+    return found
+
+
+def usable_topics(recording: Recording, types: Collection[str]) -> list[str]:
+    """Return the topics of these types that have messages and are no ground truth."""
+    return [
+        topic
+        for topic, stream in recording.topics.items()
+        if stream.typename in types and stream.count and _TRUTH not in topic.split("/")
+    ]
+
+
+def _no_pose(recording: Recording) -> InputError:
+    poses = usable_topics(recording, POSES)
+    if poses:
+        hint = f"poses are in {', '.join(poses)}: name one as {poses[0]}:={MOCAP_POSE.name}"
+    else:
+        hint = f"topics there: {', '.join(recording.topics) or 'none'}"
+    hint += "".join(f"; {text}" for text in recording.damage)
+    return InputError(
+        f"'{recording.path}' has no poses of a motion capture; needed: position and attitude, as "
+        f"topic {MOCAP_POSE.name}; {hint}"
+    )
+
+
+def _columns(table: ColumnTable, prefix: str, letters: Iterable[str]) -> Array:
+    return np.column_stack([table[prefix + letter] for letter in letters]).astype(np.float64)
+
+
+def _pose(table: ColumnTable, typename: str) -> dict[str, Array]:
+    position, orientation = POSES[typename]
+    return {
+        "position": _columns(table, position, "xyz"),
+        "attitude": unwrap_quaternions(_columns(table, orientation, "xyzw")),
+    }
+
+
+def _imu(table: ColumnTable) -> dict[str, Array]:
+    return {
+        "gyro": _columns(table, "angular_velocity.", "xyz"),
+        "accel": _columns(table, "linear_acceleration.", "xyz"),
+    }
+
+
+def _battery(table: ColumnTable) -> dict[str, Array]:
+    voltage = np.asarray(table["voltage"], np.float64)[:, None]
+    current = -np.asarray(table["current"], np.float64)[:, None]  # sensor_msgs: drawn is negative
+    series = {"voltage": voltage, "current": current}
+    return {key: values for key, values in series.items() if np.isfinite(values).any()}
+
+
+def _values(key: str, table: ColumnTable, typename: str) -> dict[str, Array]:
+    """Return channel -> values of one of our topics; `typename` is that of the poses."""
+    if key == MOCAP_POSE.name:
+        return _pose(table, typename)
+    if key in (ROTOR_COMMAND.name, ROTOR_SPEED):
+        return {key.removeprefix("/"): np.asarray(table["speed"], np.float64).reshape(-1, 4)}
+    return _imu(table) if key == IMU.name else _battery(table)
+
+
+def _scenario_name(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
+    """Return the scenario's name, and nothing else: its effects would be the solution."""
+    try:
+        scenario: Any = json.loads(metadata["tombo_flight"]["scenario"])
+        return {"scenario": str(scenario["name"])}
+    except (KeyError, ValueError, TypeError):
+        return {}

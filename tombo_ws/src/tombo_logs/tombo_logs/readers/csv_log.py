@@ -1,0 +1,180 @@
+"""A flight from a table (CSV, CSV.gz) and a mapping."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+from tombo_bag.columns import stacked_columns
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.rotation import unwrap_quaternions
+from tombo_logs.flight_log import CHANNELS, Finding, FlightLog, Series, damage_findings
+from tombo_logs.readers.csv_mapping import ChannelMap, LogMapping, TimeColumn, shipped
+from tombo_logs.readers.csv_table import CsvTable, open_table
+from tombo_logs.readers.frames import axes_matrix, handedness, turn_attitude
+from tombo_logs.readers.units import factor
+
+_POSE = ("position", "attitude")
+
+
+def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> FlightLog:
+    """Read a table, CSV or CSV.gz with a header; without a mapping, by the shipped one that fits.
+
+    Raises:
+        InputError: no table, no mapping fits, or columns of position or attitude that it names
+            are missing.
+    """
+    table = open_table(path)
+    mapping = mapping or _recognised(table)
+    if "position" not in mapping.channels:
+        raise InputError(
+            f"mapping '{mapping.name}' has no channel position; needed: position of the motion "
+            "capture, and its attitude for all but --healthy"
+        )
+    there = set(table.columns)
+    findings = damage_findings(name, path, table.damage)
+    channels = {}
+    for key, channel in mapping.channels.items():
+        lacking = [c for c in _columns(channel, mapping, there) if c not in there]
+        if lacking and key in _POSE:
+            raise unknown_name(
+                f"column for {key} (mapping '{mapping.name}') in '{path}'", lacking[0], there
+            )
+        if not lacking:
+            channels[key] = channel
+        elif any(c in there for c in channel.columns):
+            text = f"{key}: columns {', '.join(lacking)} are not in the table: left out"
+            findings.append(Finding("missing", "warning", name, text, channel=key))
+    wanted = {c for channel in channels.values() for c in _columns(channel, mapping, there)}
+    for column in sorted(wanted):
+        if table.columns.count(column) > 1:
+            raise InputError(f"'{table.path}' has column '{column}' twice; accepted: once")
+    columns, damage = table.numbers(wanted)
+    findings += damage_findings(name, path, damage)
+    zero = _zero(columns, channels, mapping)
+    series = {key: _series(key, c, columns, mapping, zero) for key, c in channels.items()}
+    return FlightLog(
+        name=name,
+        source=f"{path} (table, mapping '{mapping.name}')",
+        series={key: s for key, s in series.items() if s.t.size},
+        airframe=mapping.airframe,
+        findings=tuple(findings),
+        metadata={**_sidecar(path, mapping), **mapping.metadata},
+    )
+
+
+def _recognised(table: CsvTable) -> LogMapping:
+    there, known = set(table.columns), shipped()
+    fitting = [
+        mapping
+        for mapping in known.values()
+        if all(set(_columns(mapping.channels[key], mapping, there)) <= there for key in _POSE)
+    ]
+    if len(fitting) == 1:
+        return fitting[0]
+    names = ", ".join(table.columns[:60]) + (" …" if len(table.columns) > 60 else "")
+    raise InputError(
+        f"'{table.path}': no mapping given, and none of those shipped ({', '.join(known)}) fits "
+        f"its columns ({names}); write one as in docs/logs.md and give it with --mapping"
+    )
+
+
+def _columns(channel: ChannelMap, mapping: LogMapping, there: Collection[str]) -> tuple[str, ...]:
+    """Return the columns that a channel needs of those that are there; a minus is a sign."""
+    times = (channel.time or mapping.time, channel.arrival)
+    names = (*channel.columns, *(t.column for t in times if t is not None))
+    return tuple(n if n in there or not n.startswith("-") else n[1:] for n in names)
+
+
+def _zero(
+    columns: Mapping[str, Array], channels: Mapping[str, ChannelMap], mapping: LogMapping
+) -> float:
+    """Return the file's start: the first stamp in it [s]."""
+    first = []
+    for key, channel in channels.items():
+        time = channel.time or mapping.time
+        if time is None:
+            raise InputError(
+                f"mapping '{mapping.name}': {key} has no time; accepted: time for the table or "
+                "for the channel"
+            )
+        stamps = columns[time.column]
+        stamps = stamps[np.isfinite(stamps)]
+        first.extend(stamps[:1] * factor(time.unit, "s", "time"))
+    return min(first, default=0.0)
+
+
+def _series(
+    key: str, channel: ChannelMap, columns: Mapping[str, Array], mapping: LogMapping, zero: float
+) -> Series:
+    time = channel.time or mapping.time
+    assert time is not None  # `_zero` has seen to it
+    t = _stamps(columns, time, zero)
+    values = stacked_columns(columns, channel.columns, f"mapping '{mapping.name}'")
+    # a row without the channel: tables that merge streams leave most cells empty
+    rows = np.isfinite(t) & np.isfinite(values).any(axis=1)
+    arrival = None if channel.arrival is None else _stamps(columns, channel.arrival, zero)[rows]
+    return Series(t[rows], converted(key, channel, mapping, values[rows]), arrival)
+
+
+def _stamps(columns: Mapping[str, Array], time: TimeColumn, zero: float) -> Array:
+    return np.asarray(columns[time.column] * factor(time.unit, "s", "time") - zero)
+
+
+def converted(key: str, channel: ChannelMap, mapping: LogMapping, values: Array) -> Array:
+    """Return (N, width) in the unit and the axes of the channel."""
+    world = axes_matrix(mapping.world, "world")
+    body = axes_matrix(mapping.body, "body")
+    if key == "attitude":
+        quaternions = _quaternions(channel, values)
+        return unwrap_quaternions(turn_attitude(quaternions, world, body, mapping.turn))
+    if channel.range is not None:
+        low, high = channel.range
+        return np.asarray((values - low) / (high - low))
+    values = values * (channel.scale * factor(channel.unit, CHANNELS[key].unit, key))
+    if key == "rotor_speed":
+        # some logs sign it by the direction of rotation
+        return np.asarray(values * np.where(np.nansum(values, axis=0) < 0.0, -1.0, 1.0))
+    if key in ("position", "acceleration"):
+        return np.asarray(values @ world.T)
+    if key in ("gyro", "accel"):
+        if channel.axes is not None:
+            return np.asarray(values @ axes_matrix(channel.axes, key).T)
+        # rates turn the other way round in mirrored axes
+        sign = handedness(body) if key == "gyro" else 1.0
+        return np.asarray(sign * values @ body.T)
+    return np.asarray(values)
+
+
+def _quaternions(channel: ChannelMap, values: Array) -> Array:
+    if channel.order == "xyzw":
+        return values
+    if channel.order == "wxyz":
+        return values[:, [1, 2, 3, 0]]
+    angles = values * factor(channel.unit, "rad", "attitude")
+    if channel.order == "rpy":
+        angles = angles[:, ::-1]
+    out = np.full((len(angles), 4), np.nan)
+    good = np.isfinite(angles).all(axis=1)
+    if good.any():
+        out[good] = Rotation.from_euler("ZYX", angles[good]).as_quat()
+    return out
+
+
+def _sidecar(path: Path, mapping: LogMapping) -> dict[str, str]:
+    """Return the plain values of the YAML file beside the log, if there is one."""
+    if not mapping.sidecar:
+        return {}
+    stem = path.name.removesuffix(".gz").removesuffix(".csv")
+    try:
+        content = yaml.safe_load(path.with_name(stem + mapping.sidecar).read_text("utf-8"))
+    except (OSError, ValueError, yaml.YAMLError):
+        return {}
+    if not isinstance(content, dict):
+        return {}
+    return {str(k): str(v) for k, v in content.items() if isinstance(v, str | int | float)}

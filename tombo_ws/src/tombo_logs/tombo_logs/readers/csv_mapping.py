@@ -1,0 +1,245 @@
+"""Mapping files of flights: which columns of a table hold which channel, in which units and axes.
+
+YAML. `docs/logs.md` explains it by example; those shipped are in `mappings/`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.rotation import unwrap_quaternions
+from tombo_dynamics.yaml_text import parse_yaml
+from tombo_logs.flight_log import CHANNELS, Airframe, Series
+from tombo_logs.readers.frames import BODIES, WORLDS, axes_matrix, handedness, turn_attitude
+from tombo_logs.readers.mapping_file import read_mapping, shipped_mappings, table_of
+from tombo_logs.readers.units import factor
+
+ORDERS = {"xyzw": 4, "wxyz": 4, "rpy": 3, "ypr": 3}
+"""How an attitude is written, and in how many columns: quaternion, or roll, pitch and yaw."""
+
+
+@dataclass(frozen=True)
+class TimeColumn:
+    """A column of times."""
+
+    column: str
+    unit: str = "s"
+
+
+@dataclass(frozen=True)
+class ChannelMap:
+    """Where a channel comes from."""
+
+    columns: tuple[str, ...]
+    """As in the file; with a minus before it, of the opposite sign."""
+    unit: str
+    order: str = "xyzw"
+    """Of an attitude: one of ORDERS."""
+    range: tuple[float, float] | None = None
+    """Of a motor command: what stands for 0 and for 1."""
+    axes: tuple[str, ...] | None = None
+    """Of gyro and accel where they have axes of their own: ours in terms of the file's."""
+    time: TimeColumn | None = None
+    """Where the channel has stamps of its own."""
+    arrival: TimeColumn | None = None
+    topic: str = ""
+    """Of recordings and PX4 logs: where the columns are, as `esc[0].rpm` or `data[2]`."""
+    scale: float = 1.0
+    """By what values are multiplied, beside the unit: -1, or 10 for joints that Gazebo slows."""
+
+
+@dataclass(frozen=True)
+class LogMapping:
+    """A mapping file, checked."""
+
+    name: str
+    about: str = ""
+    time: TimeColumn | None = None
+    world: tuple[str, ...] = WORLDS["ENU"]
+    body: tuple[str, ...] = BODIES["FLU"]
+    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Roll, pitch, yaw from base_link to the body that the motion capture has."""
+    channels: Mapping[str, ChannelMap] = field(default_factory=dict)
+    airframe: Airframe | None = None
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    sidecar: str = ""
+    """What follows the log's name in the name of a YAML file with more metadata."""
+
+    @property
+    def columns(self) -> set[str]:
+        """All columns that it names."""
+        times = [self.time] + [t for c in self.channels.values() for t in (c.time, c.arrival)]
+        named = {t.column for t in times if t is not None}
+        return named | {name for c in self.channels.values() for name in c.columns}
+
+    @property
+    def by_topic(self) -> dict[str, dict[str, ChannelMap]]:
+        """Topic → its channels, of those that name one."""
+        topics: dict[str, dict[str, ChannelMap]] = {}
+        for key, channel in self.channels.items():
+            if channel.topic:
+                topics.setdefault(channel.topic, {})[key] = channel
+        return topics
+
+    @property
+    def turn(self) -> Rotation:
+        """`turn_deg` as a rotation."""
+        return Rotation.from_euler("xyz", self.turn_deg, degrees=True)
+
+    def turned(self, attitude: Series) -> Series:
+        """Return attitudes of base_link, given those of the motion capture's body."""
+        same = np.eye(3)
+        values = turn_attitude(attitude.values, same, same, self.turn)
+        return Series(attitude.t, unwrap_quaternions(values), attitude.arrival)
+
+
+def shipped() -> dict[str, LogMapping]:
+    """Return the mappings that come with the package, by name."""
+    return shipped_mappings("tombo_logs", "readers/mappings", parse_mapping)
+
+
+def load_mapping(name: str | Path) -> LogMapping:
+    """Read a mapping: the name of a shipped one, or a YAML file.
+
+    Raises:
+        InputError: no such mapping, or one that can't be used.
+    """
+    return read_mapping(str(name), shipped(), parse_mapping)
+
+
+def parse_mapping(text: str, name: str) -> LogMapping:
+    """Check the text of a mapping file.
+
+    Raises:
+        InputError: not a mapping; says which key is wrong and what is accepted.
+    """
+    what = f"mapping '{name}'"
+    values = table_of(parse_yaml(text, what), what, [f.name for f in fields(LogMapping)])
+    world = _axes(values.get("world", "ENU"), WORLDS, f"{what}: world")
+    body = _axes(values.get("body", "FLU"), BODIES, f"{what}: body")
+    if handedness(axes_matrix(world, what)) != handedness(axes_matrix(body, what)):
+        raise InputError(
+            f"{what}: of world {list(world)} and body {list(body)} one is mirrored, the other "
+            "not; accepted: both or none, else an attitude is no rotation"
+        )
+    channels = table_of(values.get("channels"), f"{what}: channels", CHANNELS)
+    return LogMapping(
+        name=str(values.get("name", Path(name).stem)),
+        about=str(values.get("about", "")),
+        time=_time(values.get("time"), f"{what}: time"),
+        world=world,
+        body=body,
+        turn_deg=_numbers(values.get("turn_deg", (0.0, 0.0, 0.0)), 3, f"{what}: turn_deg"),
+        channels={key: _channel(key, value, what) for key, value in channels.items()},
+        airframe=_airframe(values.get("airframe"), f"{what}: airframe"),
+        metadata={str(k): str(v) for k, v in dict(values.get("metadata") or {}).items()},
+        sidecar=str(values.get("sidecar", "")),
+    )
+
+
+def _channel(key: str, content: object, what: str) -> ChannelMap:
+    what = f"{what}: {key}"
+    values = table_of(content, what, [f.name for f in fields(ChannelMap)])
+    channel, order = CHANNELS[key], str(values.get("order", "xyzw"))
+    if order not in ORDERS:
+        raise unknown_name(f"order of {what}", order, ORDERS)
+    width = ORDERS[order] if key == "attitude" else channel.width
+    columns = values.get("columns", ())
+    columns = (columns,) if isinstance(columns, str) else columns
+    if not isinstance(columns, Sequence) or len(columns) != width:
+        raise InputError(f"{what}: columns {columns!r}; accepted: {width} names of columns")
+    angles = key == "attitude" and width == 3
+    wanted = "rad" if angles else channel.unit
+    if "unit" not in values and (angles or channel.unit != "1"):
+        raise InputError(f"{what}: no unit; accepted: a unit as {wanted}")
+    unit, span = str(values.get("unit", "1")), values.get("range")
+    if span is not None:
+        low, high = _numbers(span, 2, f"{what}: range")
+        if not high > low or key != "motor_command":
+            raise InputError(f"{what}: range {span}; accepted: [low, high] of motor_command")
+        span = low, high
+    else:
+        factor(unit, wanted, what)
+    axes = values.get("axes")
+    if axes is not None and key not in ("gyro", "accel"):
+        raise InputError(f"{what}: axes; accepted: for gyro and accel, else world and body")
+    return ChannelMap(
+        columns=tuple(str(c) for c in columns),
+        unit=unit,
+        order=order,
+        range=span,
+        axes=None if axes is None else _axes(axes, BODIES, f"{what}: axes"),
+        time=_time(values.get("time"), f"{what}: time"),
+        arrival=_time(values.get("arrival"), f"{what}: arrival"),
+        topic=str(values.get("topic", "")),
+        scale=_numbers([values.get("scale", 1.0)], 1, f"{what}: scale")[0],
+    )
+
+
+def _time(content: object, what: str) -> TimeColumn | None:
+    if content is None:
+        return None
+    if isinstance(content, str):
+        content = {"column": content}
+    values = table_of(content, what, ("column", "unit"))
+    if "column" not in values:
+        raise InputError(f"{what}: no column; accepted: column and unit")
+    time = TimeColumn(str(values["column"]), str(values.get("unit", "s")))
+    factor(time.unit, "s", what)
+    return time
+
+
+def _axes(content: object, names: Mapping[str, tuple[str, ...]], what: str) -> tuple[str, ...]:
+    if isinstance(content, str):
+        if content.upper() not in names:
+            raise unknown_name(what, content, [*names, "[x, y, z] in any order and sign"])
+        return names[content.upper()]
+    if not isinstance(content, Sequence) or len(content) != 3:
+        raise InputError(f"{what}: {content!r}; accepted: {', '.join(names)}, or as [y, x, -z]")
+    axes = tuple(str(axis) for axis in content)
+    axes_matrix(axes, what)
+    return axes
+
+
+def _airframe(content: object, what: str) -> Airframe | None:
+    if content is None:
+        return None
+    if isinstance(content, str):
+        from tombo_flight.vehicle_file import read_vehicle
+        from tombo_logs.readers.vehicle_airframe import airframe_of  # imports compiled code
+
+        return airframe_of(read_vehicle(content))
+    names = [f.name for f in fields(Airframe)]
+    values = table_of(content, what, names)
+    lacking = [n for n in names[1:4] if n not in values]
+    if lacking:
+        raise InputError(f"{what}: no {', '.join(lacking)}; accepted: {', '.join(names)}")
+    numbers: dict[str, Any] = {
+        n: _numbers([values[n]], 1, f"{what}: {n}")[0]
+        for n in names
+        if n in values and n not in ("name", "inertia")
+    }
+    wrong = [n for n, x in numbers.items() if not x > 0.0]
+    if values.get("inertia") is not None:
+        numbers["inertia"] = _numbers(values["inertia"], 3, f"{what}: inertia")
+        wrong += ["inertia"] * (min(numbers["inertia"]) <= 0.0)
+    if wrong:
+        raise InputError(f"{what}: {wrong[0]} must be above 0")
+    return Airframe(name=str(values.get("name", "airframe")), **numbers)
+
+
+def _numbers(content: Any, count: int, what: str) -> tuple[Any, ...]:
+    try:
+        numbers = tuple(float(x) for x in content)
+    except (TypeError, ValueError):
+        numbers = ()
+    if len(numbers) != count or not np.all(np.isfinite(numbers)):
+        raise InputError(f"{what}: {content!r}; accepted: {count} number{'s' * (count > 1)}")
+    return numbers

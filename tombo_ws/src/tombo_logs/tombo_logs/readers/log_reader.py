@@ -1,0 +1,163 @@
+"""Measured flights from files: recordings of ROS messages, PX4 logs, tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from tombo_bag.formats.chunks import MAGIC as MCAP_MAGIC
+from tombo_bag.formats.sqlite_bag import MAGIC as SQLITE_MAGIC
+from tombo_bag.formats.telemetry_log import is_tlog
+from tombo_bag.recording import SUFFIXES, ZSTD_MAGIC
+from tombo_dynamics.errors import InputError
+from tombo_logs.flight_log import FlightLog
+from tombo_logs.readers.bag_log import read_bag
+from tombo_logs.readers.csv_log import read_csv
+from tombo_logs.readers.csv_mapping import LogMapping, load_mapping
+from tombo_logs.readers.log_names import flight_names
+from tombo_logs.readers.tlog import read_tlog
+from tombo_logs.readers.ulog import MAGIC as ULOG_MAGIC
+from tombo_logs.readers.ulog import read_ulog
+
+READABLE = "MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, telemetry log (tlog), CSV, CSV.gz"
+_BAG_MAGIC = (MCAP_MAGIC, SQLITE_MAGIC, b"#ROSBAG", ZSTD_MAGIC)
+_BAG_SUFFIXES = (*SUFFIXES, ".bag")
+_LOG_SUFFIXES = (*_BAG_SUFFIXES, ".ulg", ".tlog", ".csv", ".csv.gz")
+_GZIP = b"\x1f\x8b"
+
+
+def read_logs(
+    paths: Sequence[Path],
+    mapping: Path | str | None = None,
+    names: Mapping[str, str] | None = None,
+) -> list[FlightLog]:
+    """Read flights, in the order given; of a folder that is no recording, each log in it.
+
+    `mapping` is a mapping file, or the name of a shipped one: for tables, and of recordings and
+    PX4 logs its `turn_deg` and airframe. `names`: topic as recorded → name in this suite.
+
+    Raises:
+        InputError: a path that can't be read, or a flight given twice.
+    """
+    use = None if mapping is None else load_mapping(mapping)
+    found = [log for path in paths for log in logs_in(Path(path))]
+    if not found:
+        raise InputError(f"no logs given; accepted: {READABLE}")
+    named = zip(found, flight_names(found), strict=True)
+    logs = [read_log(path, name, use, names) for path, name in named]
+    for one, other in combinations(logs, 2):
+        if _same(one, other):
+            raise InputError(
+                f"'{one.source}' and '{other.source}' are the same flight; accepted: each flight "
+                "once, else its errors count as confirmed by another"
+            )
+    return logs
+
+
+def read_log(
+    path: Path,
+    name: str,
+    mapping: LogMapping | None = None,
+    names: Mapping[str, str] | None = None,
+) -> FlightLog:
+    """Read one flight; the kind of the file is found from its first bytes.
+
+    Raises:
+        InputError: it can't be read; says why and what is accepted.
+    """
+    start = _first_bytes(path)
+    if _is_recording(start):
+        return _adapted(read_bag(path, name, names, mapping), mapping)
+    if start.startswith(ULOG_MAGIC):
+        return _adapted(read_ulog(path, name, mapping), mapping)
+    if is_tlog(start):
+        return _adapted(read_tlog(path, name), mapping)
+    if _is_table(start):
+        return read_csv(path, name, mapping)
+    raise InputError(
+        f"'{path}' starts with bytes {start[:8].hex(' ')}: no log that is known; accepted: "
+        f"{READABLE}"
+    )
+
+
+def kind_of(path: Path) -> str:
+    """Return what a file is: "recording", "table", or "" for the logs of autopilots and others.
+
+    Raises:
+        InputError: it can't be read, or is empty.
+    """
+    start = _first_bytes(path)
+    return "recording" if _is_recording(start) else "table" if _is_table(start) else ""
+
+
+def _first_bytes(path: Path) -> bytes:
+    """Return the start of a file; of a folder nothing."""
+    if path.is_dir():
+        return b""
+    try:
+        with path.open("rb") as file:
+            start = file.read(64)
+    except OSError as error:
+        why = f"{error.strerror}; accepted: {READABLE}"
+        raise InputError(f"can't read '{path}': {why}") from error
+    if not start:
+        raise InputError(f"'{path}' is empty; accepted: {READABLE}")
+    return start
+
+
+def _is_recording(start: bytes) -> bool:
+    return start.startswith(_BAG_MAGIC) or (len(start) < 8 and MCAP_MAGIC.startswith(start))
+
+
+def _is_table(start: bytes) -> bool:
+    if start.startswith((ULOG_MAGIC, *_BAG_MAGIC)) or is_tlog(start):
+        return False
+    text = start.removeprefix(b"\xef\xbb\xbf")
+    return start.startswith(_GZIP) or not any(byte < 9 or 13 < byte < 32 for byte in text)
+
+
+def logs_in(path: Path) -> list[Path]:
+    """Return the path itself, or the logs of a folder that is no recording."""
+    if not path.exists():
+        raise InputError(f"'{path}' does not exist; accepted: {READABLE}")
+    if not path.is_dir() or (path / "metadata.yaml").is_file():
+        return [path]
+    files = sorted(p for p in path.iterdir() if p.name.endswith(_LOG_SUFFIXES))
+    if not files:
+        raise InputError(f"folder '{path}' holds no logs; accepted: {READABLE}")
+    bags = [p for p in files if p.name.endswith(_BAG_SUFFIXES)]
+    if bags == files and (len(bags) == 1 or _pieces(bags)):
+        return [path]
+    return files
+
+
+def _pieces(bags: Sequence[Path]) -> bool:
+    """Return whether files are one recording, cut by its recorder: name_0, name_1 and so on."""
+    stems = {p.name.split(".")[0].rpartition("_")[::2] for p in bags}
+    name, _ = next(iter(stems))
+    return stems == {(name, str(i)) for i in range(len(bags))}
+
+
+def _adapted(log: FlightLog, mapping: LogMapping | None) -> FlightLog:
+    """Apply to a recording what a mapping says of its rigid body and vehicle."""
+    if mapping is None:
+        return log
+    series = dict(log.series)
+    if any(mapping.turn_deg) and "attitude" in series:
+        series["attitude"] = mapping.turned(series["attitude"])
+    return replace(log, series=series, airframe=mapping.airframe or log.airframe)
+
+
+def _same(one: FlightLog, other: FlightLog) -> bool:
+    a, b = one.series.get("position"), other.series.get("position")
+    return (
+        a is not None
+        and b is not None
+        and a.values.shape == b.values.shape
+        and len(a.values) > 10
+        and bool(np.array_equal(a.values, b.values, equal_nan=True))
+    )
