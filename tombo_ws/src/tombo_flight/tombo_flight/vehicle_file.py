@@ -50,7 +50,7 @@ _SECTIONS: dict[str, type[Any]] = {
     "control": ControlParams,
     "drive": DriveParams,
 }
-_KEYS = ("tombo_vehicle", "name", "about", *_SECTIONS, "effects", "sources")
+_KEYS = ("tombo_vehicle", "name", "about", *_SECTIONS, "effects", "sources", "healthy")
 _BEGIN = "---"
 """A document that begins so must end with `END`."""
 _HEAD = (
@@ -72,6 +72,17 @@ class Note:
 
 
 @dataclass(frozen=True)
+class HealthyFlights:
+    """What the model leaves unexplained of healthy flights of a vehicle."""
+
+    flights: int
+    residuals: Mapping[str, tuple[float, ...]]
+    """Channel of the diagnosis → variances of its residual by time scale, in its unit squared."""
+    spread: Mapping[str, float] = field(default_factory=dict)
+    """effect.parameter → standard deviation with which it differs from flight to flight."""
+
+
+@dataclass(frozen=True)
 class VehicleFile:
     """A vehicle, complete and checked."""
 
@@ -90,6 +101,8 @@ class VehicleFile:
     about: str = ""
     sources: tuple[str, ...] = ()
     """What [1], [2] and so on in the notes stand for."""
+    healthy: HealthyFlights | None = None
+    """Of a vehicle that was fitted to its flights."""
 
     @property
     def maps(self) -> RotorMaps:
@@ -229,7 +242,33 @@ def _built(
         notes,
         str(values.get("about") or ""),
         tuple(str(source) for source in list_of(values.get("sources"), "sources")),
+        _healthy(values.get("healthy")),
     )
+
+
+def _healthy(content: Any) -> HealthyFlights | None:
+    """Return what healthy flights left.
+
+    Raises:
+        InputError: no number of flights, or variances that are none.
+    """
+    if content is None:
+        return None
+    values = mapping_of(content, "healthy")
+    check_keys(values, ("flights", "spread", "residuals"), "healthy")
+    spread = {
+        str(label): check_number(f"healthy.spread.{label}", v, "1", (0.0, 1e6))
+        for label, v in mapping_of(values.get("spread") or {}, "healthy.spread").items()
+    }
+    residuals = {
+        str(name): tuple(
+            check_number(f"healthy.residuals.{name}", v, "1", (0.0, 1e12))
+            for v in list_of(variances, f"healthy.residuals.{name}")
+        )
+        for name, variances in mapping_of(values.get("residuals"), "healthy.residuals").items()
+    }
+    flights = check_number("healthy.flights", values.get("flights"), "1", (1, 1e6), integer=True)
+    return HealthyFlights(int(flights), residuals, spread)
 
 
 def _of_effects(given: Any) -> Mapping[str, Mapping[str, float]]:
@@ -287,6 +326,13 @@ def vehicle_text(file: VehicleFile) -> str:
         values["effects"] = file.effects
     if file.sources:
         values["sources"] = list(file.sources)
+    if file.healthy is not None:
+        residuals = {name: list(v) for name, v in file.healthy.residuals.items()}
+        values["healthy"] = {
+            "flights": file.healthy.flights,
+            "spread": dict(file.healthy.spread),
+            "residuals": residuals,
+        }
     return f"{_HEAD}{_BEGIN}\n{yaml_of(values)}{END}\n"
 
 

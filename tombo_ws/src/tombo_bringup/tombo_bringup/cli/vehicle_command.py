@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tombo_bringup.cli.options import JsonOnly, integer_option, number_option, option
+from tombo_bringup.cli.vehicle_fit_command import from_flights
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -300,3 +301,6 @@ def _as_object(file: VehicleFile) -> dict[str, Any]:
         "notes": {key: dataclasses.asdict(note) for key, note in file.notes.items()},
         "hover": _hover(file),
     }
+
+
+app.command("from-flights")(from_flights)

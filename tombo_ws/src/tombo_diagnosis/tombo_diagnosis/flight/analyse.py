@@ -24,6 +24,7 @@ from tombo_diagnosis.flight.residual_check import (
     noise_variances,
     residual_excesses,
     residual_variances,
+    with_healthy,
 )
 from tombo_diagnosis.flight.residual_predictability import cross_validated_r2
 from tombo_dynamics.arrays import Array
@@ -113,7 +114,7 @@ def check_residual(problem: FlightProblem, found: SearchResult) -> FlightRemaind
         if fit in noise_fits or _within_tolerance(fit, theta, nominal):
             theta[list(fit.free)] = fit.value
     measured = residual_variances(problem, best)
-    expected = noise_variances(problem, theta)
+    expected = with_healthy(noise_variances(problem, theta), nominal.healthy)
     before = residual_variances(problem, problem.null_hypothesis)
     explanation = explained_excess(before, measured, expected)
     rest = residual_excesses(measured, expected)
@@ -129,7 +130,7 @@ def check_residual(problem: FlightProblem, found: SearchResult) -> FlightRemaind
         gust_fit = fit_gusts(problem, replace(best, theta=theta), measured)
         if gust_fit.evidence > LOG_BF_FIRST:
             gusts = gust_fit
-            expected = noise_variances(problem, gust_fit.theta)
+            expected = with_healthy(noise_variances(problem, gust_fit.theta), nominal.healthy)
             rest = residual_excesses(measured, expected)
     return weigh_remainder(
         FlightRemainder(

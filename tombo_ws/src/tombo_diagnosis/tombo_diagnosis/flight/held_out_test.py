@@ -54,8 +54,8 @@ def refuse_contradicted(
 ) -> tuple[FlightFindings, list[Gain], dict[str, str]]:
     """Return findings without causes that held-out flights contradict, gains, and what went.
 
-    A cause that makes the prediction of a channel surely worse goes, of several the one without
-    which it is worse the least; then the search begins again without it. What went: effect ->
+    A cause that makes the prediction of a channel surely worse goes, of several the least that
+    does; then the search begins again without it. What went: effect ->
     the channel that spoke against it.
     """
     refused: dict[str, str] = {}
@@ -76,18 +76,21 @@ def refuse_contradicted(
 
 
 def _culprit(findings: FlightFindings, final: Explanation, worst: Gain) -> str:
-    """Return the cause without which a channel is predicted best."""
-    if len(final.effects) == 1:
-        return final.effects[0]
+    """Return the least of the causes without which a channel is not surely predicted worse.
 
-    def error_without(effect: str) -> float:
-        others = [e for e in final.effects if e != effect]
-        gains = held_out_gains(findings, restrict_to(findings.problem, final, others))
-        return next(
-            g.after for g in gains if (g.channel, g.horizon) == (worst.channel, worst.horizon)
-        )
-
-    return min(final.effects, key=error_without)
+    If there is none, the cause that the evidence misses least.
+    """
+    problem = findings.problem
+    without = {
+        effect: restrict_to(problem, final, [e for e in final.effects if e != effect])
+        for effect in final.effects
+    }
+    least_first = sorted(without, key=lambda effect: -without[effect].evidence)
+    for effect in least_first:
+        left = surely_worse(held_out_gains(findings, without[effect]))
+        if (worst.channel, worst.horizon) not in {(g.channel, g.horizon) for g in left}:
+            return effect
+    return least_first[0]
 
 
 def _words(gain: Gain) -> str:

@@ -12,6 +12,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.vehicle import VehicleParams
+from tombo_flight.vehicle_file import HealthyFlights
 
 _BEYOND = 4.0
 """Tolerances that a size which clearly matters has at least."""
@@ -36,6 +37,8 @@ class NominalModel:
     """False: arms and inertia are not known; moments are not compared."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """effect.parameter → standard deviation with which this vehicle's own value is known."""
+    healthy: HealthyFlights | None = None
+    """What this model leaves unexplained of the vehicle's healthy flights; None: not known."""
     vehicle_name: str = ""
     """Of a vehicle file; empty: the suite's own vehicle."""
 

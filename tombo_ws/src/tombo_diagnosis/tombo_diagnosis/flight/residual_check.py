@@ -7,7 +7,7 @@ cause only if nothing but noise remains.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from tombo_diagnosis.flight.noise.haar_variance import SCALES_S, block_variances
 from tombo_diagnosis.flight.noise.noise_simulation import simulated_noise
 from tombo_diagnosis.flight.noise.noise_variance import floors_of
 from tombo_dynamics.arrays import Array
+from tombo_flight.vehicle_file import HealthyFlights
 
 _STANDARD_ERRORS = 2.0
 """Standard errors of the logarithm of a variance that are subtracted from an excess."""
@@ -63,6 +64,18 @@ def noise_variances(problem: FlightProblem, theta: Array) -> ScaleVariances:
         lambda track: simulated_noise(track, problem.nominal, theta, 1), problem.tracks
     )
     return _powers(problem, dict(enumerate(drawn)))
+
+
+def with_healthy(expected: ScaleVariances, healthy: HealthyFlights | None) -> ScaleVariances:
+    """Return the variances that noise leaves, or what healthy flights left where that is more."""
+    if healthy is None:
+        return expected
+    variances = expected.variances.copy()
+    for j, name in enumerate(expected.names):
+        left = healthy.residuals.get(name, ())
+        if len(left) == len(variances):
+            variances[:, j] = np.maximum(variances[:, j], left)
+    return replace(expected, variances=variances)
 
 
 def _powers(problem: FlightProblem, rows: Mapping[int, dict[str, Array]]) -> ScaleVariances:

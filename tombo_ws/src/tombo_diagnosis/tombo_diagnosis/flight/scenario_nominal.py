@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from tombo_diagnosis.flight.fit.parameters import parameters
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, thrust_map_of
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
@@ -54,7 +55,8 @@ def nominal_model(
     foreign = (file.vehicle, file.propeller) != (VehicleParams(), PropellerChoice())
     return replace(
         nominal_of(scenario, f"{file.name}, {label}"),
-        tolerances=tolerances_of(file),
+        tolerances=_with_spread(tolerances_of(file), file),
+        healthy=file.healthy,
         vehicle_name=file.name if foreign else "",
     )
 
@@ -72,6 +74,17 @@ def tolerances_of(file: VehicleFile) -> dict[str, float]:
         section, _, name = key.partition(".")
         value = getattr(getattr(file, section), name) if share else 1.0
         found[label] = tolerance / value
+    return found
+
+
+def _with_spread(tolerances: Mapping[str, float], file: VehicleFile) -> dict[str, float]:
+    """Return tolerances, none below what differs from one healthy flight to the next."""
+    spread = {} if file.healthy is None else file.healthy.spread
+    usual = parameters(file.vehicle.mass, file.vehicle.arm_length)
+    own = {p.label: p.tolerance for p in usual}
+    found = dict(tolerances)
+    for label, deviation in spread.items():
+        found[label] = max(deviation, found.get(label, own.get(label, 0.0)))
     return found
 
 

@@ -8,20 +8,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 from scipy.optimize import least_squares
 
 from tombo_diagnosis.engine.cause_estimates import TWO_SIDED, fitted_parameter
-from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS
+from tombo_diagnosis.engine.evidence import solve
+from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Fit
+from tombo_diagnosis.flight.analyse import select_noise_fits
 from tombo_diagnosis.flight.calibrate import force_along_thrust
-from tombo_diagnosis.flight.fit.problem import FlightProblem
+from tombo_diagnosis.flight.fit.problem import FlightProblem, tangent_of
 from tombo_diagnosis.flight.fit.track import FAST_SPACING, SLOW_SPACING, track_of
+from tombo_diagnosis.flight.noise.noise_statistics import fit_noise_effects
+from tombo_diagnosis.flight.residual_check import residual_variances
 from tombo_diagnosis.flight.scenario_nominal import held_against, nominal_model
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.drive import DriveParams
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.params import from_mapping
+from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.extended_model import FittedParameter
 from tombo_flight.progress import ProgressCallback, no_progress
-from tombo_flight.vehicle_file import Note, VehicleFile
+from tombo_flight.vehicle_file import HealthyFlights, Note, VehicleFile
 from tombo_logs.checks.spans import block_means
 from tombo_logs.flight_log import FlightLog
 
@@ -33,8 +40,17 @@ FITTED = {
     "inertia_error.zz": "moment of inertia about z",
     "linear_rotor_drag.d_xy": "drag per speed in the disc plane",
     "linear_rotor_drag.d_z": "drag per speed along the rotor axis",
+    "flapping_moment.k": "moment per speed in the disc plane",
+    "translational_lift.k": "thrust per square of the speed across",
+    "cog_offset.x": "centre of gravity ahead of the centre",
+    "cog_offset.y": "centre of gravity left of the centre",
+    "imu_lever_arm.x": "IMU ahead of the centre",
+    "imu_lever_arm.y": "IMU left of the centre",
+    "mocap_stamp_error.offset": "error of the poses' stamps",
+    "mocap_body_misalignment.roll": "roll of the rigid body as it was defined",
+    "mocap_body_misalignment.pitch": "pitch of the rigid body as it was defined",
 }
-"""Parameters that flights are fitted for, and what they tell."""
+"""Parameters that flights are fitted for, and what they tell: what stays from day to day."""
 _SEEN = 0.3
 """A parameter is seen if its standard deviation is below this share of the size that matters."""
 _BLOCK_S = 0.25
@@ -75,6 +91,7 @@ def fit_vehicle(
     file = base
     if not all({"rotor_speed", "rotor_command"} & set(log.series) for log in logs):
         file = _with_fitted_drive(logs, base)
+    file = _with_supply(logs, file)
     progress("fitting lag, inertia and drag", 0.3)
     held = held_against(logs, file)
     problem = FlightProblem([track_of(log) for log in held], nominal_model(vehicle=file))
@@ -89,12 +106,67 @@ def fit_vehicle(
             continue
         (place,) = problem.columns.places([p.index])
         deviation = math.sqrt(max(float(fit.solution.covariance[place, place]), 0.0))
-        if deviation < _SEEN * p.scale:
+        value = float(fit.theta[p.index])
+        inside = p.low + deviation < value < p.high - deviation or value == p.null
+        if deviation < _SEEN * p.scale and inside:
             nominal = float(problem.theta[p.index])
-            seen[label] = fitted_parameter(p, nominal, float(fit.theta[p.index]), deviation)
+            seen[label] = fitted_parameter(p, nominal, value, deviation)
+    left = residual_variances(problem, fit)
+    residuals = {
+        name: tuple(float(v) for v in np.nan_to_num(left.variances[:, j]))
+        for j, name in enumerate(left.names)
+    }
+    healthy = HealthyFlights(len(logs), residuals, _spread(problem, fit))
+    file = dataclasses.replace(file, healthy=healthy, effects=_with_noise(problem, fit, file))
     count = len(logs)
     unseen = tuple(text for label, text in FITTED.items() if label in own and label not in seen)
     return VehicleFit(_with_fitted(file, seen, count), seen, unseen)
+
+
+def _spread(problem: FlightProblem, fit: Fit) -> dict[str, float]:
+    """Return effect.parameter -> how far it is from the fit in single flights, as one deviation.
+
+    Of few flights a deviation is known badly: Student's factor makes it as wide as one that is
+    known well.
+    """
+    columns, count = problem.columns, len(problem.tracks)
+    if count < 2:
+        return {}
+    factor = float(stats.t.ppf(0.975, count)) / TWO_SIDED * math.sqrt(1.0 + 1.0 / count)
+    normals = tangent_of(fit).normals
+    found = {}
+    for index in columns.identifiable:
+        p, (place,) = columns.parameters[index], columns.places([index])
+        deviations = columns.deviations((index,), fit.widths, pinned=fit.pinned)
+        alone = [solve(normal, deviations, covariance=False).mean[place] for normal in normals]
+        found[p.label] = factor * float(np.sqrt(np.mean(np.square(alone))))
+    return found
+
+
+def _with_supply(logs: Sequence[FlightLog], file: VehicleFile) -> VehicleFile:
+    """Return a vehicle with the highest voltage that its flights begin with."""
+    volts = [log.series["voltage"].values[:, 0] for log in logs if "voltage" in log.series]
+    full = max((float(np.nanmax(v[: max(1, v.size // 20)])) for v in volts), default=math.nan)
+    if not math.isfinite(full):
+        return file
+    vehicle = from_mapping(
+        VehicleParams, {**dataclasses.asdict(file.vehicle), "battery_voltage": full}, "vehicle"
+    )
+    notes = {**file.notes, "vehicle.battery_voltage": Note(None, "highest in these flights")}
+    given = file.given | {"vehicle.battery_voltage"}
+    return dataclasses.replace(file, vehicle=vehicle, notes=notes, given=given)
+
+
+def _with_noise(
+    problem: FlightProblem, fit: Fit, file: VehicleFile
+) -> dict[str, dict[str, float]]:
+    """Return a vehicle's effects with the noise that its flights show, where it is another."""
+    effects = {name: dict(values) for name, values in file.effects.items()}
+    parameters = problem.nominal.parameters
+    for found in select_noise_fits(fit_noise_effects(problem.tracks, problem.nominal, fit.theta)):
+        for index, value in zip(found.free, found.value, strict=True):
+            effects.setdefault(found.effect, {})[parameters[index].name] = float(value)
+    return effects
 
 
 def _with_fitted_drive(logs: Sequence[FlightLog], base: VehicleFile) -> VehicleFile:

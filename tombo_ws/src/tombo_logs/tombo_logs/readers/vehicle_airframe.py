@@ -1,8 +1,12 @@
-"""A vehicle file as the airframe of logs whose thrust is fitted to the flights themselves."""
+"""Vehicle files and the airframes that logs name, each as the other."""
 
 from __future__ import annotations
 
-from tombo_flight.vehicle_file import VehicleFile
+import math
+from typing import Any
+
+from tombo_dynamics.vehicle import AIR_DENSITY
+from tombo_flight.vehicle_file import FORMAT, VehicleFile, vehicle_from_mapping
 from tombo_logs.flight_log import Airframe
 
 
@@ -17,3 +21,36 @@ def airframe_of(file: VehicleFile) -> Airframe:
         inertia=(v.inertia_xx, v.inertia_yy, v.inertia_zz),
         motor_time_constant=v.motor_time_constant,
     )
+
+
+_THRUST_NUMBER = 0.1
+"""Thrust over density, disc area and square of the tip speed; usual of small propellers."""
+_TORQUE_OVER_THRUST = 0.144
+"""Drag torque over thrust and tip radius; 0.016 m at 9 inch."""
+
+
+def vehicle_of(frame: Airframe) -> VehicleFile:
+    """Return an airframe as a vehicle, with a propeller that is usual for its radius.
+
+    Raises:
+        InputError: values that no simulation takes.
+    """
+    k_thrust = _THRUST_NUMBER * AIR_DENSITY * math.pi * frame.rotor_radius**4
+    guess = "estimated, because: usual for this radius"
+    vehicle: dict[str, Any] = {"mass": frame.mass, "arm_length": frame.arm_length}
+    if frame.inertia is not None:
+        names = ("inertia_xx", "inertia_yy", "inertia_zz")
+        vehicle |= dict(zip(names, frame.inertia, strict=True))
+    vehicle["motor_time_constant"] = frame.motor_time_constant
+    k_torque = _TORQUE_OVER_THRUST * frame.rotor_radius * k_thrust
+    values = {
+        "tombo_vehicle": FORMAT,
+        "name": frame.name,
+        "vehicle": vehicle,
+        "propeller": {
+            "k_thrust": {"value": k_thrust, "source": guess},
+            "k_torque": {"value": k_torque, "source": guess},
+            "radius": frame.rotor_radius,
+        },
+    }
+    return vehicle_from_mapping(values, f"airframe '{frame.name}'")

@@ -53,17 +53,24 @@ DISPLACEMENTS = frozenset({"imu_lever_arm", "mocap_marker_offset"})
 def setting_of(nominal: NominalModel, flights: int) -> Setting:
     """Return the settings for a nominal model.
 
-    Of a vehicle whose healthy flights are not known, each flight held out is one trial: confidence
-    stays below the rule of succession, (n + 1)/(n + 2).
+    Confidence stays below what flights allow: of a vehicle that was fitted to healthy flights each
+    of them is one trial, of one that was fitted to the very flights each flight held out.
     """
+    if nominal.healthy is not None:
+        return replace(SETTING, max_confidence=_succession(nominal.healthy.flights))
     if not nominal.calibrated:
         return SETTING
     return replace(
         SETTING,
         model_error_share=CALIBRATED_MODEL_ERROR_SHARE,
         equivalent=(DISPLACEMENTS,),
-        max_confidence=(flights + 1.0) / (flights + 2.0),
+        max_confidence=_succession(flights),
     )
+
+
+def _succession(trials: int) -> float:
+    """Return the probability of success after so many trials without a failure (Laplace)."""
+    return (trials + 1.0) / (trials + 2.0)
 
 
 Parts = dict[str, tuple[Array, Array, Array]]

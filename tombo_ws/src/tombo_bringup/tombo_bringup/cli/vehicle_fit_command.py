@@ -1,0 +1,138 @@
+"""`tombo vehicle from-flights`: a vehicle file from healthy flights."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.options import JsonOnly, number_option, option
+from tombo_bringup.cli.progress import progress_bar
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.params import from_mapping
+from tombo_dynamics.vehicle import VehicleParams
+
+if TYPE_CHECKING:
+    from tombo_diagnosis.flight.vehicle_fit import VehicleFit
+    from tombo_flight.vehicle_file import VehicleFile
+    from tombo_logs.flight_log import FlightLog
+
+
+def from_flights(
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG...",
+            help="Healthy flights of one vehicle: recordings, PX4 logs, CSV.",
+            show_default=False,
+        ),
+    ],
+    output: Annotated[Path, option("-o/--output FILE", "What to write, a .yaml.")],
+    vehicle: Annotated[
+        str | None,
+        option(
+            "--vehicle NAME|FILE",
+            "What is known of it before. Default: the airframe of the logs, else the suite's own.",
+        ),
+    ] = None,
+    mass: Annotated[
+        float | None,
+        number_option("--mass KG", "As weighed: flights show thrust over mass only.", "a number"),
+    ] = None,
+    mapping: Annotated[
+        str | None, option("--mapping FILE|NAME", "What the columns of a CSV are (docs/logs.md).")
+    ] = None,
+    force: Annotated[bool, option("--force", "Replace FILE.")] = False,
+    as_json: JsonOnly = False,
+) -> None:
+    """Fit thrust, motor lag, inertia and drag to healthy flights, and write a vehicle file.
+
+    Each value gets its tolerance; what the flights could not show is said, and stays
+    as it was known before. `tombo diagnose --vehicle FILE` then compares other flights
+    with this vehicle.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if output.suffix not in (".yaml", ".yml"):
+        raise InputError(f"'{output}': accepted: a file that ends with .yaml")
+    if output.exists() and not force:
+        raise InputError(f"'{output}' exists; accepted: another name, or --force")
+    with progress_bar() as on_progress:
+        from tombo_diagnosis.flight.diagnose_files import read_and_check
+        from tombo_diagnosis.flight.vehicle_fit import fit_vehicle
+        from tombo_flight.vehicle_file import vehicle_text, write_vehicle
+
+        flights = read_and_check(logs, mapping, progress=on_progress)
+        base = _base(flights, vehicle, mass)
+        found = fit_vehicle(flights, base, on_progress)
+        write_vehicle(output, found.file)
+    if as_json:
+        typer.echo(json.dumps(_as_object(found, vehicle_text(found.file)), indent=1))
+        return
+    _print(found, output)
+
+
+def _base(flights: list[FlightLog], vehicle: str | None, mass: float | None) -> VehicleFile:
+    """Return what is known of the vehicle before its flights are looked at."""
+    from tombo_flight.vehicle_file import Note, read_vehicle
+    from tombo_logs.readers.vehicle_airframe import vehicle_of
+
+    frames = [log.airframe for log in flights if log.airframe is not None]
+    if vehicle is not None:
+        base = read_vehicle(vehicle)
+    elif frames:
+        base = vehicle_of(frames[0])
+    else:
+        base = read_vehicle("tombo_s500")
+    if mass is None:
+        return base
+    weighed = from_mapping(
+        VehicleParams, {**dataclasses.asdict(base.vehicle), "mass": mass}, "--mass: vehicle"
+    )
+    notes = {**base.notes, "vehicle.mass": Note(None, "weighed")}
+    return dataclasses.replace(
+        base, vehicle=weighed, notes=notes, given=base.given | {"vehicle.mass"}
+    )
+
+
+def _as_object(found: VehicleFit, text: str) -> dict[str, object]:
+    return {
+        "name": found.file.name,
+        "fitted": {label: dataclasses.asdict(value) for label, value in found.seen.items()},
+        "unseen": list(found.unseen),
+        "file": text,
+    }
+
+
+def _print(found: VehicleFit, output: Path) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Column, Table
+    from rich.text import Text
+
+    from tombo_bringup.cli.tables import print_line, right
+    from tombo_diagnosis.flight.vehicle_fit import FITTED
+    from tombo_diagnosis.wording import figure, unit
+
+    print_line(f"{found.file.name}, as its flights show it", "bold")
+    table = Table(
+        Column("fitted"), *right("change"), "95 % interval",
+        box=SIMPLE_HEAD, padding=(0, 1, 0, 0),
+    )  # fmt: skip
+    for label, value in found.seen.items():
+        change = f"{figure(value.value)} {unit(value.unit)}".strip()
+        interval = f"{figure(value.low)} to {figure(value.high)}"
+        table.add_row(Text(FITTED[label]), change, interval)
+    Console().print(table)
+    drive = found.file.drive
+    if drive.known:
+        print_line(
+            f"Drive: a rotor's thrust is ({figure(drive.offset)} + {figure(drive.gain)} command) "
+            f"(V / {figure(drive.supply)})^{figure(drive.supply_exponent)} N"
+        )
+    for text in found.unseen:
+        print_line(f"Not shown by these flights, as before: {text}.", "yellow")
+    print_line(f"Wrote {output}. Next: tombo diagnose NEW... --vehicle {output}")
