@@ -15,7 +15,7 @@ from tombo_diagnosis.benchmark.foreign_cases import ForeignCase, draw_case, writ
 from tombo_diagnosis.benchmark.runner import BenchmarkResult, Row, run_benchmark
 from tombo_diagnosis.benchmark.score import score, score_of_flights
 from tombo_diagnosis.benchmark.second_simulator.flight import LostError
-from tombo_diagnosis.benchmark.second_simulator.hidden import typical
+from tombo_diagnosis.benchmark.second_simulator.hidden import known, typical
 from tombo_diagnosis.benchmark.second_simulator.vehicles import VEHICLES
 from tombo_dynamics.errors import InputError
 
@@ -88,16 +88,13 @@ def _counted(
 def _compared(case: ForeignCase, cause: Mapping[str, Any]) -> dict[str, Any]:
     """Return the relative error of a cause's change, and which intervals cover the truth."""
     name = cause["effect"]
-    drag = dict(zip(("d_xy", "d_z"), case.vehicle.drag, strict=True))
     off = size = 0.0
     covered = []
     for p, fit in cause["theta"].items():
         label = f"{name}.{p}"
         if label not in case.truth.values:
             continue
-        unknown = 0.0
-        if not case.vehicle.own_model:
-            unknown = drag.get(p, case.vehicle.ground if name == "ground_effect" else 0.0)
+        unknown = 0.0 if case.vehicle.own_model else known(label, case.vehicle)
         true = case.truth[label] + unknown
         unit = typical(name, p, case.vehicle)
         off += ((fit["value"] - fit["nominal"] - true) / unit) ** 2

@@ -106,7 +106,7 @@ class Airframe:
             spin_up.append(rise)
             mz -= self._spins[k] * (torques[k] + spinner * rise)
             spin += self._spins[k] * spinner * s[13 + k]
-        load_slope = s[20:23] + [0.0, 0.0, 0.0]
+        load_slope = [*s[20:23], 0.0, 0.0, 0.0]
         if self.stranger.name:
             push, body, twist = self.stranger.wrench(s, (u, v), (r00, r10), sum(thrusts), time)
             if self.stranger.load:

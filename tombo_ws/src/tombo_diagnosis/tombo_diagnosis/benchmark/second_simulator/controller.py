@@ -1,4 +1,7 @@
-"""Geometric tracking on SE(3) with integral terms (Lee, Leok and McClamroch 2010; Goodarzi 2013)."""
+"""Geometric tracking on SE(3) with integral terms.
+
+Lee, Leok and McClamroch 2010; Goodarzi, Lee and Lee 2013.
+"""
 
 from __future__ import annotations
 
@@ -28,9 +31,8 @@ class Tracker:
         self._sum_x = [0.0, 0.0, 0.0]
         self._sum_r = [0.0, 0.0, 0.0]
         thrust, torque = quad.thrust_and_torque(quad.hover_speed)
-        mixer = np.vstack([
-            np.ones(4), PLACES[:, 1] * quad.arm, -PLACES[:, 0] * quad.arm, -torque / thrust * SPINS,
-        ])  # fmt: skip
+        arms = quad.arm * PLACES
+        mixer = np.vstack([np.ones(4), arms[:, 1], -arms[:, 0], -torque / thrust * SPINS])
         self._unmix: list[Numbers] = np.linalg.inv(mixer).tolist()
 
     def speeds(self, s: Numbers, rates: Numbers, goal: Numbers) -> Numbers:

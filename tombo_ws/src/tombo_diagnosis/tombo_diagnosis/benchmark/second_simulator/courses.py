@@ -36,7 +36,7 @@ def course(kind: str, times: Array, rng: np.random.Generator) -> Course:
 def _lissajous(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     """Three sines whose pace rises, so that one flight has slow and fast parts."""
     base = float(rng.uniform(0.5, 0.7))
-    phase = base * (t + float(rng.uniform(0.015, 0.03)) * t**2)
+    phase = base * (t + float(rng.uniform(0.008, 0.018)) * t**2)
     ramp = np.clip(t / 3.0, 0.0, 1.0) ** 2 * (3.0 - 2.0 * np.clip(t / 3.0, 0.0, 1.0))
     ways = rng.permutation([1.0, 2.0])
     x = rng.uniform(1.2, 1.7) * np.sin(ways[0] * phase)
@@ -84,6 +84,7 @@ def _steps(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
             goal[:2] = rng.uniform(-1.6, 1.6, 2)
         else:
             goal[2] = float(rng.choice([_LOW, 0.6, 1.2, _HIGH]))
+            pace = 2.8
         goal[:2] = np.clip(goal[:2], -1.7, 1.7)
         way = goal - here
         duration = max(pace * float(np.linalg.norm(way)) ** 0.5, 0.6)

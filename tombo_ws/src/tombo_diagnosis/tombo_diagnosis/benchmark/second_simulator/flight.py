@@ -67,7 +67,7 @@ def fly(
     Raises:
         LostError: with what is hidden the vehicle can't fly them.
     """
-    begin, steps = (int(round(x / STEP_S)) for x in (_SETTLING_S, _SETTLING_S + seconds))
+    begin, steps = (round(x / STEP_S) for x in (_SETTLING_S, _SETTLING_S + seconds))
     flights = []
     for kind in kinds:
         path = course(kind, np.arange(steps - begin) * STEP_S, rng)

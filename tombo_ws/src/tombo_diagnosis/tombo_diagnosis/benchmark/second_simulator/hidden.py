@@ -49,6 +49,8 @@ POSITIVE = frozenset(
      "gusts", "mocap_latency", "translational_lift"}
 )  # fmt: skip
 """Effects of one sign."""
+LATENCY_S = 0.010
+"""From capture to arrival of a pose in good order."""
 NEEDS_IMU = frozenset({"imu_lever_arm", "accel_scale", "imu_bias"})
 FORCES = frozenset({"linear_rotor_drag", "quadratic_body_drag", "flapping_moment"})
 """Grow with the vehicle's mass."""
@@ -64,6 +66,13 @@ def typical(name: str, parameter: str, quad: Quadrotor) -> float:
     if name in LENGTHS:
         size *= min(quad.arm / S500.arm, 1.0)
     return size
+
+
+def known(label: str, quad: Quadrotor) -> float:
+    """Return what the vehicle truly has of this parameter before anything is hidden."""
+    drag = {f"linear_rotor_drag.{p}": d for p, d in zip(("d_xy", "d_z"), quad.drag, strict=True)}
+    latency = {"mocap_latency.delay": LATENCY_S}
+    return {"ground_effect.strength": quad.ground, **drag, **latency}.get(label, 0.0)
 
 
 @dataclass(frozen=True)
@@ -98,10 +107,12 @@ def draw_shift(
     way /= np.linalg.norm(way)
     if name not in POSITIVE and len(chosen) == 1 and rng.random() < 0.5:
         way = -way
-    return {
-        f"{name}.{p}": factor * share * typical(name, p, quad)
-        for p, share in zip(chosen, way.tolist(), strict=True)
-    }
+    moved = {}
+    for p, share in zip(chosen, way.tolist(), strict=True):
+        change = factor * share * typical(name, p, quad)
+        base = known(f"{name}.{p}", quad)
+        moved[f"{name}.{p}"] = -change if base and base + change < 0.0 else change
+    return moved
 
 
 def draw_tolerances(quad: Quadrotor, rng: np.random.Generator) -> dict[str, float]:

@@ -10,7 +10,7 @@ from scipy.signal import butter, lfilter, lfilter_zi
 from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.benchmark.second_simulator.flight import Flown
-from tombo_diagnosis.benchmark.second_simulator.hidden import Hidden
+from tombo_diagnosis.benchmark.second_simulator.hidden import LATENCY_S, Hidden
 from tombo_diagnosis.benchmark.second_simulator.strangers import Stranger
 from tombo_diagnosis.benchmark.second_simulator.vehicles import Array
 
@@ -24,7 +24,7 @@ _SHAKE = 0.01, 0.3
 """rad/s, m/s^2: standard deviation of a rotor's share in the vibration of an axis."""
 _POSITION_NOISE, _ATTITUDE_NOISE = 0.0007, 0.002
 """m, rad: motion capture, of a sample."""
-_LATENCY_S, _LATENCY_JITTER_S, _STAMP_JITTER_S = 0.010, 0.001, 0.0002
+_LATENCY_JITTER_S, _STAMP_JITTER_S = 0.001, 0.0002
 _SPEED_NOISE = 1.5
 """rad/s"""
 _VOLTAGE_NOISE = 0.01
@@ -116,7 +116,7 @@ def _pose(flown: Flown, f: int, hidden: Hidden, chain: str, rng: np.random.Gener
     if chain == "filtered":
         for k in rng.integers(0, len(taken), int(rng.integers(0, 4))):
             place[k] += rng.uniform(0.03, 0.08) * _unit(rng)
-    late = _LATENCY_S + hidden["mocap_latency.delay"]
+    late = LATENCY_S + hidden["mocap_latency.delay"]
     arrival = taken + np.maximum(late + _LATENCY_JITTER_S * rng.standard_normal(taken.size), 0.0)
     stamps = taken + _STAMP_JITTER_S * rng.standard_normal(taken.size)
     stamps = stamps + hidden["mocap_stamp_error.offset"]
