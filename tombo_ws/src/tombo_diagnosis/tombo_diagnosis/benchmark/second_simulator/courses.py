@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 from tombo_diagnosis.benchmark.second_simulator.vehicles import Array
 
 KINDS = ("lissajous", "polynomial", "steps")
-_LOW, _HIGH = 0.35, 2.0
+_LOW, _HIGH = 0.4, 2.0
 """m: heights that are flown."""
 
 
@@ -78,8 +78,8 @@ def _steps(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         goal = here.copy()
         pace = 1.6
         if kind == "shuttle":
-            goal[int(rng.integers(2))] += float(rng.choice([-0.6, 0.6]))
-            pace = 0.8
+            goal[int(rng.integers(2))] += float(rng.choice([-0.45, 0.45]))
+            pace = 1.3
         elif kind == "far":
             goal[:2] = rng.uniform(-1.6, 1.6, 2)
         else:

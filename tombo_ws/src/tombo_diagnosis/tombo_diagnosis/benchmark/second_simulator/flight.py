@@ -23,7 +23,7 @@ _SETTLING_S = 2.0
 """Hover before the log begins."""
 _EFFICIENCY = 0.7
 """Of the drives."""
-_MAX_LEAN, _LOWEST, _FURTHEST = 1.3, 0.12, 6.0
+_MAX_LEAN, _LOWEST, _FURTHEST = 1.3, 0.08, 6.0
 """rad, m, m: beyond this a flight counts as lost."""
 
 

@@ -54,7 +54,7 @@ LATENCY_S = 0.010
 NEEDS_IMU = frozenset({"imu_lever_arm", "accel_scale", "imu_bias"})
 FORCES = frozenset({"linear_rotor_drag", "quadratic_body_drag", "flapping_moment"})
 """Grow with the vehicle's mass."""
-LENGTHS = frozenset({"cog_offset", "imu_lever_arm", "mocap_marker_offset", "flapping_moment"})
+LENGTHS = frozenset({"cog_offset", "imu_lever_arm", "mocap_marker_offset"})
 """Grow with its arm, up to the S500's."""
 
 
@@ -63,6 +63,8 @@ def typical(name: str, parameter: str, quad: Quadrotor) -> float:
     size = TYPICAL[name][parameter]
     if name in FORCES:
         size *= quad.mass / S500.mass
+    if name == "flapping_moment":
+        size *= quad.arm / S500.arm
     if name in LENGTHS:
         size *= min(quad.arm / S500.arm, 1.0)
     return size
