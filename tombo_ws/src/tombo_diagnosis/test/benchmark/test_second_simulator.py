@@ -98,6 +98,7 @@ def test_a_free_spin_keeps_momentum_and_energy():
     assert abs(after[11] - state[11]) > 0.5
 
 
+@pytest.mark.slow
 def test_it_hovers_and_terminal_speed_is_force_over_drag():
     frame = Airframe(S500, Hidden({"ground_effect.strength": -1.0}), Stranger())
     hover = [S500.hover_speed] * 4
@@ -113,6 +114,7 @@ def test_it_hovers_and_terminal_speed_is_force_over_drag():
     np.testing.assert_allclose(after[3:6:2], np.linalg.solve(drag, force), rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_a_hanging_load_swings_as_a_double_pendulum_and_weighs():
     load = Stranger("slung_load", load=0.15, cord=0.7)
     frame = Airframe(S500, Hidden({"ground_effect.strength": -1.0}), load)

@@ -80,7 +80,7 @@ def _counted(
     """Return an answer without the effects that are there besides: naming them is right."""
     kept = [c for c in causes if c not in case.present]
     others = [m for m in members if m not in case.present]
-    if verdict in _NAMING and causes and not kept:
+    if verdict in _NAMING and not kept and not others:
         verdict = "none"
     return {"verdict": verdict, "causes": kept, "set": others, "confidence": stated}
 
