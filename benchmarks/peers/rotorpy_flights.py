@@ -14,8 +14,10 @@ import io
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from rotorpy.controllers.quadrotor_control import SE3Control
 from rotorpy.trajectories.lissajous_traj import TwoDLissajous
 from rotorpy.trajectories.minsnap import MinSnap
@@ -23,14 +25,14 @@ from rotorpy.vehicles.hummingbird_params import quad_params
 from rotorpy.vehicles.multirotor import Multirotor
 from scipy.spatial.transform import Rotation
 
+Array = npt.NDArray[np.float64]
+Order = dict[str, Any]
 STEP_S, SECONDS = 0.005, 20.0
 GRAVITY = 9.81
-HEADER = (
-    "t,x,y,z,qx,qy,qz,qw,seen,wx,wy,wz,ax,ay,az,n1,n2,n3,n4,c1,c2,c3,c4"
-)  # rotors as rotorpy counts them: front left, front right, rear right, rear left
+HEADER = "t,x,y,z,qx,qy,qz,qw,seen,wx,wy,wz,ax,ay,az,n1,n2,n3,n4,c1,c2,c3,c4"  # rotors as rotorpy counts them: front left, front right, rear right, rear left
 
 
-def main(order):
+def main(order: Order) -> None:
     """Fly all courses of an order."""
     rng = np.random.default_rng(order["seed"])
     true = dict(quad_params)
@@ -42,7 +44,7 @@ def main(order):
         write(path, rows, order, rng)
 
 
-def courses(rng):
+def courses(rng: np.random.Generator) -> list[Any]:
     """Return courses in a hall of 4 m x 4 m."""
     points = np.array([[0.0, 0.0, 1.2], *rng.uniform([-1.5, -1.5, 0.6], [1.5, 1.5, 2.0], (9, 3))])
     with contextlib.redirect_stdout(io.StringIO()):
@@ -58,15 +60,15 @@ def courses(rng):
 class Turning:
     """Lets the heading turn steadily."""
 
-    def __init__(self, rate):
+    def __init__(self, rate: float) -> None:
         self.rate = rate
 
-    def update(self, t, velocity):
+    def update(self, t: float, velocity: Array) -> dict[str, float]:
         """Return heading and its derivatives."""
         return {"yaw": self.rate * t, "yaw_dot": self.rate, "yaw_ddot": 0.0}
 
 
-def fly(true, course, wind):
+def fly(true: dict[str, Any], course: Any, wind: Array) -> Array:
     """Return rows of time, position, attitude, rates, specific force, rotors, commands."""
     at = course.update(0.0)["x"]
     weight = true["mass"] * GRAVITY / 4.0
@@ -93,7 +95,7 @@ def fly(true, course, wind):
     return np.array(rows)
 
 
-def write(path, rows, order, rng):
+def write(path: Path, rows: Array, order: Order, rng: np.random.Generator) -> None:
     """Write a flight with the errors of a laboratory's sensors."""
     t, place, q, rates, felt, turning, rotors, commands = np.split(
         rows, np.cumsum([1, 3, 4, 3, 3, 3, 4]), axis=1

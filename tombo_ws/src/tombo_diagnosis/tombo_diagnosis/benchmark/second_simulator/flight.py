@@ -70,7 +70,7 @@ def fly(
     begin, steps = (round(x / STEP_S) for x in (_SETTLING_S, _SETTLING_S + seconds))
     flights = []
     for kind in kinds:
-        path = course(kind, np.arange(steps - begin) * STEP_S, rng)
+        path = course(kind, _times(steps - begin), rng)
         goal = np.column_stack([path.position, path.velocity, path.acceleration, path.yaw])
         goal = np.vstack([np.repeat(goal[:1], begin, axis=0), goal])
         air = _wind(quad, hidden, steps, rng)
@@ -80,9 +80,13 @@ def fly(
     parts = np.split(rows, np.cumsum([3, 3, 4, 3, 4, 6, 4]), axis=2)
     place, pace, attitude, rates, rotor, felt, command, electric = parts
     return Flown(
-        np.arange(steps - begin) * STEP_S, place, pace, attitude, rates, felt[..., 3:],
+        _times(steps - begin), place, pace, attitude, rates, felt[..., 3:],
         felt[..., :3], rotor, command, electric,
     )  # fmt: skip
+
+
+def _times(count: int) -> Array:
+    return np.arange(count, dtype=np.float64) * STEP_S
 
 
 def _fly_one(

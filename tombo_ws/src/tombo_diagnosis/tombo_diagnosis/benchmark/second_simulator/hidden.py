@@ -37,7 +37,7 @@ TYPICAL: Mapping[str, Mapping[str, float]] = {
     "mocap_stamp_error": {"offset": 0.02},
 }  # fmt: skip
 """Effect → parameter → the size that clearly matters on the S500."""
-ALONE = {
+ALONE: Mapping[str, list[tuple[str, ...]]] = {
     "weak_propeller": [(r,) for r in ROTORS],
     "imu_bias": [tuple(f"{c}_{a}" for a in "xyz") for c in ("gyro", "accel")],
     "mocap_body_misalignment": [("yaw",), ("roll", "pitch")],

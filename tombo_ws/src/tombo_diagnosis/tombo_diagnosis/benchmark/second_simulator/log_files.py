@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -137,20 +138,20 @@ def write_bag(path: Path, streams: Mapping[str, Stream], speed_definition: str) 
     point, pose = (known[f"geometry_msgs/msg/{n}"] for n in ("Point", "Pose"))
     none = np.zeros(9)
 
-    def pose_message(head: object, v: list[float]) -> object:
+    def pose_message(head: Any, v: list[float]) -> Any:
         there = pose(point(*v[:3]), rotation(*v[4:7], v[3]))
         return known["geometry_msgs/msg/PoseStamped"](head, there)
 
-    def imu_message(head: object, v: list[float]) -> object:
+    def imu_message(head: Any, v: list[float]) -> Any:
         unit = rotation(0.0, 0.0, 0.0, 1.0)
         return known["sensor_msgs/msg/Imu"](
             head, unit, -1.0 + none, vector(*v[:3]), none, vector(*v[3:]), none
         )
 
-    def speed_message(head: object, v: list[float]) -> object:
+    def speed_message(head: Any, v: list[float]) -> Any:
         return known[speeds](head, np.array([v[k] for k in _OUR_ORDER]))
 
-    def supply_message(head: object, v: list[float]) -> object:
+    def supply_message(head: Any, v: list[float]) -> Any:
         nan, empty = float("nan"), np.zeros(0, np.float32)
         return known["sensor_msgs/msg/BatteryState"](
             head, v[0], nan, -v[1], nan, nan, nan, nan, 0, 0, 0, True, empty, empty, "", ""

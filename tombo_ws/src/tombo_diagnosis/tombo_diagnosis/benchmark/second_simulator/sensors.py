@@ -125,7 +125,7 @@ def _pose(flown: Flown, f: int, hidden: Hidden, chain: str, rng: np.random.Gener
 
 def matrix(q: Array) -> Array:
     """Return rotation matrices (N, 3, 3) of unit quaternions wxyz (N, 4)."""
-    return Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix()
+    return np.asarray(Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix())
 
 
 def _unit(rng: np.random.Generator) -> Array:
