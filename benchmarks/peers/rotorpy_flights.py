@@ -1,4 +1,4 @@
-"""Flies rotorpy's Hummingbird and writes what a laboratory would record of it. Runs in its own venv.
+"""Flies rotorpy's Hummingbird and writes what a laboratory would record. Runs in its own venv.
 
     python rotorpy_flights.py ORDER.json
 
@@ -29,7 +29,8 @@ Array = npt.NDArray[np.float64]
 Order = dict[str, Any]
 STEP_S, SECONDS = 0.005, 20.0
 GRAVITY = 9.81
-HEADER = "t,x,y,z,qx,qy,qz,qw,seen,wx,wy,wz,ax,ay,az,n1,n2,n3,n4,c1,c2,c3,c4"  # rotors as rotorpy counts them: front left, front right, rear right, rear left
+HEADER = "t,x,y,z,qx,qy,qz,qw,seen,wx,wy,wz,ax,ay,az,n1,n2,n3,n4,c1,c2,c3,c4"
+"""Rotors as rotorpy counts them: front left, front right, rear right, rear left."""
 
 
 def main(order: Order) -> None:
@@ -74,7 +75,8 @@ def fly(true: dict[str, Any], course: Any, wind: Array) -> Array:
     weight = true["mass"] * GRAVITY / 4.0
     state = {
         "x": np.array(at, float), "v": np.zeros(3), "q": np.array([0.0, 0.0, 0.0, 1.0]),
-        "w": np.zeros(3), "wind": wind, "rotor_speeds": np.full(4, np.sqrt(weight / true["k_eta"])),
+        "w": np.zeros(3), "wind": wind,
+        "rotor_speeds": np.full(4, np.sqrt(weight / true["k_eta"])),
     }  # fmt: skip
     vehicle, pilot = Multirotor(true, state), SE3Control(quad_params)
     rows = []
