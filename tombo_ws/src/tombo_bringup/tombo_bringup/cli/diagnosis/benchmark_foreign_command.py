@@ -47,15 +47,18 @@ def diagnose_files(arguments: Sequence[str]) -> str:
 
     Raises:
         InputError: it refuses; the message is what it says.
+        KeyboardInterrupt: a signal has stopped it.
     """
     from tombo_bringup.cli.diagnosis.diagnose_command import diagnose
-    from tombo_bringup.cli.errors import exit_code_of
+    from tombo_bringup.cli.errors import BAD_INPUT, exit_code_of
 
     app = typer.Typer(pretty_exceptions_enable=False)
     app.command()(diagnose)
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = exit_code_of(lambda: app(list(arguments), standalone_mode=False))
-    if code:
+    if code == BAD_INPUT:
         raise InputError(err.getvalue().strip().removeprefix("Error: "))
+    if code:
+        raise KeyboardInterrupt
     return out.getvalue()
