@@ -1,0 +1,157 @@
+"""Cases of the second simulator: which vehicle, what is hidden, with which sensors and logs.
+
+Kinds and sizes are those of the suite's own benchmark, so the scores compare. All of it derives
+from (seed, number of the case).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tombo_bag.schemas import own_definitions
+from tombo_diagnosis.benchmark.cases import (
+    KINDS,
+    UNKNOWN_SIZES,
+    Case,
+    draw_factor,
+    draw_hidden,
+    draw_name,
+    draw_size,
+)
+from tombo_diagnosis.benchmark.flight_cases import FORMULATIONS
+from tombo_diagnosis.benchmark.second_simulator.courses import KINDS as COURSES
+from tombo_diagnosis.benchmark.second_simulator.flight import fly
+from tombo_diagnosis.benchmark.second_simulator.hidden import (
+    NEEDS_IMU,
+    TYPICAL,
+    Hidden,
+    draw_shift,
+    draw_tolerances,
+)
+from tombo_diagnosis.benchmark.second_simulator.log_files import (
+    mapping_text,
+    write_bag,
+    write_table,
+)
+from tombo_diagnosis.benchmark.second_simulator.sensors import CHAINS, measure
+from tombo_diagnosis.benchmark.second_simulator.strangers import STRANGERS, Stranger, draw_stranger
+from tombo_diagnosis.benchmark.second_simulator.vehicles import VEHICLES, Quadrotor
+
+_VEHICLES = (("s500", 0.6), ("x500", 0.2), ("crazyflie", 0.2))
+_CHAINS = tuple((chain, 0.5) for chain in CHAINS)
+_FORMATS = (("table", 0.4), ("turned_table", 0.4), ("bag", 0.2))
+_DURATION_S = 20.0
+_LATEST_STAMP_S = 0.009
+"""Later than it arrives no stamp can be."""
+
+
+@dataclass(frozen=True)
+class ForeignCase(Case):
+    """Flights of the second simulator with something hidden."""
+
+    vehicle: Quadrotor
+    chain: str
+    log_format: str
+    truth: Hidden
+    """What is hidden and what a careful lab leaves."""
+    stranger: Stranger
+    """What no effect describes, if that is hidden."""
+    seed: tuple[int, int]
+
+    @property
+    def present(self) -> frozenset[str]:
+        """Effects that are there beside what is hidden: to name one of them is no mistake.
+
+        A vehicle without a model of its own has drag, ground effect and a latency of its motion
+        capture that no datasheet tells.
+        Markers and IMU stay at the frame's centre when the centre of gravity moves.
+        """
+        own = self.vehicle.own_model
+        found = set() if own else {"linear_rotor_drag", "ground_effect", "mocap_latency"}
+        if "cog_offset" in self.hidden:
+            found |= {"mocap_marker_offset", "imu_lever_arm"}
+        return frozenset(found - set(self.hidden))
+
+
+def draw_case(seed: int, number: int) -> ForeignCase:
+    """Return a case; the same for the same seed and number."""
+    rng = np.random.default_rng([seed, number, 11])
+    kind = draw_name(rng, KINDS)
+    size = draw_size(rng, kind)
+    vehicle = VEHICLES[draw_name(rng, _VEHICLES)]
+    formulation = draw_name(rng, FORMULATIONS)
+    chain, log_format = draw_name(rng, _CHAINS), draw_name(rng, _FORMATS)
+    hidden: Sequence[str] = draw_hidden(rng, kind, candidates(vehicle, formulation))
+    if kind == "unknown":
+        names = [s for s in STRANGERS if s != "turned_imu" or formulation.startswith("imu")]
+        hidden = [str(rng.choice(names))]
+    return make_case((seed, number), kind, size, hidden, vehicle, formulation, chain, log_format)
+
+
+def make_case(
+    seed: tuple[int, int],
+    kind: str,
+    size: str,
+    hidden: Sequence[str],
+    vehicle: Quadrotor,
+    formulation: str = "imu_rpm",
+    chain: str = "plain",
+    log_format: str = "table",
+) -> ForeignCase:
+    """Return a case of this kind; directions and tolerances are drawn."""
+    rng = np.random.default_rng([*seed, 12])
+    values = draw_tolerances(vehicle, rng)
+    shift: dict[str, float] = {}
+    stranger = Stranger()
+    if kind == "unknown":
+        stranger = draw_stranger(hidden[0], UNKNOWN_SIZES[size], vehicle, rng)
+    else:
+        for name in hidden:
+            shift |= draw_shift(name, draw_factor(rng, size), vehicle, rng)
+    for label, change in shift.items():
+        values[label] += change
+        if label == "mocap_stamp_error.offset" and values[label] > _LATEST_STAMP_S:
+            values[label] = -values[label]
+        shift[label] = values[label]
+    return ForeignCase(
+        seed[1], kind, size, formulation, tuple(hidden), shift, vehicle, chain, log_format,
+        Hidden(values), stranger, seed,
+    )  # fmt: skip
+
+
+def candidates(vehicle: Quadrotor, formulation: str) -> list[str]:
+    """Return the effects that flights with these sensors can show at all."""
+    blind = set() if formulation.startswith("imu") else set(NEEDS_IMU)
+    if not vehicle.own_model:
+        blind.add("battery_sag")  # nobody says what its full voltage is
+    return [name for name in TYPICAL if name not in blind]
+
+
+def write_flights(case: ForeignCase, folder: Path) -> tuple[list[Path], Path | None]:
+    """Fly, measure and write the logs; return them and the mapping that reads them.
+
+    Raises:
+        LostError: with what is hidden the vehicle can't fly.
+    """
+    rng = np.random.default_rng([*case.seed, 13])
+    flown = fly(case.vehicle, case.truth, replace(case.stranger), COURSES, _DURATION_S, rng)
+    logs = []
+    for f, course in enumerate(COURSES):
+        measured = measure(flown, f, case.truth, case.stranger, case.formulation, case.chain, rng)
+        if case.log_format == "bag":
+            logs.append(folder / course)
+            write_bag(logs[-1], measured, own_definitions()["tombo_msgs/msg/RotorSpeeds"])
+        else:
+            logs.append(folder / f"{course}.csv")
+            write_table(logs[-1], measured, case.log_format == "turned_table")
+    stranger_to_suite = None if case.vehicle.own_model else case.vehicle
+    if case.log_format == "bag" and stranger_to_suite is None:
+        return logs, None
+    mapping = folder / "mapping.yaml"
+    text = mapping_text(measured, case.log_format == "turned_table", stranger_to_suite)
+    mapping.write_text(text, encoding="utf-8")
+    return logs, mapping
