@@ -31,9 +31,9 @@ from tombo_diagnosis.benchmark.second_simulator.vehicles import (
 )
 from tombo_diagnosis.flight.fit.parameters import parameters
 from tombo_diagnosis.flight.scenario_nominal import nominal_model
-from tombo_diagnosis.logs.log_reader import read_logs
 from tombo_dynamics.rotor_maps import rotor_thrust, rotor_torque
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, SPIN
+from tombo_logs.readers.log_reader import read_logs
 
 STILL = [0.0, 0.0, 0.0]
 
