@@ -1,8 +1,9 @@
 """A nominal model for a vehicle that the suite does not know: thrust from its own flights.
 
-Of such a vehicle mass, arms and motor commands are known at best. A gain and an offset from
-command to thrust are fitted to the very flights, so errors of mass, thrust and level can't be seen
-any more; drag, wind, delays and faults of the motion capture can.
+Of such a vehicle mass, arms and motor commands are known at best. Thrust is fitted to the very
+flights: its coefficient where rotor speeds are known, else a gain and an offset from command to
+thrust. Errors of mass, thrust and level can't be seen then; drag, wind, delays and faults of the
+motion capture can.
 """
 
 from __future__ import annotations
@@ -24,6 +25,10 @@ from tombo_logs.flight_log import Airframe, FlightLog, Series
 
 _HOVER_SPEED = 1000.0
 """rad/s that stands for hover: only thrust counts, speeds are a way to write it."""
+_SLOWEST, _FASTEST = 0.1, 2.5
+"""Speeds of the rotors over that in hover."""
+_FEWEST = 10
+"""Samples of a channel that is used."""
 _FACTORS = {"mass_error.fraction", "thrust_coefficient_error.fraction"}
 _ABSORBED_PARAMETERS = frozenset(
     {
@@ -48,7 +53,9 @@ class _Parabola:
     """Thrust that grows with the square of a speed."""
 
     coefficient: float
-    omega_max: float = 2.5 * _HOVER_SPEED
+    """[N s^2/rad^2]"""
+    omega_max: float
+    """[rad/s]"""
 
     def thrust(self, omega: Array) -> Array:
         """Return thrust [N] at speeds [rad/s]."""
@@ -72,10 +79,14 @@ def calibrated(logs: Sequence[FlightLog]) -> tuple[NominalModel, list[FlightLog]
             f"flight '{other}': another vehicle than '{logs[0].name}'; accepted: flights of one "
             "vehicle"
         )
-    vehicle = _vehicle(frame)
-    maps = rotor_maps(_Parabola(frame.mass * GRAVITY / 4.0 / _HOVER_SPEED**2), vehicle)
-    offset, gain = _thrust_fit(logs)
-    changed = [_with_speeds(log, offset, gain) for log in logs]
+    if all(_speed_channels(log) for log in logs):
+        hover, changed = _speed_in_hover(logs), [_with_asked_speeds(log) for log in logs]
+    else:
+        offset, gain = _thrust_fit(logs)
+        hover, changed = _HOVER_SPEED, [_with_speeds(log, offset, gain) for log in logs]
+    vehicle = _vehicle(frame, hover)
+    coefficient = frame.mass * GRAVITY / 4.0 / hover**2
+    maps = rotor_maps(_Parabola(coefficient, vehicle.rotor_speed_max), vehicle)
     label = f"{frame.name}, thrust fitted to its own flights"
     return NominalModel(label, vehicle, maps, {}, True, _ABSORBED_PARAMETERS, False), changed
 
@@ -104,7 +115,61 @@ def thrust_from_track(
     return replace(nominal, label=label, moments=False, fitted=fitted), changed
 
 
-def _vehicle(frame: Airframe) -> VehicleParams:
+def _speed_channels(log: FlightLog) -> list[str]:
+    """Return the channels with rotor speeds, measured ones first."""
+    names = ("rotor_speed", "rotor_command")
+    return [n for n in names if n in log.series and log.series[n].t.size >= _FEWEST]
+
+
+def _speed_in_hover(logs: Sequence[FlightLog]) -> float:
+    """Return the rotor speed that carries the weight [rad/s]: thrust grows with its square."""
+    squares, forces = [], []
+    for log in logs:
+        series = log.series[_speed_channels(log)[0]]
+        track = track_of(log)
+        smooth = track.slow_kernel.smooth
+        squares.append(smooth @ mean_of(replace(series, values=series.values**2), track.t))
+        forces.append(smooth @ specific_force(track))
+    square, force = np.concatenate(squares), np.concatenate(forces)
+    return float(np.sqrt(GRAVITY * (square @ square) / (square @ force)))
+
+
+def _with_asked_speeds(log: FlightLog) -> FlightLog:
+    """Return a log whose motor commands, where there are any, are speeds that they ask for.
+
+    One line for all rotors from command to measured speed: what a rotor differs by stays to be
+    seen.
+    """
+    command = log.series.get("motor_command")
+    if "rotor_command" in log.series or "rotor_speed" not in log.series or command is None:
+        return log
+    speed = log.series["rotor_speed"]
+    good = np.isfinite(speed.values).all(axis=1)
+    asked = np.column_stack(
+        [np.interp(command.t, speed.t[good], speed.values[good, i]) for i in range(4)]
+    )
+    kept = np.isfinite(command.values).all(axis=1)
+    x = command.values[kept].ravel()
+    slope, offset = np.polyfit(x, asked[kept].ravel(), 1) if np.ptp(x) > 0.0 else (0.0, 0.0)
+    if slope <= 0.0:
+        return log
+    values = np.maximum(offset + slope * command.values, 0.0)
+    return replace(log, series={**log.series, "rotor_command": replace(command, values=values)})
+
+
+def mean_of(series: Series, t: Array) -> Array:
+    """Return the mean over the rotors at times t, (N,)."""
+    good = np.isfinite(series.values).all(axis=1)
+    return np.asarray(np.interp(t, series.t[good], series.values[good].mean(axis=1)))
+
+
+def specific_force(track: Track) -> Array:
+    """Return the specific force along body z [m/s^2], (N,): measured, or of the poses."""
+    return track.accel[:, 2] if track.accel.size else force_along_thrust(track)
+
+
+def _vehicle(frame: Airframe, hover: float) -> VehicleParams:
+    """Return the airframe as a vehicle that hovers at this rotor speed [rad/s]."""
     inertia = frame.inertia or (0.1 * frame.mass * frame.arm_length**2,) * 3
     return VehicleParams(
         mass=frame.mass,
@@ -116,8 +181,8 @@ def _vehicle(frame: Airframe) -> VehicleParams:
         rotor_height=0.0,
         rotor_inertia=1e-9,
         motor_time_constant=frame.motor_time_constant,
-        rotor_speed_min=0.1 * _HOVER_SPEED,
-        rotor_speed_max=2.5 * _HOVER_SPEED,
+        rotor_speed_min=_SLOWEST * hover,
+        rotor_speed_max=_FASTEST * hover,
     )
 
 
@@ -125,7 +190,7 @@ def _drive(log: FlightLog) -> Series:
     """Return what drives the rotors, with values that thrust is linear in."""
     for name in ("motor_command", "rotor_speed", "rotor_command"):
         series = log.series.get(name)
-        if series is not None and series.t.size >= 10:
+        if series is not None and series.t.size >= _FEWEST:
             return series if name == "motor_command" else replace(series, values=series.values**2)
     raise InputError(
         f"flight '{log.name}': no motor commands; accepted: a log with motor_command, "
@@ -138,13 +203,9 @@ def _thrust_fit(logs: Sequence[FlightLog]) -> tuple[float, float]:
     xs, ys = [], []
     for log in logs:
         track = track_of(log)
-        drive = _drive(log)
-        good = np.isfinite(drive.values).all(axis=1)
-        mean = np.interp(track.t, drive.t[good], drive.values[good].mean(axis=1))
-        force = track.accel[:, 2] if track.accel.size else force_along_thrust(track)
         smooth = track.slow_kernel.smooth
-        xs.append(smooth @ mean)
-        ys.append(smooth @ force)
+        xs.append(smooth @ mean_of(_drive(log), track.t))
+        ys.append(smooth @ specific_force(track))
     x, y = np.concatenate(xs), np.concatenate(ys)
     spread = float(x.std())
     gain = float(np.mean((x - x.mean()) * (y - y.mean()))) / max(spread**2, 1e-12)

@@ -23,6 +23,8 @@ from tombo_flight.extended_model import Gain
 from tombo_sim.open_loop import open_loop
 
 HORIZONS_S = (0.5, 1.0)
+_HELD = 1e-4
+"""Factor on the prior deviation of an unknown that stays where other flights put it."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +72,18 @@ def _predicted(problem: FlightProblem, fit: Fit, flight: int, mean: Array) -> Pr
     """Return a flight as a fit predicts it whose unknowns are those of other flights.
 
     The draws of a vehicle are those that the fit finds, in this flight where each flight has its
-    own: left to itself a simulation with rotors a percent too strong tips over in a second.
+    own: left to itself a simulation with rotors a percent too strong tips over in a second. What
+    the nominal model's own fit has absorbed (bias, level) is calibrated in each flight, too.
     """
     columns, limits = problem.columns, problem.columns.deviations(fit.free, fit.widths)
     mean = np.clip(mean, fit.prior_mean - 3.0 * limits, fit.prior_mean + 3.0 * limits)
+    if columns.absorbed:
+        own = columns.places(sorted(columns.absorbed))
+        deviations = _HELD * limits
+        deviations[own] = limits[own]
+        centre = mean.copy()
+        centre[own] = fit.prior_mean[own]
+        mean = solve(tangent_of(fit).normals[flight], deviations, centre, covariance=False).mean
     theta = fit.theta.copy()
     for place, index in enumerate(columns.indices):
         p = columns.parameters[index]

@@ -15,7 +15,7 @@ from tombo_diagnosis.engine.cause_estimates import TWO_SIDED, fitted_parameter
 from tombo_diagnosis.engine.evidence import solve
 from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Fit
 from tombo_diagnosis.flight.analyse import select_noise_fits
-from tombo_diagnosis.flight.calibrate import force_along_thrust
+from tombo_diagnosis.flight.calibrate import mean_of, specific_force
 from tombo_diagnosis.flight.fit.problem import FlightProblem, tangent_of
 from tombo_diagnosis.flight.fit.track import FAST_SPACING, SLOW_SPACING, track_of
 from tombo_diagnosis.flight.noise.noise_statistics import fit_noise_effects
@@ -232,9 +232,7 @@ def _drive_samples(log: FlightLog) -> Array:
             "motor_command, rotor_command or rotor_speed"
         )
     track = track_of(log)
-    good = np.isfinite(command.values).all(axis=1)
-    mean = np.interp(track.t, command.t[good], command.values[good].mean(axis=1))
-    force = track.accel[:, 2] if track.accel.size else force_along_thrust(track)
+    mean, force = mean_of(command, track.t), specific_force(track)
     volts = track.voltage[:, 0] if track.voltage.size else np.full(track.t.size, np.nan)
     kernel, spacing = (
         (track.fast_kernel, FAST_SPACING)
