@@ -109,3 +109,36 @@ def test_flights_are_held_against_the_vehicle_and_its_tolerances(tombo, tmp_path
     (tmp_path / "guess.yaml").write_text(text.replace("tolerance: 0.005", "tolerance: 0.15"))
     guessed = tombo("diagnose", *logs, "--vehicle", "guess.yaml", "--json").json
     assert guessed["verdict"] == "none"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("nothing.mcap", "-o", "v.yaml"), "nothing.mcap"),
+        (("nothing.mcap", "-o", "v.txt"), "a file that ends with .yaml"),
+        (("nothing.mcap", "-o", "there.yaml"), "another name, or --force"),
+        (("nothing.mcap", "-o", "v.yaml", "--mass", "nan"), "--mass"),
+        (("nothing.mcap",), "-o"),
+    ],
+)
+def test_a_fit_from_bad_input_is_refused_and_writes_nothing(
+    refused, tmp_path, monkeypatch, arguments, says
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there.yaml").write_text("mine")
+    refused(("vehicle", "from-flights", *arguments), says)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["there.yaml"]
+    assert (tmp_path / "there.yaml").read_text() == "mine"
+
+
+@pytest.mark.slow
+def test_a_vehicle_from_flights_is_a_file_that_shows_and_diagnoses(tombo, tmp_path):
+    for seed in ("0", "1"):
+        assert tombo("fly", "survey", "--seed", seed, "-o", str(tmp_path / seed)).code == 0
+    logs = [str(tmp_path / seed / "flight.mcap") for seed in ("0", "1")]
+    file = str(tmp_path / "mine.yaml")
+    said = tombo("vehicle", "from-flights", *logs, "-o", file)
+    assert said.code == 0 and "motor time constant" in said.out
+    assert tombo("vehicle", "show", file).code == 0
+    verdict = tombo("diagnose", *logs, "--vehicle", file, "--json")
+    assert '"verdict": "none"' in verdict.out

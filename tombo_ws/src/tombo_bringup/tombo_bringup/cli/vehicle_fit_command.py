@@ -60,6 +60,8 @@ def from_flights(
         raise InputError(f"'{output}': accepted: a file that ends with .yaml")
     if output.exists() and not force:
         raise InputError(f"'{output}' exists; accepted: another name, or --force")
+    if mass is not None:
+        from_mapping(VehicleParams, {"mass": mass}, "--mass: vehicle")
     with progress_bar() as on_progress:
         from tombo_diagnosis.flight.diagnose_files import read_and_check
         from tombo_diagnosis.flight.vehicle_fit import fit_vehicle
@@ -89,9 +91,7 @@ def _base(flights: list[FlightLog], vehicle: str | None, mass: float | None) -> 
         base = read_vehicle("tombo_s500")
     if mass is None:
         return base
-    weighed = from_mapping(
-        VehicleParams, {**dataclasses.asdict(base.vehicle), "mass": mass}, "--mass: vehicle"
-    )
+    weighed = dataclasses.replace(base.vehicle, mass=mass)
     notes = {**base.notes, "vehicle.mass": Note(None, "weighed")}
     return dataclasses.replace(
         base, vehicle=weighed, notes=notes, given=base.given | {"vehicle.mass"}

@@ -12,6 +12,7 @@ from tombo_diagnosis.flight.diagnose import diagnose
 from tombo_diagnosis.flight.fit.prediction import residuals
 from tombo_diagnosis.flight.fit.track import track_of
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_logs.checks import check_log
 from tombo_logs.flight_log import Airframe, Series
 from tombo_logs.readers.log_reader import read_logs
@@ -88,6 +89,21 @@ def test_thrust_follows_from_any_linear_motor_command(gain, offset, sensors):
     assert abs(force.mean()) < 0.1 and force.std() < 0.3
     assert track.command.min() > 0.0
     assert "motor_command" in changed[0].series and "rotor_command" in changed[0].series
+
+
+def test_measured_speeds_are_no_commands():
+    """Taken as commands they would lag behind themselves: a motor that leads would be named."""
+    flights = [replace(log, airframe=FRAME) for log in logs(sensors="imu_rpm")]
+    flights = [
+        replace(f, series={k: v for k, v in f.series.items() if k != "rotor_command"})
+        for f in flights
+    ]
+    model, changed = calibrated(flights)
+    assert "rotor_command" not in changed[0].series
+    assert changed[0].series["rotor_speed"] is flights[0].series["rotor_speed"]
+    assert 400.0 < float(speed_for_thrust(model.maps, model.vehicle.hover_thrust())) < 600.0
+    said = diagnose(flights, nominal())
+    assert "motor_lag" not in {c.effect for c in said.causes}
 
 
 def test_drag_of_a_vehicle_that_no_one_knows_is_found_with_its_size():
