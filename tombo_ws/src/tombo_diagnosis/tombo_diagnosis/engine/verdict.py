@@ -193,9 +193,13 @@ def _confidences(
 
 
 def _above_additional_threshold(weights: dict[str, float]) -> dict[str, float]:
-    """Return the causes that are accepted beside the strongest: two at once are rarer."""
+    """Return the causes that are accepted, and beside the strongest: two at once are rarer."""
     strongest = max(weights.values(), default=0.0)
-    return {e: w for e, w in weights.items() if w == strongest or w > LOG_BF_ADDITIONAL}
+    return {
+        e: w
+        for e, w in weights.items()
+        if w > (LOG_BF_FIRST if w == strongest else LOG_BF_ADDITIONAL)
+    }
 
 
 def _interchangeable_effects(best: Explanation, rivals: Sequence[Explanation]) -> tuple[str, ...]:

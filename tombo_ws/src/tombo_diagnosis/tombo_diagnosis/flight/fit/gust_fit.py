@@ -15,6 +15,8 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import layout
 
 _TIMES = np.array([0.15, 0.3, 0.5, 0.8, 1.2, 2.0, 3.5, 7.0])
+_LONGEST = 3.0
+"""s: a force that holds for longer while the vehicle moves on is one of place, not of air."""
 _TIME_TOLERANCE = 0.3
 """Healthy scatter of the logarithm of the gusts' time."""
 _FORCES = ("force", "acceleration")
@@ -35,7 +37,7 @@ class GustFit:
     theta: Array
     """The theta that was given, with these gusts."""
     at_edge: bool
-    """The time is at an end of what was tried: no gusts have it."""
+    """The time is shorter or longer than gusts have it."""
 
 
 def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> GustFit:
@@ -84,5 +86,5 @@ def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> Gus
     evidence -= math.log(max(float(likelihood @ healthy), 1e-300))
     return GustFit(
         deviation, time, deviation * float(spread[0]), time * float(spread[1]), evidence, theta,
-        not _TIMES[0] * 1.2 < time < _TIMES[-1] / 1.2,
+        not _TIMES[0] * 1.2 < time < _LONGEST,
     )  # fmt: skip
