@@ -39,6 +39,9 @@ _FORCE_EFFECTS = frozenset(
 )
 """Effects that push the vehicle."""
 _DOUBTS = ("unknown", "partly_explained")
+_DYNAMICS = frozenset({"force", "moment"})
+"""Groups of channels that have to be clean before anything is named: what pushes the vehicle in a
+way that is not known is imitated by causes in any other group."""
 _FEW_FLIGHTS = 3
 _CONCERNS = 0.5
 """A cause concerns a channel if it reduces the excess there below this share."""
@@ -183,7 +186,7 @@ def weigh_remainder(
     else:
         clean = not unexplained
         mostly = explanation.total > _MIN_PARTIAL_SHARE
-        clean_where_explained = not explanation.concerned & {*groups}
+        clean_where_explained = not (explanation.concerned | _DYNAMICS) & {*groups}
     odds = _UNEXPLAINED_SLOPE * (excess - _UNEXPLAINED_EVEN_EXCESS)
     p_left = logistic(odds) if math.isfinite(excess) else 0.5
     noise = {fit.effect: fit.evidence for fit in found.scatter}
