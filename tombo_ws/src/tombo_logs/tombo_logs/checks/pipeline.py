@@ -20,7 +20,7 @@ from tombo_logs.checks.rotors import motors, rotor_order
 from tombo_logs.checks.rotors.change_points import changes
 from tombo_logs.checks.rotors.hover import Hover, check_vehicle
 from tombo_logs.checks.rotors.rotor_sensors import sensor_faults
-from tombo_logs.checks.series_cleaning import clean_series, nothing_left
+from tombo_logs.checks.series_cleaning import clean_series, nothing_left, without_wrong_poses
 from tombo_logs.checks.spans import Mask, Span, block_means, inside, merged, sample_interval
 from tombo_logs.flight_log import Finding, FlightLog, Series
 
@@ -106,6 +106,9 @@ def _tidy(log: FlightLog) -> tuple[dict[str, Series], list[Finding]]:
             findings.append(Finding("missing", "fault", log.name, text, channel=name))
         else:
             series[name] = clean
+    if "position" in series:
+        series["position"], found = without_wrong_poses(log.name, series["position"])
+        findings += found
     for name in tuple(series):
         findings += _without(series, sensor_range.resolution(log.name, name, series[name]))
     return series, findings
