@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
@@ -124,7 +125,7 @@ def tilt_response(motion: Motion) -> tuple[Array, float] | None:
 
 
 def lean_explains(
-    motion: Motion, rows: Array, axes: Array | None = None, inverse: bool = False
+    motion: Motion, rows: NDArray[np.intp], axes: Array | None = None, inverse: bool = False
 ) -> float:
     """Return the share of the horizontal acceleration that thrust along body z explains.
 
@@ -147,20 +148,20 @@ def vertical_response(motion: Motion) -> tuple[float, float] | None:
     good = motion.good
     if np.count_nonzero(good) < 100:
         return None
-    constant = np.ones((np.count_nonzero(good), 1))
+    besides: Array = np.ones((np.count_nonzero(good), 1))
     if motion.accel.size:
         force = Rotation.from_quat(motion.attitude[good]).apply(motion.accel[good])
-        expected, found, besides = force[:, 2:], motion.acceleration[good, 2:], constant
+        expected, found = force[:, 2:], motion.acceleration[good, 2:]
     else:
         lean = _lean(motion.up[good])
         expected, found = motion.acceleration[good, 2:] * lean, motion.acceleration[good, :2]
-        besides = np.hstack([constant, lean])
-    expected, found = _fit(besides, expected), _fit(besides, found)
-    size = float(np.sum(expected**2))
+        besides = np.hstack([besides, lean])
+    given, seen = _fit(besides, expected), _fit(besides, found)
+    size = float(np.sum(given**2))
     if size == 0.0:
         return None
-    slope = float(np.sum(expected * found)) / size
-    left = _rms(found - slope * expected)
+    slope = float(np.sum(given * seen)) / size
+    left = _rms(seen - slope * given)
     return slope, left * float(np.sqrt(INDEPENDENT / size))
 
 

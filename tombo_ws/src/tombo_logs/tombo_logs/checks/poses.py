@@ -1,4 +1,4 @@
-"""Poses that contradict themselves, or the IMU: they can't be worked around, which is an error."""
+"""Poses that contradict themselves, or the IMU: nothing can be diagnosed from such a flight."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ _PARTS = 3
 """Of a flight, in each of which other axes must be the right ones: a frame does not change, the
 pull of a cord or of a fan does with place and pace."""
 _UP_KNOWN, _UP_REVERSED = 0.08, 0.5
-"""Standard deviation, and distance from -1, of z's acceleration over that given by thrust. Poses
-alone tell it so well where drag and wind can't turn it: these move it by 8 deviations."""
+"""Standard deviation, and distance from -1, of z's acceleration over that given by thrust. Of
+poses alone, drag and wind move it by up to 8 deviations: not as far as from 1 to there."""
 _STANDS = 0.5
 """Speed or command of the motors over that in flight below which they can't carry the vehicle."""
 
