@@ -67,7 +67,9 @@ def from_flights(
         from tombo_diagnosis.flight.vehicle_fit import fit_vehicle
         from tombo_flight.vehicle_file import vehicle_text, write_vehicle
 
-        flights = read_and_check(logs, mapping, progress=on_progress)
+        flights, refused = read_and_check(logs, mapping, progress=on_progress)
+        if refused:  # healthy flights are all to be fit for use
+            raise InputError(refused[0].message)
         base = _base(flights, vehicle, mass)
         found = fit_vehicle(flights, base, on_progress)
         write_vehicle(output, found.file)

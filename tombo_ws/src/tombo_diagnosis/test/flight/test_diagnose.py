@@ -4,12 +4,14 @@ import json
 import math
 from dataclasses import asdict, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 from measured_flights import SLOW, logs, nominal
 
 from tombo_diagnosis.diagnosis import VERDICTS, Experiment
+from tombo_diagnosis.flight import diagnose_files
 from tombo_diagnosis.flight.diagnose import diagnose
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
@@ -155,6 +157,32 @@ def test_a_flight_that_can_not_be_used_is_left_out_and_said():
     assert {f.name for f in said.flights} and not [f for f in said.flights if "2" in f.name[:8]]
     assert note in said.prechecks
     assert any(f.flight == bad.name and f.severity == "fault" for f in said.prechecks)
+
+
+def in_mm(log):
+    position = log.series["position"]
+    return replace(
+        log, series={**log.series, "position": replace(position, values=1e3 * position.values)}
+    )
+
+
+def test_a_flight_that_contradicts_itself_costs_only_itself(monkeypatch):
+    one, two, three = logs(HIDDEN, count=3)
+    monkeypatch.setattr(
+        diagnose_files, "read_logs", lambda paths, **more: [one, in_mm(two), three]
+    )
+    said, _ = diagnose_files.diagnose_files([Path("flights")], nominal())
+    assert [f.name for f in said.flights] == [one.name, three.name]
+    assert said.verdict == "named" and {c.effect for c in said.causes} == set(HIDDEN)
+    (why,) = [f for f in said.prechecks if f.flight == two.name]
+    assert (why.check, why.severity) == ("refused", "fault") and "mm declared as m" in why.message
+
+
+def test_what_all_flights_have_is_an_error(monkeypatch):
+    off = [in_mm(log) for log in logs(HIDDEN, count=2)]
+    monkeypatch.setattr(diagnose_files, "read_logs", lambda paths, **more: off)
+    with pytest.raises(InputError, match=r"flight 1.*mm declared as m"):
+        diagnose_files.read_and_check([Path("flights")])
 
 
 def test_a_flight_without_an_imu_among_others_is_left_out_and_said():

@@ -49,6 +49,7 @@ def diagnose_flights(
     progress: ProgressCallback = no_progress,
     separate: Separate | None = None,
     clock: Callable[[], float] = lambda: 0.0,
+    left_out: Sequence[Finding] = (),
 ) -> tuple[Diagnosis, FlightFindings]:
     """Report what the model gets wrong in measured flights, and what the report rests on.
 
@@ -58,6 +59,7 @@ def diagnose_flights(
         progress: called with a stage and the share done.
         separate: finds the experiment that separates what the flights can't.
         clock: seconds, for the run time.
+        left_out: why flights are not among `logs`.
 
     Raises:
         InputError: no flight that can be used; says why.
@@ -91,6 +93,7 @@ def diagnose_flights(
         gain=tuple(gains),
         prechecks=(
             *(f for log in logs for f in log.findings),
+            *left_out,
             *refused,
             *transient_findings(problem.tracks, findings.remainder.transients),
         ),

@@ -10,11 +10,12 @@ from tombo_diagnosis.flight.analyse import FlightFindings
 from tombo_diagnosis.flight.diagnose import Separate, diagnose_flights
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.scenario_nominal import held_against
+from tombo_dynamics.errors import InputError
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.vehicle_file import VehicleFile
 from tombo_logs.checks import check_log
 from tombo_logs.checks.rotors.hover import hover_of
-from tombo_logs.flight_log import FlightLog
+from tombo_logs.flight_log import Finding, FlightLog
 from tombo_logs.readers.log_reader import read_logs
 
 
@@ -25,11 +26,13 @@ def read_and_check(
     vehicle: VehicleFile | None = None,
     nominal: NominalModel | None = None,
     progress: ProgressCallback = no_progress,
-) -> list[FlightLog]:
+) -> tuple[list[FlightLog], list[Finding]]:
     """Return the flights of files, held against a vehicle file and a model if given, checked.
 
+    Also why others are left out: what contradicts itself costs its own flight only.
+
     Raises:
-        InputError: as `read_logs` and `check_log`.
+        InputError: as `read_logs`; or as `check_log`, if no flight is left.
     """
     progress(f"reading {paths[0].name}{' and others' if len(paths) > 1 else ''}", 0.0)
     flights = read_logs(paths, mapping=mapping, names=names)
@@ -38,11 +41,18 @@ def read_and_check(
     hover = None
     if nominal is not None:
         hover = hover_of(nominal.label, nominal.vehicle, nominal.maps)
-    checked = []
+    checked, refused = [], []
+    first: InputError | None = None
     for k, flight in enumerate(flights):
         progress(f"checking {flight.name}", k / len(flights))
-        checked.append(check_log(flight, hover))
-    return checked
+        try:
+            checked.append(check_log(flight, hover))
+        except InputError as error:
+            refused.append(Finding("refused", "fault", flight.name, str(error)))
+            first = first or error
+    if first is not None and not checked:
+        raise first
+    return checked, refused
 
 
 def diagnose_files(
@@ -60,5 +70,5 @@ def diagnose_files(
     Raises:
         InputError: a log or the mapping can't be used, or no flight can.
     """
-    logs = read_and_check(paths, mapping, names, vehicle, nominal, progress)
-    return diagnose_flights(logs, nominal, progress, separate, clock)
+    logs, refused = read_and_check(paths, mapping, names, vehicle, nominal, progress)
+    return diagnose_flights(logs, nominal, progress, separate, clock, refused)

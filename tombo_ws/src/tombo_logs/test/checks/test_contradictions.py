@@ -1,13 +1,26 @@
 """Wrong units, frames and orders are said with the channel's name, and never used."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from made_flight import made_flight, poses_only, unwound, with_values, wrote
+from made_flight import (
+    CLIMB,
+    STAND,
+    made_flight,
+    poses_only,
+    smooth_step,
+    unwound,
+    with_values,
+    wrote,
+)
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks import check_log
+from tombo_logs.flight_log import FlightLog, Series
 
 FLIGHT = made_flight()
 IMU = {"gyro", "accel"}
@@ -124,12 +137,63 @@ def test_a_turned_track_is_told_by_the_accelerometer(change):
         check_log(with_values(FLIGHT, "position", change))
 
 
-@pytest.mark.parametrize("width", [0.02, 1.0])
-def test_ned_for_enu_is_refused_also_in_hover(width):
-    flight = made_flight(width=width)
-    for off in (ned(flight), poses_only(ned(flight))):
-        with pytest.raises(InputError, match="expected: up, as in ENU"):
-            check_log(off)
+@pytest.mark.parametrize(
+    ("width", "channels"),
+    [
+        (1.0, set(FLIGHT.series)),
+        (1.0, {"position", "attitude"}),
+        (0.02, set(FLIGHT.series)),
+        (0.02, {"position", "attitude", "rotor_command"}),
+        (0.02, {"position", "attitude", *IMU}),
+    ],
+)
+def test_ned_for_enu_is_refused_also_in_hover(width, channels):
+    """By the lean, the accelerometer, or the height at which the motors are slow."""
+    off = ned(made_flight(width=width))
+    with pytest.raises(InputError, match="as in ENU"):
+        check_log(replace(off, series={name: off.series[name] for name in channels}))
+
+
+def sunk(log):
+    """What is left of a flight from its hover on, which then goes 0.6 m lower; motors hold it."""
+    drop = 0.6 * smooth_step(np.arange(0.0, 40.0, 0.01) - 2.0)
+    series = {}
+    for name, s in log.series.items():
+        keep = (s.t > STAND + CLIMB - 0.1) & (s.t < s.t[-1] - STAND - CLIMB)
+        series[name] = Series(s.t[keep] - s.t[keep][0], s.values[keep])
+    position = series["position"]
+    down = np.column_stack([0.0 * position.t, 0.0 * position.t, drop[: position.t.size]])
+    series["position"] = Series(position.t, position.values - down)
+    return replace(log, series=series)
+
+
+@pytest.mark.parametrize("only_poses", [False, True])
+def test_a_flight_that_begins_in_a_steady_hover_and_goes_lower_is_none(only_poses):
+    flight = sunk(made_flight(width=0.3))
+    z = flight.series["position"].values[:, 2]
+    assert np.ptp(z[:60]) < 0.004 and np.median(z) < z[0] - 0.3
+    checked = check_log(poses_only(flight) if only_poses else flight)
+    assert not [f for f in checked.findings if f.severity == "fault"]
+
+
+def corded(along, stiffness=2.5):
+    """Poses of a flight whose pace rises, held by a cord of so much force per mass and metre."""
+    t = np.arange(0.0, 20.0, 0.01)
+    rng = np.random.default_rng(4)
+    phase = 0.6 * (t + 0.012 * t**2)
+    p = np.column_stack([1.4 * np.sin(phase), 1.2 * np.sin(2.0 * phase + 0.5), 1.0 + 0.0 * t])
+    push = CubicSpline(t, p)(t, 2) + stiffness * p * along + np.array([0.0, 0.0, GRAVITY])
+    up = push / np.linalg.norm(push, axis=1, keepdims=True)
+    q = np.column_stack([-up[:, 1], up[:, 0], 0.0 * t, 1.0 + up[:, 2]])
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    p += 2e-4 * rng.standard_normal(p.shape)
+    return FlightLog("corded", "made", {"position": Series(t, p), "attitude": Series(t, q)})
+
+
+@pytest.mark.parametrize("along", [[1.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+def test_the_pull_of_a_cord_is_no_fault_of_the_frame(along):
+    """It turns the lean round along an axis, where the pace is slow, but not throughout."""
+    assert set(check_log(corded(np.array(along))).series) == {"position", "attitude"}
 
 
 def test_effects_of_the_registry_are_no_contradictions():

@@ -20,6 +20,7 @@ from tombo_logs.checks import check_log
 from tombo_logs.checks.events import Event
 from tombo_logs.checks.impacts import impacts
 from tombo_logs.checks.rotors.hover import Hover
+from tombo_logs.checks.series_cleaning import without_wrong_poses
 from tombo_logs.flight_log import Airframe
 
 FLIGHT = made_flight(duration=24.0)
@@ -85,6 +86,33 @@ def test_markers_that_swap_are_no_contact(only_poses):
     (jump,) = found(checked, "jump")
     assert jump.start_s < 12.0 < 12.04 < jump.end_s < 13.0
     assert not found(checked, "contact")
+
+
+@pytest.mark.parametrize("only_poses", [False, True])
+def test_single_wrong_poses_are_left_out_alone(only_poses):
+    rows = [700, 1200, 1203, 1500]
+    flight = pushed(
+        "position", rows, [[0.03, 0.0, 0.0], [0.0, 0.08, 0.0], [0, 0, 0.05], [0, 1, 0]]
+    )
+    checked = check_log(poses_only(flight) if only_poses else flight)
+    (said,) = found(checked, "jump")
+    assert said.severity == "info" and "up to 100 cm" in said.message and ": 4," in said.message
+    left = FLIGHT.series["position"].t[rows]
+    assert not np.isin(left, checked.series["position"].t).any()
+    assert checked.series["position"].t.size == FLIGHT.series["position"].t.size - len(rows)
+    assert not found(checked, "contact") and len(checked.exclude) == 2  # on the ground
+
+
+@pytest.mark.parametrize("samples", [0, 2, 3])
+def test_bends_and_steps_of_the_track_are_no_wrong_poses(samples):
+    """It is thrown back, or lies elsewhere for a few poses: nothing is left out."""
+    t = FLIGHT.series["position"].t
+    thrown = 3.0 * np.maximum(t - 12.0, 0.0) * (t < 13.0)
+    shifted = 0.1 * ((t > 12.0) & (t < 12.0 + 0.01 * samples + 0.005))
+    off = np.column_stack([shifted if samples else thrown, 0.0 * t, 0.0 * t])
+    position = Series(t, FLIGHT.series["position"].values + off)
+    kept, said = without_wrong_poses("a", Series(t[:1250], position.values[:1250]))
+    assert kept.t.size == 1250 and not said
 
 
 @pytest.mark.parametrize(("gyro_at", "said"), [(12.05, []), (12.5, ["jump"])])

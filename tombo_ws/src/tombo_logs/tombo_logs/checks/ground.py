@@ -43,7 +43,7 @@ def ground_spans(position: Series, series: Mapping[str, Series]) -> list[Span]:
     if t.size < 10 or t[-1] - t[0] < 2.0 * _WINDOW_S:
         return []
     still = _still(t, position.values)
-    drive = _drive(t, series)
+    drive = motor_drive(t, series)
     off = drive < _OFF
     floor = float(z.min())
     if (off & still).any():
@@ -124,7 +124,7 @@ def _is_still(t: Array, position: Array) -> bool:
     return bool((wander <= np.maximum(2.5 * noise, 1.5e-3)).all())
 
 
-def _drive(t: Array, series: Mapping[str, Series]) -> Array:
+def motor_drive(t: Array, series: Mapping[str, Series]) -> Array:
     """Return the motors' mean speed or command over that in flight; NaN: not known."""
     for name in _DRIVERS:
         drive = series.get(name)

@@ -14,13 +14,13 @@ from tombo_logs.checks.clocks.clock_rates import common_clock
 from tombo_logs.checks.clocks.gaps import gaps
 from tombo_logs.checks.clocks.time_units import check_pose_rate, other_times
 from tombo_logs.checks.clocks.timestamps import arrival_stamps
-from tombo_logs.checks.ground import ground
+from tombo_logs.checks.ground import ground, motor_drive
 from tombo_logs.checks.motion import Motion, motion_of
 from tombo_logs.checks.rotors import motors, rotor_order
 from tombo_logs.checks.rotors.change_points import changes
 from tombo_logs.checks.rotors.hover import Hover, check_vehicle
 from tombo_logs.checks.rotors.rotor_sensors import sensor_faults
-from tombo_logs.checks.series_cleaning import clean_series, nothing_left
+from tombo_logs.checks.series_cleaning import clean_series, nothing_left, without_wrong_poses
 from tombo_logs.checks.spans import Mask, Span, block_means, inside, merged, sample_interval
 from tombo_logs.flight_log import Finding, FlightLog, Series
 
@@ -57,6 +57,7 @@ def check_log(log: FlightLog, hover: Hover | None = None) -> FlightLog:
     position = series["position"]
     keep = ~inside(position.t, lost)
     seen = Series(position.t[keep], position.values[keep]) if keep.any() else position
+    poses.check_height(log.name, position, motor_drive(position.t, series))
     findings += ground(log.name, seen, series)
     down = _spans(f for f in findings if f.check == "ground")
     # motors stand still on the ground
@@ -105,6 +106,9 @@ def _tidy(log: FlightLog) -> tuple[dict[str, Series], list[Finding]]:
             findings.append(Finding("missing", "fault", log.name, text, channel=name))
         else:
             series[name] = clean
+    if "position" in series:
+        series["position"], found = without_wrong_poses(log.name, series["position"])
+        findings += found
     for name in tuple(series):
         findings += _without(series, sensor_range.resolution(log.name, name, series[name]))
     return series, findings
@@ -125,7 +129,7 @@ def _check_poses(flight: str, series: dict[str, Series], findings: list[Finding]
             )
     check_pose_rate(flight, series)
     poses.check_attitude(flight, series["attitude"])
-    poses.check_height(flight, series["position"])
+    poses.check_position(flight, series["position"])
 
 
 def _without(series: dict[str, Series], findings: list[Finding]) -> list[Finding]:
@@ -213,6 +217,7 @@ def _held_together(
     wrong = any(f.severity == "fault" for f in findings)
     poses.check_poses(flight, motion, scale, imu=not wrong)
     poses.check_lean(flight, motion)
+    poses.check_up(flight, motion)
     if not wrong:
         found = imu.check_accel_axes(flight, motion)
         findings += found

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
@@ -115,7 +116,7 @@ def tilt_response(motion: Motion) -> tuple[Array, float] | None:
     up, found = motion.up[motion.good], motion.acceleration[motion.good, :2]
     if len(found) < 100:
         return None
-    expected = _centred(up[:, :2] / np.maximum(np.abs(up[:, 2:]), 0.2) * GRAVITY)
+    expected = _centred(_lean(up) * GRAVITY)
     found = _centred(found)
     if max(_rms(expected), _rms(found)) < 0.2 or _rms(expected) < 2e-3:
         return None
@@ -123,17 +124,45 @@ def tilt_response(motion: Motion) -> tuple[Array, float] | None:
     return np.asarray(response.T), _explained(found - expected @ response, found)
 
 
-def lean_explains(motion: Motion, turn: Rotation, axes: Array | None = None) -> float:
+def lean_explains(
+    motion: Motion, rows: NDArray[np.intp], axes: Array | None = None, inverse: bool = False
+) -> float:
     """Return the share of the horizontal acceleration that thrust along body z explains.
 
-    `turn`: attitudes of the rows with `good`; `axes` (2, 2): world x, y from those of the track.
+    Of these rows; `axes` (2, 2): world x, y from those of the track; `inverse`: of the attitude.
     """
-    up = turn.apply([0.0, 0.0, 1.0])
-    expected = _centred(up[:, :2] / np.maximum(np.abs(up[:, 2:]), 0.2) * GRAVITY)
-    found = _centred(motion.acceleration[motion.good, :2])
+    turn = Rotation.from_quat(motion.attitude[rows])
+    expected = _centred(_lean((turn.inv() if inverse else turn).apply([0.0, 0.0, 1.0])) * GRAVITY)
+    found = _centred(motion.acceleration[rows, :2])
     if axes is not None:
         found = found @ axes.T
     return _explained(found - expected, found)
+
+
+def vertical_response(motion: Motion) -> tuple[float, float] | None:
+    """Return the track's vertical acceleration over that given by thrust, and its deviation.
+
+    1 is expected. Thrust is told by the accelerometer, or else by the horizontal acceleration: a
+    lean of l (2,) gives (g + z'') l. None where nothing accelerates.
+    """
+    good = motion.good
+    if np.count_nonzero(good) < 100:
+        return None
+    besides: Array = np.ones((np.count_nonzero(good), 1))
+    if motion.accel.size:
+        force = Rotation.from_quat(motion.attitude[good]).apply(motion.accel[good])
+        expected, found = force[:, 2:], motion.acceleration[good, 2:]
+    else:
+        lean = _lean(motion.up[good])
+        expected, found = motion.acceleration[good, 2:] * lean, motion.acceleration[good, :2]
+        besides = np.hstack([besides, lean])
+    given, seen = _fit(besides, expected), _fit(besides, found)
+    size = float(np.sum(given**2))
+    if size == 0.0:
+        return None
+    slope = float(np.sum(given * seen)) / size
+    left = _rms(seen - slope * given)
+    return slope, left * float(np.sqrt(INDEPENDENT / size))
 
 
 def drag_correlations(motion: Motion) -> Array | None:
@@ -191,11 +220,16 @@ def _matched(rates: Array, gyro: Array, good: Mask, shift: int) -> float:
 
 
 def _fit(w: Array, g: Array) -> Array:
-    """Return what is left of g behind a linear map of w."""
+    """Return what a linear map of w leaves of g."""
     if not len(w):
         return g
     coefficients, _, _, _ = np.linalg.lstsq(w, g, rcond=None)
     return np.asarray(g - w @ coefficients)
+
+
+def _lean(up: Array) -> Array:
+    """Return (N, 2): horizontal over vertical part of body z (N, 3)."""
+    return np.asarray(up[:, :2] / np.maximum(np.abs(up[:, 2:]), 0.2))
 
 
 def _centred(values: Array) -> Array:

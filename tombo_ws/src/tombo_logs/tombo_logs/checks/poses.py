@@ -1,17 +1,21 @@
-"""Poses that contradict themselves, or the IMU: they can't be worked around, which is an error."""
+"""Poses that contradict themselves, or the IMU: nothing can be diagnosed from such a flight."""
 
 from __future__ import annotations
 
 from itertools import product
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.motion import Motion
-from tombo_logs.checks.pose_imu_consistency import force_response, lean_explains, tilt_response
+from tombo_logs.checks.pose_imu_consistency import (
+    force_response,
+    lean_explains,
+    tilt_response,
+    vertical_response,
+)
 from tombo_logs.checks.unit_mistakes import guess
 from tombo_logs.flight_log import Series
 
@@ -22,6 +26,14 @@ _LEANS = 5.0
 _EXPLAINED, _CONTRADICTED = 0.6, 0.35
 """Share of the track's acceleration that other axes explain, and share that they may leave of what
 ours leave, to be the right ones."""
+_PARTS = 3
+"""Of a flight, in each of which other axes must be the right ones: a frame does not change, the
+pull of a cord or of a fan does with place and pace."""
+_UP_KNOWN, _UP_REVERSED = 0.08, 0.5
+"""Standard deviation, and distance from -1, of z's acceleration over that given by thrust. Of
+poses alone, drag and wind move it by up to 8 deviations: not as far as from 1 to there."""
+_STANDS = 0.5
+"""Speed or command of the motors over that in flight below which they can't carry the vehicle."""
 
 
 def check_attitude(flight: str, attitude: Series) -> None:
@@ -33,6 +45,12 @@ def check_attitude(flight: str, attitude: Series) -> None:
     if abs(usual - 1.0) > 0.02:
         text = f"quaternions have norm {usual:.3g}; expected: 1"
         raise InputError(f"flight '{flight}': attitude: {text}")
+
+
+def check_position(flight: str, position: Series) -> None:
+    """Refuse positions that never change."""
+    if len(position.values) > 20 and not np.ptp(position.values, axis=0).any():
+        raise InputError(f"flight '{flight}': position: one value throughout; expected: a flight")
 
 
 def check_tilt(flight: str, motion: Motion) -> None:
@@ -63,14 +81,14 @@ def check_lean(flight: str, motion: Motion) -> None:
     Thrust along body z gives the track's horizontal acceleration. Tried are the inverse attitude,
     and the track with axes swapped or reversed.
     """
-    good = motion.good
-    if np.count_nonzero(good) < 100:
+    rows = np.flatnonzero(motion.good)
+    if rows.size < 100:
         return
-    turn = Rotation.from_quat(motion.attitude[good])
-    own = lean_explains(motion, turn)
-    others = {
+    own = lean_explains(motion, rows)
+    others: dict[str, tuple[Array | None, bool]] = {
         "attitude: its inverse does; is it base_link from map? Expected: map from base_link": (
-            lean_explains(motion, turn.inv())
+            None,
+            True,
         )
     }
     for order in ((0, 1), (1, 0)):
@@ -79,15 +97,31 @@ def check_lean(flight: str, motion: Motion) -> None:
             text = (
                 f"position: with its {', '.join(axes)} as x, y it does; expected: ENU, as attitude"
             )
-            matrix = np.eye(2)[list(order)] * np.array(signs)[:, None]
-            others[text] = lean_explains(motion, turn, matrix)
-    best = max(others, key=lambda text: others[text])
-    if others[best] > _EXPLAINED and 1.0 - others[best] < _CONTRADICTED * (1.0 - own):
+            others[text] = np.eye(2)[list(order)] * np.array(signs)[:, None], False
+    shares = {text: lean_explains(motion, rows, *way) for text, way in others.items()}
+    best = max(shares, key=lambda text: shares[text])
+    if _are_right(own, shares[best]) and _right_throughout(motion, *others[best]):
         raise InputError(
             f"flight '{flight}': the lean of the attitude does not give the acceleration of the "
-            f"position ({100 * max(own, 0.0):.0f} % explained, else {100 * others[best]:.0f} %); "
+            f"position ({100 * max(own, 0.0):.0f} % explained, else {100 * shares[best]:.0f} %); "
             f"{best}"
         )
+
+
+def _are_right(own: float, other: float) -> bool:
+    """Return whether other axes explain so much more than ours that they are the right ones."""
+    return other > _EXPLAINED and 1.0 - other < _CONTRADICTED * (1.0 - own)
+
+
+def _right_throughout(motion: Motion, axes: Array | None = None, inverse: bool = False) -> bool:
+    """Return whether other axes are the right ones in each part of the flight that accelerates."""
+    rows = np.flatnonzero(motion.good)
+    least = motion.acceleration[rows, :2].std() / _PARTS
+    return all(
+        _are_right(lean_explains(motion, part), lean_explains(motion, part, axes, inverse))
+        for part in np.array_split(rows, _PARTS)
+        if motion.acceleration[part, :2].std() > least
+    )
 
 
 def check_poses(flight: str, motion: Motion, scale: float | None, imu: bool) -> None:
@@ -111,7 +145,8 @@ def check_poses(flight: str, motion: Motion, scale: float | None, imu: bool) -> 
         _check_axes(flight, force_response(motion), 45.0, "turned by the attitude, accel says")
     elif lean is not None:
         u, s, vt = np.linalg.svd(lean[0])
-        if s[1] > 0.25 * s[0]:  # else it moved along one line only
+        # else it moved along one line only, or a force that depends on place acts
+        if s[1] > 0.25 * s[0] and _right_throughout(motion, (u @ vt).T):
             _check_axes(flight, (u @ vt, lean[1]), 120.0, "the attitude leans")
 
 
@@ -158,17 +193,19 @@ def _check_axes(
         raise InputError(
             f"flight '{flight}': position: it moves {angle:.0f} deg off where {where} "
             f"({_shown(turn)}); expected: the same way; are position and attitude in one world "
-            "frame, ENU, z up, and is the attitude map from base_link?"
+            "frame, as in ENU and not NED, and is the attitude map from base_link?"
         )
 
 
-def check_height(flight: str, position: Series) -> None:
-    """Refuse a track that goes down from where the vehicle stands: z is not up."""
+def check_height(flight: str, position: Series, drive: Array) -> None:
+    """Refuse a track that goes down from where the vehicle stands with slow motors: z is not up.
+
+    `drive` (N,): the motors' mean speed or command over that in flight; NaN: not known. A steady
+    hover is as quiet as the ground, so quiet poses alone don't tell a floor.
+    """
     z, t = position.values[:, 2], position.t
-    if z.size > 20 and not np.ptp(position.values, axis=0).any():
-        raise InputError(f"flight '{flight}': position: one value throughout; expected: a flight")
     begin = t < t[0] + 0.6
-    if np.count_nonzero(begin) < 6:
+    if np.count_nonzero(begin) < 6 or not np.median(drive[begin]) < _STANDS:
         return
     noise = 1.4826 * np.median(np.abs(np.diff(z[begin], 2))) / np.sqrt(6.0)
     level = float(np.median(z[begin]))
@@ -177,6 +214,19 @@ def check_height(flight: str, position: Series) -> None:
         raise InputError(
             f"flight '{flight}': position: z goes from {level:.2f} m, where it stands, to "
             f"{np.median(z):.2f} m; expected: up, as in ENU; is it NED, or y up?"
+        )
+
+
+def check_up(flight: str, motion: Motion) -> None:
+    """Refuse a track whose z accelerates downwards where thrust pushes it up."""
+    response = vertical_response(motion)
+    if response is None:
+        return
+    slope, sigma = response
+    if sigma < _UP_KNOWN and abs(slope + 1.0) < _UP_REVERSED:
+        raise InputError(
+            f"flight '{flight}': position: z accelerates {slope:.2f} ± {sigma:.2f} times what "
+            "thrust gives; expected: up, as in ENU, about 1; is it NED, or y up?"
         )
 
 

@@ -19,6 +19,8 @@ _LARGEST = 1e7
 _HELD = 0.3
 """Share of repeated values from which on a channel counts as held on a faster clock."""
 
+_WRONG_POSE, _TIMES_NOISE = 0.01, 10.0
+"""m, and noise deviations, beyond which a single pose is wrong; less does no harm."""
 _SAMPLED = ("position", "attitude", "gyro", "accel", "rotor_speed")
 """Channels that measure something new each time; commands and supply may stay as they are."""
 
@@ -52,6 +54,35 @@ def clean_series(flight: str, channel: str, series: Series) -> tuple[Series, lis
         note("duplicate", "warning", text)
         series = _part(series, ~repeats)
     return series, findings
+
+
+def without_wrong_poses(flight: str, position: Series) -> tuple[Series, list[Finding]]:
+    """Return positions without single wrong ones, and how many there were.
+
+    A single one is wrong if the two before and the two after it lie on one smooth path, far from
+    it. What hits the vehicle bends its path instead.
+    """
+    p, t = position.values, position.t
+    if len(p) < 20:
+        return position, []
+    path = (4.0 * (p[1:-3] + p[3:-1]) - p[:-4] - p[4:]) / 6.0  # a cubic through the four
+    off = np.linalg.norm(p[2:-2] - path, axis=1)
+    before, across, after = p[1:-3] - p[:-4], p[3:-1] - p[1:-3], p[4:] - p[3:-1]
+    rough = [np.linalg.norm(x, axis=1) for x in (after - before, across - before - after)]
+    limit = max(_WRONG_POSE, _TIMES_NOISE * float(np.median(off)))
+    even = t[4:] - t[:-4] < 4.6 * sample_interval(t)
+    wrong = np.zeros(len(p), np.bool_)
+    wrong[2:-2] = (off > limit) & (off > np.maximum(*rough)) & even
+    if not wrong.any():
+        return position, []
+    count, farthest = int(wrong.sum()), float(off[wrong[2:-2]].max())
+    text = (
+        f"position: single poses up to {100 * farthest:.0f} cm beside the path before and after "
+        f"them: {count}, left out"
+    )
+    severity = "warning" if count > 0.01 * wrong.size else "info"
+    finding = Finding("jump", severity, flight, text, channel="position")
+    return _part(position, ~wrong), [finding]
 
 
 def _part(series: Series, rows: NDArray[Any] | slice) -> Series:
