@@ -37,7 +37,8 @@ _FORCE_EFFECTS = frozenset(
     name for name, e in REGISTRY.items() if e.stage in (Stage.WRENCH, Stage.AIR)
 )
 """Effects that push the vehicle."""
-_DOUBTS = ("unknown", "partly_explained")
+DOUBTS = ("unknown", "partly_explained")
+"""Verdicts that leave something unexplained."""
 _FEW_FLIGHTS = 3
 _CONCERNS = 0.5
 """A cause concerns a channel if it reduces the excess there below this share."""
@@ -86,7 +87,7 @@ def analyse(
 ) -> FlightFindings:
     """Diagnose flights; if the result is in doubt, again without transients."""
     findings = _analysed(tracks, nominal, progress)
-    if findings.judgement.verdict in _DOUBTS:
+    if findings.judgement.verdict in DOUBTS:
         events = find_transients(findings.problem, findings.search.best.fit)
         if events:
             progress("again without moments that do not fit", 0.6)
