@@ -101,18 +101,17 @@ def _sums(quantity: str, parts: Sequence[tuple[str, Contribution]]) -> list[str]
         own = [(name, part.term) for name, part in parts if part.term.frame == frame]
         if not own:
             continue
-        sums = []
-        for axis in range(3):
-            added = [
-                name if term.components[axis] == "1.0" else f"{name} * ({term.components[axis]})"
-                for name, term in own
-                if term.components[axis] != "0.0"
-            ]
-            sums.append(" + ".join(added))
+        added = [
+            (i, name if text == "1.0" else f"{name} * ({text})")
+            for name, term in own
+            for i, text in enumerate(term.components)
+            if text != "0.0"
+        ]
         if frame == "body":
-            lines += [f"plant.{quantity}[{i}] += {each}" for i, each in enumerate(sums) if each]
+            lines += [f"plant.{quantity}[{i}] += {text}" for i, text in added]
             continue
-        lines += [f"map_{a} = {each or '0.0'}" for a, each in zip(_AXES, sums, strict=True)]
+        lines.append("map_x = map_y = map_z = 0.0")
+        lines += [f"map_{_AXES[i]} += {text}" for i, text in added]
         lines.append("bx, by, bz = to_body(plant.rotation, map_x, map_y, map_z)")
         lines += [f"plant.{quantity}[{i}] += b{a}" for i, a in enumerate(_AXES)]
     return lines

@@ -51,7 +51,7 @@ def lasso_path(gram: Array, moment: Array, shares: Array, most: int) -> list[tup
     scale = np.where(length > 1e-9 * length.max(initial=0.0), length, np.inf)
     unit_gram, unit_moment = gram / np.outer(scale, scale), moment / scale
     largest = float(np.abs(unit_moment).max(initial=0.0))
-    c = np.zeros(moment.size)
+    c: Array = np.zeros(moment.size)
     supports: list[tuple[int, ...]] = []
     full = False
     for share in shares:

@@ -86,7 +86,7 @@ def sparse_fit(flights: Sequence[Rows], partners: Sequence[tuple[int, ...]]) -> 
     grams = [rows.gram for rows in flights]
     moments = [rows.moment for rows in flights]
     squares = np.array([float(rows.target @ rows.target) for rows in flights])
-    gram, moment = sum(grams), sum(moments)
+    gram, moment = _sums(flights)
     nothing = SparseFit((), np.zeros(0), np.zeros(0), 0.0)
     if len(flights) < 2 or not squares.sum() > 0.0:
         return nothing
@@ -140,6 +140,14 @@ def _best_support(
     return support
 
 
+def _sums(flights: Sequence[Rows]) -> tuple[Array, Array]:
+    """Return X' X and X' y of all flights."""
+    return (
+        np.sum([rows.gram for rows in flights], axis=0),
+        np.sum([rows.moment for rows in flights], axis=0),
+    )
+
+
 def with_partners(support: Sequence[int], partners: Sequence[tuple[int, ...]]) -> tuple[int, ...]:
     """Return terms and what is fitted with them, in the order of the dictionary."""
     return tuple(sorted({*support, *(p for k in support for p in partners[k])}))
@@ -172,7 +180,7 @@ def _kept(
     support: tuple[int, ...], flights: Sequence[Rows], partners: Sequence[tuple[int, ...]]
 ) -> tuple[int, ...]:
     """Return the terms that are needed beside the others, the least needed dropped first."""
-    gram, moment = sum(r.gram for r in flights), sum(r.moment for r in flights)
+    gram, moment = _sums(flights)
     square = sum(float(r.target @ r.target) for r in flights)
 
     def removed(terms: tuple[int, ...]) -> float:
@@ -198,11 +206,15 @@ def _kept(
 
 
 def _with_errors(flights: Sequence[Rows], chosen: tuple[int, ...]) -> tuple[Array, Array]:
-    """Return coefficients and standard errors; rows of one block of time are one sample."""
+    """Return coefficients and standard errors.
+
+    Rows of one block of time are one sample. Where flights differ by more (jackknife), that
+    counts.
+    """
     own = list(chosen)
-    gram, moment = sum(r.gram for r in flights), sum(r.moment for r in flights)
-    c = _solved(np.asarray(gram), np.asarray(moment), chosen)
-    inverse = np.linalg.pinv(np.asarray(gram)[np.ix_(own, own)], hermitian=True)
+    gram, moment = _sums(flights)
+    c = _solved(gram, moment, chosen)
+    inverse = np.linalg.pinv(gram[np.ix_(own, own)], hermitian=True)
     meat = np.zeros((len(own), len(own)))
     blocks = 0
     for rows in flights:
@@ -212,8 +224,10 @@ def _with_errors(flights: Sequence[Rows], chosen: tuple[int, ...]) -> tuple[Arra
         meat += sums.T @ sums
         blocks += len(np.unique(rows.block))
     few = blocks / max(blocks - len(own), 1)
-    spread = few * inverse @ meat @ inverse
-    return c[own], np.sqrt(np.maximum(np.diag(spread), 1e-30))
+    spread = np.diag(few * inverse @ meat @ inverse)
+    without = np.array([_solved(gram - r.gram, moment - r.moment, chosen)[own] for r in flights])
+    jackknife = (len(flights) - 1) * without.var(axis=0)
+    return c[own], np.sqrt(np.maximum(np.maximum(spread, jackknife), 1e-30))
 
 
 def interval_of(fit: SparseFit) -> tuple[Array, Array]:

@@ -171,9 +171,9 @@ def _wall(k: int, extent: Extent) -> Term:
     c, s = (round(f(heading), 4) + 0.0 for f in (math.cos, math.sin))
     edge = float((extent.places @ (c, s)).max())
     near = f"exp(({c} * x + {s} * y - {edge:.2f}) / {_DECAY_M})"
-    components = tuple(f"{share} * {near}" if share else "0.0" for share in (c, s))
+    x, y = (f"{share} * {near}" if share else "0.0" for share in (c, s))
     degrees = round(math.degrees(heading))
-    return Term(f"wall at a heading of {degrees} deg", "map", (*components, "0.0"), "N")
+    return Term(f"wall at a heading of {degrees} deg", "map", (x, y, "0.0"), "N")
 
 
 def named(terms: Sequence[Term]) -> dict[str, int]:

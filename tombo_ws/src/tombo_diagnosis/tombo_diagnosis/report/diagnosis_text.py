@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 from tombo_diagnosis.diagnosis import Cause, Diagnosis
-from tombo_diagnosis.leftover.leftover import UNITS, Leftover
+from tombo_diagnosis.leftover.leftover import SPRINGS, UNITS, Leftover
 from tombo_diagnosis.wording import (
     capital,
     certainty,
@@ -110,9 +110,16 @@ def changes(gain: Gain) -> bool:
 
 
 def term_texts(leftover: Leftover) -> list[str]:
-    """Return each term of a leftover as words: coefficient, interval, where a spring pulls to."""
+    """Return each term of a leftover as words: coefficient, interval, where a spring pulls to.
+
+    The constants that say where a spring is slack are not told again.
+    """
     found = []
+    springs = {a for t in leftover.terms if t.remark for a in SPRINGS[t.name]}
+    told = {f"constant in map {a}" for a in springs}
     for term in leftover.terms:
+        if term.quantity == "force" and term.name in told:
+            continue
         ends = f"{figure(term.low)} to {figure(term.high)}"
         remark = f", {term.remark}" if term.remark else ""
         found.append(

@@ -103,15 +103,14 @@ def _pool(found: Leftover, quantity: str) -> _Pool:
     state = {name: np.concatenate([s.state[name] for s in own]) for name in sorted(names)}
     state["t"] = np.concatenate([s.t for s in own])
     state["tilt"] = np.concatenate([_tilt(s) for s in own])
-    size = np.linalg.norm(np.nan_to_num(body), axis=1)
     return _Pool(
         quantity, state, body, np.vstack([s.in_map(s.body) for s in own]), fitted,
-        np.vstack([s.in_map(s.fitted) for s in own]), max(float(np.quantile(size, 0.97)), 1e-9),
+        np.vstack([s.in_map(s.fitted) for s in own]),
     )  # fmt: skip
 
 
 def _tilt(samples: LeftoverSamples) -> Array:
-    return np.degrees(np.arccos(np.clip(samples.rotation[:, 2, 2], -1.0, 1.0)))
+    return np.asarray(np.degrees(np.arccos(np.clip(samples.rotation[:, 2, 2], -1.0, 1.0))))
 
 
 def _panels(pool: _Pool) -> list[_Panel]:
@@ -146,8 +145,8 @@ def _arrows(axes: Axes, pool: _Pool, what: str) -> None:
     span = max(float(np.ptp(place, axis=0).max()), 1e-6)
     largest = max(float(np.abs(found.mean[:, 2]).max(initial=0.0)), 0.05 * pool.limit)
     dots = axes.scatter(
-        *found.at.T, c=found.mean[:, 2], cmap=_COLOUR_MAP, vmin=-largest, vmax=largest, s=34,
-        edgecolors=style.MUTED, linewidths=0.4,
+        found.at[:, 0], found.at[:, 1], c=found.mean[:, 2], cmap=_COLOUR_MAP,
+        vmin=-largest, vmax=largest, s=34, edgecolors=style.MUTED, linewidths=0.4,
     )  # fmt: skip
     axes.quiver(
         *found.at.T, *found.mean[:, :2].T, angles="xy", scale_units="xy",
@@ -177,8 +176,8 @@ def _lines(axes: Axes, pool: _Pool, name: str) -> None:
             )  # fmt: skip
             if np.any(fitted[:, i]):
                 axes.plot(model.at, model.mean[:, i], "--", color=colour, lw=1.0, alpha=0.8)
+        axes.legend(loc="best", ncols=3, fontsize=7, handlelength=1.2, columnspacing=0.8)
     axes.axhline(0.0, color=style.MUTED, lw=0.7, zorder=1)
     axes.set_ylim(-pool.limit, pool.limit)
     axes.set_xlabel(_LABELS[name])
     axes.set_ylabel(f"{pool.quantity} left over [{pool.unit}]")
-    axes.legend(loc="best", ncols=3, fontsize=7, handlelength=1.2, columnspacing=0.8)
