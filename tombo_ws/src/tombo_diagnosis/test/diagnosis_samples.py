@@ -12,6 +12,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from tombo_diagnosis.diagnosis import Cause, Diagnosis, Experiment, FlightSummary, Residual, Score
+from tombo_diagnosis.leftover.leftover import FittedTerm, Leftover, LeftoverSamples
 from tombo_flight.extended_model import FittedParameter, Gain
 from tombo_logs.flight_log import Finding
 
@@ -105,6 +106,29 @@ PRECHECKS = (
     Finding("crash", "fault", "circle_3", "accel: 2.5 g, then upside down; set apart", 25.0, 28.5,
             "accel"),
 )  # fmt: skip
+TOLERANCES = {"mass_error.fraction": 0.015, "thrust_scatter.deviation": 0.01, "cog_offset.x": 5e-4}
+
+
+def leftover() -> Leftover:
+    """Return a spring to a place, as three flights leave it."""
+    rng = np.random.default_rng(9)
+    samples = []
+    for k in range(3):
+        place, velocity = (np.cumsum(rng.standard_normal((120, 3)), axis=0) / 10 for _ in "ab")
+        state = dict(zip("xyzuvw", [*place.T, *velocity.T], strict=True))
+        state |= {"yaw": velocity[:, 0], "thrust": 12.0 + velocity[:, 1]}
+        turn = np.broadcast_to(np.eye(3), (120, 3, 3))
+        force, t = -0.5 * place, np.arange(120) * 0.24
+        body = force + 0.1 * rng.standard_normal(force.shape)
+        samples.append(LeftoverSamples(f"circle_{k + 1}", "force", t, state, turn, body, force))
+    spring = FittedTerm(
+        "force", "spring to a point", "(x, y, z) in map", "N/m", -0.5, -0.55, -0.45,
+        "pulls to x 0.00 m, y 0.00 m, z 0.00 m",
+    )  # fmt: skip
+    text = "def leftover(plant): ..."
+    return Leftover((spring,), {"force": 0.9}, {"force": 0.7}, text, tuple(samples))
+
+
 MISSION: dict[str, Any] = {
     "name": "separate_drag",
     "extends": "hover",
@@ -156,4 +180,5 @@ def sample(
         notes=NOTES,
         model="vehicle of the suite (S500, Conf. 13)",
         seconds=3.7,
+        tolerances=TOLERANCES,
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from diagnosis_samples import EXPERIMENT, MISSION, sample
+from diagnosis_samples import EXPERIMENT, MISSION, leftover, sample
 
 from tombo_diagnosis.report.diagnosis_output import (
     DIAGNOSIS_FILES,
@@ -45,7 +45,7 @@ def test_the_fields_are_exactly_those_agreed_on():
     assert list(found) == [
         "verdict", "causes", "set", "separating_experiment", "gain", "prechecks", "candidates",
         "flights", "confidence", "summary", "notes", "model", "vehicle", "seconds",
-        "changed", "version",
+        "changed", "leftover", "tolerances", "version",
     ]  # fmt: skip
     cause, gain = found["causes"][0], strict(diagnosis_json(sample()))["gain"][0]
     for fields, names in (
@@ -83,7 +83,9 @@ def test_values_survive_the_round_trip_and_what_is_not_finite_is_null():
 @pytest.mark.slow
 def test_a_named_cause_leaves_a_model_that_can_be_read(tmp_path):
     names = write(tmp_path / "o", sample(flights=2, seconds=10.0))
-    assert names == set(DIAGNOSIS_FILES) - {"separating_experiment.yaml"}
+    assert names == set(DIAGNOSIS_FILES) - {
+        "separating_experiment.yaml", "plots/leftover.png",
+    }  # fmt: skip
     model = read_model(tmp_path / "o" / "model.yaml")
     assert model.effects == {"linear_rotor_drag": {"d_xy": 0.283, "d_z": 0.041}}
     assert (model.origin.scenario, model.origin.date) == ("hover", "2031-04-05")
@@ -147,3 +149,10 @@ def test_a_file_where_the_plots_go_is_refused_before_anything_is_replaced(tmp_pa
     with pytest.raises(InputError, match="plots in it is a file"):
         write(target, short(), replace=True)
     assert (target / "diagnosis.json").read_text() == "old"
+
+
+def test_what_is_left_over_is_written_without_its_samples():
+    found = strict(diagnosis_json(dataclasses.replace(sample("unknown"), leftover=leftover())))
+    assert set(found["leftover"]) == {"terms", "r2", "rms", "effect"}
+    assert found["leftover"]["terms"][0]["name"] == "spring to a point"
+    assert found["tolerances"]["mass_error.fraction"] == 0.015

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from tombo_diagnosis.engine.detectable import Detectable
+from tombo_diagnosis.leftover.leftover import Leftover
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import FittedParameter, Gain
 from tombo_logs.flight_log import Finding
@@ -34,7 +35,8 @@ class Score:
 
     effect: str
     gain: float
-    """Share (0 to 1) of the excess residual that it removes in flights it was not fitted on."""
+    """Share (0 to 1) of the excess residual that it removes in flights it was not fitted on; NaN:
+    no fit."""
     evidence: float
     """Logarithm of its Bayes factor against 'none'."""
     probability: float
@@ -139,3 +141,7 @@ class Diagnosis:
     """Run time after loading."""
     changed: tuple[Change, ...] = ()
     """Of a comparison with healthy flights: named: what has changed; set: its members."""
+    leftover: Leftover | None = None
+    """unknown, partly_explained: what is left, drawn and as a sum of terms; else None."""
+    tolerances: Mapping[str, float] = field(default_factory=dict)
+    """effect.parameter → standard deviation within which the model's value may be off."""

@@ -66,6 +66,21 @@ def figure(value: float, digits: int = 3) -> str:
     return f"{value:.{max(digits - 1 - power, 0)}f}".replace("-", "−")
 
 
+def sized(value: float, parameter_unit: str) -> str:
+    """Return a size with two digits and its unit: shares in per cent, short lengths in mm."""
+    if parameter_unit in ("", "1"):
+        return f"{_short(100.0 * value)} %"
+    if parameter_unit == "m" and abs(value) < 0.1:
+        return f"{_short(1000.0 * value)} mm"
+    if parameter_unit == "s" and abs(value) < 0.1:
+        return f"{_short(1000.0 * value)} ms"
+    return f"{_short(value)} {unit(parameter_unit)}"
+
+
+def _short(value: float) -> str:
+    return f"{value:.2g}" if math.isfinite(value) else DASH
+
+
 def interval(fitted: FittedParameter) -> tuple[str, str, str]:
     """Return value, low and high with the decimals that the width of the interval allows."""
     width = fitted.high - fitted.low

@@ -2,10 +2,11 @@
 
 import math
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_samples import sample
+from diagnosis_samples import leftover, sample
 from matplotlib.colors import to_hex
 
 from tombo_diagnosis.diagnosis import VERDICTS, Diagnosis
@@ -17,6 +18,7 @@ from tombo_diagnosis.report.diagnosis_plots import (
     draw_residuals,
 )
 from tombo_diagnosis.report.diagnosis_poster import diagnosis_poster
+from tombo_diagnosis.report.leftover_plot import draw_leftover
 from tombo_flight.report.flight_plot import png_bytes
 
 pytestmark = pytest.mark.slow
@@ -72,3 +74,15 @@ def test_nothing_to_show_is_said():
     for draw in (diagnosis_poster, draw_residuals, draw_drivers, draw_gains):
         assert png_bytes(draw(EMPTY)).startswith(b"\x89PNG")
     assert "nothing to show" in [text.get_text() for text in draw_gains(EMPTY).texts]
+
+
+def test_arrows_of_the_leftover_point_to_where_the_spring_pulls():
+    figure = draw_leftover(replace(sample("unknown"), leftover=leftover()))
+    assert png_bytes(figure).startswith(b"\x89PNG")
+    place = figure.axes[0]
+    assert place.get_xlabel() == "place map x [m]"
+    (arrows,) = [c for c in place.collections if hasattr(c, "U")]
+    at, force = np.column_stack([arrows.X, arrows.Y]), np.column_stack([arrows.U, arrows.V])
+    far = np.linalg.norm(at, axis=1) > 0.3
+    assert np.all(np.sum(at * force, axis=1)[far] < 0.0) and far.sum() > 5
+    assert draw_leftover(sample("none")).axes == []

@@ -7,9 +7,10 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from diagnosis_samples import EXPERIMENT, SUMMARY, sample
+from diagnosis_samples import EXPERIMENT, SUMMARY, leftover, sample
 
 from tombo_diagnosis.diagnosis import VERDICTS, Diagnosis, FlightSummary, Residual
+from tombo_diagnosis.engine.detectable import Detectable
 from tombo_diagnosis.report.diagnosis_report import diagnosis_html
 from tombo_logs.flight_log import Finding
 
@@ -255,3 +256,60 @@ def test_the_residual_that_was_removed_is_drawn_before_and_after(html):
 def test_light_and_dark_have_their_colours(html):
     assert html.count("prefers-color-scheme: dark") >= 2
     assert 'name="viewport" content="width=device-width' in html
+
+
+def test_the_tolerances_are_the_first_words_of_the_summary(page):
+    compared = "Compared with: the suite’s own vehicle (vehicle of the suite (S500, Conf. 13)); "
+    told = "tolerances: mass 1.5 %, propellers matched to 1 %, centre of gravity 0.5 mm."
+    assert f"{compared}{told} {SUMMARY}" in page.text
+
+
+def test_without_a_cause_the_page_says_what_would_have_been_seen():
+    none = sample("none")
+    least = {"mass_error": Detectable("fraction", "1", 0.0123), "motor_lag": None}
+    scores = [replace(s, detectable=least.get(s.effect)) for s in none.candidates]
+    text = Page(diagnosis_html(replace(none, candidates=tuple(scores)))).text
+    assert "These flights would have shown: mass error from 1.2 %." in text
+    assert "would show from" in text and "fraction 1.2 %" in text
+
+
+def test_what_is_not_known_is_not_made_up():
+    one = sample(flights=1)
+    fitted = [replace(s, gain=math.nan) for s in one.candidates]
+    blind = [replace(r, sigma=math.nan) for r in one.residuals]
+    page = Page(diagnosis_html(replace(one, candidates=tuple(fitted), residuals=tuple(blind))))
+    assert "noise alone makes" in Page(diagnosis_html(one)).text
+    assert "noise alone makes" not in page.text
+    rows = page.text[page.text.index("removes, held out") :]
+    assert "–812" in rows.replace(" ", "")  # a dash, then the log evidence
+
+
+def test_several_causes_have_no_probability_of_being_the_only_one():
+    one = sample()
+    other = replace(one.causes[0], effect="battery_sag", confidence=0.82)
+    alone = Page(diagnosis_html(one)).text
+    both = Page(diagnosis_html(replace(one, causes=(other, *one.causes)))).text
+    assert "Probability: of being the only cause" in alone
+    assert "Probability: of being the only cause" not in both
+    assert "several causes may be present together" in both
+    # What removes most leads: cards first, then the causes.
+    assert both.index("linear rotor drag: d_xy") < both.index("battery sag: d_xy")
+
+
+def test_channels_that_do_not_change_are_folded():
+    one = sample()
+    still = replace(one.gain[0], channel="still", reduction=0.001, low=-0.002, high=0.003)
+    html = diagnosis_html(replace(one, gain=(*one.gain, still)))
+    page = Page(html)
+    assert "1 channel without a change" in page.text
+    assert html.index("1 channel without a change") < html.index('scope="row">still')
+
+
+def test_what_is_left_over_is_drawn_and_told_with_its_effect():
+    text = Page(diagnosis_html(replace(sample("unknown"), leftover=leftover()))).text
+    assert "force: spring to a point" in text and "−0.550 to −0.450" in text
+    assert "pulls to x 0.00 m" in text and "90 %" in text
+    assert "def leftover(plant)" in text
+    nothing = replace(leftover(), terms=(), r2={"force": 0.0}, effect="")
+    text = Page(diagnosis_html(replace(sample("unknown"), leftover=nothing))).text
+    assert "No term of the dictionary" in text and "as an effect" not in text

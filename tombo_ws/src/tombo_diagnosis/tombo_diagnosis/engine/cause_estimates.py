@@ -67,7 +67,7 @@ def scores(
 
     Args:
         log_bf: effect -> log Bayes factor of it alone, of those that the data can show.
-        shares: effect -> share of the excess that it removes in held-out data.
+        shares: effect -> share of the excess that it removes in held-out data; of those fitted.
         effects: all of the registry that make sense for the model.
         why_not: says of an effect why the data can't show it.
         detectable: effect -> the smallest change that the data would have shown.
@@ -76,7 +76,7 @@ def scores(
     total = float(np.logaddexp.reduce([0.0, *finite.values()]))
     found = []
     for effect in effects:
-        share = shares.get(effect, 0.0)
+        share = shares.get(effect, math.nan)
         if effect in finite:
             evidence = finite[effect]
             probability, least = math.exp(evidence - total), detectable.get(effect)

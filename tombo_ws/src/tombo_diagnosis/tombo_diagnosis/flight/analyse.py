@@ -38,7 +38,8 @@ _FORCE_EFFECTS = frozenset(
     name for name, e in REGISTRY.items() if e.stage in (Stage.WRENCH, Stage.AIR)
 )
 """Effects that push the vehicle."""
-_DOUBTS = ("unknown", "partly_explained")
+DOUBTS = ("unknown", "partly_explained")
+"""Verdicts that leave something unexplained."""
 _DYNAMICS = frozenset({"force", "moment"})
 """Groups of channels that have to be clean before anything is named: what pushes the vehicle in a
 way that is not known is imitated by causes in any other group."""
@@ -90,7 +91,7 @@ def analyse(
 ) -> FlightFindings:
     """Diagnose flights; if the result is in doubt, again without transients."""
     findings = _analysed(tracks, nominal, progress)
-    if findings.judgement.verdict in _DOUBTS:
+    if findings.judgement.verdict in DOUBTS:
         events = find_transients(findings.problem, findings.search.best.fit)
         if events:
             progress("again without moments that do not fit", 0.6)

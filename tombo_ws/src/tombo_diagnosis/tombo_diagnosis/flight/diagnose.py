@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -10,7 +11,7 @@ import numpy as np
 
 from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightSummary, Residual
 from tombo_diagnosis.engine.model import Explanation
-from tombo_diagnosis.flight.analyse import FlightFindings, analyse
+from tombo_diagnosis.flight.analyse import DOUBTS, FlightFindings, analyse
 from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
 from tombo_diagnosis.flight.cause_estimates import estimate_cause, scores
 from tombo_diagnosis.flight.cross_validation import extended, gain_by_effect, nominal_residuals
@@ -18,8 +19,10 @@ from tombo_diagnosis.flight.fit.prediction import motion_of
 from tombo_diagnosis.flight.fit.track import Track, track_of
 from tombo_diagnosis.flight.fit.transients import transient_findings
 from tombo_diagnosis.flight.held_out_test import final_explanation, refuse_contradicted
-from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_diagnosis.flight.leftover_samples import flight_leftover, leftover_quantities
+from tombo_diagnosis.flight.nominal import NominalModel, nominal_tolerances
 from tombo_diagnosis.flight.summary_text import notes, summary
+from tombo_diagnosis.leftover.leftover import Leftover
 from tombo_dynamics.errors import InputError
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_logs.flight_log import Finding, FlightLog
@@ -28,6 +31,8 @@ Separate = Callable[[FlightFindings, ProgressCallback], Experiment | None]
 
 _BLOCK_S = 8.0
 """A single flight is cut into blocks of about this length, which stand for flights."""
+_NO_NOISE = 1e-9
+"""A simulated noise below this is rounding, in any unit."""
 _SHOWN = 8
 """Flights whose residuals go into the report."""
 
@@ -65,7 +70,7 @@ def diagnose_flights(
         InputError: no flight that can be used; says why.
     """
     began = clock()
-    usable, refused = _usable(logs)
+    usable, unusable = _usable(logs)
     if any(log.airframe is not None for log in usable):
         nominal, usable = calibrated(usable)
     elif all(has_no_thrust_data(log) for log in usable):
@@ -94,7 +99,7 @@ def diagnose_flights(
         prechecks=(
             *(f for log in logs for f in log.findings),
             *left_out,
-            *refused,
+            *unusable,
             *transient_findings(problem.tracks, findings.remainder.transients),
         ),
         candidates=scores(findings, gain_by_effect(problem, search), contradicted),
@@ -112,8 +117,17 @@ def diagnose_flights(
         vehicle=nominal.vehicle_name
         or (usable[0].airframe.name if usable[0].airframe is not None else ""),
         seconds=clock() - began,
+        leftover=_leftover(findings, final),
+        tolerances=nominal_tolerances(nominal),
     )
     return diagnosis, findings
+
+
+def _leftover(findings: FlightFindings, final: Explanation) -> Leftover | None:
+    if findings.judgement.verdict not in DOUBTS:
+        return None
+    groups = findings.remainder.unexplained_groups
+    return flight_leftover(findings.problem, final.fit, leftover_quantities(groups))
 
 
 def _usable(logs: Sequence[FlightLog]) -> tuple[list[FlightLog], list[Finding]]:
@@ -162,10 +176,7 @@ def _blocks(tracks: list[Track]) -> list[Track]:
 def _residuals(findings: FlightFindings, final: Explanation) -> list[Residual]:
     """Return what is left before and after, with what could drive it."""
     problem = findings.problem
-    sigma = {
-        name: float(np.sqrt(2.0 * np.nan_to_num(findings.remainder.expected.variances[0, j])))
-        for j, name in enumerate(findings.remainder.expected.names)
-    }
+    sigma = _noise(findings)
     shown = []
     for f in range(min(len(problem.tracks), _SHOWN)):
         track = problem.tracks[f]
@@ -184,9 +195,27 @@ def _residuals(findings: FlightFindings, final: Explanation) -> list[Residual]:
             at = track.times(group)
             beside = {n: np.interp(at, track.t, v) for n, v in drivers.items()}
             shown += [
-                Residual(track.name, c.name, c.unit, at, old, new, sigma.get(c.name, 0.0), beside)
+                Residual(
+                    track.name, c.name, c.unit, at, old, new, sigma.get(c.name, math.nan), beside
+                )
                 for c, old, new in zip(
                     problem.channels[f][group], rows.T, after[group].T, strict=True
                 )
             ]
     return shown
+
+
+def _noise(findings: FlightFindings) -> dict[str, float]:
+    """Return channel -> standard deviation that noise alone gives it, where it is known.
+
+    Of a vehicle whose healthy flights are not known it is not; nor of a channel that the
+    simulated noise does not reach.
+    """
+    expected = findings.remainder.expected
+    if findings.problem.nominal.calibrated:
+        return {}
+    found = {
+        name: math.sqrt(2.0 * float(expected.variances[0, j]))
+        for j, name in enumerate(expected.names)
+    }
+    return {name: sigma for name, sigma in found.items() if sigma > _NO_NOISE}

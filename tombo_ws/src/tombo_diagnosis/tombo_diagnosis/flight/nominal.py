@@ -9,6 +9,7 @@ from functools import cached_property
 from tombo_diagnosis.engine.regression import Parameter
 from tombo_diagnosis.flight.fit.parameters import parameters
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.vehicle import VehicleParams
@@ -61,6 +62,21 @@ class NominalModel:
         if draws is not None:
             plant.draws = draws
         return plant
+
+
+def nominal_tolerances(nominal: NominalModel) -> dict[str, float]:
+    """Return effect.parameter → standard deviation within which a value may be off unnoticed.
+
+    Of effects without contact; what was fitted to the flights has none. The scatter of the
+    propellers is the nominal one, where there is some.
+    """
+    found = {
+        p.label: p.tolerance
+        for p in nominal.parameters
+        if not REGISTRY[p.effect].contact and p.label not in nominal.fitted
+    }
+    scatter = nominal.effects.get("thrust_scatter", {}).get("deviation", 0.0)
+    return found | ({"thrust_scatter.deviation": scatter} if scatter > 0.0 else {})
 
 
 def _known_to(p: Parameter, tolerance: float | None) -> Parameter:

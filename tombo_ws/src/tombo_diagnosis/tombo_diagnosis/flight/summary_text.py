@@ -20,9 +20,10 @@ def summary(findings: FlightFindings, causes: Sequence[Cause], gains: Sequence[G
     for worst in findings.remainder.residual_excesses[:1]:
         if worst.excess > MAX_LOG_VARIANCE_EXCESS:
             remains = (
-                f"{worst.channel} keeps {worst.measured:.2g} {worst.unit} at {worst.scale_s:g} s "
-                f"where chance gives {worst.expected:.2g}"
+                f"{worst.channel} keeps {worst.measured:.2g} {worst.unit} at {worst.scale_s:g} s"
             )
+            if not findings.problem.nominal.calibrated:  # else healthy noise is not known
+                remains += f" where chance gives {worst.expected:.2g}"
     if judgement.verdict == "none":
         return "The model predicts these flights as well as chance and its tolerances allow."
     if judgement.verdict == "unknown":

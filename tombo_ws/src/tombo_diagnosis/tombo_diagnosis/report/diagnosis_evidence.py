@@ -8,7 +8,7 @@ from html import escape
 from typing import Final
 
 from tombo_diagnosis.diagnosis import Diagnosis, Score
-from tombo_diagnosis.wording import DASH, certainty, display_name, figure, percent
+from tombo_diagnosis.wording import DASH, certainty, display_name, figure, percent, sized
 from tombo_flight.report.html_page import hint, meter, table
 from tombo_logs.flight_log import Finding
 
@@ -18,24 +18,41 @@ _CHECKS_SHOWN: Final = 12
 _SEVERITIES: Final = {"fault": "bad", "warning": "warn", "info": "plain"}
 
 
-def candidates(scores: Sequence[Score]) -> str:
-    """Return all candidates; the unlikely ones are folded."""
-    rows = [_score(score) for score in scores]
-    head = ("candidate, alone", "probability", "removes, held out", "log evidence", "remark")
-    return _folded(head, rows, _SHOWN, "scores", "others")
+def candidates(scores: Sequence[Score], causes: int = 1) -> str:
+    """Return all candidates; the unlikely ones are folded.
+
+    `causes`: how many were found; of several, a probability of being the only one says nothing.
+    """
+    several = causes > 1
+    rows = [_score(score, several) for score in scores]
+    head = (
+        "candidate, as the only cause", *(() if several else ("probability",)),
+        "removes, held out", "log evidence", "would show from", "remark",
+    )  # fmt: skip
+    text = (
+        "Each candidate is compared as the only cause; several causes may be present together, "
+        "and their probabilities, above, are of each being at work."
+        if several
+        else "Probability: of being the only cause, among all candidates and none. Removes: share "
+        "of the excess residual in flights held out, of candidates that were fitted."
+    )
+    return hint(text) + _folded(head, rows, _SHOWN, "scores", "others")
 
 
-def _score(score: Score) -> str:
+def _score(score: Score, several: bool) -> str:
     known = math.isfinite(score.probability)
     kind = "" if score.excited else ' class="blind"'
     remark = score.remark if score.excited else f"not shown by these data: {score.remark}"
     share = score.probability if known else 0.0
+    likely = f"<td>{meter(share, 1.0, 'after')}{certainty(score.probability)}</td>"
+    least = score.detectable
+    size = DASH if least is None else f"{least.parameter} {sized(least.size, least.unit)}"
     return (
         f'<tr{kind}><th scope="row">{escape(display_name(score.effect))}</th>'
-        f"<td>{meter(share, 1.0, 'after')}{certainty(score.probability)}</td>"
+        f"{'' if several else likely}"
         f"<td>{percent(score.gain) if score.excited else DASH}</td>"
         f"<td>{figure(score.evidence) if score.excited else DASH}</td>"
-        f"<td>{escape(remark.rstrip(': '))}</td></tr>"
+        f"<td>{escape(size)}</td><td>{escape(remark.rstrip(': '))}</td></tr>"
     )
 
 

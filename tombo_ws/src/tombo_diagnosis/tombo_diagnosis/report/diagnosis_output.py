@@ -22,14 +22,19 @@ JSON: Final = "diagnosis.json"
 REPORT: Final = "report.html"
 MODEL: Final = "model.yaml"
 MISSION: Final = "separating_experiment.yaml"
-PLOTS: Final = ("summary.png", "residuals.png", "drivers.png", "gains.png")
+PLOTS: Final = ("summary.png", "residuals.png", "drivers.png", "gains.png", "leftover.png")
 DIAGNOSIS_FILES: Final = (JSON, REPORT, MODEL, MISSION, *(f"plots/{name}" for name in PLOTS))
 """All names that a diagnosis may write: those of an earlier one give way."""
 
 
 def diagnosis_mapping(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the content of `diagnosis.json`: plain values, None for what is not finite."""
-    values = dataclasses.asdict(dataclasses.replace(diagnosis, residuals=()))
+    left = diagnosis.leftover
+    if left is not None:
+        left = dataclasses.replace(left, samples=())
+    values = dataclasses.asdict(dataclasses.replace(diagnosis, residuals=(), leftover=left))
+    if left is not None:
+        del values["leftover"]["samples"]
     del values["residuals"]
     for cause in values["causes"]:
         del cause["signature"]
@@ -100,11 +105,13 @@ def _write_mission(folder: OutputFolder, diagnosis: Diagnosis) -> None:
 def _draw(folder: OutputFolder, diagnosis: Diagnosis, on_progress: ProgressCallback) -> None:
     from tombo_diagnosis.report import diagnosis_plots
     from tombo_diagnosis.report.diagnosis_poster import diagnosis_poster
+    from tombo_diagnosis.report.leftover_plot import draw_leftover
     from tombo_flight.report.flight_plot import png_bytes
 
     plots = diagnosis_plots
-    draw = (diagnosis_poster, plots.draw_residuals, plots.draw_drivers, plots.draw_gains)
+    draw = [diagnosis_poster, plots.draw_residuals, plots.draw_drivers, plots.draw_gains]
+    draw += [draw_leftover] if diagnosis.leftover is not None else []
     (folder / "plots").mkdir()
-    for k, (name, figure) in enumerate(zip(PLOTS, draw, strict=True)):
+    for k, (name, figure) in enumerate(zip(PLOTS, draw, strict=False)):
         on_progress(f"drawing {name}", 0.3 + 0.7 * k / len(PLOTS))
         (folder / f"plots/{name}").write_bytes(png_bytes(figure(diagnosis)))

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from tombo_diagnosis.diagnosis import Cause, Diagnosis
 from tombo_diagnosis.report.diagnosis_plot_data import by_channel, corrected, pairs
 from tombo_diagnosis.report.diagnosis_plots import gain_axes, keys, pair_axes, time_axes
-from tombo_diagnosis.report.diagnosis_text import CLASSES, LABELS, best_gains, headline
+from tombo_diagnosis.report.diagnosis_text import CLASSES, LABELS, best_gains, headline, leading
 from tombo_diagnosis.wording import certainty, display_name, interval, unit
 from tombo_flight.extended_model import FittedParameter
 from tombo_flight.report import style
@@ -73,7 +73,7 @@ def _words(figure: Figure, diagnosis: Diagnosis, lowest: float) -> None:
     lines = textwrap.wrap(diagnosis.summary, 48, max_lines=7, placeholder=" …")
     figure.text(_TEXT, y, "\n".join(lines), va="top", linespacing=1.45, parse_math=False)
     y -= 0.031 * len(lines) + 0.05
-    for cause in diagnosis.causes[:2]:
+    for cause in leading(diagnosis)[:2]:
         if y - _CAUSE_HEIGHT < lowest:
             break
         for text, size, colour in _figures(cause):

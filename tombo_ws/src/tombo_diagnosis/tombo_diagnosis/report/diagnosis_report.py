@@ -7,12 +7,19 @@ from typing import Final
 
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.extend_model import extends
-from tombo_diagnosis.report import diagnosis_evidence, diagnosis_sections, diagnosis_svg_plots
+from tombo_diagnosis.report import (
+    diagnosis_evidence,
+    diagnosis_sections,
+    diagnosis_svg_plots,
+    leftover_sections,
+)
 from tombo_diagnosis.report.diagnosis_plot_data import zero_s
 from tombo_diagnosis.report.diagnosis_text import (
     CLASSES,
     badge,
     causes_title,
+    compared_with,
+    detectable_text,
     headline,
     next_steps,
 )
@@ -33,6 +40,7 @@ def diagnosis_html(diagnosis: Diagnosis, folder: str = "") -> str:
     `folder` is where mission and model will lie, as the reader would type it.
     """
     zeros = {f.name: zero_s(diagnosis, f.name) for f in diagnosis.flights}
+    shown = detectable_text(diagnosis) if diagnosis.verdict == "none" else ""
     model, seconds = diagnosis.model or "the suite’s own", figure(diagnosis.seconds, 2)
     return page_html(
         Page(
@@ -41,17 +49,18 @@ def diagnosis_html(diagnosis: Diagnosis, folder: str = "") -> str:
             verdict=badge(diagnosis),
             verdict_class=CLASSES[diagnosis.verdict],
             headline=headline(diagnosis),
-            summary=diagnosis.summary,
+            summary=" ".join(filter(None, (compared_with(diagnosis), diagnosis.summary, shown))),
             cards=diagnosis_sections.cards(diagnosis),
             sections=(
                 ("The gap", diagnosis_svg_plots.main_plot(diagnosis)),
+                ("What is left over", leftover_sections.leftover(diagnosis)),
                 ("What to fly next", _next(diagnosis, folder)),
                 (causes_title(diagnosis.verdict), diagnosis_sections.causes(diagnosis)),
                 (_WORTH, _gains(diagnosis)),
                 ("What can’t be certified", sentences(diagnosis.notes)),
                 ("What drives it", diagnosis_svg_plots.drivers(diagnosis)),
                 ("All channels", diagnosis_svg_plots.overview(diagnosis)),
-                ("All candidates", diagnosis_evidence.candidates(diagnosis.candidates)),
+                ("All candidates", _candidates(diagnosis)),
                 ("The logs", diagnosis_evidence.prechecks(diagnosis.prechecks, "flight", zeros)),
                 ("Flights used", diagnosis_evidence.flights(diagnosis)),
             ),
@@ -67,6 +76,11 @@ def _gains(diagnosis: Diagnosis) -> str:
         return diagnosis_sections.gains(diagnosis.gain)
     none = "Too little was held out: no gain could be measured."
     return hint(none) if extends(diagnosis) else ""
+
+
+def _candidates(diagnosis: Diagnosis) -> str:
+    found = 1 if diagnosis.verdict == "set" else len(diagnosis.causes)
+    return diagnosis_evidence.candidates(diagnosis.candidates, found)
 
 
 def _next(diagnosis: Diagnosis, folder: str) -> str:

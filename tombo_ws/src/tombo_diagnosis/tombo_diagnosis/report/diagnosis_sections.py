@@ -8,8 +8,16 @@ from collections.abc import Sequence
 from html import escape
 
 from tombo_diagnosis.diagnosis import Cause, Diagnosis
-from tombo_diagnosis.report.diagnosis_text import best_gains
-from tombo_diagnosis.wording import certainty, display_name, figure, interval, percent, unit
+from tombo_diagnosis.report.diagnosis_text import best_gains, changes, leading
+from tombo_diagnosis.wording import (
+    certainty,
+    counted,
+    display_name,
+    figure,
+    interval,
+    percent,
+    unit,
+)
 from tombo_flight.extended_model import FittedParameter, Gain
 from tombo_flight.report.html_page import Card, command, hint, meter, table
 
@@ -17,7 +25,7 @@ from tombo_flight.report.html_page import Card, command, hint, meter, table
 def cards(diagnosis: Diagnosis) -> list[Card]:
     """Return the few figures of the header."""
     facts = [Card("confidence", certainty(diagnosis.confidence), "", "of the verdict")]
-    for cause in diagnosis.causes[:2]:
+    for cause in leading(diagnosis)[:2]:
         for theta in cause.theta[:2]:
             value, low, high = interval(theta)
             name = f"{display_name(cause.effect)}: {theta.name}"
@@ -34,7 +42,7 @@ def cards(diagnosis: Diagnosis) -> list[Card]:
 
 def causes(diagnosis: Diagnosis) -> str:
     """Return each cause with its parameters and how it shows."""
-    return "".join(_cause(cause) for cause in diagnosis.causes)
+    return "".join(_cause(cause) for cause in leading(diagnosis))
 
 
 def _cause(cause: Cause) -> str:
@@ -51,7 +59,7 @@ def _cause(cause: Cause) -> str:
     parameters = table(head, lines, "theta")
     return (
         f'<div class="cause"><h3>{escape(display_name(cause.effect))} '
-        f"<small>{certainty(cause.confidence)}</small></h3>"
+        f"<small>at work: {certainty(cause.confidence)}</small></h3>"
         f'<p class="signature">Shows as: {escape(cause.signature)}</p>{parameters}</div>'
     )
 
@@ -108,7 +116,19 @@ def shown(folder: str, name: str) -> str:
 
 
 def gains(gain: Sequence[Gain]) -> str:
-    """Return the prediction errors before and after, one block for each horizon."""
+    """Return the prediction errors before and after, one block for each horizon.
+
+    Channels that do not change are folded away.
+    """
+    still = [g for g in gain if not changes(g)]
+    text = _gains([g for g in gain if changes(g)])
+    if still:
+        title = f"{counted(len(still), 'channel')} without a change"
+        text += f"<details><summary>{title}</summary>{_gains(still)}</details>"
+    return text
+
+
+def _gains(gain: Sequence[Gain]) -> str:
     lines: list[str] = []
     names = {"one step": "one step: force and torque", "held out": "points held out"}
     for horizon in dict.fromkeys(g.horizon for g in gain):

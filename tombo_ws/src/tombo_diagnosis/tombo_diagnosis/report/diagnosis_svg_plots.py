@@ -168,7 +168,7 @@ def _told(residuals: Sequence[Residual]) -> str:
     text, noise = _before_after(residuals), data.noise_of(residuals)
     if math.isfinite(noise):
         text = f"{text}; noise alone makes {figure(noise)}"
-        text = f"{capital(display_name(residuals[0].channel))}: {text}, all flights together."
+    text = f"{capital(display_name(residuals[0].channel))}: {text}, all flights together."
     return f'<p class="told">{escape(text)}</p>'
 
 

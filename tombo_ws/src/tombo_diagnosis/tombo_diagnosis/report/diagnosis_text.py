@@ -5,9 +5,23 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from tombo_diagnosis.diagnosis import Diagnosis
-from tombo_diagnosis.wording import capital, certainty, listed
+from tombo_diagnosis.diagnosis import Cause, Diagnosis
+from tombo_diagnosis.leftover.leftover import SPRINGS, UNITS, Leftover
+from tombo_diagnosis.wording import (
+    capital,
+    certainty,
+    display_name,
+    figure,
+    listed,
+    percent,
+    sized,
+    unit,
+)
+from tombo_dynamics.effects import REGISTRY
 from tombo_flight.extended_model import Gain
+
+_LEAST_CHANGE: Final = 0.005
+"""Of an error; less is written as 0 %."""
 
 _BADGES: Final = {
     "none": ("no cause found", "good"),
@@ -20,6 +34,111 @@ LABELS: Final = {verdict: label for verdict, (label, _) in _BADGES.items()}
 """What is written on the badge of each verdict."""
 CLASSES: Final = {verdict: colour for verdict, (_, colour) in _BADGES.items()}
 """How each verdict is coloured: good, warn or bad."""
+
+
+_TOLERANCES: Final = {
+    "mass_error.fraction": "mass",
+    "thrust_coefficient_error.fraction": "thrust",
+    "thrust_scatter.deviation": "propellers matched to",
+    "inertia_error.xx": "inertia",
+    "cog_offset.x": "centre of gravity",
+    "linear_rotor_drag.d_xy": "rotor drag",
+    "steady_wind.east": "wind",
+}
+"""effect.parameter → name of those tolerances that are printed; all are in diagnosis.json."""
+_IMPORTANT: Final = (
+    "mass_error", "thrust_coefficient_error", "weak_propeller", "cog_offset", "linear_rotor_drag",
+    "steady_wind", "mocap_marker_offset", "mocap_latency",
+)  # fmt: skip
+"""Effects whose detectable size is told where no cause was found; the first ones that have one."""
+_MOST_TOLD: Final = 4
+
+
+def compared_with(diagnosis: Diagnosis) -> str:
+    """Return what the flights were compared with, and how well its values are known."""
+    known = [
+        f"{name} {sized(diagnosis.tolerances[label], parameter_unit)}"
+        for label, name in _TOLERANCES.items()
+        if label in diagnosis.tolerances
+        for parameter_unit in (_unit_of(label),)
+    ]
+    if not known:
+        return ""
+    vehicle = diagnosis.vehicle or "the suite’s own vehicle"
+    model = f" ({diagnosis.model})" if diagnosis.model else ""
+    return f"Compared with: {vehicle}{model}; tolerances: {', '.join(known)}."
+
+
+def _unit_of(label: str) -> str:
+    effect, name = label.split(".")
+    return next(p.unit for p in REGISTRY[effect].theta if p.name == name)
+
+
+def detectable_text(diagnosis: Diagnosis) -> str:
+    """Return which changes these flights would have shown; empty where none is known."""
+    sizes = {s.effect: s.detectable for s in diagnosis.candidates if s.excited and s.detectable}
+    told = [
+        f"{display_name(effect)} from {sized(found.size, found.unit)}"
+        for effect in _IMPORTANT
+        if (found := sizes.get(effect)) is not None
+    ][:_MOST_TOLD]
+    if not told:
+        return ""
+    return f"These flights would have shown: {', '.join(told)}. What is smaller is not seen here."
+
+
+def leading(diagnosis: Diagnosis) -> list[Cause]:
+    """Return the causes, that which removes most in flights held out first."""
+    scores = {s.effect: s for s in diagnosis.candidates}
+
+    def removes(cause: Cause) -> tuple[float, float]:
+        score = scores.get(cause.effect)
+        if score is None or not score.excited:
+            return -math.inf, -math.inf
+        return (
+            score.gain if math.isfinite(score.gain) else -math.inf,
+            score.evidence if math.isfinite(score.evidence) else -math.inf,
+        )
+
+    return sorted(diagnosis.causes, key=removes, reverse=True)
+
+
+def changes(gain: Gain) -> bool:
+    """Return whether a channel's error changes by more than rounding, its interval included."""
+    ends = [abs(v) for v in (gain.reduction, gain.low, gain.high) if math.isfinite(v)]
+    return max(ends, default=1.0) >= _LEAST_CHANGE
+
+
+def term_texts(leftover: Leftover) -> list[str]:
+    """Return each term of a leftover as words: coefficient, interval, where a spring pulls to.
+
+    The constants that say where a spring is slack are not told again.
+    """
+    found = []
+    springs = {a for t in leftover.terms if t.remark for a in SPRINGS[t.name]}
+    told = {f"constant in map {a}" for a in springs}
+    for term in leftover.terms:
+        if term.quantity == "force" and term.name in told:
+            continue
+        ends = f"{figure(term.low)} to {figure(term.high)}"
+        remark = f", {term.remark}" if term.remark else ""
+        found.append(
+            f"{term.quantity}: {term.name} {figure(term.value)} {unit(term.unit)} ({ends}){remark}"
+        )
+    return found
+
+
+def leftover_text(diagnosis: Diagnosis) -> str:
+    """Return the leftover in one line; empty where there is none."""
+    found = diagnosis.leftover
+    if found is None:
+        return ""
+    sizes = " and ".join(f"{q} {figure(rms)} {UNITS[q]}" for q, rms in found.rms.items())
+    if not found.terms:
+        return f"Left over: {sizes}; no term of the dictionary predicts it in flights held out."
+    shares = listed([f"{percent(r2)} of the {q}" for q, r2 in found.r2.items() if r2 > 0.0])
+    terms = "; ".join(term_texts(found))
+    return f"Left over: {sizes}. As a sum of terms, {shares} in flights held out: {terms}."
 
 
 def causes_title(verdict: str) -> str:
@@ -62,8 +181,9 @@ def next_steps(diagnosis: Diagnosis) -> list[str]:
             "which quantity does it still grow?"
         ],
         "unknown": [
-            "Look at the pictures below: against which quantity does the residual grow, and on "
-            "which axis? That is the effect to write; docs/effects.md says how.",
+            "Look at what is left over: against which quantity does it grow, and on which axis? "
+            "That is the effect to write; the report has a first guess, ready to paste "
+            "(CONTRIBUTING.md, Adding an effect).",
             "Check what no candidate covers: a loose part, a cable, another sensor mount, a "
             "changed controller.",
         ],

@@ -16,7 +16,17 @@ from rich.text import Text
 from tombo_bringup.cli.tables import print_line, right
 from tombo_diagnosis.extend_model import extends
 from tombo_diagnosis.report.diagnosis_output import MISSION, MODEL
-from tombo_diagnosis.report.diagnosis_text import CLASSES, LABELS, headline, next_steps
+from tombo_diagnosis.report.diagnosis_text import (
+    CLASSES,
+    LABELS,
+    changes,
+    compared_with,
+    detectable_text,
+    headline,
+    leading,
+    leftover_text,
+    next_steps,
+)
 from tombo_diagnosis.wording import certainty, display_name, figure, interval, percent, unit
 
 if TYPE_CHECKING:
@@ -34,12 +44,20 @@ def print_diagnosis(diagnosis: Diagnosis, folder: Path | None, written: Sequence
     label = LABELS.get(diagnosis.verdict, diagnosis.verdict)
     colour = _COLOURS[CLASSES.get(diagnosis.verdict, "warn")]
     print_line(f"{headline(diagnosis)}.", colour)
+    if compared := compared_with(diagnosis):
+        print_line(compared)
     print_line(f"({label}, {certainty(diagnosis.confidence)}) {diagnosis.summary}")
+    shown = detectable_text(diagnosis) if diagnosis.verdict == "none" else ""
+    for line in filter(None, (shown, leftover_text(diagnosis))):
+        print_line(line)
     if diagnosis.causes:
         console.print(_causes(diagnosis))
     _rivals(diagnosis)
     if diagnosis.gain:
         console.print(_gains(diagnosis.gain))
+        still = sum(not changes(gain) for gain in diagnosis.gain)
+        if still:
+            print_line(f"{still} others do not change.")
     _findings(diagnosis)
     for note in diagnosis.notes:
         print_line(f"Note: {note}")
@@ -52,7 +70,7 @@ def _causes(diagnosis: Diagnosis) -> Table:
     first = "it may be" if diagnosis.verdict == "set" else "cause"
     columns = (Column(first), *right("sure"), Column("parameter"), *right("value"))
     table = Table(*columns, "95 % interval", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for cause in diagnosis.causes:
+    for cause in leading(diagnosis):
         for k, theta in enumerate(cause.theta):
             value, low, high = interval(theta)
             table.add_row(
@@ -73,7 +91,8 @@ def _rivals(diagnosis: Diagnosis) -> None:
         for score in diagnosis.candidates
         if score.effect not in members and score.excited and score.probability >= 0.005
     ][:_RIVALS]
-    if rivals:
+    alone = len(members) < 2 or diagnosis.verdict == "set"
+    if rivals and alone:  # of several causes, who would be the only one says nothing
         print_line(f"Next likely: {', '.join(rivals)}")
     blind = sum(not score.excited for score in diagnosis.candidates)
     if blind:
@@ -89,7 +108,7 @@ def _gains(gains: Sequence[Gain]) -> Table:
     table = Table(
         *columns, box=SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1, 0, 0)
     )
-    for gain in gains:
+    for gain in filter(changes, gains):
         known = math.isfinite(gain.low) and math.isfinite(gain.high)
         error = f"{figure(gain.before)} → {figure(gain.after)} {unit(gain.unit)}"
         table.add_row(

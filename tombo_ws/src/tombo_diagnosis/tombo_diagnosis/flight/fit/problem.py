@@ -214,7 +214,7 @@ class FlightProblem:
         """Return the equations of all flights about the nominal model."""
         return sum_of([self._weigh(parts, f) for f, parts in enumerate(self._parts)])
 
-    def _design(self, linear: Linearization, group: str, flight: int) -> Array:
+    def design(self, linear: Linearization, group: str, flight: int) -> Array:
         """Return (channels, K, rows): slopes of a group's channels with every unknown."""
         residual = linear.residual[group]
         full = np.zeros((residual.shape[1], self.columns.count, residual.shape[0]))
@@ -374,7 +374,7 @@ class FlightProblem:
         """
         parts = {}
         for group, residual in linear.residual.items():
-            design = self._design(linear, group, flight)
+            design = self.design(linear, group, flight)
             if before is None:
                 matrices = design @ np.transpose(design, (0, 2, 1))
             else:

@@ -1,0 +1,202 @@
+"""A leftover force or moment: its samples, the terms that it is made of, and their effect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_diagnosis.leftover.effect_text import Contribution, effect_text
+from tombo_diagnosis.leftover.sparse_fit import (
+    Rows,
+    SparseFit,
+    interval_of,
+    sparse_fit,
+    without_tolerances,
+)
+from tombo_diagnosis.leftover.terms import Term, named
+from tombo_dynamics.arrays import Array
+
+UNITS: Mapping[str, str] = {"force": "N", "moment": "N m"}
+"""Quantity → unit."""
+SPRINGS: Mapping[str, str] = {
+    "spring to a vertical line": "xy", "spring to a point": "xyz",
+    "spring along x": "x", "spring along y": "y", "spring along z": "z",
+}  # fmt: skip
+"""Terms that pull to a place → the coordinates of it that they fix."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What one flight measured of a force [N] or a moment [N m], means of short blocks of time.
+
+    M blocks, A axes, K terms, U unknown parameters of the nominal model.
+    """
+
+    flight: str
+    frame: str
+    """Axes of target, design and nuisance: map or body."""
+    axes: tuple[int, ...]
+    """(A) which of x, y, z were measured."""
+    t: Array
+    """(M,) since the start of the flight [s]."""
+    state: Mapping[str, Array]
+    """Variable of the terms → (M,)."""
+    rotation: Array
+    """(M, 3, 3) map from body."""
+    target: Array
+    """(M, A) measured minus model."""
+    design: Array
+    """(M, A, K) terms with a coefficient of one."""
+    nuisance: Array
+    """(M, A, U) what one tolerance of each parameter changes."""
+    deviation: Array
+    """(A) of the noise of a block."""
+    second: NDArray[np.int64]
+    """(M,) blocks of the same number are correlated."""
+
+
+@dataclass(frozen=True)
+class FittedTerm:
+    """A term of the leftover."""
+
+    quantity: str
+    """force or moment."""
+    name: str
+    formula: str
+    """The vector that the coefficient multiplies."""
+    unit: str
+    value: float
+    low: float
+    """95 % interval."""
+    high: float
+    remark: str = ""
+    """Of a spring: where it is slack."""
+
+
+@dataclass(frozen=True)
+class LeftoverSamples:
+    """One flight's leftover, to be drawn; without what tolerances explain."""
+
+    flight: str
+    quantity: str
+    t: Array
+    """(M,) since the start of the flight [s]."""
+    state: Mapping[str, Array]
+    rotation: Array
+    """(M, 3, 3) map from body."""
+    body: Array
+    """(M, 3) body axes; NaN along an axis that was not measured."""
+    fitted: Array
+    """(M, 3) what the terms give there, body axes; zeros without any."""
+
+    def in_map(self, values: Array) -> Array:
+        """Return vectors (M, 3) of body axes in map."""
+        return np.asarray(np.einsum("nij,nj->ni", self.rotation, np.nan_to_num(values)))
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """What the causes named do not explain."""
+
+    terms: tuple[FittedTerm, ...]
+    """Empty: nothing of the dictionary predicts it in flights held out."""
+    r2: Mapping[str, float]
+    """Quantity → share of the leftover that terms fitted to other flights predict."""
+    rms: Mapping[str, float]
+    """Quantity → root mean square of the vector."""
+    effect: str
+    """Source of an effect with these terms; empty without any."""
+    samples: tuple[LeftoverSamples, ...]
+
+
+def leftover_of(
+    measured: Mapping[str, Sequence[Measured]], dictionaries: Mapping[str, Sequence[Term]]
+) -> Leftover:
+    """Return the leftover of flights with its sparse fit.
+
+    Args:
+        measured: quantity → the flights.
+        dictionaries: quantity → its terms, in the order of the designs.
+    """
+    fits = {q: _fit(flights, dictionaries[q]) for q, flights in measured.items()}
+    samples = [_samples(q, one, fits[q]) for q, flights in measured.items() for one in flights]
+    parts = [
+        Contribution(q, dictionaries[q][k], float(value))
+        for q, fit in fits.items()
+        for k, value in zip(fit.chosen, fit.value, strict=True)
+    ]
+    return Leftover(
+        tuple(term for q, fit in fits.items() for term in _terms(q, fit, dictionaries[q])),
+        {q: fit.r2 for q, fit in fits.items()},
+        {q: _rms([s.body for s in samples if s.quantity == q]) for q in fits},
+        effect_text(parts),
+        tuple(samples),
+    )
+
+
+def _fit(flights: Sequence[Measured], terms: Sequence[Term]) -> SparseFit:
+    places = named(terms)
+    partners = [tuple(places[name] for name in term.partners) for term in terms]
+    return sparse_fit([_rows(one) for one in flights], partners)
+
+
+def _rows(one: Measured) -> Rows:
+    """Return a flight's equations with unit noise, a row for each block and axis."""
+    count, axes, terms = one.design.shape
+    weight = 1.0 / one.deviation[:, None]
+    design = (one.design * weight).reshape(count * axes, terms)
+    nuisance = (one.nuisance * weight).reshape(count * axes, -1)
+    target = (one.target * weight[:, 0]).reshape(-1)
+    free = without_tolerances(design, target, nuisance)
+    return Rows(*free, np.repeat(one.second, axes))
+
+
+def _samples(quantity: str, one: Measured, fit: SparseFit) -> LeftoverSamples:
+    """Return a flight's leftover without the part that tolerances most probably have."""
+    fitted = one.design[:, :, list(fit.chosen)] @ fit.value
+    weight = 1.0 / one.deviation[:, None]
+    count, axes, unknowns = one.nuisance.shape
+    nuisance = (one.nuisance * weight).reshape(count * axes, unknowns)
+    rest = ((one.target - fitted) * weight[:, 0]).reshape(-1)
+    known = np.eye(unknowns) + nuisance.T @ nuisance
+    off = np.linalg.solve(known, nuisance.T @ rest)
+    left = one.target - one.nuisance @ off
+
+    def in_body(values: Array) -> Array:
+        full = np.full((count, 3), np.nan)
+        full[:, list(one.axes)] = values
+        return full if one.frame == "body" else np.einsum("nji,nj->ni", one.rotation, full)
+
+    return LeftoverSamples(
+        one.flight, quantity, one.t, one.state, one.rotation, in_body(left), in_body(fitted)
+    )
+
+
+def _rms(values: Sequence[Array]) -> float:
+    every = np.vstack(values)
+    return float(np.sqrt(np.nanmean(every**2, axis=0).sum()))
+
+
+def _terms(quantity: str, fit: SparseFit, terms: Sequence[Term]) -> list[FittedTerm]:
+    found = []
+    value = {terms[k].name: float(v) for k, v in zip(fit.chosen, fit.value, strict=True)}
+    for k, middle, low, high in zip(fit.chosen, fit.value, *interval_of(fit), strict=True):
+        term = terms[k]
+        found.append(
+            FittedTerm(
+                quantity, term.name, term.formula, term.unit, float(middle), float(low),
+                float(high), _slack(term.name, value),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _slack(name: str, value: Mapping[str, float]) -> str:
+    """Return where a spring is slack; what pushes away from a place has none."""
+    if name not in SPRINGS or not value[name] < 0.0:
+        return ""
+    at = {a: -value[f"constant in map {a}"] / value[name] for a in SPRINGS[name]}
+    return "pulls to " + ", ".join(f"{a} {place:.2f} m" for a, place in at.items())
