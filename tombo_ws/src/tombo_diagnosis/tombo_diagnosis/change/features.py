@@ -129,7 +129,7 @@ def drive_samples(flight: AirborneFlight) -> DriveSamples:
     voltage = None
     if "voltage" in series and (series["voltage"].values > 0.0).all():
         voltage = np.interp(t, series["voltage"].t, series["voltage"].values[:, 0])
-    return DriveSamples(values, np.clip(load, 0.3, 3.0), voltage)
+    return DriveSamples(values, np.clip(load, 0.3, 3.0), voltage, sample_interval(t))
 
 
 def features(flight: AirborneFlight, curve: DriveCurve) -> Features:
