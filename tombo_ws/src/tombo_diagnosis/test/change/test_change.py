@@ -51,6 +51,14 @@ def test_a_weight_at_a_rotor_is_found_with_its_mass():
     assert weight.low < 0.05 * 1.3 < weight.high
 
 
+def test_a_load_on_a_thread_at_a_rotor_is_a_set_with_its_rotor_and_mass():
+    at = 0.24 / 2.0**0.5
+    found = now({"hanging_load": {"mass": 0.065, "length": 0.5, "x": at, "y": -at}})
+    assert {c.rotor for c in found.changed} == {"front_right"} and len(found.changed) <= 3
+    load = members(found)["hanging_load", "front_right"].theta[0]
+    assert load.low < 0.065 < load.high
+
+
 def test_another_mass_is_a_set_with_another_thrust():
     found = now({"mass_error": {"fraction": 0.06}})
     assert found.verdict == "set"
