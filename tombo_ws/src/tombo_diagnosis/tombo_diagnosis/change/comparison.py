@@ -138,6 +138,7 @@ def mean_of(flights: Sequence[Features]) -> Features:
         np.mean([f.shake for f in flights], axis=0),
         float(np.mean([f.swing for f in flights])),
         np.mean([f.trail for f in flights], axis=0),
+        float(np.mean([f.supply for f in flights])),
     )
 
 
@@ -148,11 +149,16 @@ def difference(new: Features, healthy: Features) -> Features:
         new.shake - healthy.shake,
         new.swing - healthy.swing,
         new.trail - healthy.trail,
+        new.supply - healthy.supply,
     )
 
 
 def compare(
-    spread: Spread, new: Sequence[Features], tried: Sequence[Candidate], centre: Array
+    spread: Spread,
+    new: Sequence[Features],
+    tried: Sequence[Candidate],
+    centre: Array,
+    supply_doubt: float = 0.0,
 ) -> Comparison:
     """Weigh all candidates by the probability of the new flights' mean under each.
 
@@ -161,10 +167,14 @@ def compare(
         new: flights in one new state.
         tried: candidates of `signatures.candidates`.
         centre: of `signatures.centre_directions`.
+        supply_doubt: standard deviation of the drive curve's supply exponent: flights at another
+            voltage than the healthy ones may have the demand of all rotors wrong by it.
     """
     now = mean_of(new)
     shift = difference(now, spread.mean)
     within = np.eye(4) * _WITHIN**2 / len(new)
+    if math.isfinite(shift.supply):
+        within += (supply_doubt * shift.supply) ** 2
     weigher = _Weigher(spread, spread.demand + within, shift)
     still = np.zeros((1, 4)), np.zeros((1, 4, 4)), 0.0, 0.0, np.zeros(1)
     nothing = float(weigher.log_density(*still)[0]) + weigher.log_trail(None)
