@@ -2,8 +2,8 @@
 
     .venv/bin/python benchmarks/crazypad.py FOLDER
 
-FOLDER has the flights as `condition_number.csv.gz`, columns as in `examples/crazypad.yaml`. A row is
-right if it is named, or a set of at most three, and the true kind with its rotor is among it.
+FOLDER has the flights as `condition_number.csv.gz`, columns as in `examples/crazypad.yaml`. A row
+is right if it is named, or a set of at most three, and the true kind with its rotor is among it.
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ CONDITIONS = {
         {"weak_propeller.front_right+rear_left"},
     ),
 }  # fmt: skip
-"""Condition -> what was done, and the answers that are right. Rotor 3 is rear left, 1 front right."""
+"""Condition -> what was done, and the answers that are right. Rotor 3 is rear left, 1 front
+right."""
 HELD_OUT = ((3, 4), (3,), (4,))
 """Healthy flights of the second day, counted from 0, asked against those of the first day."""
 SECOND_DAY = frozenset({3, 4})
@@ -88,7 +89,9 @@ def main(folder: Path) -> None:
     def flights(condition: str) -> list[FlightLog]:
         paths = sorted(folder.glob(f"{condition}_[0-9].csv.gz"))
         if not paths:
-            raise InputError(f"{folder}: no {condition}_[0-9].csv.gz; accepted: a folder with them")
+            raise InputError(
+                f"{folder}: no {condition}_[0-9].csv.gz; accepted: a folder with them"
+            )
         return read_logs(paths, MAPPING)
 
     def ask(new: Sequence[FlightLog], healthy: Sequence[FlightLog]) -> Diagnosis:
@@ -101,16 +104,18 @@ def main(folder: Path) -> None:
         found = ask(flights(condition), healthy)
         score += verdict_on(found, right) == "yes"
         print(f"| {done} | {said(found)} | {verdict_on(found, right)} |", flush=True)
-    for k in range(len(healthy)):
-        found = ask([healthy[k]], [h for i, h in enumerate(healthy) if i != k])
-        print(f"| nothing: flight {k + 1} against the four others | {said(found)} | "
-              f"{'yes' if found.verdict == 'none' else 'no'} |")  # fmt: skip
-    first_day = [h for i, h in enumerate(healthy) if i not in SECOND_DAY]
+    trials = [
+        (f"flight {k + 1} against the four others", (k,), set(range(len(healthy))) - {k})
+        for k in range(len(healthy))
+    ]
+    first_day = set(range(len(healthy))) - SECOND_DAY
     for held in HELD_OUT:
-        found = ask([healthy[i] for i in held], first_day)
-        names = " and ".join(str(i + 1) for i in held)
-        print(f"| nothing: flight {names} of the second day against the first day | {said(found)} | "
-              f"{'yes' if found.verdict == 'none' else 'no'} |")  # fmt: skip
+        names = " and ".join(str(k + 1) for k in held)
+        trials.append((f"{names} of the second day against the first day", held, first_day))
+    for name, held, others in trials:
+        found = ask([healthy[k] for k in held], [healthy[k] for k in sorted(others)])
+        right = "yes" if found.verdict == "none" else "no"
+        print(f"| nothing: {name} | {said(found)} | {right} |", flush=True)
     print(f"\n{score} of {len(CONDITIONS)} conditions right.")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_vehicle import Vehicle, hover_speed, random_attitude, vacuum_maps
+from one_vehicle import Vehicle, random_attitude, vacuum_maps
 
 from tombo_dynamics.vehicle import GRAVITY
 

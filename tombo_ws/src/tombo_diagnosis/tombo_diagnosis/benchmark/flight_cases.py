@@ -28,7 +28,9 @@ from tombo_dynamics.disturbance import DISTURBANCES
 from tombo_dynamics.effects import REGISTRY
 
 FORMULATIONS = (("imu_rpm", 0.35), ("imu", 0.25), ("mocap_rpm", 0.2), ("mocap", 0.2))
-EXCLUDED_EFFECTS = frozenset(n for n, effect in REGISTRY.items() if effect.contact or effect.vibration)
+EXCLUDED_EFFECTS = frozenset(
+    n for n, effect in REGISTRY.items() if effect.contact or effect.vibration
+)
 """Effects of contact, because the flights of the benchmark touch nothing, and vibration, which no
 model of the motion shows."""
 UNOBSERVABLE_PARAMETERS = frozenset({"mocap_misalignment.yaw"})

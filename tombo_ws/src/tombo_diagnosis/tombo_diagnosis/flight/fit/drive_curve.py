@@ -98,7 +98,7 @@ def _windows(flight: DriveSamples, exponent: float, with_supply: bool) -> tuple[
         return np.asarray(values[: count * size].reshape(count, size).mean(axis=1))
 
     command = np.log(mean(np.mean(flight.command**exponent, axis=1))) / exponent
-    supply = np.zeros(count)
+    supply: Array = np.zeros(count)
     if with_supply and flight.voltage is not None:
         supply = np.log(mean(flight.voltage))
     return np.column_stack([command, supply]), np.log(mean(flight.load_factor))
@@ -106,7 +106,7 @@ def _windows(flight: DriveSamples, exponent: float, with_supply: bool) -> tuple[
 
 def _solved(rows: Array, target: Array, noise: float, prior: Array) -> tuple[Array, Array]:
     information = rows.T @ rows / noise + prior
-    inverse = np.linalg.pinv(information)
+    inverse: Array = np.asarray(np.linalg.pinv(information), np.float64)
     return inverse @ (rows.T @ target / noise), inverse
 
 
