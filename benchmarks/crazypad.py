@@ -111,7 +111,7 @@ def main(folder: Path) -> None:
     first_day = set(range(len(healthy))) - SECOND_DAY
     for held in HELD_OUT:
         names = " and ".join(str(k + 1) for k in held)
-        trials.append((f"{names} of the second day against the first day", held, first_day))
+        trials.append((f"flight {names} of the second day against the first day", held, first_day))
     for name, held, others in trials:
         found = ask([healthy[k] for k in held], [healthy[k] for k in sorted(others)])
         right = "yes" if found.verdict == "none" else "no"
