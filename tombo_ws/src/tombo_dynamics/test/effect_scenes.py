@@ -15,7 +15,10 @@ from tombo_dynamics.effects.compose import apply_imu, apply_mocap, null_theta, p
 from tombo_dynamics.vehicle import ARM_X, ARM_Y
 
 TICKS = 80
-SCENE = {"contact_force": "frame", "blade_strike": "blade", "propeller_wear": "blade"}
+SCENE = {
+    "contact_force": "frame", "blade_strike": "blade", "propeller_wear": "blade",
+    "hanging_load": "high",
+}  # fmt: skip
 CONTEXT = {
     "propeller_wear": {"blade_strike": {"peak_force": 80.0, "recovery_time": 0.3, "slant": 0.5,
                                         "duration": 0.01}},
@@ -45,11 +48,16 @@ def nulls(name):
 
 def _place(kind):
     """Return the pose, and a pole that nothing, the arm's end or the blade's tip touches."""
-    position = np.array([0.2, -0.1, 0.26])
+    position = np.array([0.2, -0.1, 2.0 if kind == "high" else 0.26])
     attitude = Rotation.from_euler("ZYX", [0.3, 0.04, -0.06])
     arm = attitude.apply([0.24 * ARM_X[2], 0.24 * ARM_Y[2], 0.0])
     radius = 0.1
-    along = {"free": 0.0, "frame": radius + 0.02 - 0.004, "blade": radius + 0.1111 - 0.0008}[kind]
+    along = {
+        "free": 0.0,
+        "high": 0.0,
+        "frame": radius + 0.02 - 0.004,
+        "blade": radius + 0.1111 - 0.0008,
+    }[kind]
     pole = (position + arm + along * arm / np.linalg.norm(arm))[:2]
     return position, attitude.as_quat(), (*pole, radius if along else 0.0, 3.0)
 

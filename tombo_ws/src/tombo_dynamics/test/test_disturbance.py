@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_vehicle import Vehicle, hover_speed, random_attitude, vacuum_maps
+from one_vehicle import Vehicle, hover_speed, random_attitude
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.disturbance import DISTURBANCES, set_disturbance
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.vehicle import GRAVITY
 
 every_shape = pytest.mark.parametrize("name", DISTURBANCES)
 SEEDS = st.integers(0, 1000)
@@ -114,93 +113,6 @@ def test_a_tether_keeps_energy(no_air):
 
     energies = v.fly(5.0, watch=energy)
     assert np.ptp(energies) < 1e-6 * energies[0]
-
-
-def test_a_load_hangs_with_its_weight():
-    """In a hover that carries both, the pull is the load's weight, straight down."""
-    load = 0.2
-    v = disturbed("slung_load", load, 0.5, speed=hover_speed())
-    thrust = (v.mass + load) * GRAVITY
-    speed = hover_speed() * math.sqrt(thrust / (v.mass * GRAVITY))
-    v.spin_up(speed)
-    v.fly(1.0)
-    assert v.plant.disturbance.pull == pytest.approx(
-        [0.0, 0.0, -load * GRAVITY], rel=0.02, abs=1e-9
-    )
-    assert v.plant.force[2] == pytest.approx(v.mass * GRAVITY, rel=0.02)
-
-
-def test_a_load_swings_with_the_period_of_a_pendulum(no_air):
-    """Below a vehicle that is held in place."""
-    length = 1.0
-    v = disturbed("slung_load", 0.1, length, maps=no_air, position=(0.0, 0.0, 50.0))
-    v.plant.disturbance.load_position = [
-        length * math.sin(0.1),
-        0.0,
-        50.0 - length * math.cos(0.1),
-    ]
-    sideways = []
-    for _ in range(6000):
-        v.body = [0.0, 0.0, 50.0, *[0.0] * 6, 1.0, 0.0, 0.0, 0.0]
-        v.begin()
-        sideways.append(v.plant.disturbance.load_position[0])
-        v.finish()
-    x = np.array(sideways)
-    up = np.flatnonzero((x[1:] >= 0.0) & (x[:-1] < 0.0)) * 1e-3
-    period = 2.0 * math.pi * math.sqrt(length / GRAVITY) * (1.0 + 0.1**2 / 16.0)
-    assert np.diff(up) == pytest.approx(period, rel=0.005)
-    assert np.abs(x[-2100:]).max() > 0.08  # the cord takes little of the swing
-
-
-@pytest.mark.slow
-@given(SEEDS)
-def test_vehicle_and_load_keep_their_momentum(seed):
-    rng = np.random.default_rng(seed)
-    v = disturbed(
-        "slung_load", 0.4, 0.6, maps=vacuum_maps(), position=(0.0, 0.0, 100.0),
-        velocity=rng.normal(0.0, 1.0, 3), attitude=random_attitude(rng), rates=rng.normal(0, 1, 3),
-    )  # fmt: skip
-    load = v.plant.disturbance
-    load.load_position += rng.normal(0.0, 0.1, 3)
-    load.load_velocity += rng.normal(0.0, 0.5, 3)
-
-    def momentum():
-        return v.mass * v.velocity + 0.4 * load.load_velocity
-
-    before = momentum()
-    v.fly(0.5)
-    fallen = np.array([0.0, 0.0, -(v.mass + 0.4) * GRAVITY * 0.5])
-    assert momentum() == pytest.approx(before + fallen, abs=1e-9)
-    reach = np.linalg.norm(load.load_position - v.position)
-    assert reach < 0.6 * 1.1
-
-
-def test_a_load_lies_on_the_floor_until_the_cord_is_taut():
-    v = disturbed("slung_load", 0.2, 0.7, position=(0.0, 0.0, 0.18))
-    v.plant.state.velocity = [0.0, 0.0, 0.0]
-    load = v.plant.disturbance.load_position
-    for height in (0.3, 0.69):
-        v.plant.state.position[2] = height
-        v.plant.state.velocity = 0.0
-        v.begin()
-        assert load[2] == 0.0 and not v.plant.disturbance.pull.any()
-    v.plant.state.position[2] = 0.72
-    v.begin()
-    assert v.plant.disturbance.pull[2] < 0.0
-
-
-def test_a_load_that_falls_stays_where_it_hits_the_floor():
-    v = disturbed("slung_load", 0.2, 0.7, position=(0.0, 0.0, 0.4))
-    load = v.plant.disturbance
-    load.load_position, load.load_velocity = [0.1, 0.0, 0.1], [0.3, 0.0, 0.0]
-    for _ in range(300):
-        v.plant.state.position, v.plant.state.velocity = [0.0, 0.0, 0.4], 0.0
-        v.begin()
-        v.finish()
-    fall = math.sqrt(2.0 * 0.1 / GRAVITY)
-    assert load.load_position == pytest.approx([0.1 + 0.3 * fall, 0.0, 0.0], abs=1e-3)
-    assert load.load_velocity == pytest.approx(np.zeros(3), abs=1e-3)
-    assert load.load_position[2] == 0.0
 
 
 def test_a_periodic_push_goes_to_and_fro_along_its_heading():

@@ -17,12 +17,9 @@ from tombo_dynamics.jit import compiled
 from tombo_dynamics.params import check_number
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.rotation import to_body
-from tombo_dynamics.vehicle import GRAVITY
 
-_TETHER, _LOAD, _PERIODIC, _FADE, _DRY_FRICTION, _PUSH, _WALL, _YAW, _HYSTERESIS = range(1, 10)
+_TETHER, _PERIODIC, _FADE, _DRY_FRICTION, _PUSH, _WALL, _YAW, _HYSTERESIS = range(1, 9)
 
-_CORD_FREQUENCY, _CORD_DAMPING = 80.0, 0.3
-"""[rad/s] and ratio of a load that bounces on its cord: stretched by 1.5 mm at rest."""
 _SMOOTH_SPEED = 0.05
 """[m/s] below this dry drag fades."""
 _FADED = 0.8
@@ -52,14 +49,6 @@ DISTURBANCES: dict[str, Disturbance] = {
             Param("stiffness", "N/m", 0.0, (0.0, 1000.0), "of the cord", 1.5),
         ),
         "Elastic cord from the centre of mass to a fixed point.",
-    ),
-    "slung_load": Disturbance(
-        _LOAD,
-        (
-            Param("mass", "kg", 0.0, (0.001, 5.0), "of the load", 0.15),
-            Param("length", "m", 0.0, (0.05, 10.0), "of the cord", 0.7),
-        ),
-        "Point mass on a cord below the centre of mass; it swings, and it may rest on the floor.",
     ),
     "periodic_push": Disturbance(
         _PERIODIC,
@@ -143,58 +132,15 @@ def set_disturbance(plant: Plant, name: str, *values: float) -> None:
     plant.disturbance = np.zeros((), plant.disturbance.dtype)
     plant.disturbance.kind = shape.id
     plant.disturbance.params[: len(checked)] = checked
-    if shape.id == _LOAD:
-        plant.disturbance.load_position = plant.state.position
-        plant.disturbance.load_velocity = plant.state.velocity
-        plant.disturbance.load_position[2] = max(plant.state.position[2] - checked[1], 0.0)
 
 
 @compiled
 def prepare_disturbance(plant: Plant) -> None:
     """Carry the disturbance's own state over the tick, before its first slope is taken."""
     d = plant.disturbance
-    if d.kind == _LOAD:
-        _swing(plant)
-    elif d.kind == _HYSTERESIS:
+    if d.kind == _HYSTERESIS:
         thrust, play = plant.rotors[0].thrust, d.params[0]
         d.trailing_thrust = min(max(d.trailing_thrust, thrust - play), thrust + play)
-
-
-@compiled
-def _swing(plant: Plant) -> None:
-    """Move the load under gravity and cord; the cord's pull stays for the tick, for both ends.
-
-    The vehicle gets the very force that the load feels, so momentum is kept.
-    """
-    d, state, tick = plant.disturbance, plant.state, plant.tick_length
-    mass, length = d.params[0], d.params[1]
-    place, velocity = d.load_position, d.load_velocity
-    x = place[0] - state.position[0]
-    y = place[1] - state.position[1]
-    z = place[2] - state.position[2]
-    distance = max(math.sqrt(x * x + y * y + z * z), 1e-9)
-    x, y, z = x / distance, y / distance, z / distance
-    parting = (
-        x * (velocity[0] - state.velocity[0])
-        + y * (velocity[1] - state.velocity[1])
-        + z * (velocity[2] - state.velocity[2])
-    )
-    stretch = distance - length
-    pull = 0.0
-    if stretch > 0.0:
-        stiff = mass * _CORD_FREQUENCY * _CORD_FREQUENCY
-        damp = 2.0 * _CORD_DAMPING * mass * _CORD_FREQUENCY
-        pull = max(0.0, stiff * stretch + damp * parting)
-    d.pull[0], d.pull[1], d.pull[2] = pull * x, pull * y, pull * z
-    velocity[0] -= tick * pull * x / mass
-    velocity[1] -= tick * pull * y / mass
-    velocity[2] -= tick * (pull * z / mass + GRAVITY)
-    if place[2] <= 0.0 and velocity[2] <= 0.0:  # it lies on the floor
-        for i in range(3):
-            velocity[i] = 0.0
-    for i in range(3):
-        place[i] += tick * velocity[i]
-    place[2] = max(place[2], 0.0)
 
 
 @compiled
@@ -209,8 +155,6 @@ def disturb(plant: Plant, row: int) -> None:
         distance = math.sqrt(x * x + y * y + z * z)
         pull = p[4] * max(distance - p[3], 0.0) / max(distance, 1e-9)
         x, y, z = pull * x, pull * y, pull * z
-    elif d.kind == _LOAD:
-        x, y, z = d.pull[0], d.pull[1], d.pull[2]
     elif d.kind == _PERIODIC:
         push = p[0] * math.sin(2.0 * math.pi * p[1] * time)
         x, y = push * math.cos(p[2]), push * math.sin(p[2])

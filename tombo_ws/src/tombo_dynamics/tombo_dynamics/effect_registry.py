@@ -56,6 +56,8 @@ class Effect:
     """It has no mean: the number of samples says how well its parameters can be fitted."""
     contact: bool = False
     """It acts only where the obstacle is touched."""
+    vibration: bool = False
+    """It has no mean over a turn of a rotor: no fit to motion that is slower shows it."""
     saturates: bool = False
     """Its slope at the null value promises nothing: only a fit tells what it explains."""
     confounded_with: tuple[str, ...] = ()
@@ -104,7 +106,8 @@ class Registry(dict[str, Effect]):
             signature: how it shows in data, in one line.
             separates_from: other effects that look alike, and what tells them apart.
             confounded_with: see `Effect`.
-            traits: further fields of `Effect`: state, stochastic, contact, saturates, models.
+            traits: further fields of `Effect`: state, stochastic, contact, vibration, saturates,
+                models.
 
         Raises:
             ValueError: the name is taken, or the arguments and `theta` do not agree.

@@ -70,9 +70,6 @@ class DisturbanceState(Record):
 
     kind = field("1", "0: none", kind=int)
     params = field("", "in the order in which they are declared", 6)
-    load_position = field("m", "of the slung load, map", 3)
-    load_velocity = field("m/s", "of the slung load, map", 3)
-    pull = field("N", "of its cord on the vehicle, map", 3)
     trailing_thrust = field("N", "what thrust the hysteresis is at")
 
 

@@ -43,12 +43,23 @@ def test_two_weak_propellers_are_found():
     assert set(members(found)) == {("weak_propeller", r) for r in ("rear_left", "front_right")}
 
 
-def test_a_weight_at_a_rotor_is_found_with_its_mass():
-    at = 0.24 * 0.05 / 1.05 / 2.0**0.5
-    found = now({"mass_error": {"fraction": 0.05}, "cog_offset": {"x": at, "y": -at}})
-    assert {c.rotor for c in found.changed} == {"front_right"}
+@pytest.mark.parametrize("share", [0.05, 0.1])
+def test_a_weight_at_a_rotor_is_found_with_its_mass(share):
+    """A small one may be a day's air or battery with another centre of gravity."""
+    at = 0.24 * share / (1.0 + share) / 2.0**0.5
+    found = now({"mass_error": {"fraction": share}, "cog_offset": {"x": at, "y": -at}})
+    beside = {("cog_offset", "")} if share < 0.1 else set()
+    assert {c.rotor for k, c in members(found).items() if k not in beside} == {"front_right"}
     weight = members(found)["added_weight", "front_right"].theta[0]
-    assert weight.low < 0.05 * 1.3 < weight.high
+    assert weight.low < share * 1.3 < weight.high
+
+
+def test_a_load_on_a_thread_at_a_rotor_is_a_set_with_its_rotor_and_mass():
+    at = 0.24 / 2.0**0.5
+    found = now({"hanging_load": {"mass": 0.065, "length": 0.5, "x": at, "y": -at}})
+    assert {c.rotor for c in found.changed} == {"front_right"} and len(found.changed) <= 3
+    load = members(found)["hanging_load", "front_right"].theta[0]
+    assert load.low < 0.065 < load.high
 
 
 def test_another_mass_is_a_set_with_another_thrust():

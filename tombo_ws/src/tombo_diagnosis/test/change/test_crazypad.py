@@ -55,3 +55,9 @@ def test_no_healthy_flight_is_named_against_the_others(healthy):
     for k, one in enumerate(healthy):
         others = [log for log in healthy if log is not one]
         assert diagnose_change([one], others, NOMINAL())[0].verdict == "none", k
+
+
+def test_healthy_flights_of_another_day_are_not_named(healthy):
+    first, second = healthy[:3], healthy[3:]
+    for new in (second, second[:1], second[1:]):
+        assert diagnose_change(new, first, NOMINAL())[0].verdict == "none"

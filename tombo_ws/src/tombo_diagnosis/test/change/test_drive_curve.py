@@ -14,13 +14,16 @@ def flight(seed, swing, supply, noise=0.003):
     command = (load / 0.8 / voltage**0.7) ** (1.0 / 1.2)
     spread = 1.0 + 0.02 * np.array([1.0, -1.0, 1.0, -1.0])
     values = command[:, None] * spread
-    return DriveSamples(values, load * (1.0 + noise * rng.standard_normal(2000)), voltage)
+    return DriveSamples(values, load * (1.0 + noise * rng.standard_normal(2000)), voltage, 0.01)
 
 
 def test_exponents_are_found_where_flights_show_them():
     curve = fit_drive_curve([flight(k, 0.3, (4.1 - 0.2 * k, 3.6)) for k in range(4)], 1.0)
     assert curve.exponent == pytest.approx(1.2, abs=0.03)
+    assert curve.supply_exponent == pytest.approx(0.7, abs=0.1)
+    assert curve.exponent == pytest.approx(1.2, abs=2.0 * curve.deviation[0])
     assert curve.supply_exponent == pytest.approx(0.7, abs=2.0 * curve.deviation[1])
+    assert max(curve.deviation) < 0.1
     samples = flight(0, 0.3, (4.1, 3.6), 0.0)
     total = np.exp(curve.demand(samples.command, samples.voltage)).mean(axis=1)
     assert np.std(np.log(total / samples.load_factor)) < 0.2 * np.std(np.log(total))
@@ -30,3 +33,25 @@ def test_what_flights_do_not_show_stays_and_is_called_uncertain():
     curve = fit_drive_curve([flight(k, 0.0, (3.8, 3.8)) for k in range(3)], 1.0)
     assert (curve.exponent, curve.supply_exponent) == pytest.approx((1.0, 0.0), abs=0.05)
     assert min(curve.deviation) > 0.25
+
+
+def test_the_intervals_hold_the_truth_as_often_as_they_say():
+    """Noise that is slow, as of air, and an offset of each flight."""
+    off = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        made = [flight(10 * seed + k, 0.1, (4.1 - 0.1 * k, 3.8)) for k in range(4)]
+        slow = [np.repeat(0.005 * rng.standard_normal(20), 100) for _ in made]
+        made = [
+            DriveSamples(
+                f.command,
+                f.load_factor * np.exp(s + 0.005 * rng.standard_normal()),
+                f.voltage,
+                f.step,
+            )
+            for f, s in zip(made, slow, strict=True)
+        ]
+        curve = fit_drive_curve(made, 1.0)
+        error = np.array([curve.exponent - 1.2, curve.supply_exponent - 0.7])
+        off.append(error / curve.deviation)
+    assert np.mean(np.abs(off) < 2.0) > 0.8 and 0.5 < np.std(off) < 1.6

@@ -15,7 +15,7 @@ def nominal():
 
 def test_a_weight_at_a_rotor_asks_for_three_quarters_there_and_frees_the_opposite_one(nominal):
     vehicle, share = nominal.vehicle, 0.04
-    effects = effects_of("added_weight", "rear_left", share, vehicle.arm_length)
+    effects = effects_of("added_weight", "rear_left", share, vehicle)
     more = hover_thrust(vehicle, nominal.maps, effects) - vehicle.hover_thrust()
     weight = share * vehicle.mass * GRAVITY
     opposite, own, *beside = more / weight

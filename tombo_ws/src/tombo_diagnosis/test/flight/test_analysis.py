@@ -41,8 +41,7 @@ def test_healthy_vehicles_with_scattered_propellers_give_no_cause(sensors):
 
 
 @pytest.mark.parametrize(
-    "unknown,sensors",
-    [("slung_load", "imu_rpm"), ("body_push", "imu"), ("thrust_fade", "mocap_rpm")],
+    "unknown,sensors", [("tether", "imu_rpm"), ("body_push", "imu"), ("thrust_fade", "mocap_rpm")]
 )
 def test_forces_of_no_effect_get_no_name(unknown, sensors):
     said = judged(disturbance=(unknown,), sensors=sensors, seed=2)

@@ -28,8 +28,11 @@ from tombo_dynamics.disturbance import DISTURBANCES
 from tombo_dynamics.effects import REGISTRY
 
 FORMULATIONS = (("imu_rpm", 0.35), ("imu", 0.25), ("mocap_rpm", 0.2), ("mocap", 0.2))
-EXCLUDED_EFFECTS = frozenset(name for name, effect in REGISTRY.items() if effect.contact)
-"""Effects of contact: the flights of the benchmark touch nothing."""
+EXCLUDED_EFFECTS = frozenset(
+    n for n, effect in REGISTRY.items() if effect.contact or effect.vibration
+)
+"""Effects of contact, because the flights of the benchmark touch nothing, and vibration, which no
+model of the motion shows."""
 UNOBSERVABLE_PARAMETERS = frozenset({"mocap_misalignment.yaw"})
 """No flight can show it: physics does not know where north is."""
 _ALIASES = frozenset({"body_push"})
@@ -124,6 +127,8 @@ def _shift(name: str, factor: float, rng: np.random.Generator) -> dict[Parameter
     if name == "mocap_dropouts":
         probability, duration = own
         return {probability: factor * probability.scale, duration: duration.scale}
+    if name == "hanging_load":
+        return {own[0]: factor * own[0].scale}
     if name in ("weak_propeller", "mocap_latency"):
         chosen = [own[int(rng.integers(len(own)))]]
     else:
@@ -146,7 +151,7 @@ def _shift(name: str, factor: float, rng: np.random.Generator) -> dict[Parameter
 def _disturbance(name: str, factor: float, rng: np.random.Generator) -> tuple[float, ...]:
     """Return the parameters of a disturbance whose strength is `factor` times its typical one."""
     strength = {
-        "tether": "stiffness", "slung_load": "mass", "periodic_push": "amplitude",
+        "tether": "stiffness", "periodic_push": "amplitude",
         "thrust_fade": "rate", "dry_drag": "force", "wall_suction": "force",
         "yaw_spring": "moment", "thrust_hysteresis": "play",
     }  # fmt: skip

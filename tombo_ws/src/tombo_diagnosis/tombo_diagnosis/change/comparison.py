@@ -32,6 +32,9 @@ from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES
 DAY_DEMAND, DAY_SHAKE, DAY_SWING, DAY_TRAIL = 0.01, 0.2, 0.2, 0.01
 """Spread between days before any flight is seen, of logarithms, and of `trail` [s/m]. Demand: a
 battery that sits 0.7 % of the arm off its place."""
+DAY_COMMON = 0.015
+"""The same of all rotors together: the density of air varies by 0.9 % with the pressure (9 hPa)
+and 0.7 % with the room's temperature (2 K), a battery by 3 % of a third of the vehicle's mass."""
 _PRIOR_FLIGHTS = 4.0
 """How many flights that weighs."""
 _WITHIN = 0.004
@@ -53,8 +56,9 @@ _ROUGH = 0.7
 """Spread of the logarithm of shake where blades, or their air, are changed: a factor of 2."""
 _DETUNED = 10.0
 """Logarithm of swing per demand: a rotor that gives less than asked for slackens the loops."""
-_SWUNG = 0.7, 0.7
-"""Logarithm of swing of a hanging load: mean and spread."""
+_SWUNG = 0.7
+"""Spread of the logarithm of swing with a hanging load: it may calm a vehicle or shake it, as
+its controller does (the simulated one swings less by 0.2 to 0.4, whatever the thread)."""
 _DRAGGED = 0.02
 """Trail of a hanging load [s/m], mean and spread, away from the side that it hangs on: 0.1 % of
 the weight as drag at 0.3 m/s, at the end of an arm."""
@@ -118,11 +122,14 @@ def spread_of(healthy: Sequence[Features]) -> Spread:
     trail = np.array([f.trail for f in healthy]) - mean.trail
     degrees = _PRIOR_FLIGHTS + n - 1.0
     grown = (1.0 + 1.0 / n) / degrees
-    # directions that these few flights do not vary in: as wide as they are on the whole
-    overall = (_PRIOR_FLIGHTS * DAY_DEMAND**2 + float(np.sum(demand**2)) / 4.0) / degrees
+    # directions that these few flights do not vary in: as wide as they are on the whole, but for
+    # what all rotors do together
+    left = demand - demand.mean(axis=1, keepdims=True)
+    overall = (_PRIOR_FLIGHTS * DAY_DEMAND**2 + float(np.sum(left**2)) / 3.0) / degrees
+    expected = overall * np.eye(4) + DAY_COMMON**2
     return Spread(
         mean,
-        (demand.T @ demand + _PRIOR_FLIGHTS * overall * np.eye(4)) * grown,
+        (demand.T @ demand + _PRIOR_FLIGHTS * expected) * grown,
         np.sqrt((np.sum(shake**2, axis=0) + _PRIOR_FLIGHTS * DAY_SHAKE**2) * grown),
         math.sqrt((float(np.sum(swing**2)) + _PRIOR_FLIGHTS * DAY_SWING**2) * grown),
         np.sqrt((np.sum(trail**2, axis=0) + _PRIOR_FLIGHTS * DAY_TRAIL**2) * grown),
@@ -138,6 +145,7 @@ def mean_of(flights: Sequence[Features]) -> Features:
         np.mean([f.shake for f in flights], axis=0),
         float(np.mean([f.swing for f in flights])),
         np.mean([f.trail for f in flights], axis=0),
+        float(np.mean([f.supply for f in flights])),
     )
 
 
@@ -148,11 +156,16 @@ def difference(new: Features, healthy: Features) -> Features:
         new.shake - healthy.shake,
         new.swing - healthy.swing,
         new.trail - healthy.trail,
+        new.supply - healthy.supply,
     )
 
 
 def compare(
-    spread: Spread, new: Sequence[Features], tried: Sequence[Candidate], centre: Array
+    spread: Spread,
+    new: Sequence[Features],
+    tried: Sequence[Candidate],
+    centre: Array,
+    supply_doubt: float = 0.0,
 ) -> Comparison:
     """Weigh all candidates by the probability of the new flights' mean under each.
 
@@ -161,10 +174,14 @@ def compare(
         new: flights in one new state.
         tried: candidates of `signatures.candidates`.
         centre: of `signatures.centre_directions`.
+        supply_doubt: standard deviation of the drive curve's supply exponent: flights at another
+            voltage than the healthy ones may have the demand of all rotors wrong by it.
     """
     now = mean_of(new)
     shift = difference(now, spread.mean)
     within = np.eye(4) * _WITHIN**2 / len(new)
+    if math.isfinite(shift.supply):
+        within += (supply_doubt * shift.supply) ** 2
     weigher = _Weigher(spread, spread.demand + within, shift)
     still = np.zeros((1, 4)), np.zeros((1, 4, 4)), 0.0, 0.0, np.zeros(1)
     nothing = float(weigher.log_density(*still)[0]) + weigher.log_trail(None)
@@ -291,7 +308,7 @@ def _nuisance(candidate: Candidate) -> tuple[Array, float, tuple[float, Array]]:
         own = np.diag((candidate.demand[0] == candidate.demand[0].max()).astype(float))
         extra += _WASH**2 * (own + yaw)
     if effect == HANGING_LOAD:
-        return extra, _ROUGH, (_SWUNG[0], np.full(size.size, _SWUNG[1]))
+        return extra, _ROUGH, (0.0, np.full(size.size, _SWUNG))
     if effect == UNBALANCE:
         return extra, _ROUGH, (0.0, np.zeros(size.size))
     if effect in (WEAK_PROPELLER, ADDED_WEIGHT):

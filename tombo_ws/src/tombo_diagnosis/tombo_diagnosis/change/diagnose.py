@@ -80,7 +80,7 @@ def diagnose_change(
     tried = candidates(nominal.vehicle, nominal.maps, _SIZES)
     centre = centre_directions(nominal.vehicle, nominal.maps)
     spread = spread_of(data.healthy)
-    comparison = compare(spread, data.new, tried, centre)
+    comparison = compare(spread, data.new, tried, centre, curve.deviation[1])
     verdict = judge_change(comparison, len(healthy))
     shown = verdict.members if verdict.verdict in ("named", "set") else ()
     airframe = new[0].airframe

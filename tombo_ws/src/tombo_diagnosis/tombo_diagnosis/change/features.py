@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, sosfiltfilt
 
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, DriveSamples
@@ -23,6 +24,8 @@ DRIVES = ("rotor_speed", "rotor_command", "motor_command")
 """Channels that say what the rotors are asked for, best first."""
 EXPONENT = {"rotor_speed": 2.0, "rotor_command": 2.0, "motor_command": 1.0}
 """Of thrust in each of them, before the fit."""
+_SUPPLY_S = 5.0
+"""Over which the voltage is averaged: long against manoeuvres, short against a discharge."""
 _EDGE_S = 0.5
 """After lift-off and before touch-down."""
 _SHORTEST_S = 4.0
@@ -79,6 +82,8 @@ class Features:
     """(2,) yaw part of the demand per speed ahead and to the left [s/m]: what drags beside the
     centre turns the vehicle one way on the way out, the other way on the way back. Without an
     attitude ahead is map x."""
+    supply: float = float("nan")
+    """Mean logarithm of the voltage."""
 
 
 def airborne(log: FlightLog) -> AirborneFlight:
@@ -126,10 +131,28 @@ def drive_samples(flight: AirborneFlight) -> DriveSamples:
         load += np.interp(t, s.t, s.values[:, 2]) / GRAVITY
     elif "accel" in series:
         load = np.interp(t, series["accel"].t, series["accel"].values[:, 2]) / GRAVITY
-    voltage = None
-    if "voltage" in series and (series["voltage"].values > 0.0).all():
-        voltage = np.interp(t, series["voltage"].t, series["voltage"].values[:, 0])
-    return DriveSamples(values, np.clip(load, 0.3, 3.0), voltage)
+    return DriveSamples(values, np.clip(load, 0.3, 3.0), _supply(flight, t), sample_interval(t))
+
+
+def _supply(flight: AirborneFlight, t: Array) -> Array | None:
+    """Return the slow part of the voltage at `t`; None: not measured.
+
+    What is faster follows the current, through the battery's resistance: it says what the rotors
+    took, not what they were given.
+    """
+    raw = flight.log.series.get("voltage")
+    if raw is None or not (raw.values > 0.0).all():
+        return None
+    found = np.zeros(t.size)
+    for begin, end in flight.spans:
+        own = (raw.t >= begin) & (raw.t <= end)
+        if not own.any():
+            return None
+        width = max(1, round(_SUPPLY_S / max(sample_interval(raw.t), 1e-3)))
+        slow = uniform_filter1d(raw.values[own, 0], width, mode="reflect")
+        rows = (t >= begin) & (t <= end)
+        found[rows] = np.interp(t[rows], raw.t[own], slow)
+    return found
 
 
 def features(flight: AirborneFlight, curve: DriveCurve) -> Features:
@@ -147,7 +170,8 @@ def features(flight: AirborneFlight, curve: DriveCurve) -> Features:
         _band(flight.cut(felt), _SHAKE_HZ, 1.0) if felt is not None else np.nan,
     ]
     track = [Series(s.t, s.values[:, :2]) for s in flight.cut(series["position"])]
-    return Features(demand, np.array(shake), _swing(track), _trail(flight, curve))
+    supply = float("nan") if samples.voltage is None else float(np.log(samples.voltage).mean())
+    return Features(demand, np.array(shake), _swing(track), _trail(flight, curve), supply)
 
 
 def _trail(flight: AirborneFlight, curve: DriveCurve) -> Array:

@@ -44,24 +44,26 @@ class Candidate:
         return f"{self.effect}.{self.rotor}" if self.rotor else self.effect
 
 
-def effects_of(effect: str, rotor: str, size: float, arm: float) -> dict[str, dict[str, float]]:
+def effects_of(
+    effect: str, rotor: str, size: float, vehicle: VehicleParams
+) -> dict[str, dict[str, float]]:
     """Return what the simulator has to switch on for a candidate of a size.
 
-    A weight beside a rotor, taped or hung, is mass and centre of gravity in hover. `arm`: centre
-    to rotor axis [m].
+    A weight that is taped beside a rotor is mass and centre of gravity.
     """
+    arm, mass = vehicle.arm_length, vehicle.mass
     if effect == WEAK_PROPELLER:
         return {WEAK_PROPELLER: dict.fromkeys(rotor.split("+"), size)}
-    if effect in (ADDED_WEIGHT, HANGING_LOAD):
-        k = ROTOR_NAMES.index(rotor)
-        off = arm * size / (1.0 + size)
-        return {
-            MASS: {"fraction": size},
-            CENTRE: {"x": off * float(ARM_X[k]), "y": off * float(ARM_Y[k])},
-        }
     if effect == MASS:
         return {MASS: {"fraction": size}}
-    return {}
+    if effect not in (ADDED_WEIGHT, HANGING_LOAD):
+        return {}
+    k = ROTOR_NAMES.index(rotor)
+    x, y = arm * float(ARM_X[k]), arm * float(ARM_Y[k])
+    if effect == HANGING_LOAD:
+        return {HANGING_LOAD: {"mass": size * mass, "x": x, "y": y}}
+    share = size / (1.0 + size)
+    return {MASS: {"fraction": size}, CENTRE: {"x": share * x, "y": share * y}}
 
 
 def candidates(vehicle: VehicleParams, maps: RotorMaps, sizes: Array) -> list[Candidate]:
@@ -93,7 +95,7 @@ def _candidate(
     kept, rows = [], []
     for size in sizes:
         try:
-            now = hover_thrust(vehicle, maps, effects_of(effect, rotor, size, vehicle.arm_length))
+            now = hover_thrust(vehicle, maps, effects_of(effect, rotor, size, vehicle))
         except InputError:
             continue  # so large that it would not hover
         kept.append(size)

@@ -22,6 +22,7 @@ from tombo_diagnosis.flight.fit.track import TICK, Track
 from tombo_diagnosis.flight.noise.noise_simulation import with_pose_noise
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.effects import REGISTRY
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -111,7 +112,7 @@ def linearize(
         residual = {group: start.residual[group] + (base[group] - before[group]) for group in base}
     slopes = {}
     for p in nominal.parameters:
-        if indices is None or p.index in indices:
+        if (indices is None or p.index in indices) and not REGISTRY[p.effect].vibration:
             change = here.slope(p)
             if change is not None:
                 slopes[p.index] = change
