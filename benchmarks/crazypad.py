@@ -15,9 +15,9 @@ from pathlib import Path
 from tombo_diagnosis.change.diagnose import diagnose_change
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.scenario_nominal import nominal_model
-from tombo_diagnosis.logs.flight_log import FlightLog
-from tombo_diagnosis.logs.log_reader import read_logs
 from tombo_dynamics.errors import InputError
+from tombo_logs.flight_log import FlightLog
+from tombo_logs.readers.log_reader import read_logs
 
 MAPPING = Path(__file__).resolve().parents[1] / "examples" / "crazypad.yaml"
 LARGEST_SET = 3
