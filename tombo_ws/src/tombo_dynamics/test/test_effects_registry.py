@@ -38,6 +38,7 @@ def test_every_effect_that_the_project_promises_is_there():
         "mocap_noise", "mocap_dropouts", "thrust_scatter", "blade_strike", "propeller_wear",
         "contact_force", "inertia_error", "flapping_moment", "translational_lift", "accel_scale",
         "imu_lever_arm", "mocap_marker_offset", "mocap_body_misalignment", "mocap_stamp_error",
+        "imu_misalignment",
     }  # fmt: skip
     assert promised <= set(REGISTRY)
 

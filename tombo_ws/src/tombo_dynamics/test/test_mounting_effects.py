@@ -80,6 +80,26 @@ def test_scale_multiplies_the_force_and_not_the_bias():
     assert v.imu == pytest.approx([0.01, 0.2, 0.3, 12.0, 18.0, 34.5])
 
 
+@given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
+def test_an_imu_askew_reads_the_same_vectors_in_its_own_axes(roll, pitch, yaw):
+    v = Vehicle({"imu_misalignment": {"roll": roll, "pitch": pitch, "yaw": yaw}})
+    rates, force = [0.4, -1.2, 2.0], [1.0, -3.0, 12.0]
+    v.imu = [*rates, *force]
+    apply_imu(v.plant, QUIET, v.theta)
+    axes = as_rotation(yaw, roll, pitch).as_matrix()  # columns: the IMU's axes in base_link
+    assert v.imu == pytest.approx([*(axes.T @ rates), *(axes.T @ force)], abs=1e-12)
+
+
+def test_an_imu_pitched_down_reads_hover_forward_and_its_scale_is_that_of_its_own_axis():
+    """Its x axis then has a part of the thrust's reading, downwards: -sin(pitch)."""
+    effects = {"imu_misalignment": {"pitch": 0.1}, "accel_scale": {"x": 0.2}}
+    v = Vehicle(effects)
+    v.imu = [0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY]
+    apply_imu(v.plant, QUIET, v.theta)
+    expected = [-1.2 * GRAVITY * math.sin(0.1), 0.0, GRAVITY * math.cos(0.1)]
+    assert v.imu[3:] == pytest.approx(expected, abs=1e-12)
+
+
 # --- the rigid body of the motion capture ---------------------------------------------------
 
 

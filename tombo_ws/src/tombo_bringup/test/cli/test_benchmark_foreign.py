@@ -12,7 +12,7 @@ import pytest
 from tombo_bringup.cli.diagnosis import benchmark_foreign_command
 from tombo_bringup.cli.diagnosis.benchmark_foreign_command import diagnose_files
 from tombo_diagnosis.benchmark import foreign_evaluation
-from tombo_diagnosis.benchmark.foreign_cases import make_case
+from tombo_diagnosis.benchmark.foreign_cases import WrittenFlights, make_case
 from tombo_diagnosis.benchmark.foreign_evaluation import aggregate, examine_case
 from tombo_diagnosis.benchmark.runner import BenchmarkResult
 from tombo_diagnosis.benchmark.second_simulator.vehicles import S500
@@ -72,7 +72,9 @@ def test_a_refusal_is_scored_and_says_why(monkeypatch):
     def refuse(arguments):
         raise InputError("no poses; accepted: poses")
 
-    monkeypatch.setattr(foreign_evaluation, "write_flights", lambda case, folder: ([], None))
+    monkeypatch.setattr(
+        foreign_evaluation, "write_flights", lambda case, folder: WrittenFlights([], None, None)
+    )
     row = examine_case(refuse, make_case((1, 1), "none", "", (), S500))
     assert (row["verdict"], row["why"]) == ("refused", "no poses; accepted: poses")
     assert aggregate([row])["false_alarm"] == 1.0

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tombo_bag.schemas import own_definitions
-from tombo_diagnosis.benchmark.foreign_cases import draw_case, make_case
+from tombo_diagnosis.benchmark.foreign_cases import candidates, draw_case, make_case
 from tombo_diagnosis.benchmark.foreign_evaluation import answer_row
 from tombo_diagnosis.benchmark.second_simulator.airframe import Airframe
 from tombo_diagnosis.benchmark.second_simulator.flight import Flown
@@ -15,10 +15,11 @@ from tombo_diagnosis.benchmark.second_simulator.hidden import TYPICAL, Hidden, t
 from tombo_diagnosis.benchmark.second_simulator.log_files import (
     FORMATS,
     mapping_text,
+    vehicle_text,
     write_bag,
     write_table,
 )
-from tombo_diagnosis.benchmark.second_simulator.sensors import measure
+from tombo_diagnosis.benchmark.second_simulator.sensors import Stream, measure
 from tombo_diagnosis.benchmark.second_simulator.strangers import Stranger
 from tombo_diagnosis.benchmark.second_simulator.vehicles import (
     CRAZYFLIE,
@@ -30,9 +31,10 @@ from tombo_diagnosis.benchmark.second_simulator.vehicles import (
     X500,
 )
 from tombo_diagnosis.flight.fit.parameters import parameters
-from tombo_diagnosis.flight.scenario_nominal import nominal_model
+from tombo_diagnosis.flight.scenario_nominal import nominal_model, tolerances_of
 from tombo_dynamics.rotor_maps import rotor_thrust, rotor_torque
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, SPIN
+from tombo_flight.vehicle_file import vehicle_from_text
 from tombo_logs.readers.log_reader import read_logs
 
 STILL = [0.0, 0.0, 0.0]
@@ -74,6 +76,33 @@ def test_sizes_are_those_of_the_registry(quad):
     for name, own in TYPICAL.items():
         for p in own:
             assert typical(name, p, quad) == pytest.approx(scales[f"{name}.{p}"]), (name, p)
+
+
+@pytest.mark.parametrize("quad", [CRAZYFLIE, X500], ids=lambda q: q.name)
+def test_a_vehicle_file_says_what_flies(quad):
+    file = vehicle_from_text(vehicle_text(quad), quad.name)
+    v = file.vehicle
+    assert (v.mass, v.arm_length, v.motor_time_constant) == (quad.mass, quad.arm, quad.lag)
+    assert (v.inertia_xx, v.inertia_yy, v.inertia_zz) == quad.inertia
+    assert (v.rotor_height, v.rotor_inertia) == (quad.rotor_height, quad.rotor_inertia)
+    high = quad.speeds[1]
+    speeds = np.linspace(0.3 * high, high, 40)
+    own = np.array([quad.thrust_and_torque(n) for n in speeds])
+    thrust = [rotor_thrust(file.maps, n) for n in speeds]
+    np.testing.assert_allclose(thrust, own[:, 0], rtol=1e-3)
+    torque = [rotor_torque(file.maps, n) for n in speeds]
+    np.testing.assert_allclose(torque, own[:, 1], rtol=1e-3)
+    # A battery at 90 % turns the rotors at 90 % of what is asked.
+    share = 0.9
+    weak = [quad.thrust_and_torque(share * n)[0] for n in speeds]
+    voltage = np.full(40, share * quad.battery)
+    asked = np.repeat(quad.throttle(speeds)[:, None], 4, axis=1)
+    driven = file.drive.thrust(asked, voltage)
+    np.testing.assert_allclose(driven, np.repeat(np.array(weak)[:, None], 4, axis=1), rtol=1e-4)
+    assert tolerances_of(file) == pytest.approx({
+        "mass_error.fraction": 0.01, "thrust_coefficient_error.fraction": 0.02,
+        "inertia_error.xx": 0.05, "inertia_error.yy": 0.05, "inertia_error.zz": 0.05,
+    }, rel=1e-4)  # fmt: skip
 
 
 # Physics.
@@ -158,7 +187,7 @@ def circling():
 @pytest.mark.parametrize("kind", FORMATS)
 def test_a_log_is_read_as_it_was_flown(kind, tmp_path):
     flown = circling()
-    streams = measure(flown, 0, Hidden(), Stranger(), "imu_rpm", "plain", np.random.default_rng(3))
+    streams = measure(flown, 0, Hidden(), "imu_rpm", "plain", np.random.default_rng(3))
     if kind == "bag":
         path, mapping = tmp_path / "bag", None
         write_bag(path, streams, own_definitions()["tombo_msgs/msg/RotorSpeeds"])
@@ -194,6 +223,43 @@ def test_a_log_is_read_as_it_was_flown(kind, tmp_path):
     assert float(np.mean(late)) == pytest.approx(0.010, abs=0.002)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", FORMATS)
+def test_motor_commands_are_read_as_they_were_asked(kind, tmp_path):
+    t = 0.004 * np.arange(1000)
+    asked = 0.5 + 0.3 * np.sin(t[:, None] + np.arange(4))
+    streams = measure(circling(), 0, Hidden(), "mocap", "plain", np.random.default_rng(3))
+    streams["throttle"] = Stream(t, asked)
+    del streams["command"]
+    if kind == "bag":
+        path, mapping = tmp_path / "bag", None
+        write_bag(path, streams, own_definitions()["tombo_msgs/msg/RotorSpeeds"])
+    else:
+        path, mapping = tmp_path / "log.csv", tmp_path / "mapping.yaml"
+        write_table(path, streams, kind == "turned_table")
+        mapping.write_text(mapping_text(streams, kind == "turned_table", None))
+    (log,) = read_logs([path], mapping=None if mapping is None else str(mapping), names={})
+    assert "rotor_command" not in log.series
+    order = [ROTORS.index(name) for name in ROTOR_NAMES]
+    np.testing.assert_allclose(log.series["motor_command"].values, asked[:, order], atol=1e-5)
+
+
+@pytest.mark.slow
+def test_an_imu_askew_reads_in_its_own_axes():
+    flown = circling()
+    angles = {"yaw": 0.3, "pitch": -0.2, "roll": 0.1}
+    hidden = Hidden({f"imu_misalignment.{a}": x for a, x in angles.items()})
+    straight, turned = (
+        measure(flown, 0, h, "imu", "plain", np.random.default_rng(3))["imu"].values
+        for h in (Hidden(), hidden)
+    )
+    axes = Rotation.from_euler("ZYX", list(angles.values()))  # of the IMU, in the body
+    for own in (slice(0, 3), slice(3, 6)):
+        seen = axes.apply(turned[:, own]) - straight[:, own]
+        assert np.abs(seen.mean(axis=0)).max() < 0.05
+        assert np.abs(turned[:, own] - straight[:, own]).max() > 0.05
+
+
 # Score.
 
 
@@ -220,3 +286,35 @@ def test_a_case_follows_from_seed_and_number():
     for number in range(20):
         assert draw_case(4, number) == draw_case(4, number)
     assert draw_case(4, 1) != draw_case(5, 1)
+
+
+def test_what_is_told_of_a_vehicle_says_what_can_be_a_cause():
+    told = [
+        case.known for case in (draw_case(4, n) for n in range(600)) if case.vehicle is not S500
+    ]
+    assert told.count("airframe") / len(told) == pytest.approx(0.25, abs=0.08)
+    assert set(told) == {"airframe", "file"}
+    lifted = {"mass_error", "thrust_coefficient_error"}
+    assert lifted <= set(candidates("file", "mocap"))
+    assert not lifted & set(candidates("airframe", "mocap"))
+    assert "imu_misalignment" in candidates("file", "imu")
+    assert "imu_misalignment" not in candidates("file", "mocap_rpm")
+
+
+def test_an_error_of_a_parameter_is_that_of_its_departure_from_the_nominal_model():
+    """By a vehicle file the model has drag already; by the airframe alone it has none."""
+    case = make_case((3, 3), "single", "large", ("linear_rotor_drag",), X500)
+    true = X500.drag[0] + case.truth["linear_rotor_drag.d_xy"]
+
+    def error(nominal, value):
+        fit = {"value": value, "nominal": nominal, "low": value - 0.01, "high": value + 0.01}
+        answer = said("named", "linear_rotor_drag") | {
+            "causes": [{"effect": "linear_rotor_drag", "theta": {"d_xy": fit}}]
+        }
+        (found,) = answer_row(case, answer)["parameters"].values()
+        assert found["covered"] == [value == true]
+        return found["error"]
+
+    assert error(0.0, true) == error(0.4, true) == 0.0
+    assert error(0.0, 0.5 * true) == pytest.approx(0.5)
+    assert error(0.4, 0.4) == pytest.approx(1.0)

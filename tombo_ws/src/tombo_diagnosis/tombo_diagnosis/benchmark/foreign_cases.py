@@ -34,14 +34,16 @@ from tombo_diagnosis.benchmark.second_simulator.hidden import (
 )
 from tombo_diagnosis.benchmark.second_simulator.log_files import (
     mapping_text,
+    vehicle_text,
     write_bag,
     write_table,
 )
-from tombo_diagnosis.benchmark.second_simulator.sensors import CHAINS, measure
+from tombo_diagnosis.benchmark.second_simulator.sensors import CHAINS, Stream, measure
 from tombo_diagnosis.benchmark.second_simulator.strangers import STRANGERS, Stranger, draw_stranger
 from tombo_diagnosis.benchmark.second_simulator.vehicles import VEHICLES, Quadrotor
 
 _VEHICLES = (("s500", 0.6), ("x500", 0.2), ("crazyflie", 0.2))
+_KNOWN = (("file", 0.75), ("airframe", 0.25))
 _CHAINS = tuple((chain, 0.5) for chain in CHAINS)
 _FORMATS = (("table", 0.4), ("turned_table", 0.4), ("bag", 0.2))
 _DURATION_S = 20.0
@@ -54,6 +56,9 @@ class ForeignCase(Case):
     """Flights of the second simulator with something hidden."""
 
     vehicle: Quadrotor
+    known: str
+    """What is told of the vehicle: model (the suite's own), file (a vehicle file), airframe (mass,
+    arms, inertia and motor time constant, in the mapping)."""
     chain: str
     log_format: str
     truth: Hidden
@@ -66,12 +71,13 @@ class ForeignCase(Case):
     def present(self) -> frozenset[str]:
         """Effects that are there beside what is hidden: to name one of them is no mistake.
 
-        A vehicle without a model of its own has drag, ground effect and a latency of its motion
-        capture that no datasheet tells.
+        A vehicle without a model of its own has drag that no datasheet tells; by its airframe
+        alone ground effect and a latency of its motion capture, too.
         Markers and IMU stay at the frame's centre when the centre of gravity moves.
         """
-        own = self.vehicle.own_model
-        found = set() if own else {"linear_rotor_drag", "ground_effect", "mocap_latency"}
+        found = set() if self.known == "model" else {"linear_rotor_drag"}
+        if self.known == "airframe":
+            found |= {"ground_effect", "mocap_latency"}
         if "cog_offset" in self.hidden:
             found |= {"mocap_marker_offset", "imu_lever_arm"}
         return frozenset(found - set(self.hidden))
@@ -83,13 +89,15 @@ def draw_case(seed: int, number: int) -> ForeignCase:
     kind = draw_name(rng, KINDS)
     size = draw_size(rng, kind)
     vehicle = VEHICLES[draw_name(rng, _VEHICLES)]
+    told = "model" if vehicle.own_model else draw_name(rng, _KNOWN)
     formulation = draw_name(rng, FORMULATIONS)
     chain, log_format = draw_name(rng, _CHAINS), draw_name(rng, _FORMATS)
-    hidden: Sequence[str] = draw_hidden(rng, kind, candidates(vehicle, formulation))
+    hidden: Sequence[str] = draw_hidden(rng, kind, candidates(told, formulation))
     if kind == "unknown":
-        names = [s for s in STRANGERS if s != "turned_imu" or formulation.startswith("imu")]
-        hidden = [str(rng.choice(names))]
-    return make_case((seed, number), kind, size, hidden, vehicle, formulation, chain, log_format)
+        hidden = [str(rng.choice(STRANGERS))]
+    return make_case(
+        (seed, number), kind, size, hidden, vehicle, formulation, chain, log_format, told
+    )
 
 
 def make_case(
@@ -101,8 +109,13 @@ def make_case(
     formulation: str = "imu_rpm",
     chain: str = "plain",
     log_format: str = "table",
+    told: str = "",
 ) -> ForeignCase:
-    """Return a case of this kind; directions and tolerances are drawn."""
+    """Return a case of this kind; directions and tolerances are drawn.
+
+    `told`: see `ForeignCase.known`; empty: all that is known.
+    """
+    told = told or ("model" if vehicle.own_model else "file")
     rng = np.random.default_rng([*seed, 12])
     values = draw_tolerances(vehicle, rng)
     shift: dict[str, float] = {}
@@ -118,21 +131,41 @@ def make_case(
             values[label] = -values[label]
         shift[label] = values[label]
     return ForeignCase(
-        seed[1], kind, size, formulation, tuple(hidden), shift, vehicle, chain, log_format,
-        Hidden(values), stranger, seed,
+        seed[1], kind, size, formulation, tuple(hidden), shift, vehicle, told, chain,
+        log_format, Hidden(values), stranger, seed,
     )  # fmt: skip
 
 
-def candidates(vehicle: Quadrotor, formulation: str) -> list[str]:
+def candidates(told: str, formulation: str) -> list[str]:
     """Return the effects that flights with these sensors can show at all."""
     blind = set() if formulation.startswith("imu") else set(NEEDS_IMU)
-    if not vehicle.own_model:
-        blind.add("battery_sag")  # nobody says what its full voltage is
+    if told == "airframe":  # it says neither the full voltage nor what the propellers lift
+        blind |= {"battery_sag", "mass_error", "thrust_coefficient_error"}
+    if told == "file" and not formulation.endswith("rpm"):
+        blind.add("battery_sag")  # part of its drive, as the voltage is measured
     return [name for name in TYPICAL if name not in blind]
 
 
-def write_flights(case: ForeignCase, folder: Path) -> tuple[list[Path], Path | None]:
-    """Fly, measure and write the logs; return them and the mapping that reads them.
+@dataclass(frozen=True)
+class WrittenFlights:
+    """The files of a case."""
+
+    logs: list[Path]
+    mapping: Path | None
+    """That reads the logs."""
+    vehicle: Path | None
+    """The vehicle file."""
+
+    @property
+    def arguments(self) -> list[str]:
+        """Return the arguments of `tombo diagnose`."""
+        options = (("--mapping", self.mapping), ("--vehicle", self.vehicle))
+        given = [(name, str(path)) for name, path in options if path is not None]
+        return [*map(str, self.logs), *(word for pair in given for word in pair)]
+
+
+def write_flights(case: ForeignCase, folder: Path) -> WrittenFlights:
+    """Fly, measure and write the files.
 
     Raises:
         LostError: with what is hidden the vehicle can't fly.
@@ -141,17 +174,29 @@ def write_flights(case: ForeignCase, folder: Path) -> tuple[list[Path], Path | N
     flown = fly(case.vehicle, case.truth, replace(case.stranger), COURSES, _DURATION_S, rng)
     logs = []
     for f, course in enumerate(COURSES):
-        measured = measure(flown, f, case.truth, case.stranger, case.formulation, case.chain, rng)
+        measured = measure(flown, f, case.truth, case.formulation, case.chain, rng)
+        if not (case.vehicle.own_model or case.formulation.endswith("rpm")):
+            measured = _as_throttle(measured, case.vehicle)
         if case.log_format == "bag":
             logs.append(folder / course)
             write_bag(logs[-1], measured, own_definitions()["tombo_msgs/msg/RotorSpeeds"])
         else:
             logs.append(folder / f"{course}.csv")
             write_table(logs[-1], measured, case.log_format == "turned_table")
-    stranger_to_suite = None if case.vehicle.own_model else case.vehicle
-    if case.log_format == "bag" and stranger_to_suite is None:
-        return logs, None
-    mapping = folder / "mapping.yaml"
-    text = mapping_text(measured, case.log_format == "turned_table", stranger_to_suite)
-    mapping.write_text(text, encoding="utf-8")
-    return logs, mapping
+    mapping = vehicle = None
+    if case.log_format != "bag" or case.known == "airframe":
+        mapping = folder / "mapping.yaml"
+        frame = case.vehicle if case.known == "airframe" else None
+        text = mapping_text(measured, case.log_format == "turned_table", frame)
+        mapping.write_text(text, encoding="utf-8")
+    if case.known == "file":
+        vehicle = folder / "vehicle.yaml"
+        vehicle.write_text(vehicle_text(case.vehicle), encoding="utf-8")
+    return WrittenFlights(logs, mapping, vehicle)
+
+
+def _as_throttle(measured: dict[str, Stream], quad: Quadrotor) -> dict[str, Stream]:
+    """Return streams with the commands from 0 to 1, as of drives that measure no speed."""
+    asked = measured["command"]
+    rest = {key: stream for key, stream in measured.items() if key != "command"}
+    return rest | {"throttle": replace(asked, values=quad.throttle(asked.values))}

@@ -32,18 +32,16 @@ def examine(ask: Ask, seed: int, number: int) -> Row:
 def examine_case(ask: Ask, case: ForeignCase) -> Row:
     """Return the score of a case as plain values."""
     row = case_row(case) | {
-        "vehicle": case.vehicle.name, "chain": case.chain, "log_format": case.log_format,
-        "present": sorted(case.present),
+        "vehicle": case.vehicle.name, "known": case.known, "chain": case.chain,
+        "log_format": case.log_format, "present": sorted(case.present),
     }  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         try:
-            logs, mapping = write_flights(case, Path(folder))
+            files = write_flights(case, Path(folder))
         except LostError as error:
             return row | {"verdict": "not flown", "why": str(error)}
-        arguments = [str(log) for log in logs]
-        arguments += [] if mapping is None else ["--mapping", str(mapping)]
         try:
-            said = json.loads(ask([*arguments, "--json"]))
+            said = json.loads(ask([*files.arguments, "--json"]))
         except InputError as error:
             return row | _counted(case, "refused", [], [], 0.0) | {"why": str(error)}
     return row | answer_row(case, said)
@@ -94,13 +92,12 @@ def _compared(case: ForeignCase, cause: Mapping[str, Any]) -> dict[str, Any]:
         label = f"{name}.{p}"
         if label not in case.truth.values:
             continue
-        unknown = 0.0 if case.vehicle.own_model else known(label, case.vehicle)
-        true = case.truth[label] + unknown
+        true = known(label, case.vehicle) + case.truth[label]
         unit = typical(name, p, case.vehicle)
-        off += ((fit["value"] - fit["nominal"] - true) / unit) ** 2
-        size += (true / unit) ** 2
+        off += ((fit["value"] - true) / unit) ** 2
+        size += ((true - fit["nominal"]) / unit) ** 2
         if label in case.shift:
-            covered.append(bool(fit["low"] <= fit["nominal"] + true <= fit["high"]))
+            covered.append(bool(fit["low"] <= true <= fit["high"]))
     return {"error": math.sqrt(off / size) if size else None, "covered": covered}
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.plant import Plant
+from tombo_dynamics.rotation import rotate_by_vector, rotation_matrix, to_body
 
 
 @effect(
@@ -35,6 +38,41 @@ def imu_lever_arm(plant: Plant, noise: Array, x: float, y: float, z: float) -> N
     plant.accel[0] += ay * z - az * y + wx * along - square * x
     plant.accel[1] += az * x - ax * z + wy * along - square * y
     plant.accel[2] += ax * y - ay * x + wz * along - square * z
+
+
+@effect(
+    "imu_misalignment",
+    Stage.IMU,
+    [
+        Param("roll", "rad", 0.0, (-0.5, 0.5), "IMU turned about base_link x", 0.03),
+        Param("pitch", "rad", 0.0, (-0.5, 0.5), "IMU turned about base_link y", 0.03),
+        Param("yaw", "rad", 0.0, (-0.5, 0.5), "IMU turned about base_link z", 0.1),
+    ],
+    signature="gyro and specific force point elsewhere than thrust, the rotors' moments and mocap "
+    "say, by a rotation that is fixed in the body",
+    separates_from={
+        "mocap_body_misalignment": "roll and pitch steps with the rotors' commands or speeds: an "
+        "IMU askew turns about other axes than their moments; mocap alone: it knows no IMU",
+        "imu_bias": "full and low thrust, and turns: what is askew grows with force and rate",
+        "accel_scale": "roll and pitch steps: a turned gyro shows the rate of one axis on another",
+    },
+)
+def imu_misalignment(plant: Plant, noise: Array, roll: float, pitch: float, yaw: float) -> None:
+    """Read in the axes of an IMU that is turned by D = Rz(yaw) Ry(pitch) Rx(roll): D^T v.
+
+    The IMU is glued askew to the frame; scales and offsets are those of its own axes.
+    """
+    askew = np.zeros(4)
+    askew[3] = 1.0
+    rotate_by_vector(askew, 0.0, 0.0, yaw)
+    rotate_by_vector(askew, 0.0, pitch, 0.0)
+    rotate_by_vector(askew, roll, 0.0, 0.0)
+    turn = np.zeros((3, 3))
+    rotation_matrix(askew, turn)
+    gx, gy, gz = to_body(turn, plant.gyro[0], plant.gyro[1], plant.gyro[2])
+    plant.gyro[0], plant.gyro[1], plant.gyro[2] = gx, gy, gz
+    ax, ay, az = to_body(turn, plant.accel[0], plant.accel[1], plant.accel[2])
+    plant.accel[0], plant.accel[1], plant.accel[2] = ax, ay, az
 
 
 @effect(
@@ -74,6 +112,7 @@ def accel_scale(plant: Plant, noise: Array, x: float, y: float, z: float) -> Non
     separates_from={
         "steady_wind": "turn by 90 to 180 deg in hover",
         "mocap_body_misalignment": "mocap alone: its own acceleration against its own attitude",
+        "imu_misalignment": "full and low thrust, and turns: an offset is the same in all",
         "accel_scale": "full and low thrust: a scale grows with the reading",
     },
 )

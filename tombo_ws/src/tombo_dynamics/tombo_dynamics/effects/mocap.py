@@ -51,6 +51,8 @@ def mocap_marker_offset(plant: Plant, noise: Array, x: float, y: float, z: float
         "turns with the vehicle, that of a tilted world does not",
         "steady_wind": "turn by 90 to 180 deg in hover: only the body's lean turns with it",
         "imu_bias": "mocap alone: its own acceleration against its own attitude",
+        "imu_misalignment": "roll and pitch steps with the rotors' commands or speeds: gyro and "
+        "their moments agree on the axis; mocap alone: its own acceleration against its attitude",
     },
 )
 def mocap_body_misalignment(

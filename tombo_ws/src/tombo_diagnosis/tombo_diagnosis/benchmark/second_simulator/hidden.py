@@ -26,6 +26,7 @@ TYPICAL: Mapping[str, Mapping[str, float]] = {
     "quadratic_body_drag": {"c_area": 0.05},
     "flapping_moment": {"k": 0.02},
     "imu_lever_arm": {"x": 0.03, "y": 0.03, "z": 0.03},
+    "imu_misalignment": {"roll": 0.03, "pitch": 0.03, "yaw": 0.1},
     "accel_scale": {"x": 0.15, "y": 0.15, "z": 0.03},
     "imu_bias": {
         **{f"gyro_{a}": 0.03 for a in "xyz"}, **{f"accel_{a}": 0.3 for a in "xyz"},
@@ -51,7 +52,7 @@ POSITIVE = frozenset(
 """Effects of one sign."""
 LATENCY_S = 0.010
 """From capture to arrival of a pose in good order."""
-NEEDS_IMU = frozenset({"imu_lever_arm", "accel_scale", "imu_bias"})
+NEEDS_IMU = frozenset({"imu_lever_arm", "imu_misalignment", "accel_scale", "imu_bias"})
 FORCES = frozenset({"linear_rotor_drag", "quadratic_body_drag", "flapping_moment"})
 """Grow with the vehicle's mass."""
 LENGTHS = frozenset({"cog_offset", "imu_lever_arm", "mocap_marker_offset"})
@@ -73,8 +74,8 @@ def typical(name: str, parameter: str, quad: Quadrotor) -> float:
 def known(label: str, quad: Quadrotor) -> float:
     """Return what the vehicle truly has of this parameter before anything is hidden."""
     drag = {f"linear_rotor_drag.{p}": d for p, d in zip(("d_xy", "d_z"), quad.drag, strict=True)}
-    latency = {"mocap_latency.delay": LATENCY_S}
-    return {"ground_effect.strength": quad.ground, **drag, **latency}.get(label, 0.0)
+    room = {"mocap_latency.delay": LATENCY_S, "gusts.deviation": quad.air_motion}
+    return {"ground_effect.strength": quad.ground, **drag, **room}.get(label, 0.0)
 
 
 @dataclass(frozen=True)

@@ -19,15 +19,22 @@ _PADDED = {
     "imu": ("fc_us", "p", "q", "r", "sfx", "sfy", "sfz"),
     "speed": ("esc_us", "m1", "m2", "m3", "m4"),
     "command": ("mix_us", "u1", "u2", "u3", "u4"),
+    "throttle": ("pwm_us", "t1", "t2", "t3", "t4"),
     "supply": ("bat_us", "vbat", "ibat"),
 }
 """Columns of the tables; motors in the order of `vehicles.ROTORS`."""
 _OUR_ORDER = (1, 2, 3, 0)
 """Front right, rear left, front left, rear right in that order."""
+_TOP_THROTTLE = 65535.0
 _EPOCH_S = 1754.25
 """Of the logger's clock at the start of a log."""
 _TO_DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _TO_RIGHT = np.array([1.0, -1.0, -1.0])
+
+_ACTUATORS = "actuator_msgs/msg/Actuators"
+_ACTUATORS_FIELDS = (
+    "std_msgs/Header header\nfloat64[] position\nfloat64[] velocity\nfloat64[] normalized\n"
+)
 
 
 def write_table(path: Path, streams: Mapping[str, Stream], turned: bool) -> None:
@@ -52,6 +59,8 @@ def _in_file_units(key: str, values: Array, turned: bool) -> Array:
     """Return values in the units and axes of the table."""
     if key in ("speed", "command"):
         return np.asarray(np.round(values * 30.0 / np.pi))
+    if key == "throttle":
+        return np.asarray(np.round(values * _TOP_THROTTLE))
     if key == "supply":
         return values * (1000.0, 1.0)
     if not turned:
@@ -90,6 +99,10 @@ def mapping_text(streams: Mapping[str, Stream], turned: bool, airframe: Quadroto
         if key in streams:
             motors = _PADDED[key][1:]
             channel(name, key, tuple(motors[k] for k in _OUR_ORDER), "unit: rpm")
+    if "throttle" in streams:
+        motors = _PADDED["throttle"][1:]
+        scale = f"range: [0, {_TOP_THROTTLE:.0f}]"
+        channel("motor_command", "throttle", tuple(motors[k] for k in _OUR_ORDER), scale)
     channel("voltage", "supply", ("vbat",), "unit: mV")
     channel("current", "supply", ("ibat",), "unit: A")
     if airframe is not None:
@@ -102,19 +115,31 @@ def mapping_text(streams: Mapping[str, Stream], turned: bool, airframe: Quadroto
 
 
 def vehicle_text(quad: Quadrotor) -> str:
-    """Return the vehicle file of a vehicle that is not the suite's: `tombo_vehicle: 1`."""
-    ixx, iyy, izz = quad.inertia
+    """Return the vehicle file of a vehicle that is not the suite's, as measured on a bench.
+
+    Its thrust must grow with the square of the speed.
+    """
     speed, thrust, torque = quad.thrust_table[-1]
+    k_thrust = thrust / speed**2
+    least, most = (k_thrust * n**2 for n in quad.speeds)
+
+    def noted(value: float, share: float) -> str:
+        return f"{{value: {value:.6g}, tolerance: {share * value:.6g}}}"
+
+    inertia = (
+        f"  inertia_{a}{a}: {noted(i, 0.05)}" for a, i in zip("xyz", quad.inertia, strict=True)
+    )
     return "\n".join([
         "tombo_vehicle: 1", f"name: {quad.name}", "vehicle:",
-        f"  mass: {quad.mass}", f"  inertia_xx: {ixx}", f"  inertia_yy: {iyy}",
-        f"  inertia_zz: {izz}", f"  arm_length: {quad.arm}",
+        f"  mass: {noted(quad.mass, 0.01)}", *inertia, f"  arm_length: {quad.arm}",
         f"  rotor_height: {quad.rotor_height}", f"  rotor_inertia: {quad.rotor_inertia}",
         f"  motor_time_constant: {quad.lag}", f"  rotor_speed_min: {quad.speeds[0]}",
         f"  rotor_speed_max: {quad.speeds[1]}", f"  battery_voltage: {quad.battery}",
-        "propeller:", f"  k_thrust: {thrust / speed**2:.6g}",
+        "propeller:", f"  k_thrust: {noted(k_thrust, 0.02)}",
         f"  k_torque: {torque / speed**2:.6g}", f"  radius: {quad.rotor_radius}",
         "  on_impact: rigid", "  matched: 0.01",
+        "drive:", f"  gain: {noted(most - least, 0.02)}", f"  offset: {least:.6g}",
+        "  supply_exponent: 2", f"  supply: {quad.battery}",
     ]) + "\n"  # fmt: skip
 
 
@@ -132,6 +157,7 @@ def write_bag(path: Path, streams: Mapping[str, Stream], speed_definition: str) 
     store = get_typestore(Stores.ROS2_HUMBLE)
     speeds = "tombo_msgs/msg/RotorSpeeds"
     store.register(get_types_from_msg(speed_definition, speeds))
+    store.register(get_types_from_msg(_ACTUATORS_FIELDS, _ACTUATORS))
     known = store.types
     header, time = known["std_msgs/msg/Header"], known["builtin_interfaces/msg/Time"]
     vector, rotation = (known[f"geometry_msgs/msg/{n}"] for n in ("Vector3", "Quaternion"))
@@ -151,6 +177,11 @@ def write_bag(path: Path, streams: Mapping[str, Stream], speed_definition: str) 
     def speed_message(head: Any, v: list[float]) -> Any:
         return known[speeds](head, np.array([v[k] for k in _OUR_ORDER]))
 
+    def throttle_message(head: Any, v: list[float]) -> Any:
+        none_asked = np.zeros(0)
+        asked = np.array([v[k] for k in _OUR_ORDER])
+        return known[_ACTUATORS](head, none_asked, none_asked, asked)
+
     def supply_message(head: Any, v: list[float]) -> Any:
         nan, empty = float("nan"), np.zeros(0, np.float32)
         return known["sensor_msgs/msg/BatteryState"](
@@ -162,6 +193,7 @@ def write_bag(path: Path, streams: Mapping[str, Stream], speed_definition: str) 
         "imu": ("/imu/data_raw", "sensor_msgs/msg/Imu", "base_link", imu_message),
         "speed": ("/rotor_speed", speeds, "base_link", speed_message),
         "command": ("/rotor_command", speeds, "base_link", speed_message),
+        "throttle": ("/actuators", _ACTUATORS, "base_link", throttle_message),
         "supply": ("/battery", "sensor_msgs/msg/BatteryState", "", supply_message),
     }
     zero = 1_700_000_000 * 10**9

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.benchmark.second_simulator.flight import Flown
 from tombo_diagnosis.benchmark.second_simulator.hidden import LATENCY_S, Hidden
-from tombo_diagnosis.benchmark.second_simulator.strangers import Stranger
 from tombo_diagnosis.benchmark.second_simulator.vehicles import Array
 
 CHAINS = ("plain", "filtered")
@@ -43,7 +42,6 @@ def measure(
     flown: Flown,
     flight: int,
     hidden: Hidden,
-    stranger: Stranger,
     formulation: str,
     chain: str,
     rng: np.random.Generator,
@@ -55,7 +53,7 @@ def measure(
     """
     found = {"pose": _pose(flown, flight, hidden, chain, rng)}
     if formulation.startswith("imu"):
-        found["imu"] = _imu(flown, flight, hidden, stranger, chain, rng)
+        found["imu"] = _imu(flown, flight, hidden, chain, rng)
     if formulation.endswith("rpm"):
         speed = flown.rotor[:, flight]
         noisy = speed + _SPEED_NOISE * rng.standard_normal(speed.shape)
@@ -67,9 +65,7 @@ def measure(
     return found
 
 
-def _imu(
-    flown: Flown, f: int, hidden: Hidden, stranger: Stranger, chain: str, rng: np.random.Generator
-) -> Stream:
+def _imu(flown: Flown, f: int, hidden: Hidden, chain: str, rng: np.random.Generator) -> Stream:
     t = np.arange(0.0, flown.t[-1], 1.0 / IMU_HZ) + float(rng.uniform(0.0, 1e-3))
     t = t[t < flown.t[-1]]
     rates, turning, felt = (
@@ -79,9 +75,8 @@ def _imu(
     arm = np.array([hidden[f"imu_lever_arm.{a}"] for a in "xyz"])
     arm[:2] -= [hidden[f"cog_offset.{a}"] for a in "xy"]
     felt = felt + np.cross(turning, arm) + np.cross(rates, np.cross(rates, arm))
-    if stranger.name == "turned_imu":
-        turn = Rotation.from_rotvec(stranger.size * np.array(stranger.axis))
-        rates, felt = turn.apply(rates, inverse=True), turn.apply(felt, inverse=True)
+    own = matrix(_turned(*(hidden[f"imu_misalignment.{a}"] for a in ("yaw", "pitch", "roll"))))[0]
+    rates, felt = rates @ own, felt @ own
     felt = felt * (1.0 + np.array([hidden[f"accel_scale.{a}"] for a in "xyz"]))
     bias = [hidden[f"imu_bias.{c}_{a}"] for c in ("gyro", "accel") for a in "xyz"]
     values = np.hstack([rates, felt]) + bias

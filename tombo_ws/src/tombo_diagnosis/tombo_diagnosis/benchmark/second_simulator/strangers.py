@@ -11,10 +11,10 @@ from tombo_diagnosis.benchmark.second_simulator.vehicles import S500, Quadrotor
 
 STRANGERS = (
     "tether", "wall_suction", "slung_load", "thrust_hysteresis", "periodic_push", "dry_friction",
-    "yaw_cable", "turned_imu",
+    "yaw_cable",
 )  # fmt: skip
 """Elastic cord to the floor; pull to a wall; load on a cord; thrust that trails its changes;
-force to and fro; drag of one size at any speed; a cable that resists yaw; an IMU glued askew."""
+force to and fro; drag of one size at any speed; a cable that resists yaw."""
 _WALL_M, _DECAY_M = 2.2, 0.5
 """Of the wall from the origin; over which its pull falls to 37 %."""
 _SMOOTH_SPEED = 0.05
@@ -27,7 +27,7 @@ class Stranger:
 
     name: str = ""
     size: float = 0.0
-    """N, N/m (tether), N m (yaw cable), rad (turned IMU)"""
+    """N, N/m (tether), N m (yaw cable)"""
     heading: float = 0.0
     """rad: of a push, of the wall, of the slack cable"""
     frequency: float = 0.5
@@ -36,8 +36,6 @@ class Stranger:
     """kg"""
     cord: float = 0.7
     """m"""
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """About which the IMU is turned."""
     trailing: float | None = None
     """N: collective thrust behind the play."""
 
@@ -91,12 +89,9 @@ def draw_stranger(name: str, factor: float, quad: Quadrotor, rng: np.random.Gene
     strength = {
         "tether": 1.5 * heavy, "wall_suction": 2.0 * heavy, "thrust_hysteresis": 0.4 * heavy,
         "periodic_push": 0.6 * heavy, "dry_friction": 0.5 * heavy,
-        "yaw_cable": 0.03 * heavy * quad.arm / S500.arm, "turned_imu": 0.03, "slung_load": 0.0,
+        "yaw_cable": 0.03 * heavy * quad.arm / S500.arm, "slung_load": 0.0,
     }[name]  # fmt: skip
-    axis = rng.standard_normal(3)
-    axis /= np.linalg.norm(axis)
     return Stranger(
         name, factor * strength, float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(0.2, 1.2)),
         load=0.15 * heavy * factor if name == "slung_load" else 0.0,
-        axis=(float(axis[0]), float(axis[1]), float(axis[2])),
     )  # fmt: skip

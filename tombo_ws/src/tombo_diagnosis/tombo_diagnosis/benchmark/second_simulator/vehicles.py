@@ -104,6 +104,14 @@ class Quadrotor:
         low, high = self._inverse[k], self._inverse[k + 1]
         return max(min(low + (place - k) * (high - low), self.speeds[1]), self.speeds[0])
 
+    def throttle(self, speeds: Array) -> Array:
+        """Return commands from 0 to 1 that ask for these speeds [rad/s].
+
+        They are linear in thrust, if that grows with the square of the speed.
+        """
+        low, high = self.speeds
+        return np.asarray((speeds**2 - low**2) / (high**2 - low**2))
+
 
 _RPM = np.pi / 30.0
 _CONF_13 = (
