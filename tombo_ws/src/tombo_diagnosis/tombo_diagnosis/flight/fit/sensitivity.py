@@ -159,9 +159,11 @@ def _is_noise(replica: _Predicted, p: Parameter, change: Groups) -> bool:
     again = replica.slope(p) if affects_poses(p.index) else None
     if again is None:
         return False
-    # The channel that would tell most decides.
-    spread = np.maximum(replica.residual["slow"].var(axis=0), 1e-18)
+    # The channel that would tell most decides, by what is left of it beside the effect itself.
     energy = np.sum(change["slow"] ** 2, axis=0)
+    rows = replica.residual["slow"] - replica.residual["slow"].mean(axis=0)
+    share = np.sum(rows * change["slow"], axis=0) / np.maximum(energy, 1e-18)
+    spread = np.maximum((rows - share * change["slow"]).var(axis=0), 1e-18)
     shaken_energy = np.sum(again["slow"] ** 2, axis=0)
     best = int(np.argmax(energy / spread))
     return bool(
