@@ -37,6 +37,7 @@ _ABSORBED_PARAMETERS = frozenset(
         *(f"accel_scale.{a}" for a in "xyz"),
         *(f"mocap_body_misalignment.{a}" for a in ("yaw", "roll", "pitch")),
         *(f"mocap_misalignment.{a}" for a in ("yaw", "roll", "pitch")),
+        *(f"imu_misalignment.{a}" for a in ("yaw", "roll", "pitch")),
     }
 )
 _THRUST_PARAMETERS = frozenset(

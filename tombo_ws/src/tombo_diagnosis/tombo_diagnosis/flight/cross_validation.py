@@ -18,7 +18,6 @@ from tombo_diagnosis.flight.fit.sensitivity import SCATTER, with_scatter
 from tombo_diagnosis.flight.fit.track import TICK
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import State
-from tombo_dynamics.rotation import conjugate, quaternion_multiply
 from tombo_flight.extended_model import Gain
 from tombo_sim.open_loop import open_loop
 
@@ -156,7 +155,11 @@ def one_step_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gain
 
 
 def open_loop_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gain]:
-    """Return the gain of open-loop simulation over each horizon: position, velocity, attitude."""
+    """Return the gain of open-loop simulation over each horizon: position and velocity.
+
+    Not of attitude: alone it is unstable, and a second ahead it tells how well the rotors' balance
+    is known, whatever the cause.
+    """
     gains = []
     for horizon in HORIZONS_S:
         before: dict[str, list[float]] = {}
@@ -167,7 +170,7 @@ def open_loop_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gai
                 for name, values in errors.items():
                     table.setdefault(name, []).append(rms(values))
         for name in before:
-            unit = {"position": "m", "velocity": "m/s", "attitude": "rad"}[name.split()[0]]
+            unit = {"position": "m", "velocity": "m/s"}[name.split()[0]]
             gains.append(gain_of(name, unit, f"{horizon:g} s", before[name], after[name]))
     return gains
 
@@ -197,11 +200,6 @@ def _window_errors(
     off = out - true
     errors = {f"position {a}": off[:, i] for i, a in enumerate("xyz")}
     errors |= {f"velocity {a}": off[:, 3 + i] for i, a in enumerate("xyz")}
-    if not hold:
-        turn = quaternion_multiply(conjugate(true[:, 6:10]), out[:, 6:10])
-        errors["attitude"] = 2.0 * np.arcsin(
-            np.clip(np.linalg.norm(turn[:, :3], axis=1), 0.0, 1.0)
-        )
     return errors
 
 
