@@ -194,7 +194,8 @@ def weigh_remainder(
     if gusts is not None and accepted:
         noise["gusts"] = gusts.evidence
     elif gusts is not None:
-        clean, p_left = False, max(p_left, p_cause(gusts.evidence))
+        clean = clean_where_explained = False
+        p_left = max(p_left, p_cause(gusts.evidence))
     return replace(
         found, clean=clean, p_unexplained=p_left, mostly_explained=mostly, noise_log_bf=noise,
         imitated={"gusts": _FORCE_EFFECTS - {"gusts"}} if accepted else {},

@@ -11,13 +11,14 @@ from tombo_diagnosis.engine.evidence import solve
 from tombo_diagnosis.engine.gain import gain_of, rms
 from tombo_diagnosis.engine.model import Explanation, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST
-from tombo_diagnosis.engine.regression import Fit
+from tombo_diagnosis.engine.regression import Fit, Parameter
 from tombo_diagnosis.flight.fit.prediction import motion_of, residuals, simulate_along_motion
 from tombo_diagnosis.flight.fit.problem import FlightProblem, sum_of, tangent_of
-from tombo_diagnosis.flight.fit.sensitivity import SCATTER, with_scatter
+from tombo_diagnosis.flight.fit.sensitivity import DRAW_SCALE_LABEL, SCATTER, with_scatter
 from tombo_diagnosis.flight.fit.track import TICK
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import State
+from tombo_dynamics.rotation import conjugate, quaternion_multiply
 from tombo_flight.extended_model import Gain
 from tombo_sim.open_loop import open_loop
 
@@ -92,6 +93,9 @@ def _predicted(problem: FlightProblem, fit: Fit, flight: int, mean: Array) -> Pr
         first = problem.first_draw(flight)
         found = mean if problem.vehicles == 1 else fit.solution.mean
         draws[: problem.rotor_draws] = found[first : first + problem.rotor_draws]
+        # Draws are in units of the nominal scatter, whatever a fit has made of its size.
+        scale = next(p.index for p in columns.parameters if p.label == DRAW_SCALE_LABEL)
+        theta[scale] = problem.theta[scale]
         theta, _ = with_scatter(theta, problem.nominal)
     residual = residuals(problem.tracks[flight], problem.nominal, theta, draws=draws)
     return Prediction(theta, draws, residual)
@@ -113,10 +117,32 @@ def nominal_residuals(problem: FlightProblem, flight: int) -> dict[str, Array]:
 
 
 def _solved(problem: FlightProblem, fit: Fit, flights: Sequence[int]) -> tuple[float, Array]:
-    deviations = problem.columns.deviations(fit.free, fit.widths, pinned=fit.pinned)
+    """Return the evidence and the unknowns of a fit by some of the flights.
+
+    What is no cause and would pass a bound of its parameter stays at its nominal value: no
+    propeller is stronger than new.
+    """
+    columns = problem.columns
     normal = sum_of([tangent_of(fit).normals[f] for f in flights])
-    solution = solve(normal, deviations, fit.prior_mean)
-    return solution.evidence, solution.mean
+    pinned = list(fit.pinned)
+    while True:
+        deviations = columns.deviations(fit.free, fit.widths, pinned=pinned)
+        solution = solve(normal, deviations, fit.prior_mean)
+        over = [
+            place
+            for place, index in enumerate(columns.indices)
+            if place not in pinned
+            and index not in fit.free
+            and not _in_bounds(columns.parameters[index], fit.theta[index] + solution.mean[place])
+        ]
+        if not over:
+            return solution.evidence, solution.mean
+        pinned += over
+
+
+def _in_bounds(p: Parameter, value: float) -> bool:
+    slack = 1e-3 * p.tolerance
+    return p.low - slack <= value <= p.high + slack
 
 
 def extended(
@@ -155,11 +181,7 @@ def one_step_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gain
 
 
 def open_loop_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gain]:
-    """Return the gain of open-loop simulation over each horizon: position and velocity.
-
-    Not of attitude: alone it is unstable, and a second ahead it tells how well the rotors' balance
-    is known, whatever the cause.
-    """
+    """Return the gain of open-loop simulation over each horizon: position, velocity, attitude."""
     gains = []
     for horizon in HORIZONS_S:
         before: dict[str, list[float]] = {}
@@ -170,7 +192,7 @@ def open_loop_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gai
                 for name, values in errors.items():
                     table.setdefault(name, []).append(rms(values))
         for name in before:
-            unit = {"position": "m", "velocity": "m/s"}[name.split()[0]]
+            unit = {"position": "m", "velocity": "m/s", "attitude": "rad"}[name.split()[0]]
             gains.append(gain_of(name, unit, f"{horizon:g} s", before[name], after[name]))
     return gains
 
@@ -200,6 +222,11 @@ def _window_errors(
     off = out - true
     errors = {f"position {a}": off[:, i] for i, a in enumerate("xyz")}
     errors |= {f"velocity {a}": off[:, 3 + i] for i, a in enumerate("xyz")}
+    if not hold:
+        turn = quaternion_multiply(conjugate(true[:, 6:10]), out[:, 6:10])
+        errors["attitude"] = 2.0 * np.arcsin(
+            np.clip(np.linalg.norm(turn[:, :3], axis=1), 0.0, 1.0)
+        )
     return errors
 
 
