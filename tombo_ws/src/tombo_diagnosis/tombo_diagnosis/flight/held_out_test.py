@@ -17,8 +17,12 @@ from tombo_diagnosis.flight.cross_validation import (
 from tombo_flight.extended_model import Gain
 from tombo_flight.progress import no_progress
 
-_WORSE = -0.02
-"""Reduction of an error below which a change for the worse is one; less is the fit's own noise."""
+_WORSE = -0.1
+"""Reduction of an error below which a change for the worse is one; less is what tolerances of
+other parameters make of it when they are fitted again."""
+_JUDGED = ("force", "acceleration", "mocap against", "gyro against", "position", "velocity")
+"""Channels that are judged: moments, speeds and voltage follow the balance of the rotors and the
+state of the battery first, whatever the cause."""
 _MAX_REFUSED = 3
 
 
@@ -45,8 +49,10 @@ def held_out_gains(findings: FlightFindings, final: Explanation) -> list[Gain]:
 
 
 def surely_worse(gains: Sequence[Gain]) -> list[Gain]:
-    """Return the channels whose prediction gets surely worse (an interval below zero)."""
-    return [g for g in gains if g.high < 0.0 and g.reduction < _WORSE]
+    """Return the judged channels whose prediction gets surely worse (an interval below zero)."""
+    return [
+        g for g in gains if g.high < 0.0 and g.reduction < _WORSE and g.channel.startswith(_JUDGED)
+    ]
 
 
 def refuse_contradicted(
