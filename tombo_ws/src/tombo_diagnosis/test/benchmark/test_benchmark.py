@@ -23,7 +23,7 @@ def first(count, kind, size, formulations):
     return list(found.values())[:count]
 
 
-IMU, MOCAP = ("imu", "imu_rpm"), ("mocap", "mocap_rpm")
+IMU, MOCAP = ("imu", "imu_rpm"), ("mocap_rpm",)
 LARGE = 2
 """How many of the rows hide one large effect; they come first."""
 
