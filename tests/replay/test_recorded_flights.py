@@ -104,7 +104,7 @@ def test_false_alarms_are_counted_against_the_true_contact(replayed):
 
 @pytest.mark.slow
 def test_a_headless_flight_is_replayed_to_the_last_bit(tmp_path):
-    short = ["mission.takeoff_time=0.1", "mission.approach_time=5.0", "duration=14.0"]
+    short = ["mission.takeoff_time=0.1", "mission.approach_time=5.0", "duration=16.0"]
     write_mcap(fly_scenario(load_scenario(settings=short), 3), tmp_path / "flight.mcap")
     result = replay_bag(tmp_path / "flight.mcap", Request())
     assert set(result.nodes) == {"detector", "mission", "reaction", "estimator", "controller"}

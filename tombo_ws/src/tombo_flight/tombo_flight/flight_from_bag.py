@@ -222,17 +222,20 @@ class _RecordedFlight:
         self._pose(log, ODOMETRY.name, ("est_position", "est_attitude", "est_velocity", ""))
         self._rotors(log)
         self._contact(log)
+        # The log holds what the controller follows: a set point of tick k reaches it at k + 1.
         held = (
-            (IMU.name, "gyro", "angular_velocity"),
-            (IMU.name, "accel", "linear_acceleration"),
-            (SETPOINT.name, "position_setpoint", "position"),
-            (SETPOINT.name, "velocity_setpoint", "velocity"),
-            (SETPOINT.name, "acceleration_setpoint", "acceleration"),
-            (RATES_SETPOINT.name, "rates_setpoint", "rates"),
+            (IMU.name, "gyro", "angular_velocity", 0),
+            (IMU.name, "accel", "linear_acceleration", 0),
+            (SETPOINT.name, "position_setpoint", "position", TICK_NS),
+            (SETPOINT.name, "velocity_setpoint", "velocity", TICK_NS),
+            (SETPOINT.name, "acceleration_setpoint", "acceleration", TICK_NS),
+            (RATES_SETPOINT.name, "rates_setpoint", "rates", 0),
         )
-        for topic, column, path in held:
+        for topic, column, path, transport_ns in held:
             if (table := self._tables.get(topic)) is not None:
-                log[column] = self._grid.held(table["stamp_ns"], vectors(table, path))
+                log[column] = self._grid.held(
+                    table["stamp_ns"] + transport_ns, vectors(table, path)
+                )
         if (table := self._tables.get(ATTITUDE_SETPOINT.name)) is not None:
             stamps = table["stamp_ns"]
             log["attitude_setpoint"] = self._grid.held(stamps, _turn(table, "orientation"))

@@ -34,6 +34,10 @@ CHANNELS: Mapping[str, Channel] = {
     "current": Channel(1, "A", "supply"),
 }
 """Names, widths and units of everything that the diagnosis can use."""
+ROTOR_SPEEDS = ("rotor_speed", "rotor_command")
+"""Channels in rad/s, measured ones first."""
+DRIVES = (*ROTOR_SPEEDS, "motor_command")
+"""Channels that tell what the rotors do, best first."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +106,11 @@ class FlightLog:
     exclude: tuple[tuple[float, float], ...] = ()
     """Spans [s] that are not diagnosed: crash, contact, on the ground."""
     metadata: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def has_rotor_speeds(self) -> bool:
+        """Whether speeds of the rotors are known, measured or asked for."""
+        return any(name in self.series for name in ROTOR_SPEEDS)
 
     @property
     def duration_s(self) -> float:

@@ -126,9 +126,10 @@ def test_moving_at_1_m_s_it_brakes_and_lands(flight: _Flight) -> None:
 def test_taking_over_a_moving_vehicle_begins_to_brake_without_a_kick(flight: _Flight) -> None:
     flight.move_ahead()
     body = flight.land(seconds=6.0).body
-    # the velocity loop wants 2.5 m/s^2; seeing the velocity jump by 1 m/s it would want 8.5
-    assert np.abs(body[:100, 11]).max() < 1.15
-    assert np.rad2deg(tilt(body[:, 6:10]).max()) < 15.0
+    # The velocity loop wants 2.5 m/s^2, a tilt of 14.3 deg. Seeing the velocity jump by 1 m/s it
+    # would want 8.5 for a moment: over six seeds 1.56 to 1.67 rad/s, without it 1.22 to 1.32.
+    assert np.abs(body[:100, 11]).max() < 1.44
+    assert np.rad2deg(tilt(body[:, 6:10]).max()) < 17.0
 
 
 @pytest.mark.slow

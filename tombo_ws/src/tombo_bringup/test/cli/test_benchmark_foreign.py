@@ -59,7 +59,6 @@ def test_nothing_is_named_where_nothing_is_hidden():
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="the pull of a cord is called gusts that last for seconds", strict=True)
 def test_a_cord_that_no_effect_describes_gets_no_name():
     row = examined("unknown", "large", ("tether",))
     assert row["verdict"] in ("unknown", "partly_explained"), row

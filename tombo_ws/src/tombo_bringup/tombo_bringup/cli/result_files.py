@@ -59,6 +59,20 @@ def check_output(output: str | None) -> None:
         raise InputError(f"-o '{output}': no name; accepted: a folder, new or empty")
 
 
+def check_new_yaml(path: Path, force: bool) -> None:
+    """Refuse a file that would be lost, or that is no YAML.
+
+    Raises:
+        InputError: another suffix, or it is there and may not be replaced.
+    """
+    from tombo_dynamics.errors import InputError
+
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(f"'{path}': accepted: a file that ends with .yaml")
+    if path.exists() and not force:
+        raise InputError(f"'{path}' exists; accepted: another name, or --force")
+
+
 def compute_into(
     path: Path | None,
     replace: bool,

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from tombo_bringup.cli.name_list import print_names
 from tombo_bringup.cli.options import JsonOnly, integer_option, number_option, option
+from tombo_bringup.cli.result_files import check_new_yaml
 from tombo_bringup.cli.vehicle_fit_command import from_flights
 from tombo_dynamics.errors import InputError
 
@@ -29,15 +31,8 @@ def list_vehicles(as_json: JsonOnly = False) -> None:
     """List the vehicles that come with the suite."""
     from tombo_flight.vehicle_file import builtin_vehicles
 
-    table = builtin_vehicles()
-    if as_json:
-        listed = [{"name": name, "description": text} for name, text in table.items()]
-        typer.echo(json.dumps(listed, indent=1))
-        return
-    width = max(map(len, table))
-    for name, text in table.items():
-        typer.echo(f"{typer.style(name.ljust(width), bold=True)}  {text}")
-    typer.echo("\nYour own: tombo vehicle new my_vehicle.yaml, then tombo fly hover --vehicle it.")
+    own = "Your own: tombo vehicle new my_vehicle.yaml, then tombo fly hover --vehicle it."
+    print_names(builtin_vehicles(), own, as_json)
 
 
 @app.command()
@@ -124,10 +119,7 @@ def new(
     from tombo_flight.scenario import override
     from tombo_flight.vehicle_file import FORMAT, vehicle_from_mapping, write_vehicle
 
-    if file.suffix not in (".yaml", ".yml"):
-        raise InputError(f"'{file}': accepted: a file that ends with .yaml")
-    if file.exists() and not force:
-        raise InputError(f"'{file}' exists; accepted: another name, or --force")
+    check_new_yaml(file, force)
     given: dict[str, Any] = {}
     for setting in settings or []:
         given = override(given, setting, example="vehicle.mass=1.4")

@@ -12,9 +12,8 @@ import typer
 
 from tombo_bringup.cli.options import JsonOnly, number_option, option
 from tombo_bringup.cli.progress import progress_bar
+from tombo_bringup.cli.result_files import check_new_yaml
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.params import from_mapping
-from tombo_dynamics.vehicle import VehicleParams
 
 if TYPE_CHECKING:
     from tombo_diagnosis.flight.vehicle_fit import VehicleFit
@@ -55,11 +54,11 @@ def from_flights(
     as it was known before. `tombo diagnose --vehicle FILE` then compares other flights
     with this vehicle.
     """
+    from tombo_dynamics.params import from_mapping
+    from tombo_dynamics.vehicle import VehicleParams
+
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    if output.suffix not in (".yaml", ".yml"):
-        raise InputError(f"'{output}': accepted: a file that ends with .yaml")
-    if output.exists() and not force:
-        raise InputError(f"'{output}' exists; accepted: another name, or --force")
+    check_new_yaml(output, force)
     if mass is not None:
         from_mapping(VehicleParams, {"mass": mass}, "--mass: vehicle")
     with progress_bar() as on_progress:

@@ -45,8 +45,10 @@ _NOISES = (
 """Hidden as more of it: nobody looks for the cause of too little noise."""
 _IMU_ONLY = ("imu_", "accel_scale")
 """Effects that only an IMU shows."""
-NOMINAL = {n: e for n, e in nominal_model().effects.items() if n not in EXCLUDED_EFFECTS}
-"""What the nominal model of `tombo diagnose` knows, without contact."""
+NOMINAL_MODEL = nominal_model()
+"""What `tombo diagnose` compares flights with."""
+NOMINAL = {n: e for n, e in NOMINAL_MODEL.effects.items() if n not in EXCLUDED_EFFECTS}
+"""What it knows of effects, without contact."""
 
 Effects = dict[str, dict[str, float]]
 

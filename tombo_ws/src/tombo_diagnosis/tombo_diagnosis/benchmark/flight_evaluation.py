@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,27 +16,18 @@ from tombo_diagnosis.benchmark.evaluation import (
     compare_parameters,
     exactly_right,
 )
-from tombo_diagnosis.benchmark.flight_cases import FlightCase, make_case
+from tombo_diagnosis.benchmark.flight_cases import NOMINAL_MODEL, FlightCase, make_case
 from tombo_diagnosis.benchmark.flight_simulation import simulate_case, true_draws
 from tombo_diagnosis.benchmark.runner import run_benchmark
 from tombo_diagnosis.benchmark.score import score_of_flights
-from tombo_diagnosis.engine.model_selection import restrict_to
 from tombo_diagnosis.flight.analyse import FlightFindings
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
 from tombo_diagnosis.flight.cross_validation import fit_without_flight
 from tombo_diagnosis.flight.diagnose_files import diagnose_files
 from tombo_diagnosis.flight.fit.prediction import residuals
-from tombo_diagnosis.flight.held_out_test import final_explanation
-from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_diagnosis.flight.scenario_nominal import nominal_model
+from tombo_diagnosis.flight.held_out_test import final_explanation, with_parts
 from tombo_dynamics.errors import InputError
 from tombo_logs.readers.log_recording import record_log
-
-
-@lru_cache(maxsize=1)
-def _nominal() -> NominalModel:
-    """Return what `tombo diagnose` compares flights with."""
-    return nominal_model()
 
 
 def examine(seed: int, number: int) -> dict[str, Any]:
@@ -49,7 +40,7 @@ def examine(seed: int, number: int) -> dict[str, Any]:
             files.append(Path(folder) / f"{log.name.replace(' ', '-')}.mcap")
             record_log(log, files[-1])
         try:
-            diagnosis, findings = diagnose_files(files, _nominal(), clock=time.perf_counter)
+            diagnosis, findings = diagnose_files(files, NOMINAL_MODEL, clock=time.perf_counter)
         except InputError as error:
             # What is hidden can keep the vehicle from flying at all: that needs no diagnosis.
             return row | {"verdict": "not flown", "why": str(error)}
@@ -84,12 +75,9 @@ def _gain_share(case: FlightCase, findings: FlightFindings) -> float | None:
     final = final_explanation(findings)
     if not final.hypotheses:
         return None
-    tried = [
-        final,
-        *(restrict_to(problem, final, (e,)) for e in final.effects if len(final.hypotheses) > 1),
-    ]
+    tried = with_parts(problem, final)
     theta = problem.theta.copy()
-    for p in _nominal().parameters:
+    for p in NOMINAL_MODEL.parameters:
         theta[p.index] += case.shift.get(p.label, 0.0)
     draws = true_draws(case) if "thrust_scatter" in case.hidden else np.zeros(8)
     removed = possible = 0.0

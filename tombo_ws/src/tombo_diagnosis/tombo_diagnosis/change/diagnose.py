@@ -10,7 +10,6 @@ import numpy as np
 
 from tombo_diagnosis.change.comparison import Comparison, Finding, compare, mean_of, spread_of
 from tombo_diagnosis.change.features import (
-    DRIVES,
     EXPONENT,
     AirborneFlight,
     Features,
@@ -34,7 +33,7 @@ from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import FittedParameter
-from tombo_logs.flight_log import FlightLog
+from tombo_logs.flight_log import DRIVES, FlightLog
 
 _SIZES: Array = np.asarray(np.geomspace(0.004, 0.5, 40), np.float64)
 """Shares of thrust and of mass that are tried."""

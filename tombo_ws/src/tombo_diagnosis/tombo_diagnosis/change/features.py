@@ -18,10 +18,8 @@ from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.ground import ground_spans
 from tombo_logs.checks.series_cleaning import clean_series
 from tombo_logs.checks.spans import merged, sample_interval
-from tombo_logs.flight_log import Finding, FlightLog, Series
+from tombo_logs.flight_log import DRIVES, Finding, FlightLog, Series
 
-DRIVES = ("rotor_speed", "rotor_command", "motor_command")
-"""Channels that say what the rotors are asked for, best first."""
 EXPONENT = {"rotor_speed": 2.0, "rotor_command": 2.0, "motor_command": 1.0}
 """Of thrust in each of them, before the fit."""
 _SUPPLY_S = 5.0

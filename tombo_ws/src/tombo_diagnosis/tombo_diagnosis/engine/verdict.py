@@ -247,7 +247,7 @@ def logistic(x: float) -> float:
     return 1.0 / (1.0 + math.exp(-min(max(x, -700.0), 700.0)))
 
 
-def calibrated(probability: float, table: Calibration = (), most: float = 0.99) -> float:
+def calibrated(probability: float, table: Calibration, most: float) -> float:
     """Return a probability as a table calibrates it, never more than `most`."""
     if table:
         stated, true = zip(*table, strict=True)

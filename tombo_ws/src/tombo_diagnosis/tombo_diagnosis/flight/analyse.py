@@ -129,8 +129,11 @@ def check_residual(problem: FlightProblem, found: SearchResult) -> FlightRemaind
     )
     if forces_unexplained:
         residual_r2 = cross_validated_r2(problem, best, _FORCES)
-    of_one_flight = _share_of_one_flight(problem, best, expected) > _MAX_SHARE_OF_ONE_FLIGHT
-    if forces_unexplained and not nominal.calibrated and not of_one_flight:
+    if (
+        forces_unexplained
+        and not nominal.calibrated
+        and _share_of_one_flight(problem, best, expected) <= _MAX_SHARE_OF_ONE_FLIGHT
+    ):
         gust_fit = fit_gusts(problem, replace(best, theta=theta), measured)
         if gust_fit.evidence > LOG_BF_FIRST:
             gusts = gust_fit

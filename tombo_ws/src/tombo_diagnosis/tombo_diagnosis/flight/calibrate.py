@@ -21,7 +21,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES, VehicleParams
-from tombo_logs.flight_log import Airframe, FlightLog, Series
+from tombo_logs.flight_log import DRIVES, ROTOR_SPEEDS, Airframe, FlightLog, Series
 
 _HOVER_SPEED = 1000.0
 """rad/s that stands for hover: only thrust counts, speeds are a way to write it."""
@@ -94,7 +94,7 @@ def calibrated(logs: Sequence[FlightLog]) -> tuple[NominalModel, list[FlightLog]
 
 def has_no_thrust_data(log: FlightLog) -> bool:
     """Return whether a log has nothing that tells thrust: no IMU, no rotors."""
-    return not {"accel", "rotor_command", "rotor_speed", "motor_command"} & set(log.series)
+    return not {"accel", *DRIVES} & set(log.series)
 
 
 def thrust_from_track(
@@ -118,8 +118,7 @@ def thrust_from_track(
 
 def _speed_channels(log: FlightLog) -> list[str]:
     """Return the channels with rotor speeds, measured ones first."""
-    names = ("rotor_speed", "rotor_command")
-    return [n for n in names if n in log.series and log.series[n].t.size >= _FEWEST]
+    return [n for n in ROTOR_SPEEDS if n in log.series and log.series[n].t.size >= _FEWEST]
 
 
 def _speed_in_hover(logs: Sequence[FlightLog]) -> float:
@@ -229,5 +228,5 @@ def _with_speeds(log: FlightLog, offset: float, gain: float) -> FlightLog:
     drive = _drive(log)
     share = np.maximum((offset + gain * drive.values) / GRAVITY, 1e-3)
     speed = Series(drive.t, _HOVER_SPEED * np.sqrt(share), drive.arrival)
-    series = {k: v for k, v in log.series.items() if k not in ("rotor_speed", "rotor_command")}
+    series = {k: v for k, v in log.series.items() if k not in ROTOR_SPEEDS}
     return replace(log, series={**series, "rotor_command": speed})

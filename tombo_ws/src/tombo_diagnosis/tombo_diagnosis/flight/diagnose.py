@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from tombo_diagnosis.flight.cross_validation import extended, gain_by_effect, no
 from tombo_diagnosis.flight.fit.prediction import motion_of
 from tombo_diagnosis.flight.fit.track import Track, track_of
 from tombo_diagnosis.flight.fit.transients import transient_findings
-from tombo_diagnosis.flight.held_out_test import final_explanation, refuse_contradicted
+from tombo_diagnosis.flight.held_out_test import refuse_contradicted
 from tombo_diagnosis.flight.leftover_samples import flight_leftover, leftover_quantities
 from tombo_diagnosis.flight.nominal import NominalModel, nominal_tolerances
 from tombo_diagnosis.flight.summary_text import notes, summary
@@ -37,15 +38,9 @@ _SHOWN = 8
 """Flights whose residuals go into the report."""
 
 
-def diagnose(
-    logs: Sequence[FlightLog],
-    nominal: NominalModel,
-    progress: ProgressCallback = no_progress,
-    separate: Separate | None = None,
-    clock: Callable[[], float] = lambda: 0.0,
-) -> Diagnosis:
+def diagnose(logs: Sequence[FlightLog], nominal: NominalModel, **options: Any) -> Diagnosis:
     """Report what the model gets wrong in measured flights: see `diagnose_flights`."""
-    return diagnose_flights(logs, nominal, progress, separate, clock)[0]
+    return diagnose_flights(logs, nominal, **options)[0]
 
 
 def diagnose_flights(
@@ -78,9 +73,9 @@ def diagnose_flights(
     tracks = _blocks([track_of(log) for log in usable])
     findings = analyse(tracks, nominal, progress)
     progress("measuring the gain", 0.7)
-    findings, gains, contradicted = refuse_contradicted(findings)
+    tested = refuse_contradicted(findings)
+    findings, final, gains = tested.findings, tested.final, tested.gains
     problem, search, judgement = findings.problem, findings.search, findings.judgement
-    final = final_explanation(findings)
     causes = tuple(
         estimate_cause(e, findings, final if e in final.effects else search.explaining(e))
         for e in judgement.effects
@@ -102,7 +97,7 @@ def diagnose_flights(
             *unusable,
             *transient_findings(problem.tracks, findings.remainder.transients),
         ),
-        candidates=scores(findings, gain_by_effect(problem, search), contradicted),
+        candidates=scores(findings, gain_by_effect(problem, search), tested.refused),
         flights=tuple(
             FlightSummary(
                 t.name, t.log.source, t.log.duration_s, t.used_s, t.formulation, t.missing

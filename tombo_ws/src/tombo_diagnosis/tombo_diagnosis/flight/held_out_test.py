@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from tombo_diagnosis.engine.analyse import analyse_problem
 from tombo_diagnosis.engine.model import Explanation
@@ -14,6 +14,7 @@ from tombo_diagnosis.flight.cross_validation import (
     one_step_gains,
     open_loop_gains,
 )
+from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_flight.extended_model import Gain
 from tombo_flight.progress import no_progress
 
@@ -37,12 +38,19 @@ def final_explanation(findings: FlightFindings) -> Explanation:
     return restrict_to(findings.problem, best, judgement.effects)
 
 
+def with_parts(problem: FlightProblem, final: Explanation) -> list[Explanation]:
+    """Return an explanation and each of its causes alone: what flights are held out from."""
+    if len(final.hypotheses) < 2:
+        return [final]
+    return [final, *(restrict_to(problem, final, (e,)) for e in final.effects)]
+
+
 def held_out_gains(findings: FlightFindings, final: Explanation) -> list[Gain]:
     """Return how much better each channel of each flight is predicted by what others taught."""
     if not final.hypotheses:
         return []
     problem = findings.problem
-    tried = [final, *(restrict_to(problem, final, (e,)) for e in final.effects)]
+    tried = with_parts(problem, final)
     tried += findings.search.alternatives if findings.judgement.members else ()
     held = [fit_without_flight(problem, f, tried) for f in range(len(problem.tracks))]
     return one_step_gains(problem, held) + open_loop_gains(problem, held)
@@ -55,14 +63,24 @@ def surely_worse(gains: Sequence[Gain]) -> list[Gain]:
     ]
 
 
-def refuse_contradicted(
-    findings: FlightFindings,
-) -> tuple[FlightFindings, list[Gain], dict[str, str]]:
-    """Return findings without causes that held-out flights contradict, gains, and what went.
+@dataclass(frozen=True)
+class HeldOutTest:
+    """What is left of the findings when flights that were held out have been asked."""
+
+    findings: FlightFindings
+    final: Explanation
+    """What goes into the model."""
+    gains: list[Gain]
+    """What it is worth."""
+    refused: dict[str, str]
+    """Effect -> what speaks against it, of causes that these flights contradict."""
+
+
+def refuse_contradicted(findings: FlightFindings) -> HeldOutTest:
+    """Take away causes that held-out flights contradict.
 
     A cause that makes the prediction of a channel surely worse goes, of several the least that
-    does; then the search begins again without it. What went: effect ->
-    the channel that spoke against it.
+    does; then the search begins again without it.
     """
     refused: dict[str, str] = {}
     while True:
@@ -70,7 +88,7 @@ def refuse_contradicted(
         gains = held_out_gains(findings, final)
         worse = surely_worse(gains)
         if not worse or len(refused) == _MAX_REFUSED:
-            return findings, gains, refused
+            return HeldOutTest(findings, final, gains, refused)
         worst = min(worse, key=lambda g: g.reduction)
         refused[_culprit(findings, final, worst)] = _words(worst)
         problem = findings.problem

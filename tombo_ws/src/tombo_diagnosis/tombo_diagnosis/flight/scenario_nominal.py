@@ -98,7 +98,7 @@ def held_against(logs: Sequence[FlightLog], file: VehicleFile) -> list[FlightLog
     if file.drive.known:
         logs = [_with_drive(log, file) for log in logs]
     frame = None
-    if not all({"rotor_speed", "rotor_command"} & set(log.series) for log in logs):
+    if not all(log.has_rotor_speeds for log in logs):
         frame = airframe_of(file)
     return [replace(log, airframe=frame) for log in logs]
 

@@ -89,7 +89,7 @@ def fit_vehicle(
     """
     progress("fitting thrust", 0.0)
     file = base
-    if not all({"rotor_speed", "rotor_command"} & set(log.series) for log in logs):
+    if not all(log.has_rotor_speeds for log in logs):
         file = _with_fitted_drive(logs, base)
     file = _with_supply(logs, file)
     progress("fitting lag, inertia and drag", 0.3)

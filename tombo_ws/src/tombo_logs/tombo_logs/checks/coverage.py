@@ -8,10 +8,9 @@ import numpy as np
 
 from tombo_logs.checks.clocks.gaps import gap_spans
 from tombo_logs.checks.spans import Span, inside, merged
-from tombo_logs.flight_log import Finding, Series
+from tombo_logs.flight_log import DRIVES, Finding, Series
 
 IMU = ("gyro", "accel")
-DRIVES = ("rotor_speed", "rotor_command", "motor_command")
 _HELD = ("rotor_command", "motor_command")
 """Channels that count as held between samples: not over long gaps."""
 _LATE_S = 0.3

@@ -22,7 +22,7 @@ from tombo_logs.checks.rotors.hover import Hover, check_vehicle
 from tombo_logs.checks.rotors.rotor_sensors import sensor_faults
 from tombo_logs.checks.series_cleaning import clean_series, nothing_left, without_wrong_poses
 from tombo_logs.checks.spans import Mask, Span, block_means, inside, merged, sample_interval
-from tombo_logs.flight_log import Finding, FlightLog, Series
+from tombo_logs.flight_log import DRIVES, ROTOR_SPEEDS, Finding, FlightLog, Series
 
 POSE = ("position", "attitude")
 _IMU = ("gyro", "accel")
@@ -264,7 +264,7 @@ def _motors(
         command = series["motor_command"]
         found = motors.range_of(flight, command, _flying(command, apart))
         findings += _without(series, found)
-    for name in coverage.DRIVES:
+    for name in DRIVES:
         if name in series and "gyro" in series:
             found = rotor_order.rotor_order(flight, name, series[name], series["gyro"], apart)
             findings += _without(series, found)
@@ -276,7 +276,7 @@ def _motors(
     if hover is not None:
         drives: dict[str, tuple[Series, Mask]] = {
             name: (series[name], _flying(series[name], apart))
-            for name in ("rotor_speed", "rotor_command")
+            for name in ROTOR_SPEEDS
             if name in series
         }
         findings += _without(series, check_vehicle(flight, drives, hover))
@@ -284,7 +284,7 @@ def _motors(
 
 
 def _changes(flight: str, series: dict[str, Series], apart: list[Span]) -> list[Finding]:
-    drivers = [n for n in ("rotor_speed", "rotor_command", "motor_command") if n in series]
+    drivers = [n for n in DRIVES if n in series]
     if "accel" not in series or not drivers:
         return []
     accel, drive = series["accel"], series[drivers[0]]

@@ -20,6 +20,8 @@ _LONGEST = 3.0
 _TIME_TOLERANCE = 0.3
 """Healthy scatter of the logarithm of the gusts' time."""
 _FORCES = ("force", "acceleration")
+_DEVIATIONS = np.geomspace(0.05, 4.0, 120)
+"""m/s"""
 _MODEL_LOG_SD = 0.1
 """Healthy scatter of the logarithm of a power beyond sampling."""
 
@@ -37,7 +39,7 @@ class GustFit:
     theta: Array
     """The theta that was given, with these gusts."""
     at_edge: bool
-    """The time is shorter or longer than gusts have it."""
+    """Time or deviation are what no gusts have: what was fitted is something else."""
 
 
 def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> GustFit:
@@ -65,7 +67,7 @@ def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> Gus
         unit = np.maximum(
             noise_variances(problem, theta_with_gusts).variances[:, forces] - noise_only, 0.0
         )
-        for deviation in np.geomspace(0.05, 4.0, 120):
+        for deviation in _DEVIATIONS:
             costs.append(cost(noise_only + deviation**2 * unit))
             tried.append((deviation, time))
     grid = np.array(tried)
@@ -86,5 +88,5 @@ def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> Gus
     evidence -= math.log(max(float(likelihood @ healthy), 1e-300))
     return GustFit(
         deviation, time, deviation * float(spread[0]), time * float(spread[1]), evidence, theta,
-        not _TIMES[0] * 1.2 < time < _LONGEST,
+        not _TIMES[0] * 1.2 < time < _LONGEST or deviation > _DEVIATIONS[-1] / 1.2,
     )  # fmt: skip

@@ -16,7 +16,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.motion import INDEPENDENT, RATE, Motion, resampled
 from tombo_logs.checks.spans import Mask
-from tombo_logs.flight_log import Finding, Series
+from tombo_logs.flight_log import DRIVES, Finding, Series
 
 _WINDOW = round(5.0 * RATE)
 _HOP = _WINDOW // 2
@@ -41,7 +41,6 @@ _SURE_S = 0.003
 """s to which a lag must be known along a flight for its stamps to be corrected."""
 _PASSES = 3
 IMU = ("gyro", "accel")
-ROTORS = ("rotor_speed", "rotor_command", "motor_command")
 
 
 @dataclass(frozen=True)
@@ -136,10 +135,10 @@ def common_clock(
     series = dict(series)
     findings: list[Finding] = []
     if "gyro" in series and motion.gyro.size:
-        alike = [n for n in ROTORS if n in series and _same_stamps(series[n], series["gyro"])]
+        alike = [n for n in DRIVES if n in series and _same_stamps(series[n], series["gyro"])]
         names = [*(name for name in IMU if name in series), *alike]
         findings += _on_poses_clock(flight, series, names, motion, "gyro", reset)
-    for name in ROTORS:
+    for name in DRIVES:
         if name in series:
             findings += _on_poses_clock(flight, series, [name], motion, name, reset)
     return series, findings
