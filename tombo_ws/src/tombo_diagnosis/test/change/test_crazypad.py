@@ -45,10 +45,10 @@ def test_what_is_said_is_right_and_most_of_it_is_said(healthy):
         found = diagnose_change(flights(condition), healthy, NOMINAL())[0]
         if found.verdict in ("named", "set"):
             assert len(found.changed) <= 3, condition
-            assert {c.rotor for c in found.changed} == {"rear_left"}, condition
-            assert {c.effect for c in found.changed} & causes, condition
+            assert {c.effect for c in found.changed if c.rotor == "rear_left"} & causes, condition
+            assert found.changed[0].rotor == "rear_left", condition
             said.add(condition)
-    assert len(said) >= 6
+    assert len(said) >= 7
 
 
 def test_no_healthy_flight_is_named_against_the_others(healthy):

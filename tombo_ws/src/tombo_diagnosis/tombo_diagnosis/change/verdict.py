@@ -9,11 +9,14 @@ from tombo_diagnosis.change.comparison import Comparison, Finding
 from tombo_diagnosis.change.signatures import ADDED_WEIGHT, HANGING_LOAD, WEAK_PROPELLER
 from tombo_diagnosis.engine.verdict import LOG_BF_DISTINCT
 
-CHANGED = 0.3
+CHANGED = 0.5
 """Probability that nothing has changed, below which something has."""
 COVERED = 0.8
 """Probability of the members of a set, of all that have changed."""
 _LARGEST_SET = 4
+_PROBABLE_SET = 3
+"""So many are stated where fewer than that can't cover a change, if the truth is more probably
+among them than not."""
 _UNEXPLAINED = 0.005
 """Surprise at the rest from which on the best candidate is no explanation."""
 _ALIKE = (WEAK_PROPELLER, ADDED_WEIGHT, HANGING_LOAD)
@@ -45,7 +48,9 @@ def judge_change(comparison: Comparison, healthy: int) -> ChangeVerdict:
     if members[0].surprise < _UNEXPLAINED:
         return ChangeVerdict("unknown", (), min(whole, most))
     if len(members) > _LARGEST_SET:
-        return ChangeVerdict("unknown", members, min(whole, most))
+        if sum(m.probability for m in members[:_PROBABLE_SET]) < 0.5:
+            return ChangeVerdict("unknown", members, min(whole, most))
+        members = members[:_PROBABLE_SET]
     sure = min(sum(m.probability for m in members), most)
     return ChangeVerdict("named" if len(members) == 1 else "set", members, sure)
 
