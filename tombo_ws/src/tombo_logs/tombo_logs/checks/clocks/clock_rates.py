@@ -51,6 +51,9 @@ class LagCourse:
     """s/s: the other's clock is slow by it, if positive."""
     sigma: float
     """Standard deviation of the rate."""
+    significance: float
+    """Rate over standard deviation, whichever one window is left out: a single stretch where the
+    force is not thrust alone makes no clock slow."""
     growth: float
     """s from the first to the last window."""
     scatter: float
@@ -84,23 +87,29 @@ def lag_course(t: Array, seen: Array, other: Array, good: Mask) -> LagCourse | N
     if len(times) < _LEAST_WINDOWS:
         return None
     at, lag, weight = np.array(times), np.array(lags), 1.0 / np.array(sigmas) ** 2
-    rate, first = np.polyfit(at - at[0], lag, 1, w=np.sqrt(weight))
-    left = lag - first - rate * (at - at[0])
-    scatter = 1.4826 * float(np.median(np.abs(left)))
-    middle = np.average(at, weights=weight)
-    # windows overlap by half
-    spread = np.sqrt(2.0 / np.sum(weight * (at - middle) ** 2))
-    much = max(float(np.sqrt(np.average(left**2, weights=weight) * np.mean(weight))), 1.0)
+    rate, first, sigma = _line(at - at[0], lag, weight)
+    fewer = [_line(*(np.delete(v, k) for v in (at - at[0], lag, weight))) for k in range(at.size)]
     length = float(at[-1] - at[0])
     return LagCourse(
-        float(rate),
-        float(spread) * much,
-        float(rate) * length,
-        scatter,
-        float(first),
+        rate,
+        sigma,
+        min(abs(one[0]) / one[2] for one in fewer),
+        rate * length,
+        1.4826 * float(np.median(np.abs(lag - first - rate * (at - at[0])))),
+        first,
         length,
         float(np.median(matches)),
     )
+
+
+def _line(at: Array, lag: Array, weight: Array) -> tuple[float, float, float]:
+    """Return rate, value at zero and the rate's sigma; windows overlap by half."""
+    rate, first = np.polyfit(at, lag, 1, w=np.sqrt(weight))
+    left = lag - first - rate * at
+    middle = np.average(at, weights=weight)
+    spread = np.sqrt(2.0 / np.sum(weight * (at - middle) ** 2))
+    much = max(float(np.sqrt(np.average(left**2, weights=weight) * np.mean(weight))), 1.0)
+    return float(rate), float(first), float(spread) * much
 
 
 def _window_lag(seen: Array, other: Array, begin: int) -> tuple[float, float, float] | None:
@@ -209,7 +218,8 @@ def _on_poses_clock(
         )
         return _left_out(flight, series, names, channel, text)
     growth = course.growth + (stretch - 1.0) * course.length
-    if abs(growth) < max(_GROWTH_S, _SIGMAS * course.sigma * course.length):
+    clear = stretch != 1.0 or course.significance > _SIGMAS
+    if abs(growth) < max(_GROWTH_S, _SIGMAS * course.sigma * course.length) or not clear:
         return []
     stretch, last = _stretch(motion, channel, series[channel], stretch, course)
     text = (
