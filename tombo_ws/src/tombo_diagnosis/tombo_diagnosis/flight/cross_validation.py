@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from tombo_diagnosis.engine.evidence import solve
 from tombo_diagnosis.engine.gain import gain_of, rms
@@ -23,6 +24,9 @@ from tombo_flight.extended_model import Gain
 from tombo_sim.open_loop import open_loop
 
 HORIZONS_S = (0.5, 1.0)
+_VELOCITY_WIDTH = 0.05
+"""s: deviation of the Gaussian weight by which a window's first and last velocity are taken: of
+poses to 0.7 mm it knows them to some mm/s."""
 _HELD = 1e-4
 """Factor on the prior deviation of an unknown that stays where other flights put it."""
 
@@ -181,7 +185,10 @@ def one_step_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gain
 
 
 def open_loop_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gain]:
-    """Return the gain of open-loop simulation over each horizon: position, velocity, attitude."""
+    """Return the gain of open-loop simulation over each horizon.
+
+    Position and velocity with the attitude that was measured, attitude by itself.
+    """
     gains = []
     for horizon in HORIZONS_S:
         before: dict[str, list[float]] = {}
@@ -210,24 +217,39 @@ def _window_errors(
         return {}
     motion = motion_of(track, nominal, theta)
     model = simulate_along_motion(track, nominal, theta, motion, draws)
-    flown = np.zeros(starts.size, State.layout)
     command = track.command if track.command.size else track.speed[:, :4]
-    hold = not nominal.moments
-    open_loop(
-        nominal.plant(draws), nominal.maps, theta, TICK, motion.state, command, track.speed,
-        model["rotor_speed"].copy(), starts, ticks, hold, flown,
-    )  # fmt: skip
-    out = flown.view(np.float64).reshape(-1, 13)
-    true = motion.state[starts + ticks, :13]
-    off = out - true
+    smooth = _smooth(motion.state)
+    true = smooth[starts + ticks, :13]
+
+    def flown(attitude_held: bool) -> Array:
+        states = np.zeros(starts.size, State.layout)
+        open_loop(
+            nominal.plant(draws), nominal.maps, theta, TICK, smooth, command, track.speed,
+            model["rotor_speed"].copy(), starts, ticks, attitude_held, states,
+        )  # fmt: skip
+        return states.view(np.float64).reshape(-1, 13)
+
+    # Place and velocity along the attitude that was measured: else they show within half a second
+    # how the rotors are balanced, whatever the force.
+    off = flown(attitude_held=True) - true
     errors = {f"position {a}": off[:, i] for i, a in enumerate("xyz")}
     errors |= {f"velocity {a}": off[:, 3 + i] for i, a in enumerate("xyz")}
-    if not hold:
+    if nominal.moments:
+        out = flown(attitude_held=False)
         turn = quaternion_multiply(conjugate(true[:, 6:10]), out[:, 6:10])
         errors["attitude"] = 2.0 * np.arcsin(
             np.clip(np.linalg.norm(turn[:, :3], axis=1), 0.0, 1.0)
         )
     return errors
+
+
+def _smooth(state: Array) -> Array:
+    """Return a motion whose velocity is not the noise of single poses; rows as they were."""
+    smooth = state.copy()
+    width = _VELOCITY_WIDTH / TICK
+    smooth[:, :3] = gaussian_filter1d(state[:, :3], width, axis=0)
+    smooth[:, 3:6] = gaussian_filter1d(state[:, 3:6], width, axis=0)
+    return smooth
 
 
 def gain_by_effect(problem: FlightProblem, found: SearchResult) -> dict[str, float]:
