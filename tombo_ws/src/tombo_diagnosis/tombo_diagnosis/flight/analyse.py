@@ -190,7 +190,11 @@ def weigh_remainder(
     else:
         clean = not unexplained
         mostly = explanation.total > _MIN_PARTIAL_SHARE
-        clean_where_explained = not (explanation.concerned | _DYNAMICS) & {*groups}
+        concerned = explanation.concerned
+        # What sensors say of each other, no force that is not known can make: only what acts on
+        # the motion is in doubt where motion is left unexplained.
+        doubted = _DYNAMICS if not concerned or concerned & _DYNAMICS else frozenset()
+        clean_where_explained = not (concerned | doubted) & {*groups}
     odds = _UNEXPLAINED_SLOPE * (excess - _UNEXPLAINED_EVEN_EXCESS)
     p_left = logistic(odds) if math.isfinite(excess) else 0.5
     noise = {fit.effect: fit.evidence for fit in found.scatter}

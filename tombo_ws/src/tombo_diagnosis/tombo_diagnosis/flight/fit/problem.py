@@ -317,7 +317,7 @@ class FlightProblem:
                 break
             # Slopes change little on the way: they are taken again once, residuals every time.
             renewed = free if slopes and step == 0 else ()
-            tangent = self._about(moved, renewed, tangent_of(fit), free)
+            tangent = self._about(moved, renewed, tangent_of(fit))
             prior_mean = fit.prior_mean.copy()
             for place, index in enumerate(columns.indices):
                 prior_mean[place] = self.theta[index] - moved[index]
@@ -334,8 +334,7 @@ class FlightProblem:
 
         Wind times drag is not wind plus drag: what tolerances may do depends on what was named.
         """
-        every = self.columns.indices
-        again = replace(fit, tangent=self._about(fit.theta, every, tangent_of(fit), every))
+        again = replace(fit, tangent=self._about(fit.theta, None, tangent_of(fit)))
         again = replace(again, normal=sum_of(again.tangent.normals))
         return self.fit(fit.free, fit.widths, again, slopes=False)
 
@@ -343,20 +342,29 @@ class FlightProblem:
         return tuple(self._weigh(part, f) for f, part in enumerate(parts))
 
     def _about(
-        self, theta: Array, renewed: Sequence[int], before: FlightTangent, free: Sequence[int]
+        self, theta: Array, renewed: Sequence[int] | None, before: FlightTangent
     ) -> FlightTangent:
-        """Return residuals at theta, slopes of the parameters `renewed`, and their equations."""
+        """Return residuals at theta, slopes of the parameters `renewed`, and their equations.
+
+        None: of all of them and of the draws, along the rotor speeds that theta gives.
+        """
+        every = renewed is None
         fresh = map_flights(
-            lambda each: linearize(each[0], self.nominal, theta, tuple(renewed), each[1]),
-            list(zip(self.tracks, self.linears, strict=True)),
+            lambda each: linearize(
+                each[0], self.nominal, theta, renewed, each[1], None if every else each[2].driver
+            ),
+            list(zip(self.tracks, self.linears, before.linears, strict=True)),
         )
-        linears = tuple(
-            replace(new, slopes={**old.slopes, **new.slopes}, draws=old.draws)
-            for new, old in zip(fresh, before.linears, strict=True)
-        )
-        places = self.columns.places(free)
+        if every:
+            linears, places = tuple(fresh), None
+        else:
+            linears = tuple(
+                replace(new, slopes={**old.slopes, **new.slopes}, draws=old.draws)
+                for new, old in zip(fresh, before.linears, strict=True)
+            )
+            places = self.columns.places(renewed)
         parts = tuple(
-            self._by_channel(linear, f, part, places if renewed else [])
+            self._by_channel(linear, f, None if places is None else part, places or ())
             for f, (linear, part) in enumerate(zip(linears, before.parts, strict=True))
         )
         return FlightTangent(linears, self._weighed(parts), parts)

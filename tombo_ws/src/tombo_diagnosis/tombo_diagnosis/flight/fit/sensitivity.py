@@ -43,6 +43,8 @@ class Linearization:
     """A flight's residuals about one theta: left(theta + d) = left - sum of slopes * d."""
 
     theta: Array
+    driver: Track
+    """The flight with the rotor speeds along which steps and slopes are taken."""
     motion: Motion
     """Behind the measured poses, of these parameters."""
     residual: Groups
@@ -92,15 +94,19 @@ def linearize(
     theta: Array,
     indices: Sequence[int] | None = None,
     start: Linearization | None = None,
+    driver: Track | None = None,
 ) -> Linearization:
     """Return residuals and slopes of a flight about `theta`.
 
     `indices` are those to differentiate; None: all of the registry, and the draws. `start` is the
     same about other parameters: the residuals are then those with what the step from there
-    changes, along the rotor speeds that the commands ask for, as for slopes.
+    changes, along the rotor speeds that the commands ask for, as for slopes. `driver` has these
+    speeds, where slopes of other parameters were taken along them: along others, two parameters
+    that are alike would differ by what a delay does. None: those of `theta`.
     """
     motion = motion_of(track, nominal, theta)
-    driver = _with_commanded_speeds(track, nominal, theta, motion)
+    if driver is None:
+        driver = _with_commanded_speeds(track, nominal, theta, motion)
     here = _predicted(driver, nominal, theta, motion)
     base = here.residual
     if driver is track:
@@ -117,7 +123,7 @@ def linearize(
             if change is not None:
                 slopes[p.index] = change
     noisy: list[int] = []
-    if indices is None and not nominal.calibrated:
+    if start is None and not nominal.calibrated:
         again = with_pose_noise(track, nominal, theta, 0)
         replica = _predicted(again, nominal, theta, motion_of(again, nominal, theta))
         noisy = [i for i, c in slopes.items() if _is_noise(replica, nominal.parameters[i], c)]
@@ -131,7 +137,7 @@ def linearize(
             change = _change(base, residuals(driver, nominal, spread, motion, drawn), 0.5)
             if change is not None:
                 draws.append(change)
-    return Linearization(theta, motion, residual, slopes, draws, width, frozenset(noisy))
+    return Linearization(theta, driver, motion, residual, slopes, draws, width, frozenset(noisy))
 
 
 def _with_commanded_speeds(
