@@ -16,7 +16,7 @@ from tombo_diagnosis.engine.regression import Fit, Parameter
 from tombo_diagnosis.flight.fit.prediction import motion_of, residuals, simulate_along_motion
 from tombo_diagnosis.flight.fit.problem import FlightProblem, sum_of, tangent_of
 from tombo_diagnosis.flight.fit.sensitivity import DRAW_SCALE_LABEL, SCATTER, with_scatter
-from tombo_diagnosis.flight.fit.track import TICK
+from tombo_diagnosis.flight.fit.track import FAST_WIDTH, TICK
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import State
 from tombo_dynamics.rotation import conjugate, quaternion_multiply
@@ -218,7 +218,7 @@ def _window_errors(
     motion = motion_of(track, nominal, theta)
     model = simulate_along_motion(track, nominal, theta, motion, draws)
     command = track.command if track.command.size else track.speed[:, :4]
-    smooth = _smooth(motion.state)
+    smooth = _smooth(motion.state, rates_measured=track.gyro.size > 0)
     true = smooth[starts + ticks, :13]
 
     def flown(attitude_held: bool) -> Array:
@@ -243,12 +243,16 @@ def _window_errors(
     return errors
 
 
-def _smooth(state: Array) -> Array:
-    """Return a motion whose velocity is not the noise of single poses; rows as they were."""
+def _smooth(state: Array, rates_measured: bool) -> Array:
+    """Return a motion whose velocity is not the noise of single poses; rows as they were.
+
+    Nor are its rates, where they are differences of attitudes and not measured.
+    """
     smooth = state.copy()
-    width = _VELOCITY_WIDTH / TICK
-    smooth[:, :3] = gaussian_filter1d(state[:, :3], width, axis=0)
-    smooth[:, 3:6] = gaussian_filter1d(state[:, 3:6], width, axis=0)
+    columns = [(slice(0, 6), _VELOCITY_WIDTH)]
+    columns += [] if rates_measured else [(slice(10, 13), FAST_WIDTH)]
+    for where, width in columns:
+        smooth[:, where] = gaussian_filter1d(state[:, where], width / TICK, axis=0)
     return smooth
 
 
