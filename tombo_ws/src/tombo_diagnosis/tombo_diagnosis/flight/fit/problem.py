@@ -129,8 +129,7 @@ class FlightProblem:
                 self._parts = kept
             else:
                 self._prepare()
-        noisy = frozenset.intersection(*(linear.noisy for linear in self.linears))
-        self.columns = replace(self.columns, unobservable=self._find_unobservable() | noisy)
+        self.columns = replace(self.columns, unobservable=self._find_unobservable())
         tangent = FlightTangent(
             tuple(self.linears), self._weighed(self._parts), tuple(self._parts)
         )

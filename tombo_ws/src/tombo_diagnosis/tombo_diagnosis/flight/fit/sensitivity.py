@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tombo_diagnosis.engine.regression import Parameter
 from tombo_diagnosis.flight.fit.prediction import (
@@ -33,7 +34,7 @@ SCATTER = "thrust_scatter"
 DRAW_SCALE_LABEL = f"{SCATTER}.deviation"
 """The parameter that says how large they are."""
 _MAX_NOISE_SHARE = 0.1
-"""Share of a slope's energy that noise may have."""
+"""Share of a slope's energy in a channel that noise may have."""
 ROTOR_DRAWS = 4
 """Draws of the vehicle that effects use: one a rotor."""
 
@@ -55,8 +56,9 @@ class Linearization:
     """The same for each of the vehicle's draws; empty where they do nothing."""
     draw_width: float = 1.0
     """Standard deviation of these unknowns in the nominal model."""
-    noisy: frozenset[int] = frozenset()
-    """Indices whose slopes are mostly noise of the poses: no evidence for them."""
+    noisy: Mapping[int, NDArray[np.bool_]] = field(default_factory=dict)
+    """Index in theta -> (channels of the group slow): where its slope is noise of the poses, which
+    is in the residuals too. There the slope is taken as zero: no evidence comes from it."""
 
 
 @dataclass(frozen=True)
@@ -122,11 +124,18 @@ def linearize(
             change = here.slope(p)
             if change is not None:
                 slopes[p.index] = change
-    noisy: list[int] = []
+    noisy = {} if start is None else start.noisy
     if start is None and not nominal.calibrated:
         again = with_pose_noise(track, nominal, theta, 0)
         replica = _predicted(again, nominal, theta, motion_of(again, nominal, theta))
-        noisy = [i for i, c in slopes.items() if _is_noise(replica, nominal.parameters[i], c)]
+        noisy = {
+            i: _where_noise(replica, nominal.parameters[i], change)
+            for i, change in slopes.items()
+            if affects_poses(i)
+        }
+    for index, where in noisy.items():
+        if index in slopes:
+            slopes[index]["slow"][:, where] = 0.0
     draws: list[Groups] = []
     width = 1.0
     if indices is None:
@@ -137,7 +146,7 @@ def linearize(
             change = _change(base, residuals(driver, nominal, spread, motion, drawn), 0.5)
             if change is not None:
                 draws.append(change)
-    return Linearization(theta, driver, motion, residual, slopes, draws, width, frozenset(noisy))
+    return Linearization(theta, driver, motion, residual, slopes, draws, width, noisy)
 
 
 def _with_commanded_speeds(
@@ -156,25 +165,16 @@ def _with_commanded_speeds(
     return replace(track, speed=np.column_stack([speed, np.gradient(speed, TICK, axis=0)]))
 
 
-def _is_noise(replica: _Predicted, p: Parameter, change: Groups) -> bool:
-    """Return whether a slope is mostly noise of the poses, which is in the residuals too.
+def _where_noise(replica: _Predicted, p: Parameter, change: Groups) -> NDArray[np.bool_]:
+    """Return in which channels of the group slow a slope is noise of the poses to a good part.
 
     Where a flight hardly turns, what an offset of the markers would do is the attitude's noise,
     differentiated twice; a fit would find an offset in every flight. `replica` has it once more.
     """
-    again = replica.slope(p) if affects_poses(p.index) else None
-    if again is None:
-        return False
-    # The channel that would tell most decides, by what is left of it beside the effect itself.
+    again = replica.slope(p)
     energy = np.sum(change["slow"] ** 2, axis=0)
-    rows = replica.residual["slow"] - replica.residual["slow"].mean(axis=0)
-    share = np.sum(rows * change["slow"], axis=0) / np.maximum(energy, 1e-18)
-    spread = np.maximum((rows - share * change["slow"]).var(axis=0), 1e-18)
-    shaken_energy = np.sum(again["slow"] ** 2, axis=0)
-    best = int(np.argmax(energy / spread))
-    return bool(
-        energy[best] > 0.0 and shaken_energy[best] - energy[best] > _MAX_NOISE_SHARE * energy[best]
-    )
+    shaken = energy if again is None else np.sum(again["slow"] ** 2, axis=0)
+    return np.asarray(shaken - energy > _MAX_NOISE_SHARE * energy)
 
 
 def with_scatter(theta: Array, nominal: NominalModel) -> tuple[Array, float]:
