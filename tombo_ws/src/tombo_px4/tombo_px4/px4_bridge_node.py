@@ -220,7 +220,7 @@ class Px4BridgeNode(LoopNode):
             message = taken.message
             why = self._bridge.pose(
                 to_ns(message.header.stamp),
-                taken.received_ns or now_ns,
+                taken.received_ns,
                 message.header.frame_id,
                 array(message.pose.position),
                 array(message.pose.orientation),

@@ -19,6 +19,7 @@ from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import BATTERY, CLOCK, IMU, MISSION_STATUS, ROTOR_COMMAND, TopicSpec
 from tombo_dynamics.frames import FRAME_BODY
 from tombo_dynamics.messages import Phase
+from tombo_dynamics.stamp_check import is_future
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_HZ, TICK_NS
 from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
@@ -309,7 +310,7 @@ class SimNode(VehicleNode):
             stamp = self._answer.stamp_of(taken.message)
             if not self.sim_time:
                 self._latency.add(taken.received_ns - stamp)
-            elif stamp > self.stamp_ns:
+            elif is_future(stamp, self.stamp_ns):
                 self._refuse("rotor_command is stamped in the future")
                 continue
             if taken.received_ns - self._command_ns > self._timeout_ns:

@@ -11,7 +11,13 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from tombo_flight.suite.node_diagnostics import SILENT_S, Loop, NodeDiagnostics, Status
+from tombo_flight.suite.node_diagnostics import (
+    SILENT_S,
+    Loop,
+    NodeDiagnostics,
+    Status,
+    lateness_text,
+)
 from tombo_flight.suite.supervisor import ProcessExit
 
 _STYLES = {"running": "green", "starting": "dim", "silent": "bold yellow"}
@@ -122,6 +128,6 @@ def _cells(loop: Loop, pid: str, *, alone: bool) -> tuple[Text, ...]:
         Text("" if alone else loop.name),
         Text(pid),
         Text("" if math.isnan(rate) else f"{rate:.1f} Hz"),
-        Text("" if math.isnan(late) else f"{late:.0f} us"),
+        Text("" if math.isnan(late) else lateness_text(late)),
         Text("" if math.isnan(missed) else f"{missed:.0f}", "yellow" if missed > 0 else ""),
     )
