@@ -344,10 +344,8 @@ class ControllerCore(Core):
         return outputs
 
     def set_params(self, section: str, params: Any) -> None:
-        """Take other gains in flight; another vehicle or propeller at the next start only."""
+        """Take other gains or limits in flight."""
         if section == "control":
             fill_record(self.autopilot.gains, params)
         elif section == "inputs":
             self.limits = parameter_record(params)
-        else:
-            self.health.fault("not_at_runtime", True, f"{section} is used at the next start")

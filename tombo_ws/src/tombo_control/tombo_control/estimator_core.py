@@ -429,8 +429,6 @@ class EstimatorCore(Core):
         return outputs
 
     def set_params(self, section: str, params: Any) -> None:
-        """Take other bandwidths in flight; another vehicle at the next start only."""
+        """Take other bandwidths in flight."""
         if section == "estimator":
             fill_record(self.autopilot.observer, params)
-        else:
-            self.health.fault("not_at_runtime", True, f"{section} is used at the next start")

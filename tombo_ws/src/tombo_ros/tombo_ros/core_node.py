@@ -67,7 +67,7 @@ class CoreNode(LoopNode):
         """
         records = {section: kind() for section, kind in core.sections.items()}
         rate = rate_hz or SECOND_NS / core.period_ns
-        super().__init__(core.name, rate, records, priority=priority)
+        super().__init__(core.name, rate, records, fixed=core.fixed, priority=priority)
         self.runs_on_message = core.steps_on_messages
         options = {
             name: self.declare(name, default, doc, read_only=False)

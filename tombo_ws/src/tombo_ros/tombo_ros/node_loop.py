@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import rclpy
@@ -64,6 +64,7 @@ class LoopNode(ABC):
         rate_hz: float,
         records: Mapping[str, Any] | None = None,
         *,
+        fixed: Collection[str] = (),
         priority: Priority | None = None,
     ) -> None:
         """Make the node.
@@ -72,6 +73,7 @@ class LoopNode(ABC):
             name: of the node.
             rate_hz: of the loop.
             records: section -> record whose fields become parameters.
+            fixed: those of its sections that are used at the start only.
             priority: real-time priority to request; not in simulated time.
 
         Raises:
@@ -82,7 +84,7 @@ class LoopNode(ABC):
         if source is not None:  # the loop polls /clock itself: no callbacks for it
             source.detach_node()
         self.period_ns = round(SECOND_NS / rate_hz)
-        self.parameters = RecordParameters(self.ros, records or {})
+        self.parameters = RecordParameters(self.ros, records or {}, fixed)
         self.health = Health(self.ros)
         self.loops: dict[str, LoopStatistics] = {"loop": LoopStatistics()}
         """Name of each loop that `/diagnostics` reports -> its statistics."""
