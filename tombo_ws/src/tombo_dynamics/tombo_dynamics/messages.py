@@ -113,7 +113,7 @@ class Odometry:
     pose_covariance: Array = field(default_factory=unknown_covariance)
     """(36) 6 x 6 by rows: position [m^2], turns about the axes of map [rad^2]; 0: not known."""
     twist_covariance: Array = field(default_factory=unknown_covariance)
-    """(36) the same of velocity [m^2/s^2] and rates [rad^2/s^2], base_link."""
+    """(36) the same of velocity [m^2/s^2], 0 on the ground, and rates [rad^2/s^2], base_link."""
 
 
 @dataclass(frozen=True)
