@@ -20,7 +20,7 @@ from tombo_bag.topics import CLOCK, DIAGNOSTICS, TOPICS, TopicSpec
 from tombo_dynamics.core import Core
 from tombo_dynamics.errors import InputError
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
-from tombo_flight.wiring import CORES
+from tombo_flight.wiring import CORES, OPERATOR
 
 
 @dataclass(frozen=True)
@@ -213,6 +213,7 @@ def _flow(spec: TopicSpec, nodes: list[NodeFacts]) -> str:
     if spec == DIAGNOSTICS:
         return "all"
     publishers = [node.name for node in nodes if spec.name in node.publishes]
+    publishers += ["operator"] if spec.name in OPERATOR else []
     subscribers = [node.name for node in nodes if spec.name in node.subscribes]
     return (
         f"{', '.join(publishers)} → {', '.join(subscribers)}"

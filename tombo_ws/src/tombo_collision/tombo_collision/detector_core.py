@@ -21,8 +21,9 @@ from tombo_dynamics.frames import FRAME_MAP, is_map
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import CollisionEventRecord, DetectorStatusRecord, message_of
 from tombo_dynamics.messages import CollisionEvent, DetectorStatus, Pose
-from tombo_dynamics.pose_check import MAX_FUTURE_NS, MAX_POSE_AGE_NS, PoseRefusal, check_pose
+from tombo_dynamics.pose_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose
 from tombo_dynamics.records import Record, field, parameter_record
+from tombo_dynamics.stamp_check import is_future
 
 _SILENT_NS = 120_000_000
 """3.5 samples at 30 Hz."""
@@ -119,7 +120,7 @@ def _detect(
     why = check_pose(stamp_ns, now_ns, MAX_POSE_AGE_NS, position, attitude)
     if why != PoseRefusal.NONE:
         return why
-    clock_set = memory.last_ns > now_ns + MAX_FUTURE_NS
+    clock_set = is_future(memory.last_ns, now_ns)
     if memory.origin_ns == _NONE or clock_set:
         if clock_set:  # take it whatever its stamp is, and start again there
             memory.detector.last.stamp_s = math.inf

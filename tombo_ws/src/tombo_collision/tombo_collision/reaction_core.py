@@ -37,6 +37,7 @@ from tombo_dynamics.messages import (
     Reason,
 )
 from tombo_dynamics.records import Record, field, fill_record, parameter_record
+from tombo_dynamics.stamp_check import is_future
 
 
 class HoldReason(Reason):
@@ -67,7 +68,6 @@ _EXCLUSIVE = ("/mission/setpoint", "/collision_event", "/detector/status")
 """Topics that only one may publish."""
 _PERIOD_NS = 20_000_000
 """Own set points are published at 50 Hz."""
-_MAX_FUTURE_NS = 50_000_000
 _MAX_CONTACT_DISTANCE = 3.0
 """m: a contact further away than this is not the vehicle's."""
 _SAME_POSITION = 0.05
@@ -184,7 +184,7 @@ def check_event(
         return EventRefusal.NOT_UNIT
     if now_ns - event.stamp_ns > limits.event_age * 1e9:
         return EventRefusal.STALE
-    if event.stamp_ns - now_ns > _MAX_FUTURE_NS:
+    if is_future(event.stamp_ns, now_ns):
         return EventRefusal.FUTURE
     if not memory.has_mission:  # started in flight: it is a matter of milliseconds
         memory.events -= 1
@@ -412,7 +412,7 @@ class ReactionCore(Core):
             why = EventRefusal.WRONG_FRAME
         else:
             fill_record(self._event, event)
-            why = check_event(memory, self.limits, self._event, now_ns)
+            why = check_event(memory, self.limits, self._event, now_ns + self.clock_slack_ns)
         if why == EventRefusal.WAITS:
             self._pending = [*self._pending[1 - _MAX_PENDING :], event]
             memory.pending = len(self._pending)

@@ -38,11 +38,11 @@ from tombo_dynamics.messages import (
     RatesSetpoint,
     RotorCommand,
 )
-from tombo_dynamics.pose_check import MAX_FUTURE_NS
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, thrust_map_of
 from tombo_dynamics.records import Record, field, fill_record, parameter_record
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
+from tombo_dynamics.stamp_check import is_future
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import VehicleParams
 
@@ -309,7 +309,7 @@ class ControllerCore(Core):
             self._outputs.append(("/attitude_setpoint", attitude))
 
     def _take_odometry(self, message: Odometry, now_ns: int) -> None:
-        early = message.stamp_ns > now_ns + MAX_FUTURE_NS + self.clock_slack_ns
+        early = is_future(message.stamp_ns, now_ns + self.clock_slack_ns)
         fill_record(self._odometry, message)
         if early or not take_odometry(self.memory, self.autopilot, self._odometry):
             self.health.refuse(
@@ -317,8 +317,8 @@ class ControllerCore(Core):
             )
 
     def _take_setpoint(self, message: PositionSetpoint, now_ns: int) -> None:
-        latest_ns = max(self._gyro_stamp_ns, now_ns) + CLOCK_SET_BACK_NS
-        if self.clock_slack_ns and message.stamp_ns > latest_ns:
+        latest_ns = max(self._gyro_stamp_ns, now_ns) + self.clock_slack_ns
+        if self.clock_slack_ns and is_future(message.stamp_ns, latest_ns):
             self.health.refuse(
                 "setpoint_refused", "set point: stamp in the future; restarted simulation?"
             )
@@ -344,10 +344,8 @@ class ControllerCore(Core):
         return outputs
 
     def set_params(self, section: str, params: Any) -> None:
-        """Take other gains in flight; another vehicle or propeller at the next start only."""
+        """Take other gains or limits in flight."""
         if section == "control":
             fill_record(self.autopilot.gains, params)
         elif section == "inputs":
             self.limits = parameter_record(params)
-        else:
-            self.health.fault("not_at_runtime", True, f"{section} is used at the next start")

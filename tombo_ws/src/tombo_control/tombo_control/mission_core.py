@@ -11,6 +11,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from tombo_control.planning.commanded_course import (
+    CourseProgress,
+    begin_course,
+    course_here,
+    course_of,
+    plan_with,
+    progress,
+)
 from tombo_control.planning.leg import (
     LegRecord,
     leg_position,
@@ -35,6 +43,7 @@ from tombo_control.planning.mission import (
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, Core
+from tombo_dynamics.errors import InputError
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import PositionSetpointRecord, message_of
 from tombo_dynamics.messages import (
@@ -42,6 +51,7 @@ from tombo_dynamics.messages import (
     MissionStatus,
     Odometry,
     Phase,
+    Pose,
     PositionSetpoint,
     ReactionPhase,
     ReactionStatus,
@@ -402,7 +412,7 @@ class MissionCore(Core):
     """
 
     name = "mission"
-    inputs = ("/odometry", "/reaction/status", "/setpoint")
+    inputs = ("/odometry", "/reaction/status", "/setpoint", "/goal_pose")
     outputs = ("/mission/setpoint", "/mission/status")
     period_ns = 20_000_000
     steps_on_messages = False
@@ -418,16 +428,21 @@ class MissionCore(Core):
 
     def __init__(self, params: MissionParams, limits: MissionLimits, started: bool = True) -> None:
         super().__init__()
+        self._params = params
         self.plan = compiled_plan(params)
+        self._course: tuple[Array, float] | None = None
+        """Waypoints of a commanded course, and the flight time [s] at which it began."""
+        self.courses = 0
+        """How many were commanded."""
         self.limits = parameter_record(limits)
         self.memory = MissionMemory.new()
         self.memory.published_mode = -1
         begin_mission(self.memory, started)
 
     def on(
-        self, topic: str, message: Odometry | ReactionStatus | PositionSetpoint, now_ns: int
+        self, topic: str, message: Odometry | ReactionStatus | PositionSetpoint | Pose, now_ns: int
     ) -> None:
-        """Take an estimate, the reaction's status, or its set point as a heartbeat."""
+        """Take an estimate, the reaction's status, its set point as a heartbeat, or a goal."""
         if isinstance(message, Odometry):
             velocity = rotate_vector(message.attitude, message.velocity)
             if not take_estimate(self.memory, message.position, velocity, now_ns):
@@ -442,13 +457,62 @@ class MissionCore(Core):
                 message.stamp_ns,
                 now_ns,
             )
+        elif isinstance(message, Pose):
+            try:
+                self.fly_course("goal_pose", [message])
+            except InputError as error:
+                self.health.refuse("goal_refused", str(error))
         else:
             self.memory.answer_ns = now_ns
+
+    def fly_course(
+        self, name: str, poses: Sequence[Pose], speed: float = 0.0, hold: float = 0.0
+    ) -> None:
+        """Fly to places in place of what the plan has next, and hold at the last.
+
+        It ends with another command, a reaction, or the landing.
+
+        Args:
+            name: of the command in an error.
+            poses: places and headings, see `course_of`.
+            speed: on the way [m/s]; 0: the plan's.
+            hold: at each place but the last [s].
+
+        Raises:
+            InputError: not in this phase, or a place that can't be flown to.
+        """
+        state, now_s = mission_state(self.memory), self.time_s
+        begun = begin_course(state, now_s)
+        speed = speed or self._params.approach_speed
+        self._begin(begun, course_of(name, poses, state, now_s, speed, hold))
+
+    def hold_course(self) -> None:
+        """End a commanded course where its reference is, and hold there."""
+        if self._course is not None:
+            state, now_s = mission_state(self.memory), self.time_s
+            here = course_here(state, now_s, self._params.approach_speed)
+            self._begin(begin_course(state, now_s), here)
+
+    def _begin(self, state: MissionState, course: Array) -> None:
+        self._course = course, self.time_s
+        self.courses += 1
+        self.plan = plan_with(self._params, *self._course)
+        store_state(self.memory, state)
+
+    @property
+    def course_progress(self) -> CourseProgress | None:
+        """How far a commanded course is; None without one."""
+        if self._course is None:
+            return None
+        memory = self.memory
+        return progress(mission_state(memory), self._course[0], self.time_s, memory.position)
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Go on with the plan; return its set point, and its status when that has changed."""
         memory = self.memory
         known = mission_step(memory, self.plan, self.limits, now_ns)
+        if self._course is not None and self.mode != Phase.APPROACH:  # a reaction, the landing
+            self._course, self.plan = None, compiled_plan(self._params)
         waits = self.wait_reason
         for why in list(WaitReason)[1:]:
             self.health.fault(why.key, waits == why and self.mode != Phase.IDLE, why.text)
@@ -466,7 +530,9 @@ class MissionCore(Core):
     def set_params(self, section: str, params: Any) -> None:
         """Take a changed plan ("mission"), other limits ("inputs"), or the start command."""
         if section == "mission":
-            self.plan = compiled_plan(params)
+            self._params = params
+            course = self._course
+            self.plan = plan_with(params, *course) if course else compiled_plan(params)
         elif section == "inputs":
             self.limits = parameter_record(params)
         else:

@@ -69,6 +69,8 @@ class Core(ABC):
     multiple of the period, and are handed over just before that step."""
     sections: ClassVar[Mapping[str, type]]
     """Its parameters: section → record."""
+    fixed: ClassVar[frozenset[str]] = frozenset({"vehicle", "propeller"})
+    """Those of the sections that count at the start only: `set_params` does not take them."""
     options: ClassVar[Mapping[str, tuple[Any, str]]] = {}
     """Further parameters: name → (default, meaning); `set_params` takes them."""
     clock_slack_ns: int = 0

@@ -16,7 +16,7 @@ from tombo_dynamics.messages import Imu, Phase, ReactionPhase, RotorCommand, Tri
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_flight.run_wiring import CoreRunner, run_cores
 from tombo_flight.scenario import load_scenario, world_of
-from tombo_flight.wiring import CORES, SENSORS, core_of
+from tombo_flight.wiring import CORES, OPERATOR, SENSORS, core_of
 from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.simulator import Simulator
 
@@ -28,7 +28,8 @@ def test_core_says_what_it_takes_and_publishes(core: type[Core]):
     for topic in (*core.inputs, *core.outputs):
         assert form_of(TOPICS[topic].typename)
     for topic in core.inputs:
-        assert topic in SENSORS or any(topic in other.outputs for other in CORES), topic
+        published = (*SENSORS, *OPERATOR, *(name for other in CORES for name in other.outputs))
+        assert topic in published, topic
     assert not set(core.inputs) & set(core.outputs)
     assert core.period_ns % TICK_NS == 0
 

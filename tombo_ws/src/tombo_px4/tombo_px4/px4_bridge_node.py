@@ -77,7 +77,7 @@ class Px4BridgeNode(LoopNode):
     def __init__(self) -> None:
         """Declare parameters, topics and services; open the link."""
         records = {"link": LinkParams(), "px4": BridgeParams(), "vehicle": VehicleParams()}
-        super().__init__("px4_bridge", _RATE_HZ, records, priority=ESTIMATOR)
+        super().__init__("px4_bridge", _RATE_HZ, records, fixed=records, priority=ESTIMATOR)
         try:
             self._set_up()
         except InputError:
@@ -183,10 +183,6 @@ class Px4BridgeNode(LoopNode):
 
     # --- The loop -----------------------------------------------------------------------------
 
-    def on_parameters_changed(self, name: str) -> None:
-        """Warn that parameters of the link take effect at the next start only."""
-        self.health.fault("not_at_runtime", True, f"{name} is used at the next start")
-
     def step(self, now_ns: int) -> None:
         """Handle the messages of both sides, decide, send, publish."""
         bridge = self._bridge
@@ -220,7 +216,7 @@ class Px4BridgeNode(LoopNode):
             message = taken.message
             why = self._bridge.pose(
                 to_ns(message.header.stamp),
-                taken.received_ns or now_ns,
+                taken.received_ns,
                 message.header.frame_id,
                 array(message.pose.position),
                 array(message.pose.orientation),

@@ -67,7 +67,7 @@ class CoreNode(LoopNode):
         """
         records = {section: kind() for section, kind in core.sections.items()}
         rate = rate_hz or SECOND_NS / core.period_ns
-        super().__init__(core.name, rate, records, priority=priority)
+        super().__init__(core.name, rate, records, fixed=core.fixed, priority=priority)
         self.runs_on_message = core.steps_on_messages
         options = {
             name: self.declare(name, default, doc, read_only=False)
@@ -107,7 +107,6 @@ class CoreNode(LoopNode):
         A sensor that is followed comes first in real time: what came besides counts for its next
         sample.
         """
-        wall_ns = time.time_ns()  # arrivals are stamped by the system's clock, whatever the node's
         rest = self.core_inputs
         followed = self._followed
         if followed is not None and not self.sim_time:
@@ -115,13 +114,13 @@ class CoreNode(LoopNode):
             if samples:
                 self._follow(now_ns - samples[-1].received_ns)
                 self._late_samples += len(samples) - 1
-            self._deliver_messages(followed, samples, now_ns, wall_ns)
-            self.step_core(now_ns)
+            self.step_core(self._deliver_messages([(followed, samples)]))
             rest = [found for found in rest if found is not followed]
-        for found in rest:
-            self._deliver_messages(found, found.subscription.take_raw(), now_ns, wall_ns)
+        present_ns = self._deliver_messages(
+            [(found, found.subscription.take_raw()) for found in rest]
+        )
         if rest is self.core_inputs:
-            self.step_core(now_ns)
+            self.step_core(present_ns)
 
     def spin_lockstep(self) -> None:
         """Run the ticks that the simulator gives."""
@@ -147,14 +146,27 @@ class CoreNode(LoopNode):
         self.periodic_tasks(time.time_ns(), self._now_ns)
 
     def _deliver_messages(
-        self, source: CoreInput, taken: Sequence[ReceivedMessage], now_ns: int, wall_ns: int
-    ) -> None:
-        several = source.subscription.multiple_publishers(wall_ns)
-        if several != source.several:
-            source.several = several
-            self.core.set_multiple_publishers(source.topic, several)
-        for received in taken:
-            self.hand_over(source, received.message, now_ns)
+        self, taken: Sequence[tuple[CoreInput, Sequence[ReceivedMessage]]]
+    ) -> int:
+        """Hand messages to the core, each with the time at which it was received.
+
+        Simulated time knows no such time: there the clock is read after the messages, so that none
+        is from the future because the loop was interrupted in between.
+
+        Returns:
+            the present, which no message is later than.
+        """
+        wall_ns = time.time_ns()  # receptions are stamped by the system's clock
+        now_ns = self.present_ns()
+        for source, messages in taken:
+            several = source.subscription.multiple_publishers(wall_ns)
+            if several != source.several:
+                source.several = several
+                self.core.set_multiple_publishers(source.topic, several)
+            for received in messages:
+                when_ns = now_ns if self.sim_time else received.received_ns
+                self.hand_over(source, received.message, when_ns)
+        return now_ns
 
     def hand_over(self, source: CoreInput, data: bytes, now_ns: int) -> None:
         """Hand one message to the core."""

@@ -17,6 +17,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import rotate_vector
+from tombo_dynamics.stamp_check import is_future
 from tombo_px4.bridge import decoded_messages as decoded
 from tombo_px4.bridge.decoded_messages import Content, Refused
 from tombo_px4.bridge.modes import mode_of
@@ -32,8 +33,8 @@ from tombo_px4.link.status_text import StatusTextAssembler
 from tombo_px4.link.timesync import TimeSync
 
 _MICRO_NS, _MILLI_NS = 1_000, 1_000_000
-_OLDEST_NS, _AHEAD_NS = 1_000_000_000, 20_000_000
-"""A stamp may be so far before its arrival; so far after it, for a clock still being measured."""
+_OLDEST_NS, _SYNC_ERROR_NS = 1_000_000_000, 15_000_000
+"""A stamp may be so long before its arrival; the error of a clock that is still being measured."""
 _UNIT = 0.02
 _FAR = 1e6
 """[m], [m/s]: no number of a flight is larger."""
@@ -87,7 +88,11 @@ class MessageDecoder:
         """Return arrival, stamp by our clock (None while it is not known) and time since boot."""
         stamp_ns = self._sync.to_local_time(boot_ns) if self._sync.converged else None
         if boot_ns <= 0 or (
-            stamp_ns is not None and not -_AHEAD_NS <= arrival_ns - stamp_ns <= _OLDEST_NS
+            stamp_ns is not None
+            and (
+                is_future(stamp_ns, arrival_ns + _SYNC_ERROR_NS)
+                or arrival_ns - stamp_ns > _OLDEST_NS
+            )
         ):
             raise Refused("stamp")
         return arrival_ns, stamp_ns, boot_ns
