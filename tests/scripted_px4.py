@@ -67,6 +67,12 @@ class ScriptedPx4:
     def boot_ns(self, now_ns):
         return now_ns + self.ahead_ns
 
+    def shift_time(self, by_ns):
+        """Follow a change of the clock that the caller counts in."""
+        self._now += by_ns
+        self.stream_ns += by_ns
+        self._due = {name: sent + by_ns for name, sent in self._due.items()}
+
     @property
     def in_air(self):
         return self.place[2] > GROUND + 0.05

@@ -76,6 +76,14 @@ class Flight:
             found += getattr(self.out, name)
         self.events += self.out.events
 
+    def set_clock(self, by):
+        """Set the system's clock, of bridge and mocap, by some ns; PX4's own clock goes on."""
+        self.now += by
+        self.px4.shift_time(by)
+        self._to_px4 = [(due + by, message) for due, message in self._to_px4]
+        self._to_us = [(due + by, message) for due, message in self._to_us]
+        self._poses = [(due + by, captured, *pose) for due, captured, *pose in self._poses]
+
     def run(self, seconds):
         for _ in range(round(seconds * 250)):
             self.step()
@@ -505,10 +513,8 @@ def test_a_clock_set_back_in_flight_does_not_end_it():
     # the present position is streamed by the clock
     flight.bridge.session.stage = Stage.EXTERNAL_MODE
     back = 3600 * 1000 * MS
-    flight.now -= back
+    flight.set_clock(-back)
     flight.px4.ahead_ns += back
-    flight.px4._now -= back
-    flight.px4.stream_ns -= back
     flight._to_px4.clear(), flight._to_us.clear(), flight._poses.clear()
     flight.px4.targets.clear()
     flight.run(3.0)
@@ -517,3 +523,27 @@ def test_a_clock_set_back_in_flight_does_not_end_it():
     assert any(key == "clock_set_back" for key, _ in flight.events)
     assert flight.out.status.connected
     assert abs(flight.bridge.sync.offset_ns + flight.px4.ahead_ns) < 1 * MS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by_s", [-2, 2])
+@pytest.mark.parametrize("whose", ["ours", "theirs"])
+def test_a_clock_that_jumps_in_flight_blinds_nobody(whose, by_s):
+    flight = Flight().take_off()
+    step = by_s * 1000 * MS
+    flight.px4.ahead_ns += step if whose == "theirs" else -step
+    if whose == "ours":
+        flight.set_clock(step)
+    began, seen = flight.now, len(flight.seen["odometry"])
+    longest_ns, last_ns, ticks = 0, began, seen
+    for _ in range(round(2.0 * 250)):
+        flight.step()
+        assert flight.px4.mode == OFFBOARD
+        assert flight.out.status.stage == Stage.FLYING
+        if len(flight.seen["odometry"]) > ticks:
+            ticks = len(flight.seen["odometry"])
+            longest_ns, last_ns = max(longest_ns, flight.now - last_ns), flight.now
+    assert longest_ns < 70 * MS, "of 50 Hz"
+    for odometry in flight.seen["odometry"][seen:]:
+        taken_ns = odometry.boot_ns - flight.px4.ahead_ns
+        assert abs(odometry.stamp_ns - taken_ns) < 3 * MS

@@ -34,6 +34,8 @@ from tombo_px4.link.timesync import TimeSync
 _MICRO_NS, _MILLI_NS = 1_000, 1_000_000
 _OLDEST_NS, _AHEAD_NS = 1_000_000_000, 20_000_000
 """A stamp may be so far before its arrival; so far after it, for a clock still being measured."""
+_SAME_JUMP_NS = 100_000_000
+"""Messages whose clocks differ by the same, within this, prove a jump of one of the clocks."""
 _UNIT = 0.02
 _FAR = 1e6
 """[m], [m/s]: no number of a flight is larger."""
@@ -62,6 +64,10 @@ class MessageDecoder:
         """Dropped messages: `MESSAGE.reason` -> count."""
         self._sync = sync
         self._own = (own_system, own_component)
+        self._age_ns = 0
+        """How long the last message with a possible stamp was on its way."""
+        self._impossible_ns: int | None = None
+        """Arrival less time since boot of the last message, where its stamp was impossible."""
         self._chunks = StatusTextAssembler()
 
     def read(self, received: Received) -> Content | None:
@@ -84,13 +90,23 @@ class MessageDecoder:
         return self._chunks.take_expired(now_ns)
 
     def _times(self, boot_ns: int, arrival_ns: int) -> tuple[int, int | None, int]:
-        """Return arrival, stamp by our clock (None while it is not known) and time since boot."""
-        stamp_ns = self._sync.to_local_time(boot_ns) if self._sync.converged else None
-        if boot_ns <= 0 or (
-            stamp_ns is not None and not -_AHEAD_NS <= arrival_ns - stamp_ns <= _OLDEST_NS
-        ):
+        """Return arrival, stamp by our clock (None while it is not known) and time since boot.
+
+        After a jump of a clock TIMESYNC takes three answers to measure it. Until then a stamp is
+        the arrival less the time that messages take; two messages prove a jump, one is refused.
+        """
+        if boot_ns <= 0:
             raise Refused("stamp")
-        return arrival_ns, stamp_ns, boot_ns
+        if not self._sync.converged:
+            return arrival_ns, None, boot_ns
+        stamp_ns = self._sync.to_local_time(boot_ns)
+        if -_AHEAD_NS <= arrival_ns - stamp_ns <= _OLDEST_NS:
+            self._age_ns, self._impossible_ns = arrival_ns - stamp_ns, None
+            return arrival_ns, stamp_ns, boot_ns
+        before_ns, self._impossible_ns = self._impossible_ns, arrival_ns - boot_ns
+        if before_ns is None or abs(self._impossible_ns - before_ns) > _SAME_JUMP_NS:
+            raise Refused("stamp")
+        return arrival_ns, arrival_ns - self._age_ns, boot_ns
 
     def _heartbeat(self, m: Any, arrival_ns: int) -> Content | None:
         if m.autopilot == mav.MAV_AUTOPILOT_INVALID:  # a camera, a ground station
