@@ -27,6 +27,7 @@ from tombo_px4.frames import (
     ros_pose_covariance,
     ros_quaternion,
 )
+from tombo_px4.link.file_transfer import file_answer
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.status_text import StatusTextAssembler
 from tombo_px4.link.timesync import TimeSync
@@ -183,9 +184,23 @@ class MessageDecoder:
     def _text(self, m: Any, arrival_ns: int) -> Content | None:
         return self._chunks.take(m.severity, m.text, m.id, m.chunk_seq, arrival_ns)
 
-    def _ack(self, m: Any, arrival_ns: int) -> Content:
+    def _event(self, m: Any, arrival_ns: int) -> Content:
+        return decoded.Event(arrival_ns, m.id, m.log_levels & 0xF, bytes(m.arguments))
+
+    def _metadata(self, m: Any, arrival_ns: int) -> Content:
+        uri = m.uri.decode("ascii", "replace") if isinstance(m.uri, bytes) else str(m.uri)
+        return decoded.MetadataUri(uri.split("\0")[0])
+
+    def _file(self, m: Any, arrival_ns: int) -> Content | None:
+        self._check_target(m)
+        return file_answer(bytes(m.payload))
+
+    def _check_target(self, m: Any) -> None:
         if m.target_system not in (0, self._own[0]) or m.target_component not in (0, self._own[1]):
             raise Refused("not_for_us")
+
+    def _ack(self, m: Any, arrival_ns: int) -> Content:
+        self._check_target(m)
         return decoded.CommandAck(arrival_ns, int(m.command), int(m.result))
 
     def _parameter(self, m: Any, arrival_ns: int) -> Content:
@@ -234,6 +249,9 @@ _READERS: dict[str, _Reader] = {
     "ESTIMATOR_STATUS": MessageDecoder._estimator,
     "TIMESYNC": MessageDecoder._time,
     "AUTOPILOT_VERSION": MessageDecoder._version,
+    "EVENT": MessageDecoder._event,
+    "COMPONENT_METADATA": MessageDecoder._metadata,
+    "FILE_TRANSFER_PROTOCOL": MessageDecoder._file,
 }
 
 
