@@ -96,6 +96,13 @@ class BridgeParams:
         "throttle that hovers, for attitude and rates; 0: read MPC_THR_HOVER from the vehicle",
         "the vehicle knows",
     )
+    attitude_lag: float = param(
+        0.2,
+        "s",
+        (0.0, 1.0),
+        "PX4's attitude is so late: the velocity fed forward is ahead by this times acceleration",
+        "1 / MC_PITCH_P = 0.15 s, rate loop and link 0.05 s; measured best from 0 to 0.3 s",
+    )
     stream_rate: float = param(
         20.0,
         "Hz",
