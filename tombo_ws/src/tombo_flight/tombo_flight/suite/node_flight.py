@@ -24,7 +24,7 @@ from tombo_flight.progress import ProgressCallback
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.suite.domain import free_domain, udp_ports
 from tombo_flight.suite.node_metrics import node_metrics
-from tombo_flight.suite.nodes import PX4_SUITE, SUITE
+from tombo_flight.suite.nodes import HIL_SIM, PX4_SUITE, SUITE
 from tombo_flight.suite.px4_connection import Px4Connection
 from tombo_flight.suite.px4_flight import BridgeMonitor, px4_metrics
 from tombo_flight.suite.running import LOGS, RunningSuite, SuiteConfig
@@ -190,6 +190,8 @@ def _domain(px4: Px4Connection | None) -> int | None:
 def over_mavlink(px4: Px4Connection) -> dict[str, Any]:
     """Return the changes of a suite configuration that flies over MAVLink."""
     suite = dict(PX4_SUITE)
+    if px4.hil_port:
+        suite["sim"] = HIL_SIM
     if px4.bridge.setpoint != POSITION:  # the controller computes attitudes or rates
         suite["controller"] = SUITE["controller"]
     return {"suite": suite, "without": () if px4.simulated else ("sim",), "more": px4.parameters}
