@@ -66,10 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     try:
         build = px4_build(options.px4)
-        with (
-            TemporaryDirectory(prefix="tombo-px4-") as scratch,
-            StopSignals(signal.SIGHUP) as stop,
-        ):
+        with TemporaryDirectory() as scratch, StopSignals(signal.SIGHUP) as stop:
             found = list(_fly_all(build, Path(scratch), options, stop))
     except InputError as error:
         print_error(str(error))

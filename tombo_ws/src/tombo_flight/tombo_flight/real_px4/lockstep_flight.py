@@ -293,18 +293,8 @@ class _Flight:
         seconds = np.arange(len(self._rows)) * TICK_S
         detections = [_detection(event, began) for _, event in self._detections]
         arrivals = [(at - began) * 1e-9 for at, _ in self._detections]
-        figures, _ = summarize(
-            MetricsInput(
-                self._scenario,
-                self._seed,
-                seconds,
-                columns,
-                detections,
-                arrivals,
-                self._decisions,
-                self._wall_s,
-            )  # fmt: skip
-        )
+        known = (detections, arrivals, self._decisions, self._wall_s)
+        figures, _ = summarize(MetricsInput(self._scenario, self._seed, seconds, columns, *known))
         distance = np.linalg.norm(errors[:, 1:], axis=1)
         hil = self.hil
         summary |= figures

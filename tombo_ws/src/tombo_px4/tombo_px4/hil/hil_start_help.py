@@ -23,6 +23,8 @@ MOCAP_ONLY: Mapping[str, float] = {
     "EKF2_HGT_REF": 3,
 }
 """With these PX4 1.17 flew by external poses alone: position, height and yaw."""
+NO_REMOTE_CONTROL: Mapping[str, float] = {"COM_RCL_EXCEPT": 4}
+"""OFFBOARD needs none."""
 _IMAGE = "px4io/px4-sitl:v1.18.0-rc1"
 """PX4's containers begin with 1.18."""
 _MOST_INSTANCES = 255
@@ -34,7 +36,7 @@ def airframe_parameters(world: World, flight: HilFlight) -> dict[str, float]:
     PX4's iris has its front rotors farther out than the rear ones: untold, yawing would roll. In
     lockstep PX4 answers once its estimator has run, so that must run at each HIL_SENSOR.
     """
-    parameters = {"MPC_THR_HOVER": round(flight.controls.hover, 3), "COM_RCL_EXCEPT": 4.0}
+    parameters = {"MPC_THR_HOVER": round(flight.controls.hover, 3), **NO_REMOTE_CONTROL}
     rate = round(flight.params.rate)
     if rate != PX4_RATE:
         parameters |= {"IMU_INTEG_RATE": rate, "IMU_GYRO_RATEMAX": rate}

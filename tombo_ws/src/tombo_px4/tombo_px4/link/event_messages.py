@@ -19,6 +19,7 @@ ARGUMENTS = 40
 """Bytes of the arguments of an event."""
 URI = 100
 """Bytes of the URI of a file with metadata."""
+_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "s": "char"}
 
 
 def _define(
@@ -60,7 +61,7 @@ def _define(
             "name": name,
             "fieldnames": fields,
             "ordered_fieldnames": order,
-            "fieldtypes": ["char" if wire[f][0] == "s" else wire[f][0] for f in fields],
+            "fieldtypes": [_TYPES[wire[field][0]] for field in fields],
             "orders": [order.index(field) for field in fields],
             "lengths": [n if kind == "B" and n else 1 for kind, n in wire.values()],
             "array_lengths": [n for _, n in wire.values()],

@@ -57,7 +57,7 @@ def pose_message(
         covariance: (6, 6) in axes of map; None: unknown.
     """
     north, east, down = (float(p) for p in ned_from_enu(position))
-    q = px4_quaternion(attitude)
+    q = px4_quaternion(attitude / np.linalg.norm(attitude))  # else PX4 drops it, silently
     upper = unknown(21) if covariance is None else px4_pose_covariance(covariance).tolist()
     stamp = stamp_ns // _MICRO
     if kind == VISION:

@@ -33,7 +33,7 @@ def mission_answer(mav: Any, message: Any, system: int, component: int) -> Any:
     elif name in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
         result = mavlink.MAV_MISSION_INVALID_SEQUENCE
     else:
-        result = mavlink.MAV_MISSION_UNSUPPORTED
+        result = mavlink.MAV_MISSION_ERROR
     return mav.mission_ack_encode(system, component, result, kind)
 
 
