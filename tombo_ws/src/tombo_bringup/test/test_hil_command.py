@@ -162,6 +162,16 @@ def test_it_prints_how_px4_is_started_for_this_vehicle(introduction):
     assert "PX4_PARAM_IMU_INTEG_RATE" not in given
 
 
+def test_without_mocap_it_prints_what_a_flight_by_mocap_needs_besides(introduction):
+    text = introduction()
+    more = text.split("export ")[2].replace("\\\n", " ")
+    given = dict(
+        word.split("=") for word in shlex.split(more.split("\nwaiting")[0]) if "=" in word
+    )
+    assert given["PX4_PARAM_EKF2_EV_CTRL"] == "11" and given["PX4_PARAM_EKF2_GPS_CTRL"] == "0"
+    assert "PX4_PARAM_EKF2_EV_DELAY" not in given
+
+
 @pytest.mark.parametrize("rate", ["333", "500", "1000"])
 def test_another_hil_rate_comes_with_the_px4_parameter_it_needs(rate, introduction):
     given = settings(introduction("--rate", rate))

@@ -43,6 +43,10 @@ _NEEDED = ("sim", "px4_bridge", "recorder")
 _LOOK_S = 0.05
 _START_S = 60.0
 """Wall time after which a simulator without messages is given up."""
+_NOTHING_SEEN = (
+    f"nothing was seen of a vehicle for {_START_S:.0f} s: neither ground truth nor poses of a motion "
+    "capture (/mocap/pose)"
+)
 _SILENT_S = 5.0
 _LIFTED_M = 0.1
 _COMES_DOWN_S = 21.0
@@ -262,6 +266,8 @@ def _fly(
                 flown.refused = bridge.refusal
             flown.interrupted = stop.asked()
             gone = [name for name in needed if name not in suite.running]
+            if patience_s == _START_S and now_s - heard_s > patience_s:
+                flown.refused = flown.refused or _NOTHING_SEEN
             if flown.interrupted or flown.refused or gone or now_s - heard_s > patience_s:
                 break
         # who stops a simulated flight waits for nothing; in all else a vehicle may be in the air

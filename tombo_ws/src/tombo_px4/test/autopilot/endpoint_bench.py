@@ -90,6 +90,8 @@ class Bench:
         self.client = self.clients[0]
         homes = [client.socket.getsockname() for client in self.clients]
         self.endpoint = Endpoint(self.vehicle, links, homes=homes)
+        for port in self.endpoint.channels:
+            port.hear_station(0)
         self.boot_ns = 0
         self.each_round: Callable[[], None] | None = None
         self.station = True

@@ -299,6 +299,7 @@ def test_a_long_text_comes_in_pieces_that_fit_together(text):
 def test_texts_come_where_a_ground_station_is_heard_and_events_everywhere():
     with bench("onboard", "ground") as b:
         b.station = False
+        b.run(3.0)
         onboard, ground = b.clients
         ground.send(ground.mav.heartbeat_encode(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4))
         onboard.send(onboard.mav.heartbeat_encode(18, 8, 0, 0, 4))
