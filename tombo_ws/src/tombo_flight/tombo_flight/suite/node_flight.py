@@ -44,8 +44,8 @@ _LOOK_S = 0.05
 _START_S = 60.0
 """Wall time after which a simulator without messages is given up."""
 _NOTHING_SEEN = (
-    f"nothing was seen of a vehicle for {_START_S:.0f} s: neither ground truth nor poses of a motion "
-    "capture (/mocap/pose)"
+    f"nothing was seen of a vehicle for {_START_S:.0f} s: neither ground truth nor poses of a "
+    "motion capture (/mocap/pose)"
 )
 _SILENT_S = 5.0
 _LIFTED_M = 0.1
