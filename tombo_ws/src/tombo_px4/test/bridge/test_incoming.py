@@ -151,7 +151,7 @@ def heartbeat(autopilot=mav.MAV_AUTOPILOT_PX4, base_mode=0x81, mode=OFFBOARD):
 
 
 def test_a_heartbeat_tells_armed_and_mode(decoder):
-    found = read(decoder, heartbeat("onboard"))
+    found = read(decoder, heartbeat())
     assert (found.armed, found.mode, found.arrival_ns) == (True, OFFBOARD, NOW)
     assert not read(decoder, heartbeat(base_mode=0x01)).armed
     assert read(decoder, heartbeat(autopilot=mav.MAV_AUTOPILOT_INVALID)) is None

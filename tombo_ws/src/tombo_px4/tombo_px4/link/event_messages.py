@@ -12,9 +12,10 @@ from typing import Any
 from pymavlink.dialects.v20 import common
 
 COMPONENT_METADATA, EVENT, CURRENT_EVENT_SEQUENCE = 397, 410, 411
-UNREAD = frozenset((8, 290, 291, 380, 436))
-"""LINK_NODE_STATUS, ESC_INFO, ESC_STATUS, TIME_ESTIMATE_TO_TARGET, CURRENT_MODE: pymavlink leaves
-them out too; PX4 1.17 sends them unasked, and nothing here reads them."""
+UNREAD = {8: 117, 290: 251, 291: 10, 380: 232, 436: 193}
+"""LINK_NODE_STATUS, ESC_INFO, ESC_STATUS, TIME_ESTIMATE_TO_TARGET, CURRENT_MODE, and the extra
+bytes of their checksums: pymavlink leaves them out too; PX4 1.17 sends them unasked, and nothing
+here reads them."""
 ARGUMENTS = 40
 """Bytes of the arguments of an event."""
 URI = 100

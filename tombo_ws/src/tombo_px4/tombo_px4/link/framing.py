@@ -29,6 +29,7 @@ _SIGNED = 0x01
 _SIGNATURE = 13
 assert event_messages.EVENT in mavlink_map  # its import completes the dialect
 _CRC_EXTRA = {number: bytes([message.crc_extra]) for number, message in mavlink_map.items()}
+_CRC_EXTRA |= {number: bytes([extra]) for number, extra in event_messages.UNREAD.items()}
 _DECODER = common.MAVLink(None)
 
 
@@ -159,9 +160,11 @@ def _candidate(data: bytes, at: int, findings: Findings) -> tuple[int, Frame | N
         # The checksum can't be known; a frame is where the next one begins behind it.
         if size < left and data[at + size] not in (_V1, _V2):
             return 0, None
-        findings.unknown_message += message_id not in event_messages.UNREAD
+        findings.unknown_message += 1
         return size, None
     if x25crc(data[at + 1 : crc_at] + extra).crc != data[crc_at] | data[crc_at + 1] << 8:
         findings.bad_checksum += 1
         return 0, None
+    if message_id in event_messages.UNREAD:
+        return size, None
     return size, Frame(data[at : at + size], system, component, message_id, signed)
