@@ -94,7 +94,10 @@ def test_numbers_of_events_are_those_of_px4():
 def test_a_denied_arming_says_why_in_px4s_own_words(loses):
     flight = Flight()
     flight.px4.withholds, flight.px4.files, flight.px4.loses_files = True, files(), loses
+    flight.px4.failing = [(NO_POSITION, 0x23, OFFBOARD_MODES)]
+    flight.px4.report_checks()  # before the first heartbeat
     flight.run(30.0 if loses else 3.0)
+    assert texts(flight)[0] == "Preflight Fail: Navigation error: no position", "it has waited"
     assert flight.bridge.words.metadata.over and not flight.bridge.words.metadata.failed
     flight.px4.refuses[400] = 1
     flight.px4.failing = [

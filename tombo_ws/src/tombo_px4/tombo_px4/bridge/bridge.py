@@ -209,7 +209,7 @@ class Bridge:
             self._out.battery.append(found.battery)
 
     def _take_status_text(self, text: decoded.StatusText) -> None:
-        if not (text.also_event and self.words.heard):
+        if not (text.also_event and self.words.explained):
             self._say(text)
 
     def _say(self, text: decoded.StatusText) -> None:
@@ -305,8 +305,9 @@ class Bridge:
         """Decide; return what is to be sent and published."""
         for text in self.message_decoder.take_expired(now_ns):
             self._take_status_text(text)
-        grounded = self._heartbeat is not None and not self._heartbeat.armed
-        questions, texts = self.words.tick(now_ns, grounded)
+        beat = self._heartbeat
+        flies = beat is not None and beat.armed
+        questions, texts = self.words.tick(now_ns, beat is not None and not flies, flies)
         for text in texts:
             self._say(text)
         out, self._out = self._out, BridgeOutput()

@@ -28,7 +28,6 @@ class VehicleWords:
 
     Attributes:
         metadata: reads that file.
-        heard: an event has come, so that texts that are events too are not said twice.
         checks: what stands in the way of arming in OFFBOARD, as PX4 reported last.
     """
 
@@ -36,7 +35,6 @@ class VehicleWords:
         self._to = to
         self._own = own_definitions()
         self.metadata = MetadataReader(to)
-        self.heard = False
         self.checks: tuple[str, ...] = ()
         self._waiting: deque[Event] = deque(maxlen=_MOST_WAITING)
         self._report: list[StatusText] | None = None
@@ -53,17 +51,29 @@ class VehicleWords:
 
     def take(self, event: Event) -> None:
         """Take an event; its text comes from `tick`."""
-        self.heard = True
         self._waiting.append(event)
 
-    def tick(self, now_ns: int, on_ground: bool) -> tuple[list[Any], list[StatusText]]:
-        """Return what to send, and the texts that are new."""
+    @property
+    def explained(self) -> bool:
+        """PX4's file has been read: texts that are events too need not be said twice."""
+        return bool(self.metadata.found)
+
+    def tick(
+        self, now_ns: int, on_ground: bool, flies: bool
+    ) -> tuple[list[Any], list[StatusText]]:
+        """Return what to send, and the texts that are new.
+
+        Args:
+            now_ns: the present.
+            on_ground: the vehicle is there and disarmed.
+            flies: it is armed: nothing waits for PX4's file any longer.
+        """
         settled = self.metadata.over
         messages = self.metadata.tick(now_ns, on_ground)
         if self.metadata.over and not settled:
             self._asks = True  # what it reported before this link was there
         texts: list[StatusText] = []
-        while self._waiting and (self.metadata.over or not on_ground):
+        while self._waiting and (self.metadata.over or flies):
             texts += self._texts(self._waiting.popleft())
         if self._asks and on_ground:
             self._asks, self._asked = False, True
