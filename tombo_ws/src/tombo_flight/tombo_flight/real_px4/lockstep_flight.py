@@ -59,6 +59,11 @@ _SILENT_S = 60.0
 _WAIT_S = 0.02
 _DISARM_S = 6.0
 """PX4 disarms 2 s after it has landed."""
+_COLUMNS = (
+    *("position", "attitude", "velocity", "rates", "contact", "fold", "damage"),
+    *("position_setpoint", "mode"),
+)
+"""Of the log, as in `tombo_sim.log_columns`."""
 
 
 @dataclass
@@ -147,7 +152,7 @@ class _Flight:
         self._began_ns: int | None = None
         self._now_ns = EPOCH_NS
         self._phase = int(Phase.IDLE)
-        self._setpoint = np.full(3, math.nan)
+        self._setpoint: Array = np.full(3, math.nan)
         self._followed_phase = int(Phase.IDLE)
         self._rows: list[tuple[Any, ...]] = []
         self._estimates: list[tuple[int, Array]] = []
@@ -278,10 +283,9 @@ class _Flight:
 
     def result(self) -> LockstepFlight:
         """Return the flight."""
-        names = ("position", "attitude", "velocity", "rates", "contact", "fold", "damage")
-        names = (*names, "position_setpoint", "mode")
-        columns = {
-            name: np.array([row[i] for row in self._rows], float) for i, name in enumerate(names)
+        columns: dict[str, Array] = {
+            name: np.array([row[i] for row in self._rows], np.float64)
+            for i, name in enumerate(_COLUMNS)
         }
         began = self._began_ns or self._now_ns
         errors = self._estimate_errors(columns, began)
@@ -290,7 +294,7 @@ class _Flight:
         if not self._armed_once or not self._rows:
             summary |= {"seed": self._seed, "crashed": False, "why_not": self._status_why}
             return LockstepFlight(summary, texts=texts)
-        seconds = np.arange(len(self._rows)) * TICK_S
+        seconds: Array = np.arange(len(self._rows), dtype=np.float64) * TICK_S
         detections = [_detection(event, began) for _, event in self._detections]
         arrivals = [(at - began) * 1e-9 for at, _ in self._detections]
         known = (detections, arrivals, self._decisions, self._wall_s)

@@ -297,7 +297,7 @@ def test_a_long_text_comes_in_pieces_that_fit_together(text):
 
 
 def test_texts_come_where_a_ground_station_is_heard_and_events_everywhere():
-    with bench("onboard", "ground") as b:
+    with bench("onboard", "ground", EKF2_GPS_CTRL=0, SYS_HAS_GPS=0) as b:
         b.station = False
         b.run(3.0)
         onboard, ground = b.clients
