@@ -109,10 +109,11 @@ class EventDefinition:
 def own_definitions() -> dict[int, EventDefinition]:
     """Return the events known by name, by number."""
     found = {}
-    for name, (words, arguments) in KNOWN_EVENTS.items():
+    for name, (words, arguments, names) in KNOWN_EVENTS.items():
         kinds = "<" + "".join(_KINDS[kind] for kind in arguments)
+        enums = {0: ArgumentEnum(arguments[0], names, False)} if names else {}
         found[event_number(name)] = EventDefinition(
-            words, kinds, names_modes=name.startswith("check_")
+            words, kinds, enums, names_modes=name.startswith("check_")
         )
     return found
 

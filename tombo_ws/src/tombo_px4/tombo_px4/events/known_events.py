@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 _AUTOPILOT = 1 << 24
@@ -22,6 +23,8 @@ class KnownEvent(NamedTuple):
 
     words: str
     arguments: tuple[str, ...] = ()
+    names: Mapping[int, str] = {}
+    """Of the values of the first argument."""
 
 
 _CHECK = ("uint32_t", "uint8_t")
@@ -30,13 +33,30 @@ CHECKS_BEGIN, CHECKS_END = "commander_arming_check_summary", "commander_health_s
 """All failed checks come between these two."""
 ARMING_DENIED = "commander_arm_denied_resolve_failures"
 
+_REASONS = {
+    1: "the sticks",
+    2: "a switch of the remote control",
+    3: "a command of its own",
+    4: "a command from outside",
+    5: "the start of a mission",
+    6: "landing",
+    7: "itself, because it did not take off",
+    8: "the kill switch",
+    9: "lockdown",
+    10: "the failure detector",
+    11: "shutting down",
+    12: "a test",
+    13: "a button of the remote control",
+    14: "a fail-safe",
+}
+"""PX4's `arm_disarm_reason_t`."""
 KNOWN_EVENTS: dict[str, KnownEvent] = {
     ARMING_DENIED: KnownEvent("arming denied: a check fails"),
     "commander_arm_denied_calibrating": KnownEvent("arming denied: calibrating"),
     "commander_arm_denied_throttle_high": KnownEvent("arming denied: high throttle"),
     "commander_disarm_denied_not_landed": KnownEvent("disarming denied: not landed"),
-    "commander_armed_by": KnownEvent("armed, reason {1}", ("uint8_t",)),
-    "commander_disarmed_by": KnownEvent("disarmed, reason {1}", ("uint8_t",)),
+    "commander_armed_by": KnownEvent("armed by {1}", ("uint8_t",), _REASONS),
+    "commander_disarmed_by": KnownEvent("disarmed by {1}", ("uint8_t",), _REASONS),
     "commander_takeoff_detected": KnownEvent("take-off detected"),
     "commander_landing_detected": KnownEvent("landing detected"),
     "commander_landing_current_pos": KnownEvent("lands where it is"),
