@@ -10,6 +10,7 @@ import re
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -258,6 +259,9 @@ class Px4BridgeNode(LoopNode):
                 logger.info(f"PX4: {text.text}")
         for key, said in bridge_output.events:
             self.health.report_event(key, said)
+        for text in bridge_output.texts[:-1]:  # a status carries one text
+            status = replace(bridge_output.status, text=text.text)
+            self._publish_status(status, now_ns)
         faults = dict(bridge_output.faults)
         connected = bridge_output.status.connected
         faults |= link_faults(self._link, self.records["link"], connected)

@@ -37,18 +37,20 @@ class Px4Connection:
         link: the bridge's link.
         bridge: what it does with it.
         endpoint: URL of the simulated PX4's end; empty: there is a PX4 already.
+        hil_port: where that PX4 finds its simulator, which flies along; 0: it has a vehicle.
         writes: NAME=VALUE of PX4's parameters that the bridge sets before the flight.
     """
 
     link: LinkParams
     bridge: BridgeParams
     endpoint: str = ""
+    hil_port: int = 0
     writes: tuple[str, ...] = ()
 
     @property
     def simulated(self) -> bool:
-        """Whether PX4, vehicle and motion capture are simulated along with the flight."""
-        return bool(self.endpoint)
+        """Whether vehicle and motion capture are simulated along with the flight."""
+        return bool(self.endpoint or self.hil_port)
 
     @property
     def parameters(self) -> dict[str, dict[str, Any]]:
@@ -60,7 +62,9 @@ class Px4Connection:
         found: dict[str, dict[str, Any]] = {"px4_bridge": both}
         if self.writes:
             both[_PX4_PARAMETERS] = list(self.writes)
-        if self.simulated:
+        if self.hil_port:
+            found["sim"] = {"port": self.hil_port}
+        elif self.simulated:
             found["sim"] = {
                 "onboard_url": self.endpoint,
                 "ground_url": "",
@@ -98,9 +102,10 @@ def px4_connection(url: str | None, settings: Sequence[str]) -> Px4Connection:
         wanted.setdefault("imu_rate", _GYRO_HZ)
     bridge = from_mapping(BridgeParams, wanted, "px4")
     bridge.check()
+    link.check()
     link_key(link)
     parse_url(link.url, link.allow_remote)
-    return Px4Connection(link, bridge, endpoint, writes)
+    return Px4Connection(link, bridge, endpoint, writes=writes)
 
 
 def _writes(given: Any) -> tuple[str, ...]:

@@ -106,6 +106,9 @@ class SetpointStream:
         return message
 
     def _position(self, setpoint: PositionSetpoint, now_ns: int) -> Any:
+        """Return a set point as a message; its velocity is ahead by the lag of PX4's attitude."""
+        lead = self._params.attitude_lag * setpoint.acceleration
+        setpoint = replace(setpoint, velocity=setpoint.velocity + lead)
         return message_encoder.position_target(setpoint, self._target, now_ns)
 
     def _wanted(self, now_ns: int, due: bool, hover: float) -> Any | None:
