@@ -458,8 +458,9 @@ def _scenario(path: Path, metadata: Mapping[str, str]) -> tuple[dict[str, Any], 
         if "x_m" in pole:
             values["obstacle"] = {key: pole[f"{key}_m"] for key in ("x", "y", "radius", "top")}
         return flown, scenario_from_mapping(values, str(flown.get("name", "recording")))
-    except (ValueError, TypeError, KeyError) as error:  # ValueError: also InputError
-        raise InputError(f"'{path}': its scenario can't be used: {error}") from error
+    except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+        why = error if isinstance(error, InputError) else "it is none"
+        raise InputError(f"'{path}': its scenario can't be used: {why}") from error
 
 
 def _turn(table: ColumnTable, path: str) -> Array:
