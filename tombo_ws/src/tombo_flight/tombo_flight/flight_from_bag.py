@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable
 from tombo_bag.flight_time import FLIGHT_METADATA
+from tombo_bag.formats.unpacking import memory_limit
 from tombo_bag.recording import Recording
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
@@ -59,6 +60,9 @@ _FIRST_POSES = 3
 """The estimator begins from so many poses of the motion capture."""
 _FIRST_STEP_NS = 20 * TICK_NS
 """Longest time from the first estimate to the mission's first message: its period."""
+_TICK_BYTES = 2000
+"""Memory that a tick takes, with all of its columns and what is made of them."""
+_DIGITS = 20
 _BEYOND_NS = SECOND_NS
 """A flight ends at most this time after its last known state."""
 _NAME_OF_TRIGGER = {int(trigger): trigger.name.lower() for trigger in Trigger}
@@ -152,7 +156,13 @@ class _RecordedFlight:
         if IMU.name in tables:
             last_imu = int(tables[IMU.name]["stamp_ns"].max())
             last = max(last, min(last_imu, last + _BEYOND_NS))
-        self._grid = _Grid(epoch, (last - epoch + TICK_NS // 2) // TICK_NS + 1)
+        ticks = (last - epoch + TICK_NS // 2) // TICK_NS + 1
+        if not 0 < ticks < memory_limit() // _TICK_BYTES:
+            raise InputError(
+                f"'{path}' is of {ticks * TICK_S:.0f} s from its first stamp to its last; accepted: "
+                "stamps of one flight"
+            )
+        self._grid = _Grid(epoch, ticks)
 
     def record(self, wall_time_s: float) -> FlightRecord:
         log = self._log()
@@ -430,8 +440,9 @@ def _epoch(
 
     The mission's first word comes `lead_ns` after the beginning at most.
     """
-    if "epoch_ns" in metadata:
-        return int(metadata["epoch_ns"])
+    known = metadata.get("epoch_ns", "")
+    if known.isascii() and known.isdecimal() and len(known) < _DIGITS:
+        return int(known)
     first = int(stamps.min())
     mission = tables.get(MISSION_STATUS.name)
     if mission is None:
