@@ -1,4 +1,4 @@
-"""Damage to a file, drawn from a seed: bytes anywhere, or what only a reader of the format sees."""
+"""Damage to a file, drawn from a seed: bytes anywhere, or within what the format packs."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _text(raw: bytes, rng: random.Random) -> bytes:
 
 
 def _mcap(source: Path, target: Path, rng: random.Random) -> bool:
-    """Write a recording anew with damaged messages, times, types or topics: checksums are right."""
+    """Write a recording anew with damaged messages, times, types or topics, and checksums."""
     bag = Bag(source)
     payload = rng.random() < 0.5
     kind = "payload" if payload else rng.choice(("time", "schema", "topic", "metadata", "length"))
@@ -186,9 +186,8 @@ def _sqlite(source: Path, target: Path, rng: random.Random) -> None:
                 file.execute(f"ALTER TABLE {table} DROP COLUMN {rng.choice(columns)}")
             else:
                 file.execute(f"ALTER TABLE {table} RENAME TO other")
-                file.execute(
-                    f"CREATE VIEW {table} AS {_ENDLESS} {', '.join(f'x AS {c}' for c in columns)} FROM c"
-                )
+                rows = ", ".join(f"x AS {c}" for c in columns)
+                file.execute(f"CREATE VIEW {table} AS {_ENDLESS} {rows} FROM c")
             file.commit()
         except sqlite3.Error:
             file.rollback()

@@ -159,8 +159,8 @@ class _RecordedFlight:
         ticks = (last - epoch + TICK_NS // 2) // TICK_NS + 1
         if not 0 < ticks < memory_limit() // _TICK_BYTES:
             raise InputError(
-                f"'{path}' is of {ticks * TICK_S:.0f} s from its first stamp to its last; accepted: "
-                "stamps of one flight"
+                f"'{path}' has {ticks * TICK_S:.0f} s from its first stamp to its last; accepted: "
+                "the stamps of one flight"
             )
         self._grid = _Grid(epoch, ticks)
 

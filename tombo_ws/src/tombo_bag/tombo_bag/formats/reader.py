@@ -21,7 +21,7 @@ from tombo_bag.formats.scan import (
     refine_truncation,
     walk,
 )
-from tombo_bag.formats.unpacking import Allowance, memory_limit, plausible_size, unpacking_limit
+from tombo_bag.formats.unpacking import Allowance, memory_limit, plausible_size
 from tombo_bag.schemas import Types, parse_schema
 from tombo_dynamics.errors import InputError
 
@@ -45,10 +45,10 @@ class Bag(BagFile):
         self.path = Path(path)
         contents = _contents(self.path)
         self._found = walk(contents)
-        self._largest = unpacking_limit(len(contents))
-        allowance = Allowance(self.path, plausible_size(len(contents)))
+        self._largest = plausible_size(len(contents))
+        allowance = Allowance(self.path, self._largest)
         for place in self._found.chunks:
-            if place.compression and place.size <= self._largest:
+            if place.compression and not implausible(place.size, len(contents)):
                 allowance.take(place.size)
         unannounced = not self._found.finished or not self._found.channels
         for place in self._found.chunks:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tombo_bag.formats.bag_files import BagFile, RawMessages, Stream, in_log_order
-from tombo_bag.formats.unpacking import UNPACK, Allowance, unpacking_limit
+from tombo_bag.formats.unpacking import UNPACK, Allowance, implausible, unpacking_limit
 from tombo_bag.schemas import Types, extended_store, known_types, type_store
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
@@ -47,8 +47,8 @@ class Ros1Bag(BagFile):
             data = memoryview(path.read_bytes())
         except OSError as error:
             raise InputError(f"can't read '{path}': {error.strerror}") from error
-        self._largest = unpacking_limit(len(data))
-        self._allowance = Allowance(path, self._largest)
+        self._packed = len(data)
+        self._allowance = Allowance(path, unpacking_limit(self._packed))
         self._walk(data[len(MAGIC) :], len(MAGIC), inside_chunk=False)
         self.topics = {
             topic: _stream(typename, [time for time, _ in self._messages.get(topic, [])])
@@ -124,16 +124,17 @@ class Ros1Bag(BagFile):
         how = header.get("compression", b"none").decode("ascii", "replace")
         if how != "none":
             (size,) = _LENGTH.unpack(header["size"])
+            if not implausible(size, self._packed):
+                self._allowance.take(size)
             try:
                 if how not in ("bz2", "lz4"):
                     raise ValueError(f"compression '{how}' is none of none, bz2, lz4")
-                if size > self._largest:
-                    raise ValueError(f"it states {size} bytes, more than {self._largest}")
+                if implausible(size, self._packed):
+                    raise ValueError(f"it states {size} bytes, from {len(body)}")
                 body = memoryview(UNPACK[how](body, size))
             except (ValueError, MemoryError) as error:
                 self.damage.append(f"chunk at byte {offset} is corrupt: {error}")
                 return
-            self._allowance.take(size)
         self._walk(body, offset, inside_chunk=True)
 
     def _connect(self, header: dict[str, bytes], body: memoryview) -> None:

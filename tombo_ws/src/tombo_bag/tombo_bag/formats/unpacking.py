@@ -58,6 +58,11 @@ def plausible_size(packed: int) -> int:
     return max(_PLAIN, _RATIO * packed) if given is None else given
 
 
+def implausible(size: int, packed: int) -> bool:
+    """Return whether a part that states this size is damaged, or a bomb: it is left out."""
+    return _GIVEN.get() is None and size > plausible_size(packed)
+
+
 def unpacking_limit(packed: int) -> int:
     """Return to how many bytes `packed` bytes may be unpacked that stay in memory, or on disk."""
     return min(memory_limit(), plausible_size(packed))
@@ -82,12 +87,11 @@ class Allowance:
             InputError: beyond the limit.
         """
         self.left -= size
-        if self.left < 0:
-            raise too_large(self.path)
+        if self.left < 0 or size > memory_limit():
+            raise _too_large(self.path)
 
 
-def too_large(path: Path) -> InputError:
-    """Return the error for a file that holds more than the limit."""
+def _too_large(path: Path) -> InputError:
     given = _GIVEN.get()
     limit = f"{(memory_limit() if given is None else given) / GIGABYTE:.3g} GB"
     why = "as --unpack-limit says" if given is not None else (
