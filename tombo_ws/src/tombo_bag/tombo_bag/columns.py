@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -41,7 +42,7 @@ class _Group:
     rows: NDArray[np.intp]
     block: NDArray[np.uint8]
 
-    @property
+    @cached_property
     def records(self) -> NDArray[np.void]:
         return self.block.view(self.layout.dtype).ravel()
 

@@ -32,6 +32,7 @@ _LONGEST_SCHEMA = 200_000
 _LARGEST_TYPE = 1 << 24
 """Values of a type, sequences and strings left empty."""
 _DEEPEST_TYPE = 32
+_PLACEHOLDER = "structure_needs_at_least_one_member"
 
 
 def message_directory() -> Path:
@@ -221,9 +222,9 @@ def _check_types(typename: str, types: Types, empty: int) -> None:
         if name in outer or len(outer) > _DEEPEST_TYPE:
             raise refuse(f"{shown(name)} contains itself, or too much")
         if name not in sizes:
-            fields = types[name][1] if name in types else None
-            size = 1 if fields is None else sum(least(f, (*outer, name)) for f in fields)
-            sizes[name] = size or empty
+            fields = types[name][1] if name in types else [(name, (Nodetype.BASE, ""))]
+            own = [field for field in fields if field[0] != _PLACEHOLDER]
+            sizes[name] = sum(least(field, (*outer, name)) for field in own) or empty
             if sizes[name] > _LARGEST_TYPE:
                 raise refuse(f"{shown(name)} has more than {_LARGEST_TYPE} values")
         return sizes[name]

@@ -21,7 +21,7 @@ from tombo_bag.formats.scan import (
     refine_truncation,
     walk,
 )
-from tombo_bag.formats.unpacking import Allowance, memory_limit, plausible_size
+from tombo_bag.formats.unpacking import Allowance, implausible, memory_limit, plausible_size
 from tombo_bag.schemas import Types, parse_schema
 from tombo_dynamics.errors import InputError
 
