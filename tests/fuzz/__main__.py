@@ -16,6 +16,11 @@ from .pool import fuzz
 from .samples import make_samples
 
 
+def tell(text: str) -> None:
+    """Print a fault at once: a run may be ended early."""
+    print(text, flush=True)
+
+
 def main() -> int:
     """Run the command line."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
@@ -30,9 +35,9 @@ def main() -> int:
         if given.keep is not None:
             mutated(samples[0].path, given.keep, samples[0].form, given.first)
             return 0
-        done = fuzz(samples, range(given.first, given.first + given.count), given.workers, folder)
-    for fault in done.faults:
-        print(f"--- {fault.sample}, seed {fault.seed}: {fault.why}")
+        done = fuzz(
+            samples, range(given.first, given.first + given.count), given.workers, folder, tell
+        )
     print(
         f"{done.accepted + done.refused + len(done.faults)} files: {done.accepted} accepted, "
         f"{done.refused} refused, {len(done.faults)} faults; longest {done.longest_s:.1f} s "

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import resource
+import signal
 import sys
 import traceback
 import warnings
@@ -38,6 +39,8 @@ from tombo_propeller.flap_video.video import open_video
 from .mutate import mutated
 from .samples import Sample
 
+SECONDS = 10.0
+"""Of a core, for all readers of one file."""
 MEMORY = 1_000_000_000
 """Bytes that reading one file may take beyond what the program itself does."""
 LONGEST = 5000
@@ -175,6 +178,7 @@ def main(folder: Path) -> None:
         sample = Sample(**{**asked["sample"], "path": Path(asked["sample"]["path"])})
         damaged = folder / f"damaged{''.join(sample.path.suffixes[-2:])}"
         payload = mutated(sample.path, damaged, sample.form, asked["seed"])
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)  # its signal ends the process
         print(
             json.dumps({**judged(sample, damaged), "payload": payload}), file=answers, flush=True
         )

@@ -10,15 +10,15 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from .samples import ROOT, Sample
 
-PATIENCE_S = 10.0
-"""Of a quiet core, for one file."""
+_PATIENCE_S = 120.0
+"""For one file on a busy machine; a worker ends by itself after `SECONDS` of a core."""
 _START_S = 240.0
 """For a worker to import what it needs; compiled code may have to be made."""
 _CASES = 500
@@ -43,6 +43,8 @@ class Outcome:
     faults: list[Fault] = field(default_factory=list)
     longest_s: float = 0.0
     longest: str = ""
+    tell: Callable[[str], None] = lambda text: None
+    """Called with each fault as it is found."""
 
 
 class Worker:
@@ -65,7 +67,7 @@ class Worker:
         self._process.stdin.write(json.dumps({"sample": plain, "seed": seed}).encode() + b"\n")
         self._process.stdin.flush()
         began = time.monotonic()
-        answer = self._line(PATIENCE_S)
+        answer = self._line(_PATIENCE_S)
         return answer, time.monotonic() - began
 
     def close(self) -> None:
@@ -101,9 +103,15 @@ class Worker:
         return {"wrong": why}
 
 
-def fuzz(samples: Sequence[Sample], seeds: Iterable[int], workers: int, folder: str) -> Outcome:
-    """Damage one sample by each seed, in turn, and read it."""
-    done, lock = Outcome(), threading.Lock()
+def fuzz(
+    samples: Sequence[Sample],
+    seeds: Iterable[int],
+    workers: int,
+    folder: str,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Outcome:
+    """Damage one sample by each seed, in turn, and read it; `tell` is called with each fault."""
+    done, lock = Outcome(tell=tell), threading.Lock()
     whole: dict[str, dict[str, int]] = {}
     cases = iter([(seed, samples[seed % len(samples)]) for seed in seeds])
 
@@ -151,6 +159,7 @@ def _note(
             why = f"other topics or counts after a change of payload alone: {answer['counts']}"
     if why:
         done.faults.append(Fault(sample.name, seed, why))
+        done.tell(f"--- {sample.name}, seed {seed}: {why}")
     elif "counts" in answer:
         done.accepted += 1
     else:

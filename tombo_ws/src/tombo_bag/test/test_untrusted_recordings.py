@@ -23,7 +23,7 @@ from tombo_dynamics.errors import InputError
 POSE = "geometry_msgs/msg/PoseStamped"
 TIMES = np.arange(1, 41) * 50_000_000
 MESSAGES = [encode(POSE, {"pose": {"position": {"x": float(i)}}}) for i in range(40)]
-BOMB = 400_000_000
+BOMB = 100_000_000
 
 
 @pytest.fixture(autouse=True)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tombo_bag.columnar_cdr import Layout, Leaf, Text, layout_of
 from tombo_bag.schemas import Types
-from tombo_dynamics.errors import unknown_name
+from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.time_base import SECOND_NS
 
 ColumnTable: TypeAlias = dict[str, NDArray[Any]]
@@ -76,13 +76,31 @@ def columns_of(typename: str, messages: list[bytes], types: Types) -> ColumnTabl
     return table
 
 
-def _groups(typename: str, messages: list[bytes], types: Types) -> list[_Group]:
+def rows_that_fit(typename: str, messages: list[bytes], types: Types) -> list[int]:
+    """Return which messages fit their type."""
+    lost: list[int] = []
+    _groups(typename, messages, types, lost)
+    return np.delete(np.arange(len(messages)), lost).tolist()  # type: ignore[no-any-return]
+
+
+def _groups(
+    typename: str, messages: list[bytes], types: Types, lost: list[int] | None = None
+) -> list[_Group]:
+    """Put messages of one shape together; those that don't fit go to `lost`, else it raises."""
     sizes = np.fromiter(map(len, messages), np.intp, len(messages))
     left = np.ones(len(messages), bool)
     groups: list[_Group] = []
     while left.any():
-        first = messages[int(np.argmax(left))]
-        shape = layout_of(typename, first, types)
+        row = int(np.argmax(left))
+        first = messages[row]
+        try:
+            shape = layout_of(typename, first, types)
+        except InputError:
+            if lost is None:
+                raise
+            lost.append(row)
+            left[row] = False
+            continue
         rows = np.flatnonzero(left & (sizes == len(first)))
         joined = b"".join(messages if len(rows) == len(messages) else [messages[i] for i in rows])
         block: NDArray[np.uint8]

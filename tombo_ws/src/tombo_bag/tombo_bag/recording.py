@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.columns import ColumnTable, TopicColumns, columns_of
+from tombo_bag.columns import ColumnTable, TopicColumns, columns_of, rows_that_fit
 from tombo_bag.formats import ros1_bag, sqlite_bag
 from tombo_bag.formats.bag_files import READABLE, BagFile, RawMessages, Stream, in_log_order
 from tombo_bag.formats.chunks import MAGIC
@@ -193,7 +193,7 @@ class Recording:
         try:
             return {**times, **columns_of(typename, raw.messages, types)}
         except InputError:
-            good = [i for i, message in enumerate(raw.messages) if _fits(typename, message, types)]
+            good = rows_that_fit(typename, raw.messages, types)
             if not good:
                 raise
         lost = len(raw.messages) - len(good)
@@ -327,14 +327,6 @@ def _unpacked(message: bytes, allowance: Allowance) -> bytes:
         return b""  # fits no type, and is counted as damage there
     allowance.take(len(plain))
     return plain
-
-
-def _fits(typename: str, message: bytes, types: Types) -> bool:
-    try:
-        columns_of(typename, [message], types)
-    except InputError:
-        return False
-    return True
 
 
 def _joined(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:

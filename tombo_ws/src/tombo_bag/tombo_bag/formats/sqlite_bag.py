@@ -24,6 +24,8 @@ _TYPED = "typeof(timestamp) = 'integer' AND typeof(data) = 'blob' AND timestamp 
     str(LATEST_NS - 1)
 )
 """Rows that are messages; SQLite takes any value in any column."""
+_ERRORS = (sqlite3.Error, UnicodeDecodeError)
+"""What SQLite raises; the second where its own message quotes a damaged file."""
 _LARGEST_VALUE = 1 << 30
 _MOST_TOPICS = 20_000
 _ROW = 4
@@ -56,7 +58,7 @@ class SqliteBag(BagFile):
         self._read_definitions()
         try:
             extents, unknown = self._extents(), (0, 0, 0)
-        except sqlite3.Error as error:
+        except _ERRORS as error:
             self._note(f"{error}; what can be read before that is read")
             extents, unknown = {}, (1, 0, 0)
         first_of = {row[0]: row for row in reversed(rows)}
@@ -77,7 +79,7 @@ class SqliteBag(BagFile):
         """Open the file and read its table of topics; a file that is cut off is padded for it."""
         try:
             return _opened(self.path)
-        except sqlite3.Error as error:
+        except _ERRORS as error:
             refused = InputError(
                 f"'{self.path}': {error}; accepted: an SQLite file with rosbag2's tables"
             )
@@ -91,7 +93,7 @@ class SqliteBag(BagFile):
         self.damage.append(f"the file is cut off: its last {missing} bytes are missing")
         try:
             return _opened(copy)
-        except sqlite3.Error as error:
+        except _ERRORS as error:
             raise refused from error
 
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
@@ -109,7 +111,7 @@ class SqliteBag(BagFile):
                             allowance.take(len(data) + _ROW)
                             times.append(stamp)
                             messages.append(data)
-            except (sqlite3.Error, InputError) as error:
+            except (*_ERRORS, InputError) as error:
                 self._note(
                     f"{error}; of topic {topic} the first {len(messages)} messages are read"
                 )
@@ -152,7 +154,7 @@ class SqliteBag(BagFile):
             for typename, encoding, text in self._run(query):
                 if encoding == "ros2msg" and isinstance(typename, str) and isinstance(text, str):
                     self._definitions[typename] = text
-        except sqlite3.Error:
+        except _ERRORS:
             return
 
     def _run(self, query: str, *values: int) -> sqlite3.Cursor:
@@ -173,7 +175,7 @@ def _opened(path: Path) -> tuple[sqlite3.Connection, list[tuple[Any, ...]]]:
         sqlite3.Error: it is none of rosbag2, or damaged where the topics stand.
     """
     if path.with_name(path.name + "-wal").exists():
-        with suppress(sqlite3.Error):
+        with suppress(*_ERRORS):
             return _connected(path, "mode=ro")
     return _connected(path, "immutable=1")
 
@@ -190,7 +192,7 @@ def _connected(path: Path, mode: str) -> tuple[sqlite3.Connection, list[tuple[An
         _check_table(connection, "messages", ("topic_id", "timestamp", "data"))
         rows = connection.execute(f"SELECT {', '.join(columns)} FROM topics LIMIT {_MOST_TOPICS}")
         return connection, [row for row in rows if tuple(map(type, row)) == (int, str, str, str)]
-    except sqlite3.Error:
+    except _ERRORS:
         connection.close()
         raise
 
