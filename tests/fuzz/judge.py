@@ -179,9 +179,9 @@ def main(folder: Path) -> None:
         damaged = folder / f"damaged{''.join(sample.path.suffixes[-2:])}"
         payload = mutated(sample.path, damaged, sample.form, asked["seed"])
         signal.setitimer(signal.ITIMER_PROF, SECONDS)  # its signal ends the process
-        print(
-            json.dumps({**judged(sample, damaged), "payload": payload}), file=answers, flush=True
-        )
+        found = judged(sample, damaged)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        print(json.dumps({**found, "payload": payload}), file=answers, flush=True)
         damaged.unlink(missing_ok=True)
 
 
