@@ -95,6 +95,7 @@ def flight_from_bag(path: Path, wall_time_s: float = 0.0) -> FlightRecord:
             if spec.name in recording.topics and recording.topics[spec.name].count
         }
         metadata = recording.metadata.get(FLIGHT_METADATA, {})
+    tables = {name: table for name, table in tables.items() if len(table["log_time_ns"])}
     return _RecordedFlight(path, tables, metadata).record(wall_time_s)
 
 
@@ -188,7 +189,7 @@ class _RecordedFlight:
         if (poses := self._tables.get(MOCAP_POSE.name)) is not None:
             captured = self._grid.seconds(poses["stamp_ns"])
             arrival = self._to_flight_time(poses["log_time_ns"])
-            position, attitude = vectors(poses, "pose.position"), _turn(poses, "pose.orientation")
+            position, attitude = _vectors(poses, "pose.position"), _turn(poses, "pose.orientation")
         return FlightRecord(
             t=t,
             log=log,
@@ -244,7 +245,7 @@ class _RecordedFlight:
         for topic, column, path, transport_ns in held:
             if (table := self._tables.get(topic)) is not None:
                 log[column] = self._grid.held(
-                    table["stamp_ns"] + transport_ns, vectors(table, path)
+                    table["stamp_ns"] + transport_ns, _vectors(table, path)
                 )
         if (table := self._tables.get(ATTITUDE_SETPOINT.name)) is not None:
             stamps = table["stamp_ns"]
@@ -266,7 +267,7 @@ class _RecordedFlight:
         log["attitude"] = self._grid.smooth(stamps, unwrap_quaternions(track.attitude))
         log["attitude"] /= np.linalg.norm(log["attitude"], axis=1, keepdims=True)
         if (table := self._tables.get(IMU.name)) is not None:
-            rates = vectors(table, "angular_velocity")
+            rates = _vectors(table, "angular_velocity")
             log["rates"] = self._grid.held(table["stamp_ns"], rates)
 
     def _assume_contact(self, log: dict[str, Array], detections: list[CollisionEvent]) -> None:
@@ -286,10 +287,10 @@ class _RecordedFlight:
         turn = _turn(table, "pose.pose.orientation")
         back = conjugate(turn)
         values = (
-            vectors(table, "pose.pose.position"),
+            _vectors(table, "pose.pose.position"),
             unwrap_quaternions(turn),
-            map_to_body(back, vectors(table, "twist.twist.linear")),
-            vectors(table, "twist.twist.angular"),
+            map_to_body(back, _vectors(table, "twist.twist.linear")),
+            _vectors(table, "twist.twist.angular"),
         )
         for name, value in zip(names, values, strict=True):
             if name:
@@ -314,8 +315,8 @@ class _RecordedFlight:
         at = at[there]
         log["contact"][at, 0] = 1.0
         log["contact"][at, 1] = table["rotor"][there]
-        log["contact"][at, 2:5] = vectors(table, "point")[there]
-        log["contact_force"][at] = vectors(table, "force")[there]
+        log["contact"][at, 2:5] = _vectors(table, "point")[there]
+        log["contact_force"][at] = _vectors(table, "force")[there]
 
     def _phases(self) -> Array:
         """Return the phase of the set point followed, a tick after it was published.
@@ -344,7 +345,7 @@ class _RecordedFlight:
         stamps = self._grid.seconds(table["stamp_ns"])
         contact_ns = table["contact_stamp.sec"].astype(np.int64) * SECOND_NS
         contacts = self._grid.seconds(contact_ns + table["contact_stamp.nanosec"])
-        x_c, direction = vectors(table, "contact_position"), vectors(table, "flight_direction")
+        x_c, direction = _vectors(table, "contact_position"), _vectors(table, "flight_direction")
         events = [
             CollisionEvent(
                 float(stamps[i]),
@@ -366,7 +367,7 @@ class _RecordedFlight:
         if table is None:
             return [], []
         since = self._grid.seconds(table["stamp_ns"])
-        x_c, x_r, n_r = (vectors(table, name) for name in ("x_c", "x_r", "n_r"))
+        x_c, x_r, n_r = (_vectors(table, name) for name in ("x_c", "x_r", "n_r"))
         found: list[Decision] = []
         times: list[float] = []
         known = 0
@@ -410,7 +411,7 @@ def _mocap_track(path: Path, tables: Mapping[str, ColumnTable]) -> PoseTrack:
     table = tables.get(MOCAP_POSE.name)
     track = None
     if table is not None:
-        place, turn = vectors(table, "pose.position"), _turn(table, "pose.orientation")
+        place, turn = _vectors(table, "pose.position"), _turn(table, "pose.orientation")
         track = pose_track(table["stamp_ns"], place, turn)
     if track is None:
         raise InputError(
@@ -474,8 +475,18 @@ def _scenario(path: Path, metadata: Mapping[str, str]) -> tuple[dict[str, Any], 
         raise InputError(f"'{path}': its scenario can't be used: {why}") from error
 
 
+def _vectors(table: ColumnTable, path: str, axes: str = "xyz") -> Array:
+    """Return the fields below a path as rows.
+
+    Raises:
+        InputError: the topic has none.
+    """
+    _ = table[f"{path}.{axes[0]}"]
+    return vectors(table, path, axes)
+
+
 def _turn(table: ColumnTable, path: str) -> Array:
-    return vectors(table, path, "xyzw")
+    return _vectors(table, path, "xyzw")
 
 
 def _column(table: ColumnTable, path: str) -> Array:
