@@ -141,7 +141,7 @@ def _check_size(text: str) -> None:
         elif isinstance(event, yaml.AliasEvent):
             if any(anchor == event.anchor for anchor, _, _ in open_anchors):
                 raise _Refused(f"*{event.anchor} stands within itself", event.start_mark)
-            more_values, more_size = extent.get(event.anchor, (1, 1))
+            more_values, more_size = extent.get(event.anchor or "", (1, 1))
             values, size = values + more_values, size + more_size
         elif isinstance(event, yaml.NodeEvent):
             values += 1
