@@ -208,8 +208,8 @@ def test_requirements_are_pinned_once_each():
         for line in path.read_text().splitlines():
             if not line or line.startswith("#"):
                 continue
-            match = re.fullmatch(r"([\w.-]+)==[\w.]+", line)
-            assert match, f"{path.name}: not pinned: {line}"
+            match = re.fullmatch(r"([\w.-]+)==[\w.]+( --hash=sha256:[0-9a-f]{64})+", line)
+            assert match, f"{path.name}: not pinned, or without a hash: {line}"
             name = re.sub(r"[-_.]+", "-", match[1]).lower()
             assert name not in seen, f"{path.name}: {name} is pinned twice"
             seen.add(name)

@@ -18,12 +18,12 @@ from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.planning.mission import MissionParams
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.effects.vehicle_size import effects_for
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number, from_mapping, param
 from tombo_dynamics.propeller import LAWS
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_vehicle
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_dynamics.yaml_text import parse_yaml
+from tombo_dynamics.yaml_text import parse_yaml, read_text
 from tombo_flight.course_check import check_course
 from tombo_flight.extended_model import merge_effects
 from tombo_flight.model_file import read_model
@@ -86,10 +86,7 @@ def _text_of(name: str, folder: Path) -> tuple[str, Path | None]:
         if path.suffix not in (".yaml", ".yml"):
             raise unknown_name("scenario", name, builtin_scenarios())
         raise InputError(f"scenario file '{name}' does not exist; accepted: a YAML file")
-    try:
-        return path.read_text(encoding="utf-8"), path.resolve()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"scenario file '{name}' cannot be read: {error}") from error
+    return read_text(path, f"scenario file '{name}'"), path.resolve()
 
 
 def _read(
@@ -159,7 +156,7 @@ def _extended(
 ) -> dict[str, Any]:
     """Return the content of a scenario with what it extends merged in."""
     if not isinstance(values, dict):
-        found = f"{values!r:.60}"
+        found = shown(values)
         raise InputError(f"scenario '{name}': {found} is no scenario; accepted: keys and values")
     if "model" in values:
         raise InputError(
@@ -294,18 +291,19 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
             built[key] = from_mapping(_SECTIONS[key], value if value is not None else {}, key)
         elif key == "effects":
             if not isinstance(value, Mapping):
-                raise InputError(f"effects: expected a mapping of effects, got {value!r}")
+                raise InputError(f"effects: expected a mapping of effects, got {shown(value)}")
             for effect, parameters in value.items():
                 if not isinstance(parameters, Mapping):
                     raise InputError(
-                        f"effects.{effect}: expected a mapping of parameters, got {parameters!r}"
+                        f"effects.{effect}: expected a mapping of parameters, got "
+                        f"{shown(parameters)}"
                     )
             built[key] = check_theta(value, "effects")
         elif key == "duration":
             built[key] = check_number("duration", value, "s", (0.1, 3600.0))
         elif key == "react":
             if not isinstance(value, bool):
-                raise InputError(f"react: {value!r} is not true or false")
+                raise InputError(f"react: {shown(value)} is not true or false")
             built[key] = value
         else:
             built[key] = str(value)

@@ -22,7 +22,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from tombo_dynamics.errors import InputError
+from tombo_dynamics.errors import InputError, shown
 from tombo_dynamics.params import as_text, check_number, from_mapping
 from tombo_dynamics.yaml_text import parse_yaml
 
@@ -177,7 +177,7 @@ class RecordParameters:
             value = list(value)
         if type(value) is not type(default):
             kind = _KINDS[type(default)].name.lower().replace("_", " ")
-            raise InputError(f"parameter {name}: {value!r} is no {kind}; accepted: a {kind}")
+            raise InputError(f"parameter {name}: {shown(value)} is no {kind}; accepted: a {kind}")
         return value
 
     def _declare(self, name: str, value: Any, descriptor: ParameterDescriptor) -> None:

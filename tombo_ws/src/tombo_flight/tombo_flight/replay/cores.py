@@ -33,6 +33,8 @@ Published = list[tuple[int, str, Any]]
 """Time, topic and message of all that a core has published."""
 _PUBLISHED_BY_CORES = {topic for core in CORES for topic in core.outputs}
 _NOTHING: Stream = (np.zeros(0, np.int64), [])
+_FEWEST_STEPS, _STEPS_A_MESSAGE = 10_000, 100
+"""A core is stepped some twenty times at most for each message that it gets."""
 
 
 @dataclass
@@ -158,7 +160,15 @@ def _steps(core: Core, inputs: Inputs, streams: dict[str, Stream]) -> Times:
         stamps: Times = inputs.recording.columns(core.outputs[0])["stamp_ns"]
         return stamps
     ends = [t for times, _ in streams.values() if len(times) for t in (times[0], times[-1])]
+    if not ends:
+        return np.zeros(0, np.int64)
     first, last = int(min(ends)) // core.period_ns, int(max(ends)) // core.period_ns
+    messages = sum(len(times) for times, _ in streams.values())
+    if last - first > _FEWEST_STEPS + _STEPS_A_MESSAGE * messages:
+        raise InputError(
+            f"'{inputs.recording.path}' has {messages} messages over "
+            f"{1e-9 * (max(ends) - min(ends)):.0f} s; accepted: the log times of one flight"
+        )
     return np.arange(first + 1, last + 2, dtype=np.int64) * core.period_ns
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import from_mapping
 from tombo_flight.scenario import override
 from tombo_px4.bridge.bridge_params import POSITION, BridgeParams, LinkParams
@@ -115,7 +115,9 @@ def _writes(given: Any) -> tuple[str, ...]:
         InputError: they are no list of NAME=VALUE.
     """
     if not isinstance(given, list):
-        raise InputError(f"{_PX4_PARAMETERS}: {given!r} is no list; accepted: [NAME=VALUE, …]")
+        raise InputError(
+            f"{_PX4_PARAMETERS}: {shown(given)} is no list; accepted: [NAME=VALUE, …]"
+        )
     found = tuple(map(str, given))
     parse_assignments(found)
     return found
@@ -129,12 +131,14 @@ def _section(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     """
     found = values.get(name, {})
     if not isinstance(found, Mapping):
-        raise InputError(f"--bridge {name}={found}: accepted: a parameter of {name}")
+        raise InputError(f"--bridge {name}={shown(found)}: accepted: a parameter of {name}")
     for field in dataclasses.fields(_RECORDS[name]):
         wanted, value = type(field.default), found.get(field.name, field.default)
         if wanted in (bool, str) and type(value) is not wanted:
             kind = "true or false" if wanted is bool else "a text"
-            raise InputError(f"{name}.{field.name}: {value!r} is not {kind}; accepted: {kind}")
+            raise InputError(
+                f"{name}.{field.name}: {shown(value)} is not {kind}; accepted: {kind}"
+            )
     return found
 
 
