@@ -27,6 +27,7 @@ from tombo_control.planning.mission import (
     begin,
     compiled_plan,
     initial_state_in_flight,
+    land,
     resume,
     set_landed,
     start_reaction,
@@ -61,6 +62,7 @@ class WaitReason(Reason):
     REACTION_HOLDS = 3, "the reaction holds: the plan waits"
     BLIND = 4, "the reaction sees stale poses: the plan waits"
     REACTION_SILENT = 5, "no message from the reaction: the plan waits"
+    OPERATOR = 6, "held by an operator: the plan waits"
 
 
 _NEVER = -1
@@ -73,6 +75,8 @@ _NO_LIFT_S = 9.0
 confirmed, rotors spin up (COM_SPOOLUP_TIME), thrust rises (MPC_TKO_RAMP_T); a refusal costs 1."""
 _DRIFT = 0.05
 """m: a waiting reference follows the vehicle when it is further away."""
+_SHOWS_IDLE_NS = -200_000_000
+"""A plan that begins again shows phase idle for so long: the controller then obeys a take-off."""
 _MAX_CLOCK_STEP_NS = 100_000_000
 """The plan's clock goes on by no more than this at a time: the node may have been stopped."""
 
@@ -137,6 +141,7 @@ class MissionMemory(Record):
     now_ns = field("ns", "of the last step", kind=int)
     time_ns = field("ns", "flight time", kind=int)
     two_estimators = field("1", "two nodes publish odometry", kind=bool)
+    held = field("1", "an operator has said hold", kind=bool)
     reaction = field("1", "the reaction's state", kind=int)
     decided_collisions = field("1", "number of collisions in the last one; -1: none", kind=int)
     decided_place = field("m", "x_r of the last decision taken, in map", 3)
@@ -161,6 +166,7 @@ def begin_mission(memory: MissionMemory, started: bool) -> None:
     memory.now_ns = _NEVER
     memory.time_ns = 0
     memory.two_estimators = False
+    memory.held = False
     memory.reaction = ReactionPhase.IDLE
     memory.decided_collisions = _NEVER
     for i in range(3):
@@ -254,7 +260,7 @@ def take_reaction(
 def mission_step(memory: MissionMemory, plan: Plan, limits: MissionLimits, now_ns: int) -> bool:
     """Go on to `now_ns`; write `setpoint` and return True, False before the first estimate."""
     if memory.now_ns != _NEVER and now_ns < memory.now_ns - CLOCK_SET_BACK_NS:
-        begin_mission(memory, memory.started)
+        begin_mission(memory, False)  # another flight: it takes a command
     passed = 0 if memory.now_ns == _NEVER else max(now_ns - memory.now_ns, 0)
     memory.now_ns = now_ns
     if not memory.begun:
@@ -295,6 +301,8 @@ def _reason_to_wait(memory: MissionMemory, limits: MissionLimits, now_ns: int) -
         return WaitReason.TWO_ESTIMATORS
     if memory.estimate_ns == _NEVER or now_ns - memory.estimate_ns > limits.estimate_timeout * 1e9:
         return WaitReason.ESTIMATE_SILENT
+    if memory.held and memory.mode != Phase.LAND and memory.mode != Phase.LANDED:
+        return WaitReason.OPERATOR
     if not _is_planned(memory.mode):
         return WaitReason.NONE
     if memory.reaction == ReactionPhase.HOLDING:
@@ -319,7 +327,9 @@ def _advance(memory: MissionMemory, plan: Plan, limits: MissionLimits, waited: i
     if _is_on_ground(memory, state, now):
         store_state(memory, set_landed(state, now, here))
         return
-    waiting = _is_planned(state.mode) and memory.wait_reason != WaitReason.NONE
+    waiting = memory.wait_reason == WaitReason.OPERATOR or (
+        _is_planned(state.mode) and memory.wait_reason != WaitReason.NONE
+    )
     off = _tracking_error(state, now, here)
     if state.mode != Phase.IDLE and _is_planned(state.mode):
         if waiting:
@@ -394,6 +404,38 @@ def _set_point(memory: MissionMemory, now_ns: int, still: bool) -> None:
     out.stamp_ns = now_ns
 
 
+@compiled_call
+def take_off(memory: MissionMemory) -> bool:
+    """Begin the plan on the ground, or go on with one that an operator holds; False: it flies."""
+    if memory.held:
+        memory.held = False
+        return True
+    if memory.begun and memory.mode != Phase.IDLE and memory.mode != Phase.LANDED:
+        return False
+    memory.started = True
+    if memory.mode == Phase.LANDED:
+        store_state(memory, begin(memory.position))
+        memory.time_ns = _SHOWS_IDLE_NS
+        memory.has_flown = False
+        memory.rest_since_s = math.inf
+        memory.escape[0] = math.nan
+    return True
+
+
+@compiled_call
+def land_now(memory: MissionMemory, plan: Plan) -> bool:
+    """Land where the vehicle is; a plan that has not begun does not begin. False: it is down."""
+    memory.held = False
+    if not memory.begun or memory.mode == Phase.IDLE:
+        memory.started = False
+        return True
+    if memory.mode == Phase.LAND or memory.mode == Phase.LANDED:
+        return bool(memory.mode == Phase.LAND)
+    state = land(mission_state(memory), plan, memory.time_ns * 1e-9, memory.position)
+    store_state(memory, state)
+    return True
+
+
 class MissionCore(Core):
     """Keeps the plan's clock and state in a record; `step` gives the set point.
 
@@ -408,7 +450,13 @@ class MissionCore(Core):
     steps_on_messages = False
     sections: ClassVar[Mapping[str, type]] = {"mission": MissionParams, "inputs": MissionLimits}
     options: ClassVar[Mapping[str, tuple[Any, str]]] = {
-        "auto_start": (True, "false: wait on the ground until it is set to true")
+        "auto_start": (True, "false: wait on the ground for ~/takeoff, or until it is set to true")
+    }
+    commands: ClassVar[Mapping[str, str]] = {
+        "takeoff": "begin the plan, from the ground; while held: go on with it",
+        "hold": "stay where it is, until ~/takeoff, ~/land or mission.land_time",
+        "land": "land where it is, now; on the ground: do not take off",
+        "abort": "give the plan up: as land",
     }
 
     @classmethod
@@ -471,6 +519,18 @@ class MissionCore(Core):
             self.limits = parameter_record(params)
         else:
             self.memory.started = bool(params)
+
+    def command(self, name: str) -> str:
+        """Obey an operator: a name of `commands`; return why not, empty: it is obeyed."""
+        memory, phase = self.memory, PHASE_NAMES[self.mode].replace("_", " ")
+        if name == "takeoff":
+            return "" if take_off(memory) else f"it flies: phase {phase}"
+        if name == "hold":
+            if self.mode in (Phase.IDLE, Phase.LAND, Phase.LANDED):
+                return f"nothing to hold: phase {phase}"
+            memory.held = True
+            return ""
+        return "" if land_now(memory, self.plan) else "it has landed"
 
     def set_multiple_publishers(self, topic: str, several: bool) -> None:
         """Stand still while two estimators speak."""
