@@ -162,7 +162,7 @@ def take_setpoint(
         total += setpoint.position[i] + setpoint.velocity[i] + setpoint.acceleration[i]
     if not math.isfinite(total):
         return False
-    if memory.watch.state == SafetyState.FLY or memory.watch.state == SafetyState.HOLD:
+    if not rotors_off(memory.watch):
         square = 0.0
         for i in range(3):
             off = setpoint.position[i] - autopilot.state.position[i]
@@ -235,8 +235,8 @@ def answer_gyro(
         _follow_setpoint(memory, autopilot)
     if memory.attitude_ran:
         memory.attitude_slot = tick // ATTITUDE_TICKS
-    if blind:
-        integrate_force(autopilot.state, accel, ticks)
+    if blind and not integrate_force(autopilot.state, accel, ticks):
+        autopilot.loops.numb = True
     control_tick(
         autopilot, maps, gyro, tick, ticks, memory.position_ran, memory.attitude_ran, blind
     )

@@ -35,22 +35,26 @@ def propagate(state: State, history: Array, tick: int, ticks: int) -> None:
 
 
 @compiled
-def integrate_force(state: State, accel: Array, ticks: int) -> None:
+def integrate_force(state: State, accel: Array, ticks: int) -> bool:
     """Carry the velocity over `ticks` ticks with the specific force, less its bias.
+
+    False: that is not finite, the velocity is no longer known.
 
     Args:
         state: velocity is written; attitude and `accel_bias` are used.
-        accel: (3) specific force [m/s^2], body; not finite: the velocity is held.
+        accel: (3) specific force [m/s^2], body.
         ticks: since the last sample.
     """
     bias = state.accel_bias
     ax, ay, az = rotated(
         state.attitude, accel[0] - bias[0], accel[1] - bias[1], accel[2] - bias[2]
     )
-    if math.isfinite(ax + ay + az):
-        state.velocity[0] += ticks * TICK_S * ax
-        state.velocity[1] += ticks * TICK_S * ay
-        state.velocity[2] += ticks * TICK_S * (az - GRAVITY)
+    if not math.isfinite(ax + ay + az):
+        return False
+    state.velocity[0] += ticks * TICK_S * ax
+    state.velocity[1] += ticks * TICK_S * ay
+    state.velocity[2] += ticks * TICK_S * (az - GRAVITY)
+    return True
 
 
 @compiled_call

@@ -73,6 +73,8 @@ _LOW, _BELOW, _REST, _REST_S = 0.1, 0.15, 0.15, 1.0
 _NO_LIFT_S = 9.0
 """s: the same, for a vehicle that has not lifted off yet. PX4 needs 3 to 5: mode and arming are
 confirmed, rotors spin up (COM_SPOOLUP_TIME), thrust rises (MPC_TKO_RAMP_T); a refusal costs 1."""
+_LIFTED, _BACK, _BACK_S = 0.05, 0.03, 0.3
+"""m, m, s: a take-off that has been so high, and is so low again for so long, is over."""
 _DRIFT = 0.05
 """m: a waiting reference follows the vehicle when it is further away."""
 _SHOWS_IDLE_NS = -200_000_000
@@ -148,6 +150,7 @@ class MissionMemory(Record):
     escape = field("m", "x_r to leave for, in map; NaN: none", 3)
     rest_since_s = field("s", "stands still since then")
     has_flown = field("1", "it has been in the air", kind=bool)
+    has_lifted = field("1", "it has left the ground", kind=bool)
     setpoint = field("", "the newest", kind=PositionSetpointRecord)
     published_mode = field("1", "phase in the last status", kind=int)
     published_reason = field("1", "reason to wait in the last status", kind=int)
@@ -174,6 +177,7 @@ def begin_mission(memory: MissionMemory, started: bool) -> None:
         memory.escape[i] = math.nan
     memory.rest_since_s = math.inf
     memory.has_flown = False
+    memory.has_lifted = False
 
 
 @compiled_call
@@ -371,8 +375,10 @@ def _is_on_ground(memory: MissionMemory, state: MissionState, now: float) -> boo
     height = memory.position[2]
     if state.mode == Phase.IDLE:
         memory.has_flown = False
+        memory.has_lifted = False
     elif height > state.home[2] + _AIRBORNE:
         memory.has_flown = True
+    memory.has_lifted = memory.has_lifted or height > state.home[2] + _LIFTED
     _, _, wanted = leg_position(state.leg, motion_end(state.leg))
     low = height < state.home[2] + _LOW and height < wanted - _BELOW
     x, y, z = memory.velocity[0], memory.velocity[1], memory.velocity[2]
@@ -382,7 +388,11 @@ def _is_on_ground(memory: MissionMemory, state: MissionState, now: float) -> boo
         memory.rest_since_s = math.inf
         return False
     memory.rest_since_s = min(memory.rest_since_s, now)
-    return bool(now - memory.rest_since_s >= (_REST_S if memory.has_flown else _NO_LIFT_S))
+    rests_s = now - memory.rest_since_s
+    back = state.mode == Phase.TAKEOFF and memory.has_lifted and height < state.home[2] + _BACK
+    if back and rests_s >= _BACK_S:
+        return True
+    return bool(rests_s >= (_REST_S if memory.has_flown else _NO_LIFT_S))
 
 
 @compiled_call
@@ -417,6 +427,7 @@ def take_off(memory: MissionMemory) -> bool:
         store_state(memory, begin(memory.position))
         memory.time_ns = _SHOWS_IDLE_NS
         memory.has_flown = False
+        memory.has_lifted = False
         memory.rest_since_s = math.inf
         memory.escape[0] = math.nan
     return True

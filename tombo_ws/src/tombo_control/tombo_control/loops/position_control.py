@@ -148,6 +148,7 @@ def begin_descent(loops: LoopMemory) -> None:
     """Forget the last descent: the next one begins anew."""
     loops.descent_runs = 0
     loops.sunk = False
+    loops.numb = False
     loops.stuck_runs = 0
     loops.thrust_cut = 0.0
 
@@ -165,7 +166,8 @@ def descend(
 
     With `loops.lands` the position is known, and the place in `setpoint.position` is held across.
     Else velocity, carried on by the accelerometer, is braked, at the present heading; after some
-    seconds nobody knows it: the vehicle levels, with a thrust just below what had been needed.
+    seconds, or without accelerometer, nobody knows it: the vehicle levels, with a thrust just
+    below what had been needed.
 
     Args:
         state: as for `position_control`.
@@ -180,7 +182,9 @@ def descend(
     sinks = -state.velocity[2]
     loops.sunk = loops.sunk or sinks > _SUNK_SHARE * speed or loops.descent_runs > _BEGIN_RUNS
     loops.stuck_runs = loops.stuck_runs + 1 if loops.sunk and sinks < _STUCK_SHARE * speed else 0
-    if loops.stuck_runs > _STUCK_RUNS:
+    if loops.numb:
+        loops.thrust_cut = 0.0
+    elif loops.stuck_runs > _STUCK_RUNS:
         loops.thrust_cut = min(loops.thrust_cut + _CUT_RATE * _PERIOD, _CUT_MAX)
     else:
         loops.thrust_cut = max(loops.thrust_cut - _CUT_BACK * _PERIOD, 0.0)
@@ -196,7 +200,7 @@ def descend(
     setpoint.velocity[0], setpoint.velocity[1], setpoint.velocity[2] = 0.0, 0.0, -speed
     for i in range(3):
         setpoint.acceleration[i] = 0.0
-    trusted = loops.lands or loops.descent_runs <= _TRUST_RUNS
+    trusted = loops.lands or not (loops.numb or loops.descent_runs > _TRUST_RUNS)
     if trusted:
         position_control(state, setpoint, loops, gains, mass, thrust_max)
     else:

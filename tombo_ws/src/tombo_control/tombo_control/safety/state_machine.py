@@ -58,8 +58,8 @@ class Condition(IntEnum):
     TAKEOFF = (
         3,
         (
-            "phase `takeoff` after phase `idle` (or, of a controller that has just started, after 0.5 "
-            "s at rest); position known, vehicle at rest, level, where it was last known "
+            "phase `takeoff` after phase `idle` (or, of a controller that has just started, after "
+            "1.5 s at rest); position known, vehicle at rest, level, where it was last known "
             "(`takeoff_distance`), set point within 0.6 m"
         ),
     )
@@ -69,8 +69,8 @@ class Condition(IntEnum):
     DOWN = (
         7,
         (
-            "phase `idle` or `landed`, less than 0.5 m above the place of take-off; where that is not "
-            "known, at rest for 0.5 s"
+            "phase `idle` or `landed`, less than 0.15 m above the place of take-off; where that "
+            "is not known, at rest for 1.5 s"
         ),
     )
     DOWN_ABOVE = 8, "phase `idle` or `landed`, but higher"

@@ -65,16 +65,18 @@ def observe_ground(
     params: SafetyParams,
     autopilot: Autopilot,
     accel: Array,
+    ticks: int,
     learns: bool,
     aloft: bool,
 ) -> None:
-    """Take one sample of 1 ms; `contact_ticks` and `overturned_ticks` count on or begin anew.
+    """Take one sample; `contact_ticks` and `overturned_ticks` count on or begin anew.
 
     Args:
         memory: of the test, changed.
         params: `touchdown_push`.
         autopilot: thrust asked for, rates, attitude, nominal vehicle.
         accel: (3) specific force [m/s^2], base_link; not finite: the last one is taken.
+        ticks: of 1 ms, since the last sample.
         learns: it flies well above the ground: thrust is compared with what is asked for.
         aloft: its height is known to be more than 0.15 m: contact now would be an error.
     """
@@ -82,8 +84,10 @@ def observe_ground(
     asked = 0.0
     for i in range(4):
         asked += autopilot.setpoint.rotor_thrust[i]
-    share = TICK_S / _SMOOTHING
-    memory.thrust += (asked - memory.thrust) * TICK_S / max(nominal.motor_time_constant, TICK_S)
+    passed = ticks * TICK_S
+    share = min(passed / _SMOOTHING, 1.0)
+    lag = min(passed / max(nominal.motor_time_constant, TICK_S), 1.0)
+    memory.thrust += (asked - memory.thrust) * lag
     memory.smooth_thrust += (memory.thrust - memory.smooth_thrust) * share
     if math.isfinite(accel[0] + accel[1] + accel[2]):
         for i in range(3):
@@ -92,18 +96,18 @@ def observe_ground(
     given = memory.smooth_thrust / nominal.mass
     if learns and given > 0.3 * GRAVITY:
         found = min(max(z / given, _SCALE_LOW), _SCALE_HIGH)
-        memory.scale += (found - memory.scale) * TICK_S / _SCALE_TIME
+        memory.scale += (found - memory.scale) * passed / _SCALE_TIME
     memory.push = (z - memory.scale * given) / GRAVITY
     total = math.sqrt(x * x + y * y + z * z)
     turning = math.sqrt(rates[0] * rates[0] + rates[1] * rates[1] + rates[2] * rates[2])
     rests = abs(total - GRAVITY) < _REST_FORCE * GRAVITY and turning < _REST_RATE
     if rests and z > _LEVEL * total and memory.push > params.touchdown_push:
-        memory.contact_ticks += 1
+        memory.contact_ticks += ticks
         if aloft:
             memory.longest_aloft = max(memory.longest_aloft, memory.contact_ticks)
     else:
         memory.contact_ticks = 0
     if rests and z < _OVERTURNED * total:
-        memory.overturned_ticks += 1
+        memory.overturned_ticks += ticks
     else:
         memory.overturned_ticks = 0

@@ -31,13 +31,13 @@ from tombo_dynamics.time_base import TICK_HZ, TICK_S
 
 NO_PHASE = -1
 _NEVER = -1
-_REST_SPEED, _BOOT_REST = 0.3, TICK_HZ // 2
+_REST_SPEED, _BOOT_REST = 0.3, 3 * TICK_HZ // 2
 """m/s; ticks: how slow a vehicle that takes off is, and a new controller waits."""
 _TAKEOFF_SETPOINT, _TAKEOFF_GRACE = 0.6, TICK_HZ
 """m: the first set point; ticks: after this a take-off is refused."""
 _JUMP = 0.3
 """m: an estimate that moves so far from one tick to the next was moved, not the vehicle."""
-_DOWN_HEIGHT, _RETURN_HEIGHT, _ALOFT = 0.5, 0.4, 0.15
+_DOWN_HEIGHT, _RETURN_HEIGHT, _ALOFT, _LEARNS = 0.15, 0.4, 0.15, 0.5
 """m above the place of take-off."""
 _RETURN_DISTANCE, _RETURN_TICKS = 3.0, 3 * TICK_HZ // 10
 _STUCK_SPEED, _STUCK_TICKS = 0.1, 3 * TICK_HZ
@@ -64,8 +64,8 @@ class Watch(Record):
     stuck_ticks = field("1", "it does not sink since so long", kind=int)
     gap = field("1", "the gyro was silent", kind=bool)
     home = field("m", "where it took off, in map", 3)
-    has_place = field("1", "it is known where it stands", kind=bool)
-    place = field("m", "where it was last known while the rotors were off, in map", 3)
+    has_place = field("1", "it has been known where it is", kind=bool)
+    place = field("m", "where it was last known, in map", 3)
     lost = field("m", "where the position was lost, in map", 3)
     may_return = field("1", "it was lost in normal flight", kind=bool)
     deadline = field("1", "tick at which the rotors stop in a descent", kind=int)
@@ -148,13 +148,13 @@ def watch_flight(
     height = state.position[2] - watch.home[2]
     flies = not rotors_off(watch)
     aloft = flies and known and height > _ALOFT
-    learns = aloft and height > _DOWN_HEIGHT and not descends(watch)
-    observe_ground(watch.touchdown, watch.params, autopilot, accel, learns, aloft)
+    learns = aloft and height > _LEARNS and not descends(watch)
+    observe_ground(watch.touchdown, watch.params, autopilot, accel, ticks, learns, aloft)
     _count(watch, state, phase, ticks, known)
     if flies:
         found = _conditions_aloft(watch, state, phase, tick, due, known, held)
     else:
-        found = _conditions_on_ground(watch, state, setpoint, phase, known)
+        found = _conditions_on_ground(watch, state, setpoint, phase, ticks, known)
     found |= watch.asked
     watch.asked = 0
     watch.gap = False
@@ -184,7 +184,7 @@ def _count(watch: Watch, state: Any, phase: int, ticks: int, known: bool) -> Non
     stuck = phase == Phase.LAND and abs(v[2]) < _STUCK_SPEED
     watch.stuck_ticks = watch.stuck_ticks + ticks if stuck else 0
     moved = watch.has_place and _far(state.position, watch.place, _JUMP)
-    if rotors_off(watch) and known and not moved:
+    if known and not moved:
         watch.has_place = True
         watch.place = state.position
 
@@ -222,18 +222,21 @@ def _conditions_aloft(
 
 
 @compiled
-def _conditions_on_ground(watch: Watch, state: Any, setpoint: Any, phase: int, known: bool) -> int:
+def _conditions_on_ground(
+    watch: Watch, state: Any, setpoint: Any, phase: int, ticks: int, known: bool
+) -> int:
     ground_phase = phase == Phase.IDLE or phase == Phase.LANDED
     found = _bit(Condition.IDLE, phase == Phase.IDLE)
     found |= _bit(Condition.DOWN, ground_phase and watch.rest_ticks >= _BOOT_REST)
     if watch.state == SafetyState.OFF and phase == Phase.IDLE:
         watch.idle_seen = True
     wants = phase == Phase.TAKEOFF and (watch.idle_seen or not watch.begun)
-    watch.takeoff_ticks = watch.takeoff_ticks + 1 if wants else 0
+    watch.takeoff_ticks = watch.takeoff_ticks + ticks if wants else 0
     if wants:
         _, _, upright = rotated(state.attitude, 0.0, 0.0, 1.0)
         ready = known and upright >= math.cos(watch.params.takeoff_tilt)
-        ready = ready and watch.rest_ticks >= (1 if watch.idle_seen else _BOOT_REST)
+        rested = min(watch.rest_ticks, watch.takeoff_ticks)
+        ready = ready and rested >= (1 if watch.idle_seen else _BOOT_REST)
         ready = ready and not _far(state.position, watch.place, watch.params.takeoff_distance)
         ready = ready and not _far(state.position, setpoint.position, _TAKEOFF_SETPOINT)
         found |= _bit(Condition.TAKEOFF, ready)
@@ -256,7 +259,7 @@ def _enter(watch: Watch, autopilot: Autopilot, row: int, tick: int) -> None:
     watch.changes += 1
     if watch.state == SafetyState.FLY and before != SafetyState.HOLD:
         if before != SafetyState.BLIND:
-            watch.home = watch.place
+            watch.home = state.position
         watch.begun = True
         watch.idle_seen = False
     elif watch.state == SafetyState.BLIND:
@@ -272,6 +275,7 @@ def _enter(watch: Watch, autopilot: Autopilot, row: int, tick: int) -> None:
             watch.deadline = tick + int((descent + watch.params.blind_time) * TICK_HZ)
     if row_condition(row) == Condition.NEW_FLIGHT:
         begin_watch(watch)
+        watch.row = row
     loops.lands = watch.state == SafetyState.LAND
     watch.limit_ticks = 0
     watch.stuck_ticks = 0
