@@ -64,6 +64,8 @@ class LoopMemory(Record):
     lands = field("1", "down where it is: the set point's place holds across", kind=bool)
     descent_runs = field("1", "of the position loop since a descent began", kind=int)
     sunk = field("1", "the descent has had its speed", kind=bool)
+    touched = field("1", "something has stopped the descent", kind=bool)
+    touch_speed = field("m/s", "upwards, as it was known then")
     numb = field("1", "a descent without position has no accelerometer either", kind=bool)
     stuck_runs = field("1", "of the position loop since it has no longer sunk", kind=int)
     thrust_cut = field("m/s^2", "what a descent that does not sink takes off the thrust")

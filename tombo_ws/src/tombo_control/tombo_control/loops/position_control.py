@@ -22,6 +22,8 @@ _TRUST_RUNS = round(8.0 / _PERIOD)
 """So long the integrated accelerometer knows the velocity: an offset of 0.03 m/s^2 is 0.25 m/s."""
 _SUNK_SHARE, _STUCK_SHARE, _STUCK_RUNS = 0.8, 0.6, round(0.16 / _PERIOD)
 """A descent that has had its speed, and now has less than this share, is held up by the ground."""
+_FALLS = 0.3
+"""m/s: what seemed to be the ground was none if the vehicle sinks faster by this."""
 _BEGIN_RUNS = round(1.0 / _PERIOD)
 """One that has not had its speed by then is, too."""
 _CUT_RATE, _CUT_BACK, _CUT_MAX = 4.0, 2.0, 0.9 * GRAVITY
@@ -148,6 +150,7 @@ def begin_descent(loops: LoopMemory) -> None:
     """Forget the last descent: the next one begins anew."""
     loops.descent_runs = 0
     loops.sunk = False
+    loops.touched = False
     loops.numb = False
     loops.stuck_runs = 0
     loops.thrust_cut = 0.0
@@ -181,7 +184,10 @@ def descend(
     loops.descent_runs += 1
     sinks = -state.velocity[2]
     loops.sunk = loops.sunk or sinks > _SUNK_SHARE * speed or loops.descent_runs > _BEGIN_RUNS
-    loops.stuck_runs = loops.stuck_runs + 1 if loops.sunk and sinks < _STUCK_SHARE * speed else 0
+    if loops.touched and state.velocity[2] < loops.touch_speed - _FALLS:
+        loops.touched = False
+    stuck = loops.sunk and (sinks < _STUCK_SHARE * speed or loops.touched)
+    loops.stuck_runs = loops.stuck_runs + 1 if stuck else 0
     if loops.numb:
         loops.thrust_cut = 0.0
     elif loops.stuck_runs > _STUCK_RUNS:

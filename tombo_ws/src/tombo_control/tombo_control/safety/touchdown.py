@@ -23,6 +23,10 @@ _SMOOTHING = 0.05
 _SCALE_TIME = 3.0
 """s: in which the thrust of one newton asked for is learnt."""
 _SCALE_LOW, _SCALE_HIGH = 0.5, 1.5
+_IMPULSE_TIME = 0.3
+"""s: in which a push is forgotten."""
+TOUCH_IMPULSE = 0.12
+"""m/s: a third of the speed of a blind descent: the ground has stopped it."""
 _REST_RATE = 0.5
 """rad/s: PX4's LNDMC_ROT_MAX is 20 deg/s."""
 _REST_FORCE = 0.2
@@ -38,6 +42,7 @@ class Touchdown(Record):
     force = field("m/s^2", "specific force, smoothed, body", 3)
     scale = field("1", "thrust over thrust asked for, and over nominal mass: 1 as expected")
     push = field("1", "share of the weight that something else carries")
+    impulse = field("m/s", "speed that this push has given or taken in the last moments")
     contact_ticks = field("1", "it has stood on the ground for so long", kind=int)
     overturned_ticks = field("1", "it has lain on its side for so long", kind=int)
     longest_aloft = field("1", "most contact_ticks while its height was known to be more than"
@@ -51,6 +56,7 @@ def begin_touchdown(memory: Touchdown) -> None:
     memory.smooth_thrust = 0.0
     memory.scale = 1.0
     memory.push = 0.0
+    memory.impulse = 0.0
     memory.contact_ticks = 0
     memory.overturned_ticks = 0
     memory.longest_aloft = 0
@@ -98,6 +104,7 @@ def observe_ground(
         found = min(max(z / given, _SCALE_LOW), _SCALE_HIGH)
         memory.scale += (found - memory.scale) * passed / _SCALE_TIME
     memory.push = (z - memory.scale * given) / GRAVITY
+    memory.impulse += (memory.push * GRAVITY - memory.impulse / _IMPULSE_TIME) * passed
     total = math.sqrt(x * x + y * y + z * z)
     turning = math.sqrt(rates[0] * rates[0] + rates[1] * rates[1] + rates[2] * rates[2])
     rests = abs(total - GRAVITY) < _REST_FORCE * GRAVITY and turning < _REST_RATE

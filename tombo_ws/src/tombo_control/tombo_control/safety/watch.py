@@ -21,7 +21,12 @@ from tombo_control.safety.state_machine import (
     row_condition,
     row_next,
 )
-from tombo_control.safety.touchdown import Touchdown, begin_touchdown, observe_ground
+from tombo_control.safety.touchdown import (
+    TOUCH_IMPULSE,
+    Touchdown,
+    begin_touchdown,
+    observe_ground,
+)
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.messages import Phase
@@ -150,6 +155,11 @@ def watch_flight(
     aloft = flies and known and height > _ALOFT
     learns = aloft and height > _LEARNS and not descends(watch)
     observe_ground(watch.touchdown, watch.params, autopilot, accel, ticks, learns, aloft)
+    loops = autopilot.loops
+    if descends(watch) and loops.sunk and watch.touchdown.impulse > TOUCH_IMPULSE:
+        if not loops.touched:
+            loops.touched = True
+            loops.touch_speed = state.velocity[2]
     _count(watch, state, phase, ticks, known)
     if flies:
         found = _conditions_aloft(watch, state, phase, tick, due, known, held)
