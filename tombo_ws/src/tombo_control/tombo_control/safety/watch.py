@@ -156,10 +156,10 @@ def watch_flight(
     learns = aloft and height > _LEARNS and not descends(watch)
     observe_ground(watch.touchdown, watch.params, autopilot, accel, ticks, learns, aloft)
     loops = autopilot.loops
-    if descends(watch) and loops.sunk and watch.touchdown.impulse > TOUCH_IMPULSE:
-        if not loops.touched:
-            loops.touched = True
-            loops.touch_speed = state.velocity[2]
+    stopped = loops.sunk and watch.touchdown.impulse > TOUCH_IMPULSE
+    if descends(watch) and stopped and not loops.touched:
+        loops.touched = True
+        loops.touch_speed = state.velocity[2]
     _count(watch, state, phase, ticks, known)
     if flies:
         found = _conditions_aloft(watch, state, phase, tick, due, known, held)
