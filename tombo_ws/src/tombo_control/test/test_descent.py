@@ -28,7 +28,7 @@ def _state(flight: Lockstep) -> SafetyState:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("wrong", WRONG)
-@pytest.mark.parametrize("seed", [11, 12, 13])
+@pytest.mark.parametrize("seed", [11, 12])
 def test_without_estimates_it_sinks_slowly_drifts_little_and_stops(wrong: str, seed: int) -> None:
     flight = hovering(calm(*WRONG[wrong]), seed=seed)
     begin = flight.position

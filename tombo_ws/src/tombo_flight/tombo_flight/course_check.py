@@ -13,6 +13,7 @@ from tombo_control.planning.mission import MissionParams
 from tombo_control.safety.flight_volume import outside_volume
 from tombo_control.safety.params import FlightVolume
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.records import parameter_record
 
 _ROUNDING = 1.0 + 1e-9
 
@@ -42,13 +43,14 @@ def check_course(mission: MissionParams, control: ControlParams, volume: FlightV
     hover: Point = (0.0, 0.0, mission.height)
     end_s = course_begin(mission)
     here, yaw = hover, 0.0
+    limits = parameter_record(volume)
     for i, target in enumerate(resolved_waypoints(mission.course, hover, mission.approach_speed)):
         leg = leg_to(target, here, yaw, end_s)
         vx, vy, vz = leg.velocity
         _check_speed(i, "across", math.hypot(vx, vy), "velocity_max_xy", control.velocity_max_xy)
         _check_speed(i, "up or down", abs(vz), "velocity_max_z", control.velocity_max_z)
         end_s, here, yaw = leg.hold_end_s, target[:3], target.yaw
-        off = outside_volume(np.array(here), volume)
+        off = outside_volume(np.array(here), limits)
         if off > 0.0:
             raise InputError(
                 f"mission.course[{i}]: {off:.2f} m outside of the flight volume; accepted: a "

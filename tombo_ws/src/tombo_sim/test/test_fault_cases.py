@@ -53,7 +53,7 @@ def test_no_random_sequence_violates_anything() -> None:
         (Fault.SIMULATOR, 0.05, SafetyState.OFF, Condition.NEW_FLIGHT),
         (Fault.MOVED_FRAME, 0.05, SafetyState.LATCHED, Condition.LIMIT),
         (Fault.KILL, 0.05, SafetyState.LATCHED, Condition.KILL),
-        (Fault.ABORT, 0.05, SafetyState.LATCHED, Condition.TOUCHDOWN),
+        (Fault.ABORT, 0.05, SafetyState.LATCHED, Condition.ABORT),
     ],
     ids=lambda value: getattr(value, "name", str(value)),
 )

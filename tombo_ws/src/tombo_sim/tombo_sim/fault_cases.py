@@ -14,6 +14,8 @@ _STEPS_PER_S = 1000 // STEP_TICKS
 HORIZON_S = 60.0
 """A case is watched for so long, or until nothing turns and nothing is to come."""
 _FOR_EVER = 10**6
+_RESTART_S = 0.4
+"""No process is restarted faster: the flight controller's fail-safe has taken over by then."""
 PHASES_S = {
     "idle": 0.5,
     "takeoff": 1.7,
@@ -44,7 +46,9 @@ class FaultAt:
     def row(self) -> tuple[int, int, int]:
         """Return it as the model takes it."""
         begin = round(self.begin_s * _STEPS_PER_S)
-        steps = _FOR_EVER if self.lasts_s is None else max(round(self.lasts_s * _STEPS_PER_S), 1)
+        least = _RESTART_S if self.fault == Fault.CONTROLLER else 0.0
+        lasts_s = _FOR_EVER if self.lasts_s is None else max(self.lasts_s, least)
+        steps = min(max(round(lasts_s * _STEPS_PER_S), 1), _FOR_EVER)
         return int(self.fault), begin, begin + steps
 
     def text(self) -> str:

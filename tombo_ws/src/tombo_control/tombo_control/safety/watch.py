@@ -180,6 +180,13 @@ def _far(a: Array, b: Array, limit: float) -> bool:
 
 
 @compiled
+def _aside(a: Array, b: Array, limit: float) -> bool:
+    """Return whether two places are further apart than that, across."""
+    x, y = a[0] - b[0], a[1] - b[1]
+    return bool(not x * x + y * y <= limit * limit)
+
+
+@compiled
 def _count(watch: Watch, state: Any, phase: int, ticks: int, known: bool) -> None:
     """Count how long what is measured has been so."""
     v, limits = state.velocity, watch.params
@@ -193,7 +200,7 @@ def _count(watch: Watch, state: Any, phase: int, ticks: int, known: bool) -> Non
     watch.limit_ticks = watch.limit_ticks + ticks if fast or tilted or out else 0
     stuck = phase == Phase.LAND and abs(v[2]) < _STUCK_SPEED
     watch.stuck_ticks = watch.stuck_ticks + ticks if stuck else 0
-    moved = watch.has_place and _far(state.position, watch.place, _JUMP)
+    moved = watch.has_place and _aside(state.position, watch.place, _JUMP)
     if known and not moved:
         watch.has_place = True
         watch.place = state.position
@@ -247,7 +254,7 @@ def _conditions_on_ground(
         ready = known and upright >= math.cos(watch.params.takeoff_tilt)
         rested = min(watch.rest_ticks, watch.takeoff_ticks)
         ready = ready and rested >= (1 if watch.idle_seen else _BOOT_REST)
-        ready = ready and not _far(state.position, watch.place, watch.params.takeoff_distance)
+        ready = ready and not _aside(state.position, watch.place, watch.params.takeoff_distance)
         ready = ready and not _far(state.position, setpoint.position, _TAKEOFF_SETPOINT)
         found |= _bit(Condition.TAKEOFF, ready)
     refused = watch.idle_seen and watch.takeoff_ticks > _TAKEOFF_GRACE
