@@ -391,7 +391,7 @@ def _fly_on(world: World, attitude: Array, lift: float, failsafe: bool) -> None:
 
 
 @compiled_call
-def fly_faults(s: Suite, world: World, faults: Array, steps: int, verdict: Verdict) -> None:
+def fly_faults(s: Suite, world: World, faults: Any, steps: int, verdict: Verdict) -> None:
     """Fly `steps` steps of 5 ms with faults: rows of kind, first step, end; write `verdict`."""
     verdict.commands = 1
     force = np.zeros(3)

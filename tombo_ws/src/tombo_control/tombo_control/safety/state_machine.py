@@ -20,7 +20,7 @@ class SafetyState(IntEnum):
 
     command: str
 
-    def __new__(cls, value: int, command: str) -> SafetyState:
+    def __new__(cls, value: int, command: str = "") -> SafetyState:
         """Make a member of its number and of what is commanded in it."""
         member = int.__new__(cls, value)
         member._value_ = value
@@ -45,7 +45,7 @@ class Condition(IntEnum):
 
     text: str
 
-    def __new__(cls, value: int, text: str) -> Condition:
+    def __new__(cls, value: int, text: str = "") -> Condition:
         """Make a member of its number and its text."""
         member = int.__new__(cls, value)
         member._value_ = value
