@@ -8,7 +8,7 @@ import pytest
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
-from parameter_calls import set_parameters
+from parameter_calls import call_trigger, set_parameters
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from reports import heard, told
@@ -244,3 +244,14 @@ def test_waits_for_auto_start(world, start):
         assert flight.step().phase == MissionStatus.IDLE
     assert set_parameters(world, "mission", auto_start=True) == [(True, "")]
     flight.until(MissionStatus.TAKEOFF)
+
+
+def test_an_operator_takes_off_and_lands_by_services(world, start):
+    flight = Flight(world, start, more=["auto_start:=false"])
+    assert flight.step().phase == MissionStatus.IDLE
+    assert call_trigger(world, "mission", "hold") == (False, "nothing to hold: phase idle")
+    assert call_trigger(world, "mission", "takeoff") == (True, "")
+    flight.until(MissionStatus.HOVER)
+    assert call_trigger(world, "mission", "takeoff")[0] is False, "it flies"
+    assert call_trigger(world, "mission", "land") == (True, "")
+    flight.until(MissionStatus.LANDED)

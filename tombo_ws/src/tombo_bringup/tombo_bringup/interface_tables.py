@@ -17,6 +17,7 @@ from pathlib import Path
 from tombo_bag import topics
 from tombo_bag.qos import Qos
 from tombo_bag.topics import CLOCK, DIAGNOSTICS, TOPICS, TopicSpec
+from tombo_bringup.safety_table import safety_tables
 from tombo_dynamics.core import Core
 from tombo_dynamics.errors import InputError
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
@@ -52,7 +53,11 @@ IN_PLACE_OF_SIM = {
     "hil_sim_node": "tombo_px4.hil_sim_node",
 }
 """Executables whose node is `sim` too."""
-PAGES = {"nodes.md": ("nodes", "topics"), "px4.md": ("px4_nodes",)}
+PAGES = {
+    "nodes.md": ("nodes", "topics"),
+    "px4.md": ("px4_nodes",),
+    "safety.md": ("states", "transitions", "faults"),
+}
 """Page → its tables."""
 
 
@@ -256,6 +261,7 @@ def tables(page: str = "nodes.md") -> dict[str, str]:
         "nodes": node_table(nodes),
         "topics": topic_table(nodes),
         "px4_nodes": node_table(read_nodes(IN_PLACE_OF_SIM)),
+        **safety_tables(),
     }
     return {name: found[name] for name in PAGES[page]}
 

@@ -1,8 +1,9 @@
 """The reaction in line between mission and controller: which set point goes on.
 
 Without a collision it is the mission's, unchanged. After one it is x_r, at once, until the mission
-flies there itself. Where mission or detector fall silent, the vehicle holds where it is. What x_r
-is decides one of `tombo_collision.reactions`.
+flies there itself. Where mission or detector fall silent, the vehicle holds where it is; where
+they stay silent, so does the reaction, and the controller lands. What x_r is decides one of
+`tombo_collision.reactions`.
 """
 
 from __future__ import annotations
@@ -94,6 +95,8 @@ class ReactionMemory(Record):
     mission_at_x_r = field("1", "the mission has come to x_r itself", kind=bool)
     two_publishers = field("1", "two publish what only one may", kind=bool)
     holds = field("1", "it holds", kind=bool)
+    waits = field("1", "a set point of its own stands for one that is missing", kind=bool)
+    waits_since_ns = field("ns", "since when", kind=int)
     hold = field("", "where it holds", kind=PositionSetpointRecord)
     setpoint = field("", "the last one published", kind=PositionSetpointRecord)
     publishes = field("1", "it is of the last step", kind=bool)
@@ -124,6 +127,7 @@ def begin_reaction(memory: ReactionMemory) -> None:
     memory.mission_at_x_r = True
     memory.two_publishers = False
     memory.holds = False
+    memory.waits = False
     memory.said = False
     memory.publish_due = False
     memory.setpoint.stamp_ns = 0
@@ -246,6 +250,13 @@ def reaction_step(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -
             else:
                 _hold_at(out, mission.position, mission.yaw, Phase.HOLD)
     _report(memory, limits, why, now_ns)
+    waits = own and (mission_timed_out or why != HoldReason.NONE)
+    if waits and not memory.waits:
+        memory.waits_since_ns = now_ns
+    memory.waits = waits
+    if waits and now_ns - memory.waits_since_ns > limits.hold_time * 1e9:
+        memory.publish_due = False
+        return
     if memory.publish_due or (own and now_ns - memory.setpoint.stamp_ns >= _PERIOD_NS):
         memory.setpoint = out
         memory.setpoint.stamp_ns = now_ns

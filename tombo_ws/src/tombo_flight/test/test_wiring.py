@@ -11,6 +11,7 @@ import pytest
 from tombo_bag.message_codec import form_of
 from tombo_bag.schemas import own_definitions
 from tombo_bag.topics import TOPICS
+from tombo_control.controller_core import ControllerCore
 from tombo_dynamics.core import Core
 from tombo_dynamics.messages import Imu, Phase, ReactionPhase, RotorCommand, Trigger, neutral
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
@@ -43,6 +44,8 @@ def test_each_topic_has_one_publisher():
 @pytest.mark.parametrize("kind", CORES, ids=lambda core: core.name)
 def test_core_takes_neutral_messages_and_publishes_what_it_says(kind: type[Core]):
     core = core_of(kind, load_scenario("hover"))
+    if isinstance(core, ControllerCore):
+        core.take_over()  # it obeys no flight that it has not seen begin
     topics = set()
     for tick in range(200):
         now_ns = EPOCH_NS + tick * TICK_NS

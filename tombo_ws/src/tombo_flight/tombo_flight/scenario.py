@@ -16,6 +16,8 @@ from tombo_collision.reactions.bounce import Bounce
 from tombo_collision.reactions.none import NoReaction
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.planning.mission import MissionParams
+from tombo_control.safety.flight_volume import check_volume
+from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.effects.vehicle_size import effects_for
 from tombo_dynamics.errors import InputError, shown, unknown_name
@@ -53,6 +55,8 @@ class Scenario:
     reaction: Reaction = field(default_factory=Bounce)
     obstacle: ObstacleParams = field(default_factory=ObstacleParams)
     spread: SpreadParams = field(default_factory=SpreadParams)
+    safety: SafetyParams = field(default_factory=SafetyParams)
+    volume: FlightVolume = field(default_factory=FlightVolume)
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
@@ -313,7 +317,8 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     fitted = mounted_vehicle(scenario.vehicle, scenario.propeller)
     if scenario.detector.trigger not in TRIGGERS:
         raise unknown_name("detector.trigger", scenario.detector.trigger, TRIGGERS)
-    check_course(scenario.mission, scenario.control)
+    check_volume(scenario.volume)
+    check_course(scenario.mission, scenario.control, scenario.volume)
     return dataclasses.replace(scenario, vehicle=fitted)
 
 
@@ -327,6 +332,11 @@ def as_mapping(scenario: Scenario) -> dict[str, Any]:
         for key, value in plain["propeller"].items()
         if key in _ALWAYS_SAID or value != left_out[key]
     }
+    for section in ("safety", "volume"):
+        record = getattr(scenario, section)
+        defaults = dataclasses.asdict(type(record)())
+        said = {key: value for key, value in plain.pop(section).items() if value != defaults[key]}
+        plain |= {section: said} if said else {}
     course = plain["mission"]["course"]
     if course is not None:
         plain["mission"]["course"] = [

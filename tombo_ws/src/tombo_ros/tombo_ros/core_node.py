@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
+
+from std_srvs.srv import Trigger
 
 from tombo_bag.message_codec import MessageCodec, form_of
 from tombo_bag.topics import TOPICS, TopicSpec
@@ -29,6 +33,8 @@ _FASTEST_NS = 1000
 _WAIT_NS, _LOOKS = 100_000, 4
 """Number of further checks for a late sample, and the time between them."""
 _WARM_UP_TICKS, _WARM_UP_POSE = 120, 30
+_ANSWER_S = 2.0
+"""A command that the loop has not taken by then was not obeyed."""
 
 
 class CoreInput:
@@ -40,6 +46,15 @@ class CoreInput:
         self.codec = MessageCodec(spec.typename)
         self.several = False
         """More than one node publishes here."""
+
+
+class _Command:
+    """What an operator has told the node, until the loop has passed it on."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.refusal = ""
+        self.done = threading.Event()
 
 
 class CoreNode(LoopNode):
@@ -87,6 +102,9 @@ class CoreNode(LoopNode):
             topic: (self.advertise(TOPICS[topic]), MessageCodec(TOPICS[topic].typename))
             for topic in core.outputs
         }
+        self._commands: deque[_Command] = deque()  # filled by the services' thread
+        for name in core.commands:
+            self.ros.create_service(Trigger, f"~/{name}", self._server(name))
         self._shown_faults: set[str] = set()
         self._late_samples = 0
         self.step_ns = 0
@@ -97,6 +115,28 @@ class CoreNode(LoopNode):
         value = self.records[name] if name in self.records else self.parameters.get(name)
         self.core.set_params(name, value)
         self._take_over_faults()
+
+    def _server(self, name: str) -> Callable[[Any, Any], Any]:
+        """Return the service that hands a command to the loop and waits for its answer."""
+
+        def serve(request: Any, response: Any) -> Any:
+            asked = _Command(name)
+            self._commands.append(asked)
+            if asked.done.wait(_ANSWER_S):
+                response.success, response.message = not asked.refusal, asked.refusal
+            else:
+                response.message = "the loop does not run: no time passes"
+            return response
+
+        return serve
+
+    def periodic_tasks(self, wall_ns: int, now_ns: int) -> None:
+        """Obey commands, besides what every node does."""
+        while self._commands:
+            asked = self._commands.popleft()
+            asked.refusal = self.core.command(asked.name)
+            asked.done.set()
+        super().periodic_tasks(wall_ns, now_ns)
 
     def on_published(self, topic: str, message: Any) -> None:
         """Hook: called with what the core has published."""

@@ -337,7 +337,8 @@ class SimNode(VehicleNode):
         silent = self._command_timed_out(now_ns)
         airborne = self.simulator.height > self._ground + 0.1
         if self.failsafe.engaged:
-            if not silent and now_ns - self._resumed_ns > _RESUME_NS:
+            turns = not airborne or self._command.any()  # it does not let a vehicle fall
+            if not silent and turns and now_ns - self._resumed_ns > _RESUME_NS:
                 self.failsafe.release()
                 self.health.fault("failsafe", False)
             else:

@@ -78,7 +78,8 @@ def up(
 
     With --px4 PX4 stands for estimator and controller. Each is a process of its own and a ROS 2
     node; Ctrl-C stops them. A node that ends by itself is reported and not started again; the
-    others go on.
+    others go on. Without the simulator nothing flies before `ros2 service call /mission/takeoff
+    std_srvs/srv/Trigger`.
     """
     from tombo_bringup.cli.flight.fly_command import check_px4_options
     from tombo_bringup.cli.flight.fly_nodes import may_arm
@@ -95,6 +96,9 @@ def up(
         raise InputError(f"--speed {speed:g}: accepted: without --px4, which is in real time")
     connection = None if px4 is None else px4_connection(url_of(px4), bridge or [])
     over = {} if connection is None else over_mavlink(connection)
+    real = "sim" in (*(without or ()), *over.get("without", ()))
+    if real:  # what really flies waits for ~/takeoff
+        over["more"] = {**over.get("more", {}), "mission": {"auto_start": False}}
     folder = record or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
     config = SuiteConfig(
         scenario=load_scenario(scenario, settings or [], model, vehicle),
