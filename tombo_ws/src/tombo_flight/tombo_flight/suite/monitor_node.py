@@ -9,7 +9,8 @@ second, `{"flight": {...}}`: the newest true pose with its stamp, and the missio
 `--mocap` it is the pose that the motion capture sees: the truth of a real vehicle is unknown.
 With `--px4` also `{"px4": {...}}`: each change of `/px4/status`.
 
-A line on standard input, as `hold`, calls that service of the mission node (`mission/hold`,
+A line on standard input, as `hold`, calls that service of the mission node (`mission/hold`), or
+`kill` that of the node which has the last word before the rotors (`controller/kill`;
 std_srvs/Trigger); `{"answer": {"request", "success", "message"}}` says what came of it.
 """
 
@@ -45,6 +46,8 @@ _EVERY_NODE = 100
 """Reports of all nodes may come at once."""
 
 
+_OFFERED_BY = {"kill": "controller"}
+"""Request → node with that service, where it is not the mission."""
 _ANSWER_S = 3.0
 """A request without an answer for so long has failed."""
 
@@ -64,7 +67,7 @@ class MissionRequests:
         return [answer for line in lines if line.strip() for answer in self._call(line.strip())]
 
     def _call(self, request: str) -> list[dict[str, Any]]:
-        name = f"mission/{request}"
+        name = f"{_OFFERED_BY.get(request, 'mission')}/{request}"
         client = self._clients.get(name)
         if client is None:
             client = self._clients[name] = self._node.create_client(Trigger, name)
