@@ -350,7 +350,7 @@ class FlightProblem:
         fresh = map_flights(
             lambda each: linearize(
                 each[0], self.nominal, theta, renewed, each[1],
-                None if renewed is None else each[2].driver,
+                None if renewed is None else each[2],
             ),
             list(zip(self.tracks, self.linears, before.linears, strict=True)),
         )  # fmt: skip
