@@ -11,7 +11,7 @@ import pytest
 
 from in_time import in_time
 from tombo_bag.formats.reader import Bag
-from tombo_bag.topics import PX4_STATUS, TRUE_ODOMETRY
+from tombo_bag.topics import MISSION_STATUS, PX4_STATUS, TRUE_ODOMETRY
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.px4_connection import free_udp_port
@@ -97,7 +97,7 @@ def lab(start):
 
 
 def test_ctrl_c_in_the_air_lands_the_vehicle(world, lab, domain, tmp_path):
-    world.subscribe(TRUE_ODOMETRY)
+    world.subscribe(TRUE_ODOMETRY, MISSION_STATUS)
     world.meet(TRUE_ODOMETRY, patience_s=_COMPILES_S)
     url, node = lab
     words = ("fly", "hover", "--px4", url, "--yes", "--domain", str(domain), "-o", "out", "--json")
@@ -107,6 +107,8 @@ def test_ctrl_c_in_the_air_lands_the_vehicle(world, lab, domain, tmp_path):
     )  # fmt: skip
     try:
         world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 0.8, patience_s=60.0)
+        # a landing that PX4 flies in the middle of a mission is none of the mission's phases
+        world.wait_for(MISSION_STATUS, lambda m: m.phase == m.HOVER, patience_s=60.0)
         command.send_signal(signal.SIGINT)
         out, err = command.communicate(timeout=120.0)
     finally:

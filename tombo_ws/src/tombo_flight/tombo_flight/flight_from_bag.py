@@ -32,6 +32,7 @@ from tombo_bag.topics import (
     MISSION_STATUS,
     MOCAP_POSE,
     ODOMETRY,
+    PX4_STATUS,
     RATES_SETPOINT,
     REACTION_STATUS,
     ROTOR_COMMAND,
@@ -63,12 +64,14 @@ _FIRST_STEP_NS = 20 * TICK_NS
 _TICK_BYTES = 2000
 """Memory that a tick takes, with all of its columns and what is made of them."""
 _DIGITS = 20
+_PX4_LANDS = ("land", "return")
+"""Modes of PX4 that end on the ground."""
 _BEYOND_NS = SECOND_NS
 """A flight ends at most this time after its last known state."""
 _NAME_OF_TRIGGER = {int(trigger): trigger.name.lower() for trigger in Trigger}
 _TOPICS = (
     *(ATTITUDE_SETPOINT, BATTERY, COLLISION_EVENT, DETECTOR_STATUS, IMU, MARKERS, MISSION_STATUS),
-    *(MOCAP_POSE, ODOMETRY, RATES_SETPOINT, REACTION_STATUS, ROTOR_COMMAND, SETPOINT),
+    *(MOCAP_POSE, ODOMETRY, PX4_STATUS, RATES_SETPOINT, REACTION_STATUS, ROTOR_COMMAND, SETPOINT),
     *(TRUE_CONTACT, TRUE_ODOMETRY, TRUE_ROTORS),
 )
 
@@ -322,7 +325,7 @@ class _RecordedFlight:
         """Return the phase of the set point followed, a tick after it was published.
 
         Where no set points were recorded, it is the mission's phase; that it has landed may come
-        after the last of them.
+        after the last of them. While PX4 lands by its own mode, the vehicle follows that.
         """
         phases: Array = np.full((self._grid.ticks, 1), float(Phase.IDLE))
         for name, delay_ns in ((SETPOINT.name, TICK_NS), (MISSION_STATUS.name, 0)):
@@ -336,6 +339,9 @@ class _RecordedFlight:
             landed_ns = status["stamp_ns"][-1:]
             if landed_ns[0] > setpoints["stamp_ns"].max():
                 phases[max(int(self._grid.at(landed_ns)[0]), 0) :] = Phase.LANDED
+        if (px4 := self._tables.get(PX4_STATUS.name)) is not None:
+            own = self._grid.held(px4["stamp_ns"], _px4_landings(px4)[:, None])
+            phases = np.where(np.isfinite(own) & (phases != Phase.LANDED), own, phases)
         return phases
 
     def _detections(self) -> tuple[list[CollisionEvent], list[float]]:
@@ -483,6 +489,19 @@ def _vectors(table: ColumnTable, path: str, axes: str = "xyz") -> Array:
     """
     _ = table[f"{path}.{axes[0]}"]
     return vectors(table, path, axes)
+
+
+def _px4_landings(status: ColumnTable) -> Array:
+    """Return the phase at each status of PX4 (n): LAND, LANDED after it, NaN where it flies on."""
+    found = np.full(len(status["mode"]), np.nan)
+    phase = math.nan
+    for i, (armed, mode) in enumerate(zip(status["armed"], status["mode"], strict=True)):
+        if armed:
+            phase = float(Phase.LAND) if mode in _PX4_LANDS else math.nan
+        elif phase == Phase.LAND:
+            phase = float(Phase.LANDED)
+        found[i] = phase
+    return found
 
 
 def _turn(table: ColumnTable, path: str) -> Array:

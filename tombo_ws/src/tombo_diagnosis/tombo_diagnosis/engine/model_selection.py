@@ -14,7 +14,7 @@ import numpy as np
 
 from tombo_diagnosis.engine.evidence import solve
 from tombo_diagnosis.engine.model import Explanation, Hypothesis, Model, SearchResult
-from tombo_diagnosis.engine.regression import TIGHT, Fit, Parameter
+from tombo_diagnosis.engine.regression import TIGHT, Fit
 
 LOG_BF_FIRST = 3.5
 """Log Bayes factor with which a cause is accepted; see docs/diagnosis.md for what it gives."""
@@ -188,14 +188,7 @@ def fit_hypotheses(
     for each in hypotheses:
         if each.free and all(fit.theta[i] == model.theta[i] for i in each.free):
             evidence = -math.inf  # at the edge of its bounds it does nothing: no cause
-        if any(_at_far_bound(model.columns.parameters[i], float(fit.theta[i])) for i in each.free):
-            evidence = -math.inf  # data that want more than is possible want something else
     return Explanation(hypotheses, fit, evidence)
-
-
-def _at_far_bound(p: Parameter, value: float) -> bool:
-    """Return whether a parameter ended at a bound, other than the value that does nothing."""
-    return value in (p.low, p.high) and value != p.null
 
 
 def _within_bounds(model: Model, fit: Fit) -> float:

@@ -26,7 +26,7 @@ TIGHT = 0.2
 NOMINAL_WIDTHS: Mapping[str, float] = MappingProxyType({})
 """All stochastic effects as wide as in the nominal model."""
 _PINNED = 1e-3
-_MAX_BOUND_EXCESS_SIGMAS = 4.0
+_MAX_BOUND_EXCESS_SIGMAS = 3.0
 """A fit that is further beyond a parameter's bound than this is rejected."""
 
 

@@ -123,15 +123,20 @@ def _speed_channels(log: FlightLog) -> list[str]:
 
 def _speed_in_hover(logs: Sequence[FlightLog]) -> float:
     """Return the rotor speed that carries the weight [rad/s]: thrust grows with its square."""
-    squares, forces = [], []
-    for log in logs:
-        series = log.series[_speed_channels(log)[0]]
+    speeds = [log.series[_speed_channels(log)[0]] for log in logs]
+    square, force = _drive_and_force(logs, [replace(s, values=s.values**2) for s in speeds])
+    return float(np.sqrt(GRAVITY * (square @ square) / (square @ force)))
+
+
+def _drive_and_force(logs: Sequence[FlightLog], drives: Sequence[Series]) -> tuple[Array, Array]:
+    """Return mean drive and specific force along body z [m/s^2] of all flights, smoothed alike."""
+    xs, ys = [], []
+    for log, drive in zip(logs, drives, strict=True):
         track = track_of(log)
         smooth = track.slow_kernel.smooth
-        squares.append(smooth @ mean_of(replace(series, values=series.values**2), track.t))
-        forces.append(smooth @ specific_force(track))
-    square, force = np.concatenate(squares), np.concatenate(forces)
-    return float(np.sqrt(GRAVITY * (square @ square) / (square @ force)))
+        xs.append(smooth @ mean_of(drive, track.t))
+        ys.append(smooth @ specific_force(track))
+    return np.concatenate(xs), np.concatenate(ys)
 
 
 def _with_asked_speeds(log: FlightLog) -> FlightLog:
@@ -200,13 +205,7 @@ def _drive(log: FlightLog) -> Series:
 
 def _thrust_fit(logs: Sequence[FlightLog]) -> tuple[float, float]:
     """Return offset and gain from the mean drive to specific force along body z [m/s^2]."""
-    xs, ys = [], []
-    for log in logs:
-        track = track_of(log)
-        smooth = track.slow_kernel.smooth
-        xs.append(smooth @ mean_of(_drive(log), track.t))
-        ys.append(smooth @ specific_force(track))
-    x, y = np.concatenate(xs), np.concatenate(ys)
+    x, y = _drive_and_force(logs, [_drive(log) for log in logs])
     spread = float(x.std())
     gain = float(np.mean((x - x.mean()) * (y - y.mean()))) / max(spread**2, 1e-12)
     if spread < 1e-3 * abs(float(x.mean())) or gain * float(x.mean()) < 0.1 * GRAVITY:

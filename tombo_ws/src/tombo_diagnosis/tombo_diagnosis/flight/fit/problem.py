@@ -347,23 +347,23 @@ class FlightProblem:
 
         None: of all of them and of the draws, along the rotor speeds that theta gives.
         """
-        every = renewed is None
         fresh = map_flights(
             lambda each: linearize(
-                each[0], self.nominal, theta, renewed, each[1], None if every else each[2].driver
+                each[0], self.nominal, theta, renewed, each[1],
+                None if renewed is None else each[2],
             ),
             list(zip(self.tracks, self.linears, before.linears, strict=True)),
+        )  # fmt: skip
+        if renewed is None:
+            parts = tuple(self._by_channel(linear, f) for f, linear in enumerate(fresh))
+            return FlightTangent(tuple(fresh), self._weighed(parts), parts)
+        linears = tuple(
+            replace(new, slopes={**old.slopes, **new.slopes}, draws=old.draws)
+            for new, old in zip(fresh, before.linears, strict=True)
         )
-        if every:
-            linears, places = tuple(fresh), None
-        else:
-            linears = tuple(
-                replace(new, slopes={**old.slopes, **new.slopes}, draws=old.draws)
-                for new, old in zip(fresh, before.linears, strict=True)
-            )
-            places = self.columns.places(renewed)
+        places = self.columns.places(renewed)
         parts = tuple(
-            self._by_channel(linear, f, None if places is None else part, places or ())
+            self._by_channel(linear, f, part, places)
             for f, (linear, part) in enumerate(zip(linears, before.parts, strict=True))
         )
         return FlightTangent(linears, self._weighed(parts), parts)

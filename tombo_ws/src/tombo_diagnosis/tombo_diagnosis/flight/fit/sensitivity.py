@@ -46,6 +46,8 @@ class Linearization:
     theta: Array
     driver: Track
     """The flight with the rotor speeds along which steps and slopes are taken."""
+    start_along: Groups
+    """What the start of the fit leaves along them: group -> (rows, channels)."""
     motion: Motion
     """Behind the measured poses, of these parameters."""
     residual: Groups
@@ -96,28 +98,29 @@ def linearize(
     theta: Array,
     indices: Sequence[int] | None = None,
     start: Linearization | None = None,
-    driver: Track | None = None,
+    along: Linearization | None = None,
 ) -> Linearization:
     """Return residuals and slopes of a flight about `theta`.
 
     `indices` are those to differentiate; None: all of the registry, and the draws. `start` is the
     same about other parameters: the residuals are then those with what the step from there
-    changes, along the rotor speeds that the commands ask for, as for slopes. `driver` has these
+    changes, along the rotor speeds that the commands ask for, as for slopes. `along` has these
     speeds, where slopes of other parameters were taken along them: along others, two parameters
     that are alike would differ by what a delay does. None: those of `theta`.
     """
     motion = motion_of(track, nominal, theta)
-    if driver is None:
-        driver = _with_commanded_speeds(track, nominal, theta, motion)
+    driver = along.driver if along else _with_commanded_speeds(track, nominal, theta, motion)
     here = _predicted(driver, nominal, theta, motion)
-    base = here.residual
+    start_along = base = here.residual
     if driver is track:
         residual = base
     elif start is None:
         residual = residuals(track, nominal, theta, motion)
     else:
-        before = residuals(driver, nominal, start.theta, start.motion)
-        residual = {group: start.residual[group] + (base[group] - before[group]) for group in base}
+        start_along = (
+            along.start_along if along else residuals(driver, nominal, start.theta, start.motion)
+        )
+        residual = {g: start.residual[g] + (base[g] - start_along[g]) for g in base}
     slopes = {}
     for p in nominal.parameters:
         if (indices is None or p.index in indices) and not REGISTRY[p.effect].vibration:
@@ -146,7 +149,7 @@ def linearize(
             change = _change(base, residuals(driver, nominal, spread, motion, drawn), 0.5)
             if change is not None:
                 draws.append(change)
-    return Linearization(theta, driver, motion, residual, slopes, draws, width, noisy)
+    return Linearization(theta, driver, start_along, motion, residual, slopes, draws, width, noisy)
 
 
 def _with_commanded_speeds(
