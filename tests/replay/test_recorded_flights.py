@@ -4,7 +4,10 @@ If this fails after a change of behaviour that is meant: `python tests/bags/make
 """
 
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import write_mcap
 from tombo_flight.replay.run import Request, replay_bag
@@ -116,6 +119,37 @@ def test_a_headless_flight_is_replayed_to_the_last_bit(tmp_path):
         largest = next(value for key, value in one.items() if key.startswith("max"))
         assert largest < (1e-7 if "max_rad" in one else 1e-300)  # an angle of a cosine next to 1
     assert result.nodes["mission"]["phase_time_difference_ms"] == 6 * [0.0]
+
+
+def without_beginning(source, target, seconds):
+    """Write a recording that begins later."""
+    with source.open("rb") as file, target.open("wb") as out:
+        reader, writer = make_reader(file), Writer(out)
+        writer.start()
+        first = reader.get_summary().statistics.message_start_time
+        for metadata in reader.iter_metadata():
+            writer.add_metadata(metadata.name, metadata.metadata)
+        channels = {}
+        for schema, channel, message in reader.iter_messages(first + round(seconds * SECOND_NS)):
+            if channel.topic not in channels:
+                known = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(
+                    channel.topic, channel.message_encoding, known, channel.metadata
+                )
+            number, times = channels[channel.topic], (message.log_time, message.publish_time)
+            writer.add_message(number, times[0], message.data, times[1], message.sequence)
+        writer.finish()
+
+
+@pytest.mark.slow
+def test_a_recording_begun_in_flight_moves_the_controller(tmp_path):
+    short = ["mission.takeoff_time=0.1", "mission.approach_time=5.0", "duration=9.0"]
+    write_mcap(fly_scenario(load_scenario(settings=short), 3), tmp_path / "whole.mcap")
+    without_beginning(tmp_path / "whole.mcap", tmp_path / "flight.mcap", 6.0)
+    controller = replay_bag(tmp_path / "flight.mcap", Request(nodes=("controller",))).nodes
+    rates = controller["controller"]["rates"]
+    assert rates["compared"] > 300
+    assert 0.0 < rates["max_rad_s"] < 2.0, "its integrators begin anew, but it flies"
 
 
 @pytest.mark.slow

@@ -156,9 +156,9 @@ class Px4BridgeNode(LoopNode):
 
     def _serve_requests(self) -> None:
         self._offer(SetBool, "arm", lambda request: "arm" if request.data else "disarm")
-        self._offer(Trigger, "land", lambda request: "land")
-        self._offer(Trigger, "hold", lambda request: "hold")
-        self._offer(Trigger, "offboard", lambda request: "offboard")
+        for kind in ("takeoff", "land", "hold", "offboard", "kill"):
+            self._offer(Trigger, kind, lambda request, kind=kind: kind)
+        self._offer(Trigger, "abort", lambda request: "land")
 
     def _offer(self, service: Any, name: str, kind_of: Callable[[Any], str]) -> None:
         """Pass requests to the loop; it answers within some seconds, other calls go on."""

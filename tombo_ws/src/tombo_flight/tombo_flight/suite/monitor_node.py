@@ -48,15 +48,18 @@ _EVERY_NODE = 100
 
 _OFFERED_BY = {"kill": "controller"}
 """Request → node with that service, where it is not the mission."""
-_ANSWER_S = 3.0
+_PX4_SERVICES = "px4"
+"""Over PX4 all requests are for its own modes; the bridge offers them there."""
+_ANSWER_S = 6.0
 """A request without an answer for so long has failed."""
 
 
-class MissionRequests:
-    """Calls services of the mission node, without waiting for them."""
+class OperatorRequests:
+    """Calls the operator's services, without waiting for them."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, *, px4: bool) -> None:
         self._node = node
+        self._px4 = px4
         self._clients: dict[str, Any] = {}
         self._open: list[tuple[str, Any, float]] = []
         self._rest = ""
@@ -67,7 +70,8 @@ class MissionRequests:
         return [answer for line in lines if line.strip() for answer in self._call(line.strip())]
 
     def _call(self, request: str) -> list[dict[str, Any]]:
-        name = f"{_OFFERED_BY.get(request, 'mission')}/{request}"
+        offered_by = _PX4_SERVICES if self._px4 else _OFFERED_BY.get(request, "mission")
+        name = f"{offered_by}/{request}"
         client = self._clients.get(name)
         if client is None:
             client = self._clients[name] = self._node.create_client(Trigger, name)
@@ -79,7 +83,7 @@ class MissionRequests:
         return []
 
     def answers(self) -> list[dict[str, Any]]:
-        """Return what has been answered, or has not within 3 s."""
+        """Return what has been answered, or has not within 6 s."""
         if not self._open:
             return []
         rclpy.spin_once(self._node, timeout_sec=0.0)
@@ -174,8 +178,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     rclpy.init(args=arguments, signal_handler_options=rclpy.SignalHandlerOptions.NO)
     node = Node("monitor", start_parameter_services=False)
     words = remove_ros_args(arguments)
-    monitor = Monitor(node, _known(words), px4="--px4" in words)
-    requests = MissionRequests(node)
+    px4 = "--px4" in words
+    monitor = Monitor(node, _known(words), px4=px4)
+    requests = OperatorRequests(node, px4=px4)
     try:
         while not stopped:
             refused = requests.read(_typed())

@@ -13,15 +13,13 @@ from tombo_dynamics.arrays import Array
 from tombo_px4.bridge import modes
 from tombo_px4.bridge.modes import Mode
 from tombo_px4.frames import GeoOrigin, ros_yaw
-from tombo_px4.protocol.results import Result
+from tombo_px4.protocol.results import FORCE_ARMING, Result
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
     from tombo_px4.protocol.streams import StreamTable
 
 
-FORCE = 21196
-"""Second parameter of ARM_DISARM that leaves out all checks."""
 _GLOBAL_FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 _NO_PLACE = 0x7FFFFFFF
 _MAIN_MODES = {mode.main for mode in modes.MODE_NAMES}
@@ -114,7 +112,7 @@ class CommandServer:
         return CommandReply(answer) if isinstance(answer, Result) else answer
 
     def _arm(self, command: Command, streams: StreamTable) -> Result | CommandReply:
-        wanted, force = whole(command.params[0]), whole(command.params[1]) == FORCE
+        wanted, force = whole(command.params[0]), whole(command.params[1]) == FORCE_ARMING
         if wanted not in (0, 1) or wanted != command.params[0]:
             return Result.UNSUPPORTED
         act = self._vehicle.arm if wanted else self._vehicle.disarm

@@ -351,7 +351,10 @@ class Bridge:
         return [f for f in self.findings if f.weight == FindingSeverity.BLOCKS]
 
     def _must_land(self, now_ns: int) -> str:
-        """Return why to land: the poses do not change in flight, so nothing measures it."""
+        """Return why to land: the poses do not change, or nobody has said for long where to."""
+        silent_s = self.stream.silent_s(now_ns)
+        if silent_s > self.params.hold_time:
+            return f"no set point for {silent_s:.0f} s"
         frozen = next((f.text for f in self._blocking if f.key == FROZEN), "")
         self._frozen_ns = (self._frozen_ns or now_ns) if frozen else None
         return frozen if self._frozen_ns and now_ns - self._frozen_ns > _FROZEN_NS else ""
@@ -447,6 +450,8 @@ class Bridge:
     def _encode_command(self, order: VehicleCommand) -> Any:
         if order.mode is not None:
             return message_encoder.set_mode(self._target, order.mode)
+        if order.force:
+            return message_encoder.kill(self._target)
         return message_encoder.arm(self._target, bool(order.armed))
 
     def shutdown_command(self) -> Any:

@@ -130,6 +130,13 @@ class BridgeParams:
         "no set point for so long: the last position is held",
         "inputs.setpoint_timeout of the controller",
     )
+    hold_time: float = param(
+        10.0,
+        "s",
+        (0.0, 600.0),
+        "without set points the last position is held for so long, then PX4 lands",
+        "safety.hold_time of the controller",
+    )
     pose_timeout: float = param(
         0.2, "s", (0.02, 2.0), "no pose for so long: stale", "control.blind_timeout"
     )

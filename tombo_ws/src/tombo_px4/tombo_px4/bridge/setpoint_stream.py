@@ -66,6 +66,10 @@ class SetpointStream:
         """Return whether set points are coming."""
         return now_ns - self._setpoint_ns <= self._timeout_ns
 
+    def silent_s(self, now_ns: int) -> float:
+        """Return the time since the last set point [s]; 0 if none ever came."""
+        return 0.0 if self._setpoint is None else (now_ns - self._setpoint_ns) * 1e-9
+
     @property
     def follows_suite(self) -> bool:
         """Whether the suite's set points are sent."""

@@ -21,6 +21,7 @@ from tombo_px4.frames import (
     px4_quaternion,
     px4_yaw,
 )
+from tombo_px4.protocol.results import FORCE_ARMING
 
 POSITION_MASK = mav.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
 """Position, velocity, acceleration and yaw count; the rate of yaw doesn't."""
@@ -163,6 +164,11 @@ def set_mode(to: MessageTarget, mode: Mode) -> Any:
 def arm(to: MessageTarget, armed: bool) -> Any:
     """Ask to arm or disarm; never by force."""
     return command(to, mav.MAV_CMD_COMPONENT_ARM_DISARM, float(armed))
+
+
+def kill(to: MessageTarget) -> Any:
+    """Disarm by force, in the air too."""
+    return command(to, mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, FORCE_ARMING)
 
 
 def message_interval(to: MessageTarget, number: int, rate_hz: float) -> Any:

@@ -13,7 +13,9 @@ from types import TracebackType
 from typing import Any
 
 REQUESTS = {"h": "hold", "l": "land", "k": "kill"}
-"""Key → what is asked of the monitor, and by it of a node: `/mission/hold`, `/controller/kill`."""
+"""Key → what is asked of the monitor, and by it of a node: `/mission/hold`, `/controller/kill`.
+
+Over PX4: `/px4/hold`, `/px4/kill`."""
 HELP = "keys: h hold, l land, kk kill (rotors off at once)"
 _TWICE_S = 1.0
 """Two strokes of the key that switches the rotors off count within this time."""
