@@ -50,8 +50,9 @@ def benchmark_faults(
     count = checked(cases, workers, output)
 
     def run(
-        cases: int, seed: int, workers: int, progress: Callable[..., Any], stop: Callable[[], bool]
-    ) -> Any:
+        cases: int, seed: int, workers: int, progress: Callable[..., Any],
+        stop: Callable[[], bool], kept: Any,
+    ) -> Any:  # fmt: skip
         found = check_faults(cases, seed, workers, progress, stop)
         if not flights or stop():
             return found
