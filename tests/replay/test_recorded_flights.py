@@ -3,10 +3,14 @@
 If this fails after a change of behaviour that is meant: `python tests/bags/make_bags.py`.
 """
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from tombo_collision.detector_core import DetectorCore
+from tombo_collision.params import DetectorParams
+from tombo_dynamics.messages import Pose
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import write_mcap
@@ -139,6 +143,42 @@ def without_beginning(source, target, seconds):
             number, times = channels[channel.topic], (message.log_time, message.publish_time)
             writer.add_message(number, times[0], message.data, times[1], message.sequence)
         writer.finish()
+
+
+def collisions(track, by_s=0.0, from_ns=1 << 62):
+    """Arrival [s] of each collision's pose, where clocks were set by `by_s` in flight."""
+    core, found = DetectorCore(DetectorParams()), []
+    rows = zip(
+        *(track.stamp_ns.tolist(), track.arrival_ns.tolist(), track.frame.tolist()),
+        *(track.position, track.attitude),
+        strict=True,
+    )
+    for stamp_ns, arrival_ns, frame, position, attitude in rows:
+        by_ns = round(by_s * SECOND_NS) if stamp_ns >= from_ns else 0
+        now_ns = arrival_ns + by_ns
+        core.on("/mocap/pose", Pose(stamp_ns + by_ns, frame, position, attitude), now_ns)
+        published = core.step(now_ns)
+        found += [1e-9 * arrival_ns for topic, _ in published if topic == "/collision_event"]
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by_s", [2.0, -2.0, 0.15, -0.04])
+def test_a_clock_that_is_set_blinds_for_a_fifth_of_a_second(poses, by_s):
+    track = poses("paper_collision_0")
+    (known_s,) = collisions(track)
+    stamps_s = 1e-9 * track.stamp_ns
+    for row in np.flatnonzero((stamps_s > known_s - 0.6) & (stamps_s < known_s + 0.05)):
+        first_s, *_ = collisions(track, by_s, int(track.stamp_ns[row]))
+        assert known_s - 1e-6 < first_s < known_s + 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by_s", [2.0, -2.0, 0.15])
+def test_a_clock_that_is_set_is_no_collision(poses, by_s):
+    track = poses("no_obstacle_1")
+    for row in range(60, len(track.stamp_ns), 40):
+        assert collisions(track, by_s, int(track.stamp_ns[row])) == []
 
 
 @pytest.mark.slow

@@ -6,7 +6,6 @@ future, long late, twice, no number, or of another body is refused, with the rea
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -29,6 +28,8 @@ _SILENT_NS = 120_000_000
 """3.5 samples at 30 Hz."""
 _LATE_NS = 100_000_000
 """An older pose is used, but a collision is known late."""
+_SET_BACK_S = 1000.0
+"""A clock that was set back is a step back of the detector's time by so much."""
 _NONE = -1
 
 
@@ -122,10 +123,12 @@ def _detect(
         return why
     clock_set = is_future(memory.last_ns, now_ns)
     if memory.origin_ns == _NONE or clock_set:
-        if clock_set:  # take it whatever its stamp is, and start again there
-            memory.detector.last.stamp_s = math.inf
         memory.origin_ns = stamp_ns
+        if clock_set:  # it can't be taken for one out of order
+            last_s = memory.detector.last.stamp_s
+            memory.origin_ns = stamp_ns - int(np.rint(1e9 * (last_s - _SET_BACK_S)))
     elif stamp_ns <= memory.last_ns:
+        memory.detector.unordered |= stamp_ns < memory.last_ns
         return PoseRefusal.OUT_OF_ORDER
     result = detect(
         memory.detector, params, 1e-9 * (stamp_ns - memory.origin_ns), position, attitude
