@@ -38,7 +38,7 @@ _WARM_UP_SAMPLES = 8
 _MIN_SAMPLES_FOR_GATE = 2
 """Samples after which the filter's velocity is good enough to tell a jump."""
 _LONG_STEP, _SURELY_NEARER = 1.5, 0.25
-"""Periods from which a step may be a clock that was set, and the share of its error that says so."""
+"""Periods from which a step may be a clock that was set; share of its error that says so."""
 _RESUMED_SPEED = 0.3
 """m/s: standard deviation that the filter's velocity has behind a jump of the stamps."""
 _POSES_TO_ACCEPT_JUMP = 3
