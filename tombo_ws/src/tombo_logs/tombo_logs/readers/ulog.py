@@ -148,6 +148,8 @@ def _opened(path: Path, topics: list[str]) -> tuple[Any, UlogMessages]:
             return ULog(io.BytesIO(raw), message_name_filter_list=topics), found
     except OSError as error:
         raise InputError(f"can't read '{path}': {error.strerror}") from error
+    except InputError:
+        raise
     except _BROKEN as error:
         why = " ".join(str(error).split())[:120]
         raise InputError(f"'{path}' is no whole ULog ({why}); accepted: a PX4 log") from error
