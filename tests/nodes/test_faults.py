@@ -133,7 +133,7 @@ class Suite(SimpleNamespace):
     def settle_or_begin_again(self) -> None:
         """Wait for the hover; if the vehicle has landed, the mission is over: fly again."""
         self.wait(0.5)
-        end = time.monotonic() + 30.0
+        end = time.monotonic() + 60.0
         while time.monotonic() < end:
             states = self.wait(1.0)
             if furthest(states) < 0.3:
