@@ -105,6 +105,7 @@ def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
     node = start("tombo_control.controller_node", "-p", "use_sim_time:=true")
     world.meet(IMU, ODOMETRY, ESTIMATOR_STATUS, SETPOINT, CLOCK, ROTOR_COMMAND, RATES_SETPOINT)
     inputs = _Inputs(world)
+    world.now_ns = 10_000 * _MS
 
     end = time.monotonic() + 60.0
     while not world.heard[ROTOR_COMMAND.name]:  # until all have found each other
