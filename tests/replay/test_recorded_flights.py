@@ -134,7 +134,9 @@ def without_beginning(source, target, seconds):
         for metadata in reader.iter_metadata():
             writer.add_metadata(metadata.name, metadata.metadata)
         channels = {}
-        for schema, channel, message in reader.iter_messages(first + round(seconds * SECOND_NS)):
+        for schema, channel, message in reader.iter_messages(
+            starting_at=first + round(seconds * SECOND_NS)
+        ):
             if channel.topic not in channels:
                 known = writer.register_schema(schema.name, schema.encoding, schema.data)
                 channels[channel.topic] = writer.register_channel(
@@ -163,7 +165,7 @@ def collisions(track, by_s=0.0, from_ns=1 << 62):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("by_s", [2.0, -2.0, 0.15, -0.04])
+@pytest.mark.parametrize("by_s", [2.0, -2.0, 0.15])
 def test_a_clock_that_is_set_blinds_for_a_fifth_of_a_second(poses, by_s):
     track = poses("paper_collision_0")
     (known_s,) = collisions(track)
@@ -187,9 +189,9 @@ def test_a_recording_begun_in_flight_moves_the_controller(tmp_path):
     write_mcap(fly_scenario(load_scenario(settings=short), 3), tmp_path / "whole.mcap")
     without_beginning(tmp_path / "whole.mcap", tmp_path / "flight.mcap", 6.0)
     controller = replay_bag(tmp_path / "flight.mcap", Request(nodes=("controller",))).nodes
-    rates = controller["controller"]["rates"]
-    assert rates["compared"] > 300
-    assert 0.0 < rates["max_rad_s"] < 2.0, "its integrators begin anew, but it flies"
+    speed = controller["controller"]["rotor_command"]
+    assert speed["compared"] == 3000
+    assert 0.0 < speed["rms_rad_s"] < 60.0, "its integrators begin anew, but it flies"
 
 
 @pytest.mark.slow

@@ -37,8 +37,9 @@ _SLOW = 0.03
 _WARM_UP_SAMPLES = 8
 _MIN_SAMPLES_FOR_GATE = 2
 """Samples after which the filter's velocity is good enough to tell a jump."""
-_LONG_STEP, _SURELY_NEARER = 1.5, 0.25
-"""Periods from which a step may be a clock that was set; share of its error that says so."""
+_SAME_STEP, _MOST_PERIODS, _SURELY_NEARER = 0.1, 3, 0.25
+"""A step that differs by this share may be a clock that was set; it is, where some periods explain
+the way with less than this share of the error."""
 _RESUMED_SPEED = 0.3
 """m/s: standard deviation that the filter's velocity has behind a jump of the stamps."""
 _POSES_TO_ACCEPT_JUMP = 3
@@ -81,7 +82,6 @@ class DetectorMemory(Record):
     ground = field("m", "height of the first pose, or of the floor; NaN before")
     last = field("", "last sample used", kind=StampedPose)
     period = field("s", "between the last two samples that followed each other")
-    unordered = field("1", "the sample before came out of order", kind=bool)
     jumps = field("1", "samples on end that have jumped", kind=int)
     jumped = field("", "the last of them", kind=StampedPose)
     holdoff_until = field("s", "no event before")
@@ -151,7 +151,7 @@ def detect(
     a new position, the filter starts again; so it does where stamps are further apart than
     `gap_max`, either way. But if that sample is where the vehicle would be a period later, a
     clock was set, and the filter goes on: such a sample raises no alarm, the next one may. So it
-    is behind one out of order, and where a longer step is a period by the way that was made.
+    is where the way that was made is that of some periods, but the step is none.
 
     Args:
         memory: of the detector.
@@ -170,11 +170,9 @@ def detect(
         return _refuse(memory, PoseRefusal.NOT_FINITE)
     step = stamp_s - memory.last.stamp_s
     if -params.gap_max <= step <= 0.0:
-        memory.unordered = memory.unordered or step < 0.0
         return _refuse(memory, PoseRefusal.OUT_OF_ORDER)
     follows = memory.follows and 0.0 < step <= params.gap_max
-    clock_set = memory.unordered or not follows or _took_a_period(memory, position, step)
-    memory.unordered = False
+    clock_set = not follows or _took_whole_periods(memory, position, step)
     resumes = memory.follows and clock_set and _continues(memory, params, position, attitude)
     follows = follows and not resumes
     moved = False
@@ -352,18 +350,24 @@ def _continues(
 
 
 @compiled_call
-def _took_a_period(memory: DetectorMemory, position: Array, step: float) -> bool:
-    """Return whether the way since the last sample is that of a period, not that of `step`."""
-    if step < _LONG_STEP * memory.period:
+def _took_whole_periods(memory: DetectorMemory, position: Array, step: float) -> bool:
+    """Return whether the way since the last sample is that of some periods, and `step` another."""
+    if abs(step - memory.period) < _SAME_STEP * memory.period:
         return False
-    way = memory.velocity
-    off_step = 0.0
-    off_period = 0.0
+    off_step = _off(memory, position, step)
+    for periods in range(1, _MOST_PERIODS + 1):
+        if _off(memory, position, periods * memory.period) < _SURELY_NEARER * off_step:
+            return True
+    return False
+
+
+@compiled_call
+def _off(memory: DetectorMemory, position: Array, step: float) -> float:
+    """Return how far a position is from where the vehicle would be after a step [m]."""
+    square = 0.0
     for i in range(3):
-        moved = position[i] - memory.position[i]
-        off_step += (moved - way[i] * step) ** 2
-        off_period += (moved - way[i] * memory.period) ** 2
-    return bool(off_period < _SURELY_NEARER * _SURELY_NEARER * off_step)
+        square += (position[i] - memory.position[i] - memory.velocity[i] * step) ** 2
+    return math.sqrt(square)
 
 
 @compiled_call

@@ -128,7 +128,6 @@ def _detect(
             last_s = memory.detector.last.stamp_s
             memory.origin_ns = stamp_ns - int(np.rint(1e9 * (last_s - _SET_BACK_S)))
     elif stamp_ns <= memory.last_ns:
-        memory.detector.unordered |= stamp_ns < memory.last_ns
         return PoseRefusal.OUT_OF_ORDER
     result = detect(
         memory.detector, params, 1e-9 * (stamp_ns - memory.origin_ns), position, attitude
