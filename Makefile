@@ -1,6 +1,7 @@
 # make fly      fly the paper's collision experiment (ARGS='hover --seed 3' for another flight)
 # make check    lint and the fast tests, in parallel: a minute
 # make test     lint, then every test (PYTEST_ARGS='-k propeller' for some)
+# make test-px4 PX4=DIR   fly with a real PX4 SITL that was built in DIR (ARGS='--seeds 50')
 # make lint     ruff and mypy
 # make format   lay the sources out as `make lint` wants them
 # make bench    measure the speed on this machine
@@ -20,7 +21,7 @@ unexport PYTHONDONTWRITEBYTECODE
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly check test lint format bench docs clean
+.PHONY: help setup fly check test test-px4 lint format bench docs clean
 
 help:
 	@sed -n 's/^# make /make /p' Makefile
@@ -47,6 +48,10 @@ test: lint
 	$(PYTEST) $(PARALLEL) -m "not real_time" || parallel=$$?; \
 	$(PYTEST) -m real_time || alone=$$?; \
 	case "$$parallel $$alone" in "0 0" | "0 5" | "5 0") ;; *) exit 1 ;; esac
+
+test-px4:
+	$(SETUP)
+	@$(BIN)/python -m tombo_bringup.px4_flights $(PX4) $(ARGS)
 
 lint:
 	$(SETUP) --no-kernels

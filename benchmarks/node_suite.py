@@ -1,9 +1,10 @@
 """The node suite in real time: loop rates, jitter, latency, losses, CPU; and how it ends.
 
-    .venv/bin/python benchmarks/node_suite.py [--seconds 60] [--shutdowns 20]
+    .venv/bin/python benchmarks/node_suite.py [--seconds 60] [--shutdowns 20] [--busy 0]
 
 All nodes and the recorder run as processes on a DDS domain of their own, the paper's flight from
-take-off on; figures are those that the nodes publish on /diagnostics.
+take-off on; figures are those that the nodes publish on /diagnostics. `--busy N` runs N processes
+beside them that never sleep, each worth a core.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,10 @@ LOOPS = (
     ("controller: position loop", 50.0),
     ("sim: loop", 1000.0),
     ("estimator: loop", 250.0),
+    ("detector: loop", 200.0),
+    ("reaction: loop", 200.0),
+    ("mission: loop", 50.0),
+    ("recorder: loop", 200.0),
 )
 
 
@@ -77,6 +83,19 @@ class Suite:
         codes = {process.wait(30) for process in self.processes.values()}
         took = time.monotonic() - began
         return took, codes, any("Traceback" in log.read_text() for log in self.logs.values())
+
+
+@contextlib.contextmanager
+def busy_cores(number: int) -> Iterator[None]:
+    """Keep so many processes computing."""
+    spin = [sys.executable, "-c", "while True: pass"]
+    processes = [subprocess.Popen(spin) for _ in range(number)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
 
 
 def bare_loop(seconds: float) -> None:
@@ -125,7 +144,7 @@ def measure(seconds: float) -> None:
         took, codes, complained = suite.end()
         topics = Bag(suite.bag).topics
         written = sum(topic.count for topic in topics.values())
-    print(f"scheduling: {reports['controller'].get('scheduling')}")
+    print("scheduling:", {name: reports[name].get("scheduling") for name in SUITE})
     print("loop                        rate Hz    off %   p50 us   p99 us   max us  missed")
     for loop, wanted in LOOPS:
         r = {key: float(value) for key, value in reports[loop].items()}
@@ -137,6 +156,10 @@ def measure(seconds: float) -> None:
     sim = reports["sim"]
     shares = {key: sim.get(f"latency_gyro_to_command_{key}_us") for key in ("p50", "p99", "max")}
     print(f"gyro to command, across processes [us]: {shares}")
+    for name in SUITE:
+        faults = {key: text for key, text in reports[name].items() if key.startswith("fault.")}
+        if faults:
+            print(f"{name}: {faults}")
     recorder = reports["recorder"]
     print(f"recorder: {recorder.get('messages')} messages, {recorder.get('lost')} lost", end="")
     print(f", {recorder.get('rate_hz')} a second; {written} in the file")
@@ -165,13 +188,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--shutdowns", type=int, default=20)
+    parser.add_argument("--busy", type=int, default=0)
     wanted = parser.parse_args()
     os.environ["ROS_DOMAIN_ID"] = str(40 + os.getpid() % 50)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     if wanted.seconds > 0:
-        bare_loop(0.25 * wanted.seconds)
-        measure(wanted.seconds)
-        bare_loop(0.25 * wanted.seconds)
+        with busy_cores(wanted.busy):
+            bare_loop(0.25 * wanted.seconds)
+            measure(wanted.seconds)
+            bare_loop(0.25 * wanted.seconds)
     if wanted.shutdowns > 0:
         end_again_and_again(wanted.shutdowns)
 

@@ -187,7 +187,7 @@ def report(bag: Path, sent: dict[str, int], share: float, seconds: float) -> boo
         assert not found.damage, found.damage
         for name, topic in found.topics.items():
             by_tombo[name] += topic.count
-    (notes,) = [record.metadata for record in found.metadata if record.name == NOTES]
+    notes = found.metadata[NOTES]
     say()
     say(f"{'topic':24}{'sent':>8}{'received':>10}{'lost':>6}")
     whole = True

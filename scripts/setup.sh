@@ -139,8 +139,12 @@ create_venv() {
 
 install_requirements() {
   rm -f "$KEYS"/{requirements,workspace,kernels}
-  "$VENV/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off \
-    -r "$ROOT/requirements.txt" -r "$ROOT/requirements-build.txt" -r "$ROOT/requirements-test.txt"
+  # Every archive must have a hash that is written there, pip's own first.
+  local pip=("$VENV/bin/python" -m pip install --disable-pip-version-check --no-input
+    --progress-bar off --require-hashes)
+  "${pip[@]}" -r "$ROOT/requirements-pip.txt"
+  "${pip[@]}" -r "$ROOT/requirements.txt" -r "$ROOT/requirements-build.txt" \
+    -r "$ROOT/requirements-test.txt"
   echo "$requirements" >"$KEYS/requirements"
 }
 

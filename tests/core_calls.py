@@ -32,10 +32,12 @@ from tombo_dynamics.messages import (
 )
 from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.records import parameter_record
+from tombo_dynamics.vehicle import GRAVITY
 
 Array = NDArray[np.float64]
 _ZERO = np.zeros(3)
 _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+_REST = np.array([0.0, 0.0, GRAVITY])
 
 
 def reported(core: Core, topic: str, message: Any, now_ns: int) -> list[str]:
@@ -99,16 +101,18 @@ class Controller(ControllerCore):
     def estimate(self, odometry: Odometry) -> bool:
         return not reported(self, "/odometry", odometry, odometry.stamp_ns)
 
-    def biases(self, gyro_bias: Array, pose_stamp_ns: int) -> bool:
-        status = EstimatorStatus(0, True, gyro_bias, _ZERO, pose_stamp_ns, 0, 0)
+    def biases(self, gyro_bias: Array, pose_stamp_ns: int, accel_bias: Array = _ZERO) -> bool:
+        status = EstimatorStatus(0, True, gyro_bias, accel_bias, pose_stamp_ns, 0, 0)
         return not reported(self, "/estimator/status", status, pose_stamp_ns)
 
     def setpoint(self, setpoint: PositionSetpoint, now_ns: int) -> bool:
         return not reported(self, "/setpoint", setpoint, now_ns)
 
-    def tick(self, now_ns: int, stamp_ns: int, gyro: Array) -> Command | None:
+    def tick(
+        self, now_ns: int, stamp_ns: int, gyro: Array, accel: Array = _REST
+    ) -> Command | None:
         """Hand over a gyro sample; return the answer, None where there is none."""
-        self.on("/imu/data_raw", Imu(stamp_ns, gyro, _ZERO), now_ns)
+        self.on("/imu/data_raw", Imu(stamp_ns, gyro, accel), now_ns)
         said = dict(self.step(now_ns))
         if "/rotor_command" not in said:
             return None

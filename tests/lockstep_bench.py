@@ -105,11 +105,12 @@ class Lockstep:
         while self._under_way and self._under_way[0][0] <= tick:
             estimate = self._under_way.popleft()[1]
             self.controller.estimate(odometry_of(estimate))
-            self.controller.biases(estimate.gyro_bias, estimate.pose_stamp_ns)
+            biases = estimate.gyro_bias, estimate.pose_stamp_ns, estimate.accel_bias
+            self.controller.biases(*biases)
         if tick % POSITION_TICKS == 0:
             self._send_setpoint(tick * 1e-3, now)
         if self.imu_on and not self._lost():
-            self.command = self.controller.tick(now, now, imu[:3])
+            self.command = self.controller.tick(now, now, imu[:3], imu[3:])
             if self.command is not None:
                 self._speed = self.command.speed
         simulator.advance(self._speed)
@@ -163,6 +164,7 @@ def hovering(scenario: Scenario | None = None, height: float = 2.0, seed: int = 
     flight = Lockstep(scenario or calm(), seed)
     flight.steer = lambda _: None
     flight.fly(0.2)
+    flight.controller.take_over()
     flight.steer = lambda _: hover_at(0.0, 0.0, height)
     flight.fly(1.5 * height + 3.0)
     assert abs(flight.position[2] - height) < 0.2

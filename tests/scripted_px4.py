@@ -4,15 +4,20 @@ No sockets and no clock: `take` what came, `tick` gives what it says.
 """
 
 import math
+import struct
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, custom_mode, mode_of
 from tombo_px4.frames import enu_from_ned, ned_from_enu, px4_quaternion
+from tombo_px4.link.event_messages import COMPONENT_METADATA, ComponentMetadata, Event
 from tombo_px4.link.timesync import TimeSync
 from tombo_px4.protocol.parameter_protocol import float_of_int, int_of_float
 
+FTP = struct.Struct("<HBBBBBBI")
+# as in the file of events of PX4 1.17
+DENIED, CHECKS_BEGIN, CHECKS_END = 16910493, 27825120, 18691879
 SECOND = 1_000_000_000
 GROUND = 0.18
 NAN = math.nan
@@ -54,6 +59,14 @@ class ScriptedPx4:
         self.estimate = None
         self.stamps = []
         """Of each pose: its capture on our clock as PX4 thinks, and its arrival."""
+        self.files = {}
+        """Path to content of the files that it serves."""
+        self.loses_files = False
+        self.failing = []
+        """Number, severity and modes of each check that fails."""
+        self.withholds = self.heard_station = False
+        self.sequence = 0
+        self._open = b""
         self.targets = []
         self.received = []
         self.goal = None
@@ -66,6 +79,12 @@ class ScriptedPx4:
 
     def boot_ns(self, now_ns):
         return now_ns + self.ahead_ns
+
+    def shift_time(self, by_ns):
+        """Follow a change of the clock that the caller counts in."""
+        self._now += by_ns
+        self.stream_ns += by_ns
+        self._due = {name: sent + by_ns for name, sent in self._due.items()}
 
     @property
     def in_air(self):
@@ -92,6 +111,10 @@ class ScriptedPx4:
                 self.goal = enu_from_ned([m.x, m.y, m.z])
         elif kind == "COMMAND_LONG":
             self._command(m)
+        elif kind == "FILE_TRANSFER_PROTOCOL":
+            self._file(bytes(m.payload))
+        elif kind == "HEARTBEAT":
+            self.heard_station = m.type == mav.MAV_TYPE_GCS
         elif kind == "PARAM_REQUEST_READ":
             self._parameter(m.param_id)
         elif kind == "PARAM_SET":
@@ -118,7 +141,14 @@ class ScriptedPx4:
         result = self.refuses.get(number, 0)
         self._ack(number, result)
         if result:
-            self.say("Arming denied: Resolve system health failures first", 2)
+            self.say("Arming denied: Resolve system health failures first\t", 2)
+            self.tell(DENIED, 2)
+        elif number == mav.MAV_CMD_RUN_PREARM_CHECKS:
+            self.report_checks()
+        elif number == mav.MAV_CMD_REQUEST_MESSAGE and m.param1 == COMPONENT_METADATA:
+            if self.files:
+                uri = b"mftp://etc/general.json.xz"
+                self._out.append(ComponentMetadata(0, 0, uri))
         elif number == mav.MAV_CMD_DO_SET_MODE:
             self.mode = mode_of(int(m.param2) << 16 | int(m.param3) << 24)
         elif number == mav.MAV_CMD_COMPONENT_ARM_DISARM:
@@ -136,8 +166,41 @@ class ScriptedPx4:
     def _ack(self, number, result):
         self._out.append(mav.MAVLink_command_ack_message(number, result, 0, 0, 245, 191))
 
+    def tell(self, number, severity, *arguments):
+        """Send an event; arguments are pairs of a kind of `struct` and a value."""
+        data = b"".join(struct.pack("<" + kind, value) for kind, value in arguments)
+        self.sequence += 1
+        content = (0, 0, number, 0, self.sequence, severity, list(data.ljust(40, b"\0")))
+        self._out.append(Event(*content))
+
+    def report_checks(self):
+        """Send all failed checks of arming."""
+        self.tell(CHECKS_BEGIN, 8)
+        for number, severity, modes in self.failing:
+            self.tell(number, severity, ("I", modes), ("B", 0))
+        self.tell(CHECKS_END, 8)
+
+    def _file(self, payload):
+        """Answer a request of MAVLink FTP."""
+        sequence, _, operation, size, _, _, _, offset = FTP.unpack_from(payload)
+        data, answer, back = payload[FTP.size : FTP.size + size], 128, b""
+        if self.loses_files and self._rng.random() < 0.3:
+            return
+        if operation == 4:
+            self._open = self.files.get(data.decode())
+            answer, back = (129, b"\x0a") if self._open is None else (128, b"")
+            back = back or struct.pack("<I", len(self._open))
+        elif operation == 5:
+            back = self._open[offset : offset + size]
+            answer, back = (128, back) if back else (129, b"\x06")
+        head = FTP.pack((sequence + 1) % 65536, 0, answer, len(back), operation, 0, 0, offset)
+        content = (0, 245, 191, list((head + back).ljust(251, b"\0")))
+        self._out.append(mav.MAVLink_file_transfer_protocol_message(*content))
+
     def say(self, text, severity=6):
-        """Send a text, in pieces if it is long."""
+        """Send a text, in pieces if it is long; like PX4, only where it hears a ground station."""
+        if self.withholds and not self.heard_station:
+            return
         data = text.encode()
         if len(data) < 50:
             self._out.append(mav.MAVLink_statustext_message(severity, data))

@@ -1,27 +1,40 @@
-"""Parameters of a running node, set as `ros2 param set` does it."""
+"""Parameters of a running node, set as `ros2 param set` does it; and an operator's commands."""
 
 import time
 
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 
 
 def set_parameters(world, node, patience_s=60.0, **values):
     """Set parameters of a node (`a__b` is a.b); return whether and why not, of each."""
     sent = [Parameter(name.replace("__", "."), value=v) for name, v in values.items()]
     request = SetParameters.Request(parameters=[p.to_parameter_msg() for p in sent])
-    client = world.node.create_client(SetParameters, f"/{node}/set_parameters")
-    assert client.wait_for_service(patience_s), f"no parameter service of {node}"
+    answer = call(world, SetParameters, f"/{node}/set_parameters", request, patience_s)
+    return [(result.successful, result.reason) for result in answer.results]
+
+
+def call_trigger(world, node, name, patience_s=60.0):
+    """Give a node a command; return whether it is obeyed, and why not."""
+    answer = call(world, Trigger, f"/{node}/{name}", Trigger.Request(), patience_s)
+    return answer.success, answer.message
+
+
+def call(world, kind, service, request, patience_s):
+    """Return the answer of a service."""
+    client = world.node.create_client(kind, service)
+    assert client.wait_for_service(patience_s), f"no service {service}"
     executor = SingleThreadedExecutor(context=world.node.context)
     executor.add_node(world.node)
     try:
         future = client.call_async(request)
         end = time.monotonic() + patience_s
         while not future.done():
-            assert time.monotonic() < end, f"{node} does not answer"
+            assert time.monotonic() < end, f"{service} does not answer"
             executor.spin_once(timeout_sec=0.1)
-        return [(result.successful, result.reason) for result in future.result().results]
+        return future.result()
     finally:
         executor.remove_node(world.node)
         world.node.destroy_client(client)

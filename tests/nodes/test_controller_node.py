@@ -83,7 +83,7 @@ class _Inputs:
         message.pose.pose.orientation = quaternion(_LEVEL)
         return message
 
-    def setpoint(self, stamp: int, x: float = 0.0, phase: int = Phase.HOVER) -> PositionSetpoint:
+    def setpoint(self, stamp: int, x: float = 0.0, phase: int = Phase.TAKEOFF) -> PositionSetpoint:
         message = PositionSetpoint()
         message.header.stamp, message.header.frame_id = to_time(stamp), "map"
         message.position, message.velocity = point((x, 0.0, 2.0)), vector(_ZERO)
@@ -105,6 +105,7 @@ def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
     node = start("tombo_control.controller_node", "-p", "use_sim_time:=true")
     world.meet(IMU, ODOMETRY, ESTIMATOR_STATUS, SETPOINT, CLOCK, ROTOR_COMMAND, RATES_SETPOINT)
     inputs = _Inputs(world)
+    world.now_ns = 10_000 * _MS
 
     end = time.monotonic() + 60.0
     while not world.heard[ROTOR_COMMAND.name]:  # until all have found each other
@@ -114,6 +115,9 @@ def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
         inputs.tick(setpoint=False)
     assert not any(any(m.speed) for m in world.heard[ROTOR_COMMAND.name])
     assert not world.heard[ATTITUDE_SETPOINT.name]
+
+    idle = [inputs.tick(phase=Phase.IDLE) for _ in range(40)]
+    assert not any(any(m.speed) for m in world.heard[ROTOR_COMMAND.name])
 
     first = len(world.heard[ROTOR_COMMAND.name])
     stamps = [inputs.tick() for _ in range(400)]
@@ -131,9 +135,10 @@ def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
         if stamp % (20 * _MS) == 0:
             status = messages.EstimatorStatus(stamp, True, _ZERO, _ZERO, stamp, 1, 0)
             twin.on(ESTIMATOR_STATUS.name, status, stamp)
-            if stamp >= stamps[0]:
+            if stamp >= idle[0]:
                 goal = np.array([0.0, 0.0, 2.0])
-                setpoint = messages.PositionSetpoint(stamp, goal, _ZERO, _ZERO, 0.0, Phase.HOVER)
+                phase = Phase.TAKEOFF if stamp >= stamps[0] else Phase.IDLE
+                setpoint = messages.PositionSetpoint(stamp, goal, _ZERO, _ZERO, 0.0, phase)
                 twin.on(SETPOINT.name, setpoint, stamp)
         twin.on(IMU.name, messages.Imu(stamp, gyro, _ZERO), stamp)
         (command,) = (m for topic, m in twin.step(stamp) if topic == ROTOR_COMMAND.name)
@@ -161,21 +166,17 @@ def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
         inputs.tick()
     assert _tilt(world.heard[ATTITUDE_SETPOINT.name][-1]) == pytest.approx(0.05, abs=1e-3)
     assert min(world.heard[ROTOR_COMMAND.name][-1].speed) > 300.0
-    begun = len(world.heard[DIAGNOSTICS.name])
-    assert set_parameters(world, "controller", vehicle__mass=1.5) == [(True, "")]
-    assert "next start" in told(world, "controller", "not_at_runtime", begun)
+    ((taken, reason),) = set_parameters(world, "controller", vehicle__mass=1.5)
+    assert not taken
+    assert "vehicle.mass is read-only" in reason
 
     # estimates stop: blind within 0.1 s, and told
     begun = len(world.heard[DIAGNOSTICS.name])
     for _ in range(140):
         inputs.tick(estimate=False)
-    assert "level descent" in told(world, "controller", "blind", begun)
+    assert "position unknown" in told(world, "controller", "blind", begun)
 
     # another simulation begins: what was said in the last one lifts nothing off, nor does an echo
-    world.now_ns += 10_000 * _MS
-    for _ in range(60):
-        inputs.tick()
-    assert min(world.heard[ROTOR_COMMAND.name][-1].speed) > 300.0
     old = world.now_ns
     world.now_ns -= 5000 * _MS
     begun = len(world.heard[DIAGNOSTICS.name])
@@ -183,8 +184,11 @@ def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
         inputs.tick(setpoint=False)
         world.publish(SETPOINT, inputs.setpoint(old))
     assert not any(world.heard[ROTOR_COMMAND.name][-1].speed)
-    for _ in range(60):
-        inputs.tick()
+    for phase in (Phase.IDLE, Phase.TAKEOFF):
+        for _ in range(60):
+            inputs.tick(phase=phase)
+        lifts = min(world.heard[ROTOR_COMMAND.name][-1].speed) > 300.0
+        assert lifts == (phase == Phase.TAKEOFF)
     assert min(world.heard[ROTOR_COMMAND.name][-1].speed) > 300.0
     # the reason of before, NaN, may still be active: the newest one takes its place
     told(world, "controller", "setpoint_refused", begun, text="set point: stamp in the future")

@@ -29,7 +29,7 @@ pytest.importorskip("rclpy")
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
-from parameter_calls import set_parameters
+from parameter_calls import call_trigger, set_parameters
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu
 
@@ -133,7 +133,7 @@ class Suite(SimpleNamespace):
     def settle_or_begin_again(self) -> None:
         """Wait for the hover; if the vehicle has landed, the mission is over: fly again."""
         self.wait(0.5)
-        end = time.monotonic() + 30.0
+        end = time.monotonic() + 60.0
         while time.monotonic() < end:
             states = self.wait(1.0)
             if furthest(states) < 0.3:
@@ -147,6 +147,8 @@ class Suite(SimpleNamespace):
         self.kill("sim")
         self.start("sim")
         self.world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z < 0.3, 60.0)
+        assert max(state.pose.pose.position.z for state in self.wait(3.0)) < 0.3, "uncommanded"
+        assert call_trigger(self.world, "mission", "takeoff") == (True, "")
         self.world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 1.4, 60.0)
         self.settle()
 

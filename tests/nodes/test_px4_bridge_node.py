@@ -193,6 +193,13 @@ def test_a_flight_with_stamps_that_are_right_on_both_sides(lab, world):
     lab.phase = MissionStatus.LAND
     lab.until(lambda s: s.mode == "land")
     lab.until(lambda s: not s.armed)
+
+    answer = lab.call("px4/takeoff")
+    assert answer.success, answer.message
+    lab.until(lambda s: s.armed and s.mode == "takeoff" and not s.offboard)
+    answer = lab.call("px4/kill")
+    assert answer.success, answer.message
+    lab.until(lambda s: not s.armed)
     assert lab.node.end() == 0
 
 

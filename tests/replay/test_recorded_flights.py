@@ -3,8 +3,15 @@
 If this fails after a change of behaviour that is meant: `python tests/bags/make_bags.py`.
 """
 
+import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
+from tombo_collision.detector_core import DetectorCore
+from tombo_collision.params import DetectorParams
+from tombo_dynamics.messages import Pose
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import write_mcap
 from tombo_flight.replay.run import Request, replay_bag
@@ -116,6 +123,75 @@ def test_a_headless_flight_is_replayed_to_the_last_bit(tmp_path):
         largest = next(value for key, value in one.items() if key.startswith("max"))
         assert largest < (1e-7 if "max_rad" in one else 1e-300)  # an angle of a cosine next to 1
     assert result.nodes["mission"]["phase_time_difference_ms"] == 6 * [0.0]
+
+
+def without_beginning(source, target, seconds):
+    """Write a recording that begins later."""
+    with source.open("rb") as file, target.open("wb") as out:
+        reader, writer = make_reader(file), Writer(out)
+        writer.start()
+        first = reader.get_summary().statistics.message_start_time
+        for metadata in reader.iter_metadata():
+            writer.add_metadata(metadata.name, metadata.metadata)
+        channels = {}
+        for schema, channel, message in reader.iter_messages(
+            starting_at=first + round(seconds * SECOND_NS)
+        ):
+            if channel.topic not in channels:
+                known = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(
+                    channel.topic, channel.message_encoding, known, channel.metadata
+                )
+            number, times = channels[channel.topic], (message.log_time, message.publish_time)
+            writer.add_message(number, times[0], message.data, times[1], message.sequence)
+        writer.finish()
+
+
+def collisions(track, by_s=0.0, from_ns=1 << 62):
+    """Arrival [s] of each collision's pose, where clocks were set by `by_s` in flight."""
+    core, found = DetectorCore(DetectorParams()), []
+    rows = zip(
+        *(track.stamp_ns.tolist(), track.arrival_ns.tolist(), track.frame.tolist()),
+        *(track.position, track.attitude),
+        strict=True,
+    )
+    for stamp_ns, arrival_ns, frame, position, attitude in rows:
+        by_ns = round(by_s * SECOND_NS) if stamp_ns >= from_ns else 0
+        now_ns = arrival_ns + by_ns
+        core.on("/mocap/pose", Pose(stamp_ns + by_ns, frame, position, attitude), now_ns)
+        published = core.step(now_ns)
+        found += [1e-9 * arrival_ns for topic, _ in published if topic == "/collision_event"]
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by_s", [2.0, -2.0, 0.15])
+def test_a_clock_that_is_set_blinds_for_a_fifth_of_a_second(poses, by_s):
+    track = poses("paper_collision_0")
+    (known_s,) = collisions(track)
+    stamps_s = 1e-9 * track.stamp_ns
+    for row in np.flatnonzero((stamps_s > known_s - 0.6) & (stamps_s < known_s + 0.05)):
+        first_s, *_ = collisions(track, by_s, int(track.stamp_ns[row]))
+        assert known_s - 1e-6 < first_s < known_s + 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by_s", [2.0, -2.0, 0.15])
+def test_a_clock_that_is_set_is_no_collision(poses, by_s):
+    track = poses("no_obstacle_1")
+    for row in range(60, len(track.stamp_ns), 40):
+        assert collisions(track, by_s, int(track.stamp_ns[row])) == []
+
+
+@pytest.mark.slow
+def test_a_recording_begun_in_flight_moves_the_controller(tmp_path):
+    short = ["mission.takeoff_time=0.1", "mission.approach_time=5.0", "duration=9.0"]
+    write_mcap(fly_scenario(load_scenario(settings=short), 3), tmp_path / "whole.mcap")
+    without_beginning(tmp_path / "whole.mcap", tmp_path / "flight.mcap", 6.0)
+    controller = replay_bag(tmp_path / "flight.mcap", Request(nodes=("controller",))).nodes
+    speed = controller["controller"]["rotor_command"]
+    assert speed["compared"] == 3000
+    assert 0.0 < speed["rms_rad_s"] < 60.0, "its integrators begin anew, but it flies"
 
 
 @pytest.mark.slow

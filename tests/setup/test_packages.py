@@ -12,6 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from tombo_bag.topics import TOPICS
+from tombo_bringup.interface_tables import IN_PLACE_OF_SIM, every_node, read_nodes
+
 ROOT = Path(__file__).parents[2]
 SRC = ROOT / "tombo_ws" / "src"
 PACKAGES = sorted(path.parent for path in SRC.glob("*/package.xml"))
@@ -20,7 +23,8 @@ SHARE = ("config", "foxglove", "launch", "rviz")
 """Folders beside the code that are installed under share/."""
 
 # Import name -> rosdep key, where the key is not the import name itself. rosdep has none for mcap,
-# lz4 and zstandard: mcap-ros2-support, which needs them, brings them.
+# lz4 and zstandard: mcap-ros2-support, which needs them, brings them. All stand in
+# rosdep/python.yaml of github.com/ros/rosdistro.
 ROSDEP_KEY = {
     "cv2": "python3-opencv",
     "filterpy": "python3-filterpy-pip",
@@ -31,15 +35,16 @@ ROSDEP_KEY = {
     "numba": "python3-numba",
     "numpy": "python3-numpy",
     "pymavlink": "python3-pymavlink-pip",
-    "pyulog": "python3-pyulog-pip",
     "rich": "python3-rich",
     "rosbags": "python3-rosbags-pip",
-    "ruptures": "python3-ruptures-pip",
     "scipy": "python3-scipy",
     "typer": "python3-typer",
     "yaml": "python3-yaml",
     "zstandard": "mcap-ros2-support",
 }
+TEST_KEYS = {"python3-hypothesis", "python3-pytest"}
+WITHOUT_KEY = {"pyulog", "ruptures"}
+"""Imports for which rosdep has no key: from pip, which docs/nodes.md says."""
 
 
 def manifest(package: Path) -> ET.Element:
@@ -70,7 +75,8 @@ def test_package_xml_is_complete(package: Path):
     assert len(root.findtext("description") or "") > 20
     assert root.findtext("license") == "MIT"
     maintainer = root.find("maintainer")
-    assert maintainer is not None and maintainer.text and "@" in maintainer.get("email", "")
+    assert maintainer is not None and maintainer.text == "The Tombo authors"  # as LICENSE says
+    assert maintainer.get("email") == "noreply@tombo.invalid"  # RFC 2606: nobody's address
     built_by = root.findtext("export/build_type")
     assert built_by == ("ament_cmake" if package.name == "tombo_msgs" else "ament_python")
 
@@ -131,9 +137,48 @@ def test_every_import_is_declared_in_package_xml(package: Path):
                 imported.add(node.module.split(".")[0])
     needed = {
         ROSDEP_KEY.get(name, name)
-        for name in imported - set(sys.stdlib_module_names) - {package.name}
+        for name in imported - set(sys.stdlib_module_names) - {package.name} - WITHOUT_KEY
     }
     assert needed <= declared, f"add to {package.name}/package.xml: {sorted(needed - declared)}"
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=by_name)
+def test_no_manifest_has_a_key_that_rosdep_does_not_have(package: Path):
+    keys = {element.text or "" for element in manifest(package) if "depend" in element.tag}
+    libraries = {key for key in keys if "-" in key}  # ROS packages are written with _
+    assert libraries <= {*ROSDEP_KEY.values(), *TEST_KEYS}
+
+
+def test_libraries_without_a_key_are_pinned_and_documented():
+    pinned = (ROOT / "requirements.txt").read_text()
+    page = (ROOT / "docs" / "nodes.md").read_text()
+    for name in WITHOUT_KEY:
+        assert f"\n{name}==" in pinned
+        assert f"`{name}`" in page
+
+
+def test_the_messages_of_every_node_are_declared():
+    nodes = [*every_node(), *read_nodes(IN_PLACE_OF_SIM)]
+    used = {node.package: set(TOPICS) for node in nodes if node.name == "recorder"}
+    for node in nodes:
+        used.setdefault(node.package, set()).update(node.publishes, node.subscribes)
+    for name, names in used.items():
+        types = {TOPICS[topic].typename.partition("/")[0] for topic in names}
+        declared = {element.text for element in manifest(SRC / name).findall("exec_depend")}
+        assert types <= declared, f"add to {name}/package.xml: {sorted(types - declared)}"
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES, ids=by_name)
+def test_no_empty_folder_is_installed(package: Path):
+    found = setup_cfg(package)
+    patterns = [p for value in found["options.data_files"].values() for p in value.split()]
+    folder = package / package.name
+    patterns += [
+        f"{package.name}/{p}" for p in found["options.package_data"][package.name].split()
+    ]
+    assert [p for p in patterns if not any(package.glob(p))] == []
+    inside = [path for path in folder.rglob("*") if path.is_dir() and path.name != "__pycache__"]
+    assert [path for path in inside if not any(p.is_file() for p in path.iterdir())] == []
 
 
 @pytest.mark.parametrize("package", PYTHON_PACKAGES, ids=by_name)
@@ -163,8 +208,8 @@ def test_requirements_are_pinned_once_each():
         for line in path.read_text().splitlines():
             if not line or line.startswith("#"):
                 continue
-            match = re.fullmatch(r"([\w.-]+)==[\w.]+", line)
-            assert match, f"{path.name}: not pinned: {line}"
+            match = re.fullmatch(r"([\w.-]+)==[\w.]+( --hash=sha256:[0-9a-f]{64})+", line)
+            assert match, f"{path.name}: not pinned, or without a hash: {line}"
             name = re.sub(r"[-_.]+", "-", match[1]).lower()
             assert name not in seen, f"{path.name}: {name} is pinned twice"
             seen.add(name)

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
 import pytest
@@ -71,7 +72,8 @@ class Clone:
         calls = self.root / "calls"
         lines = calls.read_text().splitlines() if calls.exists() else []
         calls.unlink(missing_ok=True)
-        return [line.split()[1] for line in lines if line.startswith("-m ")]
+        steps = [line.split()[1] for line in lines if line.startswith("-m ")]
+        return [step for step, _ in groupby(steps)]  # pip renews itself first
 
 
 @pytest.fixture

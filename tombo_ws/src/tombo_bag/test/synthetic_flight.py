@@ -10,7 +10,8 @@ import numpy as np
 from tombo_dynamics.messages import MissionStatus
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 
-ODOMETRY = {"position": 3, "attitude": 4, "velocity": 3, "rates": 3}
+COVARIANCES = {"pose_covariance": 36, "twist_covariance": 36}
+ODOMETRY = {"position": 3, "attitude": 4, "velocity": 3, "rates": 3, **COVARIANCES}
 EVENTS = [
     {"time_s": 0.5, "kind": "takeoff"},
     {"time_s": 12.05, "kind": "detection", "x_c_m": np.array([1.7, 0.0, 2.0])},

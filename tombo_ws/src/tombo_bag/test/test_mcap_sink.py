@@ -19,6 +19,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader as Rosbag2Reader
 
 from tombo_bag.columnar_cdr import encode, layout
+from tombo_bag.formats.bag_files import LATEST_NS
 from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.formats.reader import Bag
 from tombo_bag.qos import EVENT
@@ -260,8 +261,8 @@ def test_times_far_apart_cost_nothing(tmp_path):
     path = tmp_path / "gap.mcap"
     with McapSink(path) as sink:
         channel = sink.add_channel("/pose", POSE)
-        sink.write_columns(Columns(channel, np.array([0, 2**63 - 1]), poses(2)))
-    assert Bag(path).topics["/pose"].last_ns == 2**63 - 1
+        sink.write_columns(Columns(channel, np.array([0, LATEST_NS - 1]), poses(2)))
+    assert Bag(path).topics["/pose"].last_ns == LATEST_NS - 1
 
 
 def test_a_clock_that_jumps_back_still_closes_chunks(tmp_path):

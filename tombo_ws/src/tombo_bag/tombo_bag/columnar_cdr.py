@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
 from tombo_bag.schemas import Types, known_types
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.time_base import SECOND_NS
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
@@ -44,6 +44,9 @@ NUMBERS: dict[str, np.dtype[Any]] = {
     "float32": np.dtype("<f4"),
     "float64": np.dtype("<f8"),
 }
+
+_MOST_LEAVES = 50_000
+"""Numbers of one message that stand alone, as those of the elements of a sequence of messages."""
 
 EMPTY_MEMBER = ("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))
 """What stands in a message without fields, such as std_msgs/Empty."""
@@ -285,6 +288,8 @@ class _Reader:
         if kind == Nodetype.BASE and content[0] != "string":
             self.numbers(number_type(content[0]), number, path)
             return
+        if number > len(self.bytes) - self.position:  # each takes a byte at least
+            raise struct.error
         for i in range(number):
             self.field(kind, content, f"{path}[{i}]")
 
@@ -299,6 +304,10 @@ class _Reader:
     def numbers(self, dtype: np.dtype[Any], count: int | None, path: str) -> None:
         if count != 0:
             self.align(dtype.itemsize)
+        if len(self.leaves) >= _MOST_LEAVES:
+            raise InputError(
+                f"message with more than {_MOST_LEAVES} numbers that have a name each"
+            )
         self.leaves.append(Leaf(path, dtype, count, self.position))
         self.skip(dtype.itemsize * (1 if count is None else count))
 
@@ -335,6 +344,6 @@ def _items(value: Any, size: int, path: str) -> Sequence[Any]:
     if value is None:
         return [None] * size
     if isinstance(value, (str, Mapping)) or not hasattr(value, "__len__"):
-        raise InputError(f"{path} is {value!r}; accepted: a sequence")
+        raise InputError(f"{path} is {shown(value)}; accepted: a sequence")
     items: Sequence[Any] = value
     return items

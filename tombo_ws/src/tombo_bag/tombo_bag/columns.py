@@ -5,17 +5,32 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.columnar_cdr import Layout, Text, layout_of
+from tombo_bag.columnar_cdr import Layout, Leaf, Text, layout_of
 from tombo_bag.schemas import Types
-from tombo_dynamics.errors import unknown_name
+from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.time_base import SECOND_NS
 
 ColumnTable: TypeAlias = dict[str, NDArray[Any]]
+
+
+class TopicColumns(ColumnTable):
+    """The columns of a topic; one that is not there is bad input, which may lack anything."""
+
+    def __init__(self, topic: str, columns: Mapping[str, NDArray[Any]]) -> None:
+        super().__init__(columns)
+        self.topic = topic
+
+    def __missing__(self, name: str) -> NDArray[Any]:
+        """Raise the error that names the column and the topic."""
+        raise unknown_name(f"column of {self.topic}", name, self)
+
+
 _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 
 
@@ -27,7 +42,7 @@ class _Group:
     rows: NDArray[np.intp]
     block: NDArray[np.uint8]
 
-    @property
+    @cached_property
     def records(self) -> NDArray[np.void]:
         return self.block.view(self.layout.dtype).ravel()
 
@@ -44,23 +59,48 @@ def columns_of(typename: str, messages: list[bytes], types: Types) -> ColumnTabl
     """
     groups = _groups(typename, messages, types)
     table: ColumnTable = {}
-    for path in dict.fromkeys(leaf.path for group in groups for leaf in group.layout.leaves):
-        table[path] = _numbers(path, groups, len(messages))
-    for path in dict.fromkeys(text.path for group in groups for text in group.layout.texts):
-        table[path] = _strings(path, groups, len(messages))
+    leaves: dict[str, dict[int, Leaf]] = {}
+    texts: dict[str, dict[int, Text]] = {}
+    for i, group in enumerate(groups):
+        for leaf in group.layout.leaves:
+            leaves.setdefault(leaf.path, {})[i] = leaf
+        for text in group.layout.texts:
+            texts.setdefault(text.path, {})[i] = text
+    for path, numbers in leaves.items():
+        table[path] = _numbers(path, numbers, groups, len(messages))
+    for path, found in texts.items():
+        table[path] = _strings(found, groups, len(messages))
     if "header.stamp.sec" in table and "header.stamp.nanosec" in table:
         seconds = table["header.stamp.sec"].astype(np.int64)
         table["stamp_ns"] = seconds * SECOND_NS + table["header.stamp.nanosec"]
     return table
 
 
-def _groups(typename: str, messages: list[bytes], types: Types) -> list[_Group]:
+def rows_that_fit(typename: str, messages: list[bytes], types: Types) -> list[int]:
+    """Return which messages fit their type."""
+    lost: list[int] = []
+    _groups(typename, messages, types, lost)
+    return np.delete(np.arange(len(messages)), lost).tolist()  # type: ignore[no-any-return]
+
+
+def _groups(
+    typename: str, messages: list[bytes], types: Types, lost: list[int] | None = None
+) -> list[_Group]:
+    """Put messages of one shape together; those that don't fit go to `lost`, else it raises."""
     sizes = np.fromiter(map(len, messages), np.intp, len(messages))
     left = np.ones(len(messages), bool)
     groups: list[_Group] = []
     while left.any():
-        first = messages[int(np.argmax(left))]
-        shape = layout_of(typename, first, types)
+        row = int(np.argmax(left))
+        first = messages[row]
+        try:
+            shape = layout_of(typename, first, types)
+        except InputError:
+            if lost is None:
+                raise
+            lost.append(row)
+            left[row] = False
+            continue
         rows = np.flatnonzero(left & (sizes == len(first)))
         joined = b"".join(messages if len(rows) == len(messages) else [messages[i] for i in rows])
         block: NDArray[np.uint8]
@@ -73,13 +113,9 @@ def _groups(typename: str, messages: list[bytes], types: Types) -> list[_Group]:
     return groups
 
 
-def _numbers(path: str, groups: list[_Group], number: int) -> NDArray[Any]:
-    found = {
-        i: leaf
-        for i, group in enumerate(groups)
-        for leaf in group.layout.leaves
-        if leaf.path == path
-    }
+def _numbers(
+    path: str, found: Mapping[int, Leaf], groups: list[_Group], number: int
+) -> NDArray[Any]:
     leaf = next(iter(found.values()))
     counts = {leaf.count for leaf in found.values()}
     complete = len(found) == len(groups)
@@ -99,12 +135,10 @@ def _numbers(path: str, groups: list[_Group], number: int) -> NDArray[Any]:
     return ragged
 
 
-def _strings(path: str, groups: list[_Group], number: int) -> NDArray[Any]:
+def _strings(found: Mapping[int, Text], groups: list[_Group], number: int) -> NDArray[Any]:
     column = np.full(number, "", object)
-    for group in groups:
-        for text in group.layout.texts:
-            if text.path == path:
-                column[group.rows] = _decoded(text, group.block)
+    for i, text in found.items():
+        column[groups[i].rows] = _decoded(text, groups[i].block)
     return column.astype(np.str_)
 
 

@@ -87,6 +87,8 @@ _FORMS: dict[str, _Form] = {
             "attitude": "pose.pose.orientation",
             "velocity": "twist.twist.linear",
             "rates": "twist.twist.angular",
+            "pose_covariance": "pose.covariance",
+            "twist_covariance": "twist.covariance",
         },
     ),
     "tombo_msgs/msg/EstimatorStatus": _Form(kinds.EstimatorStatus, _BODY, any_frame=True),

@@ -42,5 +42,8 @@ STATE = Qos()
 SENSOR = Qos(depth=5, reliability="best_effort")
 """Sensor data: the newest sample counts."""
 
+STATUS = Qos(depth=1, durability="transient_local")
+"""What is so since the last change; a late subscriber gets the last one, and no older ones."""
+
 EVENT = Qos(depth=10, durability="transient_local")
 """Events that a late subscriber must still get."""

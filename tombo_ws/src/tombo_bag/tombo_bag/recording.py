@@ -12,21 +12,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-from tombo_bag.columns import ColumnTable, columns_of
+from tombo_bag.columns import ColumnTable, TopicColumns, columns_of, rows_that_fit
 from tombo_bag.formats import ros1_bag, sqlite_bag
 from tombo_bag.formats.bag_files import READABLE, BagFile, RawMessages, Stream, in_log_order
 from tombo_bag.formats.chunks import MAGIC
 from tombo_bag.formats.reader import Bag
-from tombo_bag.schemas import Types
+from tombo_bag.formats.unpacking import (
+    Allowance,
+    plausible_size,
+    unpack_file,
+    unpacking_limit,
+    unzstd,
+)
+from tombo_bag.schemas import Types, check_like_known
 from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.yaml_text import read_yaml
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 """What files of a recording end in; a folder without `metadata.yaml` is searched for them."""
-_PIECE = 1 << 22
 
 
 class Recording:
@@ -118,7 +124,7 @@ class Recording:
         for file in self.files:
             for topic, raw in file.messages(list(recorded)).items():
                 if len(raw.messages):
-                    self._cache[recorded[topic]].append((file, topic, _plain(raw)))
+                    self._cache[recorded[topic]].append((file, topic, _plain(raw, file.path)))
 
     def set_clock(self, log_ns: NDArray[np.int64], now_ns: NDArray[np.int64]) -> None:
         """Let another clock than the recorder's give the log times of all columns.
@@ -162,7 +168,8 @@ class Recording:
         """
         if topic not in self._tables:
             table = self._joined_table(topic)
-            self._tables[topic] = {**table, "log_time_ns": self.on_clock(table["log_time_ns"])}
+            on_clock = {"log_time_ns": self.on_clock(table["log_time_ns"])}
+            self._tables[topic] = TopicColumns(topic, table | on_clock)
         return self._tables[topic]
 
     def _joined_table(self, topic: str) -> ColumnTable:
@@ -182,10 +189,11 @@ class Recording:
 
     def _table(self, topic: str, raw: RawMessages, typename: str, types: Types) -> dict[str, Any]:
         times = {"log_time_ns": raw.log_times_ns, "publish_time_ns": raw.publish_times_ns}
+        check_like_known(typename, types)
         try:
             return {**times, **columns_of(typename, raw.messages, types)}
         except InputError:
-            good = [i for i, message in enumerate(raw.messages) if _fits(typename, message, types)]
+            good = rows_that_fit(typename, raw.messages, types)
             if not good:
                 raise
         lost = len(raw.messages) - len(good)
@@ -246,10 +254,10 @@ class Recording:
     def _listed(self, described: Path) -> list[Path] | None:
         """Return the files that `metadata.yaml` names; None if it can't be read."""
         try:
-            content = yaml.safe_load(described.read_text(encoding="utf-8"))
+            content = read_yaml(described, described.name)
             names = content["rosbag2_bagfile_information"]["relative_file_paths"]
             return [self.path / Path(str(name)).name for name in names]
-        except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError):
+        except (InputError, TypeError, LookupError):
             self._note("metadata.yaml can't be read: all files of the folder are taken")
             return None
 
@@ -263,7 +271,7 @@ class Recording:
             ) from error
         if not start:
             raise InputError(f"'{path}' is empty; accepted: {READABLE}")
-        if start.startswith(ZSTD_MAGIC):
+        if start.startswith(ZSTD_MAGIC) and not self._is_unpacked(path):
             return self._open(self._unpack(path))
         for magic, kind in _KINDS.items():
             if start.startswith(magic):
@@ -277,21 +285,19 @@ class Recording:
 
     def _unpack(self, path: Path) -> Path:
         """Unpack a file compressed as a whole; of a cut one, what is there."""
-        import zstandard
-
         if self._unpacked is None:
             self._unpacked = tempfile.TemporaryDirectory(prefix="tombo-")
         target = Path(self._unpacked.name) / path.name.removesuffix(".zstd")
-        unpacker = zstandard.ZstdDecompressor().decompressobj()
+        allowance = Allowance(path, unpacking_limit(path.stat().st_size))
         with path.open("rb") as source, target.open("wb") as out:
-            try:
-                while piece := source.read(_PIECE):
-                    out.write(unpacker.decompress(piece))
-            except zstandard.ZstdError as error:
-                self._note(f"{path.name}: {error}; what was unpacked before that is read")
-        if not unpacker.eof:
-            self._note(f"{path.name}: the compressed file is cut off")
+            wrong = unpack_file(source, out, allowance)
+        if wrong:
+            self._note(f"{path.name}: {wrong}")
         return target
+
+    def _is_unpacked(self, path: Path) -> bool:
+        """Whether a file was unpacked here; none holds another."""
+        return self._unpacked is not None and path.parent == Path(self._unpacked.name)
 
     def _note(self, text: str) -> None:
         if text not in self._notes:
@@ -305,33 +311,22 @@ _KINDS: dict[bytes, Callable[[Path], BagFile]] = {
 }
 
 
-def _plain(raw: RawMessages) -> RawMessages:
+def _plain(raw: RawMessages, path: Path) -> RawMessages:
     """Unpack messages that rosbag2 compressed one by one; CDR itself never starts like zstd."""
     if not raw.messages[0].startswith(ZSTD_MAGIC):
         return raw
-    import zstandard
-
-    unpacker = zstandard.ZstdDecompressor()
-    messages = [_unpacked(message, unpacker) for message in raw.messages]
+    allowance = Allowance(path, unpacking_limit(sum(map(len, raw.messages))))
+    messages = [_unpacked(message, allowance) for message in raw.messages]
     return RawMessages(raw.log_times_ns, raw.publish_times_ns, messages)
 
 
-def _unpacked(message: bytes, unpacker: Any) -> bytes:
-    import zstandard
-
+def _unpacked(message: bytes, allowance: Allowance) -> bytes:
     try:
-        plain: bytes = unpacker.decompressobj().decompress(message)
-    except zstandard.ZstdError:
+        plain = unzstd(message, plausible_size(len(message)))
+    except ValueError:
         return b""  # fits no type, and is counted as damage there
+    allowance.take(len(plain))
     return plain
-
-
-def _fits(typename: str, message: bytes, types: Types) -> bool:
-    try:
-        columns_of(typename, [message], types)
-    except InputError:
-        return False
-    return True
 
 
 def _joined(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:

@@ -66,7 +66,7 @@ def _escs(name: str) -> Callable[[str, ColumnTable], RotorReading | None]:
     def read(topic: str, table: ColumnTable) -> RotorReading | None:
         columns = [table.get(f"{name}[{i}].rpm") for i in range(4)]
         fifth = table.get(f"{name}[4].rpm", np.zeros(1))
-        if any(column is None for column in columns) or np.any(fifth):
+        if np.any(fifth) or any(c is None or c.dtype.kind not in "fiu" for c in columns):
             return None
         speeds = np.column_stack([np.asarray(c, np.float64) for c in columns if c is not None])
         return RotorReading("rotor_speed", _RPM * np.abs(speeds)) if np.any(speeds) else None
@@ -87,14 +87,16 @@ def _hil_controls(topic: str, table: ColumnTable) -> RotorReading | None:
 
 def _joints(topic: str, table: ColumnTable) -> RotorReading | None:
     """Take joints with rotor, motor or prop in their names, in the order of these names."""
+    speeds = table.get("velocity")
+    if speeds is None or speeds.ndim != 2 or speeds.dtype.kind not in "fiu":
+        return None
     names = {key: str(column[0]) for key, column in table.items() if key.startswith("name[")}
     rotors = sorted(
         (joint, int(key[5:-1]))
         for key, joint in names.items()
         if any(word in joint.lower() for word in ("rotor", "motor", "prop"))
     )
-    speeds = table.get("velocity")
-    if len(rotors) != 4 or speeds is None or speeds.ndim != 2 or speeds.shape[1] != len(names):
+    if len(rotors) != 4 or speeds.shape[1] != len(names):
         return None
     columns = [i for _, i in rotors]
     return RotorReading("rotor_speed", np.abs(speeds[:, columns].astype(np.float64)), _SLOWED)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rosbags.interfaces import Nodetype
 
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -27,6 +27,12 @@ Types: TypeAlias = "dict[str, tuple[list[Any], list[tuple[str, Any]]]]"
 
 OWN_PACKAGE = "tombo_msgs"
 SEPARATOR = "=" * 80
+_LONGEST_SCHEMA = 200_000
+"""Characters; the longest of ROS 2 have some 20 000."""
+_LARGEST_TYPE = 1 << 24
+"""Values of a type, sequences and strings left empty."""
+_DEEPEST_TYPE = 32
+_PLACEHOLDER = "structure_needs_at_least_one_member"
 
 
 def message_directory() -> Path:
@@ -173,14 +179,110 @@ def parse_schema(typename: str, text: str) -> Types:
     """Read a `ros2msg` schema as it stands in a file: the type and all it depends on.
 
     Raises:
-        InputError: the text is no message definition.
+        InputError: the text is no message definition, or one of a type that contains itself or
+            of arrays whose elements have no size.
     """
     from rosbags.typesys import TypesysError, get_types_from_msg
 
+    if len(text) > _LONGEST_SCHEMA:
+        raise InputError(
+            f"schema of {shown(typename)}: {len(text)} characters; accepted: {_LONGEST_SCHEMA}"
+        )
     try:
-        return get_types_from_msg(text, typename)
+        types: Types = get_types_from_msg(text, typename)
     except TypesysError as error:
         raise _not_readable(typename, error, "schema") from error
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        why = f"{type(error).__name__}: {error}"
+        raise InputError(
+            f"schema of {shown(typename)} can't be read ({shown(why)}); accepted: a ROS 2 message "
+            "definition"
+        ) from error
+    _check_types(typename, types, empty=1)
+    return types
+
+
+def _check_types(typename: str, types: Types, empty: int) -> None:
+    """Refuse a type whose messages take no bytes for what they hold, or have no end.
+
+    `empty` is what a message without fields takes: a byte in ROS 2, nothing in ROS 1.
+
+    Raises:
+        InputError: a type contains itself, nests too deep, or has an array without elements.
+    """
+    sizes: dict[str, int] = {}
+
+    def refuse(why: str) -> InputError:
+        return InputError(
+            f"schema of {shown(typename)}: {why}; accepted: a ROS 2 message definition"
+        )
+
+    def least_size(name: str, outer: tuple[str, ...]) -> int:
+        """Return how many bytes a type has at least; that of one defined elsewhere is not 0."""
+        if name in outer or len(outer) > _DEEPEST_TYPE:
+            raise refuse(f"{shown(name)} contains itself, or too much")
+        if name not in sizes:
+            fields = types[name][1] if name in types else [(name, (Nodetype.BASE, ""))]
+            own = [field for field in fields if field[0] != _PLACEHOLDER]
+            sizes[name] = sum(least(field, (*outer, name)) for field in own) or empty
+            if sizes[name] > _LARGEST_TYPE:
+                raise refuse(f"{shown(name)} has more than {_LARGEST_TYPE} values")
+        return sizes[name]
+
+    def least(field: tuple[str, Any], outer: tuple[str, ...]) -> int:
+        kind, content = field[1]
+        if kind == Nodetype.NAME:
+            return least_size(str(content), outer)
+        if kind == Nodetype.BASE:
+            return 1
+        element, count = content
+        size = least((field[0], element), outer)
+        if kind == Nodetype.ARRAY and not 0 < count <= _LARGEST_TYPE:
+            raise refuse(f"{shown(field[0])} has {count} elements")
+        if size == 0:
+            raise refuse(f"{shown(field[0])} is made of elements without a field")
+        return size * int(count) if kind == Nodetype.ARRAY else 4
+
+    least_size(typename, ())
+
+
+def check_like_known(typename: str, types: Types) -> None:
+    """Refuse a type that a file defines otherwise than ROS 2 and `tombo_msgs` do.
+
+    Fields may be missing or more, and numbers of another kind.
+
+    Raises:
+        InputError: a field of one is a number, of the other a text, a message or an array.
+    """
+    known = known_types()
+    if types is known:
+        return
+    left, seen = [typename], set()
+    while left:
+        name = left.pop()
+        if name in seen or name not in known or name not in types:
+            continue
+        seen.add(name)
+        there = dict(types[name][1])
+        for field, descriptor in known[name][1]:
+            found = there.get(field)
+            if found is not None and _shape(found) != _shape(descriptor):
+                raise InputError(
+                    f"type {name} has a field '{field}' in this file that is not that of ROS 2; "
+                    "accepted: the standard definition"
+                )
+            left += [name for name in [named_type(descriptor)] if name is not None]
+
+
+def _shape(descriptor: Any) -> Any:
+    """Return what makes the columns of a field: all numbers are alike."""
+    kind, content = descriptor
+    if kind == Nodetype.BASE:
+        return "text" if content[0] == "string" else "number"
+    if kind == Nodetype.NAME:
+        return str(content)
+    element, count = content
+    return _shape(element), count if kind == Nodetype.ARRAY else None
 
 
 @cache
@@ -196,10 +298,16 @@ def extended_store(typename: str, text: str) -> Typestore:
 
     store = get_typestore(Stores.ROS2_JAZZY)
     own = parse_schema(typename, text)
+    _check_types(typename, {**own, **store.fielddefs}, empty=0)
     try:
         store.register({name: fields for name, fields in own.items() if name not in store.types})
     except TypesysError as error:
         raise _not_readable(typename, error, "schema") from error
+    except (SyntaxError, ValueError, LookupError, TypeError, NameError) as error:
+        raise InputError(
+            f"schema of {shown(typename)} can't be used: {shown(str(error))}; accepted: a ROS "
+            "message definition"
+        ) from error
     return store
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tombo_bag.qos import EVENT, SENSOR, STATE, Qos
+from tombo_bag.qos import EVENT, SENSOR, STATE, STATUS, Qos
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,15 @@ ATTITUDE_SETPOINT = TopicSpec(
 RATES_SETPOINT = TopicSpec(
     "/rates_setpoint", "tombo_msgs/msg/RatesSetpoint", STATE, 250.0, "of the attitude loop"
 )
+GOAL_POSE = TopicSpec(
+    "/goal_pose",
+    "geometry_msgs/msg/PoseStamped",
+    STATE,
+    0.0,
+    "where to fly and hold, in map: RViz's arrow, nav2; a z of 0 keeps the height",
+)
 MISSION_STATUS = TopicSpec(
-    "/mission/status", "tombo_msgs/msg/MissionStatus", EVENT, 0.0, "phase, at each change"
+    "/mission/status", "tombo_msgs/msg/MissionStatus", STATUS, 0.0, "phase, at each change"
 )
 COLLISION_EVENT = TopicSpec(
     "/collision_event", "tombo_msgs/msg/CollisionEvent", EVENT, 0.0, "a detected collision"
@@ -91,12 +98,12 @@ DETECTOR_STATUS = TopicSpec(
     "test statistic of each pose; its arrival shows that the detector runs",
 )
 REACTION_STATUS = TopicSpec(
-    "/reaction/status", "tombo_msgs/msg/ReactionStatus", EVENT, 0.0, "at each change"
+    "/reaction/status", "tombo_msgs/msg/ReactionStatus", STATUS, 0.0, "at each change"
 )
 PX4_STATUS = TopicSpec(
     "/px4/status",
     "tombo_msgs/msg/Px4Status",
-    EVENT,
+    STATUS,
     0.0,
     "mode, armed, landed, stage of the bridge, findings of its checks, at each change",
 )

@@ -6,6 +6,7 @@ with a motion capture on mocap/pose, or with `hil:=true` one that connects to ou
 
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution
+from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
 from tombo_bringup.launching import description, part, suite_node
@@ -14,12 +15,17 @@ ARGUMENTS = {
     "sim": ("true", "simulate PX4, vehicle and motion capture; false: there are such already"),
     "hil": ("false", "true, with sim:=false: vehicle and motion capture for a real PX4 SITL"),
     "url": ("udpin://127.0.0.1:14540", "of the bridge's link to PX4; arms what is there"),
+    "auto_start": (
+        LaunchConfiguration("sim"),
+        "true: take off without a command; default: only a simulated vehicle",
+    ),
     "record": ("", "folder for the bag; empty: nothing is recorded"),
 }
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the bridge and what it needs, without estimator and controller: those are PX4's."""
+    starts = ParameterValue(LaunchConfiguration("auto_start"), value_type=bool)
     recording = NotEqualsSubstitution(LaunchConfiguration("record"), "")
     return description(
         [
@@ -36,7 +42,7 @@ def generate_launch_description() -> LaunchDescription:
                 condition=IfCondition(LaunchConfiguration("hil")),
             ),
             suite_node("tombo_px4", "px4_bridge", **{"link.url": LaunchConfiguration("url")}),
-            suite_node("tombo_control", "mission"),
+            suite_node("tombo_control", "mission", auto_start=starts),
             part("collision.launch.py"),
             part("recorder.launch.py", "record", condition=IfCondition(recording)),
         ],

@@ -1,6 +1,6 @@
 """The whole suite as nodes: `ros2 launch tombo_bringup suite.launch.py rviz:=true`.
 
-With a real vehicle in place of the simulator: `sim:=false`.
+With a real vehicle in place of the simulator: `sim:=false`; it waits for `/mission/takeoff`.
 """
 
 from launch.conditions import IfCondition
@@ -13,6 +13,10 @@ from tombo_bringup.launching import PACKAGE, description, part
 
 ARGUMENTS = {
     "sim": ("true", "start the simulated vehicle; false: something else speaks its topics"),
+    "auto_start": (
+        LaunchConfiguration("sim"),
+        "true: take off without a command; default: only a simulated vehicle",
+    ),
     "speed": ("1.0", "of the simulation, times real time; not 1 only with use_sim_time:=true"),
     "record": ("", "folder for the bag; empty: nothing is recorded"),
     "rviz": ("false", "true: start RViz (rviz2)"),
@@ -26,7 +30,7 @@ def generate_launch_description() -> LaunchDescription:
     return description(
         [
             part("sim.launch.py", "speed", condition=IfCondition(LaunchConfiguration("sim"))),
-            part("control.launch.py"),
+            part("control.launch.py", "auto_start"),
             part("collision.launch.py"),
             part(
                 "recorder.launch.py",

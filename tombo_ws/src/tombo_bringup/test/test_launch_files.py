@@ -11,11 +11,13 @@ import launch_bench as bench
 import pytest
 
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
+from tombo_flight.wiring import CORES
 
 FILES = sorted(path.name for path in bench.LAUNCH.glob("*.launch.py"))
 PARTS = ("sim.launch.py", "control.launch.py", "collision.launch.py", "recorder.launch.py")
 LAUNCHED = (*PARTS, "suite.launch.py", "px4.launch.py")
 NODES = set(SUITE)
+OPTIONS = {core.name: core.options for core in CORES}
 MODULES = {*SUITE.values(), *PX4_SUITE.values()}
 
 
@@ -69,9 +71,26 @@ def test_without_a_folder_nothing_is_recorded():
 
 
 def test_without_the_simulator_the_rest_is_the_same():
-    whole, rest = (bench.launch("suite.launch.py", sim=sim) for sim in ("true", "false"))
+    whole, rest = (
+        bench.launch("suite.launch.py", sim=sim, auto_start="true") for sim in ("true", "false")
+    )
     assert [node for node in whole if node.name != "/sim"] == rest
     assert len(whole) == len(rest) + 1
+
+
+@pytest.mark.parametrize(
+    ("file", "arguments", "starts"),
+    [
+        ("suite.launch.py", {}, True),
+        ("suite.launch.py", {"sim": "false"}, False),
+        ("px4.launch.py", {}, True),
+        ("px4.launch.py", {"sim": "false"}, False),
+        ("control.launch.py", {}, False),
+    ],
+)
+def test_only_a_simulated_vehicle_takes_off_by_itself(file: str, arguments: dict, starts: bool):
+    mission = one(bench.launch(file, **arguments), "/mission")
+    assert mission.parameters["auto_start"] is starts
 
 
 def test_over_mavlink_px4_stands_for_estimator_and_controller():
@@ -104,7 +123,8 @@ def test_a_tool_comes_when_asked_for(tool: str):
 
 
 def test_the_parts_make_up_the_suite():
-    parts = [node for file in PARTS for node in bench.launch(file)]
+    starts = {"control.launch.py": {"auto_start": "true"}}
+    parts = [node for file in PARTS for node in bench.launch(file, **starts.get(file, {}))]
     assert parts == bench.launch("suite.launch.py", record="runs/bag")
 
 
@@ -137,7 +157,8 @@ def test_every_parameter_that_is_given_is_one_of_the_node():
     for node in bench.launch("suite.launch.py", record="a"):
         module = entry_points(node.package)[node.executable].split(":")[0]
         source = (bench.SRC / node.package / (module.replace(".", "/") + ".py")).read_text()
-        for name in node.parameters.keys() - {"use_sim_time"}:
+        options = OPTIONS.get(node.name.strip("/"), {}).keys()
+        for name in node.parameters.keys() - {"use_sim_time"} - options:
             assert re.search(rf'declare\(\s*"{name}"', source), f"{node.name}: {name}"
 
 

@@ -25,7 +25,15 @@ SHOWS = {
     "Pose": "geometry_msgs/msg/PoseStamped",
 }
 OTHER_CLASSES = {
-    "Tools": {"FocusCamera", "Interact", "Measure", "MoveCamera", "PublishPoint", "Select"},
+    "Tools": {
+        "FocusCamera",
+        "Interact",
+        "Measure",
+        "MoveCamera",
+        "PublishPoint",
+        "Select",
+        "SetGoal",
+    },
     "Views": {"FPS", "Orbit", "ThirdPersonFollower", "TopDownOrtho", "XYOrbit"},
 }
 PANELS = {"Displays", "Selection", "Time", "Tool Properties", "Views"}

@@ -17,10 +17,11 @@ from pathlib import Path
 from tombo_bag import topics
 from tombo_bag.qos import Qos
 from tombo_bag.topics import CLOCK, DIAGNOSTICS, TOPICS, TopicSpec
+from tombo_bringup.safety_table import safety_tables
 from tombo_dynamics.core import Core
 from tombo_dynamics.errors import InputError
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
-from tombo_flight.wiring import CORES
+from tombo_flight.wiring import CORES, OPERATOR
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,11 @@ IN_PLACE_OF_SIM = {
     "hil_sim_node": "tombo_px4.hil_sim_node",
 }
 """Executables whose node is `sim` too."""
-PAGES = {"nodes.md": ("nodes", "topics"), "px4.md": ("px4_nodes",)}
+PAGES = {
+    "nodes.md": ("nodes", "topics"),
+    "px4.md": ("px4_nodes",),
+    "safety.md": ("states", "transitions", "faults"),
+}
 """Page → its tables."""
 
 
@@ -213,6 +218,7 @@ def _flow(spec: TopicSpec, nodes: list[NodeFacts]) -> str:
     if spec == DIAGNOSTICS:
         return "all"
     publishers = [node.name for node in nodes if spec.name in node.publishes]
+    publishers += ["operator"] if spec.name in OPERATOR else []
     subscribers = [node.name for node in nodes if spec.name in node.subscribes]
     return (
         f"{', '.join(publishers)} → {', '.join(subscribers)}"
@@ -255,6 +261,7 @@ def tables(page: str = "nodes.md") -> dict[str, str]:
         "nodes": node_table(nodes),
         "topics": topic_table(nodes),
         "px4_nodes": node_table(read_nodes(IN_PLACE_OF_SIM)),
+        **safety_tables(),
     }
     return {name: found[name] for name in PAGES[page]}
 

@@ -62,10 +62,9 @@ def main() -> None:
         ("recording, figure and report", warm_files),
     )
     for name, warm in parts:
-        print(f"{name} ... ", end="", flush=True)
         began = time.perf_counter()
         warm()
-        print(f"{time.perf_counter() - began:.1f} s", flush=True)
+        print(f"{name}: {time.perf_counter() - began:.1f} s", flush=True)
 
 
 if __name__ == "__main__":

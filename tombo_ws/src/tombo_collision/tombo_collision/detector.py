@@ -37,6 +37,11 @@ _SLOW = 0.03
 _WARM_UP_SAMPLES = 8
 _MIN_SAMPLES_FOR_GATE = 2
 """Samples after which the filter's velocity is good enough to tell a jump."""
+_SAME_STEP, _MOST_PERIODS, _SURELY_NEARER = 0.1, 3, 0.25
+"""A step that differs by this share may be a clock that was set; it is, where some periods explain
+the way with less than this share of the error."""
+_RESUMED_SPEED = 0.3
+"""m/s: standard deviation that the filter's velocity has behind a jump of the stamps."""
 _POSES_TO_ACCEPT_JUMP = 3
 """Samples at the new position after which a jump is accepted."""
 
@@ -76,6 +81,7 @@ class DetectorMemory(Record):
     statistic = field("1", "normalised innovation squared; 0 where there was none")
     ground = field("m", "height of the first pose, or of the floor; NaN before")
     last = field("", "last sample used", kind=StampedPose)
+    period = field("s", "between the last two samples that followed each other")
     jumps = field("1", "samples on end that have jumped", kind=int)
     jumped = field("", "the last of them", kind=StampedPose)
     holdoff_until = field("s", "no event before")
@@ -141,9 +147,11 @@ def detect(
     """Take a pose captured at `stamp_s` [s]; return why it is not used, a `PoseRefusal`.
 
     A sample that is not finite, not newer than the last one, or has jumped to where no strike
-    could have put the vehicle, is refused: it changes nothing. A stamp that lies further back than
-    `gap_max` means that the clock was set. After that, and after three samples that agree on
-    a new position, the filter starts again.
+    could have put the vehicle, is refused: it changes nothing. After three samples that agree on
+    a new position, the filter starts again; so it does where stamps are further apart than
+    `gap_max`, either way. But if that sample is where the vehicle would be a period later, a
+    clock was set, and the filter goes on: such a sample raises no alarm, the next one may. So it
+    is where the way that was made is that of some periods, but the step is none.
 
     Args:
         memory: of the detector.
@@ -164,7 +172,13 @@ def detect(
     if -params.gap_max <= step <= 0.0:
         return _refuse(memory, PoseRefusal.OUT_OF_ORDER)
     follows = memory.follows and 0.0 < step <= params.gap_max
+    clock_set = not follows or _took_whole_periods(memory, position, step)
+    resumes = memory.follows and clock_set and _continues(memory, params, position, attitude)
+    follows = follows and not resumes
     moved = False
+    if resumes:
+        _shift_times(memory, stamp_s - memory.period - memory.last.stamp_s)
+        step = memory.period
     if not follows:
         memory.jumps = 0
     elif memory.samples >= _MIN_SAMPLES_FOR_GATE and _has_jumped(
@@ -186,6 +200,9 @@ def detect(
         armed = position[2] - memory.ground > params.arm_height and stamp_s >= memory.holdoff_until
         if armed:
             event = _evaluate_triggers(memory, params, stamp_s, position)
+        memory.period = step
+    elif resumes:
+        _resume(memory, position)
     else:
         _restart(memory, position)
         if moved:  # into the region, perhaps: no entry
@@ -317,6 +334,61 @@ def _restart(memory: DetectorMemory, position: Array) -> None:
     memory.samples = 0
     memory.statistic = 0.0
     memory.track_length = 0
+
+
+@compiled_call
+def _continues(
+    memory: DetectorMemory, params: DetectorParams, position: Array, attitude: Array
+) -> bool:
+    """Return whether a pose is where the vehicle would be a period after the last one."""
+    if memory.samples <= _WARM_UP_SAMPLES or memory.period <= 0.0:
+        return False
+    near, _ = _is_reachable(
+        memory, params, memory.position, memory.last.attitude, position, attitude, memory.period
+    )
+    return near
+
+
+@compiled_call
+def _took_whole_periods(memory: DetectorMemory, position: Array, step: float) -> bool:
+    """Return whether the way since the last sample is that of some periods, and `step` another."""
+    if abs(step - memory.period) < _SAME_STEP * memory.period:
+        return False
+    off_step = _off(memory, position, step)
+    for periods in range(1, _MOST_PERIODS + 1):
+        if _off(memory, position, periods * memory.period) < _SURELY_NEARER * off_step:
+            return True
+    return False
+
+
+@compiled_call
+def _off(memory: DetectorMemory, position: Array, step: float) -> float:
+    """Return how far a position is from where the vehicle would be after a step [m]."""
+    square = 0.0
+    for i in range(3):
+        square += (position[i] - memory.position[i] - memory.velocity[i] * step) ** 2
+    return math.sqrt(square)
+
+
+@compiled_call
+def _shift_times(memory: DetectorMemory, by_s: float) -> None:
+    """Move all that was seen to another time, as if the clock had always been set so."""
+    memory.last.stamp_s += by_s
+    memory.holdoff_until += by_s
+    for i in range(memory.track_length):
+        memory.track[_track_index(memory, i)].stamp_s += by_s
+
+
+@compiled_call
+def _resume(memory: DetectorMemory, position: Array) -> None:
+    """Go on at a position with the velocity and the rates that were known, less surely."""
+    for i in range(3):
+        memory.position[i] = position[i]
+        memory.covariance[i, 0] = 1e-6
+        memory.covariance[i, 1] = 0.0
+        memory.covariance[i, 2] = _RESUMED_SPEED * _RESUMED_SPEED
+        memory.rate_variance[i] = 1.0
+    memory.statistic = 0.0
 
 
 @compiled_call

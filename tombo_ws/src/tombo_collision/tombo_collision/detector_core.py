@@ -6,7 +6,6 @@ future, long late, twice, no number, or of another body is refused, with the rea
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -21,13 +20,16 @@ from tombo_dynamics.frames import FRAME_MAP, is_map
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import CollisionEventRecord, DetectorStatusRecord, message_of
 from tombo_dynamics.messages import CollisionEvent, DetectorStatus, Pose
-from tombo_dynamics.pose_check import MAX_FUTURE_NS, MAX_POSE_AGE_NS, PoseRefusal, check_pose
+from tombo_dynamics.pose_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose
 from tombo_dynamics.records import Record, field, parameter_record
+from tombo_dynamics.stamp_check import is_future
 
 _SILENT_NS = 120_000_000
 """3.5 samples at 30 Hz."""
 _LATE_NS = 100_000_000
 """An older pose is used, but a collision is known late."""
+_SET_BACK_S = 1000.0
+"""A clock that was set back is a step back of the detector's time by so much."""
 _NONE = -1
 
 
@@ -119,11 +121,12 @@ def _detect(
     why = check_pose(stamp_ns, now_ns, MAX_POSE_AGE_NS, position, attitude)
     if why != PoseRefusal.NONE:
         return why
-    clock_set = memory.last_ns > now_ns + MAX_FUTURE_NS
+    clock_set = is_future(memory.last_ns, now_ns)
     if memory.origin_ns == _NONE or clock_set:
-        if clock_set:  # take it whatever its stamp is, and start again there
-            memory.detector.last.stamp_s = math.inf
         memory.origin_ns = stamp_ns
+        if clock_set:  # it can't be taken for one out of order
+            last_s = memory.detector.last.stamp_s
+            memory.origin_ns = stamp_ns - int(np.rint(1e9 * (last_s - _SET_BACK_S)))
     elif stamp_ns <= memory.last_ns:
         return PoseRefusal.OUT_OF_ORDER
     result = detect(

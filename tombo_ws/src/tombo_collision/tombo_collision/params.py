@@ -174,6 +174,13 @@ class ReactionLimits:
         "silence of the mission after which the vehicle holds where it is",
         "15 set points",
     )
+    hold_time: float = param(
+        20.0,
+        "s",
+        (0.0, 600.0),
+        "after holding for so long it falls silent: the controller holds, and lands",
+        "a node is restarted in 5 s; with the controller's own 10 s half a minute",
+    )
     event_age: float = param(
         1.0,
         "s",

@@ -1,8 +1,9 @@
 """The reaction in line between mission and controller: which set point goes on.
 
 Without a collision it is the mission's, unchanged. After one it is x_r, at once, until the mission
-flies there itself. Where mission or detector fall silent, the vehicle holds where it is. What x_r
-is decides one of `tombo_collision.reactions`.
+flies there itself. Where mission or detector fall silent, the vehicle holds where it is; where
+they stay silent, so does the reaction, and the controller lands. What x_r is decides one of
+`tombo_collision.reactions`.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from tombo_dynamics.messages import (
     Reason,
 )
 from tombo_dynamics.records import Record, field, fill_record, parameter_record
+from tombo_dynamics.stamp_check import is_future
 
 
 class HoldReason(Reason):
@@ -67,7 +69,6 @@ _EXCLUSIVE = ("/mission/setpoint", "/collision_event", "/detector/status")
 """Topics that only one may publish."""
 _PERIOD_NS = 20_000_000
 """Own set points are published at 50 Hz."""
-_MAX_FUTURE_NS = 50_000_000
 _MAX_CONTACT_DISTANCE = 3.0
 """m: a contact further away than this is not the vehicle's."""
 _SAME_POSITION = 0.05
@@ -94,6 +95,8 @@ class ReactionMemory(Record):
     mission_at_x_r = field("1", "the mission has come to x_r itself", kind=bool)
     two_publishers = field("1", "two publish what only one may", kind=bool)
     holds = field("1", "it holds", kind=bool)
+    waits = field("1", "a set point of its own stands for one that is missing", kind=bool)
+    waits_since_ns = field("ns", "since when", kind=int)
     hold = field("", "where it holds", kind=PositionSetpointRecord)
     setpoint = field("", "the last one published", kind=PositionSetpointRecord)
     publishes = field("1", "it is of the last step", kind=bool)
@@ -124,6 +127,7 @@ def begin_reaction(memory: ReactionMemory) -> None:
     memory.mission_at_x_r = True
     memory.two_publishers = False
     memory.holds = False
+    memory.waits = False
     memory.said = False
     memory.publish_due = False
     memory.setpoint.stamp_ns = 0
@@ -184,7 +188,7 @@ def check_event(
         return EventRefusal.NOT_UNIT
     if now_ns - event.stamp_ns > limits.event_age * 1e9:
         return EventRefusal.STALE
-    if event.stamp_ns - now_ns > _MAX_FUTURE_NS:
+    if is_future(event.stamp_ns, now_ns):
         return EventRefusal.FUTURE
     if not memory.has_mission:  # started in flight: it is a matter of milliseconds
         memory.events -= 1
@@ -246,6 +250,13 @@ def reaction_step(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -
             else:
                 _hold_at(out, mission.position, mission.yaw, Phase.HOLD)
     _report(memory, limits, why, now_ns)
+    waits = own and (mission_timed_out or why != HoldReason.NONE)
+    if waits and not memory.waits:
+        memory.waits_since_ns = now_ns
+    memory.waits = waits
+    if waits and now_ns - memory.waits_since_ns > limits.hold_time * 1e9:
+        memory.publish_due = False
+        return
     if memory.publish_due or (own and now_ns - memory.setpoint.stamp_ns >= _PERIOD_NS):
         memory.setpoint = out
         memory.setpoint.stamp_ns = now_ns
@@ -412,7 +423,7 @@ class ReactionCore(Core):
             why = EventRefusal.WRONG_FRAME
         else:
             fill_record(self._event, event)
-            why = check_event(memory, self.limits, self._event, now_ns)
+            why = check_event(memory, self.limits, self._event, now_ns + self.clock_slack_ns)
         if why == EventRefusal.WAITS:
             self._pending = [*self._pending[1 - _MAX_PENDING :], event]
             memory.pending = len(self._pending)

@@ -8,6 +8,7 @@ from tombo_bag.topics import MARKERS, REACTION_STATUS
 from tombo_collision.reaction_core import ReactionCore
 from tombo_ros.core_node import CoreNode, main_of
 from tombo_ros.markers import GREEN, RED, point_marker
+from tombo_ros.pacing import COLLISION
 
 
 class ReactionNode(CoreNode):
@@ -15,7 +16,7 @@ class ReactionNode(CoreNode):
 
     def __init__(self) -> None:
         """Advertise what is drawn."""
-        super().__init__(ReactionCore)
+        super().__init__(ReactionCore, priority=COLLISION)
         self._markers = self.advertise(MARKERS)
         self._collisions = 0
 

@@ -436,8 +436,42 @@ def test_a_clock_set_back_begins_a_new_flight():
     world.place = HOME.copy()
     world.run(0.1)
     assert world.course.mode == Phase.IDLE
-    assert world.course.time_s < 0.2
+    world.run(5.0)
+    assert world.course.mode == Phase.IDLE, "it takes a command"
+    assert world.course.time_s == 0.0
+    assert world.course.command("takeoff") == ""
     world.until(Phase.LANDED)
+
+
+def test_an_operator_holds_lands_and_takes_off_again():
+    world = World().until(Phase.APPROACH)
+    assert world.course.command("takeoff") == "it flies: phase approach"
+    assert world.course.command("hold") == ""
+    world.run(2.0)
+    held = world.said[-1].position
+    world.run(3.0)
+    assert world.course.mode == Phase.APPROACH
+    assert world.said[-1].position == pytest.approx(held, abs=0.06)
+    assert world.course.command("takeoff") == "", "it goes on"
+    world.run(1.5)
+    assert np.linalg.norm(world.said[-1].position - held) > 0.1
+    assert world.course.command("land") == ""
+    world.until(Phase.LANDED).run(5.0)
+    assert world.course.mode == Phase.LANDED
+    assert world.course.command("hold") == "nothing to hold: phase landed"
+    begin = len(world.said)
+    assert world.course.command("takeoff") == ""
+    world.until(Phase.HOVER)
+    phases = [said.phase for said in world.said[begin:]]
+    assert phases.index(Phase.IDLE) < phases.index(Phase.TAKEOFF)
+
+
+def test_told_to_land_on_the_ground_it_does_not_take_off():
+    world = World().run(0.2)
+    assert world.course.mode == Phase.IDLE
+    assert world.course.command("abort") == ""
+    world.run(5.0)
+    assert world.course.mode == Phase.IDLE
 
 
 def test_a_plan_with_steps_goes_on_with_the_step_it_was_on():

@@ -61,6 +61,14 @@ class LoopMemory(Record):
     rate_integral = field("rad/s^2", "angular acceleration of the rate integral, body", 3)
     rate_filtered = field("rad/s", "low-passed body rates, for the derivative, body", 3)
     saturated = field("1", "-1, 0, +1: no more roll, pitch, yaw torque in that direction", 3)
+    lands = field("1", "down where it is: the set point's place holds across", kind=bool)
+    descent_runs = field("1", "of the position loop since a descent began", kind=int)
+    sunk = field("1", "the descent has had its speed", kind=bool)
+    touched = field("1", "something has stopped the descent", kind=bool)
+    touch_speed = field("m/s", "upwards, as it was known then")
+    numb = field("1", "a descent without position has no accelerometer either", kind=bool)
+    stuck_runs = field("1", "of the position loop since it has no longer sunk", kind=int)
+    thrust_cut = field("m/s^2", "what a descent that does not sink takes off the thrust")
 
 
 class Autopilot(Record):

@@ -1,8 +1,8 @@
 """The controller as a node sees it: gyro samples, estimates and set points in, commands out.
 
-One call for each gyro sample. What is missing or stale decides how it flies: without set points it
-holds the last one; without estimates, or without poses behind them, it levels and descends;
-without gyro it says nothing, and the flight controller behind it takes over.
+One call for each gyro sample. What is missing or stale decides how it flies, by the table of
+`tombo_control.safety.state_machine`; without gyro it says nothing, and the flight controller
+behind it takes over.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from tombo_control.autopilot import Autopilot, new_autopilot
 from tombo_control.estimate import nearest_tick
-from tombo_control.gyro_propagation import control_tick, correct_with_estimate
+from tombo_control.gyro_propagation import control_tick, correct_with_estimate, integrate_force
 from tombo_control.loops.cascade import stop_rotors
 from tombo_control.params import (
     ATTITUDE_TICKS,
@@ -23,6 +23,17 @@ from tombo_control.params import (
     ControlParams,
     EstimatorParams,
     InputLimits,
+)
+from tombo_control.safety.flight_volume import check_volume, clamp_to_volume
+from tombo_control.safety.params import FlightVolume, SafetyParams
+from tombo_control.safety.state_machine import TABLE, Condition, SafetyState
+from tombo_control.safety.watch import (
+    NO_PHASE,
+    Watch,
+    begin_in_flight,
+    begin_watch,
+    rotors_off,
+    watch_flight,
 )
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Core
@@ -38,18 +49,20 @@ from tombo_dynamics.messages import (
     RatesSetpoint,
     RotorCommand,
 )
-from tombo_dynamics.pose_check import MAX_FUTURE_NS
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, thrust_map_of
 from tombo_dynamics.records import Record, field, fill_record, parameter_record
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
+from tombo_dynamics.stamp_check import is_future
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import VehicleParams
 
 _MAX_GAP_TICKS = 100
 _GRACE_NS = 3 * SECOND_NS
 """Nodes start in any order: before its first sample the gyro may be silent for so long."""
-_BLIND_TEXT = "position unknown (estimate or mocap too old): level descent"
+_BLIND_TEXT = "position unknown (estimate or mocap too old): descent"
+_NORMAL = (Condition.IDLE, Condition.TAKEOFF, Condition.DOWN, Condition.NEW_FLIGHT)
+"""What ends a state without a fault."""
 
 
 _NEVER = -1
@@ -70,11 +83,13 @@ class ControllerMemory(Record):
     position_ran = field("1", "in the last tick, as the next ones", kind=bool)
     attitude_ran = field("1", "the attitude loop ran", kind=bool)
     held = field("1", "holds the last set point: none is coming", kind=bool)
+    watch = field("", "which state it is in, and why", kind=Watch)
 
 
 @compiled_call
 def reset_inputs(memory: ControllerMemory) -> None:
     """Discard all inputs of the previous flight: no set point, so no rotor turns."""
+    memory.watch.asked |= 1 << Condition.NEW_FLIGHT
     memory.estimate_ns = _NEVER
     memory.pose_ns = _NEVER
     memory.setpoint_ns = _NEVER
@@ -89,6 +104,7 @@ def begin_controller(memory: ControllerMemory) -> None:
     memory.position_slot = _NEVER
     memory.attitude_slot = _NEVER
     reset_inputs(memory)
+    begin_watch(memory.watch)
 
 
 @compiled_call
@@ -117,25 +133,42 @@ def take_odometry(memory: ControllerMemory, autopilot: Autopilot, odometry: Any)
 
 @compiled_call
 def take_biases(
-    memory: ControllerMemory, autopilot: Autopilot, gyro_bias: Array, pose_stamp_ns: int
+    memory: ControllerMemory,
+    autopilot: Autopilot,
+    gyro_bias: Array,
+    accel_bias: Array,
+    pose_stamp_ns: int,
 ) -> bool:
-    """Take the gyro's bias (3) [rad/s] and the last pose's capture time; False: not finite."""
-    if not math.isfinite(gyro_bias[0] + gyro_bias[1] + gyro_bias[2]):
+    """Take the biases (3) [rad/s], (3) [m/s^2] and the last pose's capture time; False: NaN."""
+    total = 0.0
+    for i in range(3):
+        total += gyro_bias[i] + accel_bias[i]
+    if not math.isfinite(total):
         return False
     for i in range(3):
         autopilot.state.gyro_bias[i] = gyro_bias[i]
+        autopilot.state.accel_bias[i] = accel_bias[i]
     memory.pose_ns = pose_stamp_ns
     return True
 
 
 @compiled_call
-def take_setpoint(memory: ControllerMemory, setpoint: Any, now_ns: int) -> bool:
-    """Take a set point that arrived at `now_ns`; False: not finite."""
+def take_setpoint(
+    memory: ControllerMemory, autopilot: Autopilot, setpoint: Any, now_ns: int
+) -> bool:
+    """Take a set point that arrived at `now_ns`; False: not finite, or too far to follow."""
     total = setpoint.yaw
     for i in range(3):
         total += setpoint.position[i] + setpoint.velocity[i] + setpoint.acceleration[i]
     if not math.isfinite(total):
         return False
+    if not rotors_off(memory.watch):
+        square = 0.0
+        for i in range(3):
+            off = setpoint.position[i] - autopilot.state.position[i]
+            square += off * off
+        if square > memory.watch.params.setpoint_distance**2:
+            return False
     last = memory.setpoint
     last.position = setpoint.position
     last.velocity = setpoint.velocity
@@ -156,6 +189,7 @@ def answer_gyro(
     now_ns: int,
     stamp_ns: int,
     gyro: Array,
+    accel: Array,
 ) -> bool:
     """Set `setpoint.rotor_speed`; False for a sample that is not newer than the last.
 
@@ -167,50 +201,96 @@ def answer_gyro(
         now_ns: time now, of the stamps' clock.
         stamp_ns: capture time of the sample.
         gyro: (3) [rad/s], base_link; what is not finite is taken from the sample before.
+        accel: (3) specific force [m/s^2], base_link.
     """
     tick = nearest_tick(stamp_ns)
     ticks = tick - memory.tick
     if memory.tick < 0 or ticks < -_MAX_GAP_TICKS or ticks > _MAX_GAP_TICKS:
+        memory.watch.gap = memory.tick >= 0
         if ticks < -_MAX_GAP_TICKS:  # the clock was set back
             memory.estimate_ns = _NEVER
             memory.pose_ns = _NEVER
             memory.setpoint_ns = min(memory.setpoint_ns, now_ns)
+            memory.watch.since = min(memory.watch.since, tick)
         ticks = 1
     elif ticks <= 0:
         return False
     memory.tick = tick
-    last = memory.setpoint
-    memory.position_ran = False
+    _judge(memory, autopilot, limits, now_ns, stamp_ns, ticks, accel)
     memory.attitude_ran = False
-    memory.held = False
-    if not memory.has_setpoint or last.phase == Phase.IDLE or last.phase == Phase.LANDED:
-        mode = last.phase if memory.has_setpoint else Phase.IDLE
+    if rotors_off(memory.watch):
+        memory.position_ran = False
+        memory.held = False
+        mode = memory.setpoint.phase if memory.has_setpoint else Phase.IDLE
         control_tick(autopilot, maps, gyro, tick, ticks, False, False, False)
         stop_rotors(autopilot.state, autopilot.setpoint, autopilot.loops)
         autopilot.mode_asked = mode
         autopilot.mode_flown = mode
         return True
-    memory.position_ran = tick // POSITION_TICKS != memory.position_slot
+    blind = memory.watch.state == SafetyState.BLIND
     memory.attitude_ran = tick // ATTITUDE_TICKS != memory.attitude_slot
-    memory.held = now_ns - memory.setpoint_ns > limits.setpoint_timeout * 1e9
     if memory.position_ran:
         memory.position_slot = tick // POSITION_TICKS
-        odometry = stamp_ns - memory.estimate_ns > limits.odometry_timeout * 1e9
-        memory.blind = odometry or stamp_ns - memory.pose_ns > autopilot.gains.blind_timeout * 1e9
-        setpoint = autopilot.setpoint
-        setpoint.position = last.position
-        for i in range(3):
-            setpoint.velocity[i] = 0.0 if memory.held else last.velocity[i]
-            setpoint.acceleration[i] = 0.0 if memory.held else last.acceleration[i]
-        setpoint.yaw = last.yaw
-        autopilot.mode_asked = last.phase
-        autopilot.mode_flown = Phase.DESCEND_BLIND if memory.blind else last.phase
+        memory.blind = blind
+        _follow_setpoint(memory, autopilot)
     if memory.attitude_ran:
         memory.attitude_slot = tick // ATTITUDE_TICKS
+    if blind and not integrate_force(autopilot.state, accel, ticks):
+        autopilot.loops.numb = True
     control_tick(
-        autopilot, maps, gyro, tick, ticks, memory.position_ran, memory.attitude_ran, memory.blind
+        autopilot, maps, gyro, tick, ticks, memory.position_ran, memory.attitude_ran, blind
     )
     return True
+
+
+@compiled
+def _judge(
+    memory: ControllerMemory,
+    autopilot: Autopilot,
+    limits: InputLimits,
+    now_ns: int,
+    stamp_ns: int,
+    ticks: int,
+    accel: Array,
+) -> None:
+    """Decide on the state; say whether the position loop is due, and the set point is silent."""
+    memory.position_ran = memory.tick // POSITION_TICKS != memory.position_slot
+    memory.held = now_ns - memory.setpoint_ns > limits.setpoint_timeout * 1e9
+    lost = stamp_ns - memory.estimate_ns > limits.odometry_timeout * 1e9
+    lost = lost or stamp_ns - memory.pose_ns > autopilot.gains.blind_timeout * 1e9
+    phase = memory.setpoint.phase if memory.has_setpoint else NO_PHASE
+    watch_flight(
+        memory.watch,
+        autopilot,
+        accel,
+        memory.setpoint,
+        phase,
+        memory.tick,
+        ticks,
+        memory.position_ran,
+        not lost,
+        memory.held,
+    )
+
+
+@compiled
+def _follow_setpoint(memory: ControllerMemory, autopilot: Autopilot) -> None:
+    """Write the reference of the position loop; a descent of the controller's own writes it."""
+    last, setpoint, state = memory.setpoint, autopilot.setpoint, memory.watch.state
+    autopilot.mode_asked = last.phase
+    if state == SafetyState.BLIND:
+        autopilot.mode_flown = Phase.DESCEND_BLIND
+    elif state == SafetyState.LAND:
+        autopilot.mode_flown = Phase.LAND
+        setpoint.yaw = memory.watch.yaw
+    else:
+        autopilot.mode_flown = last.phase
+        setpoint.position = last.position
+        rests = clamp_to_volume(setpoint.position, memory.watch.volume) or memory.held
+        for i in range(3):
+            setpoint.velocity[i] = 0.0 if rests else last.velocity[i]
+            setpoint.acceleration[i] = 0.0 if rests else last.acceleration[i]
+        setpoint.yaw = last.yaw
 
 
 @compiled_call
@@ -222,9 +302,10 @@ def answer_gyro_from_python(
     now_ns: int,
     stamp_ns: int,
     gyro: Array,
+    accel: Array,
 ) -> bool:
     """Answer a gyro sample as `answer_gyro` does; both memories are arrays (1)."""
-    return answer_gyro(memory[0], autopilot[0], maps, limits, now_ns, stamp_ns, gyro)
+    return answer_gyro(memory[0], autopilot[0], maps, limits, now_ns, stamp_ns, gyro, accel)
 
 
 class ControllerCore(Core):
@@ -237,8 +318,14 @@ class ControllerCore(Core):
     sections: ClassVar[Mapping[str, type]] = {
         "control": ControlParams,
         "inputs": InputLimits,
+        "safety": SafetyParams,
+        "volume": FlightVolume,
         "vehicle": VehicleParams,
         "propeller": PropellerChoice,
+    }
+    commands: ClassVar[Mapping[str, str]] = {
+        "abort": "land here, at once and for good: no set point is obeyed any more",
+        "kill": "stop the rotors, wherever the vehicle is",
     }
 
     @classmethod
@@ -246,10 +333,17 @@ class ControllerCore(Core):
         """Return a new controller."""
         propeller, vehicle = records["propeller"], records["vehicle"]
         maps = rotor_maps(thrust_map_of(propeller), vehicle)
-        return cls(records["control"], vehicle, records["inputs"], maps)
+        safety, volume = records["safety"], records["volume"]
+        return cls(records["control"], vehicle, records["inputs"], maps, safety, volume)
 
     def __init__(
-        self, control: ControlParams, vehicle: VehicleParams, limits: InputLimits, maps: RotorMaps
+        self,
+        control: ControlParams,
+        vehicle: VehicleParams,
+        limits: InputLimits,
+        maps: RotorMaps,
+        safety: SafetyParams | None = None,
+        volume: FlightVolume | None = None,
     ) -> None:
         super().__init__()
         self._outputs: list[tuple[str, Any]] = []
@@ -257,6 +351,8 @@ class ControllerCore(Core):
         self._imu_ns: int | None = None
         """When the last gyro sample came."""
         self._gyro_stamp_ns = 0
+        self._changes = 0
+        self._takes_over = False
         self.limits = parameter_record(limits)
         self.maps = maps
         level = np.array([0.0, 0.0, 0.0, 1.0])
@@ -264,6 +360,8 @@ class ControllerCore(Core):
         self.memory = ControllerMemory.new()
         self._arrays = (self.memory.as_array(), self.autopilot.as_array())
         begin_controller(self.memory)
+        self.set_params("safety", safety or SafetyParams())
+        self.set_params("volume", volume or FlightVolume())
         self._odometry = OdometryRecord.new()
         self._setpoint = PositionSetpointRecord.new()
 
@@ -278,8 +376,8 @@ class ControllerCore(Core):
                 self._answer(message, now_ns)
         elif isinstance(message, EstimatorStatus):
             bias, pose_ns = message.gyro_bias, message.pose_stamp_ns
-            if not take_biases(self.memory, self.autopilot, bias, pose_ns):
-                self.health.refuse("estimator_status_refused", "gyro bias with NaN")
+            if not take_biases(self.memory, self.autopilot, bias, message.accel_bias, pose_ns):
+                self.health.refuse("estimator_status_refused", "bias with NaN")
         elif several:
             return
         elif isinstance(message, Odometry):
@@ -295,10 +393,12 @@ class ControllerCore(Core):
             reset_inputs(self.memory)  # the last flight's set point would lift the vehicle off
         self._gyro_stamp_ns = stamp
         if not answer_gyro_from_python(
-            *self._arrays, self.maps, self.limits, now_ns, stamp, sample.gyro
+            *self._arrays, self.maps, self.limits, now_ns, stamp, sample.gyro, sample.accel
         ):
             return
         memory, setpoint = self.memory, self.autopilot.setpoint
+        if memory.watch.state == SafetyState.STANDBY:
+            return
         thrust = float(setpoint.thrust)
         self._outputs.append(("/rotor_command", RotorCommand(stamp, setpoint.rotor_speed.copy())))
         if memory.attitude_ran:
@@ -309,7 +409,7 @@ class ControllerCore(Core):
             self._outputs.append(("/attitude_setpoint", attitude))
 
     def _take_odometry(self, message: Odometry, now_ns: int) -> None:
-        early = message.stamp_ns > now_ns + MAX_FUTURE_NS + self.clock_slack_ns
+        early = is_future(message.stamp_ns, now_ns + self.clock_slack_ns)
         fill_record(self._odometry, message)
         if early or not take_odometry(self.memory, self.autopilot, self._odometry):
             self.health.refuse(
@@ -317,17 +417,21 @@ class ControllerCore(Core):
             )
 
     def _take_setpoint(self, message: PositionSetpoint, now_ns: int) -> None:
-        latest_ns = max(self._gyro_stamp_ns, now_ns) + CLOCK_SET_BACK_NS
-        if self.clock_slack_ns and message.stamp_ns > latest_ns:
+        latest_ns = max(self._gyro_stamp_ns, now_ns) + self.clock_slack_ns
+        if self.clock_slack_ns and is_future(message.stamp_ns, latest_ns):
             self.health.refuse(
                 "setpoint_refused", "set point: stamp in the future; restarted simulation?"
             )
             return
         fill_record(self._setpoint, message)
-        if not take_setpoint(self.memory, self._setpoint, now_ns):
+        if not take_setpoint(self.memory, self.autopilot, self._setpoint, now_ns):
             self.health.refuse(
-                "setpoint_refused", "set point with NaN or infinity: the last one stands"
+                "setpoint_refused",
+                "set point not finite, or too far from the vehicle: the last one stands",
             )
+        elif self._takes_over and message.phase not in (Phase.IDLE, Phase.LANDED):
+            self._takes_over = False
+            begin_in_flight(self.memory.watch)
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Return the answers to the gyro samples since the last step."""
@@ -336,18 +440,51 @@ class ControllerCore(Core):
         silent_ns = now_ns - (self._imu_ns or self._began_ns + _GRACE_NS)
         silent = silent_ns > self.limits.imu_timeout * SECOND_NS
         self.health.fault("imu_silent", silent, "no gyro: no commands", ERROR)
-        flying = self.autopilot.mode_asked not in (Phase.IDLE, Phase.LANDED)
-        blind, held = flying and bool(self.memory.blind), bool(self.memory.held)
-        self.health.fault("blind", blind, _BLIND_TEXT, ERROR)
-        self.health.fault("setpoint_silent", held, "no set point: holding the last")
+        self._report_state()
         outputs, self._outputs = self._outputs, []
         return outputs
 
+    def _report_state(self) -> None:
+        watch, health = self.memory.watch, self.health
+        state = SafetyState(int(watch.state))
+        health.fault("blind", state == SafetyState.BLIND, _BLIND_TEXT, ERROR)
+        health.fault("setpoint_silent", state == SafetyState.HOLD, "no set point: holding")
+        own = state == SafetyState.LAND
+        health.fault("lands", own, "the controller lands by itself: set points ignored", ERROR)
+        standby = state == SafetyState.STANDBY
+        health.fault("standby", standby, "started in flight: no commands until a take-off")
+        health.values["safety"] = state.name.lower()
+        if watch.changes != self._changes:
+            self._changes = int(watch.changes)
+            if watch.row >= 0:
+                row = TABLE[watch.row]
+                health.values["safety_reason"] = row.condition.name.lower()
+                if row.condition not in _NORMAL:
+                    text = (
+                        f"{row.state.name.lower()} to {state.name.lower()}: {row.condition.text}"
+                    )
+                    health.report_event(f"safety_{row.condition.name.lower()}", text)
+
+    def take_over(self) -> None:
+        """Obey the next set point of a flight as if the take-off had been seen: for recordings."""
+        self._takes_over = True
+
+    def command(self, name: str) -> str:
+        """Obey an operator: a name of `commands`; return why not, empty: it is obeyed."""
+        watch = self.memory.watch
+        if name == "abort" and bool(rotors_off(watch)):
+            return f"the rotors are off: {SafetyState(int(watch.state)).name.lower()}"
+        watch.asked |= 1 << Condition[name.upper()]
+        return ""
+
     def set_params(self, section: str, params: Any) -> None:
-        """Take other gains in flight; another vehicle or propeller at the next start only."""
+        """Take other gains or limits in flight."""
         if section == "control":
             fill_record(self.autopilot.gains, params)
+        elif section == "safety":
+            fill_record(self.memory.watch.params, params)
+        elif section == "volume":
+            check_volume(params)
+            fill_record(self.memory.watch.volume, params)
         elif section == "inputs":
             self.limits = parameter_record(params)
-        else:
-            self.health.fault("not_at_runtime", True, f"{section} is used at the next start")

@@ -85,6 +85,19 @@ def observer_gains(bandwidth: float, period: float) -> tuple[float, float, float
     return 1.0 - pole**3, 1.5 * gap * gap * (1.0 + pole) / period, gap**3 / (period * period)
 
 
+@compiled
+def attitude_gains(bandwidth: float, period: float) -> tuple[float, float]:
+    """Return gains on attitude and gyro bias for two equal discrete poles."""
+    pole = math.exp(-bandwidth * period)
+    return 1.0 - pole * pole, (1.0 - pole) ** 2 / period
+
+
+@compiled
+def correction_step(period: float) -> float:
+    """Return the time [s] that gains are computed for: at most 0.2 s, at least a tick."""
+    return min(max(period, TICK_S), 0.2)
+
+
 @compiled_call
 def correct(
     autopilot: Autopilot,
@@ -122,14 +135,12 @@ def correct(
     for i in range(4):
         if not math.isfinite(attitude[i]):
             return False
-    step = min(max(period, TICK_S), 0.2)
+    step = correction_step(period)
     gain_p, gain_v, gain_b = observer_gains(observer.position_bandwidth, step)
     if not airborne:
         gain_v = 0.0
         gain_b = 0.0
-    pole = math.exp(-observer.attitude_bandwidth * step)
-    gain_q = 1.0 - pole * pole
-    gain_g = (1.0 - pole) ** 2 / step
+    gain_q, gain_g = attitude_gains(observer.attitude_bandwidth, step)
 
     ex = position[0] - past.position[0]
     ey = position[1] - past.position[1]

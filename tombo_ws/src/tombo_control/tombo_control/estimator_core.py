@@ -21,8 +21,23 @@ from tombo_control.autopilot import (
     restart_estimate,
 )
 from tombo_control.estimate import nearest_tick
-from tombo_control.estimator import correct, process_imu, store_history, update_body_rates
+from tombo_control.estimator import (
+    attitude_gains,
+    correct,
+    correction_step,
+    observer_gains,
+    process_imu,
+    store_history,
+    update_body_rates,
+)
 from tombo_control.params import ControlParams, EstimatorParams
+from tombo_control.uncertainty import (
+    Uncertainty,
+    begin_uncertainty,
+    fill_covariance,
+    take_gyro,
+    take_innovation,
+)
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Core
 from tombo_dynamics.frames import is_map
@@ -31,7 +46,7 @@ from tombo_dynamics.message_records import EstimatorStatusRecord, OdometryRecord
 from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometry, Phase, Pose
 from tombo_dynamics.pose_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose
 from tombo_dynamics.records import Record, field, fill_record
-from tombo_dynamics.rotation import rotated_back
+from tombo_dynamics.rotation import rotated_back, rotation_vector
 from tombo_dynamics.time_base import SECOND_NS, TICK_NS, TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 
@@ -81,6 +96,7 @@ class EstimatorMemory(Record):
     jumps = field("1", "poses on end that were refused as jumps", kind=int)
     jump = field("m", "position of the last of them, in map", 3)
     estimate = field("", "the newest, at the last IMU sample", kind=State)
+    uncertainty = field("", "of the estimate", kind=Uncertainty)
     odometry = field("", "message, filled when it is due", kind=OdometryRecord)
     status = field("", "message, filled when it is due", kind=EstimatorStatusRecord)
 
@@ -190,6 +206,7 @@ def _initialize(
     autopilot.mocap_time = stamp_ns * 1e-9
     store_history(autopilot.state, autopilot.history, memory.next_tick)
     memory.running = True
+    begin_uncertainty(memory.uncertainty, lasted)
     memory.pose_stamp_ns = stamp_ns
     memory.poses += 1
     memory.initial = 0
@@ -235,6 +252,36 @@ def _check_jump(
 
 
 @compiled
+def _squared_innovation(autopilot: Autopilot, pose: PoseAtTick) -> tuple[float, float]:
+    """Return how far a pose is off its prediction: mean squares of the axes [m^2], [rad^2]."""
+    past = autopilot.history[pose.tick % HISTORY_TICKS]
+    rx, ry, rz = rotation_vector(pose.attitude, past.attitude)
+    off = _distance(past.position, pose.position[0], pose.position[1], pose.position[2])
+    return off * off / 3.0, (rx * rx + ry * ry + rz * rz) / 3.0
+
+
+@compiled
+def _note_innovation(
+    memory: EstimatorMemory,
+    autopilot: Autopilot,
+    period: float,
+    place_square: float,
+    turn_square: float,
+) -> None:
+    """Enter a pose that was used into what is known of the estimate's errors."""
+    observer, step = autopilot.observer, correction_step(period)
+    take_innovation(
+        memory.uncertainty,
+        observer_gains(observer.position_bandwidth, step),
+        attitude_gains(observer.attitude_bandwidth, step),
+        step,
+        memory.airborne,
+        place_square,
+        turn_square,
+    )
+
+
+@compiled
 def take_imu(
     memory: EstimatorMemory, autopilot: Autopilot, stamp_ns: int, gyro: Array, accel: Array
 ) -> bool:
@@ -266,6 +313,7 @@ def take_imu(
             return False
         process_imu(autopilot, memory.gyro, memory.accel, memory.next_tick, gap, memory.airborne)
         memory.next_tick = tick
+    take_gyro(memory.uncertainty, gyro)
     for i in range(3):
         memory.gyro[i] = gyro[i]
         memory.accel[i] = accel[i]
@@ -273,9 +321,11 @@ def take_imu(
         pose = memory.pending_poses[0]
         captured = pose.tick
         period = captured * TICK_S - autopilot.mocap_time
+        place_square, turn_square = _squared_innovation(autopilot, pose)
         if correct(
             autopilot, pose.position, pose.attitude, captured, tick, period, memory.airborne
         ):
+            _note_innovation(memory, autopilot, period, place_square, turn_square)
             autopilot.mocap_time = max(autopilot.mocap_time, captured * TICK_S)
             memory.pose_stamp_ns = captured * TICK_NS
             memory.poses += 1
@@ -320,6 +370,8 @@ def fill_odometry(memory: EstimatorMemory, out: Any) -> None:
     out.position = estimate.position
     out.attitude = estimate.attitude
     out.rates = estimate.rates
+    age = max(memory.stamp_ns - memory.pose_stamp_ns, 0) * 1e-9
+    fill_covariance(memory.uncertainty, age, memory.airborne, out)
 
 
 @compiled_call
@@ -429,8 +481,6 @@ class EstimatorCore(Core):
         return outputs
 
     def set_params(self, section: str, params: Any) -> None:
-        """Take other bandwidths in flight; another vehicle at the next start only."""
+        """Take other bandwidths in flight."""
         if section == "estimator":
             fill_record(self.autopilot.observer, params)
-        else:
-            self.health.fault("not_at_runtime", True, f"{section} is used at the next start")

@@ -7,14 +7,17 @@ and keeps the vehicle level for some seconds when no estimate comes at all.
 
 from __future__ import annotations
 
+import math
+
 from tombo_control.autopilot import HISTORY_TICKS, Autopilot, State
 from tombo_control.estimator import store_history, update_body_rates
 from tombo_control.loops.cascade import run_control_loops
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled, compiled_call
-from tombo_dynamics.rotation import rotate_by_vector, rotation_vector
+from tombo_dynamics.rotation import rotate_by_vector, rotated, rotation_vector
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.time_base import TICK_S
+from tombo_dynamics.vehicle import GRAVITY
 
 
 @compiled
@@ -29,6 +32,29 @@ def propagate(state: State, history: Array, tick: int, ticks: int) -> None:
             state.position[i] += TICK_S * state.velocity[i]
         rotate_by_vector(state.attitude, rates[0] * TICK_S, rates[1] * TICK_S, rates[2] * TICK_S)
         store_history(state, history, tick - ticks + k + 1)
+
+
+@compiled
+def integrate_force(state: State, accel: Array, ticks: int) -> bool:
+    """Carry the velocity over `ticks` ticks with the specific force, less its bias.
+
+    False: that is not finite, the velocity is no longer known.
+
+    Args:
+        state: velocity is written; attitude and `accel_bias` are used.
+        accel: (3) specific force [m/s^2], body.
+        ticks: since the last sample.
+    """
+    bias = state.accel_bias
+    ax, ay, az = rotated(
+        state.attitude, accel[0] - bias[0], accel[1] - bias[1], accel[2] - bias[2]
+    )
+    if not math.isfinite(ax + ay + az):
+        return False
+    state.velocity[0] += ticks * TICK_S * ax
+    state.velocity[1] += ticks * TICK_S * ay
+    state.velocity[2] += ticks * TICK_S * (az - GRAVITY)
+    return True
 
 
 @compiled_call

@@ -11,6 +11,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from tombo_control.planning.commanded_course import (
+    CourseProgress,
+    begin_course,
+    course_here,
+    course_of,
+    plan_with,
+    progress,
+)
 from tombo_control.planning.leg import (
     LegRecord,
     leg_position,
@@ -27,6 +35,7 @@ from tombo_control.planning.mission import (
     begin,
     compiled_plan,
     initial_state_in_flight,
+    land,
     resume,
     set_landed,
     start_reaction,
@@ -35,6 +44,7 @@ from tombo_control.planning.mission import (
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, Core
+from tombo_dynamics.errors import InputError
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import PositionSetpointRecord, message_of
 from tombo_dynamics.messages import (
@@ -42,6 +52,7 @@ from tombo_dynamics.messages import (
     MissionStatus,
     Odometry,
     Phase,
+    Pose,
     PositionSetpoint,
     ReactionPhase,
     ReactionStatus,
@@ -61,6 +72,7 @@ class WaitReason(Reason):
     REACTION_HOLDS = 3, "the reaction holds: the plan waits"
     BLIND = 4, "the reaction sees stale poses: the plan waits"
     REACTION_SILENT = 5, "no message from the reaction: the plan waits"
+    OPERATOR = 6, "held by an operator: the plan waits"
 
 
 _NEVER = -1
@@ -71,8 +83,12 @@ _LOW, _BELOW, _REST, _REST_S = 0.1, 0.15, 0.15, 1.0
 _NO_LIFT_S = 9.0
 """s: the same, for a vehicle that has not lifted off yet. PX4 needs 3 to 5: mode and arming are
 confirmed, rotors spin up (COM_SPOOLUP_TIME), thrust rises (MPC_TKO_RAMP_T); a refusal costs 1."""
+_LIFTED, _BACK, _BACK_S = 0.05, 0.03, 0.3
+"""m, m, s: a take-off that has been so high, and is so low again for so long, is over."""
 _DRIFT = 0.05
 """m: a waiting reference follows the vehicle when it is further away."""
+_SHOWS_IDLE_NS = -200_000_000
+"""A plan that begins again shows phase idle for so long: the controller then obeys a take-off."""
 _MAX_CLOCK_STEP_NS = 100_000_000
 """The plan's clock goes on by no more than this at a time: the node may have been stopped."""
 
@@ -137,12 +153,14 @@ class MissionMemory(Record):
     now_ns = field("ns", "of the last step", kind=int)
     time_ns = field("ns", "flight time", kind=int)
     two_estimators = field("1", "two nodes publish odometry", kind=bool)
+    held = field("1", "an operator has said hold", kind=bool)
     reaction = field("1", "the reaction's state", kind=int)
     decided_collisions = field("1", "number of collisions in the last one; -1: none", kind=int)
     decided_place = field("m", "x_r of the last decision taken, in map", 3)
     escape = field("m", "x_r to leave for, in map; NaN: none", 3)
     rest_since_s = field("s", "stands still since then")
     has_flown = field("1", "it has been in the air", kind=bool)
+    has_lifted = field("1", "it has left the ground", kind=bool)
     setpoint = field("", "the newest", kind=PositionSetpointRecord)
     published_mode = field("1", "phase in the last status", kind=int)
     published_reason = field("1", "reason to wait in the last status", kind=int)
@@ -161,6 +179,7 @@ def begin_mission(memory: MissionMemory, started: bool) -> None:
     memory.now_ns = _NEVER
     memory.time_ns = 0
     memory.two_estimators = False
+    memory.held = False
     memory.reaction = ReactionPhase.IDLE
     memory.decided_collisions = _NEVER
     for i in range(3):
@@ -168,6 +187,7 @@ def begin_mission(memory: MissionMemory, started: bool) -> None:
         memory.escape[i] = math.nan
     memory.rest_since_s = math.inf
     memory.has_flown = False
+    memory.has_lifted = False
 
 
 @compiled_call
@@ -254,7 +274,7 @@ def take_reaction(
 def mission_step(memory: MissionMemory, plan: Plan, limits: MissionLimits, now_ns: int) -> bool:
     """Go on to `now_ns`; write `setpoint` and return True, False before the first estimate."""
     if memory.now_ns != _NEVER and now_ns < memory.now_ns - CLOCK_SET_BACK_NS:
-        begin_mission(memory, memory.started)
+        begin_mission(memory, False)  # another flight: it takes a command
     passed = 0 if memory.now_ns == _NEVER else max(now_ns - memory.now_ns, 0)
     memory.now_ns = now_ns
     if not memory.begun:
@@ -295,6 +315,8 @@ def _reason_to_wait(memory: MissionMemory, limits: MissionLimits, now_ns: int) -
         return WaitReason.TWO_ESTIMATORS
     if memory.estimate_ns == _NEVER or now_ns - memory.estimate_ns > limits.estimate_timeout * 1e9:
         return WaitReason.ESTIMATE_SILENT
+    if memory.held and memory.mode != Phase.LAND and memory.mode != Phase.LANDED:
+        return WaitReason.OPERATOR
     if not _is_planned(memory.mode):
         return WaitReason.NONE
     if memory.reaction == ReactionPhase.HOLDING:
@@ -319,7 +341,9 @@ def _advance(memory: MissionMemory, plan: Plan, limits: MissionLimits, waited: i
     if _is_on_ground(memory, state, now):
         store_state(memory, set_landed(state, now, here))
         return
-    waiting = _is_planned(state.mode) and memory.wait_reason != WaitReason.NONE
+    waiting = memory.wait_reason == WaitReason.OPERATOR or (
+        _is_planned(state.mode) and memory.wait_reason != WaitReason.NONE
+    )
     off = _tracking_error(state, now, here)
     if state.mode != Phase.IDLE and _is_planned(state.mode):
         if waiting:
@@ -361,8 +385,10 @@ def _is_on_ground(memory: MissionMemory, state: MissionState, now: float) -> boo
     height = memory.position[2]
     if state.mode == Phase.IDLE:
         memory.has_flown = False
+        memory.has_lifted = False
     elif height > state.home[2] + _AIRBORNE:
         memory.has_flown = True
+    memory.has_lifted = memory.has_lifted or height > state.home[2] + _LIFTED
     _, _, wanted = leg_position(state.leg, motion_end(state.leg))
     low = height < state.home[2] + _LOW and height < wanted - _BELOW
     x, y, z = memory.velocity[0], memory.velocity[1], memory.velocity[2]
@@ -372,7 +398,11 @@ def _is_on_ground(memory: MissionMemory, state: MissionState, now: float) -> boo
         memory.rest_since_s = math.inf
         return False
     memory.rest_since_s = min(memory.rest_since_s, now)
-    return bool(now - memory.rest_since_s >= (_REST_S if memory.has_flown else _NO_LIFT_S))
+    rests_s = now - memory.rest_since_s
+    back = state.mode == Phase.TAKEOFF and memory.has_lifted and height < state.home[2] + _BACK
+    if back and rests_s >= _BACK_S:
+        return True
+    return bool(rests_s >= (_REST_S if memory.has_flown else _NO_LIFT_S))
 
 
 @compiled_call
@@ -394,6 +424,39 @@ def _set_point(memory: MissionMemory, now_ns: int, still: bool) -> None:
     out.stamp_ns = now_ns
 
 
+@compiled_call
+def take_off(memory: MissionMemory) -> bool:
+    """Begin the plan on the ground, or go on with one that an operator holds; False: it flies."""
+    if memory.held:
+        memory.held = False
+        return True
+    if memory.begun and memory.mode != Phase.IDLE and memory.mode != Phase.LANDED:
+        return False
+    memory.started = True
+    if memory.mode == Phase.LANDED:
+        store_state(memory, begin(memory.position))
+        memory.time_ns = _SHOWS_IDLE_NS
+        memory.has_flown = False
+        memory.has_lifted = False
+        memory.rest_since_s = math.inf
+        memory.escape[0] = math.nan
+    return True
+
+
+@compiled_call
+def land_now(memory: MissionMemory, plan: Plan) -> bool:
+    """Land where the vehicle is; a plan that has not begun does not begin. False: it is down."""
+    memory.held = False
+    if not memory.begun or memory.mode == Phase.IDLE:
+        memory.started = False
+        return True
+    if memory.mode == Phase.LAND or memory.mode == Phase.LANDED:
+        return bool(memory.mode == Phase.LAND)
+    state = land(mission_state(memory), plan, memory.time_ns * 1e-9, memory.position)
+    store_state(memory, state)
+    return True
+
+
 class MissionCore(Core):
     """Keeps the plan's clock and state in a record; `step` gives the set point.
 
@@ -402,13 +465,19 @@ class MissionCore(Core):
     """
 
     name = "mission"
-    inputs = ("/odometry", "/reaction/status", "/setpoint")
+    inputs = ("/odometry", "/reaction/status", "/setpoint", "/goal_pose")
     outputs = ("/mission/setpoint", "/mission/status")
     period_ns = 20_000_000
     steps_on_messages = False
     sections: ClassVar[Mapping[str, type]] = {"mission": MissionParams, "inputs": MissionLimits}
     options: ClassVar[Mapping[str, tuple[Any, str]]] = {
-        "auto_start": (True, "false: wait on the ground until it is set to true")
+        "auto_start": (True, "false: wait on the ground for ~/takeoff, or until it is set to true")
+    }
+    commands: ClassVar[Mapping[str, str]] = {
+        "takeoff": "begin the plan, from the ground; while held: go on with it",
+        "hold": "stay where it is, until ~/takeoff, ~/land or mission.land_time",
+        "land": "land where it is, now; on the ground: do not take off",
+        "abort": "give the plan up: as land",
     }
 
     @classmethod
@@ -418,16 +487,21 @@ class MissionCore(Core):
 
     def __init__(self, params: MissionParams, limits: MissionLimits, started: bool = True) -> None:
         super().__init__()
+        self._params = params
         self.plan = compiled_plan(params)
+        self._course: tuple[Array, float] | None = None
+        """Waypoints of a commanded course, and the flight time [s] at which it began."""
+        self.courses = 0
+        """How many were commanded."""
         self.limits = parameter_record(limits)
         self.memory = MissionMemory.new()
         self.memory.published_mode = -1
         begin_mission(self.memory, started)
 
     def on(
-        self, topic: str, message: Odometry | ReactionStatus | PositionSetpoint, now_ns: int
+        self, topic: str, message: Odometry | ReactionStatus | PositionSetpoint | Pose, now_ns: int
     ) -> None:
-        """Take an estimate, the reaction's status, or its set point as a heartbeat."""
+        """Take an estimate, the reaction's status, its set point as a heartbeat, or a goal."""
         if isinstance(message, Odometry):
             velocity = rotate_vector(message.attitude, message.velocity)
             if not take_estimate(self.memory, message.position, velocity, now_ns):
@@ -442,13 +516,62 @@ class MissionCore(Core):
                 message.stamp_ns,
                 now_ns,
             )
+        elif isinstance(message, Pose):
+            try:
+                self.fly_course("goal_pose", [message])
+            except InputError as error:
+                self.health.refuse("goal_refused", str(error))
         else:
             self.memory.answer_ns = now_ns
+
+    def fly_course(
+        self, name: str, poses: Sequence[Pose], speed: float = 0.0, hold: float = 0.0
+    ) -> None:
+        """Fly to places in place of what the plan has next, and hold at the last.
+
+        It ends with another command, a reaction, or the landing.
+
+        Args:
+            name: of the command in an error.
+            poses: places and headings, see `course_of`.
+            speed: on the way [m/s]; 0: the plan's.
+            hold: at each place but the last [s].
+
+        Raises:
+            InputError: not in this phase, or a place that can't be flown to.
+        """
+        state, now_s = mission_state(self.memory), self.time_s
+        begun = begin_course(state, now_s)
+        speed = speed or self._params.approach_speed
+        self._begin(begun, course_of(name, poses, state, now_s, speed, hold))
+
+    def hold_course(self) -> None:
+        """End a commanded course where its reference is, and hold there."""
+        if self._course is not None:
+            state, now_s = mission_state(self.memory), self.time_s
+            here = course_here(state, now_s, self._params.approach_speed)
+            self._begin(begin_course(state, now_s), here)
+
+    def _begin(self, state: MissionState, course: Array) -> None:
+        self._course = course, self.time_s
+        self.courses += 1
+        self.plan = plan_with(self._params, *self._course)
+        store_state(self.memory, state)
+
+    @property
+    def course_progress(self) -> CourseProgress | None:
+        """How far a commanded course is; None without one."""
+        if self._course is None:
+            return None
+        memory = self.memory
+        return progress(mission_state(memory), self._course[0], self.time_s, memory.position)
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Go on with the plan; return its set point, and its status when that has changed."""
         memory = self.memory
         known = mission_step(memory, self.plan, self.limits, now_ns)
+        if self._course is not None and self.mode != Phase.APPROACH:  # a reaction, the landing
+            self._course, self.plan = None, compiled_plan(self._params)
         waits = self.wait_reason
         for why in list(WaitReason)[1:]:
             self.health.fault(why.key, waits == why and self.mode != Phase.IDLE, why.text)
@@ -466,11 +589,25 @@ class MissionCore(Core):
     def set_params(self, section: str, params: Any) -> None:
         """Take a changed plan ("mission"), other limits ("inputs"), or the start command."""
         if section == "mission":
-            self.plan = compiled_plan(params)
+            self._params = params
+            course = self._course
+            self.plan = plan_with(params, *course) if course else compiled_plan(params)
         elif section == "inputs":
             self.limits = parameter_record(params)
         else:
             self.memory.started = bool(params)
+
+    def command(self, name: str) -> str:
+        """Obey an operator: a name of `commands`; return why not, empty: it is obeyed."""
+        memory, phase = self.memory, PHASE_NAMES[self.mode].replace("_", " ")
+        if name == "takeoff":
+            return "" if take_off(memory) else f"it flies: phase {phase}"
+        if name == "hold":
+            if self.mode in (Phase.IDLE, Phase.LAND, Phase.LANDED):
+                return f"nothing to hold: phase {phase}"
+            memory.held = True
+            return ""
+        return "" if land_now(memory, self.plan) else "it has landed"
 
     def set_multiple_publishers(self, topic: str, several: bool) -> None:
         """Stand still while two estimators speak."""

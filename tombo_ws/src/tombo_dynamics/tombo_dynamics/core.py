@@ -69,8 +69,12 @@ class Core(ABC):
     multiple of the period, and are handed over just before that step."""
     sections: ClassVar[Mapping[str, type]]
     """Its parameters: section → record."""
+    fixed: ClassVar[frozenset[str]] = frozenset({"vehicle", "propeller"})
+    """Those of the sections that count at the start only: `set_params` does not take them."""
     options: ClassVar[Mapping[str, tuple[Any, str]]] = {}
     """Further parameters: name → (default, meaning); `set_params` takes them."""
+    commands: ClassVar[Mapping[str, str]] = {}
+    """What an operator may tell it, name → meaning; `command` takes them."""
     clock_slack_ns: int = 0
     """How far the present may be ahead of `now_ns`: a /clock that is published now and then."""
 
@@ -94,6 +98,10 @@ class Core(ABC):
 
     def set_params(self, section: str, params: Any) -> None:  # noqa: B027 - a hook
         """Take another record of a section, or another value of an option; the state stays."""
+
+    def command(self, name: str) -> str:
+        """Obey an operator: one of `commands`; return why not, empty where it is obeyed."""
+        return f"{self.name} has no command {name}"
 
     def set_multiple_publishers(self, topic: str, several: bool) -> None:
         """Take note that more than one publisher is on a topic, or no longer."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, TypeVar
 
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number
 
 _Function = TypeVar("_Function", bound=Callable[..., None])
@@ -147,7 +147,7 @@ class Registry(dict[str, Effect]):
                 raise unknown_name(f"{self._what} in {where}", name, self)
             if not isinstance(given, Mapping):
                 raise InputError(
-                    f"{where}.{name}: {given!r:.40}; accepted: a mapping of parameters"
+                    f"{where}.{name}: {shown(given)}; accepted: a mapping of parameters"
                 )
             declared = {p.name: p for p in self[name].theta}
             checked[name] = {}

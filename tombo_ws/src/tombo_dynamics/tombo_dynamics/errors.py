@@ -1,18 +1,75 @@
-"""The one exception that means: what was given can't be used."""
+"""The one exception that means: what was given can't be used; and how a value is shown in it."""
 
 from __future__ import annotations
 
 import difflib
+import itertools
+import reprlib
 from collections.abc import Iterable
+
+_LONGEST = 4000
+"""Characters of a message."""
+_MOST_NAMES = 200
+"""Names that are compared or listed."""
+_NAME = 100
+"""Characters that are shown of a name."""
 
 
 class InputError(ValueError):
     """Bad input: the message names the input, the value and what is accepted, in one line."""
 
+    def __init__(self, message: str) -> None:
+        super().__init__(_cut(message, _LONGEST))
 
-def unknown_name(what: str, value: object, accepted: Iterable[str]) -> InputError:
+
+class _Short(reprlib.Repr):
+    """Builds no more of a text than is shown of it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel = 4
+        self.maxdict = self.maxlist = self.maxtuple = self.maxset = self.maxfrozenset = 12
+        self.maxarray = self.maxdeque = 12
+        self.maxstring = self.maxother = 2 * _NAME
+
+    def repr_int(self, x: int, level: int) -> str:
+        """Name the size of a number that is too long to be written."""
+        return repr(x) if x.bit_length() < 8192 else f"a number of {x.bit_length()} bits"
+
+    def repr_dict(self, x: dict[object, object], level: int) -> str:
+        """Show the first pairs in their order."""
+        if level <= 0 < len(x):
+            return "{...}"
+        first = itertools.islice(x.items(), self.maxdict)
+        pairs = [f"{self.repr1(k, level - 1)}: {self.repr1(v, level - 1)}" for k, v in first]
+        more = ["..."] if len(x) > self.maxdict else []
+        return f"{{{', '.join(pairs + more)}}}"
+
+
+_short = _Short()
+
+
+def shown(value: object, limit: int = 60) -> str:
+    """Return a value as Python writes it, cut before the text is built, for an error message."""
+    return _cut(_short.repr(value), limit)
+
+
+def shown_names(names: Iterable[object], most: int = _MOST_NAMES) -> str:
+    """Return names parted by commas; of many the first, of long ones the start."""
+    found = [_cut(str(name), _NAME) for name in itertools.islice(names, most + 1)]
+    return ", ".join(found[:most] + ["…"] * (len(found) > most))
+
+
+def unknown_name(what: str, value: object, accepted: Iterable[object]) -> InputError:
     """Build the error for a name that is not in a list, with the closest match if there is one."""
-    names = sorted(accepted)
-    close = difflib.get_close_matches(str(value), names, n=1)
+    names = sorted(map(str, accepted))
+    given = value if isinstance(value, str) else shown(value, _NAME)
+    given = _cut(given, _NAME)
+    short = (name for name in names if len(name) <= _NAME)
+    close = difflib.get_close_matches(given, itertools.islice(short, _MOST_NAMES), n=1)
     hint = f" (did you mean '{close[0]}'?)" if close else ""
-    return InputError(f"unknown {what} '{value}'{hint}; accepted: {', '.join(names)}")
+    return InputError(f"unknown {what} '{given}'{hint}; accepted: {shown_names(names)}")
+
+
+def _cut(text: str, limit: int) -> str:
+    return text if len(text) <= limit else f"{text[: limit - 1]}…"

@@ -2,7 +2,9 @@
 
 Numba's own cache looks at the file that holds a function only, so machine code would go stale
 when a function that it calls, in another file, changes. Here the cache folder's name is a hash of
-every source file that compiled code can come from: a change anywhere means a new folder.
+every source file that compiled code can come from: a change anywhere means a new folder. In it,
+machine code is filed under the module's name, not under its path as numba does: the same sources
+are found compiled whether they are imported from the workspace, a build folder or an installation.
 """
 
 from __future__ import annotations
@@ -14,11 +16,14 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.core import config
+from numba.core import event
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.dispatcher import Dispatcher
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGES = ("tombo_dynamics", "tombo_control", "tombo_collision", "tombo_sim")
@@ -79,6 +84,70 @@ def _open_cache() -> Path:
 CACHE_FOLDER: Path = _open_cache()
 
 
+@cache
+def _content_hash(path: str) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+class _ModuleLocator(_CacheLocator):  # type: ignore[misc]
+    """Files machine code under the module's name, and by what the source says, not how old it is.
+
+    The content counts for what `_source_hash` does not see: effects in files of a user's own.
+    """
+
+    def __init__(self, function: Any, path: str) -> None:
+        self._function, self._py_file = function, path
+
+    @classmethod
+    def from_function(cls, function: Any, path: str) -> _ModuleLocator:
+        """Return the place of a function's machine code."""
+        found = cls(function, path)
+        found.ensure_cache_path()
+        return found
+
+    def get_cache_path(self) -> str:
+        """Return the folder."""
+        return str(CACHE_FOLDER / self._function.__module__)
+
+    def get_source_stamp(self) -> str:
+        """Return what must be the same for the machine code to count."""
+        return _content_hash(self._py_file)
+
+    def get_disambiguator(self) -> str:
+        """Return what tells functions of one name apart."""
+        return str(self._function.__code__.co_firstlineno)
+
+
+class _CacheImpl(CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = (_ModuleLocator,)
+
+
+class _FunctionCache(FunctionCache):  # type: ignore[misc]
+    _impl_class = _CacheImpl
+
+
+class _Announcer(event.Listener):  # type: ignore[misc]
+    """Says once that this process compiles: it takes minutes in which nothing else is heard."""
+
+    said = False
+
+    def on_start(self, event: Any) -> None:
+        """Say it at the first function that is compiled, not found."""
+        if not self.said:
+            self.said = True
+            text = (
+                "tombo: compiling numerical code, once for these sources; all of it takes some "
+                f"minutes: {CACHE_FOLDER}"
+            )
+            print(text, file=sys.stderr, flush=True)  # noqa: T201
+
+    def on_end(self, event: Any) -> None:
+        """Do nothing."""
+
+
+event.register("numba:compile", _Announcer())
+
+
 def compiled(function: _Function) -> _Function:
     """Compile `function` with numba (no GIL), cached on disk, always inlined.
 
@@ -98,12 +167,7 @@ def compiled_call(function: _Function) -> _Function:
 
 
 def _compile(function: _Function, inline: bool) -> _Function:
-    previous = config.CACHE_DIR
-    config.CACHE_DIR = str(CACHE_FOLDER)
-    try:
-        decorated: Any = numba.njit(
-            cache=True, nogil=True, forceinline=inline, error_model="numpy"
-        )(function)
-    finally:
-        config.CACHE_DIR = previous
+    decorated: Any = numba.njit(nogil=True, forceinline=inline, error_model="numpy")(function)
+    if isinstance(decorated, Dispatcher):  # NUMBA_DISABLE_JIT=1 gives the function itself
+        decorated._cache = _FunctionCache(function)
     return decorated  # type: ignore[no-any-return]

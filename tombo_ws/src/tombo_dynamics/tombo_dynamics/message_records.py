@@ -12,7 +12,7 @@ from tombo_dynamics import messages
 from tombo_dynamics.records import Record, field
 
 _Message = TypeVar("_Message")
-_LENGTHS = {"attitude": 4, "speed": 4}
+_LENGTHS = {"attitude": 4, "speed": 4, "pose_covariance": 36, "twist_covariance": 36}
 _TYPES = {"int": int, "float": float, "bool": bool}
 
 

@@ -7,7 +7,7 @@ quaternions xyzw.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
 from typing import Any, Self
 
@@ -92,6 +92,11 @@ class Imu:
     """(3) specific force [m/s^2], base_link."""
 
 
+def unknown_covariance() -> Array:
+    """Return a covariance (36) that says nothing."""
+    return np.zeros(36)
+
+
 @dataclass(frozen=True)
 class Odometry:
     """`/odometry`: the estimate at the capture of its newest gyro sample."""
@@ -105,6 +110,10 @@ class Odometry:
     """(3) [m/s], in base_link as nav_msgs/Odometry has it."""
     rates: Array
     """(3) [rad/s], base_link, bias removed."""
+    pose_covariance: Array = field(default_factory=unknown_covariance)
+    """(36) 6 x 6 by rows: position [m^2], turns about the axes of map [rad^2]; 0: not known."""
+    twist_covariance: Array = field(default_factory=unknown_covariance)
+    """(36) the same of velocity [m^2/s^2], 0 on the ground, and rates [rad^2/s^2], base_link."""
 
 
 @dataclass(frozen=True)
@@ -243,6 +252,8 @@ _NEUTRAL: dict[str, Any] = {
     "accel": (0.0, 0.0, GRAVITY),
     "flight_direction": (1.0, 0.0, 0.0),
     "speed": (0.0, 0.0, 0.0, 0.0),
+    "pose_covariance": 36 * (0.0,),
+    "twist_covariance": 36 * (0.0,),
     "phase": int(Phase.HOVER),
     "trigger": int(Trigger.REGION),
     "state": int(ReactionPhase.IDLE),

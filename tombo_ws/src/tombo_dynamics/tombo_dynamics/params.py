@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 
 _Record = TypeVar("_Record")
 
@@ -57,15 +57,15 @@ def check_number(
     """Return `value` as a float, or raise InputError naming `name`, the value and the bounds."""
     accepted = f"a number from {bounds[0]:g} to {bounds[1]:g} [{unit}]"
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{name}: {value!r} is not {accepted}")
+        raise InputError(f"{name}: {shown(value)} is not {accepted}")
     try:
         number = float(value)
     except OverflowError:  # a whole number beyond the range of floats
         number = math.inf
     if not math.isfinite(number) or not bounds[0] <= number <= bounds[1]:
-        raise InputError(f"{name}: {value} is out of bounds; accepted: {accepted}")
+        raise InputError(f"{name}: {shown(value)} is out of bounds; accepted: {accepted}")
     if integer and number != int(number):
-        raise InputError(f"{name}: {value} is not a whole number; accepted: {accepted}")
+        raise InputError(f"{name}: {shown(value)} is not a whole number; accepted: {accepted}")
     return number
 
 
@@ -95,7 +95,7 @@ def from_mapping(cls: type[_Record], values: Mapping[str, Any], name: str) -> _R
         InputError: unknown key, wrong type, NaN or a value out of bounds.
     """
     if not isinstance(values, Mapping):
-        raise InputError(f"{name}: expected a mapping of parameters, got {values!r}")
+        raise InputError(f"{name}: expected a mapping of parameters, got {shown(values)}")
     fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
     for key in values:
         if key not in fields:

@@ -8,9 +8,8 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.frames import FRAME_MAP
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.messages import Reason
+from tombo_dynamics.stamp_check import is_future
 
-MAX_FUTURE_NS = 5_000_000
-"""A stamp may be this far ahead of the clock: two clocks of one machine agree better."""
 MAX_POSE_AGE_NS = 500_000_000
 """An older pose says nothing about the vehicle any more."""
 _MAX_SQUARE_ERROR = 0.2
@@ -39,8 +38,8 @@ def check_pose(
 
     Args:
         stamp_ns: time of capture.
-        now_ns: time now, of the same clock.
-        max_age_ns: largest time since the capture.
+        now_ns: when the pose was received, by the same clock.
+        max_age_ns: largest time from the capture to then.
         position: (3) [m].
         attitude: (4) xyzw.
     """
@@ -53,7 +52,7 @@ def check_pose(
         return PoseRefusal.NOT_FINITE
     if abs(square - 1.0) > _MAX_SQUARE_ERROR:
         return PoseRefusal.NOT_UNIT
-    if stamp_ns > now_ns + MAX_FUTURE_NS:
+    if is_future(stamp_ns, now_ns):
         return PoseRefusal.FUTURE
     if now_ns - stamp_ns > max_age_ns:
         return PoseRefusal.LATE

@@ -13,3 +13,5 @@ TICK_HZ: Final = SECOND_NS // TICK_NS
 """Ticks in a second."""
 EPOCH_NS: Final = SECOND_NS
 """Stamp of flight time 0: one second, since many readers take a stamp of 0 for "no time"."""
+LATENESS_MAX_US: Final = 20_000.0
+"""Percentiles of how late loops ran are told up to here; a larger one is told as this."""

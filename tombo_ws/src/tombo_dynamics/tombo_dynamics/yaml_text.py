@@ -1,33 +1,191 @@
-"""YAML as the suite reads it: numbers as in YAML 1.2, an error that says what and where."""
+"""YAML as the suite reads it: bounded, numbers as in YAML 1.2, an error that says what and where.
+
+A file may come from anyone. What it can make a reader do is bounded before anything is built: its
+size, how deep it nests, what its aliases stand for, how long a number or a key is.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Hashable
+from pathlib import Path
 from typing import Any
 
 import yaml
 
-from tombo_dynamics.errors import InputError
+from tombo_dynamics.errors import InputError, shown
+
+LARGEST = 4_000_000
+"""Bytes of a file; those of the suite have a few thousand."""
+_DEEPEST = 40
+"""Lists and mappings within each other."""
+_MOST_VALUES = 200_000
+"""Values, those that an alias repeats counted again."""
+_MOST_TEXT = 2 * LARGEST
+"""Characters of all values, counted in the same way."""
+_LONGEST_NUMBER, _LONGEST_KEY = 64, 1000
+"""Characters. Any number of 64 is within the range of a float."""
+_C_OR_PYTHON: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the C one is ten times faster
+_C_OR_PYTHON_TEXT: Any = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
+_TAG = "tag:yaml.org,2002:"
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(_C_OR_PYTHON):  # type: ignore[misc]
     """Reads 6e-05 as a number, as YAML 1.2 does; PyYAML alone takes it for text."""
 
 
 _Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
+    f"{_TAG}float",
     re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)$"),
     list("-+.0123456789"),
 )
 
 
-def parse_yaml(text: str, what: str) -> Any:
-    """Return what YAML says.
+class _Refused(Exception):
+    """The text goes beyond a bound, in a line counted from 0."""
+
+    def __init__(self, why: str, mark: Any) -> None:
+        super().__init__(why)
+        self.problem = why
+        self.problem_mark = mark
+
+
+def read_yaml(path: Path, what: str, accepted: str = "YAML") -> Any:
+    """Return what a YAML file says.
 
     Raises:
-        InputError: it is none; `what` names it.
+        InputError: it can't be read or is no YAML; `what` names it.
+    """
+    return parse_yaml(read_text(path, what, accepted), what)
+
+
+def read_text(path: Path, what: str, accepted: str = "YAML", largest: int = LARGEST) -> str:
+    """Return the text of a file.
+
+    Raises:
+        InputError: it can't be read, is no text or too large; `what` names it.
     """
     try:
-        return yaml.load(text, Loader=_Loader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: no such date
-        raise InputError(f"{what} is not valid YAML: {' '.join(str(error).split())}") from error
+        with path.open("rb") as file:
+            raw = file.read(largest + 1)
+        if len(raw) > largest:
+            raise InputError(f"{what}: too large; accepted: {accepted}, up to {largest} bytes")
+        return raw.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+    except OSError as error:
+        raise InputError(
+            f"{what} can't be read: {error.strerror}; accepted: {accepted}"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{what} is no text (UTF-8); accepted: {accepted}") from error
+
+
+def parse_yaml(text: str, what: str, *, as_text: bool = False) -> Any:
+    """Return what YAML says.
+
+    Args:
+        text: the YAML, of one document.
+        what: names it in an error.
+        as_text: leave numbers as they are written.
+
+    Raises:
+        InputError: it is none, names a key twice, holds itself, or is larger, deeper or longer
+            than any file of the suite.
+    """
+    if len(text) > LARGEST:
+        raise InputError(f"{what}: too large; accepted: YAML of up to {LARGEST} bytes")
+    try:
+        _check_size(text)
+        loader = (_C_OR_PYTHON_TEXT if as_text else _Loader)(text)
+        try:
+            node = loader.get_single_node()
+            if node is None:
+                return None
+            _check_nodes(node)
+            return loader.construct_document(node)
+        finally:
+            loader.dispose()
+    except (yaml.YAMLError, _Refused) as error:
+        why, line = _reason(error)
+    except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
+        why, line = f"a value that does not fit its tag: {error}", ""  # as `!!int ""`
+    except RecursionError:
+        why, line = "it nests too deep", ""
+    raise InputError(f"{what} is not valid YAML{line}: {' '.join(why[:200].split())}")
+
+
+def _reason(error: Any) -> tuple[str, str]:
+    """Return what is wrong, and in which line."""
+    mark = getattr(error, "problem_mark", None)
+    why = getattr(error, "problem", None) or str(error).partition("\n")[0]
+    context = getattr(error, "context", None)
+    why = f"{why}, {context}" if context else why
+    return why, f" at line {mark.line + 1}" if mark is not None else ""
+
+
+def _check_size(text: str) -> None:
+    """Bound depth and size, aliases written out, while nothing is built yet.
+
+    Raises:
+        _Refused: beyond a bound, or an alias of what it stands in.
+        yaml.YAMLError: no YAML.
+    """
+    values = size = 0
+    extent: dict[str, tuple[int, int]] = {}
+    open_anchors: list[tuple[str | None, int, int]] = []
+    for event in yaml.parse(text, Loader=_C_OR_PYTHON):
+        before = values, size
+        if isinstance(event, yaml.CollectionEndEvent):
+            anchor, values_before, size_before = open_anchors.pop()
+            if anchor:
+                extent[anchor] = values - values_before, size - size_before
+        elif isinstance(event, yaml.AliasEvent):
+            if any(anchor == event.anchor for anchor, _, _ in open_anchors):
+                raise _Refused(f"*{event.anchor} stands within itself", event.start_mark)
+            more_values, more_size = extent.get(event.anchor or "", (1, 1))
+            values, size = values + more_values, size + more_size
+        elif isinstance(event, yaml.NodeEvent):
+            values += 1
+            if isinstance(event, yaml.ScalarEvent):
+                size += len(event.value)
+                if event.anchor:
+                    extent[event.anchor] = 1, len(event.value)
+            else:
+                open_anchors.append((event.anchor, *before))
+                extent.pop(event.anchor or "", None)
+        if len(open_anchors) > _DEEPEST:
+            raise _Refused(f"nested more than {_DEEPEST} deep", event.start_mark)
+        if values > _MOST_VALUES or size > _MOST_TEXT:
+            raise _Refused(f"more than {_MOST_VALUES} values", event.start_mark)
+
+
+def _check_nodes(root: Any) -> None:
+    """Bound keys and numbers.
+
+    Raises:
+        _Refused: a key is there twice or too long, or a number is too long.
+    """
+    left, seen = [root], set()
+    while left:
+        node = left.pop()
+        if id(node) in seen:
+            continue
+        seen.add(id(node))
+        if isinstance(node, yaml.MappingNode):
+            _check_keys(node)
+            left += [part for pair in node.value for part in pair]
+        elif isinstance(node, yaml.SequenceNode):
+            left += node.value
+        elif node.tag in (f"{_TAG}int", f"{_TAG}float") and len(node.value) > _LONGEST_NUMBER:
+            raise _Refused(f"a number of {len(node.value)} characters", node.start_mark)
+
+
+def _check_keys(node: Any) -> None:
+    keys: set[Hashable] = set()
+    for key, _ in node.value:
+        if not isinstance(key, yaml.ScalarNode) or key.tag == f"{_TAG}merge":
+            continue
+        if len(key.value) > _LONGEST_KEY:
+            raise _Refused(f"a key of {len(key.value)} characters", key.start_mark)
+        if (key.tag, key.value) in keys:
+            raise _Refused(f"key {shown(key.value)} twice", key.start_mark)
+        keys.add((key.tag, key.value))

@@ -29,7 +29,7 @@ from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.node_flight import over_mavlink
 from tombo_flight.suite.nodes import SUITE
 from tombo_flight.suite.px4_connection import px4_connection
-from tombo_flight.suite.px4_flight import READY_S, BridgeMonitor, px4_metrics
+from tombo_flight.suite.px4_flight import READY_S, START_S, BridgeMonitor, px4_metrics
 from tombo_flight.suite.px4_probe import find_vehicle
 from tombo_px4.bridge.bridge_params import LinkParams
 
@@ -219,11 +219,18 @@ def test_a_vehicle_that_arms_and_disarms_is_at_rest_in_the_end():
             "PX4 did not take off: arming denied: 'Resolve ...'",
         ),
         ([(1.0, {}, 1, False)], ""),
-        ([(1.0, {"findings": ["a", "b"]}, 7, False)], "PX4 was not armed within 1 s: a; b"),
-        ([(READY_S + 1, None, None, False)], "the bridge says nothing"),
-        ([(READY_S + 1, {"connected": False}, None, False)], "no heartbeat"),
-        ([(READY_S + 1, {"findings": ["nothing is fused"]}, 0, False)], ": nothing is fused"),
-        ([(READY_S + 1, {"stage": "arming"}, 0, False)], ": it stands arming"),
+        ([(1.0, {"findings": ["a", "b"]}, 7, False)], "PX4 was not armed within 0 s: a; b"),
+        ([(START_S + 1, None, None, False)], "the bridge has said nothing for 61 s"),
+        ([(READY_S + 1, {"connected": False}, None, False)], ""),  # its first word
+        ([(1.0, {}, 0, False), (READY_S + 2, {"connected": False}, None, False)], "no heartbeat"),
+        (
+            [(40.0, {}, 0, False), (READY_S + 41, {"findings": ["nothing is fused"]}, 0, False)],
+            "PX4 was not armed within 26 s: nothing is fused",
+        ),
+        (
+            [(1.0, {}, 0, False), (READY_S + 2, {"stage": "arming"}, 0, False)],
+            ": it stands arming",
+        ),
     ],
 )
 def test_a_vehicle_that_does_not_arm_is_given_up_with_the_reason(looks, reason):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,6 +19,7 @@ from tombo_collision.reaction_core import ReactionCore
 from tombo_collision.reactions import Decision
 from tombo_control.mission_core import status_text
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.core import Core
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_MAP
 from tombo_dynamics.message_records import message_of
@@ -78,6 +79,7 @@ def fly_scenario(
     progress: Callable[[float], None] | None = None,
     stop: Callable[[], bool] | None = None,
     prepare: Callable[[Plant], None] | None = None,
+    finish: Callable[[Sequence[Core]], None] | None = None,
 ) -> FlightRecord:
     """Fly a scenario and return its record.
 
@@ -89,6 +91,7 @@ def fly_scenario(
         stop: asked now and then; True ends the flight where it is.
         prepare: called with the plant before the first tick, to change what a scenario
             cannot say.
+        finish: called with the cores after the last tick, to see what a record does not have.
 
     Raises:
         InputError: the propeller cannot lift the vehicle, the vehicle would start inside the
@@ -138,6 +141,8 @@ def fly_scenario(
         if progress is not None:
             progress(now_s)
     wall = time.perf_counter() - began
+    if finish is not None:
+        finish(cores)
 
     said = {
         name: table[: flight["published"][i]]

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable
 from tombo_bag.flight_time import FLIGHT_METADATA
+from tombo_bag.formats.unpacking import memory_limit
 from tombo_bag.recording import Recording
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
@@ -60,6 +61,9 @@ _FIRST_POSES = 3
 """The estimator begins from so many poses of the motion capture."""
 _FIRST_STEP_NS = 20 * TICK_NS
 """Longest time from the first estimate to the mission's first message: its period."""
+_TICK_BYTES = 2000
+"""Memory that a tick takes, with all of its columns and what is made of them."""
+_DIGITS = 20
 _PX4_LANDS = ("land", "return")
 """Modes of PX4 that end on the ground."""
 _BEYOND_NS = SECOND_NS
@@ -94,6 +98,7 @@ def flight_from_bag(path: Path, wall_time_s: float = 0.0) -> FlightRecord:
             if spec.name in recording.topics and recording.topics[spec.name].count
         }
         metadata = recording.metadata.get(FLIGHT_METADATA, {})
+    tables = {name: table for name, table in tables.items() if len(table["log_time_ns"])}
     return _RecordedFlight(path, tables, metadata).record(wall_time_s)
 
 
@@ -155,7 +160,13 @@ class _RecordedFlight:
         if IMU.name in tables:
             last_imu = int(tables[IMU.name]["stamp_ns"].max())
             last = max(last, min(last_imu, last + _BEYOND_NS))
-        self._grid = _Grid(epoch, (last - epoch + TICK_NS // 2) // TICK_NS + 1)
+        ticks = (last - epoch + TICK_NS // 2) // TICK_NS + 1
+        if not 0 < ticks < memory_limit() // _TICK_BYTES:
+            raise InputError(
+                f"'{path}' has {ticks * TICK_S:.0f} s from its first stamp to its last; accepted: "
+                "the stamps of one flight"
+            )
+        self._grid = _Grid(epoch, ticks)
 
     def record(self, wall_time_s: float) -> FlightRecord:
         log = self._log()
@@ -181,7 +192,7 @@ class _RecordedFlight:
         if (poses := self._tables.get(MOCAP_POSE.name)) is not None:
             captured = self._grid.seconds(poses["stamp_ns"])
             arrival = self._to_flight_time(poses["log_time_ns"])
-            position, attitude = vectors(poses, "pose.position"), _turn(poses, "pose.orientation")
+            position, attitude = _vectors(poses, "pose.position"), _turn(poses, "pose.orientation")
         return FlightRecord(
             t=t,
             log=log,
@@ -237,7 +248,7 @@ class _RecordedFlight:
         for topic, column, path, transport_ns in held:
             if (table := self._tables.get(topic)) is not None:
                 log[column] = self._grid.held(
-                    table["stamp_ns"] + transport_ns, vectors(table, path)
+                    table["stamp_ns"] + transport_ns, _vectors(table, path)
                 )
         if (table := self._tables.get(ATTITUDE_SETPOINT.name)) is not None:
             stamps = table["stamp_ns"]
@@ -259,7 +270,7 @@ class _RecordedFlight:
         log["attitude"] = self._grid.smooth(stamps, unwrap_quaternions(track.attitude))
         log["attitude"] /= np.linalg.norm(log["attitude"], axis=1, keepdims=True)
         if (table := self._tables.get(IMU.name)) is not None:
-            rates = vectors(table, "angular_velocity")
+            rates = _vectors(table, "angular_velocity")
             log["rates"] = self._grid.held(table["stamp_ns"], rates)
 
     def _assume_contact(self, log: dict[str, Array], detections: list[CollisionEvent]) -> None:
@@ -279,10 +290,10 @@ class _RecordedFlight:
         turn = _turn(table, "pose.pose.orientation")
         back = conjugate(turn)
         values = (
-            vectors(table, "pose.pose.position"),
+            _vectors(table, "pose.pose.position"),
             unwrap_quaternions(turn),
-            map_to_body(back, vectors(table, "twist.twist.linear")),
-            vectors(table, "twist.twist.angular"),
+            map_to_body(back, _vectors(table, "twist.twist.linear")),
+            _vectors(table, "twist.twist.angular"),
         )
         for name, value in zip(names, values, strict=True):
             if name:
@@ -307,8 +318,8 @@ class _RecordedFlight:
         at = at[there]
         log["contact"][at, 0] = 1.0
         log["contact"][at, 1] = table["rotor"][there]
-        log["contact"][at, 2:5] = vectors(table, "point")[there]
-        log["contact_force"][at] = vectors(table, "force")[there]
+        log["contact"][at, 2:5] = _vectors(table, "point")[there]
+        log["contact_force"][at] = _vectors(table, "force")[there]
 
     def _phases(self) -> Array:
         """Return the phase of the set point followed, a tick after it was published.
@@ -340,7 +351,7 @@ class _RecordedFlight:
         stamps = self._grid.seconds(table["stamp_ns"])
         contact_ns = table["contact_stamp.sec"].astype(np.int64) * SECOND_NS
         contacts = self._grid.seconds(contact_ns + table["contact_stamp.nanosec"])
-        x_c, direction = vectors(table, "contact_position"), vectors(table, "flight_direction")
+        x_c, direction = _vectors(table, "contact_position"), _vectors(table, "flight_direction")
         events = [
             CollisionEvent(
                 float(stamps[i]),
@@ -362,7 +373,7 @@ class _RecordedFlight:
         if table is None:
             return [], []
         since = self._grid.seconds(table["stamp_ns"])
-        x_c, x_r, n_r = (vectors(table, name) for name in ("x_c", "x_r", "n_r"))
+        x_c, x_r, n_r = (_vectors(table, name) for name in ("x_c", "x_r", "n_r"))
         found: list[Decision] = []
         times: list[float] = []
         known = 0
@@ -406,7 +417,7 @@ def _mocap_track(path: Path, tables: Mapping[str, ColumnTable]) -> PoseTrack:
     table = tables.get(MOCAP_POSE.name)
     track = None
     if table is not None:
-        place, turn = vectors(table, "pose.position"), _turn(table, "pose.orientation")
+        place, turn = _vectors(table, "pose.position"), _turn(table, "pose.orientation")
         track = pose_track(table["stamp_ns"], place, turn)
     if track is None:
         raise InputError(
@@ -436,8 +447,9 @@ def _epoch(
 
     The mission's first word comes `lead_ns` after the beginning at most.
     """
-    if "epoch_ns" in metadata:
-        return int(metadata["epoch_ns"])
+    known = metadata.get("epoch_ns", "")
+    if known.isascii() and known.isdecimal() and len(known) < _DIGITS:
+        return int(known)
     first = int(stamps.min())
     mission = tables.get(MISSION_STATUS.name)
     if mission is None:
@@ -464,8 +476,19 @@ def _scenario(path: Path, metadata: Mapping[str, str]) -> tuple[dict[str, Any], 
         if "x_m" in pole:
             values["obstacle"] = {key: pole[f"{key}_m"] for key in ("x", "y", "radius", "top")}
         return flown, scenario_from_mapping(values, str(flown.get("name", "recording")))
-    except (ValueError, TypeError, KeyError) as error:  # ValueError: also InputError
-        raise InputError(f"'{path}': its scenario can't be used: {error}") from error
+    except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+        why = error if isinstance(error, InputError) else "it is none"
+        raise InputError(f"'{path}': its scenario can't be used: {why}") from error
+
+
+def _vectors(table: ColumnTable, path: str, axes: str = "xyz") -> Array:
+    """Return the fields below a path as rows.
+
+    Raises:
+        InputError: the topic has none.
+    """
+    _ = table[f"{path}.{axes[0]}"]
+    return vectors(table, path, axes)
 
 
 def _px4_landings(status: ColumnTable) -> Array:
@@ -482,7 +505,7 @@ def _px4_landings(status: ColumnTable) -> Array:
 
 
 def _turn(table: ColumnTable, path: str) -> Array:
-    return vectors(table, path, "xyzw")
+    return _vectors(table, path, "xyzw")
 
 
 def _column(table: ColumnTable, path: str) -> Array:

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from tombo_dynamics.effects import REGISTRY
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number
-from tombo_dynamics.yaml_text import parse_yaml
+from tombo_dynamics.yaml_text import parse_yaml, read_text
 from tombo_flight.extended_model import FittedEffect, FittedParameter, Gain, Model, Origin, Source
 from tombo_flight.yaml_file import (
     END,
@@ -19,7 +19,6 @@ from tombo_flight.yaml_file import (
     check_keys,
     list_of,
     mapping_of,
-    read_whole,
     write_whole,
     yaml_of,
 )
@@ -76,7 +75,7 @@ def read_model(path: Path) -> Model:
             parameter, or a value that no simulation takes.
     """
     what = f"model file '{path}'"
-    return model_from_text(read_whole(path, what, "a model.yaml of `tombo diagnose`"), what)
+    return model_from_text(read_text(path, what, "a model.yaml of `tombo diagnose`"), what)
 
 
 def model_from_text(text: str, what: str) -> Model:
@@ -89,7 +88,7 @@ def model_from_text(text: str, what: str) -> Model:
     if not isinstance(values, Mapping) or "tombo_model" not in values:
         raise InputError(f"{what} is no model; accepted: a model.yaml of `tombo diagnose`")
     if values["tombo_model"] != FORMAT:
-        found = f"{values['tombo_model']!r:.40}"
+        found = shown(values["tombo_model"])
         raise InputError(f"{what}: tombo_model: {found}; accepted: {FORMAT}")
     check_end(text, what)
     check_keys(values, _KEYS, what)
@@ -134,7 +133,7 @@ def _read_addition(name: str, given: Any, where: str) -> FittedEffect:
             )
         )
         if value.get("unit", p.unit) != p.unit:
-            raise InputError(f"{at}.unit: {value['unit']!r:.40}; accepted: {p.unit}")
+            raise InputError(f"{at}.unit: {shown(value['unit'])}; accepted: {p.unit}")
     if not theta:
         raise InputError(f"{where}: no parameters; accepted: at least one")
     rows = list_of(given.get("covariance"), f"{where}.covariance")

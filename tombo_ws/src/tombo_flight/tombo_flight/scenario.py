@@ -16,14 +16,16 @@ from tombo_collision.reactions.bounce import Bounce
 from tombo_collision.reactions.none import NoReaction
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.planning.mission import MissionParams
+from tombo_control.safety.flight_volume import check_volume
+from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.effects.vehicle_size import effects_for
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number, from_mapping, param
 from tombo_dynamics.propeller import LAWS
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_vehicle
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_dynamics.yaml_text import parse_yaml
+from tombo_dynamics.yaml_text import parse_yaml, read_text
 from tombo_flight.course_check import check_course
 from tombo_flight.extended_model import merge_effects
 from tombo_flight.model_file import read_model
@@ -53,6 +55,8 @@ class Scenario:
     reaction: Reaction = field(default_factory=Bounce)
     obstacle: ObstacleParams = field(default_factory=ObstacleParams)
     spread: SpreadParams = field(default_factory=SpreadParams)
+    safety: SafetyParams = field(default_factory=SafetyParams)
+    volume: FlightVolume = field(default_factory=FlightVolume)
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
@@ -86,10 +90,7 @@ def _text_of(name: str, folder: Path) -> tuple[str, Path | None]:
         if path.suffix not in (".yaml", ".yml"):
             raise unknown_name("scenario", name, builtin_scenarios())
         raise InputError(f"scenario file '{name}' does not exist; accepted: a YAML file")
-    try:
-        return path.read_text(encoding="utf-8"), path.resolve()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"scenario file '{name}' cannot be read: {error}") from error
+    return read_text(path, f"scenario file '{name}'"), path.resolve()
 
 
 def _read(
@@ -159,7 +160,7 @@ def _extended(
 ) -> dict[str, Any]:
     """Return the content of a scenario with what it extends merged in."""
     if not isinstance(values, dict):
-        found = f"{values!r:.60}"
+        found = shown(values)
         raise InputError(f"scenario '{name}': {found} is no scenario; accepted: keys and values")
     if "model" in values:
         raise InputError(
@@ -294,18 +295,19 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
             built[key] = from_mapping(_SECTIONS[key], value if value is not None else {}, key)
         elif key == "effects":
             if not isinstance(value, Mapping):
-                raise InputError(f"effects: expected a mapping of effects, got {value!r}")
+                raise InputError(f"effects: expected a mapping of effects, got {shown(value)}")
             for effect, parameters in value.items():
                 if not isinstance(parameters, Mapping):
                     raise InputError(
-                        f"effects.{effect}: expected a mapping of parameters, got {parameters!r}"
+                        f"effects.{effect}: expected a mapping of parameters, got "
+                        f"{shown(parameters)}"
                     )
             built[key] = check_theta(value, "effects")
         elif key == "duration":
             built[key] = check_number("duration", value, "s", (0.1, 3600.0))
         elif key == "react":
             if not isinstance(value, bool):
-                raise InputError(f"react: {value!r} is not true or false")
+                raise InputError(f"react: {shown(value)} is not true or false")
             built[key] = value
         else:
             built[key] = str(value)
@@ -315,7 +317,8 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     fitted = mounted_vehicle(scenario.vehicle, scenario.propeller)
     if scenario.detector.trigger not in TRIGGERS:
         raise unknown_name("detector.trigger", scenario.detector.trigger, TRIGGERS)
-    check_course(scenario.mission, scenario.control)
+    check_volume(scenario.volume)
+    check_course(scenario.mission, scenario.control, scenario.volume)
     return dataclasses.replace(scenario, vehicle=fitted)
 
 
@@ -329,6 +332,11 @@ def as_mapping(scenario: Scenario) -> dict[str, Any]:
         for key, value in plain["propeller"].items()
         if key in _ALWAYS_SAID or value != left_out[key]
     }
+    for section in ("safety", "volume"):
+        record = getattr(scenario, section)
+        defaults = dataclasses.asdict(type(record)())
+        said = {key: value for key, value in plain.pop(section).items() if value != defaults[key]}
+        plain |= {section: said} if said else {}
     course = plain["mission"]["course"]
     if course is not None:
         plain["mission"]["course"] = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import resources
 
-import yaml
+from tombo_dynamics.yaml_text import parse_yaml
 
 
 def builtin_scenarios() -> dict[str, str]:
@@ -12,6 +12,6 @@ def builtin_scenarios() -> dict[str, str]:
     table = {}
     for path in sorted(resources.files("tombo_flight").joinpath("scenarios").iterdir(), key=str):
         if path.name.endswith(".yaml"):
-            values = yaml.safe_load(path.read_text(encoding="utf-8"))
+            values = parse_yaml(path.read_text(encoding="utf-8"), path.name)
             table[path.name[: -len(".yaml")]] = str(values.get("description", ""))
     return table

@@ -19,7 +19,7 @@ from tombo_control.loops.loop_design import gains_for
 from tombo_control.params import ControlParams
 from tombo_dynamics.drive import DriveParams
 from tombo_dynamics.effects import check_theta
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number, from_mapping
 from tombo_dynamics.propeller.mounted_propeller import (
     PropellerChoice,
@@ -31,14 +31,13 @@ from tombo_dynamics.propeller.mounted_propeller import (
 from tombo_dynamics.propeller.plain_propeller import PlainPropeller
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_dynamics.vehicle import VehicleParams, similar_vehicle
-from tombo_dynamics.yaml_text import parse_yaml
+from tombo_dynamics.yaml_text import parse_yaml, read_text
 from tombo_flight.yaml_file import (
     END,
     check_end,
     check_keys,
     list_of,
     mapping_of,
-    read_whole,
     write_whole,
     yaml_of,
 )
@@ -144,7 +143,7 @@ def read_vehicle(name: str) -> VehicleFile:
     if path.suffix not in (".yaml", ".yml") and not path.exists():
         raise unknown_name("vehicle", name, builtin_vehicles())
     what = f"vehicle file '{name}'"
-    return vehicle_from_text(read_whole(path, what, _ACCEPTED), what, path.parent)
+    return vehicle_from_text(read_text(path, what, _ACCEPTED), what, path.parent)
 
 
 def vehicle_named(vehicle: str | VehicleFile) -> VehicleFile:
@@ -181,7 +180,7 @@ def vehicle_from_mapping(
     """
     check_keys(values, _KEYS, what)
     if values.get("tombo_vehicle") != FORMAT:
-        found = f"{values.get('tombo_vehicle')!r:.40}"
+        found = shown(values.get("tombo_vehicle"))
         raise InputError(f"{what}: tombo_vehicle: {found}; accepted: {FORMAT}")
     plain: dict[str, dict[str, Any]] = {}
     notes: dict[str, Note] = {}

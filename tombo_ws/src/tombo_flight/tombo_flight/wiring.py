@@ -29,6 +29,8 @@ PX4_REPLACES = (EstimatorCore, ControllerCore)
 """Cores whose place PX4 and the bridge to it take."""
 SENSORS = ("/mocap/pose", "/imu/data_raw")
 """Topics that the simulator publishes and cores take."""
+OPERATOR = ("/goal_pose",)
+"""Topics that people and other programs publish."""
 COMMAND = "/rotor_command"
 """Topic that the simulator takes."""
 

@@ -10,12 +10,10 @@ from typing import Any
 
 import yaml
 
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 
 END = "..."
 """YAML's end of a document: a file that the suite wrote has it as its last line."""
-_LARGEST = 4_000_000
-"""Bytes; such a file is a few thousand."""
 
 
 def write_whole(path: Path, text: str, what: str) -> None:
@@ -31,22 +29,6 @@ def write_whole(path: Path, text: str, what: str) -> None:
     except OSError as error:
         unfinished.unlink(missing_ok=True)
         raise InputError(f"{what} can't be written: {error.strerror}") from error
-
-
-def read_whole(path: Path, what: str, accepted: str) -> str:
-    """Return the text of a file.
-
-    Raises:
-        InputError: it can't be read, is no text or too large; `what` names it.
-    """
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(f"{what}: too large; accepted: {accepted}")
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{what} can't be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{what} is no text; accepted: {accepted}") from error
 
 
 def check_end(text: str, what: str) -> None:
@@ -105,7 +87,7 @@ def mapping_of(value: Any, where: str) -> Mapping[str, Any]:
         InputError: it is none.
     """
     if not isinstance(value, Mapping):
-        raise InputError(f"{where}: {f'{value!r:.60}'}; accepted: a mapping of keys to values")
+        raise InputError(f"{where}: {shown(value)}; accepted: a mapping of keys to values")
     return value
 
 
@@ -118,7 +100,7 @@ def list_of(value: Any, where: str) -> list[Any]:
     if value is None:
         return []
     if not isinstance(value, list):
-        raise InputError(f"{where}: {f'{value!r:.60}'}; accepted: a list")
+        raise InputError(f"{where}: {shown(value)}; accepted: a list")
     return value
 
 

@@ -10,6 +10,7 @@ import re
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -77,7 +78,7 @@ class Px4BridgeNode(LoopNode):
     def __init__(self) -> None:
         """Declare parameters, topics and services; open the link."""
         records = {"link": LinkParams(), "px4": BridgeParams(), "vehicle": VehicleParams()}
-        super().__init__("px4_bridge", _RATE_HZ, records, priority=ESTIMATOR)
+        super().__init__("px4_bridge", _RATE_HZ, records, fixed=records, priority=ESTIMATOR)
         try:
             self._set_up()
         except InputError:
@@ -155,9 +156,9 @@ class Px4BridgeNode(LoopNode):
 
     def _serve_requests(self) -> None:
         self._offer(SetBool, "arm", lambda request: "arm" if request.data else "disarm")
-        self._offer(Trigger, "land", lambda request: "land")
-        self._offer(Trigger, "hold", lambda request: "hold")
-        self._offer(Trigger, "offboard", lambda request: "offboard")
+        for kind in ("takeoff", "land", "hold", "offboard", "kill"):
+            self._offer(Trigger, kind, lambda request, kind=kind: kind)
+        self._offer(Trigger, "abort", lambda request: "land")
 
     def _offer(self, service: Any, name: str, kind_of: Callable[[Any], str]) -> None:
         """Pass requests to the loop; it answers within some seconds, other calls go on."""
@@ -182,10 +183,6 @@ class Px4BridgeNode(LoopNode):
             self._executor.wake()
 
     # --- The loop -----------------------------------------------------------------------------
-
-    def on_parameters_changed(self, name: str) -> None:
-        """Warn that parameters of the link take effect at the next start only."""
-        self.health.fault("not_at_runtime", True, f"{name} is used at the next start")
 
     def step(self, now_ns: int) -> None:
         """Handle the messages of both sides, decide, send, publish."""
@@ -220,7 +217,7 @@ class Px4BridgeNode(LoopNode):
             message = taken.message
             why = self._bridge.pose(
                 to_ns(message.header.stamp),
-                taken.received_ns or now_ns,
+                taken.received_ns,
                 message.header.frame_id,
                 array(message.pose.position),
                 array(message.pose.orientation),
@@ -262,6 +259,9 @@ class Px4BridgeNode(LoopNode):
                 logger.info(f"PX4: {text.text}")
         for key, said in bridge_output.events:
             self.health.report_event(key, said)
+        for text in bridge_output.texts[:-1]:  # a status carries one text
+            status = replace(bridge_output.status, text=text.text)
+            self._publish_status(status, now_ns)
         faults = dict(bridge_output.faults)
         connected = bridge_output.status.connected
         faults |= link_faults(self._link, self.records["link"], connected)

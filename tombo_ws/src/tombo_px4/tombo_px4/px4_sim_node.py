@@ -15,7 +15,7 @@ from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.autopilot.parameters import PARAMETERS, ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.modes import mode_name
-from tombo_px4.hil.hil_start_help import MOCAP_ONLY
+from tombo_px4.hil.hil_start_help import MOCAP_ONLY, NO_REMOTE_CONTROL
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.signing import key_of
 from tombo_px4.protocol.endpoint import Endpoint
@@ -88,7 +88,7 @@ class Px4SimNode(VehicleNode):
         table = ParameterTable()
         for p in PARAMETERS:
             kind: Any = int if p.kind == "int32" else float
-            default = kind(MOCAP_ONLY.get(p.name, p.default))
+            default = kind({**MOCAP_ONLY, **NO_REMOTE_CONTROL}.get(p.name, p.default))
             text = f"{p.doc} [{p.unit}]" if p.unit else p.doc
             text += "" if p.acts else "; without effect in this simulation"
             value = self.declare(f"px4.{p.name}", default, text, bounds=(p.low, p.high))

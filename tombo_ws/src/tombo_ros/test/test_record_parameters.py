@@ -68,7 +68,7 @@ class _Served:
             "propeller": PropellerChoice(),
             "mission": MissionParams(),
         }
-        self.parameters = RecordParameters(self.node, records)
+        self.parameters = RecordParameters(self.node, records, fixed=("propeller",))
         self.parameters.declare("speed", 1.0, "how fast", bounds=(0.0, 10.0), read_only=False)
         self.parameters.declare("seed", 4, "random seed", bounds=(0, 100))
         self.parameters.declare("animal", "dog", "kept", check=_no_cats, read_only=False)
@@ -166,6 +166,8 @@ def test_a_field_is_set_and_the_record_replaced_as_a_whole(served: _Served) -> N
         ({"animal": "cat"}, "accepted: any other"),
         ({"seed": 5}, "seed"),
         ({"estimator__jmup_min": 1.0}, "undeclared"),
+        ({"propeller__conf": 10}, "propeller.conf is read-only: it is used at the start"),
+        ({"use_sim_time": True}, "use_sim_time is read-only: it is used at the start"),
         ({"mission__course": "[{sped: 1}]"}, "'sped'"),
         ({"mission__course": "[{speed: 1"}, "mission.course is not valid YAML"),
         ({"mission__course": "[{x: 1}, {z: .nan}]"}, "mission.course[1].z"),
@@ -185,6 +187,12 @@ def test_a_bad_value_is_refused_with_a_reason_and_changes_nothing(
     assert served.parameters.changed() == []
     if stored is not None:
         assert served.stored(name) == stored
+
+
+@pytest.mark.real_time
+def test_the_value_that_a_read_only_parameter_has_is_taken(served: _Served) -> None:
+    results = served.set(propeller__conf=served.stored("propeller.conf"), use_sim_time=False)
+    assert all(result.successful for result in results)
 
 
 @pytest.mark.real_time

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
+
+from std_srvs.srv import Trigger
 
 from tombo_bag.message_codec import MessageCodec, form_of
 from tombo_bag.topics import TOPICS, TopicSpec
@@ -29,6 +33,8 @@ _FASTEST_NS = 1000
 _WAIT_NS, _LOOKS = 100_000, 4
 """Number of further checks for a late sample, and the time between them."""
 _WARM_UP_TICKS, _WARM_UP_POSE = 120, 30
+_ANSWER_S = 2.0
+"""A command that the loop has not taken by then was not obeyed."""
 
 
 class CoreInput:
@@ -40,6 +46,15 @@ class CoreInput:
         self.codec = MessageCodec(spec.typename)
         self.several = False
         """More than one node publishes here."""
+
+
+class _Command:
+    """What an operator has told the node, until the loop has passed it on."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.refusal = ""
+        self.done = threading.Event()
 
 
 class CoreNode(LoopNode):
@@ -67,7 +82,7 @@ class CoreNode(LoopNode):
         """
         records = {section: kind() for section, kind in core.sections.items()}
         rate = rate_hz or SECOND_NS / core.period_ns
-        super().__init__(core.name, rate, records, priority=priority)
+        super().__init__(core.name, rate, records, fixed=core.fixed, priority=priority)
         self.runs_on_message = core.steps_on_messages
         options = {
             name: self.declare(name, default, doc, read_only=False)
@@ -87,6 +102,9 @@ class CoreNode(LoopNode):
             topic: (self.advertise(TOPICS[topic]), MessageCodec(TOPICS[topic].typename))
             for topic in core.outputs
         }
+        self._commands: deque[_Command] = deque()  # filled by the services' thread
+        for name in core.commands:
+            self.ros.create_service(Trigger, f"~/{name}", self._server(name))
         self._shown_faults: set[str] = set()
         self._late_samples = 0
         self.step_ns = 0
@@ -98,6 +116,28 @@ class CoreNode(LoopNode):
         self.core.set_params(name, value)
         self._take_over_faults()
 
+    def _server(self, name: str) -> Callable[[Any, Any], Any]:
+        """Return the service that hands a command to the loop and waits for its answer."""
+
+        def serve(request: Any, response: Any) -> Any:
+            asked = _Command(name)
+            self._commands.append(asked)
+            if asked.done.wait(_ANSWER_S):
+                response.success, response.message = not asked.refusal, asked.refusal
+            else:
+                response.message = "the loop does not run: no time passes"
+            return response
+
+        return serve
+
+    def periodic_tasks(self, wall_ns: int, now_ns: int) -> None:
+        """Obey commands, besides what every node does."""
+        while self._commands:
+            asked = self._commands.popleft()
+            asked.refusal = self.core.command(asked.name)
+            asked.done.set()
+        super().periodic_tasks(wall_ns, now_ns)
+
     def on_published(self, topic: str, message: Any) -> None:
         """Hook: called with what the core has published."""
 
@@ -107,7 +147,6 @@ class CoreNode(LoopNode):
         A sensor that is followed comes first in real time: what came besides counts for its next
         sample.
         """
-        wall_ns = time.time_ns()  # arrivals are stamped by the system's clock, whatever the node's
         rest = self.core_inputs
         followed = self._followed
         if followed is not None and not self.sim_time:
@@ -115,13 +154,13 @@ class CoreNode(LoopNode):
             if samples:
                 self._follow(now_ns - samples[-1].received_ns)
                 self._late_samples += len(samples) - 1
-            self._deliver_messages(followed, samples, now_ns, wall_ns)
-            self.step_core(now_ns)
+            self.step_core(self._deliver_messages([(followed, samples)]))
             rest = [found for found in rest if found is not followed]
-        for found in rest:
-            self._deliver_messages(found, found.subscription.take_raw(), now_ns, wall_ns)
+        present_ns = self._deliver_messages(
+            [(found, found.subscription.take_raw()) for found in rest]
+        )
         if rest is self.core_inputs:
-            self.step_core(now_ns)
+            self.step_core(present_ns)
 
     def spin_lockstep(self) -> None:
         """Run the ticks that the simulator gives."""
@@ -147,14 +186,27 @@ class CoreNode(LoopNode):
         self.periodic_tasks(time.time_ns(), self._now_ns)
 
     def _deliver_messages(
-        self, source: CoreInput, taken: Sequence[ReceivedMessage], now_ns: int, wall_ns: int
-    ) -> None:
-        several = source.subscription.multiple_publishers(wall_ns)
-        if several != source.several:
-            source.several = several
-            self.core.set_multiple_publishers(source.topic, several)
-        for received in taken:
-            self.hand_over(source, received.message, now_ns)
+        self, taken: Sequence[tuple[CoreInput, Sequence[ReceivedMessage]]]
+    ) -> int:
+        """Hand messages to the core, each with the time at which it was received.
+
+        Simulated time knows no such time: there the clock is read after the messages, so that none
+        is from the future because the loop was interrupted in between.
+
+        Returns:
+            the present, which no message is later than.
+        """
+        wall_ns = time.time_ns()  # receptions are stamped by the system's clock
+        now_ns = self.present_ns()
+        for source, messages in taken:
+            several = source.subscription.multiple_publishers(wall_ns)
+            if several != source.several:
+                source.several = several
+                self.core.set_multiple_publishers(source.topic, several)
+            for received in messages:
+                when_ns = now_ns if self.sim_time else received.received_ns
+                self.hand_over(source, received.message, when_ns)
+        return now_ns
 
     def hand_over(self, source: CoreInput, data: bytes, now_ns: int) -> None:
         """Hand one message to the core."""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-_BINS = 20_000
-"""One for each microsecond; what is later than 20 ms falls into the last."""
+from tombo_dynamics.time_base import LATENESS_MAX_US
+
+_BINS = round(LATENESS_MAX_US) + 1
+"""One for each microsecond; what is later falls into the last."""
 
 
 class LatenessHistogram:
@@ -25,7 +27,10 @@ class LatenessHistogram:
         self.number += 1
 
     def percentile_us(self, share: float) -> float:
-        """Return the duration that a share (0..1) of all does not exceed [us]; 0 without any."""
+        """Return the duration that a share (0..1) of all does not exceed [us]; 0 without any.
+
+        `LATENESS_MAX_US`: it is that or more.
+        """
         if not self.number:
             return 0.0
         return float(np.searchsorted(np.cumsum(self._counts), share * self.number))

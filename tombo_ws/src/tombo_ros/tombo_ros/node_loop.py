@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import rclpy
@@ -64,6 +64,7 @@ class LoopNode(ABC):
         rate_hz: float,
         records: Mapping[str, Any] | None = None,
         *,
+        fixed: Collection[str] = (),
         priority: Priority | None = None,
     ) -> None:
         """Make the node.
@@ -72,6 +73,7 @@ class LoopNode(ABC):
             name: of the node.
             rate_hz: of the loop.
             records: section -> record whose fields become parameters.
+            fixed: those of its sections that are used at the start only.
             priority: real-time priority to request; not in simulated time.
 
         Raises:
@@ -82,7 +84,7 @@ class LoopNode(ABC):
         if source is not None:  # the loop polls /clock itself: no callbacks for it
             source.detach_node()
         self.period_ns = round(SECOND_NS / rate_hz)
-        self.parameters = RecordParameters(self.ros, records or {})
+        self.parameters = RecordParameters(self.ros, records or {}, fixed)
         self.health = Health(self.ros)
         self.loops: dict[str, LoopStatistics] = {"loop": LoopStatistics()}
         """Name of each loop that `/diagnostics` reports -> its statistics."""
@@ -161,6 +163,12 @@ class LoopNode(ABC):
         """Return ROS time: the system's clock, or the simulated one."""
         return self._now_ns if self.sim_time else time.time_ns()
 
+    def present_ns(self) -> int:
+        """Return ROS time as of this call: in simulated time `/clock` may have moved meanwhile."""
+        if self.sim_time:
+            self._read_clock()
+        return self.now_ns()
+
     @property
     def stopping(self) -> bool:
         """Whether the loop is to end."""
@@ -229,10 +237,10 @@ class LoopNode(ABC):
         poll = min(max(poll, _POLL_LEAST_NS), _POLL_MOST_NS)
         due = 0
         while not self.stopping:
-            moved = self._read_clock()
+            self._read_clock()
             if due - self._now_ns > self.period_ns + SECOND_NS:  # the clock was set back
                 due = 0
-            if self._now_ns and ((moved and self._now_ns >= due) or self._input_waiting()):
+            if self._now_ns and (self._now_ns >= due or self._input_waiting()):
                 if self._now_ns >= due:
                     main.ran(self._now_ns, 0)
                     due = (self._now_ns // self.period_ns + 1) * self.period_ns
@@ -241,16 +249,11 @@ class LoopNode(ABC):
                 sleep_until(time.monotonic_ns() + poll)
             self.periodic_tasks(time.time_ns(), self._now_ns)
 
-    def _read_clock(self) -> bool:
-        """Take the newest `/clock`; return whether it has changed."""
-        if self._clock is None:
-            return False
-        taken = self._clock.take_raw()
-        if not taken:
-            return False
-        before = self._now_ns
-        self._now_ns = to_ns(deserialize_message(taken[-1].message, self._clock.kind).clock)
-        return self._now_ns != before
+    def _read_clock(self) -> None:
+        """Take the newest `/clock`."""
+        taken = [] if self._clock is None else self._clock.take_raw()
+        if taken and self._clock is not None:
+            self._now_ns = to_ns(deserialize_message(taken[-1].message, self._clock.kind).clock)
 
     def _input_waiting(self) -> bool:
         """Return whether any input has a message, without taking it."""

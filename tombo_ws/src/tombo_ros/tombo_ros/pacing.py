@@ -48,8 +48,12 @@ class Priority:
 SIMULATOR = Priority(50, 46)
 CONTROLLER = Priority(49, 47)
 ESTIMATOR = Priority(44, 45)
-RECORDER = Priority(0, 40)
-"""SCHED_FIFO priorities: higher for shorter periods."""
+COLLISION = Priority(43, 43)
+MISSION = Priority(42, 42)
+RECORDER = Priority(38, 45)
+"""SCHED_FIFO priorities: higher for shorter periods. The recorder's loop comes last, but before
+whatever else the machine does: in a flight it needs a fifth of a core, and what it misses is lost.
+Its middleware only puts messages into queues, and those of the publishers are short."""
 
 
 def request_realtime_priority(wanted: Priority, leave_out: set[int]) -> str:

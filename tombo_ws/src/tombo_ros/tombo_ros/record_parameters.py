@@ -2,13 +2,14 @@
 
 The record is the only truth: `declare` reads type, bounds, unit and meaning from its fields, and a
 change is tried on the record first. What it refuses, `ros2 param set` refuses, with the reason.
+So does what can't be applied while the node runs.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
@@ -21,7 +22,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from tombo_dynamics.errors import InputError
+from tombo_dynamics.errors import InputError, shown
 from tombo_dynamics.params import as_text, check_number, from_mapping
 from tombo_dynamics.yaml_text import parse_yaml
 
@@ -32,6 +33,10 @@ _KINDS = {
     str: Parameter.Type.STRING,
     list: Parameter.Type.STRING_ARRAY,
 }
+
+
+_SIM_TIME = "use_sim_time"
+_READ_ONLY = "read-only: it is used at the start of the node; restart it with another value"
 
 
 def describe(field: dataclasses.Field[Any], default: Any) -> ParameterDescriptor:
@@ -62,8 +67,22 @@ def set_range(
 class RecordParameters:
     """The parameters of one node, by section."""
 
-    def __init__(self, node: Node, records: Mapping[str, Any]) -> None:
+    def __init__(
+        self, node: Node, records: Mapping[str, Any], fixed: Collection[str] = ()
+    ) -> None:
+        """Declare the parameters of records.
+
+        Args:
+            node: whose they are.
+            records: section -> record with the defaults.
+            fixed: sections that are used at the start only. The check is our own: rclpy's, by
+                `read_only` of the descriptor, comes before it and gives no reason.
+
+        Raises:
+            InputError: a value given at the start is refused.
+        """
         self._node = node
+        self._fixed = frozenset(fixed)
         self.records: dict[str, Any] = dict(records)
         """Section -> the record as it stands."""
         self._plain: dict[str, Any] = {}
@@ -78,6 +97,9 @@ class RecordParameters:
             self.records[section] = _checked(record, values, section)
             for field in dataclasses.fields(record):
                 descriptor = describe(field, defaults[field.name])
+                if section in self._fixed:
+                    source = descriptor.additional_constraints
+                    descriptor.additional_constraints = f"{source}; {_READ_ONLY}".lstrip("; ")
                 self._declare(f"{section}.{field.name}", values[field.name], descriptor)
         self._changed: deque[str] = deque()  # filled by the services' thread, emptied by the loop
         node.add_pre_set_parameters_callback(self._before_set)
@@ -155,7 +177,7 @@ class RecordParameters:
             value = list(value)
         if type(value) is not type(default):
             kind = _KINDS[type(default)].name.lower().replace("_", " ")
-            raise InputError(f"parameter {name}: {value!r} is no {kind}; accepted: a {kind}")
+            raise InputError(f"parameter {name}: {shown(value)} is no {kind}; accepted: a {kind}")
         return value
 
     def _declare(self, name: str, value: Any, descriptor: ParameterDescriptor) -> None:
@@ -185,6 +207,7 @@ class RecordParameters:
         try:
             for parameter in parameters:
                 section, _, field = parameter.name.partition(".")
+                self._check_not_fixed(parameter, section)
                 if section in self.records and field:
                     wanted.setdefault(section, {})[field] = parameter.value
                 elif parameter.name in self._plain:
@@ -201,6 +224,13 @@ class RecordParameters:
         self._plain.update(plain)
         self._changed.extend([*records, *plain])
         return SetParametersResult(successful=True)
+
+    def _check_not_fixed(self, parameter: Parameter, section: str) -> None:
+        """Refuse a change that would not be applied; the same value once more changes nothing."""
+        if section not in self._fixed and parameter.name != _SIM_TIME:
+            return
+        if parameter.value != self._node.get_parameter(parameter.name).value:
+            raise InputError(f"{parameter.name} is {_READ_ONLY}")
 
 
 def _as_parameters(record: Any) -> dict[str, Any]:

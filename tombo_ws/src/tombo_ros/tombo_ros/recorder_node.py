@@ -30,8 +30,9 @@ from tombo_ros.pacing import RECORDER
 from tombo_ros.topic import ReceivedMessage, message_class, subscribe_polled
 
 POLLS_HZ = 200.0
-DEPTH = 4000
-"""Messages a topic may be behind: four seconds at 1 kHz."""
+DEPTH = 5000
+"""Messages a topic may be behind: five seconds at 1 kHz. Fast DDS keeps no more, whatever is asked
+for."""
 FLUSH_NS = 400_000_000
 """Period of writing; a kill -9 loses at most about this much."""
 LOOK_NS = SECOND_NS // 2
@@ -337,7 +338,7 @@ class RecorderNode(LoopNode):
         all_counters = (source.sequence_counter for source in self._sources.values())
         counters = [counter for counter in all_counters if counter.messages]
         uncounted = sum(not counter.is_exact for counter in counters)
-        lost = f"lost {self._lost()}"
+        lost = lost_text({n: s.sequence_counter for n, s in self._sources.items()})
         if uncounted:
             lost += f" (not countable on {uncounted} topics with several publishers)"
         if self.sink.unwritten:
@@ -347,6 +348,16 @@ class RecorderNode(LoopNode):
             f" {lost}, {self.sink.size / 1e6:.1f} MB: {self.sink.options.target}\n"
         )
         sys.stdout.flush()
+
+
+def lost_text(counters: Mapping[str, SequenceCounter]) -> str:
+    """Return how much was lost: of how many, and on which topic most."""
+    lost = sum(counter.lost for counter in counters.values())
+    if not lost:
+        return "lost 0"
+    sent = lost + sum(counter.messages for counter in counters.values())
+    name, worst = max(counters.items(), key=lambda item: item[1].lost)
+    return f"lost {lost} of {sent} ({100.0 * lost / sent:.2g} %), most on {name} ({worst.lost})"
 
 
 def _crowded(counters: Mapping[str, SequenceCounter]) -> list[str]:

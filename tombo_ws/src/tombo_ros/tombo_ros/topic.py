@@ -119,7 +119,7 @@ class PolledSubscription:
         item = self._take(self.kind, True)
         while item is not None:
             data, info = item
-            received = info["received_timestamp"]
+            received = info["received_timestamp"] or time.time_ns()  # 0: not every DDS tells
             sequence = info["publication_sequence_number"]
             self._waiting.append(ReceivedMessage(data, received))
             self.last_ns = received

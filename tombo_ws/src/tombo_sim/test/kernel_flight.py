@@ -17,6 +17,7 @@ from tombo_control.mission_core import MissionLimits, store_state
 from tombo_control.params import ControlParams, EstimatorParams, InputLimits
 from tombo_control.planning.leg import hold_leg, store_leg, stored_leg
 from tombo_control.planning.mission import MissionParams, MissionState
+from tombo_control.safety.watch import begin_in_flight
 from tombo_dynamics.effects.compose import new_plant, pack_theta
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.propeller import configuration, thrust_map
@@ -100,6 +101,7 @@ def hovering_cores(plant, a):
     mission.estimate(body[:3], np.zeros(3), EPOCH_NS)
     controller = ControllerCore(ControlParams(), VEHICLE, InputLimits(), maps())
     controller.autopilot.as_array()[0] = a
+    begin_in_flight(controller.memory.watch)
     controller.memory.has_setpoint = True
     controller.memory.setpoint["phase"] = Phase.HOVER
     controller.memory.setpoint["position"] = a.leg.start

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lockstep_bench import Lockstep, calm, hover_at
 from tombo_control.estimator_core import reset_estimator
+from tombo_dynamics.messages import Phase
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 from tombo_sim.failsafe import Failsafe
@@ -86,8 +87,11 @@ class _Landing:
 @lru_cache
 def _hovering(seed: int) -> _Flight:
     flight = _Flight(seed)
-    flight.lockstep.steer = lambda t: hover_at(0.0, 0.0, 2.0) if t > 0.2 else None
-    flight.fly(6.0)
+    flight.lockstep.steer = lambda t: None
+    flight.fly(0.2)
+    flight.lockstep.controller.take_over()
+    flight.lockstep.steer = lambda t: hover_at(0.0, 0.0, 2.0)
+    flight.fly(5.8)
     return flight
 
 
@@ -201,7 +205,14 @@ def test_it_can_land_twice(flight: _Flight) -> None:
     first = flight.land()
     flight.failsafe.release()
     reset_estimator(flight.lockstep.observer.memory)
-    flight.fly(6.0)
+    start = replace(hover_at(0.0, 0.0, 0.5), phase=Phase.IDLE)
+    for seconds, setpoint in (
+        (4.0, start),  # by itself it would not fly again
+        (2.0, replace(start, phase=Phase.TAKEOFF)),
+        (4.0, hover_at(0.0, 0.0, 2.0)),
+    ):
+        flight.lockstep.steer = lambda t, setpoint=setpoint: setpoint
+        flight.fly(seconds)
     assert flight.body[2] > 1.8
     second = flight.land()
     assert abs(second.time_s - first.time_s) < 1.0

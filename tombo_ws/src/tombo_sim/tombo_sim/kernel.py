@@ -228,6 +228,7 @@ def fly(
             now,
             now,
             plant.gyro,
+            plant.accel,
         )
         plant.rotor_command = controls.rotor_speed
         write_row(plant, cores.estimator, cores.controller, cores.controller_autopilot, log[tick])
@@ -283,7 +284,11 @@ def _deliver_messages(cores: Any, published: Any, flight: FlightProgress, now: i
     if i >= 0:
         status = published.estimator_status[i].message
         take_biases(
-            cores.controller, cores.controller_autopilot, status.gyro_bias, status.pose_stamp_ns
+            cores.controller,
+            cores.controller_autopilot,
+            status.gyro_bias,
+            status.accel_bias,
+            status.pose_stamp_ns,
         )
     i = _newest(published.mission_setpoint, counts[MISSION_SETPOINT], tick)
     if i >= 0:
@@ -291,7 +296,8 @@ def _deliver_messages(cores: Any, published: Any, flight: FlightProgress, now: i
         has_input = True
     i = _newest(published.setpoint, counts[SETPOINT], tick)
     if i >= 0:
-        take_setpoint(cores.controller, published.setpoint[i].message, now)
+        setpoint = published.setpoint[i].message
+        take_setpoint(cores.controller, cores.controller_autopilot, setpoint, now)
     return has_input
 
 

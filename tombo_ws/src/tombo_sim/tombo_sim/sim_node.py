@@ -17,8 +17,10 @@ import numpy as np
 from tombo_bag.message_codec import MessageCodec
 from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import BATTERY, CLOCK, IMU, MISSION_STATUS, ROTOR_COMMAND, TopicSpec
+from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_BODY
 from tombo_dynamics.messages import Phase
+from tombo_dynamics.stamp_check import is_future
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_HZ, TICK_NS
 from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
@@ -61,6 +63,7 @@ class SimNode(VehicleNode):
             1.0,
             "with use_sim_time: how many times faster than the wall clock; 0 pauses",
             bounds=(0.0, 100.0),
+            check=self._check_speed,
             read_only=False,
         )
         self.declare(
@@ -178,13 +181,13 @@ class SimNode(VehicleNode):
             self._set_period()
         elif name == "step":
             self._steps += int(self.parameters.get("step"))
-        elif name != "imu":
-            super().on_parameters_changed(name)
+
+    def _check_speed(self, speed: float) -> None:
+        if not self.sim_time and speed != 1.0:
+            raise InputError(f"speed: {speed:g}; accepted: 1 without use_sim_time")
 
     def _set_period(self) -> None:
-        speed = float(self.parameters.get("speed")) if self.sim_time else 1.0
-        if not self.sim_time and float(self.parameters.get("speed")) != 1.0:
-            self.health.fault("speed", True, "speed has no effect without use_sim_time")
+        speed = float(self.parameters.get("speed"))
         self.period_ns = round(TICK_NS / speed) if speed > 0.0 else TICK_NS
         if self._waits:
             self.period_ns = min(self.period_ns, _POLL_NS)
@@ -309,7 +312,7 @@ class SimNode(VehicleNode):
             stamp = self._answer.stamp_of(taken.message)
             if not self.sim_time:
                 self._latency.add(taken.received_ns - stamp)
-            elif stamp > self.stamp_ns:
+            elif is_future(stamp, self.stamp_ns):
                 self._refuse("rotor_command is stamped in the future")
                 continue
             if taken.received_ns - self._command_ns > self._timeout_ns:
@@ -334,7 +337,8 @@ class SimNode(VehicleNode):
         silent = self._command_timed_out(now_ns)
         airborne = self.simulator.height > self._ground + 0.1
         if self.failsafe.engaged:
-            if not silent and now_ns - self._resumed_ns > _RESUME_NS:
+            turns = not airborne or self._command.any()  # it does not let a vehicle fall
+            if not silent and turns and now_ns - self._resumed_ns > _RESUME_NS:
                 self.failsafe.release()
                 self.health.fault("failsafe", False)
             else:

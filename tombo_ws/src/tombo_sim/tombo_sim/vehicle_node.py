@@ -51,7 +51,7 @@ class VehicleNode(LoopNode):
             "spread": SpreadParams(),
             **(more or {}),
         }
-        super().__init__("sim", 1000.0, records, priority=SIMULATOR)
+        super().__init__("sim", 1000.0, records, fixed=records, priority=SIMULATOR)
         self.seed = int(self.declare("seed", 0, "all chance comes from it", bounds=(0, 2**53)))
         mocap_rate = self.declare(
             "mocap_rate", 30.0, "rate of the motion capture [Hz]", bounds=(5.0, 500.0)
@@ -129,12 +129,6 @@ class VehicleNode(LoopNode):
         marker = obstacle_marker(stamp_ns, self.simulator.setup.obstacle)
         if marker is not None:
             self._markers.publish(marker)
-
-    def on_parameters_changed(self, name: str) -> None:
-        """Say that the world is what it was at the start."""
-        self.health.fault(
-            "not_at_runtime", True, f"{name} is part of the world: it is used at the next start"
-        )
 
     def publish_tick(self, began_ns: int) -> None:
         """Publish what a lab sees of the present tick, and the ground truth.

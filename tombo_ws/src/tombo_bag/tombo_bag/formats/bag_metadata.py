@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from tombo_bag.qos import Qos
+from tombo_dynamics.yaml_text import parse_yaml
 
 VERSION = 9
 FILE_NAME = "metadata.yaml"
@@ -68,7 +69,7 @@ class BagMetadata:
                         "name": topic.name,
                         "type": topic.typename,
                         "serialization_format": "cdr",
-                        "offered_qos_profiles": yaml.safe_load(topic.qos.as_yaml()),
+                        "offered_qos_profiles": parse_yaml(topic.qos.as_yaml(), topic.name),
                         "type_description_hash": topic.type_hash,
                     },
                     "message_count": topic.messages,

@@ -10,16 +10,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.formats.bag_files import BagFile, RawMessages, Stream, in_log_order
+from tombo_bag.formats.bag_files import LATEST_NS, BagFile, RawMessages, Stream, in_log_order
 from tombo_bag.formats.chunks import HEAD, MAGIC
 from tombo_bag.formats.scan import (
     ChunkPlace,
+    Damage,
     extract_messages,
     index_chunk,
     open_chunk,
     refine_truncation,
     walk,
 )
+from tombo_bag.formats.unpacking import Allowance, implausible, memory_limit, plausible_size
 from tombo_bag.schemas import Types, parse_schema
 from tombo_dynamics.errors import InputError
 
@@ -41,7 +43,13 @@ class Bag(BagFile):
             InputError: the file is missing, empty or no MCAP file.
         """
         self.path = Path(path)
-        self._found = walk(_contents(self.path))
+        contents = _contents(self.path)
+        self._found = walk(contents)
+        self._largest = plausible_size(len(contents))
+        allowance = Allowance(self.path, self._largest)
+        for place in self._found.chunks:
+            if place.compression and not implausible(place.size, len(contents)):
+                allowance.take(place.size)
         unannounced = not self._found.finished or not self._found.channels
         for place in self._found.chunks:
             if place.offset and (check or unannounced or place.index is None):
@@ -50,6 +58,9 @@ class Bag(BagFile):
                     refine_truncation(self._found, place)
         self.damage = self._found.damage
         self.metadata = {record.name: record.metadata for record in self._found.metadata}
+        self._numbers: dict[str, list[int]] = {}
+        for number, channel in self._found.channels.items():
+            self._numbers.setdefault(channel.topic, []).append(number)
         self.topics = self._streams()
 
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
@@ -58,14 +69,25 @@ class Bag(BagFile):
         topic_of = {number: topic for topic in here for number in self._channels_of(topic)}
         heads: dict[str, list[NDArray[np.void]]] = {topic: [] for topic in here}
         messages: dict[str, list[bytes]] = {topic: [] for topic in here}
+        allowance = Allowance(self.path, memory_limit())
         for number, head, part in self._pieces(tuple(topic_of)):
+            allowance.take(int(head["length"].sum()))
             heads[topic_of[number]].append(head)
             messages[topic_of[number]] += part
         joined = {t: np.concatenate([np.empty(0, HEAD), *found]) for t, found in heads.items()}
-        return {
-            topic: in_log_order(head["log_time"], head["publish_time"], messages[topic])
-            for topic, head in joined.items()
-        }
+        return {topic: self._in_order(topic, joined[topic], messages[topic]) for topic in here}
+
+    def _in_order(self, topic: str, heads: NDArray[np.void], messages: list[bytes]) -> RawMessages:
+        """Return messages in order of log time; without those of no time that there is."""
+        good = heads["log_time"] < LATEST_NS
+        if not good.all():
+            lost = int((~good).sum())
+            text = f"{lost} messages of {topic} have a log time after the year 2116: left out"
+            if all(known.text != text for known in self._found.damage):
+                self._found.damage.append(Damage("corrupt", 0, 0, None, None, text))
+            heads, messages = heads[good], [messages[i] for i in np.flatnonzero(good).tolist()]
+        log, publish = heads["log_time"], heads["publish_time"]
+        return in_log_order(log, np.where(publish < LATEST_NS, publish, log), messages)
 
     def types(self, topic: str) -> Types:
         """Return a topic's type as the file itself describes it, else as ROS 2 Jazzy does."""
@@ -82,14 +104,14 @@ class Bag(BagFile):
 
     def _streams(self) -> dict[str, Stream]:
         table: dict[str, Stream] = {}
-        for name in sorted({channel.topic for channel in self._found.channels.values()}):
-            numbers = self._channels_of(name)
-            rows = [
-                place.index[number][:, 0]
-                for place in self._found.chunks
-                for number in numbers
-                if place.index and number in place.index and len(place.index[number])
-            ]
+        rows_of: dict[int, list[NDArray[np.uint64]]] = {}
+        for place in self._found.chunks:
+            for number, found in (place.index or {}).items():
+                times = found[found[:, 0] < LATEST_NS, 0]
+                if len(times):
+                    rows_of.setdefault(number, []).append(times)
+        for name, numbers in sorted(self._numbers.items()):
+            rows = [times for number in numbers for times in rows_of.get(number, ())]
             schema = self._found.schemas.get(self._found.channels[numbers[0]].schema_id)
             table[name] = Stream(
                 schema.name if schema else "",
@@ -117,7 +139,7 @@ class Bag(BagFile):
                     yield number, *piece
 
     def _open(self, place: ChunkPlace) -> bytes | memoryview:
-        data, damage = open_chunk(place)
+        data, damage = open_chunk(place, self._largest)
         if damage is not None:
             place.index = {}
             if all(known.offset != damage.offset for known in self._found.damage):
@@ -125,7 +147,7 @@ class Bag(BagFile):
         return data
 
     def _channels_of(self, topic: str) -> list[int]:
-        return [n for n, channel in self._found.channels.items() if channel.topic == topic]
+        return self._numbers[topic]
 
 
 def _contents(path: Path) -> memoryview:

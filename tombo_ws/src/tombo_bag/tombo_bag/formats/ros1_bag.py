@@ -7,7 +7,6 @@ only when it is closed, so the records are walked through here.
 
 from __future__ import annotations
 
-import bz2
 import re
 import struct
 from collections.abc import Collection, Iterator
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tombo_bag.formats.bag_files import BagFile, RawMessages, Stream, in_log_order
+from tombo_bag.formats.unpacking import UNPACK, Allowance, implausible, unpacking_limit
 from tombo_bag.schemas import Types, extended_store, known_types, type_store
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
@@ -47,6 +47,8 @@ class Ros1Bag(BagFile):
             data = memoryview(path.read_bytes())
         except OSError as error:
             raise InputError(f"can't read '{path}': {error.strerror}") from error
+        self._packed = len(data)
+        self._allowance = Allowance(path, unpacking_limit(self._packed))
         self._walk(data[len(MAGIC) :], len(MAGIC), inside_chunk=False)
         self.topics = {
             topic: _stream(typename, [time for time, _ in self._messages.get(topic, [])])
@@ -95,7 +97,7 @@ class Ros1Bag(BagFile):
         at = 0
         try:
             for at, header, body in _records(data):
-                kind = header.get("op", b"\0")[0]
+                (kind,) = struct.unpack("<B", header.get("op", b"\0"))
                 if kind == _CHUNK and not inside_chunk:
                     self._chunk(header, body, start + at)
                 elif kind == _CONNECTION:
@@ -120,18 +122,19 @@ class Ros1Bag(BagFile):
 
     def _chunk(self, header: dict[str, bytes], body: memoryview, offset: int) -> None:
         how = header.get("compression", b"none").decode("ascii", "replace")
-        try:
-            if how == "bz2":
-                body = memoryview(bz2.BZ2Decompressor().decompress(body))
-            elif how == "lz4":
-                from lz4.frame import LZ4FrameDecompressor
-
-                body = memoryview(LZ4FrameDecompressor().decompress(bytes(body)))
-            elif how != "none":
-                raise ValueError(f"compression '{how}' is none of none, bz2, lz4")
-        except (OSError, RuntimeError, ValueError, EOFError) as error:
-            self.damage.append(f"chunk at byte {offset} is corrupt: {error}")
-            return
+        if how != "none":
+            (size,) = _LENGTH.unpack(header["size"])
+            if not implausible(size, self._packed):
+                self._allowance.take(size)
+            try:
+                if how not in ("bz2", "lz4"):
+                    raise ValueError(f"compression '{how}' is none of none, bz2, lz4")
+                if implausible(size, self._packed):
+                    raise ValueError(f"it states {size} bytes, from {len(body)}")
+                body = memoryview(UNPACK[how](body, size))
+            except (ValueError, MemoryError) as error:
+                self.damage.append(f"chunk at byte {offset} is corrupt: {error}")
+                return
         self._walk(body, offset, inside_chunk=True)
 
     def _connect(self, header: dict[str, bytes], body: memoryview) -> None:
@@ -184,6 +187,8 @@ def _fields(data: memoryview) -> dict[str, bytes]:
     """
     found: dict[str, bytes] = {}
     at = 0
+    if not data:
+        raise struct.error("no fields")
     while at < len(data):
         end = at + 4 + int(_LENGTH.unpack_from(data, at)[0])
         if end > len(data):

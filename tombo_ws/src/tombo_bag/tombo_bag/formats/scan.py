@@ -20,6 +20,7 @@ from mcap.records import Channel, Metadata, Schema
 from numpy.typing import NDArray
 
 from tombo_bag.formats.chunks import HEAD, MAGIC, PREFIX_SIZE
+from tombo_bag.formats.unpacking import UNPACK
 
 _RECORD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQI")
@@ -187,8 +188,8 @@ def _stopped(found: FileMap, file: memoryview, at: int) -> Damage:
     return Damage("corrupt", at, lost, since, None, text)
 
 
-def open_chunk(place: ChunkPlace) -> tuple[bytes | memoryview, Damage | None]:
-    """Decompress a chunk, as far as it is there, and check it."""
+def open_chunk(place: ChunkPlace, largest: int) -> tuple[bytes | memoryview, Damage | None]:
+    """Decompress a chunk of at most `largest` bytes, as far as it is there, and check it."""
     size = PREFIX_SIZE + len(place.data)
 
     def corrupt(why: str) -> Damage:
@@ -198,10 +199,12 @@ def open_chunk(place: ChunkPlace) -> tuple[bytes | memoryview, Damage | None]:
     unpack = _DECOMPRESS.get(place.compression)
     if unpack is None:
         return b"", corrupt(f"compression '{place.compression}' is none of zstd, lz4 or none")
+    if place.compression and place.size > largest:
+        return b"", corrupt(f"it states {place.size} bytes, more than {largest}")
     try:
         data = unpack(place.data, place.size)
-    except (ValueError, RuntimeError, MemoryError) as error:
-        return b"", corrupt(str(error).splitlines()[0])
+    except (ValueError, MemoryError) as error:
+        return b"", corrupt((str(error) or "not enough memory").splitlines()[0])
     if not place.whole:
         return data, None
     if len(data) != place.size:
@@ -232,6 +235,8 @@ def index_chunk(data: bytes | memoryview, found: FileMap) -> dict[int, NDArray[n
         body = at + PREFIX_SIZE
         if body + length > len(view):
             break
+        if opcode == 0:
+            break  # no record: zeros
         if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
             channel, _, log_time, _ = _MESSAGE.unpack_from(view, body)
             places.setdefault(channel, []).append((log_time, at))
@@ -255,36 +260,20 @@ def extract_messages(
     heads = bytes_of[starts[:, None] + np.arange(HEAD.itemsize)].view(HEAD).ravel()
     if not ((heads["opcode"] == Opcode.MESSAGE) & (heads["channel"] == channel)).all():
         return None
-    ends = starts + PREFIX_SIZE + heads["length"].astype(np.int64)
-    if len(ends) and (ends.max() > len(data) or (heads["length"] < _MESSAGE.size).any()):
+    lengths = heads["length"]
+    if (lengths < _MESSAGE.size).any() or (lengths > len(data)).any():
         return None
+    ends = starts + PREFIX_SIZE + lengths.astype(np.int64)
+    if len(ends) and (ends.max() > len(data) or int(lengths.sum()) > len(data)):
+        return None  # beyond the chunk, or one message many times
     pairs = zip((starts + HEAD.itemsize).tolist(), ends.tolist(), strict=True)
     if isinstance(data, bytes):
         return heads, [data[start:end] for start, end in pairs]
     return heads, [bytes(data[start:end]) for start, end in pairs]
 
 
-def _unzstd(data: memoryview, size: int) -> bytes:
-    import zstandard
-
-    try:
-        announced = zstandard.frame_content_size(bytes(data[:32]))
-        if announced not in (-1, size):
-            raise ValueError(f"{announced} bytes instead of {size}")
-        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
-    except zstandard.ZstdError as error:
-        raise ValueError(str(error)) from error
-
-
-def _unlz4(data: memoryview, size: int) -> bytes:
-    from lz4.frame import LZ4FrameDecompressor
-
-    unpacked: bytes = LZ4FrameDecompressor().decompress(bytes(data), max_length=size)
-    return unpacked
-
-
 _DECOMPRESS: dict[str, Callable[[memoryview, int], bytes | memoryview]] = {
     "": lambda data, size: data,
-    "zstd": _unzstd,
-    "lz4": _unlz4,
+    "zstd": UNPACK["zstd"],
+    "lz4": UNPACK["lz4"],
 }

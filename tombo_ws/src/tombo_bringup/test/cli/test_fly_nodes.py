@@ -16,13 +16,15 @@ from tombo_bag.flight_topics import write_flight
 from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.formats.rolling_sink import NOTES
 from tombo_bag.recording import Recording
+from tombo_bringup.cli.flight.node_tables import print_verdict
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_from_bag import flight_from_bag
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite import nodes, running
+from tombo_flight.suite.node_diagnostics import Loop
 from tombo_flight.suite.node_flight import FlightMonitor
-from tombo_flight.suite.node_metrics import node_metrics
+from tombo_flight.suite.node_metrics import node_metrics, too_slow
 
 SHORT = ("hover", "--set", "duration=3")
 
@@ -108,6 +110,7 @@ def test_a_flight_that_lands_leaves_the_files_of_a_headless_one(fly, bag, tmp_pa
     assert summary["died"] == {}
     assert not summary["interrupted"]
     assert summary["recorder"] == {"messages": 12345, "lost": 6}
+    assert summary["too_slow"][-1] == "6 messages lost in the recording"
 
 
 @pytest.mark.real_time
@@ -143,7 +146,26 @@ def test_without_reports_nothing_is_made_up(tmp_path):
             "loops": {},
             "latency_gyro_to_command_us": {"p50": None, "p99": None},
             "recorder": {"messages": None, "lost": None},
+            "too_slow": [],
         }
+
+
+@pytest.mark.parametrize(
+    ("change", "lost", "said"),
+    [
+        ({}, "0", "The machine kept pace"),
+        ({"jitter_p99_us": 1200.0}, "0", "too slow for these figures: rate 1200 us late at 99 % "),
+        ({"jitter_p99_us": 20e3}, "0", "rate > 20 ms late at 99 % (period 1 ms)."),
+        ({"rate_hz": 980.0, "missed": 20}, "0", "rate missed 2.0 % of its runs."),
+        ({}, "12", "too slow for these figures: 12 messages lost in the recording."),
+    ],
+)
+def test_the_verdict_says_when_the_machine_was_too_slow(change, lost, said, capsys):
+    good = {"rate_hz": 1000.0, "jitter_p99_us": 400.0, "runs": 1000 - change.get("missed", 0)}
+    found = too_slow({"rate": Loop("rate loop", {"missed": 0, **good, **change})}, lost)
+    print_verdict({"too_slow": found})
+
+    assert said in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.real_time
@@ -154,6 +176,7 @@ def test_a_node_that_dies_is_told_and_the_flight_goes_on(fly, tmp_path):
     assert "mission has ended, exit code 1; see nodes.log" in result.out
     assert "mission: WARN odometry_silent: no odometry" in result.out
     assert "Gyro to command: 410 us in the median, 870 us at 99 %" in result.out
+    assert "The machine was too slow for these figures" in result.out
     assert "RuntimeError: a bug" in (tmp_path / "out" / "nodes.log").read_text()
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["died"] == {"mission": "exit code 1"}

@@ -116,6 +116,8 @@ def test_json_lines_have_status_and_ends(marked):
     assert process.returncode == 1, err
     by_kind = {kind: [e for e in events if e["event"] == kind] for kind in (
         "status", "warning", "ended", "closed")}  # fmt: skip
+    assert json.loads(lines[-1])["phase"] == "hover"
+    assert json.loads(lines[-1])["height_m"] == 2.014
     nodes = json.loads(lines[-1])["nodes"]
     assert nodes["sim"]["state"] == "running"
     assert nodes["sim"]["loops"]["loop"] == {
@@ -200,8 +202,48 @@ def test_on_a_terminal_it_draws_a_table(marked):
     text = read_terminal(ours).decode()
 
     assert process.wait(timeout=60) == 0
-    for part in ("mocap: 1250 ms old", "999.5 Hz", "41 us", "mocap_silent: no pose for 1 s"):
+    for part in (
+        "up, hover at 2.01 m, mocap: 1250 ms old",
+        "999.5 Hz",
+        "41 us",
+        "mocap_silent: no pose for 1 s",
+    ):
         assert part in text
+
+
+@pytest.mark.real_time
+def test_keys_ask_the_mission_and_a_kill_takes_two_strokes(marked):
+    code = UP.format(suite=GOOD, monitor="fake_monitor")
+    pid, terminal = pty.fork()  # keys are read from the terminal that controls the process
+    if pid == 0:
+        os.chdir(marked.folder)
+        environment = {**marked.environment, "COLUMNS": "160", "TERM": "xterm"}
+        words = [sys.executable, "-c", code, "up", "hover", "--record", "out"]
+        os.execve(sys.executable, words, environment)
+    text = ""
+
+    def shown(*parts: str) -> None:
+        nonlocal text
+        end = time.monotonic() + 60.0
+        while not all(part in text for part in parts):
+            assert time.monotonic() < end, f"{parts} not in {text}"
+            text += os.read(terminal, 65536).decode("utf-8", "replace")
+
+    shown("keys: h hold, l land, kk kill", "hover at 2.01 m")
+    os.write(terminal, b"hx")
+    shown("hold: asked to hold")
+    os.write(terminal, b"l")
+    shown("land refused: asked to land")
+    os.write(terminal, b"k")
+    shown("kill: once more within a second")
+    assert "asked to kill" not in text
+    time.sleep(1.1)
+    os.write(terminal, b"kk")
+    shown("kill: asked to kill")
+    os.write(terminal, b"\x03")
+    shown("stopped; files in out")
+    read_terminal(terminal)
+    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import json_option, option, output_option
+from tombo_bringup.cli.options import UnpackLimit, json_option, option, output_option
 
 if TYPE_CHECKING:
     from tombo_bag.comparison import Comparison
@@ -37,6 +37,7 @@ def compare(
             "earlier comparison."
         ),
     ] = None,
+    unpack_limit: UnpackLimit = None,
     as_json: Annotated[
         bool, json_option("Print a list with an object per topic, nothing else.")
     ] = False,

@@ -45,6 +45,8 @@ def exit_code_of(command: Callable[[], object]) -> int:
     except BrokenPipeError:
         _discard_stdout()
         return BROKEN_PIPE
+    except MemoryError:
+        print_error("there is not enough memory for what this file holds; accepted: a smaller one")
     except OSError as error:
         where = f"'{error.filename}': " if error.filename else ""
         print_error(f"{where}{error.strerror or error}")

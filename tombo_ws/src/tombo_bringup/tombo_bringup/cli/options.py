@@ -23,7 +23,11 @@ def option(declaration: str, text: str, **more: Any) -> Any:
 
 
 def number_option(
-    declaration: str, text: str, accepted: str | Callable[[], str], kind: type[float] = float
+    declaration: str,
+    text: str,
+    accepted: str | Callable[[], str],
+    kind: type[float] = float,
+    **more: Any,
 ) -> Any:
     """Return an option that is a number, of a `kind`: float or int.
 
@@ -33,7 +37,7 @@ def number_option(
     def complaint() -> str:
         return f"; accepted: {accepted if isinstance(accepted, str) else accepted()}"
 
-    return option(declaration, text, parser=_parser(kind, complaint))
+    return option(declaration, text, parser=_parser(kind, complaint), **more)
 
 
 def integer_option(declaration: str, text: str, **more: Any) -> Any:
@@ -59,6 +63,17 @@ def _parser(kind: type[float], complaint: Callable[[], str]) -> Callable[[object
             raise typer.BadParameter(f"'{given}'{complaint()}") from None
 
     return parse
+
+
+def _let_unpack(ctx: typer.Context, limit_gb: float | None) -> float | None:
+    """Set the limit until the command ends."""
+    from tombo_bag.formats.unpacking import GIGABYTE, unpacking_up_to
+
+    if limit_gb is not None and not 0.0 < limit_gb < 1e6:
+        raise InputError(f"--unpack-limit {limit_gb:g}: out of bounds; accepted: a number above 0")
+    limit = None if limit_gb is None else int(limit_gb * GIGABYTE)
+    ctx.with_resource(unpacking_up_to(limit))
+    return limit_gb
 
 
 def _check_seed(seed: int | None) -> int | None:
@@ -135,3 +150,13 @@ Force = Annotated[
     bool, option("--force", "Replace the results in DIR; other files in it are left alone.")
 ]
 JsonOnly = Annotated[bool, json_option("Print JSON only.")]
+UnpackLimit = Annotated[
+    float | None,
+    number_option(
+        "--unpack-limit GB",
+        "Unpack a compressed file to this size at most. Default: 100 times the size of the file, "
+        "and a quarter of the machine's memory.",
+        "a number of gigabytes",
+        callback=_let_unpack,
+    ),
+]

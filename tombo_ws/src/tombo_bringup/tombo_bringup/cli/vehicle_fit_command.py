@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import JsonOnly, number_option, option
+from tombo_bringup.cli.options import JsonOnly, UnpackLimit, number_option, option
 from tombo_bringup.cli.progress import progress_bar
 from tombo_bringup.cli.result_files import check_new_yaml
 from tombo_dynamics.errors import InputError
@@ -46,6 +46,7 @@ def from_flights(
         str | None, option("--mapping FILE|NAME", "What the columns of a CSV are (docs/logs.md).")
     ] = None,
     force: Annotated[bool, option("--force", "Replace FILE.")] = False,
+    unpack_limit: UnpackLimit = None,
     as_json: JsonOnly = False,
 ) -> None:
     """Fit thrust, motor lag, inertia and drag to healthy flights, and write a vehicle file.

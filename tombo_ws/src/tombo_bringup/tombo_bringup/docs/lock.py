@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 
 from tombo_bringup.interface_tables import marked
+from tombo_dynamics.yaml_text import read_yaml
 
 REFERENCE_FLIGHTS: dict[str, tuple[str, int, tuple[str, ...]]] = {
     "paper_collision, seed 0": ("paper_collision", 0, ()),
@@ -33,7 +34,7 @@ _HEAD = "# Written by `make docs`; a test says when a product is out of date. Do
 def read_lock(root: Path) -> dict[str, Any]:
     """Return the content of the lock file; empty if there is none."""
     path = root / "docs" / "figures.lock"
-    return dict(yaml.safe_load(path.read_text(encoding="utf-8"))) if path.is_file() else {}
+    return dict(read_yaml(path, str(path))) if path.is_file() else {}
 
 
 def write_lock(root: Path, content: Mapping[str, Any]) -> None:

@@ -5,7 +5,12 @@ from __future__ import annotations
 from tombo_control.autopilot import Autopilot, LoopMemory, Setpoint, State
 from tombo_control.loops.allocation import allocate, inertia_torque
 from tombo_control.loops.attitude_control import attitude_control
-from tombo_control.loops.position_control import follow_leg, level_descent, position_control
+from tombo_control.loops.position_control import (
+    begin_descent,
+    descend,
+    follow_leg,
+    position_control,
+)
 from tombo_control.loops.rate_control import rate_control
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
 from tombo_dynamics.jit import compiled
@@ -27,6 +32,7 @@ def stop_rotors(state: State, setpoint: Setpoint, loops: LoopMemory) -> None:
     for i in range(3):
         loops.velocity_integral[i] = 0.0
         loops.rate_integral[i] = 0.0
+    begin_descent(loops)
 
 
 @compiled
@@ -44,15 +50,16 @@ def run_control_loops(
         maps: the rotor's table.
         position: the position loop is due.
         attitude: the attitude loop is due.
-        blind: the position is not known: level and descend.
+        blind: the position is not known: brake and descend.
     """
     state, setpoint, loops = autopilot.state, autopilot.setpoint, autopilot.loops
     gains, nominal = autopilot.gains, autopilot.nominal
     if position:
-        if blind:
-            level_descent(state, setpoint, loops, gains, nominal.mass)
+        thrust_max = 4.0 * maps.thrust_highest
+        if blind or loops.lands:
+            descend(state, setpoint, loops, gains, nominal.mass, thrust_max)
         else:
-            thrust_max = 4.0 * maps.thrust_highest
+            begin_descent(loops)
             position_control(state, setpoint, loops, gains, nominal.mass, thrust_max)
     if attitude:
         attitude_control(state, setpoint, gains)
@@ -68,7 +75,7 @@ def cascade(autopilot: Autopilot, maps: RotorMaps, tick: int) -> None:
     """Run the loops that are due in `tick` and set the rotor speeds, `setpoint.rotor_speed`.
 
     Position at 50 Hz, along `leg`, attitude at 250 Hz, rates at 1000 Hz. With mocap older than
-    `blind_timeout` the vehicle levels and descends; `mode_flown` says so.
+    `blind_timeout` the vehicle brakes and descends; `mode_flown` says so.
     """
     mode = autopilot.mode_asked
     if mode == Phase.IDLE or mode == Phase.LANDED:

@@ -16,6 +16,18 @@ from tombo_dynamics.vehicle import GRAVITY
 
 _PERIOD = POSITION_TICKS * TICK_S
 _LOWEST_LIFT = 0.3 * GRAVITY
+LANDING_SPEED, BLIND_SPEED = 0.4, 0.35
+"""m/s: descents of the controller's own, with and without a position."""
+_TRUST_RUNS = round(8.0 / _PERIOD)
+"""So long the integrated accelerometer knows the velocity: an offset of 0.03 m/s^2 is 0.25 m/s."""
+_SUNK_SHARE, _STUCK_SHARE, _STUCK_RUNS = 0.8, 0.6, round(0.16 / _PERIOD)
+"""A descent that has had its speed, and now has less than this share, is held up by the ground."""
+_FALLS = 0.3
+"""m/s: what seemed to be the ground was none if the vehicle sinks faster by this."""
+_BEGIN_RUNS = round(1.0 / _PERIOD)
+"""One that has not had its speed by then is, too."""
+_CUT_RATE, _CUT_BACK, _CUT_MAX = 4.0, 2.0, 0.9 * GRAVITY
+"""m/s^3, m/s^3, m/s^2: how fast the thrust is taken away there, and given back, and how much."""
 
 
 @compiled
@@ -96,6 +108,7 @@ def position_control(
     attitude_from_thrust(ax, ay, lift, setpoint.yaw, setpoint.attitude)
     bx, by, bz = rotated(state.attitude, 0.0, 0.0, 1.0)
     wanted = mass * (ax * bx + ay * by + lift * bz)
+    wanted -= mass * loops.thrust_cut
     setpoint.thrust = min(max(wanted, gains.thrust_min * thrust_max), thrust_max)
 
 
@@ -133,16 +146,73 @@ def attitude_from_thrust(fx: float, fy: float, fz: float, yaw: float, out: Array
 
 
 @compiled
-def level_descent(
-    state: State, setpoint: Setpoint, loops: LoopMemory, gains: ControlParams, mass: float
-) -> None:
-    """Ask for level attitude at the present heading and a thrust just below the weight.
+def begin_descent(loops: LoopMemory) -> None:
+    """Forget the last descent: the next one begins anew."""
+    loops.descent_runs = 0
+    loops.sunk = False
+    loops.touched = False
+    loops.numb = False
+    loops.stuck_runs = 0
+    loops.thrust_cut = 0.0
 
-    Sets attitude and thrust of `setpoint`; `loops` forgets the velocity slowly.
+
+@compiled
+def descend(
+    state: State,
+    setpoint: Setpoint,
+    loops: LoopMemory,
+    gains: ControlParams,
+    mass: float,
+    thrust_max: float,
+) -> None:
+    """Sink where the vehicle is, by the velocity loop; what does not sink loses its thrust.
+
+    With `loops.lands` the position is known, and the place in `setpoint.position` is held across.
+    Else velocity, carried on by the accelerometer, is braked, at the present heading; after some
+    seconds, or without accelerometer, nobody knows it: the vehicle levels, with a thrust just
+    below what had been needed.
+
+    Args:
+        state: as for `position_control`.
+        setpoint: attitude and thrust are set.
+        loops: as for `position_control`; counts, `sunk` and `thrust_cut` are set.
+        gains: of the cascade.
+        mass: nominal mass [kg].
+        thrust_max: highest collective thrust [N].
     """
+    speed = LANDING_SPEED if loops.lands else BLIND_SPEED
+    loops.descent_runs += 1
+    sinks = -state.velocity[2]
+    loops.sunk = loops.sunk or sinks > _SUNK_SHARE * speed or loops.descent_runs > _BEGIN_RUNS
+    if loops.touched and state.velocity[2] < loops.touch_speed - _FALLS:
+        loops.touched = False
+    stuck = loops.sunk and (sinks < _STUCK_SHARE * speed or loops.touched)
+    loops.stuck_runs = loops.stuck_runs + 1 if stuck else 0
+    if loops.numb:
+        loops.thrust_cut = 0.0
+    elif loops.stuck_runs > _STUCK_RUNS:
+        loops.thrust_cut = min(loops.thrust_cut + _CUT_RATE * _PERIOD, _CUT_MAX)
+    else:
+        loops.thrust_cut = max(loops.thrust_cut - _CUT_BACK * _PERIOD, 0.0)
     x, y, _ = rotated(state.attitude, 1.0, 0.0, 0.0)
-    attitude_from_thrust(0.0, 0.0, 1.0, math.atan2(y, x), setpoint.attitude)
-    setpoint.thrust = gains.blind_thrust * mass * GRAVITY
-    loops.previous_velocity = state.velocity
+    heading = math.atan2(y, x)
+    place = setpoint.position
+    if loops.lands:
+        place[2] = state.position[2]
+    else:
+        setpoint.yaw = heading
+        for i in range(3):
+            place[i] = state.position[i]
+    setpoint.velocity[0], setpoint.velocity[1], setpoint.velocity[2] = 0.0, 0.0, -speed
     for i in range(3):
-        loops.velocity_integral[i] *= 0.98
+        setpoint.acceleration[i] = 0.0
+    trusted = loops.lands or not (loops.numb or loops.descent_runs > _TRUST_RUNS)
+    if trusted:
+        position_control(state, setpoint, loops, gains, mass, thrust_max)
+    else:
+        loops.previous_velocity = state.velocity
+        lift = gains.blind_thrust * (GRAVITY + loops.velocity_integral[2]) - loops.thrust_cut
+        least = gains.thrust_min * thrust_max
+        setpoint.thrust = min(max(mass * lift, least), thrust_max)
+    if loops.thrust_cut > 0.0 or not trusted:  # on the ground a tilt would make it slide
+        attitude_from_thrust(0.0, 0.0, 1.0, heading, setpoint.attitude)

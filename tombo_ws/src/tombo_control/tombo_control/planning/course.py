@@ -12,7 +12,7 @@ import numpy as np
 
 from tombo_control.planning.leg import ACCELERATION, Leg, Point, turning_leg
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.params import check_number, param
 
@@ -68,7 +68,7 @@ def read_course(name: str, given: object) -> Course | None:
         return None
     accepted = f"accepted: a list of 1 to {MOST_WAYPOINTS} waypoints, or null for none"
     if not isinstance(given, list | tuple):
-        raise InputError(f"{name}: {f'{given!r:.60}'} is no list; {accepted}")
+        raise InputError(f"{name}: {shown(given)} is no list; {accepted}")
     if not 1 <= len(given) <= MOST_WAYPOINTS:
         raise InputError(f"{name}: {len(given)} waypoints; {accepted}")
     return tuple(_waypoint(f"{name}[{i}]", each) for i, each in enumerate(given))
@@ -79,9 +79,7 @@ def _waypoint(name: str, given: object) -> Waypoint:
     if isinstance(given, Waypoint):
         given = dataclasses.asdict(given)
     if not isinstance(given, Mapping):
-        raise InputError(
-            f"{name}: {f'{given!r:.60}'} is no mapping; accepted: {', '.join(fields)}"
-        )
+        raise InputError(f"{name}: {shown(given)} is no mapping; accepted: {', '.join(fields)}")
     for key in given:
         if key not in fields:
             raise unknown_name(f"key in {name}", key, fields)

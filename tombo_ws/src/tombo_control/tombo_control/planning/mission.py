@@ -191,7 +191,7 @@ def advance_mission(
     if mode == Phase.LAND:
         return _landing(state, now_s, position, velocity)
     if mode != Phase.IDLE and now_s >= plan.params.land_time:
-        return _land(state, plan, now_s, position)
+        return land(state, plan, now_s, position)
     if mode == Phase.IDLE and now_s >= plan.params.takeoff_time:
         leg = straight_leg(state.home, _top(state, plan), plan.params.climb_speed, now_s)
         return _with(state, Phase.TAKEOFF.value, leg, state.steps)
@@ -244,7 +244,7 @@ def _along_course(state: MissionState, plan: Plan, now_s: float, position: Array
         if now_s < hold_end_s:
             return state
         if state.steps >= plan.waypoints.shape[0]:
-            return _land(state, plan, now_s, position)
+            return land(state, plan, now_s, position)
         begin_s = hold_end_s if now_s - hold_end_s < _LATE else now_s
         here, yaw = leg_position(state.leg, now_s), leg_yaw(state.leg, now_s)
         leg = leg_to(_target(state, plan, state.steps), here, yaw, begin_s)
@@ -278,12 +278,13 @@ def _settling(
     if mode == Phase.REACT and now_s - since >= _SETTLED_TIME:
         mode, settled = Phase.HOLD.value, now_s
     elif mode == Phase.HOLD and now_s - settled >= plan.params.hold_time:
-        return _land(state, plan, now_s, position)
+        return land(state, plan, now_s, position)
     return MissionState(mode, state.leg, state.home, state.steps, since, settled)
 
 
 @compiled_call
-def _land(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
+def land(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
+    """Land from `position` (3) at the place of the reference."""
     x, y, _ = leg_position(state.leg, now_s)
     below = (x, y, state.home[2] - 0.6)
     yaw = leg_yaw(state.leg, now_s)

@@ -199,7 +199,7 @@ def changed(old, new):
         ("tombo_model: 1", "model: 1", "it is no model"),
         ("origin:", "orgin:", "'orgin'.*origin"),
         ("  date:", "  dat:", "'dat'.*date"),
-        ("effects:", "effects: 3\nnotes:", "effects: 3; accepted"),
+        ("effects:", "effects: 3\nnotes:", "key 'notes' twice"),
         ("notes:", "notes: [", "it is not valid YAML"),
         ("flights: 6", "flights: 6.5", "flights: 6.5 is not a whole"),
     ],
@@ -210,7 +210,10 @@ def test_a_bad_file_is_refused_by_name(old, new, words):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ["", "3", "[]", "a: b", "\x00", "{", "tombo_model: 1\n..."])
+@pytest.mark.parametrize(
+    "text",
+    ["", "3", "[]", "a: b", "\x00", "{", "tombo_model: 1\n...", "tombo_model: 1\neffects: 3\n..."],
+)
 def test_what_is_no_model_is_refused(text, tmp_path):
     path = tmp_path / "model.yaml"
     path.write_text(text)

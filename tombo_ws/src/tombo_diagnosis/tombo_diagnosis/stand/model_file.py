@@ -14,7 +14,7 @@ from tombo_diagnosis.extend_model import EXTENDING_VERDICTS
 from tombo_diagnosis.stand.model_differences import model_extending_causes
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, check_stand_theta
-from tombo_dynamics.yaml_text import parse_yaml
+from tombo_dynamics.yaml_text import read_yaml
 from tombo_flight.extended_model import FittedParameter, Gain
 from tombo_flight.flight_output import plain
 
@@ -93,12 +93,7 @@ def read_stand_model(path: Path) -> StandModel:
             bounds.
     """
     what = f"stand model '{path}'"
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        why = getattr(error, "strerror", None) or "it is no text"
-        raise InputError(f"{what} can't be read: {why}; accepted: a stand_model.yaml") from error
-    values = parse_yaml(text, what)
+    values = read_yaml(path, what, "a stand_model.yaml")
     if not isinstance(values, Mapping) or values.get("tombo_stand_model") != FORMAT:
         raise InputError(f"{what} is none; accepted: a stand_model.yaml of propeller diagnose")
     effects = values.get("effects")

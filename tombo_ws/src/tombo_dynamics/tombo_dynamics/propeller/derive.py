@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import validate
 from tombo_dynamics.propeller.library import Library, known_configuration, read_library
 from tombo_dynamics.propeller.records import Blade, Configuration, Fibre, Matrix, Nodus
@@ -122,8 +122,8 @@ def _moved(blade: Blade, outer_radius_m: float) -> Blade:
     low, high = blade.pieces[0].start_m, blade.pieces[-1].end_m
     if not isinstance(outer_radius_m, int | float) or not low < outer_radius_m < high:
         raise InputError(
-            f"outer_radius_m: {outer_radius_m!r}; accepted: between {low} and {high} m, on the "
-            "blade"
+            f"outer_radius_m: {shown(outer_radius_m)}; accepted: between {low} and {high} m, "
+            "on the blade"
         )
     mass, centroid = wing_mass_from(blade, outer_radius_m)
     changes = {

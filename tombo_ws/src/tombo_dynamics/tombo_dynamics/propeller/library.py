@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from tombo_dynamics.errors import InputError, unknown_name
-from tombo_dynamics.propeller.record_reader import read_yaml, record
+from tombo_dynamics.errors import InputError, shown, unknown_name
+from tombo_dynamics.propeller.record_reader import record
 from tombo_dynamics.propeller.records import (
     Blade,
     BladeSegment,
@@ -25,6 +25,7 @@ from tombo_dynamics.propeller.records import (
     PublishedTorsion,
     Section,
 )
+from tombo_dynamics.yaml_text import read_yaml
 
 DATA = Path(__file__).parent / "data"
 FILES = ("materials.yaml", "blades.yaml", "configurations.yaml", "measurements.yaml")
@@ -53,7 +54,7 @@ class Library:
         whole = isinstance(number, int | float | np.integer) and not isinstance(number, bool)
         if not whole or number not in known:
             raise InputError(
-                f"unknown configuration {number!r}; accepted: {', '.join(map(str, known))}"
+                f"unknown configuration {shown(number)}; accepted: {', '.join(map(str, known))}"
             )
         return known[number]
 
@@ -71,7 +72,7 @@ def read_library(*folders: Path | str) -> Library:
     """
     for folder in folders:
         if not isinstance(folder, str | Path):
-            raise InputError(f"folder {folder!r}; accepted: a path")
+            raise InputError(f"folder {shown(folder)}; accepted: a path")
     return _read(tuple(Path(folder) for folder in folders)) if folders else _built_in()
 
 
@@ -154,7 +155,7 @@ def configurations() -> tuple[Configuration, ...]:
 def _mapping(path: Path, accepted: tuple[str, ...] | None) -> Mapping[str, Any]:
     if not path.is_file():
         return {}
-    values = read_yaml(path)
+    values = read_yaml(path, str(path))
     if not isinstance(values, Mapping):
         raise InputError(f"{path}: holds no mapping; accepted: names with their values")
     for key in values:
@@ -166,21 +167,21 @@ def _mapping(path: Path, accepted: tuple[str, ...] | None) -> Mapping[str, Any]:
 def _items(values: Mapping[str, Any], key: str) -> list[tuple[str, Any]]:
     found = values.get(key, {})
     if not isinstance(found, Mapping) or not all(isinstance(name, str) for name in found):
-        raise InputError(f"{key}: {found!r}; accepted: names with their values")
+        raise InputError(f"{key}: {shown(found)}; accepted: names with their values")
     return list(found.items())
 
 
 def _list(values: Mapping[str, Any], key: str) -> list[Any]:
     found = values.get(key, [])
     if not isinstance(found, list):
-        raise InputError(f"{key}: {found!r}; accepted: a list")
+        raise InputError(f"{key}: {shown(found)}; accepted: a list")
     return found
 
 
 def _rows(path: Path) -> list[Mapping[str, Any]]:
     if not path.is_file():
         return []
-    rows = read_yaml(path)
+    rows = read_yaml(path, str(path))
     if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
         raise InputError(f"{path}: holds no list; accepted: a list of configurations")
     return rows
@@ -189,18 +190,18 @@ def _rows(path: Path) -> list[Mapping[str, Any]]:
 def _number(values: Mapping[str, Any], where: str) -> int:
     number = values.get("conf") if isinstance(values, Mapping) else None
     if isinstance(number, bool) or not isinstance(number, int) or number < 0:
-        raise InputError(f"{where}: conf {number!r}; accepted: a whole number from 0")
+        raise InputError(f"{where}: conf {shown(number)}; accepted: a whole number from 0")
     return number
 
 
 def _blade(name: str, values: object) -> Blade:
     where = f"blades.{name}"
     if not isinstance(values, Mapping):
-        raise InputError(f"{where}: {values!r}; accepted: a mapping of keys to values")
+        raise InputError(f"{where}: {shown(values)}; accepted: a mapping of keys to values")
     rest = dict(values)
     pieces = rest.pop("pieces", [])
     if not isinstance(pieces, list):
-        raise InputError(f"{where}.pieces: {pieces!r}; accepted: a list of pieces")
+        raise InputError(f"{where}.pieces: {shown(pieces)}; accepted: a list of pieces")
     published = rest.pop("published", None)
     return record(
         Blade,
@@ -248,7 +249,7 @@ def _configuration(
             )
     edge, name = values.get("edge"), values.get("name", "")
     if not isinstance(name, str):
-        raise InputError(f"{where}.name: {name!r}; accepted: a text")
+        raise InputError(f"{where}.name: {shown(name)}; accepted: a text")
     return record(
         Configuration,
         {key: values[key] for key in _PRINTED_KEYS if key in values},

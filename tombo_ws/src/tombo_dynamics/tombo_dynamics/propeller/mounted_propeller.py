@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import param, structure
 from tombo_dynamics.propeller.library import Library, read_library
 from tombo_dynamics.propeller.plain_propeller import PlainPropeller, read_curve
@@ -92,7 +92,9 @@ def library_of(choice: PropellerChoice) -> Library:
         InputError: there is no such folder, or what is in it does not fit.
     """
     if not isinstance(choice.library, str):
-        raise InputError(f"propeller.library: {choice.library!r}; accepted: a folder, or empty")
+        raise InputError(
+            f"propeller.library: {shown(choice.library)}; accepted: a folder, or empty"
+        )
     if not choice.library:
         return read_library()
     folder = Path(choice.library)

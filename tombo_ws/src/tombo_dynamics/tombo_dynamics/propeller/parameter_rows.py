@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.propeller.laws.names import DEFAULT_LAW, law_number
 from tombo_dynamics.propeller.laws.parameters import (
     OF_THE_WING,
@@ -59,7 +59,7 @@ def family(configurations: Any) -> Family:
         given = np.array(configurations, dtype=object)
     except ValueError:
         raise InputError(
-            f"configurations {configurations!r}; accepted: lists of equal length"
+            f"configurations {shown(configurations)}; accepted: lists of equal length"
         ) from None
     members: dict[Configuration, int] = {}
     index = np.empty(given.shape, dtype=np.int64)
@@ -243,7 +243,7 @@ def float_array(name: str, value: ArrayLike, accepted: str) -> Array:
         or raw.dtype.kind not in "iufO"
         or any(item is None for item in (raw.flat if raw.dtype.kind == "O" else ()))
     ):
-        raise InputError(f"{name} {value!r} is not a number; {accepted}")
+        raise InputError(f"{name} {shown(value)} is not a number; {accepted}")
     return numbers
 
 
@@ -256,9 +256,9 @@ def _numbers(name: str, value: ArrayLike) -> Array:
         raw = np.asarray(value)
         numbers = raw.astype(float)
     except (TypeError, ValueError):
-        raise InputError(f"{name} {value!r} is not numeric; {accepted}") from None
+        raise InputError(f"{name} {shown(value)} is not numeric; {accepted}") from None
     if raw.dtype.kind not in "iuf":
-        raise InputError(f"{name} {value!r} is not numeric; {accepted}")
+        raise InputError(f"{name} {shown(value)} is not numeric; {accepted}")
     if not numbers.size:
         raise InputError(f"{name} is empty; {accepted}")
     bad = ~((numbers >= low) & (numbers <= high))

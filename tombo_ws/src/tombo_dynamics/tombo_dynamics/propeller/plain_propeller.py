@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError
+from tombo_dynamics.errors import InputError, shown
 from tombo_dynamics.params import check_number
 
 Curve = tuple[tuple[float, float, float], ...]
@@ -34,11 +34,11 @@ def read_curve(name: str, value: object) -> Curve | None:
         return None
     accepted = f"accepted: at least {_FEWEST} rows of [rad/s, N, N m], all rising"
     if not isinstance(value, list | tuple) or len(value) > _MOST:
-        raise InputError(f"{name}: {value!r:.60}; {accepted}")
+        raise InputError(f"{name}: {shown(value)}; {accepted}")
     rows: list[tuple[float, float, float]] = []
     for i, row in enumerate(value):
         if not isinstance(row, list | tuple) or len(row) != len(_COLUMNS):
-            raise InputError(f"{name}[{i}]: {row!r:.60}; {accepted}")
+            raise InputError(f"{name}[{i}]: {shown(row)}; {accepted}")
         if i == 0 and all(x == 0 for x in row):
             continue
         speed, thrust, torque = (
@@ -50,7 +50,9 @@ def read_curve(name: str, value: object) -> Curve | None:
         raise InputError(f"{name}: {len(rows)} rows; {accepted}")
     for i, (last, row) in enumerate(itertools.pairwise(rows)):
         if not all(after > before for before, after in zip(last, row, strict=True)):
-            raise InputError(f"{name}[{i + 1}]: {list(row)} after {list(last)}; {accepted}")
+            raise InputError(
+                f"{name}[{i + 1}]: {shown(list(row))} after {shown(list(last))}; {accepted}"
+            )
     return tuple(rows)
 
 

@@ -4,35 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
-
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number
 
 _Record = TypeVar("_Record")
-_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the C one is ten times faster
-
-
-def read_yaml(path: Path) -> Any:
-    """Return what a YAML file holds.
-
-    Raises:
-        InputError: the file can't be read or is no YAML; the line is named.
-    """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}; accepted: a readable YAML file") from None
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f" at line {mark.line + 1}" if mark else ""
-        problem = getattr(error, "problem", None) or "not readable"
-        raise InputError(f"{path}{line}: {problem}; accepted: YAML") from None
 
 
 def record(cls: type[_Record], values: object, where: str, **known: Any) -> _Record:
@@ -42,7 +19,7 @@ def record(cls: type[_Record], values: object, where: str, **known: Any) -> _Rec
         InputError: names a key that is unknown or missing, or a number that is out of bounds.
     """
     if not isinstance(values, Mapping):
-        raise InputError(f"{where}: {values!r}; accepted: a mapping of keys to values")
+        raise InputError(f"{where}: {shown(values)}; accepted: a mapping of keys to values")
     fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
     accepted = [name for name, f in fields.items() if f.metadata]
     for key in values:
@@ -64,7 +41,7 @@ def _field(field: Any, value: object, where: str) -> float | int | tuple[float, 
     unit, bounds = field.metadata["unit"], field.metadata["bounds"]
     if field.type.startswith("tuple"):
         if not isinstance(value, list):
-            raise InputError(f"{where}: {value!r}; accepted: a list of numbers [{unit}]")
+            raise InputError(f"{where}: {shown(value)}; accepted: a list of numbers [{unit}]")
         return tuple(check_number(f"{where}[{i}]", v, unit, bounds) for i, v in enumerate(value))
     if field.type == "int":
         return int(check_number(where, value, unit, bounds, integer=True))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tombo_dynamics.errors import InputError
+from tombo_dynamics.errors import InputError, shown
 from tombo_dynamics.propeller.records import Blade
 from tombo_dynamics.propeller.wing_mass import volume_moments
 
@@ -45,7 +45,7 @@ def rotor_inertia(blade: Blade) -> RotorInertia:
     """
     if not isinstance(blade, Blade):
         raise InputError(
-            f"blade {blade!r}; accepted: a Blade, such as configuration(13).blade or one of "
+            f"blade {shown(blade)}; accepted: a Blade, such as configuration(13).blade or one of "
             "read_library().blades"
         )
     joint = blade.joint

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from rich.console import Console
 
@@ -70,6 +71,10 @@ def test_the_table_shows_every_loop_and_every_trouble():
     text = shown(suite())
 
     assert "61 s up, mocap: 31 ms old" in text
+    known = replace(suite(), flight={"height_m": 1.234, "phase": 3})
+    assert "61 s up, approach at 1.23 m, mocap: 31 ms old" in shown(known)
+    assert "; approach at 1.23 m; " in status_line(known)
+    assert "no phase at" in shown(replace(known, flight={"height_m": 1.234, "phase": None}))
     lines = {line.split()[0]: line for line in text.splitlines() if line.split()}
     assert "running" in lines["controller"] and "60 us" in lines["controller"]
     assert text.count("250.0 Hz") == 2

@@ -27,6 +27,7 @@ def run_in_processes(
     begin: Callable[..., None] | None = None,
     given: tuple[Any, ...] = (),
     progress: Callable[[int], None] | None = None,
+    keep: Callable[[_Item, _Result], None] | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> list[_Result]:
     """Return the results in the order of the items, up to the first one missing.
@@ -38,6 +39,7 @@ def run_in_processes(
         begin: called once in each process with `given`.
         given: arguments of `begin`.
         progress: called with the number of items done.
+        keep: called with each item and its result, as they come.
         stop: asked ten times a second; True ends all processes.
 
     Raises:
@@ -55,7 +57,11 @@ def run_in_processes(
             while len(waiting) < _WAITING * workers and (item := next(left, None)) is not None:
                 waiting.add(_submit(executor, work, item))
             finished, waiting = wait(waiting, _LOOK_S, FIRST_COMPLETED)
-            done.update(future.result() for future in finished)
+            for future in finished:
+                number, result = future.result()
+                done[number] = result
+                if keep is not None:
+                    keep(items[number], result)
             if progress is not None and finished:
                 progress(len(done))
     finally:

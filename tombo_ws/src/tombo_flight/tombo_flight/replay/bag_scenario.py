@@ -41,7 +41,13 @@ def _recorded(metadata: Mapping[str, Mapping[str, str]]) -> tuple[dict[str, Any]
         base = {key: flown[key] for key in _SECTIONS if key in flown}
         label = str(flown.get("name", "recording"))
         scenario_from_mapping(base, label)
-    except (ValueError, TypeError, AttributeError) as error:  # ValueError: also InputError
+    except (
+        ValueError,
+        TypeError,
+        LookupError,
+        AttributeError,
+        RecursionError,
+    ) as error:  # ValueError: also InputError
         why = str(error) if isinstance(error, InputError) else "no scenario"
         return {}, "recording", [f"parameters in the bag can't be used ({why}): defaults instead"]
     return base, label, []

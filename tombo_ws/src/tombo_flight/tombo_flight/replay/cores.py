@@ -14,11 +14,19 @@ import numpy as np
 
 from tombo_bag.message_codec import messages_of
 from tombo_bag.recording import Recording
-from tombo_bag.topics import COLLISION_EVENT, DETECTOR_STATUS, MOCAP_POSE, ODOMETRY, TOPICS
+from tombo_bag.topics import (
+    COLLISION_EVENT,
+    DETECTOR_STATUS,
+    MOCAP_POSE,
+    ODOMETRY,
+    SETPOINT,
+    TOPICS,
+)
+from tombo_control.controller_core import ControllerCore
 from tombo_dynamics.arrays import Times
 from tombo_dynamics.core import Core
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.messages import DetectorStatus, Pose, neutral
+from tombo_dynamics.messages import DetectorStatus, Phase, Pose, neutral
 from tombo_dynamics.time_base import TICK_NS
 from tombo_flight.replay.merge_streams import merge_by_arrival
 from tombo_flight.replay.outputs import EVENTS, SERIES, Event, Outputs, series_of
@@ -33,6 +41,8 @@ Published = list[tuple[int, str, Any]]
 """Time, topic and message of all that a core has published."""
 _PUBLISHED_BY_CORES = {topic for core in CORES for topic in core.outputs}
 _NOTHING: Stream = (np.zeros(0, np.int64), [])
+_FEWEST_STEPS, _STEPS_A_MESSAGE = 10_000, 100
+"""A core is stepped some twenty times at most for each message that it gets."""
 
 
 @dataclass
@@ -102,6 +112,8 @@ def through_cores(inputs: Inputs, recorded: Outputs) -> tuple[Outputs, dict[str,
             for topic in _PUBLISHED_BY_CORES & set(streams):
                 times, messages = streams[topic]
                 streams[topic] = times + TICK_NS, messages
+        if isinstance(core, ControllerCore) and _begins_in_flight(streams):
+            core.take_over()
         published, refused = replay_core(core, streams, _steps(core, inputs, streams))
         for name in plan.compared_outputs:
             if name == "events":
@@ -113,6 +125,12 @@ def through_cores(inputs: Inputs, recorded: Outputs) -> tuple[Outputs, dict[str,
                 outputs.series[name] = series_of(said, source)
         figures[node] = {**_figures(core, refused), "seconds": time.perf_counter() - began}
     return outputs, figures
+
+
+def _begins_in_flight(streams: dict[str, Stream]) -> bool:
+    """Return whether the take-off was not recorded."""
+    _, setpoints = streams[SETPOINT.name]
+    return len(setpoints) > 0 and setpoints[0].phase not in (Phase.IDLE, Phase.TAKEOFF)
 
 
 def replay_core(
@@ -158,7 +176,15 @@ def _steps(core: Core, inputs: Inputs, streams: dict[str, Stream]) -> Times:
         stamps: Times = inputs.recording.columns(core.outputs[0])["stamp_ns"]
         return stamps
     ends = [t for times, _ in streams.values() if len(times) for t in (times[0], times[-1])]
+    if not ends:
+        return np.zeros(0, np.int64)
     first, last = int(min(ends)) // core.period_ns, int(max(ends)) // core.period_ns
+    messages = sum(len(times) for times, _ in streams.values())
+    if last - first > _FEWEST_STEPS + _STEPS_A_MESSAGE * messages:
+        raise InputError(
+            f"'{inputs.recording.path}' has {messages} messages over "
+            f"{1e-9 * (max(ends) - min(ends)):.0f} s; accepted: the log times of one flight"
+        )
     return np.arange(first + 1, last + 2, dtype=np.int64) * core.period_ns
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from tombo_bag.topics import (
     COLLISION_EVENT,
     DETECTOR_STATUS,
+    GOAL_POSE,
     MISSION_STATUS,
     MOCAP_POSE,
     REACTION_STATUS,
@@ -42,7 +43,9 @@ NODES: dict[str, NodePlan] = {
     for plan in (
         NodePlan(DetectorCore, ("events", "statistic")),
         NodePlan(
-            MissionCore, ("mission_setpoint", "phase"), (REACTION_STATUS.name, SETPOINT.name)
+            MissionCore,
+            ("mission_setpoint", "phase"),
+            (REACTION_STATUS.name, SETPOINT.name, GOAL_POSE.name),
         ),
         NodePlan(
             ReactionCore,

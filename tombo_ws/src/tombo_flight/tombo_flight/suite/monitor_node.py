@@ -1,16 +1,24 @@
 """Prints the nodes' diagnostics and the state of the flight as JSON lines for the supervisor.
 
+It also passes on what the operator asks for.
+
     python -m tombo_flight.suite.monitor_node [--flight [--mocap]] [--px4] [--ros-args ...]
 
 `{"diagnostics": [status, ...]}` for each report on /diagnostics; with `--flight` also, 20 times a
 second, `{"flight": {...}}`: the newest true pose with its stamp, and the mission's phase. With
 `--mocap` it is the pose that the motion capture sees: the truth of a real vehicle is unknown.
 With `--px4` also `{"px4": {...}}`: each change of `/px4/status`.
+
+A line on standard input, as `hold`, calls that service of the mission node (`mission/hold`), or
+`kill` that of the node which has the last word before the rotors (`controller/kill`;
+std_srvs/Trigger); `{"answer": {"request", "success", "message"}}` says what came of it.
 """
 
 from __future__ import annotations
 
 import json
+import os
+import select
 import signal
 import sys
 import time
@@ -20,6 +28,7 @@ from typing import Any
 import rclpy
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
+from std_srvs.srv import Trigger
 
 from tombo_bag.topics import (
     DIAGNOSTICS,
@@ -35,6 +44,70 @@ from tombo_ros.topic import PolledSubscription
 _PERIOD_S = 0.05
 _EVERY_NODE = 100
 """Reports of all nodes may come at once."""
+
+
+_OFFERED_BY = {"kill": "controller"}
+"""Request → node with that service, where it is not the mission."""
+_PX4_SERVICES = "px4"
+"""Over PX4 all requests are for its own modes; the bridge offers them there."""
+_ANSWER_S = 6.0
+"""A request without an answer for so long has failed."""
+
+
+class OperatorRequests:
+    """Calls the operator's services, without waiting for them."""
+
+    def __init__(self, node: Node, *, px4: bool) -> None:
+        self._node = node
+        self._px4 = px4
+        self._clients: dict[str, Any] = {}
+        self._open: list[tuple[str, Any, float]] = []
+        self._rest = ""
+
+    def read(self, data: str) -> list[dict[str, Any]]:
+        """Call what whole lines ask for; return what can't be called."""
+        *lines, self._rest = (self._rest + data).split("\n")
+        return [answer for line in lines if line.strip() for answer in self._call(line.strip())]
+
+    def _call(self, request: str) -> list[dict[str, Any]]:
+        offered_by = _PX4_SERVICES if self._px4 else _OFFERED_BY.get(request, "mission")
+        name = f"{offered_by}/{request}"
+        client = self._clients.get(name)
+        if client is None:
+            client = self._clients[name] = self._node.create_client(Trigger, name)
+            client.wait_for_service(timeout_sec=0.5)
+        if not client.service_is_ready():
+            return [_answer(request, False, f"no node offers {name}")]
+        future = client.call_async(Trigger.Request())
+        self._open.append((request, future, time.monotonic() + _ANSWER_S))
+        return []
+
+    def answers(self) -> list[dict[str, Any]]:
+        """Return what has been answered, or has not within 6 s."""
+        if not self._open:
+            return []
+        rclpy.spin_once(self._node, timeout_sec=0.0)
+        found, still = [], []
+        for request, future, end_s in self._open:
+            if future.done():
+                result = future.result()
+                found.append(_answer(request, result.success, result.message))
+            elif time.monotonic() > end_s:
+                found.append(_answer(request, False, f"no answer within {_ANSWER_S:g} s"))
+            else:
+                still.append((request, future, end_s))
+        self._open = still
+        return found
+
+
+def _answer(request: str, success: bool, message: str) -> dict[str, Any]:
+    return {"answer": {"request": request, "success": bool(success), "message": str(message)}}
+
+
+def _typed() -> str:
+    """Return what has come on standard input; nothing where it is closed."""
+    ready, _, _ = select.select([0], [], [], 0.0)
+    return os.read(0, 4096).decode("utf-8", "replace") if ready else ""
 
 
 class Monitor:
@@ -105,10 +178,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     rclpy.init(args=arguments, signal_handler_options=rclpy.SignalHandlerOptions.NO)
     node = Node("monitor", start_parameter_services=False)
     words = remove_ros_args(arguments)
-    monitor = Monitor(node, _known(words), px4="--px4" in words)
+    px4 = "--px4" in words
+    monitor = Monitor(node, _known(words), px4=px4)
+    requests = OperatorRequests(node, px4=px4)
     try:
         while not stopped:
-            for line in monitor.changes():
+            refused = requests.read(_typed())
+            for line in (*monitor.changes(), *refused, *requests.answers()):
                 sys.stdout.write(json.dumps(line) + "\n")
             sys.stdout.flush()
             time.sleep(_PERIOD_S)

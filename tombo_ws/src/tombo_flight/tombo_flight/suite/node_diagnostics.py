@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from tombo_dynamics.time_base import LATENESS_MAX_US
+
 SILENT_S: Final = 3.0
 """A node that reports each second is called silent after this time."""
 MOCAP_AGE: Final = "mocap_age_s"
@@ -48,6 +50,13 @@ class Status:
     values: Mapping[str, Any] = field(default_factory=dict)
     loops: tuple[Loop, ...] = ()
     heard_s: float = -math.inf
+
+
+def lateness_text(late_us: float) -> str:
+    """Return a percentile of the lateness for people: `140 us`, or `> 20 ms` if it was clipped."""
+    if late_us >= LATENESS_MAX_US:
+        return f"> {1e-3 * LATENESS_MAX_US:.0f} ms"
+    return f"{late_us:.0f} us"
 
 
 class NodeDiagnostics:

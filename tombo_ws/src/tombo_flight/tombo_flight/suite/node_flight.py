@@ -24,7 +24,7 @@ from tombo_flight.progress import ProgressCallback
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.suite.domain import free_domain, udp_ports
 from tombo_flight.suite.node_metrics import node_metrics
-from tombo_flight.suite.nodes import PX4_SUITE, SUITE
+from tombo_flight.suite.nodes import HIL_SIM, PX4_SUITE, SUITE
 from tombo_flight.suite.px4_connection import Px4Connection
 from tombo_flight.suite.px4_flight import BridgeMonitor, px4_metrics
 from tombo_flight.suite.running import LOGS, RunningSuite, SuiteConfig
@@ -43,6 +43,10 @@ _NEEDED = ("sim", "px4_bridge", "recorder")
 _LOOK_S = 0.05
 _START_S = 60.0
 """Wall time after which a simulator without messages is given up."""
+_NOTHING_SEEN = (
+    f"nothing was seen of a vehicle for {_START_S:.0f} s: neither ground truth nor poses of a "
+    "motion capture (/mocap/pose)"
+)
 _SILENT_S = 5.0
 _LIFTED_M = 0.1
 _COMES_DOWN_S = 21.0
@@ -190,6 +194,8 @@ def _domain(px4: Px4Connection | None) -> int | None:
 def over_mavlink(px4: Px4Connection) -> dict[str, Any]:
     """Return the changes of a suite configuration that flies over MAVLink."""
     suite = dict(PX4_SUITE)
+    if px4.hil_port:
+        suite["sim"] = HIL_SIM
     if px4.bridge.setpoint != POSITION:  # the controller computes attitudes or rates
         suite["controller"] = SUITE["controller"]
     return {"suite": suite, "without": () if px4.simulated else ("sim",), "more": px4.parameters}
@@ -260,6 +266,8 @@ def _fly(
                 flown.refused = bridge.refusal
             flown.interrupted = stop.asked()
             gone = [name for name in needed if name not in suite.running]
+            if patience_s == _START_S and now_s - heard_s > patience_s:
+                flown.refused = flown.refused or _NOTHING_SEEN
             if flown.interrupted or flown.refused or gone or now_s - heard_s > patience_s:
                 break
         # who stops a simulated flight waits for nothing; in all else a vehicle may be in the air

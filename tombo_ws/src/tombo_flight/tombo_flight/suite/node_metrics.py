@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from tombo_bag.formats.rolling_sink import NOTES
 from tombo_bag.recording import Recording
 from tombo_bag.schemas import type_store
 from tombo_bag.topics import DIAGNOSTICS, TopicSpec
-from tombo_flight.suite.node_diagnostics import Loop, NodeDiagnostics
+from tombo_flight.suite.node_diagnostics import Loop, NodeDiagnostics, lateness_text
 from tombo_flight.suite.nodes import SUITE
 
 _METRIC_KEYS = ("rate_hz", "jitter_p50_us", "jitter_p99_us", "missed")
 _OWN_LOOP = "loop"
 """The loop that every node has. A node with more of them is told by those."""
+_MISSED_MAX = 0.01
+"""Share of its runs that a loop may miss."""
 
 
 def recorded_diagnostics(recording: Recording) -> NodeDiagnostics:
@@ -40,12 +43,13 @@ def node_metrics(recording: Recording) -> dict[str, Any]:
     What was not reported is None.
     """
     node_diagnostics = recorded_diagnostics(recording)
+    loops = dict(_loops(node_diagnostics))
     notes = recording.metadata.get(NOTES, {})
     sim = node_diagnostics.nodes["sim"].values if "sim" in node_diagnostics.nodes else {}
     return {
         "loops": {
             name: {key: loop.metrics.get(key) for key in _METRIC_KEYS}
-            for name, loop in _loops(node_diagnostics)
+            for name, loop in loops.items()
         },
         "latency_gyro_to_command_us": {
             share: sim.get(f"latency_gyro_to_command_{share}_us") for share in ("p50", "p99")
@@ -54,7 +58,34 @@ def node_metrics(recording: Recording) -> dict[str, Any]:
             key: int(notes[key]) if notes.get(key, "").isdecimal() else None
             for key in ("messages", "lost")
         },
+        "too_slow": too_slow(loops, notes.get("lost", "")),
     }
+
+
+def too_slow(loops: Mapping[str, Loop], lost: str) -> list[str]:
+    """Return in which ways the machine was too slow for the figures of a flight in real time.
+
+    A loop must begin 99 % of its runs within its period, and miss no more than 1 % of them; no
+    message may be lost.
+
+    Args:
+        loops: name → loop; figures that were not reported count as good.
+        lost: how many messages the recorder lost, as it wrote it.
+    """
+    found = []
+    for name, loop in loops.items():
+        late, rate, runs, missed = map(loop.number, ("jitter_p99_us", "rate_hz", "runs", "missed"))
+        asked = runs + missed
+        period_us = 1e6 * runs / (rate * asked) if rate * asked > 0.0 else math.nan
+        if late > period_us:
+            found.append(
+                f"{name} {lateness_text(late)} late at 99 % (period {1e-3 * period_us:.0f} ms)"
+            )
+        elif missed > _MISSED_MAX * asked:
+            found.append(f"{name} missed {100.0 * missed / asked:.1f} % of its runs")
+    if lost.isdecimal() and int(lost):
+        found.append(f"{lost} messages lost in the recording")
+    return found
 
 
 def _loops(node_diagnostics: NodeDiagnostics) -> Iterator[tuple[str, Loop]]:

@@ -31,6 +31,8 @@ PX4_SUITE: dict[str, str] = {
 }
 """The suite over MAVLink: PX4 estimates and controls. `sim` plays PX4, vehicle and mocap; with a
 vehicle of its own at the other end of the link it is left out."""
+HIL_SIM = "tombo_px4.hil_sim_node"
+"""`sim` of a real PX4: vehicle and mocap behind its simulator link."""
 MONITOR = "monitor"
 MONITOR_MODULE = "tombo_flight.suite.monitor_node"
 """Not of the suite: forwards `/diagnostics` to the supervisor."""

@@ -46,6 +46,7 @@ def suite_parameters(
     values["mission"]["course"] = as_text(values["mission"]["course"])
     if "curve" in values["propeller"]:
         values["propeller"]["curve"] = as_text(values["propeller"]["curve"])
+    values |= {section: asdict(getattr(scenario, section)) for section in ("safety", "volume")}
     values["effects"] = propulsion_effects(scenario.propeller, scenario.vehicle, scenario.effects)
     table: Parameters = {
         "sim": {section: values[section] for section in SECTIONS["sim"]},

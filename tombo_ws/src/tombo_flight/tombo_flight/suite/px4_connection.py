@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import from_mapping
 from tombo_flight.scenario import override
 from tombo_px4.bridge.bridge_params import POSITION, BridgeParams, LinkParams
@@ -37,18 +37,20 @@ class Px4Connection:
         link: the bridge's link.
         bridge: what it does with it.
         endpoint: URL of the simulated PX4's end; empty: there is a PX4 already.
+        hil_port: where that PX4 finds its simulator, which flies along; 0: it has a vehicle.
         writes: NAME=VALUE of PX4's parameters that the bridge sets before the flight.
     """
 
     link: LinkParams
     bridge: BridgeParams
     endpoint: str = ""
+    hil_port: int = 0
     writes: tuple[str, ...] = ()
 
     @property
     def simulated(self) -> bool:
-        """Whether PX4, vehicle and motion capture are simulated along with the flight."""
-        return bool(self.endpoint)
+        """Whether vehicle and motion capture are simulated along with the flight."""
+        return bool(self.endpoint or self.hil_port)
 
     @property
     def parameters(self) -> dict[str, dict[str, Any]]:
@@ -60,7 +62,9 @@ class Px4Connection:
         found: dict[str, dict[str, Any]] = {"px4_bridge": both}
         if self.writes:
             both[_PX4_PARAMETERS] = list(self.writes)
-        if self.simulated:
+        if self.hil_port:
+            found["sim"] = {"port": self.hil_port}
+        elif self.simulated:
             found["sim"] = {
                 "onboard_url": self.endpoint,
                 "ground_url": "",
@@ -98,9 +102,10 @@ def px4_connection(url: str | None, settings: Sequence[str]) -> Px4Connection:
         wanted.setdefault("imu_rate", _GYRO_HZ)
     bridge = from_mapping(BridgeParams, wanted, "px4")
     bridge.check()
+    link.check()
     link_key(link)
     parse_url(link.url, link.allow_remote)
-    return Px4Connection(link, bridge, endpoint, writes)
+    return Px4Connection(link, bridge, endpoint, writes=writes)
 
 
 def _writes(given: Any) -> tuple[str, ...]:
@@ -110,7 +115,9 @@ def _writes(given: Any) -> tuple[str, ...]:
         InputError: they are no list of NAME=VALUE.
     """
     if not isinstance(given, list):
-        raise InputError(f"{_PX4_PARAMETERS}: {given!r} is no list; accepted: [NAME=VALUE, …]")
+        raise InputError(
+            f"{_PX4_PARAMETERS}: {shown(given)} is no list; accepted: [NAME=VALUE, …]"
+        )
     found = tuple(map(str, given))
     parse_assignments(found)
     return found
@@ -124,12 +131,14 @@ def _section(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     """
     found = values.get(name, {})
     if not isinstance(found, Mapping):
-        raise InputError(f"--bridge {name}={found}: accepted: a parameter of {name}")
+        raise InputError(f"--bridge {name}={shown(found)}: accepted: a parameter of {name}")
     for field in dataclasses.fields(_RECORDS[name]):
         wanted, value = type(field.default), found.get(field.name, field.default)
         if wanted in (bool, str) and type(value) is not wanted:
             kind = "true or false" if wanted is bool else "a text"
-            raise InputError(f"{name}.{field.name}: {value!r} is not {kind}; accepted: {kind}")
+            raise InputError(
+                f"{name}.{field.name}: {shown(value)} is not {kind}; accepted: {kind}"
+            )
     return found
 
 

@@ -14,6 +14,8 @@ from tombo_flight.suite.node_metrics import recorded_diagnostics, recorded_messa
 
 READY_S: Final = 25.0
 """From the first word of the bridge: EKF2 converges, checks pass, the vehicle arms."""
+START_S: Final = 60.0
+"""From the start of the processes to the first word of the bridge."""
 _DISARM_S: Final = 12.0
 """After the flight: PX4 disarms 2 s after landing, the bridge asks 4 s after it."""
 _STAGE_GIVEN_UP: Final = "given up"
@@ -42,7 +44,9 @@ class BridgeMonitor:
         """Why the vehicle does not take off, or did not; empty as long as it may."""
         self._phase: int | None = None
         self._status: Mapping[str, Any] = {}
+        self._began_s: float | None = None
         self._first_s: float | None = None
+        """When the bridge's first status came."""
         self._over_s: float | None = None
         self._armed_once = False
         self._now_s = 0.0
@@ -86,7 +90,9 @@ class BridgeMonitor:
         """
         self._now_s = now_s
         self._phase = phase
-        if self._first_s is None:
+        if self._began_s is None:
+            self._began_s = now_s
+        if status is not None and self._first_s is None:
             self._first_s = now_s
         if over and self._over_s is None:
             self._over_s = now_s
@@ -94,7 +100,7 @@ class BridgeMonitor:
             self._status = status
         self._armed_once |= self.armed
         if not self._armed_once:
-            self.refusal = self._why_not(phase, now_s - self._first_s, fault)
+            self.refusal = self._why_not(phase, now_s, fault)
         elif not (self.armed or airborne or over) and self._flight_impossible(phase):
             self.refusal = f"it armed, but never left the ground: {self._failure_text(fault)}"
 
@@ -108,15 +114,19 @@ class BridgeMonitor:
             return str(status["why"])
         return str(status["status_text"] or fault or status["why"] or "PX4 disarmed it")
 
-    def _why_not(self, phase: int | None, waited_s: float, fault: str) -> str:
+    def _why_not(self, phase: int | None, now_s: float, fault: str) -> str:
+        """Return why it is not armed, once it has had its time; "" before."""
         status = self._status
+        if self._first_s is None:
+            waited_s = now_s - (self._began_s or 0.0)
+            silent = "the bridge has said nothing"
+            return f"{silent} for {waited_s:.0f} s" if waited_s >= START_S else ""
+        waited_s = now_s - self._first_s
         if status.get("stage") == _STAGE_GIVEN_UP:
             return f"PX4 did not take off: {status['why']}"
         if phase != Phase.LANDED and waited_s < READY_S:
             return ""
         waited = f"PX4 was not armed within {waited_s:.0f} s"
-        if not status:
-            return f"{waited}: the bridge says nothing"
         if not status["connected"]:
             return f"{waited}: no heartbeat"
         found = fault or "; ".join(status["findings"]) or status["why"] or status["status_text"]

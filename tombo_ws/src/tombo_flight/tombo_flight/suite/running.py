@@ -117,12 +117,14 @@ class SuiteUpdate:
         warnings: (node, line) of the logs: warnings and errors.
         flight: the newest state of the flight, as the monitor tells it; None: no news.
         px4: the newest state of the bridge to PX4; None: no news.
+        answers: what came of requests to the mission: request, success, message.
     """
 
     ended: list[ProcessExit]
     warnings: list[tuple[str, str]]
     flight: dict[str, Any] | None
     px4: dict[str, Any] | None = None
+    answers: list[dict[str, Any]] = field(default_factory=list)
 
 
 class RunningSuite:
@@ -136,6 +138,7 @@ class RunningSuite:
         """
         self.nodes = config.nodes
         self.node_diagnostics = NodeDiagnostics()
+        self._flight: Mapping[str, Any] = {}
         self.ended: dict[str, ProcessExit] = {}
         """Nodes that ended by themselves."""
         config.folder.mkdir(parents=True, exist_ok=True)
@@ -168,7 +171,8 @@ class RunningSuite:
     def poll(self, wait_s: float) -> SuiteUpdate:
         """Wait a while for news and return them."""
         poll = self._supervisor.poll(wait_s)
-        flight, px4 = self._handle_monitor_output(poll)
+        flight, px4, answers = self._handle_monitor_output(poll)
+        self._flight = flight or self._flight
         ended = [end for end in poll.ended if end.name != MONITOR]
         self.ended |= {end.name: end for end in ended}
         warnings = list(poll.warnings)
@@ -176,7 +180,7 @@ class RunningSuite:
             if end.name == MONITOR:
                 words = f" ({end.last_log_lines[-1]})" if end.last_log_lines else ""
                 warnings.append((MONITOR, f"ended, {end.exit_text}: no status any more{words}"))
-        return SuiteUpdate(ended, warnings, flight, px4)
+        return SuiteUpdate(ended, warnings, flight, px4, answers)
 
     def status(self) -> Suite:
         """Return the suite as it is now."""
@@ -188,7 +192,12 @@ class RunningSuite:
             self.node_diagnostics,
             now,
             self.uptime_s,
+            self._flight,
         )
+
+    def request(self, name: str) -> bool:
+        """Ask the mission node for something, as `hold`; False: there is nobody to pass it on."""
+        return self._supervisor.send(MONITOR, name)
 
     def interrupt(self, name: str) -> None:
         """Send SIGINT to one node, if it runs; the others go on."""
@@ -203,16 +212,18 @@ class RunningSuite:
 
     def _handle_monitor_output(
         self, poll: ProcessUpdate
-    ) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
-        """Take in what the monitor says; return the newest state of flight and bridge."""
+    ) -> tuple[dict[str, Any] | None, dict[str, Any] | None, list[dict[str, Any]]]:
+        """Take in what the monitor says; return the newest state of flight and bridge, answers."""
         flight = px4 = None
+        answers: list[dict[str, Any]] = []
         for _, line in poll.lines:
             said = json_object(line)
             if "diagnostics" in said:
                 self.node_diagnostics.take(said["diagnostics"], time.monotonic())
             flight = said.get("flight", flight)
             px4 = said.get("px4", px4)
-        return flight, px4
+            answers += [said["answer"]] if "answer" in said else []
+        return flight, px4, answers
 
 
 def _programs(config: SuiteConfig) -> Sequence[Program]:

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from tombo_flight.suite.node_diagnostics import SILENT_S, Loop, NodeDiagnostics, Status
+from tombo_dynamics.messages import PHASE_NAMES
+from tombo_flight.suite.node_diagnostics import (
+    SILENT_S,
+    Loop,
+    NodeDiagnostics,
+    Status,
+    lateness_text,
+)
 from tombo_flight.suite.supervisor import ProcessExit
 
 _STYLES = {"running": "green", "starting": "dim", "silent": "bold yellow"}
@@ -29,6 +36,7 @@ class Suite:
         node_diagnostics: what the nodes say.
         now_s: on the clock of `node_diagnostics`.
         uptime_s: since the start.
+        flight: phase and height_m of the vehicle; empty: not known.
     """
 
     names: tuple[str, ...]
@@ -37,6 +45,14 @@ class Suite:
     node_diagnostics: NodeDiagnostics
     now_s: float
     uptime_s: float
+    flight: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def flight_text(self) -> str:
+        """Phase and height of the vehicle in words; empty: not known."""
+        if not self.flight:
+            return ""
+        return f"{_phase(self.flight) or 'no phase'} at {self.flight['height_m']:.2f} m"
 
     def state(self, name: str) -> str:
         """Return `starting`, `running`, `silent`, or how it ended."""
@@ -52,7 +68,8 @@ def status_table(suite: Suite) -> Table:
     """Return the table: a row a loop, the node's own beside its first one."""
     age = suite.node_diagnostics.mocap_age_s
     mocap = "mocap: no message" if math.isnan(age) else f"mocap: {1e3 * age:.0f} ms old"
-    title = Text(f"{suite.uptime_s:.0f} s up, {mocap}")
+    parts = (f"{suite.uptime_s:.0f} s up", suite.flight_text, mocap)
+    title = Text(", ".join(part for part in parts if part))
     table = Table(box=SIMPLE_HEAD, title=title, padding=(0, 1, 0, 0))
     for heading in ("node", "state", "loop"):
         table.add_column(heading, no_wrap=True)
@@ -96,7 +113,7 @@ def status_line(suite: Suite) -> str:
     )
     running = sum(name in suite.pids for name in suite.names)
     line = f"{suite.uptime_s:.0f} s: {running} of {len(suite.names)} nodes run, {missed} missed"
-    return "; ".join([line, *troubles])
+    return "; ".join([line, *([suite.flight_text] if suite.flight else []), *troubles])
 
 
 def status_object(suite: Suite) -> dict[str, Any]:
@@ -113,7 +130,18 @@ def status_object(suite: Suite) -> dict[str, Any]:
             "values": dict(status.values),
             "loops": {loop.name: dict(loop.metrics) for loop in status.loops},
         }
-    return {"event": "status", "uptime_s": round(suite.uptime_s, 1), "nodes": nodes}
+    return {
+        "event": "status",
+        "uptime_s": round(suite.uptime_s, 1),
+        "phase": _phase(suite.flight) or None,
+        "height_m": suite.flight.get("height_m"),
+        "nodes": nodes,
+    }
+
+
+def _phase(flight: Mapping[str, Any]) -> str:
+    phase = flight.get("phase")
+    return "" if phase is None else PHASE_NAMES[phase].replace("_", " ")
 
 
 def _cells(loop: Loop, pid: str, *, alone: bool) -> tuple[Text, ...]:
@@ -122,6 +150,6 @@ def _cells(loop: Loop, pid: str, *, alone: bool) -> tuple[Text, ...]:
         Text("" if alone else loop.name),
         Text(pid),
         Text("" if math.isnan(rate) else f"{rate:.1f} Hz"),
-        Text("" if math.isnan(late) else f"{late:.0f} us"),
+        Text("" if math.isnan(late) else lateness_text(late)),
         Text("" if math.isnan(missed) else f"{missed:.0f}", "yellow" if missed > 0 else ""),
     )

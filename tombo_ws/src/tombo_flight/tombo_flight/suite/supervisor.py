@@ -34,7 +34,8 @@ class Program:
     Attributes:
         name: its log is `<name>.log`.
         command: absolute path of the executable, and arguments.
-        capture_stdout: its standard output is not logged but returned by `Supervisor.poll`.
+        capture_stdout: its standard output is not logged but returned by `Supervisor.poll`, and
+            `Supervisor.send` writes to its standard input.
     """
 
     name: str
@@ -158,6 +159,17 @@ class Supervisor:
             [_process_exit(child, code) for child, code in ended], warnings, lines
         )
 
+    def send(self, name: str, line: str) -> bool:
+        """Write a line to a program that is listened to; False: it does not run."""
+        child = self._alive.get(name)
+        if child is None or child.process.stdin is None:
+            return False
+        try:
+            os.write(child.process.stdin.fileno(), f"{line}\n".encode())
+        except OSError:  # it has closed it, or reads nothing any more
+            return False
+        return True
+
     def stop(self) -> list[ProcessExit]:
         """End all programs: SIGINT, 2 s later SIGTERM, at last SIGKILL; return how they ended."""
         began = time.monotonic()
@@ -189,7 +201,7 @@ class Supervisor:
                     *(str(os.getpid()), str(fd)),
                     *program.command,
                 ],
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE if program.capture_stdout else subprocess.DEVNULL,
                 stdout=subprocess.PIPE if program.capture_stdout else file,
                 stderr=file,
                 start_new_session=True,
@@ -202,6 +214,8 @@ class Supervisor:
         if process.stdout is not None:
             pipe = process.stdout.fileno()
             os.set_blocking(pipe, False)
+        if process.stdin is not None:
+            os.set_blocking(process.stdin.fileno(), False)
         return _Child(program, process, log, pipe)
 
     def _read_pipes(self, wait_s: float) -> list[tuple[str, str]]:
@@ -236,8 +250,9 @@ class Supervisor:
             _signal_group(pid, signal.SIGKILL)  # before it is reaped: the number is still its own
             code = child.process.wait()
             self._notify_guard(-pid)
-            if child.process.stdout is not None:
-                child.process.stdout.close()
+            for pipe in (child.process.stdin, child.process.stdout):
+                if pipe is not None:
+                    pipe.close()
             del self._alive[name]
             found.append((child, code))
         return found

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, quaternion_multiply, unwrap_quaternions
 from tombo_logs.checks.clocks.gaps import gap_spans
-from tombo_logs.checks.spans import Mask, Span, inside
+from tombo_logs.checks.spans import Mask, Span, check_extent, inside
 from tombo_logs.flight_log import Series
 from tombo_logs.readers.frames import is_usable
 
@@ -52,6 +52,7 @@ def motion_of(
     """Resample cleaned poses and IMU to one clock."""
     begin = max(position.t[0], attitude.t[0])
     end = min(position.t[-1], attitude.t[-1])
+    check_extent(begin, end, RATE)
     count = max(int((end - begin) * RATE), 0)
     t = begin + np.arange(count) / RATE
     empty = np.zeros((0, 3))

@@ -52,6 +52,7 @@ def check_log(log: FlightLog, hover: Hover | None = None) -> FlightLog:
     _check_poses(log.name, series, findings)
     begin, end = series["position"].t[0], series["position"].t[-1]
     findings += _without(series, other_times(log.name, series))
+    _check_there(log.name, series, findings)
     stood_still = _stuck(log.name, series)
     lost = _spans(f for f in stood_still if f.channel in POSE)
     position = series["position"]
@@ -114,7 +115,7 @@ def _tidy(log: FlightLog) -> tuple[dict[str, Series], list[Finding]]:
     return series, findings
 
 
-def _check_poses(flight: str, series: dict[str, Series], findings: list[Finding]) -> None:
+def _check_there(flight: str, series: dict[str, Series], findings: list[Finding]) -> None:
     for name in POSE:
         if name not in series:
             why = "; ".join(f.message for f in findings if f.channel == name)
@@ -127,6 +128,10 @@ def _check_poses(flight: str, series: dict[str, Series], findings: list[Finding]
                 f"flight '{flight}': {name}: {series[name].t.size} samples; needed: at least "
                 f"{_LEAST}, and seconds of flight for a diagnosis"
             )
+
+
+def _check_poses(flight: str, series: dict[str, Series], findings: list[Finding]) -> None:
+    _check_there(flight, series, findings)
     check_pose_rate(flight, series)
     poses.check_attitude(flight, series["attitude"])
     poses.check_position(flight, series["position"])

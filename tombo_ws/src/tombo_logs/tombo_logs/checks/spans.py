@@ -8,9 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
 
 Mask = NDArray[np.bool_]
 Span = tuple[float, float]
+_MOST_ROWS = 1_000_000
+"""Of an even clock: 5 h at 50 Hz."""
+
+
+def check_extent(begin: float, end: float, rate: float) -> None:
+    """Refuse stamps [s] of more than one flight, before an even clock [Hz] is laid over them.
+
+    Raises:
+        InputError: they reach over too long a time.
+    """
+    if not (end - begin) * rate <= _MOST_ROWS:
+        raise InputError(
+            f"the log's stamps reach over {end - begin:.4g} s; accepted: those of one flight, up "
+            f"to {_MOST_ROWS / rate:.0f} s"
+        )
 
 
 def runs(mask: Mask) -> list[tuple[int, int]]:

@@ -7,7 +7,7 @@ attitude with the gyro. Both are computed for each reading of the columns, and t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
+from tombo_logs.checks.spans import check_extent
 from tombo_logs.flight_log import Series
 from tombo_logs.readers.frames import BODIES, WORLDS, axes_matrix, is_usable
 
@@ -77,7 +78,7 @@ def readings(
     found = []
     for form, attitude in attitudes.items():
         ends = [s for s in (position, attitude, gyro) if s is not None]
-        t = np.arange(max(s.t[0] for s in ends), min(s.t[-1] for s in ends), 1.0 / _RATE)
+        t = _even(ends)
         usable = is_usable(attitude.values)
         if t.size < 100 or usable.sum() < 20:
             continue
@@ -107,7 +108,7 @@ def track_acceleration(position: Series, other: Series) -> tuple[float, float]:
         position: (N, 3) [m].
         other: (N, 3) in the same axes, any unit.
     """
-    t = np.arange(max(position.t[0], other.t[0]), min(position.t[-1], other.t[-1]), 1.0 / _RATE)
+    t = _even([position, other])
     if t.size < 100:
         return float("nan"), float("nan")
     width = _WIDTH * _RATE
@@ -120,10 +121,17 @@ def track_acceleration(position: Series, other: Series) -> tuple[float, float]:
     return _correlation(track[moving], given[moving]), float(np.median(size[moving]))
 
 
+def _even(series: Sequence[Series]) -> Array:
+    """Return the times of an even clock over what all series have."""
+    begin, end = max(s.t[0] for s in series), min(s.t[-1] for s in series)
+    check_extent(begin, end, _RATE)
+    return np.arange(begin, end, 1.0 / _RATE)
+
+
 def attitude_rates(attitude: Series) -> Series:
     """Return body rates [rad/s] of (N, 4) attitudes, in the axes of their body."""
     usable = is_usable(attitude.values)
-    t = np.arange(attitude.t[0], attitude.t[-1], 1.0 / _RATE)
+    t = _even([attitude])
     turn = Rotation.from_quat(_nearest(attitude, usable, t))
     return Series(0.5 * (t[1:] + t[:-1]), (turn[:-1].inv() * turn[1:]).as_rotvec() * _RATE)
 

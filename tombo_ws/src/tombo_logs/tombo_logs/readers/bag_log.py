@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tombo_bag.columns import ColumnTable
+from tombo_bag.columns import ColumnTable, stacked_columns
 from tombo_bag.recording import Recording
 from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, ROTOR_COMMAND
 from tombo_dynamics.arrays import Array
@@ -172,7 +172,7 @@ def _no_pose(recording: Recording) -> InputError:
 
 
 def _columns(table: ColumnTable, prefix: str, letters: Iterable[str]) -> Array:
-    return np.column_stack([table[prefix + letter] for letter in letters]).astype(np.float64)
+    return stacked_columns(table, [prefix + letter for letter in letters], "the topic")
 
 
 def _pose(table: ColumnTable, typename: str) -> dict[str, Array]:
@@ -202,7 +202,8 @@ def _values(key: str, table: ColumnTable, typename: str) -> dict[str, Array]:
     if key == MOCAP_POSE.name:
         return _pose(table, typename)
     if key in (ROTOR_COMMAND.name, ROTOR_SPEED):
-        return {key.removeprefix("/"): np.asarray(table["speed"], np.float64).reshape(-1, 4)}
+        speeds = [f"speed[{i}]" for i in range(4)]
+        return {key.removeprefix("/"): stacked_columns(table, speeds, key)}
     return _imu(table) if key == IMU.name else _battery(table)
 
 
@@ -211,5 +212,5 @@ def _scenario_name(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
     try:
         scenario: Any = json.loads(metadata["tombo_flight"]["scenario"])
         return {"scenario": str(scenario["name"])}
-    except (KeyError, ValueError, TypeError):
+    except (KeyError, ValueError, TypeError, RecursionError):
         return {}

@@ -6,13 +6,13 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
-import yaml
 from scipy.spatial.transform import Rotation
 
 from tombo_bag.columns import stacked_columns
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
+from tombo_dynamics.yaml_text import read_yaml
 from tombo_logs.flight_log import CHANNELS, Finding, FlightLog, Series, damage_findings
 from tombo_logs.readers.csv_mapping import ChannelMap, LogMapping, TimeColumn, shipped
 from tombo_logs.readers.csv_table import CsvTable, open_table
@@ -172,8 +172,8 @@ def _sidecar(path: Path, mapping: LogMapping) -> dict[str, str]:
         return {}
     stem = path.name.removesuffix(".gz").removesuffix(".csv")
     try:
-        content = yaml.safe_load(path.with_name(stem + mapping.sidecar).read_text("utf-8"))
-    except (OSError, ValueError, yaml.YAMLError):
+        content = read_yaml(path.with_name(stem + mapping.sidecar), "sidecar")
+    except InputError:
         return {}
     if not isinstance(content, dict):
         return {}

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.yaml_text import parse_yaml
 from tombo_logs.flight_log import CHANNELS, Airframe, Series
@@ -139,9 +139,15 @@ def parse_mapping(text: str, name: str) -> LogMapping:
         turn_deg=_numbers(values.get("turn_deg", (0.0, 0.0, 0.0)), 3, f"{what}: turn_deg"),
         channels={key: _channel(key, value, what) for key, value in channels.items()},
         airframe=_airframe(values.get("airframe"), f"{what}: airframe"),
-        metadata={str(k): str(v) for k, v in dict(values.get("metadata") or {}).items()},
+        metadata=_metadata(values.get("metadata"), f"{what}: metadata"),
         sidecar=str(values.get("sidecar", "")),
     )
+
+
+def _metadata(content: object, what: str) -> dict[str, str]:
+    if not isinstance(content, Mapping | None):
+        raise InputError(f"{what}: {shown(content)}; accepted: names with their values")
+    return {str(key): str(value) for key, value in (content or {}).items()}
 
 
 def _channel(key: str, content: object, what: str) -> ChannelMap:
@@ -154,7 +160,7 @@ def _channel(key: str, content: object, what: str) -> ChannelMap:
     columns = values.get("columns", ())
     columns = (columns,) if isinstance(columns, str) else columns
     if not isinstance(columns, Sequence) or len(columns) != width:
-        raise InputError(f"{what}: columns {columns!r}; accepted: {width} names of columns")
+        raise InputError(f"{what}: columns {shown(columns)}; accepted: {width} names of columns")
     angles = key == "attitude" and width == 3
     wanted = "rad" if angles else channel.unit
     if "unit" not in values and (angles or channel.unit != "1"):
@@ -163,7 +169,9 @@ def _channel(key: str, content: object, what: str) -> ChannelMap:
     if span is not None:
         low, high = _numbers(span, 2, f"{what}: range")
         if not high > low or key != "motor_command":
-            raise InputError(f"{what}: range {span}; accepted: [low, high] of motor_command")
+            raise InputError(
+                f"{what}: range {shown(span)}; accepted: [low, high], of motor_command"
+            )
         span = low, high
     else:
         factor(unit, wanted, what)
@@ -202,7 +210,7 @@ def _axes(content: object, names: Mapping[str, tuple[str, ...]], what: str) -> t
             raise unknown_name(what, content, [*names, "[x, y, z] in any order and sign"])
         return names[content.upper()]
     if not isinstance(content, Sequence) or len(content) != 3:
-        raise InputError(f"{what}: {content!r}; accepted: {', '.join(names)}, or as [y, x, -z]")
+        raise InputError(f"{what}: {shown(content)}; accepted: {', '.join(names)}, or [y, x, -z]")
     axes = tuple(str(axis) for axis in content)
     axes_matrix(axes, what)
     return axes
@@ -238,8 +246,8 @@ def _airframe(content: object, what: str) -> Airframe | None:
 def _numbers(content: Any, count: int, what: str) -> tuple[Any, ...]:
     try:
         numbers = tuple(float(x) for x in content)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = ()
     if len(numbers) != count or not np.all(np.isfinite(numbers)):
-        raise InputError(f"{what}: {content!r}; accepted: {count} number{'s' * (count > 1)}")
+        raise InputError(f"{what}: {shown(content)}; accepted: {count} number{'s' * (count > 1)}")
     return numbers

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import io
 import re
-import zlib
+from array import array
+from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from tombo_bag.formats.unpacking import GZIP_MAGIC, Allowance, ungzip, unpacking_limit
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 
-_GZIP = b"\x1f\x8b"
-_LARGEST = 2_000_000_000
-"""Bytes that an unpacked table may have."""
+_MOST_COLUMNS = 5000
 _DECIMAL_COMMA = re.compile(rb"(?:^|[;\t])\s*-?\d+,\d+(?:[eE][-+]?\d+)?\s*(?:[;\t]|$)")
 _NOTHING = {"", "nan", "none", "null", "na", "n/a", "-nan", "nil"}
 
@@ -57,7 +57,7 @@ class CsvTable:
 
     def number_columns(self) -> tuple[str, ...]:
         """Return columns that begin with numbers or empty cells and whose name is there once."""
-        count = len(self.columns)
+        count, names = len(self.columns), Counter(self.columns)
         text: set[int] = set()
         for line in self.body[:200_000].decode("utf-8", "replace").splitlines()[:200]:
             cells = line.split(self.delimiter)
@@ -66,12 +66,12 @@ class CsvTable:
         return tuple(
             name
             for i, name in enumerate(self.columns)
-            if i not in text and name and self.columns.count(name) == 1
+            if i not in text and name and names[name] == 1
         )
 
     def _row_by_row(self, order: list[int]) -> tuple[Array, tuple[str, ...]]:
-        rows, short, text = [], 0, 0
-        for line in self.body.decode("utf-8", "replace").splitlines():
+        values, rows, short, text = array("d"), 0, 0, 0
+        for line in io.TextIOWrapper(io.BytesIO(self.body), "utf-8", "replace"):
             if not line.strip() or line.lstrip().startswith("#"):
                 continue
             cells = line.split(self.delimiter)
@@ -80,13 +80,14 @@ class CsvTable:
                 continue
             row = [_number(cells[i]) for i in order]
             text += sum(value is None for value in row)
-            rows.append([np.nan if value is None else value for value in row])
+            values.extend(np.nan if value is None else value for value in row)
+            rows += 1
         damage = []
         if short:
-            damage.append(f"{short} of {len(rows) + short} rows have too few or too many cells")
+            damage.append(f"{short} of {rows + short} rows have too few or too many cells")
         if text:
             damage.append(f"{text} cells are no numbers")
-        return np.array(rows, np.float64).reshape(len(rows), len(order)), tuple(damage)
+        return np.array(values, np.float64).reshape(rows, len(order)), tuple(damage)
 
 
 def _number(cell: str) -> float | None:
@@ -110,8 +111,11 @@ def open_table(path: Path) -> CsvTable:
     except OSError as error:
         raise InputError(f"can't read '{path}': {error.strerror}") from error
     damage: tuple[str, ...] = ()
-    if raw.startswith(_GZIP):
-        raw, damage = _unpack(raw, path)
+    if raw.startswith(GZIP_MAGIC):
+        raw, wrong = ungzip(raw, Allowance(path, unpacking_limit(len(raw))))
+        if wrong and not raw:
+            raise InputError(f"'{path}' can't be unpacked: {wrong}")
+        damage = (wrong,) if wrong else ()
     if not raw.strip():
         raise InputError(f"'{path}' is empty; accepted: a table of numbers with a header")
     raw = raw.removeprefix(b"\xef\xbb\xbf")
@@ -122,15 +126,15 @@ def open_table(path: Path) -> CsvTable:
         whole, _, rest = raw.rpartition(b"\n")
         if damage:
             raw, damage = whole, (*damage, f"its last row, '{_shown(rest)}', is not whole")
-    remark = ""
-    while raw:
-        first, _, rest = raw.partition(b"\n")
-        line = first.decode("utf-8", "replace").strip()
+    remark, at = "", 0
+    while at < len(raw):
+        end = raw.find(b"\n", at) + 1 or len(raw)
+        line = raw[at:end].decode("utf-8", "replace").strip()
         if line and not line.startswith(("#", "%")):
             if remark and _is_numbers(line) and len(_cells(line)) == len(_cells(remark)):
-                return _header(path, remark, raw, damage)  # as in "#timestamp [ns],x [m]"
-            return _header(path, line, rest, damage)
-        remark, raw = line.lstrip("#% ") or remark, rest
+                return _header(path, remark, raw[at:], damage)  # as in "#timestamp [ns],x [m]"
+            return _header(path, line, raw[end:], damage)
+        remark, at = line.lstrip("#% ") or remark, end
     raise InputError(f"'{path}' has no header; accepted: a first line with names of columns")
 
 
@@ -142,6 +146,10 @@ def _header(path: Path, line: str, body: bytes, damage: tuple[str, ...]) -> CsvT
         raise InputError(
             f"'{path}' starts with '{_shown(line.encode())}'; accepted: a header with the names "
             "of columns, parted by commas, semicolons or tabs"
+        )
+    if len(columns) > _MOST_COLUMNS:
+        raise InputError(
+            f"'{path}' has {len(columns)} columns; accepted: a table of up to {_MOST_COLUMNS}"
         )
     return CsvTable(path, columns, delimiter, body, damage)
 
@@ -156,38 +164,6 @@ def _cells(line: str) -> list[str]:
 
 def _is_numbers(line: str) -> bool:
     return all(_number(cell) is not None for cell in _cells(line))
-
-
-def _unpack(raw: bytes, path: Path) -> tuple[bytes, tuple[str, ...]]:
-    unpacker, parts = zlib.decompressobj(wbits=31), []
-    try:
-        while raw:
-            parts.append(unpacker.decompress(raw, _LARGEST))
-            if not unpacker.eof:
-                break
-            raw = unpacker.unused_data
-            unpacker = zlib.decompressobj(wbits=31) if raw else unpacker
-    except zlib.error as error:
-        if parts and unpacker.eof is False and not raw.startswith(_GZIP):
-            return b"".join(parts), ("bytes behind its end are left out",)
-        whole = b"".join(parts) + _salvaged(raw)
-        if not whole:
-            raise InputError(f"'{path}' can't be unpacked: {error}") from error
-        return whole, (f"the compressed file is damaged ({error}); read up to there",)
-    if not unpacker.eof:
-        return b"".join(parts), ("the compressed file is cut off; read up to there",)
-    return b"".join(parts), ()
-
-
-def _salvaged(raw: bytes) -> bytes:
-    """Unpack piece by piece up to the damage."""
-    unpacker, parts = zlib.decompressobj(wbits=31), []
-    try:
-        for start in range(0, len(raw), 4096):
-            parts.append(unpacker.decompress(raw[start : start + 4096]))
-    except zlib.error:
-        pass
-    return b"".join(parts)
 
 
 def _shown(text: bytes) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.columns import ColumnTable, number_columns, stacked_columns
+from tombo_bag.columns import ColumnTable, TopicColumns, number_columns, stacked_columns
 from tombo_bag.recording import Recording
 from tombo_bag.rotor_topics import RANKS, is_rotor_type, rotor_reading
 from tombo_dynamics.arrays import Array
@@ -50,14 +50,14 @@ class ForeignTopics:
     def _table(self, topic: str) -> ColumnTable | None:
         """Return a topic as columns, with stamps; None if its messages can't be read."""
         try:
-            table = dict(self._recording.columns(topic))
+            table = TopicColumns(topic, self._recording.columns(topic))
         except InputError as error:
             self._say("warning", str(error), topic, "missing")
             return None
         if not len(table["log_time_ns"]):
             return None
         if "stamp_ns" not in table:
-            sample, sent = table.get("timestamp_sample"), table.get("timestamp")
+            sample, sent = (_whole(table, name) for name in ("timestamp_sample", "timestamp"))
             if sent is None:
                 text = f"{topic}: messages have no stamps; times of recording are taken instead"
                 self._say("warning", text, topic, "stamps")
@@ -119,7 +119,7 @@ class ForeignTopics:
                 if table is None:
                     continue
                 values = stacked_columns(table, channel.columns, topic)
-                own = dict(table)
+                own = TopicColumns(topic, table)
                 if channel.time is not None:
                     unit = factor(channel.time.unit, "s", "time") * 1e9
                     times = stacked_columns(table, [channel.time.column], topic)[:, 0]
@@ -129,3 +129,9 @@ class ForeignTopics:
 
     def _say(self, severity: str, text: str, channel: str, check: str = "rpm") -> None:
         self.findings.append(Finding(check, severity, self._flight, text, channel=channel))
+
+
+def _whole(table: ColumnTable, name: str) -> NDArray[Any] | None:
+    """Return a column of whole numbers, or None."""
+    found = table.get(name)
+    return found if found is not None and found.ndim == 1 and found.dtype.kind in "iu" else None

@@ -7,7 +7,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
 
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
+from tombo_dynamics.yaml_text import read_text
 
 M = TypeVar("M")
 Parse = Callable[[str, str], M]
@@ -39,13 +40,7 @@ def read_mapping(name: str, known: Mapping[str, M], parse: Parse[M]) -> M:
         if path.suffix in (".yaml", ".yml") or path.parent != Path():
             raise InputError(f"mapping '{name}' is no file; {accepted}")
         raise unknown_name("mapping", name, [*known, "a YAML file"])
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(f"mapping '{name}' is too large; accepted: a short YAML file")
-        return parse(path.read_text(encoding="utf-8"), name)
-    except (OSError, UnicodeDecodeError) as error:
-        why = getattr(error, "strerror", None) or "it is no text"
-        raise InputError(f"mapping '{name}' can't be read: {why}; accepted: YAML") from error
+    return parse(read_text(path, f"mapping '{name}'", "a short YAML file", _LARGEST), name)
 
 
 def table_of(content: object, what: str, accepted: Collection[str]) -> dict[str, Any]:
@@ -57,7 +52,7 @@ def table_of(content: object, what: str, accepted: Collection[str]) -> dict[str,
     if content is None:
         return {}
     if not isinstance(content, Mapping):
-        raise InputError(f"{what} is {content!r:.60}; accepted: {', '.join(accepted)}")
+        raise InputError(f"{what} is {shown(content)}; accepted: {', '.join(accepted)}")
     for key in content:
         if key not in accepted:
             raise unknown_name(f"key of {what}", key, accepted)

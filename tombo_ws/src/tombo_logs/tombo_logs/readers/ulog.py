@@ -17,6 +17,7 @@ from pyulog import ULog
 from pyulog.exceptions import ULogException
 
 from tombo_bag.columns import stacked_columns
+from tombo_bag.formats.ulog_messages import UlogMessages, whole_messages
 from tombo_bag.rotor_topics import share_of_pulse
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
@@ -60,9 +61,9 @@ def read_ulog(path: Path, name: str, mapping: LogMapping | None = None) -> Fligh
         InputError: no ULog, one without position and attitude, or without a topic of the mapping.
     """
     mapped = {} if mapping is None else mapping.by_topic
-    log = _opened(path, [*PX4_TOPICS, *(topic.strip("/") for topic in mapped)])
+    log, found = _opened(path, [*PX4_TOPICS, *(topic.strip("/") for topic in mapped)])
     topics = _first_instances(log)
-    findings = damage_findings(name, path, _damage(log, path.read_bytes()))
+    findings = damage_findings(name, path, _damage(log, found))
     start = float(log.start_timestamp)
     series, source = px4_series(topics, start, log.initial_parameters)
     for topic, channels in mapped.items():
@@ -129,41 +130,41 @@ def motor_order(parameters: Mapping[str, Any]) -> list[int]:
     quadrants = {(True, True): 0, (False, False): 1, (True, False): 2, (False, True): 3}
     order = {}
     for motor in range(4):
-        x, y = (float(parameters.get(f"CA_ROTOR{motor}_P{a}", 0.0)) for a in "XY")
+        x, y = (_number(parameters.get(f"CA_ROTOR{motor}_P{a}")) for a in "XY")
         if x and y:  # forward and to the right
             order[quadrants[x > 0.0, y > 0.0]] = motor
     return [order[i] for i in range(4)] if len(order) == 4 else [0, 1, 2, 3]
 
 
-def _opened(path: Path, topics: list[str]) -> Any:
+def _number(value: object) -> float:
+    """Return a parameter, 0 where it is none: a damaged log may hold a text."""
+    return float(value) if isinstance(value, int | float) else 0.0
+
+
+def _opened(path: Path, topics: list[str]) -> tuple[Any, UlogMessages]:
     try:
+        raw, found = whole_messages(path.read_bytes(), f"'{path}'")
         with contextlib.redirect_stdout(io.StringIO()):
-            return ULog(str(path), message_name_filter_list=topics)
+            return ULog(io.BytesIO(raw), message_name_filter_list=topics), found
     except OSError as error:
         raise InputError(f"can't read '{path}': {error.strerror}") from error
+    except InputError:
+        raise
     except _BROKEN as error:
         why = " ".join(str(error).split())[:120]
         raise InputError(f"'{path}' is no whole ULog ({why}); accepted: a PX4 log") from error
 
 
-def _damage(log: Any, raw: bytes) -> list[str]:
+def _damage(log: Any, messages: UlogMessages) -> list[str]:
     found = []
-    if log.file_corruption:
+    if log.file_corruption or messages.damaged:
         found.append("damaged; what is whole is read")
-    elif _is_cut(raw):
+    elif messages.cut:
         found.append("cut off within a message; read up to there")
     lost = sum(d.duration for d in log.dropouts)
     if lost:
         found.append(f"{len(log.dropouts)} dropouts of the logger, {lost / 1e3:.1f} s together")
     return found
-
-
-def _is_cut(raw: bytes) -> bool:
-    """Return whether the last message is not whole; a size of two bytes begins each."""
-    at = 16
-    while at + 3 <= len(raw):
-        at += 3 + raw[at] + (raw[at + 1] << 8)
-    return at != len(raw)
 
 
 def _first_instances(log: Any) -> Topics:

@@ -8,9 +8,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from tombo_dynamics.propeller.library import DATA
+from tombo_dynamics.yaml_text import parse_yaml, read_text
 
 
 @dataclass(frozen=True)
@@ -128,4 +127,4 @@ def _row_3(row: Mapping[str, str]) -> Row3:
 
 def _texts(path: Path) -> Any:
     """Read YAML without turning numbers into floats, which would lose printed zeros."""
-    return yaml.load(path.read_text(encoding="utf-8"), Loader=yaml.BaseLoader)
+    return parse_yaml(read_text(path, path.name), path.name, as_text=True)

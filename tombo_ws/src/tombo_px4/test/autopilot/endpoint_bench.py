@@ -90,8 +90,12 @@ class Bench:
         self.client = self.clients[0]
         homes = [client.socket.getsockname() for client in self.clients]
         self.endpoint = Endpoint(self.vehicle, links, homes=homes)
+        for port in self.endpoint.channels:
+            port.hear_station(0)
         self.boot_ns = 0
         self.each_round: Callable[[], None] | None = None
+        self.station = True
+        """A ground station is heard on each link, so that texts come."""
 
     def run(self, seconds: float, until: Callable[[Any], bool] | None = None) -> list[Any]:
         """Let time pass; return what the first client heard. `until` ends it early."""
@@ -100,6 +104,8 @@ class Bench:
             self.boot_ns += ROUND_NS
             if self.each_round is not None:
                 self.each_round()
+            for port in self.endpoint.channels if self.station else ():
+                port.hear_station(self.vehicle.boot_us)
             self.endpoint.advance(self.boot_ns, time.time_ns())
             new, *_ = [client.collect() for client in self.clients]
             heard += new

@@ -60,9 +60,11 @@ def test_in_the_air_only_force_disarms(fresh):
 def test_a_mode_is_acknowledged_twice_first_always_with_accepted(b):
     assert b.acks(SET_MODE, *OFFBOARD) == [ACCEPTED, ACCEPTED]
     assert heartbeat(b).custom_mode == 6 << 16
-    assert b.acks(SET_MODE, 1.0, 9.0, 0.0) == [ACCEPTED, REJECTED]
-    assert b.acks(SET_MODE, 1.0, NAN, 0.0) == [ACCEPTED, DENIED]
-    assert b.acks(SET_MODE, 0.0, 6.0, 0.0) == [ACCEPTED, DENIED]
+    assert b.acks(SET_MODE, 1.0, 4.0, 99.0) == [ACCEPTED, REJECTED]
+    # unknown, or without the flag: PX4 says yes and changes nothing
+    assert b.acks(SET_MODE, 1.0, 9.0, 0.0) == [ACCEPTED, ACCEPTED]
+    assert b.acks(SET_MODE, 1.0, NAN, 0.0) == [ACCEPTED, ACCEPTED]
+    assert b.acks(SET_MODE, 0.0, 4.0, 3.0) == [ACCEPTED, ACCEPTED]
     assert heartbeat(b).custom_mode == 6 << 16
 
 
@@ -224,7 +226,7 @@ def test_checks_name_what_is_wrong():
 @pytest.mark.slow
 def test_flight_termination_stops_the_rotors(fresh):
     fresh.take_off(0.6)
-    assert fresh.acks(TERMINATE, 0.0) == [ACCEPTED]
+    assert fresh.acks(TERMINATE, 0.0) == [DENIED]
     assert fresh.vehicle.armed
     assert fresh.acks(TERMINATE, 1.0) == [ACCEPTED]
     assert not fresh.vehicle.armed

@@ -66,8 +66,6 @@ def test_angles_are_turned_in_the_order_yaw_pitch_roll():
         (odometry(position=[0.0, math.inf, 0.0]), "position is not finite"),
         (odometry(position=[0.0, 0.0, 1e6]), "position is out of range"),
         (odometry(q=[NAN, 0.0, 0.0, 0.0]), "attitude is not finite"),
-        (odometry(q=[0.0, 0.0, 0.0, 0.0]), "attitude is no unit quaternion"),
-        (odometry(q=[2.0, 0.0, 0.0, 0.0]), "attitude is no unit quaternion"),
         (estimate(place=[0.0, 0.0, NAN]), "position is not finite"),
         (estimate(angles=[0.0, NAN, 0.0]), "attitude is not finite"),
         (MAV.att_pos_mocap_encode(5, [1, 0, 0, 0], 0, 0, 0, NOTHING), "is not fused"),

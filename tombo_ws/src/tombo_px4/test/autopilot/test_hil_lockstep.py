@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hil_bench import Bench, bench, hover_world
 from hil_peer import Peer, Pilot
+from pymavlink.dialects.v20 import common
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.records import numbers
@@ -396,6 +397,34 @@ def test_a_second_px4_is_turned_away(b):
     b.fly(2.0)
     assert b.hil.flights == 1
     assert b.hil.missed == 0
+
+
+def test_a_silent_client_gives_the_port_to_the_first_that_speaks():
+    heartbeat = common.MAVLink(None).heartbeat_encode(2, 12, 0, 0, 0)
+    with closing(HilLink(0)) as link:
+
+        def until(done):
+            for _ in range(1000):
+                link.wait(0.01)
+                link.receive()
+                if done():
+                    return
+            raise AssertionError("not in 10 s")
+
+        address = ("127.0.0.1", link.port)
+        with socket.create_connection(address) as silent, socket.create_connection(address) as px4:
+            until(lambda: link.connected)
+            px4.sendall(heartbeat.pack(common.MAVLink(None)))
+            until(lambda: link.heartbeats == 1)
+            assert link.connections == 2
+            silent.settimeout(5.0)
+            assert silent.recv(1) == b""  # closed
+            link.send(b"x")
+            assert px4.recv(1) == b"x"
+            with socket.create_connection(address) as late:
+                until(lambda: link.refused == 1)
+                late.settimeout(5.0)
+                assert late.recv(1) == b""
 
 
 @pytest.mark.real_time

@@ -90,7 +90,7 @@ def test_land_goes_straight_down_at_its_speed_and_below_the_ground():
 
 
 def test_return_climbs_goes_home_descends_and_lands():
-    follower = Follower([6.0, 4.0, 2.2], RTL_RETURN_ALT=4.0, RTL_DESCEND_ALT=1.5)
+    follower = Follower([6.0, 4.0, 2.2], RTL_RETURN_ALT=4.0, RTL_DESCEND_ALT=1.5, NAV_ACC_RAD=0.3)
     rows = follower.fly(AUTO_RTL, 40.0)
     top = rows[:, 2].max()
     assert top == pytest.approx(HOME[2] + 4.0)

@@ -1,7 +1,8 @@
+import math
 import struct
 
 import pytest
-from endpoint_bench import bench, of, texts
+from endpoint_bench import bench, of
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
@@ -128,13 +129,9 @@ def test_parameters_are_read_by_name_and_by_index(fresh):
 
 
 @pytest.mark.parametrize(("name", "index"), [("NO_SUCH", -1), ("", 5000)])
-def test_what_does_not_exist_is_an_error_and_no_value(name, index, fresh):
+def test_to_what_does_not_exist_px4_is_silent(name, index, fresh):
     fresh.client.send(read_message(fresh.client, name, index))
-    heard = fresh.run(0.1)
-    (error,) = of(heard, "PARAM_ERROR")
-    assert (error.param_id, error.param_index, error.error) == (name, index, 1)
-    assert (error.target_system, error.target_component) == (245, 191)
-    assert not of(heard, "PARAM_VALUE")
+    assert not [m for m in fresh.run(0.1) if m.get_type().startswith("PARAM")]
 
 
 def test_a_new_value_acts_and_is_told_on_every_link():
@@ -150,34 +147,34 @@ def test_a_new_value_acts_and_is_told_on_every_link():
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "kind", "error", "stands"),
+    ("name", "value", "kind", "acts"),
     [
-        ("EKF2_EV_CTRL", 99, INT32, 2, 15),
-        ("EKF2_EV_CTRL", 3.0, REAL32, 7, 15),
-        ("COM_OF_LOSS_T", float("nan"), REAL32, 2, 1.0),
-        ("COM_OF_LOSS_T", float("inf"), REAL32, 2, 1.0),
-        ("COM_OF_LOSS_T", -1.0, REAL32, 2, 1.0),
-        ("COM_OF_LOSS_T", 1, INT32, 7, 1.0),
+        ("EKF2_EV_CTRL", 99, INT32, 15),
+        ("COM_OF_LOSS_T", -1.0, REAL32, 0.0),
+        ("COM_OF_LOSS_T", float("inf"), REAL32, 60.0),
+        ("COM_OF_LOSS_T", float("nan"), REAL32, 1.0),
     ],
 )
-def test_a_refused_value_is_answered_with_the_one_that_stands(
-    name, value, kind, error, stands, fresh
-):
+def test_what_is_out_of_bounds_is_taken_but_acts_within_them(name, value, kind, acts, fresh):
     fresh.client.send(set_message(fresh.client, name, value, kind))
-    heard = fresh.run(0.1)
-    assert fresh.vehicle.parameters.get(name) == stands
-    assert [e.error for e in of(heard, "PARAM_ERROR")] == [error]
-    (answer,) = of(heard, "PARAM_VALUE")
-    got = answer.param_value
-    assert (int_of_float(got) if answer.param_type == INT32 else got) == stands
-    assert any(name in text for text in texts(heard))
+    (answer,) = of(fresh.run(0.1), "PARAM_VALUE")
+    got = int_of_float(answer.param_value) if kind == INT32 else answer.param_value
+    assert got == value or (math.isnan(value) and math.isnan(got))
+    assert fresh.vehicle.parameters.get(name) == acts
 
 
-def test_setting_what_does_not_exist_is_an_error(fresh):
-    fresh.client.send(set_message(fresh.client, "NO_SUCH", 1.0, REAL32))
-    heard = fresh.run(0.1)
-    assert [e.error for e in of(heard, "PARAM_ERROR")] == [1]
-    assert not of(heard, "PARAM_VALUE")
+@pytest.mark.parametrize(
+    ("name", "value", "kind"),
+    [("EKF2_EV_CTRL", 3.0, REAL32), ("COM_OF_LOSS_T", 1, INT32), ("NO_SUCH", 1.0, REAL32)],
+)
+def test_to_a_wrong_type_or_name_px4_is_silent(name, value, kind, fresh):
+    before = fresh.vehicle.parameters.version
+    for _ in range(50):
+        fresh.client.send(set_message(fresh.client, name, value, kind))
+    heard = fresh.run(0.2)
+    assert not [m for m in heard if m.get_type() in ("PARAM_VALUE", "PARAM_ERROR", "STATUSTEXT")]
+    assert fresh.vehicle.parameters.version == before
+    assert any(name in why for why in fresh.endpoint.statustext.counts)
 
 
 @pytest.mark.parametrize("target", [(2, 1), (1, 7), (0, 1)])
@@ -189,12 +186,3 @@ def test_messages_for_another_vehicle_are_left_alone(target, fresh):
     )
     assert not of(fresh.run(0.2), "PARAM_VALUE")
     assert fresh.vehicle.parameters.get("COM_OF_LOSS_T") == 1.0
-
-
-def test_a_stream_of_different_bad_values_is_said_once(fresh):
-    for k in range(50):
-        fresh.client.send(set_message(fresh.client, "COM_OF_LOSS_T", -1.0 - k, REAL32))
-    heard = fresh.run(0.2)
-    assert len(of(heard, "PARAM_ERROR")) == 50
-    assert len(texts(heard)) == 1
-    assert fresh.endpoint.statustext.counts["parameter refused"] == 50

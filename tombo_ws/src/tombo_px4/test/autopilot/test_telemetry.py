@@ -229,7 +229,9 @@ def test_a_vehicle_at_rest_says_so(b):
     assert last["VFR_HUD"].throttle == 0
     imu = last["HIGHRES_IMU"]
     assert (imu.xacc, imu.yacc, imu.zacc) == pytest.approx((0, 0, -9.81), abs=0.5)
-    assert "POSITION_TARGET_LOCAL_NED" not in last
+    target = last["POSITION_TARGET_LOCAL_NED"]
+    assert target.type_mask == 0b110111111111 and math.isnan(target.x)
+    assert "ATTITUDE_TARGET" in last
     assert last["SYS_STATUS"].onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK
 
 

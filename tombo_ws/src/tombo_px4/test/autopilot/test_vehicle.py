@@ -111,6 +111,8 @@ def test_takes_off_again_without_disarming():
 
 def test_goes_to_a_place_and_returns_home():
     flight = taken_off()
+    for name, value in {"RTL_RETURN_ALT": 3.0, "MPC_XY_CRUISE": 1.5, "NAV_ACC_RAD": 0.3}.items():
+        assert flight.vehicle.parameters.set(name, value) == ""
     assert flight.vehicle.reposition(np.array([3.0, -2.0, NAN]), 1.0) == Result.ACCEPTED
     flight.fly(7.0)
     assert np.linalg.norm(flight.body[:2] - [3.0, -2.0]) < 0.2

@@ -8,6 +8,7 @@ from vehicle_bench import GROUND, NAN, Flight, hovering, motion, ready
 
 from tombo_dynamics.rotation import quaternion_multiply, tilt, yaw_pitch_roll
 from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
+from tombo_px4.bridge.decoded_messages import MavLandedState
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, OFFBOARD
 from tombo_px4.protocol.results import Result, TakeoffState
 
@@ -263,3 +264,16 @@ def test_disarmed_the_rotors_stand_still_whatever_is_streamed():
     flight.vehicle.set_mode(OFFBOARD)
     flight.fly(2.0)
     assert flight.rotors.max() == 0.0
+
+
+@pytest.mark.slow
+def test_two_seconds_after_arming_for_a_take_off_it_is_not_disarmed():
+    flight = ready(vision=True)
+    flight.fly(1.0, motion([0.0, 0.0, 2.0]))
+    assert flight.vehicle.set_mode(OFFBOARD) == Result.ACCEPTED
+    assert flight.vehicle.arm() == Result.ACCEPTED
+    flight.fly(1.0)
+    assert flight.vehicle.landed == MavLandedState.ON_GROUND
+    flight.fly(1.0)
+    assert flight.vehicle.disarm() == Result.TEMPORARILY_REJECTED
+    assert "Takeoff detected" in flight.said and flight.height < 0.01

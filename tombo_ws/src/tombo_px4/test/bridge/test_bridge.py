@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from pymavlink.dialects.v20 import common as mav
+from bridge_flight import MS, NOW, STEP, ZERO, Flight
 
-from scripted_px4 import GROUND, ScriptedPx4
+from scripted_px4 import GROUND
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase, PositionSetpoint
 from tombo_dynamics.pose_check import PoseRefusal
@@ -14,94 +14,6 @@ from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
 from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, POSCTL
 from tombo_px4.bridge.offboard_session import Stage
-from tombo_px4.link.mavlink_link import Received
-
-NOW = 1_763_700_000_000_000_000
-MS = 1_000_000
-STEP = 4 * MS
-ZERO = np.zeros(3)
-
-
-class Flight:
-    """Bridge and PX4 with a way of 0.3 to 1 ms between them, mocap at 50 Hz, a mission."""
-
-    def __init__(self, writes=None, mocap_late_ms=15, **params):
-        self.bridge = Bridge(BridgeParams(**params), LinkParams(), 1.3, writes)
-        self.now = NOW
-        self.px4 = ScriptedPx4(NOW)
-        self.phase, self.goal = Phase.IDLE, np.array([0.0, 0.0, GROUND])
-        self.mocap_late = mocap_late_ms * MS
-        self.mocap_shift = 0
-        self.mocap_on = self.mission_on = True
-        self.as_mocap = lambda place, attitude: (place, attitude)
-        self.seen = {"odometry": [], "imu": [], "battery": [], "texts": [], "replies": []}
-        self.events, self.out = [], None
-        self._rng = np.random.default_rng(0)
-        self._to_px4, self._to_us, self._poses = [], [], []
-        self._k = 0
-        mav_out, self._back = mav.MAVLink(None, 1, 1), mav.MAVLink(None)
-        self._wire = lambda m: self._back.parse_buffer(bytearray(m.pack(mav_out)))[0]
-
-    def _delay(self):
-        return int(self._rng.uniform(0.3, 1.0) * MS)
-
-    def step(self):
-        self.now += STEP
-        self._k += 1
-        now = self.now
-        while self._to_px4 and self._to_px4[0][0] <= now:
-            arrival, message = self._to_px4.pop(0)
-            self.px4.take(message, arrival)
-        for message in self.px4.tick(now):
-            self._to_us.append((now + self._delay(), message))
-        for arrival, message in [x for x in self._to_us if x[0] <= now]:
-            self.bridge.take(Received(self._wire(message), arrival, 1, 1, None))
-        self._to_us = [x for x in self._to_us if x[0] > now]
-        if self._k % 5 == 0:
-            place = self.px4.place + self._rng.normal(0, 0.0005, 3)
-            self._poses.append((now + self.mocap_late, now, place, self.px4.attitude))
-        while self._poses and self._poses[0][0] <= now:
-            arrival, captured, place, attitude = self._poses.pop(0)
-            if self.mocap_on:
-                shown = self.as_mocap(place, attitude)
-                self.bridge.pose(captured + self.mocap_shift, arrival, "map", *shown)
-        if self._k % 5 == 2 and self.mission_on:
-            self.bridge.stream.setpoint(
-                PositionSetpoint(now, self.goal, ZERO, ZERO, 0.0, self.phase), now
-            )
-        self.out = self.bridge.tick(now)
-        for message in self.out.messages:
-            self._to_px4.append((now + self._delay(), self._wire(message)))
-        for name, found in self.seen.items():
-            found += getattr(self.out, name)
-        self.events += self.out.events
-
-    def run(self, seconds):
-        for _ in range(round(seconds * 250)):
-            self.step()
-        return self
-
-    def until(self, condition, patience_s=15.0):
-        for _ in range(round(patience_s * 250)):
-            self.step()
-            if condition(self):
-                return self
-        raise AssertionError(f"never: {self.out.status} {self.out.faults}")
-
-    def stage(self, stage, patience_s=15.0):
-        return self.until(lambda f: f.bridge.session.stage == stage, patience_s)
-
-    def take_off(self):
-        self.run(3.0)
-        self.phase, self.goal = Phase.TAKEOFF, np.array([0.0, 0.0, 1.5])
-        self.until(lambda f: f.px4.place[2] > 1.4)
-        self.phase = Phase.HOVER
-        return self.run(0.5)
-
-    def ask(self, kind):
-        number = self.bridge.request(kind)
-        self.until(lambda f: any(r.number == number for r in f.seen["replies"]))
-        return next(r for r in self.seen["replies"] if r.number == number)
 
 
 @pytest.mark.slow
@@ -288,6 +200,11 @@ def test_a_silent_mission_is_held_without_feed_forward():
     assert (last.vx, last.vy, last.vz, last.afz) == (0.0, 0.0, 0.0, 0.0)
     assert flight.px4.place == pytest.approx([0, 0, 1.5], abs=0.02)
     assert flight.px4.mode == OFFBOARD
+    flight.run(flight.bridge.params.hold_time)
+    assert flight.px4.mode == AUTO_LAND, "nobody says where to: it does not hover for ever"
+    flight.mission_on = True
+    flight.run(2.0)
+    assert flight.px4.mode == AUTO_LAND, "the mission does not take it back"
 
 
 @pytest.mark.slow
@@ -306,7 +223,8 @@ def test_set_points_leave_at_once_and_carry_the_feed_forward():
         for m in bridge.tick(flight.now + MS).messages
         if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"
     ]
-    assert (target.vx, target.vy, target.vz) == pytest.approx((0.2, 0.1, -0.3))
+    # the velocity of 0.2 s later: PX4's attitude is so late
+    assert (target.vx, target.vy, target.vz) == pytest.approx((0.3, 0.18, -0.42))
     assert (target.afx, target.afy, target.afz) == pytest.approx((0.5, 0.4, -0.6))
 
 
@@ -505,10 +423,8 @@ def test_a_clock_set_back_in_flight_does_not_end_it():
     # the present position is streamed by the clock
     flight.bridge.session.stage = Stage.EXTERNAL_MODE
     back = 3600 * 1000 * MS
-    flight.now -= back
+    flight.set_clock(-back)
     flight.px4.ahead_ns += back
-    flight.px4._now -= back
-    flight.px4.stream_ns -= back
     flight._to_px4.clear(), flight._to_us.clear(), flight._poses.clear()
     flight.px4.targets.clear()
     flight.run(3.0)
@@ -517,3 +433,27 @@ def test_a_clock_set_back_in_flight_does_not_end_it():
     assert any(key == "clock_set_back" for key, _ in flight.events)
     assert flight.out.status.connected
     assert abs(flight.bridge.sync.offset_ns + flight.px4.ahead_ns) < 1 * MS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by_s", [-2, 2])
+@pytest.mark.parametrize("whose", ["ours", "theirs"])
+def test_a_clock_that_jumps_in_flight_blinds_nobody(whose, by_s):
+    flight = Flight().take_off()
+    step = by_s * 1000 * MS
+    flight.px4.ahead_ns += step if whose == "theirs" else -step
+    if whose == "ours":
+        flight.set_clock(step)
+    began, seen = flight.now, len(flight.seen["odometry"])
+    longest_ns, last_ns, ticks = 0, began, seen
+    for _ in range(round(2.0 * 250)):
+        flight.step()
+        assert flight.px4.mode == OFFBOARD
+        assert flight.out.status.stage == Stage.FLYING
+        if len(flight.seen["odometry"]) > ticks:
+            ticks = len(flight.seen["odometry"])
+            longest_ns, last_ns = max(longest_ns, flight.now - last_ns), flight.now
+    assert longest_ns < 70 * MS, "of 50 Hz"
+    for odometry in flight.seen["odometry"][seen:]:
+        taken_ns = odometry.boot_ns - flight.px4.ahead_ns
+        assert abs(odometry.stamp_ns - taken_ns) < 3 * MS

@@ -113,7 +113,7 @@ def test_commands_carry_what_px4_reads():
     assert (m.command, m.param1, m.param2) == (511, 331.0, 10_000.0)
     m = sent(message_encoder.read_parameter(TO, "EKF2_EV_CTRL"))
     assert (m.param_id, m.param_index) == ("EKF2_EV_CTRL", -1)
-    m = sent(message_encoder.heartbeat())
+    m = sent(message_encoder.heartbeat("onboard"))
     assert (m.type, m.autopilot) == (mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tombo_dynamics.messages import Phase
 from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, MavLandedState, StatusText
-from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, OFFBOARD, POSCTL
+from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, OFFBOARD, POSCTL
 from tombo_px4.bridge.offboard_session import (
     Decision,
     Request,
@@ -446,6 +446,56 @@ def test_hold_and_land_by_service():
     flight.replies.clear()
     assert flight.ask("land").success
     assert flight.session.stage == Stage.LANDING
+
+
+def test_takeoff_by_service_is_px4s_own_after_the_checks():
+    flight = Flight().run(2.5)
+    assert flight.ask("takeoff").success
+    assert (flight.vehicle.armed, flight.vehicle.mode) == (True, AUTO_TAKEOFF)
+    flight.run(5.0)
+    assert flight.session.stage == Stage.EXTERNAL_MODE, "px4 flies, nobody asks for offboard"
+    flight.replies.clear()
+    reply = flight.ask("takeoff")
+    assert (reply.success, reply.text) == (False, "the vehicle is armed already")
+
+
+def test_takeoff_by_service_is_refused_by_the_checks():
+    flight = Flight().run(2.5)
+    flight.blockers = ("mocap pose is Y-up",)
+    reply = flight.ask("takeoff")
+    assert (reply.success, reply.text) == (False, "mocap pose is Y-up")
+    assert not flight.vehicle.received
+
+
+@pytest.mark.parametrize("mode", [OFFBOARD, POSCTL])
+def test_kill_disarms_in_the_air_by_force_whoever_flies(mode):
+    flight = Flight().take_off()
+    flight.vehicle.mode = mode
+    flight.run(1.5)
+    began = flight.now
+    assert flight.ask("kill").success
+    assert flight.now - began < 2 * SECOND
+    assert flight.vehicle.received[-1] == VehicleCommand(armed=False, force=True)
+    flight.run(20.0)
+    assert not flight.vehicle.armed, "the mission still wants to fly: nothing arms again"
+
+
+def test_kill_is_sent_without_a_link_too():
+    flight = Flight().take_off()
+    flight.vehicle.silent = True
+    flight.until(Stage.LINK_LOST)
+    reply = flight.ask("kill")
+    assert not reply.success and "no heartbeat" in reply.text
+    assert flight.vehicle.received[-1] == VehicleCommand(armed=False, force=True)
+
+
+@pytest.mark.parametrize("phase", [Phase.HOVER, Phase.APPROACH, Phase.REACT, Phase.HOLD])
+def test_a_mission_that_believes_to_be_in_the_air_arms_nothing(phase):
+    flight = Flight().run(2.5)
+    flight.phase = phase
+    flight.run(10.0)
+    assert not flight.vehicle.received
+    assert "believes to be in the air" in flight.faults["not_engaged"]
 
 
 def test_a_second_request_replaces_the_first():

@@ -13,17 +13,16 @@ from tombo_dynamics.arrays import Array
 from tombo_px4.bridge import modes
 from tombo_px4.bridge.modes import Mode
 from tombo_px4.frames import GeoOrigin, ros_yaw
-from tombo_px4.protocol.results import Result
+from tombo_px4.protocol.results import FORCE_ARMING, Result
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
     from tombo_px4.protocol.streams import StreamTable
 
 
-FORCE = 21196
-"""Second parameter of ARM_DISARM that leaves out all checks."""
 _GLOBAL_FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 _NO_PLACE = 0x7FFFFFFF
+_MAIN_MODES = {mode.main for mode in modes.MODE_NAMES}
 _CHANGE_MODE = mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 _AIR_SPEED, _GROUND_SPEED = 0, 1
 _LARGEST_ID = 0xFFFFFF
@@ -113,7 +112,7 @@ class CommandServer:
         return CommandReply(answer) if isinstance(answer, Result) else answer
 
     def _arm(self, command: Command, streams: StreamTable) -> Result | CommandReply:
-        wanted, force = whole(command.params[0]), whole(command.params[1]) == FORCE
+        wanted, force = whole(command.params[0]), whole(command.params[1]) == FORCE_ARMING
         if wanted not in (0, 1) or wanted != command.params[0]:
             return Result.UNSUPPORTED
         act = self._vehicle.arm if wanted else self._vehicle.disarm
@@ -121,9 +120,9 @@ class CommandServer:
 
     def _set_mode(self, command: Command, streams: StreamTable) -> Result | CommandReply:
         base, main, sub = (whole(p) for p in command.params[:3])
-        result = Result.DENIED
+        result = Result.ACCEPTED  # as PX4 says, too, where it changes nothing
         custom = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        if base is not None and base & custom and main is not None and 0 <= main < 256:
+        if base is not None and base & custom and main in _MAIN_MODES:
             sub = sub if sub is not None and 0 <= sub < 256 else 0
             result = self._vehicle.set_mode(Mode(main, sub if main == modes.AUTO_HOLD.main else 0))
         return CommandReply(result, passed_on=command.from_module)
@@ -176,9 +175,7 @@ class CommandServer:
         return Result.DENIED if place is None else self._vehicle.set_home(place)
 
     def _terminate(self, command: Command, streams: StreamTable) -> Result | CommandReply:
-        if not command.params[0] > 0.5:
-            return Result.ACCEPTED
-        return self._vehicle.terminate()
+        return self._vehicle.terminate() if command.params[0] > 0.5 else Result.DENIED
 
     def _check(self, command: Command, streams: StreamTable) -> Result | CommandReply:
         if self._vehicle.armed:

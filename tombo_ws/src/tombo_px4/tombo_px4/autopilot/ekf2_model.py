@@ -32,6 +32,10 @@ _GPS_FIRST = 10
 """So many fixes are waited for before they are believed."""
 _COMPASS_NOISE = 0.01
 """[rad]."""
+_UNIT = 1e-5
+"""The length of a quaternion may differ from 1 by this."""
+_GPS_NOISE = 0.02
+"""[m], of an RTK receiver."""
 _BARO_NOISE = 0.03
 """[m]."""
 _GPS_BANDWIDTH = 3.0
@@ -123,8 +127,6 @@ class Ekf2Model:
             return "not_finite"
         if np.abs(position).max() > 1e6:
             return "out_of_range"
-        if not 0.8 < float(attitude @ attitude) < 1.2:
-            return "not_unit"
         if boot_us > tick * 1000 + _FUTURE_US:
             return "future"
         delay = self._parameters.get("EKF2_EV_DELAY")
@@ -142,7 +144,9 @@ class Ekf2Model:
         lever = self._tracked_body_offset()
         if lever is not None:
             position = position - rotate_vector(self._autopilot.state.attitude, lever)
-        self._vision.append(_Fix(captured, captured, position.copy(), yaw_of(attitude)))
+        unit = abs(math.sqrt(float(attitude @ attitude)) - 1.0) <= _UNIT
+        yaw = yaw_of(attitude) if unit else math.nan  # PX4 drops the attitude, and says nothing
+        self._vision.append(_Fix(captured, captured, position.copy(), yaw))
         return ""
 
     def _tracked_body_offset(self) -> Array | None:
@@ -201,7 +205,7 @@ class Ekf2Model:
             self._gps.clear()
             self._fixes = 0
             return
-        position = body[:3] + get("EKF2_GPS_P_NOISE") * noise[:3]
+        position = body[:3] + _GPS_NOISE * noise[:3]
         tick = simulator.tick
         self._gps.append(_Fix(tick, tick + int(get("EKF2_GPS_DELAY")), position, yaw))
 
@@ -295,7 +299,7 @@ class Ekf2Model:
         state.velocity = velocity
         if not control & 2 and math.isfinite(self._height):
             state.position[2] = self._height
-        yaw = fix.yaw if control & 8 else self._compass
+        yaw = fix.yaw if control & 8 and math.isfinite(fix.yaw) else self._compass
         if math.isfinite(yaw):
             _turn(state.attitude, yaw - yaw_of(state.attitude))
         self._clear_history()
@@ -323,7 +327,7 @@ class Ekf2Model:
         elif math.isfinite(self._height):
             position[2] += self._height - state.position[2]
         _lean(attitude, self._tilt_error(attitude, airborne))
-        if control & 8:
+        if control & 8 and math.isfinite(fix.yaw):
             _turn(attitude, fix.yaw - yaw_of(attitude))
         elif math.isfinite(self._compass):
             _turn(attitude, self._compass - yaw_of(state.attitude))

@@ -18,6 +18,8 @@ class Motion(NamedTuple):
     armed: bool
     airborne: bool
     """A take-off has begun."""
+    begins: bool
+    """The thrust of a take-off rises, and does not lift it yet."""
     position_known: bool
     descending: bool
     """The set point sinks."""
@@ -52,6 +54,10 @@ class LandDetector:
 
     def update(self, motion: Motion, climb_max: float, slide_max: float, ticks: int) -> None:
         """Look at the motion of the last `ticks` ticks."""
+        if motion.armed and motion.begins and not motion.airborne:
+            self.landed = False
+            self._contact = 0
+            return
         if not motion.armed or not motion.airborne:
             self.landed = True
             self._contact = 0

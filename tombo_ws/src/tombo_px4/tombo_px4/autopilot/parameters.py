@@ -53,9 +53,9 @@ PARAMETERS: tuple[Parameter, ...] = (
     _int("EKF2_GPS_CTRL", 7, 0, 15, "bits 0 position, 1 height, 2 velocity, 3 heading of GPS"),
     _int("EKF2_BARO_CTRL", 1, 0, 1, "1: barometer's height, where vision gives none, is fused"),
     _int("EKF2_RNG_CTRL", 1, 0, 2, "range finder; there is none", acts=False),
-    _int("EKF2_OF_CTRL", 0, 0, 1, "optical flow; there is none", acts=False),
+    _int("EKF2_OF_CTRL", 1, 0, 1, "optical flow; there is none", acts=False),
     _int("EKF2_MAG_TYPE", 0, 0, 6, "0 automatic, 5 none: no heading without vision"),
-    _int("EKF2_EV_CTRL", 15, 0, 15, "bits 0 x and y, 1 height, 2 velocity, 3 yaw of vision"),
+    _int("EKF2_EV_CTRL", 0, 0, 15, "bits 0 x and y, 1 height, 2 velocity, 3 yaw of vision"),
     _int("EKF2_HGT_REF", 1, 0, 3, "height from 0 barometer, 1 GPS, 2 range finder, 3 vision"),
     _float("EKF2_EV_DELAY", 0.0, 0.0, 300.0, "ms", "age of a vision sample beyond its stamp"),
     _float("EKF2_DELAY_MAX", 200.0, 0.0, 500.0, "ms", "older samples are dropped"),
@@ -67,7 +67,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     _float("EKF2_EV_POS_Y", 0.0, -10.0, 10.0, "m", "the tracked body is so far to the right"),
     _float("EKF2_EV_POS_Z", 0.0, -10.0, 10.0, "m", "the tracked body is so far below"),
     _float("EKF2_GPS_DELAY", 110.0, 0.0, 300.0, "ms", "age of a GPS fix when it arrives"),
-    _float("EKF2_GPS_P_NOISE", 0.02, 0.01, 10.0, "m", "noise of a GPS fix here: an RTK receiver"),
+    _float("EKF2_GPS_P_NOISE", 0.5, 0.01, 10.0, "m", "noise that a GPS fix is taken to have"),
     _int(
         "EKF2_NOAID_TOUT",
         5_000_000,
@@ -78,7 +78,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     ),
     # commander
     _int("COM_RC_IN_MODE", 3, 0, 4, "remote control; there is none", acts=False),
-    _int("COM_RCL_EXCEPT", 4, 0, 31, "modes that need no remote control", acts=False),
+    _int("COM_RCL_EXCEPT", 0, 0, 31, "modes that need no remote control", acts=False),
     _int("COM_ARM_WO_GPS", 1, 0, 2, "1: arming without GPS is allowed", acts=False),
     _float("COM_OF_LOSS_T", 1.0, 0.0, 60.0, "s", "set points missing this long: offboard is lost"),
     _int(
@@ -110,16 +110,16 @@ PARAMETERS: tuple[Parameter, ...] = (
     _int("BAT1_N_CELLS", 3, 0, 16, "cells in series", acts=False),
     # navigator
     _float("MIS_TAKEOFF_ALT", 2.5, 0.0, 80.0, "m", "height of a take-off above home"),
-    _float("RTL_RETURN_ALT", 3.0, 0.0, 150.0, "m", "height of the way home (PX4: 60)"),
+    _float("RTL_RETURN_ALT", 60.0, 0.0, 150.0, "m", "height of the way home"),
     _float("RTL_DESCEND_ALT", 2.0, 0.0, 100.0, "m", "height above home to pause at (PX4: 30)"),
     _float("RTL_LAND_DELAY", 0.0, -1.0, 300.0, "s", "pause before it lands; -1: it stays there"),
-    _float("NAV_ACC_RAD", 0.3, 0.05, 200.0, "m", "so close a point is reached (PX4: 10)"),
+    _float("NAV_ACC_RAD", 10.0, 0.05, 200.0, "m", "so close a point is reached"),
     # multicopter
     _float("MPC_XY_VEL_MAX", 12.0, 0.0, 20.0, "m/s", "highest horizontal speed"),
-    _float("MPC_XY_CRUISE", 1.5, 0.1, 20.0, "m/s", "horizontal speed of AUTO modes (PX4: 5)"),
+    _float("MPC_XY_CRUISE", 5.0, 0.1, 20.0, "m/s", "horizontal speed of AUTO modes"),
     _float("MPC_Z_VEL_MAX_UP", 3.0, 0.5, 8.0, "m/s", "highest climb rate"),
     _float("MPC_Z_VEL_MAX_DN", 1.5, 0.5, 4.0, "m/s", "highest sink rate"),
-    _float("MPC_Z_V_AUTO_UP", 1.0, 0.2, 8.0, "m/s", "climb rate of AUTO modes (PX4: 3)"),
+    _float("MPC_Z_V_AUTO_UP", 3.0, 0.2, 8.0, "m/s", "climb rate of AUTO modes"),
     _float("MPC_Z_V_AUTO_DN", 1.0, 0.2, 4.0, "m/s", "sink rate of AUTO modes (PX4: 1.5)"),
     _float("MPC_LAND_SPEED", 0.7, 0.2, 4.0, "m/s", "sink rate of landing"),
     _float("MPC_TKO_SPEED", 1.5, 0.2, 5.0, "m/s", "climb rate of take-off"),
@@ -160,12 +160,32 @@ class ParameterTable:
         return tuple(self._table)
 
     def get(self, name: str) -> float:
-        """Return a value.
+        """Return the value that acts: the one that is stored, within the bounds.
+
+        Raises:
+            KeyError: there is no such parameter.
+        """
+        value, parameter = self._values[name], self._table[name]
+        if math.isnan(value):
+            return _kept(parameter, parameter.default)
+        return min(max(value, _kept(parameter, parameter.low)), _kept(parameter, parameter.high))
+
+    def stored(self, name: str) -> float:
+        """Return a value as a client has set it, which may be out of bounds.
 
         Raises:
             KeyError: there is no such parameter.
         """
         return self._values[name]
+
+    def store(self, name: str, value: float) -> None:
+        """Store what a client sends: PX4 takes what is out of bounds, too.
+
+        Raises:
+            KeyError: there is no such parameter.
+        """
+        self._set_by_user.add(name)
+        self._change(name, _kept(self._table[name], value))
 
     def type_of(self, name: str) -> Kind:
         """Return `int32` or `float`.

@@ -54,6 +54,8 @@ _SMOOTH = 0.065
 _SINK = GRAVITY / 4.0
 """[m/s]: the ramp of a take-off begins so far below 0 (PX4: with MPC_Z_VEL_P_ACC of 4): a standing
 vehicle is held down for the first part of it."""
+_LEAVES = 0.45
+"""Share of that part after which PX4 1.17 said "Takeoff detected": 1.9 s after arming."""
 _MAX_STATUS_TEXTS = 64
 _FARTHEST = 1e5
 """[m]: a farther position is refused as a mistake."""
@@ -155,6 +157,11 @@ class Px4Vehicle:
         if self.takeoff_state == TakeoffState.RAMPUP or mode == AUTO_TAKEOFF:
             return MavLandedState.TAKEOFF
         return MavLandedState.IN_AIR
+
+    @property
+    def controls_attitude(self) -> bool:
+        """Whether the last set point of OFFBOARD asks for an attitude, or for what needs one."""
+        return self._signal_tick >= 0 and self._kind <= ControlLevel.ATTITUDE
 
     @property
     def estimate(self) -> Estimate:
@@ -385,6 +392,9 @@ class Px4Vehicle:
                 self._resolved = None
             self._setpoint_controller.idle(0.0)
             return
+        if not self._ground.landed and not self._taken_off:
+            self._taken_off = True
+            self._say(Severity.INFO, "Takeoff detected")
         mode = commander.mode
         self._descend_mode = mode == DESCEND
         resolved = None if self._descend_mode else self._wanted(mode, tick)
@@ -438,9 +448,6 @@ class Px4Vehicle:
             _, held, whole = self._ramp()
             if tick - self._ramp_tick >= whole - held:
                 self.takeoff_state = TakeoffState.FLIGHT
-        if not self._ground.landed and not self._taken_off:
-            self._taken_off = True
-            self._say(Severity.INFO, "Takeoff detected")
         return True
 
     def _requests_takeoff(self, resolved: ResolvedSetpoint | None) -> bool:
@@ -457,6 +464,12 @@ class Px4Vehicle:
             or (not math.isfinite(height) and climb > 0.05)
             or (not math.isfinite(height) and not math.isfinite(climb) and push > 0.0)
         )
+
+    def _begins_take_off(self) -> bool:
+        """Return whether more thrust than that of a standing vehicle is asked for already."""
+        wanted = self._wanted_tick
+        begun = self.takeoff_state in (TakeoffState.READY, TakeoffState.RAMPUP)
+        return begun and wanted is not None and self.tick - wanted > _LEAVES * self._ramp()[1]
 
     def _climb_max(self, tick: int) -> float:
         if self.takeoff_state != TakeoffState.RAMPUP:
@@ -485,6 +498,7 @@ class Px4Vehicle:
         motion = Motion(
             self.armed,
             aloft,
+            self._begins_take_off(),
             not self._descend_mode,
             descending,
             vz,

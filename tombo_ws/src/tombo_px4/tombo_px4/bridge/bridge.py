@@ -29,8 +29,10 @@ from tombo_px4.bridge.offboard_session import Decision, Request, Session, Sessio
 from tombo_px4.bridge.parameter_findings import HOVER, READ, Finding, FindingSeverity
 from tombo_px4.bridge.preflight import FROZEN, Preflight
 from tombo_px4.bridge.setpoint_stream import SetpointStream
+from tombo_px4.events.vehicle_words import VehicleWords
 from tombo_px4.link import message_encoder
 from tombo_px4.link.command_transaction import VehicleCommand
+from tombo_px4.link.file_transfer import FileAnswer
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.message_decoder import MessageDecoder
 from tombo_px4.link.message_encoder import MessageTarget
@@ -111,7 +113,9 @@ class Bridge:
             InputError: a parameter is a word that means nothing.
         """
         params.check()
+        link.check()
         self.params = params
+        self._heartbeat_type = link.heartbeat_type
         self.sync = TimeSync()
         self.answered = 0
         """TIMESYNC requests of the vehicle that were answered."""
@@ -129,6 +133,7 @@ class Bridge:
         self._target = MessageTarget(link.system, link.component)
         self.stream = SetpointStream(params, self._target, mass)
         self.parameters = ParameterReader(READ, self._target, writes)
+        self.words = VehicleWords(self._target)
         self._out = BridgeOutput()
         self._answers: list[decoded.TimesyncMessage] = []
         self._heartbeat: decoded.Heartbeat | None = None
@@ -169,7 +174,7 @@ class Bridge:
             decoded.Heartbeat: partial(setattr, self, "_heartbeat"),
             decoded.TimesyncMessage: self._take_timesync,
             decoded.CommandAck: self.session.handle_ack,
-            decoded.StatusText: self._say,
+            decoded.StatusText: self._take_status_text,
             decoded.MavLandedState: partial(setattr, self, "_landed"),
             decoded.EstimatorStatusFlags: partial(setattr, self.preflight, "estimator"),
             decoded.ParameterValue: self.parameters.take,
@@ -178,6 +183,9 @@ class Bridge:
             decoded.VehicleAttitude: partial(setattr, self, "_attitude"),
             decoded.LocalPosition: self._take_local_position,
             decoded.FirmwareVersion: partial(setattr, self, "_version"),
+            decoded.Event: self.words.take,
+            decoded.MetadataUri: self.words.metadata.take_uri,
+            FileAnswer: self.words.metadata.take_answer,
         }
 
     def _take_imu(self, found: decoded.ImuSample) -> None:
@@ -199,6 +207,10 @@ class Bridge:
         self._system = found
         if found.battery.arrival_ns - self._battery_ns > 2 * SECOND_NS:
             self._out.battery.append(found.battery)
+
+    def _take_status_text(self, text: decoded.StatusText) -> None:
+        if not (text.also_event and self.words.explained):
+            self._say(text)
 
     def _say(self, text: decoded.StatusText) -> None:
         self._last_text = text.text
@@ -234,6 +246,7 @@ class Bridge:
         self._out.events.append(("vehicle_rebooted", "PX4 was restarted: its clock went back"))
         self.preflight.reset()
         self.parameters.reset()
+        self.words.reset()
         self._asked_ns = 0
         self._linked_ns = now_ns
 
@@ -291,6 +304,11 @@ class Bridge:
     def tick(self, now_ns: int) -> BridgeOutput:
         """Decide; return what is to be sent and published."""
         for text in self.message_decoder.take_expired(now_ns):
+            self._take_status_text(text)
+        beat = self._heartbeat
+        flies = beat is not None and beat.armed
+        questions, texts = self.words.tick(now_ns, beat is not None and not flies, flies)
+        for text in texts:
             self._say(text)
         out, self._out = self._out, BridgeOutput()
         if now_ns < self._now_ns - _SET_BACK_NS:
@@ -298,6 +316,8 @@ class Bridge:
         self._now_ns = now_ns
         self._answer_timesync(now_ns, out)
         linked = self._follow_link(now_ns)
+        if linked:
+            out.messages += questions
         if now_ns - self._checked_ns >= _LOOK_NS:
             self._checked_ns = now_ns
             self.findings = self._check(now_ns, linked)
@@ -331,7 +351,10 @@ class Bridge:
         return [f for f in self.findings if f.weight == FindingSeverity.BLOCKS]
 
     def _must_land(self, now_ns: int) -> str:
-        """Return why to land: the poses do not change in flight, so nothing measures it."""
+        """Return why to land: the poses do not change, or nobody has said for long where to."""
+        silent_s = self.stream.silent_s(now_ns)
+        if silent_s > self.params.hold_time:
+            return f"no set point for {silent_s:.0f} s"
         frozen = next((f.text for f in self._blocking if f.key == FROZEN), "")
         self._frozen_ns = (self._frozen_ns or now_ns) if frozen else None
         return frozen if self._frozen_ns and now_ns - self._frozen_ns > _FROZEN_NS else ""
@@ -382,7 +405,7 @@ class Bridge:
     def _housekeeping(self, now_ns: int, linked: bool, out: BridgeOutput) -> None:
         if now_ns - self._heartbeat_sent_ns >= _HEARTBEAT_NS:
             self._heartbeat_sent_ns = now_ns
-            out.messages.append(message_encoder.heartbeat())
+            out.messages.append(message_encoder.heartbeat(self._heartbeat_type))
         if not linked:
             return
         if now_ns - self._timesync_request_ns >= _TIMESYNC_NS:
@@ -427,6 +450,8 @@ class Bridge:
     def _encode_command(self, order: VehicleCommand) -> Any:
         if order.mode is not None:
             return message_encoder.set_mode(self._target, order.mode)
+        if order.force:
+            return message_encoder.kill(self._target)
         return message_encoder.arm(self._target, bool(order.armed))
 
     def shutdown_command(self) -> Any:
@@ -559,6 +584,10 @@ class Bridge:
             if verdict is None
             else verdict.mistake or f"axes agree, stamps {1e3 * verdict.delay_s:.0f} ms late"
         )
+        if self.words.metadata.failed:
+            metrics["events_unexplained"] = self.words.metadata.failed
+        if self.words.checks:
+            metrics["px4_checks"] = " | ".join(self.words.checks)
         if self.parameters.missing:
             metrics["parameters_unknown"] = " ".join(self.parameters.missing)
         texts = (f"{f.weight.name.lower()}: {f.text}" for f in self.findings)

@@ -23,6 +23,14 @@ SETPOINT_KINDS = {
 }
 """What PX4 is told to follow in OFFBOARD."""
 
+ONBOARD, GROUND_STATION = "onboard", "gcs"
+HEARTBEATS = {
+    ONBOARD: "MAV_TYPE_ONBOARD_CONTROLLER: PX4's words come as events",
+    GROUND_STATION: "MAV_TYPE_GCS: PX4's texts come too, but PX4 takes the bridge for its ground "
+    "station (NAV_DLL_ACT)",
+}
+"""What the bridge says it is."""
+
 
 def plain(default: str | bool, doc: str) -> Any:
     """Declare a field of a parameter record that is no number."""
@@ -45,8 +53,20 @@ class LinkParams:
     own_component: int = param(
         191, "1", (1, 255), "MAVLink component of this bridge", "on-board computer"
     )
+    heartbeat_type: str = plain(
+        ONBOARD, "what the bridge says it is: onboard, or gcs for PX4's texts (NAV_DLL_ACT)"
+    )
     key_file: str = plain("", "file with the signing key, 32 bytes; empty: nothing is signed")
     allow_remote: bool = plain(False, "true: speak to other machines than this one")
+
+    def check(self) -> None:
+        """Refuse an unknown type of heartbeat.
+
+        Raises:
+            InputError: names the parameter and what is accepted.
+        """
+        if self.heartbeat_type not in HEARTBEATS:
+            raise unknown_name("value of link.heartbeat_type", self.heartbeat_type, HEARTBEATS)
 
 
 @dataclass(frozen=True)
@@ -76,6 +96,13 @@ class BridgeParams:
         "throttle that hovers, for attitude and rates; 0: read MPC_THR_HOVER from the vehicle",
         "the vehicle knows",
     )
+    attitude_lag: float = param(
+        0.2,
+        "s",
+        (0.0, 1.0),
+        "PX4's attitude is so late: the velocity fed forward is ahead by this times acceleration",
+        "1 / MC_PITCH_P = 0.15 s, rate loop and link 0.05 s; measured best from 0 to 0.3 s",
+    )
     stream_rate: float = param(
         20.0,
         "Hz",
@@ -102,6 +129,13 @@ class BridgeParams:
         (0.05, 10.0),
         "no set point for so long: the last position is held",
         "inputs.setpoint_timeout of the controller",
+    )
+    hold_time: float = param(
+        10.0,
+        "s",
+        (0.0, 600.0),
+        "without set points the last position is held for so long, then PX4 lands",
+        "safety.hold_time of the controller",
     )
     pose_timeout: float = param(
         0.2, "s", (0.02, 2.0), "no pose for so long: stale", "control.blind_timeout"

@@ -123,6 +123,20 @@ class StatusText(Record):
     severity: int
     """MAV_SEVERITY: 0 emergency .. 3 error, 4 warning, 6 info."""
     text: str
+    also_event: bool = False
+    """PX4 sends an EVENT that says the same."""
+
+
+@dataclass(frozen=True)
+class Event(Record):
+    """An event of PX4 (EVENT)."""
+
+    arrival_ns: int
+    number: int
+    """Component in the upper 8 bits; what it means is in PX4's file of events."""
+    severity: int
+    """MAV_SEVERITY; 7 debug, 8 part of a protocol, 9 for nobody."""
+    arguments: bytes
 
 
 @dataclass(frozen=True)
@@ -171,4 +185,8 @@ class FirmwareVersion(str):
     """Firmware, as `major.minor.patch`."""
 
 
-Content = Record | MavLandedState | FirmwareVersion
+class MetadataUri(str):
+    """Where PX4's general metadata are (COMPONENT_METADATA)."""
+
+
+Content = Record | MavLandedState | FirmwareVersion | MetadataUri

@@ -14,7 +14,7 @@ from enum import Enum
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, MavLandedState
-from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, Mode, mode_name
+from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, Mode, mode_name
 from tombo_px4.link.command_transaction import (
     CommandTransaction,
     RecentStatusTexts,
@@ -26,14 +26,17 @@ _DOWN = (Phase.LAND, Phase.DESCEND_BLIND)
 _GROUND = (Phase.IDLE, Phase.LANDED)
 _ARM, _DISARM = VehicleCommand(armed=True), VehicleCommand(armed=False)
 _OFFBOARD, _LAND = VehicleCommand(mode=OFFBOARD), VehicleCommand(mode=AUTO_LAND)
+_KILL = VehicleCommand(armed=False, force=True)
 _COMMANDS = {
-    "arm": _ARM,
-    "disarm": _DISARM,
-    "offboard": _OFFBOARD,
-    "land": _LAND,
-    "hold": VehicleCommand(mode=AUTO_HOLD),
+    "arm": (_ARM,),
+    "disarm": (_DISARM,),
+    "offboard": (_OFFBOARD,),
+    "takeoff": (VehicleCommand(mode=AUTO_TAKEOFF), _ARM),
+    "land": (_LAND,),
+    "hold": (VehicleCommand(mode=AUTO_HOLD),),
+    "kill": (_KILL,),
 }
-"""What the operator may ask for."""
+"""What the operator may ask for, and the commands that do it, one after the other."""
 _MODE_TRIES, _ARM_TRIES, _ASKED_TRIES = 3, 5, 2
 _STREAM_FIRST_NS = SECOND_NS
 """PX4 must have received set points for this time before it accepts OFFBOARD."""
@@ -77,7 +80,7 @@ class Request:
 
     number: int
     kind: str
-    """`arm`, `disarm`, `offboard`, `land` or `hold`."""
+    """`arm`, `disarm`, `offboard`, `takeoff`, `land`, `hold` or `kill`."""
 
 
 @dataclass(frozen=True)
@@ -142,6 +145,8 @@ class Session:
         self._pending_requests: deque[Request] = deque()
         self._request: Request | None = None
         self._request_transaction: CommandTransaction | None = None
+        self._request_orders: tuple[VehicleCommand, ...] = ()
+        """What follows the command under way."""
 
     @property
     def awaits_confirmation(self) -> bool:
@@ -212,6 +217,8 @@ class Session:
             armed = "armed, " if last.armed else ""
             text = f"no heartbeat for {age:.1f} s, last {armed}mode {mode_name(last.mode)}"
             out.faults["link_lost"] = f"{text}: nothing is armed when it comes back"
+        if any(request.kind == "kill" for request in self._pending_requests):
+            out.vehicle_commands.append(_KILL)  # it may still arrive
         self._drop_requests(out, text)
         if self._stage_before_loss == Stage.FLYING and view.phase in _FLIGHT:
             out.stream = Stream.SETPOINT  # it may still arrive
@@ -245,8 +252,14 @@ class Session:
         self._tick_transaction(transaction, view, heartbeat, out)
         if transaction.failed:
             self._reply(out, False, transaction.refusal)
+        elif transaction.done and self._request_orders:
+            self._begin_order(self._request_orders)
         elif transaction.done:
             self._request_confirmed(view, heartbeat, out)
+
+    def _begin_order(self, orders: tuple[VehicleCommand, ...]) -> None:
+        self._request_transaction = CommandTransaction(orders[0], _ASKED_TRIES)
+        self._request_orders = orders[1:]
 
     def _begin_request(
         self, request: Request, view: SessionInput, heartbeat: Heartbeat, out: Decision
@@ -256,6 +269,10 @@ class Session:
         why_not = ""
         if kind == "arm" and not heartbeat.armed:
             why_not = "; ".join(view.blockers)
+        elif kind == "takeoff":
+            why_not = (
+                "the vehicle is armed already" if heartbeat.armed else "; ".join(view.blockers)
+            )
         elif kind in ("land", "hold") and not heartbeat.armed:
             why_not = "the vehicle is not armed"
         elif kind == "offboard" and not view.streaming:
@@ -264,9 +281,9 @@ class Session:
             self._reply(out, False, why_not)
             return
         under_way = self.stage in (Stage.ENTERING_OFFBOARD, Stage.ARMING)
-        if kind in ("disarm", "land", "hold") and under_way:
+        if kind in ("disarm", "land", "hold", "kill", "takeoff") and under_way:
             self._give_up(f"stopped by the operator: {kind}")
-        self._request_transaction = CommandTransaction(_COMMANDS[kind], _ASKED_TRIES)
+        self._begin_order(_COMMANDS[kind])
 
     def _request_confirmed(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
         assert self._request is not None
@@ -278,14 +295,14 @@ class Session:
             self._set_stage(stage, "asked by the operator")
         elif kind == "land":
             self._set_stage(Stage.LANDING, "asked by the operator")
-        elif kind == "hold":
-            self._set_stage(Stage.EXTERNAL_MODE, "hold, asked by the operator")
+        elif kind in ("hold", "takeoff"):
+            self._set_stage(Stage.EXTERNAL_MODE, f"{kind}, asked by the operator")
         elif kind == "arm" and self.stage not in (Stage.FLYING, Stage.LANDING):
             self._arm_request_ns = None
             self._armed_for_flight = False
             stage = Stage.FLYING if heartbeat.mode == OFFBOARD else Stage.EXTERNAL_MODE
             self._set_stage(stage, "armed by the operator")
-        elif kind == "disarm":
+        elif kind in ("disarm", "kill"):
             self._engage_allowed = False
             self._set_stage(Stage.READY, "disarmed by the operator")
 
@@ -293,6 +310,7 @@ class Session:
         assert self._request is not None
         out.replies.append(Reply(self._request.number, success, text))
         self._request = self._request_transaction = None
+        self._request_orders = ()
 
     def _drop_requests(self, out: Decision, text: str) -> None:
         if self._request is not None:
@@ -327,7 +345,11 @@ class Session:
             return
         if not self._wants_flight(view):
             return
-        if not self._engage_allowed:
+        if view.phase != Phase.TAKEOFF:
+            out.faults["not_engaged"] = (
+                "the mission believes to be in the air: land it (/mission/land) and start it again"
+            )
+        elif not self._engage_allowed:
             out.faults["not_engaged"] = (
                 "the mission wants to fly, but was not seen on the ground since the last flight:"
                 " start it again, or call px4/offboard"

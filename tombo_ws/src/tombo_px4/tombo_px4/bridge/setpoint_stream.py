@@ -66,6 +66,10 @@ class SetpointStream:
         """Return whether set points are coming."""
         return now_ns - self._setpoint_ns <= self._timeout_ns
 
+    def silent_s(self, now_ns: int) -> float:
+        """Return the time since the last set point [s]; 0 if none ever came."""
+        return 0.0 if self._setpoint is None else (now_ns - self._setpoint_ns) * 1e-9
+
     @property
     def follows_suite(self) -> bool:
         """Whether the suite's set points are sent."""
@@ -106,6 +110,9 @@ class SetpointStream:
         return message
 
     def _position(self, setpoint: PositionSetpoint, now_ns: int) -> Any:
+        """Return a set point as a message; its velocity is ahead by the lag of PX4's attitude."""
+        lead = self._params.attitude_lag * setpoint.acceleration
+        setpoint = replace(setpoint, velocity=setpoint.velocity + lead)
         return message_encoder.position_target(setpoint, self._target, now_ns)
 
     def _wanted(self, now_ns: int, due: bool, hover: float) -> Any | None:

@@ -23,6 +23,8 @@ MOCAP_ONLY: Mapping[str, float] = {
     "EKF2_HGT_REF": 3,
 }
 """With these PX4 1.17 flew by external poses alone: position, height and yaw."""
+NO_REMOTE_CONTROL: Mapping[str, float] = {"COM_RCL_EXCEPT": 4}
+"""OFFBOARD needs none."""
 _IMAGE = "px4io/px4-sitl:v1.18.0-rc1"
 """PX4's containers begin with 1.18."""
 _MOST_INSTANCES = 255
@@ -34,7 +36,7 @@ def airframe_parameters(world: World, flight: HilFlight) -> dict[str, float]:
     PX4's iris has its front rotors farther out than the rear ones: untold, yawing would roll. In
     lockstep PX4 answers once its estimator has run, so that must run at each HIL_SENSOR.
     """
-    parameters = {"MPC_THR_HOVER": round(flight.controls.hover, 3), "COM_RCL_EXCEPT": 4.0}
+    parameters = {"MPC_THR_HOVER": round(flight.controls.hover, 3), **NO_REMOTE_CONTROL}
     rate = round(flight.params.rate)
     if rate != PX4_RATE:
         parameters |= {"IMU_INTEG_RATE": rate, "IMU_GYRO_RATEMAX": rate}
@@ -61,20 +63,25 @@ def mocap_parameters(world: World, on_link: bool) -> dict[str, float]:
     return parameters
 
 
+def exported(parameters: Mapping[str, float], more: Mapping[str, str] | None = None) -> str:
+    """Return the shell command that puts parameters of PX4, and `more`, into its environment."""
+    settings = [f"{name}={value}" for name, value in (more or {}).items()]
+    settings += [f"PX4_PARAM_{name}={value:g}" for name, value in parameters.items()]
+    lines = [" ".join(settings[i : i + 3]) for i in range(0, len(settings), 3)]
+    return "export " + " \\\n  ".join(lines)
+
+
 def start_commands(port: int, parameters: Mapping[str, float]) -> tuple[str, str, str]:
     """Return shell commands: what PX4 finds in its environment, then two ways to start it.
 
     The first starts one built from its sources, the second one in its container. PX4 takes
     PX4_PARAM_... at its start, and keeps them.
     """
-    settings = [f"{name}={value}" for name, value in AIRFRAME.items()]
-    settings += [f"PX4_PARAM_{name}={value:g}" for name, value in parameters.items()]
-    lines = [" ".join(settings[i : i + 3]) for i in range(0, len(settings), 3)]
     number = port - PX4_PORT
     instance = f" -i {number}" if 0 < number < _MOST_INSTANCES else ""
     given = "$(env | grep -o '^PX4_[A-Z0-9_]*' | sed 's/^/-e /')"
     return (
-        "export " + " \\\n  ".join(lines),
+        exported(parameters, AIRFRAME),
         f"./build/px4_sitl_default/bin/px4{instance}",
         f"docker run --rm -it --network host {given} {_IMAGE}{instance}",
     )

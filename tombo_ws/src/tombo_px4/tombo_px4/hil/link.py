@@ -1,5 +1,8 @@
 """The socket of the simulator link: PX4 is its client, one at a time.
 
+The first client that connects is taken for PX4, which speaks at once. While it has said nothing,
+others wait beside it, and the first of them that speaks takes its place.
+
 Polled; only `wait` blocks. No received bytes raise an exception.
 """
 
@@ -13,7 +16,7 @@ import socket
 from typing import Any, NamedTuple
 
 from tombo_dynamics.errors import InputError
-from tombo_px4.link.framing import Findings, StreamFramer, decode
+from tombo_px4.link.framing import Findings, Frame, StreamFramer, decode
 
 PX4_PORT = 4560
 """Of PX4 instance 0; instance N asks for this port plus N."""
@@ -21,6 +24,7 @@ _CONTROLS, _HEARTBEAT, _COMMAND = 93, 0, 76
 _SET_MESSAGE_INTERVAL, _HIL_STATE_QUATERNION = 511, 115
 _ARMED, _LOCKSTEP = 0x80, 1
 _CHUNK = 65_536
+_MOST_WAITING = 4
 _UNSENT_LIMIT = 1 << 20
 """Bytes that PX4 may leave unread before the connection counts as dead."""
 
@@ -44,7 +48,7 @@ class HilLink:
         interval_us: what PX4 asked for by SET_MESSAGE_INTERVAL for HIL_STATE_QUATERNION; None: it
             did not, or `take_interval` has returned it.
         connections: how many there have been.
-        refused: connections refused while one was open.
+        refused: connections closed because another client speaks.
     """
 
     def __init__(self, port: int = PX4_PORT, host: str = "127.0.0.1") -> None:
@@ -69,6 +73,8 @@ class HilLink:
         self._listener.setblocking(False)
         self.port = int(self._listener.getsockname()[1])
         self._peer: socket.socket | None = None
+        self._peer_spoke = False
+        self._waiting: list[tuple[socket.socket, StreamFramer]] = []
         self._findings = Findings()
         self._framer = StreamFramer(self._findings)
         self._unsent = b""
@@ -95,8 +101,11 @@ class HilLink:
 
     def wait(self, timeout_s: float) -> None:
         """Sleep until something comes or the time is over."""
-        watched = [self._listener] if self._peer is None else [self._peer]
-        writing = watched if self._unsent else []
+        peers = [] if self._peer is None else [self._peer]
+        watched = peers + [waiting for waiting, _ in self._waiting]
+        if not self._peer_spoke:
+            watched.append(self._listener)
+        writing = peers if self._unsent else []
         with contextlib.suppress(InterruptedError):
             select.select(watched, writing, [], max(timeout_s, 0.0))
 
@@ -105,8 +114,16 @@ class HilLink:
         self._flush()
         data = self._read()
         self._accept()
+        if self._peer is None and self._waiting:
+            self._take_peer(*self._waiting.pop(0))
+        frames = list(self._framer.feed(data))
+        if self._peer is not None and not self._peer_spoke:
+            frames = frames or self._first_to_speak()
+            if frames:
+                self._peer_spoke = True
+                self._refuse_waiting()
         answers = []
-        for frame in self._framer.feed(data):
+        for frame in frames:
             if frame.message_id == _CONTROLS:
                 message = decode(frame)
                 answers.append(
@@ -177,17 +194,51 @@ class HilLink:
             return
         if self._peer is not None and self._peer_ended():
             self.drop()
-        if self._peer is not None:
+        if self._peer is not None and (self._peer_spoke or len(self._waiting) >= _MOST_WAITING):
             peer.close()
             self.refused += 1
             return
         peer.setblocking(False)
         peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._peer = peer
-        self._framer = StreamFramer(self._findings)
+        framer = StreamFramer(self._findings)
+        if self._peer is None:
+            self._take_peer(peer, framer)
+        else:
+            self._waiting.append((peer, framer))
+
+    def _take_peer(self, peer: socket.socket, framer: StreamFramer) -> None:
+        self._peer, self._framer = peer, framer
+        self._peer_spoke = False
         self._unsent = b""
         self.interval_us = None
         self.connections += 1
+
+    def _first_to_speak(self) -> list[Frame]:
+        """Return the first frames of a client that waits; it takes the place of the silent one."""
+        for place in list(self._waiting):
+            client, framer = place
+            try:
+                data = client.recv(_CHUNK)
+            except (BlockingIOError, InterruptedError):
+                continue
+            except OSError:
+                data = b""
+            frames = list(framer.feed(data))
+            if frames or not data:
+                self._waiting.remove(place)
+            if frames:
+                self.drop()
+                self._take_peer(client, framer)
+                return frames
+            if not data:
+                client.close()
+        return []
+
+    def _refuse_waiting(self) -> None:
+        for client, _ in self._waiting:
+            client.close()
+        self.refused += len(self._waiting)
+        self._waiting.clear()
 
     def _peer_ended(self) -> bool:
         """Whether the connection has ended, after all that has been read: PX4 was restarted."""
@@ -203,9 +254,11 @@ class HilLink:
         if self._peer is not None:
             self._peer.close()
             self._peer = None
+            self._peer_spoke = False
         self._unsent = b""
 
     def close(self) -> None:
         """Close all."""
         self.drop()
+        self._refuse_waiting()
         self._listener.close()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from tombo_px4.bridge.bridge_params import ONBOARD
 from tombo_px4.hil.flight import odometry
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.message_encoder import heartbeat, timesync
@@ -39,7 +40,7 @@ class MocapFeed:
                 self.answered += self._link.send(timesync(times), received.peer)
         if not 0 <= time_us - self._beat_us < _HEARTBEAT_US:  # below 0: a new flight
             self._beat_us = time_us
-            self._link.send(heartbeat())
+            self._link.send(heartbeat(ONBOARD))
         for pose in poses:
             self.sent += self._link.send(odometry(pose))
 

@@ -24,6 +24,8 @@ class VehicleCommand:
 
     mode: Mode | None = None
     armed: bool | None = None
+    force: bool = False
+    """Disarms in the air, too."""
 
     @property
     def command(self) -> int:
@@ -39,7 +41,7 @@ class VehicleCommand:
     def __str__(self) -> str:
         if self.mode is not None:
             return f"mode {mode_name(self.mode)}"
-        return "arming" if self.armed else "disarming"
+        return "arming" if self.armed else "disarming" + (" by force" if self.force else "")
 
 
 class RecentStatusTexts:

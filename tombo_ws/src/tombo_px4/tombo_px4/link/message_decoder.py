@@ -17,6 +17,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import rotate_vector
+from tombo_dynamics.stamp_check import is_future
 from tombo_px4.bridge import decoded_messages as decoded
 from tombo_px4.bridge.decoded_messages import Content, Refused
 from tombo_px4.bridge.modes import mode_of
@@ -27,13 +28,16 @@ from tombo_px4.frames import (
     ros_pose_covariance,
     ros_quaternion,
 )
+from tombo_px4.link.file_transfer import file_answer
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.status_text import StatusTextAssembler
 from tombo_px4.link.timesync import TimeSync
 
 _MICRO_NS, _MILLI_NS = 1_000, 1_000_000
-_OLDEST_NS, _AHEAD_NS = 1_000_000_000, 20_000_000
-"""A stamp may be so far before its arrival; so far after it, for a clock still being measured."""
+_OLDEST_NS, _SYNC_ERROR_NS = 1_000_000_000, 15_000_000
+"""A stamp may be so long before its arrival; the error of a clock that is still being measured."""
+_SAME_JUMP_NS = 100_000_000
+"""Messages whose clocks differ by the same, within this, prove a jump of one of the clocks."""
 _UNIT = 0.02
 _FAR = 1e6
 """[m], [m/s]: no number of a flight is larger."""
@@ -62,6 +66,10 @@ class MessageDecoder:
         """Dropped messages: `MESSAGE.reason` -> count."""
         self._sync = sync
         self._own = (own_system, own_component)
+        self._age_ns = 0
+        """How long the last message with a possible stamp was on its way."""
+        self._impossible_ns: int | None = None
+        """Arrival less time since boot of the last message, where its stamp was impossible."""
         self._chunks = StatusTextAssembler()
 
     def read(self, received: Received) -> Content | None:
@@ -84,13 +92,24 @@ class MessageDecoder:
         return self._chunks.take_expired(now_ns)
 
     def _times(self, boot_ns: int, arrival_ns: int) -> tuple[int, int | None, int]:
-        """Return arrival, stamp by our clock (None while it is not known) and time since boot."""
-        stamp_ns = self._sync.to_local_time(boot_ns) if self._sync.converged else None
-        if boot_ns <= 0 or (
-            stamp_ns is not None and not -_AHEAD_NS <= arrival_ns - stamp_ns <= _OLDEST_NS
-        ):
+        """Return arrival, stamp by our clock (None while it is not known) and time since boot.
+
+        After a jump of a clock TIMESYNC takes three answers to measure it. Until then a stamp is
+        the arrival less the time that messages take; two messages prove a jump, one is refused.
+        """
+        if boot_ns <= 0:
             raise Refused("stamp")
-        return arrival_ns, stamp_ns, boot_ns
+        if not self._sync.converged:
+            return arrival_ns, None, boot_ns
+        stamp_ns = self._sync.to_local_time(boot_ns)
+        future = is_future(stamp_ns, arrival_ns + _SYNC_ERROR_NS)
+        if not future and arrival_ns - stamp_ns <= _OLDEST_NS:
+            self._age_ns, self._impossible_ns = arrival_ns - stamp_ns, None
+            return arrival_ns, stamp_ns, boot_ns
+        before_ns, self._impossible_ns = self._impossible_ns, arrival_ns - boot_ns
+        if before_ns is None or abs(self._impossible_ns - before_ns) > _SAME_JUMP_NS:
+            raise Refused("stamp")
+        return arrival_ns, arrival_ns - self._age_ns, boot_ns
 
     def _heartbeat(self, m: Any, arrival_ns: int) -> Content | None:
         if m.autopilot == mav.MAV_AUTOPILOT_INVALID:  # a camera, a ground station
@@ -167,9 +186,23 @@ class MessageDecoder:
     def _text(self, m: Any, arrival_ns: int) -> Content | None:
         return self._chunks.take(m.severity, m.text, m.id, m.chunk_seq, arrival_ns)
 
-    def _ack(self, m: Any, arrival_ns: int) -> Content:
+    def _event(self, m: Any, arrival_ns: int) -> Content:
+        return decoded.Event(arrival_ns, m.id, m.log_levels & 0xF, bytes(m.arguments))
+
+    def _metadata(self, m: Any, arrival_ns: int) -> Content:
+        uri = m.uri.decode("ascii", "replace") if isinstance(m.uri, bytes) else str(m.uri)
+        return decoded.MetadataUri(uri.split("\0")[0])
+
+    def _file(self, m: Any, arrival_ns: int) -> Content | None:
+        self._check_target(m)
+        return file_answer(bytes(m.payload))
+
+    def _check_target(self, m: Any) -> None:
         if m.target_system not in (0, self._own[0]) or m.target_component not in (0, self._own[1]):
             raise Refused("not_for_us")
+
+    def _ack(self, m: Any, arrival_ns: int) -> Content:
+        self._check_target(m)
         return decoded.CommandAck(arrival_ns, int(m.command), int(m.result))
 
     def _parameter(self, m: Any, arrival_ns: int) -> Content:
@@ -218,6 +251,9 @@ _READERS: dict[str, _Reader] = {
     "ESTIMATOR_STATUS": MessageDecoder._estimator,
     "TIMESYNC": MessageDecoder._time,
     "AUTOPILOT_VERSION": MessageDecoder._version,
+    "EVENT": MessageDecoder._event,
+    "COMPONENT_METADATA": MessageDecoder._metadata,
+    "FILE_TRANSFER_PROTOCOL": MessageDecoder._file,
 }
 
 

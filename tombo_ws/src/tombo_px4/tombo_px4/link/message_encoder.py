@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mav
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import PositionSetpoint
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_px4.bridge.bridge_params import MOCAP, ODOMETRY, VISION
+from tombo_px4.bridge.bridge_params import GROUND_STATION, MOCAP, ODOMETRY, ONBOARD, VISION
 from tombo_px4.bridge.modes import Mode
 from tombo_px4.frames import (
     euler,
@@ -21,6 +21,7 @@ from tombo_px4.frames import (
     px4_quaternion,
     px4_yaw,
 )
+from tombo_px4.protocol.results import FORCE_ARMING
 
 POSITION_MASK = mav.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
 """Position, velocity, acceleration and yaw count; the rate of yaw doesn't."""
@@ -57,7 +58,7 @@ def pose_message(
         covariance: (6, 6) in axes of map; None: unknown.
     """
     north, east, down = (float(p) for p in ned_from_enu(position))
-    q = px4_quaternion(attitude)
+    q = px4_quaternion(attitude / np.linalg.norm(attitude))  # else PX4 drops it, silently
     upper = unknown(21) if covariance is None else px4_pose_covariance(covariance).tolist()
     stamp = stamp_ns // _MICRO
     if kind == VISION:
@@ -136,10 +137,11 @@ def throttle_of(thrust: float, mass: float, hover_thrust: float) -> float:
     return min(max(thrust / (mass * GRAVITY) * hover_thrust, 0.0), 1.0)
 
 
-def heartbeat() -> Any:
-    """Return the HEARTBEAT of an on-board computer."""
-    kind, state = mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_STATE_ACTIVE
-    return mav.MAVLink_heartbeat_message(kind, mav.MAV_AUTOPILOT_INVALID, 0, 0, state, 3)
+def heartbeat(kind: str) -> Any:
+    """Return our HEARTBEAT: of an on-board computer, or of a ground station (`HEARTBEATS`)."""
+    types = {ONBOARD: mav.MAV_TYPE_ONBOARD_CONTROLLER, GROUND_STATION: mav.MAV_TYPE_GCS}
+    content = (types[kind], mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3)
+    return mav.MAVLink_heartbeat_message(*content)
 
 
 def timesync(times: tuple[int, int]) -> Any:
@@ -164,6 +166,11 @@ def arm(to: MessageTarget, armed: bool) -> Any:
     return command(to, mav.MAV_CMD_COMPONENT_ARM_DISARM, float(armed))
 
 
+def kill(to: MessageTarget) -> Any:
+    """Disarm by force, in the air too."""
+    return command(to, mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, FORCE_ARMING)
+
+
 def message_interval(to: MessageTarget, number: int, rate_hz: float) -> Any:
     """Ask for a message at a rate."""
     values = (float(number), round(1e6 / rate_hz))
@@ -173,6 +180,11 @@ def message_interval(to: MessageTarget, number: int, rate_hz: float) -> Any:
 def request_message(to: MessageTarget, number: int) -> Any:
     """Ask for a message once."""
     return command(to, mav.MAV_CMD_REQUEST_MESSAGE, float(number))
+
+
+def run_checks(to: MessageTarget) -> Any:
+    """Ask for all failed checks of arming, as events."""
+    return command(to, mav.MAV_CMD_RUN_PREARM_CHECKS)
 
 
 def read_parameter(to: MessageTarget, name: str) -> Any:

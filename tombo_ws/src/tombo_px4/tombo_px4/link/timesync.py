@@ -49,7 +49,9 @@ class TimeSync:
     Attributes:
         offset_ns: theirs + offset = ours; None before the first answer.
         rtt_ns: of the last answer that counted; None before.
-        jumps: how often one of the clocks jumped, and all was begun again.
+        jumps: how often one of the clocks jumped, and the offset was measured anew.
+        converged: enough answers came for stamps to be converted; a jump does not take it back,
+            because one answer bounds the new offset to half a round trip.
         refused: answers to nothing we asked, or from before the request.
         slow: answers that took too long to be worth anything.
     """
@@ -58,6 +60,7 @@ class TimeSync:
         self.offset_ns: int | None = None
         self.rtt_ns: int | None = None
         self.jumps = 0
+        self.converged = False
         self.refused = 0
         self.slow = 0
         self._pending: deque[int] = deque(maxlen=_PENDING)
@@ -71,11 +74,6 @@ class TimeSync:
         self._impossible: list[tuple[int, int, int]] = []  # arrival, sample, round trip
         self._drift = 0.0  # of the offset, per time of ours
         self._leans = 0  # how often on end the bound was left; negative: downwards
-
-    @property
-    def converged(self) -> bool:
-        """Enough answers came for stamps to be converted."""
-        return self._samples >= CONVERGED
 
     def request(self, now_ns: int) -> tuple[int, int]:
         """Return (tc1, ts1) of a request that leaves now."""
@@ -126,7 +124,7 @@ class TimeSync:
         self._impossible.clear()
         self._round_trips.append(rtt)
         excess = rtt - min(self._round_trips)
-        if excess > _SLOW_NS and self.converged:
+        if excess > _SLOW_NS and self._samples >= CONVERGED:
             self.slow += 1
             self._slow_on_end += 1
             if self._slow_on_end >= _PATIENCE:  # the way itself has become slow
@@ -135,6 +133,7 @@ class TimeSync:
         self._slow_on_end = 0
         self._correct(error, beyond, float(excess), received_ns)
         self._samples += 1
+        self.converged = self.converged or self._samples >= CONVERGED
         self.rtt_ns = rtt
         self.offset_ns = self._base + round(self._offset)
 

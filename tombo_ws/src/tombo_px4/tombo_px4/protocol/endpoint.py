@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 _MOST_TICKS = 25
 """Ticks that one call flies; the caller comes back for the rest."""
+_CHECKED_US = 2_000_000
+"""The checks of arming are reported at most so often, and only where they have changed."""
 _MOST_MESSAGES = 100
 """Messages of a link that one call takes; the rest waits its turn."""
 
@@ -56,6 +58,7 @@ class Endpoint:
         self._parameters = ParameterServer(vehicle.parameters)
         self.message_router = MessageRouter(self, self._parameters)
         self._last_state: tuple[Any, ...] = ()
+        self._checked_us = 0
         self._boot_ns = 0
 
     def advance(self, boot_ns: int, wall_ns: int) -> None:
@@ -129,6 +132,9 @@ class Endpoint:
         vehicle = self.vehicle
         for severity, text in vehicle.take_status_texts():
             self.statustext.say(severity, text, vehicle.boot_us)
+        if not vehicle.armed and vehicle.boot_us - self._checked_us >= _CHECKED_US:
+            self._checked_us = vehicle.boot_us
+            self.statustext.events.report(vehicle.health.problems, vehicle.boot_us)
         state = (vehicle.armed, vehicle.mode, vehicle.failsafe, vehicle.landed)
         if state != self._last_state:
             self._last_state = state

@@ -17,6 +17,10 @@ _SILENCE_US = 5_000_000
 """A partner that has been silent for so long has gone."""
 
 
+_STATION_US = 2_500_000
+"""A ground station that has been silent for so long has gone."""
+
+
 class MavlinkChannel:
     """A link, its streams, the list of parameters under way, the partner and its clock.
 
@@ -46,6 +50,7 @@ class MavlinkChannel:
         self._partner: Any = home
         self._has_partner = False
         self._heard_us = 0
+        self._station_us = -_STATION_US
         self.mav = link.mav
         self.streams = StreamTable(stream_set, offered, boot_us)
         self.list = ParameterList()
@@ -59,6 +64,14 @@ class MavlinkChannel:
             self._partner, self._has_partner = peer, True
         if peer == self._partner:
             self._heard_us = boot_us
+
+    def hear_station(self, boot_us: int) -> None:
+        """Record the heartbeat of a ground station."""
+        self._station_us = boot_us
+
+    def hears_station(self, boot_us: int) -> bool:
+        """Return whether a ground station is there: without one PX4 sends no texts."""
+        return boot_us - self._station_us < _STATION_US
 
     def maintain(self, boot_us: int) -> None:
         """Drop a partner that has gone."""

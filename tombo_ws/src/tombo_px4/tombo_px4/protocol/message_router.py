@@ -64,7 +64,7 @@ class MessageRouter:
         """System and component of all senders, and when the last message came [us since boot]."""
         # By type: what answers, and whether a message for another vehicle is left to it.
         self._handlers: dict[str, tuple[Callable[[RoutedMessage], None], bool]] = {
-            "HEARTBEAT": (lambda routed: None, False),
+            "HEARTBEAT": (self._heartbeat, False),
             "COMMAND_LONG": (self._command, False),
             "COMMAND_INT": (self._command, False),
             "SET_MODE": (self._command, False),
@@ -117,6 +117,10 @@ class MessageRouter:
         self._note("addressed to another")
         return False
 
+    def _heartbeat(self, routed: RoutedMessage) -> None:
+        if routed.received.message.type == mavlink.MAV_TYPE_GCS:
+            routed.port.hear_station(self._vehicle.boot_us)
+
     # --- commands
 
     def _command(self, routed: RoutedMessage) -> None:
@@ -136,6 +140,9 @@ class MessageRouter:
             content = (command.number, int(acknowledged), _NO_PROGRESS, 0)
             ack = port.mav.command_ack_encode(*content, *sender)
             port.link.send(ack, received.peer)
+        if command.number == mavlink.MAV_CMD_RUN_PREARM_CHECKS:
+            problems = self._vehicle.health.problems
+            self._voice.events.report(problems, self._vehicle.boot_us, asked=True)
         if answer.text:
             self._voice.say(Severity.WARNING, answer.text, self._vehicle.boot_us)
         if result == Result.UNSUPPORTED:
@@ -161,13 +168,9 @@ class MessageRouter:
         if name_of(received.message.param_id) == HASH:
             port.list.stop()
             return
-        value, error, refusal = self._parameters.answer_set(
-            port.mav, received.message, received.system, received.component
-        )
-        if refusal:
-            self._report_refusal("parameter refused", refusal)
-        if error is not None:
-            port.link.send(error, received.peer)
+        value, ignored = self._parameters.answer_set(port.mav, received.message)
+        if ignored:
+            self._note(f"PARAM_SET not answered: {ignored}")
         if value is not None:
             port.link.send(value, received.peer)
             for other in self._channels:  # everybody's copy has to stay right

@@ -16,8 +16,6 @@ HASH = "_HASH_CHECK"
 _NO_INDEX = 65535
 _NAME_LENGTH = 16
 _TYPES = {"int32": mavlink.MAV_PARAM_TYPE_INT32, "float": mavlink.MAV_PARAM_TYPE_REAL32}
-_TYPE_MISMATCH = 7
-"""MAV_PARAM_ERROR_TYPE_MISMATCH, newer than pymavlink's."""
 _BATCH = 5
 """Values of a list that leave at once."""
 _BATCH_US = 5_000
@@ -39,11 +37,6 @@ def name_of(field: Any) -> str:
     """Return a parameter's name from the field of a message, which may be bytes."""
     text = field.decode("ascii", "replace") if isinstance(field, bytes) else str(field)
     return text.split("\x00")[0][:_NAME_LENGTH]
-
-
-def _error(mav: Any, system: int, component: int, name: str, index: int, number: int) -> Any:
-    plain = name.encode("ascii", "replace")
-    return mav.param_error_encode(system, component, plain, index, number)
 
 
 class ParameterServer:
@@ -71,7 +64,7 @@ class ParameterServer:
         if index is None:
             return None
         kind = self.table.type_of(name)
-        value = self.table.get(name)
+        value = self.table.stored(name)
         sent = float_of_int(int(value)) if kind == "int32" else float(value)
         return mav.param_value_encode(name.encode(), sent, _TYPES[kind], len(self), index)
 
@@ -81,45 +74,32 @@ class ParameterServer:
             return None
         return self.value(mav, self._names[index])
 
-    def answer_read(self, mav: Any, message: Any, system: int, component: int) -> Any:
-        """Return the answer to PARAM_REQUEST_READ: PARAM_VALUE or PARAM_ERROR."""
+    def answer_read(self, mav: Any, message: Any, system: int, component: int) -> Any | None:
+        """Return PARAM_VALUE for PARAM_REQUEST_READ; None: to an unknown name PX4 is silent."""
         name, index = name_of(message.param_id), message.param_index
-        value = self.value(mav, name) if index < 0 else self.value_at(mav, index)
-        if value is not None:
-            return value
-        return _error(mav, system, component, name, index, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
+        return self.value(mav, name) if index < 0 else self.value_at(mav, index)
 
-    def answer_set(self, mav: Any, message: Any, system: int, component: int) -> tuple[Any, ...]:
-        """Carry out PARAM_SET.
+    def answer_set(self, mav: Any, message: Any) -> tuple[Any, str]:
+        """Carry out PARAM_SET, as PX4 does: out of bounds is taken, too.
 
         Returns:
-            PARAM_VALUE that stands now, for everybody (None: there is no such parameter),
-            PARAM_ERROR for who asked, or None, and why it was refused, or "".
+            PARAM_VALUE that stands now, for everybody, and ""; None where PX4 is silent, and why.
         """
         name = name_of(message.param_id)
         if name not in self._index:
-            missing = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
-            error = _error(mav, system, component, name, -1, missing)
-            return None, error, f"{name} is unknown"
-        if message.param_type != _TYPES[self.table.type_of(name)]:
-            refusal, number = f"{name} is {self.table.type_of(name)}", _TYPE_MISMATCH
-        else:
-            refusal = self._set(name, message.param_value)
-            number = mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
-        error = _error(mav, system, component, name, -1, number) if refusal else None
-        return self.value(mav, name), error, refusal
-
-    def _set(self, name: str, sent: float) -> str:
-        """Change a parameter; return why not, "" if it was changed."""
-        if self.table.type_of(name) == "int32":
-            return self.table.set(name, int_of_float(sent))
-        return self.table.set(name, sent)
+            return None, f"{name} is unknown"
+        kind = self.table.type_of(name)
+        if message.param_type != _TYPES[kind]:
+            return None, f"{name} is {kind}"
+        sent = message.param_value
+        self.table.store(name, int_of_float(sent) if kind == "int32" else sent)
+        return self.value(mav, name), ""
 
     def hash(self) -> int:
         """Return PX4's checksum over names and values: CRC-32 that starts from 0, not inverted."""
         crc = 0
         for name in self._names:
-            value = self.table.get(name)
+            value = self.table.stored(name)
             whole = self.table.type_of(name) == "int32"
             content = struct.pack("<i", int(value)) if whole else struct.pack("<f", value)
             crc = zlib.crc32(name.encode() + content, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+FORCE_ARMING: Final = 21196
+"""Second parameter of ARM_DISARM that leaves out all checks."""
 
 
 class Result(IntEnum):

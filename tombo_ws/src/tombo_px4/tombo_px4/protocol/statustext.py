@@ -1,10 +1,14 @@
-"""STATUSTEXT on all links: in pieces if long, limited in rate; refusals are counted."""
+"""STATUSTEXT where a ground station is heard, events on all links; refusals are counted.
+
+Texts come in pieces if they are long, and are limited in rate.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
+from tombo_px4.protocol.event_sender import EventSender, event_of
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
 from tombo_px4.protocol.results import Severity
 
@@ -23,8 +27,9 @@ class StatusTextSender:
 
     def __init__(self, channels: Sequence[MavlinkChannel]) -> None:
         self._channels = channels
-        self._number = 0
-        """Of the last text that went in pieces; they carry it."""
+        self.events = EventSender(channels)
+        self._number = -1
+        """Of the last text. PX4 counts from 0."""
         self.counts: dict[str, int] = {}
         """How often something was refused, by reason."""
         self._said_us: dict[str, int] = {}
@@ -43,20 +48,21 @@ class StatusTextSender:
         self._rate_tokens -= 1.0
         if len(self.said) < _KEPT:
             self.said.append((severity, text))
+        self.events.say(severity, text, boot_us)
+        also_event = event_of(text) is not None
+        self._number = (self._number + 1) % 65536
         for port in self._channels:
-            for message in self.messages(port.mav, severity, text):
-                port.send(message)
+            if port.hears_station(boot_us):
+                for message in self.messages(port.mav, severity, text + "\t" * also_event):
+                    port.send(message)
 
     def messages(self, mav: Any, severity: int, text: str) -> list[Any]:
         """Return the STATUSTEXT messages of a text; what is not ASCII becomes `?`."""
         data = text.encode("ascii", "replace")[: _MOST_PIECES * PIECE]
-        if len(data) <= PIECE:
-            return [mav.statustext_encode(severity, data, 0, 0)]
-        self._number = self._number % 65535 + 1
-        # one more, though it may be empty: only a piece that is not full ends a text
-        pieces = [data[i : i + PIECE] for i in range(0, len(data) + 1, PIECE)]
+        # like PX4's, a text that fills its last piece has no other one that would end it
+        pieces = [data[i : i + PIECE] for i in range(0, max(len(data), 1), PIECE)]
         return [
-            mav.statustext_encode(severity, piece, self._number, i)
+            mav.statustext_encode(severity, piece, max(self._number, 0), i)
             for i, piece in enumerate(pieces)
         ]
 

@@ -44,12 +44,12 @@ _AUTO = mavlink.MAV_MODE_FLAG_AUTO_ENABLED
 _GUIDED = mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
 _MANUAL = mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
 _FLAGS = {
-    modes.MANUAL.main: _MANUAL,
+    modes.MANUAL.main: _MANUAL | _STABILIZE,
     modes.ALTCTL.main: _MANUAL | _STABILIZE,
-    modes.POSCTL.main: _MANUAL | _STABILIZE | _GUIDED,
+    modes.POSCTL.main: _MANUAL | _STABILIZE,
     modes.AUTO_HOLD.main: _AUTO | _STABILIZE | _GUIDED,
     modes.ACRO.main: _MANUAL,
-    modes.OFFBOARD.main: _AUTO | _STABILIZE | _GUIDED,
+    modes.OFFBOARD.main: _STABILIZE,
     modes.STABILIZED.main: _MANUAL | _STABILIZE,
 }
 _EARTH_FIELD = enu_from_ned((0.21, 0.01, 0.43))
@@ -62,6 +62,8 @@ _SATELLITES = 16
 _EPH = 25
 """Dilution of precision, 1e-2."""
 _CELLS_UNUSED = 65535
+_NO_AXIS = 0b110111111111
+"""POSITION_TARGET_LOCAL_NED.type_mask of a set point without any axis."""
 
 
 class Telemetry:
@@ -100,14 +102,17 @@ class Telemetry:
 
 def base_mode(vehicle: Px4Vehicle) -> int:
     """Return HEARTBEAT.base_mode as PX4 makes it."""
-    flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | _FLAGS.get(vehicle.mode.main, 0)
+    flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    if vehicle.mode != modes.OFFBOARD or vehicle.controls_attitude:
+        flags |= _FLAGS.get(vehicle.mode.main, 0)
     return int(flags | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if vehicle.armed else 0))
 
 
 def system_state(vehicle: Px4Vehicle) -> int:
     """Return HEARTBEAT.system_status."""
     if not vehicle.armed:
-        return int(mavlink.MAV_STATE_STANDBY)
+        armable = vehicle.health.armable
+        return int(mavlink.MAV_STATE_STANDBY if armable else mavlink.MAV_STATE_UNINIT)
     return int(mavlink.MAV_STATE_CRITICAL if vehicle.failsafe else mavlink.MAV_STATE_ACTIVE)
 
 
@@ -289,8 +294,6 @@ def _origin_message(mav: Any, p: TelemetrySnapshot) -> Any:
 
 
 def _attitude_target(mav: Any, p: TelemetrySnapshot) -> Any:
-    if not p.vehicle.armed:
-        return None
     attitude, rates, thrust = p.vehicle.attitude_setpoint
     return mav.attitude_target_encode(
         p.boot_ms, 0, px4_quaternion(attitude).tolist(), *frd_from_flu(rates).tolist(), thrust
@@ -299,6 +302,10 @@ def _attitude_target(mav: Any, p: TelemetrySnapshot) -> Any:
 
 def _position_target(mav: Any, p: TelemetrySnapshot) -> Any:
     wanted = p.vehicle.position_setpoint
+    frame = mavlink.MAV_FRAME_LOCAL_NED
+    if wanted is None and not p.vehicle.armed:  # PX4 goes on, with nothing in it
+        nothing = 11 * [math.nan]
+        return mav.position_target_local_ned_encode(p.boot_ms, frame, _NO_AXIS, *nothing)
     if wanted is None:
         return None
     vectors = (wanted.position, wanted.velocity, wanted.acceleration)
@@ -309,7 +316,6 @@ def _position_target(mav: Any, p: TelemetrySnapshot) -> Any:
     ]
     bits = (*range(9), 10, 11)
     mask = sum(1 << bit for bit, v in zip(bits, axes, strict=True) if math.isnan(v))
-    frame = mavlink.MAV_FRAME_LOCAL_NED
     return mav.position_target_local_ned_encode(p.boot_ms, frame, mask, *axes)
 
 

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import struct
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-_FTP_HEADER = struct.Struct("<HBBBBBBI")
-"""Sequence, session, operation, size, operation asked for, burst complete, padding, offset."""
-_FTP_ACK, _FTP_NAK = 128, 129
-_FTP_TERMINATE, _FTP_RESET = 1, 2
-_FTP_UNKNOWN_COMMAND, _FTP_NOT_FOUND = 7, 10
+from tombo_px4.link.file_transfer import HEADER, PAYLOAD, FileError, Operation
+
 _FTP_KNOWN = range(16)
 
 
@@ -37,7 +33,7 @@ def mission_answer(mav: Any, message: Any, system: int, component: int) -> Any:
     elif name in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
         result = mavlink.MAV_MISSION_INVALID_SEQUENCE
     else:
-        result = mavlink.MAV_MISSION_UNSUPPORTED
+        result = mavlink.MAV_MISSION_ERROR
     return mav.mission_ack_encode(system, component, result, kind)
 
 
@@ -56,15 +52,15 @@ def no_logs(mav: Any, message: Any, system: int, component: int) -> Any:
 def file_answer(mav: Any, message: Any, system: int, component: int) -> Any | None:
     """Return the answer to FILE_TRANSFER_PROTOCOL: no such file; None: not a request."""
     asked = bytes(message.payload)
-    sequence, session, operation, _, _, _, _, offset = _FTP_HEADER.unpack_from(asked)
-    if operation >= _FTP_ACK:
+    sequence, session, operation, _, _, _, _, offset = HEADER.unpack_from(asked)
+    if operation >= Operation.ACK:
         return None
-    if operation in (_FTP_TERMINATE, _FTP_RESET):
-        answer, data = _FTP_ACK, b""
+    if operation in (Operation.TERMINATE, Operation.RESET):
+        answer, data = Operation.ACK, b""
     else:
-        error = _FTP_NOT_FOUND if operation in _FTP_KNOWN else _FTP_UNKNOWN_COMMAND
-        answer, data = _FTP_NAK, bytes([error])
+        error = FileError.NOT_FOUND if operation in _FTP_KNOWN else FileError.UNKNOWN_COMMAND
+        answer, data = Operation.NAK, bytes([error])
     sequence = (sequence + 1) % 65536
-    head = _FTP_HEADER.pack(sequence, session, answer, len(data), operation, 0, 0, offset)
-    payload = (head + data).ljust(251, b"\x00")
+    head = HEADER.pack(sequence, session, answer, len(data), operation, 0, 0, offset)
+    payload = (head + data).ljust(PAYLOAD, b"\x00")
     return mav.file_transfer_protocol_encode(0, system, component, list(payload))

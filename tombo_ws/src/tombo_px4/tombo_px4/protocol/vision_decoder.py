@@ -41,7 +41,7 @@ class VisionPose(NamedTuple):
     position: Array
     """(3) of base_link in map [m]."""
     attitude: Array
-    """(4) xyzw, map from base_link."""
+    """(4) xyzw, map from base_link, as long as it came."""
 
 
 def decode_vision(message: Any) -> VisionPose | str:
@@ -76,11 +76,8 @@ def _pose(stamp_us: int, position: Sequence[float], attitude: Sequence[float]) -
         return "position is not finite"
     if max(abs(p) for p in position) > _FARTHEST_M:
         return "position is out of range"
-    length = math.sqrt(sum(q * q for q in attitude))
-    if not 0.9 < length < 1.1:
-        return "attitude is no unit quaternion"
-    unit = np.array(attitude, dtype=float) / length
-    return VisionPose(stamp_us, enu_from_ned(position), ros_quaternion(unit))
+    quaternion = np.array(attitude, dtype=float)
+    return VisionPose(stamp_us, enu_from_ned(position), ros_quaternion(quaternion))
 
 
 def _finite(values: Sequence[float]) -> bool:

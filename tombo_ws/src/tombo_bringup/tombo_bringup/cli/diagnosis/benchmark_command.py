@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import typer
 
+from tombo_bringup.cli.diagnosis.benchmark_faults_command import FAULT_EXIT_CODES, benchmark_faults
 from tombo_bringup.cli.diagnosis.benchmark_foreign_command import benchmark_foreign
 from tombo_bringup.cli.diagnosis.benchmark_run import (
     EXIT_CODES,
@@ -112,3 +113,4 @@ def _shown(value: float, factor: float) -> str:
 
 app.command("stand", epilog=EXIT_CODES)(benchmark_stand)
 app.command("foreign", epilog=EXIT_CODES)(benchmark_foreign)
+app.command("faults", epilog=FAULT_EXIT_CODES)(benchmark_faults)

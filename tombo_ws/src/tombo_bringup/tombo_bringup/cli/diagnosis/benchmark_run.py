@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -11,7 +12,7 @@ import typer
 
 from tombo_bringup.cli.options import integer_option, json_option
 from tombo_bringup.cli.result_files import unwritable, write_file
-from tombo_dynamics.errors import InputError
+from tombo_dynamics.errors import InputError, shown
 
 EXIT_CODES: Final = (
     "Exit code: 0 whatever the score; 2 for bad input or output that can't be written; 130 after "
@@ -59,7 +60,7 @@ def run_and_print(
     """Run a benchmark with a progress bar; write its JSON, print its score.
 
     Args:
-        run: (cases, seed, workers, progress, stop) to a BenchmarkResult.
+        run: (cases, seed, workers, progress, stop, kept) to a BenchmarkResult.
         cases: how many.
         seed: of all random draws.
         workers: processes.
@@ -68,28 +69,78 @@ def run_and_print(
         show: prints aggregate and number of cases.
 
     Raises:
-        typer.Exit: stopped by a signal, with nothing written.
+        typer.Exit: stopped by a signal; with an output, the scores so far are kept beside it.
         InputError: the output can't be written any more.
     """
     from tombo_bringup.cli.progress import progress_bar
     from tombo_flight.flight_output import as_json as to_json
     from tombo_flight.process.stop_signals import StopSignals
 
+    kept = None if output is None else PartFile(output.with_name(f"{output.name}.part"), seed)
     with StopSignals() as stop:
         with progress_bar() as on_progress:
-            result = run(cases, seed, workers, on_progress, stop.asked)
+            result = run(cases, seed, workers, on_progress, stop.asked, kept)
         if stop.asked():
-            typer.echo("Error: interrupted", err=True)
+            more = "" if kept is None else f"; the same command goes on with '{kept.path}'"
+            typer.echo(f"Error: interrupted{more}", err=True)
             raise typer.Exit(stop.exit_code)
     text = to_json({"cases": result.cases, "aggregate": result.aggregate})
-    if output is not None:
+    if output is not None and kept is not None:
         write_file(output, text)
+        kept.path.unlink(missing_ok=True)
     if as_json:
         typer.echo(text, nl=False)
         return
     show(result.aggregate, len(result.cases))
     if output is not None:
         typer.echo(f"Wrote {output}")
+
+
+class PartFile:
+    """Scores of a benchmark that was stopped, one a line; what a kill has cut is left out."""
+
+    def __init__(self, path: Path, seed: int) -> None:
+        """Read what is there.
+
+        Raises:
+            InputError: it is of another seed, or can't be read.
+        """
+        self.path = path
+        self.rows: dict[int, dict[str, Any]] = {}
+        self._seed = seed
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"'{path}' can't be read: {error}") from error
+        for line in lines:
+            try:
+                kept_seed, number, row = json.loads(line)
+            except (ValueError, TypeError):
+                continue
+            if kept_seed != seed:
+                raise InputError(
+                    f"'{path}' is of a run with --seed {shown(kept_seed)}; accepted: that seed, "
+                    "or another -o"
+                )
+            self.rows[number] = row
+
+    def add(self, number: int, row: Mapping[str, Any]) -> None:
+        """Append a score.
+
+        Raises:
+            InputError: it can't be written.
+        """
+        text = json.dumps([self._seed, number, row], default=_number)
+        try:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write("\n" + text)  # a line that a kill has cut ends here
+        except OSError as error:
+            raise unwritable(self.path, error) from error
+
+
+def _number(value: Any) -> Any:
+    """Return a number or list of numpy as Python's own."""
+    return value.tolist()
 
 
 def _try_to_write(path: Path) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import Force, json_option, option, output_option
+from tombo_bringup.cli.options import Force, UnpackLimit, json_option, option, output_option
 from tombo_bringup.cli.result_files import compute_into, results_folder
 from tombo_dynamics.errors import InputError
 
@@ -92,6 +92,7 @@ def diagnose(
     no_report: Annotated[
         bool, option("--no-report", "Write no report.html and no plots.")
     ] = False,
+    unpack_limit: UnpackLimit = None,
     as_json: Annotated[bool, json_option("Print diagnosis.json, and nothing else.")] = False,
 ) -> None:
     """Say what the simulation gets wrong in measured flights, name the cause, measure the gain.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from tombo_bringup.cli.errors import print_error
-from tombo_bringup.cli.flight.node_tables import print_node_flight
+from tombo_bringup.cli.flight.node_tables import print_node_flight, print_verdict
 from tombo_bringup.cli.progress import progress_bar
 from tombo_dynamics.errors import InputError
 from tombo_flight.process.output_folder import open_output
@@ -77,6 +77,8 @@ def fly_nodes(
         except Stopped:  # before anything was flown: nothing to keep
             return stop.exit_code
     print_node_flight(flown, path, names, as_json)
+    if not (as_json or lockstep):  # a flight in lockstep is the same on every machine
+        print_verdict(flown.flight.summary)
     if flown.left_armed:
         print_error(flown.left_armed)
     return stop.exit_code or (1 if flown.died or flown.left_armed else 0)

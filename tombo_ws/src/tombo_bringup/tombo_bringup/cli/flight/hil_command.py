@@ -102,11 +102,17 @@ def _introduction(
     one: HilSimulator, world: World, port: int, mocap: str | None, scenario: str, seed: int
 ) -> str:
     """Return the text at the start: the simulator, and the commands that start PX4."""
-    from tombo_px4.hil.hil_start_help import airframe_parameters, mocap_parameters, start_commands
+    from tombo_px4.hil.hil_start_help import (
+        airframe_parameters,
+        exported,
+        mocap_parameters,
+        start_commands,
+    )
 
     parameters = airframe_parameters(world, one.flight)
+    by_mocap = mocap_parameters(world, mocap == ON_LINK)
     if mocap is not None:
-        parameters |= mocap_parameters(world, mocap == ON_LINK)
+        parameters |= by_mocap
     settings, built, container = start_commands(port, parameters)
     lines = [
         f"{scenario}, seed {seed}: waiting for PX4 on TCP port {port} of 127.0.0.1. Start it with",
@@ -121,8 +127,18 @@ def _introduction(
         "PX4 connects once: start it again after this. Built, it keeps these parameters; without "
         "parameters*.bson of build/px4_sitl_default/rootfs it begins with its own again.",
     ]
+    if mocap == ON_LINK:
+        lines.append(
+            "EKF2_EV_DELAY is for poses by this link, which PX4 stamps at their arrival. Poses of "
+            "`tombo fly --px4` carry their time of capture: for them it is 0."
+        )
     if mocap is None:
-        lines.append("To fly by motion capture alone: --mocap link. More is in docs/px4.md.")
+        lines += [
+            "",
+            "To fly by motion capture alone, as `tombo fly --px4` does, PX4 needs these, too:",
+            "",
+            exported(by_mocap),
+        ]
     return "\n".join(lines)
 
 
@@ -171,6 +187,8 @@ class Screen:
     def _status(self, one: HilSimulator, now: float) -> str:
         flight = one.flight
         before, time_us = self._since
+        if flight.time_us < time_us:  # PX4 has left: a new vehicle waits
+            before, time_us = now, flight.time_us
         self._since = (now, flight.time_us)
         factor = 1e-6 * (flight.time_us - time_us) / max(now - before, 1e-9)
         parts = [

@@ -16,6 +16,7 @@ from rich.text import Text
 
 from tombo_bringup.cli.flight.flight_tables import print_files, print_flight
 from tombo_bringup.cli.tables import print_line, right
+from tombo_flight.suite.node_diagnostics import lateness_text
 from tombo_flight.suite.node_log import without_stamp
 
 if TYPE_CHECKING:
@@ -49,8 +50,8 @@ def print_nodes(flown: NodeFlight) -> None:
         table.add_row(
             Text(name),
             _number(loop["rate_hz"], "Hz", 1),
-            _number(loop["jitter_p50_us"], "us", 0),
-            _number(loop["jitter_p99_us"], "us", 0),
+            _late(loop["jitter_p50_us"]),
+            _late(loop["jitter_p99_us"]),
             _number(loop["missed"], "", 0),
         )
     Console().print(table)
@@ -105,8 +106,7 @@ def grouped(warnings: Sequence[tuple[str, str]], epoch_ns: int | None) -> list[s
 def _latency(summary: Mapping[str, Any]) -> str:
     latency = summary["latency_gyro_to_command_us"]
     return (
-        f"Gyro to command: {_number(latency['p50'], 'us', 0)} in the median, "
-        f"{_number(latency['p99'], 'us', 0)} at 99 %"
+        f"Gyro to command: {_late(latency['p50'])} in the median, {_late(latency['p99'])} at 99 %"
     )
 
 
@@ -119,6 +119,19 @@ def _px4(figures: Mapping[str, Any]) -> str:
         f"{_number(figures['messages_in'], 'messages in', 0)}, "
         f"{_number(figures['messages_out'], 'out', 0)}"
     )
+
+
+def print_verdict(summary: Mapping[str, Any]) -> None:
+    """Print whether the machine kept the time that the figures of a flight in real time need."""
+    if summary["too_slow"]:
+        reasons = ", ".join(summary["too_slow"])
+        print_line(f"The machine was too slow for these figures: {reasons}.", "bold yellow")
+    else:
+        print_line("The machine kept pace: the figures are those of the suite.")
+
+
+def _late(value: Any) -> str:
+    return "– us" if value is None else lateness_text(value)
 
 
 def _number(value: Any, unit: str, digits: int) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import json_option, option, output_option
+from tombo_bringup.cli.options import UnpackLimit, json_option, option, output_option
 from tombo_bringup.cli.result_files import check_output
 from tombo_dynamics.errors import InputError
 
@@ -86,6 +86,7 @@ def replay(
         str | None,
         output_option("Write replay.json and replay.png there, over those of an earlier replay."),
     ] = None,
+    unpack_limit: UnpackLimit = None,
     as_json: Annotated[bool, json_option("Print one JSON object, and nothing else.")] = False,
 ) -> None:
     """Feed a recorded run to the nodes' own code and compare with what was recorded.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -60,6 +60,14 @@ class JsonScreen:
         """Print it."""
         self._put({"event": "warning", "node": node, "text": line})
 
+    def notice(self, text: str) -> None:
+        """Print it."""
+        self._put({"event": "notice", "text": text})
+
+    def answer(self, answer: Mapping[str, Any]) -> None:
+        """Print it."""
+        self._put({"event": "answer", **answer})
+
     def ended(self, end: ProcessExit, log: str) -> None:
         """Print it."""
         self._put({"event": "ended", **_plain(end), "log": log})
@@ -98,6 +106,16 @@ class TextScreen:
         from tombo_flight.suite.node_log import without_stamp
 
         self._put(f"{node}: {without_stamp(line)}", "yellow")
+
+    def notice(self, text: str) -> None:
+        """Print it."""
+        self._put(text, "bold")
+
+    def answer(self, answer: Mapping[str, Any]) -> None:
+        """Print what the mission said to a request."""
+        done = "" if answer["success"] else " refused"
+        style = "bold" if answer["success"] else "bold red"
+        self._put(f"{answer['request']}{done}: {answer['message']}", style)
 
     def ended(self, end: ProcessExit, log: str) -> None:
         """Print that a node has ended by itself, with the last lines of its log."""

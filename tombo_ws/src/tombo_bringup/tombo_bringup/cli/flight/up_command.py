@@ -73,9 +73,13 @@ def up(
 ) -> None:
     """Start simulator, estimator, detector, reaction, mission, controller and recorder.
 
+    On a terminal the keys h, l and kk ask the mission to hold, to land, and to switch the rotors
+    off at once.
+
     With --px4 PX4 stands for estimator and controller. Each is a process of its own and a ROS 2
     node; Ctrl-C stops them. A node that ends by itself is reported and not started again; the
-    others go on.
+    others go on. Without the simulator nothing flies before `ros2 service call /mission/takeoff
+    std_srvs/srv/Trigger`.
     """
     from tombo_bringup.cli.flight.fly_command import check_px4_options
     from tombo_bringup.cli.flight.fly_nodes import may_arm
@@ -92,6 +96,9 @@ def up(
         raise InputError(f"--speed {speed:g}: accepted: without --px4, which is in real time")
     connection = None if px4 is None else px4_connection(url_of(px4), bridge or [])
     over = {} if connection is None else over_mavlink(connection)
+    real = "sim" in (*(without or ()), *over.get("without", ()))
+    if real:  # what really flies waits for ~/takeoff
+        over["more"] = {**over.get("more", {}), "mission": {"auto_start": False}}
     folder = record or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
     config = SuiteConfig(
         scenario=load_scenario(scenario, settings or [], model, vehicle),
@@ -101,6 +108,7 @@ def up(
         files=tuple(params or ()),
         speed=speed,
         domain=domain,
+        monitor=("--flight", "--mocap"),
         **{**over, "without": (*over.get("without", ()), *(without or ()))},
     )
     warm_up_nodes(config.scenario)  # compiles what is not compiled yet, and finds bad input
@@ -114,14 +122,24 @@ def up(
 
 def _watch(config: SuiteConfig, duration_s: float | None, as_json: bool) -> int:
     """Run the suite until it is stopped, or nothing of it is left; return the exit code."""
+    from tombo_bringup.cli.flight.keys import HELP, Keys
     from tombo_bringup.cli.flight.suite_screen import new_screen
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.suite.running import LOGS, RunningSuite
 
-    with StopSignals(signal.SIGHUP) as stop, new_screen(as_json) as screen:
+    with StopSignals(signal.SIGHUP) as stop, new_screen(as_json) as screen, Keys() as keys:
+        if keys.there:
+            screen.notice(HELP)
         with RunningSuite(config) as suite:
             while not stop.asked() and suite.running:
+                for request in keys.requests():
+                    if request == "kill?":
+                        screen.notice("kill: once more within a second switches the rotors off")
+                    elif not suite.request(request):
+                        screen.warning(request, "not asked for: the monitor does not run")
                 news = suite.poll(_LOOK_S)
+                for answer in news.answers:
+                    screen.answer(answer)
                 for node, line in news.warnings:
                     screen.warning(node, line)
                 for end in news.ended:

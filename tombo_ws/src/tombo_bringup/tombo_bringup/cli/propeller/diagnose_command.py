@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import Force, integer_option, json_option, option, output_option
+from tombo_bringup.cli.options import (
+    Force,
+    UnpackLimit,
+    integer_option,
+    json_option,
+    option,
+    output_option,
+)
 from tombo_bringup.cli.result_files import compute_into, results_folder
 
 if TYPE_CHECKING:
@@ -69,6 +76,7 @@ def diagnose(
         ),
     ] = None,
     force: Force = False,
+    unpack_limit: UnpackLimit = None,
     as_json: Annotated[bool, json_option("Print diagnosis.json, and nothing else.")] = False,
 ) -> None:
     """Say what the propeller model gets wrong in thrust-stand data, name the cause, or the set.

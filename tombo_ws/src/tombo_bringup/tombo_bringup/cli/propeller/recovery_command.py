@@ -8,7 +8,14 @@ from typing import Annotated
 
 import typer
 
-from tombo_bringup.cli.options import Force, json_option, number_option, option, output_option
+from tombo_bringup.cli.options import (
+    Force,
+    UnpackLimit,
+    json_option,
+    number_option,
+    option,
+    output_option,
+)
 from tombo_bringup.cli.result_files import results_folder
 
 
@@ -54,6 +61,7 @@ def recovery(
         ),
     ] = None,
     force: Force = False,
+    unpack_limit: UnpackLimit = None,
     as_json: Annotated[bool, json_option("Print recovery.json, and nothing else.")] = False,
 ) -> None:
     """Find the collisions in a trace, and the time until 90 % of the thrust are back.

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_dynamics.yaml_text import parse_yaml
 from tombo_logs.readers.mapping_file import read_mapping, shipped_mappings, table_of
@@ -152,7 +152,7 @@ def parse_mapping(text: str, name: str) -> StandMapping:
     channels = table_of(values.get("channels"), f"{what}: channels", CHANNELS)
     header = values.get("header") or ()
     if isinstance(header, str) or not isinstance(header, Sequence):
-        raise InputError(f"{what}: header {header!r:.60}; accepted: a list of columns")
+        raise InputError(f"{what}: header {shown(header)}; accepted: a list of columns")
     return StandMapping(
         name=str(values.get("name", Path(name).stem)),
         about=str(values.get("about", "")),
@@ -173,7 +173,7 @@ def _channel(key: str, content: object, what: str) -> StandChannel:
     many = key in MULTI_COLUMN_CHANNELS
     if not isinstance(columns, Sequence) or not columns or (len(columns) > 1 and not many):
         accepted = "names of columns, one a rotor" if many else "one name of a column"
-        raise InputError(f"{what}: columns {columns!r:.60}; accepted: {accepted}")
+        raise InputError(f"{what}: columns {shown(columns)}; accepted: {accepted}")
     if "unit" not in values and CHANNELS[key] != "1":
         raise InputError(f"{what}: no unit; accepted: a unit as {CHANNELS[key]}")
     unit = str(values.get("unit", "1"))
@@ -248,7 +248,7 @@ def _split(column: str) -> tuple[str, str]:
 
 def _number(content: object, low: float, high: float, what: str) -> float:
     if isinstance(content, bool) or not isinstance(content, int | float):
-        raise InputError(f"{what}: {content!r:.40}; accepted: a number from {low:g} to {high:g}")
+        raise InputError(f"{what}: {shown(content)}; accepted: a number from {low:g} to {high:g}")
     if not low <= content <= high:
-        raise InputError(f"{what}: {content:g}; accepted: {low:g} to {high:g}")
+        raise InputError(f"{what}: {shown(content)}; accepted: {low:g} to {high:g}")
     return float(content)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError
+from tombo_dynamics.errors import InputError, shown
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.propeller.laws.names import law_number
 from tombo_dynamics.propeller.library import known_configuration
@@ -116,7 +116,7 @@ def checked(
     """
     law_number(law)
     if not isinstance(surroundings, Surroundings):
-        raise InputError(f"surroundings {surroundings!r}; accepted: a record Surroundings")
+        raise InputError(f"surroundings {shown(surroundings)}; accepted: a record Surroundings")
     return known_configuration(configuration), law, surroundings
 
 

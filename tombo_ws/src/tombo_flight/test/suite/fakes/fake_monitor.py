@@ -1,6 +1,8 @@
-"""In the monitor's place: says that two nodes are there, one of them not well."""
+"""In the monitor's place: two nodes, one of them not well, a hover, and an answer to requests."""
 
 import json
+import os
+import select
 import signal
 import sys
 import time
@@ -19,7 +21,13 @@ sick = [
         "values": {"mocap_age_s": "1.25"},
     }
 ]
+flight = {"stamp_ns": 5, "height_m": 2.014, "upright": 1.0, "phase": 2}
 while True:
+    sys.stdout.write(json.dumps({"flight": flight}) + "\n")
+    ready, _, _ = select.select([0], [], [], 0.0)
+    for asked in os.read(0, 4096).decode().split() if ready else ():
+        answer = {"request": asked, "success": asked != "land", "message": f"asked to {asked}"}
+        sys.stdout.write(json.dumps({"answer": answer}) + "\n")
     for statuses in (report, sick):
         sys.stdout.write(json.dumps({"diagnostics": statuses}) + "\n")
         sys.stdout.flush()

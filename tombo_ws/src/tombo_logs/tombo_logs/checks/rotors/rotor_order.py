@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, SPIN
-from tombo_logs.checks.spans import Span, block_means, inside, sample_interval
+from tombo_logs.checks.spans import Span, block_means, check_extent, inside, sample_interval
 from tombo_logs.flight_log import Finding, Series
 
 _RATE = 100.0
@@ -51,6 +51,7 @@ def clear_order(drive: Series, gyro: Series) -> tuple[int, ...] | None:
 def order_scores(drive: Series, gyro: Series, exclude: list[Span]) -> dict[tuple[int, ...], float]:
     """Return for each order how well torque and rotation agree, at most 3; too short: nothing."""
     begin, end = max(drive.t[0], gyro.t[0]), min(drive.t[-1], gyro.t[-1])
+    check_extent(begin, end, _RATE)
     t = np.arange(begin, end, 1.0 / _RATE)
     if t.size < 300:
         return {}

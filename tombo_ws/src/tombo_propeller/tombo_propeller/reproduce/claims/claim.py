@@ -13,8 +13,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final, Literal
 
-import yaml
-
+from tombo_dynamics.yaml_text import read_yaml
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper
 
@@ -103,9 +102,7 @@ class Claim:
 def claim_texts() -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
     """Return what `claims.yaml` says: group -> name -> texts."""
     path = Path(__file__).with_name("claims.yaml")
-    content: Mapping[str, Mapping[str, Mapping[str, Any]]] = yaml.safe_load(
-        path.read_text(encoding="utf-8")
-    )
+    content: Mapping[str, Mapping[str, Mapping[str, Any]]] = read_yaml(path, path.name)
     return content
 
 

@@ -1,0 +1,183 @@
+"""Flies with a real PX4 SITL, many seeds, and prints and writes the table of docs/px4.md."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+from tombo_bringup.cli.errors import print_error
+from tombo_bringup.interface_tables import updated
+from tombo_dynamics.errors import InputError
+from tombo_flight.flight_output import as_json
+from tombo_flight.process.output_folder import open_output
+from tombo_flight.process.stop_signals import StopSignals
+from tombo_flight.real_px4.lockstep_flight import fly_lockstep
+from tombo_flight.real_px4.node_flight import fly_nodes_with
+from tombo_flight.real_px4.px4_process import px4_build
+from tombo_flight.scenario import Scenario, load_scenario
+
+_SQUARE: Final = "mission.course=[{x: 1.0}, {y: 1.0}, {x: 0.0}, {y: 0.0}]"
+_COLLISION: Final = "paper_collision"
+FLIGHTS: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
+    "hover": ("hover", ()),
+    "square": ("no_obstacle", (_SQUARE,)),
+    "collision": (_COLLISION, ()),
+}
+"""Name -> scenario and settings."""
+_TABLE: Final = "px4_flights"
+_PAGE: Final = Path("docs/px4.md")
+_MM: Final = 1e3
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A row of the table: a figure of `summary.json`, its name and its unit."""
+
+    key: str
+    name: str
+    unit: str
+    scale: float = 1.0
+    digits: int = 0
+
+
+_FIGURES: Final = (
+    Figure("estimate_error_mean_m", "PX4's position, mean error", "mm", _MM),
+    Figure("estimate_error_max_m", "PX4's position, largest error", "mm", _MM),
+    Figure("hover_rms_m", "hover, RMS from the set point", "mm", _MM),
+    Figure("approach_rms_m", "on the way, RMS from the set point", "mm", _MM),
+    Figure("detection_latency_s", "detected after contact", "ms", 1e3),
+    Figure("max_falling_distance_m", "falls", "m", 1.0, 2),
+    Figure("recovery_time_s", "settled at x_r after contact", "s", 1.0, 1),
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly; return 0, 1 if a flight crashed or never began, 2 for bad input."""
+    options = _options(arguments)
+    if options.px4 is None:
+        print("skipped: no PX4; accepted: make test-px4 PX4=DIR, a PX4 SITL that was built there")
+        return 0
+    try:
+        build = px4_build(options.px4)
+        with TemporaryDirectory() as scratch, StopSignals(signal.SIGHUP) as stop:
+            found = list(_fly_all(build, Path(scratch), options, stop))
+    except InputError as error:
+        print_error(str(error))
+        return 2
+    table = markdown_table(found)
+    print(f"\n{table}")
+    if options.output is not None:
+        options.output.write_text(as_json(found), encoding="utf-8")
+    if options.docs and _PAGE.is_file():
+        page = _PAGE.read_text(encoding="utf-8")
+        _PAGE.write_text(updated(page, {_TABLE: f"\n{table}\n"}), encoding="utf-8")
+    return int(any(one["crashed"] or not one["armed"] for one in found))
+
+
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="make test-px4", description=__doc__)
+    parser.add_argument("px4", nargs="?", type=Path, help="source tree or build of PX4 SITL")
+    parser.add_argument("--seeds", type=int, default=20, help="of the collision; default 20")
+    parser.add_argument("--few", type=int, default=3, help="seeds of hover and square; default 3")
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument(
+        "--nodes", type=int, default=0,
+        help="fly so many collisions over the ROS 2 nodes, in real time, and nothing else",
+    )  # fmt: skip
+    parser.add_argument("--instance", type=int, default=0, help="of PX4: its ports and its id")
+    parser.add_argument("--output", type=Path, help="write all figures as JSON")
+    parser.add_argument("--keep", type=Path, help="with --nodes: folder of the flights' files")
+    parser.add_argument("--docs", action="store_true", help="write the table of docs/px4.md")
+    options = parser.parse_args(arguments)
+    return options
+
+
+def _plan(options: argparse.Namespace) -> Iterable[tuple[str, Scenario, int]]:
+    """Return name, scenario and seed of each flight."""
+    for name, (scenario, settings) in FLIGHTS.items():
+        count = options.seeds if name == "collision" else options.few
+        if options.nodes:
+            count = options.nodes if name == "collision" else 0
+        for seed in range(options.first, options.first + count):
+            yield name, load_scenario(scenario, list(settings)), seed
+
+
+def _fly_all(
+    build: Path, scratch: Path, options: argparse.Namespace, stop: StopSignals
+) -> Iterable[dict[str, Any]]:
+    for number, (name, scenario, seed) in enumerate(_plan(options)):
+        if stop.asked():
+            return
+        began = time.monotonic()
+        folder = scratch / str(number)
+        if options.nodes:
+            kept = (options.keep or scratch / "flights") / f"{name}-{seed}"
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            with open_output(kept, replace=True) as output:
+                summary = fly_nodes_with(
+                    build, folder, output, scenario, seed, stop, instance=options.instance
+                )
+                output.publish()
+        else:
+            summary = fly_lockstep(
+                build, folder, scenario, seed, instance=options.instance
+            ).summary
+        summary = {"flight": name, **summary}
+        print(_line(summary, seed, time.monotonic() - began), flush=True)
+        yield summary
+
+
+def _line(summary: Mapping[str, Any], seed: int, wall_s: float) -> str:
+    """Return a line about a flight."""
+    state = (
+        "crashed" if summary["crashed"] else "landed" if summary.get("landed") else "not landed"
+    )
+    if not summary["armed"]:
+        state = f"never armed: {summary['why_not']}"
+    parts = [f"{summary['flight']} {seed}: {state}"]
+    for figure in _FIGURES:
+        value = summary.get(figure.key)
+        if value is not None:
+            parts.append(f"{figure.name} {figure.scale * value:.{figure.digits}f} {figure.unit}")
+    parts.append(f"contacts {summary.get('contacts', '–')}, missed {summary.get('missed', '–')}")
+    return ", ".join([*parts, f"{wall_s:.0f} s"])
+
+
+def markdown_table(found: Sequence[Mapping[str, Any]]) -> str:
+    """Return the table of the flights: median and largest of each figure, by kind of flight."""
+    kinds = list(dict.fromkeys(str(one["flight"]) for one in found))
+    by = {kind: [one for one in found if one["flight"] == kind] for kind in kinds}
+    rows = [["", *kinds], ["---"] * (1 + len(kinds))]
+    rows.append(["flights", *(str(len(by[kind])) for kind in kinds)])
+    for key, name in (("crashed", "crashed"), ("landed", "landed")):
+        counts = (sum(bool(one.get(key)) for one in by[kind]) for kind in kinds)
+        rows.append([name, *map(str, counts)])
+    again = (sum((one.get("contacts") or 0) > 1 for one in by[kind]) for kind in kinds)
+    rows.append(["hit the pillar again", *map(str, again)])
+    for figure in _FIGURES:
+        label = f"{figure.name} [{figure.unit}]"
+        rows.append([label, *(_median_and_largest(by[kind], figure) for kind in kinds)])
+    counts = (sum(one.get("missed") or 0 for one in by[kind]) for kind in kinds)
+    rows.append(["steps without an answer", *map(str, counts)])
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def _median_and_largest(flights: Sequence[Mapping[str, Any]], figure: Figure) -> str:
+    values = sorted(
+        figure.scale * one[figure.key] for one in flights if one.get(figure.key) is not None
+    )
+    if not values:
+        return "–"
+    middle, most = values[len(values) // 2], values[-1]
+    return f"{middle:.{figure.digits}f}, at most {most:.{figure.digits}f}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

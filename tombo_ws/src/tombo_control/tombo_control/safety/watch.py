@@ -1,0 +1,298 @@
+"""The watch over a flight: evaluates the conditions of `state_machine.TABLE` at each gyro sample.
+
+Pure: ticks of 1 ms are its time. `begin_watch`, then `watch` at each sample; `memory.state` says
+what the controller commands.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from tombo_control.autopilot import Autopilot
+from tombo_control.loops.position_control import BLIND_SPEED, LANDING_SPEED
+from tombo_control.safety.flight_volume import outside_volume
+from tombo_control.safety.params import FlightVolume, SafetyParams
+from tombo_control.safety.state_machine import (
+    STAYS,
+    Condition,
+    SafetyState,
+    deciding_row,
+    row_condition,
+    row_next,
+)
+from tombo_control.safety.touchdown import (
+    TOUCH_IMPULSE,
+    Touchdown,
+    begin_touchdown,
+    observe_ground,
+)
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.messages import Phase
+from tombo_dynamics.records import Record, field
+from tombo_dynamics.rotation import rotated
+from tombo_dynamics.time_base import TICK_HZ, TICK_S
+
+NO_PHASE = -1
+_NEVER = -1
+_REST_SPEED, _BOOT_REST = 0.3, 3 * TICK_HZ // 2
+"""m/s; ticks: how slow a vehicle that takes off is, and a new controller waits."""
+_TAKEOFF_SETPOINT, _TAKEOFF_GRACE = 0.6, TICK_HZ
+"""m: the first set point; ticks: after this a take-off is refused."""
+_JUMP = 0.3
+"""m: an estimate that moves so far from one tick to the next was moved, not the vehicle."""
+_DOWN_HEIGHT, _RETURN_HEIGHT, _ALOFT, _LEARNS = 0.15, 0.4, 0.15, 0.5
+"""m above the place of take-off."""
+_RETURN_DISTANCE, _RETURN_TICKS = 3.0, 3 * TICK_HZ // 10
+_STUCK_SPEED, _STUCK_TICKS = 0.1, 3 * TICK_HZ
+_OVERTURNED_TICKS = TICK_HZ
+
+
+class Watch(Record):
+    """What the watch remembers of a flight."""
+
+    params = field("", "its limits", kind=SafetyParams)
+    volume = field("", "where the vehicle may fly", kind=FlightVolume)
+    state = field("1", "a `SafetyState`", kind=int)
+    row = field("1", "of the table, that led there; -1: none", kind=int)
+    changes = field("1", "of the state", kind=int)
+    since = field("1", "tick at which the state began", kind=int)
+    asked = field("1", "bits of `Condition`: kill, abort, new flight, until they are looked at",
+                  kind=int)  # fmt: skip
+    begun = field("1", "it has been in command", kind=bool)
+    idle_seen = field("1", "phase idle, with the rotors off", kind=bool)
+    takeoff_ticks = field("1", "a take-off is asked for since so long", kind=int)
+    rest_ticks = field("1", "at rest since so long", kind=int)
+    known_ticks = field("1", "the position is known since so long", kind=int)
+    limit_ticks = field("1", "a limit is broken since so long", kind=int)
+    stuck_ticks = field("1", "it does not sink since so long", kind=int)
+    gap = field("1", "the gyro was silent", kind=bool)
+    home = field("m", "where it took off, in map", 3)
+    has_place = field("1", "it has been known where it is", kind=bool)
+    place = field("m", "where it was last known, in map", 3)
+    lost = field("m", "where the position was lost, in map", 3)
+    may_return = field("1", "it was lost in normal flight", kind=bool)
+    deadline = field("1", "tick at which the rotors stop in a descent", kind=int)
+    yaw = field("rad", "heading when the descent began")
+    touchdown = field("", "the test for the ground", kind=Touchdown)
+
+
+@compiled_call
+def begin_watch(watch: Watch) -> None:
+    """Begin as a controller that has just started."""
+    watch.state = SafetyState.OFF
+    watch.row = STAYS
+    watch.since = 0
+    watch.asked = 0
+    watch.begun = False
+    watch.idle_seen = False
+    watch.has_place = False
+    watch.takeoff_ticks = 0
+    watch.rest_ticks = 0
+    watch.known_ticks = 0
+    watch.limit_ticks = 0
+    watch.stuck_ticks = 0
+    watch.gap = False
+    watch.may_return = False
+    watch.deadline = 0
+    begin_touchdown(watch.touchdown)
+
+
+@compiled_call
+def begin_in_flight(watch: Watch) -> None:
+    """Be in command of a vehicle that flies already: in recordings and tests."""
+    watch.state = SafetyState.FLY
+    watch.row = STAYS
+    watch.begun = True
+
+
+@compiled
+def rotors_off(watch: Watch) -> bool:
+    """Return whether no rotor is to turn."""
+    state = watch.state
+    return bool(
+        state == SafetyState.OFF or state == SafetyState.LATCHED or state == SafetyState.STANDBY
+    )
+
+
+@compiled
+def descends(watch: Watch) -> bool:
+    """Return whether the controller lands by itself."""
+    return bool(watch.state == SafetyState.LAND or watch.state == SafetyState.BLIND)
+
+
+@compiled
+def watch_flight(
+    watch: Watch,
+    autopilot: Autopilot,
+    accel: Array,
+    setpoint: Any,
+    phase: int,
+    tick: int,
+    ticks: int,
+    due: bool,
+    known: bool,
+    held: bool,
+) -> None:
+    """Look at one gyro sample; write `state`.
+
+    Args:
+        watch: its memory, changed.
+        autopilot: the controller's state and set points.
+        accel: (3) specific force [m/s^2], base_link.
+        setpoint: the last one, as it came.
+        phase: of the last set point; `NO_PHASE`: none has come.
+        tick: of the sample.
+        ticks: since the last one.
+        due: the position loop is due; the position is judged then alone.
+        known: the position is known.
+        held: no set point has come in time.
+    """
+    state = autopilot.state
+    height = state.position[2] - watch.home[2]
+    flies = not rotors_off(watch)
+    aloft = flies and known and height > _ALOFT
+    learns = aloft and height > _LEARNS and not descends(watch)
+    observe_ground(watch.touchdown, watch.params, autopilot, accel, ticks, learns, aloft)
+    loops = autopilot.loops
+    stopped = loops.sunk and watch.touchdown.impulse > TOUCH_IMPULSE
+    if descends(watch) and stopped and not loops.touched:
+        loops.touched = True
+        loops.touch_speed = state.velocity[2]
+    _count(watch, state, phase, ticks, known)
+    if flies:
+        found = _conditions_aloft(watch, state, phase, tick, due, known, held)
+    else:
+        found = _conditions_on_ground(watch, state, setpoint, phase, ticks, known)
+    found |= watch.asked
+    watch.asked = 0
+    watch.gap = False
+    row = deciding_row(watch.state, found)
+    if row != STAYS:
+        _enter(watch, autopilot, row, tick)
+
+
+@compiled
+def _far(a: Array, b: Array, limit: float) -> bool:
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return bool(not x * x + y * y + z * z <= limit * limit)
+
+
+@compiled
+def _aside(a: Array, b: Array, limit: float) -> bool:
+    """Return whether two places are further apart than that, across."""
+    x, y = a[0] - b[0], a[1] - b[1]
+    return bool(not x * x + y * y <= limit * limit)
+
+
+@compiled
+def _count(watch: Watch, state: Any, phase: int, ticks: int, known: bool) -> None:
+    """Count how long what is measured has been so."""
+    v, limits = state.velocity, watch.params
+    speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    _, _, upright = rotated(state.attitude, 0.0, 0.0, 1.0)
+    watch.known_ticks = watch.known_ticks + ticks if known else 0
+    watch.rest_ticks = watch.rest_ticks + ticks if known and speed < _REST_SPEED else 0
+    fast = known and not speed <= limits.speed_max
+    tilted = not upright >= math.cos(limits.tilt_max)
+    out = known and outside_volume(state.position, watch.volume) > watch.volume.margin
+    watch.limit_ticks = watch.limit_ticks + ticks if fast or tilted or out else 0
+    stuck = phase == Phase.LAND and abs(v[2]) < _STUCK_SPEED
+    watch.stuck_ticks = watch.stuck_ticks + ticks if stuck else 0
+    moved = watch.has_place and _aside(state.position, watch.place, _JUMP)
+    if known and not moved:
+        watch.has_place = True
+        watch.place = state.position
+
+
+@compiled
+def _bit(condition: int, holds: bool) -> int:
+    return int(holds) << condition
+
+
+@compiled
+def _conditions_aloft(
+    watch: Watch, state: Any, phase: int, tick: int, due: bool, known: bool, held: bool
+) -> int:
+    limits, lasted = watch.params, (tick - watch.since) * TICK_S
+    height = state.position[2] - watch.home[2]
+    ground_phase = phase == Phase.IDLE or phase == Phase.LANDED
+    found = _bit(Condition.DOWN, ground_phase and height < _DOWN_HEIGHT)
+    found |= _bit(Condition.DOWN_ABOVE, ground_phase)
+    found |= _bit(Condition.POSITION_LOST, watch.gap or (due and not known))
+    if watch.state == SafetyState.BLIND and watch.known_ticks >= _RETURN_TICKS:
+        back = watch.may_return and lasted <= limits.return_time and height > _RETURN_HEIGHT
+        back = back and not _far(state.position, watch.lost, _RETURN_DISTANCE)
+        found |= _bit(Condition.POSITION_BACK, back)
+        found |= _bit(Condition.POSITION_LATE, True)
+    found |= _bit(Condition.SETPOINT_SILENT, held)
+    found |= _bit(Condition.SETPOINT_BACK, not held)
+    found |= _bit(Condition.HOLD_OVER, lasted > limits.hold_time)
+    found |= _bit(Condition.LIMIT, watch.limit_ticks * TICK_S > limits.limit_time)
+    found |= _bit(Condition.LAND_STUCK, watch.stuck_ticks >= _STUCK_TICKS)
+    ground = watch.touchdown
+    found |= _bit(Condition.TOUCHDOWN, ground.contact_ticks * TICK_S >= limits.touchdown_time)
+    found |= _bit(Condition.OVERTURNED, ground.overturned_ticks >= _OVERTURNED_TICKS)
+    found |= _bit(Condition.TIME_OVER, tick >= watch.deadline)
+    return found
+
+
+@compiled
+def _conditions_on_ground(
+    watch: Watch, state: Any, setpoint: Any, phase: int, ticks: int, known: bool
+) -> int:
+    ground_phase = phase == Phase.IDLE or phase == Phase.LANDED
+    found = _bit(Condition.IDLE, phase == Phase.IDLE)
+    found |= _bit(Condition.DOWN, ground_phase and watch.rest_ticks >= _BOOT_REST)
+    if watch.state == SafetyState.OFF and phase == Phase.IDLE:
+        watch.idle_seen = True
+    wants = phase == Phase.TAKEOFF and (watch.idle_seen or not watch.begun)
+    watch.takeoff_ticks = watch.takeoff_ticks + ticks if wants else 0
+    if wants:
+        _, _, upright = rotated(state.attitude, 0.0, 0.0, 1.0)
+        ready = known and upright >= math.cos(watch.params.takeoff_tilt)
+        rested = min(watch.rest_ticks, watch.takeoff_ticks)
+        ready = ready and rested >= (1 if watch.idle_seen else _BOOT_REST)
+        ready = ready and not _aside(state.position, watch.place, watch.params.takeoff_distance)
+        ready = ready and not _far(state.position, setpoint.position, _TAKEOFF_SETPOINT)
+        found |= _bit(Condition.TAKEOFF, ready)
+    refused = watch.idle_seen and watch.takeoff_ticks > _TAKEOFF_GRACE
+    found |= _bit(Condition.TAKEOFF_REFUSED, refused)
+    flying = phase != NO_PHASE and not ground_phase
+    found |= _bit(Condition.IN_FLIGHT, flying and not (wants and watch.idle_seen))
+    return found
+
+
+@compiled_call
+def _enter(watch: Watch, autopilot: Autopilot, row: int, tick: int) -> None:
+    """Begin the next state."""
+    state, loops = autopilot.state, autopilot.loops
+    before = watch.state
+    landed_before = descends(watch)
+    watch.state = row_next(row)
+    watch.row = row
+    watch.since = tick
+    watch.changes += 1
+    if watch.state == SafetyState.FLY and before != SafetyState.HOLD:
+        if before != SafetyState.BLIND:
+            watch.home = state.position
+        watch.begun = True
+        watch.idle_seen = False
+    elif watch.state == SafetyState.BLIND:
+        watch.may_return = before == SafetyState.FLY or before == SafetyState.HOLD
+        watch.lost = state.position
+    if descends(watch):
+        x, y, _ = rotated(state.attitude, 1.0, 0.0, 0.0)
+        watch.yaw = math.atan2(y, x)
+        autopilot.setpoint.position = state.position
+        if not landed_before:
+            height = max(state.position[2] - watch.home[2], 0.0)
+            descent = 2.0 * height / min(BLIND_SPEED, LANDING_SPEED)
+            watch.deadline = tick + int((descent + watch.params.blind_time) * TICK_HZ)
+    if row_condition(row) == Condition.NEW_FLIGHT:
+        begin_watch(watch)
+        watch.row = row
+    loops.lands = watch.state == SafetyState.LAND
+    watch.limit_ticks = 0
+    watch.stuck_ticks = 0

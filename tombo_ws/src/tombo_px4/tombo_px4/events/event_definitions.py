@@ -1,0 +1,228 @@
+"""What an event means: words with places for its arguments, and the arguments' kinds.
+
+From PX4's own file of events (version 1 or 2 of its format), which comes from the vehicle and is
+trusted in nothing: bounded in size and depth, and what does not fit is left out.
+"""
+
+from __future__ import annotations
+
+import json
+import lzma
+import re
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from tombo_px4.events.known_events import KNOWN_EVENTS, event_number
+
+LARGEST_UNPACKED = 8 << 20
+"""Bytes of a file of metadata; the largest of PX4 1.17 has 160 kB."""
+_MEMORY = 96 << 20
+"""Bytes; PX4 packs with a dictionary of 64 MiB, whatever the size of the file."""
+_EVENTS = 4
+"""COMP_METADATA_TYPE_EVENTS."""
+_ON_VEHICLE = "mftp://"
+_COMPONENT = re.compile(r"^\[;comp=\d+\]")
+_XZ_MAGIC = b"\xfd7zXZ\x00"
+_KINDS = {
+    "uint8_t": "B",
+    "int8_t": "b",
+    "uint16_t": "H",
+    "int16_t": "h",
+    "uint32_t": "I",
+    "int32_t": "i",
+    "uint64_t": "Q",
+    "int64_t": "q",
+    "float": "f",
+}
+_PLACE = re.compile(r"\{(\d{1,2})(?::\.(\d))?([a-zA-Z][\w/^]*)?\}")
+_TAG = re.compile(r"(?<!\\)<[^<>]{0,100}>")
+_ESCAPED = re.compile(r"\\(.)")
+_LONGEST = 240
+"""Characters of a text."""
+_FIRST_MODES = "modes"
+
+
+class BadMetadata(ValueError):
+    """A file of metadata that can't be used, and why."""
+
+
+@dataclass(frozen=True)
+class ArgumentEnum:
+    """Names of the values of an argument."""
+
+    kind: str
+    names: Mapping[int, str]
+    bits: bool
+    """Each value is a bit; several may be set."""
+
+    def text(self, value: int) -> str:
+        """Return the name of a value, or the value."""
+        if not self.bits:
+            return self.names.get(value, str(value))
+        return ", ".join(name for bit, name in self.names.items() if value & bit) or str(value)
+
+
+@dataclass(frozen=True)
+class EventDefinition:
+    """An event.
+
+    Attributes:
+        words: what it says, `{1}` for its first argument.
+        format: of the arguments, as `struct` takes it.
+        enums: place of an argument to the names of its values.
+        names_modes: the first argument is the modes that a check stands in the way of.
+    """
+
+    words: str
+    format: str = "<"
+    enums: Mapping[int, ArgumentEnum] = field(default_factory=dict)
+    names_modes: bool = False
+
+    def values(self, arguments: bytes) -> tuple[Any, ...]:
+        """Return the arguments; those that are not there are 0."""
+        size = struct.calcsize(self.format)
+        return struct.unpack_from(self.format, arguments.ljust(size, b"\0"))
+
+    def text(self, arguments: bytes) -> str:
+        """Return the words with the arguments in their places."""
+        values = self.values(arguments)
+
+        def put(place: re.Match[str]) -> str:
+            at = int(place[1]) - 1
+            if not 0 <= at < len(values):
+                return place[0]
+            value = values[at]
+            if at in self.enums and isinstance(value, int):
+                return self.enums[at].text(value)
+            if isinstance(value, float):
+                digits = int(place[2]) if place[2] else 2
+                value = f"{value:.{digits}f}" if abs(value) < 1e12 else f"{value:g}"
+            unit = (place[3] or "").removesuffix("_v")
+            return f"{value} {unit}" if unit else str(value)
+
+        words = _PLACE.sub(put, _TAG.sub("", self.words))
+        return _ESCAPED.sub(r"\1", words)[:_LONGEST]
+
+
+def own_definitions() -> dict[int, EventDefinition]:
+    """Return the events known by name, by number."""
+    found = {}
+    for name, (words, arguments, names) in KNOWN_EVENTS.items():
+        kinds = "<" + "".join(_KINDS[kind] for kind in arguments)
+        enums = {0: ArgumentEnum(arguments[0], names, False)} if names else {}
+        found[event_number(name)] = EventDefinition(
+            words, kinds, enums, names_modes=name.startswith("check_")
+        )
+    return found
+
+
+def unpacked(content: bytes) -> bytes:
+    """Return a file of metadata as it was before it was compressed, if it was.
+
+    Raises:
+        BadMetadata: too large, or damaged.
+    """
+    if not content.startswith(_XZ_MAGIC):
+        return content
+    unpacker = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=_MEMORY)
+    try:
+        found = unpacker.decompress(content, LARGEST_UNPACKED)
+    except (lzma.LZMAError, MemoryError) as error:
+        raise BadMetadata(f"damaged: {error}") from error
+    if not unpacker.eof:
+        raise BadMetadata(f"more than {LARGEST_UNPACKED} bytes, or not complete")
+    return found
+
+
+def events_file(general: bytes) -> str:
+    """Return the path of the file of events, from the general metadata; "": none on the vehicle.
+
+    Raises:
+        BadMetadata: the file can't be read.
+    """
+    for entry in _list(_mapping(_parsed(general)).get("metadataTypes")):
+        kind = _mapping(entry)
+        if kind.get("type") == _EVENTS:
+            return path_of(str(kind.get("uri", "")))
+    return ""
+
+
+def path_of(uri: str) -> str:
+    """Return the path of a file on the vehicle; "" if it is not there."""
+    if not uri.startswith(_ON_VEHICLE):
+        return ""
+    return _COMPONENT.sub("", uri.removeprefix(_ON_VEHICLE))
+
+
+def definitions(content: bytes) -> dict[int, EventDefinition]:
+    """Return the events of a file of events, by number.
+
+    Raises:
+        BadMetadata: the file can't be read.
+    """
+    components = _mapping(_mapping(_parsed(content)).get("components"))
+    enums: dict[str, ArgumentEnum] = {}
+    for component in map(_mapping, components.values()):
+        space = component.get("namespace")
+        for name, entry in _mapping(component.get("enums")).items():
+            made = _enum(_mapping(entry))
+            if made is not None:
+                enums[f"{space}::{name}"] = made
+                enums.setdefault(str(name), made)
+    found: dict[int, EventDefinition] = {}
+    for number, component in components.items():
+        for group in _mapping(_mapping(component).get("event_groups")).values():
+            for sub, event in _mapping(_mapping(group).get("events")).items():
+                if _is_number(number) and _is_number(sub):
+                    key = int(number) << 24 | int(sub)
+                    found[key] = _definition(_mapping(event), enums)
+    return found
+
+
+def _definition(event: Mapping[str, Any], enums: Mapping[str, ArgumentEnum]) -> EventDefinition:
+    kinds, named = "<", {}
+    arguments = [_mapping(argument) for argument in _list(event.get("arguments"))]
+    for at, argument in enumerate(arguments):
+        kind = str(argument.get("type"))
+        if kind in enums:
+            named[at] = enums[kind]
+            kind = enums[kind].kind
+        if kind not in _KINDS:
+            break  # nothing behind it can be found
+        kinds += _KINDS[kind]
+    first = str(arguments[0].get("name")) if arguments else ""
+    words = str(event.get("message") or event.get("name") or "")
+    return EventDefinition(words, kinds, named, first == _FIRST_MODES)
+
+
+def _enum(entry: Mapping[str, Any]) -> ArgumentEnum | None:
+    kind = str(entry.get("type"))
+    if kind not in _KINDS:
+        return None
+    names = {}
+    for value, said in _mapping(entry.get("entries")).items():
+        if _is_number(value):
+            words = _mapping(said)
+            names[int(value)] = str(words.get("description") or words.get("name"))
+    return ArgumentEnum(kind, names, bool(entry.get("is_bitfield")))
+
+
+def _is_number(text: Any) -> bool:
+    return str(text).isdecimal() and len(str(text)) <= 10
+
+
+def _parsed(content: bytes) -> Any:
+    try:
+        return json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise BadMetadata(f"no JSON: {error}") from error
+
+
+def _mapping(found: Any) -> Mapping[str, Any]:
+    return found if isinstance(found, dict) else {}
+
+
+def _list(found: Any) -> list[Any]:
+    return found if isinstance(found, list) else []

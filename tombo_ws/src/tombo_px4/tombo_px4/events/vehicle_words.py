@@ -1,0 +1,124 @@
+"""PX4's words: its events as texts, explained by its own file, or else by words of ours.
+
+PX4 sends STATUSTEXT only on links on which it hears a ground station; EVENT comes on every link.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+from tombo_px4.bridge.decoded_messages import Event, StatusText
+from tombo_px4.events.event_definitions import EventDefinition, own_definitions
+from tombo_px4.events.known_events import ARMING_DENIED, CHECKS_BEGIN, CHECKS_END, event_number
+from tombo_px4.events.metadata_reader import MetadataReader
+from tombo_px4.link.message_encoder import MessageTarget, run_checks
+from tombo_px4.protocol.results import Severity
+
+_BEGIN, _END = event_number(CHECKS_BEGIN), event_number(CHECKS_END)
+_DENIED = event_number(ARMING_DENIED)
+_OFFBOARD_BIT = 1 << 14
+"""NAVIGATION_STATE_OFFBOARD among the modes of a check: the mode in which the bridge arms."""
+_MOST_WAITING = 64
+_SHOWN_ARGUMENTS = 16
+
+
+class VehicleWords:
+    """Turns events into texts. Those that come before PX4's file is read wait for it.
+
+    Attributes:
+        metadata: reads that file.
+        checks: what stands in the way of arming in OFFBOARD, as PX4 reported last.
+    """
+
+    def __init__(self, to: MessageTarget) -> None:
+        self._to = to
+        self._own = own_definitions()
+        self.metadata = MetadataReader(to)
+        self.checks: tuple[str, ...] = ()
+        self._waiting: deque[Event] = deque(maxlen=_MOST_WAITING)
+        self._report: list[StatusText] | None = None
+        self._asks = self._asked = False
+        self._said: set[str] = set()
+
+    def reset(self) -> None:
+        """Begin again after a restart of the vehicle."""
+        self.metadata.reset()
+        self._waiting.clear()
+        self._report, self.checks = None, ()
+        self._asks = self._asked = False
+        self._said.clear()
+
+    def take(self, event: Event) -> None:
+        """Take an event; its text comes from `tick`."""
+        self._waiting.append(event)
+
+    @property
+    def explained(self) -> bool:
+        """PX4's file has been read: texts that are events too need not be said twice."""
+        return bool(self.metadata.found)
+
+    def tick(
+        self, now_ns: int, on_ground: bool, flies: bool
+    ) -> tuple[list[Any], list[StatusText]]:
+        """Return what to send, and the texts that are new.
+
+        Args:
+            now_ns: the present.
+            on_ground: the vehicle is there and disarmed.
+            flies: it is armed: nothing waits for PX4's file any longer.
+        """
+        settled = self.metadata.over
+        messages = self.metadata.tick(now_ns, on_ground)
+        if self.metadata.over and not settled:
+            self._asks = True  # what it reported before this link was there
+        texts: list[StatusText] = []
+        while self._waiting and (self.metadata.over or flies):
+            texts += self._texts(self._waiting.popleft())
+        if self._asks and on_ground:
+            self._asks, self._asked = False, True
+            messages.append(run_checks(self._to))
+        return messages, texts
+
+    def _texts(self, event: Event) -> list[StatusText]:
+        if event.number == _BEGIN:
+            self._report = []
+            return []
+        if event.number == _END:
+            return self._reported()
+        if event.number == _DENIED:
+            self._asks = True  # PX4 reports changes only: its reasons may be long ago
+        if event.severity > Severity.INFO:
+            return []
+        definition = self._definition(event.number)
+        said = StatusText(event.arrival_ns, event.severity, self._words(event, definition))
+        if self._report is None:
+            return [said]
+        if definition is None or not definition.names_modes or _stands_in_the_way(event):
+            self._report.append(said)
+        return []
+
+    def _reported(self) -> list[StatusText]:
+        """Return the failed checks that are new, or all if they were asked for."""
+        report, self._report = self._report or [], None
+        self.checks = tuple(said.text for said in report if said.severity <= Severity.ERROR)
+        new = [said for said in report if self._asked or said.text not in self._said]
+        self._said = {said.text for said in report}
+        self._asked = False
+        return [
+            StatusText(said.arrival_ns, said.severity, f"Preflight Fail: {said.text}")
+            for said in new
+        ]
+
+    def _definition(self, number: int) -> EventDefinition | None:
+        return self.metadata.found.get(number) or self._own.get(number)
+
+    def _words(self, event: Event, definition: EventDefinition | None) -> str:
+        if definition is not None:
+            return definition.text(event.arguments)
+        arguments = event.arguments.rstrip(b"\0")[:_SHOWN_ARGUMENTS].hex(" ") or "none"
+        return f"event {event.number} of component {event.number >> 24}, arguments {arguments}"
+
+
+def _stands_in_the_way(event: Event) -> bool:
+    return bool(int.from_bytes(event.arguments[:4], "little") & _OFFBOARD_BIT)

@@ -1,0 +1,483 @@
+"""A model of the whole suite for the model checker: the real cores around a point that flies.
+
+Mission, reaction and controller are the compiled functions of the flight; vehicle, estimator and
+detector are as simple as they can be, so that a minute of flight takes some milliseconds. What is
+lost, and when, is a table of faults; what must never be is counted in `Verdict`.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tombo_collision.params import ReactionLimits
+from tombo_collision.reaction_core import (
+    ReactionMemory,
+    begin_reaction,
+    note_mocap,
+    reaction_step,
+    take_mission_setpoint,
+    take_position,
+)
+from tombo_control.autopilot import new_autopilot
+from tombo_control.controller_core import (
+    ControllerMemory,
+    answer_gyro,
+    begin_controller,
+    reset_inputs,
+    take_biases,
+    take_odometry,
+    take_setpoint,
+)
+from tombo_control.mission_core import (
+    MissionLimits,
+    MissionMemory,
+    begin_mission,
+    land_now,
+    mission_step,
+    take_estimate,
+    take_off,
+    take_reaction,
+)
+from tombo_control.params import ControlParams, EstimatorParams, InputLimits
+from tombo_control.planning.mission import MissionParams, compiled_plan
+from tombo_control.safety.params import FlightVolume, SafetyParams
+from tombo_control.safety.state_machine import Condition, SafetyState
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.core import CLOCK_SET_BACK_NS
+from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.message_records import OdometryRecord
+from tombo_dynamics.messages import Phase
+from tombo_dynamics.propeller import configuration, thrust_map
+from tombo_dynamics.records import Record, field, fill_record, parameter_record
+from tombo_dynamics.rotation import rotated, rotated_back
+from tombo_dynamics.rotor_maps import rotor_maps
+from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_NS
+from tombo_dynamics.vehicle import GRAVITY, VehicleParams
+
+
+class Fault(IntEnum):
+    """What is lost, from its begin to its end."""
+
+    MOCAP = 0
+    ESTIMATOR = 1
+    IMU = 2
+    CONTROLLER = 3
+    REACTION = 4
+    DETECTOR = 5
+    MISSION = 6
+    SIMULATOR = 7
+    CLOCK_BACK = 8
+    CLOCK_AHEAD = 9
+    SETPOINT_FAR = 10
+    ACCELEROMETER = 11
+    MOVED_FRAME = 12
+    OUT_OF_VOLUME = 13
+    ABORT = 14
+    KILL = 15
+    LAND_COMMAND = 16
+    TAKEOFF_COMMAND = 17
+    COLLISION = 18
+
+
+FAULT_TEXTS = {
+    Fault.MOCAP: "no poses",
+    Fault.ESTIMATOR: "the estimator is dead; at the end it is restarted",
+    Fault.IMU: "no IMU",
+    Fault.CONTROLLER: "the controller is dead; at the end it is restarted",
+    Fault.REACTION: "the reaction is dead; at the end it is restarted",
+    Fault.DETECTOR: "the detector is dead",
+    Fault.MISSION: "the mission is dead; at the end it is restarted",
+    Fault.SIMULATOR: "the simulator is restarted: another flight",
+    Fault.CLOCK_BACK: "all clocks are set back by 0.5 s",
+    Fault.CLOCK_AHEAD: "all clocks are set ahead by 2 s",
+    Fault.SETPOINT_FAR: "set points 50 m away",
+    Fault.ACCELEROMETER: "the accelerometer shows no number",
+    Fault.MOVED_FRAME: "poses in a frame 5 m away",
+    Fault.OUT_OF_VOLUME: "set points outside of the flight volume",
+    Fault.ABORT: "`~/abort`",
+    Fault.KILL: "`~/kill`",
+    Fault.LAND_COMMAND: "`~/land`",
+    Fault.TAKEOFF_COMMAND: "`~/takeoff`",
+    Fault.COLLISION: "a collision is reacted to",
+}
+LASTING = (
+    Fault.MOCAP,
+    Fault.ESTIMATOR,
+    Fault.IMU,
+    Fault.CONTROLLER,
+    Fault.REACTION,
+    Fault.DETECTOR,
+    Fault.MISSION,
+)
+"""Faults that last; the others happen once, or as long as they are said to."""
+STEP_TICKS = 5
+"""One step of the model."""
+_QUIET = 2000
+"""Steps without thrust, after the last fault, that end a flight: a mission that could begin again
+by itself has its next flight in them."""
+_STEP_S = STEP_TICKS * TICK_NS * 1e-9
+_LEG = 0.18
+"""m: height of a vehicle that stands."""
+_BOX = 4.0
+"""m: half the width of the flight volume."""
+
+
+class Verdict(Record):
+    """What happened, and what must not."""
+
+    commands = field("1", "to take off: those that were obeyed", kind=int)
+    lift_offs = field("1", "it left the ground", kind=int)
+    thrust_after_touchdown = field("1", "steps with thrust after the latch, without command",
+                                   kind=int)  # fmt: skip
+    uncommanded = field("1", "lift-offs without a command", kind=int)
+    far_setpoints = field("1", "steps with a reference further than allowed", kind=int)
+    outside = field("1", "steps with a reference outside of the volume", kind=int)
+    fast_falls = field("1", "touches of the ground at more than 2 m/s but for a kill", kind=int)
+    blind_steps = field("1", "with the rotors on at the ground in a descent", kind=int)
+    longest_ground = field("1", "the most of them on end", kind=int)
+    still_on = field("1", "rotors turn at the end, without a flight", kind=bool)
+    state = field("1", "the controller's state at the end", kind=int)
+    phase = field("1", "the mission's phase at the end", kind=int)
+    visited = field("1", "bits of the states that were visited", kind=int)
+    rows = field("1", "bits of the rows of the table that decided", kind=int)
+
+
+class World(Record):
+    """The point that flies, and what is between it and the cores."""
+
+    position = field("m", "true, in map", 3)
+    velocity = field("m/s", "true, in map", 3)
+    force = field("m/s^2", "specific force, body", 3)
+    sinking = field("m/s", "before the ground stopped it")
+    lift = field("m/s^2", "of the rotors, behind their lag")
+    shift_ns = field("ns", "of all clocks", kind=int)
+    offset = field("m", "of the poses' frame, along x")
+    failsafe = field("1", "the flight controller lands by itself", kind=bool)
+    silent = field("1", "steps without commands", kind=int)
+    aloft = field("1", "it is in the air", kind=bool)
+    pose_ns = field("ns", "of the last pose", kind=int)
+    killed = field("1", "the rotors were stopped by command", kind=bool)
+    on_ground = field("1", "steps on the ground with rotors on, in a descent", kind=int)
+    seed = field("1", "of the noise", kind=int)
+    odometry = field("", "message", kind=OdometryRecord)
+
+
+class Suite(NamedTuple):
+    """Cores and parameters."""
+
+    mission: Any
+    reaction: Any
+    controller: Any
+    autopilot: Any
+    fresh: Any
+    plan: Any
+    mission_limits: Any
+    reaction_limits: Any
+    input_limits: Any
+    maps: Any
+
+
+def new_suite(reach_s: float = 14.0) -> Suite:
+    """Return the cores of a short plan: up, along, a hold, down, by `reach_s` [s]."""
+    vehicle = VehicleParams()
+    level = np.array([0.0, 0.0, 0.0, 1.0])
+    params = MissionParams(
+        takeoff_time=1.0,
+        height=1.5,
+        climb_speed=0.8,
+        approach_time=5.0,
+        approach_speed=0.7,
+        goal_x=2.0,
+        hold_time=2.0,
+        land_time=reach_s,
+    )
+    controller = ControllerMemory.new()
+    fill_record(controller.watch.params, SafetyParams())
+    fill_record(
+        controller.watch.volume,
+        FlightVolume(x_min=-_BOX, x_max=_BOX, y_min=-_BOX, y_max=_BOX, z_max=3.0),
+    )
+    begin_controller(controller)
+    autopilot = new_autopilot(ControlParams(), EstimatorParams(), vehicle, np.zeros(3), level)
+    mission = MissionMemory.new()
+    mission.published_mode = -1
+    begin_mission(mission, True)
+    reaction = ReactionMemory.new()
+    begin_reaction(reaction)
+    maps = rotor_maps(thrust_map(configuration(13)), vehicle)
+    return Suite(
+        mission,
+        reaction,
+        controller,
+        autopilot,
+        autopilot.copy(),
+        compiled_plan(params),
+        parameter_record(MissionLimits(ground_height=_LEG)),
+        parameter_record(ReactionLimits()),
+        parameter_record(InputLimits()),
+        maps,
+    )
+
+
+def new_world(seed: int = 0) -> World:
+    """Return a vehicle at rest on the ground."""
+    world = World.new()
+    world.position[2] = _LEG
+    world.force[2] = GRAVITY
+    world.seed = seed
+    world.odometry.attitude = (0.0, 0.0, 0.0, 1.0)
+    return world
+
+
+@compiled
+def _active(faults: Array, kind: int, step: int) -> bool:
+    for i in range(faults.shape[0]):
+        if faults[i, 0] == kind and faults[i, 1] <= step < faults[i, 2]:
+            return True
+    return False
+
+
+@compiled_call
+def _sense(s: Suite, world: World, faults: Array, step: int, now: int) -> None:
+    """Poses, estimate and status, unless they are lost."""
+    odometry, airborne = world.odometry, s.mission.mode
+    if step % 7 == 0 and not _active(faults, Fault.MOCAP, step):
+        world.pose_ns = now
+        if not _active(faults, Fault.DETECTOR, step):
+            s.reaction.detector_ns = now
+        note_mocap(s.reaction, s.reaction_limits, now)
+    if _active(faults, Fault.ESTIMATOR, step) or _active(faults, Fault.IMU, step):
+        return
+    drift = 0.1 * min((now - world.pose_ns) * 1e-9, 20.0)  # without poses it wanders off
+    velocity = np.empty(3)
+    for i in range(3):
+        odometry.position[i] = world.position[i]
+        velocity[i] = world.velocity[i]
+    odometry.position[0] += world.offset + drift
+    odometry.attitude = s.autopilot.state.attitude
+    x, y, z = rotated_back(odometry.attitude, velocity[0], velocity[1], velocity[2])
+    odometry.velocity[0], odometry.velocity[1], odometry.velocity[2] = x, y, z
+    odometry.stamp_ns = now
+    take_odometry(s.controller, s.autopilot, odometry)
+    take_position(s.reaction, odometry.position, now)
+    take_estimate(s.mission, odometry.position, velocity, now)
+    if step % 4 == 0 and airborne >= 0:
+        zero = np.zeros(3)
+        take_biases(s.controller, s.autopilot, zero, zero, world.pose_ns)
+
+
+@compiled_call
+def _happen(s: Suite, world: World, faults: Array, step: int, verdict: Verdict) -> None:
+    """What happens once: restarts, jumps, commands."""
+    for i in range(faults.shape[0]):
+        kind, begins, ends = faults[i, 0], faults[i, 1] == step, faults[i, 2] == step
+        if kind == Fault.CONTROLLER and ends:
+            reset_inputs(s.controller)
+            s.autopilot.state = s.fresh.state
+            s.autopilot.history = s.fresh.history
+            s.autopilot.loops = s.fresh.loops
+            s.autopilot.setpoint = s.fresh.setpoint
+            begin_controller(s.controller)
+        elif kind == Fault.MISSION and ends:
+            begin_mission(s.mission, False)
+        elif kind == Fault.REACTION and ends:
+            begin_reaction(s.reaction)
+        elif kind == Fault.MOVED_FRAME and begins:
+            world.offset = 5.0
+        elif kind == Fault.CLOCK_BACK and begins:
+            world.shift_ns -= SECOND_NS // 2
+        elif kind == Fault.CLOCK_AHEAD and begins:
+            world.shift_ns += 2 * SECOND_NS
+        elif kind == Fault.SIMULATOR and begins:
+            for k in range(3):
+                world.position[k] = 0.0
+                world.velocity[k] = 0.0
+            world.position[2] = _LEG
+            world.lift = 0.0
+            world.aloft = False
+            world.failsafe = False
+            world.shift_ns = -step * STEP_TICKS * TICK_NS
+            reset_inputs(s.controller)
+            begin_reaction(s.reaction)
+            s.controller.estimate_ns = -1
+            s.controller.pose_ns = -1
+            if step * STEP_TICKS * TICK_NS > CLOCK_SET_BACK_NS:  # a new flight takes a command
+                verdict.commands = verdict.lift_offs
+        elif kind == Fault.KILL and begins:
+            s.controller.watch.asked |= 1 << Condition.KILL
+            world.killed = True
+        elif kind == Fault.ABORT and begins:
+            s.controller.watch.asked |= 1 << Condition.ABORT
+        elif kind == Fault.LAND_COMMAND and begins:
+            land_now(s.mission, s.plan)
+        elif kind == Fault.TAKEOFF_COMMAND and begins:
+            on_ground = s.mission.mode == Phase.IDLE or s.mission.mode == Phase.LANDED
+            if take_off(s.mission) and on_ground:
+                verdict.commands = verdict.lift_offs + 1
+        elif kind == Fault.COLLISION and begins and s.reaction.has_mission:
+            flies = Phase.TAKEOFF <= s.reaction.mission.phase <= Phase.HOLD
+            if flies and not s.reaction.active:
+                s.reaction.active = True
+                s.reaction.changed = True
+                s.reaction.mission_at_x_r = False
+                s.reaction.collisions += 1
+                s.reaction.x_r = s.reaction.position
+                s.reaction.x_r[0] -= 0.8
+
+
+@compiled_call
+def _plan_and_react(s: Suite, world: World, faults: Array, step: int, now: int) -> None:
+    mission_lives = not _active(faults, Fault.MISSION, step)
+    if mission_lives and mission_step(s.mission, s.plan, s.mission_limits, now):
+        setpoint = s.mission.setpoint
+        if _active(faults, Fault.SETPOINT_FAR, step):
+            setpoint.position[0] += 50.0
+        if _active(faults, Fault.OUT_OF_VOLUME, step):
+            setpoint.position[0] = -1.5 * _BOX
+        take_mission_setpoint(s.reaction, setpoint, now)
+    if _active(faults, Fault.REACTION, step):
+        return
+    reaction_step(s.reaction, s.reaction_limits, now)
+    status = s.reaction.status
+    if mission_lives and s.reaction.status_due:
+        take_reaction(
+            s.mission, s.mission_limits, status.state, status.x_r, status.collisions,
+            status.stamp_ns, now,
+        )  # fmt: skip
+    if s.reaction.publishes:
+        if mission_lives:
+            s.mission.answer_ns = now
+        if not _active(faults, Fault.CONTROLLER, step):
+            take_setpoint(s.controller, s.autopilot, s.reaction.setpoint, now)
+
+
+@compiled_call
+def _fly_on(world: World, attitude: Array, lift: float, failsafe: bool) -> None:
+    """Move the point by one step; on the ground it stands, and friction stops it."""
+    v, p = world.velocity, world.position
+    world.lift += (lift - world.lift) * min(_STEP_S / 0.035, 1.0)
+    if failsafe:  # a velocity loop of its own
+        world.lift = GRAVITY + 2.5 * (-0.4 - v[2])
+        ax, ay, az = -2.0 * v[0], -2.0 * v[1], world.lift
+        if p[2] <= _LEG + 0.01:
+            world.lift = az = 0.0
+    else:
+        ax, ay, az = rotated(attitude, 0.0, 0.0, world.lift)
+    az -= GRAVITY + 0.1 * v[2]
+    ax -= 0.1 * v[0]
+    ay -= 0.1 * v[1]
+    hit = 0.0
+    world.sinking = -v[2]
+    if p[2] <= _LEG and (v[2] < 0.0 or az < 0.0):
+        hit = max(-v[2], 0.0) / _STEP_S
+        push = hit + max(-az, 0.0)
+        az = max(az, 0.0)
+        v[2] = max(v[2], 0.0)
+        grip = max(1.0 - 0.4 * push * _STEP_S / (math.hypot(v[0], v[1]) + 1e-6), 0.0)
+        v[0] *= grip
+        v[1] *= grip
+        ax = ay = 0.0
+    for i in range(3):
+        acceleration = ax if i == 0 else ay if i == 1 else az
+        v[i] += _STEP_S * acceleration
+        p[i] += _STEP_S * v[i]
+    p[2] = max(p[2], _LEG - 1e-4)
+    x, y, z = rotated_back(attitude, ax, ay, az + GRAVITY + hit)
+    world.force[0], world.force[1], world.force[2] = x, y, z
+
+
+@compiled_call
+def fly_faults(s: Suite, world: World, faults: Any, steps: int, verdict: Verdict) -> None:
+    """Fly `steps` steps of 5 ms with faults: rows of kind, first step, end; write `verdict`."""
+    verdict.commands = 1
+    force = np.zeros(3)
+    zero = np.zeros(3)
+    volume, allowed = s.controller.watch.volume, s.controller.watch.params.setpoint_distance
+    attitude = np.zeros(4)
+    last = 0
+    for i in range(faults.shape[0]):
+        lasts = faults[i, 0] <= Fault.MISSION and faults[i, 2] < steps
+        last = max(last, faults[i, 2] if lasts else faults[i, 1])
+    rest = 0
+    for step in range(steps):
+        _happen(s, world, faults, step, verdict)
+        now = EPOCH_NS + step * STEP_TICKS * TICK_NS + world.shift_ns
+        _sense(s, world, faults, step, now)
+        if step % 4 == 0:
+            _plan_and_react(s, world, faults, step, now)
+        lives = not _active(faults, Fault.CONTROLLER, step)
+        imu = not _active(faults, Fault.IMU, step)
+        watch = s.controller.watch
+        answered = False
+        if lives and imu:
+            force[:] = math.nan if _active(faults, Fault.ACCELEROMETER, step) else 0.0
+            for i in range(3):
+                force[i] += world.force[i]
+            answer_gyro(s.controller, s.autopilot, s.maps, s.input_limits, now, now, zero, force)
+            answered = watch.state != SafetyState.STANDBY
+        lift = 0.0
+        if answered:
+            world.silent = 0
+            if s.autopilot.setpoint.rotor_speed[0] > 0.0:
+                lift = s.autopilot.setpoint.thrust / s.autopilot.nominal.mass
+                s.autopilot.state.attitude = s.autopilot.setpoint.attitude
+        else:
+            world.silent += 1
+        if world.silent > 10 and world.position[2] > _LEG + 0.1:
+            world.failsafe = True
+        turns = lift > 0.0 or world.position[2] < _LEG + 0.1
+        if world.failsafe and answered and turns:
+            world.failsafe = False
+        if world.silent > 10 and not world.failsafe:
+            lift = 0.0
+        for i in range(4):
+            attitude[i] = s.autopilot.setpoint.attitude[i] if lift > 0.0 else i // 3
+        _fly_on(world, attitude, lift, world.failsafe)
+        _judge(s, world, verdict, lift, volume, allowed)
+        rest = rest + 1 if lift == 0.0 and world.position[2] < _LEG + 0.01 else 0
+        if step > last + _QUIET and rest > _QUIET:
+            break  # nothing turns, nothing is to come
+    verdict.state = s.controller.watch.state
+    verdict.phase = s.mission.mode
+
+
+@compiled_call
+def _judge(
+    s: Suite, world: World, verdict: Verdict, lift: float, volume: Any, allowed: float
+) -> None:
+    """Count what must not be."""
+    watch, height = s.controller.watch, world.position[2] - _LEG
+    verdict.visited |= 1 << watch.state
+    if watch.row >= 0:
+        verdict.rows |= 1 << watch.row
+    if not world.aloft and height > 0.1:
+        world.aloft = True
+        verdict.lift_offs += 1
+        if verdict.lift_offs > verdict.commands:
+            verdict.uncommanded += 1
+    elif world.aloft and height < 0.02 and lift == 0.0 and not world.failsafe:
+        world.aloft = False
+    if height < 0.02 and world.sinking > 2.0 and not world.killed:
+        verdict.fast_falls += 1
+    off = watch.state == SafetyState.LATCHED or watch.state == SafetyState.OFF
+    if off and lift > 0.0:
+        verdict.thrust_after_touchdown += 1
+    descends = watch.state == SafetyState.LAND or watch.state == SafetyState.BLIND
+    world.on_ground = world.on_ground + 1 if descends and height < 0.02 and lift > 0.0 else 0
+    verdict.longest_ground = max(verdict.longest_ground, world.on_ground)
+    if watch.state == SafetyState.FLY and s.controller.position_ran:
+        square = 0.0
+        out = 0.0
+        target = s.autopilot.setpoint.position
+        for i in range(3):
+            square += (target[i] - s.autopilot.state.position[i]) ** 2
+        out = max(abs(target[0]) - volume.x_max, abs(target[1]) - volume.y_max)
+        if out > 1e-9:
+            verdict.outside += 1
+        if square > (1.2 * allowed) ** 2:
+            verdict.far_setpoints += 1
+    verdict.still_on = bool(lift > 0.0)
