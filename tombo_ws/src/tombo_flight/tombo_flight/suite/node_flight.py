@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -85,7 +86,8 @@ class FlightMonitor:
         self.airborne = False
         """It has left the ground."""
         self._began_ns: int | None = None
-        self._now_ns = 0
+        self.now_ns = 0
+        """Stamp of the last state."""
         self._end_s = scenario.duration
         self.phase: int | None = None
         """Of the mission; None: not reported yet."""
@@ -93,7 +95,7 @@ class FlightMonitor:
     @property
     def flown_s(self) -> float:
         """Flight time: from the mission's first word; before it, from the first true pose."""
-        return 0.0 if self._began_ns is None else (self._now_ns - self._began_ns) * 1e-9
+        return 0.0 if self._began_ns is None else (self.now_ns - self._began_ns) * 1e-9
 
     @property
     def over(self) -> bool:
@@ -102,10 +104,10 @@ class FlightMonitor:
 
     def see(self, state: dict[str, Any]) -> None:
         """Take a state of the flight: stamp_ns, height_m, upright, phase (None: not known)."""
-        self._now_ns = int(state["stamp_ns"])
+        self.now_ns = int(state["stamp_ns"])
         phase = state["phase"]
         if self._began_ns is None or (self.phase is None and phase is not None):
-            self._began_ns = self._now_ns
+            self._began_ns = self.now_ns
         self.phase = phase
         self.airborne |= float(state["height_m"]) > self._lifted_m
         more_s = self._flight_end.watch(
@@ -300,7 +302,7 @@ def _land_by_bridge(
     try:
         interrupted = stop.asked()
         end_s = time.monotonic() + _COMES_DOWN_S
-        suite.interrupt("px4_bridge")
+        suite.send_signal("px4_bridge", signal.SIGINT)
         again = " again" if interrupted else ""
         if bridge.mode in ("offboard", "land"):
             notice(f"landing; Ctrl-C{again} leaves it to PX4")

@@ -199,12 +199,12 @@ class RunningSuite:
         """Ask the mission node for something, as `hold`; False: there is nobody to pass it on."""
         return self._supervisor.send(MONITOR, name)
 
-    def interrupt(self, name: str) -> None:
-        """Send SIGINT to one node, if it runs; the others go on."""
+    def send_signal(self, name: str, number: signal.Signals) -> None:
+        """Send a signal to one node, if it runs; the others go on."""
         pid = self._supervisor.running.get(name)
         if pid is not None:
             with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGINT)
+                os.kill(pid, number)
 
     def stop(self) -> list[ProcessExit]:
         """End the nodes, and return those that did not end well when asked to."""

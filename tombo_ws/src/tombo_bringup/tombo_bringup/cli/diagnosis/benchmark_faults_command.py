@@ -16,7 +16,7 @@ from tombo_bringup.cli.diagnosis.benchmark_run import (
     checked,
     run_and_print,
 )
-from tombo_bringup.cli.options import Seed, integer_option
+from tombo_bringup.cli.options import Seed, integer_option, number_option
 from tombo_dynamics.errors import InputError
 
 FAULT_EXIT_CODES: Final = (
@@ -24,6 +24,7 @@ FAULT_EXIT_CODES: Final = (
     "Ctrl-C."
 )
 _MOST_FLIGHTS: Final = 10_000
+_FEWEST_S, _MOST_S = 1.0, 3600.0
 
 
 def benchmark_faults(
@@ -32,6 +33,14 @@ def benchmark_faults(
         int,
         integer_option("--flights N", "Fly each scenario N times: does the touchdown test fire?"),
     ] = 0,
+    nodes: Annotated[
+        float,
+        number_option(
+            "--nodes S",
+            "Kill or stop each node in flight; look at S seconds behind.",
+            f"0, or {_FEWEST_S:g} to {_MOST_S:g}",
+        ),
+    ] = 0.0,
     seed: Seed = 0,
     workers: Workers = None,
     output: Output = None,
@@ -42,11 +51,18 @@ def benchmark_faults(
     Mission, reaction and controller are those of the flight, around a point that flies
     (docs/safety.md). Counted: thrust after touchdown, take-offs without a command, set points
     that can't be followed or leave the flight volume, rotors that turn at the end.
+
+    With --nodes the running suite hovers in real time, once for each node that is killed,
+    killed and started again, or stopped for 20 s: a quarter of an hour for S = 60.
     """
     from tombo_flight.fault_benchmark import check_faults, touchdown_in_flight
+    from tombo_flight.suite.fault_flights import fly_faults
 
     if not 0 <= flights <= _MOST_FLIGHTS:
         raise InputError(f"--flights {flights}: out of bounds; accepted: 0 to {_MOST_FLIGHTS}")
+    if nodes and not _FEWEST_S <= nodes <= _MOST_S:
+        accepted = f"0, or {_FEWEST_S:g} to {_MOST_S:g}"
+        raise InputError(f"--nodes {nodes:g}: out of bounds; accepted: {accepted}")
     count = checked(cases, workers, output)
 
     def run(
@@ -54,10 +70,12 @@ def benchmark_faults(
         stop: Callable[[], bool], kept: Any,
     ) -> Any:  # fmt: skip
         found = check_faults(cases, seed, workers, progress, stop)
-        if not flights or stop():
-            return found
-        aloft = touchdown_in_flight(flights, workers, progress, stop)
-        return replace(found, aggregate={**found.aggregate, "touchdown_in_flight": aloft})
+        more: dict[str, Any] = {}
+        if flights and not stop():
+            more["touchdown_in_flight"] = touchdown_in_flight(flights, workers, progress, stop)
+        if nodes and not stop():
+            more["nodes"] = fly_faults(nodes, seed, progress, stop)
+        return replace(found, aggregate={**found.aggregate, **more})
 
     run_and_print(run, cases, seed, count, output, as_json, _show)
 
@@ -77,3 +95,17 @@ def _show(aggregate: Mapping[str, Any], violating: int) -> None:
             f"{name}: touchdown test fired in {one['fired']} of {one['flights']} flights; longest "
             f"contact in the air {one['longest_contact_s']:.3f} s"
         )
+    for row in aggregate.get("nodes", []):
+        typer.echo(_behind(row))
+
+
+def _behind(row: Mapping[str, Any]) -> str:
+    """Return what a vehicle did behind a fault of a node, as a line."""
+    text = f"{row['fault']}: {row['ends']}, drift {row['drift_m']:.2f} m"
+    if row["down_s"] is not None:
+        off = row["rotors_off_s"]
+        text += (
+            f", sinks at {row['sink_m_s']:.2f} m/s, down after {row['down_s']:.1f} s, rotors off "
+            f"{'never' if off is None else f'{off:.1f} s later'}, slides {row['slid_m']:.2f} m"
+        )
+    return text + (", FLIES AGAIN" if row["flew_again"] else "")

@@ -1,0 +1,22 @@
+"""The estimator stands still for 20 s in a hover of the running suite, then goes on."""
+
+from __future__ import annotations
+
+import pytest
+
+from in_time import in_time
+from tombo_flight.suite.fault_flights import NodeFault, fly_faults
+
+pytestmark = pytest.mark.real_time
+
+pytest.importorskip("rclpy")
+
+
+def test_the_vehicle_is_down_with_rotors_off_and_stays_so():
+    fault = NodeFault("estimator", "stopped")
+    (found,) = fly_faults(30.0, 0, lambda *_: None, lambda: False, [fault])
+    with in_time():
+        assert found["ends"] == "rotors off" and not found["flew_again"]
+        assert 2.0 < found["down_s"] < 12.0 and found["rotors_off_s"] < 4.0
+        assert found["sink_m_s"] < 0.6
+        assert found["slid_m"] < 1.0
