@@ -90,7 +90,7 @@ def test_the_score_is_that_of_the_own_benchmark_and_of_each_vehicle(tombo, monke
         "confidence": 0.9,
     }  # fmt: skip
 
-    def benchmark(ask, cases, seed, workers, progress, stop):
+    def benchmark(ask, cases, seed, workers, progress, stop, kept):
         assert ask is benchmark_foreign_command.diagnose_files
         return BenchmarkResult([row] * cases, aggregate([row] * cases))
 
