@@ -36,6 +36,7 @@ class Vehicle:
     def __init__(self):
         self.armed, self.mode, self.landed = False, AUTO_HOLD, MavLandedState.ON_GROUND
         self.refuses: dict[int, int] = {}
+        self.refused_modes = set()
         self.deaf = self.silent = False
         self.arms_late_ns = 0
         self.received = []
@@ -46,7 +47,8 @@ class Vehicle:
         self.received.append(order)
         if self.deaf:
             return
-        result = self.refuses.get(order.command, 0)
+        refused = order.mode in self.refused_modes
+        result = REJECTED if refused else self.refuses.get(order.command, 0)
         if order.mode is not None:  # the MAVLink module's own, which says nothing
             session.handle_ack(CommandAck(now, SET_MODE_COMMAND, 0))
         session.handle_ack(CommandAck(now, order.command, result))
@@ -496,6 +498,25 @@ def test_a_mission_that_believes_to_be_in_the_air_arms_nothing(phase):
     flight.run(10.0)
     assert not flight.vehicle.received
     assert "believes to be in the air" in flight.faults["not_engaged"]
+
+
+def test_a_hold_that_px4_refuses_is_one_by_set_points():
+    flight = Flight().take_off()
+    flight.vehicle.refused_modes = {AUTO_HOLD}
+    reply = flight.ask("hold")
+    assert reply.success and "set points hold it" in reply.text
+    assert (flight.session.stage, flight.vehicle.mode) == (Stage.EXTERNAL_MODE, OFFBOARD)
+    assert flight.run(20.0).stream == Stream.HOLD, "the mission is not followed"
+    flight.replies.clear()
+    assert flight.ask("offboard").success
+    assert flight.run(0.1).stream == Stream.SETPOINT
+
+
+def test_a_hold_holds_before_px4_has_answered():
+    flight = Flight().take_off()
+    flight.vehicle.deaf = True
+    flight.session.request(Request(1, "hold"))
+    assert flight.run(0.1).stream == Stream.HOLD
 
 
 def test_a_second_request_replaces_the_first():

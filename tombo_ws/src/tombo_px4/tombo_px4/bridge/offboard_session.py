@@ -26,6 +26,7 @@ _DOWN = (Phase.LAND, Phase.DESCEND_BLIND)
 _GROUND = (Phase.IDLE, Phase.LANDED)
 _ARM, _DISARM = VehicleCommand(armed=True), VehicleCommand(armed=False)
 _OFFBOARD, _LAND = VehicleCommand(mode=OFFBOARD), VehicleCommand(mode=AUTO_LAND)
+_HOLD = VehicleCommand(mode=AUTO_HOLD)
 _KILL = VehicleCommand(armed=False, force=True)
 _COMMANDS = {
     "arm": (_ARM,),
@@ -33,10 +34,11 @@ _COMMANDS = {
     "offboard": (_OFFBOARD,),
     "takeoff": (VehicleCommand(mode=AUTO_TAKEOFF), _ARM),
     "land": (_LAND,),
-    "hold": (VehicleCommand(mode=AUTO_HOLD),),
+    "hold": (_HOLD,),
     "kill": (_KILL,),
 }
 """What the operator may ask for, and the commands that do it, one after the other."""
+_HELD = "hold, asked by the operator"
 _MODE_TRIES, _ARM_TRIES, _ASKED_TRIES = 3, 5, 2
 _STREAM_FIRST_NS = SECOND_NS
 """PX4 must have received set points for this time before it accepts OFFBOARD."""
@@ -250,7 +252,9 @@ class Session:
         if self._request is None or transaction is None:
             return
         self._tick_transaction(transaction, view, heartbeat, out)
-        if transaction.failed:
+        if transaction.failed and transaction.order == _HOLD and view.streaming:
+            self._begin_order((_OFFBOARD,))  # without a global position PX4 has no hold of its own
+        elif transaction.failed:
             self._reply(out, False, transaction.refusal)
         elif transaction.done and self._request_orders:
             self._begin_order(self._request_orders)
@@ -283,20 +287,24 @@ class Session:
         under_way = self.stage in (Stage.ENTERING_OFFBOARD, Stage.ARMING)
         if kind in ("disarm", "land", "hold", "kill", "takeoff") and under_way:
             self._give_up(f"stopped by the operator: {kind}")
+        if kind == "hold":  # at once: the place where it is goes out meanwhile
+            self._set_stage(Stage.EXTERNAL_MODE, _HELD)
         self._begin_order(_COMMANDS[kind])
 
     def _request_confirmed(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
         assert self._request is not None
         kind = self._request.kind
-        self._reply(out, True, f"{kind}: confirmed")
+        by_setpoints = kind == "hold" and heartbeat.mode == OFFBOARD
+        by = ": PX4 refuses its own mode, set points hold it" if by_setpoints else ""
+        self._reply(out, True, f"{kind}: confirmed{by}")
         if kind == "offboard":
             self._engage_allowed = True
             stage = Stage.FLYING if heartbeat.armed else Stage.READY
             self._set_stage(stage, "asked by the operator")
         elif kind == "land":
             self._set_stage(Stage.LANDING, "asked by the operator")
-        elif kind in ("hold", "takeoff"):
-            self._set_stage(Stage.EXTERNAL_MODE, f"{kind}, asked by the operator")
+        elif kind == "takeoff":
+            self._set_stage(Stage.EXTERNAL_MODE, "take-off, asked by the operator")
         elif kind == "arm" and self.stage not in (Stage.FLYING, Stage.LANDING):
             self._arm_request_ns = None
             self._armed_for_flight = False
