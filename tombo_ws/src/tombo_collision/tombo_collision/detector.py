@@ -172,11 +172,11 @@ def detect(
     if -params.gap_max <= step <= 0.0:
         return _refuse(memory, PoseRefusal.OUT_OF_ORDER)
     follows = memory.follows and 0.0 < step <= params.gap_max
-    clock_set = not follows or _took_whole_periods(memory, position, step)
-    resumes = memory.follows and clock_set and _continues(memory, params, position, attitude)
-    follows = follows and not resumes
+    apart = not follows or _took_whole_periods(memory, position, step)
+    clock_set = memory.follows and apart and _continues(memory, params, position, attitude)
     moved = False
-    if resumes:
+    if clock_set:
+        follows = False
         _shift_times(memory, stamp_s - memory.period - memory.last.stamp_s)
         step = memory.period
     if not follows:
@@ -201,8 +201,8 @@ def detect(
         if armed:
             event = _evaluate_triggers(memory, params, stamp_s, position)
         memory.period = step
-    elif resumes:
-        _resume(memory, position)
+    elif clock_set:
+        _put_filter(memory, position, _RESUMED_SPEED)
     else:
         _restart(memory, position)
         if moved:  # into the region, perhaps: no entry
@@ -298,10 +298,7 @@ def _is_reachable(
     """
     vx, vy, vz = memory.velocity[0], memory.velocity[1], memory.velocity[2]
     speed = math.sqrt(vx * vx + vy * vy + vz * vz)
-    dx = position[0] - place[0] - vx * step
-    dy = position[1] - place[1] - vy * step
-    dz = position[2] - place[2] - vz * step
-    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+    distance = _distance_off(memory, place, position, step)
     a = 0.0
     b = 0.0
     dot = 0.0
@@ -320,20 +317,36 @@ def _is_reachable(
 
 
 @compiled_call
+def _distance_off(memory: DetectorMemory, place: Array, position: Array, step: float) -> float:
+    """Return how far a position is from where the filter's velocity leads from a place [m]."""
+    dx = position[0] - place[0] - memory.velocity[0] * step
+    dy = position[1] - place[1] - memory.velocity[1] * step
+    dz = position[2] - place[2] - memory.velocity[2] * step
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@compiled_call
 def _restart(memory: DetectorMemory, position: Array) -> None:
     """Begin the filter at a position, as `free_flight_filter`."""
+    _put_filter(memory, position, 1.0)
     for i in range(3):
-        memory.position[i] = position[i]
         memory.velocity[i] = 0.0
         memory.rates[i] = 0.0
-        memory.covariance[i, 0] = 1e-6
-        memory.covariance[i, 1] = 0.0
-        memory.covariance[i, 2] = 1.0
-        memory.rate_variance[i] = 1.0
     memory.follows = True
     memory.samples = 0
-    memory.statistic = 0.0
     memory.track_length = 0
+
+
+@compiled_call
+def _put_filter(memory: DetectorMemory, position: Array, speed_deviation: float) -> None:
+    """Put the filter to a position; velocity and rates stay, but are not known so well."""
+    for i in range(3):
+        memory.position[i] = position[i]
+        memory.covariance[i, 0] = 1e-6
+        memory.covariance[i, 1] = 0.0
+        memory.covariance[i, 2] = speed_deviation * speed_deviation
+        memory.rate_variance[i] = 1.0
+    memory.statistic = 0.0
 
 
 @compiled_call
@@ -354,20 +367,12 @@ def _took_whole_periods(memory: DetectorMemory, position: Array, step: float) ->
     """Return whether the way since the last sample is that of some periods, and `step` another."""
     if abs(step - memory.period) < _SAME_STEP * memory.period:
         return False
-    off_step = _off(memory, position, step)
+    place = memory.position
+    nearer = _SURELY_NEARER * _distance_off(memory, place, position, step)
     for periods in range(1, _MOST_PERIODS + 1):
-        if _off(memory, position, periods * memory.period) < _SURELY_NEARER * off_step:
+        if _distance_off(memory, place, position, periods * memory.period) < nearer:
             return True
     return False
-
-
-@compiled_call
-def _off(memory: DetectorMemory, position: Array, step: float) -> float:
-    """Return how far a position is from where the vehicle would be after a step [m]."""
-    square = 0.0
-    for i in range(3):
-        square += (position[i] - memory.position[i] - memory.velocity[i] * step) ** 2
-    return math.sqrt(square)
 
 
 @compiled_call
@@ -377,18 +382,6 @@ def _shift_times(memory: DetectorMemory, by_s: float) -> None:
     memory.holdoff_until += by_s
     for i in range(memory.track_length):
         memory.track[_track_index(memory, i)].stamp_s += by_s
-
-
-@compiled_call
-def _resume(memory: DetectorMemory, position: Array) -> None:
-    """Go on at a position with the velocity and the rates that were known, less surely."""
-    for i in range(3):
-        memory.position[i] = position[i]
-        memory.covariance[i, 0] = 1e-6
-        memory.covariance[i, 1] = 0.0
-        memory.covariance[i, 2] = _RESUMED_SPEED * _RESUMED_SPEED
-        memory.rate_variance[i] = 1.0
-    memory.statistic = 0.0
 
 
 @compiled_call

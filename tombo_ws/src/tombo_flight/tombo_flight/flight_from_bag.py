@@ -53,6 +53,7 @@ from tombo_flight.flight_record import FlightRecord
 from tombo_flight.pose_track import PoseTrack, pose_track
 from tombo_flight.replay.poses import vectors
 from tombo_flight.scenario import Scenario, as_mapping, scenario_from_mapping
+from tombo_px4.bridge.modes import AUTO_LAND, AUTO_RTL, mode_name
 from tombo_sim.log_columns import LogRow
 
 Ticks = NDArray[np.int64]
@@ -64,7 +65,7 @@ _FIRST_STEP_NS = 20 * TICK_NS
 _TICK_BYTES = 2000
 """Memory that a tick takes, with all of its columns and what is made of them."""
 _DIGITS = 20
-_PX4_LANDS = ("land", "return")
+_PX4_LANDS = (mode_name(AUTO_LAND), mode_name(AUTO_RTL))
 """Modes of PX4 that end on the ground."""
 _BEYOND_NS = SECOND_NS
 """A flight ends at most this time after its last known state."""

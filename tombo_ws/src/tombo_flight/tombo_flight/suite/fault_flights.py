@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,13 +24,8 @@ from tombo_flight.suite.node_flight import FlightMonitor
 from tombo_flight.suite.nodes import SUITE
 from tombo_flight.suite.running import RunningSuite, SuiteConfig
 
-KINDS: Final = {
-    "killed": "for good",
-    "restarted": "killed, and started again 5 s later",
-    "stopped": "stands still for 20 s, then goes on",
-}
-"""What happens to a node."""
-_BACK_S: Final = {"killed": None, "restarted": 5.0, "stopped": 20.0}
+KINDS: Final[Mapping[str, float | None]] = {"killed": None, "restarted": 5.0, "stopped": 20.0}
+"""What happens to a node; time after which it is there again [s]; None: it is gone for good."""
 _HOVER: Final = ("mission.land_time=3500", "mission.hold_time=600", "duration=3600")
 """A mission that never lands by itself."""
 _HOVER_S: Final = 5.0
@@ -135,7 +130,7 @@ def _fly(
                 stops = fault.kind == "stopped"
                 suite.send_signal(fault.node, signal.SIGSTOP if stops else signal.SIGKILL)
                 at_ns = watch.now_ns
-                back_s = _BACK_S[fault.kind]
+                back_s = KINDS[fault.kind]
             behind = (watch.now_ns - at_ns) * 1e-9
             if back_s is not None and behind > back_s:
                 back_s = None

@@ -450,9 +450,7 @@ class Bridge:
     def _encode_command(self, order: VehicleCommand) -> Any:
         if order.mode is not None:
             return message_encoder.set_mode(self._target, order.mode)
-        if order.force:
-            return message_encoder.kill(self._target)
-        return message_encoder.arm(self._target, bool(order.armed))
+        return message_encoder.arm(self._target, bool(order.armed), order.force)
 
     def shutdown_command(self) -> Any:
         """Return the command that lands a vehicle that flies by our set points; None: not needed.

@@ -38,7 +38,6 @@ _COMMANDS = {
     "kill": (_KILL,),
 }
 """What the operator may ask for, and the commands that do it, one after the other."""
-_HELD = "hold, asked by the operator"
 _MODE_TRIES, _ARM_TRIES, _ASKED_TRIES = 3, 5, 2
 _STREAM_FIRST_NS = SECOND_NS
 """PX4 must have received set points for this time before it accepts OFFBOARD."""
@@ -271,12 +270,10 @@ class Session:
         self._request = request
         kind = request.kind
         why_not = ""
-        if kind == "arm" and not heartbeat.armed:
+        if kind == "takeoff" and heartbeat.armed:
+            why_not = "the vehicle is armed already"
+        elif kind in ("arm", "takeoff") and not heartbeat.armed:
             why_not = "; ".join(view.blockers)
-        elif kind == "takeoff":
-            why_not = (
-                "the vehicle is armed already" if heartbeat.armed else "; ".join(view.blockers)
-            )
         elif kind in ("land", "hold") and not heartbeat.armed:
             why_not = "the vehicle is not armed"
         elif kind == "offboard" and not view.streaming:
@@ -285,10 +282,10 @@ class Session:
             self._reply(out, False, why_not)
             return
         under_way = self.stage in (Stage.ENTERING_OFFBOARD, Stage.ARMING)
-        if kind in ("disarm", "land", "hold", "kill", "takeoff") and under_way:
+        if kind not in ("arm", "offboard") and under_way:
             self._give_up(f"stopped by the operator: {kind}")
         if kind == "hold":  # at once: the place where it is goes out meanwhile
-            self._set_stage(Stage.EXTERNAL_MODE, _HELD)
+            self._set_stage(Stage.EXTERNAL_MODE, "hold, asked by the operator")
         self._begin_order(_COMMANDS[kind])
 
     def _request_confirmed(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:

@@ -137,9 +137,8 @@ class SetpointStream:
         """Return what is wrong with the set points while the vehicle flies by them."""
         found = {}
         if not self.fresh(now_ns):
-            silent = (now_ns - self._setpoint_ns) * 1e-9
             found["setpoint_silent"] = (
-                f"no set point for {silent:.1f} s: the last position is held"
+                f"no set point for {self.silent_s(now_ns):.1f} s: the last position is held"
             )
         if self._params.setpoint == POSITION:
             return found

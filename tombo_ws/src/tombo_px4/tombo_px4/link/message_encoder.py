@@ -161,14 +161,11 @@ def set_mode(to: MessageTarget, mode: Mode) -> Any:
     return command(to, mav.MAV_CMD_DO_SET_MODE, *values)
 
 
-def arm(to: MessageTarget, armed: bool) -> Any:
-    """Ask to arm or disarm; never by force."""
-    return command(to, mav.MAV_CMD_COMPONENT_ARM_DISARM, float(armed))
-
-
-def kill(to: MessageTarget) -> Any:
-    """Disarm by force, in the air too."""
-    return command(to, mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, FORCE_ARMING)
+def arm(to: MessageTarget, armed: bool, force: bool = False) -> Any:
+    """Ask to arm or disarm; by force only where asked for: that disarms in the air, too."""
+    return command(
+        to, mav.MAV_CMD_COMPONENT_ARM_DISARM, float(armed), FORCE_ARMING if force else 0.0
+    )
 
 
 def message_interval(to: MessageTarget, number: int, rate_hz: float) -> Any:
