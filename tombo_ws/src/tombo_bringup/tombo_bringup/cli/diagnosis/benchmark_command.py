@@ -65,7 +65,7 @@ def diagnosis(
     count = checked(cases, workers, output)
     from tombo_diagnosis.benchmark.flight_evaluation import benchmark as run
 
-    run_and_print(run, cases, seed, count, output, as_json, print_benchmark)
+    run_and_print("diagnosis", run, cases, seed, count, output, as_json, print_benchmark)
 
 
 def print_benchmark(aggregate: Mapping[str, Any], cases: int) -> None:

@@ -77,7 +77,7 @@ def benchmark_faults(
             more["nodes"] = fly_faults(nodes, seed, progress, stop)
         return replace(found, aggregate={**found.aggregate, **more})
 
-    run_and_print(run, cases, seed, count, output, as_json, _show)
+    run_and_print("faults", run, cases, seed, count, output, as_json, _show)
 
 
 def _show(aggregate: Mapping[str, Any], violating: int) -> None:

@@ -38,7 +38,14 @@ def benchmark_foreign(
     from tombo_diagnosis.benchmark.foreign_evaluation import benchmark
 
     run_and_print(
-        partial(benchmark, diagnose_files), cases, seed, count, output, as_json, print_benchmark
+        "foreign",
+        partial(benchmark, diagnose_files),
+        cases,
+        seed,
+        count,
+        output,
+        as_json,
+        print_benchmark,
     )
 
 

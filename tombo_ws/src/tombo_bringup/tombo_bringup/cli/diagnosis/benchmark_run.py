@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections import UserDict
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -49,6 +50,7 @@ def checked(cases: int, workers: int | None, output: Path | None) -> int:
 
 
 def run_and_print(
+    name: str,
     run: Callable[..., Any],
     cases: int,
     seed: int,
@@ -60,6 +62,7 @@ def run_and_print(
     """Run a benchmark with a progress bar; write its JSON, print its score.
 
     Args:
+        name: of the benchmark.
         run: (cases, seed, workers, progress, stop, kept) to a BenchmarkResult.
         cases: how many.
         seed: of all random draws.
@@ -76,18 +79,19 @@ def run_and_print(
     from tombo_flight.flight_output import as_json as to_json
     from tombo_flight.process.stop_signals import StopSignals
 
-    kept = None if output is None else PartFile(output.with_name(f"{output.name}.part"), seed)
+    part = None if output is None else output.with_name(f"{output.name}.part")
+    kept = None if part is None else PartFile(part, f"{name} --seed {seed}")
     with StopSignals() as stop:
         with progress_bar() as on_progress:
             result = run(cases, seed, workers, on_progress, stop.asked, kept)
         if stop.asked():
-            more = "" if kept is None else f"; the same command goes on with '{kept.path}'"
+            more = f"; the same command goes on with '{part}'" if part and part.exists() else ""
             typer.echo(f"Error: interrupted{more}", err=True)
             raise typer.Exit(stop.exit_code)
     text = to_json({"cases": result.cases, "aggregate": result.aggregate})
-    if output is not None and kept is not None:
+    if output is not None and part is not None:
         write_file(output, text)
-        kept.path.unlink(missing_ok=True)
+        part.unlink(missing_ok=True)
     if as_json:
         typer.echo(text, nl=False)
         return
@@ -96,46 +100,51 @@ def run_and_print(
         typer.echo(f"Wrote {output}")
 
 
-class PartFile:
-    """Scores of a benchmark that was stopped, one a line; what a kill has cut is left out."""
+class PartFile(UserDict[int, dict[str, Any]]):
+    """Scores of a benchmark by number, one a line of a file; a line cut by a kill is left out."""
 
-    def __init__(self, path: Path, seed: int) -> None:
+    def __init__(self, path: Path, run: str) -> None:
         """Read what is there.
 
+        Args:
+            path: the file, made with the first score.
+            run: command and seed that the scores are of.
+
         Raises:
-            InputError: it is of another seed, or can't be read.
+            InputError: it is of another run, or can't be read.
         """
+        super().__init__()
         self.path = path
-        self.rows: dict[int, dict[str, Any]] = {}
-        self._seed = seed
+        self._run = run
         try:
             lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"'{path}' can't be read: {error}") from error
         for line in lines:
             try:
-                kept_seed, number, row = json.loads(line)
+                kept_run, number, row = json.loads(line)
             except (ValueError, TypeError):
                 continue
-            if kept_seed != seed:
+            if kept_run != run:
                 raise InputError(
-                    f"'{path}' is of a run with --seed {shown(kept_seed)}; accepted: that seed, "
-                    "or another -o"
+                    f"'{path}' is of {shown(kept_run)}, this is {shown(run)}; accepted: the same "
+                    "command and seed, or another -o"
                 )
-            self.rows[number] = row
+            self.data[number] = row
 
-    def add(self, number: int, row: Mapping[str, Any]) -> None:
+    def __setitem__(self, number: int, row: dict[str, Any]) -> None:
         """Append a score.
 
         Raises:
             InputError: it can't be written.
         """
-        text = json.dumps([self._seed, number, row], default=_number)
+        text = json.dumps([self._run, number, row], default=_number)
         try:
             with self.path.open("a", encoding="utf-8") as file:
                 file.write("\n" + text)  # a line that a kill has cut ends here
         except OSError as error:
             raise unwritable(self.path, error) from error
+        self.data[number] = row
 
 
 def _number(value: Any) -> Any:

@@ -57,7 +57,7 @@ def benchmark_stand(
     count = checked(cases, workers, output)
     from tombo_diagnosis.benchmark.stand_evaluation import benchmark as run
 
-    run_and_print(run, cases, seed, count, output, as_json, print_score)
+    run_and_print("stand", run, cases, seed, count, output, as_json, print_score)
 
 
 def print_score(aggregate: Mapping[str, Any], cases: int) -> None:
