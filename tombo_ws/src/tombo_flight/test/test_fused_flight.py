@@ -47,7 +47,7 @@ def differences(settings: tuple[str, ...], seed: int) -> tuple[dict[str, int], A
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", [(), JITTER, ("react=false",)])
+@pytest.mark.parametrize("settings", [(), JITTER, ("react=false",), ("reaction.name=reflex",)])
 def test_fused_flight_is_the_runners_to_the_last_bit(settings):
     found, record = differences(settings, 3)
     assert not any(found.values()), found
@@ -64,7 +64,7 @@ def test_reaction_written_in_python_is_one_class_and_flies():
 
         name: ClassVar[str] = "up"
 
-        def decide(self, event: Any, last: Decision | None) -> Decision:
+        def begin(self, event: Any, estimate: Any, last: Decision | None) -> Decision:
             """Go up by half a metre."""
             up = np.array([0.0, 0.0, 1.0])
             x_c = event.contact_position

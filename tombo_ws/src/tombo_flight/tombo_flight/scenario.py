@@ -16,6 +16,7 @@ from tombo_collision.reactions.bounce import Bounce
 from tombo_collision.reactions.none import NoReaction
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.planning.mission import MissionParams
+from tombo_control.recovery.params import ContactParams, RecoveryParams
 from tombo_control.safety.flight_volume import check_volume
 from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.effects import check_theta
@@ -49,6 +50,8 @@ class Scenario:
     propeller: PropellerChoice = field(default_factory=PropellerChoice)
     vehicle: VehicleParams = field(default_factory=VehicleParams)
     control: ControlParams = field(default_factory=ControlParams)
+    recovery: RecoveryParams = field(default_factory=RecoveryParams)
+    contact: ContactParams = field(default_factory=ContactParams)
     estimator: EstimatorParams = field(default_factory=EstimatorParams)
     mission: MissionParams = field(default_factory=MissionParams)
     detector: DetectorParams = field(default_factory=DetectorParams)
@@ -332,7 +335,7 @@ def as_mapping(scenario: Scenario) -> dict[str, Any]:
         for key, value in plain["propeller"].items()
         if key in _ALWAYS_SAID or value != left_out[key]
     }
-    for section in ("safety", "volume"):
+    for section in ("safety", "volume", "recovery", "contact"):
         record = getattr(scenario, section)
         defaults = dataclasses.asdict(type(record)())
         said = {key: value for key, value in plain.pop(section).items() if value != defaults[key]}

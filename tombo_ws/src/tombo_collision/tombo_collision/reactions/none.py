@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tombo_collision.reactions import Decision, Reaction
+from tombo_collision.reactions import Decision, Estimate, Reaction
 from tombo_dynamics.messages import CollisionEvent
 
 
@@ -15,6 +15,8 @@ class NoReaction(Reaction):
 
     name: ClassVar[str] = "none"
 
-    def decide(self, event: CollisionEvent, last: Decision | None) -> Decision | None:
+    def begin(
+        self, event: CollisionEvent, estimate: Estimate, last: Decision | None
+    ) -> Decision | None:
         """Decide nothing."""
         return None
