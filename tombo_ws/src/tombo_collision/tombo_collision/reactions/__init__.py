@@ -1,8 +1,9 @@
 """The reactions to a collision by name, one file each; a file in this folder is all it takes.
 
 A reaction is a frozen dataclass of its parameters (`tombo_dynamics.params.param`: value, unit,
-bounds, meaning) with a `name` and a method `decide`. Scenarios (`reaction: {name: bounce}`),
-`--set reaction.distance=1`, the node's parameters, the documentation and the generic tests follow.
+bounds, meaning) with a `name`, what it `needs`, and a method `decide`. Scenarios (`reaction: {name:
+bounce}`), `--set reaction.distance=1`, `tombo reactions`, the node's parameters, the documentation
+and the generic tests follow.
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ class Reaction(ABC):
     """A reaction and its parameters. It decides from messages alone."""
 
     name: ClassVar[str]
+    needs: ClassVar[tuple[str, ...]] = ("mocap",)
+    """What it lives on: "mocap", "imu", "rotor_speeds"."""
 
     def __init_subclass__(cls) -> None:
         """Enter it into the registry."""

@@ -14,6 +14,7 @@ class NoReaction(Reaction):
     """The mission goes on as if nothing had happened."""
 
     name: ClassVar[str] = "none"
+    needs: ClassVar[tuple[str, ...]] = ()
 
     def decide(self, event: CollisionEvent, last: Decision | None) -> Decision | None:
         """Decide nothing."""

@@ -60,7 +60,7 @@ def suite_parameters(
         "recorder": {},
     }
     table["sim"] |= {"seed": seed, "mocap_rate": scenario.estimator.mocap_rate}
-    table["reaction"] |= {"reaction": scenario.chosen_reaction.name}
+    table["reaction"] |= {"reaction": scenario.reaction.name}
     if speed != 1.0 or lockstep:
         for parameters in table.values():
             parameters["use_sim_time"] = True

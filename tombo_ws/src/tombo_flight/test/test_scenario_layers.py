@@ -1,0 +1,66 @@
+"""What lies over what in a scenario: settings, a reaction by name, disturbances."""
+
+import pytest
+
+from tombo_dynamics.errors import InputError
+from tombo_flight.scenario import (
+    as_mapping,
+    extended_scenario,
+    load_scenario,
+    scenario_from_mapping,
+)
+from tombo_flight.scenario_layers import disturbances
+
+
+def test_another_reaction_leaves_the_parameters_of_the_one_before():
+    mine = {"extends": "paper_collision", "reaction": {"distance": 1.5}}
+    assert extended_scenario(mine, "mine").reaction.distance == 1.5
+    assert load_scenario("paper_collision", ["reaction.distance=1", "reaction.name=none"])
+    with pytest.raises(InputError, match="distance"):
+        load_scenario("paper_collision", ["reaction.name=none", "reaction.distance=1"])
+    back = load_scenario("survey", ["reaction.name=bounce", "reaction.distance=1.5"])
+    assert (back.reaction.name, back.reaction.distance) == ("bounce", 1.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "word", "reaction"),
+    [
+        ("paper_collision", "false", "none"),
+        ("paper_collision", "true", "bounce"),
+        ("survey", "true", "bounce"),
+    ],
+)
+def test_the_word_of_older_files_chooses_a_reaction(name, word, reaction):
+    scenario = load_scenario(name, [f"react={word}"])
+    assert scenario.reaction.name == reaction
+    assert scenario_from_mapping(as_mapping(scenario), name) == scenario
+
+
+def test_disturbances_lie_below_what_is_said_beside_and_after_them():
+    flown = disturbances()["effects"]["gusts"]
+    plain = load_scenario("paper_collision")
+    assert plain.effects["gusts"] != flown
+    disturbed = load_scenario("paper_collision", ["disturbances=true"])
+    assert disturbed.disturbances and disturbed.effects["gusts"]["deviation"] == flown["deviation"]
+    assert (
+        disturbed.effects.items()
+        >= {
+            key: value
+            for key, value in plain.effects.items()
+            if key not in disturbances()["effects"]
+        }.items()
+    )
+    mine = {"extends": "paper_collision", "disturbances": True}
+    assert extended_scenario(mine, "paper_collision") == disturbed
+    mine["effects"] = {"gusts": {"deviation": 2.0}}
+    changed = extended_scenario(mine, "paper_collision")
+    assert changed.effects["gusts"]["deviation"] == 2.0
+    after = ["disturbances=true", "effects.gusts.deviation=2"]
+    assert load_scenario("paper_collision", after) == changed
+    assert load_scenario("paper_collision", [*after, "disturbances=true"]) == changed
+    assert scenario_from_mapping(as_mapping(changed), "paper_collision") == changed
+
+
+def test_disturbances_are_not_taken_away_again():
+    with pytest.raises(InputError, match="a scenario without"):
+        load_scenario("hover", ["disturbances=true", "disturbances=false"])
