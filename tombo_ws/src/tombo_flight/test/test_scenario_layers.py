@@ -1,8 +1,10 @@
 """What lies over what in a scenario: settings, a reaction by name, disturbances."""
 
+import numpy as np
 import pytest
 
 from tombo_dynamics.errors import InputError
+from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import (
     as_mapping,
     extended_scenario,
@@ -64,3 +66,25 @@ def test_disturbances_lie_below_what_is_said_beside_and_after_them():
 def test_disturbances_are_not_taken_away_again():
     with pytest.raises(InputError, match="a scenario without"):
         load_scenario("hover", ["disturbances=true", "disturbances=false"])
+
+
+@pytest.mark.slow
+def test_disturbances_shake_the_imu_in_hover_and_change_from_flight_to_flight():
+    scenario = load_scenario("hover", ["disturbances=true", "duration=14"])
+    flights = [fly_scenario(scenario, seed) for seed in range(5000, 5003)]
+    for record in flights:
+        shaken = {}
+        for name in ("gyro", "accel"):
+            readings = record.log[name][8000:]
+            shaken[name] = readings[20:-20] - _smooth(readings)
+        assert np.sqrt(np.mean(shaken["gyro"] ** 2)) > 0.3  # rad/s, of each axis
+        assert np.sqrt(np.mean(shaken["accel"] ** 2)) > 3.0  # m/s^2
+    flown = [record.scenario["effects"] for record in flights]
+    assert len({f["blade_strike"]["recovery_time"] for f in flown}) == 3
+    assert all(np.hypot(*f["steady_wind"].values()) == pytest.approx(1.0) for f in flown)
+
+
+def _smooth(readings):
+    """Return the mean over 41 ms, which is without what turns with the rotors."""
+    whole = np.cumsum(np.vstack([np.zeros(3), readings]), axis=0)
+    return (whole[41:] - whole[:-41]) / 41.0

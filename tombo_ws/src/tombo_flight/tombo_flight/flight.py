@@ -101,9 +101,9 @@ def fly_scenario(
     if prepare is not None:
         prepare(setup.plant)
     ticks = round(scenario.duration / TICK_S)
-    captures = np.round(
-        np.arange(0.0, scenario.duration, 1.0 / scenario.estimator.mocap_rate) / TICK_S
-    ).astype(np.int64)
+    captures = np.round(np.arange(0.0, scenario.duration, 1.0 / setup.mocap_rate) / TICK_S).astype(
+        np.int64
+    )
     captures = np.append(captures, np.int64(2**62))
     entries = np.zeros(captures.size, MocapEntry.layout)
     normals = setup.mocap_noise.standard_normal((captures.size, NOISE))
@@ -167,6 +167,7 @@ def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any
     """Return the scenario as plain values, with the seed and what follows from it."""
     flown = as_mapping(scenario)
     flown["effects"] = setup.effects
+    flown["estimator"]["mocap_rate"] = setup.mocap_rate
     flown["seed"] = seed
     flown["obstacle"] = dict(zip(("x_m", "y_m", "radius_m", "top_m"), setup.obstacle, strict=True))
     return flown

@@ -301,6 +301,8 @@ def as_mapping(scenario: Scenario) -> dict[str, Any]:
         for key, value in plain["propeller"].items()
         if key in _ALWAYS_SAID or value != left_out[key]
     }
+    unspread = dataclasses.asdict(SpreadParams())
+    plain["spread"] = {k: v for k, v in plain["spread"].items() if v != 0.0 or unspread[k] != 0.0}
     for section in ("safety", "volume"):
         record = getattr(scenario, section)
         defaults = dataclasses.asdict(type(record)())
