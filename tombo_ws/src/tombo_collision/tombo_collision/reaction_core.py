@@ -86,6 +86,7 @@ class ReactionMemory(Record):
 
     active = field("1", "a decision holds", kind=bool)
     guides = field("1", "its reference is the set point", kind=bool)
+    takes_contacts = field("1", "collisions seen in the IMU count", kind=bool)
     recovers = field("1", "the controller is to fly with the recovery's gains", kind=bool)
     reference = field("", "of the decision", kind=PositionSetpointRecord)
     reference_ns = field("ns", "when it was asked for", kind=int)
@@ -441,6 +442,7 @@ class ReactionCore(Core):
     def _choose(self, reaction: Reaction) -> None:
         self.reaction = reaction
         self.memory.recovers = reaction.recovers
+        self.memory.takes_contacts = "imu" in reaction.needs
 
     def on(
         self,

@@ -47,13 +47,15 @@ def differences(settings: tuple[str, ...], seed: int) -> tuple[dict[str, int], A
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", [(), JITTER, ("react=false",), ("reaction.name=reflex",)])
+@pytest.mark.parametrize(
+    "settings", [(), JITTER, ("reaction.name=none",), ("reaction.name=reflex",)]
+)
 def test_fused_flight_is_the_runners_to_the_last_bit(settings):
     found, record = differences(settings, 3)
     assert not any(found.values()), found
     assert record.summary["collided"] and record.summary["detected"]
     assert bool(record.published["/reaction/status"][1]["collisions"][-1]) == (
-        settings != ("react=false",)
+        settings != ("reaction.name=none",)
     )
 
 

@@ -104,9 +104,9 @@ def fly_scenario(
     if prepare is not None:
         prepare(setup.plant)
     ticks = round(scenario.duration / TICK_S)
-    captures = np.round(
-        np.arange(0.0, scenario.duration, 1.0 / scenario.estimator.mocap_rate) / TICK_S
-    ).astype(np.int64)
+    captures = np.round(np.arange(0.0, scenario.duration, 1.0 / setup.mocap_rate) / TICK_S).astype(
+        np.int64
+    )
     captures = np.append(captures, np.int64(2**62))
     entries = np.zeros(captures.size, MocapEntry.layout)
     normals = setup.mocap_noise.standard_normal((captures.size, NOISE))
@@ -175,6 +175,7 @@ def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any
     """Return the scenario as plain values, with the seed and what follows from it."""
     flown = as_mapping(scenario)
     flown["effects"] = setup.effects
+    flown["estimator"]["mocap_rate"] = setup.mocap_rate
     flown["seed"] = seed
     flown["obstacle"] = dict(zip(("x_m", "y_m", "radius_m", "top_m"), setup.obstacle, strict=True))
     return flown
@@ -254,7 +255,7 @@ def _detections(
     scenario: Scenario, published: dict[str, Any]
 ) -> tuple[list[CollisionEvent], list[float]]:
     """Return the collisions that the reaction takes, in flight time, and when each was known."""
-    topics = scenario.chosen_reaction.event_topics()
+    topics = scenario.reaction.event_topics()
     tables = [published[name] for name, topic in _TOPICS.items() if topic in topics]
     found = [
         (float(entry["tick"]) * TICK_S, _detection(entry["message"]))

@@ -53,5 +53,5 @@ def core_of(kind: type[Core], scenario: Scenario) -> Core:
     """Return a new core with the parameters of a scenario."""
     core = kind.make(records_of(kind, scenario))
     if "reaction" in kind.options:
-        core.set_params("reaction", scenario.chosen_reaction.name)
+        core.set_params("reaction", scenario.reaction.name)
     return core

@@ -213,10 +213,9 @@ def fly(
             capture_pose(plant, mocap_noise, theta, entries, captures, tick)
         _watch_flight(plant, published, flight, cores.estimator)
         has_input = _deliver_messages(cores, published, flight, now)
-        collided = (
-            _newest(published.event, flight.published[EVENT], tick) >= 0
-            or _newest(published.contact, flight.published[CONTACT], tick) >= 0
-        )
+        collided = _newest(published.event, flight.published[EVENT], tick) >= 0
+        if cores.reaction.takes_contacts:
+            collided |= _newest(published.contact, flight.published[CONTACT], tick) >= 0
         if now % _MISSION_PERIOD_NS == 0:
             _step_mission(cores.mission, params, published, flight, now)
         i = next_arrival(entries, captures, tick)

@@ -114,7 +114,7 @@ def test_options_reach_the_flight(tombo, tmp_path):
         "--set", "propeller.conf=10", "--set", "duration=2", "--set", "vehicle.mass=0.9",
     ).json  # fmt: skip
 
-    assert (summary["conf"], summary["law"], summary["reaction"]) == (9, "published", False)
+    assert (summary["conf"], summary["law"], summary["reaction"]) == (9, "published", "none")
     report = (tmp_path / "runs" / "paper_collision-0" / "report.html").read_text()
     assert "<th scope='row'>vehicle.mass</th><td>0.9</td>" in report
 

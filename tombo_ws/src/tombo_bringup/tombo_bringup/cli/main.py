@@ -22,6 +22,7 @@ from tombo_bringup.cli.flight.replay_command import REPLAY_EXIT_CODES, replay
 from tombo_bringup.cli.flight.up_command import UP_EXIT_CODES, up
 from tombo_bringup.cli.options import option
 from tombo_bringup.cli.propeller import propeller_command
+from tombo_bringup.cli.reactions_command import reactions
 from tombo_bringup.cli.run_command import PASS_ON, run_executable
 from tombo_bringup.cli.scenarios_command import scenarios
 from tombo_bringup.cli.vehicle_command import app as vehicle_app
@@ -47,6 +48,7 @@ app.command()(scenarios)
 app.add_typer(propeller_command.app, name="propeller", context_settings=_HELP)
 app.add_typer(vehicle_app, name="vehicle", context_settings=_HELP)
 app.command()(effects)
+app.command()(reactions)
 app.add_typer(benchmark_command.app, name="benchmark", context_settings=_HELP)
 
 

@@ -14,6 +14,7 @@ class NoReaction(Reaction):
     """The mission goes on as if nothing had happened."""
 
     name: ClassVar[str] = "none"
+    needs: ClassVar[tuple[str, ...]] = ()
 
     def begin(
         self, event: CollisionEvent, estimate: Estimate, last: Decision | None
