@@ -43,7 +43,7 @@ ROSDEP_KEY = {
     "zstandard": "mcap-ros2-support",
 }
 TEST_KEYS = {"python3-hypothesis", "python3-pytest"}
-WITHOUT_KEY = {"pyulog", "ruptures"}
+WITHOUT_KEY = {"daqp", "pyulog", "ruptures"}
 """Imports for which rosdep has no key: from pip, which docs/nodes.md says."""
 
 

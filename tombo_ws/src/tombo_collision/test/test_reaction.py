@@ -7,7 +7,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from tombo_collision.reactions import REGISTRY, Estimate, reaction_from_mapping
+from tombo_collision.decision import Estimate
+from tombo_collision.reactions import REGISTRY, reaction_from_mapping
 from tombo_collision.reactions.bounce import Bounce, bounce_direction
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import CollisionEvent

@@ -13,8 +13,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, ClassVar
 
+from tombo_collision.decision import Decision, Estimate
 from tombo_collision.params import ReactionLimits
-from tombo_collision.reactions import DEFAULT, REGISTRY, Decision, Estimate, Reaction
+from tombo_collision.reactions import DEFAULT, REGISTRY, Reaction
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Core
 from tombo_dynamics.errors import unknown_name

@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from tombo_collision.reactions import REGISTRY, Decision, Reaction
+from tombo_collision.decision import Decision
+from tombo_collision.reactions import REGISTRY, Reaction
 from tombo_flight.flight import fly_scenario
 from tombo_flight.run_wiring import run_wiring
 from tombo_flight.scenario import load_scenario

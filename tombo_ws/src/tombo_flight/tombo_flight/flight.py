@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from tombo_collision.decision import Decision
 from tombo_collision.detector import CollisionEvent
 from tombo_collision.reaction_core import ReactionCore
-from tombo_collision.reactions import Decision
 from tombo_control.mission_core import status_text
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core

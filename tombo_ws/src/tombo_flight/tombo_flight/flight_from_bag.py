@@ -43,8 +43,8 @@ from tombo_bag.topics import (
     TRUE_ODOMETRY,
     TRUE_ROTORS,
 )
+from tombo_collision.decision import Decision
 from tombo_collision.detector import CollisionEvent
-from tombo_collision.reactions import Decision
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import UNKNOWN_ROTOR, Phase, ReactionPhase, Trigger

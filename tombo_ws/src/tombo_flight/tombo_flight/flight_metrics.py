@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_collision.decision import Decision
 from tombo_collision.detector import CollisionEvent
-from tombo_collision.reactions import Decision
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import PHASE_NAMES, UNKNOWN_ROTOR, Phase, Trigger
 from tombo_dynamics.rotation import tilt, up_in_body

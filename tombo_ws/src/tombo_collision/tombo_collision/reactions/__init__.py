@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, ClassVar
 
-from tombo_dynamics.arrays import Array
+from tombo_collision.decision import Decision, Estimate
 from tombo_dynamics.errors import unknown_name
 from tombo_dynamics.messages import CollisionEvent
 from tombo_dynamics.params import from_mapping
@@ -25,60 +25,6 @@ REGISTRY: dict[str, type[Reaction]] = {}
 """Name -> reaction."""
 EVENT_TOPICS = {"mocap": "/collision_event", "imu": "/contact_event"}
 """Sensor -> topic of the collisions that are seen in it."""
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """The newest estimate that has come."""
-
-    position: Array
-    """(3) of base_link in map [m]."""
-    velocity: Array
-    """(3) in map [m/s]."""
-    attitude: Array
-    """(4) quaternion xyzw, map from base_link."""
-    rates: Array
-    """(3) [rad/s], base_link."""
-
-
-@dataclass(frozen=True)
-class Reference:
-    """Where the vehicle shall be now."""
-
-    position: Array
-    """(3) in map [m]."""
-    velocity: Array
-    """(3) in map, fed forward [m/s]."""
-    acceleration: Array
-    """(3) in map, fed forward [m/s^2]."""
-    yaw: float
-    """[rad]"""
-
-
-@dataclass
-class Decision:
-    """What a reaction decides on a collision. Positions and directions in map.
-
-    With `guides` the set point is its `reference` until it is `over`; without, x_r at once, until
-    the mission flies there.
-    """
-
-    guides: ClassVar[bool] = False
-
-    x_c: Array
-    """(3) base_link at contact [m]."""
-    n_r: Array
-    """(3) unit vector, from x_c to x_r."""
-    x_r: Array
-    """(3) where to hold [m]."""
-
-    def reference(self, time_s: float, estimate: Estimate) -> Reference:
-        """Return the set point so long after the decision; asked at 50 Hz while it guides."""
-        raise NotImplementedError
-
-    def over(self, time_s: float, estimate: Estimate) -> bool:
-        """Return whether the mission holds x_r from now on; asked before each reference."""
-        return True
 
 
 @dataclass(frozen=True)

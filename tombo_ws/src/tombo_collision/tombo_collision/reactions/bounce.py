@@ -8,7 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from tombo_collision.reactions import Decision, Estimate, Reaction
+from tombo_collision.decision import Decision, Estimate
+from tombo_collision.reactions import Reaction
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import CollisionEvent
 from tombo_dynamics.params import param

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tombo_collision.reactions import Decision, Estimate, Reaction
+from tombo_collision.decision import Decision, Estimate
+from tombo_collision.reactions import Reaction
 from tombo_dynamics.messages import CollisionEvent
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from tombo_collision.reactions import Decision, Estimate, Reaction, Reference
+from tombo_collision.decision import Decision, Estimate, Guided, length
+from tombo_collision.reactions import Reaction
 from tombo_collision.reactions.bounce import bounce_direction
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import CollisionEvent
@@ -18,10 +16,12 @@ from tombo_dynamics.rotation import yaw_of
 
 @dataclass(frozen=True)
 class Reflex(Reaction):
-    """Back off by d_r as `bounce` does, known by the IMU, with the gains of the recovery.
+    """Known by the IMU, off the surface, with the controller's gains of the recovery.
 
     The controller knows of a strike within milliseconds, and shares thrust and torques by what
-    each rotor can give while one is folded. Yaw follows the vehicle until it turns no more.
+    each rotor can give while one is folded. The set point is x_r = x_c + d_r n_r at once; n_r is
+    the direction of the push, or, where only the motion capture has seen the collision, against
+    the flight. Yaw follows the vehicle until it turns no more.
     """
 
     name: ClassVar[str] = "reflex"
@@ -49,44 +49,16 @@ class Reflex(Reaction):
 
     def begin(self, event: CollisionEvent, estimate: Estimate, last: Decision | None) -> Decision:
         """Return x_r = x_c + d_r n_r."""
-        n_r = bounce_direction(event.flight_direction)
-        mixed = (1.0 - self.push_share) * n_r + self.push_share * event.push
-        size = math.sqrt(float(mixed @ mixed))
-        n_r = mixed / size if size > 0.1 else n_r
+        n_r = off_surface(event, self.push_share)
         x_r = event.contact_position + self.distance * n_r
         x_r[2] = max(x_r[2], self.height_min)
-        return Recovering(event.contact_position, n_r, x_r, self, yaw_of(estimate.attitude))
+        yaw = yaw_of(estimate.attitude)
+        return Guided(event.contact_position, n_r, x_r, self.timeout, yaw)
 
 
-_NEAR, _SLOW, _CALM = 0.15, 0.2, 0.5
-"""m, m/s, rad/s: nearer to x_r, slower and turning slower than that, the recovery is over."""
-
-
-@dataclass
-class Recovering(Decision):
-    """At x_r at once; the heading is the vehicle's own until it turns no more."""
-
-    guides: ClassVar[bool] = True
-
-    params: Reflex
-    yaw: float
-
-    def reference(self, time_s: float, estimate: Estimate) -> Reference:
-        """Rest at x_r."""
-        if abs(estimate.rates[2]) > _CALM:
-            self.yaw = yaw_of(estimate.attitude)
-        return Reference(self.x_r, np.zeros(3), np.zeros(3), self.yaw)
-
-    def over(self, time_s: float, estimate: Estimate) -> bool:
-        """Return whether it is at x_r and at rest, or time is up."""
-        if time_s > self.params.timeout:
-            return True
-        return (
-            _length(estimate.position - self.x_r) < _NEAR
-            and _length(estimate.velocity) < _SLOW
-            and _length(estimate.rates) < _CALM
-        )
-
-
-def _length(vector: Array) -> float:
-    return math.sqrt(float(vector @ vector))
+def off_surface(event: CollisionEvent, push_share: float = 1.0) -> Array:
+    """Return n_r (3): along the push, in part or whole; against the flight where none is known."""
+    against = bounce_direction(event.flight_direction)
+    mixed = (1.0 - push_share) * against + push_share * event.push
+    size = length(mixed)
+    return mixed / size if size > 0.1 else against

@@ -70,7 +70,7 @@ def allocate_folded(
         out[2 * k] = mean + recovery.difference[k]
         out[2 * k + 1] = mean - recovery.difference[k]
     for i in range(4):
-        full = out[i] / max(share[i], 1e-3)
+        full = out[i] / max(share[i], 0.05)
         out[i] = min(max(full, maps.thrust_lowest), maps.thrust_highest)
     loops.saturated[0] = 0.0 if reached else math.copysign(1.0, roll)
     loops.saturated[1] = 0.0 if reached else math.copysign(1.0, pitch)

@@ -86,15 +86,26 @@ class RecoveryParams(ControlParams):
     velocity_d: float = param(
         0.0, "1", (0.0, 1.0), "acceleration taken back per measured acceleration", "not needed"
     )
+    velocity_max_xy: float = param(
+        1.05,
+        "m/s",
+        (0.1, 15.0),
+        "horizontal velocity limit",
+        "the fastest that `brake` can stop within 0.6 m; a higher one is tilt for nothing",
+    )
     tilt_max: float = param(
-        0.5, "rad", (0.05, 1.4), "limit of commanded tilt", "height holds below 0.34 rad on two"
+        0.7,
+        "rad",
+        (0.05, 1.4),
+        "limit of commanded tilt; the thrust that is left limits it as well",
+        "after a fast strike the vehicle still flies ahead",
     )
     attitude_p: float = param(
-        10.0,
+        8.0,
         "1/s",
         (0.5, 20.0),
         "body rate asked for per attitude error, roll and pitch",
-        "a third of the rate loop's",
+        "a third of the rate loop's; with 10 motors of 49 ms swing",
     )
     rate_p: float = param(
         30.0,

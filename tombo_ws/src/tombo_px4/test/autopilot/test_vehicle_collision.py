@@ -7,7 +7,7 @@ import pytest
 from vehicle_bench import Flight
 
 from core_calls import CollisionDetector
-from tombo_collision.reactions import Estimate
+from tombo_collision.decision import Estimate
 from tombo_control.planning import mission as plan
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.messages import CollisionEvent, Phase
