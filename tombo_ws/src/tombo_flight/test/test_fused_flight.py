@@ -47,7 +47,7 @@ def differences(settings: tuple[str, ...], seed: int) -> tuple[dict[str, int], A
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", [(), JITTER, ("reaction.name=none",)])
+@pytest.mark.parametrize("settings", [(), JITTER, ("reaction.name=none",), ("disturbances=true",)])
 def test_fused_flight_is_the_runners_to_the_last_bit(settings):
     found, record = differences(settings, 3)
     assert not any(found.values()), found
