@@ -21,6 +21,7 @@ SHORT = (
     "duration=11",
 )
 JITTER = ("effects.mocap_latency.delay=0.02", "effects.mocap_latency.jitter=0.02")
+DISTURBED = ("disturbances=true", "mission.land_time=18", "duration=17")
 
 
 def differences(settings: tuple[str, ...], seed: int) -> tuple[dict[str, int], Any]:
@@ -47,7 +48,7 @@ def differences(settings: tuple[str, ...], seed: int) -> tuple[dict[str, int], A
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", [(), JITTER, ("reaction.name=none",), ("disturbances=true",)])
+@pytest.mark.parametrize("settings", [(), JITTER, ("reaction.name=none",), DISTURBED])
 def test_fused_flight_is_the_runners_to_the_last_bit(settings):
     found, record = differences(settings, 3)
     assert not any(found.values()), found
