@@ -22,6 +22,7 @@ SHORT = (
     "duration=11",
 )
 JITTER = ("effects.mocap_latency.delay=0.02", "effects.mocap_latency.jitter=0.02")
+DISTURBED = ("disturbances=true", "mission.land_time=18", "duration=17")
 
 
 def differences(settings: tuple[str, ...], seed: int) -> tuple[dict[str, int], Any]:
@@ -49,7 +50,14 @@ def differences(settings: tuple[str, ...], seed: int) -> tuple[dict[str, int], A
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "settings", [(), JITTER, ("reaction.name=none",), ("reaction.name=reflex",)]
+    "settings",
+    [
+        (),
+        JITTER,
+        ("reaction.name=none",),
+        ("reaction.name=reflex", *DISTURBED),
+        ("reaction.name=mpc",),
+    ],
 )
 def test_fused_flight_is_the_runners_to_the_last_bit(settings):
     found, record = differences(settings, 3)

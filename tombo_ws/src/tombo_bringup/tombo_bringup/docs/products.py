@@ -29,6 +29,7 @@ LEFT: Final = (
     "docs/stand.md, A real stand: tombo propeller diagnose, on a data set",
     "docs/beta.md, Tested on rendered films: python benchmarks/beta_from_video.py",
     "docs/design.md, regressions and flights of the check: tombo propeller design",
+    "docs/reactions.md, Bounce: tombo fly SCENARIO --disturbances --seeds 5000:5100",
     "docs/px4.md, README, How fast: make bench, benchmarks/",
 )
 """Tables that are not regenerated: they take half an hour, or depend on the machine."""
