@@ -254,8 +254,8 @@ def _detection(event: Any) -> CollisionEvent:
 def _detections(
     scenario: Scenario, published: dict[str, Any]
 ) -> tuple[list[CollisionEvent], list[float]]:
-    """Return the collisions that the reaction takes, in flight time, and when each was known."""
-    topics = scenario.reaction.event_topics()
+    """Return detector's and reaction's collisions, in flight time, and when each was known."""
+    topics = {"/collision_event", *scenario.reaction.event_topics()}
     tables = [published[name] for name, topic in _TOPICS.items() if topic in topics]
     found = [
         (float(entry["tick"]) * TICK_S, _detection(entry["message"]))

@@ -357,8 +357,8 @@ class _RecordedFlight:
         return phases
 
     def _detections(self) -> tuple[list[CollisionEvent], list[float]]:
-        """Return the collisions that the reaction takes, and when each was known [s]."""
-        topics = self._scenario.reaction.event_topics()
+        """Return detector's and reaction's collisions, and when each was known [s]."""
+        topics = {COLLISION_EVENT.name, *self._scenario.reaction.event_topics()}
         found = [pair for topic in topics for pair in self._events(topic)]
         found.sort(key=itemgetter(1))
         return [seen for seen, _ in found], [at_s for _, at_s in found]

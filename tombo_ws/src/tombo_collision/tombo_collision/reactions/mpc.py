@@ -98,8 +98,8 @@ def _problem(params: Mpc) -> tuple[Array, ...]:
         for j in range(i + 1):
             reach[i, j] = _STEP**2 * (i - j + 0.5)
             speed[i, j] = _STEP
-    change: Array = np.eye(_STEPS) - np.eye(_STEPS, k=-1)
-    square: Array = (
+    change = np.eye(_STEPS) - np.eye(_STEPS, k=-1)
+    square = (
         reach.T @ reach
         + params.velocity_weight * speed.T @ speed
         + params.acceleration_weight * np.eye(_STEPS)
@@ -108,11 +108,10 @@ def _problem(params: Mpc) -> tuple[Array, ...]:
     from_offset = reach.T @ np.ones(_STEPS)
     from_velocity = reach.T @ (_STEP * later) + params.velocity_weight * speed.T @ np.ones(_STEPS)
     from_before = -params.change_weight * change.T @ np.eye(_STEPS)[:, 0]
-    parts: tuple[Array, ...] = (from_offset, from_velocity, from_before)
-    gradients: list[Array] = [np.kron(one[:, None], unit) for one in parts]
-    whole: list[Array] = [np.kron(square, unit), *gradients]
-    rows: Array = np.kron(np.eye(_STEPS), _limits(params)[0])
-    return (*whole, rows)
+    gradients = (from_offset, from_velocity, from_before)
+    whole = [np.kron(square, unit), *(np.kron(one[:, None], unit) for one in gradients)]
+    whole.append(np.kron(np.eye(_STEPS), _limits(params)[0]))
+    return tuple(one.astype(np.float64) for one in whole)
 
 
 @cache
