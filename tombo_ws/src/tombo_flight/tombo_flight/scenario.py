@@ -220,6 +220,18 @@ def load_scenario(
     Raises:
         InputError: unknown scenario or key, wrong type, NaN, a value out of bounds, no model.
     """
+    values, label = scenario_values(name, model, vehicle)
+    return with_settings(values, settings, label)
+
+
+def scenario_values(
+    name: str, model: str | None = None, vehicle: str | VehicleFile | None = None
+) -> tuple[dict[str, Any], str]:
+    """Return the plain values of a scenario before settings, and its name; as `load_scenario`.
+
+    Raises:
+        InputError: as `load_scenario`.
+    """
     values, label = _read(name)
     if vehicle is not None:
         values["vehicle"] = vehicle
@@ -235,10 +247,10 @@ def load_scenario(
             )
         plain = scenario_from_mapping(values, label)
         values |= {"effects": merge_effects(plain.effects, extended), "model": model}
-    return _with_settings(values, settings, label)
+    return values, label
 
 
-def _with_settings(values: dict[str, Any], settings: Sequence[str], label: str) -> Scenario:
+def with_settings(values: dict[str, Any], settings: Sequence[str], label: str) -> Scenario:
     """Apply settings one after the other, and check the whole."""
     for setting in settings:
         values = _with_vehicle(override(values, setting))
@@ -265,7 +277,7 @@ def scenario_over(
     if name is not None:
         over, _ = _read(name)
         values = _merged(values, over)
-    return _with_settings(_with_vehicle(values), settings, label)
+    return with_settings(_with_vehicle(values), settings, label)
 
 
 def extended_scenario(values: Mapping[str, Any], label: str) -> Scenario:

@@ -84,7 +84,7 @@ def diagnose(
     output: Annotated[
         str | None,
         output_option(
-            "Folder of the results, new or empty. Default: runs/diagnosis-LOG, replaced; with "
+            "Folder of the results, new or empty. Default: runs/diagnosis-LOG, numbered; with "
             "--json nothing is written."
         ),
     ] = None,
@@ -123,12 +123,13 @@ def diagnose(
         say_what_changed(logs, healthy, mapping, names, output, force, no_report, as_json)
         return
     path = results_folder(output, "diagnosis", logs[0].name.split(".")[0], as_json, "log")
-    (found, _), written = compute_into(
-        path, force or output is None, DIAGNOSIS_FILES,
+    (found, _), path, written = compute_into(
+        path, force, DIAGNOSIS_FILES,
         lambda on_progress: run(logs, model, mapping, names, on_progress, vehicle),
         lambda folder, both, on_progress: write_diagnosis(
             folder, *both, pictures=not no_report, on_progress=on_progress
         ),
+        numbered=output is None,
     )  # fmt: skip
     if as_json:
         typer.echo(diagnosis_json(found), nl=False)
