@@ -98,7 +98,7 @@ def _page(study: Study, columns: Columns, errors: Array, outcome: str, read: Any
 
 
 def _failures(study: Study, columns: Columns, errors: Array, read: Any) -> str:
-    failed = np.flatnonzero((columns["crashed"] > 0.0) | errors)
+    failed = np.flatnonzero(np.logical_or(columns["crashed"] > 0.0, errors))
     if not failed.size:
         return "<p>None.</p>"
     lines = []

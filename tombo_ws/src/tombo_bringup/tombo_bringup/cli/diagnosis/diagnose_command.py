@@ -153,22 +153,14 @@ def run(
         InputError: a log, the mapping, the vehicle or the model can't be used.
     """
     from tombo_diagnosis.report.diagnosis_output import NominalReference
-    from tombo_flight.model_file import read_model
 
-    base = None if model is None else read_model(model)
     on_progress("loading the model", 0.0)  # imports compiled code
-    from tombo_diagnosis.flight.diagnose_files import diagnose_files
-    from tombo_diagnosis.flight.experiment_design import separate
-    from tombo_diagnosis.flight.scenario_nominal import nominal_model
-    from tombo_flight.vehicle_file import read_vehicle
+    from tombo_diagnosis.flight.diagnose_logs import diagnose_logs
 
-    nominal = nominal_model(model, vehicle)
-    file = None if vehicle is None else read_vehicle(vehicle)
-    found, _ = diagnose_files(
-        logs, nominal, mapping, names, file, on_progress, separate, time.perf_counter
+    found, label, base = diagnose_logs(
+        logs, model, mapping, names, vehicle, time.perf_counter, on_progress
     )
-    today = datetime.date.today().isoformat()
-    return found, NominalReference(nominal.label, today, base)
+    return found, NominalReference(label, datetime.date.today().isoformat(), base)
 
 
 def parse_topics(texts: list[str]) -> dict[str, str]:
