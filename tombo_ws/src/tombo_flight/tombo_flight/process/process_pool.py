@@ -31,6 +31,7 @@ def run_in_processes(
     progress: Callable[[int], None] | None = None,
     keep: Callable[[_Item, _Result], None] | None = None,
     stop: Callable[[], bool] | None = None,
+    copies: bool = False,
 ) -> list[_Result]:
     """Return the results in the order of the items, up to the first one missing.
 
@@ -43,6 +44,9 @@ def run_in_processes(
         progress: called with the number of items done.
         keep: called with each item and its result, as they come.
         stop: asked ten times a second; True ends all processes.
+        copies: start the processes as copies of this one, where no other threads run in it: all
+            code is loaded already, which saves each two seconds. Not for work that needs another
+            number of threads of linear algebra than this process has.
 
     Raises:
         Exception: what `work` raised first; all processes are ended.
@@ -50,9 +54,14 @@ def run_in_processes(
     done: dict[int, _Result] = {}
     numbered = enumerate(items)
     found = stream_from_processes(
-        _numbered, ((work, number, item) for number, item in numbered), workers,
-        begin=begin, given=given, stop=stop,
-    )  # fmt: skip
+        _numbered,
+        ((work, number, item) for number, item in numbered),
+        workers,
+        begin=begin,
+        given=given,
+        stop=stop,
+        copies=copies,
+    )
     with closing(found):
         for number, result in found:
             done[number] = result
@@ -76,6 +85,7 @@ def stream_from_processes(
     begin: Callable[..., None] | None = None,
     given: tuple[Any, ...] = (),
     stop: Callable[[], bool] | None = None,
+    copies: bool = False,
 ) -> Generator[_Result, None, None]:
     """Yield results as they come, in any order; nothing is kept. Arguments as above.
 
@@ -87,8 +97,10 @@ def stream_from_processes(
     waiting: set[Future[_Result]] = set()
     strangers = set(multiprocessing.active_children())
     left = iter(items)
+    # The locks of other threads would be taken for ever in a copy.
+    start = "fork" if copies and threading.active_count() == 1 else "spawn"
     executor = ProcessPoolExecutor(
-        workers, multiprocessing.get_context(_start_method()), _begin, (begin, given)
+        workers, multiprocessing.get_context(start), _begin, (begin, given)
     )
     whole = False
     try:
@@ -106,15 +118,6 @@ def stream_from_processes(
             for process in set(multiprocessing.active_children()) - strangers:
                 process.kill()
         executor.shutdown(cancel_futures=True)
-
-
-def _start_method() -> str:
-    """Return how processes start.
-
-    A copy of this process has all code loaded already, which saves two seconds each; where other
-    threads run, a copy could find their locks taken for ever.
-    """
-    return "fork" if threading.active_count() == 1 else "spawn"
 
 
 def _submit(

@@ -17,8 +17,10 @@ from tombo_flight.sweep.store import Store
 from tombo_flight.sweep.study import Flyer, Study
 from tombo_flight.version import tombo_version
 
-_BATCH = 8
-"""Flights of a task of Dask: a task costs its scheduler about a millisecond."""
+_LARGEST_BATCH = 64
+"""Flights of a task of Dask: a task costs its scheduler several milliseconds."""
+_TASKS = 32
+"""Tasks that each thread gets at least, so that all end at about the same time."""
 _AHEAD = 4
 """Tasks handed out to each thread of the cluster in advance."""
 _LOOK_S = 0.02
@@ -56,10 +58,17 @@ def fly_missing(
         with suppress(InputError):  # a flight that can't be flown says so in its row
             warm_up_flight(store.study.scenario_at(0))  # once, not in each process
         rows = stream_from_processes(
-            _fly, store.missing(), count, begin=_begin, given=(store.study,), stop=stop
+            _fly,
+            store.missing(),
+            count,
+            begin=_begin,
+            given=(store.study,),
+            stop=stop,
+            copies=True,
         )
     else:
-        rows = _stream_from_dask(scheduler, store.study, store.missing(), stop)
+        missing = store.study.flights - store.kept
+        rows = _stream_from_dask(scheduler, store.study, store.missing(), missing, stop)
     began, before = time.monotonic(), store.kept
     with closing(rows):
         for row in rows:
@@ -100,9 +109,9 @@ def _fly_batch(study: Study, flights: list[int]) -> list[dict[str, Any]]:
 
 
 def _stream_from_dask(
-    address: str, study: Study, flights: Iterable[int], stop: Callable[[], bool] | None
+    address: str, study: Study, flights: Iterable[int], count: int, stop: Callable[[], bool] | None
 ) -> Generator[dict[str, Any], None, None]:
-    """Yield rows as they come; a task whose worker is lost is flown by another one."""
+    """Yield rows of `count` flights as they come; another worker flies what a lost one had."""
     try:
         from distributed import Client, as_completed
     except ImportError:
@@ -119,12 +128,14 @@ def _stream_from_dask(
         ) from error
     with client:
         shared = client.scatter(study, broadcast=True)
+        threads = max(sum(client.nthreads().values()), 1)
+        size = min(max(count // (_TASKS * threads), 1), _LARGEST_BATCH)
         left = iter(flights)
         waiting = as_completed(loop=client.loop)
 
         def hand_out() -> None:
             ahead = _AHEAD * max(sum(client.nthreads().values()), 1)
-            while waiting.count() < ahead and (batch := list(islice(left, _BATCH))):
+            while waiting.count() < ahead and (batch := list(islice(left, size))):
                 waiting.add(client.submit(_fly_batch, shared, batch, pure=False))
 
         hand_out()
