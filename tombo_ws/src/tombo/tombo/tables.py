@@ -66,8 +66,8 @@ def _flat(name: str, values: Any) -> Iterator[tuple[str, Any]]:
     elif values.ndim == 2 and values.shape[1] == 1:
         yield name, values[:, 0]
     else:
-        wide = values.reshape(values.shape[0], -1)
-        for part, column in zip(_parts(name, wide.shape[1]), wide.T, strict=True):
+        wide = np.ascontiguousarray(values.reshape(values.shape[0], -1).T)
+        for part, column in zip(_parts(name, wide.shape[0]), wide, strict=True):
             yield f"{name}.{part}", column
 
 

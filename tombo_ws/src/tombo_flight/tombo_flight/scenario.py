@@ -301,6 +301,7 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     for key, value in values.items():
         if key not in accepted:
             raise unknown_name(f"key in scenario '{label}'", key, accepted)
+        _refuse_decimal_comma(value, key)
         if key == "reaction":
             built[key] = reaction_from_mapping({} if value is None else value)
         elif key in _SECTIONS:
@@ -332,6 +333,22 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     check_volume(scenario.volume)
     check_course(scenario.mission, scenario.control, scenario.volume)
     return dataclasses.replace(scenario, vehicle=fitted)
+
+
+def _refuse_decimal_comma(value: Any, section: str) -> None:
+    """Say what became of {mass: 1,4}: YAML reads a mass of 1, and a key 4 without a value.
+
+    Raises:
+        InputError: a key is a number without a value.
+    """
+    found = isinstance(value, Mapping) and next(
+        (key for key, inner in value.items() if isinstance(key, int) and inner is None), None
+    )
+    if found is not False and found is not None:
+        raise InputError(
+            f"{section}: the key {found} has no value; accepted: a decimal point, as in "
+            f"{{mass: 1.4}}: a comma ends the value before it"
+        )
 
 
 def as_mapping(scenario: Scenario) -> dict[str, Any]:

@@ -149,7 +149,12 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(refused, monkeypatch):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
     monkeypatch.setattr(flight_output, "write_mcap", full)
-    refused(("fly", "hover", "--set", "duration=0.3"), "No space left on device")
+    refused(
+        ("fly", "hover", "--set", "duration=0.3"),
+        "No space left on device",
+        "runs/hover-0",
+        "MB are free",
+    )
 
 
 @pytest.mark.slow

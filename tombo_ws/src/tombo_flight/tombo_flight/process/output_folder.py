@@ -7,6 +7,7 @@ start, and where its name is taken, -2, -3 and so on follow it.
 
 from __future__ import annotations
 
+import errno
 import itertools
 import os
 import secrets
@@ -181,6 +182,15 @@ class OutputFolder:
     def _is_staging(self, path: Path) -> bool:
         return path == getattr(self, "staging", None)
 
+    def full(self, error: OSError) -> InputError:
+        """Return what is said when the disk is full."""
+        written = sum(p.stat().st_size for p in self.staging.rglob("*") if p.is_file())
+        free = shutil.disk_usage(self.staging).free
+        return InputError(
+            f"output folder '{self.path}': {error.strerror}: {written / 1e6:.1f} MB of this run "
+            f"are written, {free / 1e6:.1f} MB are free; accepted: a folder on a disk with room"
+        )
+
     def _unwritable(self, error: OSError) -> InputError:
         reason = error.strerror or str(error)
         return InputError(
@@ -227,5 +237,9 @@ def open_output(
     )
     try:
         yield folder
+    except OSError as error:
+        if error.errno == errno.ENOSPC:
+            raise folder.full(error) from error
+        raise
     finally:
         folder.discard()

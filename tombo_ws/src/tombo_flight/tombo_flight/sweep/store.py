@@ -8,6 +8,7 @@ process that is killed loses no flight that was over, and the table does not dep
 from __future__ import annotations
 
 import dataclasses
+import errno
 import fcntl
 import json
 import os
@@ -144,13 +145,18 @@ class _Block:
                 self.rows[row["flight"]] = row
                 whole += len(line)
             os.truncate(path, whole)
+        self._path = str(path)
         self._file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
 
     def append(self, row: Mapping[str, Any]) -> None:
         line = json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n"
         data = line.encode()
-        if os.write(self._file, data) != len(data):
-            raise OSError(28, os.strerror(28))
+        try:
+            written = os.write(self._file, data)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, self._path) from error
+        if written != len(data):  # the rest is cut off when the sweep goes on
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), self._path)
         self.rows[row["flight"]] = row
 
     def close(self) -> None:
