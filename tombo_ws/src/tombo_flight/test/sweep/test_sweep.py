@@ -185,6 +185,17 @@ def test_a_folder_with_another_sweep_or_other_things_is_refused(tmp_path, whole)
         pass
 
 
+def test_a_sweep_of_which_nothing_was_flown_leaves_nothing(tmp_path):
+    for numbered in (False, True):
+        with (
+            pytest.raises(InputError, match="reached"),
+            open_store(tmp_path / "s", study(), numbered=numbered) as store,
+        ):
+            assert store.folder.is_dir()
+            raise InputError("it can't be reached")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_two_processes_can_not_fly_the_same_sweep(tmp_path):
     with (
         open_store(tmp_path, study()),

@@ -14,11 +14,12 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from tombo_dynamics.errors import InputError
+from tombo_flight.process.output_folder import make_numbered
 from tombo_flight.sweep.study import Study, study_of
 
 STUDY_FILE = "sweep.json"
@@ -130,6 +131,14 @@ class Store:
         for block in self._open.values():
             block.close()
 
+    def remove(self, folder: Path | None) -> None:
+        """Remove what was written, and the folder itself if given and empty."""
+        shutil.rmtree(self._parts, ignore_errors=True)
+        (self.folder / STUDY_FILE).unlink(missing_ok=True)
+        if folder is not None:
+            with suppress(OSError):
+                folder.rmdir()
+
 
 class _Block:
     """Flights of a block that is not whole, and their file."""
@@ -164,14 +173,26 @@ class _Block:
 
 
 @contextmanager
-def open_store(folder: Path, study: Study) -> Iterator[Store]:
+def open_store(folder: Path, study: Study, *, numbered: bool = False) -> Iterator[Store]:
     """Open the folder of a sweep: a new or empty one, or that of the same sweep, to go on with.
+
+    A new one is gone again where not one flight was flown.
+
+    Args:
+        folder: the folder; its parents are made as needed.
+        study: what is flown.
+        numbered: make a new folder, with a number behind its name where that is taken.
 
     Raises:
         InputError: something else is in it, or another process flies it.
         OSError: it can't be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    new = numbered or not folder.exists()
+    if numbered:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        folder = make_numbered(folder)
+    else:
+        folder.mkdir(parents=True, exist_ok=True)
     lock = os.open(folder, os.O_RDONLY)
     try:
         try:
@@ -180,12 +201,15 @@ def open_store(folder: Path, study: Study) -> Iterator[Store]:
             raise InputError(
                 f"-o {folder}: another process flies this sweep; accepted: another folder"
             ) from None
+        begun = (folder / STUDY_FILE).is_file()
         _check_same(folder, study)
         store = Store(folder, study)
         try:
             yield store
         finally:
             store.close()
+            if not begun and store.kept == 0:
+                store.remove(folder if new else None)
     finally:
         os.close(lock)
 

@@ -113,17 +113,18 @@ def _sweep(
     study: Study, output: str | None, workers: int | None, scheduler: str | None, as_json: bool
 ) -> int:
     from tombo_bringup.cli.progress import progress_bar
-    from tombo_flight.process.output_folder import make_numbered
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.sweep.finish import fly_sweep
     from tombo_flight.sweep.store import open_store
 
-    if output is not None:
-        folder = Path(output)
-    else:
-        Path("runs").mkdir(exist_ok=True)
-        folder = make_numbered(Path("runs") / f"sweep-{plain_name(study.label, 'scenario')}")
-    with StopSignals() as stop, open_store(folder, study) as store, progress_bar() as on_progress:
+    name = f"sweep-{plain_name(study.label, 'scenario')}"
+    path = Path("runs") / name if output is None else Path(output)
+    with (
+        StopSignals() as stop,
+        open_store(path, study, numbered=output is None) as store,
+        progress_bar() as on_progress,
+    ):
+        folder = store.folder
         before = store.kept
         if before and not as_json:
             typer.echo(f"{folder}: {before} of {study.flights} flights are there already.")
