@@ -90,7 +90,7 @@ class GoOn(Reaction):
 
     name = "go_on"
 
-    def decide(self, event, last):
+    def begin(self, event, estimate, last):
         return None
 '''
 TOPIC = """

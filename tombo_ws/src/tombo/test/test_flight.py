@@ -92,7 +92,7 @@ def test_a_reaction_of_ones_own_is_flown_with_its_parameters(monkeypatch):
 
         distance: float = tombo.param(0.5, "m", (0.1, 5.0), "how far")
 
-        def decide(self, event, last):
+        def begin(self, event, estimate, last):
             away = np.array([-1.0, 0.0, 0.0])
             return tombo.Decision(
                 event.contact_position, away, event.contact_position + self.distance * away

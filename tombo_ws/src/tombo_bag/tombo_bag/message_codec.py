@@ -7,7 +7,7 @@ and written in some microseconds.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
 from typing import Any
 
@@ -228,10 +228,22 @@ class MessageCodec:
 
 
 def messages_of(typename: str, table: ColumnTable) -> list[Any]:
-    """Return the messages of a recorded topic, read as columns, as dataclasses."""
-    columns = [_column(part, table) for part in _parts(typename)]
+    """Return the messages of a recorded topic, read as columns, as dataclasses.
+
+    A field that has a default may be missing: recordings are older than it.
+    """
     kind = form_of(typename).kind
-    return [kind(*values) for values in zip(*columns, strict=True)]
+    columns = {
+        one.name: _column(part, table)
+        for part, one in zip(_parts(typename), fields(kind), strict=True)
+        if not _has_default(one) or part.path in table
+    }
+    rows = zip(*columns.values(), strict=True)
+    return [kind(**dict(zip(columns, values, strict=True))) for values in rows]
+
+
+def _has_default(one: Any) -> bool:
+    return one.default is not MISSING or one.default_factory is not MISSING
 
 
 def records_of(typename: str, table: NDArray[np.void]) -> NDArray[np.void]:

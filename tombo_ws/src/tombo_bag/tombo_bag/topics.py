@@ -90,6 +90,13 @@ MISSION_STATUS = TopicSpec(
 COLLISION_EVENT = TopicSpec(
     "/collision_event", "tombo_msgs/msg/CollisionEvent", EVENT, 0.0, "a detected collision"
 )
+CONTACT_EVENT = TopicSpec(
+    "/contact_event",
+    "tombo_msgs/msg/CollisionEvent",
+    EVENT,
+    0.0,
+    "a collision that the controller has seen in the IMU",
+)
 DETECTOR_STATUS = TopicSpec(
     "/detector/status",
     "tombo_msgs/msg/DetectorStatus",

@@ -19,6 +19,7 @@ ARGUMENTS = {
         LaunchConfiguration("sim"),
         "true: take off without a command; default: only a simulated vehicle",
     ),
+    "reaction": ("", "a name of `tombo reactions`; empty: that of params_file"),
     "record": ("", "folder for the bag; empty: nothing is recorded"),
 }
 
@@ -43,7 +44,7 @@ def generate_launch_description() -> LaunchDescription:
             ),
             suite_node("tombo_px4", "px4_bridge", **{"link.url": LaunchConfiguration("url")}),
             suite_node("tombo_control", "mission", auto_start=starts),
-            part("collision.launch.py"),
+            part("collision.launch.py", "reaction"),
             part("recorder.launch.py", "record", condition=IfCondition(recording)),
         ],
         ARGUMENTS,

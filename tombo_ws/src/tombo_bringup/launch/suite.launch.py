@@ -17,6 +17,7 @@ ARGUMENTS = {
         LaunchConfiguration("sim"),
         "true: take off without a command; default: only a simulated vehicle",
     ),
+    "reaction": ("", "a name of `tombo reactions`; empty: that of params_file"),
     "speed": ("1.0", "of the simulation, times real time; not 1 only with use_sim_time:=true"),
     "record": ("", "folder for the bag; empty: nothing is recorded"),
     "rviz": ("false", "true: start RViz (rviz2)"),
@@ -31,7 +32,7 @@ def generate_launch_description() -> LaunchDescription:
         [
             part("sim.launch.py", "speed", condition=IfCondition(LaunchConfiguration("sim"))),
             part("control.launch.py", "auto_start"),
-            part("collision.launch.py"),
+            part("collision.launch.py", "reaction"),
             part(
                 "recorder.launch.py",
                 "record",

@@ -44,6 +44,10 @@ class If:
     predicate: Any
 
 
+class Unless(If):
+    pass
+
+
 @dataclass
 class Value:
     value: Any
@@ -102,7 +106,7 @@ MODULES: dict[str, dict[str, Any]] = {
         "ExecuteProcess": Process,
         "IncludeLaunchDescription": Include,
     },
-    "launch.conditions": {"IfCondition": If},
+    "launch.conditions": {"IfCondition": If, "UnlessCondition": Unless},
     "launch.launch_description_sources": {"PythonLaunchDescriptionSource": Source},
     "launch.substitutions": {
         "LaunchConfiguration": Configuration,
@@ -188,9 +192,9 @@ def text(value: Any, context: dict[str, str]) -> str:
 
 
 def holds(condition: If, context: dict[str, str]) -> bool:
-    return {"true": True, "1": True, "false": False, "0": False}[
-        text(condition.predicate, context).lower()
-    ]
+    words = {"true": True, "1": True, "false": False, "0": False}
+    holds = words[text(condition.predicate, context).lower()]
+    return holds != isinstance(condition, Unless)
 
 
 def as_started(node: Node, context: dict[str, str]) -> Started:

@@ -111,6 +111,13 @@ def test_a_real_px4_gets_its_vehicle_from_the_simulator_link():
     assert (sim.package, sim.executable) == ("tombo_px4", "hil_sim_node")
 
 
+@pytest.mark.parametrize("file", ["collision.launch.py", "suite.launch.py", "px4.launch.py"])
+def test_a_reaction_by_name_wins_over_the_file_of_parameters(file: str):
+    assert "reaction" not in one(bench.launch(file), "/reaction").parameters
+    named = one(bench.launch(file, reaction="none"), "/reaction")
+    assert named.parameters["reaction"] == "none"
+
+
 @pytest.mark.parametrize("tool", ["rviz", "foxglove"])
 def test_a_tool_comes_when_asked_for(tool: str):
     plain = bench.launch("suite.launch.py", use_sim_time="true")

@@ -14,10 +14,11 @@ from tombo_collision.reaction_core import (
     HoldReason,
     ReactionCore,
     note_mocap,
+    take_estimate,
     take_mission_setpoint,
-    take_position,
 )
 from tombo_collision.reactions.bounce import Bounce
+from tombo_dynamics.message_records import OdometryRecord
 from tombo_dynamics.messages import CollisionEvent, Phase, PositionSetpoint, ReactionPhase
 from tombo_dynamics.records import fill_record
 
@@ -59,7 +60,9 @@ class Logic:
         self.core.memory.detector_ns = now
 
     def odometry(self, place, now):
-        return take_position(self.core.memory, place, now)
+        estimate = OdometryRecord.new()
+        estimate.position = place
+        return take_estimate(self.core.memory, estimate, now)
 
     def mission(self, setpoint, now):
         fill_record(self.core._setpoint, setpoint)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from tombo_collision.decision import Estimate
 from tombo_collision.reactions import REGISTRY, reaction_from_mapping
 from tombo_collision.reactions.bounce import Bounce, bounce_direction
 from tombo_dynamics.errors import InputError
@@ -24,13 +25,18 @@ units = (
 )
 
 
+STILL = Estimate(
+    np.array([1.7, 0.0, 2.0]), np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
+)
+
+
 def event(x_c, direction):
     x_c, direction = np.array(x_c, float), np.array(direction, float)
     return CollisionEvent(23_100_000_000, "map", 2, 23_080_000_000, x_c, direction, 1.0, 100.0, 1)
 
 
 def decide(last, collision, params):
-    return params.decide(collision, last)
+    return params.begin(collision, STILL, last)
 
 
 @given(places, units, st.floats(0.05, 1.2))
@@ -125,7 +131,7 @@ def test_every_registered_reaction_has_a_name_and_bounded_parameters():
     for name, kind in REGISTRY.items():
         assert kind.name == name
         validate(kind(), name)
-        decision = kind().decide(event([1.7, 0.0, 2.0], [1.0, 0.0, 0.0]), None)
+        decision = kind().begin(event([1.7, 0.0, 2.0], [1.0, 0.0, 0.0]), STILL, None)
         assert decision is None or np.isfinite(decision.x_r).all()
 
 

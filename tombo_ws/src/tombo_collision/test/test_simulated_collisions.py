@@ -81,7 +81,7 @@ def test_without_a_trigger_there_is_no_reaction():
 
 @pytest.mark.slow
 def test_told_not_to_react_it_detects_and_flies_on():
-    for _, record in flown("paper_collision", "react=false", seeds=range(100, 103)):
+    for _, record in flown("paper_collision", "reaction.name=none", seeds=range(100, 103)):
         assert record.summary["detected"]
         assert not (record.log["mode"] == Phase.REACT).any()
 

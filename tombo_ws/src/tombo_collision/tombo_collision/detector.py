@@ -21,6 +21,7 @@ from filterpy.kalman import KalmanFilter
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.messages import UNKNOWN_ROTOR
 from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotation_vector
@@ -557,7 +558,7 @@ class CollisionEvent:
     stamp_s: float
     """Capture time of the sample that triggered [s]."""
     trigger: str
-    """'region' or 'innovation'."""
+    """'region' or 'innovation'; 'imu': seen by the controller."""
     contact_time_s: float
     """Estimated time of contact [s]."""
     x_c: Array
@@ -567,6 +568,9 @@ class CollisionEvent:
     confidence: float
     """0..1, that a contact has happened."""
     statistic: float
-    """Normalised innovation squared of the triggering sample (6 degrees of freedom)."""
+    """Normalised innovation squared of the triggering sample (6 degrees of freedom); of the IMU
+    the specific force [m/s^2]."""
     count: int
     """1 for the first event of a flight."""
+    rotor: int = UNKNOWN_ROTOR
+    """That was struck; -1: not known."""

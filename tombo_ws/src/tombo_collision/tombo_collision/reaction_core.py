@@ -13,8 +13,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, ClassVar
 
+from tombo_collision.decision import Decision, Estimate
 from tombo_collision.params import ReactionLimits
-from tombo_collision.reactions import DEFAULT, REGISTRY, Decision, Reaction
+from tombo_collision.reactions import DEFAULT, REGISTRY, Reaction
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Core
 from tombo_dynamics.errors import unknown_name
@@ -22,6 +23,7 @@ from tombo_dynamics.frames import is_map
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import (
     CollisionEventRecord,
+    OdometryRecord,
     PositionSetpointRecord,
     ReactionStatusRecord,
     message_of,
@@ -36,8 +38,10 @@ from tombo_dynamics.messages import (
     ReactionPhase,
     ReactionStatus,
     Reason,
+    RecoveryMode,
 )
 from tombo_dynamics.records import Record, field, fill_record, parameter_record
+from tombo_dynamics.rotation import rotated
 from tombo_dynamics.stamp_check import is_future
 
 
@@ -74,12 +78,21 @@ _MAX_CONTACT_DISTANCE = 3.0
 _SAME_POSITION = 0.05
 """m: a set point this near to x_r is x_r."""
 _STAMPS, _MAX_PENDING = 16, 4
+_SAME_CONTACT_NS = 400_000_000
+"""Two triggers that place a contact nearer together than this have seen the same one."""
 
 
 class ReactionMemory(Record):
     """Memory of the reaction's core. Positions and directions in map."""
 
     active = field("1", "a decision holds", kind=bool)
+    guides = field("1", "its reference is the set point", kind=bool)
+    takes_contacts = field("1", "collisions seen in the IMU count", kind=bool)
+    recovers = field("1", "the controller is to fly with the recovery's gains", kind=bool)
+    reference = field("", "of the decision", kind=PositionSetpointRecord)
+    reference_ns = field("ns", "when it was asked for", kind=int)
+    contact_ns = field("ns", "when the last collision decided on touched", kind=int)
+    trigger = field("1", "what has seen it, a `Trigger`", kind=int)
     x_c = field("m", "of the last decision: base_link at contact", 3)
     n_r = field("1", "unit vector from x_c to x_r", 3)
     x_r = field("m", "of the last decision: where to hold", 3)
@@ -88,6 +101,9 @@ class ReactionMemory(Record):
     mission = field("", "its last set point", kind=PositionSetpointRecord)
     mission_ns = field("ns", "when it came, as in the next three", kind=int)
     odometry_ns = field("ns", "the last estimate", kind=int)
+    velocity = field("m/s", "the estimate, map", 3)
+    attitude = field("1", "the estimate, quaternion xyzw", 4)
+    rates = field("rad/s", "the estimate, base_link", 3)
     mocap_ns = field("ns", "the last pose", kind=int)
     detector_ns = field("ns", "the last word of the detector", kind=int)
     has_position = field("1", "an estimate has come", kind=bool)
@@ -116,7 +132,9 @@ class ReactionMemory(Record):
 def begin_reaction(memory: ReactionMemory) -> None:
     """Forget everything but what was published."""
     memory.active = False
+    memory.guides = False
     memory.collisions = 0
+    memory.contact_ns = -_SAME_CONTACT_NS
     memory.changed = True
     memory.has_mission = False
     memory.has_position = False
@@ -152,12 +170,16 @@ def take_mission_setpoint(memory: ReactionMemory, setpoint: Any, now_ns: int) ->
 
 
 @compiled_call
-def take_position(memory: ReactionMemory, position: Array, now_ns: int) -> bool:
-    """Take the estimated position (3) [m]; False: not finite, not taken."""
+def take_estimate(memory: ReactionMemory, odometry: Any, now_ns: int) -> bool:
+    """Take an estimate; False: its position is not finite, not taken."""
+    position, velocity = odometry.position, odometry.velocity
     if not math.isfinite(position[0] + position[1] + position[2]):
         return False
-    for i in range(3):
-        memory.position[i] = position[i]
+    x, y, z = rotated(odometry.attitude, velocity[0], velocity[1], velocity[2])
+    memory.velocity[0], memory.velocity[1], memory.velocity[2] = x, y, z
+    memory.position = position
+    memory.attitude = odometry.attitude
+    memory.rates = odometry.rates
     memory.has_position = True
     memory.odometry_ns = now_ns
     return True
@@ -181,6 +203,9 @@ def check_event(
             return EventRefusal.DUPLICATE
     memory.stamps[memory.events % _STAMPS] = event.stamp_ns
     memory.events += 1
+    apart = abs(event.contact_stamp_ns - memory.contact_ns)
+    if event.trigger != memory.trigger and apart < _SAME_CONTACT_NS:
+        return EventRefusal.DUPLICATE
     x, d = event.contact_position, event.flight_direction
     if not math.isfinite(x[0] + x[1] + x[2] + d[0] + d[1] + d[2]):
         return EventRefusal.NOT_FINITE
@@ -229,7 +254,10 @@ def reaction_step(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -
     mission_timed_out = now_ns - memory.mission_ns > limits.mission_timeout * 1e9
     why: int = HoldReason.NONE
     own = True
-    if memory.active and _holds_x_r(memory, mission_timed_out):
+    if memory.active and memory.guides:
+        memory.holds = False
+        out = memory.reference
+    elif memory.active and _holds_x_r(memory, mission_timed_out):
         memory.holds = False
         out = memory.hold
         _hold_at(out, memory.x_r, mission.yaw, Phase.REACT)
@@ -260,9 +288,27 @@ def reaction_step(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -
     if memory.publish_due or (own and now_ns - memory.setpoint.stamp_ns >= _PERIOD_NS):
         memory.setpoint = out
         memory.setpoint.stamp_ns = now_ns
+        memory.setpoint.recovery = _recovery_mode(memory)
         memory.publish_due = False
         memory.publishes = True
         memory.said = True
+
+
+@compiled_call
+def reference_due(memory: ReactionMemory, now_ns: int) -> bool:
+    """Return whether the decision is to be asked for its reference before the next step."""
+    return bool(memory.active and memory.guides and now_ns - memory.reference_ns >= _PERIOD_NS)
+
+
+@compiled_call
+def _recovery_mode(memory: ReactionMemory) -> RecoveryMode:
+    """Return what the controller is asked to do, a `RecoveryMode`."""
+    phase = memory.mission.phase
+    if not memory.recovers or phase == Phase.IDLE or phase >= Phase.LAND:
+        return RecoveryMode.OFF
+    if memory.active and memory.guides:
+        return RecoveryMode.ON
+    return RecoveryMode.ON_CONTACT
 
 
 @compiled_call
@@ -361,6 +407,7 @@ class ReactionCore(Core):
         "/odometry",
         "/mission/setpoint",
         "/collision_event",
+        "/contact_event",
     )
     outputs = ("/setpoint", "/reaction/status")
     period_ns = 5_000_000
@@ -382,13 +429,21 @@ class ReactionCore(Core):
     def __init__(self, reaction: Reaction, limits: ReactionLimits) -> None:
         super().__init__()
         self._records: dict[str, Any] = {reaction.name: reaction}
-        self.reaction = reaction
+        self._decision: Decision | None = None
+        self._decided_ns = 0
         self.limits = parameter_record(limits)
         self._pending: list[CollisionEvent] = []
         self._setpoint = PositionSetpointRecord.new()
         self._event = CollisionEventRecord.new()
+        self._odometry = OdometryRecord.new()
         self.memory = ReactionMemory.new()
+        self._choose(reaction)
         begin_reaction(self.memory)
+
+    def _choose(self, reaction: Reaction) -> None:
+        self.reaction = reaction
+        self.memory.recovers = reaction.recovers
+        self.memory.takes_contacts = "imu" in reaction.needs
 
     def on(
         self,
@@ -403,14 +458,15 @@ class ReactionCore(Core):
         elif isinstance(message, DetectorStatus):
             memory.detector_ns = now_ns
         elif isinstance(message, Odometry):
-            if not take_position(memory, message.position, now_ns):
+            fill_record(self._odometry, message)
+            if not take_estimate(memory, self._odometry, now_ns):
                 self.health.refuse("odometry_not_finite", "odometry with NaN or infinity")
         elif isinstance(message, PositionSetpoint):
             fill_record(self._setpoint, message)
             if not take_mission_setpoint(memory, self._setpoint, now_ns):
                 text = "a set point with NaN, infinity or an unknown phase: the last one stands"
                 self.health.refuse("mission_not_finite", text)
-        else:
+        elif topic in self.reaction.event_topics():
             self.event(message, now_ns)
 
     def event(self, event: CollisionEvent, now_ns: int) -> EventRefusal:
@@ -430,8 +486,11 @@ class ReactionCore(Core):
         elif why == EventRefusal.NONE:
             length = math.sqrt(float(event.flight_direction @ event.flight_direction))
             unit = replace(event, flight_direction=event.flight_direction / length)
-            decision = self.reaction.decide(unit, self.decision)
+            decision = self.reaction.begin(unit, self._estimate(), self.decision)
             if decision is not None:
+                self._decision, self._decided_ns = decision, now_ns
+                memory.guides, memory.reference_ns = decision.guides, now_ns - _PERIOD_NS
+                memory.contact_ns, memory.trigger = event.contact_stamp_ns, event.trigger
                 memory.x_c, memory.n_r, memory.x_r = decision.x_c, decision.n_r, decision.x_r
                 memory.collisions += 1
                 memory.active, memory.changed, memory.publish_due = True, True, True
@@ -447,6 +506,31 @@ class ReactionCore(Core):
         if not memory.collisions:
             return None
         return Decision(memory.x_c.copy(), memory.n_r.copy(), memory.x_r.copy())
+
+    def _estimate(self) -> Estimate:
+        memory = self.memory
+        return Estimate(
+            memory.position.copy(),
+            memory.velocity.copy(),
+            memory.attitude.copy(),
+            memory.rates.copy(),
+        )
+
+    def _guide(self, now_ns: int) -> None:
+        """Ask the decision for its reference, or whether it is over."""
+        memory, decision = self.memory, self._decision
+        if decision is None:
+            return
+        since, estimate = 1e-9 * (now_ns - self._decided_ns), self._estimate()
+        memory.reference_ns = now_ns
+        if decision.over(since, estimate):
+            memory.guides = False
+            return
+        wanted, out = decision.reference(since, estimate), memory.reference
+        out.position, out.velocity = wanted.position, wanted.velocity
+        out.acceleration, out.yaw = wanted.acceleration, wanted.yaw
+        out.phase = Phase.REACT
+        memory.publish_due = True
 
     @property
     def why(self) -> HoldReason:
@@ -464,6 +548,8 @@ class ReactionCore(Core):
             memory.pending = 0
             for event in early:
                 self.event(event, now_ns)
+        if reference_due(memory, now_ns):
+            self._guide(now_ns)
         reaction_step(memory, self.limits, now_ns)
         outputs: list[tuple[str, Any]] = []
         if memory.publishes:
@@ -493,11 +579,11 @@ class ReactionCore(Core):
         if section == "reaction":
             if params not in REGISTRY:
                 raise unknown_name("reaction", str(params), REGISTRY)
-            self.reaction = self._records.get(params) or REGISTRY[params]()
+            self._choose(self._records.get(params) or REGISTRY[params]())
             return
         self._records[section] = params
         if section == self.reaction.name:
-            self.reaction = params
+            self._choose(params)
 
     def set_multiple_publishers(self, topic: str, several: bool) -> None:
         """Hold while two publish what only one may."""

@@ -27,7 +27,7 @@ def run(a, times=1):
     ahead = a.setpoint.velocity.copy()
     for _ in range(times):
         a.setpoint.velocity[:] = ahead
-        position_control(a.state, a.setpoint, a.loops, a.gains, MASS, HIGHEST)
+        position_control(a.state, a.setpoint, a.loops, a.gains, MASS, HIGHEST, False)
 
 
 @pytest.mark.slow
@@ -80,7 +80,7 @@ def test_flies_on_the_feed_forward_without_an_error():
     for k in range(5):
         a.setpoint.velocity[:] = speed + k * PERIOD * acceleration
         a.state.velocity[:] = speed + k * PERIOD * acceleration
-        position_control(a.state, a.setpoint, a.loops, a.gains, MASS, HIGHEST)
+        position_control(a.state, a.setpoint, a.loops, a.gains, MASS, HIGHEST, False)
     z = body_z(a.setpoint.attitude)
     force = acceleration + np.array([0.0, 0.0, GRAVITY])
     assert np.allclose(z, force / np.linalg.norm(force), atol=1e-6)

@@ -71,6 +71,19 @@ class LoopMemory(Record):
     thrust_cut = field("m/s^2", "what a descent that does not sink takes off the thrust")
 
 
+class Recovery(Record):
+    """What the cascade knows of folded rotors, and the gains that it flies with them."""
+
+    active = field("1", "the cascade flies with these gains and limits", kind=bool)
+    gains = field("", "in place of the cascade's", kind=ControlParams)
+    recovery_time = field("s", "of a folded propeller, until 90 % of its thrust is back")
+    fold = field("1", "folded share of each rotor, as it is observed", 4)
+    share = field("1", "thrust of each rotor over that of a straight one", 4)
+    difference = field("N", "of thrust within each diagonal, halved", 2)
+    mean_lowest = field("N", "lowest mean of each diagonal", 2)
+    mean_highest = field("N", "highest mean of each diagonal", 2)
+
+
 class Autopilot(Record):
     """State, set points, memory and parameters of estimator and cascade."""
 
@@ -84,6 +97,7 @@ class Autopilot(Record):
     mode_asked = field("1", "mode asked for", kind=int)
     mode_flown = field("1", "mode flown: the one asked for, or BLIND", kind=int)
     gains = field("", "parameters of the cascade", kind=ControlParams)
+    recovery = field("", "while a rotor is folded", kind=Recovery)
     observer = field("", "parameters of the estimator", kind=EstimatorParams)
     nominal = field("", "the vehicle that is controlled for", kind=VehicleParams)
 
@@ -101,6 +115,8 @@ def new_autopilot(
     autopilot.state.attitude = autopilot.setpoint.attitude = attitude
     autopilot.history["tick"] = _NO_TICK
     fill_record(autopilot.gains, control)
+    fill_record(autopilot.recovery.gains, control)
+    autopilot.recovery.share = 1.0
     fill_record(autopilot.observer, estimator)
     fill_record(autopilot.nominal, vehicle)
     return autopilot

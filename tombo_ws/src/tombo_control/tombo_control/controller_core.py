@@ -24,6 +24,9 @@ from tombo_control.params import (
     EstimatorParams,
     InputLimits,
 )
+from tombo_control.recovery.contact_watch import ContactWatch, fill_event, watch_contact
+from tombo_control.recovery.folded_rotors import observe_folds
+from tombo_control.recovery.params import ContactParams, RecoveryParams
 from tombo_control.safety.flight_volume import check_volume, clamp_to_volume
 from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_control.safety.state_machine import TABLE, Condition, SafetyState
@@ -37,24 +40,33 @@ from tombo_control.safety.watch import (
 )
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Core
+from tombo_dynamics.frames import FRAME_MAP
 from tombo_dynamics.jit import compiled, compiled_call
-from tombo_dynamics.message_records import OdometryRecord, PositionSetpointRecord
+from tombo_dynamics.message_records import (
+    CollisionEventRecord,
+    OdometryRecord,
+    PositionSetpointRecord,
+    message_of,
+)
 from tombo_dynamics.messages import (
     AttitudeSetpoint,
+    CollisionEvent,
     EstimatorStatus,
     Imu,
     Odometry,
     Phase,
     PositionSetpoint,
     RatesSetpoint,
+    RecoveryMode,
     RotorCommand,
 )
+from tombo_dynamics.propeller.impact import recovery_time
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, thrust_map_of
 from tombo_dynamics.records import Record, field, fill_record, parameter_record
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_dynamics.stamp_check import is_future
-from tombo_dynamics.time_base import SECOND_NS
+from tombo_dynamics.time_base import SECOND_NS, TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 
 _MAX_GAP_TICKS = 100
@@ -66,6 +78,8 @@ _NORMAL = (Condition.IDLE, Condition.TAKEOFF, Condition.DOWN, Condition.NEW_FLIG
 
 
 _NEVER = -1
+_ANSWER_TIME = 0.5
+"""s: after a contact the controller recovers for so long before the reaction has said that."""
 
 
 class ControllerMemory(Record):
@@ -84,6 +98,8 @@ class ControllerMemory(Record):
     attitude_ran = field("1", "the attitude loop ran", kind=bool)
     held = field("1", "holds the last set point: none is coming", kind=bool)
     watch = field("", "which state it is in, and why", kind=Watch)
+    contact = field("", "the contact trigger", kind=ContactWatch)
+    event = field("", "the last contact", kind=CollisionEventRecord)
 
 
 @compiled_call
@@ -175,6 +191,7 @@ def take_setpoint(
     last.acceleration = setpoint.acceleration
     last.yaw = setpoint.yaw
     last.phase = setpoint.phase
+    last.recovery = setpoint.recovery
     memory.has_setpoint = True
     memory.setpoint_ns = now_ns
     return True
@@ -218,6 +235,10 @@ def answer_gyro(
     memory.tick = tick
     _judge(memory, autopilot, limits, now_ns, stamp_ns, ticks, accel)
     memory.attitude_ran = False
+    flies = memory.watch.state == SafetyState.FLY
+    watch_contact(memory.contact, autopilot.state, autopilot.nominal, gyro, accel, tick, flies)
+    if memory.contact.due:
+        fill_event(memory.contact, stamp_ns, memory.event)
     if rotors_off(memory.watch):
         memory.position_ran = False
         memory.held = False
@@ -229,6 +250,7 @@ def answer_gyro(
         return True
     blind = memory.watch.state == SafetyState.BLIND
     memory.attitude_ran = tick // ATTITUDE_TICKS != memory.attitude_slot
+    _choose_gains(memory, autopilot, flies, tick, ticks)
     if memory.position_ran:
         memory.position_slot = tick // POSITION_TICKS
         memory.blind = blind
@@ -241,6 +263,26 @@ def answer_gyro(
         autopilot, maps, gyro, tick, ticks, memory.position_ran, memory.attitude_ran, blind
     )
     return True
+
+
+@compiled
+def _choose_gains(
+    memory: ControllerMemory, autopilot: Autopilot, flies: bool, tick: int, ticks: int
+) -> None:
+    """Carry the folds on, and decide whether the gains of the recovery are flown.
+
+    The position loop then runs as often as the attitude loop.
+    """
+    recovery, contact, asked = autopilot.recovery, memory.contact, memory.setpoint.recovery
+    if contact.due and contact.rotor >= 0:
+        recovery.fold[contact.rotor] = 1.0
+    observe_folds(recovery, ticks)
+    fresh = contact.count > 0 and (tick - contact.tick) * TICK_S < _ANSWER_TIME
+    recovery.active = flies and (
+        asked == RecoveryMode.ON or (asked == RecoveryMode.ON_CONTACT and fresh)
+    )
+    if recovery.active:
+        memory.position_ran = memory.attitude_ran
 
 
 @compiled
@@ -313,10 +355,12 @@ class ControllerCore(Core):
 
     name = "controller"
     inputs = ("/odometry", "/estimator/status", "/setpoint", "/imu/data_raw")
-    outputs = ("/rotor_command", "/rates_setpoint", "/attitude_setpoint")
+    outputs = ("/rotor_command", "/rates_setpoint", "/attitude_setpoint", "/contact_event")
     period_ns = 1_000_000
     sections: ClassVar[Mapping[str, type]] = {
         "control": ControlParams,
+        "recovery": RecoveryParams,
+        "contact": ContactParams,
         "inputs": InputLimits,
         "safety": SafetyParams,
         "volume": FlightVolume,
@@ -334,7 +378,11 @@ class ControllerCore(Core):
         propeller, vehicle = records["propeller"], records["vehicle"]
         maps = rotor_maps(thrust_map_of(propeller), vehicle)
         safety, volume = records["safety"], records["volume"]
-        return cls(records["control"], vehicle, records["inputs"], maps, safety, volume)
+        core = cls(records["control"], vehicle, records["inputs"], maps, safety, volume)
+        core.autopilot.recovery.recovery_time = recovery_time(propeller)
+        for section in ("recovery", "contact"):
+            core.set_params(section, records[section])
+        return core
 
     def __init__(
         self,
@@ -361,6 +409,8 @@ class ControllerCore(Core):
         self._arrays = (self.memory.as_array(), self.autopilot.as_array())
         begin_controller(self.memory)
         self.set_params("safety", safety or SafetyParams())
+        self.set_params("recovery", RecoveryParams())
+        self.set_params("contact", ContactParams())
         self.set_params("volume", volume or FlightVolume())
         self._odometry = OdometryRecord.new()
         self._setpoint = PositionSetpointRecord.new()
@@ -397,6 +447,9 @@ class ControllerCore(Core):
         ):
             return
         memory, setpoint = self.memory, self.autopilot.setpoint
+        if memory.contact.due:
+            event = message_of(CollisionEvent, memory.event, frame_id=FRAME_MAP)
+            self._outputs.append(("/contact_event", event))
         if memory.watch.state == SafetyState.STANDBY:
             return
         thrust = float(setpoint.thrust)
@@ -481,6 +534,10 @@ class ControllerCore(Core):
         """Take other gains or limits in flight."""
         if section == "control":
             fill_record(self.autopilot.gains, params)
+        elif section == "recovery":
+            fill_record(self.autopilot.recovery.gains, params)
+        elif section == "contact":
+            fill_record(self.memory.contact.params, params)
         elif section == "safety":
             fill_record(self.memory.watch.params, params)
         elif section == "volume":

@@ -29,6 +29,13 @@ class ControlParams:
         "velocity asked for per position error",
         "crossover 1.0 rad/s, two and a half times below the velocity loop's; PX4's default",
     )
+    brake: float = param(
+        100.0,
+        "m/s^2",
+        (0.2, 100.0),
+        "the velocity asked for can be stopped with this deceleration before the set point",
+        "no limit: the mission's references are smooth",
+    )
     velocity_p: float = param(
         2.5,
         "1/s",

@@ -24,7 +24,7 @@ def records():
 def test_a_mission_takes_at_most_40_s_in_a_small_room_and_lands(records, name):
     record = records[name]
     scenario = extended_scenario(CATALOGUE[name].scenario, name)
-    assert not scenario.react and scenario.obstacle.radius == 0.0
+    assert scenario.reaction.name == "none" and scenario.obstacle.radius == 0.0
     place = record.log["position"]
     assert record.summary["landed"] and not record.summary["crashed"]
     assert record.t[-1] < 40.0

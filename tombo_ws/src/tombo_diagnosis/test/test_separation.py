@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 DOUBT = {"steady_wind": {"east": 1.0}, "mocap_misalignment": {"pitch": 0.02}}
 """Without an IMU, slowly and at one heading, the one is as the other."""
 SLOW = {
-    "react": False,
+    "reaction": {"name": "none"},
     "duration": 20.0,
     "mission": {
         "takeoff_time": 0.3, "height": 1.2, "climb_speed": 1.2, "approach_time": 2.2,

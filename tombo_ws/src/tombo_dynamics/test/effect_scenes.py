@@ -17,12 +17,10 @@ from tombo_dynamics.vehicle import ARM_X, ARM_Y
 TICKS = 80
 SCENE = {
     "contact_force": "frame", "blade_strike": "blade", "propeller_wear": "blade",
-    "hanging_load": "high",
+    "hanging_load": "high", "accel_range": "blade",
 }  # fmt: skip
-CONTEXT = {
-    "propeller_wear": {"blade_strike": {"peak_force": 80.0, "recovery_time": 0.3, "slant": 0.5,
-                                        "duration": 0.01}},
-}  # fmt: skip
+STRIKE = {"peak_force": 80.0, "recovery_time": 0.3, "slant": 0.5, "duration": 0.01}
+CONTEXT = {name: {"blade_strike": STRIKE} for name in ("propeller_wear", "accel_range")}
 """What has to be switched on for an effect to show."""
 TRUTH = {"mocap_dropouts": {"probability": 0.3}, "blade_strike": {"duration": 0.0085}}
 """Values to try where the typical one is too rare for a short scene, or ends on a tick."""

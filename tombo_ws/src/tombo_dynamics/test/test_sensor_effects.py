@@ -46,6 +46,46 @@ def test_noise_has_its_deviation_on_each_axis_and_axes_are_independent():
     assert np.abs(follow).max() < 0.07
 
 
+def test_the_accelerometer_does_not_read_more_than_its_range():
+    v = Vehicle({"accel_range": {"limit": 20.0}})
+    v.imu = [30.0, -30.0, 1.0, 50.0, -19.0, -20.1]
+    apply_imu(v.plant, np.zeros(NOISE), v.theta)
+    assert v.imu.tolist() == [30.0, -30.0, 1.0, 20.0, -19.0, -20.0]
+
+
+@pytest.mark.parametrize("bandwidth", [10.0, 40.0])
+def test_a_low_pass_lets_half_of_the_power_through_at_its_bandwidth(bandwidth):
+    constant = 1.0 / (2.0 * math.pi * bandwidth)
+    v = Vehicle({"imu_low_pass": {"gyro": constant, "accel": 2.0 * constant}})
+    t = np.arange(2000) * 1e-3
+    rows = []
+    for value in np.sin(2.0 * math.pi * bandwidth * t):
+        v.imu = np.full(6, value)
+        apply_imu(v.plant, np.zeros(NOISE), v.theta)
+        rows.append(v.imu)
+    power = 2.0 * np.array(rows)[1000:].var(axis=0)
+    assert power[:3] == pytest.approx(0.5, rel=0.02)
+    assert power[3:] == pytest.approx(0.2, rel=0.02)
+
+
+def test_each_rotor_shakes_the_imu_at_its_speed_by_the_motion_that_is_said():
+    v = Vehicle({"imu_vibration": {"displacement": 1e-5, "angle": 1e-3}})
+    rows = []
+    for _ in range(4000):
+        v.plant.rotor_speed = [0.0, 300.0, 0.0, 600.0]
+        v.imu = np.zeros(6)
+        apply_imu(v.plant, np.zeros(NOISE), v.theta)
+        rows.append(v.imu)
+    lines = np.abs(np.fft.rfft(np.array(rows) * np.hanning(4000)[:, None], axis=0)) / 1000.0
+    for speed in (300.0, 600.0):
+        line = round(speed / (2.0 * math.pi) * 4.0)
+        found = lines[line - 3 : line + 4].max(axis=0)
+        assert found[:3] == pytest.approx(1e-3 * speed, rel=0.2)
+        assert found[3:] == pytest.approx(1e-5 * speed**2, rel=0.2)
+        lines[line - 6 : line + 7] = 0.0
+    assert lines.max() < 0.01 * 1e-5 * 600.0**2
+
+
 # --- the frame ------------------------------------------------------------------------------
 
 

@@ -57,7 +57,7 @@ class Effect:
     contact: bool = False
     """It acts only where the obstacle is touched."""
     vibration: bool = False
-    """It has no mean over a turn of a rotor: no fit to motion that is slower shows it."""
+    """It shows at the rotors' speeds and above alone: no fit to motion that is slower shows it."""
     saturates: bool = False
     """Its slope at the null value promises nothing: only a fit tells what it explains."""
     confounded_with: tuple[str, ...] = ()

@@ -53,6 +53,14 @@ class Reason(IntEnum):
         return self.name.lower() if self else ""
 
 
+class RecoveryMode(IntEnum):
+    """Which gains the controller flies with, as in `tombo_msgs/PositionSetpoint`."""
+
+    OFF = 0
+    ON_CONTACT = 1
+    ON = 2
+
+
 class ReactionPhase(IntEnum):
     """What the reaction does, as in `tombo_msgs/ReactionStatus`."""
 
@@ -67,6 +75,11 @@ class Trigger(IntEnum):
 
     REGION = 1
     INNOVATION = 2
+    IMU = 3
+
+
+UNKNOWN_ROTOR = -1
+"""A collision whose rotor is not known, as in `tombo_msgs/CollisionEvent`."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +160,8 @@ class PositionSetpoint:
     """[rad] about map +z, counter-clockwise from east."""
     phase: int
     """A `Phase`."""
+    recovery: int = RecoveryMode.OFF
+    """A `RecoveryMode`."""
 
     def finite(self) -> bool:
         """Return whether every number is finite."""
@@ -166,10 +181,10 @@ class MissionStatus:
 
 @dataclass(frozen=True)
 class CollisionEvent:
-    """`/collision_event`."""
+    """`/collision_event` of the motion capture, `/contact_event` of the IMU."""
 
     stamp_ns: int
-    """Capture time of the pose that triggered."""
+    """Capture time of the sample that triggered."""
     frame_id: str
     trigger: int
     """A `Trigger`."""
@@ -185,6 +200,10 @@ class CollisionEvent:
     """The trigger's test value."""
     count: int
     """Collisions of this flight so far, this one included."""
+    rotor: int = UNKNOWN_ROTOR
+    """Struck rotor; -1: not known."""
+    push: Array = field(default_factory=lambda: np.zeros(3))
+    """(3) unit vector in map of the push on the vehicle; zero: not known."""
 
 
 @dataclass(frozen=True)

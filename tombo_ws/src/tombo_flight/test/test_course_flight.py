@@ -179,7 +179,7 @@ class TestSurvey:
         survey = load_scenario("survey")
         assert survey.effects == load_scenario("no_obstacle").effects
         assert survey.obstacle.radius == 0.0
-        assert survey.react is False
+        assert survey.reaction.name == "none"
         assert course_begin(survey.mission) < 5.0
 
     @pytest.mark.slow

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tombo_collision.decision import Decision
 from tombo_collision.detector import CollisionEvent
-from tombo_collision.reactions import Decision
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.flight import fly_scenario

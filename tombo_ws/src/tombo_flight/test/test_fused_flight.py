@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from tombo_collision.reactions import REGISTRY, Decision, Reaction
+from tombo_collision.decision import Decision
+from tombo_collision.reactions import REGISTRY, Reaction
 from tombo_flight.flight import fly_scenario
 from tombo_flight.run_wiring import run_wiring
 from tombo_flight.scenario import load_scenario
@@ -21,6 +22,7 @@ SHORT = (
     "duration=11",
 )
 JITTER = ("effects.mocap_latency.delay=0.02", "effects.mocap_latency.jitter=0.02")
+DISTURBED = ("disturbances=true", "mission.land_time=18", "duration=17")
 
 
 def differences(settings: tuple[str, ...], seed: int) -> tuple[dict[str, int], Any]:
@@ -47,13 +49,22 @@ def differences(settings: tuple[str, ...], seed: int) -> tuple[dict[str, int], A
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", [(), JITTER, ("react=false",)])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        (),
+        JITTER,
+        ("reaction.name=none",),
+        ("reaction.name=reflex", *DISTURBED),
+        ("reaction.name=mpc",),
+    ],
+)
 def test_fused_flight_is_the_runners_to_the_last_bit(settings):
     found, record = differences(settings, 3)
     assert not any(found.values()), found
     assert record.summary["collided"] and record.summary["detected"]
     assert bool(record.published["/reaction/status"][1]["collisions"][-1]) == (
-        settings != ("react=false",)
+        settings != ("reaction.name=none",)
     )
 
 
@@ -64,7 +75,7 @@ def test_reaction_written_in_python_is_one_class_and_flies():
 
         name: ClassVar[str] = "up"
 
-        def decide(self, event: Any, last: Decision | None) -> Decision:
+        def begin(self, event: Any, estimate: Any, last: Decision | None) -> Decision:
             """Go up by half a metre."""
             up = np.array([0.0, 0.0, 1.0])
             x_c = event.contact_position

@@ -10,13 +10,14 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
+from tombo_collision.decision import Decision
 from tombo_collision.detector import CollisionEvent
 from tombo_collision.reaction_core import ReactionCore
-from tombo_collision.reactions import Decision
 from tombo_control.mission_core import status_text
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core
@@ -33,6 +34,7 @@ from tombo_flight.scenario import Scenario, as_mapping, world_of
 from tombo_flight.wiring import CORES, core_of
 from tombo_sim.flight_setup import NOISE, FlightSetup, begin
 from tombo_sim.kernel import (
+    CONTACT,
     EVENT,
     FlightProgress,
     Published,
@@ -52,6 +54,7 @@ _TOPICS = {
     "reaction_status": "/reaction/status",
     "setpoint": "/setpoint",
     "mission_setpoint": "/mission/setpoint",
+    "contact": "/contact_event",
 }
 """Tables of `Published` → topics; `/mission/status` has a text besides."""
 _BLOCK = 8192
@@ -101,9 +104,9 @@ def fly_scenario(
     if prepare is not None:
         prepare(setup.plant)
     ticks = round(scenario.duration / TICK_S)
-    captures = np.round(
-        np.arange(0.0, scenario.duration, 1.0 / scenario.estimator.mocap_rate) / TICK_S
-    ).astype(np.int64)
+    captures = np.round(np.arange(0.0, scenario.duration, 1.0 / setup.mocap_rate) / TICK_S).astype(
+        np.int64
+    )
     captures = np.append(captures, np.int64(2**62))
     entries = np.zeros(captures.size, MocapEntry.layout)
     normals = setup.mocap_noise.standard_normal((captures.size, NOISE))
@@ -156,9 +159,14 @@ def _react(reaction: ReactionCore, published: Published, flight: Any) -> None:
     """Step the reaction in the last tick, which a collision has reached."""
     tick = int(flight["tick"]) - 1
     now_ns = EPOCH_NS + tick * TICK_NS
-    events = published.event[: flight["published"][EVENT]]
-    for entry in events[events["tick"] == tick - 1]:
-        reaction.event(message_of(CollisionMessage, entry["message"], frame_id=FRAME_MAP), now_ns)
+    for topic, table, index in (
+        ("/collision_event", published.event, EVENT),
+        ("/contact_event", published.contact, CONTACT),
+    ):
+        events = table[: flight["published"][index]]
+        for entry in events[events["tick"] == tick - 1]:
+            event = message_of(CollisionMessage, entry["message"], frame_id=FRAME_MAP)
+            reaction.on(topic, event, now_ns)
     reaction.step(now_ns)
     publish_reaction(reaction.memory, published, flight, tick)
 
@@ -167,6 +175,7 @@ def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any
     """Return the scenario as plain values, with the seed and what follows from it."""
     flown = as_mapping(scenario)
     flown["effects"] = setup.effects
+    flown["estimator"]["mocap_rate"] = setup.mocap_rate
     flown["seed"] = seed
     flown["obstacle"] = dict(zip(("x_m", "y_m", "radius_m", "top_m"), setup.obstacle, strict=True))
     return flown
@@ -183,8 +192,7 @@ def _record(
 ) -> FlightRecord:
     columns = {name: log[name] for name in LogRow.fields}
     t: Array = np.arange(log.shape[0], dtype=np.float64) * TICK_S
-    detections = [_detection(event) for event in published["event"]["message"]]
-    arrivals = (published["event"]["tick"] * TICK_S).tolist()
+    detections, arrivals = _detections(scenario, published)
     status = published["reaction_status"]
     decided = status[np.diff(status["message"]["collisions"], prepend=0) > 0]
     decisions = [Decision(s["x_c"], s["n_r"], s["x_r"]) for s in decided["message"]]
@@ -239,7 +247,23 @@ def _detection(event: Any) -> CollisionEvent:
         float(event["confidence"]),
         float(event["statistic"]),
         int(event["count"]),
+        int(event["rotor"]),
     )
+
+
+def _detections(
+    scenario: Scenario, published: dict[str, Any]
+) -> tuple[list[CollisionEvent], list[float]]:
+    """Return the collisions that the reaction takes, in flight time, and when each was known."""
+    topics = scenario.reaction.event_topics()
+    tables = [published[name] for name, topic in _TOPICS.items() if topic in topics]
+    found = [
+        (float(entry["tick"]) * TICK_S, _detection(entry["message"]))
+        for table in tables
+        for entry in table
+    ]
+    found.sort(key=itemgetter(0))
+    return [seen for _, seen in found], [at_s for at_s, _ in found]
 
 
 def _phases(published: dict[str, Any]) -> list[dict[str, Any]]:

@@ -12,6 +12,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
     BATTERY,
     COLLISION_EVENT,
+    CONTACT_EVENT,
     DETECTOR_STATUS,
     IMU,
     MARKERS,
@@ -41,11 +43,11 @@ from tombo_bag.topics import (
     TRUE_ODOMETRY,
     TRUE_ROTORS,
 )
+from tombo_collision.decision import Decision
 from tombo_collision.detector import CollisionEvent
-from tombo_collision.reactions import Decision
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.messages import Phase, ReactionPhase, Trigger
+from tombo_dynamics.messages import UNKNOWN_ROTOR, Phase, ReactionPhase, Trigger
 from tombo_dynamics.rotation import conjugate, map_to_body, unwrap_quaternions
 from tombo_dynamics.time_base import SECOND_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import MetricsInput, collision_events, phase_event, summarize
@@ -71,7 +73,16 @@ _BEYOND_NS = SECOND_NS
 """A flight ends at most this time after its last known state."""
 _NAME_OF_TRIGGER = {int(trigger): trigger.name.lower() for trigger in Trigger}
 _TOPICS = (
-    *(ATTITUDE_SETPOINT, BATTERY, COLLISION_EVENT, DETECTOR_STATUS, IMU, MARKERS, MISSION_STATUS),
+    *(
+        ATTITUDE_SETPOINT,
+        BATTERY,
+        COLLISION_EVENT,
+        CONTACT_EVENT,
+        DETECTOR_STATUS,
+        IMU,
+        MARKERS,
+        MISSION_STATUS,
+    ),
     *(MOCAP_POSE, ODOMETRY, PX4_STATUS, RATES_SETPOINT, REACTION_STATUS, ROTOR_COMMAND, SETPOINT),
     *(TRUE_CONTACT, TRUE_ODOMETRY, TRUE_ROTORS),
 )
@@ -346,9 +357,16 @@ class _RecordedFlight:
         return phases
 
     def _detections(self) -> tuple[list[CollisionEvent], list[float]]:
-        table = self._tables.get(COLLISION_EVENT.name)
+        """Return the collisions that the reaction takes, and when each was known [s]."""
+        topics = self._scenario.reaction.event_topics()
+        found = [pair for topic in topics for pair in self._events(topic)]
+        found.sort(key=itemgetter(1))
+        return [seen for seen, _ in found], [at_s for _, at_s in found]
+
+    def _events(self, topic: str) -> list[tuple[CollisionEvent, float]]:
+        table = self._tables.get(topic)
         if table is None:
-            return [], []
+            return []
         stamps = self._grid.seconds(table["stamp_ns"])
         contact_ns = table["contact_stamp.sec"].astype(np.int64) * SECOND_NS
         contacts = self._grid.seconds(contact_ns + table["contact_stamp.nanosec"])
@@ -363,10 +381,12 @@ class _RecordedFlight:
                 float(table["confidence"][i]),
                 float(table["statistic"][i]),
                 int(table["count"][i]),
+                int(table["rotor"][i]) if "rotor" in table else UNKNOWN_ROTOR,
             )
             for i in range(stamps.size)
         ]
-        return events, [float(at) for at in self._to_flight_time(table["log_time_ns"])]
+        known = self._to_flight_time(table["log_time_ns"])
+        return [(seen, float(at)) for seen, at in zip(events, known, strict=True)]
 
     def _reactions(self) -> tuple[list[Decision], list[float]]:
         """Return the switches of the set point, and when each was made."""

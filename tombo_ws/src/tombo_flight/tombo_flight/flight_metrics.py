@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_collision.decision import Decision
 from tombo_collision.detector import CollisionEvent
-from tombo_collision.reactions import Decision
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.messages import PHASE_NAMES, Phase
+from tombo_dynamics.messages import PHASE_NAMES, UNKNOWN_ROTOR, Phase, Trigger
 from tombo_dynamics.rotation import tilt, up_in_body
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, VehicleParams
@@ -29,6 +29,7 @@ _SETTLED_RADIUS = 0.1
 _SETTLED_SPEED = 0.1
 _SETTLED_TIME = 1.0
 _OVERTURNED = 2.1
+_IMU = Trigger.IMU.name.lower()
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,8 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
         "seed": flight.seed,
         "conf": None if propeller.plain else propeller.conf,
         "law": None if propeller.plain else propeller.law,
-        "reaction": flight.scenario.react,
+        "reaction": flight.scenario.reaction.name,
+        "disturbances": flight.scenario.disturbances,
         "collided": collided,
         "collision_time_s": None,
         "contact_point_m": None,
@@ -213,7 +215,7 @@ def _crash(
 
 
 def _detection(flight: MetricsInput, c: int | None) -> dict[str, Any]:
-    """Latency from true contact to the event's arrival, and false alarms.
+    """Latency from true contact to the detector's event, and to the first of any; false alarms.
 
     An innovation event before contact is a false alarm. A known region may rightly fire before
     contact, or prevent it: only without an obstacle is its event a false alarm.
@@ -225,16 +227,21 @@ def _detection(flight: MetricsInput, c: int | None) -> dict[str, Any]:
         for e, at in zip(flight.detections, flight.arrivals, strict=True)
         if e.stamp_s >= contact or (e.trigger == "region" and obstacle)
     ]
-    first, arrival = true[0] if true else (None, None)
+    poses = [pair for pair in true if pair[0].trigger != _IMU]
+    first, arrival = poses[0] if poses else (None, None)
+    known = min((at for _, at in true), default=None)
+    struck = next((e.rotor for e, _ in true if e.rotor != UNKNOWN_ROTOR), None)
     # x_c, n_r and x_r belong together: after a second collision they are the second one's
     reaction = flight.reactions[-1] if flight.reactions else None
     x_c = reaction.x_c if reaction else first.x_c if first else None
     return {
         "detected": first is not None,
-        "detections": len(flight.detections),
+        "detections": sum(seen.trigger != _IMU for seen in flight.detections),
         "detection_time_s": _number(arrival),
         "detection_latency_s": _number(arrival - contact) if arrival is not None else None,
         "detection_confidence": _number(first.confidence) if first else None,
+        "contact_known_s": _number(known - contact) if known is not None else None,
+        "struck_rotor": None if struck is None else ROTOR_NAMES[struck],
         "false_alarms": len(flight.detections) - len(true),
         "x_c_m": [_number(v) for v in x_c] if x_c is not None else None,
         "n_r": [_number(v) for v in reaction.n_r] if reaction else None,

@@ -16,6 +16,7 @@ from tombo_collision.reactions.bounce import Bounce
 from tombo_collision.reactions.none import NoReaction
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.planning.mission import MissionParams
+from tombo_control.recovery.params import ContactParams, RecoveryParams
 from tombo_control.safety.flight_volume import check_volume
 from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.effects import check_theta
@@ -30,6 +31,7 @@ from tombo_flight.course_check import check_course
 from tombo_flight.extended_model import merge_effects
 from tombo_flight.model_file import read_model
 from tombo_flight.scenario_catalogue import builtin_scenarios
+from tombo_flight.scenario_layers import laid_over, nested
 from tombo_flight.vehicle_file import VehicleFile, is_builtin_vehicle, vehicle_named
 from tombo_sim.world import ObstacleParams, SpreadParams, World
 
@@ -45,10 +47,13 @@ class Scenario:
     duration: float = param(60.0, "s", (0.1, 3600.0), "the flight is cut off at this time")
     model: str = ""
     """Extended model whose effects are laid over; empty: none."""
-    react: bool = True
+    disturbances: bool = False
+    """What clean figures leave out, `scenarios/layers/disturbances.yaml`, was laid over."""
     propeller: PropellerChoice = field(default_factory=PropellerChoice)
     vehicle: VehicleParams = field(default_factory=VehicleParams)
     control: ControlParams = field(default_factory=ControlParams)
+    recovery: RecoveryParams = field(default_factory=RecoveryParams)
+    contact: ContactParams = field(default_factory=ContactParams)
     estimator: EstimatorParams = field(default_factory=EstimatorParams)
     mission: MissionParams = field(default_factory=MissionParams)
     detector: DetectorParams = field(default_factory=DetectorParams)
@@ -58,11 +63,6 @@ class Scenario:
     safety: SafetyParams = field(default_factory=SafetyParams)
     volume: FlightVolume = field(default_factory=FlightVolume)
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-
-    @property
-    def chosen_reaction(self) -> Reaction:
-        """What is done about a collision: with `react` false, nothing."""
-        return self.reaction if self.react else NoReaction()
 
 
 _TOMBO_KEYS = ("propeller.conf", "propeller.law", "propeller.library")
@@ -166,39 +166,10 @@ def _extended(
         raise InputError(
             f"scenario '{name}': model: accepted: tombo fly --model FILE in its place"
         )
-    whole: dict[str, Any] = dict(values)
-    base = whole.pop("extends", None)
-    if base is not None:
-        parent, _ = _read(str(base), folder, below)
-        whole = _merged(parent, whole)
-    return whole
-
-
-def _merged(base: dict[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    result = dict(base)
-    for key, value in over.items():
-        if isinstance(value, Mapping) and isinstance(result.get(key), Mapping):
-            result[key] = _merged(result[key], value)
-        else:
-            result[key] = value
-    return result
-
-
-def override(
-    values: dict[str, Any], setting: str, option: str = "--set", example: str = "vehicle.mass=1.4"
-) -> dict[str, Any]:
-    """Return nested values with one `key.path=value` setting applied.
-
-    Raises:
-        InputError: it is none; named by the `option` that it was given with, and an `example`.
-    """
-    key, separator, text = setting.partition("=")
-    if not separator or not key.strip():
-        raise InputError(f"{option} '{setting}': expected key=value, as in {example}")
-    value: Any = parse_yaml(text, f"{option} '{setting}': '{text}'")
-    for name in reversed(key.strip().split(".")):
-        value = {name: value}
-    return _merged(values, value)
+    own = dict(values)
+    base = own.pop("extends", None)
+    parent = {} if base is None else _read(str(base), folder, below)[0]
+    return laid_over(parent, own)
 
 
 def load_scenario(
@@ -253,7 +224,7 @@ def scenario_values(
 def with_settings(values: dict[str, Any], settings: Sequence[str], label: str) -> Scenario:
     """Apply settings one after the other, and check the whole."""
     for setting in settings:
-        values = _with_vehicle(override(values, setting))
+        values = _with_vehicle(laid_over(values, nested(setting)))
     scenario = scenario_from_mapping(values, label)
     if scenario.propeller.plain:
         for setting in settings:
@@ -273,10 +244,10 @@ def scenario_over(
     Raises:
         InputError: as `load_scenario`.
     """
-    values = dict(base)
+    values = laid_over({}, base)
     if name is not None:
         over, _ = _read(name)
-        values = _merged(values, over)
+        values = laid_over(values, over)
     return with_settings(_with_vehicle(values), settings, label)
 
 
@@ -295,7 +266,7 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     Raises:
         InputError: as `load_scenario`.
     """
-    values = _with_vehicle(values)
+    values = _with_vehicle(laid_over({}, values))
     accepted = [f.name for f in dataclasses.fields(Scenario)]
     built: dict[str, Any] = {"name": label}
     for key, value in values.items():
@@ -318,9 +289,7 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
             built[key] = check_theta(value, "effects")
         elif key == "duration":
             built[key] = check_number("duration", value, "s", (0.1, 3600.0))
-        elif key == "react":
-            if not isinstance(value, bool):
-                raise InputError(f"react: {shown(value)} is not true or false")
+        elif key == "disturbances":
             built[key] = value
         else:
             built[key] = str(value)
@@ -355,13 +324,18 @@ def as_mapping(scenario: Scenario) -> dict[str, Any]:
     """Return the scenario as plain nested dictionaries, as it could stand in a file."""
     plain: dict[str, Any] = dataclasses.asdict(scenario)
     plain["reaction"]["name"] = scenario.reaction.name
+    plain["react"] = scenario.reaction.name != NoReaction.name  # older readers know no `none`
+    if not scenario.disturbances:
+        del plain["disturbances"]
     left_out = dataclasses.asdict(PropellerChoice())
     plain["propeller"] = {
         key: value
         for key, value in plain["propeller"].items()
         if key in _ALWAYS_SAID or value != left_out[key]
     }
-    for section in ("safety", "volume"):
+    unspread = dataclasses.asdict(SpreadParams())
+    plain["spread"] = {k: v for k, v in plain["spread"].items() if v != 0.0 or unspread[k] != 0.0}
+    for section in ("safety", "volume", "recovery", "contact"):
         record = getattr(scenario, section)
         defaults = dataclasses.asdict(type(record)())
         said = {key: value for key, value in plain.pop(section).items() if value != defaults[key]}

@@ -20,8 +20,8 @@ from tombo_collision.reaction_core import (
     note_mocap,
     reaction_step,
     take_mission_setpoint,
-    take_position,
 )
+from tombo_collision.reaction_core import take_estimate as reaction_estimate
 from tombo_control.autopilot import new_autopilot
 from tombo_control.controller_core import (
     ControllerMemory,
@@ -263,7 +263,7 @@ def _sense(s: Suite, world: World, faults: Array, step: int, now: int) -> None:
     odometry.velocity[0], odometry.velocity[1], odometry.velocity[2] = x, y, z
     odometry.stamp_ns = now
     take_odometry(s.controller, s.autopilot, odometry)
-    take_position(s.reaction, odometry.position, now)
+    reaction_estimate(s.reaction, odometry, now)
     take_estimate(s.mission, odometry.position, velocity, now)
     if step % 4 == 0 and airborne >= 0:
         zero = np.zeros(3)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.propeller_effects import propulsion_effects
-from tombo_sim.world import World
+from tombo_sim.world import SpreadParams, World
 
 NOISE = 9
 """Standard normals that a tick, and a mocap sample, takes."""
@@ -37,6 +37,8 @@ class FlightSetup:
     """(3) position in map [m]."""
     obstacle: tuple[float, float, float, float]
     """x, y, radius, top [m], as drawn."""
+    mocap_rate: float
+    """[Hz], as drawn."""
     tick_noise: np.random.Generator
     mocap_noise: np.random.Generator
 
@@ -54,9 +56,11 @@ def begin(world: World, seed: int) -> FlightSetup:
     """
     vehicle = mounted_vehicle(world.vehicle, world.propeller)
     maps = rotor_maps(thrust_map_of(world.propeller), vehicle)
-    effects = propulsion_effects(world.propeller, vehicle, world.effects)
+    draw_seed, tick_seed, mocap_seed, spread_seed = np.random.SeedSequence(seed).spawn(4)
+    given = propulsion_effects(world.propeller, vehicle, world.effects)
+    uniform = np.random.default_rng(spread_seed).uniform(-1.0, 1.0, 4).tolist()
+    effects = _spread_effects(given, world.spread, vehicle, uniform)
     theta = pack_theta(effects)
-    draw_seed, tick_seed, mocap_seed = np.random.SeedSequence(seed).spawn(3)
     draws = np.random.default_rng(draw_seed).standard_normal(16)
     plant = new_plant(vehicle)
     spread = world.spread
@@ -82,9 +86,31 @@ def begin(world: World, seed: int) -> FlightSetup:
         theta,
         start,
         obstacle,
+        (uniform[3] > 0.0 and spread.mocap_rate) or world.mocap_rate,
         np.random.default_rng(tick_seed),
         np.random.default_rng(mocap_seed),
     )
+
+
+def _spread_effects(
+    effects: Mapping[str, Mapping[str, float]],
+    spread: SpreadParams,
+    vehicle: VehicleParams,
+    draws: Sequence[float],
+) -> dict[str, dict[str, float]]:
+    """Return effects with what differs from flight to flight; `draws` (4) within -1 and 1."""
+    found = {name: dict(values) for name, values in effects.items()}
+    if spread.recovery_time:
+        found["blade_strike"]["recovery_time"] *= 1.0 + spread.recovery_time * draws[0]
+    if spread.motor_lag:
+        lag = found.setdefault("motor_lag", {})
+        change = vehicle.motor_time_constant * spread.motor_lag * draws[1]
+        lag["extra_tau"] = lag.get("extra_tau", 0.0) + change
+    if spread.wind:
+        wind = found.setdefault("steady_wind", {})
+        wind["east"] = wind.get("east", 0.0) + spread.wind * math.cos(math.pi * draws[2])
+        wind["north"] = wind.get("north", 0.0) + spread.wind * math.sin(math.pi * draws[2])
+    return found
 
 
 def _check_start(vehicle: VehicleParams, start: Array, obstacle: Sequence[float]) -> None:

@@ -17,9 +17,10 @@ from tombo_collision.reaction_core import (
     ReactionCore,
     note_mocap,
     reaction_step,
+    reference_due,
     take_mission_setpoint,
-    take_position,
 )
+from tombo_collision.reaction_core import take_estimate as reaction_estimate
 from tombo_control.autopilot import Autopilot
 from tombo_control.controller_core import (
     ControllerCore,
@@ -68,7 +69,8 @@ _MISSION_PERIOD_NS, _REACTION_PERIOD_NS = MissionCore.period_ns, ReactionCore.pe
     SETPOINT,
     MISSION_SETPOINT,
     MISSION_STATUS,
-) = range(8)
+    CONTACT,
+) = range(9)
 """Index of a topic in `FlightProgress.published`: the fields of `Published` in their order."""
 
 
@@ -89,6 +91,7 @@ class Published(NamedTuple):
     mission_setpoint: Any
     mission_status: Any
     """Also the reason to wait, an index in `mission_core.WaitReason`."""
+    contact: Any
 
 
 class CoreParams(NamedTuple):
@@ -108,7 +111,7 @@ class FlightProgress(Record):
     end = field("1", "first tick not to fly", kind=int)
     phase = field("1", "the mission's, as published", kind=int)
     over = field("", "whether it is over", kind=FlightEnd)
-    published = field("1", "messages in each table of `Published`", 8, int)
+    published = field("1", "messages in each table of `Published`", 9, int)
     read_odometry = field("1", "what the mission has taken of them", kind=int)
     read_reaction = field("1", "what the mission has taken of them", kind=int)
     read_setpoint = field("1", "what the mission has taken of them", kind=int)
@@ -126,6 +129,7 @@ def new_published(ticks: int, captures: int) -> Published:
         np.zeros(ticks + 64, _entry(records.PositionSetpointRecord)),
         np.zeros(slow, _entry(records.PositionSetpointRecord)),
         np.zeros(slow, _entry(records.MissionStatusRecord, ("wait_reason", np.int64))),
+        np.zeros(ticks // 16 + 64, _entry(records.CollisionEventRecord)),
     )
 
 
@@ -210,6 +214,8 @@ def fly(
         _watch_flight(plant, published, flight, cores.estimator)
         has_input = _deliver_messages(cores, published, flight, now)
         collided = _newest(published.event, flight.published[EVENT], tick) >= 0
+        if cores.reaction.takes_contacts:
+            collided |= _newest(published.contact, flight.published[CONTACT], tick) >= 0
         if now % _MISSION_PERIOD_NS == 0:
             _step_mission(cores.mission, params, published, flight, now)
         i = next_arrival(entries, captures, tick)
@@ -230,6 +236,8 @@ def fly(
             plant.gyro,
             plant.accel,
         )
+        if cores.controller.contact.due:
+            _publish_contact(cores.controller, published, flight)
         plant.rotor_command = controls.rotor_speed
         write_row(plant, cores.estimator, cores.controller, cores.controller_autopilot, log[tick])
         finish_tick(plant, noise, theta)
@@ -237,6 +245,8 @@ def fly(
         if collided or cores.reaction.pending > 0:
             return True
         if has_input or now % _REACTION_PERIOD_NS == 0:
+            if reference_due(cores.reaction, now):
+                return True
             reaction_step(cores.reaction, params.reaction, now)
             publish_reaction(cores.reaction, published, flight, tick)
     return False
@@ -277,7 +287,7 @@ def _deliver_messages(cores: Any, published: Any, flight: FlightProgress, now: i
     i = _newest(published.odometry, counts[ODOMETRY], tick)
     if i >= 0:
         odometry = published.odometry[i].message
-        take_position(cores.reaction, odometry.position, now)
+        reaction_estimate(cores.reaction, odometry, now)
         take_odometry(cores.controller, cores.controller_autopilot, odometry)
         has_input = True
     i = _newest(published.estimator_status, counts[ESTIMATOR_STATUS], tick)
@@ -369,6 +379,17 @@ def _publish_estimate(
         status.tick = flight.tick
         fill_status(estimator, status.message)
         counts[ESTIMATOR_STATUS] += 1
+
+
+@compiled_call
+def _publish_contact(controller: ControllerMemory, published: Any, flight: FlightProgress) -> None:
+    """Publish the contact that the controller has seen in this tick."""
+    counts = flight.published
+    if counts[CONTACT] < published.contact.shape[0]:
+        entry = published.contact[counts[CONTACT]]
+        entry.tick = flight.tick
+        entry.message = controller.event
+        counts[CONTACT] += 1
 
 
 @compiled_call

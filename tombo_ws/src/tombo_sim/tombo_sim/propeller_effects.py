@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 from tombo_dynamics.effects import check_theta
+from tombo_dynamics.propeller.impact import propeller_performance
 from tombo_dynamics.propeller.mounted_propeller import (
     PropellerChoice,
     library_of,
     mounted_configuration,
     thrust_map_of,
 )
-from tombo_dynamics.propeller.records import Configuration
 from tombo_dynamics.rotor_maps import hover_point, rotor_maps
 from tombo_dynamics.vehicle import VehicleParams
 
@@ -37,45 +37,6 @@ it meets the surface at acos(1 - 2.5/111) = 0.21 rad; friction of 0.2 adds to it
 _DURATION = 0.014
 """s, calibrated: the push of a strike lasts long enough to give the paper's unstable phase and
 falling distance (1.5 s, 0.5 m): 145.5 N fading over it, about one turn, are 1.0 N s."""
-
-
-def propeller_performance(
-    wanted: Configuration, known: Iterable[Configuration]
-) -> dict[str, float]:
-    """Return Table III's figures that the simulation uses for a configuration.
-
-    A configuration that was not measured, such as 1 to 4, gets the mean over the measured ones
-    with the same silicone, or over all where there is none. The rigid propeller has no recovery.
-
-    Args:
-        wanted: the configuration.
-        known: those whose measurements may stand in.
-
-    Returns:
-        collision_force_N, recovery_s (0 for the rigid one).
-    """
-    others = tuple(known)
-    performance = {}
-    for name in ("collision_force_N", "recovery_s"):
-        value = getattr(wanted.measured, name) if wanted.measured is not None else None
-        if value is None:
-            value = 0.0 if wanted.nodus is None else _same_matrix_mean(wanted, others, name)
-        performance[name] = float(value)
-    return performance
-
-
-def _same_matrix_mean(wanted: Configuration, known: Iterable[Configuration], name: str) -> float:
-    """Return the mean of a measured figure over the same silicone, else over every nodus."""
-    same, every = [], []
-    for other in known:
-        value = getattr(other.measured, name) if other.measured is not None else None
-        if other.nodus is None or wanted.nodus is None or value is None:
-            continue
-        every.append(float(value))
-        if other.nodus.matrix.name == wanted.nodus.matrix.name:
-            same.append(float(value))
-    values = same or every
-    return sum(values) / len(values)
 
 
 def propulsion_effects(

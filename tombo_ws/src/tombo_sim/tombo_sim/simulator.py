@@ -67,7 +67,7 @@ class Simulator:
         self._plants = setup.plant.as_array()
         self._vehicle = (self._plants, setup.maps.as_array(), setup.theta)
         self.tick = 0
-        self._rate = world.mocap_rate
+        self._rate = setup.mocap_rate
         self._noise = self.setup.tick_noise.standard_normal((_BLOCK, NOISE))
         self._captured = 0
         self._entries = np.zeros(1, MocapEntry.layout)

@@ -27,6 +27,18 @@ class SpreadParams:
     start: float = param(0.02, "m", (0.0, 2.0), "standard deviation of the start, x and y")
     yaw: float = param(0.02, "rad", (0.0, 3.2), "standard deviation of the heading at the start")
     obstacle: float = param(0.01, "m", (0.0, 1.0), "standard deviation of the obstacle, x and y")
+    recovery_time: float = param(
+        0.0, "1", (0.0, 0.9), "largest change of the blades' recovery time, share of it, uniform"
+    )
+    motor_lag: float = param(
+        0.0, "1", (0.0, 0.9), "largest change of the motors' time constant, share of it, uniform"
+    )
+    wind: float = param(
+        0.0, "m/s", (0.0, 15.0), "steady wind added, from a direction drawn uniformly"
+    )
+    mocap_rate: float = param(
+        0.0, "Hz", (0.0, 500.0), "rate of the motion capture in half of the flights; 0: in none"
+    )
 
 
 @dataclass(frozen=True)

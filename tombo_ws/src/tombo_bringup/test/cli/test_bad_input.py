@@ -24,6 +24,8 @@ import pytest
         ("duration=2001-13-45", ("duration", "2001-13-45")),
         ("duration=0", ("duration", "0.1 to 3600")),
         ("react=perhaps", ("react", "perhaps", "true or false")),
+        ("reaction.name=jump", ("reaction.name", "jump", "bounce")),
+        ("disturbances=some", ("disturbances", "some", "true or false")),
         ("effects=3", ("effects", "3", "mapping")),
         ("effects.gusts=3", ("effects.gusts", "3", "mapping")),
         ("effects.gust.deviation=1", ("gust", "did you mean 'gusts'")),

@@ -113,6 +113,10 @@ def test_recovery_is_aggregated_over_flights_that_settled_without_crash():
 
     assert (total["flights"], total["crashed"], total["not_crashed"]) == (4, 1, 3)
     assert total["recovered"] == 2
+    assert total["crash_rate"] == 0.25
+    low, high = total["crash_rate_95"]  # of 1 in 4: the ends at which the count is 2.5 % likely
+    assert 1.0 - (1.0 - low) ** 4 == pytest.approx(0.025, abs=1e-4)
+    assert (1.0 - high) ** 4 + 4.0 * high * (1.0 - high) ** 3 == pytest.approx(0.025, abs=1e-4)
     assert (total["detected"], total["landed"], total["false_alarms"]) == (3, 3, 2)
     assert total["recovery_time_s"]["count"] == 3
     assert total["real_time_factor"] == 2.0
@@ -131,7 +135,8 @@ def test_two_modes_are_told_by_median_and_range_not_by_the_mean(tombo):
 def test_the_figure_copes_with_flights_without_a_collision():
     none = flight(**dict.fromkeys(SPREAD_METRICS) | {"duration_s": 1.0})
     campaign = {
-        "scenario": "a $x_b name", "conf": 13, "reaction": False, "first_seed": 0, "last_seed": 1,
+        "scenario": "a $x_b name", "conf": 13, "reaction": "none", "disturbances": False,
+        "first_seed": 0, "last_seed": 1,
         "flights": [none, none], "aggregate": aggregate([none, none], 1.0),
     }  # fmt: skip
 

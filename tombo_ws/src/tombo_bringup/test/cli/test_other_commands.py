@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+from tombo_collision.reactions import REGISTRY as REACTIONS
 from tombo_dynamics.effects import REGISTRY
 from tombo_flight.scenario import load_scenario
 
@@ -42,6 +43,20 @@ def test_an_effect_in_the_list_can_be_set_as_the_list_says(tombo):
             f"effects.{entry['name']}.{p['name']}={p['null']}" for p in entry["parameters"]
         ]
         assert entry["name"] in load_scenario("hover", settings).effects
+
+
+def test_a_reaction_in_the_list_can_be_flown_as_the_list_says(tombo):
+    entries = tombo("reactions", "--json").json
+    assert {entry["name"] for entry in entries} == set(REACTIONS)
+    for entry in entries:
+        assert set(entry["needs"]) <= {"mocap", "imu", "rotor_speeds"}
+        settings = [f"reaction.{p['name']}={p['default']}" for p in entry["parameters"]]
+        flown = load_scenario("hover", [f"reaction.name={entry['name']}", *settings]).reaction
+        assert flown == REACTIONS[entry["name"]]()
+        for p in entry["parameters"]:
+            assert p["bounds"][0] <= p["default"] <= p["bounds"][1]
+            assert p["unit"] and p["doc"]
+    assert "0.05 to 20" in tombo("reactions").out
 
 
 def test_propeller_is_mounted(tombo):

@@ -21,27 +21,13 @@ def effects(as_json: JsonOnly = False) -> None:
     """
     from tombo_dynamics.effects import REGISTRY
 
+    table = [_as_object(effect) for effect in REGISTRY.values()]
     if as_json:
-        typer.echo(json.dumps([_as_object(effect) for effect in REGISTRY.values()], indent=1))
+        typer.echo(json.dumps(table, indent=1))
         return
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
+    from tombo_bringup.cli.tables import print_parameters
 
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for heading in ("effect", "unit", "null", "bounds"):
-        right = heading in ("null", "bounds")
-        table.add_column(heading, justify="right" if right else "left", no_wrap=True)
-    table.add_column("meaning", ratio=1)
-    for effect in REGISTRY.values():
-        first, _, _ = effect.doc.partition("\n")
-        table.add_row(Text(effect.name, "bold"), "", "", "", Text(first, "bold"))
-        for p in effect.theta:
-            low, high = p.bounds
-            bounds = f"{low:g} to {high:g}"
-            table.add_row(Text(f"  {p.name}"), Text(p.unit), f"{p.null:g}", bounds, Text(p.doc))
-    Console().print(table)
+    print_parameters("effect", "null", table)
 
 
 def _as_object(effect: Effect) -> dict[str, Any]:

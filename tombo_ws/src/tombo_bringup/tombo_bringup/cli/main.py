@@ -23,6 +23,7 @@ from tombo_bringup.cli.flight.sweep_command import SWEEP_EXIT_CODES, sweep
 from tombo_bringup.cli.flight.up_command import UP_EXIT_CODES, up
 from tombo_bringup.cli.options import option
 from tombo_bringup.cli.propeller import propeller_command
+from tombo_bringup.cli.reactions_command import reactions
 from tombo_bringup.cli.run_command import PASS_ON, run_executable
 from tombo_bringup.cli.runs_command import runs
 from tombo_bringup.cli.scenarios_command import scenarios
@@ -51,6 +52,7 @@ app.command()(scenarios)
 app.add_typer(propeller_command.app, name="propeller", context_settings=_HELP)
 app.add_typer(vehicle_app, name="vehicle", context_settings=_HELP)
 app.command()(effects)
+app.command()(reactions)
 app.add_typer(benchmark_command.app, name="benchmark", context_settings=_HELP)
 
 

@@ -104,6 +104,22 @@ Settings = Annotated[
         "May be given many times.",
     ),
 ]
+ReactionName = Annotated[
+    str | None,
+    option(
+        "--reaction NAME",
+        "A name of `tombo reactions`, in place of the scenario's reaction; its parameters: "
+        "--set reaction.KEY=VALUE.",
+    ),
+]
+Disturbed = Annotated[
+    bool,
+    option(
+        "--disturbances",
+        "With what clean figures leave out: wind, vibration, a real IMU, scatter, battery "
+        "(docs/reactions.md); --set wins over each.",
+    ),
+]
 ModelFile = Annotated[
     str | None,
     option(

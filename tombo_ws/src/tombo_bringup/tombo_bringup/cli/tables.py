@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console, RenderableType
 from rich.live import Live
-from rich.table import Column
+from rich.table import Column, Table
 from rich.text import Text
 
 from tombo_bringup.cli.errors import printable
@@ -18,6 +19,29 @@ from tombo_bringup.cli.errors import printable
 def right(*headings: str, **more: Any) -> list[Column]:
     """Return columns of numbers."""
     return [Column(heading, justify="right", **more) for heading in headings]
+
+
+def print_parameters(what: str, value: str, entries: Iterable[Mapping[str, Any]]) -> None:
+    """Print named things with their parameters.
+
+    Args:
+        what: they are called.
+        value: key and heading of a parameter's value: null, default.
+        entries: name, doc (its first line is printed) and parameters: name, unit, `value`,
+            bounds, doc.
+    """
+    columns = [Column(heading, no_wrap=True) for heading in (what, "unit")]
+    columns += right(value, "bounds", no_wrap=True)
+    table = Table(*columns, Column("meaning", ratio=1), box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for entry in entries:
+        first, _, _ = entry["doc"].partition("\n")
+        table.add_row(Text(entry["name"], "bold"), "", "", "", Text(first, "bold"))
+        for p in entry["parameters"]:
+            low, high = p["bounds"]
+            bounds = f"{low:g} to {high:g}"
+            name, unit, doc = (Text(text) for text in (f"  {p['name']}", p["unit"], p["doc"]))
+            table.add_row(name, unit, f"{p[value]:g}", bounds, doc)
+    Console().print(table)
 
 
 def print_line(text: str, style: str = "") -> None:

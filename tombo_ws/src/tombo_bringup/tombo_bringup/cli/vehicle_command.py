@@ -116,7 +116,7 @@ def new(
     What is asked: name, mass, arm length, and the propeller. Everything else is taken from these
     and can be changed in the file.
     """
-    from tombo_flight.scenario import override
+    from tombo_flight.scenario_layers import override
     from tombo_flight.vehicle_file import FORMAT, vehicle_from_mapping, write_vehicle
 
     check_new_yaml(file, force)

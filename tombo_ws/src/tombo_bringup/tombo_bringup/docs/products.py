@@ -29,6 +29,7 @@ LEFT: Final = (
     "docs/stand.md, A real stand: tombo propeller diagnose, on a data set",
     "docs/beta.md, Tested on rendered films: python benchmarks/beta_from_video.py",
     "docs/design.md, regressions and flights of the check: tombo propeller design",
+    "docs/reactions.md, Bounce: tombo fly SCENARIO --disturbances --seeds 5000:5100",
     "docs/px4.md, README, How fast: make bench, benchmarks/",
 )
 """Tables that are not regenerated: they take half an hour, or depend on the machine."""
@@ -91,7 +92,7 @@ def _campaign(root: Path, data: Path) -> None:
     """Fly the campaigns of the README's table."""
     paper, unaided, rigid = (
         _fly_many("paper_collision", settings, range(100))
-        for settings in ((), ("react=false",), ("propeller.conf=0",))
+        for settings in ((), ("reaction.name=none",), ("propeller.conf=0",))
     )
     alarms = _fly_many("aggressive", (), range(100))["aggregate"]["false_alarms"]
     total = paper["aggregate"]
@@ -198,7 +199,9 @@ def _calibration(root: Path, data: Path) -> None:
     seeds = range(1000, 1050)
     for name, settings in _VARIATIONS:
         total = _fly_many("paper_collision", settings, seeds)["aggregate"]
-        unaided = _fly_many("paper_collision", (*settings, "react=false"), seeds)["aggregate"]
+        unaided = _fly_many("paper_collision", (*settings, "reaction.name=none"), seeds)[
+            "aggregate"
+        ]
         cells = [
             _spread(total[key])
             for key in ("max_falling_distance_m", "unstable_phase_s", "recovery_time_s")

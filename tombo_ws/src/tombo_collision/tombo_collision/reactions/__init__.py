@@ -1,8 +1,9 @@
 """The reactions to a collision by name, one file each; a file in this folder is all it takes.
 
 A reaction is a frozen dataclass of its parameters (`tombo_dynamics.params.param`: value, unit,
-bounds, meaning) with a `name` and a method `decide`. Scenarios (`reaction: {name: bounce}`),
-`--set reaction.distance=1`, the node's parameters, the documentation and the generic tests follow.
+bounds, meaning) with a `name`, what it `needs`, and a method `begin`. Scenarios
+(`reaction: {name: bounce}`), `--set reaction.distance=1`, `tombo reactions`, the
+node's parameters, the documentation and the generic tests follow.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, ClassVar
 
-from tombo_dynamics.arrays import Array
+from tombo_collision.decision import Decision, Estimate
 from tombo_dynamics.errors import unknown_name
 from tombo_dynamics.messages import CollisionEvent
 from tombo_dynamics.params import from_mapping
@@ -22,18 +23,8 @@ from tombo_dynamics.params import from_mapping
 DEFAULT = "bounce"
 REGISTRY: dict[str, type[Reaction]] = {}
 """Name -> reaction."""
-
-
-@dataclass(frozen=True)
-class Decision:
-    """What a reaction decides on a collision. Positions and directions in map."""
-
-    x_c: Array
-    """(3) base_link at contact [m]."""
-    n_r: Array
-    """(3) unit vector, from x_c to x_r."""
-    x_r: Array
-    """(3) where to hold [m]."""
+EVENT_TOPICS = {"mocap": "/collision_event", "imu": "/contact_event"}
+"""Sensor -> topic of the collisions that are seen in it."""
 
 
 @dataclass(frozen=True)
@@ -41,18 +32,30 @@ class Reaction(ABC):
     """A reaction and its parameters. It decides from messages alone."""
 
     name: ClassVar[str]
+    needs: ClassVar[tuple[str, ...]] = ("mocap",)
+    """Sensors that it takes collisions from: mocap (the detector), imu (the contact trigger)."""
+    recovers: ClassVar[bool] = False
+    """While it guides, and at a contact, the controller flies with the recovery's gains."""
 
     def __init_subclass__(cls) -> None:
         """Enter it into the registry."""
         super().__init_subclass__()
         REGISTRY[cls.name] = cls
 
+    @classmethod
+    def event_topics(cls) -> tuple[str, ...]:
+        """Return the topics of the collisions that it takes."""
+        return tuple(topic for sensor, topic in EVENT_TOPICS.items() if sensor in cls.needs)
+
     @abstractmethod
-    def decide(self, event: CollisionEvent, last: Decision | None) -> Decision | None:
+    def begin(
+        self, event: CollisionEvent, estimate: Estimate, last: Decision | None
+    ) -> Decision | None:
         """Return where to go after a collision, or None to let the mission go on.
 
         Args:
             event: the collision; its flight direction is a unit vector.
+            estimate: the newest one.
             last: the decision on the collision before this one, if there was one.
         """
 

@@ -8,7 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from tombo_collision.reactions import Decision, Reaction
+from tombo_collision.decision import Decision, Estimate
+from tombo_collision.reactions import Reaction
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import CollisionEvent
 from tombo_dynamics.params import param
@@ -34,7 +35,7 @@ class Bounce(Reaction):
         "more than twice the paper's recovery time",
     )
 
-    def decide(self, event: CollisionEvent, last: Decision | None) -> Decision:
+    def begin(self, event: CollisionEvent, estimate: Estimate, last: Decision | None) -> Decision:
         """Return x_r = x_c + d_r n_r (paper, Eq. of the reaction).
 
         After a second collision the vehicle leaves along the new n_r; should that lead back to

@@ -13,6 +13,7 @@ from tombo_control.loops.position_control import (
 )
 from tombo_control.loops.rate_control import rate_control
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
+from tombo_control.recovery.folded_rotors import allocate_folded, available_thrust
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
@@ -53,19 +54,27 @@ def run_control_loops(
         blind: the position is not known: brake and descend.
     """
     state, setpoint, loops = autopilot.state, autopilot.setpoint, autopilot.loops
-    gains, nominal = autopilot.gains, autopilot.nominal
+    recovery, nominal = autopilot.recovery, autopilot.nominal
+    gains = recovery.gains if recovery.active else autopilot.gains
     if position:
         thrust_max = 4.0 * maps.thrust_highest
+        if recovery.active:
+            thrust_max = available_thrust(recovery, maps)
         if blind or loops.lands:
             descend(state, setpoint, loops, gains, nominal.mass, thrust_max)
         else:
             begin_descent(loops)
-            position_control(state, setpoint, loops, gains, nominal.mass, thrust_max)
+            position_control(
+                state, setpoint, loops, gains, nominal.mass, thrust_max, recovery.active
+            )
     if attitude:
         attitude_control(state, setpoint, gains)
     rate_control(state, setpoint, loops, gains)
     inertia_torque(state, setpoint, nominal)
-    allocate(setpoint, loops, nominal, maps)
+    if recovery.active:
+        allocate_folded(setpoint, loops, recovery, nominal, maps)
+    else:
+        allocate(setpoint, loops, nominal, maps)
     for i in range(4):
         setpoint.rotor_speed[i] = speed_for_thrust(maps, setpoint.rotor_thrust[i])
 

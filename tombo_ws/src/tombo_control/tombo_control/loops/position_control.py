@@ -54,6 +54,7 @@ def position_control(
     gains: ControlParams,
     mass: float,
     thrust_max: float,
+    height_first: bool,
 ) -> None:
     """Run the 50 Hz loop: set points of attitude and collective thrust from position error.
 
@@ -68,10 +69,14 @@ def position_control(
         gains: of the cascade.
         mass: nominal mass [kg].
         thrust_max: highest collective thrust [N].
+        height_first: tilt no further than the thrust allows without loss of lift.
     """
     velocity, asked = state.velocity, setpoint.velocity
-    vx = asked[0] + gains.position_p * (setpoint.position[0] - state.position[0])
-    vy = asked[1] + gains.position_p * (setpoint.position[1] - state.position[1])
+    ex = setpoint.position[0] - state.position[0]
+    ey = setpoint.position[1] - state.position[1]
+    gain = stopping_gain(gains, math.sqrt(ex * ex + ey * ey))
+    vx = asked[0] + gain * ex
+    vy = asked[1] + gain * ey
     vz = asked[2] + gains.position_p * (setpoint.position[2] - state.position[2])
     fast = math.sqrt(vx * vx + vy * vy) / gains.velocity_max_xy
     if fast > 1.0:
@@ -94,6 +99,8 @@ def position_control(
         free_z = asked[2] < velocity[2]
     across = math.sqrt(ax * ax + ay * ay)
     widest = lift * math.tan(gains.tilt_max)
+    if height_first:
+        widest = min(widest, math.sqrt(max(highest * highest - lift * lift, 0.0)))
     free_xy = across <= widest
     if not free_xy:
         ax *= widest / across
@@ -110,6 +117,19 @@ def position_control(
     wanted = mass * (ax * bx + ay * by + lift * bz)
     wanted -= mass * loops.thrust_cut
     setpoint.thrust = min(max(wanted, gains.thrust_min * thrust_max), thrust_max)
+
+
+@compiled
+def stopping_gain(gains: ControlParams, distance: float) -> float:
+    """Return the velocity to ask for over the distance [1/s].
+
+    `position_p`, and further away what `brake` can stop: v^2 = 2 brake (distance - near / 2) with
+    near = brake / position_p^2, where both have the same slope.
+    """
+    near = gains.brake / (gains.position_p * gains.position_p)
+    if distance <= near:
+        return gains.position_p
+    return math.sqrt(2.0 * gains.brake * (distance - 0.5 * near)) / distance
 
 
 @compiled
@@ -208,7 +228,7 @@ def descend(
         setpoint.acceleration[i] = 0.0
     trusted = loops.lands or not (loops.numb or loops.descent_runs > _TRUST_RUNS)
     if trusted:
-        position_control(state, setpoint, loops, gains, mass, thrust_max)
+        position_control(state, setpoint, loops, gains, mass, thrust_max, False)
     else:
         loops.previous_velocity = state.velocity
         lift = gains.blind_thrust * (GRAVITY + loops.velocity_integral[2]) - loops.thrust_cut

@@ -67,7 +67,7 @@ SLOW = (
 def scenario(effects, course=LIVELY[0], length=LENGTH):
     return scenario_over(
         {
-            "react": False,
+            "reaction": {"name": "none"},
             "duration": length,
             "propeller": {"conf": 13, "law": "repaired"},
             "control": {"velocity_max_xy": 3.5, "velocity_max_z": 1.5},

@@ -95,7 +95,7 @@ def test_a_hidden_effect_is_found_with_its_size(effect):
 
 def test_all_effects_but_those_of_touch_are_seen():
     unseen = {e for e in REGISTRY if not is_seen(e, (p := shown_best(e)).name, hidden_value(p))}
-    assert unseen == {e for e in unseen if REGISTRY[e].module.endswith(("contact", "strike"))}
+    assert unseen == {e for e in unseen if REGISTRY[e].contact}
 
 
 def test_healthy_flights_have_no_cause():

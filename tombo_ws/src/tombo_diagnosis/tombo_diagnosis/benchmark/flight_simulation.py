@@ -66,7 +66,7 @@ def course(rng: np.random.Generator) -> list[dict[str, float]]:
 def _scenario(effects: Any, points: list[dict[str, float]]) -> Scenario:
     return scenario_over(
         {
-            "react": False,
+            "reaction": {"name": "none"},
             "duration": DURATION_S,
             "control": {"velocity_max_xy": 3.5, "velocity_max_z": _CLIMB},
             "effects": {name: dict(values) for name, values in effects.items()},

@@ -7,10 +7,10 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from tombo_diagnosis.benchmark.stand_cases import STANDS
 from tombo_dynamics.effects import REGISTRY
+from tombo_flight.campaign.statistics import share_interval
 
 Row = Mapping[str, Any]
 STOCHASTIC_EFFECTS = frozenset(name for name, effect in REGISTRY.items() if effect.stochastic)
@@ -139,6 +139,5 @@ def _share(rows: Sequence[Row], holds: Callable[[Row], bool]) -> float | None:
 
 def _upper(count: int, of: int) -> float | None:
     """Return the upper end of the exact 95 % interval of a share (Clopper and Pearson)."""
-    if not of:
-        return None
-    return 1.0 if count == of else float(stats.beta.ppf(0.975, count + 1, of - count))
+    interval = share_interval(count, of)
+    return None if interval is None else interval[1]

@@ -105,7 +105,7 @@ def scores(
             return refused[effect]
         if effect in absorbed:
             return "taken up by the fit of the nominal model to the same flights"
-        if REGISTRY[effect].module.endswith(("contact", "strike")):
+        if REGISTRY[effect].contact:
             return "nothing was touched in the spans that count"
         return "these flights have no channel that shows it"
 

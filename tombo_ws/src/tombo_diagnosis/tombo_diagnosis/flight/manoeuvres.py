@@ -38,7 +38,7 @@ def mission(name: str, text: str, course: Waypoints) -> dict[str, Any]:
     return {
         "extends": "no_obstacle",
         "description": f"{name.replace('_', ' ').capitalize()}: {text}",
-        "react": False,
+        "reaction": {"name": "none"},
         "control": {"velocity_max_xy": 3.0, "velocity_max_z": 1.8},
         "mission": {
             "takeoff_time": 0.5,

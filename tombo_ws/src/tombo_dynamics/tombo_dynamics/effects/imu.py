@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.plant import Plant
+from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotate_by_vector, rotation_matrix, to_body
+from tombo_dynamics.vehicle import SPIN
+
+_THIRD = 2.0 * math.pi / 3.0
 
 
 @effect(
@@ -73,6 +79,102 @@ def imu_misalignment(plant: Plant, noise: Array, roll: float, pitch: float, yaw:
     plant.gyro[0], plant.gyro[1], plant.gyro[2] = gx, gy, gz
     ax, ay, az = to_body(turn, plant.accel[0], plant.accel[1], plant.accel[2])
     plant.accel[0], plant.accel[1], plant.accel[2] = ax, ay, az
+
+
+class VibrationState(Record):
+    """Where the rotors have turned to."""
+
+    angle = field("rad", "of each rotor at the start of the tick, from body x", 4)
+
+
+@effect(
+    "imu_vibration",
+    Stage.IMU,
+    [
+        Param("displacement", "m", 0.0, (0.0, 1e-3), "amplitude on each axis, a rotor", 9e-6),
+        Param("angle", "rad", 0.0, (0.0, 0.05), "amplitude about each axis, a rotor", 5e-4),
+    ],
+    signature="vibration of accelerometer and gyro at the speeds of all rotors, growing with "
+    "speed, and no more motion than before",
+    separates_from={
+        "propeller_unbalance": "mocap of some kHz: an unbalance moves the whole vehicle",
+        "imu_noise": "the spectrum: lines that move with the rotors' speeds",
+    },
+    state=VibrationState,
+    vibration=True,
+)
+def imu_vibration(
+    plant: Plant, noise: Array, state: VibrationState, displacement: float, angle: float
+) -> None:
+    """Shake the IMU on its mount with each rotor: by x cos wt and by an angle phi cos wt.
+
+    Of that it reads x w^2 and phi w, the mean over the tick, on each axis a third of a turn later.
+    The frame between hub and IMU bends: it turns the IMU by more than the whole vehicle turns
+    (`propeller_unbalance`). Above its resonances x and phi do not depend on the speed.
+    """
+    if displacement <= 0.0 and angle <= 0.0:
+        return
+    for i in range(4):
+        speed = plant.rotor_speed[i]
+        half = 0.5 * SPIN[i] * speed * plant.tick_length
+        mean = math.sin(half) / half if abs(half) > 1e-6 else 1.0
+        for axis in range(3):
+            phase = state.angle[i] + half + axis * _THIRD
+            plant.accel[axis] += displacement * speed * speed * mean * math.cos(phase)
+            plant.gyro[axis] += angle * speed * mean * math.sin(phase)
+        state.angle[i] = (state.angle[i] + 2.0 * half) % (2.0 * math.pi)
+
+
+@effect(
+    "accel_range",
+    Stage.IMU,
+    [Param("limit", "m/s^2", 1e4, (5.0, 1e4), "largest reading of an axis", 19.6)],
+    signature="specific force stays at a round number of g in a hard contact",
+    contact=True,
+)
+def accel_range(plant: Plant, noise: Array, limit: float) -> None:
+    """Clip each axis of the accelerometer: parts have ranges of 2 to 32 g."""
+    for i in range(3):
+        plant.accel[i] = min(max(plant.accel[i], -limit), limit)
+
+
+class LowPassState(Record):
+    """What the low-pass remembers."""
+
+    gyro = field("rad/s", "filtered", 3)
+    accel = field("m/s^2", "filtered", 3)
+    running = field("1", "there was a sample before", kind=bool)
+
+
+@effect(
+    "imu_low_pass",
+    Stage.IMU,
+    [
+        Param("gyro", "s", 0.0, (0.0, 0.05), "time constant: 1 / (2 pi bandwidth)", 0.7e-3),
+        Param("accel", "s", 0.0, (0.0, 0.05), "time constant: 1 / (2 pi bandwidth)", 0.6e-3),
+    ],
+    signature="strikes and vibration reach gyro and accelerometer weaker and later",
+    separates_from={"imu_vibration": "the spectrum: a low-pass takes from noise above its band"},
+    state=LowPassState,
+    vibration=True,
+)
+def imu_low_pass(
+    plant: Plant, noise: Array, state: LowPassState, gyro: float, accel: float
+) -> None:
+    """Band-limit the readings by a low-pass of first order."""
+    if gyro <= 0.0 and accel <= 0.0:
+        return
+    if not state.running:
+        state.gyro = plant.gyro
+        state.accel = plant.accel
+        state.running = True
+    rate = 1.0 - math.exp(-plant.tick_length / gyro) if gyro > 0.0 else 1.0
+    force = 1.0 - math.exp(-plant.tick_length / accel) if accel > 0.0 else 1.0
+    for i in range(3):
+        state.gyro[i] += rate * (plant.gyro[i] - state.gyro[i])
+        state.accel[i] += force * (plant.accel[i] - state.accel[i])
+        plant.gyro[i] = state.gyro[i]
+        plant.accel[i] = state.accel[i]
 
 
 @effect(

@@ -7,6 +7,7 @@ import math
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.disc_geometry import FAR, disc_to_obstacle
 from tombo_dynamics.effects.registry import Param, Stage, effect
+from tombo_dynamics.fold import straightened
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
@@ -16,10 +17,6 @@ _FULL_STRIKE = 6.9
 """J: 0.5 * 6.0e-5 kg m^2 * (480 rad/s)^2, a rotor near hover (1.3 kg hovers at 512 rad/s)."""
 _TURNING = 20.0
 """rad/s: below this a blade rests against the obstacle and is not struck."""
-_REACH = 0.9
-"""The recovery time of Table III is read as the time until 90 % of the thrust is back."""
-_RECOVERY_CONSTANTS = -math.log(1.0 - _REACH ** (1.0 / 3.0))
-"""Recovery time in time constants of the fold: thrust goes with (1 - fold)^3, see below."""
 
 
 @compiled
@@ -120,9 +117,9 @@ def blade_strike(
     passes, which with friction makes about 0.4 rad; a thin post inside the disc makes pi/2.)
 
     The folded share f lowers the speed that the drive reaches to (1 - f) of the command, and
-    thrust at a given speed to (1 - f): thrust goes with (1 - f)^3, and f decays so that 90 % are
-    back after the recovery time. A straightening blade that reaches the obstacle is struck again.
-    A blade whose damage has reached 1 is gone.
+    thrust at a given speed to (1 - f); it decays so that 90 % of the thrust are back after the
+    recovery time (`tombo_dynamics.fold`). A straightening blade that reaches the obstacle is
+    struck again. A blade whose damage has reached 1 is gone.
     """
     tick = plant.tick_length
     dx = plant.obstacle.x - plant.state.position[0]
@@ -133,8 +130,7 @@ def blade_strike(
         if plant.damage[i] >= 1.0:
             plant.fold[i] = 1.0
         elif plant.fold[i] > 0.0 and state.folding[i] == 0:
-            left = max(0.0, 1.0 - _RECOVERY_CONSTANTS * tick / max(recovery_time, 1e-3))
-            plant.fold[i] = plant.fold[i] * left if plant.fold[i] > 1e-4 else 0.0
+            plant.fold[i] = straightened(plant.fold[i], recovery_time, tick)
         if near and plant.damage[i] < 1.0:
             distance, ex, ey = hub_to_obstacle(plant, i)
             tip = tip_radius(plant, i)

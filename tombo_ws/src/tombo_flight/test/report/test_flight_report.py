@@ -202,7 +202,7 @@ def test_the_table_holds_the_papers_figures_against_the_flights(flight):
 
 
 def test_without_the_reaction_the_paper_expects_a_crash(flight):
-    milestones = find_milestones(replace(flight, summary={**flight.summary, "reaction": False}))
+    milestones = find_milestones(replace(flight, summary={**flight.summary, "reaction": "none"}))
     outcome = comparison_rows(milestones, flight.summary)[0]
     assert outcome.paper_text == "falls and crashes"
     assert outcome.flight_text == "recovered"

@@ -48,7 +48,7 @@ def read(text: str) -> dict[str, dict[str, Any]]:
 @pytest.mark.parametrize("name", ["paper_collision", "known_obstacle", "aggressive", "survey"])
 def test_every_value_of_a_scenario_arrives_at_a_node(name):
     scenario = load_scenario(
-        name, ["react=false", "vehicle.rotor_inertia=6.1e-05", "propeller.conf=10"]
+        name, ["reaction.name=none", "vehicle.rotor_inertia=6.1e-05", "propeller.conf=10"]
     )
     nodes = read(parameter_yaml(suite_parameters(scenario, 7)))
     anywhere = {key: value for values in nodes.values() for key, value in values.items()}

@@ -40,8 +40,9 @@ def fly_campaign(
         stop: asked ten times a second; True ends all processes and the campaign.
 
     Returns:
-        scenario, model, conf, law, reaction, first_seed, last_seed, tombo_version, interrupted,
-        `flights` (summaries, see `flight_output`) and `aggregate` (see `campaign_statistics`).
+        scenario, model, conf, law, reaction, disturbances, first_seed, last_seed, tombo_version,
+        interrupted, `flights` (summaries, see `flight_output`) and `aggregate` (see
+        `campaign.statistics`).
 
     Raises:
         InputError: as `fly_scenario`, with the seed; all processes are ended.
@@ -65,7 +66,8 @@ def fly_campaign(
         "model": scenario.model or None,
         "conf": None if scenario.propeller.plain else scenario.propeller.conf,
         "law": None if scenario.propeller.plain else scenario.propeller.law,
-        "reaction": scenario.react,
+        "reaction": scenario.reaction.name,
+        "disturbances": scenario.disturbances,
         "first_seed": seeds[0],
         "last_seed": seeds[-1],
         "interrupted": len(flights) < len(seeds),

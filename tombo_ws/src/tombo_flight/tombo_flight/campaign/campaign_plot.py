@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from tombo_flight.report import paper_values as paper
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
+from tombo_flight.report.milestones import reaction_words
 
 PANELS: Final = (
     ("max_falling_distance_m", "largest falling distance [m]", paper.MEAN_MAX_FALLING_DISTANCE_M),
@@ -32,6 +33,7 @@ def draw_campaign(campaign: Mapping[str, Any]) -> Figure:
     has tilted. A mean would lie between them.
     """
     flights, total = campaign["flights"], campaign["aggregate"]
+    reaction = reaction_words(campaign["reaction"])
     with new_figure(12.0, 7.0, 150, layout="constrained") as figure:
         for axes, (key, label, printed) in zip(figure.subplots(2, 3).flat, PANELS, strict=True):
             values = [flight[key] for flight in flights if flight[key] is not None]
@@ -39,7 +41,8 @@ def draw_campaign(campaign: Mapping[str, Any]) -> Figure:
         figure.suptitle(
             f"{campaign['scenario']}, seeds {campaign['first_seed']} to {campaign['last_seed']}, "
             + ("plain propellers" if campaign["conf"] is None else f"Conf. {campaign['conf']}")
-            + ("" if campaign["reaction"] else ", without the reaction")
+            + ("" if reaction is None else f", {reaction}")
+            + (", with disturbances" if campaign["disturbances"] else "")
             + f": {total['flights']} flights, {total['collided']} collided, "
             f"{total['crashed']} crashed, {total['recovered']} recovered",
             parse_math=False,

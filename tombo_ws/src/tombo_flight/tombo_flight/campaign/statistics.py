@@ -6,12 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.special import betaincinv
 
 SPREAD_METRICS = (
     "detection_latency_s",
     "max_falling_distance_m",
     "unstable_phase_s",
     "recovery_time_s",
+    "strikes",
     "settled_error_m",
     "max_tilt_rad",
     "hover_rms_m",
@@ -51,6 +53,15 @@ def spread(values: Sequence[float | None]) -> dict[str, float | int | None]:
     }
 
 
+def share_interval(count: int, of: int) -> tuple[float, float] | None:
+    """Return the exact 95 % interval of a share (Clopper and Pearson 1934); None of none."""
+    if not of:
+        return None
+    low = 0.0 if count == 0 else float(betaincinv(count, of - count + 1, 0.025))
+    high = 1.0 if count == of else float(betaincinv(count + 1, of - count, 0.975))
+    return round(low, 6), round(high, 6)
+
+
 def aggregate(flights: Sequence[Summary], wall_time_s: float) -> dict[str, Any]:
     """Return the figures of a campaign.
 
@@ -59,7 +70,8 @@ def aggregate(flights: Sequence[Summary], wall_time_s: float) -> dict[str, Any]:
         wall_time_s: from the first start to the last landing, start of the processes included.
 
     Returns:
-        counts of flights, `false_alarms` in all of them, the spread of each of `SPREAD_METRICS`,
+        counts of flights, `crash_rate` and its 95 % interval, `false_alarms` in all of them, the
+        spread of each of `SPREAD_METRICS`,
         `wall_time_s`, and `real_time_factor`: flight time of all over `wall_time_s`.
     """
     flown_s = sum(float(flight["duration_s"]) for flight in flights)
@@ -70,6 +82,8 @@ def aggregate(flights: Sequence[Summary], wall_time_s: float) -> dict[str, Any]:
         "detected": _count(flights, "detected"),
         "crashed": crashed,
         "not_crashed": len(flights) - crashed,
+        "crash_rate": round(crashed / len(flights), 6) if flights else None,
+        "crash_rate_95": share_interval(crashed, len(flights)),
         "recovered": sum(
             not flight["crashed"] and flight["recovery_time_s"] is not None for flight in flights
         ),

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from tombo_collision.decision import Decision
 from tombo_collision.detector import CollisionEvent as Detection
-from tombo_collision.reactions import Decision
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_MAP

@@ -10,7 +10,10 @@ from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_dynamics.errors import InputError
 from tombo_flight.scenario import Scenario, scenario_from_mapping, scenario_over
 
-_SECTIONS = ("vehicle", "control", "estimator", "mission", "detector", "reaction", "propeller")
+_SECTIONS = (
+    "vehicle", "control", "estimator", "mission", "detector", "react", "reaction", "propeller"
+)  # fmt: skip
+"""`react`: recordings of older versions have it."""
 
 
 def scenario_of_bag(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from tombo_bag.topics import (
     COLLISION_EVENT,
+    CONTACT_EVENT,
     DETECTOR_STATUS,
     GOAL_POSE,
     MISSION_STATUS,
@@ -50,7 +51,7 @@ NODES: dict[str, NodePlan] = {
         NodePlan(
             ReactionCore,
             ("events", "setpoint", "x_r"),
-            (MOCAP_POSE.name, DETECTOR_STATUS.name, COLLISION_EVENT.name),
+            (MOCAP_POSE.name, DETECTOR_STATUS.name, COLLISION_EVENT.name, CONTACT_EVENT.name),
         ),
         NodePlan(
             EstimatorCore,

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from tombo_collision.reactions.none import NoReaction
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.milestones import FlightMilestones, Outcome, find_milestones, nearest
@@ -147,7 +148,7 @@ def _title(milestones: FlightMilestones) -> str:
     if milestones.verdict is Outcome.RECOVERED:
         return f"{who} collides,\nfolds a propeller and recovers"
     if milestones.verdict is Outcome.CRASHED:
-        how = "collides" if milestones.reaction is not False else "collides, does not react"
+        how = "collides" if milestones.reaction != NoReaction.name else "collides, does not react"
         return (
             f"{who} {how}\nand crashes" if milestones.contact_s is not None else f"{who} crashes"
         )

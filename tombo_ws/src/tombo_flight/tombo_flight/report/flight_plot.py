@@ -16,6 +16,7 @@ from tombo_flight.report.milestones import (
     FlightMilestones,
     Outcome,
     find_milestones,
+    reaction_words,
     roll_pitch_yaw_deg,
 )
 from tombo_flight.report.panel import Panel, Window, zoom_around
@@ -131,7 +132,7 @@ def _title(figure: Figure, milestones: FlightMilestones) -> None:
     details = [
         None if milestones.seed is None else f"seed {milestones.seed}",
         None if milestones.conf is None else f"Conf. {milestones.conf} propellers",
-        "without the reaction" if milestones.reaction is False else None,
+        reaction_words(milestones.reaction),
         f"{milestones.duration_s:.1f} s",
     ]
     lengths = [

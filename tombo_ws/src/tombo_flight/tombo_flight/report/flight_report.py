@@ -7,7 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from tombo_flight.report.html_page import asset, cards, data_url, document, fill
-from tombo_flight.report.milestones import FlightMilestones, Outcome, find_milestones, number
+from tombo_flight.report.milestones import (
+    FlightMilestones,
+    Outcome,
+    find_milestones,
+    number,
+    reaction_words,
+)
 from tombo_flight.report.paper_comparison import comparison_rows
 from tombo_flight.report.report_data import flight_block, milestones_block, script_json
 from tombo_flight.report.tables import comparison_table, events_table, key_figures, values_table
@@ -70,8 +76,9 @@ def _facts(record: FlightRecord, milestones: FlightMilestones) -> str:
         facts.append(f"Conf. {milestones.conf} propellers")
     if record.summary.get("model"):
         facts.append(f"model {record.summary['model']}")
-    if milestones.reaction is False:
-        facts.append("without the reaction")
+    reaction = reaction_words(milestones.reaction)
+    if reaction is not None:
+        facts.append(reaction)
     facts.append(f"{milestones.duration_s:.1f} s of flight")
     factor = number(record.summary, "real_time_factor")
     if factor is not None:

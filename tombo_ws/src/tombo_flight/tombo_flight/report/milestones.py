@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_collision.reactions import DEFAULT
+from tombo_collision.reactions.none import NoReaction
 from tombo_dynamics import messages, vehicle
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase
@@ -73,7 +75,7 @@ class FlightMilestones:
     name: str
     seed: int | None
     conf: int | None
-    reaction: bool | None
+    reaction: str | None
     verdict: Outcome
     duration_s: float
     contact_s: float | None
@@ -130,6 +132,13 @@ class FlightMilestones:
         )
 
 
+def reaction_words(name: str | None) -> str | None:
+    """Return how a title says what was done about a collision; None: the paper's reaction was."""
+    if name == NoReaction.name:
+        return "without the reaction"
+    return None if name in (None, DEFAULT) else f"reaction {name}"
+
+
 def find_milestones(record: FlightRecord) -> FlightMilestones:
     """Find the milestones of a flight in its summary, its events and its ground truth.
 
@@ -172,7 +181,7 @@ def find_milestones(record: FlightRecord) -> FlightMilestones:
         name=str(summary.get("scenario") or record.scenario.get("name") or "flight"),
         seed=_integer(summary, "seed"),
         conf=_integer(summary, "conf"),
-        reaction=None if "reaction" not in summary else bool(summary["reaction"]),
+        reaction=summary.get("reaction"),
         verdict=_verdict(crashed, collided, recovery_s),
         duration_s=duration_s,
         contact_s=contact_s,

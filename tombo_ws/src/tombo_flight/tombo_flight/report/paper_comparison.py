@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from tombo_collision.reactions.none import NoReaction
 from tombo_flight.report import paper_values as paper
 from tombo_flight.report.milestones import FlightMilestones, number
 
@@ -68,7 +69,7 @@ def comparison_rows(milestones: FlightMilestones, summary: Mapping[str, Any]) ->
     falling_distance_m, settled_m = (
         number(summary, k) for k in ("max_falling_distance_m", "settled_error_m")
     )
-    expected = "falls and crashes" if milestones.reaction is False else "recovers"
+    expected = "falls and crashes" if milestones.reaction == NoReaction.name else "recovers"
     x_c, x_r = milestones.x_c_m, milestones.x_r_m
     bounce_m = None if x_c is None or x_r is None else math.dist(x_c, x_r)
     latency_ms = None if latency_s is None else 1e3 * latency_s

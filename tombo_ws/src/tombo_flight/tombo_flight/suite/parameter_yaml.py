@@ -24,6 +24,8 @@ SECTIONS: Final[dict[str, tuple[str, ...]]] = {
 }
 """Node → the sections that it has as parameters."""
 
+_WHOLE = ("safety", "volume", "spread")
+"""Sections that a scenario's mapping leaves defaults out of."""
 _ANYWHERE = "/**/"
 """In every namespace, and in none."""
 
@@ -46,7 +48,7 @@ def suite_parameters(
     values["mission"]["course"] = as_text(values["mission"]["course"])
     if "curve" in values["propeller"]:
         values["propeller"]["curve"] = as_text(values["propeller"]["curve"])
-    values |= {section: asdict(getattr(scenario, section)) for section in ("safety", "volume")}
+    values |= {section: asdict(getattr(scenario, section)) for section in _WHOLE}
     values["effects"] = propulsion_effects(scenario.propeller, scenario.vehicle, scenario.effects)
     table: Parameters = {
         "sim": {section: values[section] for section in SECTIONS["sim"]},
@@ -60,7 +62,7 @@ def suite_parameters(
         "recorder": {},
     }
     table["sim"] |= {"seed": seed, "mocap_rate": scenario.estimator.mocap_rate}
-    table["reaction"] |= {"reaction": scenario.chosen_reaction.name}
+    table["reaction"] |= {"reaction": scenario.reaction.name}
     if speed != 1.0 or lockstep:
         for parameters in table.values():
             parameters["use_sim_time"] = True

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import from_mapping
-from tombo_flight.scenario import override
+from tombo_flight.scenario_layers import override
 from tombo_px4.bridge.bridge_params import POSITION, BridgeParams, LinkParams
 from tombo_px4.link.address import parse_url
 from tombo_px4.link.parameter_reader import parse_assignments

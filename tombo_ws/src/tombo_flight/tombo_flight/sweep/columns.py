@@ -11,15 +11,21 @@ if TYPE_CHECKING:
     from tombo_flight.sweep.study import Study
 
 FIGURES: Mapping[str, str] = {
-    **dict.fromkeys(("scenario", "law", "contact_rotor"), "text"),
+    **dict.fromkeys(("scenario", "law", "reaction", "contact_rotor", "struck_rotor"), "text"),
     **dict.fromkeys(
-        ("reaction", "collided", "detected", "crashed", "landed", "interrupted"), "yes or no"
+        ("disturbances", "collided", "detected", "crashed", "landed", "interrupted"), "yes or no"
     ),
     **dict.fromkeys(("conf", "detections", "false_alarms", "strikes", "rotors_broken"), "count"),
     **dict.fromkeys(("contact_point_m", "contact_position_m", "x_c_m", "n_r", "x_r_m"), "vector"),
     **dict.fromkeys(
         (
-            *("collision_time_s", "detection_time_s", "detection_latency_s", "crash_time_s"),
+            *(
+                "collision_time_s",
+                "detection_time_s",
+                "detection_latency_s",
+                "contact_known_s",
+                "crash_time_s",
+            ),
             *("detection_confidence", "max_falling_distance_m", "unstable_phase_s"),
             *("recovery_time_s", "settled_error_m", "max_tilt_rad", "duration_s"),
             *("hover_rms_m", "approach_rms_m", "wall_time_s", "real_time_factor"),

@@ -7,6 +7,7 @@ import pytest
 from vehicle_bench import Flight
 
 from core_calls import CollisionDetector
+from tombo_collision.decision import Estimate
 from tombo_control.planning import mission as plan
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.messages import CollisionEvent, Phase
@@ -54,7 +55,8 @@ def collide(seed: int) -> Collision:
                 collision = CollisionEvent(
                     sample.stamp_ns, "map", 2, 0, event.x_c, event.flight_direction, 1.0, 0.0, 1
                 )
-                decision = scenario.reaction.decide(collision, decision)
+                here = Estimate(vehicle.estimate.position, np.zeros(3), np.zeros(4), np.zeros(3))
+                decision = scenario.reaction.begin(collision, here, decision)
                 mission = plan.start_reaction(mission, decision.x_r, now_s)
             estimate = vehicle.estimate
             mission = plan.advance_mission(

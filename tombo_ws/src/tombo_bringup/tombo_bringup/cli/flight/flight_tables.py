@@ -12,7 +12,7 @@ from rich.text import Text
 
 from tombo_bringup.cli.tables import print_line, right
 from tombo_flight.report import paper_values as paper
-from tombo_flight.report.milestones import Outcome, find_milestones
+from tombo_flight.report.milestones import Outcome, find_milestones, reaction_words
 from tombo_flight.report.paper_comparison import Row, comparison_rows, fixed
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ _CAMPAIGN_ROWS: Final = (
     ("max_falling_distance_m", "fall [m]", 1.0, 2, paper.MEAN_MAX_FALLING_DISTANCE_M),
     ("unstable_phase_s", "unstable [s]", 1.0, 2, paper.UNSTABLE_PHASE_S),
     ("recovery_time_s", "recovery [s]", 1.0, 2, paper.MEAN_RECOVERY_TIME_S),
+    ("strikes", "strikes", 1.0, 1, None),
     ("detection_latency_s", "latency [ms]", 1e3, 0, None),
     ("settled_error_m", "settled [m]", 1.0, 3, None),
     ("max_tilt_rad", "tilt [rad]", 1.0, 2, None),
@@ -86,7 +87,9 @@ def print_campaign(campaign: Mapping[str, Any]) -> None:
         )
     Console().print(table)
     counts = ("collided", "detected", "recovered", "crashed", "landed")
-    line = ", ".join(f"{total[name]} {name}" for name in counts)
+    low, high = total["crash_rate_95"]
+    more = {"crashed": f" ({100.0 * low:.1f} to {100.0 * high:.1f} %)"}
+    line = ", ".join(f"{total[name]} {name}{more.get(name, '')}" for name in counts)
     alarms = total["false_alarms"]
     colour = "bold red" if 2 * total["crashed"] > total["flights"] else "bold green"
     print_line(f"{total['flights']} flights: {line}; {alarms} false alarms.", colour)
@@ -109,8 +112,9 @@ def _title(flown: Mapping[str, Any], seeds: str) -> Text:
         what = f"Conf. {flown['conf']}, law {flown['law']}"
     if flown["model"]:
         what += f", model {flown['model']}"
-    if not flown["reaction"]:
-        what += ", without the reaction"
+    reaction = reaction_words(flown["reaction"])
+    what += f", {reaction}" if reaction is not None else ""
+    what += ", with disturbances" if flown["disturbances"] else ""
     return Text(f"{flown['scenario']}, {seeds} ({what})")
 
 

@@ -14,9 +14,11 @@ from tombo_bringup.cli.flight.optional_url import SIMULATED, url_of
 from tombo_bringup.cli.options import (
     SEED_LIMIT,
     BridgeSettings,
+    Disturbed,
     Force,
     ModelFile,
     Px4Url,
+    ReactionName,
     ScenarioArgument,
     SeedOrNone,
     Settings,
@@ -28,7 +30,7 @@ from tombo_bringup.cli.options import (
     output_option,
 )
 from tombo_bringup.cli.result_files import Place, check_output, new_run
-from tombo_dynamics.errors import InputError
+from tombo_dynamics.errors import InputError, unknown_name
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import ProgressCallback
@@ -55,9 +57,11 @@ def fly(
             "Fly seeds A to B-1 on all cores; one table, no files of single flights.",
         ),
     ] = None,
+    reaction: ReactionName = None,
     no_reaction: Annotated[
-        bool, option("--no-reaction", "Detect collisions, but do nothing.")
+        bool, option("--no-reaction", "The same as --reaction none: detect, but do nothing.")
     ] = False,
+    disturbances: Disturbed = False,
     conf: Annotated[
         int | None,
         integer_option("--conf N", "Propeller configuration of the paper's Table I, 0 to 13."),
@@ -125,7 +129,12 @@ def fly(
         raise InputError("--px4: accepted: without --nodes, --seeds and --no-record")
     check_px4_options(px4, model, yes=yes, bridge=bridge)
     one = seed or 0
-    chosen = _load(scenario, settings or [], no_reaction, conf, law, model, vehicle)
+    if no_reaction:
+        if reaction not in (None, "none"):
+            raise InputError(f"--reaction {reaction} and --no-reaction: accepted: one of them")
+        reaction = "none"
+    over = over_scenario(reaction, disturbances=disturbances)
+    chosen = _load(scenario, [*over, *(settings or [])], conf, law, model, vehicle)
     check_output(output)
     rest = f"{many.start}-{many.stop}" if many else str(one)
     rest += "-px4" if px4 is not None else "-nodes" if nodes else ""
@@ -155,6 +164,20 @@ def fly(
     else:
         code = _fly_many(chosen, many, place, as_json)
     raise typer.Exit(code)
+
+
+def over_scenario(reaction: str | None, *, disturbances: bool) -> list[str]:
+    """Return the settings that --reaction and --disturbances mean; those of --set come after.
+
+    Raises:
+        InputError: there is no reaction of this name.
+    """
+    from tombo_collision.reactions import REGISTRY
+
+    if reaction is not None and reaction not in REGISTRY:
+        raise unknown_name("--reaction", reaction, REGISTRY)
+    named = [] if reaction is None else [f"reaction.name={reaction}"]
+    return ["disturbances=true", *named] if disturbances else named
 
 
 def parse_seeds(text: str, most: int = _MOST_FLIGHTS) -> range:
@@ -194,7 +217,6 @@ def check_px4_options(
 def _load(
     name: str,
     settings: list[str],
-    no_reaction: bool,
     conf: int | None,
     law: str | None,
     model: str | None,
@@ -207,7 +229,6 @@ def _load(
         raise InputError(f"--conf {conf}: unknown configuration; accepted: 0 (rigid) to 13")
     options = [] if conf is None else [f"propeller.conf={conf}"]
     options += [] if law is None else [f"propeller.law={law}"]
-    options += ["react=false"] if no_reaction else []
     return load_scenario(name, [*settings, *options], model, vehicle)
 
 

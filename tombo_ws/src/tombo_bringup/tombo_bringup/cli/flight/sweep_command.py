@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.flight.fly_command import parse_seeds
+from tombo_bringup.cli.flight.fly_command import over_scenario, parse_seeds
 from tombo_bringup.cli.options import (
+    Disturbed,
     JsonOnly,
     ModelFile,
+    ReactionName,
     Settings,
     VehicleName,
     integer_option,
@@ -43,10 +45,8 @@ def sweep(
         ),
     ] = None,
     seeds: Annotated[str, option("--seeds A:B", "Fly each point with seeds A to B-1.")] = "0:1",
-    reaction: Annotated[
-        str | None,
-        option("--reaction NAME", "Reaction to collisions, in place of the scenario's."),
-    ] = None,
+    reaction: ReactionName = None,
+    disturbances: Disturbed = False,
     design: Annotated[
         str,
         option(
@@ -93,7 +93,7 @@ def sweep(
     from tombo_flight.sweep.design import Design, parse_axis
     from tombo_flight.sweep.study import new_study
 
-    chosen = list(settings or []) + ([f"reaction.name={reaction}"] if reaction else [])
+    chosen = [*over_scenario(reaction, disturbances=disturbances), *(settings or [])]
     varied = tuple(parse_axis(text) for text in axes or [])
     study = new_study(
         scenario,

@@ -13,9 +13,11 @@ import typer
 from tombo_bringup.cli.flight.optional_url import url_of
 from tombo_bringup.cli.options import (
     BridgeSettings,
+    Disturbed,
     Duration,
     ModelFile,
     Px4Url,
+    ReactionName,
     ScenarioArgument,
     Seed,
     Settings,
@@ -39,6 +41,8 @@ _LOOK_S = 0.1
 
 def up(
     scenario: ScenarioArgument = "paper_collision",
+    reaction: ReactionName = None,
+    disturbances: Disturbed = False,
     settings: Settings = None,
     model: ModelFile = None,
     vehicle: VehicleName = None,
@@ -82,7 +86,7 @@ def up(
     others go on. Without the simulator nothing flies before `ros2 service call /mission/takeoff
     std_srvs/srv/Trigger`.
     """
-    from tombo_bringup.cli.flight.fly_command import check_px4_options
+    from tombo_bringup.cli.flight.fly_command import check_px4_options, over_scenario
     from tombo_bringup.cli.flight.fly_nodes import may_arm
     from tombo_dynamics.errors import InputError
     from tombo_flight.process.stop_signals import Stopped, StopSignals
@@ -96,13 +100,14 @@ def up(
     if px4 is not None and speed != 1.0:
         raise InputError(f"--speed {speed:g}: accepted: without --px4, which is in real time")
     connection = None if px4 is None else px4_connection(url_of(px4), bridge or [])
+    over_set = over_scenario(reaction, disturbances=disturbances)
     over = {} if connection is None else over_mavlink(connection)
     real = "sim" in (*(without or ()), *over.get("without", ()))
     if real:  # what really flies waits for ~/takeoff
         over["more"] = {**over.get("more", {}), "mission": {"auto_start": False}}
     folder = record or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
     config = SuiteConfig(
-        scenario=load_scenario(scenario, settings or [], model, vehicle),
+        scenario=load_scenario(scenario, [*over_set, *(settings or [])], model, vehicle),
         seed=seed,
         folder=folder,
         recording=_recording(folder),

@@ -1,0 +1,86 @@
+"""Give way as a virtual mass on a damped spring does, the reaction that the paper names next."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tombo_collision.decision import Decision, Estimate, Guided
+from tombo_collision.reactions import Reaction
+from tombo_collision.reactions.reflex import off_surface
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.messages import CollisionEvent
+from tombo_dynamics.params import param
+from tombo_dynamics.rotation import yaw_of
+
+
+@dataclass(frozen=True)
+class Admittance(Reaction):
+    """The reference is the motion of a mass that the strike pushes off x_c.
+
+    It starts at x_c with the velocity that the strike leaves the vehicle. A damped spring takes it
+    to its point of rest: not x_c itself, where the obstacle is, but x_r = x_c + d_r n_r. Flown
+    with the cascade's own gains.
+    """
+
+    name: ClassVar[str] = "admittance"
+    needs: ClassVar[tuple[str, ...]] = ("mocap", "imu")
+
+    mass: float = param(1.3, "kg", (0.1, 20.0), "virtual mass", "the vehicle's own")
+    stiffness: float = param(
+        5.2, "N/m", (0.1, 200.0), "of the spring to x_r", "2 rad/s with the mass: tilt below 0.33"
+    )
+    damping: float = param(
+        5.2, "N s/m", (0.1, 200.0), "of the damper", "critical: 2 sqrt(stiffness mass)"
+    )
+    distance: float = param(0.8, "m", (0.05, 20.0), "d_r, from x_c to x_r", "as bounce")
+    height_min: float = param(
+        0.7, "m", (0.0, 100.0), "x_r is not put below this height", "clear of ground effect"
+    )
+    timeout: float = param(
+        6.0, "s", (0.5, 60.0), "after this time the mission holds x_r", "twice the motion's time"
+    )
+
+    def begin(self, event: CollisionEvent, estimate: Estimate, last: Decision | None) -> Decision:
+        """Return the motion from x_c to x_r."""
+        n_r = off_surface(event)
+        x_r = event.contact_position + self.distance * n_r
+        x_r[2] = max(x_r[2], self.height_min)
+        return _Motion(
+            event.contact_position,
+            n_r,
+            x_r,
+            self.timeout,
+            yaw_of(estimate.attitude),
+            estimate.velocity,
+            math.sqrt(self.stiffness / self.mass),
+            0.5 * self.damping / math.sqrt(self.stiffness * self.mass),
+        )
+
+
+@dataclass
+class _Motion(Guided):
+    start_velocity: Array
+    """(3) [m/s]."""
+    frequency: float
+    """Natural, undamped [rad/s]."""
+    ratio: float
+    """Of damping to the critical one."""
+
+    def motion(self, time_s: float, estimate: Estimate) -> tuple[Array, Array, Array]:
+        """Return the mass's motion: m x'' + d x' + k (x - x_r) = 0 from x_c on."""
+        w, off, v = self.frequency, self.x_c - self.x_r, self.start_velocity
+        root = np.sqrt(complex(self.ratio**2 - 1.0))
+        if abs(root) < 1e-3:
+            root = 1e-3 + 0.0j  # the two poles apart by little: the limit, to 1e-6
+        one, two = w * (-self.ratio + root), w * (-self.ratio - root)
+        a = (v - two * off) / (one - two)
+        b = off - a
+        parts = [
+            (a * one**k * np.exp(one * time_s) + b * two**k * np.exp(two * time_s)).real
+            for k in range(3)
+        ]
+        return self.x_r + parts[0], parts[1], parts[2]
