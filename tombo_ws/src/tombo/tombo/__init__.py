@@ -8,14 +8,19 @@
 What `__all__` lists is public; docs/python.md says what that promises.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from tombo.flights import Flight, fly
 from tombo.measured import Diagnosis, Log, diagnose, read, stand
 from tombo.propellers import propeller
 from tombo.sweeps import sweep
-from tombo_collision.reactions import Decision, Reaction
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.messages import CollisionEvent
-from tombo_dynamics.params import param
+
+if TYPE_CHECKING:
+    from tombo_collision.reactions import Decision, Reaction
+    from tombo_dynamics.messages import CollisionEvent
+    from tombo_dynamics.params import param
 
 __all__ = [
     "CollisionEvent",
@@ -33,3 +38,18 @@ __all__ = [
     "stand",
     "sweep",
 ]
+
+_WHERE = {
+    "CollisionEvent": "tombo_dynamics.messages",
+    "Decision": "tombo_collision.reactions",
+    "Reaction": "tombo_collision.reactions",
+    "param": "tombo_dynamics.params",
+}
+"""What only own reactions need, and what loads compiled code."""
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name of `_WHERE` when it is first asked for."""
+    if name not in _WHERE:
+        raise AttributeError(f"module 'tombo' has no attribute {name!r}")
+    return getattr(import_module(_WHERE[name]), name)
