@@ -73,7 +73,7 @@ def test_the_summary_says_what_px4_did(flown):
 def test_px4_stands_for_estimator_and_controller(flown):
     folder, figures = flown
     assert {path.name for path in folder.iterdir()} == {
-        "flight.mcap", "flight.png", "report.html", "summary.json"
+        "flight.mcap", "flight.png", "report.html", "scenario.yaml", "summary.json"
     }  # fmt: skip
     assert set(figures["loops"]) == {
         "sim", "detector", "reaction", "mission", "recorder", "px4_bridge"

@@ -51,7 +51,7 @@ def test_it_says_how_it_was_flown(flown):
 def test_it_leaves_the_same_files(flown):
     folder, figures = flown
     names = {path.name for path in folder.iterdir()}
-    assert names == {"flight.mcap", "flight.png", "report.html", "summary.json"}
+    assert names == {"flight.mcap", "flight.png", "report.html", "scenario.yaml", "summary.json"}
     bag = Bag(folder / "flight.mcap", check=True)
     assert not bag.damage
     assert set(bag.topics) >= set(TOPICS) - {CLOCK.name, GOAL_POSE.name, TF.name, PX4_STATUS.name}

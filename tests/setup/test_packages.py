@@ -34,6 +34,7 @@ ROSDEP_KEY = {
     "mpl_toolkits": "python3-matplotlib",
     "numba": "python3-numba",
     "numpy": "python3-numpy",
+    "pandas": "python3-pandas",
     "pymavlink": "python3-pymavlink-pip",
     "rich": "python3-rich",
     "rosbags": "python3-rosbags-pip",
@@ -43,7 +44,7 @@ ROSDEP_KEY = {
     "zstandard": "mcap-ros2-support",
 }
 TEST_KEYS = {"python3-hypothesis", "python3-pytest"}
-WITHOUT_KEY = {"daqp", "pyulog", "ruptures"}
+WITHOUT_KEY = {"daqp", "distributed", "pyarrow", "pyulog", "ruptures"}
 """Imports for which rosdep has no key: from pip, which docs/nodes.md says."""
 
 
@@ -150,7 +151,8 @@ def test_no_manifest_has_a_key_that_rosdep_does_not_have(package: Path):
 
 
 def test_libraries_without_a_key_are_pinned_and_documented():
-    pinned = (ROOT / "requirements.txt").read_text()
+    files = ("requirements.txt", "requirements-cluster.txt")
+    pinned = "".join(f"\n{(ROOT / name).read_text()}" for name in files)
     page = (ROOT / "docs" / "nodes.md").read_text()
     for name in WITHOUT_KEY:
         assert f"\n{name}==" in pinned

@@ -45,6 +45,7 @@ MAY_IMPORT = {
         "tombo_logs",
         "tombo_diagnosis",
     },
+    "tombo": {*FLOWN, "tombo_flight", "tombo_logs", "tombo_diagnosis"},
     "tombo_bringup": {*FLOWN, "tombo_flight", "tombo_logs", "tombo_diagnosis", "tombo_propeller"},
 }
 LIBRARIES = {

@@ -1,10 +1,14 @@
 """Fly a scenario headless: `ros2 launch tombo_bringup fly.launch.py scenario:=hover seed:=3`."""
 
+import time
+
 from launch.actions import DeclareLaunchArgument, ExecuteProcess
 from launch.substitutions import LaunchConfiguration
 from launch_ros.substitutions import ExecutableInPackage
 
 from launch import LaunchDescription
+
+_FOLDER = time.strftime("runs/launched-%Y%m%d-%H%M%S")
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -16,7 +20,7 @@ def generate_launch_description() -> LaunchDescription:
             "built-in name (`tombo scenarios`) or path of a YAML file",
         ),
         ("seed", "0", "all randomness of the flight derives from it"),
-        ("folder", "runs/launched", "where the files go; replaced when flown again"),
+        ("folder", _FOLDER, "where the files go: a folder, new or empty"),
     )
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=text)
@@ -24,5 +28,5 @@ def generate_launch_description() -> LaunchDescription:
     ]
     scenario, seed, folder = (LaunchConfiguration(name) for name, _, _ in arguments)
     tombo = ExecutableInPackage(executable="tombo", package="tombo_bringup")
-    command = [tombo, "fly", scenario, "--seed", seed, "-o", folder, "--force"]
+    command = [tombo, "fly", scenario, "--seed", seed, "-o", folder]
     return LaunchDescription([*declared, ExecuteProcess(cmd=command, output="screen")])

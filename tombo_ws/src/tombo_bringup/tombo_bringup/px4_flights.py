@@ -120,7 +120,7 @@ def _fly_all(
         if options.nodes:
             kept = (options.keep or scratch / "flights") / f"{name}-{seed}"
             kept.parent.mkdir(parents=True, exist_ok=True)
-            with open_output(kept, replace=True) as output:
+            with open_output(kept, replace=False, numbered=True) as output:
                 summary = fly_nodes_with(
                     build, folder, output, scenario, seed, stop, instance=options.instance
                 )

@@ -133,7 +133,9 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
     collided = bool(touching.any())
     c = int(np.argmax(touching)) if collided else None
 
-    crash = _crash(vehicle, log, phases)
+    tilted = tilt(log["attitude"])
+
+    crash = _crash(vehicle, log, phases, tilted)
     if crash is not None:
         events.append(event(t[crash], "crash", "crashed"))
     propeller = flight.scenario.propeller
@@ -160,7 +162,7 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
         summary["contact_position_m"] = [_number(v) for v in log["position"][c]]
         events.append(event(t[c], "contact", f"{name.replace('_', ' ')} touches"))
     summary |= _detection(flight, c)
-    summary |= _recovery(flight, c, events)
+    summary |= _recovery(flight, c, tilted, events)
     broken = np.flatnonzero((log["damage"] >= 1.0).any(axis=1))
     if broken.size:
         events.append(event(t[broken[0]], "rotor_broken", "a blade tears off"))
@@ -170,7 +172,7 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
         "crashed": crash is not None,
         "crash_time_s": None if crash is None else _number(t[crash]),
         "landed": bool(t.size and phases[-1] == Phase.LANDED and crash is None),
-        "max_tilt_rad": _number(tilt(log["attitude"][c or 0 :]).max()) if t.size else None,
+        "max_tilt_rad": _number(tilted[c or 0 :].max()) if t.size else None,
         "duration_s": _number(t[-1] + TICK_S) if t.size else 0.0,
     }
     summary |= _tracking(flight, c)
@@ -180,7 +182,9 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
     return summary, events
 
 
-def _crash(vehicle: VehicleParams, log: dict[str, Array], phases: Array) -> int | None:
+def _crash(
+    vehicle: VehicleParams, log: dict[str, Array], phases: Array, tilted: Array
+) -> int | None:
     """Return the tick of the crash, or None.
 
     The frame touches the ground before landing is commanded (a level descent without mocap counts
@@ -201,7 +205,7 @@ def _crash(vehicle: VehicleParams, log: dict[str, Array], phases: Array) -> int 
         low = lowest_point(vehicle, position[where], log["attitude"][where])
         touched = np.flatnonzero(low < 0.0)
         ground = int(where[touched[0]]) if touched.size else None
-    over = tilt(log["attitude"]) > _OVERTURNED
+    over = tilted > _OVERTURNED
     turned = None
     if over[-1]:
         last_upright = np.flatnonzero(~over)
@@ -245,7 +249,9 @@ def _detection(flight: MetricsInput, c: int | None) -> dict[str, Any]:
     }
 
 
-def _recovery(flight: MetricsInput, c: int | None, events: list[dict[str, Any]]) -> dict[str, Any]:
+def _recovery(
+    flight: MetricsInput, c: int | None, tilted: Array, events: list[dict[str, Any]]
+) -> dict[str, Any]:
     """Falling distance, unstable phase, recovery time and settled error (docs/figures.md)."""
     names = ("max_falling_distance_m", "unstable_phase_s", "recovery_time_s", "settled_error_m")
     result: dict[str, Any] = dict.fromkeys(names)
@@ -255,9 +261,7 @@ def _recovery(flight: MetricsInput, c: int | None, events: list[dict[str, Any]])
     position = log["position"][c:]
     landing = np.flatnonzero(np.isin(log["mode"][c:, 0], (Phase.LAND, Phase.LANDED)))
     until = int(landing[0]) if landing.size else position.shape[0]
-    calm = (tilt(log["attitude"][c:]) < _STABLE_TILT) & (
-        np.linalg.norm(log["rates"][c:], axis=1) < _STABLE_RATE
-    )
+    calm = (tilted[c:] < _STABLE_TILT) & (np.linalg.norm(log["rates"][c:], axis=1) < _STABLE_RATE)
     quiet = first_sustained(calm, round(_STABLE_TIME / TICK_S))
     result["unstable_phase_s"] = None if quiet is None else _number(quiet * TICK_S)
     settled = None
@@ -287,8 +291,10 @@ def _tracking(flight: MetricsInput, c: int | None) -> dict[str, Any]:
     log = flight.log
     end = flight.t.size if c is None else c
     phases = log["mode"][:end, 0]
-    square = ((log["position"][:end] - log["position_setpoint"][:end]) ** 2).sum(axis=1)
-    return {
-        "hover_rms_m": _number(_rms(square[phases == Phase.HOVER])),
-        "approach_rms_m": _number(_rms(square[phases == Phase.APPROACH])),
-    }
+
+    def rms(phase: Phase) -> float | None:
+        there = phases == phase
+        error = log["position"][:end][there] - log["position_setpoint"][:end][there]
+        return _number(_rms((error**2).sum(axis=1)))
+
+    return {"hover_rms_m": rms(Phase.HOVER), "approach_rms_m": rms(Phase.APPROACH)}

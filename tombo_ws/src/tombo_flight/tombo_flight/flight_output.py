@@ -14,6 +14,7 @@ from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.process.stop_signals import Stopped, StopSignals
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.scenario import Scenario
+from tombo_flight.scenario_file import SCENARIO_FILE, write_scenario
 from tombo_flight.version import tombo_version
 
 if TYPE_CHECKING:
@@ -104,8 +105,8 @@ def fly_into(
 ) -> FlightResult:
     """Fly a scenario and write its files into an output folder, which the caller publishes.
 
-    A flight that is stopped leaves `flight.mcap` and `summary.json` with what was flown so far; a
-    stop after the flight leaves out the pictures that are not yet drawn.
+    A flight that is stopped leaves `flight.mcap`, `summary.json` and `scenario.yaml` with what was
+    flown so far; a stop after the flight leaves out the pictures that are not yet drawn.
 
     Args:
         folder: where the files go.
@@ -141,6 +142,7 @@ def fly_into(
         messages, seconds = write_mcap(flown, folder / "flight.mcap")
     summary = flight_summary(flown, interrupted=interrupted, recorded_messages=messages)
     flown = dataclasses.replace(flown, summary=summary)
+    write_scenario(folder / SCENARIO_FILE, scenario, f"--seed {seed}")
     (folder / "summary.json").write_text(as_json(summary), encoding="utf-8", newline="\n")
     if not interrupted:
         draw_pictures(flown, folder, stop, on_progress)

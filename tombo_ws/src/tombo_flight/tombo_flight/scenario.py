@@ -191,6 +191,18 @@ def load_scenario(
     Raises:
         InputError: unknown scenario or key, wrong type, NaN, a value out of bounds, no model.
     """
+    values, label = scenario_values(name, model, vehicle)
+    return with_settings(values, settings, label)
+
+
+def scenario_values(
+    name: str, model: str | None = None, vehicle: str | VehicleFile | None = None
+) -> tuple[dict[str, Any], str]:
+    """Return the plain values of a scenario before settings, and its name; as `load_scenario`.
+
+    Raises:
+        InputError: as `load_scenario`.
+    """
     values, label = _read(name)
     if vehicle is not None:
         values["vehicle"] = vehicle
@@ -206,10 +218,10 @@ def load_scenario(
             )
         plain = scenario_from_mapping(values, label)
         values |= {"effects": merge_effects(plain.effects, extended), "model": model}
-    return _with_settings(values, settings, label)
+    return values, label
 
 
-def _with_settings(values: dict[str, Any], settings: Sequence[str], label: str) -> Scenario:
+def with_settings(values: dict[str, Any], settings: Sequence[str], label: str) -> Scenario:
     """Apply settings one after the other, and check the whole."""
     for setting in settings:
         values = _with_vehicle(laid_over(values, nested(setting)))
@@ -236,7 +248,7 @@ def scenario_over(
     if name is not None:
         over, _ = _read(name)
         values = laid_over(values, over)
-    return _with_settings(_with_vehicle(values), settings, label)
+    return with_settings(_with_vehicle(values), settings, label)
 
 
 def extended_scenario(values: Mapping[str, Any], label: str) -> Scenario:
@@ -260,6 +272,7 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     for key, value in values.items():
         if key not in accepted:
             raise unknown_name(f"key in scenario '{label}'", key, accepted)
+        _refuse_decimal_comma(value, key)
         if key == "reaction":
             built[key] = reaction_from_mapping({} if value is None else value)
         elif key in _SECTIONS:
@@ -289,6 +302,22 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     check_volume(scenario.volume)
     check_course(scenario.mission, scenario.control, scenario.volume)
     return dataclasses.replace(scenario, vehicle=fitted)
+
+
+def _refuse_decimal_comma(value: Any, section: str) -> None:
+    """Say what became of {mass: 1,4}: YAML reads a mass of 1, and a key 4 without a value.
+
+    Raises:
+        InputError: a key is a number without a value.
+    """
+    found = isinstance(value, Mapping) and next(
+        (key for key, inner in value.items() if isinstance(key, int) and inner is None), None
+    )
+    if found is not False and found is not None:
+        raise InputError(
+            f"{section}: the key {found} has no value; accepted: a decimal point, as in "
+            f"{{mass: 1.4}}: a comma ends the value before it"
+        )
 
 
 def as_mapping(scenario: Scenario) -> dict[str, Any]:

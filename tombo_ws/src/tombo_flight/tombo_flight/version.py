@@ -1,13 +1,50 @@
-"""The version of the suite, for `tombo --version` and summaries."""
+"""The version of the suite with its commit, for `tombo --version` and summaries."""
 
 from __future__ import annotations
 
+import subprocess
+from functools import cache
+from pathlib import Path
 
+_GIT = ("git", "--no-optional-locks")
+_LONGEST_S = 5.0
+
+
+@cache
 def tombo_version() -> str:
-    """Return the installed version, or "unknown" when run from sources that are not installed."""
+    """Return the installed version and the commit of its source: "0.1.0+g07d9e2a1b2c3".
+
+    ".dirty" follows where files differ from that commit. Without git, or where the source is in no
+    repository, the version alone; "unknown" when run from sources that are not installed.
+    """
     from importlib.metadata import PackageNotFoundError, version
 
     try:
-        return version("tombo_bringup")
+        installed = version("tombo_bringup")
     except PackageNotFoundError:
-        return "unknown"
+        installed = "unknown"
+    commit = commit_of(Path(__file__))
+    return f"{installed}+g{commit}" if commit else installed
+
+
+def commit_of(source: Path) -> str:
+    """Return the commit that a source file is of, with ".dirty" after changes; empty: of none."""
+    folder = source.resolve().parent
+    if not _git(folder, "ls-files", "--error-unmatch", source.name):
+        return ""  # it lies in no repository, or in somebody else's
+    return _git(folder, "describe", "--always", "--exclude=*", "--abbrev=12", "--dirty=.dirty")
+
+
+def _git(folder: Path, *arguments: str) -> str:
+    """Return what git says; empty where it fails or is not there."""
+    try:
+        run = subprocess.run(
+            [*_GIT, "-C", str(folder), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=_LONGEST_S,
+            check=False,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return run.stdout.strip() if run.returncode == 0 else ""

@@ -53,5 +53,8 @@ def core_of(kind: type[Core], scenario: Scenario) -> Core:
     """Return a new core with the parameters of a scenario."""
     core = kind.make(records_of(kind, scenario))
     if "reaction" in kind.options:
-        core.set_params("reaction", scenario.reaction.name)
+        chosen = scenario.reaction
+        core.set_params("reaction", chosen.name)
+        if chosen.name not in kind.sections:  # one that came after the core, from a notebook
+            core.set_params(chosen.name, chosen)
     return core

@@ -31,7 +31,7 @@ def test_a_campaign_is_its_single_flights(tombo, tmp_path):
     assert result.err == ""
     campaign = result.json
     assert json.loads((tmp_path / "c" / "summary.json").read_text()) == campaign
-    assert names(tmp_path / "c") == {"summary.json", "campaign.png"}
+    assert names(tmp_path / "c") == {"summary.json", "scenario.yaml", "campaign.png"}
     assert (tmp_path / "c" / "campaign.png").read_bytes().startswith(b"\x89PNG")
     scenario = load_scenario("paper_collision", SETTINGS)
     for seed, flight in zip(range(4, 9), campaign["flights"], strict=True):
@@ -53,7 +53,7 @@ def test_one_table_for_all_flights(tombo, tmp_path):
 
     assert result.code == 0
     assert "2 flights: 0 collided" in result.out
-    assert names(tmp_path / "runs") == {"hover-0-2"}
+    assert names(tmp_path / "runs") == {"hover-0-2-duration_0.5"}
 
 
 def test_a_stopped_campaign_keeps_the_flights_up_to_the_first_one_missing():

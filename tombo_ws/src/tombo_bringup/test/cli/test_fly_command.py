@@ -14,7 +14,7 @@ from tombo_flight.flight_output import WALL_KEYS
 
 pytestmark = pytest.mark.slow
 
-FILES = {"flight.mcap", "summary.json", "flight.png", "report.html"}
+FILES = {"flight.mcap", "summary.json", "scenario.yaml", "flight.png", "report.html"}
 ASKED_FOR = {
     "scenario", "seed", "conf", "collided", "collision_time_s", "contact_point_m", "detected",
     "detection_latency_s", "false_alarms", "x_c_m", "n_r", "x_r_m", "max_falling_distance_m",
@@ -105,7 +105,7 @@ def test_the_table_shows_the_papers_figures_and_where_the_files_are(tombo):
     assert "Recovery time 5.00 s" in text
     assert "Unstable phase 1.50 s" in text
     assert "Largest falling distance 0.50 m" in text
-    assert "runs/paper_collision-0: flight.png, report.html, summary.json" in text
+    assert "runs/paper_collision-0: flight.png, report.html, scenario.yaml, summary.json" in text
 
 
 def test_options_reach_the_flight(tombo, tmp_path):
@@ -115,7 +115,10 @@ def test_options_reach_the_flight(tombo, tmp_path):
     ).json  # fmt: skip
 
     assert (summary["conf"], summary["law"], summary["reaction"]) == (9, "published", "none")
-    report = (tmp_path / "runs" / "paper_collision-0" / "report.html").read_text()
+    (folder,) = (tmp_path / "runs").iterdir()
+    label = "paper_collision-0-duration_2.0-conf_9-law_published-mass_0.9"
+    assert folder.name.startswith(label)
+    report = (folder / "report.html").read_text()
     assert "<th scope='row'>vehicle.mass</th><td>0.9</td>" in report
 
 

@@ -98,7 +98,9 @@ def test_a_flight_that_lands_leaves_the_files_of_a_headless_one(fly, bag, tmp_pa
     result = fly("--json", "--set", "duration=30")
 
     assert result.code == 0, result.err
-    assert names(tmp_path / "out") == {"flight.mcap", "summary.json", "flight.png", "report.html"}
+    assert names(tmp_path / "out") == {
+        *("flight.mcap", "summary.json", "scenario.yaml", "flight.png", "report.html")
+    }
     summary = result.json
     assert summary == json.loads((tmp_path / "out" / "summary.json").read_text())
     wanted = flight_from_bag(bag).summary
@@ -203,7 +205,7 @@ def test_ctrl_c_keeps_what_was_flown(fly, tmp_path):
 
     assert result.code == 130
     assert result.json["interrupted"]
-    assert names(tmp_path / "out") == {"flight.mcap", "summary.json"}
+    assert names(tmp_path / "out") == {"flight.mcap", "summary.json", "scenario.yaml"}
 
 
 @pytest.mark.real_time

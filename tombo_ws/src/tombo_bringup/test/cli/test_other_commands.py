@@ -87,14 +87,18 @@ def test_version(tombo):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("arguments", [["--help"], ["scenarios"], ["--version"], ["fly", "-h"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [["--help"], ["scenarios"], ["--version"], ["fly", "-h"], ["sweep", "-h"], ["runs", "."]],
+)
 def test_what_only_lists_loads_no_model(arguments):
     code = (
         "import sys\n"
         "from tombo_bringup.cli.main import run\n"
         f"try: run({arguments!r})\n"
         "except SystemExit: pass\n"
-        "slow = {'numpy', 'numba', 'scipy', 'matplotlib', 'rosbags', 'filterpy'}\n"
+        "slow = {'numpy', 'numba', 'scipy', 'matplotlib', 'rosbags', 'filterpy', 'pandas',"
+        " 'pyarrow'}\n"
         "sys.exit(f'loaded: {slow & set(sys.modules)}' if slow & set(sys.modules) else 0)\n"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -17,18 +17,59 @@ from tombo_flight.report import flight_plot
 SHORT = ("hover", "--set", "duration=0.3", "--no-record")
 
 
+UNRECORDED = {"summary.json", "scenario.yaml", "flight.png", "report.html"}
+
+
 @pytest.mark.slow
-def test_the_default_folder_is_replaced_except_for_the_users_files(tombo, tmp_path):
-    assert tombo("fly", "hover", "--set", "duration=0.3").code == 0
-    folder = tmp_path / "runs" / "hover-0"
-    (folder / "notes.txt").write_text("mine")
-    (folder / "campaign.png").write_text("of another run")
-    assert "flight.mcap" in names(folder)
+def test_no_run_replaces_another_one_by_default(tombo, tmp_path):
+    for _ in range(2):
+        assert tombo("fly", *SHORT).code == 0
+    assert tombo("fly", *SHORT, "--conf", "0", "--no-reaction").code == 0
 
-    assert tombo("fly", *SHORT).code == 0
+    base = "hover-0-duration_0.3"
+    assert names(tmp_path / "runs") == {base, f"{base}-2", f"{base}-react_False-conf_0"}
+    assert all(names(folder) == UNRECORDED for folder in (tmp_path / "runs").iterdir())
 
-    assert names(folder) == {"notes.txt", "summary.json", "flight.png", "report.html"}
-    assert (folder / "notes.txt").read_text() == "mine"
+
+def test_two_runs_at_once_get_a_folder_each(tmp_path):
+    with (
+        open_output(tmp_path / "runs" / "o", replace=False, numbered=True) as one,
+        open_output(tmp_path / "runs" / "o", replace=False, numbered=True) as other,
+    ):
+        for folder, text in ((one, "one"), (other, "other")):
+            (folder / "summary.json").write_text(text)
+            folder.publish()
+
+    assert one.path == tmp_path / "runs" / "o"
+    assert (one.path / "summary.json").read_text() == "one"
+    assert (other.path / "summary.json").read_text() == "other"
+    assert names(tmp_path / "runs") == {"o", "o-2"}
+
+
+def test_a_numbered_folder_that_was_taken_meanwhile_gets_another_number(tmp_path):
+    with open_output(tmp_path / "o", replace=False, numbered=True) as folder:
+        (folder / "summary.json").write_text("ours")
+        (tmp_path / "o" / "summary.json").write_text("theirs")
+        folder.publish()
+
+    assert (tmp_path / "o" / "summary.json").read_text() == "theirs"
+    assert folder.path == tmp_path / "o-2"
+    assert (folder.path / "summary.json").read_text() == "ours"
+
+
+def test_a_numbered_folder_of_a_run_that_failed_is_gone(tmp_path):
+    with (
+        pytest.raises(RuntimeError),
+        open_output(tmp_path / "runs" / "o", replace=False, numbered=True) as folder,
+    ):
+        (folder / "summary.json").write_text("half")
+        raise RuntimeError
+    assert names(tmp_path) == set()
+
+
+def test_a_link_to_nowhere_is_refused(refused, tmp_path):
+    (tmp_path / "link").symlink_to("nowhere")
+    refused(("fly", *SHORT, "-o", "link"), "'link'", "nowhere", "accepted")
 
 
 @pytest.mark.parametrize("file", ["notes.txt", "summary.json", ".hidden"])
@@ -50,7 +91,7 @@ def test_force_replaces_results_and_leaves_other_files(tombo, tmp_path):
 
     assert tombo("fly", *SHORT, "-o", "full", "--force").code == 0
 
-    assert names(folder) == {"notes.txt", "summary.json", "flight.png", "report.html"}
+    assert names(folder) == {"notes.txt", *UNRECORDED}
     assert (folder / "notes.txt").read_text() == "old"
     assert (folder / "summary.json").read_text() != "old"
 
@@ -63,7 +104,7 @@ def test_an_empty_folder_is_filled_and_stays_the_same_folder(tombo, tmp_path):
     assert tombo("fly", *SHORT, "-o", "empty").code == 0
 
     assert (tmp_path / "empty").stat().st_ino == before
-    assert len(names(tmp_path / "empty")) == 3
+    assert len(names(tmp_path / "empty")) == 4
 
 
 @pytest.mark.slow
@@ -73,7 +114,7 @@ def test_parents_are_made_and_links_followed(tombo, tmp_path):
 
     assert tombo("fly", *SHORT, "-o", "link/a/b").code == 0
 
-    assert len(names(tmp_path / "real" / "a" / "b")) == 3
+    assert len(names(tmp_path / "real" / "a" / "b")) == 4
     mode = (tmp_path / "real" / "a" / "b").stat().st_mode & 0o777
     assert mode == (tmp_path / "real" / "a").stat().st_mode & 0o777
 
@@ -108,13 +149,18 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(refused, monkeypatch):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
     monkeypatch.setattr(flight_output, "write_mcap", full)
-    refused(("fly", "hover", "--set", "duration=0.3"), "No space left on device")
+    refused(
+        ("fly", "hover", "--set", "duration=0.3"),
+        "No space left on device",
+        "runs/hover-0",
+        "MB are free",
+    )
 
 
 @pytest.mark.slow
 def test_a_failure_keeps_the_results_of_the_flight_before(tombo, tmp_path, monkeypatch):
-    assert tombo("fly", *SHORT).code == 0
-    folder = tmp_path / "runs" / "hover-0"
+    assert tombo("fly", *SHORT, "-o", "o").code == 0
+    folder = tmp_path / "o"
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
 
     def bug(record):
@@ -122,7 +168,7 @@ def test_a_failure_keeps_the_results_of_the_flight_before(tombo, tmp_path, monke
 
     monkeypatch.setattr(flight_plot, "draw_flight", bug)
     with pytest.raises(RuntimeError, match="a bug"):
-        tombo("fly", *SHORT)
+        tombo("fly", *SHORT, "-o", "o", "--force")
 
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
@@ -133,18 +179,19 @@ def test_a_folder_that_somebody_else_fills_meanwhile_is_not_touched(tmp_path):
         (target / "theirs").write_text("theirs")
 
     with (
-        pytest.raises(InputError, match="not empty"),
+        pytest.raises(InputError, match=r"not empty.*results are in .*o-2"),
         open_output(tmp_path / "o", replace=False) as folder,
     ):
         (folder / "summary.json").write_text("ours")
         fill(tmp_path / "o")
         folder.publish()
 
-    assert names(tmp_path) == {"o"}
+    assert names(tmp_path) == {"o", "o-2"}
     assert names(tmp_path / "o") == {"theirs"}
+    assert (tmp_path / "o-2" / "summary.json").read_text() == "ours"
 
 
-def test_two_runs_into_the_same_default_folder_both_end_well(tmp_path):
+def test_two_runs_that_may_replace_the_same_folder_both_end_well(tmp_path):
     with open_output(tmp_path / "o", replace=True) as one:
         (one / "summary.json").write_text("one")
         (one / "flight.mcap").write_text("one")

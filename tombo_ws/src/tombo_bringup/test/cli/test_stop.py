@@ -40,11 +40,12 @@ def alive_in_session(session: int) -> list[Process]:
             continue
         try:
             fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()
-            worker = b"spawn_main" in (entry / "cmdline").read_bytes()
+            python = b"python" in (entry / "cmdline").read_bytes()
         except OSError:
             continue
         if int(fields[3]) == session and fields[0] != "Z":
             cpu = int(fields[11]) + int(fields[12])
+            worker = python and int(fields[1]) == session
             found.append(Process(int(entry.name), cpu, worker))
     return found
 
@@ -91,7 +92,7 @@ def test_a_stopped_flight_leaves_what_was_flown(start, tmp_path, number, code):
     assert summary["interrupted"]
     assert 0.0 < summary["duration_s"] < 290.0
     assert names(tmp_path) == {"out"}
-    assert names(tmp_path / "out") == {"flight.mcap", "summary.json"}
+    assert names(tmp_path / "out") == {"flight.mcap", "summary.json", "scenario.yaml"}
     with AnyReader([tmp_path / "out" / "flight.mcap"]) as bag:
         imu = [c for c in bag.connections if c.topic == "/imu/data_raw"]
         assert sum(c.msgcount for c in imu) == round(1000 * summary["duration_s"])
@@ -156,7 +157,7 @@ def test_ctrl_c_while_drawing_keeps_flight_and_summary(tombo, tmp_path, monkeypa
     result = tombo("fly", "hover", "--set", "duration=0.5", "-o", "out", "--json")
 
     assert result.code == 130
-    assert names(tmp_path / "out") == {"flight.mcap", "summary.json"}
+    assert names(tmp_path / "out") == {"flight.mcap", "summary.json", "scenario.yaml"}
     assert result.json["interrupted"] is False
 
 

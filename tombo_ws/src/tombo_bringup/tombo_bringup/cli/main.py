@@ -19,11 +19,13 @@ from tombo_bringup.cli.flight.hil_command import HIL_EXIT_CODES, hil
 from tombo_bringup.cli.flight.optional_url import OptionalUrlCommand
 from tombo_bringup.cli.flight.px4_command import PX4_EXIT_CODES, px4
 from tombo_bringup.cli.flight.replay_command import REPLAY_EXIT_CODES, replay
+from tombo_bringup.cli.flight.sweep_command import SWEEP_EXIT_CODES, sweep
 from tombo_bringup.cli.flight.up_command import UP_EXIT_CODES, up
 from tombo_bringup.cli.options import option
 from tombo_bringup.cli.propeller import propeller_command
 from tombo_bringup.cli.reactions_command import reactions
 from tombo_bringup.cli.run_command import PASS_ON, run_executable
+from tombo_bringup.cli.runs_command import runs
 from tombo_bringup.cli.scenarios_command import scenarios
 from tombo_bringup.cli.vehicle_command import app as vehicle_app
 
@@ -44,6 +46,8 @@ app.command(epilog=REPLAY_EXIT_CODES)(replay)
 app.command(epilog=COMPARE_EXIT_CODES)(compare)
 app.command(epilog=DIAGNOSE_EXIT_CODES, cls=ManyPathsCommand)(diagnose)
 app.command("run", context_settings=PASS_ON)(run_executable)
+app.command(epilog=SWEEP_EXIT_CODES)(sweep)
+app.command()(runs)
 app.command()(scenarios)
 app.add_typer(propeller_command.app, name="propeller", context_settings=_HELP)
 app.add_typer(vehicle_app, name="vehicle", context_settings=_HELP)

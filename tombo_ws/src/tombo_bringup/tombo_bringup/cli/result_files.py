@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -14,12 +16,41 @@ if TYPE_CHECKING:
     from tombo_flight.process.output_folder import OutputFolder
 
 _Found = TypeVar("_Found")
+_LONGEST_NAME = 120
+"""Of a run's folder; two that begin alike get numbers."""
+_LONGEST_CHANGE = 30
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the results of a run go."""
+
+    path: Path
+    replace: bool = False
+    """Results that are there may be replaced."""
+    numbered: bool = False
+    """It is a new folder, with a number where the name is taken."""
+
+    def open(self) -> AbstractContextManager[OutputFolder]:
+        """Prepare the folder, see `open_output`."""
+        from tombo_flight.process.output_folder import open_output
+
+        return open_output(self.path, replace=self.replace, numbered=self.numbered)
+
+
+def new_run(name: str, seeds: str, changed: Sequence[str] = ()) -> Place:
+    """Return a new folder under runs/: the scenario's name, its seeds, and what was changed."""
+    label = "-".join([plain_name(name, "scenario"), seeds])
+    more = "".join(f"-{plain_name(text, '_')[:_LONGEST_CHANGE]}" for text in changed)
+    return Place(Path("runs") / (label + more)[:_LONGEST_NAME], numbered=True)
 
 
 def results_folder(
     output: str | None, kind: str, name: str, as_json: bool, nameless: str
 ) -> Path | None:
     """Return where results go: `output`, or runs/KIND-NAME; None with --json alone: nowhere.
+
+    The default is to be numbered, see `open_output`.
 
     Args:
         output: as given.
@@ -79,7 +110,9 @@ def compute_into(
     results: Sequence[str],
     compute: Callable[[ProgressCallback], _Found],
     write: Callable[[OutputFolder, _Found, ProgressCallback], None],
-) -> tuple[_Found, list[str]]:
+    *,
+    numbered: bool = False,
+) -> tuple[_Found, Path | None, list[str]]:
     """Compute, with a progress bar, and write; a signal ends it at once, with nothing written.
 
     Args:
@@ -88,9 +121,10 @@ def compute_into(
         results: all names that may be written.
         compute: what is to be found.
         write: puts it into the folder, before that is published.
+        numbered: the folder is a new one, as in `open_output`.
 
     Returns:
-        What was found, and the names that were written.
+        What was found, the folder, and the names that were written.
 
     Raises:
         typer.Exit: a signal came.
@@ -105,14 +139,16 @@ def compute_into(
             with progress_bar() as on_progress:
                 if path is None:
                     with stop.at_once():
-                        return compute(on_progress), []
-                with open_output(path, replace=replace, results=results) as folder:
+                        return compute(on_progress), None, []
+                with open_output(
+                    path, replace=replace, results=results, numbered=numbered
+                ) as folder:
                     with stop.at_once():
                         found = compute(on_progress)
                         write(folder, found, on_progress)
                     written = [name for name in results if (folder / name).is_file()]
                     folder.publish()
-                return found, written
+                return found, folder.path, written
         except Stopped:
             typer.echo("Error: interrupted", err=True)
             raise typer.Exit(stop.exit_code) from None

@@ -50,7 +50,14 @@ def fly_campaign(
     began = time.perf_counter()
     count = min(workers or len(os.sched_getaffinity(0)), len(seeds))
     flights = run_in_processes(
-        _fly, seeds, count, begin=_begin, given=(scenario,), progress=progress, stop=stop
+        _fly,
+        seeds,
+        count,
+        begin=_begin,
+        given=(scenario,),
+        progress=progress,
+        stop=stop,
+        copies=True,
     )
     wall = time.perf_counter() - began
     return {

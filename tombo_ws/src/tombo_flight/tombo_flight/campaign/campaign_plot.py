@@ -15,7 +15,7 @@ from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.milestones import reaction_words
 
-_PANELS: Final = (
+PANELS: Final = (
     ("max_falling_distance_m", "largest falling distance [m]", paper.MEAN_MAX_FALLING_DISTANCE_M),
     ("unstable_phase_s", "unstable phase [s]", paper.UNSTABLE_PHASE_S),
     ("recovery_time_s", "recovery time [s]", paper.MEAN_RECOVERY_TIME_S),
@@ -23,6 +23,7 @@ _PANELS: Final = (
     ("max_tilt_rad", "largest tilt [rad]", None),
     ("approach_rms_m", "RMS error in the approach [m]", None),
 )
+"""Figure, label of its axis, the paper's value."""
 
 
 def draw_campaign(campaign: Mapping[str, Any]) -> Figure:
@@ -34,9 +35,9 @@ def draw_campaign(campaign: Mapping[str, Any]) -> Figure:
     flights, total = campaign["flights"], campaign["aggregate"]
     reaction = reaction_words(campaign["reaction"])
     with new_figure(12.0, 7.0, 150, layout="constrained") as figure:
-        for axes, (key, label, printed) in zip(figure.subplots(2, 3).flat, _PANELS, strict=True):
+        for axes, (key, label, printed) in zip(figure.subplots(2, 3).flat, PANELS, strict=True):
             values = [flight[key] for flight in flights if flight[key] is not None]
-            _histogram(axes, np.array(values, dtype=np.float64), label, printed)
+            draw_histogram(axes, np.array(values, dtype=np.float64), label, printed)
         figure.suptitle(
             f"{campaign['scenario']}, seeds {campaign['first_seed']} to {campaign['last_seed']}, "
             + ("plain propellers" if campaign["conf"] is None else f"Conf. {campaign['conf']}")
@@ -49,9 +50,10 @@ def draw_campaign(campaign: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def _histogram(
+def draw_histogram(
     axes: Axes, values: np.ndarray[Any, np.dtype[np.float64]], label: str, printed: float | None
 ) -> None:
+    """Draw a histogram with median, 5 to 95 % range, and the value that the paper prints."""
     axes.set_xlabel(label)
     axes.set_ylabel("flights")
     if not values.size:

@@ -1,11 +1,14 @@
 """A folder of results that appears whole or not at all.
 
 Files are written into a hidden folder on the same file system and moved in place at the end. Other
-files in the folder stay.
+files in the folder stay. A folder that is numbered belongs to one run alone: it is made at the
+start, and where its name is taken, -2, -3 and so on follow it.
 """
 
 from __future__ import annotations
 
+import errno
+import itertools
 import os
 import secrets
 import shutil
@@ -17,25 +20,55 @@ from tombo_dynamics.errors import InputError
 
 RESULT_FILES = (
     *("flight.mcap", "summary.json", "flight.png", "report.html", "campaign.png", "nodes.log"),
+    "scenario.yaml",
 )
 """All names that a flight or a campaign writes; a new run replaces those of an earlier one."""
+
+
+def make_numbered(path: Path) -> Path:
+    """Make the folder, or the first of PATH-2, PATH-3 and so on that is free, and return it.
+
+    Two runs at once never get the same one. The parents must be there.
+
+    Raises:
+        OSError: it can't be written.
+    """
+    for number in itertools.count(1):
+        found = path if number == 1 else path.with_name(f"{path.name}-{number}")
+        try:
+            found.mkdir()
+        except FileExistsError:
+            continue
+        return found
+    raise AssertionError
 
 
 class OutputFolder:
     """Results before they are moved into a folder; see `open_output`."""
 
     def __init__(
-        self, target: Path, shown: Path, *, replace: bool, results: Sequence[str] = RESULT_FILES
+        self,
+        target: Path,
+        shown: Path,
+        *,
+        replace: bool,
+        results: Sequence[str] = RESULT_FILES,
+        numbered: bool = False,
     ) -> None:
         self.path = shown
-        """The folder as the user named it."""
+        """The folder as the user named it, with its number."""
         self._results = results
         self._target = target
         self._replace = replace
+        self._numbered = numbered
         self._made: list[Path] = []
         try:
-            self._inside = target.is_dir()
-            self._refuse_unsuitable()
+            if numbered:
+                self._make_parents()
+                self._take(make_numbered(target))
+            self._inside = target.is_dir() and not numbered
+            if not numbered:
+                self._refuse_unsuitable()
             self.staging = self._make_staging()
         except OSError as error:
             self._remove_made()
@@ -50,18 +83,27 @@ class OutputFolder:
         """Move the written files into the folder, in place of those of an earlier run.
 
         Raises:
-            InputError: another program has filled the folder meanwhile.
+            InputError: another program has filled the folder meanwhile; the results are then in
+                a numbered folder beside it.
             OSError: it can't be written any more.
         """
         if not self._inside:
             try:
-                os.rename(self.staging, self._target)
-                self._published = True
+                self._rename()
                 return
             except OSError:
                 if not self._target.is_dir():
                     raise
-        self._refuse_unsuitable()
+        try:
+            if self._numbered:
+                raise InputError("taken")
+            self._refuse_unsuitable()
+        except InputError as error:
+            self._take(make_numbered(self._target))
+            self._rename()
+            if not self._numbered:
+                raise InputError(f"{error}; the results are in '{self.path}'") from None
+            return
         for name in self._results:
             (self._target / name).unlink(missing_ok=True)
         for path in sorted(p for p in self.staging.rglob("*") if not p.is_dir()):
@@ -69,6 +111,17 @@ class OutputFolder:
             place.parent.mkdir(exist_ok=True)
             os.replace(path, place)
         shutil.rmtree(self.staging)
+        self._published = True
+
+    def _take(self, made: Path) -> None:
+        """Go on with a folder that was made for this run."""
+        self._target = made
+        self.path = self.path.with_name(made.name)
+        self._made.append(made)
+
+    def _rename(self) -> None:
+        """Put the whole hidden folder in place of none, or of an empty one."""
+        os.rename(self.staging, self._target)
         self._published = True
 
     def discard(self) -> None:
@@ -82,13 +135,15 @@ class OutputFolder:
         if self._inside:
             staging = self._target / f".tombo-{secrets.token_hex(4)}"
         else:
-            missing = [p for p in self._target.parents if not p.exists()]
-            for parent in reversed(missing):
-                parent.mkdir(exist_ok=True)
-                self._made.append(parent)
+            self._make_parents()
             staging = self._target.parent / f".{self._target.name}-{secrets.token_hex(4)}"
         staging.mkdir()
         return staging
+
+    def _make_parents(self) -> None:
+        for parent in reversed([p for p in self._target.parents if not p.exists()]):
+            parent.mkdir(exist_ok=True)
+            self._made.append(parent)
 
     def _remove_made(self) -> None:
         for folder in reversed(self._made):
@@ -127,6 +182,15 @@ class OutputFolder:
     def _is_staging(self, path: Path) -> bool:
         return path == getattr(self, "staging", None)
 
+    def full(self, error: OSError) -> InputError:
+        """Return what is said when the disk is full."""
+        written = sum(p.stat().st_size for p in self.staging.rglob("*") if p.is_file())
+        free = shutil.disk_usage(self.staging).free
+        return InputError(
+            f"output folder '{self.path}': {error.strerror}: {written / 1e6:.1f} MB of this run "
+            f"are written, {free / 1e6:.1f} MB are free; accepted: a folder on a disk with room"
+        )
+
     def _unwritable(self, error: OSError) -> InputError:
         reason = error.strerror or str(error)
         return InputError(
@@ -135,9 +199,14 @@ class OutputFolder:
         )
 
 
+def _beside(path: Path) -> Path:
+    """Return the path with the links of its parents followed, not its own: that name is taken."""
+    return Path(os.path.realpath(path.parent)) / path.name
+
+
 @contextmanager
 def open_output(
-    path: Path, *, replace: bool, results: Sequence[str] = RESULT_FILES
+    path: Path, *, replace: bool, results: Sequence[str] = RESULT_FILES, numbered: bool = False
 ) -> Iterator[OutputFolder]:
     """Prepare a folder of results now, so that it is known to be writable.
 
@@ -148,12 +217,29 @@ def open_output(
         path: the folder; its parents are made as needed.
         replace: whether results of an earlier run may be replaced, and other files be there.
         results: names, at most one folder deep, that a new run replaces.
+        numbered: make a new folder, with a number behind its name where that is taken, so that
+            nothing is replaced; its name is then `folder.path`.
 
     Raises:
         InputError: a file, not empty and `replace` is False, or not writable.
     """
-    folder = OutputFolder(Path(os.path.realpath(path)), path, replace=replace, results=results)
+    if os.path.islink(path) and not os.path.exists(path) and not numbered:
+        raise InputError(
+            f"output folder '{path}': it is a link to '{os.readlink(path)}', which does not "
+            "exist; accepted: a folder, new or empty"
+        )
+    folder = OutputFolder(
+        _beside(path) if numbered else Path(os.path.realpath(path)),
+        path,
+        replace=replace,
+        results=results,
+        numbered=numbered,
+    )
     try:
         yield folder
+    except OSError as error:
+        if error.errno == errno.ENOSPC:
+            raise folder.full(error) from error
+        raise
     finally:
         folder.discard()

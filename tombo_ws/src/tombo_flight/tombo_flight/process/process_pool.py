@@ -6,13 +6,15 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import closing
 from typing import Any, TypeVar
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
+_END: Any = object()
 _WAITING = 4
 """Items handed out to each process in advance."""
 _LOOK_S = 0.1
@@ -29,6 +31,7 @@ def run_in_processes(
     progress: Callable[[int], None] | None = None,
     keep: Callable[[_Item, _Result], None] | None = None,
     stop: Callable[[], bool] | None = None,
+    copies: bool = False,
 ) -> list[_Result]:
     """Return the results in the order of the items, up to the first one missing.
 
@@ -41,34 +44,31 @@ def run_in_processes(
         progress: called with the number of items done.
         keep: called with each item and its result, as they come.
         stop: asked ten times a second; True ends all processes.
+        copies: start the processes as copies of this one, where no other threads run in it: all
+            code is loaded already, which saves each two seconds. Not for work that needs another
+            number of threads of linear algebra than this process has.
 
     Raises:
         Exception: what `work` raised first; all processes are ended.
     """
     done: dict[int, _Result] = {}
-    waiting: set[Future[tuple[int, _Result]]] = set()
-    strangers = set(multiprocessing.active_children())
-    left = iter(enumerate(items))
-    executor = ProcessPoolExecutor(
-        workers, multiprocessing.get_context("spawn"), _begin, (begin, given)
+    numbered = enumerate(items)
+    found = stream_from_processes(
+        _numbered,
+        ((work, number, item) for number, item in numbered),
+        workers,
+        begin=begin,
+        given=given,
+        stop=stop,
+        copies=copies,
     )
-    try:
-        while len(done) < len(items) and not (stop is not None and stop()):
-            while len(waiting) < _WAITING * workers and (item := next(left, None)) is not None:
-                waiting.add(_submit(executor, work, item))
-            finished, waiting = wait(waiting, _LOOK_S, FIRST_COMPLETED)
-            for future in finished:
-                number, result = future.result()
-                done[number] = result
-                if keep is not None:
-                    keep(items[number], result)
-            if progress is not None and finished:
+    with closing(found):
+        for number, result in found:
+            done[number] = result
+            if keep is not None:
+                keep(items[number], result)
+            if progress is not None:
                 progress(len(done))
-    finally:
-        if len(done) < len(items):
-            for process in set(multiprocessing.active_children()) - strangers:
-                process.kill()
-        executor.shutdown(cancel_futures=True)
     results = []
     for number in range(len(items)):
         if number not in done:
@@ -77,22 +77,66 @@ def run_in_processes(
     return results
 
 
+def stream_from_processes(
+    work: Callable[[_Item], _Result],
+    items: Iterable[_Item],
+    workers: int,
+    *,
+    begin: Callable[..., None] | None = None,
+    given: tuple[Any, ...] = (),
+    stop: Callable[[], bool] | None = None,
+    copies: bool = False,
+) -> Generator[_Result, None, None]:
+    """Yield results as they come, in any order; nothing is kept. Arguments as above.
+
+    Closing the generator before its end ends all processes.
+
+    Raises:
+        Exception: what `work` raised first; all processes are ended.
+    """
+    waiting: set[Future[_Result]] = set()
+    strangers = set(multiprocessing.active_children())
+    left = iter(items)
+    # The locks of other threads would be taken for ever in a copy.
+    start = "fork" if copies and threading.active_count() == 1 else "spawn"
+    executor = ProcessPoolExecutor(
+        workers, multiprocessing.get_context(start), _begin, (begin, given)
+    )
+    whole = False
+    try:
+        while not (stop is not None and stop()):
+            while len(waiting) < _WAITING * workers and (item := next(left, _END)) is not _END:
+                waiting.add(_submit(executor, work, item))
+            if not waiting:
+                whole = True
+                return
+            finished, waiting = wait(waiting, _LOOK_S, FIRST_COMPLETED)
+            for future in finished:
+                yield future.result()
+    finally:
+        if not whole:
+            for process in set(multiprocessing.active_children()) - strangers:
+                process.kill()
+        executor.shutdown(cancel_futures=True)
+
+
 def _submit(
-    executor: ProcessPoolExecutor, work: Callable[[_Item], _Result], item: tuple[int, _Item]
-) -> Future[tuple[int, _Result]]:
+    executor: ProcessPoolExecutor, work: Callable[[_Item], _Result], item: _Item
+) -> Future[_Result]:
     """Hand out an item. Processes started by that never see Ctrl-C: the parent handles it.
 
     A terminal sends Ctrl-C to parent and children alike; a blocked signal is inherited.
     """
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        return executor.submit(_numbered, work, item)
+        return executor.submit(work, item)
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _numbered(work: Callable[[_Item], _Result], item: tuple[int, _Item]) -> tuple[int, _Result]:
-    return item[0], work(item[1])
+def _numbered(task: tuple[Callable[[_Item], _Result], int, _Item]) -> tuple[int, _Result]:
+    work, number, item = task
+    return number, work(item)
 
 
 def _begin(begin: Callable[..., None] | None, given: tuple[Any, ...]) -> None:

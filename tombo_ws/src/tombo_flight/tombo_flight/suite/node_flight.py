@@ -23,6 +23,7 @@ from tombo_flight.flight_output import FlightResult, as_json, draw_pictures, fli
 from tombo_flight.process.stop_signals import Stopped, StopSignals
 from tombo_flight.progress import ProgressCallback
 from tombo_flight.scenario import Scenario, world_of
+from tombo_flight.scenario_file import SCENARIO_FILE, write_scenario
 from tombo_flight.suite.domain import free_domain, udp_ports
 from tombo_flight.suite.node_metrics import node_metrics
 from tombo_flight.suite.nodes import HIL_SIM, PX4_SUITE, SUITE
@@ -180,6 +181,7 @@ def fly_nodes_and_save(
         raise NotFlown(flown.refused)
     on_progress("reading flight.mcap", 1.0)
     flight = _summarize(flown, bag, mode)
+    write_scenario(folder / SCENARIO_FILE, scenario, f"--seed {seed}")
     text = as_json(flight.summary)
     (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
     if not flown.interrupted:

@@ -40,12 +40,13 @@ def say_what_changed(
     from tombo_diagnosis.report.diagnosis_output import diagnosis_json
 
     path = results_folder(output, "diagnosis", new[0].name.split(".")[0], as_json, "log")
-    (found, _), written = compute_into(
-        path, force or output is None, CHANGE_FILES,
+    (found, _), path, written = compute_into(
+        path, force, CHANGE_FILES,
         lambda on_progress: run_change(new, healthy, mapping, names, on_progress),
         lambda folder, both, on_progress: write_change(
             folder, *both, pictures=not no_report, on_progress=on_progress
         ),
+        numbered=output is None,
     )  # fmt: skip
     if as_json:
         typer.echo(diagnosis_json(found), nl=False)

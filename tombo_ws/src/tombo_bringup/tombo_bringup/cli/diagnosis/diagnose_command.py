@@ -84,7 +84,7 @@ def diagnose(
     output: Annotated[
         str | None,
         output_option(
-            "Folder of the results, new or empty. Default: runs/diagnosis-LOG, replaced; with "
+            "Folder of the results, new or empty. Default: runs/diagnosis-LOG, numbered; with "
             "--json nothing is written."
         ),
     ] = None,
@@ -123,12 +123,13 @@ def diagnose(
         say_what_changed(logs, healthy, mapping, names, output, force, no_report, as_json)
         return
     path = results_folder(output, "diagnosis", logs[0].name.split(".")[0], as_json, "log")
-    (found, _), written = compute_into(
-        path, force or output is None, DIAGNOSIS_FILES,
+    (found, _), path, written = compute_into(
+        path, force, DIAGNOSIS_FILES,
         lambda on_progress: run(logs, model, mapping, names, on_progress, vehicle),
         lambda folder, both, on_progress: write_diagnosis(
             folder, *both, pictures=not no_report, on_progress=on_progress
         ),
+        numbered=output is None,
     )  # fmt: skip
     if as_json:
         typer.echo(diagnosis_json(found), nl=False)
@@ -152,22 +153,14 @@ def run(
         InputError: a log, the mapping, the vehicle or the model can't be used.
     """
     from tombo_diagnosis.report.diagnosis_output import NominalReference
-    from tombo_flight.model_file import read_model
 
-    base = None if model is None else read_model(model)
     on_progress("loading the model", 0.0)  # imports compiled code
-    from tombo_diagnosis.flight.diagnose_files import diagnose_files
-    from tombo_diagnosis.flight.experiment_design import separate
-    from tombo_diagnosis.flight.scenario_nominal import nominal_model
-    from tombo_flight.vehicle_file import read_vehicle
+    from tombo_diagnosis.diagnose_logs import diagnose_logs
 
-    nominal = nominal_model(model, vehicle)
-    file = None if vehicle is None else read_vehicle(vehicle)
-    found, _ = diagnose_files(
-        logs, nominal, mapping, names, file, on_progress, separate, time.perf_counter
+    found, label, base = diagnose_logs(
+        logs, model, mapping, names, vehicle, time.perf_counter, on_progress
     )
-    today = datetime.date.today().isoformat()
-    return found, NominalReference(nominal.label, today, base)
+    return found, NominalReference(label, datetime.date.today().isoformat(), base)
 
 
 def parse_topics(texts: list[str]) -> dict[str, str]:

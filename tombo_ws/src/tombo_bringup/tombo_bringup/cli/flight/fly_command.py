@@ -29,7 +29,7 @@ from tombo_bringup.cli.options import (
     option,
     output_option,
 )
-from tombo_bringup.cli.result_files import check_output, plain_name
+from tombo_bringup.cli.result_files import Place, check_output, new_run
 from tombo_dynamics.errors import InputError, unknown_name
 
 if TYPE_CHECKING:
@@ -101,13 +101,14 @@ def fly(
     output: Annotated[
         str | None,
         output_option(
-            "Folder of the results, new or empty. Default: runs/SCENARIO-SEED, replaced."
+            "Folder of the results, new or empty. Default: a new one, "
+            "runs/SCENARIO-SEED with what was changed, and a number where that is taken."
         ),
     ] = None,
     force: Force = False,
     as_json: Annotated[bool, json_option("Print the summary as JSON, and nothing else.")] = False,
 ) -> None:
-    """Fly a scenario and write flight.mcap, summary.json, flight.png and report.html.
+    """Fly a scenario and write flight.mcap, summary.json, scenario.yaml, flight.png, report.html.
 
     With --seeds: summary.json with all summaries and their statistics, and campaign.png.
     """
@@ -137,8 +138,12 @@ def fly(
     check_output(output)
     rest = f"{many.start}-{many.stop}" if many else str(one)
     rest += "-px4" if px4 is not None else "-nodes" if nodes else ""
-    path = Path("runs") / f"{plain_name(chosen.name, 'scenario')}-{rest}"
-    path, may_replace = (path, True) if output is None else (Path(output), force)
+    if output is not None:
+        place = Place(Path(output), replace=force)
+    else:
+        from tombo_flight.scenario_file import changes
+
+        place = new_run(chosen.name, rest, changes(scenario, chosen, vehicle))
     if nodes or px4 is not None:
         from tombo_bringup.cli.flight.fly_nodes import fly_nodes
         from tombo_flight.suite.px4_connection import px4_connection
@@ -146,8 +151,7 @@ def fly(
         code = fly_nodes(
             chosen,
             one,
-            path,
-            may_replace=may_replace,
+            place,
             as_json=as_json,
             speed=1.0 if speed is None else speed,
             domain=domain,
@@ -156,9 +160,9 @@ def fly(
             yes=yes,
         )
     elif many is None:
-        code = _fly_one(chosen, one, path, may_replace, not no_record, as_json)
+        code = _fly_one(chosen, one, place, not no_record, as_json)
     else:
-        code = _fly_many(chosen, many, path, may_replace, as_json)
+        code = _fly_many(chosen, many, place, as_json)
     raise typer.Exit(code)
 
 
@@ -176,20 +180,20 @@ def over_scenario(reaction: str | None, *, disturbances: bool) -> list[str]:
     return ["disturbances=true", *named] if disturbances else named
 
 
-def parse_seeds(text: str) -> range:
-    """Return the seeds that `A:B` means: A to B-1.
+def parse_seeds(text: str, most: int = _MOST_FLIGHTS) -> range:
+    """Return the seeds that `A:B` means: A to B-1, `most` of them at most.
 
     Raises:
         InputError: not of this form, none, or too many.
     """
-    accepted = f"accepted: A:B with 0 <= A < B, at most {_MOST_FLIGHTS} flights, as in 0:100"
+    accepted = f"accepted: A:B with 0 <= A < B, at most {most} flights, as in 0:100"
     found = re.fullmatch(r"([0-9]{1,19}):([0-9]{1,19})", text)
     if found is None:
         raise InputError(f"--seeds {text}: not of the form A:B; {accepted}")
     first, end = int(found[1]), int(found[2])
     if first >= end:
         raise InputError(f"--seeds {text}: no seed at all; {accepted}")
-    if end - first > _MOST_FLIGHTS or end > SEED_LIMIT:
+    if end - first > most or end > SEED_LIMIT:
         raise InputError(f"--seeds {text}: too many; {accepted}")
     return range(first, end)
 
@@ -230,28 +234,25 @@ def _load(
 
 @contextmanager
 def _prepared(
-    scenario: Scenario, path: Path, may_replace: bool
+    scenario: Scenario, place: Place
 ) -> Iterator[tuple[OutputFolder, StopSignals, ProgressCallback]]:
     """Rehearse the scenario, then give folder, signals and progress bar."""
     from tombo_bringup.cli.progress import progress_bar
     from tombo_flight.flight_output import warm_up_flight
-    from tombo_flight.process.output_folder import open_output
     from tombo_flight.process.stop_signals import StopSignals
 
     with progress_bar() as on_progress:
         on_progress("loading", 0.0)
         warm_up_flight(scenario)
-        with StopSignals() as stop, open_output(path, replace=may_replace) as folder:
+        with StopSignals() as stop, place.open() as folder:
             yield folder, stop, on_progress
 
 
-def _fly_one(
-    scenario: Scenario, seed: int, path: Path, may_replace: bool, record: bool, as_json: bool
-) -> int:
+def _fly_one(scenario: Scenario, seed: int, place: Place, record: bool, as_json: bool) -> int:
     from tombo_flight.flight_output import as_json as to_json
     from tombo_flight.flight_output import fly_into
 
-    with _prepared(scenario, path, may_replace) as (folder, stop, on_progress):
+    with _prepared(scenario, place) as (folder, stop, on_progress):
         flight = fly_into(folder, scenario, seed, stop, record=record, on_progress=on_progress)
         names = sorted(p.name for p in folder.staging.iterdir())
         folder.publish()
@@ -263,17 +264,16 @@ def _fly_one(
         print_flight(flight)
         if stop.asked() and not flight.summary["interrupted"]:
             typer.echo("Interrupted after the flight: the pictures are not drawn.")
-        print_files(path, names)
+        print_files(folder.path, names)
     return stop.exit_code
 
 
-def _fly_many(
-    scenario: Scenario, seeds: range, path: Path, may_replace: bool, as_json: bool
-) -> int:
+def _fly_many(scenario: Scenario, seeds: range, place: Place, as_json: bool) -> int:
     from tombo_flight.campaign.campaign import fly_campaign
     from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.scenario_file import SCENARIO_FILE, write_scenario
 
-    with _prepared(scenario, path, may_replace) as (folder, stop, on_progress):
+    with _prepared(scenario, place) as (folder, stop, on_progress):
         on_progress(f"0 of {len(seeds)} flights", 0.0)
         campaign = fly_campaign(
             scenario,
@@ -285,7 +285,8 @@ def _fly_many(
             return stop.exit_code
         text = to_json(campaign)
         (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
-        names = ["summary.json"]
+        write_scenario(folder / SCENARIO_FILE, scenario, f"--seeds {seeds.start}:{seeds.stop}")
+        names = [SCENARIO_FILE, "summary.json"]
         if not stop.asked():
             on_progress("drawing campaign.png", 1.0)
             from tombo_flight.campaign.campaign_plot import draw_campaign
@@ -300,5 +301,5 @@ def _fly_many(
         from tombo_bringup.cli.flight.flight_tables import print_campaign, print_files
 
         print_campaign(campaign)
-        print_files(path, names)
+        print_files(folder.path, names)
     return stop.exit_code

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -12,8 +11,8 @@ import typer
 from tombo_bringup.cli.errors import print_error
 from tombo_bringup.cli.flight.node_tables import print_node_flight, print_verdict
 from tombo_bringup.cli.progress import progress_bar
+from tombo_bringup.cli.result_files import Place
 from tombo_dynamics.errors import InputError
-from tombo_flight.process.output_folder import open_output
 from tombo_flight.process.stop_signals import Stopped, StopSignals
 from tombo_flight.suite.node_flight import NotFlown, fly_nodes_and_save
 from tombo_flight.suite.px4_connection import Px4Connection
@@ -27,9 +26,8 @@ if TYPE_CHECKING:
 def fly_nodes(
     scenario: Scenario,
     seed: int,
-    path: Path,
+    place: Place,
     *,
-    may_replace: bool,
     as_json: bool,
     speed: float,
     domain: int | None,
@@ -42,8 +40,7 @@ def fly_nodes(
     Args:
         scenario: what to fly.
         seed: of the simulator's random draws.
-        path: folder of the results.
-        may_replace: results that are there are replaced.
+        place: where the results go.
         as_json: print the summary as JSON, and nothing else.
         speed: of simulated time against real time.
         domain: ROS_DOMAIN_ID.
@@ -61,7 +58,7 @@ def fly_nodes(
         try:
             if not may_arm(px4, scenario, stop, yes=yes):
                 return stop.exit_code or 1
-            with progress_bar() as on_progress, open_output(path, replace=may_replace) as folder:
+            with progress_bar() as on_progress, place.open() as folder:
                 try:
                     flown = fly_nodes_and_save(
                         folder, scenario, seed, stop, speed=speed, domain=domain,
@@ -70,13 +67,13 @@ def fly_nodes(
                     )  # fmt: skip
                 except NotFlown as error:
                     folder.publish()
-                    print_error(f"{error}; recording and logs are in '{path}'")
+                    print_error(f"{error}; recording and logs are in '{folder.path}'")
                     return 1
                 names = sorted(p.name for p in folder.staging.iterdir())
                 folder.publish()
         except Stopped:  # before anything was flown: nothing to keep
             return stop.exit_code
-    print_node_flight(flown, path, names, as_json)
+    print_node_flight(flown, folder.path, names, as_json)
     if not (as_json or lockstep):  # a flight in lockstep is the same on every machine
         print_verdict(flown.flight.summary)
     if flown.left_armed:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import signal
 import time
 from pathlib import Path
@@ -109,7 +110,7 @@ def up(
         scenario=load_scenario(scenario, [*over_set, *(settings or [])], model, vehicle),
         seed=seed,
         folder=folder,
-        recording={"output": str((folder / "bag").absolute())},
+        recording=_recording(folder),
         files=tuple(params or ()),
         speed=speed,
         domain=domain,
@@ -122,7 +123,22 @@ def up(
             allowed = may_arm(connection, config.scenario, stop, yes=yes)
     except Stopped:
         allowed = False
+    if allowed and record is None:
+        config = _in_new_folder(config)
     raise typer.Exit(_watch(config, duration, as_json) if allowed else 1)
+
+
+def _recording(folder: Path) -> dict[str, str]:
+    return {"output": str((folder / "bag").absolute())}
+
+
+def _in_new_folder(config: SuiteConfig) -> SuiteConfig:
+    """Make the folder, with a number where another suite has it."""
+    from tombo_flight.process.output_folder import make_numbered
+
+    config.folder.parent.mkdir(exist_ok=True)
+    folder = make_numbered(config.folder)
+    return dataclasses.replace(config, folder=folder, recording=_recording(folder))
 
 
 def _watch(config: SuiteConfig, duration_s: float | None, as_json: bool) -> int:

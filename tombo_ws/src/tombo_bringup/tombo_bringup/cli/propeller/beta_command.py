@@ -120,7 +120,7 @@ def beta(
     output: Annotated[
         str | None,
         output_option(
-            "Folder of the results. Default: runs/beta-FILM, replaced; with --json nothing."
+            "Folder of the results. Default: runs/beta-FILM, numbered; with --json nothing."
         ),
     ] = None,
     force: Force = False,
@@ -188,7 +188,9 @@ def beta(
         write_text(folder / "beta.csv", beta_csv(measured[0]))
 
     path = results_folder(output, "beta", film.stem if film else "demo", as_json, "film")
-    (found, notes), _ = compute_into(path, force or output is None, BETA_FILES, run, write)
+    (found, notes), path, _ = compute_into(
+        path, force, BETA_FILES, run, write, numbered=output is None
+    )
     if as_json:
         typer.echo(beta_json(found, notes), nl=False)
     else:

@@ -131,7 +131,7 @@ def design(
         return found, recommend(found, range(flights), on_progress)
 
     path = None if output is None else Path(output)
-    (found, made), written = compute_into(
+    (found, made), _, written = compute_into(
         path, force, DESIGN_FILES, run,
         lambda folder, both, on_progress: write_design(folder.staging, *both, on_progress),
     )  # fmt: skip

@@ -71,7 +71,7 @@ def diagnose(
     output: Annotated[
         str | None,
         output_option(
-            "Folder of the results, new or empty. Default: runs/stand-NAME, replaced; with "
+            "Folder of the results, new or empty. Default: runs/stand-NAME, numbered; with "
             "--json nothing is written."
         ),
     ] = None,
@@ -101,9 +101,10 @@ def diagnose(
     _refuse_without_effect(table3, plain, conf, law, mapping)
     first = "table3" if table3 else paths[0].name.split(".")[0]
     path = results_folder(output, "stand", first, as_json, "run")
-    (found, study), written = compute_into(
-        path, force or output is None, STAND_FILES,
+    (found, study), path, written = compute_into(
+        path, force, STAND_FILES,
         lambda on_progress: run(paths, mapping, conf, law, plain, model, on_progress), write,
+        numbered=output is None,
     )  # fmt: skip
     if as_json:
         typer.echo(stand_json(found, study), nl=False)

@@ -57,7 +57,7 @@ def recovery(
     output: Annotated[
         str | None,
         output_option(
-            "Folder of the results. Default: runs/recovery-TRACE, replaced; with --json none."
+            "Folder of the results. Default: runs/recovery-TRACE, numbered; with --json none."
         ),
     ] = None,
     force: Force = False,
@@ -94,12 +94,14 @@ def recovery(
     if path is not None:
         from tombo_propeller.flap_video.plots import plot_recovery
 
-        replace = force or output is None
-        with open_output(path, replace=replace, results=RECOVERY_FILES) as folder:
+        with open_output(
+            path, replace=force, results=RECOVERY_FILES, numbered=output is None
+        ) as folder:
             write_text(folder / "recovery.json", text)
             write_text(folder / "recovery.csv", recovery_csv(found, read))
             plot_recovery(read, found, goal, folder / "recovery.png")
             folder.publish()
+        path = folder.path
     if as_json:
         typer.echo(text, nl=False)
         return

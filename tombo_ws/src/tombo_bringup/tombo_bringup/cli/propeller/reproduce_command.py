@@ -66,7 +66,7 @@ def reproduce(
 
         write_reproduction(folder, found, on_progress)
 
-    found, _ = compute_into(path, force, names, run, write)
+    found, _, _ = compute_into(path, force, names, run, write)
     if as_json:
         claims = [claim.mapping() for claim in found.claims]
         typer.echo(json.dumps(claims, indent=1, ensure_ascii=False, allow_nan=False))

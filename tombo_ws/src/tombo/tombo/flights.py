@@ -1,0 +1,199 @@
+"""One flight: flown here, or read from a recording."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tombo.files import new_file
+from tombo.tables import frame_of, frame_of_messages, html_table
+from tombo_dynamics.errors import unknown_name
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from tombo_collision.reactions import Reaction
+    from tombo_flight.flight_record import FlightRecord
+    from tombo_flight.scenario import Scenario
+
+
+@dataclass(frozen=True, repr=False)
+class Flight:
+    """A flight with its tables. World `map` ENU, body `base_link` FLU, SI units, rad, xyzw."""
+
+    record: FlightRecord
+    """The arrays themselves, for who needs no tables; not a public interface."""
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The figures of `summary.json` (docs/figures.md)."""
+        return self.record.summary
+
+    @property
+    def scenario(self) -> dict[str, Any]:
+        """What was flown, complete, with what the seed drew."""
+        return self.record.scenario
+
+    @cached_property
+    def log(self) -> pd.DataFrame:
+        """The truth at 1 kHz, and what the autopilot wanted; index t [s].
+
+        Columns as "position.x", "rates.z", "rotor_speed.front_left"; units in `tombo_sim`'s
+        LogRow.
+        """
+        return frame_of(self.record.log, self.record.t)
+
+    @cached_property
+    def mocap(self) -> pd.DataFrame:
+        """The samples of the motion capture that arrived; index: time of capture [s]."""
+        columns = {
+            "arrival": self.record.mocap_arrival,
+            "position": self.record.mocap_position,
+            "attitude": self.record.mocap_attitude,
+            "statistic": self.record.detector_statistic,
+        }
+        return frame_of(columns, self.record.mocap_t)
+
+    @cached_property
+    def events(self) -> pd.DataFrame:
+        """What happened, in order of time: time_s, kind, text, and more of some kinds."""
+        import pandas as pd
+
+        return pd.DataFrame(self.record.events, columns=_columns(self.record.events))
+
+    @property
+    def topics(self) -> list[str]:
+        """Topics of the cores, for `table`; none of a flight that was read from a file."""
+        return sorted(self.record.published)
+
+    def table(self, topic: str) -> pd.DataFrame:
+        """Return what was published on a topic; index t [s].
+
+        Raises:
+            InputError: there is no such topic.
+        """
+        from tombo_dynamics.time_base import TICK_S
+
+        if topic not in self.record.published:
+            raise unknown_name("topic", topic, self.topics)
+        ticks, messages = self.record.published[topic]
+        return frame_of_messages(messages, ticks * TICK_S)
+
+    def plot(self) -> Figure:
+        """Return the figure of `flight.png`."""
+        from tombo_flight.report.flight_plot import draw_flight
+
+        return draw_flight(self.record)
+
+    def report(self, path: str | Path, *, replace: bool = False) -> Path:
+        """Write `report.html`, which needs nothing but a browser.
+
+        Raises:
+            InputError: the file is there and may not be replaced, or can't be written.
+        """
+        from tombo_flight.report.flight_plot import draw_flight, png_bytes
+        from tombo_flight.report.flight_report import write_report
+
+        with new_file(path, replace=replace) as unfinished:
+            write_report(self.record, unfinished, png_bytes(draw_flight(self.record)))
+        return Path(path)
+
+    def to_mcap(self, path: str | Path, *, replace: bool = False) -> Path:
+        """Write the recording, `flight.mcap`, to the byte as `tombo fly` does.
+
+        Raises:
+            InputError: the file is there and may not be replaced, or can't be written; or the
+                flight was itself read from a recording.
+        """
+        from tombo_dynamics.errors import InputError
+        from tombo_flight.flight_output import write_mcap
+
+        if not self.record.published:
+            raise InputError(
+                "to_mcap: this flight is a recording already; accepted: one flown here"
+            )
+        with new_file(path, replace=replace) as unfinished:
+            write_mcap(self.record, unfinished)
+        return Path(path)
+
+    def __repr__(self) -> str:
+        from tombo_flight.run_list import flight_outcome
+
+        what = f"{self.summary['scenario']!r}, seed={self.summary['seed']}"
+        outcome = flight_outcome(self.summary)
+        return f"Flight({what}: {outcome}, {self.summary['duration_s']:.1f} s)"
+
+    def _repr_html_(self) -> str:
+        """Return the figures of a flight and its picture, for notebooks."""
+        from tombo_flight.report.flight_plot import png_bytes
+        from tombo_flight.report.html_page import data_url
+
+        shown = {key: value for key, value in self.summary.items() if value is not None}
+        picture = f'<img style="max-width:100%" src="{data_url(png_bytes(self.plot()))}">'
+        return html_table(repr(self), shown) + picture
+
+
+def fly(
+    scenario: str = "paper_collision",
+    seed: int = 0,
+    *,
+    reaction: str | Reaction | None = None,
+    model: str | None = None,
+    vehicle: str | None = None,
+    **settings: Any,
+) -> Flight:
+    """Fly a scenario, headless: the flight of `tombo fly`, to the last bit.
+
+    Args:
+        scenario: a name of `tombo scenarios`, or a YAML file.
+        seed: all random draws come from it.
+        reaction: to collisions, in place of the scenario's: a name, or one of your own.
+        model: a model.yaml, whose effects are laid over those of the scenario.
+        vehicle: a name of `tombo vehicle list`, or a vehicle file.
+        **settings: values of the scenario, keys as of --set: `**{"vehicle.mass": 1.4}`.
+
+    Raises:
+        InputError: as of `tombo fly`; names value and what is accepted.
+    """
+    from tombo_flight.flight import fly_scenario
+    from tombo_flight.flight_output import flight_summary
+
+    chosen = scenario_of(scenario, texts_of(settings), reaction, model, vehicle)
+    record = fly_scenario(chosen, seed)
+    return Flight(dataclasses.replace(record, summary=flight_summary(record)))
+
+
+def scenario_of(
+    name: str,
+    settings: Sequence[str],
+    reaction: str | Reaction | None,
+    model: str | None,
+    vehicle: str | None,
+) -> Scenario:
+    """Return the checked scenario; arguments as of `fly`."""
+    from tombo_flight.scenario import load_scenario
+
+    if reaction is None or isinstance(reaction, str):
+        named = [f"reaction={{name: {reaction}}}"] if reaction else []
+        return load_scenario(name, [*named, *settings], model, vehicle)
+    return dataclasses.replace(load_scenario(name, settings, model, vehicle), reaction=reaction)
+
+
+def texts_of(settings: dict[str, Any]) -> list[str]:
+    """Return settings as texts of --set."""
+    from tombo_flight.sweep.design import value_text
+
+    return [f"{key}={value_text(value)}" for key, value in settings.items()]
+
+
+def _columns(events: Sequence[dict[str, Any]]) -> list[str]:
+    """Return the keys of all events, each once, those of all first."""
+    found = dict.fromkeys(("time_s", "kind", "text"))
+    for event in events:
+        found |= dict.fromkeys(event)
+    return list(found)

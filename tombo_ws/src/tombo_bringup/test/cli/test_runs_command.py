@@ -1,0 +1,86 @@
+"""`tombo runs`, and what a run says of itself: version with commit, and the complete scenario."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+
+import pytest
+
+from tombo_flight.version import commit_of, tombo_version
+
+SHORT = ("hover", "--set", "duration=0.3", "--no-record")
+
+
+def git(folder, *arguments):
+    who = ("-c", "user.name=n", "-c", "user.email=n@example.org")
+    run = subprocess.run(
+        ["git", *who, "-C", str(folder), *arguments], check=True, capture_output=True, text=True
+    )
+    return run.stdout.strip()
+
+
+def test_a_version_names_the_commit_and_says_what_has_changed(tmp_path):
+    source = tmp_path / "a.py"
+    source.write_text("x = 1\n")
+    git(tmp_path, "init", "-q")
+    assert commit_of(source) == ""  # in a repository, but none of its files
+    git(tmp_path, "add", ".")
+    git(tmp_path, "commit", "-qm", "one")
+    assert commit_of(source) == git(tmp_path, "rev-parse", "--short=12", "HEAD")
+    source.write_text("x = 2\n")
+    assert commit_of(source) == git(tmp_path, "rev-parse", "--short=12", "HEAD") + ".dirty"
+
+
+def test_without_git_there_is_the_version_alone(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert commit_of(tmp_path / "a.py") == ""
+
+
+@pytest.mark.slow
+def test_runs_are_listed_with_their_outcome(tombo, tmp_path):
+    assert tombo("fly", "rigid_propeller", "--no-record").code == 0
+    assert tombo("fly", *SHORT).code == 0
+    assert tombo("fly", *SHORT, "--seeds", "0:2").code == 0
+    (tmp_path / "runs" / "mine").mkdir()
+    (tmp_path / "runs" / "mine" / "notes.txt").write_text("no run")
+    (tmp_path / "runs" / "torn").mkdir()
+    (tmp_path / "runs" / "torn" / "summary.json").write_text('{"scenario": "ho')
+
+    found = {run["folder"].removeprefix("runs/"): run for run in tombo("runs", "--json").json}
+
+    assert {name: (run["what"], run["outcome"]) for name, run in found.items()} == {
+        "rigid_propeller-0": ("rigid_propeller seed 0", "crashed"),
+        "hover-0-duration_0.3": ("hover seed 0", "not landed"),
+        "hover-0-2-duration_0.3": ("hover seeds 0 to 1", "0 of 2 crashed"),
+        "torn": ("summary.json", "can't be read"),
+    }
+    assert found["rigid_propeller-0"]["version"] == tombo_version()
+    assert "crashed" in tombo("runs").out
+
+
+def test_a_folder_that_is_not_there_is_refused(refused):
+    refused(("runs", "nowhere"), "nowhere", "accepted")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("paper_collision", "--seed", "3", "--conf", "9", "--set", "duration=25"),
+        ("vehicle", "--set", "effects.steady_wind.east=2", "--set", "duration=3", "--seed", "1"),
+    ],
+)
+def test_the_scenario_of_a_run_flies_the_same_flight(tombo, tmp_path, options):
+    name, *rest = options
+    if name == "vehicle":
+        name, rest = "hover", [*rest, "--vehicle", "px4_x500"]
+    first = tombo("fly", name, *rest, "-o", "first", "--json").json
+    seed = str(first["seed"])
+
+    again = tombo("fly", "first/scenario.yaml", "--seed", seed, "-o", "again", "--json")
+
+    assert again.code == 0, again.err
+    bags = [(tmp_path / folder / "flight.mcap").read_bytes() for folder in ("first", "again")]
+    assert bags[0] == bags[1]
+    assert json.loads((tmp_path / "first" / "summary.json").read_text())["seed"] == int(seed)

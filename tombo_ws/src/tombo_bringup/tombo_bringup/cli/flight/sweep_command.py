@@ -1,0 +1,167 @@
+"""`tombo sweep`: fly a scenario over a design of settings and seeds, into one table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.flight.fly_command import over_scenario, parse_seeds
+from tombo_bringup.cli.options import (
+    Disturbed,
+    JsonOnly,
+    ModelFile,
+    ReactionName,
+    Settings,
+    VehicleName,
+    integer_option,
+    option,
+    output_option,
+)
+from tombo_bringup.cli.result_files import check_output, plain_name
+
+if TYPE_CHECKING:
+    from tombo_flight.sweep.study import Study
+
+SWEEP_EXIT_CODES = (
+    "Exit code: 0 when all flights are flown, whatever became of the vehicles; 2 for bad input or "
+    "output that can't be written; 130 after Ctrl-C, 143 after SIGTERM: the same command with -o "
+    "DIR goes on."
+)
+
+
+def sweep(
+    scenario: Annotated[
+        str,
+        typer.Argument(metavar="SCENARIO", help="A name of `tombo scenarios`, or a YAML file."),
+    ],
+    axes: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="KEY=A:B:STEP|V1,V2...",
+            help="What is varied, keys as of --set; ends included. With --design lhs or sobol "
+            "also KEY=A:B.",
+        ),
+    ] = None,
+    seeds: Annotated[str, option("--seeds A:B", "Fly each point with seeds A to B-1.")] = "0:1",
+    reaction: ReactionName = None,
+    disturbances: Disturbed = False,
+    design: Annotated[
+        str,
+        option(
+            "--design KIND", "full: all combinations; lhs: Latin hypercube; sobol: Sobol sequence."
+        ),
+    ] = "full",
+    samples: Annotated[
+        int, integer_option("--samples N", "Points of --design lhs and sobol.")
+    ] = 0,
+    settings: Settings = None,
+    model: ModelFile = None,
+    vehicle: VehicleName = None,
+    workers: Annotated[
+        int | None,
+        integer_option("--workers N", "Processes on this machine. Default: one for each core."),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        option(
+            "--scheduler URL", "Fly on the cluster of a Dask scheduler, as in tcp://host:8786."
+        ),
+    ] = None,
+    output: Annotated[
+        str | None,
+        output_option(
+            "Folder of the results: new, empty, or that of the same sweep, which then goes on. "
+            "Default: a new one, runs/sweep-SCENARIO, with a number where that is taken."
+        ),
+    ] = None,
+    as_json: JsonOnly = False,
+) -> None:
+    """Fly a scenario over settings and seeds: flights.parquet, one row a flight, and sweep.html.
+
+    What is flown is on disk at once: killed, the same command with -o DIR goes on, flies nothing
+    twice and gives the same table.
+    """
+    from tombo_dynamics.errors import InputError
+
+    check_output(output)
+    if workers is not None and not 1 <= workers <= 4096:
+        raise InputError(f"--workers {workers}: out of bounds; accepted: 1 to 4096")
+    if workers is not None and scheduler is not None:
+        raise InputError("--workers and --scheduler: accepted: one of them")
+    from tombo_flight.sweep.design import Design, parse_axis
+    from tombo_flight.sweep.study import new_study
+
+    chosen = [*over_scenario(reaction, disturbances=disturbances), *(settings or [])]
+    varied = tuple(parse_axis(text) for text in axes or [])
+    study = new_study(
+        scenario,
+        Design(varied, design, samples),
+        parse_seeds(seeds, MOST_SEEDS),
+        tuple(chosen),
+        model,
+        vehicle,
+    )
+    raise typer.Exit(_sweep(study, output, workers, scheduler, as_json))
+
+
+MOST_SEEDS = 10**9
+
+
+def _sweep(
+    study: Study, output: str | None, workers: int | None, scheduler: str | None, as_json: bool
+) -> int:
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_flight.process.stop_signals import StopSignals
+    from tombo_flight.sweep.finish import fly_sweep
+    from tombo_flight.sweep.store import open_store
+
+    name = f"sweep-{plain_name(study.label, 'scenario')}"
+    path = Path("runs") / name if output is None else Path(output)
+    with (
+        StopSignals() as stop,
+        open_store(path, study, numbered=output is None) as store,
+        progress_bar() as on_progress,
+    ):
+        folder = store.folder
+        before = store.kept
+        if before and not as_json:
+            typer.echo(f"{folder}: {before} of {study.flights} flights are there already.")
+
+        def tell(kept: int, left_s: float | None) -> None:
+            left = "" if left_s is None else f", {_duration(left_s)} left"
+            on_progress(f"{kept} of {study.flights} flights{left}", kept / study.flights)
+
+        on_progress("loading", 0.0)
+        outcome = fly_sweep(
+            store, workers=workers, scheduler=scheduler, progress=tell, stop=stop.asked
+        )
+        kept = store.kept
+    if outcome is None:
+        words = f"{kept} of {study.flights} flights are kept; the same command with -o {folder}"
+        typer.echo(f"Interrupted: {words} goes on.", err=True)
+        return stop.exit_code
+    if as_json:
+        import json
+
+        typer.echo(json.dumps({
+            "folder": str(folder), "flights": study.flights, "flown": kept - before,
+            "outcome": outcome,
+        }, indent=1))  # fmt: skip
+    else:
+        typer.echo(f"{study.flights} flights: {outcome}.")
+        typer.echo(f"{folder}: flights.parquet, sweep.html, sweep.json")
+    return 0
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return (
+        f"{hours} h {minutes} min"
+        if hours
+        else f"{minutes} min {rest} s"
+        if minutes
+        else f"{rest} s"
+    )

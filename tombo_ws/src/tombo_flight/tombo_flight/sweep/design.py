@@ -1,0 +1,190 @@
+"""What a sweep varies: axes, and the points of a design over them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tombo_dynamics.errors import InputError, unknown_name
+
+DESIGNS = ("full", "lhs", "sobol")
+"""Full factorial, Latin hypercube, Sobol sequence (scrambled)."""
+MOST_LEVELS = 10_000
+_DRAWN_SEED = 0
+"""Of Latin hypercube and Sobol: the same command has the same points."""
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_RANGE = re.compile(rf"({_NUMBER}):({_NUMBER})(?::({_NUMBER}))?")
+_ACCEPTED = "accepted: KEY=A:B:STEP or KEY=V1,V2,..., as in vehicle.mass=1.1:1.7:0.1"
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One setting of the scenario that is varied: over levels, or between two numbers."""
+
+    key: str
+    """As of --set: "vehicle.mass"."""
+    levels: tuple[str, ...] = ()
+    """Values as texts of --set."""
+    low: float = 0.0
+    high: float = 0.0
+    """Ends, where there are no levels."""
+
+    @property
+    def numeric(self) -> bool:
+        """Whether its values are numbers."""
+        return all(re.fullmatch(_NUMBER, level) for level in self.levels)
+
+    @property
+    def ends(self) -> tuple[str, ...]:
+        """Values that are to be possible: all levels, or both ends."""
+        return self.levels or (number_text(self.low), number_text(self.high))
+
+    def at(self, share: float) -> str:
+        """Return the value at a share (0 to 1) of the axis."""
+        if self.levels:
+            return self.levels[min(int(share * len(self.levels)), len(self.levels) - 1)]
+        return number_text(self.low + share * (self.high - self.low))
+
+
+@dataclass(frozen=True)
+class Design:
+    """The points of a sweep."""
+
+    axes: tuple[Axis, ...]
+    kind: str = "full"
+    """One of `DESIGNS`."""
+    samples: int = 0
+    """Points of a Latin hypercube or a Sobol sequence."""
+
+    def __post_init__(self) -> None:
+        """Refuse a design that has no points.
+
+        Raises:
+            InputError: unknown kind, a range without a step, or samples that do not fit.
+        """
+        if self.kind not in DESIGNS:
+            raise unknown_name("--design", self.kind, DESIGNS)
+        keys = [axis.key for axis in self.axes]
+        for key in keys:
+            if keys.count(key) > 1:
+                raise InputError(f"{key} is varied twice; accepted: once")
+        if self.kind == "full":
+            if self.samples:
+                raise InputError("--samples: accepted: with --design lhs or sobol")
+            for axis in self.axes:
+                if not axis.levels:
+                    given = f"{axis.key}={axis.low:g}:{axis.high:g}"
+                    raise InputError(f"{given}: no step; {_ACCEPTED}, or --design lhs")
+        elif not self.axes:
+            raise InputError(f"--design {self.kind}: nothing is varied; {_ACCEPTED}")
+        elif not 1 <= self.samples <= 10_000_000:
+            raise InputError(
+                f"--design {self.kind}: {self.samples} samples; accepted: --samples N, at least 1"
+            )
+
+    @property
+    def points(self) -> int:
+        """Number of points."""
+        return self.samples or math.prod(len(axis.levels) for axis in self.axes)
+
+    def settings(self) -> Points:
+        """Return the points, to be asked for by number."""
+        return Points(self)
+
+
+class Points:
+    """Settings of each point of a design; nothing but the drawn numbers is kept."""
+
+    def __init__(self, design: Design) -> None:
+        self._design = design
+        self._drawn = _drawn(design) if design.samples else None
+
+    def __getitem__(self, point: int) -> dict[str, str]:
+        """Return key → text of the value; in a full design the last axis runs fastest."""
+        axes = self._design.axes
+        if self._drawn is not None:
+            row = self._drawn[point]
+            return {axis.key: axis.at(float(u)) for axis, u in zip(axes, row, strict=True)}
+        found = {}
+        for axis in reversed(axes):
+            point, level = divmod(point, len(axis.levels))
+            found[axis.key] = axis.levels[level]
+        return {axis.key: found[axis.key] for axis in axes}
+
+
+def _drawn(design: Design) -> Any:
+    """Return an (samples, axes) array of shares from 0 to 1."""
+    from scipy.stats import qmc
+
+    count = len(design.axes)
+    if design.kind == "lhs":
+        return qmc.LatinHypercube(count, seed=_DRAWN_SEED).random(design.samples)
+    whole = math.ceil(math.log2(design.samples)) if design.samples > 1 else 0
+    return qmc.Sobol(count, seed=_DRAWN_SEED).random_base2(whole)[: design.samples]
+
+
+def parse_axis(text: str) -> Axis:
+    """Return the axis that `KEY=A:B:STEP`, `KEY=A:B` or `KEY=V1,V2,...` means; ends included.
+
+    Raises:
+        InputError: of none of these forms.
+    """
+    key, sign, values = text.partition("=")
+    if not sign or not key.strip() or not values.strip():
+        raise InputError(f"'{text}': {_ACCEPTED}")
+    return axis_of(key.strip(), values.strip())
+
+
+def axis_of(key: str, values: str | Sequence[Any]) -> Axis:
+    """Return the axis of a key: from the text behind KEY=, or from its values.
+
+    Raises:
+        InputError: there are none, or too many.
+    """
+    if not isinstance(values, str):
+        levels = tuple(value_text(value) for value in values)
+        if not levels:
+            raise InputError(f"{key}: no values; accepted: at least one")
+        return Axis(key, levels)
+    text = f"{key}={values}"
+    found = _RANGE.fullmatch(values)
+    if found is None:
+        parts = tuple(part.strip() for part in values.split(","))
+        if not all(parts):
+            raise InputError(f"'{text}': an empty value; {_ACCEPTED}")
+        return Axis(key, parts)
+    low, high = float(found[1]), float(found[2])
+    if low > high:
+        raise InputError(f"'{text}': {low:g} is above {high:g}; {_ACCEPTED}")
+    if found[3] is None:
+        return Axis(key, (), low, high)
+    step = float(found[3])
+    if not step > 0.0 or (high - low) / step >= MOST_LEVELS:
+        raise InputError(
+            f"'{text}': STEP {step:g}; accepted: above 0, {MOST_LEVELS} values at most"
+        )
+    count = math.floor((high - low) / step + 1e-9) + 1
+    return Axis(key, tuple(number_text(round(low + i * step, 12)) for i in range(count)))
+
+
+def number_text(value: float) -> str:
+    """Return a number as --set reads it back to the last digit."""
+    return repr(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
+
+
+def value_text(value: Any) -> str:
+    """Return a plain value as --set reads it."""
+    if isinstance(value, bool) or value is None:
+        return "null" if value is None else str(value).lower()
+    if isinstance(value, str):
+        return value
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, int | float):
+        return number_text(value) if math.isfinite(value) else str(value)
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{k}: {value_text(v)}' for k, v in value.items())}}}"
+    return f"[{', '.join(value_text(inner) for inner in value)}]"

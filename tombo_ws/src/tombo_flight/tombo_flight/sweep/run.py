@@ -1,0 +1,152 @@
+"""Flies what is missing of a sweep: on the cores of this machine, or on a cluster by Dask."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Generator, Iterable
+from contextlib import closing, suppress
+from itertools import islice
+from typing import Any
+
+from tombo_dynamics.errors import InputError
+from tombo_flight.flight_output import warm_up_flight
+from tombo_flight.process.process_pool import stream_from_processes
+from tombo_flight.sweep.store import Store
+from tombo_flight.sweep.study import Flyer, Study
+from tombo_flight.version import tombo_version
+
+_LARGEST_BATCH = 64
+"""Flights of a task of Dask: a task costs its scheduler several milliseconds."""
+_TASKS = 32
+"""Tasks that each thread gets at least, so that all end at about the same time."""
+_AHEAD = 4
+"""Tasks handed out to each thread of the cluster in advance."""
+_LOOK_S = 0.02
+_here = threading.local()
+
+Progress = Callable[[int, float | None], None]
+"""Called with the number of flights kept, and the time left [s] where it is known."""
+
+
+def fly_missing(
+    store: Store,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> bool:
+    """Fly the flights that the store does not have, and join them; return whether all are there.
+
+    Args:
+        store: where they go.
+        workers: processes of this machine; the cores that this process may use if None.
+        scheduler: address of a Dask scheduler, in place of processes of this machine.
+        progress: told the progress.
+        stop: asked now and then; True ends it, with what was flown on disk.
+
+    Raises:
+        InputError: the scheduler can't be reached, or has another version of the suite.
+        OSError: the folder can't be written.
+    """
+    if store.finished:
+        return True
+    count = workers or len(os.sched_getaffinity(0))
+    if scheduler is None:
+        with suppress(InputError):  # a flight that can't be flown says so in its row
+            warm_up_flight(store.study.scenario_at(0))  # once, not in each process
+        rows = stream_from_processes(
+            _fly,
+            store.missing(),
+            count,
+            begin=_begin,
+            given=(store.study,),
+            stop=stop,
+            copies=True,
+        )
+    else:
+        missing = store.study.flights - store.kept
+        rows = _stream_from_dask(scheduler, store.study, store.missing(), missing, stop)
+    began, before = time.monotonic(), store.kept
+    with closing(rows):
+        for row in rows:
+            store.keep(row)
+            if progress is not None:
+                rate = (store.kept - before) / max(time.monotonic() - began, 1e-6)
+                progress(store.kept, (store.study.flights - store.kept) / rate)
+    if store.kept < store.study.flights:
+        return False
+    store.finish()
+    return True
+
+
+def _begin(study: Study) -> None:
+    """Prepare a process or a thread: it keeps study and memory."""
+    _here.flyer = Flyer(study)
+
+
+def _fly(flight: int) -> dict[str, Any]:
+    row: dict[str, Any] = _here.flyer.fly(flight)
+    return row
+
+
+def _fly_batch(study: Study, flights: list[int]) -> list[dict[str, Any]]:
+    """Fly on a worker of Dask.
+
+    Raises:
+        InputError: the worker has another version of the suite.
+    """
+    if study.version != tombo_version():
+        raise InputError(
+            f"--scheduler: a worker has tombo {tombo_version()}; accepted: {study.version}"
+        )
+    flyer = getattr(_here, "flyer", None)
+    if flyer is None or flyer.study != study:
+        _begin(study)
+    return [_fly(flight) for flight in flights]
+
+
+def _stream_from_dask(
+    address: str, study: Study, flights: Iterable[int], count: int, stop: Callable[[], bool] | None
+) -> Generator[dict[str, Any], None, None]:
+    """Yield rows of `count` flights as they come; another worker flies what a lost one had."""
+    try:
+        from distributed import Client, as_completed
+    except ImportError:
+        raise InputError(
+            f"--scheduler {address}: Dask is not installed; accepted: after "
+            "pip install -r requirements-cluster.txt"
+        ) from None
+    try:
+        client = Client(address, timeout=10, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"--scheduler {address}: it can't be reached ({error}); accepted: the address of a "
+            "Dask scheduler, as in tcp://10.0.0.1:8786"
+        ) from error
+    with client:
+        shared = client.scatter(study, broadcast=True)
+        threads = max(sum(client.nthreads().values()), 1)
+        size = min(max(count // (_TASKS * threads), 1), _LARGEST_BATCH)
+        left = iter(flights)
+        waiting = as_completed(loop=client.loop)
+
+        def hand_out() -> None:
+            ahead = _AHEAD * max(sum(client.nthreads().values()), 1)
+            while waiting.count() < ahead and (batch := list(islice(left, size))):
+                waiting.add(client.submit(_fly_batch, shared, batch, pure=False))
+
+        hand_out()
+        while waiting.count() and not (stop is not None and stop()):
+            for future in waiting.next_batch(block=False) or _after(_LOOK_S):
+                yield from future.result()
+                future.release()
+            hand_out()
+
+
+def _after(seconds: float) -> tuple[()]:
+    """Return nothing, after a while."""
+    time.sleep(seconds)
+    return ()

@@ -1,0 +1,164 @@
+"""A sweep as data: what is flown in which order, and the flight of a number."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from typing import Any
+
+from tombo_dynamics.errors import InputError
+from tombo_flight.flight import Workspace, fly_scenario
+from tombo_flight.flight_output import flight_summary, plain
+from tombo_flight.scenario import Scenario, scenario_values, with_settings
+from tombo_flight.sweep.columns import row_of
+from tombo_flight.sweep.design import Axis, Design, Points
+from tombo_flight.version import tombo_version
+
+MOST_FLIGHTS = 10**9
+
+
+@dataclass(frozen=True)
+class Study:
+    """A scenario, what is varied, and the seeds that each point is flown with.
+
+    Flight n has point n // seeds and seed first + n % seeds.
+    """
+
+    scenario: str
+    """Name or file, as given."""
+    design: Design
+    seeds: tuple[int, int]
+    """First, and the one after the last."""
+    settings: tuple[str, ...] = ()
+    """Further texts of --set, the same for all points."""
+    label: str = ""
+    """Name of the scenario."""
+    values: Mapping[str, Any] = field(default_factory=dict)
+    """Of the scenario, complete: nothing is read again when the sweep goes on."""
+    version: str = ""
+    """Of the software."""
+    model: str = ""
+    vehicle: str = ""
+
+    @property
+    def flights(self) -> int:
+        """How many flights there are."""
+        return self.design.points * (self.seeds[1] - self.seeds[0])
+
+    @cached_property
+    def points(self) -> Points:
+        """The settings of each point."""
+        return self.design.settings()
+
+    def place(self, flight: int) -> tuple[int, int]:
+        """Return point and seed of a flight."""
+        point, seed = divmod(flight, self.seeds[1] - self.seeds[0])
+        return point, self.seeds[0] + seed
+
+    def scenario_at(self, point: int) -> Scenario:
+        """Return what is flown at a point.
+
+        Raises:
+            InputError: it is no scenario.
+        """
+        varied = [f"{key}={text}" for key, text in self.points[point].items()]
+        return with_settings(dict(self.values), [*self.settings, *varied], self.label)
+
+    def command(self, flight: int) -> str:
+        """Return the command line that flies a flight again."""
+        point, seed = self.place(flight)
+        words = ["tombo", "fly", self.scenario, "--seed", str(seed)]
+        for option in ("model", "vehicle"):
+            given = getattr(self, option)
+            words += [f"--{option}", given] if given else []
+        varied = [f"{key}={text}" for key, text in self.points[point].items()]
+        for text in [*self.settings, *varied]:
+            words += ["--set", text]
+        return shlex.join(words)
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return it in the types of JSON: what `sweep.json` says."""
+        values: dict[str, Any] = plain(asdict(self))
+        design = values.pop("design")
+        return {"tombo_version": values.pop("version"), **values, **design}
+
+
+def new_study(
+    scenario: str,
+    design: Design,
+    seeds: range,
+    settings: tuple[str, ...] = (),
+    model: str | None = None,
+    vehicle: str | None = None,
+) -> Study:
+    """Read and check a sweep: the scenario, and each value of an axis by itself.
+
+    Raises:
+        InputError: as `load_scenario`, or there are too many flights.
+    """
+    values, label = scenario_values(scenario, model, vehicle)
+    study = Study(
+        scenario, design, (seeds.start, seeds.stop), settings, label, plain_values(values),
+        tombo_version(), model or "", vehicle or "",
+    )  # fmt: skip
+    if not 1 <= study.flights <= MOST_FLIGHTS:
+        raise InputError(f"{study.flights} flights; accepted: 1 to {MOST_FLIGHTS}")
+    study.scenario_at(0)
+    for axis in design.axes:
+        for text in axis.ends:
+            with_settings(values, [*settings, f"{axis.key}={text}"], label)
+    return study
+
+
+def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values of a scenario in the types of JSON, tuples as lists."""
+    found: dict[str, Any] = plain(values)
+    return found
+
+
+def study_of(values: Mapping[str, Any]) -> Study:
+    """Return the study that `as_mapping` gave.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        axes = tuple(Axis(**{**axis, "levels": tuple(axis["levels"])}) for axis in values["axes"])
+        first, end = values["seeds"]
+        return Study(
+            values["scenario"], Design(axes, values["kind"], values["samples"]), (first, end),
+            tuple(values["settings"]), values["label"], values["values"],
+            values["tombo_version"], values["model"], values["vehicle"],
+        )  # fmt: skip
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"sweep.json: {error}; accepted: as `tombo sweep` writes it") from error
+
+
+class Flyer:
+    """Flies the flights of a study, keeping memory and the last scenario."""
+
+    def __init__(self, study: Study) -> None:
+        self.study = study
+        self._workspace = Workspace()
+        self._point = -1
+        self._scenario: Scenario | str = ""
+
+    def fly(self, flight: int) -> dict[str, Any]:
+        """Return the row of a flight; one that can't be flown says why in `error`."""
+        point, seed = self.study.place(flight)
+        if point != self._point:
+            try:
+                self._scenario = self.study.scenario_at(point)
+            except InputError as error:
+                self._scenario = str(error)
+            self._point = point
+        key = {"flight": flight, "point": point, "seed": seed, **self.study.points[point]}
+        if isinstance(self._scenario, str):
+            return {**key, "error": self._scenario}
+        try:
+            summary = flight_summary(fly_scenario(self._scenario, seed, self._workspace))
+        except InputError as error:
+            return {**key, "error": str(error)}
+        return {**key, **row_of(summary)}
