@@ -44,12 +44,13 @@ def start_suite(
 
 
 def test_flight_with_a_collision_equals_the_wiring_to_the_last_bit(start, tmp_path):
-    scenario, seed = load_scenario("paper_collision", SETTINGS), 3
+    settings = (*SETTINGS, "reaction.name=reflex")  # more topics than with the bounce
+    scenario, seed = load_scenario("paper_collision", settings), 3
     warm_up_nodes(scenario)
     nodes = start_suite(start, tmp_path, scenario, seed)
     published = defaultdict(list)
     run_wiring(scenario, seed, lambda topic, message: published[topic].append(message))
-    assert len(published["/collision_event"]) == 1
+    assert len(published["/collision_event"]) == len(published["/contact_event"]) == 1
     assert nodes["sim"].process.wait(150.0) == 0, nodes["sim"].output
     assert nodes["recorder"].end() == 0
     assert "lost 0" in nodes["recorder"].output

@@ -31,6 +31,8 @@ class ControllerNode(CoreNode):
 
     def on_published(self, topic: str, message: Any) -> None:
         """Count a run; what lies between its slot and the last one's was missed."""
+        if topic not in _LOOPS:
+            return
         loop, period = _LOOPS[topic]
         slot = nearest_tick(message.stamp_ns) // period
         last, self._slots[loop] = self._slots.get(loop, slot - 1), slot
