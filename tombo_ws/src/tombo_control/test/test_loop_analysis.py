@@ -19,6 +19,7 @@ from tombo_control.loops.loop_analysis import (
     yaw_drive,
 )
 from tombo_control.params import ControlParams
+from tombo_control.recovery.params import RecoveryParams
 
 DOCS = Path(__file__).parents[4] / "docs"
 HORIZONTAL = ("rate", "attitude", "velocity", "position")
@@ -72,8 +73,12 @@ def test_the_rate_loop_stands_a_motor_twice_as_slow():
     assert m.gain_margin_db >= 6.0
 
 
-def test_the_table_in_the_docs_holds_these_numbers(found):
-    text = (DOCS / "control.md").read_text()
+@pytest.mark.parametrize(
+    ("page", "gains"), [("control.md", ControlParams()), ("reactions.md", RecoveryParams())]
+)
+def test_the_table_in_the_docs_holds_these_numbers(page, gains):
+    found = cascade_margins(gains, VEHICLE, rotor_table())
+    text = (DOCS / page).read_text()
     rows = dict(re.findall(r"^\| (\w+) \|((?: [\d.]+ \|){5})", text, re.MULTILINE))
     assert set(rows) == set(found)
     for name, cells in rows.items():
