@@ -45,6 +45,7 @@ class Made:
             "fold": np.zeros((n, 4)),
             "damage": np.zeros((n, 4)),
             "contact": np.zeros((n, 5)),
+            "contact_force": np.zeros((n, 3)),
             "mode": np.full((n, 1), float(Phase.HOVER)),
             "position_setpoint": np.tile(X_R, (n, 1)),
         }
@@ -347,6 +348,14 @@ def test_a_flight_cut_off_at_any_time_has_figures(ticks):
         assert figures["unstable_phase_s"] == pytest.approx(0.6)
     elif ticks > 4001:
         assert figures["unstable_phase_s"] is None
+
+
+def test_peak_force_is_the_largest_vector_from_contact_on():
+    made = collision().set("contact_force", 3.9, 3.95, 99.0)  # before the contact
+    made.set("contact_force", 4.0, 4.01, [3.0, 0.0, 4.0]).set("contact_force", 6.0, 6.01, [4.5] * 3)
+    figures, _ = made.summary()
+    assert figures["peak_contact_force_n"] == pytest.approx(4.5 * math.sqrt(3.0), abs=1e-6)
+    assert Made().summary()[0]["peak_contact_force_n"] is None
 
 
 def test_strikes_and_broken_rotors_are_counted():

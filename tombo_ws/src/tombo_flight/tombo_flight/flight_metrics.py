@@ -166,6 +166,7 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
         events.append(event(t[broken[0]], "rotor_broken", "a blade tears off"))
     summary |= {
         "strikes": _strikes(log["fold"]),
+        "peak_contact_force_n": _number(_largest(log["contact_force"][c:])) if collided else None,
         "rotors_broken": int((log["damage"][-1] >= 1.0).sum()) if t.size else 0,
         "crashed": crash is not None,
         "crash_time_s": None if crash is None else _number(t[crash]),
@@ -280,6 +281,10 @@ def _strikes(fold: Array) -> int:
     """Count the times that a blade is folded up to more than half, over all rotors."""
     folded = fold > 0.5
     return int((folded[1:] & ~folded[:-1]).sum())
+
+
+def _largest(vectors: Array) -> float:
+    return float(np.linalg.norm(vectors, axis=1).max())
 
 
 def _tracking(flight: MetricsInput, c: int | None) -> dict[str, Any]:
