@@ -227,7 +227,8 @@ def _detection(flight: MetricsInput, c: int | None) -> dict[str, Any]:
     poses = [pair for pair in true if pair[0].trigger != _IMU]
     first, arrival = poses[0] if poses else (None, None)
     known = min((at for _, at in true), default=None)
-    struck = next((e.rotor for e, _ in true if e.rotor != UNKNOWN_ROTOR), None)
+    by_imu = (e.rotor for e, _ in true if e.trigger == _IMU)  # poses do not tell the rotor
+    struck = next((rotor for rotor in by_imu if rotor != UNKNOWN_ROTOR), None)
     # x_c, n_r and x_r belong together: after a second collision they are the second one's
     reaction = flight.reactions[-1] if flight.reactions else None
     x_c = reaction.x_c if reaction else first.x_c if first else None

@@ -17,7 +17,9 @@ from tombo_flight.report.flight_report import replay_scripts, replay_stage
 from tombo_flight.report.html_page import Card, Page, hint, page_html, pictures, sentences, table
 
 _CSS: Final = """
-.arena td, .arena th { white-space: nowrap; padding-right: 1rem; }
+header, main, footer { max-width: 1400px; }
+.arena { font-size: 0.83rem; }
+.arena td, .arena tbody th { white-space: nowrap; padding: 0.22rem 0.9rem 0.22rem 0; }
 .arena tbody th { vertical-align: top; }
 .arena .first > * { border-top: 1.5px solid var(--muted); }
 .arena tr:not(.last) > td { border-bottom: 0; }

@@ -78,7 +78,11 @@ def _histogram(
         axes.set_yticks([])
         return
     axes.hist(
-        values, edges.tolist(), stacked=True, color=[colour, style.VERMILLION], label=["flights", "crashed"]
+        values,
+        edges.tolist(),
+        stacked=True,
+        color=[colour, style.VERMILLION],
+        label=["flights", "crashed"],
     )
     low, median, high = np.percentile(np.concatenate(values), (5.0, 50.0, 95.0))
     axes.axvline(median, color=style.INK, lw=1.2)

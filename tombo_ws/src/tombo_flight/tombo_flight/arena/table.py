@@ -30,6 +30,16 @@ def table_rows(
         yield case, [cells(r) for r in shown if r["case"] == case]
 
 
+def markdown(results: Mapping[str, Any], command: str) -> str:
+    """Return the table of the collisions as Markdown, below the command that it comes from."""
+    head = ("collision", *HEAD)
+    lines = [f"`{command}`:", "", f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
+    for case, rows in table_rows(results):
+        for i, row in enumerate(rows):
+            lines.append(f"| {case if i == 0 else ''} | {' | '.join(row)} |")
+    return "\n".join(lines) + "\n"
+
+
 def cells(result: Result) -> list[str]:
     """Return the cells of a row."""
     return [

@@ -7,22 +7,23 @@ from typing import Any, Final
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Column, Table
+from rich.table import Table
 from rich.text import Text
 
-from tombo_bringup.cli.tables import print_line, right
+from tombo_bringup.cli.tables import print_line
 from tombo_flight.arena.page import headline
 from tombo_flight.arena.table import HEAD, table_rows
 
-_SHOWN: Final = (0, 1, 3, 5, 8)
+_SHOWN: Final = (0, 1, 3, 5)
 """Columns for which a terminal has room, of ranges the median: the page has all."""
 
 
 def print_arena(results: Mapping[str, Any]) -> None:
     """Print the reactions in each collision, and how many flights each lost in all."""
-    names = [HEAD[i] for i in _SHOWN]
-    columns = [*(Column(name, no_wrap=True) for name in ("case", names[0])), *right(*names[1:])]
-    table = Table(*columns, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("case", no_wrap=True)
+    for n in _SHOWN:
+        table.add_column(Text(HEAD[n]), no_wrap=True, justify="right" if n else "left")
     for case, rows in table_rows(results):
         for i, row in enumerate(rows):
             cells = (row[n] if HEAD[n] == "crashed" else row[n].split(" (")[0] for n in _SHOWN)
