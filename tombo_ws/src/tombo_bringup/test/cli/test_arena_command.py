@@ -85,6 +85,7 @@ def test_what_was_killed_goes_on_and_ends_as_if_it_had_not_been(tombo, tmp_path)
     ("options", "words"),
     [
         (("--seeds", "5"), ("--seeds 5", "A:B")),
+        (("--seeds", "0:10001"), ("--seeds 0:10001", "10000")),
         (("--reactions", "bounce,nothing"), ("--reactions", "nothing", "reflex")),
         (("--groups", "maps"), ("--groups", "maps", "speed_offset")),
         (("--workers", "0"), ("--workers 0", "1 to 1024")),

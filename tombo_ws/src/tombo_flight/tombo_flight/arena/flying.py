@@ -41,14 +41,16 @@ class Plan:
 
     matches: tuple[Match, ...]
     jobs: tuple[Job, ...]
-    """Seed by seed, so that what is stopped has as many flights of each match."""
+    """Seed by seed, ascending, so that what is stopped has as many flights of each match."""
     refused: Mapping[str, str]
     """Cases that can't be flown → the reason."""
 
-    def rows(self, match: Match, kept: Mapping[str, Row]) -> list[Row]:
-        """Return what is kept of the flights of a match, in the order of the seeds."""
-        found = [kept[job.key] for job in self.jobs if job.match == match]
-        return sorted(found, key=lambda row: int(row["seed"]))
+    def rows(self, kept: Mapping[str, Row]) -> dict[Match, list[Row]]:
+        """Return what is kept of the flights of each match, in the order of the seeds."""
+        found: dict[Match, list[Row]] = {match: [] for match in self.matches}
+        for job in self.jobs:
+            found[job.match].append(kept[job.key])
+        return found
 
 
 def new_plan(
@@ -132,4 +134,5 @@ def _fly(job: Job) -> dict[str, Any]:
 
 
 def _hash(scenario: Scenario) -> str:
-    return hashlib.sha256(repr(scenario).encode()).hexdigest()[:8]
+    """Return what tells rows apart: other parameters, or other figures kept."""
+    return hashlib.sha256(repr((ROW_KEYS, scenario)).encode()).hexdigest()[:8]

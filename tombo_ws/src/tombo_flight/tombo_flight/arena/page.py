@@ -136,9 +136,9 @@ def _figures(results: Mapping[str, Any], groups: Sequence[str]) -> str:
 
 def _histograms(results: Mapping[str, Any], plan: Plan, kept: Mapping[str, Row]) -> str:
     flights: dict[str, list[Row]] = {name: [] for name in results["reactions"]}
-    for match in plan.matches:
+    for match, rows in plan.rows(kept).items():
         if match.case.group == COLLISIONS:
-            flights[match.reaction] += plan.rows(match, kept)
+            flights[match.reaction] += rows
     if not any(flights.values()):
         return ""
     caption = "All flights of the collisions in the table; the line is the median, crashed in red"

@@ -30,7 +30,7 @@ def arena_results(plan: Plan, kept: Mapping[str, Row], seeds: range) -> dict[str
         COLLISIONS, and in all groups; `shown`: what `shown_flights` returns for each reaction.
     """
     reactions = list(dict.fromkeys(match.reaction for match in plan.matches))
-    rows = {match: plan.rows(match, kept) for match in plan.matches}
+    rows = plan.rows(kept)
     return {
         "tombo_version": tombo_version(),
         "disturbances": plan.matches[0].disturbed if plan.matches else None,

@@ -24,6 +24,7 @@ ARENA_EXIT_CODES = (
     "Exit code: 0 when all was flown, whatever became of the vehicles; 2 for bad input or output "
     "that can't be written; 130 after Ctrl-C, 143 after SIGTERM: the same command goes on."
 )
+_MOST_SEEDS = 10_000
 _FLIGHTS = "flights.jsonl"
 _RESULTS = "arena.json"
 _PAGE = "arena.html"
@@ -64,6 +65,8 @@ def arena(
     from tombo_flight.process.stop_signals import StopSignals
 
     range_ = parse_seeds(seeds)
+    if len(range_) > _MOST_SEEDS:
+        raise InputError(f"--seeds {seeds}: too many; accepted: at most {_MOST_SEEDS}")
     names = _chosen("--reactions", reactions, REGISTRY)
     within = _chosen("--groups", groups, GROUPS)
     count = worker_count(workers)
