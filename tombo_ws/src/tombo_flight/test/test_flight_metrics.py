@@ -45,6 +45,7 @@ class Made:
             "fold": np.zeros((n, 4)),
             "damage": np.zeros((n, 4)),
             "contact": np.zeros((n, 5)),
+            "contact_force": np.zeros((n, 3)),
             "mode": np.full((n, 1), float(Phase.HOVER)),
             "position_setpoint": np.tile(X_R, (n, 1)),
         }
@@ -67,12 +68,12 @@ class Made:
         self.set("contact", at, at + 0.01, [1.0, rotor, *point])
         return self.set("mode", at + 0.05, 99.0, Phase.REACT)
 
-    def detected(self, stamp, arrival, trigger="innovation"):
+    def detected(self, stamp, arrival, trigger="innovation", rotor=-1):
         place = np.array([1.7, 0.0, 2.0])
         ahead = np.array([1.0, 0.0, 0.0])
         count = len(self.detections) + 1
         self.detections.append(
-            CollisionEvent(stamp, trigger, stamp, place, ahead, 0.99, 80.0, count)
+            CollisionEvent(stamp, trigger, stamp, place, ahead, 0.99, 80.0, count, rotor)
         )
         self.arrivals.append(arrival)
         return self
@@ -347,6 +348,26 @@ def test_a_flight_cut_off_at_any_time_has_figures(ticks):
         assert figures["unstable_phase_s"] == pytest.approx(0.6)
     elif ticks > 4001:
         assert figures["unstable_phase_s"] is None
+
+
+def test_peak_force_is_the_largest_vector_from_contact_on():
+    made = collision().set("contact_force", 3.9, 3.95, 99.0)  # before the contact
+    made.set("contact_force", 4.0, 4.01, [3.0, 0.0, 4.0]).set(
+        "contact_force", 6.0, 6.01, [4.5] * 3
+    )
+    figures, _ = made.summary()
+    assert figures["peak_contact_force_n"] == pytest.approx(4.5 * math.sqrt(3.0), abs=1e-6)
+    assert Made().summary()[0]["peak_contact_force_n"] is None
+
+
+@pytest.mark.parametrize(
+    ("trigger", "rotor", "named"),
+    [("imu", 2, "front_left"), ("imu", -1, None), ("innovation", 0, None)],
+)
+def test_the_struck_rotor_is_named_by_the_imu_alone(trigger, rotor, named):
+    figures, _ = Made().touched().detected(4.003, 4.004, trigger, rotor).summary()
+    assert figures["struck_rotor"] == named
+    assert figures["contact_known_s"] == pytest.approx(0.004)
 
 
 def test_strikes_and_broken_rotors_are_counted():

@@ -148,6 +148,7 @@ def test_what_only_the_truth_tells_is_not_made_up(flown, real):
     found = flight_from_bag(real).summary
     for key in (
         "contact_point_m", "contact_rotor", "detection_latency_s", "strikes", "rotors_broken",
+        "peak_contact_force_n",
     ):  # fmt: skip
         assert flown.summary[key] is not None, key
         assert found[key] is None, key

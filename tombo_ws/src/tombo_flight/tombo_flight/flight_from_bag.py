@@ -452,8 +452,11 @@ def _without_truth(
     summary: dict[str, Any], events: list[dict[str, Any]]
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Remove figures that need the ground truth, and mark them as missing."""
-    unknown = ("contact_point_m", "contact_rotor", "detection_latency_s", "strikes")
-    result = {**summary, **dict.fromkeys((*unknown, "rotors_broken")), "known_from": "mocap"}
+    unknown = (
+        *("contact_point_m", "contact_rotor", "detection_latency_s", "strikes"),
+        *("peak_contact_force_n", "rotors_broken"),
+    )
+    result = {**summary, **dict.fromkeys(unknown), "known_from": "mocap"}
     words = {"contact": "contact, as the detector has it"}
     return result, [{**e, "text": words.get(str(e["kind"]), e["text"])} for e in events]
 

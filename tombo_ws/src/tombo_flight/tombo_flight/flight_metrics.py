@@ -168,6 +168,7 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
         events.append(event(t[broken[0]], "rotor_broken", "a blade tears off"))
     summary |= {
         "strikes": _strikes(log["fold"]),
+        "peak_contact_force_n": _number(_largest(log["contact_force"][c:])) if collided else None,
         "rotors_broken": int((log["damage"][-1] >= 1.0).sum()) if t.size else 0,
         "crashed": crash is not None,
         "crash_time_s": None if crash is None else _number(t[crash]),
@@ -230,7 +231,8 @@ def _detection(flight: MetricsInput, c: int | None) -> dict[str, Any]:
     poses = [pair for pair in true if pair[0].trigger != _IMU]
     first, arrival = poses[0] if poses else (None, None)
     known = min((at for _, at in true), default=None)
-    struck = next((e.rotor for e, _ in true if e.rotor != UNKNOWN_ROTOR), None)
+    by_imu = (e.rotor for e, _ in true if e.trigger == _IMU)  # poses do not tell the rotor
+    struck = next((rotor for rotor in by_imu if rotor != UNKNOWN_ROTOR), None)
     # x_c, n_r and x_r belong together: after a second collision they are the second one's
     reaction = flight.reactions[-1] if flight.reactions else None
     x_c = reaction.x_c if reaction else first.x_c if first else None
@@ -284,6 +286,10 @@ def _strikes(fold: Array) -> int:
     """Count the times that a blade is folded up to more than half, over all rotors."""
     folded = fold > 0.5
     return int((folded[1:] & ~folded[:-1]).sum())
+
+
+def _largest(vectors: Array) -> float:
+    return float(np.linalg.norm(vectors, axis=1).max())
 
 
 def _tracking(flight: MetricsInput, c: int | None) -> dict[str, Any]:

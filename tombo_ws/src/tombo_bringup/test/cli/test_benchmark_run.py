@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tombo_bringup.cli.diagnosis.benchmark_run import PartFile
+from tombo_bringup.cli.part_file import PartFile
 from tombo_diagnosis.benchmark.runner import run_benchmark
 from tombo_dynamics.errors import InputError
 

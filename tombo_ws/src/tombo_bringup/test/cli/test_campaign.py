@@ -97,7 +97,8 @@ def test_spread_of_known_values():
 def flight(**changes):
     return {
         **dict.fromkeys(SPREAD_METRICS, 1.0), "collided": True, "detected": True, "landed": True,
-        "crashed": False, "false_alarms": 0, **changes,
+        "crashed": False, "false_alarms": 0, "struck_rotor": None, "contact_rotor": "front_left",
+        **changes,
     }  # fmt: skip
 
 
@@ -120,6 +121,23 @@ def test_recovery_is_aggregated_over_flights_that_settled_without_crash():
     assert (total["detected"], total["landed"], total["false_alarms"]) == (3, 3, 2)
     assert total["recovery_time_s"]["count"] == 3
     assert total["real_time_factor"] == 2.0
+
+
+def test_alarms_are_counted_by_the_hour_and_rotors_where_one_was_named():
+    named = ("front_left", "front_left", "rear_left", None)
+    flights = [flight(struck_rotor=rotor, duration_s=900.0) for rotor in named]
+    flights += [
+        flight(false_alarms=3, duration_s=1800.0),
+        flight(collided=False, contact_rotor=None, struck_rotor="front_left", duration_s=0.0),
+    ]
+
+    total = aggregate(flights, 2.0)
+
+    assert total["false_alarms_per_hour"] == 2.0  # 3 in an hour and a half
+    assert (total["struck_rotor_named"], total["struck_rotor_right"]) == (3, 0.666667)
+    nothing = aggregate([], 0.0)
+    assert nothing["false_alarms_per_hour"] is nothing["struck_rotor_right"] is None
+    assert nothing["crash_rate"] is nothing["crash_rate_95"] is None
 
 
 def test_two_modes_are_told_by_median_and_range_not_by_the_mean(tombo):

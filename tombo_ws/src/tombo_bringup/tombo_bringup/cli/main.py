@@ -14,6 +14,7 @@ from tombo_bringup.cli.diagnosis.diagnose_command import DIAGNOSE_EXIT_CODES, di
 from tombo_bringup.cli.diagnosis.many_paths import ManyPathsCommand
 from tombo_bringup.cli.effects_command import effects
 from tombo_bringup.cli.errors import exit_code_of
+from tombo_bringup.cli.flight.arena_command import ARENA_EXIT_CODES, arena
 from tombo_bringup.cli.flight.fly_command import EXIT_CODES, fly
 from tombo_bringup.cli.flight.hil_command import HIL_EXIT_CODES, hil
 from tombo_bringup.cli.flight.optional_url import OptionalUrlCommand
@@ -39,6 +40,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command(epilog=EXIT_CODES, cls=OptionalUrlCommand)(fly)
+app.command(epilog=ARENA_EXIT_CODES)(arena)
 app.command(epilog=UP_EXIT_CODES, cls=OptionalUrlCommand)(up)
 app.command(epilog=PX4_EXIT_CODES)(px4)
 app.command(epilog=HIL_EXIT_CODES)(hil)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Annotated, Any
 
@@ -90,6 +91,19 @@ def _check_duration(duration: float | None) -> float | None:
     return duration
 
 
+def worker_count(workers: int | None) -> int:
+    """Return how many processes --workers means.
+
+    Raises:
+        InputError: out of bounds.
+    """
+    count = len(os.sched_getaffinity(0)) if workers is None else workers
+    if not 1 <= count <= _MOST_WORKERS:
+        raise InputError(f"--workers {count}: out of bounds; accepted: 1 to {_MOST_WORKERS}")
+    return count
+
+
+_MOST_WORKERS = 1024
 SEED_LIMIT = 2**63
 _SCENARIO = "A name of `tombo scenarios`, or a YAML file."
 ScenarioArgument = Annotated[
@@ -165,6 +179,7 @@ Px4Url = Annotated[
 Force = Annotated[
     bool, option("--force", "Replace the results in DIR; other files in it are left alone.")
 ]
+Workers = Annotated[int | None, integer_option("--workers W", "Processes. Default: one a core.")]
 JsonOnly = Annotated[bool, json_option("Print JSON only.")]
 UnpackLimit = Annotated[
     float | None,

@@ -217,6 +217,17 @@ def _spread(values: Mapping[str, Any]) -> str:
     return f"{values['median']:.2f} ({values['p05']:.2f} to {values['p95']:.2f})"
 
 
+def _arena(root: Path, data: Path) -> None:
+    from tombo_flight.arena.table import markdown
+
+    asked = ("arena", "--seeds", "5000:5030", "--groups", "collisions,free")
+    with TemporaryDirectory() as folder:
+        _tombo(*asked, "-o", folder)
+        results = json.loads((Path(folder) / "arena.json").read_text(encoding="utf-8"))
+    table = markdown(results, f"tombo {' '.join(asked)}")
+    _fill(root / "docs" / "reactions.md", {"arena": table})
+
+
 def _threshold(root: Path, data: Path) -> None:
     from tombo_flight.campaign import detector_threshold_study as study
 
@@ -305,6 +316,15 @@ PRODUCTS: Final = (
         ("tombo_propeller/tombo_propeller/reproduce", _PROPELLER),
     ),
     Product("calibration", ("docs/calibration.md#variations",), _calibration, (FLIGHTS,)),
+    Product(
+        "arena",
+        ("docs/reactions.md#arena",),
+        _arena,
+        (
+            *(FLIGHTS, "tombo_flight/tombo_flight/arena", "tombo_control/tombo_control/recovery"),
+            "tombo_collision/tombo_collision/reactions",
+        ),
+    ),
     Product(
         "threshold",
         ("docs/detector_threshold.png", "docs/collision.md#threshold"),

@@ -10,10 +10,12 @@ from scipy.special import betaincinv
 
 SPREAD_METRICS = (
     "detection_latency_s",
+    "contact_known_s",
     "max_falling_distance_m",
     "unstable_phase_s",
     "recovery_time_s",
     "strikes",
+    "peak_contact_force_n",
     "settled_error_m",
     "max_tilt_rad",
     "hover_rms_m",
@@ -70,29 +72,59 @@ def aggregate(flights: Sequence[Summary], wall_time_s: float) -> dict[str, Any]:
         wall_time_s: from the first start to the last landing, start of the processes included.
 
     Returns:
-        counts of flights, `crash_rate` and its 95 % interval, `false_alarms` in all of them, the
-        spread of each of `SPREAD_METRICS`,
-        `wall_time_s`, and `real_time_factor`: flight time of all over `wall_time_s`.
+        what `flight_statistics` returns, `wall_time_s`, and `real_time_factor`: flight time of
+        all over `wall_time_s`.
     """
-    flown_s = sum(float(flight["duration_s"]) for flight in flights)
+    return {
+        **flight_statistics(flights),
+        "wall_time_s": wall_time_s,
+        "real_time_factor": _flown_s(flights) / wall_time_s if wall_time_s > 0.0 else None,
+    }
+
+
+def flight_statistics(flights: Sequence[Summary]) -> dict[str, Any]:
+    """Return the figures of many flights.
+
+    Args:
+        flights: the summaries.
+
+    Returns:
+        counts of flights, `crash_rate` and its 95 % interval, `false_alarms` in all of them and an
+        hour of flight, `struck_rotor_named`: flights with the reaction's estimate of the rotor
+        that has touched, `struck_rotor_right`: the share of these in which it is the true one,
+        and the spread of each of `SPREAD_METRICS`. Shares and rates of nothing are None.
+    """
     crashed = _count(flights, "crashed")
+    alarms = sum(int(flight["false_alarms"]) for flight in flights)
+    named = [f for f in flights if f["struck_rotor"] is not None and f["collided"]]
+    right = sum(flight["struck_rotor"] == flight["contact_rotor"] for flight in named)
+    hours = _flown_s(flights) / 3600.0
     return {
         "flights": len(flights),
         "collided": _count(flights, "collided"),
         "detected": _count(flights, "detected"),
         "crashed": crashed,
         "not_crashed": len(flights) - crashed,
-        "crash_rate": round(crashed / len(flights), 6) if flights else None,
+        "crash_rate": _share(crashed, len(flights)),
         "crash_rate_95": share_interval(crashed, len(flights)),
         "recovered": sum(
             not flight["crashed"] and flight["recovery_time_s"] is not None for flight in flights
         ),
         "landed": _count(flights, "landed"),
-        "false_alarms": sum(int(flight["false_alarms"]) for flight in flights),
+        "false_alarms": alarms,
+        "false_alarms_per_hour": _share(alarms, hours),
+        "struck_rotor_named": len(named),
+        "struck_rotor_right": _share(right, len(named)),
         **{name: spread([flight[name] for flight in flights]) for name in SPREAD_METRICS},
-        "wall_time_s": wall_time_s,
-        "real_time_factor": flown_s / wall_time_s if wall_time_s > 0.0 else None,
     }
+
+
+def _share(count: int, of: float) -> float | None:
+    return round(count / of, 6) if of else None
+
+
+def _flown_s(flights: Sequence[Summary]) -> float:
+    return sum(float(flight["duration_s"]) for flight in flights)
 
 
 def _count(flights: Sequence[Summary], key: str) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -21,7 +22,8 @@ from tombo_flight.report.tables import comparison_table, events_table, key_figur
 if TYPE_CHECKING:
     from tombo_flight.flight_record import FlightRecord
 
-SCRIPTS: Final = ("flight.js", "camera.js", "vehicle.js", "scene.js", "charts.js", "player.js")
+_PLAYER: Final = ("flight.js", "camera.js", "vehicle.js", "scene.js", "charts.js", "player.js")
+SCRIPTS: Final = (*_PLAYER, "one_flight.js")
 """Scripts of the page, in the order in which they are joined."""
 
 _CLASSES: Final = {
@@ -50,6 +52,7 @@ def report_html(record: FlightRecord, plot_png: bytes) -> str:
     body = fill(
         asset("report.html"),
         {
+            "stage": replay_stage(),
             "name": escape(milestones.name),
             "verdict": escape(milestones.verdict.value),
             "verdict_class": _CLASSES[milestones.verdict],
@@ -62,10 +65,39 @@ def report_html(record: FlightRecord, plot_png: bytes) -> str:
             "summary": values_table(record.summary),
             "milestones_json": script_json(milestones_block(record, milestones)),
             "flight_json": script_json(flight_block(record, milestones)),
-            "script": "\n".join(asset(name) for name in SCRIPTS),
+            "script": _joined(SCRIPTS),
         },
     )
     return document(f"{milestones.name}: {milestones.verdict.value}", body, scripts=True)
+
+
+def replay_stage() -> str:
+    """Return the stage on which `replay_scripts` shows flights, as HTML."""
+    return asset("stage.html")
+
+
+def replay_scripts(records: Sequence[FlightRecord]) -> str:
+    """Return data and scripts for the end of a page, which show some flights on its stage.
+
+    The first one is shown; a button with `data-flight="N"` shows the N-th, from 0.
+    """
+    parts = []
+    for place, record in enumerate(records):
+        milestones = find_milestones(record)
+        blocks = {
+            "milestones": milestones_block(record, milestones),
+            "flight": flight_block(record, milestones),
+        }
+        parts += [
+            f'<script id="{name}-{place}" type="application/json">{script_json(block)}</script>'
+            for name, block in blocks.items()
+        ]
+    parts.append(f"<script>\n{_joined((*_PLAYER, 'some_flights.js'))}\n</script>")
+    return "\n".join(parts)
+
+
+def _joined(scripts: Sequence[str]) -> str:
+    return "\n".join(asset(name) for name in scripts)
 
 
 def _facts(record: FlightRecord, milestones: FlightMilestones) -> str:

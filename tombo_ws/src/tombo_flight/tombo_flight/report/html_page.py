@@ -45,6 +45,8 @@ class Page:
     """Its colour: good, warn or bad."""
     css: str = ""
     """Beside that of all pages."""
+    scripts: str = ""
+    """Script elements, HTML, at the end."""
 
 
 def page_html(page: Page) -> str:
@@ -57,9 +59,10 @@ def page_html(page: Page) -> str:
         f'  <h1 class="large">{escape(page.headline)}</h1>\n'
         f'  <p class="summary">{escape(page.summary)}</p>\n  {cards(page.cards)}\n</header>\n\n'
         f"<main>\n{''.join(_panel(*section) for section in page.sections)}\n</main>\n\n"
-        f"<footer>\n  <p>{escape(page.footer)}</p>\n</footer>"
+        f"<footer>\n  <p>{escape(page.footer)}</p>\n</footer>\n{page.scripts}"
     )
-    return document(page.title, body, asset("results.css") + page.css)
+    css = asset("results.css") + page.css
+    return document(page.title, body, css, scripts=bool(page.scripts))
 
 
 def document(title: str, body: str, css: str = "", *, scripts: bool = False) -> str:

@@ -14,12 +14,11 @@ from tombo_bringup.cli.diagnosis.benchmark_run import (
     AsJson,
     Cases,
     Output,
-    Workers,
     checked,
     run_and_print,
 )
 from tombo_bringup.cli.diagnosis.benchmark_stand_command import benchmark_stand
-from tombo_bringup.cli.options import Seed
+from tombo_bringup.cli.options import Seed, Workers
 
 app = typer.Typer()
 

@@ -8,15 +8,8 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from tombo_bringup.cli.diagnosis.benchmark_run import (
-    AsJson,
-    Cases,
-    Output,
-    Workers,
-    checked,
-    run_and_print,
-)
-from tombo_bringup.cli.options import Seed, integer_option, number_option
+from tombo_bringup.cli.diagnosis.benchmark_run import AsJson, Cases, Output, checked, run_and_print
+from tombo_bringup.cli.options import Seed, Workers, integer_option, number_option
 from tombo_dynamics.errors import InputError
 
 FAULT_EXIT_CODES: Final = (

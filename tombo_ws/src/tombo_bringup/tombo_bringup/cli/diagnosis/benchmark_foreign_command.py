@@ -9,15 +9,8 @@ from functools import partial
 
 import typer
 
-from tombo_bringup.cli.diagnosis.benchmark_run import (
-    AsJson,
-    Cases,
-    Output,
-    Workers,
-    checked,
-    run_and_print,
-)
-from tombo_bringup.cli.options import Seed
+from tombo_bringup.cli.diagnosis.benchmark_run import AsJson, Cases, Output, checked, run_and_print
+from tombo_bringup.cli.options import Seed, Workers
 from tombo_dynamics.errors import InputError
 
 

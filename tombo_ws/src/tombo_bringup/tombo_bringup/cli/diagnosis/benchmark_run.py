@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-import json
-import os
-from collections import UserDict
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
 
-from tombo_bringup.cli.options import integer_option, json_option
+from tombo_bringup.cli.options import integer_option, json_option, worker_count
+from tombo_bringup.cli.part_file import PartFile
 from tombo_bringup.cli.result_files import unwritable, write_file
-from tombo_dynamics.errors import InputError, shown
+from tombo_dynamics.errors import InputError
 
 EXIT_CODES: Final = (
     "Exit code: 0 whatever the score; 2 for bad input or output that can't be written; 130 after "
     "Ctrl-C."
 )
 _MOST_CASES: Final = 100_000
-_MOST_WORKERS: Final = 1024
 
 Cases = Annotated[int, integer_option("--cases N", "How many cases.")]
-Workers = Annotated[int | None, integer_option("--workers W", "Processes. Default: one a core.")]
 Output = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="FILE", help="Write the JSON there as well."),
@@ -37,13 +33,9 @@ def checked(cases: int, workers: int | None, output: Path | None) -> int:
     Raises:
         InputError: an option is out of bounds, or the output can't be written.
     """
-    count = (os.cpu_count() or 1) if workers is None else workers
-    for name, value, most in (
-        ("--cases", cases, _MOST_CASES),
-        ("--workers", count, _MOST_WORKERS),
-    ):
-        if not 1 <= value <= most:
-            raise InputError(f"{name} {value}: out of bounds; accepted: 1 to {most}")
+    if not 1 <= cases <= _MOST_CASES:
+        raise InputError(f"--cases {cases}: out of bounds; accepted: 1 to {_MOST_CASES}")
+    count = worker_count(workers)
     if output is not None:
         _try_to_write(output)
     return count
@@ -98,58 +90,6 @@ def run_and_print(
     show(result.aggregate, len(result.cases))
     if output is not None:
         typer.echo(f"Wrote {output}")
-
-
-class PartFile(UserDict[int, dict[str, Any]]):
-    """Scores of a benchmark by number, one a line of a file; a line cut by a kill is left out."""
-
-    def __init__(self, path: Path, run: str) -> None:
-        """Read what is there.
-
-        Args:
-            path: the file, made with the first score.
-            run: command and seed that the scores are of.
-
-        Raises:
-            InputError: it is of another run, or can't be read.
-        """
-        super().__init__()
-        self.path = path
-        self._run = run
-        try:
-            lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"'{path}' can't be read: {error}") from error
-        for line in lines:
-            try:
-                kept_run, number, row = json.loads(line)
-            except (ValueError, TypeError):
-                continue
-            if kept_run != run:
-                raise InputError(
-                    f"'{path}' is of {shown(kept_run)}, this is {shown(run)}; accepted: the same "
-                    "command and seed, or another -o"
-                )
-            self.data[number] = row
-
-    def __setitem__(self, number: int, row: dict[str, Any]) -> None:
-        """Append a score.
-
-        Raises:
-            InputError: it can't be written.
-        """
-        text = json.dumps([self._run, number, row], default=_number)
-        try:
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write("\n" + text)  # a line that a kill has cut ends here
-        except OSError as error:
-            raise unwritable(self.path, error) from error
-        self.data[number] = row
-
-
-def _number(value: Any) -> Any:
-    """Return a number or list of numpy as Python's own."""
-    return value.tolist()
 
 
 def _try_to_write(path: Path) -> None:

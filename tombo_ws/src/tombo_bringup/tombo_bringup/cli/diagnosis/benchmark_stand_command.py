@@ -5,15 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from tombo_bringup.cli.diagnosis.benchmark_run import (
-    AsJson,
-    Cases,
-    Output,
-    Workers,
-    checked,
-    run_and_print,
-)
-from tombo_bringup.cli.options import Seed
+from tombo_bringup.cli.diagnosis.benchmark_run import AsJson, Cases, Output, checked, run_and_print
+from tombo_bringup.cli.options import Seed, Workers
 
 _ROWS: Final[tuple[tuple[str, str, str, float], ...]] = (
     ("top1_large", "right cause first, large", ">= 95 %", 0.95),

@@ -16,7 +16,8 @@ class Player {
     this.wireKeys();
     this.readColours();
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.readColours());
-    new ResizeObserver(() => { this.charts.draw(); this.ask(); }).observe(document.querySelector(".stage"));
+    this.resized = new ResizeObserver(() => { this.charts.draw(); this.ask(); });
+    this.resized.observe(document.querySelector(".stage"));
     if (milestones.mark_s !== null) this.aroundMark();
     this.ask();
   }
@@ -45,12 +46,18 @@ class Player {
 
   /** Ask for one picture; more follow by themselves while something moves. */
   ask() {
-    if (this.asked) return;
+    if (this.asked || this.closed) return;
     this.asked = true;
     requestAnimationFrame((now) => {
       this.asked = false;
-      this.tick(now / 1000);
+      if (!this.closed) this.tick(now / 1000);
     });
+  }
+
+  /** Leave the page to another player. */
+  close() {
+    this.closed = true;
+    this.resized.disconnect();
   }
 
   tick(now) {
@@ -184,7 +191,7 @@ class Player {
 
   wireKeys() {
     document.addEventListener("keydown", (event) => {
-      if (event.ctrlKey || event.metaKey || event.altKey) return;
+      if (this.closed || event.ctrlKey || event.metaKey || event.altKey) return;
       const tag = event.target.tagName, onTime = event.target.id === "time";
       if (["INPUT", "SELECT", "TEXTAREA"].includes(tag) && !onTime) return;
       if (event.key === " " && ["BUTTON", "SUMMARY", "A"].includes(tag)) return;
@@ -206,7 +213,3 @@ class Player {
     });
   }
 }
-
-const readBlock = (id) => JSON.parse(document.getElementById(id).textContent);
-const player = new Player(decodeFlight(readBlock("flight")), readBlock("milestones"));
-document.documentElement.dataset.ready = "yes";

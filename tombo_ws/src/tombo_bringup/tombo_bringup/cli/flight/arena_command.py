@@ -1,0 +1,171 @@
+"""`tombo arena`: every reaction against a set of collisions, as one JSON and one page."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tombo_bringup.cli.flight.fly_command import parse_seeds
+from tombo_bringup.cli.options import Workers, json_option, option, output_option, worker_count
+from tombo_bringup.cli.result_files import check_output, unwritable, write_file
+from tombo_dynamics.errors import InputError, unknown_name
+
+if TYPE_CHECKING:
+    from tombo_bringup.cli.part_file import PartFile
+    from tombo_bringup.cli.progress import ProgressCallback
+    from tombo_flight.arena.flying import Plan
+    from tombo_flight.process.stop_signals import StopSignals
+
+ARENA_EXIT_CODES = (
+    "Exit code: 0 when all was flown, whatever became of the vehicles; 2 for bad input or output "
+    "that can't be written; 130 after Ctrl-C, 143 after SIGTERM: the same command goes on."
+)
+_MOST_SEEDS = 10_000
+_FLIGHTS = "flights.jsonl"
+_RESULTS = "arena.json"
+_PAGE = "arena.html"
+
+
+def arena(
+    seeds: Annotated[
+        str, option("--seeds A:B", "Each case with seeds A to B-1; the maps with a third of them.")
+    ] = "0:30",
+    reactions: Annotated[
+        str | None, option("--reactions A,B", "Of `tombo reactions`. Default: all.")
+    ] = None,
+    groups: Annotated[
+        str | None,
+        option(
+            "--groups A,B",
+            "Of collisions, free, configurations, speed_offset, angle_radius. Default: all.",
+        ),
+    ] = None,
+    clean: Annotated[bool, option("--clean", "Without the disturbances.")] = False,
+    workers: Workers = None,
+    output: Annotated[
+        str | None, output_option("Folder of the results. Default: runs/arena-A-B[-clean].")
+    ] = None,
+    force: Annotated[
+        bool, option("--force", "Fly again what is kept in DIR, as after a change of the code.")
+    ] = False,
+    as_json: Annotated[bool, json_option("Print arena.json, and nothing else.")] = False,
+) -> None:
+    """Fly every reaction against a set of collisions and compare them on one page.
+
+    Writes arena.json, arena.html and flights.jsonl, a line a flight. With more seeds, reactions or
+    groups the same folder flies only what is missing; so it does when it was stopped or killed.
+    """
+    from tombo_collision.reactions import REGISTRY
+    from tombo_flight.arena.cases import GROUPS, arena_cases
+    from tombo_flight.arena.flying import new_plan
+    from tombo_flight.process.stop_signals import StopSignals
+
+    range_ = parse_seeds(seeds)
+    if len(range_) > _MOST_SEEDS:
+        raise InputError(f"--seeds {seeds}: too many; accepted: at most {_MOST_SEEDS}")
+    names = _chosen("--reactions", reactions, REGISTRY)
+    within = _chosen("--groups", groups, GROUPS)
+    count = worker_count(workers)
+    check_output(output)
+    path = Path(output or f"runs/arena-{range_.start}-{range_.stop}{'-clean' if clean else ''}")
+    with StopSignals() as stop:
+        from tombo_bringup.cli.progress import progress_bar
+
+        with progress_bar() as on_progress:
+            on_progress("loading", 0.0)
+            kept = _kept(path, force)
+            cases = [case for case in arena_cases() if case.group in within]
+            plan = new_plan(names, cases, range_, disturbed=not clean)
+            code = _fly(plan, kept, count, stop, on_progress)
+            if code:
+                typer.echo(f"Error: interrupted; the same command goes on with '{path}'", err=True)
+                raise typer.Exit(code)
+            text, results = _write(path, plan, kept, range_, on_progress)
+    if as_json:
+        typer.echo(text, nl=False)
+        return
+    from tombo_bringup.cli.flight.arena_tables import print_arena
+
+    print_arena(results)
+    typer.echo(f"{path}: {_PAGE}, {_RESULTS}, {_FLIGHTS}")
+
+
+def _chosen(name: str, text: str | None, known: Iterable[str]) -> list[str]:
+    """Return names of a list with commas, in the order of those that are known; None: all."""
+    accepted = list(known)
+    given = accepted if text is None else [part.strip() for part in text.split(",")]
+    for one in given:
+        if one not in accepted:
+            raise unknown_name(name, one, accepted)
+    return [one for one in accepted if one in given]
+
+
+def _kept(path: Path, force: bool) -> PartFile:
+    """Return the flights that a folder has; make it if there is none.
+
+    Raises:
+        InputError: it has other things, or can't be written.
+    """
+    from tombo_bringup.cli.part_file import PartFile
+
+    flights = path / _FLIGHTS
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        if force:
+            flights.unlink(missing_ok=True)
+        elif not flights.exists() and any(path.iterdir()):
+            raise InputError(
+                f"-o {path}: it is not empty; accepted: a folder, new, empty or of an arena, or "
+                "--force"
+            )
+        with flights.open("a", encoding="utf-8"):
+            pass
+    except OSError as error:
+        raise unwritable(path, error) from error
+    return PartFile(flights, "arena")
+
+
+def _fly(
+    plan: Plan, kept: PartFile, workers: int, stop: StopSignals, on_progress: ProgressCallback
+) -> int:
+    """Fly what is missing; return the exit code of a signal, 0 without one."""
+    from tombo_flight.arena.flying import fly_plan
+
+    fly_plan(plan, kept, workers=workers, progress=_told(on_progress), stop=stop.asked)
+    return stop.exit_code
+
+
+def _told(on_progress: ProgressCallback) -> Callable[[int, int], None]:
+    """Return what shows the number of flights and the time left."""
+    began = time.monotonic()
+
+    def told(done: int, of: int) -> None:
+        left = (time.monotonic() - began) / done * (of - done)
+        on_progress(f"{done} of {of} flights, {_minutes(left)} left", done / of)
+
+    return told
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds / 60.0:.0f} min" if seconds >= 90.0 else f"{seconds:.0f} s"
+
+
+def _write(
+    path: Path, plan: Plan, kept: PartFile, seeds: range, on_progress: ProgressCallback
+) -> tuple[str, Mapping[str, Any]]:
+    """Write JSON and page; return the JSON and its content."""
+    from tombo_flight.arena.page import arena_html
+    from tombo_flight.arena.results import arena_results
+    from tombo_flight.flight_output import as_json, plain
+
+    results: dict[str, Any] = plain(arena_results(plan, kept, seeds))
+    on_progress("writing arena.html", 1.0)
+    page = arena_html(results, plan, kept)
+    text = as_json(results)
+    write_file(path / _RESULTS, text)
+    write_file(path / _PAGE, page)
+    return text, results

@@ -1,0 +1,63 @@
+"""Results of long work, kept as they come, so that what is stopped can go on."""
+
+from __future__ import annotations
+
+import json
+from collections import UserDict
+from pathlib import Path
+from typing import Any
+
+from tombo_bringup.cli.result_files import unwritable
+from tombo_dynamics.errors import InputError, shown
+
+
+class PartFile(UserDict[Any, dict[str, Any]]):
+    """Rows by number or name, one a line of a file; a line cut by a kill is left out."""
+
+    def __init__(self, path: Path, run: str) -> None:
+        """Read what is there.
+
+        Args:
+            path: the file, made with the first row.
+            run: command and seed that the rows are of.
+
+        Raises:
+            InputError: it is of another run, or can't be read.
+        """
+        super().__init__()
+        self.path = path
+        self._run = run
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"'{path}' can't be read: {error}") from error
+        for line in lines:
+            try:
+                kept_run, key, row = json.loads(line)
+            except (ValueError, TypeError):
+                continue
+            if kept_run != run:
+                raise InputError(
+                    f"'{path}' is of {shown(kept_run)}, this is {shown(run)}; accepted: the same "
+                    "command and seed, or another -o"
+                )
+            self.data[key] = row
+
+    def __setitem__(self, key: Any, row: dict[str, Any]) -> None:
+        """Append a row.
+
+        Raises:
+            InputError: it can't be written.
+        """
+        text = json.dumps([self._run, key, row], default=_number)
+        try:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write("\n" + text)  # a line that a kill has cut ends here
+        except OSError as error:
+            raise unwritable(self.path, error) from error
+        self.data[key] = row
+
+
+def _number(value: Any) -> Any:
+    """Return a number or list of numpy as Python's own."""
+    return value.tolist()

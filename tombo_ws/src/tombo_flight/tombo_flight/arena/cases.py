@@ -1,0 +1,155 @@
+"""The collisions that reactions are compared on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+import numpy as np
+
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_flight.report.paper_values import COLLISION_POINT_M
+from tombo_flight.scenario import Scenario, load_scenario
+
+COLLISIONS: Final = "collisions"
+FREE: Final = "free"
+CONFIGURATIONS: Final = "configurations"
+SPEED_OFFSET: Final = "speed_offset"
+ANGLE_RADIUS: Final = "angle_radius"
+GROUPS: Final[Mapping[str, str]] = {
+    COLLISIONS: "the collisions of `tombo scenarios`, and the paper's at other speeds",
+    FREE: "flight without an obstacle, for false alarms",
+    CONFIGURATIONS: "the paper's collision with each configuration of its Table I",
+    SPEED_OFFSET: "map: approach speed and lateral place of the pillar",
+    ANGLE_RADIUS: "map: angle between nose and course, and radius of the obstacle",
+}
+"""Name of a group of cases → what is in it."""
+
+_BASE: Final = "paper_collision"
+_SCENARIOS: Final = (
+    *(_BASE, "pillar_right", "pillar_wide", "pole", "short_strike", "side_hit", "rear_hit"),
+)
+_SPEEDS: Final = (0.5, 0.9, 1.2, 1.5)
+_MAP_SPEEDS: Final = (0.5, 0.75, 1.0, 1.25, 1.5)
+_MAP_OFFSETS: Final = (0.0, 0.1, 0.2, 0.27, 0.35, 0.45)
+_MAP_ANGLES: Final = (0, 30, 60, 90, 120, 150, 180)
+_MAP_RADII: Final = (0.03, 0.1, 0.25, 0.5)
+_MAP_SHARE: Final = 3
+"""A cell of a map flies one of so many seeds: neighbours tell about each other."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One collision: a scenario, with settings."""
+
+    name: str
+    group: str
+    scenario: str
+    settings: tuple[str, ...] = ()
+    one_of: int = 1
+    """The first of so many seeds are flown."""
+    place: tuple[float, float] = (0.0, 0.0)
+    """Of a cell in its map: x and y, in the units of its axes."""
+
+    def seeds(self, seeds: range) -> range:
+        """Return those of the seeds that are flown."""
+        return seeds[: math.ceil(len(seeds) / self.one_of)]
+
+
+@dataclass(frozen=True)
+class Match:
+    """A reaction in a case."""
+
+    reaction: str
+    case: Case
+    disturbed: bool
+
+    def scenario(self) -> Scenario:
+        """Return what is flown."""
+        over = ["disturbances=true"] if self.disturbed else []
+        reaction = f"reaction.name={self.reaction}"
+        return load_scenario(self.case.scenario, [*over, reaction, *self.case.settings])
+
+    def command(self, seed: int) -> str:
+        """Return the command that flies one flight of it alone."""
+        over = " --disturbances" if self.disturbed else ""
+        settings = "".join(f" --set {setting}" for setting in self.case.settings)
+        head = f"tombo fly {self.case.scenario} --reaction {self.reaction}{over}"
+        return f"{head}{settings} --seed {seed}"
+
+
+@cache
+def arena_cases() -> tuple[Case, ...]:
+    """Return all cases, group by group."""
+    paper = load_scenario(_BASE)
+    cases = [Case(name, COLLISIONS, name) for name in _SCENARIOS]
+    cases += [Case(f"{v:g} m/s", COLLISIONS, _BASE, (_speed(v),)) for v in _SPEEDS]
+    cases.append(Case("aggressive", FREE, "aggressive"))
+    cases += [
+        Case(f"Conf. {n}", CONFIGURATIONS, _BASE, (f"propeller.conf={n}",)) for n in range(1, 14)
+    ]
+    for y in _MAP_OFFSETS:
+        for v in _MAP_SPEEDS:
+            name, settings = f"{v:g} m/s, y = {y:g} m", (_speed(v), f"obstacle.y={y:g}")
+            cases.append(Case(name, SPEED_OFFSET, _BASE, settings, _MAP_SHARE, (v, y)))
+    for radius in _MAP_RADII:
+        for angle in _MAP_ANGLES:
+            name = f"{angle}°, radius {radius:g} m"
+            turned = _turned(paper, math.radians(angle), radius)
+            cases.append(Case(name, ANGLE_RADIUS, _BASE, turned, _MAP_SHARE, (angle, radius)))
+    return tuple(cases)
+
+
+def _speed(value: float) -> str:
+    return f"mission.approach_speed={value:g}"
+
+
+def _turned(paper: Scenario, angle: float, radius: float) -> tuple[str, ...]:
+    """Return settings: the paper's goal turned about the start, and a pillar that is touched."""
+    goal = math.hypot(paper.mission.goal_x, paper.mission.goal_y)
+    x, y = touching_pillar(paper, angle, radius)
+    return (
+        f"mission.goal_x={round(goal * math.cos(angle), 4):g}",
+        f"mission.goal_y={round(goal * math.sin(angle), 4):g}",
+        *(f"obstacle.x={x:g}", f"obstacle.y={y:g}", f"obstacle.radius={radius:g}"),
+    )
+
+
+def touching_pillar(paper: Scenario, angle: float, radius: float) -> tuple[float, float]:
+    """Return where a pillar stands so that a disc touches it as in the paper, on another course.
+
+    The vehicle's nose points along map x. The pillar is touched where the paper's is, x_c turned
+    by the angle, and in the paper's direction off the course, by the disc that is foremost in
+    that direction.
+
+    Args:
+        paper: its scenario.
+        angle: from the nose to the course, to the left [rad].
+        radius: of the pillar [m].
+
+    Returns:
+        Its axis in map, x and y [m].
+    """
+    distance = math.hypot(*COLLISION_POINT_M[:2])
+    hub, _ = _foremost(paper.vehicle, 0.0)
+    off = math.atan2(paper.obstacle.y - hub[1], paper.obstacle.x - hub[0] - distance)
+    towards = angle + off
+    hub, way = _foremost(paper.vehicle, towards)
+    reach = radius + paper.vehicle.rotor_radius
+    x, y = (distance * np.array([math.cos(angle), math.sin(angle)]) + hub[:2] + reach * way).round(
+        4
+    )
+    return float(x), float(y)
+
+
+def _foremost(vehicle: VehicleParams, towards: float) -> tuple[Array, Array]:
+    """Return the hub that is foremost in a direction; of two the left one; and that direction."""
+    way = np.array([math.cos(towards), math.sin(towards)])
+    left = np.array([-way[1], way[0]])
+    hubs = vehicle.rotor_positions()[:, :2]
+    hub: Array = hubs[np.argmax(hubs @ (way + 1e-6 * left))]
+    return hub, way
