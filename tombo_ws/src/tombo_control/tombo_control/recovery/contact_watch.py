@@ -15,9 +15,9 @@ from tombo_dynamics.rotation import rotated
 from tombo_dynamics.time_base import TICK_NS, TICK_S
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, VehicleParams
 
-_NOISE_TIME = 0.5
-"""s: time constant of the mean square of vibration."""
-_MOMENT_SHARE = 0.3
+_NOISE_TIME, _SMOOTH_TIME = 0.5, 0.02
+"""s: time constants of the mean squares of vibration, and of the yaw rate without it."""
+_MOMENT_SHARE = 0.2
 """Of the largest moment that the push can have: how well yaw tells of it."""
 _REST = 0.05
 """m/s: a vehicle that was slower has no direction of flight; it is taken against the push."""
@@ -29,11 +29,12 @@ class ContactWatch(Record):
     params = field("", "of the trigger", kind=ContactParams)
     mean_square = field("m^2/s^4", "of horizontal specific force, before a contact")
     above = field("1", "samples on end above the threshold", kind=int)
-    yaw_rates = field("rad/s", "of the last two samples, the later one first", 2)
+    yaw_rate = field("rad/s", "low-passed, before a contact")
+    yaw_square = field("rad^2/s^2", "mean square of the yaw rate about it")
     touch_tick = field("1", "of the first sample above the threshold", kind=int)
     gathers = field("1", "the rotor is not decided yet", kind=bool)
     push = field("m/s", "specific impulse since then, base_link x and y", 2)
-    yaw_rate_before = field("rad/s", "before the touch")
+    turning = field("m/s", "the same without the newest sample: what the gyro has felt", 2)
     position = field("m", "of base_link at the touch, map", 3)
     velocity = field("m/s", "at the touch, map", 3)
     tick = field("1", "of the decision", kind=int)
@@ -78,6 +79,10 @@ def watch_contact(
     limit = max(params.threshold**2, params.noise_factor**2 * contact.mean_square)
     share = TICK_S / _NOISE_TIME
     contact.mean_square += share * (min(square, limit) - contact.mean_square)
+    if not contact.gathers and square <= limit:
+        off = gyro[2] - contact.yaw_rate
+        contact.yaw_rate += TICK_S / _SMOOTH_TIME * off
+        contact.yaw_square += share * (off * off - contact.yaw_square)
     if contact.gathers:
         _gather(contact, ax, ay, square)
         if (tick - contact.touch_tick + 1) * TICK_S >= params.window - 1e-9:
@@ -90,8 +95,6 @@ def watch_contact(
         contact.gathers = contact.above >= params.samples
     else:
         contact.above = 0
-    contact.yaw_rates[1] = contact.yaw_rates[0]
-    contact.yaw_rates[0] = gyro[2]
 
 
 @compiled_call
@@ -100,13 +103,13 @@ def _begin(contact: ContactWatch, state: State, tick: int) -> None:
     contact.push[0] = 0.0
     contact.push[1] = 0.0
     contact.strength = 0.0
-    contact.yaw_rate_before = contact.yaw_rates[1]
     contact.position = state.position
     contact.velocity = state.velocity
 
 
 @compiled
 def _gather(contact: ContactWatch, ax: float, ay: float, square: float) -> None:
+    contact.turning = contact.push
     contact.push[0] += TICK_S * ax
     contact.push[1] += TICK_S * ay
     contact.strength = max(contact.strength, math.sqrt(square))
@@ -124,13 +127,15 @@ def _decide(
     contact.tick = tick
     px, py = contact.push[0], contact.push[1]
     size = math.sqrt(px * px + py * py)
-    gained = nominal.inertia_zz * (yaw_rate - contact.yaw_rate_before)
-    scale = nominal.mass * size * nominal.arm_length
+    gained = nominal.inertia_zz * (yaw_rate - contact.yaw_rate)
+    tx, ty = contact.turning[0], contact.turning[1]
+    scale = nominal.mass * math.sqrt(tx * tx + ty * ty) * nominal.arm_length
+    noise = nominal.inertia_zz * nominal.inertia_zz * contact.yaw_square
+    variance = _MOMENT_SHARE * _MOMENT_SHARE * scale * scale + noise
     best = math.inf
     for i in range(4):
-        moment = nominal.mass * nominal.arm_length * (ARM_X[i] * py - ARM_Y[i] * px)
-        off = (gained - moment) / (_MOMENT_SHARE * scale)
-        score = off * off + 2.0 * (1.0 + (px * ARM_X[i] + py * ARM_Y[i]) / size)
+        moment = nominal.mass * nominal.arm_length * (ARM_X[i] * ty - ARM_Y[i] * tx)
+        score = (gained - moment) ** 2 / variance + 1.0 + (px * ARM_X[i] + py * ARM_Y[i]) / size
         if score < best:
             best = score
             contact.rotor = i

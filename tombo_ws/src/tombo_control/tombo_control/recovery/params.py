@@ -30,9 +30,9 @@ class ContactParams:
         2.0, "1", (1.0, 20.0), "so many samples on end", "one alone may be a fault of the sensor"
     )
     window: float = param(
-        0.004,
+        0.005,
         "s",
-        (0.001, 0.02),
+        (0.002, 0.02),
         "from the first of them to the decision which rotor was struck",
         "push and yaw rate are then ten times their noise",
     )
