@@ -172,7 +172,9 @@ def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flown, reread):
     def edit(topic: str, messages: list[bytes]) -> list[bytes]:
         if topic != "/setpoint":
             return messages
-        return [*messages[:200], *(data[:-1] + b"\x08" for data in messages[200:250])]
+        # the phase is the byte before the last
+        edited = (data[:-2] + b"\x08" + data[-1:] for data in messages[200:250])
+        return [*messages[:200], *edited]
 
     mode = reread(edit=edit, keep=set_points(250)).log["mode"][:, 0]
     descent = int(flown.published["/setpoint"][0][200]) + 1

@@ -55,7 +55,16 @@ def changes(name: str, flown: Scenario, vehicle: str | None = None) -> list[str]
     left_out = (*_SAID_ELSEWHERE, *(("effects",) if flown.model else ()))
     found += ["model"] if flown.model else []
     with contextlib.suppress(InputError):  # it may be complete only with what was changed
-        before = dict(_leaves(as_mapping(load_scenario(name, vehicle=vehicle)), left_out))
+        plain = load_scenario(name, vehicle=vehicle)
+        whole = []  # what stands for several values
+        if flown.reaction.name != plain.reaction.name:
+            found.append(f"reaction_{flown.reaction.name}")
+            whole.append(f"reaction.name={flown.reaction.name}")
+        if flown.disturbances and not plain.disturbances:
+            found.append("disturbances")
+            whole.append("disturbances=true")
+        plain = load_scenario(name, whole, vehicle=vehicle)
+        before = dict(_leaves(as_mapping(plain), left_out))
         after = dict(_leaves(as_mapping(flown), left_out))
         for key, value in after.items():
             if key not in before or before[key] != value:

@@ -26,8 +26,8 @@ def test_no_run_replaces_another_one_by_default(tombo, tmp_path):
         assert tombo("fly", *SHORT).code == 0
     assert tombo("fly", *SHORT, "--conf", "0", "--no-reaction").code == 0
 
-    base = "hover-0-duration_0.3"
-    assert names(tmp_path / "runs") == {base, f"{base}-2", f"{base}-react_False-conf_0"}
+    base, third = "hover-0-duration_0.3", "hover-0-reaction_none-duration_0.3-conf_0"
+    assert names(tmp_path / "runs") == {base, f"{base}-2", third}
     assert all(names(folder) == UNRECORDED for folder in (tmp_path / "runs").iterdir())
 
 
