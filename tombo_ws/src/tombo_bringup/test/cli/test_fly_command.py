@@ -116,7 +116,7 @@ def test_options_reach_the_flight(tombo, tmp_path):
 
     assert (summary["conf"], summary["law"], summary["reaction"]) == (9, "published", "none")
     (folder,) = (tmp_path / "runs").iterdir()
-    label = "paper_collision-0-duration_2.0-conf_9-law_published-mass_0.9"
+    label = "paper_collision-0-reaction_none-duration_2.0-conf_9-law_published-mass_0.9"
     assert folder.name.startswith(label)
     report = (folder / "report.html").read_text()
     assert "<th scope='row'>vehicle.mass</th><td>0.9</td>" in report

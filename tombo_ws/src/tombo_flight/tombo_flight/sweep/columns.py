@@ -28,7 +28,8 @@ FIGURES: Mapping[str, str] = {
             ),
             *("detection_confidence", "max_falling_distance_m", "unstable_phase_s"),
             *("recovery_time_s", "settled_error_m", "max_tilt_rad", "duration_s"),
-            *("hover_rms_m", "approach_rms_m", "wall_time_s", "real_time_factor"),
+            *("hover_rms_m", "approach_rms_m", "peak_contact_force_n"),
+            *("wall_time_s", "real_time_factor"),
         ),
         "number",
     ),
@@ -38,7 +39,8 @@ LEFT_OUT = ("tombo_version", "model", "seed", "recorded_messages")
 """Keys of a summary that are the same for all flights, or stand in columns of their own."""
 WALL_COLUMNS = ("wall_time_s", "real_time_factor")
 """What differs between two sweeps of the same study."""
-_UNITS = ("rad", "m", "s")
+_UNITS = {"rad": "rad", "m": "m", "s": "s", "n": "N"}
+"""Ending of a figure's name → unit."""
 _AXES = ("x", "y", "z")
 
 
@@ -57,7 +59,7 @@ def row_of(summary: Mapping[str, Any]) -> dict[str, Any]:
 
 def unit_of(name: str) -> str:
     """Return the unit that the name of a figure ends with; empty: it has none."""
-    return next((unit for unit in _UNITS if name.endswith(f"_{unit}")), "")
+    return _UNITS.get(name.rpartition("_")[2], "")
 
 
 def schema_of(study: Study) -> pa.Schema:
