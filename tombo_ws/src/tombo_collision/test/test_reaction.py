@@ -7,9 +7,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from tombo_collision.decision import Estimate
+from tombo_collision.decision import Estimate, against_flight
 from tombo_collision.reactions import REGISTRY, reaction_from_mapping
-from tombo_collision.reactions.bounce import Bounce, bounce_direction
+from tombo_collision.reactions.bounce import Bounce
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import CollisionEvent
 from tombo_dynamics.params import validate
@@ -49,7 +49,7 @@ def test_x_r_lies_at_d_r_from_x_c_against_the_flight(x_c, direction, distance):
 
 @given(units)
 def test_n_r_is_horizontal_unless_the_flight_was_nearly_vertical(direction):
-    n_r = bounce_direction(direction)
+    n_r = against_flight(direction)
     across = np.hypot(direction[0], direction[1])
     if across > 0.21:
         assert n_r[2] == 0.0
@@ -119,7 +119,7 @@ def test_after_any_two_collisions_x_r_is_a_place_at_d_r(x_c, first, second):
     one = decide(None, event(x_c, first), P)
     assume(np.linalg.norm(one.n_r) > 0.0)
     # the worst place for the second: straight away from it is where the first was
-    there = one.x_c - P.distance * bounce_direction(second)
+    there = one.x_c - P.distance * against_flight(second)
     two = decide(one, event(there, second), P)
     assert np.linalg.norm(two.n_r) == pytest.approx(1.0)
     if (there + P.distance * two.n_r)[2] >= P.height_min:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -42,39 +41,28 @@ class Reference:
 
 @dataclass
 class Decision:
-    """What a reaction decides on a collision. Positions and directions in map.
-
-    With `guides` the set point is its `reference` until it is `over`; without, x_r at once, until
-    the mission flies there.
-    """
-
-    guides: ClassVar[bool] = False
+    """What a reaction decides on a collision: x_r at once, until the mission flies there."""
 
     x_c: Array
-    """(3) base_link at contact [m]."""
+    """(3) base_link at contact, map [m]."""
     n_r: Array
-    """(3) unit vector, from x_c to x_r."""
+    """(3) unit vector, from x_c to x_r, map."""
     x_r: Array
-    """(3) where to hold [m]."""
-
-    def reference(self, time_s: float, estimate: Estimate) -> Reference:
-        """Return the set point so long after the decision; asked at 50 Hz while it guides."""
-        raise NotImplementedError
-
-    def over(self, time_s: float, estimate: Estimate) -> bool:
-        """Return whether the mission holds x_r from now on; asked before each reference."""
-        return True
+    """(3) where to hold, map [m]."""
 
 
+_VERTICAL = 0.2
+"""A flight with less of its direction across is nearly vertical."""
 _NEAR, _SLOW, _CALM = 0.15, 0.2, 0.5
 """m, m/s, rad/s: nearer to x_r, slower and turning slower than that, the vehicle has arrived."""
 
 
 @dataclass
 class Guided(Decision):
-    """A way to x_r; the heading is the vehicle's own until it turns no more."""
+    """A way to x_r: its reference is the set point until it is over, then the mission holds x_r.
 
-    guides: ClassVar[bool] = True
+    The heading is the vehicle's own until it turns no more.
+    """
 
     timeout: float
     """So long after the decision it is over in any case [s]."""
@@ -86,13 +74,13 @@ class Guided(Decision):
         return self.x_r, np.zeros(3), np.zeros(3)
 
     def reference(self, time_s: float, estimate: Estimate) -> Reference:
-        """Return the way's point of now."""
+        """Return the set point so long after the decision; asked at 50 Hz."""
         if abs(estimate.rates[2]) > _CALM:
             self.yaw = yaw_of(estimate.attitude)
         return Reference(*self.motion(time_s, estimate), self.yaw)
 
     def over(self, time_s: float, estimate: Estimate) -> bool:
-        """Return whether the vehicle is at x_r and at rest, or time is up."""
+        """Return whether the vehicle is at x_r and at rest, or time is up; asked first."""
         if time_s > self.timeout:
             return True
         return (
@@ -100,6 +88,23 @@ class Guided(Decision):
             and length(estimate.velocity) < _SLOW
             and length(estimate.rates) < _CALM
         )
+
+
+def against_flight(flight_direction: Array) -> Array:
+    """Return n_r (3): opposite to the flight, horizontal unless the flight was nearly vertical."""
+    horizontal = np.array([flight_direction[0], flight_direction[1], 0.0])
+    across = length(horizontal)
+    if across < _VERTICAL:
+        return -flight_direction
+    escape: Array = -horizontal / across
+    return escape
+
+
+def back_off(x_c: Array, n_r: Array, distance: float, height_min: float) -> Array:
+    """Return x_r = x_c + distance n_r (3) [m], no lower than `height_min`."""
+    x_r = x_c + distance * n_r
+    x_r[2] = max(x_r[2], height_min)
+    return x_r
 
 
 def length(vector: Array) -> float:

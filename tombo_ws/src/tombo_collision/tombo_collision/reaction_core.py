@@ -13,9 +13,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, ClassVar
 
-from tombo_collision.decision import Decision, Estimate
+from tombo_collision.decision import Decision, Estimate, Guided
 from tombo_collision.params import ReactionLimits
-from tombo_collision.reactions import DEFAULT, REGISTRY, Reaction
+from tombo_collision.reactions import DEFAULT, EVENT_TOPICS, REGISTRY, Reaction
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Core
 from tombo_dynamics.errors import unknown_name
@@ -41,7 +41,7 @@ from tombo_dynamics.messages import (
     RecoveryMode,
 )
 from tombo_dynamics.records import Record, field, fill_record, parameter_record
-from tombo_dynamics.rotation import rotated
+from tombo_dynamics.rotation import rotate_vector
 from tombo_dynamics.stamp_check import is_future
 
 
@@ -101,7 +101,7 @@ class ReactionMemory(Record):
     mission = field("", "its last set point", kind=PositionSetpointRecord)
     mission_ns = field("ns", "when it came, as in the next three", kind=int)
     odometry_ns = field("ns", "the last estimate", kind=int)
-    velocity = field("m/s", "the estimate, map", 3)
+    velocity = field("m/s", "the estimate, base_link", 3)
     attitude = field("1", "the estimate, quaternion xyzw", 4)
     rates = field("rad/s", "the estimate, base_link", 3)
     mocap_ns = field("ns", "the last pose", kind=int)
@@ -172,12 +172,11 @@ def take_mission_setpoint(memory: ReactionMemory, setpoint: Any, now_ns: int) ->
 @compiled_call
 def take_estimate(memory: ReactionMemory, odometry: Any, now_ns: int) -> bool:
     """Take an estimate; False: its position is not finite, not taken."""
-    position, velocity = odometry.position, odometry.velocity
+    position = odometry.position
     if not math.isfinite(position[0] + position[1] + position[2]):
         return False
-    x, y, z = rotated(odometry.attitude, velocity[0], velocity[1], velocity[2])
-    memory.velocity[0], memory.velocity[1], memory.velocity[2] = x, y, z
     memory.position = position
+    memory.velocity = odometry.velocity
     memory.attitude = odometry.attitude
     memory.rates = odometry.rates
     memory.has_position = True
@@ -443,7 +442,7 @@ class ReactionCore(Core):
     def _choose(self, reaction: Reaction) -> None:
         self.reaction = reaction
         self.memory.recovers = reaction.recovers
-        self.memory.takes_contacts = "imu" in reaction.needs
+        self.memory.takes_contacts = EVENT_TOPICS["imu"] in reaction.event_topics()
 
     def on(
         self,
@@ -489,7 +488,8 @@ class ReactionCore(Core):
             decision = self.reaction.begin(unit, self._estimate(), self.decision)
             if decision is not None:
                 self._decision, self._decided_ns = decision, now_ns
-                memory.guides, memory.reference_ns = decision.guides, now_ns - _PERIOD_NS
+                memory.guides = isinstance(decision, Guided)
+                memory.reference_ns = now_ns - _PERIOD_NS
                 memory.contact_ns, memory.trigger = event.contact_stamp_ns, event.trigger
                 memory.x_c, memory.n_r, memory.x_r = decision.x_c, decision.n_r, decision.x_r
                 memory.collisions += 1
@@ -502,16 +502,13 @@ class ReactionCore(Core):
     @property
     def decision(self) -> Decision | None:
         """What was decided last; None before a collision."""
-        memory = self.memory
-        if not memory.collisions:
-            return None
-        return Decision(memory.x_c.copy(), memory.n_r.copy(), memory.x_r.copy())
+        return self._decision if self.memory.collisions else None
 
     def _estimate(self) -> Estimate:
         memory = self.memory
         return Estimate(
             memory.position.copy(),
-            memory.velocity.copy(),
+            rotate_vector(memory.attitude, memory.velocity),
             memory.attitude.copy(),
             memory.rates.copy(),
         )
@@ -519,7 +516,7 @@ class ReactionCore(Core):
     def _guide(self, now_ns: int) -> None:
         """Ask the decision for its reference, or whether it is over."""
         memory, decision = self.memory, self._decision
-        if decision is None:
+        if not isinstance(decision, Guided):
             return
         since, estimate = 1e-9 * (now_ns - self._decided_ns), self._estimate()
         memory.reference_ns = now_ns

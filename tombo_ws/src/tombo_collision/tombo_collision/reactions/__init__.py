@@ -15,14 +15,18 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, ClassVar
 
-from tombo_collision.decision import Decision, Estimate
+from tombo_collision.decision import Decision, Estimate, Guided, against_flight, back_off, length
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import unknown_name
 from tombo_dynamics.messages import CollisionEvent
-from tombo_dynamics.params import from_mapping
+from tombo_dynamics.params import from_mapping, param
+from tombo_dynamics.rotation import yaw_of
 
 DEFAULT = "bounce"
 REGISTRY: dict[str, type[Reaction]] = {}
 """Name -> reaction."""
+_LEAST_DIRECTION = 0.1
+"""A mixture of push and flight that is shorter has no direction."""
 EVENT_TOPICS = {"mocap": "/collision_event", "imu": "/contact_event"}
 """Sensor -> topic of the collisions that are seen in it."""
 
@@ -35,12 +39,14 @@ class Reaction(ABC):
     needs: ClassVar[tuple[str, ...]] = ("mocap",)
     """Sensors that it takes collisions from: mocap (the detector), imu (the contact trigger)."""
     recovers: ClassVar[bool] = False
-    """While it guides, and at a contact, the controller flies with the recovery's gains."""
+    """At a contact, and while a `Guided` decision holds, the controller flies with the gains of
+    the recovery."""
 
     def __init_subclass__(cls) -> None:
-        """Enter it into the registry."""
+        """Enter it into the registry, if it has a name of its own."""
         super().__init_subclass__()
-        REGISTRY[cls.name] = cls
+        if "name" in vars(cls):
+            REGISTRY[cls.name] = cls
 
     @classmethod
     def event_topics(cls) -> tuple[str, ...]:
@@ -58,6 +64,49 @@ class Reaction(ABC):
             estimate: the newest one.
             last: the decision on the collision before this one, if there was one.
         """
+
+
+@dataclass(frozen=True)
+class OffSurface(Reaction):
+    """What reactions share that leave along the push, and guide the vehicle on the way."""
+
+    needs: ClassVar[tuple[str, ...]] = ("mocap", "imu")
+
+    distance: float = param(0.8, "m", (0.05, 20.0), "d_r, from x_c to x_r", "as bounce")
+    height_min: float = param(
+        0.7, "m", (0.0, 100.0), "x_r is not put below this height", "clear of ground effect"
+    )
+    push_share: float = param(
+        1.0,
+        "1",
+        (0.0, 1.0),
+        "share of the push's direction in n_r, the rest is against the flight",
+        "the push points off the surface: the neighbour's disc leaves it too",
+    )
+    timeout: float = param(
+        4.0,
+        "s",
+        (0.5, 60.0),
+        "after this time the mission holds x_r with the cascade's gains",
+        "three times the recovery",
+    )
+
+    def begin(self, event: CollisionEvent, estimate: Estimate, last: Decision | None) -> Decision:
+        """Return the way to x_r = x_c + d_r n_r."""
+        x_c, n_r = event.contact_position, self._off_surface(event)
+        x_r = back_off(x_c, n_r, self.distance, self.height_min)
+        return self.way(Guided(x_c, n_r, x_r, self.timeout, yaw_of(estimate.attitude)), estimate)
+
+    def way(self, rest: Guided, estimate: Estimate) -> Guided:
+        """Return the way of this reaction in place of the one that rests at x_r."""
+        return rest
+
+    def _off_surface(self, event: CollisionEvent) -> Array:
+        """Return n_r (3): along the push, in part or whole; against the flight without one."""
+        against = against_flight(event.flight_direction)
+        mixed = (1.0 - self.push_share) * against + self.push_share * event.push
+        size = length(mixed)
+        return mixed / size if size > _LEAST_DIRECTION else against
 
 
 def reaction_from_mapping(values: Any, section: str = "reaction") -> Reaction:

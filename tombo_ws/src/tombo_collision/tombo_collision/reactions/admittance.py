@@ -8,17 +8,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from tombo_collision.decision import Decision, Estimate, Guided
-from tombo_collision.reactions import Reaction
-from tombo_collision.reactions.reflex import off_surface
+from tombo_collision.decision import Estimate, Guided
+from tombo_collision.reactions import OffSurface
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.messages import CollisionEvent
 from tombo_dynamics.params import param
-from tombo_dynamics.rotation import yaw_of
 
 
 @dataclass(frozen=True)
-class Admittance(Reaction):
+class Admittance(OffSurface):
     """The reference is the motion of a mass that the strike pushes off x_c.
 
     It starts at x_c with the velocity that the strike leaves the vehicle. A damped spring takes it
@@ -27,7 +24,6 @@ class Admittance(Reaction):
     """
 
     name: ClassVar[str] = "admittance"
-    needs: ClassVar[tuple[str, ...]] = ("mocap", "imu")
 
     mass: float = param(1.3, "kg", (0.1, 20.0), "virtual mass", "the vehicle's own")
     stiffness: float = param(
@@ -36,28 +32,17 @@ class Admittance(Reaction):
     damping: float = param(
         5.2, "N s/m", (0.1, 200.0), "of the damper", "critical: 2 sqrt(stiffness mass)"
     )
-    distance: float = param(0.8, "m", (0.05, 20.0), "d_r, from x_c to x_r", "as bounce")
-    height_min: float = param(
-        0.7, "m", (0.0, 100.0), "x_r is not put below this height", "clear of ground effect"
-    )
     timeout: float = param(
         6.0, "s", (0.5, 60.0), "after this time the mission holds x_r", "twice the motion's time"
     )
 
-    def begin(self, event: CollisionEvent, estimate: Estimate, last: Decision | None) -> Decision:
+    def way(self, rest: Guided, estimate: Estimate) -> Guided:
         """Return the motion from x_c to x_r."""
-        n_r = off_surface(event)
-        x_r = event.contact_position + self.distance * n_r
-        x_r[2] = max(x_r[2], self.height_min)
         return _Motion(
-            event.contact_position,
-            n_r,
-            x_r,
-            self.timeout,
-            yaw_of(estimate.attitude),
-            estimate.velocity,
-            math.sqrt(self.stiffness / self.mass),
-            0.5 * self.damping / math.sqrt(self.stiffness * self.mass),
+            **vars(rest),
+            start_velocity=estimate.velocity,
+            frequency=math.sqrt(self.stiffness / self.mass),
+            ratio=0.5 * self.damping / math.sqrt(self.stiffness * self.mass),
         )
 
 

@@ -8,13 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from tombo_collision.decision import Decision, Estimate
+from tombo_collision.decision import Decision, Estimate, against_flight, back_off, length
 from tombo_collision.reactions import Reaction
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import CollisionEvent
 from tombo_dynamics.params import param
-
-_VERTICAL = 0.2
 
 
 @dataclass(frozen=True)
@@ -42,33 +40,19 @@ class Bounce(Reaction):
         within half of d_r of the earlier x_c, it leaves along the sum of both directions, or
         sideways where the two cancel.
         """
-        x_c = event.contact_position
-        n_r = bounce_direction(event.flight_direction)
-        x_r = x_c + self.distance * n_r
+        x_c, n_r = event.contact_position, against_flight(event.flight_direction)
         if last is not None:
-            near = x_r - last.x_c
-            if math.sqrt(float(near @ near)) < 0.5 * self.distance:
+            near = x_c + self.distance * n_r - last.x_c
+            if length(near) < 0.5 * self.distance:
                 both = n_r + last.n_r
-                size = math.sqrt(float(both @ both))
+                size = length(both)
                 n_r = both / size if size > 0.3 else _sideways(n_r)
-                x_r = x_c + self.distance * n_r
-        x_r[2] = max(x_r[2], self.height_min)
-        return Decision(x_c, n_r, x_r)
-
-
-def bounce_direction(flight_direction: Array) -> Array:
-    """Return n_r (3): opposite to the flight, horizontal unless the flight was nearly vertical."""
-    horizontal = np.array([flight_direction[0], flight_direction[1], 0.0])
-    length = math.sqrt(float(horizontal @ horizontal))
-    if length < _VERTICAL:
-        return -flight_direction
-    escape: Array = -horizontal / length
-    return escape
+        return Decision(x_c, n_r, back_off(x_c, n_r, self.distance, self.height_min))
 
 
 def _sideways(direction: Array) -> Array:
     """Return a horizontal unit vector (3) across `direction`; map x for a vertical one."""
-    length = math.hypot(float(direction[0]), float(direction[1]))
-    if length < 1e-6:
+    across = math.hypot(float(direction[0]), float(direction[1]))
+    if across < 1e-6:
         return np.array([1.0, 0.0, 0.0])
-    return np.array([-direction[1], direction[0], 0.0]) / length
+    return np.array([-direction[1], direction[0], 0.0]) / across

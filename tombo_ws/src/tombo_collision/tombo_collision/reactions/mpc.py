@@ -10,13 +10,11 @@ from typing import ClassVar
 import daqp
 import numpy as np
 
-from tombo_collision.decision import Decision, Estimate, Guided
-from tombo_collision.reactions import Reaction
-from tombo_collision.reactions.reflex import off_surface
+from tombo_collision.decision import Estimate, Guided
+from tombo_collision.reactions import OffSurface
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.messages import CollisionEvent
 from tombo_dynamics.params import param
-from tombo_dynamics.rotation import rotate_vector, yaw_of
+from tombo_dynamics.rotation import rotate_vector
 from tombo_dynamics.vehicle import GRAVITY
 
 _STEPS, _STEP = 10, 0.1
@@ -26,7 +24,7 @@ _SIDES = 8
 
 
 @dataclass(frozen=True)
-class Mpc(Reaction):
+class Mpc(OffSurface):
     """At 50 Hz the best accelerations of the next second for a point mass, the first one flown.
 
     Best: least square of distance to x_r, velocity, acceleration and its change; under the limits
@@ -35,13 +33,8 @@ class Mpc(Reaction):
     """
 
     name: ClassVar[str] = "mpc"
-    needs: ClassVar[tuple[str, ...]] = ("mocap", "imu")
     recovers: ClassVar[bool] = True
 
-    distance: float = param(0.8, "m", (0.05, 20.0), "d_r, from x_c to x_r", "as bounce")
-    height_min: float = param(
-        0.7, "m", (0.0, 100.0), "x_r is not put below this height", "clear of ground effect"
-    )
     velocity_weight: float = param(
         0.15, "s^2", (0.0, 10.0), "weight of velocity squared against distance squared", "tuned"
     )
@@ -55,17 +48,10 @@ class Mpc(Reaction):
     thrust_max: float = param(
         1.6, "1", (1.05, 10.0), "highest thrust over the weight", "three rotors of four: 2.1 * 3/4"
     )
-    timeout: float = param(
-        4.0, "s", (0.5, 60.0), "after this time the mission holds x_r", "three times the recovery"
-    )
 
-    def begin(self, event: CollisionEvent, estimate: Estimate, last: Decision | None) -> Decision:
-        """Return the way to x_r."""
-        n_r = off_surface(event)
-        x_r = event.contact_position + self.distance * n_r
-        x_r[2] = max(x_r[2], self.height_min)
-        yaw = yaw_of(estimate.attitude)
-        return _Predicted(event.contact_position, n_r, x_r, self.timeout, yaw, self)
+    def way(self, rest: Guided, estimate: Estimate) -> Guided:
+        """Return the predicted way to x_r."""
+        return _Predicted(**vars(rest), params=self)
 
 
 @dataclass
@@ -89,15 +75,11 @@ def _problem(params: Mpc) -> tuple[Array, ...]:
 
     Returns:
         (3N, 3N) its matrix; (3N, 3), (3N, 3), (3N, 3) its gradient for an offset, a velocity and
-        the acceleration before; (M, 3N) the constraints' matrix.
+        the acceleration before; (M, 3N) the constraints' matrix; (M), (M) their bounds.
     """
-    later, unit = np.arange(1, _STEPS + 1), np.eye(3)
-    reach = np.zeros((_STEPS, _STEPS))
-    speed = np.zeros((_STEPS, _STEPS))
-    for i in range(_STEPS):
-        for j in range(i + 1):
-            reach[i, j] = _STEP**2 * (i - j + 0.5)
-            speed[i, j] = _STEP
+    steps, unit = np.arange(_STEPS), np.eye(3)
+    speed = _STEP * np.tri(_STEPS)
+    reach = _STEP * speed * (steps[:, None] - steps + 0.5)
     change = np.eye(_STEPS) - np.eye(_STEPS, k=-1)
     square = (
         reach.T @ reach
@@ -106,15 +88,20 @@ def _problem(params: Mpc) -> tuple[Array, ...]:
         + params.change_weight * change.T @ change
     )
     from_offset = reach.T @ np.ones(_STEPS)
-    from_velocity = reach.T @ (_STEP * later) + params.velocity_weight * speed.T @ np.ones(_STEPS)
-    from_before = -params.change_weight * change.T @ np.eye(_STEPS)[:, 0]
+    from_velocity = _STEP * reach.T @ (steps + 1) + params.velocity_weight * speed.sum(axis=0)
+    from_before = -params.change_weight * change[0]
     gradients = (from_offset, from_velocity, from_before)
-    whole = [np.kron(square, unit), *(np.kron(one[:, None], unit) for one in gradients)]
-    whole.append(np.kron(np.eye(_STEPS), _limits(params)[0]))
-    return tuple(one.astype(np.float64) for one in whole)
+    rows, bounds = _limits(params)
+    upper = np.tile(bounds, _STEPS)
+    found = (
+        np.kron(square, unit),
+        *(np.kron(one[:, None], unit) for one in gradients),
+        np.kron(np.eye(_STEPS), rows),
+        *(upper, np.full(upper.size, -1e30)),
+    )
+    return tuple(one.astype(np.float64) for one in found)
 
 
-@cache
 def _limits(params: Mpc) -> tuple[Array, Array]:
     """Return A (M, 3) and b (M): A a <= b holds an acceleration inside of tilt and thrust."""
     slope, inside = math.tan(params.tilt_max), math.cos(math.pi / _SIDES)
@@ -124,7 +111,7 @@ def _limits(params: Mpc) -> tuple[Array, Array]:
         x, y = math.cos(2.0 * math.pi * k / _SIDES), math.sin(2.0 * math.pi * k / _SIDES)
         rows.append((x, y, -slope * inside))
         bounds.append(slope * inside * GRAVITY)
-        for lean in (0.25 * math.pi / 2.0, 0.5 * math.pi / 2.0):
+        for lean in (math.pi / 8.0, math.pi / 4.0):
             c, s = math.cos(lean), math.sin(lean)
             rows.append((s * x, s * y, c))
             bounds.append(most * inside - c * GRAVITY)
@@ -142,10 +129,8 @@ def best_acceleration(params: Mpc, offset: Array, velocity: Array, before: Array
         velocity: (3) [m/s].
         before: (3) present acceleration [m/s^2].
     """
-    square, by_offset, by_velocity, by_before, rows = _problem(params)
+    square, by_offset, by_velocity, by_before, rows, upper, lower = _problem(params)
     gradient = by_offset @ offset + by_velocity @ velocity + by_before @ before
-    upper = np.tile(_limits(params)[1], _STEPS)
-    lower = np.full(upper.size, -1e30)
     found, _, flag, _ = daqp.solve(square, gradient, rows, upper, lower)
     if flag < 1:  # a feasible problem: only numbers beyond reason come here
         return np.zeros(3)
