@@ -61,10 +61,10 @@ from tombo_dynamics.messages import (
     RotorCommand,
 )
 from tombo_dynamics.propeller.impact import recovery_time
-from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, thrust_map_of
+from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_rotors
 from tombo_dynamics.records import Record, field, fill_record, parameter_record
 from tombo_dynamics.rotation import rotated
-from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
+from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.stamp_check import is_future
 from tombo_dynamics.time_base import SECOND_NS, TICK_S
 from tombo_dynamics.vehicle import VehicleParams
@@ -376,7 +376,7 @@ class ControllerCore(Core):
     def make(cls, records: Mapping[str, Any]) -> ControllerCore:
         """Return a new controller."""
         propeller, vehicle = records["propeller"], records["vehicle"]
-        maps = rotor_maps(thrust_map_of(propeller), vehicle)
+        maps = mounted_rotors(propeller, vehicle)
         safety, volume = records["safety"], records["volume"]
         core = cls(records["control"], vehicle, records["inputs"], maps, safety, volume)
         core.autopilot.recovery.recovery_time = recovery_time(propeller)

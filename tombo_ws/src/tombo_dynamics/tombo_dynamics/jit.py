@@ -158,6 +158,17 @@ def compiled(function: _Function) -> _Function:
     return _compile(function, inline=True)
 
 
+def compiled_loop(function: _Function) -> _Function:
+    """Compile as `compiled` does, for a tick's loop over many arrays.
+
+    References to arrays are not counted in it, which would be a fifth of a flight's time: so it
+    cannot allocate an array or return one.
+    """
+    if function.__annotations__["return"] not in ("None", "bool", "int", "float"):
+        raise TypeError(f"{function.__qualname__} returns more than a number")
+    return _compile(function, inline=True, counted=False)
+
+
 def compiled_call(function: _Function) -> _Function:
     """Compile as `compiled` does, but for a call: for what does not run in every tick.
 
@@ -166,8 +177,11 @@ def compiled_call(function: _Function) -> _Function:
     return _compile(function, inline=False)
 
 
-def _compile(function: _Function, inline: bool) -> _Function:
-    decorated: Any = numba.njit(nogil=True, forceinline=inline, error_model="numpy")(function)
+def _compile(function: _Function, inline: bool, counted: bool = True) -> _Function:
+    # always said whether references are counted: numba takes it from the caller otherwise
+    decorated: Any = numba.njit(nogil=True, forceinline=inline, error_model="numpy", _nrt=counted)(
+        function
+    )
     if isinstance(decorated, Dispatcher):  # NUMBA_DISABLE_JIT=1 gives the function itself
         decorated._cache = _FunctionCache(function)
     return decorated  # type: ignore[no-any-return]

@@ -182,7 +182,8 @@ def up_in_body(q: Array) -> Array:
 
 def tilt(q: Array) -> Array:
     """Return the angle [rad] between body z and `map` z of quaternions (..., 4)."""
-    angle: Array = np.arccos(np.clip(up_in_body(q)[..., 2], -1.0, 1.0))
+    upright = 1.0 - 2.0 * (q[..., 0] ** 2 + q[..., 1] ** 2)
+    angle: Array = np.arccos(np.clip(upright, -1.0, 1.0))
     return angle
 
 

@@ -43,7 +43,7 @@ from tombo_sim.kernel import (
     new_published,
     publish_reaction,
 )
-from tombo_sim.log_columns import LogRow
+from tombo_sim.log_columns import new_log, part_of
 from tombo_sim.sensing import Captures, MocapEntry
 
 _TOPICS = {
@@ -64,15 +64,18 @@ _CHUNK = 2048
 
 @dataclass
 class Workspace:
-    """Scratch memory for flights, reused from one to the next: fresh pages cost milliseconds."""
+    """Memory of flights, reused from one to the next: fresh pages cost milliseconds."""
 
-    log: Any = field(default_factory=lambda: np.zeros(0, LogRow.layout))
+    log: Any = field(default_factory=lambda: new_log(0))
+    published: Published = field(default_factory=lambda: new_published(0, 0))
+    _size: tuple[int, int] = (0, 0)
 
-    def rows(self, count: int) -> Any:
-        """Return a log of `count` rows; its content is what the last flight left."""
-        if self.log.shape[0] < count:
-            self.log = np.zeros(count, LogRow.layout)
-        return self.log[:count]
+    def for_flight(self, ticks: int, captures: int) -> tuple[Any, Published]:
+        """Return a log and tables of messages; their content is what the last flight left."""
+        if self._size < (ticks, captures):
+            self.log, self.published = new_log(ticks), new_published(ticks, captures)
+            self._size = (ticks, captures)
+        return part_of(self.log, ticks), self.published
 
 
 def fly_scenario(
@@ -89,7 +92,7 @@ def fly_scenario(
     Args:
         scenario: what to fly.
         seed: all randomness derives from it.
-        workspace: memory to reuse; the record's log then lives in it until the next flight.
+        workspace: memory to reuse; the record's arrays then live in it until the next flight.
         progress: called with the flight time [s] now and then.
         stop: asked now and then; True ends the flight where it is.
         prepare: called with the plant before the first tick, to change what a scenario
@@ -111,8 +114,7 @@ def fly_scenario(
     entries = np.zeros(captures.size, MocapEntry.layout)
     normals = setup.mocap_noise.standard_normal((captures.size, NOISE))
     poses = (captures, normals, entries, Captures.new())
-    log = (workspace or Workspace()).rows(ticks)
-    published = new_published(ticks, captures.size)
+    log, published = (workspace or Workspace()).for_flight(ticks, captures.size)
     cores: Any = [core_of(kind, scenario) for kind in CORES]
     reaction: ReactionCore = cores[CORES.index(ReactionCore)]
     memories, params = core_memories(*cores)
@@ -152,7 +154,7 @@ def fly_scenario(
         for i, (name, table) in enumerate(zip(Published._fields, published, strict=True))
     }
     flown = as_flown(scenario, seed, setup)
-    return _record(scenario, seed, flown, log[: flight["tick"]], entries, said, wall)
+    return _record(scenario, seed, flown, part_of(log, flight["tick"]), entries, said, wall)
 
 
 def _react(reaction: ReactionCore, published: Published, flight: Any) -> None:
@@ -190,8 +192,8 @@ def _record(
     published: dict[str, Any],
     wall: float,
 ) -> FlightRecord:
-    columns = {name: log[name] for name in LogRow.fields}
-    t: Array = np.arange(log.shape[0], dtype=np.float64) * TICK_S
+    columns = log._asdict()
+    t: Array = np.arange(log.position.shape[0], dtype=np.float64) * TICK_S
     detections, arrivals = _detections(scenario, published)
     status = published["reaction_status"]
     decided = status[np.diff(status["message"]["collisions"], prepend=0) > 0]

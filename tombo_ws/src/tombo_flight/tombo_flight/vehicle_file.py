@@ -25,6 +25,7 @@ from tombo_dynamics.propeller.mounted_propeller import (
     PropellerChoice,
     check_choice,
     mounted_configuration,
+    mounted_rotors,
     mounted_vehicle,
     thrust_map_of,
 )
@@ -106,7 +107,7 @@ class VehicleFile:
     @property
     def maps(self) -> RotorMaps:
         """The table of its rotors."""
-        return rotor_maps(thrust_map_of(self.propeller), self.vehicle)
+        return mounted_rotors(self.propeller, self.vehicle)
 
     def tolerance(self, key: str) -> float | None:
         """Return the noted standard deviation of section.key; None: there is none."""

@@ -27,7 +27,7 @@ from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.kernel import DETECTOR_STATUS, FlightProgress, core_memories, fly, new_published
-from tombo_sim.log_columns import LogRow
+from tombo_sim.log_columns import new_log
 from tombo_sim.sensing import Captures, MocapEntry
 
 VEHICLE = VehicleParams()
@@ -50,7 +50,7 @@ def capture_ticks(seconds):
 class Flight:
     """What a flight leaves behind: the log by names, the mocap table, both memories."""
 
-    log: np.ndarray
+    log: tuple
     mocap: np.ndarray
     delivered: list
     plant: np.void
@@ -58,10 +58,14 @@ class Flight:
     columns: dict = field(init=False)
 
     def __post_init__(self):
-        self.columns = {name: self.log[name] for name in LogRow.fields}
+        self.columns = self.log._asdict()
 
     def __getitem__(self, name):
         return self.columns[name]
+
+    def begins_like(self, other):
+        """Return whether the log is the beginning of another's, to the last bit."""
+        return all((b[: len(a)] == a).all() for a, b in zip(self.log, other.log, strict=True))
 
 
 def memories(effects, position=(0.0, 0.0, 1.5), yaw=0.2, obstacle=(0.0, 0.0, 0.0, 0.0), seed=0):
@@ -125,9 +129,9 @@ def fly_kernel(effects=None, seconds=1.0, seed=0, chunk=10**9, block=10**9, tick
     samples = captures.size
     noise = rng.standard_normal((samples, NOISE)) if mocap_noise is None else mocap_noise
     mocap = np.zeros(samples, MocapEntry.layout)
-    log = np.zeros(ticks, LogRow.layout)
-    for name in LogRow.fields:
-        log[name] = np.nan
+    log = new_log(ticks)
+    for column in log:
+        column[:] = np.nan
     poses = (captures, noise, mocap, Captures.new())
     cores, params = hovering_cores(plant, a)
     published = new_published(ticks, samples)

@@ -97,7 +97,7 @@ def test_accelerations_add_up_to_what_rates_and_velocity_gain(flight):
     """Over spans of 20 ms, in which the slope is taken to be straight from tick to tick."""
     model = along(flight, EFFECTS)
     span = 20
-    rows = np.arange(SETTLED, flight.log.shape[0] - span)
+    rows = np.arange(SETTLED, len(flight["position"]) - span)
     for column, name in (("angular_acceleration", "rates"), ("acceleration", "velocity")):
         slope = model[column]
         steps = 0.5 * (slope[1:] + slope[:-1]) * TICK

@@ -11,9 +11,9 @@ import numpy as np
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.propeller.mounted_propeller import mounted_vehicle, thrust_map_of
+from tombo_dynamics.propeller.mounted_propeller import mounted_rotors, mounted_vehicle
 from tombo_dynamics.rigid_body import begin_flight
-from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
+from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.propeller_effects import propulsion_effects
@@ -55,7 +55,7 @@ def begin(world: World, seed: int) -> FlightSetup:
             start inside the obstacle.
     """
     vehicle = mounted_vehicle(world.vehicle, world.propeller)
-    maps = rotor_maps(thrust_map_of(world.propeller), vehicle)
+    maps = mounted_rotors(world.propeller, vehicle)
     draw_seed, tick_seed, mocap_seed, spread_seed = np.random.SeedSequence(seed).spawn(4)
     given = propulsion_effects(world.propeller, vehicle, world.effects)
     uniform = np.random.default_rng(spread_seed).uniform(-1.0, 1.0, 4).tolist()

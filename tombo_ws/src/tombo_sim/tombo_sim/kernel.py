@@ -44,7 +44,7 @@ from tombo_control.loops.cascade import cascade
 from tombo_control.mission_core import MissionCore, mission_step, take_estimate, take_reaction
 from tombo_dynamics import message_records as records
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.jit import compiled, compiled_call, compiled_loop
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
@@ -54,7 +54,6 @@ from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_sim.flight_end import UNDECIDED, FlightEnd, watch_end
 from tombo_sim.ground_truth import contact_force
-from tombo_sim.log_columns import LogRow
 from tombo_sim.sensing import MocapEntry, capture_pose, next_arrival, read_imu
 
 _MISSION_PERIOD_NS, _REACTION_PERIOD_NS = MissionCore.period_ns, ReactionCore.period_ns
@@ -167,7 +166,7 @@ def core_memories(
     )
 
 
-@compiled
+@compiled_loop
 def fly(
     vehicle: tuple[Any, ...],
     poses: tuple[Any, ...],
@@ -194,7 +193,7 @@ def fly(
         params: their parameters.
         published: what the cores have published; appended to here.
         flight: where the flight stands, changed.
-        log: (N,) `LogRow`, one is written for every tick.
+        log: `log_columns.Log`, a row is written for every tick.
         base: tick of the first row of the plant's normals.
         stop: first tick not to fly.
 
@@ -239,7 +238,7 @@ def fly(
         if cores.controller.contact.due:
             _publish_contact(cores.controller, published, flight)
         plant.rotor_command = controls.rotor_speed
-        write_row(plant, cores.estimator, cores.controller, cores.controller_autopilot, log[tick])
+        write_row(plant, cores.estimator, cores.controller, cores.controller_autopilot, log, tick)
         finish_tick(plant, noise, theta)
         flight.tick = tick + 1
         if collided or cores.reaction.pending > 0:
@@ -252,13 +251,13 @@ def fly(
     return False
 
 
-@compiled
+@compiled_loop
 def _newest(table: Any, count: int, tick: int) -> int:
     """Return the index of the message that was published in the tick before `tick`, or -1."""
     return count - 1 if count > 0 and table[count - 1].tick == tick - 1 else -1
 
 
-@compiled
+@compiled_loop
 def _watch_flight(
     plant: Plant, published: Any, flight: FlightProgress, estimator: EstimatorMemory
 ) -> None:
@@ -273,7 +272,7 @@ def _watch_flight(
         flight.end = min(flight.end, flight.tick + int(after / TICK_S + 0.5))
 
 
-@compiled
+@compiled_loop
 def _deliver_messages(cores: Any, published: Any, flight: FlightProgress, now: int) -> bool:
     """Hand reaction and controller what was published in the tick before.
 
@@ -363,7 +362,7 @@ def _step_mission(
         counts[MISSION_STATUS] += 1
 
 
-@compiled
+@compiled_loop
 def _publish_estimate(
     estimator: EstimatorMemory, published: Any, flight: FlightProgress, now: int
 ) -> None:
@@ -442,50 +441,53 @@ def fly_with_true_state(
         finish_tick(plant, noise, theta)
 
 
-@compiled
+@compiled_loop
 def write_row(
     plant: Plant,
     estimator: EstimatorMemory,
     controller: ControllerMemory,
     autopilot: Autopilot,
-    row: LogRow,
+    log: Any,
+    tick: int,
 ) -> None:
-    """Write the tick into a row of the log; `autopilot` is the controller's."""
-    contact, supply = plant.contact, plant.supply
-    estimate, setpoint = estimator.estimate, autopilot.setpoint
-    row.position = plant.state.position
-    row.velocity = plant.state.velocity
-    row.rates = plant.state.rates
-    row.gyro = plant.gyro
-    row.accel = plant.accel
-    row.position_setpoint = controller.setpoint.position
-    row.velocity_setpoint = controller.setpoint.velocity
-    row.acceleration_setpoint = controller.setpoint.acceleration
-    row.rates_setpoint = setpoint.rates
-    row.wind = plant.wind
+    """Write the tick into its row of the `log_columns.Log`; `autopilot` is the controller's."""
+    contact, supply, state = plant.contact, plant.supply, plant.state
+    estimate, setpoint, wanted = estimator.estimate, autopilot.setpoint, controller.setpoint
     for i in range(3):
-        row.contact[2 + i] = contact.point[i]
-        row.est_position[i] = estimate.position[i] if estimator.known else math.nan
-        row.est_velocity[i] = estimate.velocity[i] if estimator.known else math.nan
-        row.contact_force[i] = 0.0
+        log.position[tick, i] = state.position[i]
+        log.velocity[tick, i] = state.velocity[i]
+        log.rates[tick, i] = state.rates[i]
+        log.gyro[tick, i] = plant.gyro[i]
+        log.accel[tick, i] = plant.accel[i]
+        log.position_setpoint[tick, i] = wanted.position[i]
+        log.velocity_setpoint[tick, i] = wanted.velocity[i]
+        log.acceleration_setpoint[tick, i] = wanted.acceleration[i]
+        log.rates_setpoint[tick, i] = setpoint.rates[i]
+        log.wind[tick, i] = plant.wind[i]
+        log.contact[tick, 2 + i] = contact.point[i]
+        log.est_position[tick, i] = estimate.position[i] if estimator.known else math.nan
+        log.est_velocity[tick, i] = estimate.velocity[i] if estimator.known else math.nan
+        log.contact_force[tick, i] = 0.0
     if contact.touching:
         x, y, z = contact_force(plant)
-        row.contact_force[0], row.contact_force[1], row.contact_force[2] = x, y, z
-    row.contact[0] = contact.touching
-    row.contact[1] = contact.rotor
-    row.battery[0], row.battery[1], row.battery[2] = supply.charge, supply.current, supply.voltage
-    row.attitude = plant.state.attitude
-    row.rotor_speed = plant.rotor_speed
-    row.rotor_thrust = plant.rotor_thrust
-    row.fold = plant.fold
-    row.damage = plant.damage
-    row.attitude_setpoint = setpoint.attitude
-    row.rotor_command = plant.rotor_command
+        log.contact_force[tick, 0] = x
+        log.contact_force[tick, 1] = y
+        log.contact_force[tick, 2] = z
+    log.contact[tick, 0] = contact.touching
+    log.contact[tick, 1] = contact.rotor
+    log.battery[tick, 0] = supply.charge
+    log.battery[tick, 1] = supply.current
+    log.battery[tick, 2] = supply.voltage
     for i in range(4):
-        row.est_attitude[i] = estimate.attitude[i] if estimator.known else math.nan
-    row.thrust_setpoint[0] = setpoint.thrust
-    row.mode[0] = (
-        Phase.DESCEND_BLIND
-        if autopilot.mode_flown == Phase.DESCEND_BLIND
-        else controller.setpoint.phase
+        log.attitude[tick, i] = state.attitude[i]
+        log.rotor_speed[tick, i] = plant.rotor_speed[i]
+        log.rotor_thrust[tick, i] = plant.rotor_thrust[i]
+        log.fold[tick, i] = plant.fold[i]
+        log.damage[tick, i] = plant.damage[i]
+        log.attitude_setpoint[tick, i] = setpoint.attitude[i]
+        log.rotor_command[tick, i] = plant.rotor_command[i]
+        log.est_attitude[tick, i] = estimate.attitude[i] if estimator.known else math.nan
+    log.thrust_setpoint[tick, 0] = setpoint.thrust
+    log.mode[tick, 0] = (
+        Phase.DESCEND_BLIND if autopilot.mode_flown == Phase.DESCEND_BLIND else wanted.phase
     )

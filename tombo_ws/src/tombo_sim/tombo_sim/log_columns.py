@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections import namedtuple
+from typing import Any
+
+import numpy as np
+
 from tombo_dynamics.records import Record, field
 
 
@@ -33,3 +39,33 @@ class LogRow(Record):
     mode = field("1", "phase of the set point, or blind", 1)
     wind = field("m/s", "velocity of the air, map", 3)
     battery = field("", "charge used [A h], current [A], voltage [V]", 3)
+
+
+Log = namedtuple("Log", list(LogRow.fields))  # type: ignore[misc]
+"""One array a column of `LogRow`, a row a tick."""
+
+
+_STAGGER = 8
+"""Numbers, of 8 bytes: a line of cache."""
+
+
+def new_log(ticks: int) -> Any:
+    """Return an empty `Log`: each column lies in one piece, since it is read as one.
+
+    All are written in every tick, so they start at different places of their memory pages: a
+    processor's first cache has room for few lines of the same place.
+    """
+    shapes = [one.shape for one in LogRow.fields.values()]
+    sizes = [-(-ticks * math.prod(shape) // 512) * 512 + _STAGGER for shape in shapes]
+    pieces = np.split(np.zeros(sum(sizes)), np.cumsum(sizes)[:-1])
+    return Log(
+        *(
+            piece[: ticks * math.prod(shape)].reshape(ticks, *shape)
+            for piece, shape in zip(pieces, shapes, strict=True)
+        )
+    )
+
+
+def part_of(log: Any, ticks: int) -> Any:
+    """Return the first rows of a `Log`: views."""
+    return Log(*(column[:ticks] for column in log))

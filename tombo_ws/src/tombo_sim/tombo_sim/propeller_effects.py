@@ -11,9 +11,9 @@ from tombo_dynamics.propeller.mounted_propeller import (
     PropellerChoice,
     library_of,
     mounted_configuration,
-    thrust_map_of,
+    mounted_rotors,
 )
-from tombo_dynamics.rotor_maps import hover_point, rotor_maps
+from tombo_dynamics.rotor_maps import hover_point
 from tombo_dynamics.vehicle import VehicleParams
 
 _TOMBO_STRIKES = 3.0
@@ -74,7 +74,7 @@ def propulsion_effects(
 
 def _strength(propeller: PropellerChoice, vehicle: VehicleParams) -> tuple[float, float]:
     """Return spin momentum over radius, and energy, of a rotor in hover over the paper's."""
-    maps = rotor_maps(thrust_map_of(propeller), vehicle)
+    maps = mounted_rotors(propeller, vehicle)
     faster = hover_point(maps, vehicle).speed / _HOVER_SPEED
     paper = VehicleParams()
     momentum = vehicle.rotor_inertia / paper.rotor_inertia * faster

@@ -13,9 +13,9 @@ from tombo_control.planning.leg import Leg, hold_leg, store_leg, straight_leg
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.messages import Phase
-from tombo_dynamics.propeller.mounted_propeller import thrust_map_of
+from tombo_dynamics.propeller.mounted_propeller import mounted_rotors
 from tombo_dynamics.rigid_body import begin_flight
-from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
+from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.time_base import TICK_S
 from tombo_flight.scenario import Scenario
 from tombo_sim.kernel import fly_with_true_state
@@ -67,7 +67,7 @@ def new_flight(scenario: Scenario, seed: int) -> KernelFlight:
     autopilot = new_autopilot(
         scenario.control, scenario.estimator, vehicle, plant.state.position, plant.state.attitude
     )
-    maps = rotor_maps(thrust_map_of(scenario.propeller), vehicle)
+    maps = mounted_rotors(scenario.propeller, vehicle)
     return KernelFlight(scenario, plant, autopilot, maps, theta, zero_noise)
 
 

@@ -12,8 +12,8 @@ from dataclasses import replace
 
 from tombo_control.loops.loop_analysis import yaw_drive
 from tombo_control.params import ControlParams
-from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, thrust_map_of
-from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
+from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_rotors
+from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.vehicle import VehicleParams
 
 _YAW_CROSSOVER = 13.0
@@ -40,7 +40,7 @@ def gains_for(vehicle: VehicleParams, maps: RotorMaps) -> ControlParams:
     """
     plain, like = ControlParams(), VehicleParams()
     slow = min(1.0, like.motor_time_constant / vehicle.motor_time_constant)
-    like_maps = rotor_maps(thrust_map_of(PropellerChoice()), like)
+    like_maps = mounted_rotors(PropellerChoice(), like)
     yaw = _yaw_rate_gain(like, like_maps, 1.0) / _yaw_rate_gain(vehicle, maps, slow)
     turn = max(1.0, _turning(vehicle) / _turning(like))
     return replace(

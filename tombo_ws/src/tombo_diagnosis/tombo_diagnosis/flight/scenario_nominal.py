@@ -10,8 +10,8 @@ import numpy as np
 
 from tombo_diagnosis.flight.fit.parameters import parameters
 from tombo_diagnosis.flight.nominal import NominalModel
-from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, thrust_map_of
-from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
+from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_rotors
+from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_flight.vehicle_file import VehicleFile, vehicle_named
@@ -126,6 +126,6 @@ def nominal_of(scenario: Scenario, label: str) -> NominalModel:
     return NominalModel(
         label,
         world.vehicle,
-        rotor_maps(thrust_map_of(world.propeller), world.vehicle),
+        mounted_rotors(world.propeller, world.vehicle),
         propulsion_effects(world.propeller, world.vehicle, world.effects),
     )

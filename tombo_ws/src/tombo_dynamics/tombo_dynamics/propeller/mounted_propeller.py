@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
 from pathlib import Path
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
@@ -17,6 +19,7 @@ from tombo_dynamics.propeller.library import Library, read_library
 from tombo_dynamics.propeller.plain_propeller import PlainPropeller, read_curve
 from tombo_dynamics.propeller.records import Configuration
 from tombo_dynamics.propeller.thrust_map import ThrustMap, thrust_map
+from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_dynamics.vehicle import VehicleParams
 
 IMPACTS = ("rigid", "breaks", "folds")
@@ -172,6 +175,22 @@ def thrust_map_of(choice: PropellerChoice) -> ThrustMap | PlainPropeller:
     if choice.plain:
         return PlainPropeller(choice.k_thrust, choice.k_torque, choice.curve)
     return thrust_map(mounted_configuration(choice), law=choice.law)
+
+
+def mounted_rotors(choice: PropellerChoice, vehicle: VehicleParams) -> RotorMaps:
+    """Return the table of a vehicle's rotors with what is mounted.
+
+    Raises:
+        InputError: as `thrust_map_of` and `rotor_maps`.
+    """
+    if choice.library:  # its files may change
+        return rotor_maps(thrust_map_of(choice), vehicle)
+    return deepcopy(_rotors(choice, vehicle))
+
+
+@lru_cache(maxsize=16)  # the flights of a campaign have the same ones
+def _rotors(choice: PropellerChoice, vehicle: VehicleParams) -> RotorMaps:
+    return rotor_maps(thrust_map_of(choice), vehicle)
 
 
 def mounted_vehicle(vehicle: VehicleParams, choice: PropellerChoice) -> VehicleParams:
