@@ -17,13 +17,13 @@ class ContactParams:
         "m/s^2",
         (1.0, 1000.0),
         "horizontal specific force above which a sample may be of a contact",
-        "a strike of 145 N on 1.3 kg shows 112; aggressive flight and gusts show 2.4",
+        "30 flights: a strike shows 97 or more, `aggressive` 7.5, with disturbances 13",
     )
     noise_factor: float = param(
         5.0,
         "1",
         (0.0, 100.0),
-        "it must also be so many times the root mean square of the second before",
+        "it must also be so many times its own root mean square of the last 0.5 s",
         "vibration of four rotors has peaks of 2.8 times its own",
     )
     samples: float = param(
@@ -48,7 +48,7 @@ class ContactParams:
         "m",
         (0.0, 100.0),
         "height in map above which the trigger acts",
-        "landing shows 13 m/s^2, a hard one more",
+        "30 landings with disturbances show up to 20 m/s^2, take-offs 17; a hard one more",
     )
 
 
