@@ -24,7 +24,9 @@ from tombo.flights import scenario_of, texts_of
 from tombo_collision.steering import ACTIONS, HIGH, LOW
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-from tombo_flight.training import Episodes, Outcome
+from tombo_flight.training import CRASH_COST, Episodes, Outcome
+
+__all__ = ["CRASH_COST", "ID", "CollisionEnv", "CollisionVectorEnv"]
 
 ID = "TomboCollision-v0"
 

@@ -187,8 +187,10 @@ class Episodes:
             seed %= self.starts
         self.seeds[i] = seed
         if seed in self._kept:
-            _write(row_of(self.batch, i), self._kept[seed][0])
-            self._pilots[i] = pilot = _clone(self._kept[seed][1])
+            row, under_way, first, pilot = self._kept[seed]
+            _write(row_of(self.batch, i), row)
+            self.batch.entries[i, first : first + under_way.size] = under_way
+            self._pilots[i] = pilot = _clone(pilot)
             pilot.reaction.memory = self.batch.cores.reaction[i]
             return
         batch, scenario = self.batch, self.scenario
@@ -215,8 +217,11 @@ class Episodes:
         """Keep the start of vehicle `i` to begin from again."""
         seed = int(self.seeds[i])
         if self.starts is not None and seed not in self._kept:
-            pilot = _clone(self._pilots[i])
-            self._kept[seed] = (copy.deepcopy(row_of(self.batch, i)._replace(log=None)), pilot)
+            captures = self.batch.captures[i]
+            first, last = int(captures.oldest_undelivered), int(captures.next)
+            under_way = self.batch.entries[i, first:last].copy()
+            row = copy.deepcopy(row_of(self.batch, i)._replace(log=None, entries=None))
+            self._kept[seed] = (row, under_way, first, _clone(self._pilots[i]))
 
     def _fly(self) -> None:
         """Fly until no vehicle flies, and no collision waits."""

@@ -28,6 +28,7 @@ class Policy(OffSurface):
 
     name: ClassVar[str] = "policy"
     recovers: ClassVar[bool] = True
+    compared: ClassVar[bool] = False
 
     network: Network | None = structure(
         read_network, "the policy: a file's path, or the layers that stood in it", "docs/gym.md"
