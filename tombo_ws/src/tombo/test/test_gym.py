@@ -44,7 +44,9 @@ def episode(env, seed, act):
     while not done:
         seen, reward, terminated, truncated, info = env.step(act(seen))
         done = terminated or truncated
-        steps.append((seen, reward, int(flight.batch.flight["tick"][0]), flight.position[0].copy()))
+        steps.append(
+            (seen, reward, int(flight.batch.flight["tick"][0]), flight.position[0].copy())
+        )
     return steps, terminated, info
 
 
@@ -56,7 +58,9 @@ def test_it_keeps_gymnasiums_contract():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scenario", "disturbances"), [("paper_collision", False), ("pole", True)])
+@pytest.mark.parametrize(
+    ("scenario", "disturbances"), [("paper_collision", False), ("pole", True)]
+)
 def test_a_policy_flies_the_same_as_reaction_to_the_last_bit(tmp_path, scenario, disturbances):
     path, layers = network(tmp_path)
     env = make(scenario=scenario, disturbances=disturbances)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -67,7 +67,7 @@ class CollisionEnv(gymnasium.Env[Any, Any]):
     `reset(seed=3)` is the collision of `tombo fly --seed 3`; a reset without a seed draws one.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+    metadata = {"render_modes": []}  # noqa: RUF012 - as gymnasium declares it
 
     def __init__(
         self,
@@ -122,7 +122,7 @@ class CollisionVectorEnv(VectorEnv[Any, Any, Any]):
     The step after the end of an episode begins the next one (`AutoresetMode.NEXT_STEP`).
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata = {  # noqa: RUF012
         "render_modes": [],
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }

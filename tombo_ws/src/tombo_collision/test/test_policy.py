@@ -66,12 +66,15 @@ def test_an_action_is_along_n_r_to_its_left_and_up():
 
 def test_it_sees_the_same_whichever_way_the_world_is_turned():
     """A quarter turn of the whole scene about map z changes nothing."""
+
     def turned(v):
         return np.array([-v[1], v[0], v[2]])
 
     velocity, rates = np.array([0.3, -0.2, 0.1]), np.array([1.0, 2.0, 3.0])
     seen = decided().observation(0.5, Estimate(X_C + 0.2, velocity, TURN, rates))
-    around = CollisionEvent(**{**vars(EVENT), "contact_position": turned(X_C), "push": turned(PUSH)})
+    around = CollisionEvent(
+        **{**vars(EVENT), "contact_position": turned(X_C), "push": turned(PUSH)}
+    )
     q = np.array([0.0, 0.0, math.sin(0.2 + math.pi / 4), math.cos(0.2 + math.pi / 4)])
     other = Policy().begin(around, Estimate(turned(X_C), np.zeros(3), q, np.zeros(3)), None)
     there = Estimate(turned(X_C + 0.2), turned(velocity), q, rates)

@@ -72,9 +72,7 @@ def at_rest(position: Array, velocity: Array, rates: Array, x_r: Array) -> bool:
         off += (position[i] - x_r[i]) ** 2
         speed += velocity[i] ** 2
         turning += rates[i] ** 2
-    return bool(
-        math.sqrt(off) < _NEAR and math.sqrt(speed) < _SLOW and math.sqrt(turning) < _CALM
-    )
+    return bool(math.sqrt(off) < _NEAR and math.sqrt(speed) < _SLOW and math.sqrt(turning) < _CALM)
 
 
 @dataclass

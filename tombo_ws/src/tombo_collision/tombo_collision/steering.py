@@ -25,8 +25,9 @@ OBSERVATION = (
     ("time since the decision", "s", 60.0, 1),
     ("struck rotor, one of four; all zero: not known", "1", 1.0, 4),
 )
-"""What is seen, unit, largest magnitude (what is more is cut there), numbers. In the policy's frame
-unless said."""
+"""What is seen, unit, largest magnitude (what is more is cut there), how many numbers.
+
+In the policy's frame unless said."""
 HIGH: Array = np.array([top for _, _, top, count in OBSERVATION for _ in range(count)])
 """(23) upper bounds of an observation."""
 LOW: Array = np.where(np.arange(HIGH.size) < HIGH.size - 5, -HIGH, 0.0)
@@ -113,7 +114,7 @@ def steer(steering: Steering, action: Array, attitude: Array, rates: Array, out:
     """
     asked = np.zeros(ACTIONS)
     for i in range(ACTIONS):
-        if action[i] == action[i]:  # noqa: PLR0124 - false for NaN alone
+        if action[i] == action[i]:
             asked[i] = min(max(action[i], -1.0), 1.0)
     c, s = steering.along[0], steering.along[1]
     out.position[0] = steering.x_r[0] + REACH * (c * asked[0] - s * asked[1])

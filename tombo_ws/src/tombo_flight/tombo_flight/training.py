@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -226,7 +227,7 @@ class Episodes:
     def _fly(self) -> None:
         """Fly until no vehicle flies, and no collision waits."""
         edges = np.linspace(0, self.count, self._threads + 1).astype(int).tolist()
-        parts = list(zip(edges, edges[1:], strict=False))
+        parts = list(pairwise(edges))
         while True:
             if self._pool is None:
                 self._fly_part(0, self.count)

@@ -31,8 +31,8 @@ from tombo_sim.log_columns import LogRow
 from tombo_sim.sensing import Captures, MocapEntry
 
 FLIES, WAITS, ACTS, COLLIDED, HANDED, OVER, ENDED = range(7)
-"""What a vehicle of a batch does: flies; waits for an action; has one; waits for its collision to be
-handed to the reaction; it has been; its decision is over; its flight has ended."""
+"""What a vehicle of a batch does: flies; waits for an action; has one; waits for its collision to
+be handed to the reaction; it has been; its decision is over; its flight has ended."""
 BLOCK = 256
 """Ticks between two drawings of random numbers."""
 
@@ -151,12 +151,7 @@ def fly_batch(batch: Batch, maps: Any, params: Any, first: int, last: int) -> No
         elif status == HANDED:
             status = _decide(batch, i, steering, reaction, params.reaction, published, flight)
         vehicle = (batch.plant[i], maps[0], batch.theta[i], batch.noise[i])
-        poses = (
-            batch.capture_ticks[i],
-            batch.mocap_noise[i],
-            batch.entries[i],
-            batch.captures[i],
-        )
+        poses = (batch.capture_ticks[i], batch.mocap_noise[i], batch.entries[i], batch.captures[i])
         base = batch.base[i]
         while status == FLIES and flight.tick < min(base + BLOCK, flight.end):
             if flight.tick == base:

@@ -38,7 +38,9 @@ def print_parameters(what: str, value: str, entries: Iterable[Mapping[str, Any]]
         table.add_row(Text(entry["name"], "bold"), "", "", "", Text(first, "bold"))
         for p in entry["parameters"]:
             bounds = f"{p['bounds'][0]:g} to {p['bounds'][1]:g}" if p["bounds"] else ""
-            name, unit, doc = (Text(text) for text in (f"  {p['name']}", p["unit"] or "", p["doc"]))
+            name, unit, doc = (
+                Text(text) for text in (f"  {p['name']}", p["unit"] or "", p["doc"])
+            )
             number = "" if p[value] is None else f"{p[value]:g}"
             table.add_row(name, unit, number, bounds, doc)
     Console().print(table)

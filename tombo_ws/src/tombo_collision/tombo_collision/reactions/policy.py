@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from tombo_collision.decision import Decision, Estimate, Guided, Reference
-from tombo_collision.network import Network, answer, read_network
+from tombo_collision.network import Network, Row, answer, read_network
 from tombo_collision.reactions import OffSurface
 from tombo_collision.steering import HIGH, Steering, observe, steer, steering_over
-from tombo_dynamics.arrays import Array
 from tombo_dynamics.message_records import PositionSetpointRecord
 from tombo_dynamics.messages import CollisionEvent
 from tombo_dynamics.params import structure
@@ -30,7 +29,7 @@ class Policy(OffSurface):
     recovers: ClassVar[bool] = True
     compared: ClassVar[bool] = False
 
-    network: Network | None = structure(
+    network: tuple[tuple[Row, ...], ...] | None = structure(
         read_network, "the policy: a file's path, or the layers that stood in it", "docs/gym.md"
     )
 
@@ -60,7 +59,7 @@ class Steered(Guided):
         steering.x_c, steering.x_r, steering.along = self.x_c, self.x_r, along
         steering.timeout, steering.yaw, steering.rotor = self.timeout, self.yaw, -1
 
-    def observation(self, time_s: float, estimate: Estimate) -> Array:
+    def observation(self, time_s: float, estimate: Estimate) -> Any:
         """Return what the policy sees (23), float32."""
         seen = np.empty(HIGH.size, np.float32)
         e = estimate
@@ -70,7 +69,7 @@ class Steered(Guided):
     def reference(self, time_s: float, estimate: Estimate) -> Reference:
         """Return the set point that the policy asks for."""
         action = answer(self.network, self.observation(time_s, estimate))
-        out = PositionSetpointRecord.new()
+        out: Any = PositionSetpointRecord.new()
         steer(self.steering, action, estimate.attitude, estimate.rates, out)
         return Reference(out.position, out.velocity, out.acceleration, float(out.yaw))
 

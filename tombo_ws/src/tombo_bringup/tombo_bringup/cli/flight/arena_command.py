@@ -36,9 +36,10 @@ def arena(
         str, option("--seeds A:B", "Each case with seeds A to B-1; the maps with a third of them.")
     ] = "0:30",
     reactions: Annotated[
-        str | None, option(
+        str | None,
+        option(
             "--reactions A,B",
-            "Of `tombo reactions`; policy:FILE has its network from FILE. Default: all but policy.",
+            "Of `tombo reactions`; policy:FILE flies the network of FILE. Default: all else.",
         ),
     ] = None,
     groups: Annotated[
