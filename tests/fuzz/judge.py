@@ -18,6 +18,7 @@ from typing import Any
 
 from tombo_bag.comparison import compare_recordings
 from tombo_bag.recording import Recording
+from tombo_collision.network import read_network
 from tombo_diagnosis.stand.model_file import read_stand_model
 from tombo_diagnosis.stand.tables.assemble import assemble
 from tombo_diagnosis.stand.tables.mapping import load_mapping as load_stand_mapping
@@ -128,6 +129,7 @@ READERS: dict[str, Callable[[Path, Path], Counts]] = {
     "stand": _stand,
     "trace": _reads(read_trace),
     "vehicle": _reads(lambda path: read_vehicle(str(path))),
+    "policy": _reads(lambda path: read_network("network", str(path))),
     "scenario": _reads(lambda path: load_scenario(str(path))),
     "mapping": _mapping,
     "stand_mapping": _reads(lambda path: load_stand_mapping(str(path))),

@@ -26,6 +26,8 @@ from rosbags.typesys.store import Typestore  # noqa: E402
 from tombo_bag.formats.mcap_sink import Columns, McapSink  # noqa: E402
 from tombo_bag.recording import Recording  # noqa: E402
 from tombo_bag.topics import IMU, MOCAP_POSE, TOPICS  # noqa: E402
+from tombo_collision.network import network_text  # noqa: E402
+from tombo_collision.steering import ACTIONS, HIGH  # noqa: E402
 from tombo_logs.flight_log import FlightLog, Series  # noqa: E402
 from tombo_logs.readers.log_recording import record_log  # noqa: E402
 
@@ -234,6 +236,9 @@ def _texts(folder: Path) -> list[Sample]:
         path = folder / f"{name}.yaml"
         path.write_text(text)
         found.append(Sample(name, path, name, "text"))
+    path = folder / "policy.json"
+    path.write_text(network_text([np.full((ACTIONS, HIGH.size + 1), 0.25)]))
+    found.append(Sample("policy", path, "policy", "text"))
     for name in ("blades", "materials", "configurations", "measurements"):
         path = folder / "library" / f"{name}.yaml"
         path.parent.mkdir(exist_ok=True)

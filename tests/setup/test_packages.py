@@ -44,7 +44,7 @@ ROSDEP_KEY = {
     "zstandard": "mcap-ros2-support",
 }
 TEST_KEYS = {"python3-hypothesis", "python3-pytest"}
-WITHOUT_KEY = {"daqp", "distributed", "pyarrow", "pyulog", "ruptures"}
+WITHOUT_KEY = {"daqp", "distributed", "gymnasium", "pyarrow", "pyulog", "ruptures"}
 """Imports for which rosdep has no key: from pip, which docs/nodes.md says."""
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.rotation import yaw_of
 
 
@@ -57,6 +58,23 @@ _NEAR, _SLOW, _CALM = 0.15, 0.2, 0.5
 """m, m/s, rad/s: nearer to x_r, slower and turning slower than that, the vehicle has arrived."""
 
 
+@compiled_call
+def turns(rates: Array) -> bool:
+    """Return whether a vehicle with body rates (3) [rad/s] turns about its z axis."""
+    return bool(abs(rates[2]) > _CALM)
+
+
+@compiled_call
+def at_rest(position: Array, velocity: Array, rates: Array, x_r: Array) -> bool:
+    """Return whether a vehicle has arrived at x_r; all (3), map, the rates base_link."""
+    off = speed = turning = 0.0
+    for i in range(3):
+        off += (position[i] - x_r[i]) ** 2
+        speed += velocity[i] ** 2
+        turning += rates[i] ** 2
+    return bool(math.sqrt(off) < _NEAR and math.sqrt(speed) < _SLOW and math.sqrt(turning) < _CALM)
+
+
 @dataclass
 class Guided(Decision):
     """A way to x_r: its reference is the set point until it is over, then the mission holds x_r.
@@ -75,7 +93,7 @@ class Guided(Decision):
 
     def reference(self, time_s: float, estimate: Estimate) -> Reference:
         """Return the set point so long after the decision; asked at 50 Hz."""
-        if abs(estimate.rates[2]) > _CALM:
+        if turns(estimate.rates):
             self.yaw = yaw_of(estimate.attitude)
         return Reference(*self.motion(time_s, estimate), self.yaw)
 
@@ -83,11 +101,7 @@ class Guided(Decision):
         """Return whether the vehicle is at x_r and at rest, or time is up; asked first."""
         if time_s > self.timeout:
             return True
-        return (
-            length(estimate.position - self.x_r) < _NEAR
-            and length(estimate.velocity) < _SLOW
-            and length(estimate.rates) < _CALM
-        )
+        return at_rest(estimate.position, estimate.velocity, estimate.rates, self.x_r)
 
 
 def against_flight(flight_direction: Array) -> Array:

@@ -529,6 +529,14 @@ class ReactionCore(Core):
         out.phase = Phase.REACT
         memory.publish_due = True
 
+    def take_early_events(self, now_ns: int) -> None:
+        """Take the collisions that came before the mission's first set point, if it is there."""
+        if self.memory.pending and self.memory.has_mission:
+            early, self._pending = self._pending, []
+            self.memory.pending = 0
+            for event in early:
+                self.event(event, now_ns)
+
     @property
     def why(self) -> HoldReason:
         """Why it holds."""
@@ -540,11 +548,7 @@ class ReactionCore(Core):
         if now_ns < memory.now_ns - CLOCK_SET_BACK_NS:
             self._pending.clear()
             begin_reaction(memory)
-        if memory.pending and memory.has_mission:
-            early, self._pending = self._pending, []
-            memory.pending = 0
-            for event in early:
-                self.event(event, now_ns)
+        self.take_early_events(now_ns)
         if reference_due(memory, now_ns):
             self._guide(now_ns)
         reaction_step(memory, self.limits, now_ns)

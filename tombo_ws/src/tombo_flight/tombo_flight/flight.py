@@ -160,17 +160,22 @@ def fly_scenario(
 def _react(reaction: ReactionCore, published: Published, flight: Any) -> None:
     """Step the reaction in the last tick, which a collision has reached."""
     tick = int(flight["tick"]) - 1
+    hand_collisions(reaction, published, flight["published"], tick)
+    reaction.step(EPOCH_NS + tick * TICK_NS)
+    publish_reaction(reaction.memory, published, flight, tick)
+
+
+def hand_collisions(reaction: ReactionCore, published: Published, counts: Any, tick: int) -> None:
+    """Hand the reaction the collisions that were published in the tick before `tick`."""
     now_ns = EPOCH_NS + tick * TICK_NS
     for topic, table, index in (
         ("/collision_event", published.event, EVENT),
         ("/contact_event", published.contact, CONTACT),
     ):
-        events = table[: flight["published"][index]]
+        events = table[: counts[index]]
         for entry in events[events["tick"] == tick - 1]:
             event = message_of(CollisionMessage, entry["message"], frame_id=FRAME_MAP)
             reaction.on(topic, event, now_ns)
-    reaction.step(now_ns)
-    publish_reaction(reaction.memory, published, flight, tick)
 
 
 def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any]:

@@ -22,8 +22,8 @@ from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, VehicleParams
 from tombo_flight.scenario import Scenario
 
-_STABLE_TILT = 0.17
-_STABLE_RATE = 1.0
+STABLE_TILT = 0.17
+STABLE_RATE = 1.0
 _STABLE_TIME = 0.3
 _SETTLED_RADIUS = 0.1
 _SETTLED_SPEED = 0.1
@@ -263,7 +263,7 @@ def _recovery(
     position = log["position"][c:]
     landing = np.flatnonzero(np.isin(log["mode"][c:, 0], (Phase.LAND, Phase.LANDED)))
     until = int(landing[0]) if landing.size else position.shape[0]
-    calm = (tilted[c:] < _STABLE_TILT) & (np.linalg.norm(log["rates"][c:], axis=1) < _STABLE_RATE)
+    calm = (tilted[c:] < STABLE_TILT) & (np.linalg.norm(log["rates"][c:], axis=1) < STABLE_RATE)
     quiet = first_sustained(calm, round(_STABLE_TIME / TICK_S))
     result["unstable_phase_s"] = None if quiet is None else _number(quiet * TICK_S)
     settled = None

@@ -119,6 +119,9 @@ def _files_beside(values: Any, folder: Path) -> Any:
         return values
     found = dict(values)
     propeller, vehicle = values.get("propeller"), values.get("vehicle")
+    reaction = values.get("reaction")
+    if isinstance(reaction, dict) and isinstance(reaction.get("network"), str):
+        found["reaction"] = {**reaction, "network": str(folder / reaction["network"])}
     if isinstance(propeller, dict):
         library = propeller.get("library")
         if isinstance(library, str) and library:

@@ -39,7 +39,7 @@ def _as_object(kind: type[Reaction]) -> dict[str, Any]:
         "needs": list(kind.needs),
         "parameters": [
             {"name": f.name, "default": f.default}
-            | {key: f.metadata[key] for key in ("unit", "bounds", "doc", "source")}
+            | {key: f.metadata.get(key) for key in ("unit", "bounds", "doc", "source")}
             for f in dataclasses.fields(kind)
         ],
     }

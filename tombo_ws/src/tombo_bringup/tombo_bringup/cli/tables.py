@@ -37,10 +37,12 @@ def print_parameters(what: str, value: str, entries: Iterable[Mapping[str, Any]]
         first, _, _ = entry["doc"].partition("\n")
         table.add_row(Text(entry["name"], "bold"), "", "", "", Text(first, "bold"))
         for p in entry["parameters"]:
-            low, high = p["bounds"]
-            bounds = f"{low:g} to {high:g}"
-            name, unit, doc = (Text(text) for text in (f"  {p['name']}", p["unit"], p["doc"]))
-            table.add_row(name, unit, f"{p[value]:g}", bounds, doc)
+            bounds = f"{p['bounds'][0]:g} to {p['bounds'][1]:g}" if p["bounds"] else ""
+            name, unit, doc = (
+                Text(text) for text in (f"  {p['name']}", p["unit"] or "", p["doc"])
+            )
+            number = "" if p[value] is None else f"{p[value]:g}"
+            table.add_row(name, unit, number, bounds, doc)
     Console().print(table)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -29,6 +30,8 @@ GROUPS: Final[Mapping[str, str]] = {
 }
 """Name of a group of cases → what is in it."""
 
+POLICY_FILE: Final = ":"
+"""Between a reaction's name and the file of its network."""
 _BASE: Final = "paper_collision"
 _SCENARIOS: Final = (
     *(_BASE, "pillar_right", "pillar_wide", "pole", "short_strike", "side_hit", "rear_hit"),
@@ -65,20 +68,27 @@ class Match:
     """A reaction in a case."""
 
     reaction: str
+    """Its name; `policy:FILE` is `policy` with the network of a file."""
     case: Case
     disturbed: bool
 
     def scenario(self) -> Scenario:
         """Return what is flown."""
         over = ["disturbances=true"] if self.disturbed else []
-        reaction = f"reaction.name={self.reaction}"
-        return load_scenario(self.case.scenario, [*over, reaction, *self.case.settings])
+        chosen = [f"reaction.{key}={value}" for key, value in self._chosen()]
+        return load_scenario(self.case.scenario, [*over, *chosen, *self.case.settings])
+
+    def _chosen(self) -> list[tuple[str, str]]:
+        name, _, file = self.reaction.partition(POLICY_FILE)
+        return [("name", name), *([("network", file)] if file else [])]
 
     def command(self, seed: int) -> str:
         """Return the command that flies one flight of it alone."""
         over = " --disturbances" if self.disturbed else ""
-        settings = "".join(f" --set {setting}" for setting in self.case.settings)
-        head = f"tombo fly {self.case.scenario} --reaction {self.reaction}{over}"
+        (_, name), *more = self._chosen()
+        given = [*(f"reaction.{key}={value}" for key, value in more), *self.case.settings]
+        settings = "".join(f" --set {shlex.quote(setting)}" for setting in given)
+        head = f"tombo fly {self.case.scenario} --reaction {name}{over}"
         return f"{head}{settings} --seed {seed}"
 
 

@@ -62,7 +62,11 @@ def suite_parameters(
         "recorder": {},
     }
     table["sim"] |= {"seed": seed, "mocap_rate": scenario.estimator.mocap_rate}
-    table["reaction"] |= {"reaction": scenario.reaction.name}
+    policy = table["reaction"]["policy"]
+    table["reaction"] |= {
+        "reaction": scenario.reaction.name,
+        "policy": policy | {"network": as_text(policy["network"])},
+    }
     if speed != 1.0 or lockstep:
         for parameters in table.values():
             parameters["use_sim_time"] = True

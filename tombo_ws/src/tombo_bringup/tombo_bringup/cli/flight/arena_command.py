@@ -17,6 +17,7 @@ from tombo_dynamics.errors import InputError, unknown_name
 if TYPE_CHECKING:
     from tombo_bringup.cli.part_file import PartFile
     from tombo_bringup.cli.progress import ProgressCallback
+    from tombo_collision.reactions import Reaction
     from tombo_flight.arena.flying import Plan
     from tombo_flight.process.stop_signals import StopSignals
 
@@ -35,7 +36,11 @@ def arena(
         str, option("--seeds A:B", "Each case with seeds A to B-1; the maps with a third of them.")
     ] = "0:30",
     reactions: Annotated[
-        str | None, option("--reactions A,B", "Of `tombo reactions`. Default: all.")
+        str | None,
+        option(
+            "--reactions A,B",
+            "Of `tombo reactions`; policy:FILE flies the network of FILE. Default: all else.",
+        ),
     ] = None,
     groups: Annotated[
         str | None,
@@ -67,7 +72,7 @@ def arena(
     range_ = parse_seeds(seeds)
     if len(range_) > _MOST_SEEDS:
         raise InputError(f"--seeds {seeds}: too many; accepted: at most {_MOST_SEEDS}")
-    names = _chosen("--reactions", reactions, REGISTRY)
+    names = _chosen_reactions(reactions, REGISTRY)
     within = _chosen("--groups", groups, GROUPS)
     count = worker_count(workers)
     check_output(output)
@@ -92,6 +97,18 @@ def arena(
 
     print_arena(results)
     typer.echo(f"{path}: {_PAGE}, {_RESULTS}, {_FLIGHTS}")
+
+
+def _chosen_reactions(text: str | None, known: Mapping[str, type[Reaction]]) -> list[str]:
+    """Return reactions as `Match` has them; of None all that are compared."""
+    from tombo_flight.arena.cases import POLICY_FILE
+
+    if text is None:
+        return [name for name, kind in known.items() if kind.compared]
+    given = list(dict.fromkeys(part.strip() for part in text.split(",")))
+    trained = [one for one in given if one.startswith(f"policy{POLICY_FILE}")]
+    named = [one for one in given if one not in trained]
+    return [*(_chosen("--reactions", ",".join(named), known) if named else []), *trained]
 
 
 def _chosen(name: str, text: str | None, known: Iterable[str]) -> list[str]:

@@ -1,0 +1,283 @@
+"""Episodes of recovery from a collision, many at a time: what the training environments step.
+
+An episode is the rest of a flight from the reaction's first decision on. The flight up to there is
+that of `tombo fly` with the same seed, to the last bit; so is what follows, if the reaction
+`policy` flies it with a network that gives the same actions.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from tombo_collision.reaction_core import ReactionCore
+from tombo_collision.reactions.policy import Policy, Steered
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.rotation import tilt
+from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
+from tombo_flight.flight import hand_collisions
+from tombo_flight.flight_metrics import STABLE_RATE, STABLE_TILT, lowest_point
+from tombo_flight.scenario import Scenario, world_of
+from tombo_flight.wiring import CORES, core_of
+from tombo_sim import batch as flights
+from tombo_sim.batch import ACTS, COLLIDED, ENDED, FLIES, HANDED, OVER, Batch, fly_batch, row_of
+from tombo_sim.flight_setup import NOISE, begin
+from tombo_sim.kernel import core_memories
+
+CRASH_COST = 10.0
+"""Of a crash, in seconds of recovery."""
+_NEVER = 2**62
+_TRIES = 20
+"""Flights in a row without a collision before a scenario is refused."""
+
+
+@dataclass
+class _Pilot:
+    """What is not in arrays of one vehicle's flight."""
+
+    reaction: ReactionCore
+    noise: np.random.Generator
+    decision: Any = None
+
+
+@dataclass
+class Outcome:
+    """What a step has brought, each (N)."""
+
+    reward: Array
+    terminated: Any
+    """The vehicle rests at x_r, or has crashed."""
+    truncated: Any
+    """Time is up."""
+    crashed: Any
+
+
+class Episodes:
+    """N vehicles, each in an episode of its own."""
+
+    def __init__(
+        self, scenario: Scenario, count: int, threads: int = 1, starts: int | None = None
+    ) -> None:
+        """Make room for the flights of a scenario.
+
+        Args:
+            scenario: what is flown; its reaction must be `policy`, its network is not asked.
+            count: N.
+            threads: that fly at the same time.
+            starts: so many flights up to the collision are kept and begun from again: those of
+                seeds 0 to `starts` - 1. None: each is flown.
+
+        Raises:
+            InputError: another reaction; as `flight_setup.begin`.
+        """
+        if not isinstance(scenario.reaction, Policy):
+            raise InputError(f"reaction '{scenario.reaction.name}'; accepted: policy")
+        self.scenario, self.count, self.starts = scenario, count, starts
+        setup = begin(world_of(scenario), 0)
+        memories, self._params = core_memories(*self._cores())
+        rate = max(setup.mocap_rate, scenario.estimator.mocap_rate, scenario.spread.mocap_rate)
+        self._ticks = round(scenario.duration / TICK_S)
+        captures = math.ceil(scenario.duration * rate) + 2
+        self._maps = setup.maps.as_array()
+        self.batch: Batch = flights.new_batch(
+            count, setup.plant, setup.theta, memories, self._ticks, captures
+        )
+        self._pilots: list[Any] = [None] * count
+        self._kept: dict[int, Any] = {}
+        self._threads = min(threads, count)
+        self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
+        self.seeds = np.zeros(count, np.int64)
+        self._lowest = np.zeros(count)
+        self._tick = np.zeros(count, np.int64)
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._pool is not None:
+            self._pool.shutdown()
+
+    @property
+    def observation(self) -> Any:
+        """(N, 23) float32, `tombo_collision.steering.OBSERVATION`; a copy."""
+        return self.batch.observation.copy()
+
+    @property
+    def position(self) -> Array:
+        """(N, 3) true, in map [m]."""
+        place: Array = self.batch.plant["state"]["position"]
+        return place
+
+    def reset(self, which: Sequence[int], rngs: Sequence[np.random.Generator], seeds: Any) -> None:
+        """Begin new episodes, and fly on vehicles that have an action.
+
+        Args:
+            which: vehicles.
+            rngs: of each, that draws seeds of flights.
+            seeds: of each the flight's seed, or None to draw it.
+
+        Raises:
+            InputError: a scenario in which nothing collides.
+        """
+        missing = [(i, rng, seed) for i, rng, seed in zip(which, rngs, seeds, strict=True)]
+        for _ in range(_TRIES):
+            for i, rng, seed in missing:
+                self._begin(i, int(rng.integers(2**31)) if seed is None else seed)
+            self._fly()
+            for i, _, _ in missing:
+                self._keep(i)
+            missing = [(i, rng, None) for i, rng, _ in missing if self.batch.status[i] == ENDED]
+            if not missing:
+                break
+        else:
+            raise InputError(
+                f"scenario '{self.scenario.name}': {_TRIES} flights without a collision; "
+                "accepted: one in which the vehicle meets an obstacle"
+            )
+        for i in which:
+            self._lowest[i] = self.position[i, 2]
+            self._tick[i] = self.batch.flight["tick"][i]
+
+    def step(self, actions: Array, acting: Any, **reset: Any) -> Outcome:
+        """Fly 20 ms with an action each.
+
+        Args:
+            actions: (N, 6), `tombo_collision.steering.steer`.
+            acting: (N) whose action counts.
+            reset: arguments of `reset` for others, if any.
+        """
+        batch = self.batch
+        batch.action[acting] = actions[acting]
+        batch.status[acting] = ACTS
+        if reset:
+            self.reset(**reset)
+        else:
+            self._fly()
+        return self._outcome(acting)
+
+    def _outcome(self, acting: Any) -> Outcome:
+        batch = self.batch
+        state = batch.plant["state"]
+        position, attitude = state["position"], state["attitude"]
+        rate = np.sqrt((state["rates"] ** 2).sum(axis=1))
+        unstable = (tilt(attitude) >= STABLE_TILT) | (rate >= STABLE_RATE)
+        crashed = acting & (lowest_point(self.scenario.vehicle, position, attitude) < 0.0)
+        over, ended = acting & (batch.status == OVER), acting & (batch.status == ENDED)
+        late = batch.time > batch.steering["timeout"]
+        lowest = np.minimum(self._lowest, position[:, 2])
+        ticks = batch.flight["tick"]
+        cost = (ticks - self._tick) * TICK_S * (1.0 + unstable) + (self._lowest - lowest)
+        reward = np.where(acting, -cost - CRASH_COST * crashed, 0.0)
+        self._lowest, self._tick = lowest, ticks.copy()
+        return Outcome(
+            reward, crashed | (over & ~late), ~crashed & ((over & late) | ended), crashed
+        )
+
+    def _cores(self) -> list[Any]:
+        return [core_of(kind, self.scenario) for kind in CORES]
+
+    def _begin(self, i: int, seed: int) -> None:
+        """Put a vehicle on the ground, or where a kept flight has met the obstacle."""
+        if self.starts is not None:
+            seed %= self.starts
+        self.seeds[i] = seed
+        if seed in self._kept:
+            row, under_way, first, pilot = self._kept[seed]
+            _write(row_of(self.batch, i), row)
+            self.batch.entries[i, first : first + under_way.size] = under_way
+            self._pilots[i] = pilot = _clone(pilot)
+            pilot.reaction.memory = self.batch.cores.reaction[i]
+            return
+        batch, scenario = self.batch, self.scenario
+        setup, cores = begin(world_of(scenario), seed), self._cores()
+        memories, _ = core_memories(*cores)
+        for array, record in zip(batch.cores, memories, strict=True):
+            array[i] = record
+        pilot = _Pilot(cores[CORES.index(ReactionCore)], setup.tick_noise)
+        pilot.reaction.memory = batch.cores.reaction[i]
+        self._pilots[i] = pilot
+        batch.plant[i], batch.theta[i] = setup.plant, setup.theta
+        times = np.arange(0.0, scenario.duration, 1.0 / setup.mocap_rate)
+        batch.capture_ticks[i] = _NEVER
+        batch.capture_ticks[i, : times.size] = np.round(times / TICK_S)
+        normals = setup.mocap_noise.standard_normal((times.size + 1, NOISE))
+        batch.mocap_noise[i, : times.size + 1] = normals
+        for array in (batch.entries, batch.captures, batch.flight, batch.steering):
+            array[i] = np.zeros((), array.dtype)
+        batch.flight["end"][i] = self._ticks
+        batch.flight["over"]["ground"][i] = scenario.vehicle.leg_height
+        batch.base[i], batch.status[i] = -flights.BLOCK, FLIES
+
+    def _keep(self, i: int) -> None:
+        """Keep the start of vehicle `i` to begin from again."""
+        seed = int(self.seeds[i])
+        if self.starts is not None and seed not in self._kept:
+            captures = self.batch.captures[i]
+            first, last = int(captures.oldest_undelivered), int(captures.next)
+            under_way = self.batch.entries[i, first:last].copy()
+            row = copy.deepcopy(row_of(self.batch, i)._replace(log=None, entries=None))
+            self._kept[seed] = (row, under_way, first, _clone(self._pilots[i]))
+
+    def _fly(self) -> None:
+        """Fly until no vehicle flies, and no collision waits."""
+        edges = np.linspace(0, self.count, self._threads + 1).astype(int).tolist()
+        parts = list(pairwise(edges))
+        while True:
+            if self._pool is None:
+                self._fly_part(0, self.count)
+            else:
+                list(self._pool.map(lambda part: self._fly_part(*part), parts))
+            collided = np.flatnonzero(self.batch.status == COLLIDED)
+            if not collided.size:
+                return
+            for i in collided:
+                self._hand_collision(int(i))
+
+    def _fly_part(self, first: int, last: int) -> None:
+        batch = self.batch
+        while True:
+            tick, base = batch.flight["tick"], batch.base
+            flies = (batch.status[first:last] == FLIES) | (batch.status[first:last] == ACTS)
+            used = tick[first:last] >= base[first:last] + flights.BLOCK
+            for i in first + np.flatnonzero(flies & used):
+                self._pilots[i].noise.standard_normal(out=batch.noise[i])
+                base[i] = tick[i]
+            fly_batch(batch, self._maps, self._params, first, last)
+            if not (batch.status[first:last] == FLIES).any():
+                return
+
+    def _hand_collision(self, i: int) -> None:
+        """Hand the reaction a collision, and put down what it has decided."""
+        batch, pilot = self.batch, self._pilots[i]
+        tick = int(batch.flight["tick"][i]) - 1
+        now_ns = EPOCH_NS + tick * TICK_NS
+        published = type(batch.published)(*(table[i] for table in batch.published))
+        hand_collisions(pilot.reaction, published, batch.flight["published"][i], tick)
+        pilot.reaction.take_early_events(now_ns)
+        decision = pilot.reaction.decision
+        if isinstance(decision, Steered) and decision is not pilot.decision:
+            pilot.decision = decision
+            batch.steering[i] = decision.steering
+            batch.steering["decided_ns"][i] = now_ns
+        batch.status[i] = HANDED
+
+
+def _clone(pilot: _Pilot) -> _Pilot:
+    """Return a pilot whose flight goes on apart from this one's; decisions are never changed."""
+    reaction = copy.copy(pilot.reaction)
+    return replace(pilot, reaction=reaction, noise=copy.deepcopy(pilot.noise))
+
+
+def _write(row: Any, kept: Any) -> None:
+    """Write what was kept of a vehicle into its rows."""
+    for to, value in zip(row, kept, strict=True):
+        if isinstance(value, tuple):
+            _write(to, value)
+        elif value is not None:
+            to[...] = value
