@@ -148,7 +148,7 @@ def test_pip_gets_the_pins_without_ros(box: Box):
     lines = pinned(box)
     assert all("==" in line for line in lines)
     names = {line.partition("==")[0].lower() for line in lines}
-    assert {"numpy", "scipy", "numba", "filterpy", "mcap", "rosbags", "typer"} <= names
+    assert {"numpy", "scipy", "numba", "mcap", "rosbags", "typer"} <= names
     assert not {n for n in names if n.startswith("ros-")} | {"empy", "lark-parser"} & names
 
 

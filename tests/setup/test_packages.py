@@ -27,7 +27,6 @@ SHARE = ("config", "foxglove", "launch", "rviz")
 # rosdep/python.yaml of github.com/ros/rosdistro.
 ROSDEP_KEY = {
     "cv2": "python3-opencv",
-    "filterpy": "python3-filterpy-pip",
     "lz4": "mcap-ros2-support",
     "matplotlib": "python3-matplotlib",
     "mcap": "mcap-ros2-support",
@@ -43,7 +42,7 @@ ROSDEP_KEY = {
     "yaml": "python3-yaml",
     "zstandard": "mcap-ros2-support",
 }
-TEST_KEYS = {"python3-hypothesis", "python3-pytest"}
+TEST_KEYS = {"python3-filterpy-pip", "python3-hypothesis", "python3-pytest"}
 WITHOUT_KEY = {"daqp", "distributed", "gymnasium", "pyarrow", "pyulog", "ruptures"}
 """Imports for which rosdep has no key: from pip, which docs/nodes.md says."""
 

@@ -2,12 +2,39 @@
 
 import numpy as np
 import pytest
+from filterpy.kalman import KalmanFilter
 from pose_bench import flight
 
 from core_calls import CollisionDetector
-from tombo_collision.detector import free_acceleration, free_flight_filter
+from tombo_collision.detector import free_acceleration
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.rotation import rotation_vector
+
+RATE_STEP = 0.033
+
+
+def free_flight_filter(params, step):
+    """Return the detector's filter at its start: position, velocity and rates, [m] and [rad].
+
+    Transition, input, process noise (acceleration held a step) and measurement noise are for a
+    step [s]; the input is the acceleration of a free flight, the measurement position and rates.
+    """
+    kf = KalmanFilter(dim_x=9, dim_z=6, dim_u=3)
+    kf.P = np.diag([1e-6] * 3 + [1.0] * 3 + [1.0] * 3)
+    kf.H = np.zeros((6, 9))
+    kf.H[[0, 1, 2, 3, 4, 5], [0, 1, 2, 6, 7, 8]] = 1.0
+    kf.F, kf.B, kf.Q = np.eye(9), np.zeros((9, 3)), np.zeros((9, 9))
+    sizes = (params.acceleration_xy, params.acceleration_xy, params.acceleration_z)
+    turns = (params.tilt_acceleration, params.tilt_acceleration, params.yaw_acceleration)
+    gain = np.array([0.5 * step * step, step])
+    for i in range(3):
+        kf.F[i, 3 + i] = step
+        kf.B[[i, 3 + i], i] = gain
+        kf.Q[np.ix_([i, 3 + i], [i, 3 + i])] = sizes[i] ** 2 * np.outer(gain, gain)
+        kf.Q[6 + i, 6 + i] = (turns[i] * step) ** 2
+    rate_noise = params.rate_noise * max(1.0, RATE_STEP / step)
+    kf.R = np.diag([params.position_noise**2] * 3 + [rate_noise**2] * 3)
+    return kf
 
 
 @pytest.mark.slow

@@ -5,8 +5,8 @@ from the measured attitude (thrust about equal to weight), rates change slowly. 
 breaks this within one or two samples: a push at the rim, a kick in yaw, one corner without thrust.
 The test is the squared innovation over its covariance.
 
-`free_flight_filter` is the filter as filterpy has it. No axis has to do with another in it, so the
-compiled update works axis by axis; a test holds it to filterpy's.
+No axis of the filter has to do with another, so its update works axis by axis; a test holds it to
+the whole filter of filterpy.
 """
 
 from __future__ import annotations
@@ -14,9 +14,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.arrays import Array
@@ -328,7 +325,7 @@ def _distance_off(memory: DetectorMemory, place: Array, position: Array, step: f
 
 @compiled_call
 def _restart(memory: DetectorMemory, position: Array) -> None:
-    """Begin the filter at a position, as `free_flight_filter`."""
+    """Begin the filter at a position."""
     _put_filter(memory, position, 1.0)
     for i in range(3):
         memory.velocity[i] = 0.0
@@ -525,30 +522,6 @@ def _fill_event(
     memory.direction[0], memory.direction[1], memory.direction[2] = x, y, z
     excess = 0.5 * (memory.statistic - params.threshold)
     memory.confidence = 1.0 / (1.0 + math.exp(-min(max(excess, -30.0), 30.0)))
-
-
-def free_flight_filter(params: DetectorParams, step: float) -> KalmanFilter:
-    """Return the detector's filter at its start: position, velocity and rates, [m] and [rad].
-
-    Transition, input, process noise (acceleration held a step) and measurement noise are for a
-    step [s]; the input is the acceleration of a free flight, the measurement position and rates.
-    """
-    kf: Any = KalmanFilter(dim_x=9, dim_z=6, dim_u=3)
-    kf.P = np.diag([1e-6] * 3 + [1.0] * 3 + [1.0] * 3)
-    kf.H = np.zeros((6, 9))
-    kf.H[[0, 1, 2, 3, 4, 5], [0, 1, 2, 6, 7, 8]] = 1.0
-    kf.F, kf.B, kf.Q = np.eye(9), np.zeros((9, 3)), np.zeros((9, 9))
-    sizes = (params.acceleration_xy, params.acceleration_xy, params.acceleration_z)
-    turns = (params.tilt_acceleration, params.tilt_acceleration, params.yaw_acceleration)
-    gain = np.array([0.5 * step * step, step])
-    for i in range(3):
-        kf.F[i, 3 + i] = step
-        kf.B[[i, 3 + i], i] = gain
-        kf.Q[np.ix_([i, 3 + i], [i, 3 + i])] = sizes[i] ** 2 * np.outer(gain, gain)
-        kf.Q[6 + i, 6 + i] = (turns[i] * step) ** 2
-    rate_noise = params.rate_noise * max(1.0, _RATE_STEP / step)
-    kf.R = np.diag([params.position_noise**2] * 3 + [rate_noise**2] * 3)
-    return kf
 
 
 @dataclass(frozen=True)

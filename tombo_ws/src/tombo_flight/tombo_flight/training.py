@@ -87,9 +87,7 @@ class Episodes:
         self._ticks = round(scenario.duration / TICK_S)
         captures = math.ceil(scenario.duration * rate) + 2
         self._maps = setup.maps.as_array()
-        self.batch: Batch = flights.new_batch(
-            count, setup.plant, setup.theta, memories, self._ticks, captures
-        )
+        self.batch: Batch = flights.new_batch(count, setup.plant, setup.theta, memories, captures)
         self._pilots: list[Any] = [None] * count
         self._kept: dict[int, Any] = {}
         self._threads = min(threads, count)

@@ -27,7 +27,7 @@ from tombo_sim.kernel import (
     new_published,
     publish_reaction,
 )
-from tombo_sim.log_columns import LogRow
+from tombo_sim.log_columns import new_log
 from tombo_sim.sensing import Captures, MocapEntry
 
 FLIES, WAITS, ACTS, COLLIDED, HANDED, OVER, ENDED = range(7)
@@ -54,7 +54,7 @@ class Batch(NamedTuple):
     published: Published
     flight: Any
     log: Any
-    """(N, ticks), all ticks of a vehicle in one row: nothing reads it."""
+    """Empty: nothing is written down."""
     steering: Any
     status: Any
     """(N) `FLIES` and so on."""
@@ -67,20 +67,17 @@ class Batch(NamedTuple):
 
 
 def new_batch(
-    count: int, plant: Any, theta: Array, memories: CoreMemories, ticks: int, captures: int
+    count: int, plant: Any, theta: Array, memories: CoreMemories, captures: int
 ) -> Batch:
-    """Return room for `count` flights of so many ticks and poses.
+    """Return room for `count` flights of so many poses.
 
     Args:
         count: N.
         plant: a vehicle as of `flight_setup.begin`; its type counts.
         theta: parameters of its effects; their number counts.
         memories: of the cores; their types count.
-        ticks: of the longest flight.
         captures: most poses of one.
     """
-    rows = np.zeros(count, LogRow.layout)
-    log = np.lib.stride_tricks.as_strided(rows, (count, ticks), (rows.strides[0], 0))
     tables = (np.zeros((count, t.size), t.dtype) for t in new_published(BLOCK, BLOCK))
     return Batch(
         np.zeros(count, plant.dtype),
@@ -94,7 +91,7 @@ def new_batch(
         CoreMemories(*(np.zeros(count, memory.dtype) for memory in memories)),
         Published(*tables),
         np.zeros(count, FlightProgress.layout),
-        log,
+        new_log(0),
         np.zeros(count, Steering.layout),
         np.full(count, ENDED, np.int64),
         np.zeros((count, ACTIONS)),
@@ -157,7 +154,7 @@ def fly_batch(batch: Batch, maps: Any, params: Any, first: int, last: int) -> No
             if flight.tick == base:
                 _forget_messages(published, flight)
             stop = base + BLOCK
-            if fly(vehicle, poses, cores, params, published, flight, batch.log[i], base, stop):
+            if fly(vehicle, poses, cores, params, published, flight, batch.log, base, stop):
                 if _has_collision(reaction, published, flight):
                     status = COLLIDED
                 else:

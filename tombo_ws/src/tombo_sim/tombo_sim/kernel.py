@@ -193,7 +193,7 @@ def fly(
         params: their parameters.
         published: what the cores have published; appended to here.
         flight: where the flight stands, changed.
-        log: `log_columns.Log`, a row is written for every tick.
+        log: `log_columns.Log`, a row is written for every tick that it has room for.
         base: tick of the first row of the plant's normals.
         stop: first tick not to fly.
 
@@ -238,7 +238,9 @@ def fly(
         if cores.controller.contact.due:
             _publish_contact(cores.controller, published, flight)
         plant.rotor_command = controls.rotor_speed
-        write_row(plant, cores.estimator, cores.controller, cores.controller_autopilot, log, tick)
+        if tick < log.position.shape[0]:
+            autopilot = cores.controller_autopilot
+            write_row(plant, cores.estimator, cores.controller, autopilot, log, tick)
         finish_tick(plant, noise, theta)
         flight.tick = tick + 1
         if collided or cores.reaction.pending > 0:
