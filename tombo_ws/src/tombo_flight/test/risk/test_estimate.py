@@ -77,6 +77,7 @@ def test_monte_carlo_has_the_exact_interval_of_a_count():
     assert found.low < 0.01 < found.high
 
 
+@pytest.mark.slow
 def test_no_crash_gives_a_bound_and_no_zero():
     (plain,) = answers(lambda u, _: np.ones(len(u)), 2, 1, "monte-carlo")
     assert plain.probability is None and plain.low == 0.0
@@ -86,8 +87,9 @@ def test_no_crash_gives_a_bound_and_no_zero():
     assert plain.high < searched.high < 4.0 * plain.high  # a part is drawn as given
 
 
+@pytest.mark.slow
 def test_a_crash_that_the_search_has_missed_widens_the_interval():
-    """One far side only in one of many directions; the margin leads to the other side."""
+    """Most crashes are on the side that the margin does not lead to."""
     hidden = norm.isf(0.004)
 
     def limit(u: np.ndarray, seeds: np.ndarray) -> np.ndarray:

@@ -60,8 +60,8 @@ def _terms(points: Array, degree: int) -> Array:
 
 
 def _fit(x: Array, y: Array, weights: Array) -> Array:
-    solution: Array = np.linalg.lstsq(x * weights[:, None], y * weights, rcond=None)[0]
-    return solution
+    solution: Any = np.linalg.lstsq(x * weights[:, None], y * weights, rcond=None)[0]
+    return np.asarray(solution, dtype=np.float64)
 
 
 def _r2(x: Array, y: Array, weights: Array) -> float:

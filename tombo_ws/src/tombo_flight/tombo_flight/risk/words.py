@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 Result = Mapping[str, Any]
+_GOOD_FIT = 0.5
 
 
 def answer_words(result: Result) -> str:
@@ -41,10 +43,13 @@ def decision_words(result: Result) -> list[str]:
             f"Of what the uncertain settings do to the margin, each has a share of (total Sobol "
             f"index): {shares}."
         )
+    little = " The indices say little then; where the crashes lie says more."
     lines.append(
         f"A fitted polynomial of these settings predicts {100.0 * max(found['r2'], 0.0):.0f} % of "
         "the margin's variance in flights that it was not fitted to; the rest comes from sensor "
         "noise, gusts and scatter, or is too irregular for it."
+        + little
+        * (found["r2"] < _GOOD_FIT)
     )
     return lines
 
@@ -58,8 +63,8 @@ def assumption_words(result: Result) -> list[str]:
         f"The settings vary independently as said: {'; '.join(inputs) or 'none varies'}.",
         "All else is as in the scenario; sensor noise, gusts and scatter are drawn anew in each "
         "flight.",
-        "A crash is one of the simulation (docs/figures.md: `crashed`); what the model lacks is "
-        "not in the figure.",
+        "A crash is one of the simulation (docs/figures.md says what counts as one); what the "
+        "model lacks is not in the figure.",
     ]
     given = result["drawn_as_given"]
     if result["method"] == "adaptive" and result["probability"] is not None:
@@ -83,4 +88,7 @@ def percent(share: float) -> str:
 
 def one_in(share: float) -> str:
     """Return a probability as "one flight in N"."""
-    return f"one flight in {1.0 / share:.3g}" if share < 0.5 else "more than every second flight"
+    if share >= 0.5:
+        return "every second flight or more"
+    digits = 1 - int(math.log10(1.0 / share))
+    return f"one flight in {round(1.0 / share, digits):.0f}"
