@@ -30,6 +30,8 @@ _SEARCHES = 4
 """Searches at most, each with a tenth of the flights."""
 _WORST = 0.1
 """Share of a search's flights that the next one goes to."""
+_SOME = 10.0
+"""Effective crashes from which the next search goes to crashes alone, not to the worst flights."""
 _ENOUGH = 50.0
 """Effective crashes after which the search ends."""
 _OFTEN = 0.05
@@ -157,12 +159,13 @@ def _search(flown: _Flown, count: int) -> Proposal:
         weights, crashed = flown.weights(), flown.margins < 0.0
         if number == 0 and (weights * crashed).mean() >= _OFTEN:
             return Proposal()
+        found = weights[crashed]
+        effective = found.sum() ** 2 / (found**2).sum() if found.size else 0.0
         level = max(0.0, float(np.quantile(flown.margins[-count:], _WORST)))
-        worst = flown.margins <= level
+        worst = crashed if effective > _SOME else flown.margins <= level
         as_given = AS_GIVEN if crashed.any() or number < _SEARCHES - 1 else _UNSEEN
         proposal = fitted_proposal(flown.points[worst], weights[worst], as_given)
-        found = weights[crashed]
-        if found.size and found.sum() ** 2 / (found**2).sum() > _ENOUGH:
+        if effective > _ENOUGH:
             break
     return proposal
 
