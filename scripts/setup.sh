@@ -144,7 +144,7 @@ install_requirements() {
     --progress-bar off --require-hashes)
   "${pip[@]}" -r "$ROOT/requirements-pip.txt"
   "${pip[@]}" -r "$ROOT/requirements.txt" -r "$ROOT/requirements-build.txt" \
-    -r "$ROOT/requirements-cluster.txt" -r "$ROOT/requirements-test.txt"
+    -r "$ROOT/requirements-study.txt" -r "$ROOT/requirements-test.txt"
   echo "$requirements" >"$KEYS/requirements"
 }
 

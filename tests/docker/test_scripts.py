@@ -17,7 +17,7 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 SCRIPTS = ROOT / "docker" / "scripts"
 STEPS = sorted(path.name for path in SCRIPTS.glob("*.sh") if path.name != "common.sh")
-TEST_ONLY = {"python3-hypothesis", "python3-pytest"}
+TEST_ONLY = {"python3-filterpy-pip", "python3-hypothesis", "python3-pytest"}
 PIP_NAME = {
     "python3-yaml": "pyyaml",
     "python3-opencv": "opencv-python-headless",

@@ -101,3 +101,12 @@ def test_points_of_a_propeller_are_those_of_the_model():
     assert np.isnan(table["thrust_N"].iloc[2])
     stiff = tombo.propeller(13, 4000.0, length_mm=8.0)
     assert stiff["gamma_rad"].iloc[0] < table["gamma_rad"].iloc[1]
+
+
+@pytest.mark.slow
+def test_a_risk_is_that_of_a_folder(tmp_path):
+    asked = {"flights": 100, "method": "monte-carlo", "settings": {"duration": 0.3}, "workers": 1}
+    found = tombo.risk("hover", ["vehicle.mass"], **asked)
+    assert found["probability"] is None and found["flights"] == 100
+    assert tombo.risk("hover", ["vehicle.mass"], **asked, output=tmp_path / "r") == found
+    assert (tmp_path / "r" / "risk.html").is_file()

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from tombo.flights import Flight, fly
 from tombo.measured import Diagnosis, Log, diagnose, read, stand
 from tombo.propellers import propeller
+from tombo.risks import risk
 from tombo.sweeps import sweep
 from tombo_dynamics.errors import InputError
 
@@ -37,6 +38,7 @@ __all__ = [
     "param",
     "propeller",
     "read",
+    "risk",
     "stand",
     "sweep",
 ]

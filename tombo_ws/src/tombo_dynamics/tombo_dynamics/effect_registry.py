@@ -15,6 +15,8 @@ from typing import Any, TypeVar
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number
 
+TOLERANCE = 0.05
+"""Standard deviation of what counts as healthy, as a share of a size that clearly matters."""
 _Function = TypeVar("_Function", bound=Callable[..., None])
 
 
@@ -31,6 +33,11 @@ class Param:
     """A size that clearly matters, for examples, tests and benchmarks."""
     scales_with: str = ""
     """That size grows with the range of this channel of a stand: thrust, torque."""
+
+    @property
+    def tolerance(self) -> float:
+        """Standard deviation of what counts as healthy, as after careful weighing."""
+        return TOLERANCE * self.typical
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ class Run:
 
     folder: str
     kind: str
-    """flight, campaign, sweep, diagnosis, change, recovery, beta, suite; unfinished: nothing is in
-    it (yet)."""
+    """flight, campaign, sweep, risk, diagnosis, change, recovery, beta, suite; unfinished: nothing
+    is in it (yet)."""
     what: str
     """Scenario and seeds of flights, files of measurements."""
     when: str
@@ -106,6 +106,12 @@ def _sweep(values: Mapping[str, Any]) -> _Described:
     return "sweep", what, str(values.get("outcome") or "not finished")
 
 
+def _risk(values: Mapping[str, Any]) -> _Described:
+    keys = " ".join(str(one["key"]) for one in values["inputs"])
+    what = f"{values['scenario']} {keys}".strip()
+    return "risk", what, str(values.get("outcome") or "not finished")
+
+
 def _diagnosis(values: Mapping[str, Any]) -> _Described:
     measured = values.get("flights") or values.get("runs") or []
     names = [str(one["name"] if isinstance(one, Mapping) else one) for one in measured]
@@ -119,6 +125,7 @@ def _of_kind(kind: str) -> Callable[[Mapping[str, Any]], _Described]:
 _HEADS: Mapping[str, Callable[[Mapping[str, Any]], _Described]] = {
     "summary.json": _flights,
     "sweep.json": _sweep,
+    "risk.json": _risk,
     "diagnosis.json": _diagnosis,
     "recovery.json": _of_kind("recovery"),
     "beta.json": _of_kind("beta"),

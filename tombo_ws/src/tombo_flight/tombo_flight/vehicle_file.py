@@ -59,6 +59,17 @@ _HEAD = (
 )
 _TOLERANCE = (1e-15, 1e6)
 """Bounds; 0 would say that a value can't be wrong at all."""
+EFFECT_OF = {
+    "vehicle.mass": ("mass_error.fraction", True),
+    "vehicle.inertia_xx": ("inertia_error.xx", True),
+    "vehicle.inertia_yy": ("inertia_error.yy", True),
+    "vehicle.inertia_zz": ("inertia_error.zz", True),
+    "vehicle.motor_time_constant": ("motor_lag.extra_tau", False),
+    "propeller.k_thrust": ("thrust_coefficient_error.fraction", True),
+    "propeller.curve": ("thrust_coefficient_error.fraction", False),
+    "drive.gain": ("thrust_coefficient_error.fraction", True),
+}
+"""Value of a vehicle file → the effect that its error is, and whether as a share of the value."""
 _ACCEPTED = "a vehicle file as `tombo vehicle new` writes it"
 
 

@@ -20,6 +20,7 @@ from tombo_bringup.cli.flight.hil_command import HIL_EXIT_CODES, hil
 from tombo_bringup.cli.flight.optional_url import OptionalUrlCommand
 from tombo_bringup.cli.flight.px4_command import PX4_EXIT_CODES, px4
 from tombo_bringup.cli.flight.replay_command import REPLAY_EXIT_CODES, replay
+from tombo_bringup.cli.flight.risk_command import RISK_EXIT_CODES, risk
 from tombo_bringup.cli.flight.sweep_command import SWEEP_EXIT_CODES, sweep
 from tombo_bringup.cli.flight.up_command import UP_EXIT_CODES, up
 from tombo_bringup.cli.options import option
@@ -49,6 +50,7 @@ app.command(epilog=COMPARE_EXIT_CODES)(compare)
 app.command(epilog=DIAGNOSE_EXIT_CODES, cls=ManyPathsCommand)(diagnose)
 app.command("run", context_settings=PASS_ON)(run_executable)
 app.command(epilog=SWEEP_EXIT_CODES)(sweep)
+app.command(epilog=RISK_EXIT_CODES)(risk)
 app.command()(runs)
 app.command()(scenarios)
 app.add_typer(propeller_command.app, name="propeller", context_settings=_HELP)

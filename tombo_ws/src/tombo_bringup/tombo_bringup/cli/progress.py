@@ -52,3 +52,16 @@ def progress_bar() -> Iterator[ProgressCallback]:
 
     with progress:
         yield on_progress
+
+
+def duration_text(seconds: float) -> str:
+    """Return a duration in words, to the second."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return (
+        f"{hours} h {minutes} min"
+        if hours
+        else f"{minutes} min {rest} s"
+        if minutes
+        else f"{rest} s"
+    )

@@ -18,9 +18,8 @@ import numpy as np
 
 from tombo_diagnosis.engine.evidence import NormalEquations, Posterior
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.effect_registry import TOLERANCE
 
-TOLERANCE = 0.05
-"""Share of the scale."""
 TIGHT = 0.2
 """Factor on the tolerances for tight priors."""
 NOMINAL_WIDTHS: Mapping[str, float] = MappingProxyType({})

@@ -14,23 +14,12 @@ from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_
 from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.scenario import Scenario, load_scenario, world_of
-from tombo_flight.vehicle_file import VehicleFile, vehicle_named
+from tombo_flight.vehicle_file import EFFECT_OF, VehicleFile, vehicle_named
 from tombo_logs.flight_log import FlightLog
 from tombo_logs.readers.vehicle_airframe import airframe_of
 from tombo_sim.propeller_effects import propulsion_effects
 
 _SCENARIO = "no_obstacle"
-_EFFECTS = {
-    "vehicle.mass": ("mass_error.fraction", True),
-    "vehicle.inertia_xx": ("inertia_error.xx", True),
-    "vehicle.inertia_yy": ("inertia_error.yy", True),
-    "vehicle.inertia_zz": ("inertia_error.zz", True),
-    "vehicle.motor_time_constant": ("motor_lag.extra_tau", False),
-    "propeller.k_thrust": ("thrust_coefficient_error.fraction", True),
-    "propeller.curve": ("thrust_coefficient_error.fraction", False),
-    "drive.gain": ("thrust_coefficient_error.fraction", True),
-}
-"""Value of a vehicle file → the effect that its error is, and whether as a share of the value."""
 
 
 def nominal_model(
@@ -67,7 +56,7 @@ def tolerances_of(file: VehicleFile) -> dict[str, float]:
     A tolerance of arms, rotor inertia or drag torque has no effect that stands for it.
     """
     found = {}
-    for key, (label, share) in _EFFECTS.items():
+    for key, (label, share) in EFFECT_OF.items():
         tolerance = file.tolerance(key)
         if tolerance is None:
             continue

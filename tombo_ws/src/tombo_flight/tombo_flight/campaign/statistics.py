@@ -59,9 +59,15 @@ def share_interval(count: int, of: int) -> tuple[float, float] | None:
     """Return the exact 95 % interval of a share (Clopper and Pearson 1934); None of none."""
     if not of:
         return None
+    low, high = exact_interval(count, of)
+    return round(low, 6), round(high, 6)
+
+
+def exact_interval(count: int, of: int) -> tuple[float, float]:
+    """Return it with all digits, of one or more."""
     low = 0.0 if count == 0 else float(betaincinv(count, of - count + 1, 0.025))
     high = 1.0 if count == of else float(betaincinv(count + 1, of - count, 0.975))
-    return round(low, 6), round(high, 6)
+    return low, high
 
 
 def aggregate(flights: Sequence[Summary], wall_time_s: float) -> dict[str, Any]:

@@ -117,7 +117,7 @@ def _stream_from_dask(
     except ImportError:
         raise InputError(
             f"--scheduler {address}: Dask is not installed; accepted: after "
-            "pip install -r requirements-cluster.txt"
+            "pip install -r requirements-study.txt"
         ) from None
     try:
         client = Client(address, timeout=10, set_as_default=False)

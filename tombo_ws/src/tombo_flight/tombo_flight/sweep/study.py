@@ -13,7 +13,7 @@ from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import flight_summary, plain
 from tombo_flight.scenario import Scenario, scenario_values, with_settings
 from tombo_flight.sweep.columns import row_of
-from tombo_flight.sweep.design import Axis, Design, Points
+from tombo_flight.sweep.design import Design, Points
 from tombo_flight.version import tombo_version
 
 MOST_FLIGHTS = 10**9
@@ -116,24 +116,6 @@ def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return values of a scenario in the types of JSON, tuples as lists."""
     found: dict[str, Any] = plain(values)
     return found
-
-
-def study_of(values: Mapping[str, Any]) -> Study:
-    """Return the study that `as_mapping` gave.
-
-    Raises:
-        InputError: it is none.
-    """
-    try:
-        axes = tuple(Axis(**{**axis, "levels": tuple(axis["levels"])}) for axis in values["axes"])
-        first, end = values["seeds"]
-        return Study(
-            values["scenario"], Design(axes, values["kind"], values["samples"]), (first, end),
-            tuple(values["settings"]), values["label"], values["values"],
-            values["tombo_version"], values["model"], values["vehicle"],
-        )  # fmt: skip
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"sweep.json: {error}; accepted: as `tombo sweep` writes it") from error
 
 
 class Flyer:

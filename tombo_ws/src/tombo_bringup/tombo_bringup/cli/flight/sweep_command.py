@@ -19,7 +19,7 @@ from tombo_bringup.cli.options import (
     option,
     output_option,
 )
-from tombo_bringup.cli.result_files import check_output, plain_name
+from tombo_bringup.cli.result_files import check_output, check_workers, plain_name
 
 if TYPE_CHECKING:
     from tombo_flight.sweep.study import Study
@@ -86,8 +86,7 @@ def sweep(
     from tombo_dynamics.errors import InputError
 
     check_output(output)
-    if workers is not None and not 1 <= workers <= 4096:
-        raise InputError(f"--workers {workers}: out of bounds; accepted: 1 to 4096")
+    check_workers(workers)
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler: accepted: one of them")
     from tombo_flight.sweep.design import Design, parse_axis
@@ -112,7 +111,7 @@ MOST_SEEDS = 10**9
 def _sweep(
     study: Study, output: str | None, workers: int | None, scheduler: str | None, as_json: bool
 ) -> int:
-    from tombo_bringup.cli.progress import progress_bar
+    from tombo_bringup.cli.progress import duration_text, progress_bar
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.sweep.finish import fly_sweep
     from tombo_flight.sweep.store import open_store
@@ -130,7 +129,7 @@ def _sweep(
             typer.echo(f"{folder}: {before} of {study.flights} flights are there already.")
 
         def tell(kept: int, left_s: float | None) -> None:
-            left = "" if left_s is None else f", {_duration(left_s)} left"
+            left = "" if left_s is None else f", {duration_text(left_s)} left"
             on_progress(f"{kept} of {study.flights} flights{left}", kept / study.flights)
 
         on_progress("loading", 0.0)
@@ -153,15 +152,3 @@ def _sweep(
         typer.echo(f"{study.flights} flights: {outcome}.")
         typer.echo(f"{folder}: flights.parquet, sweep.html, sweep.json")
     return 0
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return (
-        f"{hours} h {minutes} min"
-        if hours
-        else f"{minutes} min {rest} s"
-        if minutes
-        else f"{rest} s"
-    )

@@ -1,0 +1,140 @@
+"""`tombo risk`: the probability of a crash when settings are uncertain."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tombo_bringup.cli.flight.fly_command import over_scenario
+from tombo_bringup.cli.options import (
+    Disturbed,
+    JsonOnly,
+    ModelFile,
+    ReactionName,
+    Settings,
+    VehicleName,
+    integer_option,
+    option,
+    output_option,
+)
+from tombo_bringup.cli.result_files import check_output, check_workers, plain_name
+
+if TYPE_CHECKING:
+    from tombo_flight.risk.study import RiskStudy
+
+RISK_EXIT_CODES = (
+    "Exit code: 0 when the flights are flown, whatever the risk is; 2 for bad input, a package "
+    "that is not installed or output that can't be written; 130 after Ctrl-C, 143 after SIGTERM: "
+    "the same command with -o DIR goes on."
+)
+
+
+def risk(
+    scenario: Annotated[
+        str,
+        typer.Argument(metavar="SCENARIO", help="A name of `tombo scenarios`, or a YAML file."),
+    ],
+    given: Annotated[
+        list[str] | None,
+        option(
+            "--given KEY~DISTRIBUTION",
+            "An uncertain setting, keys as of --set, as in 'vehicle.mass~Normal(1.3,0.02)'; in "
+            "quotes. Distributions and their parameters are those of OpenTURNS. KEY alone: "
+            "normal, with the tolerance of the vehicle's file or the usual one. May be given "
+            "many times.",
+        ),
+    ] = None,
+    flights: Annotated[
+        int, integer_option("--flights N", "Flights, those of the search included.")
+    ] = 4000,
+    method: Annotated[
+        str,
+        option(
+            "--method NAME",
+            "adaptive: search crashes, then importance sampling; plain Monte Carlo where crashes "
+            "are frequent. monte-carlo: all flights as they come.",
+        ),
+    ] = "adaptive",
+    seed: Annotated[int, integer_option("--seed N", "All draws follow from it.")] = 0,
+    reaction: ReactionName = None,
+    disturbances: Disturbed = False,
+    settings: Settings = None,
+    model: ModelFile = None,
+    vehicle: VehicleName = None,
+    workers: Annotated[
+        int | None,
+        integer_option("--workers N", "Processes on this machine. Default: one for each core."),
+    ] = None,
+    output: Annotated[
+        str | None,
+        output_option(
+            "Folder of the results: new, empty, or that of the same command, which then goes on. "
+            "Default: a new one, runs/risk-SCENARIO, with a number where that is taken."
+        ),
+    ] = None,
+    as_json: JsonOnly = False,
+) -> None:
+    """Say how probable a crash is when settings are uncertain, and what decides it.
+
+    Each flight draws its inputs and its own seed: sensor noise, gusts and scatter are part of the
+    risk. Writes risk.html, risk.json and flights.parquet.
+    """
+    from tombo_dynamics.errors import InputError
+
+    check_output(output)
+    check_workers(workers)
+    if not 0 <= seed < 2**63:
+        raise InputError(f"--seed {seed}: out of bounds; accepted: 0 and above")
+    from tombo_flight.risk.study import new_risk
+
+    chosen = [*over_scenario(reaction, disturbances=disturbances), *(settings or [])]
+    study = new_risk(scenario, given or [], flights, method, seed, chosen, model, vehicle)
+    raise typer.Exit(_risk(study, output, workers, as_json))
+
+
+def _risk(study: RiskStudy, output: str | None, workers: int | None, as_json: bool) -> int:
+    from tombo_bringup.cli.progress import duration_text, progress_bar
+    from tombo_flight.process.stop_signals import StopSignals
+    from tombo_flight.risk.run import fly_risk, open_risk
+
+    path = Path(output or f"runs/risk-{plain_name(study.label, 'scenario')}")
+    with (
+        StopSignals() as stop,
+        open_risk(path, study, numbered=output is None) as folder,
+        progress_bar() as on_progress,
+    ):
+        where, before = folder.folder, folder.kept
+        if before and not as_json:
+            typer.echo(f"{where}: {before} of {study.flights} flights are there already.")
+
+        def tell(kept: int, left_s: float | None) -> None:
+            left = "" if left_s is None else f", {duration_text(left_s)} left"
+            on_progress(f"{kept} of {study.flights} flights{left}", kept / study.flights)
+
+        on_progress("loading", 0.0)
+        result = fly_risk(folder, workers=workers, progress=tell, stop=stop.asked)
+        kept = folder.kept
+    if result is None:
+        words = f"{kept} of {study.flights} flights are kept; the same command with -o {where}"
+        typer.echo(f"Interrupted: {words} goes on.", err=True)
+        return stop.exit_code
+    if as_json:
+        import json
+
+        typer.echo(json.dumps({"folder": str(where), **result}, indent=1, ensure_ascii=False))
+    else:
+        _tell(result, where)
+    return 0
+
+
+def _tell(result: dict[str, Any], folder: Path) -> None:
+    from tombo_flight.risk.words import answer_words, assumption_words, decision_words
+
+    typer.echo(answer_words(result))
+    for line in [*decision_words(result), *assumption_words(result)]:
+        typer.echo(f"- {line}")
+    if result["most_likely_crash"] is not None:
+        typer.echo(f"Most likely crash: {result['most_likely_crash']['command']}")
+    typer.echo(f"{folder}: risk.html, risk.json, flights.parquet")

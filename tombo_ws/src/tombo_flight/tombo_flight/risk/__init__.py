@@ -1,0 +1,1 @@
+"""Risk: how probable a crash is when inputs are uncertain, and what decides it."""

@@ -1,0 +1,183 @@
+"""Uncertain inputs: a setting of the scenario and its distribution, by OpenTURNS."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from scipy.special import ndtr
+
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.effects import REGISTRY
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_flight.scenario import Scenario
+from tombo_flight.sweep.design import number_text
+from tombo_flight.vehicle_file import EFFECT_OF, VehicleFile
+
+DISTRIBUTIONS = {
+    "Normal": "mean, deviation",
+    "Uniform": "a, b",
+    "LogNormal": "muLog, sigmaLog",
+    "Triangular": "a, mode, b",
+    "TruncatedNormal": "mean, deviation, a, b",
+    "Beta": "alpha, beta, a, b",
+    "Gamma": "k, lambda",
+    "Exponential": "lambda",
+    "WeibullMin": "beta, alpha",
+    "Gumbel": "beta, gamma",
+    "Laplace": "mu, lambda",
+}
+"""Names and parameters of OpenTURNS."""
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_CALL = re.compile(rf"(\w+)\(\s*({_NUMBER}(?:\s*,\s*{_NUMBER})*)\s*\)")
+_ACCEPTED = "accepted: KEY or KEY~DISTRIBUTION(..), as in 'vehicle.mass~Normal(1.3,0.02)'"
+_MOST_OUTSIDE = 1e-6
+"""Probability beyond the bounds of a setting that is cut off; more is refused."""
+
+
+@dataclass(frozen=True)
+class Input:
+    """One uncertain setting."""
+
+    key: str
+    """As of --set: "vehicle.mass"."""
+    distribution: str
+    """As text: "Normal(1.3,0.02)"."""
+    source: str
+    """Where the distribution is from."""
+    bounds: tuple[float, float]
+    """That the setting accepts."""
+
+    @cached_property
+    def made(self) -> Any:
+        """The distribution of OpenTURNS, within the bounds of the setting.
+
+        Raises:
+            InputError: it has no such parameters, or goes beyond the bounds.
+        """
+        ot = openturns()
+        found = _CALL.fullmatch(self.distribution)
+        given = f"{self.key}~{self.distribution}"
+        if found is None:
+            raise InputError(f"--given '{given}': {_ACCEPTED}")
+        name, numbers = found[1], [float(text) for text in found[2].split(",")]
+        if name not in DISTRIBUTIONS:
+            raise unknown_name(f"distribution in --given '{given}':", name, DISTRIBUTIONS)
+        if len(numbers) != len(DISTRIBUTIONS[name].split(",")):
+            raise InputError(f"--given '{given}': accepted: {name}({DISTRIBUTIONS[name]})")
+        try:
+            made = getattr(ot, name)(*numbers)
+        except (TypeError, RuntimeError) as error:
+            raise InputError(
+                f"--given '{given}': {str(error).partition(' : ')[2] or error}; accepted: "
+                f"{name}({DISTRIBUTIONS[name]})"
+            ) from None
+        low, high = self.bounds
+        outside = made.computeCDF(low) * (low > made.getRange().getLowerBound()[0])
+        outside += made.computeComplementaryCDF(high)
+        if outside > _MOST_OUTSIDE:
+            raise InputError(
+                f"--given '{given}': {outside:.2g} of it is outside {low:g} to {high:g}, the "
+                f"bounds of {self.key}; accepted: {_MOST_OUTSIDE:g} at most, as with "
+                "TruncatedNormal(mean,deviation,a,b)"
+            )
+        return ot.TruncatedDistribution(made, low, high) if outside > 0.0 else made
+
+    def text_at(self, u: float) -> str:
+        """Return the value for a standard normal number, as --set reads it."""
+        value = self.made.computeScalarQuantile(float(ndtr(-abs(u))), u > 0.0)
+        return number_text(min(max(value, self.bounds[0]), self.bounds[1]))
+
+
+def settings_at(inputs: Sequence[Input], point: Array) -> list[str]:
+    """Return the settings of a point (d,) of standard normal numbers, as texts of --set."""
+    return [f"{one.key}={one.text_at(float(u))}" for one, u in zip(inputs, point, strict=True)]
+
+
+def openturns() -> Any:
+    """Return the module.
+
+    Raises:
+        InputError: it or SALib is not installed.
+    """
+    try:
+        import openturns as ot
+        import SALib  # noqa: F401
+    except ImportError as error:
+        raise InputError(
+            f"tombo risk: {error.name} is not installed; accepted: after "
+            "pip install -r requirements-study.txt"
+        ) from None
+    return ot
+
+
+def parse_input(text: str, scenario: Scenario, vehicle: VehicleFile) -> Input:
+    """Return the input that `KEY~DISTRIBUTION(..)` or `KEY` means.
+
+    Args:
+        text: as given.
+        scenario: in which the key is.
+        vehicle: whose tolerances are the default.
+
+    Raises:
+        InputError: the key is unknown or no number, or there is no default.
+    """
+    key, sign, rest = (part.strip() for part in text.partition("~"))
+    if not key or (sign and not rest):
+        raise InputError(f"--given '{text}': {_ACCEPTED}")
+    bounds, value = _number_at(scenario, key)
+    if rest:
+        found = Input(key, re.sub(r"\s", "", rest), "given", bounds)
+    else:
+        deviation, source = _tolerance(key, value, vehicle)
+        distribution = f"Normal({value:.9g},{deviation:.6g})"
+        found = Input(key, distribution, source, bounds)
+    _ = found.made
+    return found
+
+
+def _number_at(scenario: Scenario, key: str) -> tuple[tuple[float, float], float]:
+    """Return bounds and value of a setting that is a number."""
+    *path, name = key.split(".")
+    if path[:1] == ["effects"] and len(path) == 2:
+        if path[1] not in REGISTRY:
+            raise unknown_name("effect in --given", path[1], REGISTRY)
+        theta = {param.name: param for param in REGISTRY[path[1]].theta}
+        if name not in theta:
+            raise unknown_name(f"parameter of effects.{path[1]} in --given", name, theta)
+        value = scenario.effects.get(path[1], {}).get(name, theta[name].null)
+        return theta[name].bounds, float(value)
+    record: Any = scenario
+    for part in path:
+        record = getattr(record, part, None)
+    fields = dataclasses.fields(record) if dataclasses.is_dataclass(record) else ()
+    numbers = {f.name: f for f in fields if "bounds" in f.metadata}
+    if name not in numbers or getattr(record, name) is None:
+        inside = [f"{'.'.join(path)}.{one}".lstrip(".") for one in numbers]
+        sections = [
+            f.name for f in dataclasses.fields(scenario)
+            if dataclasses.is_dataclass(getattr(scenario, f.name))
+        ]  # fmt: skip
+        raise unknown_name("setting in --given", key, inside or [*sections, "effects"])
+    return numbers[name].metadata["bounds"], float(getattr(record, name))
+
+
+def _tolerance(key: str, value: float, vehicle: VehicleFile) -> tuple[float, str]:
+    """Return the standard deviation with which a value is known, and where that is from."""
+    noted = vehicle.tolerance(key)
+    if noted is not None:
+        return noted, f"tolerance in the file of {vehicle.name}"
+    label, share = EFFECT_OF.get(key, (key.removeprefix("effects."), False))
+    effect, _, name = label.partition(".")
+    for param in REGISTRY[effect].theta if effect in REGISTRY else ():
+        if param.name == name:
+            usual = param.tolerance * (abs(value) if share else 1.0)
+            return usual, f"usual tolerance, that of effects.{label}"
+    raise InputError(
+        f"--given '{key}': no tolerance of it is known; accepted: with a distribution, as in "
+        f"'{key}~Normal({value:g},..)'"
+    )
