@@ -437,6 +437,7 @@ class ReactionCore(Core):
         self._odometry = OdometryRecord.new()
         self.memory = ReactionMemory.new()
         self._choose(reaction)
+        check_event(self.memory, self.limits, self._event, 0)  # found compiled at a collision
         begin_reaction(self.memory)
 
     def _choose(self, reaction: Reaction) -> None:
