@@ -27,6 +27,7 @@ from tombo_dynamics.message_records import message_of
 from tombo_dynamics.messages import CollisionEvent as CollisionMessage
 from tombo_dynamics.messages import MissionStatus, Trigger
 from tombo_dynamics.plant import Plant
+from tombo_dynamics.records import as_arrays
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import MetricsInput, collision_events, phase_event, summarize
 from tombo_flight.flight_record import FlightRecord
@@ -39,7 +40,7 @@ from tombo_sim.kernel import (
     FlightProgress,
     Published,
     core_memories,
-    fly,
+    fly_from_python,
     new_published,
     publish_reaction,
 )
@@ -113,11 +114,11 @@ def fly_scenario(
     captures = np.append(captures, np.int64(2**62))
     entries = np.zeros(captures.size, MocapEntry.layout)
     normals = setup.mocap_noise.standard_normal((captures.size, NOISE))
-    poses = (captures, normals, entries, Captures.new())
+    poses = as_arrays((captures, normals, entries, Captures.new()))
     log, published = (workspace or Workspace()).for_flight(ticks, captures.size)
     cores: Any = [core_of(kind, scenario) for kind in CORES]
     reaction: ReactionCore = cores[CORES.index(ReactionCore)]
-    memories, params = core_memories(*cores)
+    memories, params = as_arrays(core_memories(*cores))
     flight = FlightProgress.new()
     flight["end"] = ticks
     flight["over"]["ground"] = scenario.vehicle.leg_height
@@ -129,9 +130,11 @@ def fly_scenario(
         if k >= base + noise.shape[0]:
             base = k
             noise = setup.tick_noise.standard_normal((_BLOCK, NOISE))
-        vehicle = (setup.plant, setup.maps, setup.theta, noise)
+        vehicle = as_arrays((setup.plant, setup.maps, setup.theta, noise))
         until = min(base + _BLOCK, k + _CHUNK)
-        if fly(vehicle, poses, memories, params, published, flight, log, base, until):
+        if fly_from_python(
+            vehicle, poses, memories, params, published, flight.as_array(), log, base, until
+        ):
             _react(reaction, published, flight)
         now_s = float(flight["tick"]) * TICK_S
         state = setup.plant.state

@@ -21,12 +21,18 @@ from tombo_control.safety.watch import begin_in_flight
 from tombo_dynamics.effects.compose import new_plant, pack_theta
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.propeller import configuration, thrust_map
-from tombo_dynamics.records import numbers
+from tombo_dynamics.records import as_arrays, numbers
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_sim.kernel import DETECTOR_STATUS, FlightProgress, core_memories, fly, new_published
+from tombo_sim.kernel import (
+    DETECTOR_STATUS,
+    FlightProgress,
+    core_memories,
+    fly_from_python,
+    new_published,
+)
 from tombo_sim.log_columns import new_log
 from tombo_sim.sensing import Captures, MocapEntry
 
@@ -132,19 +138,21 @@ def fly_kernel(effects=None, seconds=1.0, seed=0, chunk=10**9, block=10**9, tick
     log = new_log(ticks)
     for column in log:
         column[:] = np.nan
-    poses = (captures, noise, mocap, Captures.new())
-    cores, params = hovering_cores(plant, a)
+    poses = as_arrays((captures, noise, mocap, Captures.new()))
+    cores, params = as_arrays(hovering_cores(plant, a))
     published = new_published(ticks, samples)
     flight = FlightProgress.new()
     flight["end"] = ticks
     while (k := flight["tick"]) < ticks:
         base = k - k % block
-        vehicle = (plant, maps(), theta, drawn[base : base + block].copy())
+        vehicle = as_arrays((plant, maps(), theta, drawn[base : base + block].copy()))
         stop = min(k + chunk, base + block, ticks)
-        assert not fly(vehicle, poses, cores, params, published, flight, log, base, stop)
+        assert not fly_from_python(
+            vehicle, poses, cores, params, published, flight.as_array(), log, base, stop
+        )
     arrived = published.detector_status[: flight["published"][DETECTOR_STATUS]]
     delivered = list(zip(arrived["tick"].tolist(), arrived["row"].tolist(), strict=True))
-    return Flight(log, mocap, delivered, plant, cores[-1])
+    return Flight(log, mocap, delivered, plant, cores.controller_autopilot[0])
 
 
 NOISY = {

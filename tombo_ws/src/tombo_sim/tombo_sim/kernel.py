@@ -42,6 +42,7 @@ from tombo_control.estimator_core import (
 from tombo_control.estimator_core import take_pose as estimator_pose
 from tombo_control.loops.cascade import cascade
 from tombo_control.mission_core import MissionCore, mission_step, take_estimate, take_reaction
+from tombo_control.planning.mission import Plan
 from tombo_dynamics import message_records as records
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled, compiled_call, compiled_loop
@@ -251,6 +252,48 @@ def fly(
             reaction_step(cores.reaction, params.reaction, now)
             publish_reaction(cores.reaction, published, flight, tick)
     return False
+
+
+@compiled_loop
+def fly_from_python(
+    vehicle: tuple[Any, ...],
+    poses: tuple[Any, ...],
+    cores: CoreMemories,
+    params: CoreParams,
+    published: Published,
+    flight: Any,
+    log: Any,
+    base: int,
+    stop: int,
+) -> bool:
+    """Fly as `fly` does; each record comes as the array (1) that holds it, see `as_arrays`."""
+    plant, maps, theta, noise = vehicle
+    ticks, normals, entries, captures = poses
+    return fly(
+        (plant[0], maps[0], theta, noise),
+        (ticks, normals, entries, captures[0]),
+        CoreMemories(
+            cores.estimator[0],
+            cores.estimator_autopilot[0],
+            cores.detector[0],
+            cores.reaction[0],
+            cores.mission[0],
+            cores.controller[0],
+            cores.controller_autopilot[0],
+        ),
+        CoreParams(
+            params.detector[0],
+            params.reaction[0],
+            Plan(params.plan.params[0], params.plan.waypoints),
+            params.mission[0],
+            params.controller[0],
+        ),
+        published,
+        flight[0],
+        log,
+        base,
+        stop,
+    )
 
 
 @compiled_loop
