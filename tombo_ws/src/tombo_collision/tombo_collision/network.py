@@ -32,12 +32,12 @@ def read_network(name: str, value: object) -> Network | None:
 
     Args:
         name: of the parameter.
-        value: a file's path, the layers, or None.
+        value: a file's path, the layers, or none: None or an empty text.
 
     Raises:
         InputError: the file can't be read, or is no network of the policy's size.
     """
-    if value is None:
+    if value is None or value == "":
         return None
     if isinstance(value, str):
         text = read_text(Path(value), f"{name}: '{value}'", "a policy's JSON")
