@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
@@ -164,6 +164,48 @@ def compute_into(
         except Stopped:
             typer.echo("Error: interrupted", err=True)
             raise typer.Exit(stop.exit_code) from None
+
+
+def fly_study(
+    opened: AbstractContextManager[Any],
+    flights: int,
+    as_json: bool,
+    fly: Callable[[Any, Callable[[int, float | None], None], Callable[[], bool]], _Found | None],
+) -> tuple[Path, int, _Found]:
+    """Fly what a study's folder lacks, with a progress bar and the time left.
+
+    Args:
+        opened: the folder; `folder` is its path, `kept` the number of flights in it.
+        flights: of the whole study.
+        as_json: only JSON is printed.
+        fly: flies in the folder, tells its progress, asks whether to stop; None: it was stopped.
+
+    Returns:
+        The path, the flights flown now, and what `fly` returned.
+
+    Raises:
+        typer.Exit: a signal came; what was flown is kept.
+    """
+    from tombo_bringup.cli.progress import duration_text, progress_bar
+    from tombo_flight.process.stop_signals import StopSignals
+
+    with StopSignals() as stop, opened as folder, progress_bar() as on_progress:
+        path, before = folder.folder, folder.kept
+        if before and not as_json:
+            typer.echo(f"{path}: {before} of {flights} flights are there already.")
+
+        def tell(kept: int, left_s: float | None) -> None:
+            left = "" if left_s is None else f", {duration_text(left_s)} left"
+            on_progress(f"{kept} of {flights} flights{left}", kept / flights)
+
+        on_progress("loading", 0.0)
+        found = fly(folder, tell, stop.asked)
+        kept = folder.kept
+    if found is None:
+        words = f"{kept} of {flights} flights are kept; the same command with -o {path}"
+        typer.echo(f"Interrupted: {words} goes on.", err=True)
+        raise typer.Exit(stop.exit_code)
+    return path, kept - before, found
 
 
 def write_file(path: Path, text: str) -> None:

@@ -19,7 +19,7 @@ from tombo_bringup.cli.options import (
     option,
     output_option,
 )
-from tombo_bringup.cli.result_files import check_output, check_workers, plain_name
+from tombo_bringup.cli.result_files import check_output, check_workers, fly_study, plain_name
 
 if TYPE_CHECKING:
     from tombo_flight.risk.study import RiskStudy
@@ -91,42 +91,28 @@ def risk(
 
     chosen = [*over_scenario(reaction, disturbances=disturbances), *(settings or [])]
     study = new_risk(scenario, given or [], flights, method, seed, chosen, model, vehicle)
-    raise typer.Exit(_risk(study, output, workers, as_json))
+    _risk(study, output, workers, as_json)
 
 
-def _risk(study: RiskStudy, output: str | None, workers: int | None, as_json: bool) -> int:
-    from tombo_bringup.cli.progress import duration_text, progress_bar
-    from tombo_flight.process.stop_signals import StopSignals
+def _risk(study: RiskStudy, output: str | None, workers: int | None, as_json: bool) -> None:
     from tombo_flight.risk.run import fly_risk, open_risk
 
-    path = Path(output or f"runs/risk-{plain_name(study.label, 'scenario')}")
-    with (
-        StopSignals() as stop,
-        open_risk(path, study, numbered=output is None) as folder,
-        progress_bar() as on_progress,
-    ):
-        where, before = folder.folder, folder.kept
-        if before and not as_json:
-            typer.echo(f"{where}: {before} of {study.flights} flights are there already.")
-
-        def tell(kept: int, left_s: float | None) -> None:
-            left = "" if left_s is None else f", {duration_text(left_s)} left"
-            on_progress(f"{kept} of {study.flights} flights{left}", kept / study.flights)
-
-        on_progress("loading", 0.0)
-        result = fly_risk(folder, workers=workers, progress=tell, stop=stop.asked)
-        kept = folder.kept
-    if result is None:
-        words = f"{kept} of {study.flights} flights are kept; the same command with -o {where}"
-        typer.echo(f"Interrupted: {words} goes on.", err=True)
-        return stop.exit_code
+    folder, _, result = fly_study(
+        open_risk(
+            Path(output or f"runs/risk-{plain_name(study.label, 'scenario')}"),
+            study,
+            numbered=output is None,
+        ),
+        study.flights,
+        as_json,
+        lambda opened, tell, stop: fly_risk(opened, workers=workers, progress=tell, stop=stop),
+    )
     if as_json:
         import json
 
-        typer.echo(json.dumps({"folder": str(where), **result}, indent=1, ensure_ascii=False))
+        typer.echo(json.dumps({"folder": str(folder), **result}, indent=1, ensure_ascii=False))
     else:
-        _tell(result, where)
-    return 0
+        _tell(result, folder)
 
 
 def _tell(result: dict[str, Any], folder: Path) -> None:

@@ -19,7 +19,7 @@ from tombo_bringup.cli.options import (
     option,
     output_option,
 )
-from tombo_bringup.cli.result_files import check_output, check_workers, plain_name
+from tombo_bringup.cli.result_files import check_output, check_workers, fly_study, plain_name
 
 if TYPE_CHECKING:
     from tombo_flight.sweep.study import Study
@@ -102,7 +102,7 @@ def sweep(
         model,
         vehicle,
     )
-    raise typer.Exit(_sweep(study, output, workers, scheduler, as_json))
+    _sweep(study, output, workers, scheduler, as_json)
 
 
 MOST_SEEDS = 10**9
@@ -110,45 +110,28 @@ MOST_SEEDS = 10**9
 
 def _sweep(
     study: Study, output: str | None, workers: int | None, scheduler: str | None, as_json: bool
-) -> int:
-    from tombo_bringup.cli.progress import duration_text, progress_bar
-    from tombo_flight.process.stop_signals import StopSignals
+) -> None:
     from tombo_flight.sweep.finish import fly_sweep
     from tombo_flight.sweep.store import open_store
 
-    name = f"sweep-{plain_name(study.label, 'scenario')}"
-    path = Path("runs") / name if output is None else Path(output)
-    with (
-        StopSignals() as stop,
-        open_store(path, study, numbered=output is None) as store,
-        progress_bar() as on_progress,
-    ):
-        folder = store.folder
-        before = store.kept
-        if before and not as_json:
-            typer.echo(f"{folder}: {before} of {study.flights} flights are there already.")
-
-        def tell(kept: int, left_s: float | None) -> None:
-            left = "" if left_s is None else f", {duration_text(left_s)} left"
-            on_progress(f"{kept} of {study.flights} flights{left}", kept / study.flights)
-
-        on_progress("loading", 0.0)
-        outcome = fly_sweep(
-            store, workers=workers, scheduler=scheduler, progress=tell, stop=stop.asked
-        )
-        kept = store.kept
-    if outcome is None:
-        words = f"{kept} of {study.flights} flights are kept; the same command with -o {folder}"
-        typer.echo(f"Interrupted: {words} goes on.", err=True)
-        return stop.exit_code
+    folder, flown, outcome = fly_study(
+        open_store(
+            Path(output or f"runs/sweep-{plain_name(study.label, 'scenario')}"),
+            study,
+            numbered=output is None,
+        ),
+        study.flights,
+        as_json,
+        lambda store, tell, stop: fly_sweep(
+            store, workers=workers, scheduler=scheduler, progress=tell, stop=stop
+        ),
+    )
     if as_json:
         import json
 
         typer.echo(json.dumps({
-            "folder": str(folder), "flights": study.flights, "flown": kept - before,
-            "outcome": outcome,
+            "folder": str(folder), "flights": study.flights, "flown": flown, "outcome": outcome,
         }, indent=1))  # fmt: skip
     else:
         typer.echo(f"{study.flights} flights: {outcome}.")
         typer.echo(f"{folder}: flights.parquet, sweep.html, sweep.json")
-    return 0
