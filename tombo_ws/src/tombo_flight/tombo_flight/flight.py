@@ -33,7 +33,7 @@ from tombo_flight.flight_metrics import MetricsInput, collision_events, phase_ev
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, as_mapping, world_of
 from tombo_flight.wiring import CORES, core_of
-from tombo_sim.flight_setup import NOISE, FlightSetup, begin
+from tombo_sim.flight_setup import NOISE, FlightSetup, begin, capture_ticks
 from tombo_sim.kernel import (
     CONTACT,
     EVENT,
@@ -108,10 +108,7 @@ def fly_scenario(
     if prepare is not None:
         prepare(setup.plant)
     ticks = round(scenario.duration / TICK_S)
-    captures = np.round(np.arange(0.0, scenario.duration, 1.0 / setup.mocap_rate) / TICK_S).astype(
-        np.int64
-    )
-    captures = np.append(captures, np.int64(2**62))
+    captures = np.append(capture_ticks(scenario.duration, setup.mocap_rate), np.int64(2**62))
     entries = np.zeros(captures.size, MocapEntry.layout)
     normals = setup.mocap_noise.standard_normal((captures.size, NOISE))
     poses = as_arrays((captures, normals, entries, Captures.new()))

@@ -29,7 +29,7 @@ from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import CORES, core_of
 from tombo_sim import batch as flights
 from tombo_sim.batch import ACTS, COLLIDED, ENDED, FLIES, HANDED, OVER, Batch, fly_batch, row_of
-from tombo_sim.flight_setup import NOISE, begin
+from tombo_sim.flight_setup import NOISE, begin, capture_ticks
 from tombo_sim.kernel import core_memories
 
 CRASH_COST = 10.0
@@ -201,11 +201,11 @@ class Episodes:
         pilot.reaction.memory = batch.cores.reaction[i]
         self._pilots[i] = pilot
         batch.plant[i], batch.theta[i] = setup.plant, setup.theta
-        times = np.arange(0.0, scenario.duration, 1.0 / setup.mocap_rate)
+        captures = capture_ticks(scenario.duration, setup.mocap_rate)
         batch.capture_ticks[i] = _NEVER
-        batch.capture_ticks[i, : times.size] = np.round(times / TICK_S)
-        normals = setup.mocap_noise.standard_normal((times.size + 1, NOISE))
-        batch.mocap_noise[i, : times.size + 1] = normals
+        batch.capture_ticks[i, : captures.size] = captures
+        normals = setup.mocap_noise.standard_normal((captures.size + 1, NOISE))
+        batch.mocap_noise[i, : captures.size + 1] = normals
         for array in (batch.entries, batch.captures, batch.flight, batch.steering):
             array[i] = np.zeros((), array.dtype)
         batch.flight["end"][i] = self._ticks

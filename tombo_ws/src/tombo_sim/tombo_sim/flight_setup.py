@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
@@ -90,6 +91,11 @@ def begin(world: World, seed: int) -> FlightSetup:
         np.random.default_rng(tick_seed),
         np.random.default_rng(mocap_seed),
     )
+
+
+def capture_ticks(duration: float, rate: float) -> NDArray[np.int64]:
+    """Return the ticks (M) at which poses are captured, at a rate [1/s] for so long [s]."""
+    return np.round(np.arange(0.0, duration, 1.0 / rate) / TICK_S).astype(np.int64)
 
 
 def _spread_effects(

@@ -11,7 +11,7 @@ import numpy as np
 from tombo_collision.decision import Decision, Estimate, Guided, Reference
 from tombo_collision.network import Network, Row, answer, read_network
 from tombo_collision.reactions import OffSurface
-from tombo_collision.steering import HIGH, Steering, observe, steer, steering_over
+from tombo_collision.steering import HIGH, Steering, observe, steer
 from tombo_dynamics.message_records import PositionSetpointRecord
 from tombo_dynamics.messages import CollisionEvent
 from tombo_dynamics.params import structure
@@ -72,8 +72,3 @@ class Steered(Guided):
         out: Any = PositionSetpointRecord.new()
         steer(self.steering, action, estimate.attitude, estimate.rates, out)
         return Reference(out.position, out.velocity, out.acceleration, float(out.yaw))
-
-    def over(self, time_s: float, estimate: Estimate) -> bool:
-        """Return whether the vehicle is at x_r and at rest, or time is up."""
-        e = estimate
-        return steering_over(self.steering, time_s, e.position, e.velocity, e.rates)
