@@ -188,9 +188,12 @@ def test_on_the_ground_the_rotors_stand_still(phase: int) -> None:
     assert not bench.run(1, setpoint=False).speed.any()
     bench.setpoint(phase=Phase.HOVER)
     assert not bench.run(40).speed.any(), "it takes a take-off to fly again"
-    bench.setpoint(phase=Phase.IDLE)
-    assert not bench.run(20, setpoint=False).speed.any()
-    bench.setpoint(phase=Phase.TAKEOFF)
+    for commanded in (False, True):
+        bench.setpoint(phase=Phase.IDLE, commanded=commanded)
+        assert not bench.run(20, setpoint=False).speed.any()
+        bench.setpoint(phase=Phase.TAKEOFF, commanded=commanded)
+        if not commanded:
+            assert not bench.run(40, setpoint=False).speed.any(), "one that is asked for"
     assert bench.run(40, setpoint=False).speed.min() > 0.9 * bench.hover
 
 

@@ -73,7 +73,7 @@ _MAX_GAP_TICKS = 100
 _GRACE_NS = 3 * SECOND_NS
 """Nodes start in any order: before its first sample the gyro may be silent for so long."""
 _BLIND_TEXT = "position unknown (estimate or mocap too old): descent"
-_NORMAL = (Condition.IDLE, Condition.TAKEOFF, Condition.DOWN, Condition.NEW_FLIGHT)
+_NORMAL = (Condition.COMMANDED, Condition.TAKEOFF, Condition.DOWN, Condition.NEW_FLIGHT)
 """What ends a state without a fault."""
 
 
@@ -192,6 +192,7 @@ def take_setpoint(
     last.yaw = setpoint.yaw
     last.phase = setpoint.phase
     last.recovery = setpoint.recovery
+    last.commanded = setpoint.commanded
     memory.has_setpoint = True
     memory.setpoint_ns = now_ns
     return True

@@ -139,6 +139,7 @@ class MissionMemory(Record):
 
     begun = field("1", "the first estimate has come", kind=bool)
     started = field("1", "false: waits on the ground, the plan's clock at 0", kind=bool)
+    commanded = field("1", "an operator has started it, not `auto_start` alone", kind=bool)
     mode = field("1", "from here to settled_s: the `MissionState`", kind=int)
     leg = field("", "the reference", kind=LegRecord)
     home = field("m", "in map", 3)
@@ -172,6 +173,7 @@ def begin_mission(memory: MissionMemory, started: bool) -> None:
     """Forget everything but what was published."""
     memory.begun = False
     memory.started = started
+    memory.commanded = False
     memory.mode = Phase.IDLE
     memory.wait_reason = WaitReason.NONE
     memory.estimate_ns = _NEVER
@@ -421,6 +423,7 @@ def _set_point(memory: MissionMemory, now_ns: int, still: bool) -> None:
         out.acceleration[i] = change * leg.velocity[i]
     out.yaw = leg_yaw(leg, now)
     out.phase = memory.mode
+    out.commanded = memory.commanded
     out.stamp_ns = now_ns
 
 
@@ -433,6 +436,7 @@ def take_off(memory: MissionMemory) -> bool:
     if memory.begun and memory.mode != Phase.IDLE and memory.mode != Phase.LANDED:
         return False
     memory.started = True
+    memory.commanded = True
     if memory.mode == Phase.LANDED:
         store_state(memory, begin(memory.position))
         memory.time_ns = _SHOWS_IDLE_NS
@@ -449,6 +453,7 @@ def land_now(memory: MissionMemory, plan: Plan) -> bool:
     memory.held = False
     if not memory.begun or memory.mode == Phase.IDLE:
         memory.started = False
+        memory.commanded = False
         return True
     if memory.mode == Phase.LAND or memory.mode == Phase.LANDED:
         return bool(memory.mode == Phase.LAND)
@@ -595,7 +600,10 @@ class MissionCore(Core):
         elif section == "inputs":
             self.limits = parameter_record(params)
         else:
-            self.memory.started = bool(params)
+            memory = self.memory
+            if params and memory.begun and not memory.started:
+                memory.commanded = True
+            memory.started = bool(params)
 
     def command(self, name: str) -> str:
         """Obey an operator: a name of `commands`; return why not, empty: it is obeyed."""

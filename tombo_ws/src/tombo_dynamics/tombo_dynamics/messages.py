@@ -162,6 +162,8 @@ class PositionSetpoint:
     """A `Phase`."""
     recovery: int = RecoveryMode.OFF
     """A `RecoveryMode`."""
+    commanded: bool = False
+    """An operator has asked for the take-off, not `auto_start` alone."""
 
     def finite(self) -> bool:
         """Return whether every number is finite."""

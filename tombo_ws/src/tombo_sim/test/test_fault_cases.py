@@ -75,6 +75,14 @@ def test_a_second_flight_takes_a_command_and_is_flown_then() -> None:
     assert int(fly_case(again).lift_offs) == 2
 
 
+@pytest.mark.slow
+def test_a_mission_that_is_restarted_behind_a_landing_does_not_fly_by_itself() -> None:
+    restarted = (FaultAt(Fault.MOCAP, 4.0, 12.0), FaultAt(Fault.MISSION, 20.0, 5.0))
+    assert int(fly_case(restarted).lift_offs) == 1
+    commanded = (*restarted, FaultAt(Fault.TAKEOFF_COMMAND, 26.0, 0.05))
+    assert int(fly_case(commanded).lift_offs) == 2
+
+
 def test_the_checker_sees_what_must_not_be() -> None:
     verdict = Verdict.new()
     assert violations((), verdict) == []

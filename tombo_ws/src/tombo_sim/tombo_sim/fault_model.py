@@ -161,6 +161,8 @@ class World(Record):
     aloft = field("1", "it is in the air", kind=bool)
     pose_ns = field("ns", "of the last pose", kind=int)
     killed = field("1", "the rotors were stopped by command", kind=bool)
+    new_controller = field("1", "it was restarted, and has not flown since", kind=bool)
+    new_mission = field("1", "it was restarted, and nobody has told it to fly", kind=bool)
     on_ground = field("1", "steps on the ground with rotors on, in a descent", kind=int)
     seed = field("1", "of the noise", kind=int)
     odometry = field("", "message", kind=OdometryRecord)
@@ -282,8 +284,10 @@ def _happen(s: Suite, world: World, faults: Array, step: int, verdict: Verdict) 
             s.autopilot.loops = s.fresh.loops
             s.autopilot.setpoint = s.fresh.setpoint
             begin_controller(s.controller)
+            world.new_controller = True
         elif kind == Fault.MISSION and ends:
-            begin_mission(s.mission, False)
+            begin_mission(s.mission, True)  # as the simulator's: `auto_start`
+            world.new_mission = True
         elif kind == Fault.REACTION and ends:
             begin_reaction(s.reaction)
         elif kind == Fault.MOVED_FRAME and begins:
@@ -457,6 +461,10 @@ def _judge(
     if not world.aloft and height > 0.1:
         world.aloft = True
         verdict.lift_offs += 1
+        if world.new_controller and world.new_mission and not s.mission.commanded:
+            verdict.commands = verdict.lift_offs  # none of them knows of a flight: `auto_start`
+        world.new_controller = False
+        world.new_mission = False
         if verdict.lift_offs > verdict.commands:
             verdict.uncommanded += 1
     elif world.aloft and height < 0.02 and lift == 0.0 and not world.failsafe:

@@ -33,7 +33,7 @@ class SafetyState(IntEnum):
     LAND = 3, "down at 0.4 m/s where it is, level once it no longer sinks; set points are ignored"
     BLIND = 4, "down at 0.35 m/s on gyro and accelerometer, braked; set points are ignored"
     STANDBY = 5, "nothing: the flight controller behind it lands the vehicle"
-    LATCHED = 6, "rotors off until the mission has begun anew, which takes a command"
+    LATCHED = 6, "rotors off until an operator has asked for another take-off"
 
 
 ROTORS_OFF = (SafetyState.OFF, SafetyState.LATCHED, SafetyState.STANDBY)
@@ -65,7 +65,7 @@ class Condition(IntEnum):
     )
     TAKEOFF_REFUSED = 4, "phase `takeoff` after phase `idle`, but for 1 s one of these is not so"
     IN_FLIGHT = 5, "set points of a flight that the controller has not seen begin"
-    IDLE = 6, "phase `idle`"
+    COMMANDED = 6, "phase `idle` of a mission that an operator has started, not `auto_start` alone"
     DOWN = (
         7,
         (
@@ -153,7 +153,7 @@ TABLE: tuple[Row, ...] = (
     Row(_S.STANDBY, _C.TAKEOFF, _S.FLY),
     Row(_S.STANDBY, _C.DOWN, _S.LATCHED),
     Row(_S.LATCHED, _C.NEW_FLIGHT, _S.OFF),
-    Row(_S.LATCHED, _C.IDLE, _S.OFF),
+    Row(_S.LATCHED, _C.COMMANDED, _S.OFF),
 )
 """First row that fits wins; where none fits the state stays."""
 

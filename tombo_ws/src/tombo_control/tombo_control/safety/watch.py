@@ -243,7 +243,7 @@ def _conditions_on_ground(
     watch: Watch, state: Any, setpoint: Any, phase: int, ticks: int, known: bool
 ) -> int:
     ground_phase = phase == Phase.IDLE or phase == Phase.LANDED
-    found = _bit(Condition.IDLE, phase == Phase.IDLE)
+    found = _bit(Condition.COMMANDED, phase == Phase.IDLE and setpoint.commanded)
     found |= _bit(Condition.DOWN, ground_phase and watch.rest_ticks >= _BOOT_REST)
     if watch.state == SafetyState.OFF and phase == Phase.IDLE:
         watch.idle_seen = True

@@ -77,6 +77,7 @@ class Flight:
         self.session, self.vehicle = Session(1.5), Vehicle()
         self.now = SECOND
         self.phase, self.fresh, self.streaming, self.blockers = phase, True, True, ()
+        self.commanded = False
         self.events, self.replies, self.faults = [], [], {}
         self.stream = None
         self._beat = 0
@@ -94,6 +95,7 @@ class Flight:
             self.fresh,
             self.streaming,
             self.blockers,
+            commanded=self.commanded,
         )
         out = Decision()
         self.session.tick(view, out)
@@ -158,6 +160,21 @@ def test_a_flight_arms_in_offboard_and_lands_by_px4():
     assert flight.session.stage == Stage.READY
     assert flight.armings() == [True]
     assert not flight.events
+
+
+def test_after_a_flight_a_restarted_mission_arms_nothing_without_a_command():
+    flight = Flight().take_off()
+    flight.until(Stage.LANDING, Phase.LAND)
+    flight.vehicle.landed, flight.vehicle.armed = MavLandedState.ON_GROUND, False
+    flight.until(Stage.READY, Phase.IDLE).run(2.0)
+    flight.phase = Phase.TAKEOFF
+    flight.run(5.0)
+    assert flight.armings() == [True]
+    assert "/mission/takeoff" in flight.faults["not_engaged"]
+    flight.phase, flight.commanded = Phase.IDLE, True
+    flight.run(1.0)
+    flight.until(Stage.FLYING, Phase.TAKEOFF)
+    assert flight.armings() == [True, True]
 
 
 def test_px4_has_seen_the_stream_for_a_second_before_offboard():

@@ -110,6 +110,8 @@ class SessionInput:
     """Why arming is not allowed, as texts."""
     must_land: str = ""
     """Why the flight must end now, as a text."""
+    commanded: bool = False
+    """An operator has asked the mission to take off."""
 
 
 @dataclass
@@ -135,7 +137,7 @@ class Session:
         self.recent_texts = RecentStatusTexts()
         self._timeout_ns = round(link_timeout_s * SECOND_NS)
         self._transaction: CommandTransaction | None = None
-        self._engage_allowed = self._mission_seen = False
+        self._engage_allowed = self._mission_seen = self._has_armed = False
         self._arm_request_ns: int | None = None
         self._armed_for_flight = False
         self._stream_since_ns: int | None = None
@@ -192,13 +194,15 @@ class Session:
         self._set_stream_and_faults(view, heartbeat, out)
 
     def _update_mission(self, view: SessionInput, heartbeat: Heartbeat) -> None:
-        """Allow arming again when the mission is on the ground, or when it is received first.
+        """Allow arming when the mission is on the ground, or when it is received first.
 
-        Its first messages may be lost while the nodes find each other.
+        Its first messages may be lost while the nodes find each other. After a flight it takes an
+        operator's command: a mission that was restarted shows the ground too.
         """
         begins = view.phase == Phase.TAKEOFF and not self._mission_seen
         self._mission_seen = True
-        if not heartbeat.armed and (begins or view.phase in _GROUND):
+        told = view.commanded or not self._has_armed
+        if not heartbeat.armed and told and (begins or view.phase in _GROUND):
             self._engage_allowed = True
 
     # --- The link -----------------------------------------------------------------------------
@@ -356,8 +360,9 @@ class Session:
             )
         elif not self._engage_allowed:
             out.faults["not_engaged"] = (
-                "the mission wants to fly, but was not seen on the ground since the last flight:"
-                " start it again, or call px4/offboard"
+                "the mission wants to fly, but after the last flight it was not seen on the"
+                " ground, or nobody has asked for it: start it again (/mission/takeoff), or call"
+                " px4/offboard"
             )
         elif view.blockers:
             out.faults["preflight"] = "not armed: " + "; ".join(view.blockers)
@@ -394,7 +399,7 @@ class Session:
             self._give_up(refusal)
         elif self._transaction is not None and self._transaction.done:
             self._engage_allowed = False
-            self._armed_for_flight = True
+            self._has_armed = self._armed_for_flight = True
             self._arm_request_ns = None
             self._set_stage(Stage.FLYING, "")
 

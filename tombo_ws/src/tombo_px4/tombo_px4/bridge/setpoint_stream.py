@@ -62,6 +62,11 @@ class SetpointStream:
         """Phase of the mission, as its last set point says."""
         return Phase.IDLE if self._setpoint is None else self._setpoint.phase
 
+    @property
+    def commanded(self) -> bool:
+        """Whether an operator has told the mission to take off, as its last set point says."""
+        return self._setpoint is not None and self._setpoint.commanded
+
     def fresh(self, now_ns: int) -> bool:
         """Return whether set points are coming."""
         return now_ns - self._setpoint_ns <= self._timeout_ns

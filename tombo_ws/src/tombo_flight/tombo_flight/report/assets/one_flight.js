@@ -1,6 +1,0 @@
-"use strict";
-// A page with one flight.
-
-const readBlock = (id) => JSON.parse(document.getElementById(id).textContent);
-const player = new Player(decodeFlight(readBlock("flight")), readBlock("milestones"));
-document.documentElement.dataset.ready = "yes";
