@@ -132,7 +132,7 @@ def measure(name: str, pid: int, pilot: Pilot, seconds: float) -> float:
 def main() -> None:
     """Measure and print."""
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 10.0
-    with px4_process("--scenario", "no_obstacle", "--param", "EKF2_EV_CTRL=0") as px4:
+    with px4_process("no_obstacle", "--param", "EKF2_EV_CTRL=0") as px4:
         pid = px4.process.pid
         pilot = Pilot(px4.port)
         say(f"{'':<34}   core   messages  time requests at 100 Hz")

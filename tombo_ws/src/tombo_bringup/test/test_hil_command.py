@@ -86,7 +86,7 @@ def test_px4_flies_and_ctrl_c_ends_it_with_0(started):
 
 
 def test_a_px4_that_left_is_told(started):
-    process = started.hil("--speed", "0", "--scenario", "hover")
+    process = started.hil("--speed", "0", "hover")
     started.px4(1.0)
     started.read(process, "PX4 has left at 1.0")
     assert started.lines[-1].startswith("! ")
@@ -119,7 +119,7 @@ def test_a_busy_port_is_one_line_and_2(refused):
         (["--port", "-1"], "port -1"),
         (["--port", "x"], "'x' is not a whole number"),
         (["--seed", "-1"], "--seed -1"),
-        (["--scenario", "hovr"], "did you mean 'hover'"),
+        (["hovr"], "did you mean 'hover'"),
         (["--set", "vehicle.mass=-1"], "vehicle.mass"),
         (["--mocap", "nonsense"], "link 'nonsense'"),
         (["--mocap", "udpout://192.0.2.1:14580"], "192.0.2.1"),
@@ -200,7 +200,7 @@ def test_with_mocap_it_prints_what_px4_needs_to_fly_by_it_alone(mocap, introduct
 
 
 def test_the_hover_control_is_that_of_scenario_and_mapping(introduction):
-    text = introduction("--scenario", "rigid_propeller", "--mapping", "speed")
+    text = introduction("rigid_propeller", "--mapping", "speed")
     assert float(settings(text)["PX4_PARAM_MPC_THR_HOVER"]) == pytest.approx(0.51, abs=0.001)
 
 

@@ -100,7 +100,7 @@ def test_a_busy_port_is_one_line_and_exit_code_2():
         (["--port", "abc"], "not a whole number"),
         (["--duration", "-1"], "--duration -1"),
         (["--duration", "nan"], "--duration nan"),
-        (["--scenario", "no_such"], "no_such"),
+        (["no_such"], "no_such"),
         (["--set", "vehicle.mass=-1"], "vehicle.mass"),
         (["--param", "NO_SUCH=1"], "NO_SUCH"),
         (["--param", "COM_OF_LOSS_T"], "NAME=VALUE"),

@@ -43,14 +43,14 @@ def warm_nodes() -> None:
 
 
 def warm_files() -> None:
-    """Write the files of a short flight: message types, fonts, templates."""
+    """Write the files of the default flight: reactions, message types, fonts, templates."""
     from tombo_flight.flight_output import fly_into
     from tombo_flight.process.output_folder import open_output
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.scenario import load_scenario
 
     with TemporaryDirectory() as parent, open_output(Path(parent) / "o", replace=False) as folder:
-        fly_into(folder, load_scenario(settings=["duration=0.2"]), 0, StopSignals())
+        fly_into(folder, load_scenario(), 0, StopSignals())
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tombo_collision.reactions import DEFAULT, REGISTRY
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.process.stop_signals import Stopped, StopSignals
 from tombo_flight.progress import ProgressCallback, no_progress
@@ -25,6 +26,8 @@ WALL_KEYS = ("wall_time_s", "real_time_factor")
 """What differs between two flights of the same scenario and seed; all other bytes agree."""
 
 _REHEARSAL_S = 0.1
+_SHOWN_BESIDE = "reflex"
+"""Reaction whose flight the report of the default one shows beside it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,6 +38,8 @@ class FlightResult:
     summary: dict[str, Any]
     recording_s: float | None
     """Wall time of writing `flight.mcap` [s]; None: not recorded."""
+    beside: FlightRecord | None = None
+    """The same flight with another reaction, to compare it with."""
 
     @property
     def real_time_factor_with_recording(self) -> float | None:
@@ -144,9 +149,22 @@ def fly_into(
     flown = dataclasses.replace(flown, summary=summary)
     write_scenario(folder / SCENARIO_FILE, scenario, f"--seed {seed}")
     (folder / "summary.json").write_text(as_json(summary), encoding="utf-8", newline="\n")
+    beside = None
     if not interrupted:
-        draw_pictures(flown, folder, stop, on_progress)
-    return FlightResult(flown, summary, seconds)
+        beside = _fly_beside(scenario, seed, flown, stop)
+        draw_pictures(flown, folder, stop, on_progress, beside)
+    return FlightResult(flown, summary, seconds, beside)
+
+
+def _fly_beside(
+    scenario: Scenario, seed: int, flown: FlightRecord, stop: StopSignals
+) -> FlightRecord | None:
+    """Fly a collision of the paper's reaction once more, with `reflex`, to be shown beside it."""
+    if scenario.reaction.name != DEFAULT or not flown.summary["collided"]:
+        return None
+    other = dataclasses.replace(scenario, reaction=REGISTRY[_SHOWN_BESIDE]())
+    record = fly_scenario(other, seed, Workspace(), stop=stop.asked)
+    return None if stop.asked() else record
 
 
 def write_mcap(record: FlightRecord, path: Path) -> tuple[int, float]:
@@ -171,20 +189,24 @@ def draw_pictures(
     folder: OutputFolder,
     stop: StopSignals,
     on_progress: ProgressCallback = no_progress,
+    beside: FlightRecord | None = None,
 ) -> None:
-    """Write `flight.png` and `report.html`, or neither if a stop comes meanwhile."""
+    """Write `flight.png` and `report.html`, or neither if a stop comes meanwhile.
+
+    `beside` is the same flight with another reaction, to compare it with.
+    """
     pictures = (folder / "flight.png", folder / "report.html")
     try:
         with stop.at_once():
             on_progress("drawing flight.png", 0.0)
             from tombo_flight.report.flight_plot import draw_flight, png_bytes
 
-            png = png_bytes(draw_flight(record))
+            png = png_bytes(draw_flight(record, beside))
             pictures[0].write_bytes(png)
             on_progress("writing report.html", 0.0)
             from tombo_flight.report.flight_report import write_report
 
-            write_report(record, pictures[1], png)
+            write_report(record, pictures[1], png, beside)
     except Stopped:
         for path in pictures:
             path.unlink(missing_ok=True)

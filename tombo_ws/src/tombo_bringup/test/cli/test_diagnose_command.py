@@ -96,7 +96,7 @@ def test_what_is_given_is_handed_on(tombo, found):
     tombo(
         "diagnose", "a.bag", "b.bag", "--model", "m.yaml", "--mapping", "lab", "--json",
         "--vehicle", "v.yaml",
-        "--topic", "/vrpn/quad/pose=/mocap/pose", "--topic", "/imu:=/imu/data_raw",
+        "--map", "/vrpn/quad/pose=/mocap/pose", "--topic", "/imu:=/imu/data_raw",
     )  # fmt: skip
     assert found["asked"] == (
         [Path("a.bag"), Path("b.bag")],
@@ -143,8 +143,8 @@ def test_ctrl_c_leaves_nothing_and_130(tombo, monkeypatch, tmp_path):
         (("empty.mcap",), ("empty.mcap",)),
         (("noise.csv",), ("noise.csv",)),
         (("noise.ulg",), ("noise.ulg",)),
-        (("a.mcap", "--topic", "pose"), ("--topic pose", "RECORDED=NAME")),
-        (("a.mcap", "--topic", "/a=/b", "--topic", "/a=/c"), ("/a", "twice")),
+        (("a.mcap", "--map", "pose"), ("--map pose", "TOPIC:=NAME")),
+        (("a.mcap", "--map", "/a=/b", "--map", "/a=/c"), ("/a", "twice")),
         (("a.mcap", "--mapping", "no_such_mapping"), ("no_such_mapping",)),
         (("a.mcap", "--model", "no_model.yaml"), ("no_model.yaml",)),
         (("a.mcap", "--model", "m.yaml", "--healthy", "b.mcap"), ("--model and --healthy",)),

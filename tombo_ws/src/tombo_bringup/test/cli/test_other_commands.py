@@ -108,3 +108,24 @@ def test_what_only_lists_loads_no_model(arguments):
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "wanted"),
+    [
+        ("tombo fly pill", ["pillar_right", "pillar_wide"]),
+        ("tombo fly --reaction re", ["reflex"]),
+        ("tombo up --vehicle px4", ["px4_x500"]),
+        ("tombo aren", ["arena"]),
+    ],
+)
+def test_the_shell_completes_names(words, wanted, monkeypatch, capfd):
+    from tombo_bringup.cli.main import run
+
+    monkeypatch.setenv("_TOMBO_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    with pytest.raises(SystemExit) as end:
+        run([])
+    assert end.value.code == 0
+    assert capfd.readouterr().out.split() == wanted

@@ -54,9 +54,9 @@ def test_strict_makes_a_difference_an_error_unless_within_tolerance(tombo):
 
 def test_parameters_come_from_a_file_over_the_bag_and_settings_over_both(tombo, tmp_path):
     (tmp_path / "mine.yaml").write_text("detector:\n  threshold: 5000\n")
-    blind = tombo("replay", STRIKE, "--params", "mine.yaml", "--json")
+    blind = tombo("replay", STRIKE, "--scenario", "mine.yaml", "--json")
     assert blind.json["nodes"]["detector"]["missed"] == 1
-    seeing = ("--params", "mine.yaml", "--set", "detector.threshold=100")
+    seeing = ("--scenario", "mine.yaml", "--set", "detector.threshold=100")
     assert tombo("replay", STRIKE, *seeing, "--json").json["differences"] == []
 
 
@@ -98,12 +98,12 @@ def test_a_truncated_recording_is_replayed_and_the_damage_reported(tombo, tmp_pa
     [
         (["none.mcap"], ["none.mcap", "No such file", "accepted: an MCAP file"]),
         (["."], ["'.' holds no recording", "accepted"]),
-        ([STRIKE, "--map", "pose"], ["--map pose", "/TOPIC:=/NAME"]),
+        ([STRIKE, "--map", "pose"], ["--map pose", "TOPIC:=NAME"]),
         ([STRIKE, "--map", "/pose:=/mocap/pose"], ["'/pose'", "accepted: /collision_event"]),
         ([STRIKE, "--map", "/mocap/pose:=/pose"], ["unknown topic in --map", "accepted"]),
         (
             [STRIKE, "--map", "/mocap/pose:=/odometry", "--map", "/mocap/pose:=/mocap/pose"],
-            ["mapped twice"],
+            ["given twice"],
         ),
         (
             [STRIKE, "--map", "/mocap/pose:=/odometry", "--map", "/collision_event:=/odometry"],
@@ -112,7 +112,7 @@ def test_a_truncated_recording_is_replayed_and_the_damage_reported(tombo, tmp_pa
         ([STRIKE, "--node", "detect"], ["'detect'", "did you mean 'detector'"]),
         ([STRIKE, "--node", "mission"], ["nothing to replay", "no /odometry"]),
         ([STRIKE, "--set", "detector.treshold=5"], ["treshold", "did you mean 'threshold'"]),
-        ([STRIKE, "--params", "mine.yaml"], ["mine.yaml", "does not exist"]),
+        ([STRIKE, "--scenario", "mine.yaml"], ["mine.yaml", "does not exist"]),
         ([STRIKE, "--tolerance", "place=1"], ["'place'", "accepted: command_rad_s"]),
         ([STRIKE, "--tolerance", "x_c_m=far"], ["x_c_m=far", "no number"]),
         ([STRIKE, "--tolerance", "x_c_m=nan"], ["x_c_m=nan", "0 and above"]),

@@ -190,7 +190,7 @@ def test_on_a_terminal_it_draws_a_table(marked):
     process = subprocess.Popen(
         [
             *(sys.executable, "-c", UP.format(suite=GOOD, monitor="fake_monitor")),
-            *("up", "hover", "--record", "out", "--duration", "2"),
+            *("up", "hover", "-o", "out", "--duration", "2"),
         ],
         cwd=marked.folder,
         env={**marked.environment, "COLUMNS": "160", "TERM": "xterm"},
@@ -218,7 +218,7 @@ def test_keys_ask_the_mission_and_a_kill_takes_two_strokes(marked):
     if pid == 0:
         os.chdir(marked.folder)
         environment = {**marked.environment, "COLUMNS": "160", "TERM": "xterm"}
-        words = [sys.executable, "-c", code, "up", "hover", "--record", "out"]
+        words = [sys.executable, "-c", code, "up", "hover", "-o", "out"]
         os.execve(sys.executable, words, environment)
     text = ""
 
@@ -256,7 +256,7 @@ def test_keys_ask_the_mission_and_a_kill_takes_two_strokes(marked):
         (("--domain", "233"), "domain 233: out of bounds; accepted: a whole number from 0 to 232"),
         (("--duration", "-1"), "--duration -1: out of bounds; accepted: a number above 0"),
         (("--duration", "nan"), "--duration nan: out of bounds"),
-        (("--record", "full"), "folder 'full': not empty; accepted: a folder, new or empty"),
+        (("-o", "full"), "folder 'full': not empty; accepted: a folder, new or empty"),
         (("--set", "vehicle.mas=1"), "unknown key in vehicle 'mas' (did you mean 'mass'?)"),
         (("--seed", "-1"), "--seed -1: out of bounds"),
     ],

@@ -37,7 +37,6 @@ app = typer.Typer(
     help="Fly a quadrotor with Tombo propellers, which fold on impact: the collision experiment "
     "of the paper, headless.",
     context_settings=_HELP,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 app.command(epilog=EXIT_CODES, cls=OptionalUrlCommand)(fly)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any
 
 import typer
@@ -44,6 +43,18 @@ def number_option(
 def integer_option(declaration: str, text: str, **more: Any) -> Any:
     """Return an option that is a whole number, with further arguments of `typer.Option`."""
     return option(declaration, text, parser=_parser(int, lambda: " is not a whole number"), **more)
+
+
+def former_option(declaration: str, now: str) -> Any:
+    """Return an option that goes by another name now: it is not listed, but obeyed with a word."""
+    name = declaration.partition(" ")[0]
+
+    def say(value: Any) -> Any:
+        if value:
+            typer.echo(f"{name} is now {now}", err=True)
+        return value
+
+    return option(declaration, f"Now {now}.", hidden=True, callback=say)
 
 
 def json_option(text: str) -> Any:
@@ -91,25 +102,67 @@ def _check_duration(duration: float | None) -> float | None:
     return duration
 
 
-def worker_count(workers: int | None) -> int:
-    """Return how many processes --workers means.
+def topic_names(option_name: str, texts: Sequence[str]) -> dict[str, str]:
+    """Return recorded topic -> the suite's name, from RECORDED:=NAME or RECORDED=NAME.
 
     Raises:
-        InputError: out of bounds.
+        InputError: not of this form, or a topic given twice.
     """
-    count = len(os.sched_getaffinity(0)) if workers is None else workers
-    if not 1 <= count <= _MOST_WORKERS:
-        raise InputError(f"--workers {count}: out of bounds; accepted: 1 to {_MOST_WORKERS}")
-    return count
+    found: dict[str, str] = {}
+    for text in texts:
+        source, sign, name = text.partition("=")
+        source = source.removesuffix(":").strip()
+        if not sign or not source or not name.strip():
+            raise InputError(
+                f"{option_name} {text}: accepted: TOPIC:=NAME, as in /lab/pose:=/mocap/pose"
+            )
+        if source in found:
+            raise InputError(f"{option_name} {text}: {source} is given twice; accepted: once")
+        found[source] = name.strip()
+    return found
+
+
+def _check_workers(workers: int | None) -> int | None:
+    if workers is not None and not 1 <= workers <= _MOST_WORKERS:
+        raise InputError(f"--workers {workers}: out of bounds; accepted: 1 to {_MOST_WORKERS}")
+    return workers
+
+
+def _scenarios(begun: str) -> list[tuple[str, str]]:
+    """Return what the shell may complete: the scenarios that begin so."""
+    from tombo_flight.scenario_catalogue import builtin_scenarios
+
+    return _completions(builtin_scenarios(), begun)
+
+
+def _vehicles(begun: str) -> list[tuple[str, str]]:
+    from tombo_flight.vehicle_file import builtin_vehicles
+
+    return _completions(builtin_vehicles(), begun)
+
+
+def _reactions(begun: str) -> list[tuple[str, str]]:
+    from tombo_collision.reactions import REGISTRY
+
+    return _completions(dict.fromkeys(REGISTRY, ""), begun)
+
+
+def _completions(table: Mapping[str, str], begun: str) -> list[tuple[str, str]]:
+    return [(name, text) for name, text in table.items() if name.startswith(begun)]
 
 
 _MOST_WORKERS = 1024
 SEED_LIMIT = 2**63
 _SCENARIO = "A name of `tombo scenarios`, or a YAML file."
 ScenarioArgument = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help=_SCENARIO, show_default=True)
+    str,
+    typer.Argument(
+        metavar="SCENARIO", help=_SCENARIO, show_default=True, autocompletion=_scenarios
+    ),
 ]
-ScenarioOption = Annotated[str, option("--scenario SCENARIO", _SCENARIO)]
+FormerScenario = Annotated[
+    str | None, former_option("--scenario SCENARIO", "the argument SCENARIO")
+]
 Settings = Annotated[
     list[str] | None,
     option(
@@ -124,6 +177,7 @@ ReactionName = Annotated[
         "--reaction NAME",
         "A name of `tombo reactions`, in place of the scenario's reaction; its parameters: "
         "--set reaction.KEY=VALUE.",
+        autocompletion=_reactions,
     ),
 ]
 Disturbed = Annotated[
@@ -148,6 +202,7 @@ VehicleName = Annotated[
         "--vehicle NAME|FILE",
         "A name of `tombo vehicle list`, or a vehicle file (docs/own_vehicle.md), in place of the "
         "scenario's vehicle, propeller and gains; --set wins over it.",
+        autocompletion=_vehicles,
     ),
 ]
 _SEED = "All random draws come from it."
@@ -179,7 +234,22 @@ Px4Url = Annotated[
 Force = Annotated[
     bool, option("--force", "Replace the results in DIR; other files in it are left alone.")
 ]
-Workers = Annotated[int | None, integer_option("--workers W", "Processes. Default: one a core.")]
+TopicNames = Annotated[
+    list[str] | None,
+    option(
+        "--map TOPIC:=NAME",
+        "Take a recorded topic for one of the suite's, as in /lab/pose:=/mocap/pose. May be "
+        "given many times.",
+    ),
+]
+Workers = Annotated[
+    int | None,
+    integer_option(
+        "--workers N",
+        "Processes on this machine. Default: one for each core.",
+        callback=_check_workers,
+    ),
+]
 JsonOnly = Annotated[bool, json_option("Print JSON only.")]
 UnpackLimit = Annotated[
     float | None,

@@ -78,18 +78,6 @@ def plain_name(name: str, nameless: str) -> str:
     return (re.sub(r"[^\w.+-]+", "_", name).lstrip(".") or nameless)[:100]
 
 
-def check_workers(workers: int | None) -> None:
-    """Refuse a number of processes that can't be meant.
-
-    Raises:
-        InputError: out of bounds.
-    """
-    if workers is not None and not 1 <= workers <= 4096:
-        from tombo_dynamics.errors import InputError
-
-        raise InputError(f"--workers {workers}: out of bounds; accepted: 1 to 4096")
-
-
 def check_output(output: str | None) -> None:
     """Refuse a folder without a name.
 

@@ -119,7 +119,7 @@ def test_the_figure_is_in_the_page(flight, page):
 
 
 def test_embedded_columns_are_the_records(flight, page):
-    table = columns(page.block("flight"))
+    table = columns(page.block("flight-0"))
     index = np.round(table["t"][:, 0] * 1000.0).astype(int)
     for name in COLUMNS:
         wanted = flight.log[name].reshape(len(flight.t), -1)[index]
@@ -171,7 +171,18 @@ def test_text_from_outside_stays_text(make_flight):
     assert not any(key.startswith("on") for _, a in page.elements for key in a)
     assert evil in page.text("title")
     assert page.text("h1") is not None
-    assert page.block("milestones")["events"][-1]["text"] == evil
+    assert page.block("milestones-0")["events"][-1]["text"] == evil
+
+
+def test_another_reaction_is_shown_beside(flight):
+    summary = {**flight.summary, "reaction": "reflex", "max_falling_distance_m": 0.0237}
+    page = Page(report_html(flight, b"png", replace(flight, summary=summary)))
+    shown = [a["data-flight"] for t, a in page.elements if t == "button" and "data-flight" in a]
+    assert shown == ["0", "1"]
+    blocks = [page.block(f"milestones-{number}") for number in (0, 1)]
+    heights = [block["contact_height_m"] - block["lowest_m"] for block in blocks]
+    assert heights == pytest.approx([0.5, 0.0237], abs=0.02)
+    assert "0.02" in "".join(page.texts[("td", None)])
 
 
 def test_every_flight_has_a_report(edge_flights, tmp_path):
@@ -179,8 +190,8 @@ def test_every_flight_has_a_report(edge_flights, tmp_path):
     for name, record in edge_flights.items():
         write_report(record, path, b"png")
         page = Page(path.read_text(encoding="utf-8"))
-        assert columns(page.block("flight"))["t"].size > 0, name
-        assert page.block("milestones")["verdict"] == find_milestones(record).verdict.value, name
+        assert columns(page.block("flight-0"))["t"].size > 0, name
+        assert page.block("milestones-0")["verdict"] == find_milestones(record).verdict.value, name
 
 
 def test_the_same_flight_gives_the_same_bytes(flight):
@@ -254,7 +265,7 @@ const out = times.map((t) => ({
 }));
 console.log(JSON.stringify(out));
 """
-    head = f"const block = {json.dumps(page.block('flight'))}, times = {times};"
+    head = f"const block = {json.dumps(page.block('flight-0'))}, times = {times};"
     found = json.loads(run_node(tmp_path / "probe.js", asset("flight.js") + head + probe))
     for t, seen in zip(times, found, strict=True):
         true = [np.interp(t, flight.t, flight.log["position"][:, k]) for k in range(3)]
@@ -272,9 +283,9 @@ console.log(JSON.stringify(out));
 @needs_node
 def test_page_and_poster_draw_the_same_vehicle(flight, page, tmp_path):
     t = 23.15
-    shape = json.dumps(page.block("milestones")["shape"])
+    shape = json.dumps(page.block("milestones-0")["shape"])
     probe = f"""
-const flight = decodeFlight({json.dumps(page.block("flight"))});
+const flight = decodeFlight({json.dumps(page.block("flight-0"))});
 const parts = vehicleParts(flight, {shape}, {t}, [1.6, 0, 9]);
 console.log(JSON.stringify(parts));
 """

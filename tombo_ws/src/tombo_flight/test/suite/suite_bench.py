@@ -65,7 +65,7 @@ class Marked:
     ) -> subprocess.Popen[str]:
         """`tombo up hover ...` with the nodes of `suite` (name → module)."""
         code = UP.format(suite=suite, monitor=monitor)
-        return self.python(code, "up", "hover", "--record", "out", *arguments)
+        return self.python(code, "up", "hover", "-o", "out", *arguments)
 
     def alive(self) -> list[int]:
         """Processes that have not ended; zombies are left out."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -14,7 +13,7 @@ from tombo_flight.arena.cases import Case, Match
 from tombo_flight.campaign.statistics import SPREAD_METRICS
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import flight_summary, warm_up_flight
-from tombo_flight.process.process_pool import run_in_processes
+from tombo_flight.process.process_pool import process_count, run_in_processes
 from tombo_flight.scenario import Scenario
 
 ROW_KEYS: Final = (
@@ -97,7 +96,7 @@ def fly_plan(
         InputError: as `fly_scenario`, with the flight's command.
     """
     left = [job for job in plan.jobs if job.key not in kept]
-    count = min(workers or len(os.sched_getaffinity(0)), len(left))
+    count = min(process_count(workers), len(left))
     if not left:
         return
     run_in_processes(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable
 from typing import Any
@@ -11,7 +10,7 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.campaign.statistics import aggregate
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import flight_summary
-from tombo_flight.process.process_pool import run_in_processes
+from tombo_flight.process.process_pool import process_count, run_in_processes
 from tombo_flight.scenario import Scenario
 from tombo_flight.version import tombo_version
 
@@ -48,7 +47,7 @@ def fly_campaign(
         InputError: as `fly_scenario`, with the seed; all processes are ended.
     """
     began = time.perf_counter()
-    count = min(workers or len(os.sched_getaffinity(0)), len(seeds))
+    count = min(process_count(workers), len(seeds))
     flights = run_in_processes(
         _fly,
         seeds,

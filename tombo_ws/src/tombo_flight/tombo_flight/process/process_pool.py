@@ -21,6 +21,11 @@ _LOOK_S = 0.1
 """Period of the checks of `stop` [s]."""
 
 
+def process_count(workers: int | None) -> int:
+    """Return `workers`, or a process for each core that this one may use."""
+    return workers or len(os.sched_getaffinity(0))
+
+
 def run_in_processes(
     work: Callable[[_Item], _Result],
     items: Sequence[_Item],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -28,15 +29,42 @@ if TYPE_CHECKING:
 SIZE_IN: Final = (12.0, 8.0)
 DPI: Final = 150
 
-_LEFT, _MIDDLE_LEFT, _MIDDLE_RIGHT, _RIGHT = 0.055, 0.445, 0.505, 0.945
-_TOP, _BOTTOM, _GAP = 0.905, 0.055, 0.042
-_HEIGHTS: Final = {
-    "timeline": 0.95,
-    "horizontal": 2.0,
-    "height": 2.0,
-    "attitude": 2.0,
-    "thrust": 2.0,
-}
+_LEFT, _RIGHT = 0.055, 0.945
+_PANELS: Final = ("horizontal", "height", "attitude", "thrust")
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a column of panels is, in parts of the figure; its size in inches."""
+
+    left: float
+    right: float
+    size_in: tuple[float, float] = SIZE_IN
+    top: float = 0.905
+    bottom: float = 0.055
+    gap: float = 0.042
+    strip: float = 0.95
+    """Height of the strip of phases; that of a panel is 2. 0: there is none."""
+
+    def stack(self, figure: Figure) -> dict[str, Axes]:
+        """Make axes one below the other, by the names of the rows."""
+        heights = {"timeline": self.strip} if self.strip else {}
+        heights |= dict.fromkeys(_PANELS, 2.0)
+        scale = (self.top - self.bottom - self.gap * (len(heights) - 1)) / sum(heights.values())
+        stack: dict[str, Axes] = {}
+        ceiling = self.top
+        for row, height in heights.items():
+            floor = ceiling - height * scale
+            stack[row] = figure.add_axes(
+                (self.left, floor, self.right - self.left, ceiling - floor)
+            )
+            ceiling = floor - self.gap
+        return stack
+
+
+_WHOLE, _ZOOMED, _WIDE = _Place(_LEFT, 0.445), _Place(0.505, _RIGHT), _Place(_LEFT, _RIGHT)
+_IN_PRINT = _Place(0.15, 0.985, (88.0 / 25.4, 4.6), top=0.965, bottom=0.075, gap=0.048, strip=0.0)
+"""As wide as a column of a journal, 88 mm."""
 _VERDICT_COLOURS: Final = {
     Outcome.RECOVERED: style.GREEN,
     Outcome.CRASHED: style.VERMILLION,
@@ -45,11 +73,12 @@ _VERDICT_COLOURS: Final = {
 }
 
 
-def draw_flight(record: FlightRecord) -> Figure:
+def draw_flight(record: FlightRecord, beside: FlightRecord | None = None) -> Figure:
     """Draw position, attitude, rotor thrust and phase against time; 1800 x 1200 px.
 
     The left column shows the whole flight, the right one the seconds around the contact
     (or the crash); with neither there is one wide column. The record has at least one sample.
+    Of `beside`, the same flight with another reaction, the height is drawn.
     """
     milestones = find_milestones(record)
     angles_deg = roll_pitch_yaw_deg(record.log["attitude"])
@@ -57,15 +86,29 @@ def draw_flight(record: FlightRecord) -> Figure:
     with new_figure(*SIZE_IN, DPI) as figure:
         _title(figure, milestones)
         if milestones.mark_s is None:
-            columns = [(Window(0.0, end_s, 0.0, 1500, zoomed=False), _LEFT, _RIGHT)]
+            columns = [(Window(0.0, end_s, 0.0, 1500, zoomed=False), _WIDE)]
         else:
             zoom = Window(*zoom_around(milestones.mark_s), milestones.mark_s, 900, zoomed=True)
-            columns = [
-                (Window(0.0, end_s, 0.0, 700, zoomed=False), _LEFT, _MIDDLE_LEFT),
-                (zoom, _MIDDLE_RIGHT, _RIGHT),
-            ]
-        for window, left, right in columns:
-            _column(figure, record, milestones, angles_deg, window, left, right)
+            columns = [(Window(0.0, end_s, 0.0, 700, zoomed=False), _WHOLE), (zoom, _ZOOMED)]
+        for window, place in columns:
+            _column(figure, record, beside, milestones, angles_deg, window, place)
+    return figure
+
+
+def draw_column(record: FlightRecord, beside: FlightRecord | None = None) -> Figure:
+    """Draw the same panels as wide as a column of print (88 mm), for a paper.
+
+    Time is that around the contact or the crash; with neither the whole flight.
+    """
+    milestones = find_milestones(record)
+    mark_s = milestones.mark_s
+    start_s, end_s = 0.0, max(milestones.duration_s, 1e-3)
+    if mark_s is not None:
+        start_s, end_s = zoom_around(mark_s)
+    window = Window(start_s, end_s, mark_s or 0.0, 400, zoomed=False)
+    angles_deg = roll_pitch_yaw_deg(record.log["attitude"])
+    with new_figure(*_IN_PRINT.size_in, 2 * DPI, font_size=6.5) as figure:
+        _column(figure, record, beside, milestones, angles_deg, window, _IN_PRINT)
     return figure
 
 
@@ -79,20 +122,21 @@ def png_bytes(figure: Figure) -> bytes:
 def _column(
     figure: Figure,
     record: FlightRecord,
+    beside: FlightRecord | None,
     milestones: FlightMilestones,
     angles_deg: Array,
     window: Window,
-    left: float,
-    right: float,
+    place: _Place,
 ) -> None:
     cut = _samples(record.t, window)
     rows = {
         row: Panel(axes, record, milestones, window, cut)
-        for row, axes in _stack(figure, left, right).items()
+        for row, axes in place.stack(figure).items()
     }
-    timeline(rows["timeline"])
+    if "timeline" in rows:
+        timeline(rows["timeline"])
     panels.horizontal(rows["horizontal"])
-    panels.height(rows["height"])
+    panels.height(rows["height"], beside)
     panels.attitude(rows["attitude"], angles_deg)
     panels.thrust(rows["thrust"])
     for row, panel in rows.items():
@@ -100,22 +144,12 @@ def _column(
         panel.axes.tick_params(labelbottom=row == "thrust")
         if row != "timeline":
             panel.shade()
-            panel.axes.yaxis.set_label_coords(-0.43 / (SIZE_IN[0] * (right - left)), 0.5)
+            panel.axes.yaxis.set_label_coords(
+                -0.43 / (place.size_in[0] * (place.right - place.left)), 0.5
+            )
     origin = "contact" if milestones.contact_s is not None else "the crash"
-    words = f"time from {origin} [s]" if window.zoomed else "time [s]"
+    words = f"time from {origin} [s]" if window.zero_s else "time [s]"
     rows["thrust"].axes.set_xlabel(words, labelpad=2)
-
-
-def _stack(figure: Figure, left: float, right: float) -> dict[str, Axes]:
-    """Axes one below the other, by the names of the rows."""
-    scale = (_TOP - _BOTTOM - _GAP * (len(_HEIGHTS) - 1)) / sum(_HEIGHTS.values())
-    stack: dict[str, Axes] = {}
-    ceiling = _TOP
-    for row, height in _HEIGHTS.items():
-        floor = ceiling - height * scale
-        stack[row] = figure.add_axes((left, floor, right - left, ceiling - floor))
-        ceiling = floor - _GAP
-    return stack
 
 
 def _samples(t: Array, window: Window) -> slice:

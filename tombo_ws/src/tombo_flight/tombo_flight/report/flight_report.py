@@ -17,14 +17,22 @@ from tombo_flight.report.milestones import (
 )
 from tombo_flight.report.paper_comparison import comparison_rows
 from tombo_flight.report.report_data import flight_block, milestones_block, script_json
-from tombo_flight.report.tables import comparison_table, events_table, key_figures, values_table
+from tombo_flight.report.tables import (
+    Column,
+    comparison_table,
+    events_table,
+    key_figures,
+    values_table,
+)
 
 if TYPE_CHECKING:
     from tombo_flight.flight_record import FlightRecord
 
-_PLAYER: Final = ("flight.js", "camera.js", "vehicle.js", "scene.js", "charts.js", "player.js")
-SCRIPTS: Final = (*_PLAYER, "one_flight.js")
-"""Scripts of the page, in the order in which they are joined."""
+SCRIPTS: Final = (
+    *("flight.js", "camera.js", "vehicle.js", "scene.js", "charts.js", "player.js"),
+    "some_flights.js",
+)
+"""Scripts that show flights, in the order in which they are joined."""
 
 _CLASSES: Final = {
     Outcome.RECOVERED: "good",
@@ -34,38 +42,45 @@ _CLASSES: Final = {
 }
 
 
-def write_report(record: FlightRecord, path: Path, plot_png: bytes) -> None:
+def write_report(
+    record: FlightRecord, path: Path, plot_png: bytes, beside: FlightRecord | None = None
+) -> None:
     """Write the self-contained report of a flight.
 
     Args:
         record: the flight.
         path: the file to write; its folder exists.
         plot_png: the still figure (`flight_plot`), which the page carries.
+        beside: the same flight with another reaction, to compare it with.
     """
-    path.write_text(report_html(record, plot_png), encoding="utf-8", newline="\n")
+    path.write_text(report_html(record, plot_png, beside), encoding="utf-8", newline="\n")
 
 
-def report_html(record: FlightRecord, plot_png: bytes) -> str:
+def report_html(record: FlightRecord, plot_png: bytes, beside: FlightRecord | None = None) -> str:
     """The report as text; it loads nothing from anywhere."""
     milestones = find_milestones(record)
     rows = comparison_rows(milestones, record.summary)
+    records, other = [record], None
+    if beside is not None:
+        records.append(beside)
+        compared = find_milestones(beside)
+        other = Column(str(compared.reaction), comparison_rows(compared, beside.summary))
     body = fill(
         asset("report.html"),
         {
+            "flights": _flight_buttons(records),
             "stage": replay_stage(),
             "name": escape(milestones.name),
             "verdict": escape(milestones.verdict.value),
             "verdict_class": _CLASSES[milestones.verdict],
             "facts": escape(_facts(record, milestones)),
-            "cards": cards(key_figures(rows)),
-            "comparison": comparison_table(rows),
+            "cards": cards(key_figures(rows, other)),
+            "comparison": comparison_table(rows, other),
             "plot": data_url(plot_png),
             "events": events_table(record.events),
             "scenario": values_table(record.scenario),
             "summary": values_table(record.summary),
-            "milestones_json": script_json(milestones_block(record, milestones)),
-            "flight_json": script_json(flight_block(record, milestones)),
-            "script": _joined(SCRIPTS),
+            "scripts": replay_scripts(records),
         },
     )
     return document(f"{milestones.name}: {milestones.verdict.value}", body, scripts=True)
@@ -92,12 +107,21 @@ def replay_scripts(records: Sequence[FlightRecord]) -> str:
             f'<script id="{name}-{place}" type="application/json">{script_json(block)}</script>'
             for name, block in blocks.items()
         ]
-    parts.append(f"<script>\n{_joined((*_PLAYER, 'some_flights.js'))}\n</script>")
+    script = "\n".join(asset(name) for name in SCRIPTS)
+    parts.append(f"<script>\n{script}\n</script>")
     return "\n".join(parts)
 
 
-def _joined(scripts: Sequence[str]) -> str:
-    return "\n".join(asset(name) for name in scripts)
+def _flight_buttons(records: Sequence[FlightRecord]) -> str:
+    """Return a button for each flight by the name of its reaction, as HTML; one needs none."""
+    if len(records) == 1:
+        return ""
+    names = [str(find_milestones(record).reaction) for record in records]
+    buttons = "".join(
+        f'<button data-flight="{place}">{escape(name)}</button>'
+        for place, name in enumerate(names)
+    )
+    return f'  <div class="flights" role="group" aria-label="Reaction">Reaction {buttons}</div>\n'
 
 
 def _facts(record: FlightRecord, milestones: FlightMilestones) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from matplotlib.lines import Line2D
@@ -12,6 +12,9 @@ from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
 from tombo_flight.report.milestones import FRONT_LEFT, ROTOR_NAMES, UPRIGHT_RAD
 from tombo_flight.report.panel import SMALL, Panel, envelope, key
+
+if TYPE_CHECKING:
+    from tombo_flight.flight_record import FlightRecord
 
 _HATCH: Final = "//////"
 
@@ -28,14 +31,20 @@ def horizontal(panel: Panel) -> None:
     panel.legend([east, north, *_common()])
 
 
-def height(panel: Panel) -> None:
-    """Draw z with its set point and estimate, and how far the vehicle falls."""
+def height(panel: Panel, beside: FlightRecord | None) -> None:
+    """Draw z with its set point and estimate, how far the vehicle falls, and z of another."""
     log = panel.record.log
+    handles = [key(style.PURPLE, 1.7, "z up"), *_common()]
+    if beside is not None:
+        inside = slice(*np.searchsorted(beside.t, panel.record.t[panel.cut][[0, -1]]))
+        t, z = envelope(beside.t[inside], beside.log["position"][inside, 2], panel.window.buckets)
+        panel.axes.plot(t - panel.window.zero_s, z, color=style.ORANGE, lw=1.3, zorder=1.8)
+        handles.insert(1, key(style.ORANGE, 1.3, f"z with {beside.summary['reaction']}"))
     _with_set_point(panel, 2, style.PURPLE)
     parts = [log[name][panel.cut, 2] for name in ("position", "position_setpoint")]
     panel.fit(parts, headroom=0.22)
     panel.axes.set_ylabel("height z [m]")
-    panel.legend([key(style.PURPLE, 1.7, "z up"), *_common()])
+    panel.legend(handles)
     if panel.window.zoomed:
         _fall_arrow(panel)
 

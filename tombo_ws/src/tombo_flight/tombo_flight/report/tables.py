@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 from typing import Any, Final
 
@@ -22,9 +23,23 @@ _CARDS: Final = (
 )
 
 
-def comparison_table(rows: Sequence[Row]) -> str:
+@dataclass(frozen=True)
+class Column:
+    """Figures of the same flight with another reaction."""
+
+    name: str
+    """Of the reaction."""
+    rows: Sequence[Row]
+
+
+def comparison_table(rows: Sequence[Row], other: Column | None = None) -> str:
     """The rows as a table, with their definitions as tooltips and as numbered notes below."""
     lines, notes = [], []
+    others = [""] * len(rows)
+    head = ""
+    if other is not None:
+        others = [f"<td>{_cell(row, row.flight, row.flight_text)}</td>" for row in other.rows]
+        head = f'<th scope="col">The same with <code>{escape(other.name)}</code></th>'
     for i, row in enumerate(rows, start=1):
         lines.append(
             f'<tr><th scope="row">'
@@ -32,7 +47,7 @@ def comparison_table(rows: Sequence[Row]) -> str:
             f'<sup><a href="#note-{i}" id="row-{i}">{i}</a></sup></th>'
             f"<td>{_cell(row, row.paper, row.paper_text)}</td>"
             f"<td>{_cell(row, row.flight, row.flight_text)}</td>"
-            f"<td>{_difference(row)}</td><td>{_bullet(row)}</td></tr>"
+            f'{others[i - 1]}<td>{_difference(row)}</td><td class="wide">{_bullet(row)}</td></tr>'
         )
         notes.append(
             f'<li id="note-{i}"><b>{_symbols(row.name)}.</b> {_symbols(row.definition)} '
@@ -40,7 +55,7 @@ def comparison_table(rows: Sequence[Row]) -> str:
         )
     return (
         '<div class="scroll"><table class="compare"><thead><tr><th scope="col">Figure</th>'
-        '<th scope="col">Paper</th><th scope="col">This flight</th>'
+        f'<th scope="col">Paper</th><th scope="col">This flight</th>{head}'
         '<th scope="col">Difference</th><th scope="col" class="wide">'
         "0 – paper – 2 × paper</th></tr></thead>"
         f"<tbody>{''.join(lines)}</tbody></table></div>"
@@ -49,8 +64,9 @@ def comparison_table(rows: Sequence[Row]) -> str:
     )
 
 
-def key_figures(rows: Sequence[Row]) -> list[Card]:
+def key_figures(rows: Sequence[Row], other: Column | None = None) -> list[Card]:
     """Return the key figures of the header; none if the flight has none of them."""
+    others = {} if other is None else {row.name: row.flight for row in other.rows}
     shown = [row for row in rows if row.name in _CARDS]
     if all(row.flight is None for row in shown):
         return []
@@ -59,8 +75,11 @@ def key_figures(rows: Sequence[Row]) -> list[Card]:
         value, unit = "–", ""
         if row.flight is not None:
             value, unit = fixed(row.flight, row.digits), row.unit
-        beside = "" if row.paper is None else f"paper {fixed(row.paper, 1)} {row.unit}"
-        found.append(Card(row.name, value, unit, beside, tooltip=row.definition))
+        beside = [] if row.paper is None else [f"paper {fixed(row.paper, 1)} {row.unit}"]
+        compared = others.get(row.name)
+        if other is not None and compared is not None:
+            beside.append(f"{other.name} {fixed(compared, row.digits)} {row.unit}")
+        found.append(Card(row.name, value, unit, " · ".join(beside), tooltip=row.definition))
     return found
 
 

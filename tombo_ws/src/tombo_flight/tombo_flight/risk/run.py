@@ -16,7 +16,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import flight_summary, plain, warm_up_flight
-from tombo_flight.process.process_pool import stream_from_processes
+from tombo_flight.process.process_pool import process_count, stream_from_processes
 from tombo_flight.process.stop_signals import Stopped
 from tombo_flight.process.study_folder import RESULT, Journal, open_study, write_head
 from tombo_flight.risk.estimate import Estimate, Sample, estimate
@@ -110,7 +110,7 @@ def fly_risk(
             for i, (point, seed) in enumerate(zip(points, seeds, strict=True))
             if first + i not in rows
         )
-        count = workers or len(os.sched_getaffinity(0))
+        count = process_count(workers)
         found = stream_from_processes(
             _fly, missing, count, begin=_begin, given=(study,), stop=stop, copies=True
         )

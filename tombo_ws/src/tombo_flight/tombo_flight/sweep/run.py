@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable
@@ -12,7 +11,7 @@ from typing import Any
 
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight_output import warm_up_flight
-from tombo_flight.process.process_pool import stream_from_processes
+from tombo_flight.process.process_pool import process_count, stream_from_processes
 from tombo_flight.sweep.store import Store
 from tombo_flight.sweep.study import Flyer, Study
 from tombo_flight.version import tombo_version
@@ -53,7 +52,7 @@ def fly_missing(
     """
     if store.finished:
         return True
-    count = workers or len(os.sched_getaffinity(0))
+    count = process_count(workers)
     if scheduler is None:
         with suppress(InputError):  # a flight that can't be flown says so in its row
             warm_up_flight(store.study.scenario_at(0))  # once, not in each process

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.real_time
 
 @pytest.fixture(scope="module")
 def vehicle():
-    with px4_process("--scenario", "no_obstacle") as px4:
+    with px4_process("no_obstacle") as px4:
         sdk = Mavsdk(Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER))
         plugins = []
         try:

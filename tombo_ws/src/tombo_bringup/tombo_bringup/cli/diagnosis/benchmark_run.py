@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from tombo_bringup.cli.options import integer_option, json_option, worker_count
+from tombo_bringup.cli.options import integer_option, json_option
 from tombo_bringup.cli.part_file import PartFile
 from tombo_bringup.cli.result_files import unwritable, write_file
 from tombo_dynamics.errors import InputError
@@ -35,10 +35,11 @@ def checked(cases: int, workers: int | None, output: Path | None) -> int:
     """
     if not 1 <= cases <= _MOST_CASES:
         raise InputError(f"--cases {cases}: out of bounds; accepted: 1 to {_MOST_CASES}")
-    count = worker_count(workers)
     if output is not None:
         _try_to_write(output)
-    return count
+    from tombo_flight.process.process_pool import process_count
+
+    return process_count(workers)
 
 
 def run_and_print(

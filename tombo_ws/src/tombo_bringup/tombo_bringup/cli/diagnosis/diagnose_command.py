@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import Force, UnpackLimit, json_option, option, output_option
+from tombo_bringup.cli.options import (
+    Force,
+    TopicNames,
+    UnpackLimit,
+    former_option,
+    json_option,
+    option,
+    output_option,
+    topic_names,
+)
 from tombo_bringup.cli.result_files import compute_into, results_folder
 from tombo_dynamics.errors import InputError
 
@@ -73,14 +82,8 @@ def diagnose(
             "model; no other is used. All paths up to the next option, or once for each.",
         ),
     ] = None,
-    topics: Annotated[
-        list[str] | None,
-        option(
-            "--topic RECORDED=NAME",
-            "Take a recorded topic for one of the suite's, as in /vrpn/quad/pose=/mocap/pose. "
-            "May be given many times.",
-        ),
-    ] = None,
+    maps: TopicNames = None,
+    topics: Annotated[list[str] | None, former_option("--topic TOPIC=NAME", "--map")] = None,
     output: Annotated[
         str | None,
         output_option(
@@ -114,7 +117,7 @@ def diagnose(
         write_diagnosis,
     )
 
-    names = parse_topics(topics or [])
+    names = topic_names("--map", [*(maps or []), *(topics or [])])
     if healthy is not None:
         if model is not None:
             raise InputError("--model and --healthy: both say what to compare with; accepted: one")
@@ -161,23 +164,3 @@ def run(
         logs, model, mapping, names, vehicle, time.perf_counter, on_progress
     )
     return found, NominalReference(label, datetime.date.today().isoformat(), base)
-
-
-def parse_topics(texts: list[str]) -> dict[str, str]:
-    """Return recorded topic → the suite's name, from `RECORDED=NAME` (or `:=`).
-
-    Raises:
-        InputError: not of this form, or a topic given twice.
-    """
-    found: dict[str, str] = {}
-    for text in texts:
-        source, sign, name = text.partition("=")
-        source = source.removesuffix(":")
-        if not sign or not source.strip() or not name.strip():
-            raise InputError(
-                f"--topic {text}: accepted: RECORDED=NAME, as in /vrpn/quad/pose=/mocap/pose"
-            )
-        if source in found:
-            raise InputError(f"--topic {text}: {source} is given twice; accepted: once")
-        found[source] = name
-    return found

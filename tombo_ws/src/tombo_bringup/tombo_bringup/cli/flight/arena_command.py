@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tombo_bringup.cli.flight.fly_command import parse_seeds
-from tombo_bringup.cli.options import Workers, json_option, option, output_option, worker_count
+from tombo_bringup.cli.options import Workers, json_option, option, output_option
 from tombo_bringup.cli.result_files import check_output, unwritable, write_file
 from tombo_dynamics.errors import InputError, unknown_name
 
@@ -74,7 +74,6 @@ def arena(
         raise InputError(f"--seeds {seeds}: too many; accepted: at most {_MOST_SEEDS}")
     names = _chosen_reactions(reactions, REGISTRY)
     within = _chosen("--groups", groups, GROUPS)
-    count = worker_count(workers)
     check_output(output)
     path = Path(output or f"runs/arena-{range_.start}-{range_.stop}{'-clean' if clean else ''}")
     with StopSignals() as stop:
@@ -85,7 +84,7 @@ def arena(
             kept = _kept(path, force)
             cases = [case for case in arena_cases() if case.group in within]
             plan = new_plan(names, cases, range_, disturbed=not clean)
-            code = _fly(plan, kept, count, stop, on_progress)
+            code = _fly(plan, kept, workers, stop, on_progress)
             if code:
                 typer.echo(f"Error: interrupted; the same command goes on with '{path}'", err=True)
                 raise typer.Exit(code)
@@ -147,7 +146,11 @@ def _kept(path: Path, force: bool) -> PartFile:
 
 
 def _fly(
-    plan: Plan, kept: PartFile, workers: int, stop: StopSignals, on_progress: ProgressCallback
+    plan: Plan,
+    kept: PartFile,
+    workers: int | None,
+    stop: StopSignals,
+    on_progress: ProgressCallback,
 ) -> int:
     """Fly what is missing; return the exit code of a signal, 0 without one."""
     from tombo_flight.arena.flying import fly_plan

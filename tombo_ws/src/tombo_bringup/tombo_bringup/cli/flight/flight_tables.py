@@ -17,6 +17,7 @@ from tombo_flight.report.paper_comparison import Row, comparison_rows, fixed
 
 if TYPE_CHECKING:
     from tombo_flight.flight_output import FlightResult
+    from tombo_flight.flight_record import FlightRecord
 
 _COLOURS: Final = {
     Outcome.RECOVERED: "bold green",
@@ -42,21 +43,23 @@ def print_flight(flight: FlightResult) -> None:
     """Print a flight's figures beside the paper's, and its verdict."""
     summary = flight.summary
     milestones = find_milestones(flight.record)
-    rows = comparison_rows(milestones, summary)
-    if milestones.contact_s is None:
-        rows = [row for row in rows if row.flight is not None and row.name != "Largest tilt"]
-    else:
-        rows = [row for row in rows if row.name != "Outcome"]
-    rows += [
-        Row("RMS error in hover", "m", None, summary["hover_rms_m"], 3),
-        Row("RMS error in the approach", "m", None, summary["approach_rms_m"], 3),
-        Row("False alarms", "", None, summary["false_alarms"], 0),
-    ]
+    columns = [_flight_rows(flight.record)]
+    names = ["paper", "this flight"]
+    if flight.beside is not None:
+        columns.append(_flight_rows(flight.beside))
+        names.append(f"with {flight.beside.summary['reaction']}")
     title = _title(summary, f"seed {summary['seed']}")
-    table = Table("", *right("paper", "this flight"), box=SIMPLE_HEAD, title=title)
-    for row in rows:
-        printed = _cell(row, row.paper, row.paper_text)
-        table.add_row(row.name, printed, _cell(row, row.flight, row.flight_text))
+    table = Table("", *right(*names), box=SIMPLE_HEAD, title=title)
+    for rows in zip(*columns, strict=True):
+        row = rows[0]
+        if milestones.contact_s is not None:
+            # Places are too wide to stand side by side in 80 columns.
+            shown = row.paper_text is None or (row.name != "Outcome" and len(columns) == 1)
+        else:
+            shown = row.name != "Largest tilt" and row.flight is not None
+        if shown:
+            flown = [_cell(each, each.flight, each.flight_text) for each in rows]
+            table.add_row(row.name, _cell(row, row.paper, row.paper_text), *flown)
     Console().print(table)
     if summary["interrupted"]:
         print_line(f"Interrupted after {summary['duration_s']:.3f} s of flight.", "bold yellow")
@@ -65,6 +68,16 @@ def print_flight(flight: FlightResult) -> None:
         text = f"{outcome} after {summary['duration_s']:.1f} s of flight."
         print_line(text, _COLOURS[milestones.verdict])
     print_line(_speed(flight))
+
+
+def _flight_rows(record: FlightRecord) -> list[Row]:
+    summary = record.summary
+    return [
+        *comparison_rows(find_milestones(record), summary),
+        Row("RMS error in hover", "m", None, summary["hover_rms_m"], 3),
+        Row("RMS error in the approach", "m", None, summary["approach_rms_m"], 3),
+        Row("False alarms", "", None, summary["false_alarms"], 0),
+    ]
 
 
 def print_campaign(campaign: Mapping[str, Any]) -> None:

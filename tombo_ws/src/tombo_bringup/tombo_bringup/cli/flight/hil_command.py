@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from tombo_bringup.cli.options import (
     Duration,
-    ScenarioOption,
+    FormerScenario,
+    ScenarioArgument,
     Seed,
     Settings,
     integer_option,
@@ -34,10 +35,11 @@ _SYSTEM, _COMPONENT = 1, 197
 
 
 def hil(
+    scenario: ScenarioArgument = "paper_collision",
     port: Annotated[
         int, integer_option("--port N", "TCP port for PX4: 4560 plus its instance.")
     ] = 4560,
-    scenario: ScenarioOption = "paper_collision",
+    former_scenario: FormerScenario = None,
     settings: Settings = None,
     seed: Seed = 0,
     rate: Annotated[float, option("--rate HZ", "HIL_SENSOR: 250, 333, 500 or 1000.")] = 250.0,
@@ -77,6 +79,7 @@ def hil(
     if not 0.0 <= speed <= 100.0:
         raise InputError(f"--speed {speed:g}: out of bounds; accepted: a number from 0 to 100")
     params = HilParams(rate=rate, mapping=mapping, gps=not no_gps, mocap=mocap == ON_LINK).check()
+    scenario = former_scenario or scenario
     world = world_of(load_scenario(scenario, settings or []))
     link = HilLink(port)
     feed = None if mocap is None or mocap == ON_LINK else _feed(mocap)

@@ -12,7 +12,8 @@ import typer
 
 from tombo_bringup.cli.options import (
     Duration,
-    ScenarioOption,
+    FormerScenario,
+    ScenarioArgument,
     Seed,
     Settings,
     integer_option,
@@ -38,7 +39,8 @@ _WARM_UP_TICKS = 60
 
 
 def px4(
-    scenario: ScenarioOption = "paper_collision",
+    scenario: ScenarioArgument = "paper_collision",
+    former_scenario: FormerScenario = None,
     port: Annotated[
         int,
         integer_option(
@@ -88,7 +90,7 @@ def px4(
     table = ParameterTable()
     for text in parameters or []:
         set_parameter(table, text)
-    chosen = load_scenario(scenario, settings or [])
+    chosen = load_scenario(former_scenario or scenario, settings or [])
     with ExitStack() as stack:
         links = [
             (stack.enter_context(closing(link)), streams)

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import UnpackLimit, json_option, option, output_option
+from tombo_bringup.cli.options import (
+    TopicNames,
+    UnpackLimit,
+    former_option,
+    json_option,
+    option,
+    output_option,
+    topic_names,
+)
 from tombo_bringup.cli.result_files import check_output
 from tombo_dynamics.errors import InputError
 
@@ -40,17 +48,12 @@ def replay(
             "Default: each whose inputs are in the bag.",
         ),
     ] = None,
-    maps: Annotated[
-        list[str] | None,
-        option(
-            "--map TOPIC:=NAME",
-            "Take a recorded topic for one of the suite's, as in /lab/pose:=/mocap/pose. May be "
-            "given many times.",
-        ),
+    maps: TopicNames = None,
+    scenario: Annotated[
+        str | None,
+        option("--scenario SCENARIO", "Its parameters over the bag's: YAML file or name."),
     ] = None,
-    params: Annotated[
-        str | None, option("--params SCENARIO", "Parameters over the bag's: YAML file or name.")
-    ] = None,
+    params: Annotated[str | None, former_option("--params SCENARIO", "--scenario")] = None,
     settings: Annotated[
         list[str] | None,
         option(
@@ -100,11 +103,11 @@ def replay(
 
     request = Request(
         nodes=_nodes(nodes or []),
-        names=_names(maps or []),
+        names=topic_names("--map", maps or []),
         frame_ok=frame_ok,
         shift_stamps_s=_finite("--shift-stamps", shift_stamps),
         stamp_on_arrival=stamp_on_arrival,
-        scenario=params,
+        scenario=scenario or params,
         settings=tuple(settings or ()),
         tolerances=_tolerances(tolerances or []),
     )
@@ -164,20 +167,6 @@ def _nodes(names: list[str]) -> tuple[str, ...]:
         if name not in NODES:
             raise unknown_name("--node", name, NODES)
     return tuple(name for name in NODES if name in names)
-
-
-def _names(maps: list[str]) -> dict[str, str]:
-    found: dict[str, str] = {}
-    for text in maps:
-        source, sign, name = text.partition(":=")
-        if not sign or not source.startswith("/") or not name.startswith("/"):
-            raise InputError(
-                f"--map {text}: accepted: /TOPIC:=/NAME, as in /lab/pose:=/mocap/pose"
-            )
-        if source in found:
-            raise InputError(f"--map {text}: {source} is mapped twice; accepted: once")
-        found[source] = name
-    return found
 
 
 def _tolerances(texts: list[str]) -> Tolerances:

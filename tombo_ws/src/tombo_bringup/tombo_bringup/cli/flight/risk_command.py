@@ -15,11 +15,12 @@ from tombo_bringup.cli.options import (
     ReactionName,
     Settings,
     VehicleName,
+    Workers,
     integer_option,
     option,
     output_option,
 )
-from tombo_bringup.cli.result_files import check_output, check_workers, fly_study, plain_name
+from tombo_bringup.cli.result_files import check_output, fly_study, plain_name
 
 if TYPE_CHECKING:
     from tombo_flight.risk.study import RiskStudy
@@ -63,10 +64,7 @@ def risk(
     settings: Settings = None,
     model: ModelFile = None,
     vehicle: VehicleName = None,
-    workers: Annotated[
-        int | None,
-        integer_option("--workers N", "Processes on this machine. Default: one for each core."),
-    ] = None,
+    workers: Workers = None,
     output: Annotated[
         str | None,
         output_option(
@@ -84,7 +82,6 @@ def risk(
     from tombo_dynamics.errors import InputError
 
     check_output(output)
-    check_workers(workers)
     if not 0 <= seed < 2**63:
         raise InputError(f"--seed {seed}: out of bounds; accepted: 0 and above")
     from tombo_flight.risk.study import new_risk

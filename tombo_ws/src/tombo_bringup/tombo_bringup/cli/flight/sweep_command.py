@@ -15,11 +15,12 @@ from tombo_bringup.cli.options import (
     ReactionName,
     Settings,
     VehicleName,
+    Workers,
     integer_option,
     option,
     output_option,
 )
-from tombo_bringup.cli.result_files import check_output, check_workers, fly_study, plain_name
+from tombo_bringup.cli.result_files import check_output, fly_study, plain_name
 
 if TYPE_CHECKING:
     from tombo_flight.sweep.study import Study
@@ -59,10 +60,7 @@ def sweep(
     settings: Settings = None,
     model: ModelFile = None,
     vehicle: VehicleName = None,
-    workers: Annotated[
-        int | None,
-        integer_option("--workers N", "Processes on this machine. Default: one for each core."),
-    ] = None,
+    workers: Workers = None,
     scheduler: Annotated[
         str | None,
         option(
@@ -86,7 +84,6 @@ def sweep(
     from tombo_dynamics.errors import InputError
 
     check_output(output)
-    check_workers(workers)
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler: accepted: one of them")
     from tombo_flight.sweep.design import Design, parse_axis

@@ -23,10 +23,13 @@ from tombo_bringup.cli.options import (
     Settings,
     VehicleName,
     Yes,
+    former_option,
     integer_option,
     json_option,
     option,
+    output_option,
 )
+from tombo_bringup.cli.result_files import check_output
 
 if TYPE_CHECKING:
     from tombo_flight.suite.running import SuiteConfig
@@ -57,12 +60,11 @@ def up(
             "A ROS parameter file over those of the scenario. May be given many times.",
         ),
     ] = None,
-    record: Annotated[
-        Path | None,
-        option(
-            "--record DIR", "Folder of recording, parameters and logs. Default: runs/up-DATE-TIME."
-        ),
+    output: Annotated[
+        str | None,
+        output_option("Folder of recording, parameters and logs. Default: runs/up-DATE-TIME."),
     ] = None,
+    record: Annotated[str | None, former_option("--record DIR", "-o")] = None,
     px4: Px4Url = None,
     yes: Yes = False,
     bridge: BridgeSettings = None,
@@ -105,7 +107,9 @@ def up(
     real = "sim" in (*(without or ()), *over.get("without", ()))
     if real:  # what really flies waits for ~/takeoff
         over["more"] = {**over.get("more", {}), "mission": {"auto_start": False}}
-    folder = record or Path("runs") / time.strftime("up-%Y%m%d-%H%M%S")
+    named = output if output is not None else record
+    check_output(named)
+    folder = Path(named or time.strftime("runs/up-%Y%m%d-%H%M%S"))
     config = SuiteConfig(
         scenario=load_scenario(scenario, [*over_set, *(settings or [])], model, vehicle),
         seed=seed,
@@ -123,7 +127,7 @@ def up(
             allowed = may_arm(connection, config.scenario, stop, yes=yes)
     except Stopped:
         allowed = False
-    if allowed and record is None:
+    if allowed and named is None:
         config = _in_new_folder(config)
     raise typer.Exit(_watch(config, duration, as_json) if allowed else 1)
 
