@@ -222,8 +222,8 @@ ADDITIONS = {
             ),
             Edit(
                 "tombo_flight/tombo_flight/report/flight_plot.py",
-                '    "tilt": 1.0,\n',
-                before='    "thrust": 2.0,',
+                '    "tilt",\n',
+                before='    "thrust",',
             ),
         ),
         "sum(axes.get_ylabel() == 'tilt' for axes in from_('tombo_flight.report.flight_plot')"

@@ -88,7 +88,7 @@ _LIFTED, _BACK, _BACK_S = 0.05, 0.03, 0.3
 _DRIFT = 0.05
 """m: a waiting reference follows the vehicle when it is further away."""
 _SHOWS_IDLE_NS = -200_000_000
-"""A plan that begins again shows phase idle for so long: the controller then obeys a take-off."""
+"""A commanded plan shows phase idle for so long: the controller then obeys its take-off."""
 _MAX_CLOCK_STEP_NS = 100_000_000
 """The plan's clock goes on by no more than this at a time: the node may have been stopped."""
 
@@ -435,6 +435,8 @@ def take_off(memory: MissionMemory) -> bool:
         return True
     if memory.begun and memory.mode != Phase.IDLE and memory.mode != Phase.LANDED:
         return False
+    if memory.started and memory.begun and memory.mode == Phase.IDLE:
+        memory.time_ns = _SHOWS_IDLE_NS
     memory.started = True
     memory.commanded = True
     if memory.mode == Phase.LANDED:

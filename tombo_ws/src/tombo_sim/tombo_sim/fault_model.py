@@ -161,7 +161,9 @@ class World(Record):
     aloft = field("1", "it is in the air", kind=bool)
     pose_ns = field("ns", "of the last pose", kind=int)
     killed = field("1", "the rotors were stopped by command", kind=bool)
-    new_controller = field("1", "it was restarted, and has not flown since", kind=bool)
+    new_controller = field(
+        "1", "it was restarted, or begins another flight, and has not flown since", kind=bool
+    )
     new_mission = field("1", "it was restarted, and nobody has told it to fly", kind=bool)
     on_ground = field("1", "steps on the ground with rotors on, in a descent", kind=int)
     seed = field("1", "of the noise", kind=int)
@@ -304,6 +306,7 @@ def _happen(s: Suite, world: World, faults: Array, step: int, verdict: Verdict) 
             world.lift = 0.0
             world.aloft = False
             world.failsafe = False
+            world.new_controller = True
             world.shift_ns = -step * STEP_TICKS * TICK_NS
             reset_inputs(s.controller)
             begin_reaction(s.reaction)

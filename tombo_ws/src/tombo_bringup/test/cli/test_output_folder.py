@@ -163,7 +163,7 @@ def test_a_failure_keeps_the_results_of_the_flight_before(tombo, tmp_path, monke
     folder = tmp_path / "o"
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
 
-    def bug(record):
+    def bug(*records):
         raise RuntimeError("a bug")
 
     monkeypatch.setattr(flight_plot, "draw_flight", bug)

@@ -148,7 +148,7 @@ def test_idle_processes_of_a_campaign_end_when_the_parent_is_killed(start):
 
 
 def test_ctrl_c_while_drawing_keeps_flight_and_summary(tombo, tmp_path, monkeypatch):
-    def draw(record):
+    def draw(*records):
         os.kill(os.getpid(), signal.SIGINT)
         return pytest.fail("not stopped")
 
@@ -162,7 +162,7 @@ def test_ctrl_c_while_drawing_keeps_flight_and_summary(tombo, tmp_path, monkeypa
 
 
 def test_a_second_signal_ends_it_and_leaves_nothing(tombo, tmp_path, monkeypatch):
-    def draw(record):
+    def draw(*records):
         try:
             os.kill(os.getpid(), signal.SIGINT)
         except Stopped:

@@ -30,7 +30,12 @@ SIZE_IN: Final = (12.0, 8.0)
 DPI: Final = 150
 
 _LEFT, _RIGHT = 0.055, 0.945
-_PANELS: Final = ("horizontal", "height", "attitude", "thrust")
+_PANELS: Final = (
+    "horizontal",  # x and y
+    "height",
+    "attitude",
+    "thrust",
+)
 
 
 @dataclass(frozen=True)
