@@ -7,18 +7,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 
 def warm_propeller() -> None:
     """Evaluate every law, of a soft and of the rigid propeller, and make the simulator's maps."""
+    from tombo_dynamics.errors import InputError
     from tombo_dynamics.propeller import LAWS, configuration, evaluate, thrust_map, valid_speed
 
     for law in LAWS:
         for conf in (configuration(0), configuration(13)):
             evaluate(conf, [0.5 * valid_speed(conf, law)], law, outside="mask")
             thrust_map(conf, law=law)
+        with suppress(InputError):  # the way to an error message is compiled code too
+            evaluate(configuration(1), [1780.0], law)
 
 
 def warm_flight() -> None:
