@@ -70,6 +70,13 @@ class NodeProcess:
     def output(self) -> str:
         return self.log.read_text(errors="replace")
 
+    def wait_for_words(self, words: str, patience_s: float = 60.0) -> None:
+        """Wait until the node has said that."""
+        end = time.monotonic() + patience_s
+        while words not in self.output:
+            assert time.monotonic() < end, f"{words!r} is not in {self.output!r}"
+            time.sleep(0.01)
+
     def end(self, number: int = signal.SIGINT, patience_s: float = 30.0) -> int:
         """Send a signal and return the exit code; a node that stays is killed and -9 returned."""
         with contextlib.suppress(ProcessLookupError):

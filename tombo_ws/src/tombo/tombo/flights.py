@@ -84,11 +84,11 @@ class Flight:
         ticks, messages = self.record.published[topic]
         return frame_of_messages(messages, ticks * TICK_S)
 
-    def plot(self) -> Figure:
-        """Return the figure of `flight.png`."""
-        from tombo_flight.report.flight_plot import draw_flight
+    def plot(self, *, column: bool = False) -> Figure:
+        """Return the figure of `flight.png`, or one as wide as a column of print, 88 mm."""
+        from tombo_flight.report.flight_plot import draw_column, draw_flight
 
-        return draw_flight(self.record)
+        return draw_column(self.record) if column else draw_flight(self.record)
 
     def report(self, path: str | Path, *, replace: bool = False) -> Path:
         """Write `report.html`, which needs nothing but a browser.
@@ -96,11 +96,11 @@ class Flight:
         Raises:
             InputError: the file is there and may not be replaced, or can't be written.
         """
-        from tombo_flight.report.flight_plot import draw_flight, png_bytes
+        from tombo_flight.report.flight_plot import draw_flight, figure_bytes
         from tombo_flight.report.flight_report import write_report
 
         with new_file(path, replace=replace) as unfinished:
-            write_report(self.record, unfinished, png_bytes(draw_flight(self.record)))
+            write_report(self.record, unfinished, figure_bytes(draw_flight(self.record)))
         return Path(path)
 
     def to_mcap(self, path: str | Path, *, replace: bool = False) -> Path:
@@ -130,11 +130,11 @@ class Flight:
 
     def _repr_html_(self) -> str:
         """Return the figures of a flight and its picture, for notebooks."""
-        from tombo_flight.report.flight_plot import png_bytes
+        from tombo_flight.report.flight_plot import figure_bytes
         from tombo_flight.report.html_page import data_url
 
         shown = {key: value for key, value in self.summary.items() if value is not None}
-        picture = f'<img style="max-width:100%" src="{data_url(png_bytes(self.plot()))}">'
+        picture = f'<img style="max-width:100%" src="{data_url(figure_bytes(self.plot()))}">'
         return html_table(repr(self), shown) + picture
 
 

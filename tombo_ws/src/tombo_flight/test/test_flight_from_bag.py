@@ -18,7 +18,7 @@ from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_from_bag import flight_from_bag
 from tombo_flight.flight_output import write_mcap
 from tombo_flight.flight_record import FlightRecord
-from tombo_flight.report.flight_plot import draw_flight, png_bytes
+from tombo_flight.report.flight_plot import draw_flight, figure_bytes
 from tombo_flight.scenario import load_scenario
 
 pytestmark = pytest.mark.slow
@@ -172,8 +172,8 @@ def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flown, reread):
     def edit(topic: str, messages: list[bytes]) -> list[bytes]:
         if topic != "/setpoint":
             return messages
-        # the phase is the byte before the last
-        edited = (data[:-2] + b"\x08" + data[-1:] for data in messages[200:250])
+        # the phase is followed by a byte for the recovery and one for the operator's command
+        edited = (data[:-3] + b"\x08" + data[-2:] for data in messages[200:250])
         return [*messages[:200], *edited]
 
     mode = reread(edit=edit, keep=set_points(250)).log["mode"][:, 0]
@@ -208,7 +208,7 @@ def test_a_flight_of_which_only_the_truth_is_there_can_still_be_drawn(reread):
     assert not found.summary["detected"]
     assert found.summary["hover_rms_m"] is None
     assert math.isnan(found.log["est_position"][0, 0])
-    assert png_bytes(draw_flight(found)).startswith(b"\x89PNG")
+    assert figure_bytes(draw_flight(found)).startswith(b"\x89PNG")
 
 
 def test_a_scenario_that_is_none_is_refused(reread):

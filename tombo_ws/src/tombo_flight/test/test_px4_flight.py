@@ -23,7 +23,7 @@ from tombo_flight.flight_from_bag import flight_from_bag
 from tombo_flight.flight_output import write_mcap
 from tombo_flight.flight_record import FlightRecord
 from tombo_flight.pose_track import pose_track
-from tombo_flight.report.flight_plot import draw_flight, png_bytes
+from tombo_flight.report.flight_plot import draw_flight, figure_bytes
 from tombo_flight.report.flight_report import write_report
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.node_flight import over_mavlink
@@ -157,7 +157,7 @@ def test_what_only_the_truth_tells_is_not_made_up(flown, real):
 @pytest.mark.slow
 def test_a_flight_without_truth_is_drawn_and_reported(real, tmp_path):
     record = flight_from_bag(real)
-    png = png_bytes(draw_flight(record))
+    png = figure_bytes(draw_flight(record))
     write_report(record, tmp_path / "report.html", png)
 
     assert png.startswith(b"\x89PNG")
@@ -380,4 +380,4 @@ def test_without_a_bridge_nothing_is_made_up(flown, tmp_path):
     assert found["modes"] == [] and found["refused"] == {}
     assert found["armed_s"] is None and found["armed_duration_s"] == 0.0
     assert found["messages_in"] is None
-    png_bytes(draw_flight(replace(record, summary={**record.summary, "px4": found})))
+    figure_bytes(draw_flight(replace(record, summary={**record.summary, "px4": found})))

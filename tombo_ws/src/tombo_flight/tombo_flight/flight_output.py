@@ -106,6 +106,7 @@ def fly_into(
     stop: StopSignals,
     *,
     record: bool = True,
+    column: str | None = None,
     on_progress: ProgressCallback = no_progress,
 ) -> FlightResult:
     """Fly a scenario and write its files into an output folder, which the caller publishes.
@@ -119,6 +120,7 @@ def fly_into(
         seed: all randomness derives from it.
         stop: watched between samples of the motion capture.
         record: write `flight.mcap`.
+        column: write `flight_column` too, as wide as a column of print: "pdf" or "svg".
         on_progress: told the progress.
 
     Raises:
@@ -152,7 +154,7 @@ def fly_into(
     beside = None
     if not interrupted:
         beside = _fly_beside(scenario, seed, flown, stop)
-        draw_pictures(flown, folder, stop, on_progress, beside)
+        draw_pictures(flown, folder, stop, on_progress, beside, column)
     return FlightResult(flown, summary, seconds, beside)
 
 
@@ -190,19 +192,24 @@ def draw_pictures(
     stop: StopSignals,
     on_progress: ProgressCallback = no_progress,
     beside: FlightRecord | None = None,
+    column: str | None = None,
 ) -> None:
-    """Write `flight.png` and `report.html`, or neither if a stop comes meanwhile.
+    """Write the pictures and `report.html`, or none of them if a stop comes meanwhile.
 
-    `beside` is the same flight with another reaction, to compare it with.
+    `beside` is the same flight with another reaction, to compare it with; `column` the format of
+    `flight_column`, None: it is not drawn.
     """
-    pictures = (folder / "flight.png", folder / "report.html")
+    pictures = [folder / "flight.png", folder / "report.html"]
     try:
         with stop.at_once():
             on_progress("drawing flight.png", 0.0)
-            from tombo_flight.report.flight_plot import draw_flight, png_bytes
+            from tombo_flight.report.flight_plot import draw_column, draw_flight, figure_bytes
 
-            png = png_bytes(draw_flight(record, beside))
+            png = figure_bytes(draw_flight(record, beside))
             pictures[0].write_bytes(png)
+            if column is not None:
+                pictures.append(folder / f"flight_column.{column}")
+                pictures[-1].write_bytes(figure_bytes(draw_column(record, beside), column))
             on_progress("writing report.html", 0.0)
             from tombo_flight.report.flight_report import write_report
 

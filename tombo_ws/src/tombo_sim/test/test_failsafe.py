@@ -207,7 +207,7 @@ def test_it_can_land_twice(flight: _Flight) -> None:
     reset_estimator(flight.lockstep.observer.memory)
     start = replace(hover_at(0.0, 0.0, 0.5), phase=Phase.IDLE)
     for seconds, setpoint in (
-        (4.0, start),  # by itself it would not fly again
+        (4.0, replace(start, commanded=True)),  # by itself it would not fly again
         (2.0, replace(start, phase=Phase.TAKEOFF)),
         (4.0, hover_at(0.0, 0.0, 2.0)),
     ):

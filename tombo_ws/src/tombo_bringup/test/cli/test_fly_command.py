@@ -153,3 +153,15 @@ def test_a_name_in_a_scenario_cannot_lead_out_of_the_folder_of_runs(tombo, tmp_p
 def test_a_built_in_name_wins_over_a_folder_of_that_name(tombo, tmp_path):
     assert tombo("fly", *SHORT, "--no-record", "-o", "hover").code == 0
     assert tombo("fly", *SHORT, "--no-record").code == 0
+
+
+@pytest.mark.parametrize("arguments", [("--figure", "svg"), ("--figure", "pdf")])
+def test_the_figure_for_print_is_the_same_each_time(tombo, tmp_path, arguments):
+    for folder in ("one", "two"):
+        assert tombo("fly", *SHORT, *arguments, "--no-record", "-o", folder).code == 0
+    name = f"flight_column.{arguments[1]}"
+    first, second = ((tmp_path / folder / name).read_bytes() for folder in ("one", "two"))
+    assert first == second
+    if name.endswith("svg"):
+        width_pt = float(re.search(rb'<svg[^>]* width="([0-9.]+)pt"', first)[1])
+        assert width_pt / 72.0 * 25.4 == pytest.approx(88.0, abs=0.5)

@@ -72,10 +72,10 @@ def compare(
 def _write(found: Comparison, text: str, folder: Path, a: str, b: str) -> None:
     from tombo_flight.process.output_folder import open_output
     from tombo_flight.report.comparison_plot import draw_comparison
-    from tombo_flight.report.flight_plot import png_bytes
+    from tombo_flight.report.flight_plot import figure_bytes
 
     with open_output(folder, replace=True, results=FILES) as staged:
         (staged / FILES[0]).write_text(text, encoding="utf-8", newline="\n")
         if not found.equal:
-            (staged / FILES[1]).write_bytes(png_bytes(draw_comparison(found, a, b)))
+            (staged / FILES[1]).write_bytes(figure_bytes(draw_comparison(found, a, b)))
         staged.publish()

@@ -81,11 +81,11 @@ def _reproduction(root: Path, data: Path) -> None:
 def _flight(root: Path, data: Path) -> None:
     from tombo_flight.flight import fly_scenario
     from tombo_flight.report.flight_overview import draw_overview
-    from tombo_flight.report.flight_plot import png_bytes
+    from tombo_flight.report.flight_plot import figure_bytes
     from tombo_flight.scenario import load_scenario
 
     figure = draw_overview(fly_scenario(load_scenario(), 0))
-    (root / "docs" / "flight.png").write_bytes(png_bytes(figure))
+    (root / "docs" / "flight.png").write_bytes(figure_bytes(figure))
 
 
 def _campaign(root: Path, data: Path) -> None:

@@ -19,7 +19,7 @@ from tombo_diagnosis.report.diagnosis_plots import (
 )
 from tombo_diagnosis.report.diagnosis_poster import diagnosis_poster
 from tombo_diagnosis.report.leftover_plot import draw_leftover
-from tombo_flight.report.flight_plot import png_bytes
+from tombo_flight.report.flight_plot import figure_bytes
 
 pytestmark = pytest.mark.slow
 
@@ -35,7 +35,7 @@ def lines(axes, colour):
 
 def test_the_poster_shows_the_gap_and_that_it_closed():
     poster = diagnosis_poster(sample())
-    data = png_bytes(poster)
+    data = figure_bytes(poster)
     assert struct.unpack(">II", data[16:24]) == (1600, 900)
     assert len(data) < 300_000
     words = " ".join(text.get_text() for text in poster.texts)
@@ -67,18 +67,18 @@ def test_gains_are_what_is_left():
 def test_all_are_drawn_for_every_verdict(verdict):
     found = sample(verdict, flights=2, seconds=10.0)
     for draw in (diagnosis_poster, draw_residuals, draw_drivers, draw_gains):
-        assert png_bytes(draw(found)).startswith(b"\x89PNG")
+        assert figure_bytes(draw(found)).startswith(b"\x89PNG")
 
 
 def test_nothing_to_show_is_said():
     for draw in (diagnosis_poster, draw_residuals, draw_drivers, draw_gains):
-        assert png_bytes(draw(EMPTY)).startswith(b"\x89PNG")
+        assert figure_bytes(draw(EMPTY)).startswith(b"\x89PNG")
     assert "nothing to show" in [text.get_text() for text in draw_gains(EMPTY).texts]
 
 
 def test_arrows_of_the_leftover_point_to_where_the_spring_pulls():
     figure = draw_leftover(replace(sample("unknown"), leftover=leftover()))
-    assert png_bytes(figure).startswith(b"\x89PNG")
+    assert figure_bytes(figure).startswith(b"\x89PNG")
     place = figure.axes[0]
     assert place.get_xlabel() == "place map x [m]"
     (arrows,) = [c for c in place.collections if hasattr(c, "U")]

@@ -21,7 +21,7 @@ from tombo_diagnosis.wording import certainty, figure, interval, unit
 from tombo_dynamics.vehicle import ROTOR_NAMES
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.report import style
-from tombo_flight.report.flight_plot import png_bytes
+from tombo_flight.report.flight_plot import figure_bytes
 from tombo_flight.report.html_page import Page, page_html, pictures, sentences, table
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def write_change(
     if not pictures:
         return
     on_progress(f"writing {REPORT}", 0.3)
-    png = png_bytes(draw_change(data))
+    png = figure_bytes(draw_change(data))
     (folder / "plots").mkdir()
     (folder / PLOT).write_bytes(png)
     (folder / REPORT).write_text(change_html(diagnosis, png), encoding="utf-8", newline="\n")

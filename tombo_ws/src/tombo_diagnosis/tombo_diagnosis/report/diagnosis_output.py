@@ -106,7 +106,7 @@ def _draw(folder: OutputFolder, diagnosis: Diagnosis, on_progress: ProgressCallb
     from tombo_diagnosis.report import diagnosis_plots
     from tombo_diagnosis.report.diagnosis_poster import diagnosis_poster
     from tombo_diagnosis.report.leftover_plot import draw_leftover
-    from tombo_flight.report.flight_plot import png_bytes
+    from tombo_flight.report.flight_plot import figure_bytes
 
     plots = diagnosis_plots
     draw = [diagnosis_poster, plots.draw_residuals, plots.draw_drivers, plots.draw_gains]
@@ -114,4 +114,4 @@ def _draw(folder: OutputFolder, diagnosis: Diagnosis, on_progress: ProgressCallb
     (folder / "plots").mkdir()
     for k, (name, figure) in enumerate(zip(PLOTS, draw, strict=False)):
         on_progress(f"drawing {name}", 0.3 + 0.7 * k / len(PLOTS))
-        (folder / f"plots/{name}").write_bytes(png_bytes(figure(diagnosis)))
+        (folder / f"plots/{name}").write_bytes(figure_bytes(figure(diagnosis)))

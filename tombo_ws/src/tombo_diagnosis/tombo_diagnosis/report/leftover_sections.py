@@ -16,10 +16,10 @@ def leftover(diagnosis: Diagnosis) -> str:
     if found is None:
         return ""
     from tombo_diagnosis.report.leftover_plot import draw_leftover
-    from tombo_flight.report.flight_plot import png_bytes
+    from tombo_flight.report.flight_plot import figure_bytes
 
     caption = "What is left over against what could drive it, all flights"
-    drawn = pictures([(png_bytes(draw_leftover(diagnosis)), "A drawn guess", caption)])
+    drawn = pictures([(figure_bytes(draw_leftover(diagnosis)), "A drawn guess", caption)])
     return f"{drawn}{_terms(found)}{_effect(found)}"
 
 

@@ -53,7 +53,7 @@ def write_stand(
     from tombo_diagnosis.report.stand_page import stand_html
     from tombo_diagnosis.report.stand_plots import draw_residuals, draw_stiffness
     from tombo_diagnosis.report.table3_plot import draw_table3
-    from tombo_flight.report.flight_plot import png_bytes
+    from tombo_flight.report.flight_plot import figure_bytes
 
     text = stand_json(found, study)
     (folder / JSON).write_text(text, encoding="utf-8", newline="\n")
@@ -68,7 +68,7 @@ def write_stand(
     pictures = {}
     for name, drawn in figures.items():
         if drawn is not None:
-            png = png_bytes(drawn)
+            png = figure_bytes(drawn)
             (folder / name).write_bytes(png)
             pictures[PurePath(name).stem] = png
     page = stand_html(found, study, headline, pictures)

@@ -11,7 +11,7 @@ from matplotlib.image import imread
 from matplotlib.text import Text
 
 from tombo_flight.report.flight_overview import draw_overview
-from tombo_flight.report.flight_plot import draw_flight, png_bytes
+from tombo_flight.report.flight_plot import draw_flight, figure_bytes
 from tombo_flight.report.panel import envelope
 
 EDGES = [
@@ -39,7 +39,7 @@ def assert_is_a_picture(image, shades):
 @pytest.mark.slow
 @pytest.mark.parametrize("draw", SIZES)
 def test_the_file_is_large_sharp_and_small_in_bytes(flight, draw):
-    png = png_bytes(draw(flight))
+    png = figure_bytes(draw(flight))
     width, height = SIZES[draw]
     assert imread(io.BytesIO(png), format="png").shape[:2] == (height, width)
     assert len(png) < 400_000
@@ -121,7 +121,7 @@ def test_a_flight_without_contact_has_one_column_and_no_marks(edge_flights):
 def test_a_name_with_dollars_is_not_read_as_mathematics(make_flight):
     name = "$\\frac{$ <b>"
     for draw in (draw_flight, draw_overview):
-        assert png_bytes(draw(make_flight(end_s=0.3, name=name)))
+        assert figure_bytes(draw(make_flight(end_s=0.3, name=name)))
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tombo_flight.report.airframe_shapes import Airframe
-from tombo_flight.report.flight_plot import draw_flight, png_bytes
+from tombo_flight.report.flight_plot import draw_flight, figure_bytes
 from tombo_flight.report.flight_report import SCRIPTS, report_html, write_report
 from tombo_flight.report.html_page import asset
 from tombo_flight.report.milestones import find_milestones
@@ -60,7 +60,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def html(flight):
-    return report_html(flight, png_bytes(draw_flight(flight)))
+    return report_html(flight, figure_bytes(draw_flight(flight)))
 
 
 @pytest.fixture(scope="module")

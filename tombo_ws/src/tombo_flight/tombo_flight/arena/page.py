@@ -12,7 +12,7 @@ from tombo_flight.arena.pictures import draw_configurations, draw_histograms, dr
 from tombo_flight.arena.table import HEAD, MEANING, crashed, table_rows
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_record import FlightRecord
-from tombo_flight.report.flight_plot import png_bytes
+from tombo_flight.report.flight_plot import figure_bytes
 from tombo_flight.report.flight_report import replay_scripts, replay_stage
 from tombo_flight.report.html_page import Card, Page, hint, page_html, pictures, sentences, table
 
@@ -142,20 +142,20 @@ def _histograms(results: Mapping[str, Any], plan: Plan, kept: Mapping[str, Row])
     if not any(flights.values()):
         return ""
     caption = "All flights of the collisions in the table; the line is the median, crashed in red"
-    return pictures([(png_bytes(draw_histograms(flights)), "", caption)])
+    return pictures([(figure_bytes(draw_histograms(flights)), "", caption)])
 
 
 def _map(results: Mapping[str, Any], group: str, x: str, y: str, caption: str) -> str:
     if not any(r["group"] == group for r in results["results"]):
         return ""
-    return pictures([(png_bytes(draw_map(results, group, x, y)), "", caption)])
+    return pictures([(figure_bytes(draw_map(results, group, x, y)), "", caption)])
 
 
 def _configurations(results: Mapping[str, Any]) -> str:
     if not any(r["group"] == CONFIGURATIONS for r in results["results"]):
         return ""
     caption = "The paper's collision with each configuration of its Table I"
-    drawn = pictures([(png_bytes(draw_configurations(results)), "", caption)])
+    drawn = pictures([(figure_bytes(draw_configurations(results)), "", caption)])
     figures = _figures(results, (CONFIGURATIONS,))
     return f"{drawn}<details><summary>In figures</summary>{figures}</details>"
 

@@ -20,7 +20,7 @@ from tombo_dynamics.errors import InputError
 
 RESULT_FILES = (
     *("flight.mcap", "summary.json", "flight.png", "report.html", "campaign.png", "nodes.log"),
-    "scenario.yaml",
+    *("scenario.yaml", "flight_column.pdf", "flight_column.svg"),
 )
 """All names that a flight or a campaign writes; a new run replaces those of an earlier one."""
 

@@ -6,6 +6,7 @@ import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 SIZE_IN: Final = (12.0, 8.0)
 DPI: Final = 150
 
+_DATED: Final = {"png": "Software", "pdf": "CreationDate", "svg": "Date"}
+"""What a file of a kind says of when or by what it was made."""
+
 _LEFT, _RIGHT = 0.055, 0.945
 _PANELS: Final = (
     "horizontal",  # x and y
@@ -50,6 +54,8 @@ class _Place:
     gap: float = 0.042
     strip: float = 0.95
     """Height of the strip of phases; that of a panel is 2. 0: there is none."""
+    label_in: float = 0.43
+    """From the axis to its label [in]."""
 
     def stack(self, figure: Figure) -> dict[str, Axes]:
         """Make axes one below the other, by the names of the rows."""
@@ -68,7 +74,9 @@ class _Place:
 
 
 _WHOLE, _ZOOMED, _WIDE = _Place(_LEFT, 0.445), _Place(0.505, _RIGHT), _Place(_LEFT, _RIGHT)
-_IN_PRINT = _Place(0.15, 0.985, (88.0 / 25.4, 4.6), top=0.965, bottom=0.075, gap=0.048, strip=0.0)
+_IN_PRINT = _Place(
+    0.15, 0.985, (88.0 / 25.4, 4.6), top=0.965, bottom=0.075, gap=0.048, strip=0.0, label_in=0.38
+)
 """As wide as a column of a journal, 88 mm."""
 _VERDICT_COLOURS: Final = {
     Outcome.RECOVERED: style.GREEN,
@@ -112,15 +120,16 @@ def draw_column(record: FlightRecord, beside: FlightRecord | None = None) -> Fig
         start_s, end_s = zoom_around(mark_s)
     window = Window(start_s, end_s, mark_s or 0.0, 400, zoomed=False)
     angles_deg = roll_pitch_yaw_deg(record.log["attitude"])
-    with new_figure(*_IN_PRINT.size_in, 2 * DPI, font_size=6.5) as figure:
+    with new_figure(*_IN_PRINT.size_in, 2 * DPI, font_size=6.2) as figure:
         _column(figure, record, beside, milestones, angles_deg, window, _IN_PRINT)
     return figure
 
 
-def png_bytes(figure: Figure) -> bytes:
-    """The figure as a PNG file, at its own resolution."""
+def figure_bytes(figure: Figure, kind: str = "png") -> bytes:
+    """Return a figure as a file of a kind, png, pdf or svg, the same bytes each time."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
+    with mpl.rc_context({"svg.hashsalt": "tombo"}):
+        figure.savefig(buffer, format=kind, metadata={_DATED[kind]: None})
     return buffer.getvalue()
 
 
@@ -149,9 +158,8 @@ def _column(
         panel.axes.tick_params(labelbottom=row == "thrust")
         if row != "timeline":
             panel.shade()
-            panel.axes.yaxis.set_label_coords(
-                -0.43 / (place.size_in[0] * (place.right - place.left)), 0.5
-            )
+            width_in = place.size_in[0] * (place.right - place.left)
+            panel.axes.yaxis.set_label_coords(-place.label_in / width_in, 0.5)
     origin = "contact" if milestones.contact_s is not None else "the crash"
     words = f"time from {origin} [s]" if window.zero_s else "time [s]"
     rows["thrust"].axes.set_xlabel(words, labelpad=2)

@@ -77,7 +77,7 @@ def thrust(panel: Panel) -> None:
         panel.trace(log["rotor_thrust"][:, i], colour, width, zorder=3.0 if struck else 2.0)
         handles.append(key(colour, width, ROTOR_NAMES[i]))
     folded = Patch(fc="none", ec=style.FRONT_LEFT, hatch=_HATCH, lw=0.6, alpha=0.7)
-    folded.set_label("fold (full height: 1)")
+    folded.set_label("fold, 0 to 1")
     panel.axes.set_ylim(0.0, high)
     panel.axes.set_ylabel("rotor thrust [N]")
     panel.legend([*handles, folded])

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from tombo_flight.flight import fly_scenario
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
-from tombo_flight.report.flight_plot import draw_flight, png_bytes
+from tombo_flight.report.flight_plot import draw_flight, figure_bytes
 from tombo_flight.report.html_page import (
     Card,
     Page,
@@ -84,7 +84,7 @@ def _decides(study: RiskStudy, result: Result, sample: Sample) -> str:
         text += table(("input", "first-order Sobol index", "total"), rows)
     if study.inputs:
         caption = "Margin of each flight over its inputs; below 0 it crashed"
-        text += pictures([(png_bytes(_draw(study, sample)), "", caption)])
+        text += pictures([(figure_bytes(_draw(study, sample)), "", caption)])
     return text
 
 
@@ -122,5 +122,5 @@ def _most_likely(study: RiskStudy, result: Result, sample: Sample) -> str:
     record = fly_scenario(scenario, found["seed"])
     return (
         f"<p>{escape(words[0])}</p><p>{escape(words[1])}</p>{command(found['command'])}"
-        + pictures([(png_bytes(draw_flight(record)), "", "The flight, from its ground truth")])
+        + pictures([(figure_bytes(draw_flight(record)), "", "The flight, from its ground truth")])
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_flight.campaign.campaign_plot import PANELS
-from tombo_flight.report.flight_plot import png_bytes
+from tombo_flight.report.flight_plot import figure_bytes
 from tombo_flight.report.html_page import Card, Page, page_html, pictures, table
 from tombo_flight.sweep.plots import Columns, draw_dependence, draw_distributions
 from tombo_flight.sweep.study import Study
@@ -76,8 +76,8 @@ def _page(study: Study, columns: Columns, errors: Array, outcome: str, read: Any
         if there.size:
             low, median, high = np.percentile(there, (5.0, 50.0, 95.0))
             cards.append(Card(name, f"{median:.2f}", unit, f"5 to 95 %: {low:.2f} to {high:.2f}"))
-    maps = [(png_bytes(f), "", text) for f, text in draw_dependence(study.design.axes, columns)]
-    spread = [(png_bytes(draw_distributions(columns)), "", "All flights; line: median")]
+    maps = [(figure_bytes(f), "", text) for f, text in draw_dependence(study.design.axes, columns)]
+    spread = [(figure_bytes(draw_distributions(columns)), "", "All flights; line: median")]
     return Page(
         title=f"Sweep of {study.label}",
         eyebrow="Sweep",

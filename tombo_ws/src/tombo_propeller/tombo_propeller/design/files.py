@@ -7,7 +7,7 @@ from typing import Final
 
 from tombo_flight.flight_output import as_json
 from tombo_flight.progress import ProgressCallback, no_progress
-from tombo_flight.report.flight_plot import png_bytes
+from tombo_flight.report.flight_plot import figure_bytes
 from tombo_propeller.design.design import Design
 from tombo_propeller.design.design_json import design_mapping
 from tombo_propeller.design.flight_files import (
@@ -54,7 +54,7 @@ def write_design(
         scenario = scenario_of(found.request, configuration, force, recovery)
         write_flyable(folder, scenario, configuration)
     on_progress("drawing", 0.5)
-    pictures = [png_bytes(draw_pareto(found, made)), png_bytes(draw_readings(found))]
+    pictures = [figure_bytes(draw_pareto(found, made)), figure_bytes(draw_readings(found))]
     for name, picture in zip(PICTURES, pictures, strict=True):
         (folder / name).write_bytes(picture)
     page = design_html(found, made, pictures)

@@ -45,6 +45,7 @@ EXIT_CODES = (
     "after Ctrl-C, 143 after SIGTERM, with what was flown so far in the folder."
 )
 _MOST_FLIGHTS = 100_000
+_FIGURES = ("pdf", "svg")
 
 
 def fly(
@@ -98,6 +99,14 @@ def fly(
         ),
     ] = None,
     no_record: Annotated[bool, option("--no-record", "Write no flight.mcap.")] = False,
+    figure: Annotated[
+        str | None,
+        option(
+            "--figure FORMAT",
+            "Write flight_column.FORMAT too, pdf or svg: the figure as wide as a column of print, "
+            "88 mm.",
+        ),
+    ] = None,
     output: Annotated[
         str | None,
         output_option(
@@ -128,6 +137,10 @@ def fly(
     if px4 is not None and (nodes or many is not None or no_record):
         raise InputError("--px4: accepted: without --nodes, --seeds and --no-record")
     check_px4_options(px4, model, yes=yes, bridge=bridge)
+    if figure not in (None, *_FIGURES):
+        raise unknown_name("--figure", str(figure), _FIGURES)
+    if figure is not None and (many is not None or nodes or px4 is not None):
+        raise InputError("--figure: accepted: without --seeds, --nodes and --px4")
     one = seed or 0
     if no_reaction:
         if reaction not in (None, "none"):
@@ -160,7 +173,7 @@ def fly(
             yes=yes,
         )
     elif many is None:
-        code = _fly_one(chosen, one, place, not no_record, as_json)
+        code = _fly_one(chosen, one, place, not no_record, figure, as_json)
     else:
         code = _fly_many(chosen, many, place, as_json)
     raise typer.Exit(code)
@@ -248,12 +261,16 @@ def _prepared(
             yield folder, stop, on_progress
 
 
-def _fly_one(scenario: Scenario, seed: int, place: Place, record: bool, as_json: bool) -> int:
+def _fly_one(
+    scenario: Scenario, seed: int, place: Place, record: bool, figure: str | None, as_json: bool
+) -> int:
     from tombo_flight.flight_output import as_json as to_json
     from tombo_flight.flight_output import fly_into
 
     with _prepared(scenario, place) as (folder, stop, on_progress):
-        flight = fly_into(folder, scenario, seed, stop, record=record, on_progress=on_progress)
+        flight = fly_into(
+            folder, scenario, seed, stop, record=record, column=figure, on_progress=on_progress
+        )
         names = sorted(p.name for p in folder.staging.iterdir())
         folder.publish()
     if as_json:
@@ -290,9 +307,9 @@ def _fly_many(scenario: Scenario, seeds: range, place: Place, as_json: bool) -> 
         if not stop.asked():
             on_progress("drawing campaign.png", 1.0)
             from tombo_flight.campaign.campaign_plot import draw_campaign
-            from tombo_flight.report.flight_plot import png_bytes
+            from tombo_flight.report.flight_plot import figure_bytes
 
-            (folder / "campaign.png").write_bytes(png_bytes(draw_campaign(campaign)))
+            (folder / "campaign.png").write_bytes(figure_bytes(draw_campaign(campaign)))
             names.insert(0, "campaign.png")
         folder.publish()
     if as_json:

@@ -121,10 +121,10 @@ def replay(
         text = to_json(result.as_mapping())
         if folder is not None:
             from tombo_flight.replay.plot import draw_replay
-            from tombo_flight.report.flight_plot import png_bytes
+            from tombo_flight.report.flight_plot import figure_bytes
 
             (folder / FILES[0]).write_text(text, encoding="utf-8", newline="\n")
-            (folder / FILES[1]).write_bytes(png_bytes(draw_replay(result)))
+            (folder / FILES[1]).write_bytes(figure_bytes(draw_replay(result)))
             folder.publish()
     if as_json:
         typer.echo(text, nl=False)
