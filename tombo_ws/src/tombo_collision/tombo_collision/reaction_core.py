@@ -288,6 +288,7 @@ def reaction_step(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -
         memory.setpoint = out
         memory.setpoint.stamp_ns = now_ns
         memory.setpoint.recovery = _recovery_mode(memory)
+        memory.setpoint.takeoff_commands = mission.takeoff_commands
         memory.publish_due = False
         memory.publishes = True
         memory.said = True

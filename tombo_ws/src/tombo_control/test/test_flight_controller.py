@@ -188,12 +188,24 @@ def test_on_the_ground_the_rotors_stand_still(phase: int) -> None:
     assert not bench.run(1, setpoint=False).speed.any()
     bench.setpoint(phase=Phase.HOVER)
     assert not bench.run(40).speed.any(), "it takes a take-off to fly again"
-    for commanded in (False, True):
-        bench.setpoint(phase=Phase.IDLE, commanded=commanded)
-        assert not bench.run(20, setpoint=False).speed.any()
-        bench.setpoint(phase=Phase.TAKEOFF, commanded=commanded)
-        if not commanded:
-            assert not bench.run(40, setpoint=False).speed.any(), "one that is asked for"
+    bench.setpoint(phase=Phase.IDLE)
+    assert not bench.run(20, setpoint=False).speed.any()
+    bench.setpoint(phase=Phase.TAKEOFF)
+    assert not bench.run(40, setpoint=False).speed.any(), "one that is asked for"
+    bench.setpoint(phase=Phase.TAKEOFF, takeoff_commands=1)
+    assert bench.run(40, setpoint=False).speed.min() > 0.9 * bench.hover, "phase idle was missed"
+
+
+def test_a_command_from_before_it_latched_is_not_obeyed_again(bench: _Bench) -> None:
+    bench.setpoint(phase=Phase.IDLE, takeoff_commands=1)
+    bench.run(20, setpoint=False)
+    bench.controller.command("kill")
+    for phase in (Phase.IDLE, Phase.TAKEOFF, Phase.HOVER):
+        bench.setpoint(phase=phase, takeoff_commands=1)
+        assert not bench.run(40, setpoint=False).speed.any()
+    bench.setpoint(phase=Phase.IDLE, takeoff_commands=0)  # the mission was restarted
+    assert not bench.run(40, setpoint=False).speed.any()
+    bench.setpoint(phase=Phase.TAKEOFF, takeoff_commands=1)
     assert bench.run(40, setpoint=False).speed.min() > 0.9 * bench.hover
 
 

@@ -153,11 +153,11 @@ def test_waits_for_the_word_to_start():
     world = World(started=False)
     world.run(30.0)
     assert world.modes == [Phase.IDLE]
-    assert not world.said[-1].commanded
+    assert world.said[-1].takeoff_commands == 0
     world.course.set_params("auto_start", True)
     world.run(PLAN.takeoff_time + 0.05)
     assert world.course.mode == Phase.TAKEOFF
-    assert world.said[-1].commanded
+    assert world.said[-1].takeoff_commands == 1
 
 
 @pytest.mark.parametrize("plan", [PLAN, replace(PLAN, takeoff_time=0.0)])
@@ -466,8 +466,9 @@ def test_an_operator_holds_lands_and_takes_off_again():
     world.until(Phase.HOVER)
     phases = [said.phase for said in world.said[begin:]]
     assert phases.index(Phase.IDLE) < phases.index(Phase.TAKEOFF)
-    assert not any(said.commanded for said in world.said[:begin]), "the first one began by itself"
-    assert all(said.commanded for said in world.said[begin:])
+    commands = [said.takeoff_commands for said in world.said]
+    assert set(commands[:begin]) == {0}, "the first flight began by itself"
+    assert set(commands[begin:]) == {1}
 
 
 def test_told_to_land_on_the_ground_it_does_not_take_off():

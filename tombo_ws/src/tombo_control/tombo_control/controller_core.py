@@ -192,7 +192,7 @@ def take_setpoint(
     last.yaw = setpoint.yaw
     last.phase = setpoint.phase
     last.recovery = setpoint.recovery
-    last.commanded = setpoint.commanded
+    last.takeoff_commands = setpoint.takeoff_commands
     memory.has_setpoint = True
     memory.setpoint_ns = now_ns
     return True

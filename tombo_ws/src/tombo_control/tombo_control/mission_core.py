@@ -85,10 +85,10 @@ _NO_LIFT_S = 9.0
 confirmed, rotors spin up (COM_SPOOLUP_TIME), thrust rises (MPC_TKO_RAMP_T); a refusal costs 1."""
 _LIFTED, _BACK, _BACK_S = 0.05, 0.03, 0.3
 """m, m, s: a take-off that has been so high, and is so low again for so long, is over."""
+_SHOWS_IDLE_NS = -200_000_000
+"""A commanded plan shows phase idle for so long: those behind it see it begin on the ground."""
 _DRIFT = 0.05
 """m: a waiting reference follows the vehicle when it is further away."""
-_SHOWS_IDLE_NS = -200_000_000
-"""A commanded plan shows phase idle for so long: the controller then obeys its take-off."""
 _MAX_CLOCK_STEP_NS = 100_000_000
 """The plan's clock goes on by no more than this at a time: the node may have been stopped."""
 
@@ -139,7 +139,7 @@ class MissionMemory(Record):
 
     begun = field("1", "the first estimate has come", kind=bool)
     started = field("1", "false: waits on the ground, the plan's clock at 0", kind=bool)
-    commanded = field("1", "an operator has started it, not `auto_start` alone", kind=bool)
+    takeoff_commands = field("1", "of an operator; `auto_start` is none", kind=int)
     mode = field("1", "from here to settled_s: the `MissionState`", kind=int)
     leg = field("", "the reference", kind=LegRecord)
     home = field("m", "in map", 3)
@@ -173,7 +173,7 @@ def begin_mission(memory: MissionMemory, started: bool) -> None:
     """Forget everything but what was published."""
     memory.begun = False
     memory.started = started
-    memory.commanded = False
+    memory.takeoff_commands = 0
     memory.mode = Phase.IDLE
     memory.wait_reason = WaitReason.NONE
     memory.estimate_ns = _NEVER
@@ -423,7 +423,7 @@ def _set_point(memory: MissionMemory, now_ns: int, still: bool) -> None:
         out.acceleration[i] = change * leg.velocity[i]
     out.yaw = leg_yaw(leg, now)
     out.phase = memory.mode
-    out.commanded = memory.commanded
+    out.takeoff_commands = memory.takeoff_commands
     out.stamp_ns = now_ns
 
 
@@ -435,10 +435,10 @@ def take_off(memory: MissionMemory) -> bool:
         return True
     if memory.begun and memory.mode != Phase.IDLE and memory.mode != Phase.LANDED:
         return False
-    if memory.started and memory.begun and memory.mode == Phase.IDLE:
+    if memory.begun and memory.mode == Phase.IDLE:
         memory.time_ns = _SHOWS_IDLE_NS
     memory.started = True
-    memory.commanded = True
+    memory.takeoff_commands += 1
     if memory.mode == Phase.LANDED:
         store_state(memory, begin(memory.position))
         memory.time_ns = _SHOWS_IDLE_NS
@@ -455,7 +455,6 @@ def land_now(memory: MissionMemory, plan: Plan) -> bool:
     memory.held = False
     if not memory.begun or memory.mode == Phase.IDLE:
         memory.started = False
-        memory.commanded = False
         return True
     if memory.mode == Phase.LAND or memory.mode == Phase.LANDED:
         return bool(memory.mode == Phase.LAND)
@@ -604,7 +603,7 @@ class MissionCore(Core):
         else:
             memory = self.memory
             if params and memory.begun and not memory.started:
-                memory.commanded = True
+                memory.takeoff_commands += 1
             memory.started = bool(params)
 
     def command(self, name: str) -> str:

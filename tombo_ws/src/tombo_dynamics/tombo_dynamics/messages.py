@@ -162,8 +162,8 @@ class PositionSetpoint:
     """A `Phase`."""
     recovery: int = RecoveryMode.OFF
     """A `RecoveryMode`."""
-    commanded: bool = False
-    """An operator has asked for the take-off, not `auto_start` alone."""
+    takeoff_commands: int = 0
+    """How often an operator has asked the mission to take off; `auto_start` is none."""
 
     def finite(self) -> bool:
         """Return whether every number is finite."""

@@ -172,8 +172,8 @@ def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flown, reread):
     def edit(topic: str, messages: list[bytes]) -> list[bytes]:
         if topic != "/setpoint":
             return messages
-        # the phase is followed by a byte for the recovery and one for the operator's command
-        edited = (data[:-3] + b"\x08" + data[-2:] for data in messages[200:250])
+        # the phase, the recovery, two bytes of padding, the operator's commands
+        edited = (data[:-8] + b"\x08" + data[-7:] for data in messages[200:250])
         return [*messages[:200], *edited]
 
     mode = reread(edit=edit, keep=set_points(250)).log["mode"][:, 0]

@@ -207,8 +207,8 @@ def test_it_can_land_twice(flight: _Flight) -> None:
     reset_estimator(flight.lockstep.observer.memory)
     start = replace(hover_at(0.0, 0.0, 0.5), phase=Phase.IDLE)
     for seconds, setpoint in (
-        (4.0, replace(start, commanded=True)),  # by itself it would not fly again
-        (2.0, replace(start, phase=Phase.TAKEOFF)),
+        (4.0, start),
+        (2.0, replace(start, phase=Phase.TAKEOFF, takeoff_commands=1)),  # by itself it would not
         (4.0, hover_at(0.0, 0.0, 2.0)),
     ):
         flight.lockstep.steer = lambda t, setpoint=setpoint: setpoint

@@ -464,7 +464,7 @@ def _judge(
     if not world.aloft and height > 0.1:
         world.aloft = True
         verdict.lift_offs += 1
-        if world.new_controller and world.new_mission and not s.mission.commanded:
+        if world.new_controller and world.new_mission and s.mission.takeoff_commands == 0:
             verdict.commands = verdict.lift_offs  # none of them knows of a flight: `auto_start`
         world.new_controller = False
         world.new_mission = False

@@ -65,7 +65,7 @@ class Condition(IntEnum):
     )
     TAKEOFF_REFUSED = 4, "phase `takeoff` after phase `idle`, but for 1 s one of these is not so"
     IN_FLIGHT = 5, "set points of a flight that the controller has not seen begin"
-    COMMANDED = 6, "phase `idle` of a mission that an operator has started, not `auto_start` alone"
+    COMMANDED = 6, "phase `idle` or `takeoff`, and an operator has asked for it since"
     DOWN = (
         7,
         (

@@ -61,7 +61,8 @@ class Watch(Record):
     asked = field("1", "bits of `Condition`: kill, abort, new flight, until they are looked at",
                   kind=int)  # fmt: skip
     begun = field("1", "it has been in command", kind=bool)
-    idle_seen = field("1", "phase idle, with the rotors off", kind=bool)
+    idle_seen = field("1", "phase idle, or a command, with the rotors off", kind=bool)
+    takeoff_commands = field("1", "that had been given when it latched", kind=int)
     takeoff_ticks = field("1", "a take-off is asked for since so long", kind=int)
     rest_ticks = field("1", "at rest since so long", kind=int)
     known_ticks = field("1", "the position is known since so long", kind=int)
@@ -87,6 +88,7 @@ def begin_watch(watch: Watch) -> None:
     watch.asked = 0
     watch.begun = False
     watch.idle_seen = False
+    watch.takeoff_commands = 0
     watch.has_place = False
     watch.takeoff_ticks = 0
     watch.rest_ticks = 0
@@ -170,7 +172,7 @@ def watch_flight(
     watch.gap = False
     row = deciding_row(watch.state, found)
     if row != STAYS:
-        _enter(watch, autopilot, row, tick)
+        _enter(watch, autopilot, setpoint.takeoff_commands, row, tick)
 
 
 @compiled
@@ -243,7 +245,11 @@ def _conditions_on_ground(
     watch: Watch, state: Any, setpoint: Any, phase: int, ticks: int, known: bool
 ) -> int:
     ground_phase = phase == Phase.IDLE or phase == Phase.LANDED
-    found = _bit(Condition.COMMANDED, phase == Phase.IDLE and setpoint.commanded)
+    asked = setpoint.takeoff_commands
+    if phase == Phase.IDLE:  # a mission that was restarted counts from 0
+        watch.takeoff_commands = min(watch.takeoff_commands, asked)
+    begins = phase == Phase.IDLE or phase == Phase.TAKEOFF
+    found = _bit(Condition.COMMANDED, begins and asked > watch.takeoff_commands)
     found |= _bit(Condition.DOWN, ground_phase and watch.rest_ticks >= _BOOT_REST)
     if watch.state == SafetyState.OFF and phase == Phase.IDLE:
         watch.idle_seen = True
@@ -265,7 +271,7 @@ def _conditions_on_ground(
 
 
 @compiled_call
-def _enter(watch: Watch, autopilot: Autopilot, row: int, tick: int) -> None:
+def _enter(watch: Watch, autopilot: Autopilot, commands: int, row: int, tick: int) -> None:
     """Begin the next state."""
     state, loops = autopilot.state, autopilot.loops
     before = watch.state
@@ -282,6 +288,10 @@ def _enter(watch: Watch, autopilot: Autopilot, row: int, tick: int) -> None:
     elif watch.state == SafetyState.BLIND:
         watch.may_return = before == SafetyState.FLY or before == SafetyState.HOLD
         watch.lost = state.position
+    elif watch.state == SafetyState.LATCHED:
+        watch.takeoff_commands = commands
+    elif row_condition(row) == Condition.COMMANDED:
+        watch.idle_seen = True
     if descends(watch):
         x, y, _ = rotated(state.attitude, 1.0, 0.0, 0.0)
         watch.yaw = math.atan2(y, x)

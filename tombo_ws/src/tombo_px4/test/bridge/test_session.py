@@ -77,7 +77,7 @@ class Flight:
         self.session, self.vehicle = Session(1.5), Vehicle()
         self.now = SECOND
         self.phase, self.fresh, self.streaming, self.blockers = phase, True, True, ()
-        self.commanded = False
+        self.takeoff_commands = 0
         self.events, self.replies, self.faults = [], [], {}
         self.stream = None
         self._beat = 0
@@ -95,7 +95,7 @@ class Flight:
             self.fresh,
             self.streaming,
             self.blockers,
-            commanded=self.commanded,
+            takeoff_commands=self.takeoff_commands,
         )
         out = Decision()
         self.session.tick(view, out)
@@ -171,7 +171,7 @@ def test_after_a_flight_a_restarted_mission_arms_nothing_without_a_command():
     flight.run(5.0)
     assert flight.armings() == [True]
     assert "/mission/takeoff" in flight.faults["not_engaged"]
-    flight.phase, flight.commanded = Phase.IDLE, True
+    flight.phase, flight.takeoff_commands = Phase.IDLE, 1
     flight.run(1.0)
     flight.until(Stage.FLYING, Phase.TAKEOFF)
     assert flight.armings() == [True, True]

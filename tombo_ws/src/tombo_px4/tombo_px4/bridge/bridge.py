@@ -331,7 +331,7 @@ class Bridge:
                 self._present(now_ns) is not None,
                 tuple(f.text for f in self._blocking),
                 self._must_land(now_ns),
-                self.stream.commanded,
+                self.stream.takeoff_commands,
             ),
             out,
         )

@@ -110,8 +110,8 @@ class SessionInput:
     """Why arming is not allowed, as texts."""
     must_land: str = ""
     """Why the flight must end now, as a text."""
-    commanded: bool = False
-    """An operator has asked the mission to take off."""
+    takeoff_commands: int = 0
+    """How often an operator has asked the mission to take off."""
 
 
 @dataclass
@@ -137,7 +137,9 @@ class Session:
         self.recent_texts = RecentStatusTexts()
         self._timeout_ns = round(link_timeout_s * SECOND_NS)
         self._transaction: CommandTransaction | None = None
-        self._engage_allowed = self._mission_seen = self._has_armed = False
+        self._engage_allowed = self._mission_seen = False
+        self._commands_flown = -1
+        """The operator's, when it last armed; -1: it has not armed."""
         self._arm_request_ns: int | None = None
         self._armed_for_flight = False
         self._stream_since_ns: int | None = None
@@ -201,7 +203,9 @@ class Session:
         """
         begins = view.phase == Phase.TAKEOFF and not self._mission_seen
         self._mission_seen = True
-        told = view.commanded or not self._has_armed
+        if view.phase == Phase.IDLE:  # a mission that was restarted counts from 0
+            self._commands_flown = min(self._commands_flown, view.takeoff_commands)
+        told = view.takeoff_commands > self._commands_flown
         if not heartbeat.armed and told and (begins or view.phase in _GROUND):
             self._engage_allowed = True
 
@@ -399,7 +403,8 @@ class Session:
             self._give_up(refusal)
         elif self._transaction is not None and self._transaction.done:
             self._engage_allowed = False
-            self._has_armed = self._armed_for_flight = True
+            self._armed_for_flight = True
+            self._commands_flown = view.takeoff_commands
             self._arm_request_ns = None
             self._set_stage(Stage.FLYING, "")
 

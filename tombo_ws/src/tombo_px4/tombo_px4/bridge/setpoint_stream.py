@@ -63,9 +63,9 @@ class SetpointStream:
         return Phase.IDLE if self._setpoint is None else self._setpoint.phase
 
     @property
-    def commanded(self) -> bool:
-        """Whether an operator has told the mission to take off, as its last set point says."""
-        return self._setpoint is not None and self._setpoint.commanded
+    def takeoff_commands(self) -> int:
+        """How often an operator has told the mission to take off, as its last set point says."""
+        return 0 if self._setpoint is None else self._setpoint.takeoff_commands
 
     def fresh(self, now_ns: int) -> bool:
         """Return whether set points are coming."""
