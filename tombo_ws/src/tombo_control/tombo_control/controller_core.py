@@ -224,7 +224,7 @@ def answer_gyro(
     tick = nearest_tick(stamp_ns)
     ticks = tick - memory.tick
     if memory.tick < 0 or ticks < -_MAX_GAP_TICKS or ticks > _MAX_GAP_TICKS:
-        memory.watch.gap = memory.tick >= 0
+        memory.watch.gap = ticks if memory.tick >= 0 else 0
         if ticks < -_MAX_GAP_TICKS:  # the clock was set back
             memory.estimate_ns = _NEVER
             memory.pose_ns = _NEVER
@@ -330,6 +330,16 @@ def _follow_setpoint(memory: ControllerMemory, autopilot: Autopilot) -> None:
         autopilot.mode_flown = last.phase
         setpoint.position = last.position
         rests = clamp_to_volume(setpoint.position, memory.watch.volume) or memory.held
+        square = 0.0
+        for i in range(3):
+            square += (setpoint.position[i] - autopilot.state.position[i]) ** 2
+        if square > memory.watch.params.setpoint_distance**2:  # the estimate jumped meanwhile
+            last.position = autopilot.state.position
+            setpoint.position = last.position
+            clamp_to_volume(setpoint.position, memory.watch.volume)
+            for i in range(3):
+                last.velocity[i] = 0.0
+                last.acceleration[i] = 0.0
         for i in range(3):
             setpoint.velocity[i] = 0.0 if rests else last.velocity[i]
             setpoint.acceleration[i] = 0.0 if rests else last.acceleration[i]
@@ -506,7 +516,8 @@ class ControllerCore(Core):
         own = state == SafetyState.LAND
         health.fault("lands", own, "the controller lands by itself: set points ignored", ERROR)
         standby = state == SafetyState.STANDBY
-        health.fault("standby", standby, "started in flight: no commands until a take-off")
+        why = "started in flight, or away for long: no commands until a take-off"
+        health.fault("standby", standby, why)
         health.values["safety"] = state.name.lower()
         if watch.changes != self._changes:
             self._changes = int(watch.changes)

@@ -83,6 +83,35 @@ def test_a_mission_that_is_restarted_behind_a_landing_does_not_fly_by_itself() -
     assert int(fly_case(commanded).lift_offs) == 2
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "case",
+    [
+        # the flight controller lands it while the blind one is away; a touchdown is not felt
+        (FaultAt(Fault.ESTIMATOR, 10.683, None), FaultAt(Fault.IMU, 13.152, 8.0)),
+        (
+            FaultAt(Fault.IMU, 11.59, 2.0),
+            FaultAt(Fault.IMU, 6.408, 0.4),
+            FaultAt(Fault.ESTIMATOR, 3.387, 8.0),
+        ),
+        # back in its last moment: it would climb from the ground, and fall
+        (
+            FaultAt(Fault.ESTIMATOR, 15.736, None),
+            FaultAt(Fault.IMU, 15.886, 8.0),
+            FaultAt(Fault.CLOCK_BACK, 17.083, None),
+        ),
+        # the estimate jumps away from a set point at the border
+        (FaultAt(Fault.OUT_OF_VOLUME, 6.891, None), FaultAt(Fault.MOVED_FRAME, 7.35, 0.05)),
+        # another flight within the first second: the mission goes on
+        (FaultAt(Fault.SIMULATOR, 1.006, 2.0), FaultAt(Fault.KILL, 17.64, 0.4)),
+        # a second flight whose mission dies lands after the reaction's 30 s
+        (FaultAt(Fault.TAKEOFF_COMMAND, 19.935, 0.05), FaultAt(Fault.MISSION, 24.908, None)),
+    ],
+)
+def test_what_chance_has_found(case: Case) -> None:
+    assert violations(case, fly_case(case)) == []
+
+
 def test_the_checker_sees_what_must_not_be() -> None:
     verdict = Verdict.new()
     assert violations((), verdict) == []

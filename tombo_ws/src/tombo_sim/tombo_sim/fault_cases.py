@@ -11,7 +11,7 @@ import numpy as np
 from tombo_sim.fault_model import STEP_TICKS, Fault, Verdict, fly_faults, new_suite, new_world
 
 _STEPS_PER_S = 1000 // STEP_TICKS
-HORIZON_S = 60.0
+HORIZON_S = 80.0
 """A case is watched for so long, or until nothing turns and nothing is to come."""
 _FOR_EVER = 10**6
 _RESTART_S = 0.4

@@ -312,7 +312,7 @@ def _happen(s: Suite, world: World, faults: Array, step: int, verdict: Verdict) 
             begin_reaction(s.reaction)
             s.controller.estimate_ns = -1
             s.controller.pose_ns = -1
-            if step * STEP_TICKS * TICK_NS > CLOCK_SET_BACK_NS:  # a new flight takes a command
+            if s.mission.now_ns - EPOCH_NS > CLOCK_SET_BACK_NS:  # a new flight takes a command
                 verdict.commands = verdict.lift_offs
         elif kind == Fault.KILL and begins:
             s.controller.watch.asked |= 1 << Condition.KILL

@@ -100,6 +100,13 @@ class Condition(IntEnum):
     )
     OVERTURNED = 18, "tilted by more than 1 rad, at rest, for 1 s"
     TIME_OVER = 19, "`blind_time` after a descent at half its speed would have ended"
+    REPLACED = (
+        20,
+        (
+            "the gyro was silent for 0.1 s, and 1 s later the position is not known: a touchdown "
+            "may have been missed, the flight controller behind it may have landed"
+        ),
+    )
 
 
 class Row(NamedTuple):
@@ -146,6 +153,7 @@ TABLE: tuple[Row, ...] = (
     Row(_S.BLIND, _C.TOUCHDOWN, _S.LATCHED),
     Row(_S.BLIND, _C.OVERTURNED, _S.LATCHED),
     Row(_S.BLIND, _C.TIME_OVER, _S.LATCHED),
+    Row(_S.BLIND, _C.REPLACED, _S.STANDBY),
     Row(_S.BLIND, _C.POSITION_BACK, _S.FLY),
     Row(_S.BLIND, _C.POSITION_LATE, _S.LAND),
     Row(_S.STANDBY, _C.KILL, _S.LATCHED),

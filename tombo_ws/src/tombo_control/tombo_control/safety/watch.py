@@ -47,6 +47,8 @@ _DOWN_HEIGHT, _RETURN_HEIGHT, _ALOFT, _LEARNS = 0.15, 0.4, 0.15, 0.5
 _RETURN_DISTANCE, _RETURN_TICKS = 3.0, 3 * TICK_HZ // 10
 _STUCK_SPEED, _STUCK_TICKS = 0.1, 3 * TICK_HZ
 _OVERTURNED_TICKS = TICK_HZ
+_ANSWER_TICKS = TICK_HZ
+"""After a silence of the gyro the position has so long to come back."""
 
 
 class Watch(Record):
@@ -68,7 +70,10 @@ class Watch(Record):
     known_ticks = field("1", "the position is known since so long", kind=int)
     limit_ticks = field("1", "a limit is broken since so long", kind=int)
     stuck_ticks = field("1", "it does not sink since so long", kind=int)
-    gap = field("1", "the gyro was silent", kind=bool)
+    gap = field("1", "the gyro was silent for so long, negative: the clock was set back; 0: not",
+                kind=int)  # fmt: skip
+    replaced = field("1", "tick at which the gyro came back from a silence; -1: not, or the "
+                     "position is known since", kind=int)  # fmt: skip
     home = field("m", "where it took off, in map", 3)
     has_place = field("1", "it has been known where it is", kind=bool)
     place = field("m", "where it was last known, in map", 3)
@@ -95,7 +100,8 @@ def begin_watch(watch: Watch) -> None:
     watch.known_ticks = 0
     watch.limit_ticks = 0
     watch.stuck_ticks = 0
-    watch.gap = False
+    watch.gap = 0
+    watch.replaced = _NEVER
     watch.may_return = False
     watch.deadline = 0
     begin_touchdown(watch.touchdown)
@@ -162,14 +168,14 @@ def watch_flight(
     if descends(watch) and stopped and not loops.touched:
         loops.touched = True
         loops.touch_speed = state.velocity[2]
-    _count(watch, state, phase, ticks, known)
+    _count(watch, state, phase, tick, ticks, known)
     if flies:
         found = _conditions_aloft(watch, state, phase, tick, due, known, held)
     else:
         found = _conditions_on_ground(watch, state, setpoint, phase, ticks, known)
     found |= watch.asked
     watch.asked = 0
-    watch.gap = False
+    watch.gap = 0
     row = deciding_row(watch.state, found)
     if row != STAYS:
         _enter(watch, autopilot, setpoint.takeoff_commands, row, tick)
@@ -189,12 +195,16 @@ def _aside(a: Array, b: Array, limit: float) -> bool:
 
 
 @compiled
-def _count(watch: Watch, state: Any, phase: int, ticks: int, known: bool) -> None:
+def _count(watch: Watch, state: Any, phase: int, tick: int, ticks: int, known: bool) -> None:
     """Count how long what is measured has been so."""
     v, limits = state.velocity, watch.params
     speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     _, _, upright = rotated(state.attitude, 0.0, 0.0, 1.0)
     watch.known_ticks = watch.known_ticks + ticks if known else 0
+    if watch.gap > 0:
+        watch.replaced = tick
+    elif watch.known_ticks >= _RETURN_TICKS:
+        watch.replaced = _NEVER
     watch.rest_ticks = watch.rest_ticks + ticks if known and speed < _REST_SPEED else 0
     fast = known and not speed <= limits.speed_max
     tilted = not upright >= math.cos(limits.tilt_max)
@@ -222,7 +232,7 @@ def _conditions_aloft(
     ground_phase = phase == Phase.IDLE or phase == Phase.LANDED
     found = _bit(Condition.DOWN, ground_phase and height < _DOWN_HEIGHT)
     found |= _bit(Condition.DOWN_ABOVE, ground_phase)
-    found |= _bit(Condition.POSITION_LOST, watch.gap or (due and not known))
+    found |= _bit(Condition.POSITION_LOST, watch.gap != 0 or (due and not known))
     if watch.state == SafetyState.BLIND and watch.known_ticks >= _RETURN_TICKS:
         back = watch.may_return and lasted <= limits.return_time and height > _RETURN_HEIGHT
         back = back and not _far(state.position, watch.lost, _RETURN_DISTANCE)
@@ -237,6 +247,8 @@ def _conditions_aloft(
     found |= _bit(Condition.TOUCHDOWN, ground.contact_ticks * TICK_S >= limits.touchdown_time)
     found |= _bit(Condition.OVERTURNED, ground.overturned_ticks >= _OVERTURNED_TICKS)
     found |= _bit(Condition.TIME_OVER, tick >= watch.deadline)
+    replaced = watch.replaced >= 0 and tick - watch.replaced >= _ANSWER_TICKS
+    found |= _bit(Condition.REPLACED, replaced)
     return found
 
 
