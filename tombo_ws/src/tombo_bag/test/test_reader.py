@@ -153,6 +153,21 @@ def test_a_flipped_bit_never_gives_wrong_messages(sample, place, bit):
     np.testing.assert_array_equal(table["pose.position.x"], x[rows])
 
 
+def test_several_damaged_chunks_are_counted_in_one_line(tmp_path):
+    content, _ = write_sample(tmp_path / "whole.mcap", "zstd")
+    chunks = summary_of(tmp_path / "whole.mcap").chunk_indexes
+    broken = bytearray(content)
+    for chunk in chunks[1:4]:
+        broken[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 255
+    path = tmp_path / "broken.mcap"
+    path.write_bytes(broken)
+    bag = Bag(path, check=True)
+    (line,) = bag.damage_lines()
+    assert f"3 of {len(chunks)} chunks damaged" in line
+    assert f"byte {chunks[1].chunk_start_offset} " in line and "is corrupt" in line
+    assert len(bag.damage) == 3
+
+
 def test_zeros_at_the_end_are_noticed(tmp_path):
     """What a power failure leaves."""
     content, _ = write_sample(tmp_path / "whole.mcap", "zstd")

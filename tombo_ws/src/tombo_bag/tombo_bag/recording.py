@@ -89,7 +89,7 @@ class Recording:
         found = list(self._notes)
         for file in self.files:
             where = f"{file.path.name}: " if several else ""
-            found += [f"{where}{line}" for line in file.damage]
+            found += [f"{where}{line}" for line in file.damage_lines()]
         return list(dict.fromkeys(found))
 
     @property

@@ -81,6 +81,12 @@ def test_unknown_key_is_refused_with_the_closest_one():
     assert "did you mean" not in str(unknown_name("key", "zzz", ["mass"]))
 
 
+def test_the_word_that_others_use_is_answered_with_the_name_here():
+    accepted = ["course", "land_time", "way"]
+    assert "did you mean 'course'" in str(unknown_name("key", "waypoints", accepted))
+    assert "'course'" not in str(unknown_name("key", "waypoints", ["land_time"]))
+
+
 @pytest.mark.parametrize("value", [None, 3, "mass", [1.0]])
 def test_a_record_is_built_from_a_mapping_only(value):
     with pytest.raises(InputError, match="expected a mapping"):

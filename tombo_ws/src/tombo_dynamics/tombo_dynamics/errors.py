@@ -13,6 +13,8 @@ _MOST_NAMES = 200
 """Names that are compared or listed."""
 _NAME = 100
 """Characters that are shown of a name."""
+_OTHER_WORDS = {"waypoints": "course", "trajectory": "course", "path": "course"}
+"""What other software calls a thing → its name here."""
 
 
 class InputError(ValueError):
@@ -67,6 +69,8 @@ def unknown_name(what: str, value: object, accepted: Iterable[object]) -> InputE
     given = _cut(given, _NAME)
     short = (name for name in names if len(name) <= _NAME)
     close = difflib.get_close_matches(given, itertools.islice(short, _MOST_NAMES), n=1)
+    if _OTHER_WORDS.get(given) in names:
+        close = [_OTHER_WORDS[given]]
     hint = f" (did you mean '{close[0]}'?)" if close else ""
     return InputError(f"unknown {what} '{given}'{hint}; accepted: {shown_names(names)}")
 

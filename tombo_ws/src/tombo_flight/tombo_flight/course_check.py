@@ -59,7 +59,8 @@ def check_course(mission: MissionParams, control: ControlParams, volume: FlightV
     if end_s > mission.land_time:
         raise InputError(
             f"mission.course: lasts until {end_s:.1f} s; accepted: at most mission.land_time, "
-            f"{mission.land_time:g}"
+            f"{mission.land_time:g} (land later, or begin before mission.approach_time, "
+            f"{mission.approach_time:g})"
         )
 
 

@@ -54,13 +54,17 @@ class BagFile(ABC):
         path: the file.
         topics: its topics by name.
         metadata: named text values that stand beside the messages.
-        damage: what could not be read so far, a line each.
+        damage: what could not be read so far.
     """
 
     path: Path
     topics: Mapping[str, Stream]
     metadata: Mapping[str, Mapping[str, str]]
     damage: Sequence[object]
+
+    def damage_lines(self) -> list[str]:
+        """Say what could not be read so far, a line each."""
+        return [str(found) for found in self.damage]
 
     @abstractmethod
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:

@@ -77,6 +77,16 @@ class Bag(BagFile):
         joined = {t: np.concatenate([np.empty(0, HEAD), *found]) for t, found in heads.items()}
         return {topic: self._in_order(topic, joined[topic], messages[topic]) for topic in here}
 
+    def damage_lines(self) -> list[str]:
+        """Say what could not be read so far; of several damaged chunks how many, and the first."""
+        chunks = {place.offset for place in self._found.chunks} - {0}
+        broken = [d for d in self.damage if d.kind == "corrupt" and d.offset in chunks]
+        if len(broken) < 2:
+            return super().damage_lines()
+        first = min(broken, key=lambda found: found.offset)
+        lines = [str(found) for found in self.damage if found not in broken]
+        return [f"{len(broken)} of {len(chunks)} chunks damaged, first the {first}", *lines]
+
     def _in_order(self, topic: str, heads: NDArray[np.void], messages: list[bytes]) -> RawMessages:
         """Return messages in order of log time; without those of no time that there is."""
         good = heads["log_time"] < LATEST_NS
