@@ -4,7 +4,7 @@
 # Into a virtual environment that sees the system's packages, because
 # - Ubuntu's own Python refuses pip (PEP 668), and it is right: rclpy and the tools of ROS belong
 #   to the packages of apt, and pip must not replace what they use;
-# - Ubuntu 24.04 has no numba, rosbags or mcap, and older numpy and scipy than those the
+# - Ubuntu 24.04 has no numba, filterpy, rosbags or mcap, and older numpy and scipy than those the
 #   tests ran with. With the same pins a flight in the container is the flight of `make fly`.
 # Left out are the ROS wheels and what only these need: here ROS is from apt. Its messages are
 # compiled for numpy 1 and work with numpy 2: they use what both share.

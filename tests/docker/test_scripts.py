@@ -17,7 +17,7 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 SCRIPTS = ROOT / "docker" / "scripts"
 STEPS = sorted(path.name for path in SCRIPTS.glob("*.sh") if path.name != "common.sh")
-TEST_ONLY = {"python3-filterpy-pip", "python3-hypothesis", "python3-pytest"}
+TEST_ONLY = {"python3-hypothesis", "python3-pytest"}
 PIP_NAME = {
     "python3-yaml": "pyyaml",
     "python3-opencv": "opencv-python-headless",
@@ -148,7 +148,7 @@ def test_pip_gets_the_pins_without_ros(box: Box):
     lines = pinned(box)
     assert all("==" in line for line in lines)
     names = {line.partition("==")[0].lower() for line in lines}
-    assert {"numpy", "scipy", "numba", "mcap", "rosbags", "typer"} <= names
+    assert {"numpy", "scipy", "numba", "filterpy", "mcap", "rosbags", "typer"} <= names
     assert not {n for n in names if n.startswith("ros-")} | {"empy", "lark-parser"} & names
 
 

@@ -3,11 +3,16 @@
 If this fails after a change of behaviour that is meant: `python tests/bags/make_bags.py`.
 """
 
+import struct
+
 import numpy as np
 import pytest
+from bag_rewrite import rewrite
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from tombo_bag.flight_time import FLIGHT_METADATA
+from tombo_bag.recording import Recording
 from tombo_collision.detector_core import DetectorCore
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.messages import Pose
@@ -123,6 +128,48 @@ def test_a_headless_flight_is_replayed_to_the_last_bit(tmp_path):
         largest = next(value for key, value in one.items() if key.startswith("max"))
         assert largest < (1e-7 if "max_rad" in one else 1e-300)  # an angle of a cosine next to 1
     assert result.nodes["mission"]["phase_time_difference_ms"] == 6 * [0.0]
+
+
+@pytest.fixture(scope="module")
+def short_flight(tmp_path_factory):
+    """A collision of 16 s with its statistic."""
+    path = tmp_path_factory.mktemp("flight") / "flight.mcap"
+    short = ["mission.takeoff_time=0.1", "mission.approach_time=5.0", "duration=16.0"]
+    write_mcap(fly_scenario(load_scenario(settings=short), 3), path)
+    return path
+
+
+@pytest.mark.slow
+def test_filterpy_confirms_the_recorded_statistic(short_flight):
+    result = replay_bag(short_flight, Request(nodes=("detector",)))
+    assert result.nodes["detector"]["matched"] == 1
+    assert result.nodes["detector"]["filterpy"]["compared"] > 400
+    assert result.nodes["detector"]["filterpy"]["differing"] == 0
+    assert not [line for line in result.findings if "filterpy" in line]
+
+
+@pytest.mark.slow
+def test_a_statistic_that_is_not_the_filters_is_a_finding(short_flight, tmp_path):
+    """Values that are off by 1e-8 are below the tolerances of the replay."""
+
+    def off(topic, messages):
+        if topic != "/detector/status":
+            return messages
+        value = struct.Struct("<d")
+        at = len(messages[0]) - 24  # statistic, threshold, two counts
+        return [
+            m[:at] + value.pack(value.unpack_from(m, at)[0] * (1.0 + 1e-8)) + m[at + 8 :]
+            for m in messages
+        ]
+
+    with Recording(short_flight) as recording:
+        metadata = dict(recording.metadata[FLIGHT_METADATA])
+    path = rewrite(short_flight, tmp_path / "off.mcap", metadata=metadata, edit=off)
+    result = replay_bag(path, Request(nodes=("detector",)))
+    (line,) = [line for line in result.findings if "filterpy" in line]
+    assert f"of {result.nodes['detector']['filterpy']['compared']} poses" in line
+    assert result.nodes["detector"]["filterpy"]["differing"] > 200
+    assert result.differences == []
 
 
 def without_beginning(source, target, seconds):

@@ -27,6 +27,7 @@ SHARE = ("config", "foxglove", "launch", "rviz")
 # rosdep/python.yaml of github.com/ros/rosdistro.
 ROSDEP_KEY = {
     "cv2": "python3-opencv",
+    "filterpy": "python3-filterpy-pip",
     "lz4": "mcap-ros2-support",
     "matplotlib": "python3-matplotlib",
     "mcap": "mcap-ros2-support",
@@ -42,7 +43,7 @@ ROSDEP_KEY = {
     "yaml": "python3-yaml",
     "zstandard": "mcap-ros2-support",
 }
-TEST_KEYS = {"python3-filterpy-pip", "python3-hypothesis", "python3-pytest"}
+TEST_KEYS = {"python3-hypothesis", "python3-pytest"}
 WITHOUT_KEY = {
     "SALib",
     "daqp",

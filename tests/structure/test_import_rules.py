@@ -51,7 +51,7 @@ MAY_IMPORT = {
 LIBRARIES = {
     "tombo_dynamics": {"numpy", "scipy", "numba", "yaml"},  # yaml: the paper's printed tables
     "tombo_control": {"numpy", "scipy", "numba"},
-    "tombo_collision": {"numpy", "scipy", "numba", "daqp"},
+    "tombo_collision": {"numpy", "scipy", "numba", "filterpy", "daqp"},
     "tombo_sim": {"numpy", "scipy", "numba"},
     "tombo_logs": {"numpy", "scipy", "yaml", "pyulog", "ruptures"},
     "tombo_diagnosis": {"numpy", "scipy", "yaml", "ruptures"},

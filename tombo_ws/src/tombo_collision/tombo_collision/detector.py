@@ -28,17 +28,17 @@ _TRACK_TIME = 0.5
 """s: the flight's direction is that over the last half second."""
 _TRACK_LENGTH = 512
 """Samples that a track can hold: half a second at 1 kHz."""
-_RATE_STEP = 0.033
+RATE_STEP = 0.033
 """s: `rate_noise` holds for attitudes this far apart or more; closer ones give noisier rates."""
 _SLOW = 0.03
 """m: a track shorter than this has no direction."""
-_WARM_UP_SAMPLES = 8
+WARM_UP_SAMPLES = 8
 _MIN_SAMPLES_FOR_GATE = 2
 """Samples after which the filter's velocity is good enough to tell a jump."""
 _SAME_STEP, _MOST_PERIODS, _SURELY_NEARER = 0.1, 3, 0.25
 """A step that differs by this share may be a clock that was set; it is, where some periods explain
 the way with less than this share of the error."""
-_RESUMED_SPEED = 0.3
+RESUMED_SPEED = 0.3
 """m/s: standard deviation that the filter's velocity has behind a jump of the stamps."""
 _POSES_TO_ACCEPT_JUMP = 3
 """Samples at the new position after which a jump is accepted."""
@@ -200,7 +200,7 @@ def detect(
             event = _evaluate_triggers(memory, params, stamp_s, position)
         memory.period = step
     elif clock_set:
-        _put_filter(memory, position, _RESUMED_SPEED)
+        _put_filter(memory, position, RESUMED_SPEED)
     else:
         _restart(memory, position)
         if moved:  # into the region, perhaps: no entry
@@ -352,7 +352,7 @@ def _continues(
     memory: DetectorMemory, params: DetectorParams, position: Array, attitude: Array
 ) -> bool:
     """Return whether a pose is where the vehicle would be a period after the last one."""
-    if memory.samples <= _WARM_UP_SAMPLES or memory.period <= 0.0:
+    if memory.samples <= WARM_UP_SAMPLES or memory.period <= 0.0:
         return False
     near, _ = _is_reachable(
         memory, params, memory.position, memory.last.attitude, position, attitude, memory.period
@@ -390,7 +390,7 @@ def _predict_and_update(
     ax, ay = free_acceleration(memory.last.attitude, attitude)
     push = (ax, ay, 0.0)
     turn = rotation_vector(attitude, memory.last.attitude)
-    rate_noise = params.rate_noise * max(1.0, _RATE_STEP / step)
+    rate_noise = params.rate_noise * max(1.0, RATE_STEP / step)
     half = 0.5 * step * step
     statistic = 0.0
     for i in range(3):
@@ -423,7 +423,7 @@ def _predict_and_update(
         memory.rate_residual[i] = error
         statistic += error * error / total
     memory.samples += 1
-    memory.statistic = statistic if memory.samples > _WARM_UP_SAMPLES else 0.0
+    memory.statistic = statistic if memory.samples > WARM_UP_SAMPLES else 0.0
 
 
 @compiled_call

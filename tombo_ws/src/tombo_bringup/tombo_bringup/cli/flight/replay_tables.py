@@ -66,6 +66,9 @@ def _detector(figures: dict[str, Any]) -> Iterator[Row]:
         yield "true contact to event", f"{_list(figures['latency_ms'], 1)} ms"
     if "statistic" in figures:
         yield "statistic", _rms(figures["statistic"], "statistic", "")
+    if "filterpy" in figures:
+        compared, differing = figures["filterpy"]["compared"], figures["filterpy"]["differing"]
+        yield "  by filterpy", f"{compared - differing} of {compared} the same"
 
 
 def _event(event: dict[str, Any]) -> str:
