@@ -1,4 +1,4 @@
-"""Damage files of every kind and read them: `python -m tests.fuzz --count 5000 --seed 1`.
+"""Damage files of every kind and read them: `python -m tests.fuzz --count 5000 --first 0`.
 
 Prints what went wrong, with the seed and the sample that show it again (`--only NAME --first
 SEED --count 1 --keep FILE` writes that file), and leaves with 1 if anything did.

@@ -38,6 +38,16 @@ def test_effects_are_those_of_the_registry(tombo):
     assert "-15 to 15" in text
 
 
+@pytest.mark.parametrize("what", ["effects", "reactions"])
+def test_each_parameter_is_one_line_in_a_pipe(tombo, what):
+    parameters = [p for entry in tombo(what, "--json").json for p in entry["parameters"]]
+
+    lines = [line.strip() for line in tombo(what).out.splitlines()]
+
+    for p in parameters:
+        assert any(line.startswith(f"{p['name']} ") and line.endswith(p["doc"]) for line in lines)
+
+
 def test_an_effect_in_the_list_can_be_set_as_the_list_says(tombo):
     for entry in tombo("effects", "--json").json:
         settings = [

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tombo_bringup.bench.speed_measurements import measure
+from tombo_bringup.cli.tables import console
 
 _ROWS: Final = (
     ("kernel_steps_per_s", "bare kernel, one core", "M steps/s", 1e-6, 2, "at least 3"),
@@ -39,7 +40,7 @@ def print_table(figures: Mapping[str, float | int | None]) -> None:
         value = figures[key]
         shown = "–" if value is None else f"{scale * value:.{digits}f}"
         table.add_row(name, shown, unit, wanted)
-    Console().print(table)
+    console().print(table)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -51,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with waiting.status("measuring") as status:
         figures = measure(lambda text: status.update(f"measuring: {text}"))
     if chosen.json:
-        Console().out(json.dumps(figures, indent=1), highlight=False)
+        console().out(json.dumps(figures, indent=1), highlight=False)
     else:
         print_table(figures)
 

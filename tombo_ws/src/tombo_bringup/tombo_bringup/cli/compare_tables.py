@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
 from tombo_bag.comparison import Comparison
-from tombo_bringup.cli.tables import print_line, right
+from tombo_bringup.cli.tables import console, print_line, right
 
 
 def print_comparison(found: Comparison, a: str, b: str) -> None:
     """Print a row per topic and, below, a row per field that differs."""
-    console = Console()
+    out = console()
     table = Table(box=SIMPLE_HEAD, title=Text(f"A: {a}, B: {b}"), padding=(0, 1, 0, 0))
     for heading in ("topic", "in A", "in B", "", "first [s]", "first difference"):
         number = heading.startswith(("in", "first ["))
@@ -23,17 +22,17 @@ def print_comparison(found: Comparison, a: str, b: str) -> None:
         verdict = Text("equal", "green") if topic.equal else Text("differs", "bold red")
         counts = [str(topic.messages_a), str(topic.messages_b)]
         table.add_row(Text(topic.topic), *counts, verdict, *map(Text, first))
-    console.print(table)
+    out.print(table)
     if any(topic.fields for topic in found.topics):
-        console.print(_fields(found))
+        out.print(_fields(found))
     if found.left_out:
         print_line(f"Not compared without --topic: {', '.join(found.left_out)}.")
     count = sum(not topic.equal for topic in found.topics)
     total = len(found.topics)
     if count:
-        console.print(Text(f"{count} of {total} topics differ.", "bold red"))
+        out.print(Text(f"{count} of {total} topics differ.", "bold red"))
     else:
-        console.print(Text(f"Nothing differs on {total} topics.", "bold green"))
+        out.print(Text(f"Nothing differs on {total} topics.", "bold green"))
 
 
 def _fields(found: Comparison) -> Table:

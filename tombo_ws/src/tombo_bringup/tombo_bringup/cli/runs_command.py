@@ -23,13 +23,15 @@ def runs(
         typer.echo(json.dumps([run.as_mapping() for run in found], indent=1, ensure_ascii=False))
         return
     from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
     from rich.text import Text
 
-    table = Table(str(folder), "what", "when (UTC)", "version", "outcome", box=SIMPLE_HEAD)
+    from tombo_bringup.cli.tables import console
+
+    names = Column(str(folder), no_wrap=True)
+    table = Table(names, "what", "when (UTC)", "version", "outcome", box=SIMPLE_HEAD)
     for run in found:
         when = run.when[:16].replace("T", " ")
         cells = (Path(run.folder).name, run.what or run.kind, when, run.version, run.outcome)
         table.add_row(*(Text(cell, overflow="fold") for cell in cells))
-    Console().print(table)
+    console().print(table)

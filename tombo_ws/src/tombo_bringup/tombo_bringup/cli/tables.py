@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Final
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, RenderableType
@@ -14,6 +14,19 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from tombo_bringup.cli.errors import printable
+
+_ONE_LINE: Final = 10_000
+"""Columns of a console that nobody looks at: no row of a table is wider."""
+
+
+def console(**more: Any) -> Console:
+    """Return standard output for tables: as wide as the terminal; elsewhere a row is one line.
+
+    Args:
+        more: further arguments of `Console`.
+    """
+    made = Console(**more)
+    return made if made.is_terminal else Console(width=_ONE_LINE, **more)
 
 
 def right(*headings: str, **more: Any) -> list[Column]:
@@ -43,12 +56,12 @@ def print_parameters(what: str, value: str, entries: Iterable[Mapping[str, Any]]
             )
             number = "" if p[value] is None else f"{p[value]:g}"
             table.add_row(name, unit, number, bounds, doc)
-    Console().print(table)
+    console().print(table)
 
 
 def print_line(text: str, style: str = "") -> None:
     """Print a line, however long it gets."""
-    Console().print(Text(text, style), soft_wrap=True)
+    console().print(Text(text, style), soft_wrap=True)
 
 
 class Scroll:
@@ -76,5 +89,5 @@ def scroll() -> Iterator[Scroll]:
     if not sys.stdout.isatty():
         yield Scroll(None)
         return
-    with Live(console=Console(), auto_refresh=False, redirect_stderr=False) as live:
+    with Live(console=console(), auto_refresh=False, redirect_stderr=False) as live:
         yield Scroll(live)

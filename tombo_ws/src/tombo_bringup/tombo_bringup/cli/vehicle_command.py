@@ -50,11 +50,10 @@ def show(
         typer.echo(json.dumps(_as_object(file), indent=1))
         return
     from rich.box import SIMPLE_HEAD
-    from rich.console import Console
     from rich.table import Column, Table
     from rich.text import Text
 
-    from tombo_bringup.cli.tables import print_line, right
+    from tombo_bringup.cli.tables import console, print_line, right
 
     print_line(f"{file.name}{f': {file.about}' if file.about else ''}", "bold")
     table = Table(
@@ -65,7 +64,7 @@ def show(
         table.add_row(Text(section, "bold"))
         for name, *cells in _rows(file, section):
             table.add_row(*(Text(cell) for cell in (f"  {name}", *cells)))
-    Console().print(table)
+    console().print(table)
     for i, source in enumerate(file.sources):
         print_line(f"[{i + 1}] {source}")
     hover = _hover(file)

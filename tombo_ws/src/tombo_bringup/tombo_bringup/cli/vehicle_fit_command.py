@@ -111,11 +111,10 @@ def _as_object(found: VehicleFit, text: str) -> dict[str, object]:
 
 def _print(found: VehicleFit, output: Path) -> None:
     from rich.box import SIMPLE_HEAD
-    from rich.console import Console
     from rich.table import Column, Table
     from rich.text import Text
 
-    from tombo_bringup.cli.tables import print_line, right
+    from tombo_bringup.cli.tables import console, print_line, right
     from tombo_diagnosis.flight.vehicle_fit import FITTED
     from tombo_diagnosis.wording import figure, unit
 
@@ -128,7 +127,7 @@ def _print(found: VehicleFit, output: Path) -> None:
         change = f"{figure(value.value)} {unit(value.unit)}".strip()
         interval = f"{figure(value.low)} to {figure(value.high)}"
         table.add_row(Text(FITTED[label]), change, interval)
-    Console().print(table)
+    console().print(table)
     drive = found.file.drive
     if drive.known:
         print_line(

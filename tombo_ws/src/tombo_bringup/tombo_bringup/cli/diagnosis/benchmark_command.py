@@ -69,13 +69,13 @@ def diagnosis(
 
 def print_benchmark(aggregate: Mapping[str, Any], cases: int) -> None:
     """Print the score against what is asked for; sets of cases on their own one by one."""
-    from rich.console import Console
+    from tombo_bringup.cli.tables import console
 
-    console = Console(highlight=False)
-    console.print(_table(aggregate, f"{cases} synthetic cases"))
+    out = console(highlight=False)
+    out.print(_table(aggregate, f"{cases} synthetic cases"))
     for name, part in aggregate.items():
         if isinstance(part, Mapping) and any(key in part for key, *_ in THRESHOLDS):
-            console.print(_table(part, name.replace("_", " ")))
+            out.print(_table(part, name.replace("_", " ")))
 
 
 def _table(aggregate: Mapping[str, Any], title: str) -> Any:

@@ -56,11 +56,10 @@ def benchmark_stand(
 def print_score(aggregate: Mapping[str, Any], cases: int) -> None:
     """Print the score: all cases, then each kind of stand."""
     from rich.box import SIMPLE_HEAD
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    from tombo_bringup.cli.tables import right
+    from tombo_bringup.cli.tables import console, right
 
     columns = right("asked for", "all", *_STANDS)
     title = Text(f"{cases} blind stand cases")
@@ -77,4 +76,4 @@ def print_score(aggregate: Mapping[str, Any], cases: int) -> None:
             good = not asked or value is None or (value >= limit) == asked.startswith(">")
             cells.append(Text(text, "" if good or value == limit else "red"))
         table.add_row(Text(words), Text(asked), *cells)
-    Console(highlight=False).print(table)
+    console(highlight=False).print(table)

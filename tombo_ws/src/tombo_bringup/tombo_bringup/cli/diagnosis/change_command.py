@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 import typer
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Column, Table
 
 from tombo_bringup.cli.result_files import compute_into, results_folder
-from tombo_bringup.cli.tables import print_line, right
+from tombo_bringup.cli.tables import console, print_line, right
 from tombo_diagnosis.wording import certainty, interval, unit
 
 if TYPE_CHECKING:
@@ -101,7 +100,7 @@ def print_change(found: Diagnosis, folder: Path | None, written: list[str]) -> N
                 table.add_row(*cells, f"{low} to {high}")
             if not change.theta:
                 table.add_row(phrase(label), certainty(change.confidence), "", "", "")
-        Console(highlight=False).print(table)
+        console(highlight=False).print(table)
     for note in found.notes:
         print_line(f"Note: {note}")
     if folder is not None:

@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-from tombo_bringup.cli.tables import print_line, right
+from tombo_bringup.cli.tables import console, print_line, right
 from tombo_diagnosis.extend_model import extends
 from tombo_diagnosis.report.diagnosis_output import MISSION, MODEL
 from tombo_diagnosis.report.diagnosis_text import (
@@ -40,7 +39,7 @@ _RIVALS: Final = 3
 
 def print_diagnosis(diagnosis: Diagnosis, folder: Path | None, written: Sequence[str]) -> None:
     """Print what was found, and where the files are."""
-    console = Console(highlight=False)
+    out = console(highlight=False)
     label = LABELS.get(diagnosis.verdict, diagnosis.verdict)
     colour = _COLOURS[CLASSES.get(diagnosis.verdict, "warn")]
     print_line(f"{headline(diagnosis)}.", colour)
@@ -51,10 +50,10 @@ def print_diagnosis(diagnosis: Diagnosis, folder: Path | None, written: Sequence
     for line in filter(None, (shown, leftover_text(diagnosis))):
         print_line(line)
     if diagnosis.causes:
-        console.print(_causes(diagnosis))
+        out.print(_causes(diagnosis))
     _rivals(diagnosis)
     if diagnosis.gain:
-        console.print(_gains(diagnosis.gain))
+        out.print(_gains(diagnosis.gain))
         still = sum(not changes(gain) for gain in diagnosis.gain)
         if still:
             print_line(f"{still} others do not change.")

@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tombo_bringup.cli.tables import print_line
+from tombo_bringup.cli.tables import console, print_line
 from tombo_flight.arena.page import headline
 from tombo_flight.arena.table import HEAD, table_rows
 
@@ -29,7 +28,7 @@ def print_arena(results: Mapping[str, Any]) -> None:
             cells = (row[n] if HEAD[n] == "crashed" else row[n].split(" (")[0] for n in _SHOWN)
             table.add_row(Text(case if i == 0 else ""), *(Text(cell) for cell in cells))
     if table.row_count:
-        Console().print(table)
+        console().print(table)
     for case, reason in results["refused"].items():
         print_line(f"{case} is not flown: {reason}", "yellow")
     print_line(f"{headline(results)}.", "bold")

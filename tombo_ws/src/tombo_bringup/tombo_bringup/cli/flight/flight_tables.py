@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tombo_bringup.cli.tables import print_line, right
+from tombo_bringup.cli.tables import console, print_line, right
 from tombo_flight.report import paper_values as paper
 from tombo_flight.report.milestones import Outcome, find_milestones, reaction_words
 from tombo_flight.report.paper_comparison import Row, comparison_rows, fixed
@@ -60,7 +59,7 @@ def print_flight(flight: FlightResult) -> None:
         if shown:
             flown = [_cell(each, each.flight, each.flight_text) for each in rows]
             table.add_row(row.name, _cell(row, row.paper, row.paper_text), *flown)
-    Console().print(table)
+    console().print(table)
     if summary["interrupted"]:
         print_line(f"Interrupted after {summary['duration_s']:.3f} s of flight.", "bold yellow")
     else:
@@ -98,7 +97,7 @@ def print_campaign(campaign: Mapping[str, Any]) -> None:
             ),
             str(values["count"]),
         )
-    Console().print(table)
+    console().print(table)
     counts = ("collided", "detected", "recovered", "crashed", "landed")
     low, high = total["crash_rate_95"]
     more = {"crashed": f" ({100.0 * low:.1f} to {100.0 * high:.1f} %)"}

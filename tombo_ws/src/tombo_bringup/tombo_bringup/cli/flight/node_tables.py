@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import typer
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from tombo_bringup.cli.flight.flight_tables import print_files, print_flight
-from tombo_bringup.cli.tables import print_line, right
+from tombo_bringup.cli.tables import console, print_line, right
 from tombo_flight.suite.node_diagnostics import lateness_text
 from tombo_flight.suite.node_log import without_stamp
 
@@ -54,7 +53,7 @@ def print_nodes(flown: NodeFlight) -> None:
             _late(loop["jitter_p99_us"]),
             _number(loop["missed"], "", 0),
         )
-    Console().print(table)
+    console().print(table)
     recorder = summary["recorder"]
     print_line(
         f"{_px4(summary['px4']) if 'px4' in summary else _latency(summary)}; "

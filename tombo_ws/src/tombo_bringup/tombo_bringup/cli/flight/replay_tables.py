@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-from tombo_bringup.cli.tables import print_line
+from tombo_bringup.cli.tables import console, print_line
 from tombo_flight.replay.run import Replay
 
 Row = tuple[str, str]
@@ -23,7 +22,7 @@ def print_replay(result: Replay) -> None:
     for node, figures in result.nodes.items():
         for i, (name, value) in enumerate(_ROWS[node](figures)):
             table.add_row(node if i == 0 else "", name, value)
-    Console().print(table)
+    console().print(table)
     for heading, style, lines in (
         ("Damage", "yellow", result.damage),
         ("Finding", "yellow", result.findings),

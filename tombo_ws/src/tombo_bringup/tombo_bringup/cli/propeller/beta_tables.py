@@ -17,10 +17,9 @@ _FAR = 20.0
 
 def print_beta(found: Measurement, notes: list[str], path: Path | None) -> None:
     """Print angles with their intervals, the scale, and notes."""
-    from rich.console import Console
     from rich.table import Table
 
-    from tombo_bringup.cli.tables import right
+    from tombo_bringup.cli.tables import console, right
 
     units = {"time": "s", "speed": "rpm", "rim": "px", "disc": "mm", "paper's formula": "deg"}
     columns = right(*(f"{name}\n[dim]{unit}[/dim]" for name, unit in units.items()))
@@ -32,7 +31,7 @@ def print_beta(found: Measurement, notes: list[str], path: Path | None) -> None:
             f"{w.time:.4f}", f"{w.speed * 30.0 / math.pi:.0f}", f"{w.rim.radius:.2f}",
             f"{w.radius * 1e3:.2f}", paper, w.angle.as_text(),
         )  # fmt: skip
-    Console().print(table)
+    console().print(table)
     if found.steady:
         typer.echo(f"All {len(found.windows)} windows: {found.overall.as_text()}")
     typer.echo(

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tombo_bringup.cli.tables import print_line, right
+from tombo_bringup.cli.tables import console, print_line, right
 from tombo_propeller.design import summary_text as words
 from tombo_propeller.design import table_cells
 from tombo_propeller.design.design import Design
@@ -25,7 +24,7 @@ def print_design(
     found: Design, made: Recommendation, folder: str | None, written: Sequence[str]
 ) -> None:
     """Print what was found, and where the files are."""
-    console = Console(highlight=False)
+    out = console(highlight=False)
     style = "bold green" if made.index is not None else "bold red"
     print_line(f"{words.headline(found, made)}.", style)
     asked = ", ".join(limit.text for limit in found.choice.limits)
@@ -33,13 +32,13 @@ def print_design(
     print_line(f"For {mass_kg:g} kg on arms of {arm_mm:g} mm: {asked}.")
     for text in (*words.reasons(found, made), *words.relief_lines(found)):
         print_line(f"  {text}")
-    console.print("", _candidates(found, made), "", sep="\n")
+    out.print("", _candidates(found, made), "", sep="\n")
     print_line(
         "* measured; ≤ upper end of a prediction; ? outside of what was tested; others modelled",
         "dim",
     )
     if made.check is not None:
-        console.print(_claims(made.check))
+        out.print(_claims(made.check))
     print_line("Not measured:", "bold")
     for text in (*words.caveats(found, made), *words.sources(found)):
         print_line(f"  {text}")

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from tombo_bringup.cli.options import JsonOnly, integer_option, json_option, option
@@ -20,6 +19,7 @@ from tombo_bringup.cli.propeller.design_command import design
 from tombo_bringup.cli.propeller.diagnose_command import diagnose
 from tombo_bringup.cli.propeller.recovery_command import recovery
 from tombo_bringup.cli.propeller.reproduce_command import reproduce
+from tombo_bringup.cli.tables import console
 
 if TYPE_CHECKING:
     from tombo_dynamics.propeller import Configuration, Operation
@@ -52,13 +52,14 @@ def propeller(
     rpm: Annotated[
         str | None, option("--rpm A:B:STEP", "Both ends included; or one speed. Default: all.")
     ] = None,
-    as_json: Annotated[bool, json_option("Print JSON only; plot only if -o is given.")] = False,
+    as_json: Annotated[bool, json_option("Print JSON only.")] = False,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Where to write the plot.")
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Plot all valid speeds into FILE."),
     ] = None,
     library: Annotated[list[Path] | None, _LIBRARY] = None,
 ) -> None:
-    """Print the operating points of a propeller and plot them over speed.
+    """Print the operating points of a propeller; with -o, plot them over speed.
 
     Speeds of a range at which the law is not valid come out as valid = false and empty; if there
     is no valid one at all, that is an error.
@@ -72,11 +73,8 @@ def propeller(
     limit = valid_speed(chosen, law) * _RPM
     speeds = _default_speeds(limit) if rpm is None else parse_rpm(rpm)
     radians = [speed / _RPM for speed in speeds]
-    path = output
-    if path is None and not as_json:
-        path = Path(f"propeller-conf{conf}-{law}.png")
-    if path is not None:
-        _check_writable(path)
+    if output is not None:
+        _check_writable(output)
     points = evaluate(chosen, radians, law, outside="mask")
     if not points.valid.any():
         evaluate(chosen, radians, law)  # says which range is valid
@@ -84,9 +82,9 @@ def propeller(
         typer.echo(json.dumps(rows(points, speeds, conf, law), indent=1))
     else:
         _print_table(points, speeds, chosen, law, limit)
-    if path is not None:
-        _plot(path, chosen, law, limit)
-        typer.echo(f"Plot: {path.resolve()}", err=as_json)
+    if output is not None:
+        _plot(output, chosen, law, limit)
+        typer.echo(f"Plot: {output.resolve()}", err=as_json)
 
 
 def _refuse_options_before(ctx: typer.Context, command: str) -> None:
@@ -138,7 +136,7 @@ def moduli(
                 tick = "[green]✓[/green]" if same[-1] else "[red]✗[/red]"
             cells += [f"{value:.6f}", shown, tick]
         table.add_row(*cells)
-    Console().print(table)
+    console().print(table)
     typer.echo(f"{sum(same)} of {len(same)} values agree with the paper to the last digit.")
 
 
@@ -229,7 +227,7 @@ def _print_table(
             f"{points.lift_over_drag[i]:.4f}",
             "[green]yes[/green]",
         )
-    Console().print(table)
+    console().print(table)
     top, exists = speed_of_maximum_thrust(chosen, law)
     most = f"Maximum of thrust at {top * _RPM:.0f} rpm." if exists else "No maximum of thrust."
     typer.echo(f"Valid up to {limit:.0f} rpm. {most}")

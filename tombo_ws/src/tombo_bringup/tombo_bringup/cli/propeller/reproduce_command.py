@@ -93,10 +93,10 @@ def _checked(given: list[str] | None) -> tuple[str, ...]:
 
 def _print(found: Reproduction) -> None:
     """Print the outcome, then every claim: verdict, paper beside computed, evidence."""
-    from rich.console import Console
     from rich.padding import Padding
     from rich.text import Text
 
+    from tombo_bringup.cli.tables import console
     from tombo_propeller.reproduce.reproduction import GROUPS
     from tombo_propeller.reproduce.summary_text import (
         MARKS,
@@ -106,11 +106,11 @@ def _print(found: Reproduction) -> None:
         verdict_text,
     )
 
-    console = Console(highlight=False)
-    console.print(Text(f"{headline(found)}.", "bold"))
-    console.print(Text(summary(found)))
+    out = console(highlight=False)
+    out.print(Text(f"{headline(found)}.", "bold"))
+    out.print(Text(summary(found)))
     for group in GROUPS:
-        console.print(Text(f"\n{group}", "bold"))
+        out.print(Text(f"\n{group}", "bold"))
         for claim in found.claims:
             if claim.group == group:
                 verdict = f"{MARKS[claim.verdict]} {verdict_text(claim)}: "
@@ -120,4 +120,4 @@ def _print(found: Reproduction) -> None:
                     f"Paper: {claim.paper}. Computed: {computed_text(claim)}.\n",
                     (claim.evidence, "dim"),
                 )
-                console.print(Padding(lines, (0, 0, 0, 2), expand=False))
+                out.print(Padding(lines, (0, 0, 0, 2), expand=False))

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-from tombo_bringup.cli.tables import print_line, right
+from tombo_bringup.cli.tables import console, print_line, right
 from tombo_diagnosis.report.diagnosis_text import CLASSES, LABELS
 from tombo_diagnosis.stand.model_differences import differences_from_model
 from tombo_diagnosis.wording import capital, certainty, display_name, figure, listed, percent
@@ -57,7 +56,7 @@ def print_stand(
     found: StandDiagnosis, study: Table3 | None, folder: Path | None, written: Sequence[str]
 ) -> None:
     """Print what was found, and where the files are."""
-    console = Console(highlight=False)
+    out = console(highlight=False)
     d = found.diagnosis
 
     print_line(f"{stand_headline(d)}.", _COLOURS[CLASSES[d.verdict]])
@@ -67,13 +66,13 @@ def print_stand(
         print_line(statement(study), "bold")
     print_line(f"({LABELS[d.verdict]}, {certainty(d.confidence)}) {d.summary}")
     if d.causes:
-        console.print(_causes(d))
+        out.print(_causes(d))
     if found.constant is not None:
-        console.print(_limits(found.constant))
+        out.print(_limits(found.constant))
     if study is not None:
-        _print_table3(study, console)
+        _print_table3(study)
     else:
-        console.print(_residuals(found))
+        out.print(_residuals(found))
     for g in d.gain:
         known = math.isfinite(g.low)
         span = f" ({percent(g.low)} to {percent(g.high)})" if known else ""
@@ -153,24 +152,25 @@ def _residuals(found: StandDiagnosis) -> Table:
     return table
 
 
-def _print_table3(study: Table3, console: Console) -> None:
+def _print_table3(study: Table3) -> None:
     from tombo_diagnosis.stand.table3 import TWO_VALUES
 
+    out = console(highlight=False)
     soft = len(study.confs) - 1
     columns = right("conf", "measured", *study.laws)
     table = _table("Table III at 2000 rpm: thrust [N]", *columns)
     for k, conf in enumerate(study.confs):
         own = (f"{values[k]:.3f}" for values in study.laws.values())
         table.add_row(str(conf), f"{study.measured[k]:.3f} ± {study.deviations[k]:.2f}", *own)
-    console.print(table)
+    out.print(table)
     for name in study.rms:
-        console.print(
+        out.print(
             Text(
                 f"{name}: RMS error {study.rms[name]:.3f} N over the soft ones, chi² "
                 f"{study.chi2[name]:.1f} of {soft}"
             )
         )
-    console.print(
+    out.print(
         Text(
             f"Rank correlation of measured thrust with stiffness: {study.spearman:.2f} "
             f"(p = {study.spearman_p:.2f})"
@@ -183,8 +183,8 @@ def _print_table3(study: Table3, console: Console) -> None:
     for p in study.predictions:
         span = f"{p.low:+.3f} to {p.high:+.3f}" if p.low != p.high else "–"
         table.add_row(display_name(p.what), f"{p.rmse:.4f}", span, p.parameter)
-    console.print(table)
-    console.print(Text(TWO_VALUES), soft_wrap=True)
+    out.print(table)
+    out.print(Text(TWO_VALUES), soft_wrap=True)
     table = _table(
         "What would tell stiffening from all others (log Bayes factor 4)",
         *("measure", "closest rival", "difference", "noise at most", "of the reading"),
@@ -194,4 +194,4 @@ def _print_table3(study: Table3, console: Console) -> None:
             s.what, display_name(s.rival), f"{s.difference:.3g} {s.unit}",
             f"{s.sigma:.2g} {s.unit}", f"{100.0 * s.sigma / s.expected:.1f} %",
         )  # fmt: skip
-    console.print(table)
+    out.print(table)
