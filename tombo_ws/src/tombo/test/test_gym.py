@@ -13,6 +13,7 @@ import tombo
 import tombo.gym
 from tombo_collision.network import answer, network_text
 from tombo_collision.steering import ACTIONS, HIGH
+from tombo_flight.training import Episodes
 
 NETWORK = [
     np.random.default_rng(3).normal(0.0, 0.3, (8, HIGH.size + 1)),
@@ -137,6 +138,27 @@ def test_a_kept_start_is_the_flight_it_was_kept_from():
     for one, two, three in zip(first[0], again[0], new[0], strict=True):
         assert (one[0] == two[0]).all() and (one[0] == three[0]).all()
         assert one[1:3] == two[1:3] == three[1:3]
+
+
+@pytest.mark.slow
+def test_vehicles_of_one_batch_share_the_kept_starts(monkeypatch):
+    flown = []
+    plain = Episodes._begin
+
+    def count(episodes, i, seed):
+        if seed % 2 not in episodes._kept:
+            flown.append(seed)
+        plain(episodes, i, seed)
+
+    monkeypatch.setattr(Episodes, "_begin", count)
+    env, alone = make_vec(6, starts=2), make(starts=2)
+
+    seen = env.reset(seed=0)[0]
+
+    assert sorted(flown) == [0, 1]
+    for i in range(6):
+        assert (seen[i] == alone.reset(seed=i)[0]).all()
+    env.close()
 
 
 @pytest.mark.slow

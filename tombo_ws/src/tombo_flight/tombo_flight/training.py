@@ -125,11 +125,8 @@ class Episodes:
         """
         missing = [(i, rng, seed) for i, rng, seed in zip(which, rngs, seeds, strict=True)]
         for _ in range(_TRIES):
-            for i, rng, seed in missing:
-                self._begin(i, int(rng.integers(2**31)) if seed is None else seed)
-            self._fly()
-            for i, _, _ in missing:
-                self._keep(i)
+            drawn = (int(r.integers(2**31)) if seed is None else seed for _, r, seed in missing)
+            self._begin_all([(i, seed) for (i, _, _), seed in zip(missing, drawn, strict=True)])
             missing = [(i, rng, None) for i, rng, _ in missing if self.batch.status[i] == ENDED]
             if not missing:
                 break
@@ -141,6 +138,24 @@ class Episodes:
         for i in which:
             self._lowest[i] = self.position[i, 2]
             self._tick[i] = self.batch.flight["tick"][i]
+
+    def _begin_all(self, episodes: Sequence[tuple[int, int]]) -> None:
+        """Fly vehicles, each with a seed, to their collision; of a start to be kept only one."""
+        flown: dict[int, int] = {}
+        others = []
+        for i, seed in episodes:
+            start = i if self.starts is None else seed % self.starts
+            if start in flown and start not in self._kept:
+                self.batch.status[i] = ENDED  # until the start is kept
+                others.append((i, seed))
+            else:
+                flown[start] = i
+                self._begin(i, seed)
+        self._fly()
+        for i in flown.values():
+            self._keep(i)
+        for i, seed in others:
+            self._begin(i, seed)
 
     def step(self, actions: Array, acting: Any, **reset: Any) -> Outcome:
         """Fly 20 ms with an action each.
