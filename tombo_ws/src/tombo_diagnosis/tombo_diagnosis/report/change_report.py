@@ -65,7 +65,7 @@ def change_html(diagnosis: Diagnosis, png: bytes) -> str:
     """Return the report as text; it loads nothing from anywhere."""
     title = headline(diagnosis.verdict, change_labels(diagnosis))
     text = "Each dot is a flight, each bar the mean. Demand: thrust that the healthy drive curve "
-    text += "reads from the commands, against a quarter of the weight."
+    text += "reads from the commands, against a quarter of the weight"
     return page_html(
         Page(
             title=f"What has changed: {title}",

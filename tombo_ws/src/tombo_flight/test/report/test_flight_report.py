@@ -198,8 +198,60 @@ def test_the_same_flight_gives_the_same_bytes(flight):
     assert report_html(flight, b"png") == report_html(flight, b"png")
 
 
-def test_the_table_holds_the_papers_figures_against_the_flights(flight):
-    rows = {row.name: row for row in comparison_rows(find_milestones(flight), flight.summary)}
+@pytest.fixture
+def of_paper(flight):
+    """The same flight, as one of the paper's experiment."""
+    return replace(flight, scenario={**flight.scenario, "name": "paper_collision"})
+
+
+@pytest.mark.parametrize(
+    "other", [{"name": "mine"}, {"name": "paper_collision", "mission": {"course": [{"x": 1.0}]}}]
+)
+def test_a_flight_of_ones_own_is_not_held_against_the_paper(flight, other):
+    own = replace(flight, scenario={**flight.scenario, **other})
+
+    rows = comparison_rows(find_milestones(own), own)
+
+    assert all(row.paper is None for row in rows)
+    page = report_html(own, b"png")
+    assert "Difference</th>" not in page and "Paper</th>" not in page
+    assert ">paper " not in page
+
+
+def test_the_buttons_of_flights_are_no_style_of_a_table_of_flights():
+    css = asset("report.css")
+    assert re.search(r"^\S*\.flights\b.*display: flex", css, re.MULTILINE)[0].startswith("div.")
+
+
+def test_a_crash_is_told_with_its_time(flight):
+    crashed = replace(
+        flight,
+        events=[*flight.events, {"time_s": 24.4, "kind": "crash", "text": "crashed"}],
+        summary={**flight.summary, "crashed": True},
+    )
+    assert "crashed at 24.4 s" in report_html(crashed, b"png")
+
+
+def test_the_latency_is_that_of_whatever_knew_of_the_contact_first(flight):
+    summary = {**flight.summary, "detection_latency_s": 0.033, "contact_known_s": 0.004}
+    knew = replace(flight, summary=summary)
+
+    rows = {row.name: row for row in comparison_rows(find_milestones(knew), knew)}
+
+    assert rows["Detection latency"].flight == pytest.approx(4.0)
+
+
+def test_who_settles_before_it_is_calm_has_no_recovery_phase(flight):
+    summary = {**flight.summary, "unstable_phase_s": 1.5, "recovery_time_s": 1.4}
+    milestones = find_milestones(replace(flight, summary=summary))
+
+    assert milestones.recovery_phase_s is None
+    assert milestones.recovery_time_s == pytest.approx(1.4)
+
+
+def test_the_table_holds_the_papers_figures_against_the_flights(of_paper):
+    flight = of_paper
+    rows = {row.name: row for row in comparison_rows(find_milestones(flight), flight)}
     assert rows["Unstable phase"].paper == 1.5
     assert rows["Recovery phase"].paper == 3.5
     assert rows["Recovery time"].paper == 5.0
@@ -212,9 +264,10 @@ def test_the_table_holds_the_papers_figures_against_the_flights(flight):
     assert rows["Falling rate"].flight == pytest.approx(0.5 / 1.15, rel=0.02)
 
 
-def test_without_the_reaction_the_paper_expects_a_crash(flight):
+def test_without_the_reaction_the_paper_expects_a_crash(of_paper):
+    flight = of_paper
     milestones = find_milestones(replace(flight, summary={**flight.summary, "reaction": "none"}))
-    outcome = comparison_rows(milestones, flight.summary)[0]
+    outcome = comparison_rows(milestones, flight)[0]
     assert outcome.paper_text == "falls and crashes"
     assert outcome.flight_text == "recovered"
 

@@ -18,8 +18,10 @@ from tombo_flight.report.html_page import Card, Page, hint, page_html, pictures,
 
 _CSS: Final = """
 header, main, footer { max-width: 1400px; }
-.arena { font-size: 0.83rem; }
-.arena td, .arena tbody th { white-space: nowrap; padding: 0.22rem 0.9rem 0.22rem 0; }
+.arena { font-size: 0.78rem; width: 100%; }
+.arena thead th { vertical-align: bottom; padding: 0.22rem 0.7rem 0.22rem 0; }
+.arena td, .arena tbody th { padding: 0.22rem 0.7rem 0.22rem 0; }
+.arena td:first-of-type, .arena tbody th { white-space: nowrap; }
 .arena tbody th { vertical-align: top; }
 .arena .first > * { border-top: 1.5px solid var(--muted); }
 .arena tr:not(.last) > td { border-bottom: 0; }

@@ -14,12 +14,13 @@ from tombo_flight.report import paper_values as paper
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.milestones import reaction_words
+from tombo_flight.report.paper_comparison import PAPER_SCENARIOS
 
 PANELS: Final = (
     ("max_falling_distance_m", "largest falling distance [m]", paper.MEAN_MAX_FALLING_DISTANCE_M),
     ("unstable_phase_s", "unstable phase [s]", paper.UNSTABLE_PHASE_S),
     ("recovery_time_s", "recovery time [s]", paper.MEAN_RECOVERY_TIME_S),
-    ("detection_latency_s", "detection latency [s]", None),
+    ("contact_known_s", "detection latency [s]", None),
     ("max_tilt_rad", "largest tilt [rad]", None),
     ("approach_rms_m", "RMS error in the approach [m]", None),
 )
@@ -37,7 +38,8 @@ def draw_campaign(campaign: Mapping[str, Any]) -> Figure:
     with new_figure(12.0, 7.0, 150, layout="constrained") as figure:
         for axes, (key, label, printed) in zip(figure.subplots(2, 3).flat, PANELS, strict=True):
             values = [flight[key] for flight in flights if flight[key] is not None]
-            draw_histogram(axes, np.array(values, dtype=np.float64), label, printed)
+            of_paper = printed if campaign["scenario"] in PAPER_SCENARIOS else None
+            draw_histogram(axes, np.array(values, dtype=np.float64), label, of_paper)
         figure.suptitle(
             f"{campaign['scenario']}, seeds {campaign['first_seed']} to {campaign['last_seed']}, "
             + ("plain propellers" if campaign["conf"] is None else f"Conf. {campaign['conf']}")

@@ -15,7 +15,7 @@ from tombo_flight.report.milestones import (
     number,
     reaction_words,
 )
-from tombo_flight.report.paper_comparison import comparison_rows
+from tombo_flight.report.paper_comparison import Row, comparison_rows, is_paper_flight
 from tombo_flight.report.report_data import flight_block, milestones_block, script_json
 from tombo_flight.report.tables import (
     Column,
@@ -59,12 +59,15 @@ def write_report(
 def report_html(record: FlightRecord, plot_png: bytes, beside: FlightRecord | None = None) -> str:
     """The report as text; it loads nothing from anywhere."""
     milestones = find_milestones(record)
-    rows = comparison_rows(milestones, record.summary)
+    rows = comparison_rows(milestones, record)
     records, other = [record], None
     if beside is not None:
         records.append(beside)
         compared = find_milestones(beside)
-        other = Column(str(compared.reaction), comparison_rows(compared, beside.summary))
+        other = Column(str(compared.reaction), comparison_rows(compared, beside))
+    paper = is_paper_flight(record.scenario)
+    if not paper:
+        rows, other = _with_figures(rows, other)
     body = fill(
         asset("report.html"),
         {
@@ -75,7 +78,8 @@ def report_html(record: FlightRecord, plot_png: bytes, beside: FlightRecord | No
             "verdict_class": _CLASSES[milestones.verdict],
             "facts": escape(_facts(record, milestones)),
             "cards": cards(key_figures(rows, other)),
-            "comparison": comparison_table(rows, other),
+            "figures_title": "The paper beside this flight" if paper else "The figures",
+            "comparison": comparison_table(rows, other, paper=paper),
             "plot": data_url(plot_png),
             "events": events_table(record.events),
             "scenario": values_table(record.scenario),
@@ -112,6 +116,21 @@ def replay_scripts(records: Sequence[FlightRecord]) -> str:
     return "\n".join(parts)
 
 
+def _with_figures(
+    rows: Sequence[Row], other: Column | None
+) -> tuple[Sequence[Row], Column | None]:
+    """Leave out the rows that have no figure of any flight."""
+    beside = rows if other is None else other.rows
+    kept = [
+        (row, compared)
+        for row, compared in zip(rows, beside, strict=True)
+        if row.has_figure or compared.has_figure
+    ]
+    if other is not None:
+        other = Column(other.name, [compared for _, compared in kept])
+    return [row for row, _ in kept], other
+
+
 def _flight_buttons(records: Sequence[FlightRecord]) -> str:
     """Return a button for each flight by the name of its reaction, as HTML; one needs none."""
     if len(records) == 1:
@@ -135,6 +154,8 @@ def _facts(record: FlightRecord, milestones: FlightMilestones) -> str:
     reaction = reaction_words(milestones.reaction)
     if reaction is not None:
         facts.append(reaction)
+    if milestones.crash_s is not None:
+        facts.append(f"crashed at {milestones.crash_s:.1f} s")
     facts.append(f"{milestones.duration_s:.1f} s of flight")
     factor = number(record.summary, "real_time_factor")
     if factor is not None:

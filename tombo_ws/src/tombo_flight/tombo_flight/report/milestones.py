@@ -113,8 +113,9 @@ class FlightMilestones:
 
     @property
     def recovery_phase_s(self) -> float | None:
-        """The paper's second phase: from the end of the unstable one until settled."""
-        return _between(self.unstable_end_s, self.recovery_end_s)
+        """The paper's second phase: from the end of the unstable one until settled; else None."""
+        length_s = _between(self.unstable_end_s, self.recovery_end_s)
+        return length_s or None  # it had settled before
 
     @property
     def falling_rate_m_s(self) -> float | None:
@@ -256,7 +257,9 @@ def roll_pitch_yaw_deg(attitude: Array) -> Array:
 
 def _detection_s(record: FlightRecord, contact_s: float | None) -> float | None:
     """The detection that belongs to the contact; a false alarm long before it does not."""
-    latency_s = number(record.summary, "detection_latency_s")
+    latency_s = number(record.summary, "contact_known_s")
+    if latency_s is None:
+        latency_s = number(record.summary, "detection_latency_s")
     if contact_s is not None and latency_s is not None:
         return contact_s + latency_s
     return first_event_s(record, "detection")

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Final
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
 
 from tombo_collision.reactions.none import NoReaction
 from tombo_flight.report import paper_values as paper
 from tombo_flight.report.milestones import FlightMilestones, number
 
+if TYPE_CHECKING:
+    from tombo_flight.flight_record import FlightRecord
+
+PAPER_SCENARIOS: Final = ("paper_collision", "known_obstacle")
+"""Those that are the paper's experiment; the figures of others are not held against it."""
+_NONE: Final = "–"
 _DEFINITIONS: Final = {
     "Outcome": "In the paper the vehicle recovers with the reaction; without it, it falls and "
     "crashes to the ground. Crashed: the frame touches the ground before landing is commanded, "
@@ -19,7 +25,8 @@ _DEFINITIONS: Final = {
     "paper's value is read from its figure: about, and set by how long the vehicle hovers first.",
     "Unstable phase": "From contact until the tilt stays below 0.17 rad and the body rate below "
     "1 rad/s for 0.3 s.",
-    "Recovery phase": "From the end of the unstable phase until the vehicle has settled at x_r.",
+    "Recovery phase": "From the end of the unstable phase until the vehicle has settled at x_r; "
+    "none where it settles before that end.",
     "Recovery time": "Both phases together: from contact until the position stays within 0.1 m "
     "of x_r and the speed below 0.1 m/s for 1 s. The paper's value is a mean over its trials.",
     "Largest falling distance": "Height at contact minus the lowest height until settled. The "
@@ -34,8 +41,9 @@ _DEFINITIONS: Final = {
     "in north-east-down as [0, 1.7, −2.0].",
     "x_r, equilibrium point": "Where the vehicle is sent after the collision. East, north, up; "
     "the paper prints it in north-east-down as [0.2, 0.9, −2.0].",
-    "Detection latency": "From the true contact to the detection. Negative when the vehicle "
-    "enters a known region before it touches. Not printed in the paper.",
+    "Detection latency": "From the true contact until the reaction knows of it, by the poses of "
+    "the motion capture or, where it uses them, by gyro and accelerometer. Negative when the "
+    "vehicle enters a known region before it touches. Not printed in the paper.",
     "Largest tilt": "Largest angle between the vehicle's up axis and the vertical. Not printed "
     "in the paper.",
     "Settled error": "Distance from x_r once settled. Not printed in the paper.",
@@ -58,14 +66,34 @@ class Row:
     flight_text: str | None = None
 
     @property
+    def has_figure(self) -> bool:
+        """Whether this flight has the figure."""
+        return self.flight is not None or self.flight_text not in (None, _NONE)
+
+    @property
     def definition(self) -> str:
         """What the figure means, and where it differs from the paper's."""
         return _DEFINITIONS[self.name]
 
 
-def comparison_rows(milestones: FlightMilestones, summary: Mapping[str, Any]) -> list[Row]:
-    """The rows of the table, in its order."""
-    latency_s, tilt_rad = (number(summary, k) for k in ("detection_latency_s", "max_tilt_rad"))
+def is_paper_flight(scenario: Mapping[str, Any]) -> bool:
+    """Return whether a scenario, as a record has it, is the paper's experiment."""
+    course = (scenario.get("mission") or {}).get("course")
+    return scenario.get("name") in PAPER_SCENARIOS and not course
+
+
+def comparison_rows(milestones: FlightMilestones, record: FlightRecord) -> list[Row]:
+    """Return the rows of the table, in its order; the paper's figures for its experiment alone."""
+    rows = _rows(milestones, record.summary)
+    if is_paper_flight(record.scenario):
+        return rows
+    return [replace(row, paper=None, paper_text=row.paper_text and _NONE) for row in rows]
+
+
+def _rows(milestones: FlightMilestones, summary: Mapping[str, Any]) -> list[Row]:
+    known_s = number(summary, "contact_known_s")
+    latency_s = number(summary, "detection_latency_s") if known_s is None else known_s
+    tilt_rad = number(summary, "max_tilt_rad")
     falling_distance_m, settled_m = (
         number(summary, k) for k in ("max_falling_distance_m", "settled_error_m")
     )
@@ -103,4 +131,4 @@ def _words(name: str, paper_text: str, flight_text: str) -> Row:
 
 
 def _place(value: tuple[float, float, float] | None) -> str:
-    return "–" if value is None else "(" + ", ".join(fixed(v, 2) for v in value) + ") m"
+    return _NONE if value is None else "(" + ", ".join(fixed(v, 2) for v in value) + ") m"

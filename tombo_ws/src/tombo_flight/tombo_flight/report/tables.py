@@ -32,8 +32,16 @@ class Column:
     rows: Sequence[Row]
 
 
-def comparison_table(rows: Sequence[Row], other: Column | None = None) -> str:
-    """The rows as a table, with their definitions as tooltips and as numbered notes below."""
+def comparison_table(
+    rows: Sequence[Row], other: Column | None = None, *, paper: bool = True
+) -> str:
+    """Return the rows as a table, with their definitions as tooltips and as numbered notes below.
+
+    Args:
+        rows: of the flight.
+        other: another flight, to compare it with.
+        paper: with the paper's figures.
+    """
     lines, notes = [], []
     others = [""] * len(rows)
     head = ""
@@ -41,23 +49,26 @@ def comparison_table(rows: Sequence[Row], other: Column | None = None) -> str:
         others = [f"<td>{_cell(row, row.flight, row.flight_text)}</td>" for row in other.rows]
         head = f'<th scope="col">The same with <code>{escape(other.name)}</code></th>'
     for i, row in enumerate(rows, start=1):
+        printed = f"<td>{_cell(row, row.paper, row.paper_text)}</td>" if paper else ""
+        compared = f'<td>{_difference(row)}</td><td class="wide">{_bullet(row)}</td>'
         lines.append(
             f'<tr><th scope="row">'
             f'<abbr title="{escape(row.definition)}">{_symbols(row.name)}</abbr>'
             f'<sup><a href="#note-{i}" id="row-{i}">{i}</a></sup></th>'
-            f"<td>{_cell(row, row.paper, row.paper_text)}</td>"
-            f"<td>{_cell(row, row.flight, row.flight_text)}</td>"
-            f'{others[i - 1]}<td>{_difference(row)}</td><td class="wide">{_bullet(row)}</td></tr>'
+            f"{printed}<td>{_cell(row, row.flight, row.flight_text)}</td>"
+            f"{others[i - 1]}{compared if paper else ''}</tr>"
         )
         notes.append(
             f'<li id="note-{i}"><b>{_symbols(row.name)}.</b> {_symbols(row.definition)} '
             f'<a href="#row-{i}" aria-label="back to the table">↑</a></li>'
         )
+    printed = '<th scope="col">Paper</th>' if paper else ""
+    compared = (
+        '<th scope="col">Difference</th><th scope="col" class="wide">0 – paper – 2 × paper</th>'
+    )
     return (
         '<div class="scroll"><table class="compare"><thead><tr><th scope="col">Figure</th>'
-        f'<th scope="col">Paper</th><th scope="col">This flight</th>{head}'
-        '<th scope="col">Difference</th><th scope="col" class="wide">'
-        "0 – paper – 2 × paper</th></tr></thead>"
+        f'{printed}<th scope="col">This flight</th>{head}{compared if paper else ""}</tr></thead>'
         f"<tbody>{''.join(lines)}</tbody></table></div>"
         f'<details class="notes"><summary>What each figure means</summary>'
         f"<ol>{''.join(notes)}</ol></details>"

@@ -12,7 +12,13 @@ from rich.text import Text
 from tombo_bringup.cli.tables import console, print_line, right
 from tombo_flight.report import paper_values as paper
 from tombo_flight.report.milestones import Outcome, find_milestones, reaction_words
-from tombo_flight.report.paper_comparison import Row, comparison_rows, fixed
+from tombo_flight.report.paper_comparison import (
+    PAPER_SCENARIOS,
+    Row,
+    comparison_rows,
+    fixed,
+    is_paper_flight,
+)
 
 if TYPE_CHECKING:
     from tombo_flight.flight_output import FlightResult
@@ -29,7 +35,7 @@ _CAMPAIGN_ROWS: Final = (
     ("unstable_phase_s", "unstable [s]", 1.0, 2, paper.UNSTABLE_PHASE_S),
     ("recovery_time_s", "recovery [s]", 1.0, 2, paper.MEAN_RECOVERY_TIME_S),
     ("strikes", "strikes", 1.0, 1, None),
-    ("detection_latency_s", "latency [ms]", 1e3, 0, None),
+    ("contact_known_s", "latency [ms]", 1e3, 0, None),
     ("settled_error_m", "settled [m]", 1.0, 3, None),
     ("max_tilt_rad", "tilt [rad]", 1.0, 2, None),
     ("hover_rms_m", "hover RMS [m]", 1.0, 3, None),
@@ -43,7 +49,8 @@ def print_flight(flight: FlightResult) -> None:
     summary = flight.summary
     milestones = find_milestones(flight.record)
     columns = [_flight_rows(flight.record)]
-    names = ["paper", "this flight"]
+    paper = is_paper_flight(flight.record.scenario)
+    names = ["paper", "this flight"] if paper else ["this flight"]
     if flight.beside is not None:
         columns.append(_flight_rows(flight.beside))
         names.append(f"with {flight.beside.summary['reaction']}")
@@ -53,18 +60,21 @@ def print_flight(flight: FlightResult) -> None:
         row = rows[0]
         if milestones.contact_s is not None:
             # Places are too wide to stand side by side in 80 columns.
-            shown = row.paper_text is None or (row.name != "Outcome" and len(columns) == 1)
+            shown = row.flight_text is None or (row.name != "Outcome" and len(columns) == 1)
         else:
             shown = row.name != "Largest tilt" and row.flight is not None
         if shown:
             flown = [_cell(each, each.flight, each.flight_text) for each in rows]
-            table.add_row(row.name, _cell(row, row.paper, row.paper_text), *flown)
+            printed = [_cell(row, row.paper, row.paper_text)] if paper else []
+            table.add_row(row.name, *printed, *flown)
     console().print(table)
     if summary["interrupted"]:
         print_line(f"Interrupted after {summary['duration_s']:.3f} s of flight.", "bold yellow")
     else:
         outcome = milestones.verdict.value.capitalize()
-        text = f"{outcome} after {summary['duration_s']:.1f} s of flight."
+        text = f"{outcome}; {summary['duration_s']:.1f} s of flight."
+        if milestones.crash_s is not None:
+            text = f"Crashed at {milestones.crash_s:.1f} of {summary['duration_s']:.1f} s."
         print_line(text, _COLOURS[milestones.verdict])
     print_line(_speed(flight))
 
@@ -72,7 +82,7 @@ def print_flight(flight: FlightResult) -> None:
 def _flight_rows(record: FlightRecord) -> list[Row]:
     summary = record.summary
     return [
-        *comparison_rows(find_milestones(record), summary),
+        *comparison_rows(find_milestones(record), record),
         Row("RMS error in hover", "m", None, summary["hover_rms_m"], 3),
         Row("RMS error in the approach", "m", None, summary["approach_rms_m"], 3),
         Row("False alarms", "", None, summary["false_alarms"], 0),
@@ -83,14 +93,15 @@ def print_campaign(campaign: Mapping[str, Any]) -> None:
     """Print how the flights of a campaign ended; of each figure median and 5 to 95 % range."""
     total = campaign["aggregate"]
     seeds = f"seeds {campaign['first_seed']} to {campaign['last_seed']}"
-    columns = right("paper", "median", "5 %", "95 %", "max", "of")
+    of_paper = campaign["scenario"] in PAPER_SCENARIOS
+    columns = right(*(["paper"] if of_paper else []), "median", "5 %", "95 %", "max", "of")
     title = _title(campaign, seeds)
     table = Table("", *columns, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
     for key, name, scale, digits, printed in _CAMPAIGN_ROWS:
         values = total[key]
         table.add_row(
             Text(name),
-            "–" if printed is None else f"{printed:g}",
+            *(["–" if printed is None else f"{printed:g}"] if of_paper else []),
             *(
                 "–" if values[part] is None else fixed(scale * values[part], digits)
                 for part in ("median", "p05", "p95", "max")
