@@ -1,5 +1,6 @@
 import struct
 import time
+from types import SimpleNamespace
 
 import pytest
 from endpoint_bench import ARM, Client, bench, of, texts
@@ -7,7 +8,9 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
+from tombo_px4.events.known_events import event_number
 from tombo_px4.link.status_text import StatusTextAssembler
+from tombo_px4.protocol.event_sender import EventSender
 from tombo_px4.protocol.statustext import StatusTextSender
 
 MAV = mavlink.MAVLink(None, 245, 191)
@@ -316,6 +319,19 @@ def test_texts_come_where_a_ground_station_is_heard_and_events_everywhere():
         b.endpoint.say(4, "nobody is there any more")
         b.run(0.1)
         assert not of(ground.seen, "STATUSTEXT")
+
+
+def test_a_check_of_hold_does_not_stand_in_the_way_of_offboard():
+    sent = []
+    sender = EventSender([SimpleNamespace(send=sent.append)])
+    sender.report(("Navigation error: No valid global position estimate",), 0)
+    (modes,) = [
+        int.from_bytes(bytes(event.arguments[:4]), "little")
+        for event in sent
+        if event.id == event_number("check_modes_global_pos")
+    ]
+    hold, offboard = 1 << 4, 1 << 14  # as in PX4's navigation_state_t
+    assert modes & hold and not modes & offboard
 
 
 def test_two_long_texts_do_not_mix():

@@ -20,6 +20,14 @@ from tombo_px4.protocol.mavlink_channel import MavlinkChannel
 from tombo_px4.protocol.results import Severity
 
 _ALL_MODES = 0xFFFFFFFF
+_MODES = {
+    "check_modes_global_pos": 1 << 4 | 1 << 5,  # hold and return
+    "check_modes_manual_control": 1 << 0 | 1 << 1 | 1 << 2 | 1 << 10 | 1 << 15,  # with sticks
+    "check_modes_offboard_signal": 1 << 14,
+    "check_modes_mission": 1 << 3,
+    "check_modes_home_position": 1 << 5,
+}
+"""Checks that stand in the way of some modes alone, bits of PX4's `navigation_state_t`."""
 _PROTOCOL = 8
 _REASONS = {
     "external command": 4,
@@ -96,7 +104,8 @@ class EventSender:
         self._send(CHECKS_BEGIN, _PROTOCOL, boot_us)
         for problem in problems:
             if problem in _PROBLEMS:
-                self._send(_PROBLEMS[problem], Severity.ERROR, boot_us, _ALL_MODES)
+                name = _PROBLEMS[problem]
+                self._send(name, Severity.ERROR, boot_us, _MODES.get(name, _ALL_MODES))
         self._send(CHECKS_END, _PROTOCOL, boot_us)
 
     def _send(self, name: str, severity: int, boot_us: int, first: int = 0) -> None:

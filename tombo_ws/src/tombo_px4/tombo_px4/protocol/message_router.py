@@ -144,7 +144,8 @@ class MessageRouter:
             problems = self._vehicle.health.problems
             self._voice.events.report(problems, self._vehicle.boot_us, asked=True)
         if answer.text:
-            self._voice.say(Severity.WARNING, answer.text, self._vehicle.boot_us)
+            severity = Severity.INFO if result == Result.ACCEPTED else Severity.WARNING
+            self._voice.say(severity, answer.text, self._vehicle.boot_us)
         if result == Result.UNSUPPORTED:
             self._note(f"command {command.number} is not supported")
 
