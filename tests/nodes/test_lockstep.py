@@ -12,9 +12,12 @@ import pytest
 pytest.importorskip("rclpy")
 
 from ros_bench import NodeProcess
+from tombo_bag.flight_topics import write_flight
+from tombo_bag.formats.mcap_sink import McapSink
 from tombo_bag.message_codec import MessageCodec, messages_of
 from tombo_bag.recording import Recording
-from tombo_bag.topics import TOPICS
+from tombo_bag.topics import TOPICS, TRUE_ODOMETRY, TRUE_ROTORS
+from tombo_flight.flight import fly_scenario
 from tombo_flight.run_wiring import run_wiring
 from tombo_flight.scenario import Scenario, load_scenario
 from tombo_flight.suite.nodes import SUITE
@@ -62,6 +65,14 @@ def test_flight_with_a_collision_equals_the_wiring_to_the_last_bit(start, tmp_pa
             assert [codec.encode(m) for m in recorded] == [codec.encode(m) for m in messages], (
                 topic
             )
+    with McapSink(tmp_path / "headless.mcap") as sink:
+        write_flight(sink, fly_scenario(scenario, seed))
+    paths = (tmp_path / name for name in ("flight.mcap", "headless.mcap"))
+    with Recording(next(paths)) as one, Recording(next(paths)) as other:
+        for spec in (TRUE_ODOMETRY, TRUE_ROTORS):
+            assert list(one.messages(spec.name).messages) == list(
+                other.messages(spec.name).messages
+            ), spec.name
 
 
 def test_node_that_dies_ends_the_flight_with_its_name(start, tmp_path):
@@ -82,7 +93,7 @@ def test_node_that_dies_ends_the_flight_with_its_name(start, tmp_path):
 def test_node_that_does_not_come_is_named(start):
     sim = start(
         SUITE["sim"], "-p", "use_sim_time:=true", "-p", "lockstep:=true",
-        "-p", "lockstep_nodes:=[nobody]", "-p", "lockstep_start_patience:=1.0",
+        "-p", "lockstep_nodes:=[nobody]", "-p", "start_patience:=1.0",
     )  # fmt: skip
     assert sim.process.wait(60.0) == 2
     assert "nobody not ready after 1 s" in sim.output

@@ -37,7 +37,7 @@ from tombo_bag.topics import (
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.messages import Phase
-from tombo_dynamics.rotation import map_to_body
+from tombo_dynamics.rotation import rotated_back_rows
 from tombo_dynamics.time_base import EPOCH_NS, TICK_HZ, TICK_NS
 
 _MAP = {"header": {"frame_id": FRAME_MAP}}
@@ -220,7 +220,7 @@ class _FlightWriter:
         pose_and_twist = {
             "pose.pose.position": log["position"],
             "pose.pose.orientation": log["attitude"],
-            "twist.twist.linear": map_to_body(log["attitude"], log["velocity"]),
+            "twist.twist.linear": rotated_back_rows(log["attitude"], log["velocity"]),
             "twist.twist.angular": log["rates"],
         }
         self.topic(TRUE_ODOMETRY, _BODY_IN_MAP, self.times_ns[every], pose_and_twist)

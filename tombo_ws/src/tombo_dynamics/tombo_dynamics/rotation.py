@@ -206,6 +206,16 @@ def rotated_back(q: Array, vx: float, vy: float, vz: float) -> tuple[float, floa
 
 
 @compiled
+def rotated_back_rows(q: Array, vectors: Array) -> Array:
+    """Turn vectors (N, 3) by the inverse of quaternions (N, 4), each as `rotated_back` does."""
+    out = np.empty_like(vectors)
+    for i in range(len(vectors)):
+        x, y, z = vectors[i]
+        out[i, 0], out[i, 1], out[i, 2] = rotated_back(q[i], x, y, z)
+    return out
+
+
+@compiled
 def _turned(axis: Array, w: float, vx: float, vy: float, vz: float) -> tuple[float, float, float]:
     """Return a vector turned by the quaternion of a vector part and the scalar part `w`."""
     x, y, z = axis[0], axis[1], axis[2]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Plant
-from tombo_dynamics.rotation import to_body, to_map
+from tombo_dynamics.rotation import rotated_back, to_map
 
 
 @compiled
@@ -28,4 +28,4 @@ def true_state(plant: Plant, out: Array) -> None:
         out[10 + i] = state.rates[i]
     for i in range(4):
         out[3 + i] = state.attitude[i]
-    out[7], out[8], out[9] = to_body(plant.rotation, velocity[0], velocity[1], velocity[2])
+    out[7], out[8], out[9] = rotated_back(state.attitude, velocity[0], velocity[1], velocity[2])
