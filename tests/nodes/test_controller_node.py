@@ -44,6 +44,8 @@ class _Inputs:
     def __init__(self, world) -> None:
         self.world = world
         self.gyros: dict[int, np.ndarray] = {}
+        self.patience_s = 0.05
+        """Wait for an answer while none has come yet."""
 
     def tick(self, *, setpoint: bool = True, estimate: bool = True, **more) -> int:
         """Send what belongs to the next millisecond; wait for the answer to the gyro."""
@@ -66,7 +68,7 @@ class _Inputs:
         self.gyros[stamp] = np.array([imu.angular_velocity.x, 0.0, 0.0])
         world.publish(IMU, imu)
         answers = world.heard[ROTOR_COMMAND.name]
-        end = time.monotonic() + (30.0 if answers else 0.05)
+        end = time.monotonic() + (30.0 if answers else self.patience_s)
         while time.monotonic() < end:
             world.hear()
             if answers and to_ns(answers[-1].header.stamp) == stamp:
@@ -97,6 +99,31 @@ def _twin() -> ControllerCore:
 
 def _tilt(setpoint) -> float:
     return 2.0 * float(np.arcsin(np.hypot(setpoint.orientation.x, setpoint.orientation.y)))
+
+
+@pytest.mark.slow
+def test_a_controller_that_stands_by_misses_no_run_of_its_loops(world, start):
+    world.subscribe(ROTOR_COMMAND, DIAGNOSTICS)
+    node = start("tombo_control.controller_node", "-p", "use_sim_time:=true")
+    world.meet(IMU, ODOMETRY, ESTIMATOR_STATUS, SETPOINT, CLOCK, ROTOR_COMMAND)
+    inputs = _Inputs(world)
+    world.now_ns = 10_000 * _MS
+    end = time.monotonic() + 60.0
+    while not world.heard[ROTOR_COMMAND.name]:
+        inputs.tick(setpoint=False)
+        assert time.monotonic() < end
+    world.heard[ROTOR_COMMAND.name].clear()
+    inputs.patience_s = 0.01  # it does not answer: it was started in flight, for all it knows
+    while not world.heard[ROTOR_COMMAND.name]:  # until it has stood there for 1.5 s
+        inputs.tick()
+        assert time.monotonic() < end + 120.0
+
+    def rate_loop(report):
+        return [s for s in report.status if s.name == "controller: rate loop"]
+
+    (status,) = rate_loop(world.wait_for(DIAGNOSTICS, rate_loop))
+    assert int({pair.key: pair.value for pair in status.values}["missed"]) < 100
+    assert node.end() == 0
 
 
 @pytest.mark.real_time

@@ -72,7 +72,7 @@ def test_mavlink_on_one_side_and_mocap_on_the_other(world, start, link):
     truth = world.wait_for(TRUE_ODOMETRY, meanwhile=link.receive)
     place = array(truth.pose.pose.position)
     assert array(pose.pose.position) == pytest.approx(place, abs=0.01)
-    assert world.heard[MARKERS.name], "nobody shows the obstacle"
+    world.wait_for(MARKERS, meanwhile=link.receive, since=0)  # the obstacle
     # PX4's own sensors and motors are PX4's business
     assert world.node.count_publishers("imu/data_raw") == 0
     assert world.node.count_subscribers(ROTOR_COMMAND.name) == 0

@@ -11,6 +11,7 @@ from in_time import in_time
 
 pytest.importorskip("rclpy")
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from parameter_calls import set_parameters
 from reports import heard, told
 
@@ -64,6 +65,35 @@ def _true_place(world) -> np.ndarray:
     return array(world.heard[TRUE_ODOMETRY.name][-1].pose.pose.position)
 
 
+def test_in_real_time_the_flight_begins_when_the_other_nodes_are_there(world, start):
+    world.subscribe(IMU, DIAGNOSTICS)
+    sim = start("tombo_sim.sim_node", "-p", "starts_after:=pilot navigator")
+    world.meet(IMU, DIAGNOSTICS)
+    told_of = len(world.heard[DIAGNOSTICS.name])
+
+    def report(*names: str) -> int:
+        status = [DiagnosticStatus(name=name) for name in names]
+        world.publish(DIAGNOSTICS, DiagnosticArray(status=status))
+        return time.time_ns()
+
+    for _ in range(3):  # of its own reports, one a second
+        told_of += 1
+        _wait(world, lambda n=told_of: len(world.heard[DIAGNOSTICS.name]) >= n)
+        report("pilot")
+    assert not world.heard[IMU.name]
+    came_ns = report("pilot", "navigator")
+    _wait(world, lambda: world.heard[IMU.name], 30.0)
+    assert _stamps(world, IMU)[0] - came_ns > 1000 * _MS  # they have met meanwhile
+    assert sim.end() == 0
+
+
+def test_a_node_that_does_not_come_is_told_and_the_flight_begins(world, start):
+    world.subscribe(IMU, DIAGNOSTICS)
+    start("tombo_sim.sim_node", "-p", "starts_after:=pilot", "-p", "start_patience:=2.0")
+    told(world, "sim", "nodes_missing", text="begins without pilot", since=0)
+    _wait(world, lambda: world.heard[IMU.name])
+
+
 @pytest.mark.real_time
 def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
     world.subscribe(IMU, TRUE_ODOMETRY, CLOCK, DIAGNOSTICS)
@@ -77,9 +107,21 @@ def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
         assert set_parameters(world, "sim", step=ticks) == [(True, "")]
         _wait(world, lambda: to_ns(world.heard[CLOCK.name][-1].clock) >= at + ticks * _MS)
 
+    sent = 0
+
+    def commanded() -> None:
+        """Wait until the node tells of one more command."""
+        nonlocal sent
+        sent += 1
+
+        def told_of(report) -> bool:
+            values = {pair.key: pair.value for s in report.status for pair in s.values}
+            return int(values.get("commands", -1)) >= sent
+
+        world.wait_for(DIAGNOSTICS, told_of)
+
     step(7)
-    time.sleep(0.1)
-    world.hear()
+    _wait(world, lambda: _stamps(world, IMU) and _stamps(world, IMU)[-1] >= zero_ns + 7 * _MS)
     assert _stamps(world, IMU)[-7:] == [zero_ns + k * _MS for k in range(1, 8)]
     assert to_ns(world.heard[CLOCK.name][-1].clock) == zero_ns + 7 * _MS
 
@@ -88,12 +130,13 @@ def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
         twin.advance(np.zeros(4))
     for _ in range(11):  # up, 40 ms at a time
         world.publish(ROTOR_COMMAND, _command(zero_ns + twin.tick * _MS, _CLIMB))
-        time.sleep(0.1)  # nobody says when it has come
+        commanded()
         step(40)
         for _ in range(40):
             twin.advance(_CLIMB)
     assert twin.height > 0.3
     world.publish(ROTOR_COMMAND, _command(zero_ns + twin.tick * _MS, _CLIMB))
+    commanded()
     time.sleep(0.3)  # no time passes: nobody is missed
     step(20)
     for _ in range(20):

@@ -39,7 +39,7 @@ from tombo_control.safety.watch import (
     watch_flight,
 )
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Core
+from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, START_GRACE_NS, Core
 from tombo_dynamics.frames import FRAME_MAP
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import (
@@ -70,8 +70,6 @@ from tombo_dynamics.time_base import SECOND_NS, TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 
 _MAX_GAP_TICKS = 100
-_GRACE_NS = 3 * SECOND_NS
-"""Nodes start in any order: before its first sample the gyro may be silent for so long."""
 _BLIND_TEXT = "position unknown (estimate or mocap too old): descent"
 _NORMAL = (Condition.COMMANDED, Condition.TAKEOFF, Condition.DOWN, Condition.NEW_FLIGHT)
 """What ends a state without a fault."""
@@ -501,7 +499,7 @@ class ControllerCore(Core):
         """Return the answers to the gyro samples since the last step."""
         if self._began_ns is None or now_ns < self._began_ns:
             self._began_ns = now_ns
-        silent_ns = now_ns - (self._imu_ns or self._began_ns + _GRACE_NS)
+        silent_ns = now_ns - (self._imu_ns or self._began_ns + START_GRACE_NS)
         silent = silent_ns > self.limits.imu_timeout * SECOND_NS
         self.health.fault("imu_silent", silent, "no gyro: no commands", ERROR)
         self._report_state()

@@ -8,6 +8,7 @@ from tombo_bag.topics import ATTITUDE_SETPOINT, IMU, RATES_SETPOINT, ROTOR_COMMA
 from tombo_control.controller_core import ControllerCore
 from tombo_control.estimate import nearest_tick
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS, RATE_TICKS
+from tombo_control.safety.state_machine import ROTORS_OFF
 from tombo_ros.core_node import CoreNode, main_of
 from tombo_ros.loop_statistics import LoopStatistics
 from tombo_ros.pacing import CONTROLLER
@@ -27,11 +28,18 @@ class ControllerNode(CoreNode):
         """Follow the gyro."""
         super().__init__(ControllerCore, priority=CONTROLLER, follows=IMU.name)
         self.loops |= {name: LoopStatistics() for name, _ in _LOOPS.values()}
+        self.core: ControllerCore
         self._slots: dict[str, int] = {}
+
+    def step_core(self, now_ns: int) -> None:
+        """Step the core; loops that rest while the rotors are off miss nothing."""
+        super().step_core(now_ns)
+        if int(self.core.memory.watch.state) in ROTORS_OFF:
+            self._slots.clear()
 
     def on_published(self, topic: str, message: Any) -> None:
         """Count a run; what lies between its slot and the last one's was missed."""
-        if topic not in _LOOPS:
+        if topic not in _LOOPS or self.lockstep:
             return
         loop, period = _LOOPS[topic]
         slot = nearest_tick(message.stamp_ns) // period

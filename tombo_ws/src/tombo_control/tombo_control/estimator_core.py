@@ -39,7 +39,7 @@ from tombo_control.uncertainty import (
     take_innovation,
 )
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Core
+from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, START_GRACE_NS, Core
 from tombo_dynamics.frames import is_map
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import EstimatorStatusRecord, OdometryRecord, message_of
@@ -47,7 +47,7 @@ from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometr
 from tombo_dynamics.pose_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose
 from tombo_dynamics.records import Record, field, fill_record
 from tombo_dynamics.rotation import rotated_back, rotation_vector
-from tombo_dynamics.time_base import SECOND_NS, TICK_NS, TICK_S
+from tombo_dynamics.time_base import TICK_NS, TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 
 _INITIAL_POSES = 3
@@ -61,8 +61,6 @@ _ODOMETRY_TICKS, _STATUS_TICKS = 4, 20
 """Ticks between two messages."""
 _POSE_SILENT_NS, _IMU_SILENT_NS = 120_000_000, 50_000_000
 """Three and a half samples at 30 Hz; fifty of the IMU."""
-_GRACE_NS = 3 * SECOND_NS
-"""Nodes start in any order: before the first message a sensor may be silent for so long."""
 _PENDING = 16
 """Poses that can wait for the IMU sample of their time."""
 
@@ -465,14 +463,14 @@ class EstimatorCore(Core):
             self._began_ns = now_ns
         memory, health = self.memory, self.health
         if not memory.known:
-            waited = now_ns - self._began_ns > _GRACE_NS
+            waited = now_ns - self._began_ns > START_GRACE_NS
             health.fault("mocap_silent", waited and not memory.initial, "no mocap poses")
         else:
             age = int(now_ns - memory.pose_stamp_ns)
             text = f"the last mocap pose is {age * 1e-9:.2f} s old"
             health.fault("mocap_silent", age > _POSE_SILENT_NS, text)
             health.values["mocap_age_s"] = round(age * 1e-9, 3)
-        silent_ns = now_ns - (self._imu_ns or self._began_ns + _GRACE_NS)
+        silent_ns = now_ns - (self._imu_ns or self._began_ns + START_GRACE_NS)
         health.fault("imu_silent", silent_ns > _IMU_SILENT_NS, "no imu samples", ERROR)
         health.values["poses"] = int(memory.poses)
         health.values["poses_rejected"] = int(memory.rejected)

@@ -18,6 +18,8 @@ WARN, ERROR = 1, 2
 """Levels of a fault."""
 CLOCK_SET_BACK_NS = SECOND_NS
 """A clock that has gone back by more than this was set: another flight begins."""
+START_GRACE_NS = 10 * SECOND_NS
+"""Nodes start in any order: before its first message an input may be silent for so long."""
 
 
 @dataclass

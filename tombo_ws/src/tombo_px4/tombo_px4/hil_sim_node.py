@@ -73,7 +73,8 @@ class HilSimNode(VehicleNode):
             self.publish_obstacle(time.time_ns())
         off_ns = time.time_ns() - (self._began_ns + simulator.tick * TICK_NS)
         self._began_ns += off_ns if abs(off_ns) > _FAR_NS else off_ns // _FOLLOWS
-        self.publish_tick(self._began_ns)
+        if self.others_ready(time.time_ns()):
+            self.publish_tick(self._began_ns)
 
     def report(self, now_ns: int) -> None:
         """Add the state of the connection to PX4."""

@@ -10,11 +10,14 @@ import time
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import TICK_NS
+from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.autopilot.parameters import PARAMETERS, ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
-from tombo_px4.bridge.modes import mode_name
+from tombo_px4.bridge.modes import OFFBOARD, mode_name
 from tombo_px4.hil.hil_start_help import MOCAP_ONLY, NO_REMOTE_CONTROL
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.signing import key_of
@@ -22,12 +25,34 @@ from tombo_px4.protocol.endpoint import Endpoint
 from tombo_px4.protocol.results import Severity
 from tombo_ros.core_node import main_of
 from tombo_sim.vehicle_node import VehicleNode
+from tombo_sim.world import World
 
 _BEHIND_NS = 500_000_000
 """If it is behind or ahead by more, the flight's clock is set; a smaller delay, as when other
 nodes start, is caught up within a tenth of a second."""
+_LIFTED_M, _WARM_UP_TICKS, _TRY_TICKS = 0.02, 10_000, 50
+"""Of the warm-up: a height, the most ticks, and how often it tries to begin."""
 _MOST_TICKS = 20
 """Most ticks in one run of the loop; links are read between the runs."""
+
+
+def warm_up(world: World) -> Px4Vehicle:
+    """Load all compiled code before the flight: fly a spare vehicle until it has lifted off."""
+    table = ParameterTable()
+    for name, value in {**MOCAP_ONLY, **NO_REMOTE_CONTROL}.items():
+        table.set(name, value)
+    spare = Px4Vehicle(world, 0, table)
+    up = OffboardSetpoint(position=spare.home + np.array([0.0, 0.0, 2.0]), yaw=0.0)
+    ground = spare.simulator.height
+    while spare.simulator.height < ground + _LIFTED_M and spare.tick < _WARM_UP_TICKS:
+        for sample in spare.simulator.arrived:
+            spare.vision(sample.captured * 1000, sample.pose[:3], sample.pose[3:])
+        if spare.tick % _TRY_TICKS == 0:
+            spare.target(up)
+            spare.set_mode(OFFBOARD)
+            spare.arm()
+        spare.step()
+    return spare
 
 
 class Px4SimNode(VehicleNode):
@@ -59,11 +84,6 @@ class Px4SimNode(VehicleNode):
         if not onboard and not ground:
             raise InputError("onboard_url and ground_url: both empty; accepted: at least one link")
         table = self._table()
-        spare = Px4Vehicle(self.world, 0, ParameterTable())
-        for _ in range(10):  # all compiled code is loaded before the flight
-            spare.step()
-        self.vehicle = Px4Vehicle(self.world, self.seed, table)
-        self.attach_simulator(self.vehicle.simulator)
         key = key_of(key_file, partial(self.health.fault, "key_file", True))
         self._links = {
             kind: Link(
@@ -77,6 +97,9 @@ class Px4SimNode(VehicleNode):
             for kind, url in (("onboard", onboard), ("ground", ground))
             if url
         }
+        warm_up(self.world)
+        self.vehicle = Px4Vehicle(self.world, self.seed, table)
+        self.attach_simulator(self.vehicle.simulator)
         links = [(link, kind) for kind, link in self._links.items()]
         self._endpoint = Endpoint(self.vehicle, links)
         self._began_ns: int | None = None
@@ -100,12 +123,15 @@ class Px4SimNode(VehicleNode):
         """Show the obstacle, then fly."""
         self._began_ns = time.time_ns()
         self.publish_obstacle(self._began_ns)
-        self.publish_tick(self._began_ns)
         super().spin()
 
     def step(self, now_ns: int) -> None:
-        """Fly up to now, and answer the messages of the links."""
+        """Fly up to now, and answer the messages of the links.
+
+        PX4 is on from the start; the motion capture sees it once the other nodes are there.
+        """
         assert self._began_ns is not None
+        seen = self.others_ready(now_ns)
         behind_ns = now_ns - self._began_ns - self.vehicle.tick * TICK_NS
         if abs(behind_ns) > _BEHIND_NS:
             self._began_ns += behind_ns  # missed ticks are dropped
@@ -117,7 +143,8 @@ class Px4SimNode(VehicleNode):
             self._endpoint.advance(self.vehicle.tick * TICK_NS, now_ns)
         for _ in range(min(behind_ns // TICK_NS, _MOST_TICKS)):
             self._endpoint.advance((self.vehicle.tick + 1) * TICK_NS, time.time_ns())
-            self.publish_tick(self._began_ns)
+            if seen:
+                self.publish_tick(self._began_ns)
         self._log_status_texts()
 
     def _log_status_texts(self) -> None:

@@ -22,7 +22,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok
 
-from tombo_bag.topics import CLOCK, TopicSpec
+from tombo_bag.topics import CLOCK, DIAGNOSTICS, TopicSpec
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.conversion import to_ns
@@ -86,6 +86,9 @@ class LoopNode(ABC):
         self.period_ns = round(SECOND_NS / rate_hz)
         self.parameters = RecordParameters(self.ros, records or {}, fixed)
         self.health = Health(self.ros)
+        self.reports = PolledSubscription(self.ros, DIAGNOSTICS)
+        """Of all nodes. Each node takes part: Fast DDS may stop a publisher for 0.33 s at the first
+        message to another process. So that is a report, and not a sample in flight."""
         self.loops: dict[str, LoopStatistics] = {"loop": LoopStatistics()}
         """Name of each loop that `/diagnostics` reports -> its statistics."""
         self.late_ns = 0

@@ -13,10 +13,9 @@ from rclpy.subscription import Subscription
 
 from tombo_bag.qos import Qos
 from tombo_bag.topics import TopicSpec
+from tombo_dynamics.core import START_GRACE_NS
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.qos import profile
-
-_GRACE_NS = 3 * SECOND_NS
 
 
 def message_class(typename: str) -> Any:
@@ -157,12 +156,12 @@ class PolledSubscription:
         return messages[-1] if messages else None
 
     def silent(self, now_ns: int, limit_s: float) -> bool:
-        """Return whether nothing has come for `limit_s`; before the first message, for 3 s.
+        """Return whether nothing has come for `limit_s`; before the first message, for 10 s.
 
         Nodes start in any order: that a neighbour is not there yet is no fault.
         """
         if self.last_ns is None:
-            return now_ns - self._made_ns > _GRACE_NS
+            return now_ns - self._made_ns > START_GRACE_NS
         return now_ns - self.last_ns > limit_s * SECOND_NS
 
 

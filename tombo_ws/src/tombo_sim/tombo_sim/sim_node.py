@@ -86,12 +86,6 @@ class SimNode(VehicleNode):
             ["estimator", "detector", "reaction", "mission", "controller"],
             "with lockstep: names of the nodes that take part",
         )
-        self._start_patience_s = self.declare(
-            "lockstep_start_patience",
-            120.0,
-            "with lockstep: wall time [s] until all must be ready; they may have to compile",
-            bounds=(0.1, 3600.0),
-        )
         self._duration = self.declare(
             "duration",
             0.0,
@@ -213,10 +207,13 @@ class SimNode(VehicleNode):
         self._publish()
 
     def _start(self, now_ns: int) -> None:
-        """Say what there is at tick 0; in real time, its time is this run's deadline."""
-        self._started = True
+        """Publish tick 0; in real time its time is now, once the other nodes are there."""
         if not self.sim_time:
-            self._began_ns = (now_ns - self.late_ns) // 1000 * 1000
+            if not self.others_ready(now_ns):
+                return
+            self._began_ns = now_ns // 1000 * 1000
+            self.shift_ns = self.late_ns  # what came before the flight is not caught up
+        self._started = True
         self._publish()
 
     def _may_advance(self, now_ns: int) -> bool:
@@ -269,12 +266,12 @@ class SimNode(VehicleNode):
             master.run_tick(self.stamp_ns, self._sent(), self._idle, last=True)
 
     def _wait_for_nodes(self, master: LockstepMaster) -> None:
-        end = time.monotonic() + self._start_patience_s
+        end = time.monotonic() + self.start_patience_s
         while master.missing and not self.stopping:
             if time.monotonic() > end:
                 raise LockstepError(
                     f"lockstep: {', '.join(master.missing)} not ready after "
-                    f"{self._start_patience_s:g} s; accepted: nodes started with lockstep:=true"
+                    f"{self.start_patience_s:g} s; accepted: nodes started with lockstep:=true"
                 )
             self._idle()
             time.sleep(0.05)

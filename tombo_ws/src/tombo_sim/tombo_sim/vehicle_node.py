@@ -6,6 +6,7 @@ so. Who flies the vehicle, and which sensors are heard, is the business of each 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,7 +18,7 @@ from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
-from tombo_dynamics.time_base import TICK_HZ, TICK_NS
+from tombo_dynamics.time_base import SECOND_NS, TICK_HZ, TICK_NS
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_ros.markers import obstacle_marker
 from tombo_ros.node_loop import LoopNode
@@ -26,6 +27,9 @@ from tombo_sim.ground_truth import contact_force, true_state
 from tombo_sim.propeller_effects import propulsion_effects
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import ObstacleParams, SpreadParams, World
+
+_ALL_REPORT_NS = 1_200_000_000
+"""Each node reports once a second: by then all have sent a report to the last that came."""
 
 
 class VehicleNode(LoopNode):
@@ -59,9 +63,41 @@ class VehicleNode(LoopNode):
         truth_rate = self.declare(
             "truth_rate", 250.0, "of ground_truth/odometry and rotors [Hz]", bounds=(1.0, 1000.0)
         )
+        names = self.declare(
+            "starts_after",
+            "",
+            "in real time: names of nodes, with spaces between them; the flight begins when each "
+            "has reported on /diagnostics",
+        )
+        self.start_patience_s = self.declare(
+            "start_patience",
+            120.0,
+            "wall time [s] until the others must be ready; they may have to compile. In lockstep "
+            "the simulator then ends, in real time it begins without them",
+            bounds=(0.1, 3600.0),
+        )
+        self._awaited = set(names.split())
+        self._made_ns = time.time_ns()
+        self._begins_ns = 0
         self._truth_ticks = max(round(TICK_HZ / truth_rate), 1)
         self.world = self._world(mocap_rate)
         self._state = np.zeros(13)
+
+    def others_ready(self, now_ns: int) -> bool:
+        """Return whether the nodes to wait for are there, and have met each other."""
+        if self._awaited:
+            for report in self.reports.take():
+                self._awaited.difference_update(status.name for status in report.message.status)
+            in_vain = now_ns - self._made_ns > self.start_patience_s * SECOND_NS
+            self.health.fault(
+                "nodes_missing",
+                in_vain and bool(self._awaited),
+                f"the flight begins without {', '.join(sorted(self._awaited))}",
+            )
+            if in_vain:
+                self._awaited.clear()
+            self._begins_ns = now_ns + _ALL_REPORT_NS
+        return now_ns >= self._begins_ns
 
     def _world(self, mocap_rate: float) -> World:
         """Declare the parameters of all effects; what the propeller implies is their default."""

@@ -68,7 +68,10 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ]
     with McapSink(path) as sink:
         write_flight(sink, fly_scenario(load_scenario("hover", ["duration=3"]), 0))
-        sink.add_metadata(NOTES, {"messages": "12345", "lost": "6"})
+        sink.add_metadata(
+            NOTES,
+            {"messages": "12345", "lost": "6", "lost:/imu/data_raw": "6", "lost:/setpoint": "0"},
+        )
         channel = sink.add_channel("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
         times = SECOND_NS * np.array([1, 2, 2]) + [0, 0, 1]
         sink.write_columns(Columns(channel, times, told))
@@ -111,7 +114,7 @@ def test_a_flight_that_lands_leaves_the_files_of_a_headless_one(fly, bag, tmp_pa
     assert summary["mode"] == "nodes"
     assert summary["died"] == {}
     assert not summary["interrupted"]
-    assert summary["recorder"] == {"messages": 12345, "lost": 6}
+    assert summary["recorder"] == {"messages": 12345, "lost": 6, "lost_on": {"/imu/data_raw": 6}}
     assert summary["too_slow"][-1] == "6 messages lost in the recording"
 
 
@@ -139,6 +142,22 @@ def test_loops_and_latency_are_the_last_that_each_node_told(bag):
     assert found["latency_gyro_to_command_us"] == {"p50": 410.0, "p99": 870.5}
 
 
+def test_in_lockstep_there_are_no_figures_of_loops(tmp_path, capsys):
+    path = tmp_path / "flight.mcap"
+    told = report({"sim": {}, "sim: loop": {**loop(0.0, 0), "runs": 0}})
+    with McapSink(path) as sink:
+        channel = sink.add_channel("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+        sink.write_columns(Columns(channel, np.array([SECOND_NS]), [told]))
+    with Recording(path) as recording:
+        assert node_metrics(recording)["loops"] == {}
+
+
+def test_the_recorder_is_judged_by_what_it_loses():
+    late = {"rate_hz": 200.0, "jitter_p99_us": 9e3, "runs": 1000, "missed": 30}
+    assert too_slow({"recorder": Loop("loop", late)}, "0") == []
+    assert too_slow({"sim": Loop("loop", late)}, "0") != []
+
+
 def test_without_reports_nothing_is_made_up(tmp_path):
     path = tmp_path / "flight.mcap"
     with McapSink(path) as sink:
@@ -147,7 +166,7 @@ def test_without_reports_nothing_is_made_up(tmp_path):
         assert node_metrics(recording) == {
             "loops": {},
             "latency_gyro_to_command_us": {"p50": None, "p99": None},
-            "recorder": {"messages": None, "lost": None},
+            "recorder": {"messages": None, "lost": None, "lost_on": {}},
             "too_slow": [],
         }
 

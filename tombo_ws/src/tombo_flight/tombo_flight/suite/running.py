@@ -35,6 +35,8 @@ from tombo_flight.suite.supervisor import (
 PARAMETERS: Final = "parameters.yaml"
 LOGS: Final = "log"
 FASTEST: Final = 20.0
+_OTHERS_COME_S: Final = 30.0
+"""Whoever has not come by then has failed: all code is compiled before."""
 
 
 @dataclass(frozen=True)
@@ -230,6 +232,9 @@ def _programs(config: SuiteConfig) -> Sequence[Program]:
     parameters = suite_parameters(
         config.scenario, config.seed, speed=config.speed, lockstep=config.lockstep
     )
+    if not config.lockstep:
+        others = " ".join(name for name in config.nodes if name != "sim")
+        parameters["sim"] |= {"starts_after": others, "start_patience": _OTHERS_COME_S}
     parameters["recorder"] |= config.recording
     for node, values in config.more.items():
         parameters[node] = {**parameters.get(node, {}), **values}

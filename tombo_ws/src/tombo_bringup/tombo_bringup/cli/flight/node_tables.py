@@ -43,23 +43,18 @@ def print_node_flight(flown: NodeFlight, path: Path, files: Sequence[str], as_js
 def print_nodes(flown: NodeFlight) -> None:
     """Print the loops, latency or PX4, the recorder's losses, and the nodes' troubles."""
     summary = flown.flight.summary
-    columns = right("rate", "median late", "p99 late", "missed")
-    table = Table("", *columns, box=SIMPLE_HEAD, title=Text("Loops"))
-    for name, loop in summary["loops"].items():
-        table.add_row(
-            Text(name),
-            _number(loop["rate_hz"], "Hz", 1),
-            _late(loop["jitter_p50_us"]),
-            _late(loop["jitter_p99_us"]),
-            _number(loop["missed"], "", 0),
-        )
-    console().print(table)
+    if summary["loops"]:
+        _print_loops(summary["loops"])
     recorder = summary["recorder"]
-    print_line(
-        f"{_px4(summary['px4']) if 'px4' in summary else _latency(summary)}; "
+    recorded = (
         f"{_number(recorder['messages'], 'messages recorded', 0)}, "
         f"{_number(recorder['lost'], 'lost', 0)}."
     )
+    if "px4" in summary:
+        recorded = f"{_px4(summary['px4'])}; {recorded}"
+    elif summary["loops"]:
+        recorded = f"{_latency(summary)}; {recorded}"
+    print_line(recorded)
     in_real_time = summary.get("mode") == "px4"
     troubles = grouped(flown.warnings, flown.flight.record.epoch_ns if in_real_time else None)
     for trouble in troubles[:_WARNINGS]:
@@ -68,6 +63,20 @@ def print_nodes(flown: NodeFlight) -> None:
         print_line(f"... and {len(troubles) - _WARNINGS} more warnings", "yellow")
     for end in flown.died:
         print_line(f"{end.name} has ended, {end.exit_text}; see nodes.log", "bold red")
+
+
+def _print_loops(loops: Mapping[str, Mapping[str, Any]]) -> None:
+    columns = right("rate", "median late", "p99 late", "missed")
+    table = Table("", *columns, box=SIMPLE_HEAD, title=Text("Loops"))
+    for name, loop in loops.items():
+        table.add_row(
+            Text(name),
+            _number(loop["rate_hz"], "Hz", 1),
+            _late(loop["jitter_p50_us"]),
+            _late(loop["jitter_p99_us"]),
+            _number(loop["missed"], "", 0),
+        )
+    console().print(table)
 
 
 def grouped(warnings: Sequence[tuple[str, str]], epoch_ns: int | None) -> list[str]:
