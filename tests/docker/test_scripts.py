@@ -267,7 +267,7 @@ def test_the_entrypoint_sources_and_becomes_the_command(sourced: Box):
         stdout=subprocess.PIPE,
         text=True,
     )
-    out, _ = process.communicate(timeout=20)
+    out, _ = process.communicate(timeout=60)
     pid, told, path = out.strip().split("|")
     assert int(pid) == process.pid, "signals must reach the command itself"
     assert told == "ros  too"

@@ -67,7 +67,7 @@ class _Recorded:
 
     def wait(self, now: int) -> None:
         """Leave the node no more than 40 ms behind, once it speaks."""
-        end = time.monotonic() + 5.0
+        end = time.monotonic() + 60.0
         spoken = self.world.heard[ODOMETRY.name]
         while time.monotonic() < end:
             self.world.hear()

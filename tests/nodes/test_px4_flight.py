@@ -125,7 +125,7 @@ def test_ctrl_c_in_the_air_lands_the_vehicle(world, lab, domain, tmp_path):
 
     # the port is free again: nothing that was started is left
     params = LinkParams(url=url)
-    vehicle = find_vehicle(params, patience_s=2.0)
+    vehicle = find_vehicle(params, patience_s=60.0)
     assert vehicle is not None and not vehicle.armed
     world.hear()
     assert world.heard[TRUE_ODOMETRY.name][-1].pose.pose.position.z < 0.25

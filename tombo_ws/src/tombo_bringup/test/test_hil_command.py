@@ -72,7 +72,7 @@ def started() -> Iterator[Started]:
     yield made
     for process in made.processes:
         process.kill()
-        process.communicate(timeout=10)
+        process.communicate(timeout=60)
 
 
 def test_px4_flies_and_ctrl_c_ends_it_with_0(started):

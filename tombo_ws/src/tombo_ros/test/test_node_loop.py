@@ -37,7 +37,7 @@ def _steps(world: Any) -> list[int]:
     return [to_ns(message.clock) for message in world.heard[STEPS.name]]
 
 
-def _settle(world: Any, condition: Any, patience_s: float = 5.0) -> None:
+def _settle(world: Any, condition: Any, patience_s: float = 60.0) -> None:
     end = time.monotonic() + patience_s
     while not condition():
         assert time.monotonic() < end
@@ -59,8 +59,9 @@ def test_with_simulated_time_it_runs_when_the_clock_says_so(world: Any, start: A
             world.tick(2 * _MS)
             time.sleep(0.001)
         time.sleep(0.002)
-    time.sleep(0.1)
+    _settle(world, lambda: (_steps(world) or [0])[-1] >= world.now_ns - 20 * _MS)
     steps = _steps(world)
+    _settle(world, lambda: _steps(world) is not None and world.heard[ECHO.name])
     poked = len(world.heard[ECHO.name])
     assert poked == 1  # it was kept until time began
     assert 80 <= len(steps) <= 103
@@ -94,7 +95,7 @@ def test_in_real_time_it_keeps_its_rate_and_leaves_the_graph_when_told(
     world.subscribe(STEPS)
     node = start("tiny_node")
     world.meet(STEPS)
-    _settle(world, lambda: len(_steps(world)) > 20, 10.0)
+    _settle(world, lambda: len(_steps(world)) > 20)
     since = len(_steps(world))
     began = time.time_ns()
     time.sleep(1.5)
@@ -108,9 +109,8 @@ def test_in_real_time_it_keeps_its_rate_and_leaves_the_graph_when_told(
     node.process.send_signal(signal.SIGINT)
     node.process.send_signal(signal.SIGTERM)
     node.process.send_signal(signal.SIGINT)
-    assert node.process.wait(5.0) == 0
-    while world.node.count_publishers(STEPS.name) and time.monotonic() < told + 3.0:
-        time.sleep(0.02)
+    assert node.process.wait(60.0) == 0
+    _settle(world, lambda: not world.node.count_publishers(STEPS.name))
     with in_time():
         assert time.monotonic() < told + 3.0
     assert "Traceback" not in node.output
@@ -133,7 +133,7 @@ def test_what_cannot_begin_says_why_in_one_line(
     (tmp_path / "broken.yaml").write_text("tiny:\n  ros__parameters: [\n")
     given = [str(tmp_path / a) if a == "broken.yaml" else a for a in arguments]
     node = start("tiny_node", *given)
-    assert node.process.wait(10.0) == 2
+    assert node.process.wait(60.0) == 2
     lines = [line for line in node.output.splitlines() if "[rcl]" not in line]  # rcl's own
     assert len(lines) == 1, lines
     assert lines[0].startswith("Error: ")

@@ -83,7 +83,7 @@ class _Served:
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         client = self.client.create_client(kind, f"/served/{name}")
-        assert client.wait_for_service(10.0)
+        assert client.wait_for_service(60.0)
         future = client.call_async(request)
         executor = SingleThreadedExecutor(context=self.contexts[1])
         executor.add_node(self.client)

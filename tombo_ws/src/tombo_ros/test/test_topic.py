@@ -33,7 +33,7 @@ class _Speaker:
 
 
 def _meet(*speakers: _Speaker) -> None:
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 60.0
     while any(s.output.subscriber_count == 0 for s in speakers):
         assert time.monotonic() < end
         time.sleep(0.01)
@@ -46,7 +46,7 @@ def _listening(world: Any, *speakers: _Speaker) -> PolledSubscription:
 
 
 def _wait(heard: PolledSubscription, number: int) -> None:
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + 60.0
     while heard.received < number:
         heard.waiting()
         assert time.monotonic() < end, heard.received

@@ -14,6 +14,7 @@ from hil_bench import Bench, bench, hover_world
 from hil_peer import Peer, Pilot
 from pymavlink.dialects.v20 import common
 
+from in_time import in_time
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.records import numbers
 from tombo_dynamics.time_base import SECOND_NS
@@ -439,7 +440,7 @@ def test_a_killed_px4_is_noticed_and_its_successor_flies():
         processes.append(subprocess.Popen(command))
         return processes[-1]
 
-    def run(enough, seconds=15.0):
+    def run(enough, seconds=60.0):
         end = time.monotonic() + seconds
         while not enough():
             assert time.monotonic() < end, (b.hil.phase, b.news)
@@ -513,7 +514,8 @@ def test_waiting_ends_when_something_comes(b):
     b.peer = Peer(b.link.port)
     b.hil.wait(b.now_ns, 20.0)
     b.until(lambda: b.hil.phase is Phase.FLYING)
-    assert time.monotonic() - start < 10.0
+    with in_time():
+        assert time.monotonic() - start < 10.0
 
 
 def test_a_watcher_sees_every_tick_and_the_vehicle_of_each_flight():

@@ -9,6 +9,7 @@ import pytest
 from mavlink_packets import encoder, frame_with, heartbeat, hostile_packets, wild_frame
 from pymavlink.dialects.v20 import common
 
+from in_time import in_time
 from tombo_dynamics.errors import InputError
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.tcp import MAX_CLIENTS
@@ -37,7 +38,7 @@ def links():
 def sender():
     """A bare UDP socket."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.settimeout(2.0)
+        sock.settimeout(60.0)
         yield sock
 
 
@@ -48,7 +49,7 @@ def pair(links):
     def make(kind="udp", **kwargs):
         vehicle = links(f"{kind}in://127.0.0.1:0", **kwargs)
         computer = links(f"{kind}out://127.0.0.1:{vehicle.address[1]}", COMPUTER, **kwargs)
-        end = time.monotonic() + 2.0
+        end = time.monotonic() + 60.0
         while not computer.connected and time.monotonic() < end:
             computer.wait(0.01)
             computer.receive()
@@ -296,11 +297,15 @@ def test_wait_sleeps_no_longer_than_it_must(pair):
     vehicle, computer = pair()
     begin = time.monotonic()
     assert not vehicle.wait(0.05)
-    assert 0.045 < time.monotonic() - begin < 1.0
+    slept_s = time.monotonic() - begin
+    assert slept_s > 0.045
+    with in_time():
+        assert slept_s < 1.0
     computer.send(beat(computer))
     begin = time.monotonic()
     assert vehicle.wait(5.0)
-    assert time.monotonic() - begin < 2.0
+    with in_time():
+        assert time.monotonic() - begin < 2.0
 
 
 @pytest.mark.slow
@@ -311,7 +316,8 @@ def test_waiting_for_a_server_that_is_not_there_lets_the_next_try_be_made(links,
     for _ in range(3):
         client.wait(5.0)
         client.receive()
-    assert time.monotonic() - begin < 4.0
+    with in_time():
+        assert time.monotonic() - begin < 4.0
 
 
 @pytest.mark.parametrize("kind", ["udp", "tcp"])
