@@ -23,7 +23,7 @@ from tombo_ros.conversion import to_ns
 NODE = "tombo_px4.hil_sim_node"
 SRC = Path(__file__).parents[2] / "tombo_ws" / "src"
 PEER = SRC / "tombo_px4" / "test" / "autopilot" / "hil_peer.py"
-_COMPILES_S = 120.0
+_COMPILES_S = 300.0
 MS = 1_000_000
 
 

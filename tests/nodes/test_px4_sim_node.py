@@ -19,7 +19,7 @@ from tombo_ros.conversion import array, to_ns
 
 NODE = "tombo_px4.px4_sim_node"
 VEHICLE = MessageTarget(1, 1)
-_COMPILES_S = 120.0
+_COMPILES_S = 300.0
 _ARM, _DENIED = 400, 1
 MS = 1_000_000
 
