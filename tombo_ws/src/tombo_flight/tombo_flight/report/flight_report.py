@@ -59,7 +59,7 @@ def write_report(
 def report_html(record: FlightRecord, plot_png: bytes, beside: FlightRecord | None = None) -> str:
     """The report as text; it loads nothing from anywhere."""
     milestones = find_milestones(record)
-    rows = comparison_rows(milestones, record)
+    rows: Sequence[Row] = comparison_rows(milestones, record)
     records, other = [record], None
     if beside is not None:
         records.append(beside)
