@@ -87,8 +87,8 @@ class LoopNode(ABC):
         self.parameters = RecordParameters(self.ros, records or {}, fixed)
         self.health = Health(self.ros)
         self.reports = PolledSubscription(self.ros, DIAGNOSTICS)
-        """Of all nodes. Each node takes part: Fast DDS may stop a publisher for 0.33 s at the first
-        message to another process. So that is a report, and not a sample in flight."""
+        """Of all nodes; each subscribes. Fast DDS may stop a publisher for 0.33 s at its first
+        message to another process: so this is a report, and not a sample in flight."""
         self.loops: dict[str, LoopStatistics] = {"loop": LoopStatistics()}
         """Name of each loop that `/diagnostics` reports -> its statistics."""
         self.late_ns = 0
