@@ -9,6 +9,7 @@ from typing import Any
 
 from tombo_dynamics.effects import REGISTRY
 from tombo_flight.scenario import Scenario
+from tombo_sim.propeller_effects import vehicle_effects
 
 _WIDTH = 98
 
@@ -34,7 +35,8 @@ def _line(field: dataclasses.Field[Any], value: object, indent: str) -> list[str
 def parameter_file() -> str:
     """Return the default scenario as YAML: each parameter with meaning, unit, bounds and source.
 
-    Effects stand there at their null values: as they are, they do nothing.
+    Effects stand there at their null values, at which they do nothing; those that follow from
+    vehicle and propeller are left out by a comment sign, or they would no longer follow.
     """
     scenario = Scenario()
     lines = [
@@ -60,12 +62,17 @@ def parameter_file() -> str:
                 *_comment("What the simulation adds to the nominal model.", ""),
                 "effects:",
             ]
+            implied = vehicle_effects(scenario.propeller, scenario.vehicle, {})
             for effect in REGISTRY.values():
+                values = implied.get(effect.name, {})
+                sign = "# " if values else ""
                 lines += _comment(effect.doc.split("\n")[0], "  ")
-                lines.append(f"  {effect.name}:")
+                lines += ["  # Follows from vehicle and propeller unless given:"] * bool(values)
+                lines.append(f"  {sign}{effect.name}:")
                 for p in effect.theta:
                     text = f"{p.doc} [{p.unit}], {p.bounds[0]:g} to {p.bounds[1]:g}"
-                    lines += [*_comment(text, "    "), f"    {p.name}: {p.null}"]
+                    lines += _comment(text, "    ")
+                    lines.append(f"  {sign}  {p.name}: {values.get(p.name, p.null)}")
         elif field.name == "description":
             lines.append(f'{field.name}: "all defaults"')
         else:

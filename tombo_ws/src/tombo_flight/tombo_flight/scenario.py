@@ -33,6 +33,7 @@ from tombo_flight.model_file import read_model
 from tombo_flight.scenario_catalogue import builtin_scenarios
 from tombo_flight.scenario_layers import laid_over, nested
 from tombo_flight.vehicle_file import VehicleFile, is_builtin_vehicle, vehicle_named
+from tombo_sim.propeller_effects import vehicle_effects
 from tombo_sim.world import ObstacleParams, SpreadParams, World
 
 DEFAULT_SCENARIO = "paper_collision"
@@ -350,6 +351,21 @@ def as_mapping(scenario: Scenario) -> dict[str, Any]:
             for waypoint in course
         ]
     return plain
+
+
+def scenario_warnings(scenario: Scenario) -> list[str]:
+    """Return what a scenario asks for, and what is hardly meant, a sentence each."""
+    if scenario.obstacle.radius <= 0.0:
+        return []
+    found = []
+    effects = vehicle_effects(scenario.propeller, scenario.vehicle, scenario.effects)
+    if effects["contact_force"].get("stiffness") == 0.0:
+        found.append(
+            "the obstacle is permeable to the frame: effects.contact_force.stiffness is 0"
+        )
+    if scenario.obstacle.top <= 0.0:
+        found.append("the obstacle has no height, nothing touches it: obstacle.top is 0")
+    return found
 
 
 def world_of(scenario: Scenario) -> World:

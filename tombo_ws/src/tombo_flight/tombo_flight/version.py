@@ -8,13 +8,16 @@ from pathlib import Path
 
 _GIT = ("git", "--no-optional-locks")
 _LONGEST_S = 5.0
+_UNTRACKED = ("ls-files", "--others", "--exclude-standard", "--")
+_SOURCES = (":/*.py", ":/tombo_ws/src")
+"""Where a file of the repository is code, or a scenario or vehicle that is flown by name."""
 
 
 @cache
 def tombo_version() -> str:
     """Return the installed version and the commit of its source: "0.1.0+g07d9e2a1b2c3".
 
-    ".dirty" follows where files differ from that commit. Without git, or where the source is in no
+    ".dirty" follows where files differ from that commit, or a source file is not in it. Without git, or where the source is in no
     repository, the version alone; "unknown" when run from sources that are not installed.
     """
     from importlib.metadata import PackageNotFoundError, version
@@ -28,11 +31,17 @@ def tombo_version() -> str:
 
 
 def commit_of(source: Path) -> str:
-    """Return the commit that a source file is of, with ".dirty" after changes; empty: of none."""
+    """Return the commit that a source file is of, empty: of none.
+
+    ".dirty" follows after changes, and where a source file is neither in the commit nor ignored.
+    """
     folder = source.resolve().parent
     if not _git(folder, "ls-files", "--error-unmatch", source.name):
         return ""  # it lies in no repository, or in somebody else's
-    return _git(folder, "describe", "--always", "--exclude=*", "--abbrev=12", "--dirty=.dirty")
+    commit = _git(folder, "describe", "--always", "--exclude=*", "--abbrev=12", "--dirty=.dirty")
+    if commit.endswith(".dirty") or not _git(folder, *_UNTRACKED, *_SOURCES):
+        return commit
+    return f"{commit}.dirty"
 
 
 def _git(folder: Path, *arguments: str) -> str:

@@ -17,7 +17,7 @@ from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_sim.propeller_effects import propulsion_effects
+from tombo_sim.propeller_effects import vehicle_effects
 from tombo_sim.world import SpreadParams, World
 
 NOISE = 9
@@ -58,7 +58,7 @@ def begin(world: World, seed: int) -> FlightSetup:
     vehicle = mounted_vehicle(world.vehicle, world.propeller)
     maps = mounted_rotors(world.propeller, vehicle)
     draw_seed, tick_seed, mocap_seed, spread_seed = np.random.SeedSequence(seed).spawn(4)
-    given = propulsion_effects(world.propeller, vehicle, world.effects)
+    given = vehicle_effects(world.propeller, vehicle, world.effects)
     uniform = np.random.default_rng(spread_seed).uniform(-1.0, 1.0, 4).tolist()
     effects = _spread_effects(given, world.spread, vehicle, uniform)
     theta = pack_theta(effects)

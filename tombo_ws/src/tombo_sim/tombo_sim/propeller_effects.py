@@ -1,11 +1,11 @@
-"""From a propeller configuration to its map and its effects: strike, wear, scatter."""
+"""From a vehicle and its propeller to their effects: strike, wear, scatter, contact of the frame."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
 
-from tombo_dynamics.effects import check_theta
+from tombo_dynamics.effects import REGISTRY, check_theta
 from tombo_dynamics.propeller.impact import propeller_performance
 from tombo_dynamics.propeller.mounted_propeller import (
     PropellerChoice,
@@ -39,12 +39,13 @@ _DURATION = 0.014
 falling distance (1.5 s, 0.5 m): 145.5 N fading over it, about one turn, are 1.0 N s."""
 
 
-def propulsion_effects(
+def vehicle_effects(
     propeller: PropellerChoice, vehicle: VehicleParams, given: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
-    """Return the given effects with those that follow from the propeller filled in.
+    """Return the given effects with those that follow from propeller and frame filled in.
 
-    What is given about an effect stays. A plain propeller is pushed as the paper's rigid one is,
+    What is given about an effect stays. The frame meets an obstacle with the typical stiffness and
+    damping of `contact_force`: an obstacle is solid unless a stiffness of 0 is given. A plain propeller is pushed as the paper's rigid one is,
     or one with a nodus, in proportion to its own spin momentum over its radius, and stands strikes
     in proportion to its own energy in hover.
     """
@@ -65,6 +66,7 @@ def propulsion_effects(
         },
         "propeller_wear": {"collisions": energy * strikes},
         "thrust_scatter": {"deviation": propeller.matched},
+        "contact_force": {p.name: p.typical for p in REGISTRY["contact_force"].theta},
     }
     effects = {name: dict(values) for name, values in given.items()}
     for name, values in derived.items():

@@ -24,7 +24,7 @@ from tombo_ros.markers import obstacle_marker
 from tombo_ros.node_loop import LoopNode
 from tombo_ros.pacing import SIMULATOR
 from tombo_sim.ground_truth import contact_force, true_state
-from tombo_sim.propeller_effects import propulsion_effects
+from tombo_sim.propeller_effects import vehicle_effects
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import ObstacleParams, SpreadParams, World
 
@@ -101,7 +101,7 @@ class VehicleNode(LoopNode):
 
     def _world(self, mocap_rate: float) -> World:
         """Declare the parameters of all effects; what the propeller implies is their default."""
-        derived = propulsion_effects(self.records["propeller"], self.records["vehicle"], {})
+        derived = vehicle_effects(self.records["propeller"], self.records["vehicle"], {})
         effects = {}
         for effect in REGISTRY.values():
             defaults = derived.get(effect.name, {})

@@ -12,12 +12,14 @@ from tombo_dynamics.vehicle import VehicleParams
 
 @dataclass(frozen=True)
 class ObstacleParams:
-    """The obstacle: a vertical cylinder on the floor. Radius 0: there is none."""
+    """The obstacle: a solid vertical cylinder on the floor. Radius 0: there is none."""
 
     x: float = param(0.0, "m", (-1e3, 1e3), "axis, map x")
     y: float = param(0.0, "m", (-1e3, 1e3), "axis, map y")
     radius: float = param(0.0, "m", (0.0, 100.0), "radius; 0: no obstacle")
-    top: float = param(0.0, "m", (0.0, 100.0), "height of its top")
+    top: float = param(
+        10.0, "m", (0.0, 100.0), "height of its top", "estimated: above the flights of a hall"
+    )
 
 
 @dataclass(frozen=True)

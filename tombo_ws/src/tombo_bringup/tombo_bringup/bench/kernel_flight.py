@@ -19,7 +19,7 @@ from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.time_base import TICK_S
 from tombo_flight.scenario import Scenario
 from tombo_sim.kernel import fly_with_true_state
-from tombo_sim.propeller_effects import propulsion_effects
+from tombo_sim.propeller_effects import vehicle_effects
 
 Stretch = tuple[Leg, int, int, int]
 """A leg, its mode, the first tick and the tick after the last."""
@@ -54,7 +54,7 @@ class KernelFlight:
 def new_flight(scenario: Scenario, seed: int) -> KernelFlight:
     """Return a vehicle on the ground; the seed draws its thrust scatter and where it stands."""
     vehicle = scenario.vehicle
-    theta = pack_theta(propulsion_effects(scenario.propeller, vehicle, scenario.effects))
+    theta = pack_theta(vehicle_effects(scenario.propeller, vehicle, scenario.effects))
     draws = np.random.default_rng(seed).standard_normal(12)
     plant = new_plant(vehicle)
     start = [scenario.spread.start * draws[8], scenario.spread.start * draws[9]]

@@ -17,7 +17,7 @@ from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_flight.vehicle_file import EFFECT_OF, VehicleFile, vehicle_named
 from tombo_logs.flight_log import FlightLog
 from tombo_logs.readers.vehicle_airframe import airframe_of
-from tombo_sim.propeller_effects import propulsion_effects
+from tombo_sim.propeller_effects import vehicle_effects
 
 _SCENARIO = "no_obstacle"
 
@@ -116,5 +116,5 @@ def nominal_of(scenario: Scenario, label: str) -> NominalModel:
         label,
         world.vehicle,
         mounted_rotors(world.propeller, world.vehicle),
-        propulsion_effects(world.propeller, world.vehicle, world.effects),
+        vehicle_effects(world.propeller, world.vehicle, world.effects),
     )

@@ -17,6 +17,7 @@ from tombo_dynamics.errors import InputError, unknown_name
 from tombo_flight.scenario import Scenario
 from tombo_flight.sweep.design import number_text
 from tombo_flight.vehicle_file import EFFECT_OF, VehicleFile
+from tombo_sim.propeller_effects import vehicle_effects
 
 DISTRIBUTIONS = {
     "Normal": "mean, deviation",
@@ -149,7 +150,8 @@ def _number_at(scenario: Scenario, key: str) -> tuple[tuple[float, float], float
         theta = {param.name: param for param in REGISTRY[path[1]].theta}
         if name not in theta:
             raise unknown_name(f"parameter of effects.{path[1]} in --given", name, theta)
-        value = scenario.effects.get(path[1], {}).get(name, theta[name].null)
+        effects = vehicle_effects(scenario.propeller, scenario.vehicle, scenario.effects)
+        value = effects.get(path[1], {}).get(name, theta[name].null)
         return theta[name].bounds, float(value)
     record: Any = scenario
     for part in path:

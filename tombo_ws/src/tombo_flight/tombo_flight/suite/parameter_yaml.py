@@ -15,7 +15,7 @@ from typing import Any, Final
 from tombo_dynamics.params import as_text
 from tombo_flight.scenario import Scenario, as_mapping, load_scenario
 from tombo_flight.wiring import CORES, records_of
-from tombo_sim.propeller_effects import propulsion_effects
+from tombo_sim.propeller_effects import vehicle_effects
 
 SECTIONS: Final[dict[str, tuple[str, ...]]] = {
     "sim": ("vehicle", "propeller", "obstacle", "spread", "effects"),
@@ -49,7 +49,7 @@ def suite_parameters(
     if "curve" in values["propeller"]:
         values["propeller"]["curve"] = as_text(values["propeller"]["curve"])
     values |= {section: asdict(getattr(scenario, section)) for section in _WHOLE}
-    values["effects"] = propulsion_effects(scenario.propeller, scenario.vehicle, scenario.effects)
+    values["effects"] = vehicle_effects(scenario.propeller, scenario.vehicle, scenario.effects)
     table: Parameters = {
         "sim": {section: values[section] for section in SECTIONS["sim"]},
         **{

@@ -17,7 +17,7 @@ from tombo_propeller.design.flight_check import blade_recovery, check_design
 from tombo_propeller.design.flight_files import is_built_in, scenario_of, write_flyable
 from tombo_propeller.design.recommend import recommend
 from tombo_propeller.design.request import Request, vehicle_for
-from tombo_sim.propeller_effects import propulsion_effects
+from tombo_sim.propeller_effects import vehicle_effects
 
 pytestmark = pytest.mark.slow
 
@@ -130,7 +130,7 @@ def test_an_unmeasured_silicone_takes_the_mean_of_all(stiff_library, tmp_path: P
         "fibre_diameter_mm: 0.5, length_mm: 12.0}\n"
     )
     scenario = scenario_from_mapping({"propeller": {"conf": 30, "library": str(tmp_path)}}, "x")
-    strike = propulsion_effects(scenario.propeller, scenario.vehicle, {})["blade_strike"]
+    strike = vehicle_effects(scenario.propeller, scenario.vehicle, {})["blade_strike"]
     readings = [c.measured.recovery_s for c in read_library().configurations.values()
                 if c.nodus and c.measured]  # fmt: skip
     assert strike["recovery_time"] == pytest.approx(np.mean(readings))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tombo_bringup.cli.errors import print_warnings
 from tombo_bringup.cli.flight.optional_url import SIMULATED, url_of
 from tombo_bringup.cli.options import (
     SEED_LIMIT,
@@ -148,6 +149,7 @@ def fly(
         reaction = "none"
     over = over_scenario(reaction, disturbances=disturbances)
     chosen = _load(scenario, [*over, *(settings or [])], conf, law, model, vehicle)
+    warn_of(chosen)
     check_output(output)
     rest = f"{many.start}-{many.stop}" if many else str(one)
     rest += "-px4" if px4 is not None else "-nodes" if nodes else ""
@@ -191,6 +193,13 @@ def over_scenario(reaction: str | None, *, disturbances: bool) -> list[str]:
         raise unknown_name("--reaction", reaction, REGISTRY)
     named = [] if reaction is None else [f"reaction.name={reaction}"]
     return ["disturbances=true", *named] if disturbances else named
+
+
+def warn_of(scenario: Scenario) -> None:
+    """Say on standard error what a scenario asks for that is hardly meant."""
+    from tombo_flight.scenario import scenario_warnings
+
+    print_warnings(scenario_warnings(scenario))
 
 
 def parse_seeds(text: str, most: int = _MOST_FLIGHTS) -> range:
