@@ -1,4 +1,4 @@
-"""From a vehicle and its propeller to their effects: strike, wear, scatter, contact of the frame."""
+"""From a vehicle and its propeller to their effects: strike, wear, scatter, frame contact."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def vehicle_effects(
     """Return the given effects with those that follow from propeller and frame filled in.
 
     What is given about an effect stays. The frame meets an obstacle with the typical stiffness and
-    damping of `contact_force`: an obstacle is solid unless a stiffness of 0 is given. A plain propeller is pushed as the paper's rigid one is,
-    or one with a nodus, in proportion to its own spin momentum over its radius, and stands strikes
-    in proportion to its own energy in hover.
+    damping of `contact_force`: an obstacle is solid unless a stiffness of 0 is given. A plain
+    propeller is pushed as the paper's rigid one is, or one with a nodus, in proportion to its own
+    spin momentum over its radius, and stands strikes in proportion to its own energy in hover.
     """
     folds = propeller.folds
     known = library_of(propeller).configurations
