@@ -169,9 +169,12 @@ build_workspace() {
     ln -sfn "$BUILD/colcon/$package/$package.egg-info" "$site/$package.egg-info"
   done <"$site/tombo_workspace.pth"
   # Not a link: the script's own first line cannot name an interpreter in a folder with a space.
+  # Ctrl-C is held back until start.py obeys it: while Python starts it would print a traceback.
+  local hold=""
+  if env --block-signal=INT true 2>/dev/null; then hold="env --block-signal=INT "; fi
   rm -f "$VENV/bin/tombo"
-  printf '#!/bin/sh\nexec "%s" "%s" "$@"\n' \
-    "$VENV/bin/python" "$VENV/lib/tombo_bringup/tombo" >"$VENV/bin/tombo"
+  printf '#!/bin/sh\nexec %s"%s" -P "%s" "$@"\n' "$hold" \
+    "$VENV/bin/python" "$SRC/tombo_bringup/tombo_bringup/start.py" >"$VENV/bin/tombo"
   chmod +x "$VENV/bin/tombo"
   echo "$workspace" >"$KEYS/workspace"
 }

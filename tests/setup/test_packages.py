@@ -209,7 +209,7 @@ def test_data_files_are_installed(package: Path):
 
 def test_the_tombo_command_is_installed():
     (command,) = entry_points(group="console_scripts", name="tombo")
-    assert command.value == "tombo_bringup.cli.main:run"
+    assert command.value == "tombo_bringup.start:run"
     assert (Path(sys.prefix) / "bin" / "tombo").exists()
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -21,6 +22,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from tombo.flights import scenario_of, texts_of
+from tombo_collision.reactions.policy import Policy
 from tombo_collision.steering import ACTIONS, HIGH, LOW
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
@@ -42,8 +44,9 @@ def _episodes(
     if starts is not None and starts < 1:
         raise InputError(f"starts: {starts}; accepted: at least 1, or None")
     given = {"disturbances": True, **settings} if disturbances else settings
-    chosen = scenario_of(scenario, texts_of(given), "policy", None, None)
-    return Episodes(chosen, count, threads, starts)
+    chosen = scenario_of(scenario, texts_of(given), "reflex", None, None)
+    steered = Policy(**vars(chosen.reaction))  # its actions come from the trainer, not a network
+    return Episodes(replace(chosen, reaction=steered), count, threads, starts)
 
 
 def _observed() -> spaces.Box:

@@ -10,11 +10,33 @@ import dataclasses
 import json
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from operator import index
+from typing import Any, SupportsIndex, TypeVar
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
 
+SEED_LIMIT = 2**63
 _Record = TypeVar("_Record")
+
+
+def check_seed(name: str, value: object) -> int:
+    """Return a checked seed.
+
+    Args:
+        name: as the user gave it.
+        value: what was given.
+
+    Raises:
+        InputError: it is no whole number, or out of bounds.
+    """
+    if isinstance(value, SupportsIndex) and not isinstance(value, bool):
+        seed = index(value)
+        if 0 <= seed < SEED_LIMIT:
+            return seed
+    raise InputError(
+        f"{name} {shown(value)}: out of bounds; accepted: a whole number from 0 to "
+        f"{SEED_LIMIT - 1}"
+    )
 
 
 def param(

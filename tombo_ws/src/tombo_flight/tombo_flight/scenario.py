@@ -14,6 +14,7 @@ from tombo_collision.params import TRIGGERS, DetectorParams
 from tombo_collision.reactions import Reaction, reaction_from_mapping
 from tombo_collision.reactions.bounce import Bounce
 from tombo_collision.reactions.none import NoReaction
+from tombo_collision.reactions.policy import Policy
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.planning.mission import MissionParams
 from tombo_control.recovery.params import ContactParams, RecoveryParams
@@ -279,6 +280,11 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
         _refuse_decimal_comma(value, key)
         if key == "reaction":
             built[key] = reaction_from_mapping({} if value is None else value)
+            if isinstance(built[key], Policy) and built[key].network is None:
+                raise InputError(
+                    "reaction.network: none; accepted: the JSON file of a policy, as in "
+                    "--set reaction.network=policy.json (docs/gym.md)"
+                )
         elif key in _SECTIONS:
             built[key] = from_mapping(_SECTIONS[key], value if value is not None else {}, key)
         elif key == "effects":

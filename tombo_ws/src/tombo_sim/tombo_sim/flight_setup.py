@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.params import check_seed
 from tombo_dynamics.propeller.mounted_propeller import mounted_rotors, mounted_vehicle
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import RotorMaps
@@ -52,9 +53,10 @@ def begin(world: World, seed: int) -> FlightSetup:
         seed: all randomness derives from it.
 
     Raises:
-        InputError: the propeller cannot lift the vehicle or does not fit it, or the vehicle would
-            start inside the obstacle.
+        InputError: the seed is no whole number from 0, the propeller cannot lift the vehicle or
+            does not fit it, or the vehicle would start inside the obstacle.
     """
+    seed = check_seed("seed", seed)
     vehicle = mounted_vehicle(world.vehicle, world.propeller)
     maps = mounted_rotors(world.propeller, vehicle)
     draw_seed, tick_seed, mocap_seed, spread_seed = np.random.SeedSequence(seed).spawn(4)

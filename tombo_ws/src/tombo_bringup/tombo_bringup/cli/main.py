@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Sequence
 from typing import Annotated
@@ -88,7 +89,13 @@ def run(arguments: Sequence[str] | None = None) -> None:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
     args = None if arguments is None else list(arguments)
-    sys.exit(exit_code_of(lambda: app(args, prog_name="tombo", standalone_mode=False)))
+    sys.exit(exit_code_of(lambda: _command(args)))
+
+
+def _command(args: list[str] | None) -> object:
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # as `tombo_bringup.start` leaves it
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    return app(args, prog_name="tombo", standalone_mode=False)
 
 
 if __name__ == "__main__":

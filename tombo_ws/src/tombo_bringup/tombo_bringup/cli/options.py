@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.params import check_seed
 
 
 def option(declaration: str, text: str, **more: Any) -> Any:
@@ -89,11 +90,7 @@ def _let_unpack(ctx: typer.Context, limit_gb: float | None) -> float | None:
 
 
 def _check_seed(seed: int | None) -> int | None:
-    if seed is not None and not 0 <= seed < SEED_LIMIT:
-        raise InputError(
-            f"--seed {seed}: out of bounds; accepted: a whole number from 0 to {SEED_LIMIT - 1}"
-        )
-    return seed
+    return None if seed is None else check_seed("--seed", seed)
 
 
 def _check_duration(duration: float | None) -> float | None:
@@ -152,7 +149,6 @@ def _completions(table: Mapping[str, str], begun: str) -> list[tuple[str, str]]:
 
 
 _MOST_WORKERS = 1024
-SEED_LIMIT = 2**63
 _SCENARIO = "A name of `tombo scenarios`, or a YAML file."
 ScenarioArgument = Annotated[
     str,

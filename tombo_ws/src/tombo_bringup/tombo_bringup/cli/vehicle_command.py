@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from tombo_bringup.cli.errors import print_error
 from tombo_bringup.cli.name_list import print_names
 from tombo_bringup.cli.options import JsonOnly, integer_option, number_option, option
 from tombo_bringup.cli.result_files import check_new_yaml
@@ -122,17 +123,19 @@ def new(
     given: dict[str, Any] = {}
     for setting in settings or []:
         given = override(given, setting, example="vehicle.mass=1.4")
-    values: dict[str, Any] = {
-        "tombo_vehicle": FORMAT,
-        "name": name if name is not None else _ask("--name", "Name", file.stem),
-    }
+    label = name if name is not None else _ask("--name", "Name", file.stem)
     said = _Told(given)
     said.put("vehicle.mass", mass, "--mass", "Mass at take-off [kg]")
     said.put("vehicle.arm_length", arm, "--arm-length", "Centre to rotor axis [m]")
     _propeller(said, conf, k_thrust, k_torque, radius, on_impact)
-    for section, content in said.values.items():
-        values[section] = content
-    vehicle = vehicle_from_mapping(values, f"'{file}'")
+    while True:
+        values = {"tombo_vehicle": FORMAT, "name": label, **said.values}
+        try:
+            vehicle = vehicle_from_mapping(values, f"'{file}'")
+            break
+        except InputError as error:
+            if not said.ask_again(str(error)):
+                raise
     write_vehicle(file, vehicle)
     hover = _hover(vehicle)
     typer.echo(
@@ -146,6 +149,8 @@ class _Told:
 
     def __init__(self, settings: dict[str, Any]) -> None:
         self.values = settings
+        self._asked: dict[str, tuple[str, str]] = {}
+        """Key → option and question of what was answered."""
 
     def has(self, key: str) -> bool:
         section, _, name = key.partition(".")
@@ -160,10 +165,29 @@ class _Told:
             return
         if value is None:
             value = _ask(flag, question, default)
+            self.answered(key, flag, question)
         section, _, name = key.partition(".")
         content = self.values.setdefault(section, {})
         if isinstance(content, dict):
             content[name] = value
+
+    def answered(self, key: str, flag: str, question: str) -> None:
+        """Note that a value is an answer, which may be asked for again."""
+        self._asked[key] = flag, question
+
+    def ask_again(self, problem: str) -> bool:
+        """Say what is wrong, ask again for the answers that it names; False: it names none.
+
+        The other answers stay; an answer that is named may stay, too.
+        """
+        named = [key for key in self._asked if key in problem]
+        if not named or sys.stdin is None or not sys.stdin.isatty():
+            return False
+        print_error(problem)
+        for key in named:
+            section, _, name = key.partition(".")
+            self.values[section][name] = _ask(*self._asked[key], self.values[section][name])
+        return True
 
 
 def _propeller(
@@ -184,7 +208,9 @@ def _propeller(
             "--conf or --k-thrust", "Propeller: a Tombo configuration (0 to 13), or plain", "plain"
         )
         plain = str(answer).strip().lower() == "plain"
-        conf = None if plain else _whole(str(answer))
+        if not plain:
+            conf = _whole(str(answer))
+            said.answered("propeller.conf", "--conf", "A Tombo configuration (0 to 13)")
     said.put("propeller.conf", conf, "--conf")
     if not plain:
         given = {"--k-torque": k_torque, "--radius": radius, "--on-impact": on_impact}
@@ -211,7 +237,7 @@ def _ask(flag: str, question: str, default: Any = None) -> Any:
     Raises:
         InputError: there is no one to ask.
     """
-    kind = str if isinstance(default, str) else float
+    kind = float if default is None else type(default)
     if sys.stdin is not None and sys.stdin.isatty():
         return typer.prompt(question, default=default, type=kind)
     line = "" if sys.stdin is None else sys.stdin.readline()

@@ -9,6 +9,7 @@ from typing import Any
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.params import check_seed
 from tombo_flight.flight_output import plain
 from tombo_flight.risk.estimate import METHODS
 from tombo_flight.risk.inputs import Input, openturns, parse_input, settings_at
@@ -92,6 +93,7 @@ def new_risk(
         InputError: as `load_scenario`, of an input, or a package is not installed.
     """
     openturns()
+    check_seed("seed", seed)
     if method not in METHODS:
         raise unknown_name("--method", method, METHODS)
     if not FEWEST <= flights <= MOST:

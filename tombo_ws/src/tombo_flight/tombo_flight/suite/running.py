@@ -22,7 +22,7 @@ from tombo_flight.suite.nodes import (
     node_environment,
     node_program,
 )
-from tombo_flight.suite.parameter_yaml import parameter_yaml, suite_parameters
+from tombo_flight.suite.parameter_yaml import check_parameter_file, parameter_yaml, suite_parameters
 from tombo_flight.suite.status_table import Suite
 from tombo_flight.suite.supervisor import (
     ProcessExit,
@@ -58,7 +58,7 @@ class SuiteConfig:
         more: further parameters of nodes, over those of the scenario.
 
     Raises:
-        InputError: unknown node, no such file, or a value out of bounds.
+        InputError: unknown node, no parameter file, or a value out of bounds.
     """
 
     scenario: Scenario
@@ -81,8 +81,7 @@ class SuiteConfig:
         if not self.nodes:
             raise InputError("no node is left to start; accepted: at least one")
         for path in self.files:
-            if not path.is_file():
-                raise InputError(f"parameter file '{path}': no such file; accepted: a YAML file")
+            check_parameter_file(path)
         if not 0.01 <= self.speed <= FASTEST:
             raise InputError(
                 f"speed {self.speed:g}: out of bounds; accepted: a number from 0.01 to {FASTEST:g}"

@@ -63,7 +63,8 @@ class Design:
         """Refuse a design that has no points.
 
         Raises:
-            InputError: unknown kind, a range without a step, or samples that do not fit.
+            InputError: unknown kind, a key or a value twice, a range without a step, or samples
+                that do not fit.
         """
         if self.kind not in DESIGNS:
             raise unknown_name("--design", self.kind, DESIGNS)
@@ -71,6 +72,11 @@ class Design:
         for key in keys:
             if keys.count(key) > 1:
                 raise InputError(f"{key} is varied twice; accepted: once")
+        for axis in self.axes:
+            values = [float(level) if axis.numeric else level for level in axis.levels]
+            for value, level in zip(values, axis.levels, strict=True):
+                if values.count(value) > 1:
+                    raise InputError(f"{axis.key}: {level} is given twice; accepted: once")
         if self.kind == "full":
             if self.samples:
                 raise InputError("--samples: accepted: with --design lhs or sobol")

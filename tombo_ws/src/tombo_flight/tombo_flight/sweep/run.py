@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import time
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from itertools import islice
 from typing import Any
@@ -22,6 +24,8 @@ _TASKS = 32
 """Tasks that each thread gets at least, so that all end at about the same time."""
 _AHEAD = 4
 """Tasks handed out to each thread of the cluster in advance."""
+_ANSWERS_S = 4.0
+"""So long a scheduler may take to answer."""
 _LOOK_S = 0.02
 _here = threading.local()
 
@@ -118,14 +122,14 @@ def _stream_from_dask(
             f"--scheduler {address}: Dask is not installed; accepted: after "
             "pip install -r requirements-study.txt"
         ) from None
-    try:
-        client = Client(address, timeout=10, set_as_default=False)
-    except (OSError, ValueError) as error:
+    with ThreadPoolExecutor(1) as other:  # this thread may have a loop of its own
+        problem = other.submit(asyncio.run, _problem_with(address)).result()
+    if problem:  # a client that can't connect would end in a traceback, half a minute later
         raise InputError(
-            f"--scheduler {address}: it can't be reached ({error}); accepted: the address of a "
+            f"--scheduler {address}: it can't be reached ({problem}); accepted: the address of a "
             "Dask scheduler, as in tcp://10.0.0.1:8786"
-        ) from error
-    with client:
+        )
+    with Client(address, timeout=_ANSWERS_S, set_as_default=False) as client:
         shared = client.scatter(study, broadcast=True)
         threads = max(sum(client.nthreads().values()), 1)
         size = min(max(count // (_TASKS * threads), 1), _LARGEST_BATCH)
@@ -143,6 +147,26 @@ def _stream_from_dask(
                 yield from future.result()
                 future.release()
             hand_out()
+
+
+async def _problem_with(address: str) -> str:
+    """Return why no Dask scheduler answers at an address; empty: one does."""
+    from distributed.core import connect
+
+    async def ask() -> Any:
+        stream = await connect(address, timeout=_ANSWERS_S)
+        try:
+            await stream.write({"op": "identity", "reply": True})
+            return await stream.read()
+        finally:
+            stream.abort()
+
+    try:
+        answer = await asyncio.wait_for(ask(), _ANSWERS_S)
+    except (OSError, ValueError) as error:
+        return str(error) or f"no answer within {_ANSWERS_S:g} s"
+    kind = answer.get("type") if isinstance(answer, Mapping) else None
+    return "" if kind == "Scheduler" else f"it is no scheduler: {kind}"
 
 
 def _after(seconds: float) -> tuple[()]:

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.params import check_seed
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import flight_summary, plain
 from tombo_flight.scenario import Scenario, scenario_values, with_settings
@@ -98,6 +99,8 @@ def new_study(
     Raises:
         InputError: as `load_scenario`, or there are too many flights.
     """
+    for seed in (seeds.start, seeds.stop - 1) if seeds else ():
+        check_seed("seed", seed)
     values, label = scenario_values(scenario, model, vehicle)
     study = Study(
         scenario, design, (seeds.start, seeds.stop), settings, label, plain_values(values),

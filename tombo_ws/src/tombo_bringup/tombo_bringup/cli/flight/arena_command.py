@@ -100,6 +100,7 @@ def arena(
 
 def _chosen_reactions(text: str | None, known: Mapping[str, type[Reaction]]) -> list[str]:
     """Return reactions as `Match` has them; of None all that are compared."""
+    from tombo_collision.network import read_network
     from tombo_flight.arena.cases import POLICY_FILE
 
     if text is None:
@@ -107,6 +108,9 @@ def _chosen_reactions(text: str | None, known: Mapping[str, type[Reaction]]) -> 
     given = list(dict.fromkeys(part.strip() for part in text.split(",")))
     trained = [one for one in given if one.startswith(f"policy{POLICY_FILE}")]
     named = [one for one in given if one not in trained]
+    for one in ("policy", *trained):
+        if one in given and read_network(f"--reactions {one}", one.partition(POLICY_FILE)[2]) is None:
+            raise InputError(f"--reactions {one}: no network; accepted: policy:FILE (docs/gym.md)")
     return [*(_chosen("--reactions", ",".join(named), known) if named else []), *trained]
 
 

@@ -13,7 +13,6 @@ import typer
 from tombo_bringup.cli.errors import print_warnings
 from tombo_bringup.cli.flight.optional_url import SIMULATED, url_of
 from tombo_bringup.cli.options import (
-    SEED_LIMIT,
     BridgeSettings,
     Disturbed,
     Force,
@@ -32,6 +31,7 @@ from tombo_bringup.cli.options import (
 )
 from tombo_bringup.cli.result_files import Place, check_output, new_run
 from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.params import SEED_LIMIT
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import ProgressCallback

@@ -13,6 +13,7 @@ from tombo_bringup.cli.options import (
     JsonOnly,
     ModelFile,
     ReactionName,
+    Seed,
     Settings,
     VehicleName,
     Workers,
@@ -58,7 +59,7 @@ def risk(
             "are frequent. monte-carlo: all flights as they come.",
         ),
     ] = "adaptive",
-    seed: Annotated[int, integer_option("--seed N", "All draws follow from it.")] = 0,
+    seed: Seed = 0,
     reaction: ReactionName = None,
     disturbances: Disturbed = False,
     settings: Settings = None,
@@ -79,11 +80,7 @@ def risk(
     Each flight draws its inputs and its own seed: sensor noise, gusts and scatter are part of the
     risk. Writes risk.html, risk.json and flights.parquet.
     """
-    from tombo_dynamics.errors import InputError
-
     check_output(output)
-    if not 0 <= seed < 2**63:
-        raise InputError(f"--seed {seed}: out of bounds; accepted: 0 and above")
     from tombo_flight.risk.study import new_risk
 
     chosen = [*over_scenario(reaction, disturbances=disturbances), *(settings or [])]
