@@ -11,6 +11,7 @@ What `__all__` lists is public; docs/python.md says what that promises.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from tombo.arenas import arena
 from tombo.flights import Flight, fly
 from tombo.measured import Diagnosis, Log, diagnose, read, stand
 from tombo.propellers import propeller
@@ -20,6 +21,7 @@ from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
     from tombo_collision.decision import Decision, Estimate
+    from tombo_collision.own_reactions import import_reactions
     from tombo_collision.reactions import Reaction
     from tombo_dynamics.messages import CollisionEvent
     from tombo_dynamics.params import param
@@ -33,8 +35,10 @@ __all__ = [
     "InputError",
     "Log",
     "Reaction",
+    "arena",
     "diagnose",
     "fly",
+    "import_reactions",
     "param",
     "propeller",
     "read",
@@ -48,6 +52,7 @@ _WHERE = {
     "Decision": "tombo_collision.decision",
     "Estimate": "tombo_collision.decision",
     "Reaction": "tombo_collision.reactions",
+    "import_reactions": "tombo_collision.own_reactions",
     "param": "tombo_dynamics.params",
 }
 """What only own reactions need, and what loads compiled code."""

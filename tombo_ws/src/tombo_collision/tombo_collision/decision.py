@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError, shown
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.rotation import yaw_of
 
@@ -102,6 +103,59 @@ class Guided(Decision):
         if time_s > self.timeout:
             return True
         return at_rest(estimate.position, estimate.velocity, estimate.rates, self.x_r)
+
+
+_FARTHEST = 120.0
+"""m: no x_r is further from x_c; the bounds of a reaction's distance and height together."""
+_NOT_UNIT = 0.01
+
+
+def check_decision(decision: object, contact: Array, near: float) -> None:
+    """Refuse what is no decision on a collision.
+
+    Args:
+        decision: what `begin` has returned, not None.
+        contact: (3) position of the collision, map [m].
+        near: x_c is not further from it [m].
+
+    Raises:
+        InputError: it is none, or has a value that no vehicle is to fly to.
+    """
+    if not isinstance(decision, Decision):
+        raise InputError(f"returned {shown(decision)}; accepted: a Decision, or None")
+    x_c = _vector("x_c", decision.x_c, contact, near, "the collision")
+    n_r = _vector("n_r", decision.n_r, np.zeros(3), math.inf, "")
+    if abs(length(n_r) - 1.0) > _NOT_UNIT:
+        raise InputError(f"returned n_r {n_r.tolist()}; accepted: a unit vector")
+    _vector("x_r", decision.x_r, x_c, _FARTHEST, "x_c")
+
+
+def check_reference(reference: object, x_c: Array) -> None:
+    """Refuse what is no reference of a decision with x_c (3) [m].
+
+    Raises:
+        InputError: it is none, or has a value that no vehicle is to fly to.
+    """
+    if not isinstance(reference, Reference):
+        raise InputError(f"returned {shown(reference)}; accepted: a Reference")
+    _vector("position", reference.position, x_c, _FARTHEST, "x_c")
+    for name in ("velocity", "acceleration"):
+        _vector(name, getattr(reference, name), np.zeros(3), math.inf, "")
+    if not math.isfinite(reference.yaw):
+        raise InputError(f"returned yaw {reference.yaw}; accepted: a finite number [rad]")
+
+
+def _vector(name: str, value: object, around: Array, reach: float, of: str) -> Array:
+    """Return a vector (3) that is finite and within a reach [m] of a point (3)."""
+    vector = np.asarray(value, np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise InputError(f"returned {name} {shown(vector.tolist())}; accepted: 3 finite numbers")
+    away = length(vector - around)
+    if away > reach:
+        raise InputError(
+            f"returned {name} {away:.3g} m away from {of}; accepted: {reach:g} m at most"
+        )
+    return vector
 
 
 def against_flight(flight_direction: Array) -> Array:

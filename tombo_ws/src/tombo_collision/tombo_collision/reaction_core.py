@@ -13,12 +13,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, ClassVar
 
-from tombo_collision.decision import Decision, Estimate, Guided
+from tombo_collision.decision import (
+    Decision,
+    Estimate,
+    Guided,
+    check_decision,
+    check_reference,
+)
 from tombo_collision.params import ReactionLimits
 from tombo_collision.reactions import DEFAULT, EVENT_TOPICS, REGISTRY, Reaction
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Core
-from tombo_dynamics.errors import unknown_name
+from tombo_dynamics.errors import InputError, problem_in, unknown_name
 from tombo_dynamics.frames import is_map
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import (
@@ -431,6 +437,8 @@ class ReactionCore(Core):
         self._records: dict[str, Any] = {reaction.name: reaction}
         self._decision: Decision | None = None
         self._decided_ns = 0
+        self.failure = ""
+        """How the reaction has failed to answer, or answered what can't be flown; empty: not."""
         self.limits = parameter_record(limits)
         self._pending: list[CollisionEvent] = []
         self._setpoint = PositionSetpointRecord.new()
@@ -487,7 +495,7 @@ class ReactionCore(Core):
         elif why == EventRefusal.NONE:
             length = math.sqrt(float(event.flight_direction @ event.flight_direction))
             unit = replace(event, flight_direction=event.flight_direction / length)
-            decision = self.reaction.begin(unit, self._estimate(), self.decision)
+            decision = self._decided_on(unit)
             if decision is not None:
                 self._decision, self._decided_ns = decision, now_ns
                 memory.guides = isinstance(decision, Guided)
@@ -500,6 +508,23 @@ class ReactionCore(Core):
         elif why != EventRefusal.DUPLICATE:
             self.health.refuse(f"event_{why.key}", why.text)
         return why
+
+    def _decided_on(self, event: CollisionEvent) -> Decision | None:
+        """Return what the reaction decides on a collision; None where it fails, too."""
+        try:
+            decision = self.reaction.begin(event, self._estimate(), self.decision)
+            if decision is not None:
+                check_decision(decision, event.contact_position, _MAX_CONTACT_DISTANCE)
+        except Exception as error:  # of anybody's code: set points go on
+            self._fail("begin()", error)
+            return None
+        return decision
+
+    def _fail(self, asked: str, error: Exception) -> None:
+        """Report that the reaction could not answer; `failure` keeps it."""
+        what = str(error) if isinstance(error, InputError) else f"failed: {problem_in(error)}"
+        self.failure = f"reaction '{self.reaction.name}': {asked} {what}"
+        self.health.refuse("reaction_failed", self.failure)
 
     @property
     def decision(self) -> Decision | None:
@@ -522,10 +547,19 @@ class ReactionCore(Core):
             return
         since, estimate = 1e-9 * (now_ns - self._decided_ns), self._estimate()
         memory.reference_ns = now_ns
-        if decision.over(since, estimate):
+        asked = "over()"
+        try:
+            if decision.over(since, estimate):
+                memory.guides = False
+                return
+            asked = "reference()"
+            wanted = decision.reference(since, estimate)
+            check_reference(wanted, memory.x_c)
+        except Exception as error:  # of anybody's code: x_r is held
             memory.guides = False
+            self._fail(asked, error)
             return
-        wanted, out = decision.reference(since, estimate), memory.reference
+        out = memory.reference
         out.position, out.velocity = wanted.position, wanted.velocity
         out.acceleration, out.yaw = wanted.acceleration, wanted.yaw
         out.phase = Phase.REACT

@@ -77,3 +77,23 @@ def unknown_name(what: str, value: object, accepted: Iterable[object]) -> InputE
 
 def _cut(text: str, limit: int) -> str:
     return text if len(text) <= limit else f"{text[: limit - 1]}…"
+
+
+def problem_in(error: Exception, file: Path | None = None) -> str:
+    """Return an exception of the user's code in a line: what it is, and where it was raised.
+
+    Args:
+        error: the exception.
+        file: whose lines are meant; None: where it was raised.
+    """
+    text = shown(str(error)) if str(error) else "no text"
+    where = ""
+    if isinstance(error, SyntaxError) and error.lineno is not None:
+        where = f" (line {error.lineno})"
+    trace = error.__traceback__
+    while trace is not None:
+        code = trace.tb_frame.f_code
+        if file is None or code.co_filename == str(file):
+            where = f" ({Path(code.co_filename).name}, line {trace.tb_lineno})"
+        trace = trace.tb_next
+    return f"{type(error).__name__}: {text}{where}"

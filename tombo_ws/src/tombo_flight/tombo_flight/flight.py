@@ -102,7 +102,8 @@ def fly_scenario(
 
     Raises:
         InputError: the propeller cannot lift the vehicle, the vehicle would start inside the
-            obstacle, or parameters are so stiff that the simulation diverges.
+            obstacle, parameters are so stiff that the simulation diverges, or the reaction fails
+            or decides what can't be flown.
     """
     setup = begin(world_of(scenario), seed)
     if prepare is not None:
@@ -158,10 +159,16 @@ def fly_scenario(
 
 
 def _react(reaction: ReactionCore, published: Published, flight: Any) -> None:
-    """Step the reaction in the last tick, which a collision has reached."""
+    """Step the reaction in the last tick, which a collision has reached.
+
+    Raises:
+        InputError: the reaction has failed, or decided what can't be flown.
+    """
     tick = int(flight["tick"]) - 1
     hand_collisions(reaction, published, flight["published"], tick)
     reaction.step(EPOCH_NS + tick * TICK_NS)
+    if reaction.failure:
+        raise InputError(reaction.failure)
     publish_reaction(reaction.memory, published, flight, tick)
 
 

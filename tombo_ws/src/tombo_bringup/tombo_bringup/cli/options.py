@@ -93,6 +93,14 @@ def _check_seed(seed: int | None) -> int | None:
     return None if seed is None else check_seed("--seed", seed)
 
 
+def _import(files: list[str] | None) -> list[str] | None:
+    if files:
+        from tombo_collision.own_reactions import import_reactions
+
+        import_reactions(files)
+    return files
+
+
 def _check_duration(duration: float | None) -> float | None:
     if duration is not None and not duration > 0.0:
         raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
@@ -174,6 +182,16 @@ ReactionName = Annotated[
         "A name of `tombo reactions`, in place of the scenario's reaction; its parameters: "
         "--set reaction.KEY=VALUE.",
         autocompletion=_reactions,
+    ),
+]
+Imports = Annotated[
+    list[str] | None,
+    option(
+        "--import FILE",
+        "A Python file that defines reactions of your own, for --reaction and the scenario "
+        "(docs/reactions.md). May be given many times.",
+        callback=_import,
+        is_eager=True,
     ),
 ]
 Disturbed = Annotated[

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
-import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Final
 
 import numpy as np
 
+from tombo_collision.network import read_network
+from tombo_collision.own_reactions import imported_files, is_own
+from tombo_collision.reactions import REGISTRY
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.vehicle import VehicleParams
+from tombo_flight.command_line import fly_command
 from tombo_flight.report.paper_values import COLLISION_POINT_M
 from tombo_flight.scenario import Scenario, load_scenario
 
@@ -74,22 +78,48 @@ class Match:
 
     def scenario(self) -> Scenario:
         """Return what is flown."""
-        over = ["disturbances=true"] if self.disturbed else []
-        chosen = [f"reaction.{key}={value}" for key, value in self._chosen()]
-        return load_scenario(self.case.scenario, [*over, *chosen, *self.case.settings])
+        return load_scenario(self.case.scenario, self._settings())
 
-    def _chosen(self) -> list[tuple[str, str]]:
+    def _settings(self) -> list[str]:
         name, _, file = self.reaction.partition(POLICY_FILE)
-        return [("name", name), *([("network", file)] if file else [])]
+        over = ["disturbances=true"] if self.disturbed else []
+        network = [f"reaction.network={file}"] if file else []
+        return [*over, f"reaction.name={name}", *network, *self.case.settings]
 
     def command(self, seed: int) -> str:
         """Return the command that flies one flight of it alone."""
-        over = " --disturbances" if self.disturbed else ""
-        (_, name), *more = self._chosen()
-        given = [*(f"reaction.{key}={value}" for key, value in more), *self.case.settings]
-        settings = "".join(f" --set {shlex.quote(setting)}" for setting in given)
-        head = f"tombo fly {self.case.scenario} --reaction {name}{over}"
-        return f"{head}{settings} --seed {seed}"
+        own = imported_files() if is_own(self.reaction.partition(POLICY_FILE)[0]) else ()
+        return fly_command(self.case.scenario, seed, settings=self._settings(), imports=own)
+
+
+def chosen_reactions(names: Sequence[str] | None, given: str) -> list[str]:
+    """Return reactions as `Match` has them; of None all that are compared.
+
+    Raises:
+        InputError: one is unknown, or has no network; `given` names the list.
+    """
+    if names is None:
+        return [name for name, kind in REGISTRY.items() if kind.compared]
+    trained = [one for one in dict.fromkeys(names) if one.startswith(f"policy{POLICY_FILE}")]
+    for one in dict.fromkeys(names):
+        file = one.partition(POLICY_FILE)[2]
+        if one in ("policy", *trained) and read_network(f"{given} {one}", file) is None:
+            raise InputError(f"{given} {one}: no network; accepted: policy:FILE (docs/gym.md)")
+    named = [one for one in names if one not in trained]
+    return [*(chosen(named, given, REGISTRY) if named else []), *trained]
+
+
+def chosen(names: Sequence[str] | None, given: str, known: Iterable[str]) -> list[str]:
+    """Return names in the order of those that are known; of None all.
+
+    Raises:
+        InputError: one is unknown; `given` names the list.
+    """
+    accepted = list(known)
+    for one in names or ():
+        if one not in accepted:
+            raise unknown_name(given, one, accepted)
+    return [one for one in accepted if names is None or one in names]
 
 
 @cache

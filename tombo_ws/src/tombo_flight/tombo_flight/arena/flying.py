@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final
 
+from tombo_collision.own_reactions import imported_files, is_own
 from tombo_dynamics.errors import InputError
 from tombo_flight.arena.cases import Case, Match
 from tombo_flight.campaign.statistics import SPREAD_METRICS
@@ -45,11 +46,27 @@ class Plan:
     """Cases that can't be flown → the reason."""
 
     def rows(self, kept: Mapping[str, Row]) -> dict[Match, list[Row]]:
-        """Return what is kept of the flights of each match, in the order of the seeds."""
+        """Return what is kept of the flights of each match, in the order of the seeds.
+
+        Flights that could not be flown are left out; see `not_flown`.
+        """
         found: dict[Match, list[Row]] = {match: [] for match in self.matches}
         for job in self.jobs:
-            found[job.match].append(kept[job.key])
+            if "error" not in kept[job.key]:
+                found[job.match].append(kept[job.key])
         return found
+
+    def not_flown(self, kept: Mapping[str, Row]) -> dict[str, str]:
+        """Return what could not be flown, besides `refused` → the reason of the first flight."""
+        errors: dict[Match, list[str]] = {}
+        for job in self.jobs:
+            if "error" in kept[job.key]:
+                why = f"seed {job.seed}: {kept[job.key]['error']}"
+                errors.setdefault(job.match, []).append(why)
+        return {
+            f"{match.case.name} with {match.reaction} ({len(of)} flights)": of[0]
+            for match, of in errors.items()
+        }
 
 
 def new_plan(
@@ -91,9 +108,6 @@ def fly_plan(
         workers: number of processes; the cores that this process may use if None.
         progress: called with the number of flights done here, and of all that were missing.
         stop: asked ten times a second; True ends all processes.
-
-    Raises:
-        InputError: as `fly_scenario`, with the flight's command.
     """
     left = [job for job in plan.jobs if job.key not in kept]
     count = min(process_count(workers), len(left))
@@ -107,6 +121,7 @@ def fly_plan(
         keep=lambda job, row: kept.__setitem__(job.key, row),
         progress=None if progress is None else lambda done: progress(done, len(left)),
         stop=stop,
+        copies=True,
     )
 
 
@@ -128,10 +143,13 @@ def _fly(job: Job) -> dict[str, Any]:
     try:
         summary = flight_summary(fly_scenario(_scenario(job.match), job.seed, _workspace))
     except InputError as error:
-        raise InputError(f"{job.match.command(job.seed)}: {error}") from error
+        return {"seed": job.seed, "error": str(error)}
     return {key: summary[key] for key in ROW_KEYS}
 
 
 def _hash(scenario: Scenario) -> str:
-    """Return what tells rows apart: other parameters, or other figures kept."""
-    return hashlib.sha256(repr((ROW_KEYS, scenario)).encode()).hexdigest()[:8]
+    """Return what tells rows apart: other parameters, figures kept, or code of the user."""
+    told = repr((ROW_KEYS, scenario))
+    if is_own(scenario.reaction.name):
+        told += repr(imported_files())
+    return hashlib.sha256(told.encode()).hexdigest()[:8]

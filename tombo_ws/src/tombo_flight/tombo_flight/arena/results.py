@@ -23,8 +23,8 @@ def arena_results(plan: Plan, kept: Mapping[str, Row], seeds: range) -> dict[str
         seeds: of the cases that fly all of them.
 
     Returns:
-        tombo_version, disturbances, first_seed, last_seed, reactions; `refused`: cases that can't
-        be flown, and why; `results`: of each reaction in each case reaction, case, group, place in
+        tombo_version, disturbances, first_seed, last_seed, reactions; `refused`: what could
+        not be flown, and why; `results`: of each reaction in each case reaction, case, group, place in
         its map, the command of its first flight, and what `flight_statistics` returns;
         `collisions` and `all_cases`: what that returns for all flights of a reaction in
         COLLISIONS, and in all groups; `shown`: what `shown_flights` returns for each reaction.
@@ -37,8 +37,10 @@ def arena_results(plan: Plan, kept: Mapping[str, Row], seeds: range) -> dict[str
         "first_seed": seeds[0],
         "last_seed": seeds[-1],
         "reactions": reactions,
-        "refused": dict(plan.refused),
-        "results": [_result(match, of) for match, of in rows.items()],
+        "refused": {**plan.refused, **plan.not_flown(kept)},
+        "results": [
+            _result(match, of, match.case.seeds(seeds)[0]) for match, of in rows.items() if of
+        ],
         "collisions": {name: _pooled(name, rows, (COLLISIONS,)) for name in reactions},
         "all_cases": {name: _pooled(name, rows, GROUPS) for name in reactions},
         "shown": [one for name in reactions for one in shown_flights(name, rows)],
@@ -59,14 +61,14 @@ def _pooled(
     )
 
 
-def _result(match: Match, rows: Sequence[Row]) -> dict[str, Any]:
+def _result(match: Match, rows: Sequence[Row], seed: int) -> dict[str, Any]:
     case = match.case
     return {
         "reaction": match.reaction,
         "case": case.name,
         "group": case.group,
         "place": list(case.place),
-        "command": match.command(int(rows[0]["seed"])),
+        "command": match.command(seed),
         **flight_statistics(rows),
     }
 

@@ -40,15 +40,15 @@ def fly_campaign(
 
     Returns:
         scenario, model, conf, law, reaction, disturbances, first_seed, last_seed, tombo_version,
-        interrupted, `flights` (summaries, see `flight_output`) and `aggregate` (see
-        `campaign.statistics`).
+        interrupted, `flights` (summaries, see `flight_output`), `not_flown` (seed and error of
+        flights that can't be) and `aggregate` of `flights` (see `campaign.statistics`).
 
     Raises:
-        InputError: as `fly_scenario`, with the seed; all processes are ended.
+        InputError: as `fly_scenario`, with the seed, where no flight can be flown.
     """
     began = time.perf_counter()
     count = min(process_count(workers), len(seeds))
-    flights = run_in_processes(
+    found = run_in_processes(
         _fly,
         seeds,
         count,
@@ -59,6 +59,10 @@ def fly_campaign(
         copies=True,
     )
     wall = time.perf_counter() - began
+    flights = [one for one in found if "error" not in one]
+    not_flown = [one for one in found if "error" in one]
+    if not_flown and not flights:
+        raise InputError(f"seed {not_flown[0]['seed']}: {not_flown[0]['error']}")
     return {
         "tombo_version": tombo_version(),
         "scenario": scenario.name,
@@ -69,8 +73,9 @@ def fly_campaign(
         "disturbances": scenario.disturbances,
         "first_seed": seeds[0],
         "last_seed": seeds[-1],
-        "interrupted": len(flights) < len(seeds),
+        "interrupted": len(found) < len(seeds),
         "flights": flights,
+        "not_flown": not_flown,
         "aggregate": aggregate(flights, wall),
     }
 
@@ -85,4 +90,4 @@ def _fly(seed: int) -> dict[str, Any]:
     try:
         return flight_summary(fly_scenario(_scenario, seed, _workspace))
     except InputError as error:
-        raise InputError(f"seed {seed}: {error}") from error
+        return {"seed": seed, "error": str(error)}

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import closing
 from typing import Any, TypeVar
+
+from tombo_collision.own_reactions import import_reactions, imported_files
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -104,8 +107,10 @@ def stream_from_processes(
     left = iter(items)
     # The locks of other threads would be taken for ever in a copy.
     start = "fork" if copies and threading.active_count() == 1 else "spawn"
+    # A new process has the user's reactions before it reads what may be made of them.
+    told = (begin, given) if start == "fork" else pickle.dumps((begin, given))
     executor = ProcessPoolExecutor(
-        workers, multiprocessing.get_context(start), _begin, (begin, given)
+        workers, multiprocessing.get_context(start), _begin, (imported_files(), told)
     )
     whole = False
     try:
@@ -144,9 +149,11 @@ def _numbered(task: tuple[Callable[[_Item], _Result], int, _Item]) -> tuple[int,
     return number, work(item)
 
 
-def _begin(begin: Callable[..., None] | None, given: tuple[Any, ...]) -> None:
-    """Prepare a process: it ends when its parent does."""
+def _begin(files: Sequence[tuple[str, str]], told: Any) -> None:
+    """Prepare a process: it ends when its parent does, and has imported the same files."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    import_reactions(path for path, _ in files)
+    begin, given = pickle.loads(told) if isinstance(told, bytes) else told
     if begin is not None:
         begin(*given)
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from tombo_collision.own_reactions import imported_files
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_seed
+from tombo_flight.command_line import fly_command
 from tombo_flight.flight_output import plain
 from tombo_flight.risk.estimate import METHODS
 from tombo_flight.risk.inputs import Input, openturns, parse_input, settings_at
@@ -42,6 +43,8 @@ class RiskStudy:
     tombo_version: str
     model: str = ""
     vehicle: str = ""
+    imports: tuple[tuple[str, str], ...] = ()
+    """Files with the user's reactions, as of `imported_files`."""
 
     def scenario_at(self, settings: Sequence[str]) -> Scenario:
         """Return what is flown with further settings.
@@ -53,13 +56,14 @@ class RiskStudy:
 
     def command(self, point: Array, seed: int) -> str:
         """Return the command line that flies a flight again."""
-        words = ["tombo", "fly", self.scenario, "--seed", str(seed)]
-        for option in ("model", "vehicle"):
-            given = getattr(self, option)
-            words += [f"--{option}", given] if given else []
-        for text in [*self.settings, *settings_at(self.inputs, point)]:
-            words += ["--set", text]
-        return shlex.join(words)
+        return fly_command(
+            self.scenario,
+            seed,
+            settings=[*self.settings, *settings_at(self.inputs, point)],
+            model=self.model,
+            vehicle=self.vehicle,
+            imports=self.imports,
+        )
 
     def as_mapping(self) -> dict[str, Any]:
         """Return it in the types of JSON."""
@@ -109,7 +113,7 @@ def new_risk(
             raise InputError(f"--given {key}: given twice; accepted: once")
     study = RiskStudy(
         scenario, inputs, flights, method, seed, tuple(settings), label, values, tombo_version(),
-        model or "", vehicle or "",
+        model or "", vehicle or "", imported_files(),
     )  # fmt: skip
     for one in inputs:
         for u in (-2.0, 0.0, 2.0):

@@ -11,6 +11,7 @@ from contextlib import closing, suppress
 from itertools import islice
 from typing import Any
 
+from tombo_collision.own_reactions import import_reactions
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight_output import warm_up_flight
 from tombo_flight.process.process_pool import process_count, stream_from_processes
@@ -99,12 +100,13 @@ def _fly_batch(study: Study, flights: list[int]) -> list[dict[str, Any]]:
     """Fly on a worker of Dask.
 
     Raises:
-        InputError: the worker has another version of the suite.
+        InputError: the worker has another version of the suite, or not the user's reactions.
     """
     if study.version != tombo_version():
         raise InputError(
             f"--scheduler: a worker has tombo {tombo_version()}; accepted: {study.version}"
         )
+    import_reactions(path for path, _ in study.imports)
     flyer = getattr(_here, "flyer", None)
     if flyer is None or flyer.study != study:
         _begin(study)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
 
+from tombo_collision.own_reactions import imported_files
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import check_seed
+from tombo_flight.command_line import fly_command
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import flight_summary, plain
 from tombo_flight.scenario import Scenario, scenario_values, with_settings
@@ -42,6 +43,8 @@ class Study:
     """Of the software."""
     model: str = ""
     vehicle: str = ""
+    imports: tuple[tuple[str, str], ...] = ()
+    """Files with the user's reactions, as of `imported_files`."""
 
     @property
     def flights(self) -> int:
@@ -70,14 +73,15 @@ class Study:
     def command(self, flight: int) -> str:
         """Return the command line that flies a flight again."""
         point, seed = self.place(flight)
-        words = ["tombo", "fly", self.scenario, "--seed", str(seed)]
-        for option in ("model", "vehicle"):
-            given = getattr(self, option)
-            words += [f"--{option}", given] if given else []
         varied = [f"{key}={text}" for key, text in self.points[point].items()]
-        for text in [*self.settings, *varied]:
-            words += ["--set", text]
-        return shlex.join(words)
+        return fly_command(
+            self.scenario,
+            seed,
+            settings=[*self.settings, *varied],
+            model=self.model,
+            vehicle=self.vehicle,
+            imports=self.imports,
+        )
 
     def as_mapping(self) -> dict[str, Any]:
         """Return it in the types of JSON: what `sweep.json` says."""
@@ -104,7 +108,7 @@ def new_study(
     values, label = scenario_values(scenario, model, vehicle)
     study = Study(
         scenario, design, (seeds.start, seeds.stop), settings, label, plain_values(values),
-        tombo_version(), model or "", vehicle or "",
+        tombo_version(), model or "", vehicle or "", imported_files(),
     )  # fmt: skip
     if not 1 <= study.flights <= MOST_FLIGHTS:
         raise InputError(f"{study.flights} flights; accepted: 1 to {MOST_FLIGHTS}")

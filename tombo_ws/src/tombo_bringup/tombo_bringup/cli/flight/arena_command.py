@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from tombo_bringup.cli.flight.fly_command import parse_seeds
-from tombo_bringup.cli.options import Workers, json_option, option, output_option
+from tombo_bringup.cli.options import Imports, Workers, json_option, option, output_option
 from tombo_bringup.cli.result_files import check_output, unwritable, write_file
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.part_file import PartFile
     from tombo_bringup.cli.progress import ProgressCallback
-    from tombo_collision.reactions import Reaction
     from tombo_flight.arena.flying import Plan
     from tombo_flight.process.stop_signals import StopSignals
 
@@ -42,6 +41,7 @@ def arena(
             "Of `tombo reactions`; policy:FILE flies the network of FILE. Default: all else.",
         ),
     ] = None,
+    imports: Imports = None,
     groups: Annotated[
         str | None,
         option(
@@ -64,16 +64,15 @@ def arena(
     Writes arena.json, arena.html and flights.jsonl, a line a flight. With more seeds, reactions or
     groups the same folder flies only what is missing; so it does when it was stopped or killed.
     """
-    from tombo_collision.reactions import REGISTRY
-    from tombo_flight.arena.cases import GROUPS, arena_cases
+    from tombo_flight.arena.cases import GROUPS, arena_cases, chosen, chosen_reactions
     from tombo_flight.arena.flying import new_plan
     from tombo_flight.process.stop_signals import StopSignals
 
     range_ = parse_seeds(seeds)
     if len(range_) > _MOST_SEEDS:
         raise InputError(f"--seeds {seeds}: too many; accepted: at most {_MOST_SEEDS}")
-    names = _chosen_reactions(reactions, REGISTRY)
-    within = _chosen("--groups", groups, GROUPS)
+    names = chosen_reactions(_listed(reactions), "--reactions")
+    within = chosen(_listed(groups), "--groups", GROUPS)
     check_output(output)
     path = Path(output or f"runs/arena-{range_.start}-{range_.stop}{'-clean' if clean else ''}")
     with StopSignals() as stop:
@@ -98,30 +97,9 @@ def arena(
     typer.echo(f"{path}: {_PAGE}, {_RESULTS}, {_FLIGHTS}")
 
 
-def _chosen_reactions(text: str | None, known: Mapping[str, type[Reaction]]) -> list[str]:
-    """Return reactions as `Match` has them; of None all that are compared."""
-    from tombo_collision.network import read_network
-    from tombo_flight.arena.cases import POLICY_FILE
-
-    if text is None:
-        return [name for name, kind in known.items() if kind.compared]
-    given = list(dict.fromkeys(part.strip() for part in text.split(",")))
-    trained = [one for one in given if one.startswith(f"policy{POLICY_FILE}")]
-    named = [one for one in given if one not in trained]
-    for one in ("policy", *trained):
-        if one in given and read_network(f"--reactions {one}", one.partition(POLICY_FILE)[2]) is None:
-            raise InputError(f"--reactions {one}: no network; accepted: policy:FILE (docs/gym.md)")
-    return [*(_chosen("--reactions", ",".join(named), known) if named else []), *trained]
-
-
-def _chosen(name: str, text: str | None, known: Iterable[str]) -> list[str]:
-    """Return names of a list with commas, in the order of those that are known; None: all."""
-    accepted = list(known)
-    given = accepted if text is None else [part.strip() for part in text.split(",")]
-    for one in given:
-        if one not in accepted:
-            raise unknown_name(name, one, accepted)
-    return [one for one in accepted if one in given]
+def _listed(text: str | None) -> list[str] | None:
+    """Return the parts of a text with commas."""
+    return None if text is None else [part.strip() for part in text.split(",")]
 
 
 def _kept(path: Path, force: bool) -> PartFile:

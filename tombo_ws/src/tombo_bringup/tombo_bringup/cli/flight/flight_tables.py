@@ -116,9 +116,13 @@ def print_campaign(campaign: Mapping[str, Any]) -> None:
     alarms = total["false_alarms"]
     colour = "bold red" if 2 * total["crashed"] > total["flights"] else "bold green"
     print_line(f"{total['flights']} flights: {line}; {alarms} false alarms.", colour)
+    for flight in campaign["not_flown"][:1]:
+        count, seed = len(campaign["not_flown"]), flight["seed"]
+        print_line(f"{count} not flown; the first: seed {seed}: {flight['error']}", "bold red")
     if campaign["interrupted"]:
         asked = campaign["last_seed"] - campaign["first_seed"] + 1
-        print_line(f"Interrupted: {total['flights']} of {asked} flights are done.", "bold yellow")
+        done = total["flights"] + len(campaign["not_flown"])
+        print_line(f"Interrupted: {done} of {asked} flights are done.", "bold yellow")
     factor = total["real_time_factor"]
     if factor is not None:
         print_line(f"Flown in {total['wall_time_s']:.1f} s, {factor:.0f} times real time.")

@@ -16,6 +16,7 @@ from tombo_bringup.cli.options import (
     BridgeSettings,
     Disturbed,
     Force,
+    Imports,
     ModelFile,
     Px4Url,
     ReactionName,
@@ -71,6 +72,7 @@ def fly(
     law: Annotated[
         str | None, option("--law L", "Law of the nodus: published, repaired, consistent.")
     ] = None,
+    imports: Imports = None,
     settings: Settings = None,
     model: ModelFile = None,
     vehicle: VehicleName = None,
@@ -138,6 +140,8 @@ def fly(
     if px4 is not None and (nodes or many is not None or no_record):
         raise InputError("--px4: accepted: without --nodes, --seeds and --no-record")
     check_px4_options(px4, model, yes=yes, bridge=bridge)
+    if imports and (nodes or px4 is not None):
+        raise InputError(f"--import {imports[0]}: accepted: without --nodes and --px4")
     if figure not in (None, *_FIGURES):
         raise unknown_name("--figure", str(figure), _FIGURES)
     if figure is not None and (many is not None or nodes or px4 is not None):

@@ -10,6 +10,7 @@ import typer
 from tombo_bringup.cli.flight.fly_command import over_scenario
 from tombo_bringup.cli.options import (
     Disturbed,
+    Imports,
     JsonOnly,
     ModelFile,
     ReactionName,
@@ -62,6 +63,7 @@ def risk(
     seed: Seed = 0,
     reaction: ReactionName = None,
     disturbances: Disturbed = False,
+    imports: Imports = None,
     settings: Settings = None,
     model: ModelFile = None,
     vehicle: VehicleName = None,

@@ -10,6 +10,7 @@ import typer
 from tombo_bringup.cli.flight.fly_command import over_scenario, parse_seeds
 from tombo_bringup.cli.options import (
     Disturbed,
+    Imports,
     JsonOnly,
     ModelFile,
     ReactionName,
@@ -57,6 +58,7 @@ def sweep(
     samples: Annotated[
         int, integer_option("--samples N", "Points of --design lhs and sobol.")
     ] = 0,
+    imports: Imports = None,
     settings: Settings = None,
     model: ModelFile = None,
     vehicle: VehicleName = None,
