@@ -207,7 +207,8 @@ def diagnose(
         _paths(logs), None if model is None else Path(model), mapping, topics or {}, vehicle,
         time.perf_counter,
     )  # fmt: skip
-    return Diagnosis(found, NominalReference(label, datetime.date.today().isoformat(), base))
+    today = datetime.date.today().isoformat()
+    return Diagnosis(found, NominalReference(label, today, base, vehicle or ""))
 
 
 def stand(

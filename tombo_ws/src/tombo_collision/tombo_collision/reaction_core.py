@@ -13,13 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, ClassVar
 
-from tombo_collision.decision import (
-    Decision,
-    Estimate,
-    Guided,
-    check_decision,
-    check_reference,
-)
+from tombo_collision.decision import Decision, Estimate, Guided, check_decision, check_reference
 from tombo_collision.params import ReactionLimits
 from tombo_collision.reactions import DEFAULT, EVENT_TOPICS, REGISTRY, Reaction
 from tombo_dynamics.arrays import Array

@@ -6,6 +6,7 @@ import difflib
 import itertools
 import reprlib
 from collections.abc import Iterable
+from pathlib import Path
 
 _LONGEST = 4000
 """Characters of a message."""

@@ -58,7 +58,9 @@ def model_text(model: Model) -> str:
         "gain": [_plain(gain) for gain in model.gain],
         "notes": list(model.notes),
     }
-    return f"{_HEAD}{yaml_of(values)}{END}\n"
+    vehicle = model.origin.vehicle
+    with_it = f"# It is of the vehicle {vehicle}: add --vehicle and its name or file.\n"
+    return f"{_HEAD}{with_it if vehicle else ''}{yaml_of(values)}{END}\n"
 
 
 def _plain(record: Any, without: str = "") -> dict[str, Any]:

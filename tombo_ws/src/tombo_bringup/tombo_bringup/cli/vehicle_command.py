@@ -116,6 +116,7 @@ def new(
     What is asked: name, mass, arm length, and the propeller. Everything else is taken from these
     and can be changed in the file.
     """
+    from tombo_flight.command_line import command_line
     from tombo_flight.scenario_layers import override
     from tombo_flight.vehicle_file import FORMAT, vehicle_from_mapping, write_vehicle
 
@@ -140,7 +141,7 @@ def new(
     hover = _hover(vehicle)
     typer.echo(
         f"{file}: hovers at {hover['speed_rpm']:.0f} rpm with {hover['power_W']:.3g} W of shaft "
-        f"power. Fly it: tombo fly hover --vehicle {file}"
+        f"power. Fly it: {command_line(('fly', 'hover'), [('--vehicle', str(file))])}"
     )
 
 

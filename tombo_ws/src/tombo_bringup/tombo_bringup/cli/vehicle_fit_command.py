@@ -117,6 +117,7 @@ def _print(found: VehicleFit, output: Path) -> None:
     from tombo_bringup.cli.tables import console, print_line, right
     from tombo_diagnosis.flight.vehicle_fit import FITTED
     from tombo_diagnosis.wording import figure, unit
+    from tombo_flight.command_line import command_line
 
     print_line(f"{found.file.name}, as its flights show it", "bold")
     table = Table(
@@ -136,4 +137,5 @@ def _print(found: VehicleFit, output: Path) -> None:
         )
     for text in found.unseen:
         print_line(f"Not shown by these flights, as before: {text}.", "yellow")
-    print_line(f"Wrote {output}. Next: tombo diagnose NEW... --vehicle {output}")
+    print_line(f"Wrote {output}. Next, with other flights in place of NEW...:")
+    print_line(f"  {command_line(('diagnose', 'NEW...'), [('--vehicle', str(output))])}")

@@ -61,6 +61,8 @@ class NominalReference:
     date: str
     base: Model | None = None
     """The extended model that was given, whose effects stay."""
+    vehicle: str = ""
+    """The vehicle as it was given, a name or file; empty: the suite's own."""
 
 
 def write_diagnosis(
@@ -82,14 +84,16 @@ def write_diagnosis(
     (folder / JSON).write_text(diagnosis_json(diagnosis), encoding="utf-8", newline="\n")
     _write_mission(folder, diagnosis)
     if extends(diagnosis):
-        provenance = dataclasses.asdict(against) | {"base": against.base}
         tool = f"tombo diagnose {tombo_version()}"
-        write_model(folder / MODEL, model_of(diagnosis, tool=tool, **provenance))
+        model = model_of(
+            diagnosis, tool=tool, scenario=against.scenario, date=against.date, base=against.base
+        )
+        write_model(folder / MODEL, model)
     if pictures:
         on_progress(f"writing {REPORT}", 0.2)
         from tombo_diagnosis.report.diagnosis_report import write_diagnosis_report
 
-        write_diagnosis_report(diagnosis, folder / REPORT, str(folder.path))
+        write_diagnosis_report(diagnosis, folder / REPORT, str(folder.path), against.vehicle)
         _draw(folder, diagnosis, on_progress)
 
 

@@ -24,17 +24,20 @@ from tombo_diagnosis.report.diagnosis_text import (
     next_steps,
 )
 from tombo_diagnosis.wording import figure
+from tombo_flight.command_line import command_line
 from tombo_flight.report.html_page import Page, command, hint, page_html, sentences
 
 _WORTH: Final = "Cross-validated prediction error: on flights held out from selection and fit"
 
 
-def write_diagnosis_report(diagnosis: Diagnosis, path: Path, folder: str = "") -> None:
+def write_diagnosis_report(
+    diagnosis: Diagnosis, path: Path, folder: str = "", vehicle: str = ""
+) -> None:
     """Write the self-contained report of a diagnosis, as `diagnosis_html` returns it."""
-    path.write_text(diagnosis_html(diagnosis, folder), encoding="utf-8", newline="\n")
+    path.write_text(diagnosis_html(diagnosis, folder, vehicle), encoding="utf-8", newline="\n")
 
 
-def diagnosis_html(diagnosis: Diagnosis, folder: str = "") -> str:
+def diagnosis_html(diagnosis: Diagnosis, folder: str = "", vehicle: str = "") -> str:
     """Return the report as text; it loads nothing from anywhere.
 
     `folder` is where mission and model will lie, as the reader would type it.
@@ -54,7 +57,7 @@ def diagnosis_html(diagnosis: Diagnosis, folder: str = "") -> str:
             sections=(
                 ("The gap", diagnosis_svg_plots.main_plot(diagnosis)),
                 ("What is left over", leftover_sections.leftover(diagnosis)),
-                ("What to fly next", _next(diagnosis, folder)),
+                ("What to fly next", _next(diagnosis, folder, vehicle)),
                 (causes_title(diagnosis.verdict), diagnosis_sections.causes(diagnosis)),
                 (_WORTH, _gains(diagnosis)),
                 ("What can’t be certified", sentences(diagnosis.notes)),
@@ -83,10 +86,11 @@ def _candidates(diagnosis: Diagnosis) -> str:
     return diagnosis_evidence.candidates(diagnosis.candidates, found)
 
 
-def _next(diagnosis: Diagnosis, folder: str) -> str:
-    parts = [diagnosis_sections.experiment(diagnosis, folder)]
+def _next(diagnosis: Diagnosis, folder: str, vehicle: str) -> str:
+    parts = [diagnosis_sections.experiment(diagnosis, folder, vehicle)]
     if extends(diagnosis):
-        line = f"tombo fly --model {diagnosis_sections.shown(folder, 'model.yaml')}"
+        model = diagnosis_sections.path_of(folder, "model.yaml")
+        line = command_line(("fly",), [("--model", model), ("--vehicle", vehicle)])
         parts += ["<p>The extended model is written; fly it:</p>", command(line)]
     parts.append(sentences(next_steps(diagnosis)))
     return "".join(parts)

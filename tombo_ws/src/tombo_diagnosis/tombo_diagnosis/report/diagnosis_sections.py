@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Sequence
 from html import escape
 
@@ -18,6 +17,7 @@ from tombo_diagnosis.wording import (
     percent,
     unit,
 )
+from tombo_flight.command_line import command_line
 from tombo_flight.extended_model import FittedParameter, Gain
 from tombo_flight.report.html_page import Card, command, hint, meter, table
 
@@ -87,7 +87,7 @@ def _bullet(kind: str, label: str, tick: float, value: float, low: float, high: 
     )
 
 
-def experiment(diagnosis: Diagnosis, folder: str) -> str:
+def experiment(diagnosis: Diagnosis, folder: str, vehicle: str) -> str:
     """Return the separating experiment with its command line."""
     found = diagnosis.separating_experiment
     if found is None:
@@ -95,7 +95,8 @@ def experiment(diagnosis: Diagnosis, folder: str) -> str:
     names = " / ".join(escape(display_name(name)) for name in found.effects)
     parts = [f"<p><b>{names}.</b> {escape(found.text)}</p>"]
     if found.mission:
-        parts.append(command(f"tombo fly {shown(folder, 'separating_experiment.yaml')}"))
+        mission = path_of(folder, "separating_experiment.yaml")
+        parts.append(command(command_line(("fly", mission), [("--vehicle", vehicle)])))
         text = (
             "Flies it in simulation first; with --px4 URL it flies on the vehicle. Then "
             "diagnose the new flight together with these."
@@ -110,9 +111,9 @@ def experiment(diagnosis: Diagnosis, folder: str) -> str:
     return "".join(parts)
 
 
-def shown(folder: str, name: str) -> str:
-    """Return the path of a file of the report for the command line."""
-    return shlex.quote(f"{folder}/{name}" if folder else name)
+def path_of(folder: str, name: str) -> str:
+    """Return the path of a file of the report."""
+    return f"{folder}/{name}" if folder else name
 
 
 def gains(gain: Sequence[Gain]) -> str:

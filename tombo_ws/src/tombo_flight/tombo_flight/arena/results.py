@@ -24,8 +24,8 @@ def arena_results(plan: Plan, kept: Mapping[str, Row], seeds: range) -> dict[str
 
     Returns:
         tombo_version, disturbances, first_seed, last_seed, reactions; `refused`: what could
-        not be flown, and why; `results`: of each reaction in each case reaction, case, group, place in
-        its map, the command of its first flight, and what `flight_statistics` returns;
+        not be flown, and why; `results`: of each reaction in each case reaction, case, group,
+        place in its map, the command of its first flight, and what `flight_statistics` returns;
         `collisions` and `all_cases`: what that returns for all flights of a reaction in
         COLLISIONS, and in all groups; `shown`: what `shown_flights` returns for each reaction.
     """

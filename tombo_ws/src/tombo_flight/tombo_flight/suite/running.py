@@ -22,7 +22,11 @@ from tombo_flight.suite.nodes import (
     node_environment,
     node_program,
 )
-from tombo_flight.suite.parameter_yaml import check_parameter_file, parameter_yaml, suite_parameters
+from tombo_flight.suite.parameter_yaml import (
+    check_parameter_file,
+    parameter_yaml,
+    suite_parameters,
+)
 from tombo_flight.suite.status_table import Suite
 from tombo_flight.suite.supervisor import (
     ProcessExit,

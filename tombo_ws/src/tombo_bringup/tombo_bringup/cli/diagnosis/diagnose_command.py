@@ -139,7 +139,7 @@ def diagnose(
     else:
         from tombo_bringup.cli.diagnosis.diagnosis_tables import print_diagnosis
 
-        print_diagnosis(found, path, written)
+        print_diagnosis(found, path, written, vehicle or "")
 
 
 def run(
@@ -163,4 +163,5 @@ def run(
     found, label, base = diagnose_logs(
         logs, model, mapping, names, vehicle, time.perf_counter, on_progress
     )
-    return found, NominalReference(label, datetime.date.today().isoformat(), base)
+    today = datetime.date.today().isoformat()
+    return found, NominalReference(label, today, base, vehicle or "")

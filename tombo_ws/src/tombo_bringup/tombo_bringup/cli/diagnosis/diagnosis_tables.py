@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -27,6 +26,7 @@ from tombo_diagnosis.report.diagnosis_text import (
     next_steps,
 )
 from tombo_diagnosis.wording import certainty, display_name, figure, interval, percent, unit
+from tombo_flight.command_line import command_line
 
 if TYPE_CHECKING:
     from tombo_diagnosis.diagnosis import Diagnosis
@@ -37,7 +37,9 @@ _MOST_FINDINGS: Final = 10
 _RIVALS: Final = 3
 
 
-def print_diagnosis(diagnosis: Diagnosis, folder: Path | None, written: Sequence[str]) -> None:
+def print_diagnosis(
+    diagnosis: Diagnosis, folder: Path | None, written: Sequence[str], vehicle: str = ""
+) -> None:
     """Print what was found, and where the files are."""
     out = console(highlight=False)
     label = LABELS.get(diagnosis.verdict, diagnosis.verdict)
@@ -60,7 +62,7 @@ def print_diagnosis(diagnosis: Diagnosis, folder: Path | None, written: Sequence
     _findings(diagnosis)
     for note in diagnosis.notes:
         print_line(f"Note: {note}")
-    _next(diagnosis, folder)
+    _next(diagnosis, folder, vehicle)
     if folder is not None:
         print_line(f"Wrote {', '.join(written)} to {folder}")
 
@@ -132,14 +134,16 @@ def _findings(diagnosis: Diagnosis) -> None:
         print_line(f"... and {len(found) - _MOST_FINDINGS} more, in diagnosis.json", "yellow")
 
 
-def _next(diagnosis: Diagnosis, folder: Path | None) -> None:
+def _next(diagnosis: Diagnosis, folder: Path | None, vehicle: str) -> None:
     experiment = diagnosis.separating_experiment
     if experiment is not None:
         print_line(f"Fly next: {experiment.text}", "bold")
         if experiment.mission and folder is not None:
-            print_line(f"  tombo fly {shlex.quote(str(folder / MISSION))}", "bold")
+            mission = ("fly", str(folder / MISSION))
+            print_line(f"  {command_line(mission, [('--vehicle', vehicle)])}", "bold")
     if extends(diagnosis) and folder is not None:
         print_line("The extended model flies:", "bold")
-        print_line(f"  tombo fly --model {shlex.quote(str(folder / MODEL))}", "bold")
+        options = [("--model", str(folder / MODEL)), ("--vehicle", vehicle)]
+        print_line(f"  {command_line(('fly',), options)}", "bold")
     for step in next_steps(diagnosis):
         print_line(f"Then: {step}" if diagnosis.verdict == "set" else f"Next: {step}")

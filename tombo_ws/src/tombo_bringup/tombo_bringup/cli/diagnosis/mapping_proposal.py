@@ -23,6 +23,7 @@ def print_proposal(logs: list[Path], output: str | None, force: bool) -> None:
     if path is not None and (path.is_dir() or (path.exists() and not force)):
         what = "a folder" if path.is_dir() else "there already"
         raise InputError(f"-o '{path}' is {what}; accepted: a new file, or --force to replace one")
+    from tombo_flight.command_line import command_line
     from tombo_logs.proposal.explain import explain_mapping
 
     text = explain_mapping(logs[0])
@@ -30,4 +31,5 @@ def print_proposal(logs: list[Path], output: str | None, force: bool) -> None:
         typer.echo(text, nl=False)
         return
     write_file(path, text)
-    typer.echo(f"Wrote {path}; diagnose with: tombo diagnose {logs[0]} --mapping {path}")
+    again = command_line(("diagnose", str(logs[0])), [("--mapping", str(path))])
+    typer.echo(f"Wrote {path}; diagnose with: {again}")

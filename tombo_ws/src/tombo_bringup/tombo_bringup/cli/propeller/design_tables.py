@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tombo_bringup.cli.tables import console, print_line, right
+from tombo_flight.command_line import command_line
 from tombo_propeller.design import summary_text as words
 from tombo_propeller.design import table_cells
 from tombo_propeller.design.design import Design
@@ -45,7 +46,7 @@ def print_design(
     if folder is not None:
         print_line(f"Written into {folder}: {', '.join(written)}")
         if SCENARIO in written:
-            print_line(f"Fly it: tombo fly {folder}/{SCENARIO}")
+            print_line(f"Fly it: {command_line(('fly', f'{folder}/{SCENARIO}'))}")
 
 
 def _candidates(found: Design, made: Recommendation) -> Table:

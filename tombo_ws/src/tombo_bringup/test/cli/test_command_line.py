@@ -1,0 +1,53 @@
+"""Printed command lines: what the shell makes of them, and that they can be run."""
+
+import shlex
+
+import pytest
+
+from tombo_bringup.cli.main import app
+from tombo_flight.arena.cases import Match, arena_cases
+from tombo_flight.command_line import command_line, fly_command
+from tombo_flight.scenario import load_scenario
+from tombo_flight.sweep.design import Design, parse_axis
+from tombo_flight.sweep.study import new_study
+
+
+def parsed(line):
+    """Return the values that the real parser reads from a command line."""
+    import typer
+
+    name, *words = shlex.split(line)
+    assert name == "tombo"
+    group = typer.main.get_command(app)
+    command = group.commands[words[0]]
+    return command.make_context(words[0], words[1:]).params
+
+
+def test_every_value_comes_back_as_it_was():
+    line = fly_command(
+        "my flight.yaml", 3, settings=["reaction={name: mine}"], model="a b/model.yaml",
+        vehicle="fit's.yaml",
+    )  # fmt: skip
+    found = parsed(line)
+    assert (found["scenario"], found["seed"]) == ("my flight.yaml", 3)
+    assert (found["model"], found["vehicle"]) == ("a b/model.yaml", "fit's.yaml")
+    assert found["settings"] == ["reaction={name: mine}"]
+    assert command_line(("fly",), [("--vehicle", ""), ("--model", None)]) == "tombo fly"
+
+
+@pytest.mark.parametrize("case", arena_cases(), ids=lambda case: case.name)
+def test_the_command_of_an_arenas_flight_flies_its_scenario(case):
+    match = Match("reflex", case, disturbed=True)
+    found = parsed(match.command(5))
+    assert load_scenario(found["scenario"], found["settings"]) == match.scenario()
+
+
+def test_the_command_of_a_sweeps_flight_flies_its_scenario():
+    axes = (parse_axis("vehicle.mass=1.2,1.3"), parse_axis("reaction.name=none,reflex"))
+    study = new_study("pole", Design(axes), range(2, 4), ("disturbances=true",))
+    for flight in range(study.flights):
+        found = parsed(study.command(flight))
+        point, seed = study.place(flight)
+        assert found["seed"] == seed
+        flown = load_scenario(found["scenario"], found["settings"])
+        assert flown == study.scenario_at(point)
