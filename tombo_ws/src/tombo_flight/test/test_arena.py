@@ -65,8 +65,8 @@ def test_the_cases_are_those_that_are_asked_for():
     assert (scenario.reaction.name, scenario.disturbances) == ("reflex", True)
     assert list(one.seeds(range(10, 20))) == [10, 11, 12, 13]
     assert Match("reflex", one, True).command(7) == (
-        "tombo fly paper_collision --reaction reflex --disturbances "
-        "--set mission.approach_speed=1.25 --set obstacle.y=0.45 --seed 7"
+        "tombo fly paper_collision --disturbances --reaction reflex --seed 7 "
+        "--set mission.approach_speed=1.25 --set obstacle.y=0.45"
     )
 
 

@@ -33,6 +33,8 @@ def fly_command(
     model: str = "",
     vehicle: str = "",
     imports: Sequence[tuple[str, str]] = (),
+    reaction: str = "",
+    disturbances: bool = False,
 ) -> str:
     """Return the command that flies one flight again.
 
@@ -43,10 +45,13 @@ def fly_command(
         model: a model.yaml, empty: none.
         vehicle: name or file, empty: the scenario's.
         imports: files with the user's reactions, as of `imported_files`.
+        reaction: its name, empty: the scenario's.
+        disturbances: whether those of the suite lie over the scenario.
     """
     return command_line(
-        ("fly", scenario),
+        ("fly", scenario, *(["--disturbances"] if disturbances else [])),
         [
+            ("--reaction", reaction),
             ("--seed", str(seed)),
             ("--model", model),
             ("--vehicle", vehicle),

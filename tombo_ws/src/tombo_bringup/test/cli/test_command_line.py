@@ -4,6 +4,7 @@ import shlex
 
 import pytest
 
+from tombo_bringup.cli.flight.fly_command import over_scenario
 from tombo_bringup.cli.main import app
 from tombo_flight.arena.cases import Match, arena_cases
 from tombo_flight.command_line import command_line, fly_command
@@ -39,7 +40,8 @@ def test_every_value_comes_back_as_it_was():
 def test_the_command_of_an_arenas_flight_flies_its_scenario(case):
     match = Match("reflex", case, disturbed=True)
     found = parsed(match.command(5))
-    assert load_scenario(found["scenario"], found["settings"]) == match.scenario()
+    over = over_scenario(found["reaction"], disturbances=found["disturbances"])
+    assert load_scenario(found["scenario"], [*over, *found["settings"]]) == match.scenario()
 
 
 def test_the_command_of_a_sweeps_flight_flies_its_scenario():

@@ -78,18 +78,27 @@ class Match:
 
     def scenario(self) -> Scenario:
         """Return what is flown."""
-        return load_scenario(self.case.scenario, self._settings())
-
-    def _settings(self) -> list[str]:
-        name, _, file = self.reaction.partition(POLICY_FILE)
+        name, settings = self._chosen()
         over = ["disturbances=true"] if self.disturbed else []
+        return load_scenario(self.case.scenario, [*over, f"reaction.name={name}", *settings])
+
+    def _chosen(self) -> tuple[str, list[str]]:
+        """Return the reaction's name, and the settings."""
+        name, _, file = self.reaction.partition(POLICY_FILE)
         network = [f"reaction.network={file}"] if file else []
-        return [*over, f"reaction.name={name}", *network, *self.case.settings]
+        return name, [*network, *self.case.settings]
 
     def command(self, seed: int) -> str:
         """Return the command that flies one flight of it alone."""
-        own = imported_files() if is_own(self.reaction.partition(POLICY_FILE)[0]) else ()
-        return fly_command(self.case.scenario, seed, settings=self._settings(), imports=own)
+        name, settings = self._chosen()
+        return fly_command(
+            self.case.scenario,
+            seed,
+            settings=settings,
+            imports=imported_files() if is_own(name) else (),
+            reaction=name,
+            disturbances=self.disturbed,
+        )
 
 
 def chosen_reactions(names: Sequence[str] | None, given: str) -> list[str]:
