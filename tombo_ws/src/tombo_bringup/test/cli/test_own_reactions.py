@@ -37,7 +37,7 @@ class Mine(tombo.Reaction):
             5.0: (x_c, n_r),
         }[self.wrong]
 '''
-SHORT = ("--set", "duration=9", "--set", "mission.approach_time=6")
+SHORT = ("--set", "duration=12", "--set", "mission.approach_time=6")
 
 
 @pytest.fixture
