@@ -13,7 +13,10 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks import check_log
 from tombo_logs.proposal.column_names import grouped, parsed
+from tombo_logs.flight_log import Series
 from tombo_logs.proposal.explain import explain_mapping
+from tombo_logs.proposal.motion_evidence import readings
+from tombo_logs.proposal.propose import propose
 from tombo_logs.readers.csv_mapping import parse_mapping
 from tombo_logs.readers.log_reader import read_log
 
@@ -56,6 +59,34 @@ def test_a_crazyflies_log(tmp_path):
     )
     # its own estimate is no motion capture; its weight is not in the file
     assert doubts(text) == ["position", "airframe"]
+
+
+@pytest.mark.parametrize("beside", ["state.p", "payload.pos_", "cable_pos_"])
+def test_a_place_without_attitude_is_the_vehicles_and_in_its_unit(beside):
+    """Whole millimetres, and columns of a payload beside it."""
+    columns = {"t": tables.T, **tables.named([f"state.{a}" for a in "xyz"], 1e3 * tables.P)}
+    columns = {name: np.round(c) if "state" in name else c for name, c in columns.items()}
+    columns |= tables.named([f"{beside}{a}" for a in "xyz"], np.round(1e3 * tables.P - 300.0))
+    (line,) = propose(columns).channels
+    assert line.content == {"columns": ["state.x", "state.y", "state.z"], "unit": "mm"}
+
+
+def test_millimetres_that_are_no_whole_numbers_are_too_fast_for_metres():
+    place = tables.named(["x", "y", "z"], 5e4 * tables.P)
+    (line,) = propose({"t": tables.T, **place}).channels
+    assert line.content["unit"] == "mm"
+
+
+def test_little_lean_leaves_the_usual_axes():
+    """A hover whose lean is noise: what chance says of its axes is no reason to turn them."""
+    t = np.arange(0.0, 20.0, 0.02)
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        place = np.cumsum(np.cumsum(rng.normal(0.0, 4e-4, (t.size, 3)), axis=0), axis=0) * 0.02
+        turn = Rotation.from_euler("ZYX", rng.normal(0.0, 0.02, (t.size, 3)))
+        position, attitude = Series(t, place), Series(t, turn.as_quat())
+        best = readings(position, {"xyzw": attitude}, None, None)[0]
+        assert (best.world, best.body) in (("ENU", "FLU"), ("NED", "FRD"))
 
 
 @pytest.mark.slow

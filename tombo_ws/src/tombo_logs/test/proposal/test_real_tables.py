@@ -5,10 +5,14 @@ from pathlib import Path
 import pytest
 
 from tombo_logs.proposal.explain import explain_mapping
+from tombo_logs.proposal.propose import propose
+from tombo_logs.readers.csv_table import open_table
 from tombo_logs.readers.csv_mapping import parse_mapping, shipped
 
 DATA = Path(__file__).resolve().parents[6] / "shared" / "data"
 FLIGHTS = sorted((DATA / "flights").glob("*.csv.gz"))
+GARAGE = sorted((DATA / "air_garage" / "flights").glob("*.csv.gz"))
+SWARM = DATA / "crazyswarm2"
 PAD = sorted((DATA / "crazypad").glob("*_1.csv.gz"))
 
 
@@ -36,3 +40,30 @@ def test_what_crazypad_has_and_what_it_lacks():
         motors = ("command_m1", "command_m3", "command_m4", "command_m2")
         assert channels["motor_command"].columns == motors
         assert "pitch not there" in text
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not GARAGE, reason=f"real data absent: no {DATA / 'air_garage'}")
+def test_a_hover_with_little_lean_does_not_turn_the_world_on_its_side():
+    """All have z up; in some the lean agrees with the acceleration by chance alone."""
+    for path in GARAGE:
+        table = open_table(path)
+        columns, _ = table.numbers(table.number_columns())
+        axes = {line.key: line.content for line in propose(columns).top}
+        assert axes["world"] == {"": "ENU"} and axes["body"] == {"": "FLU"}, path.name
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SWARM.is_dir(), reason=f"real data absent: no {SWARM}")
+@pytest.mark.parametrize(
+    ("name", "position", "unit"),
+    [("log160", "stateEstimateZ", "mm"), ("log22", "stateEstimateZ", "mm"),
+     ("log201", "locSrv", "m"), ("log205", "locSrv", "m")],
+)  # fmt: skip
+def test_a_crazyswarm_flight_is_that_of_the_vehicle_in_its_units(name, position, unit):
+    """From 201 on a payload hangs below, as stateEstimateZ.px; poses of the motion capture."""
+    channels = parse_mapping(explain_mapping(SWARM / f"{name}.csv.gz"), "m").channels
+    assert channels["position"].columns == tuple(f"{position}.{axis}" for axis in "xyz")
+    assert channels["position"].unit == unit
+    assert channels["attitude"].columns == tuple(f"ctrlLee.rpy{axis}" for axis in "xyz")
+    assert channels["attitude"].unit == "rad"

@@ -26,8 +26,10 @@ _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 _ANGLES = {"roll": "roll", "pitch": "pitch", "yaw": "yaw", "heading": "yaw",
            "phi": "roll", "theta": "pitch", "psi": "yaw"}  # fmt: skip
 _STEM_AND_AXIS = re.compile(
-    r"(p|q|v|a|w|g|t|m|acc|accel|gyro|gyr|omega|pos|vel|mag|quat|rate)([wxyz])"
+    r"(p|q|v|a|w|g|t|m|acc|accel|gyro|gyr|omega|pos|vel|mag|quat|rate|rpy)([wxyz])"
 )
+_ANGLE_OF = {"x": "roll", "y": "pitch", "z": "yaw"}
+"""Of a column whose name begins with rpy."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ def _take_axis(tokens: list[str]) -> str:
         joined = _STEM_AND_AXIS.fullmatch(word)
         if joined is not None:
             tokens[i] = joined[1]
-            return joined[2]
+            return _ANGLE_OF.get(joined[2], "") if joined[1] == "rpy" else joined[2]
     return ""
 
 

@@ -26,6 +26,10 @@ _WIDTH = 0.12
 """Standard deviation of the Gaussian that all sides pass through [s]."""
 _SHOWN_LEAN, _SHOWN_RATE = 0.1, 0.1
 """Horizontal acceleration [m/s^2] and rate [rad/s] that show anything (standard deviation)."""
+CLEAR_LEAN, CLOSE_SCORE = 0.5, 0.1
+"""Correlation of lean and acceleration that says something; difference of scores that does not."""
+_USUAL_AXES = {("ENU", "FLU"): 0, ("NED", "FRD"): 1}
+"""What axes are unless the motion says otherwise."""
 WORLD_AXES: Mapping[str, tuple[str, ...]] = {
     "ENU": WORLDS["ENU"],
     "NED": WORLDS["NED"],
@@ -97,8 +101,19 @@ def readings(
                     continue
                 lean, slope = _lean(thrust, acceleration @ in_world.T)
                 found.append(Reading(form, world, body, lean, slope, rates, scale))
-    plain = {(w, b): i for i, (w, b) in enumerate((("ENU", "FLU"), ("NED", "FRD")))}
-    return sorted(found, key=lambda r: (-round(r.score, 2), plain.get((r.world, r.body), 9)))
+    ranked = sorted(
+        found, key=lambda r: (-round(r.score, 2), _USUAL_AXES.get((r.world, r.body), 9))
+    )
+    usual = next((r for r in ranked if (r.world, r.body) in _USUAL_AXES), None)
+    if usual is not None and not _is_clear(ranked[0], usual):
+        ranked.remove(usual)
+        ranked.insert(0, usual)
+    return ranked
+
+
+def _is_clear(best: Reading, usual: Reading) -> bool:
+    """Return whether the motion, and no chance correlation, speaks for other axes."""
+    return best.lean > CLEAR_LEAN and best.score > usual.score + CLOSE_SCORE
 
 
 def track_acceleration(position: Series, other: Series) -> tuple[float, float]:
@@ -155,10 +170,11 @@ def _rates(turn: Rotation, gyro: Array | None) -> tuple[float, float]:
     step = (turn[:-1].inv() * turn[1:]).as_rotvec() * _RATE
     own = gaussian_filter1d(step, _WIDTH * _RATE, axis=0)
     other = gaussian_filter1d(0.5 * (gyro[1:] + gyro[:-1]), _WIDTH * _RATE, axis=0)
-    calm = np.linalg.norm(own, axis=1) < 10.0
+    speed = np.linalg.norm(own, axis=1)
+    calm = (speed > 0.0) & (speed < 10.0)
     if calm.sum() < 100 or own[calm].std() < _SHOWN_RATE:
         return float("nan"), float("nan")
-    size = np.median(np.linalg.norm(other[calm], axis=1) / np.linalg.norm(own[calm], axis=1))
+    size = np.median(np.linalg.norm(other[calm], axis=1) / speed[calm])
     return _correlation(own[calm], other[calm]), float(size)
 
 

@@ -15,6 +15,7 @@ from tombo_logs.proposal import roles
 from tombo_logs.proposal.column_names import Group, grouped, parsed
 from tombo_logs.proposal.motion_evidence import (
     BODY_AXES,
+    CLOSE_SCORE,
     WORLD_AXES,
     Reading,
     attitude_rates,
@@ -39,6 +40,10 @@ _BITCRAZE, _PX4 = (0, 2, 3, 1), (0, 1, 2, 3)
 _CRAZYFLIE = {"stabilizer", "ctrltarget"}
 _ENOUGH = 20
 """Rows that a channel must have."""
+_WHOLE = 10.0
+"""Steps that a position in whole numbers moves by at least."""
+_FASTEST = 40.0
+"""m/s that a vehicle under motion capture does not fly most of the time."""
 _LARGEST = 1e9
 """What is larger is no value of a sensor, in any unit."""
 
@@ -238,7 +243,7 @@ class _Proposer:
         else:
             why = _evidence(best)
             rivals = [r for r in found[1:] if (r.world, r.body) != (best.world, best.body)]
-            close = [r for r in rivals if r.score > best.score - 0.1]
+            close = [r for r in rivals if r.score > best.score - CLOSE_SCORE]
             doubt = ""
             if not best.score > 0.5:
                 doubt = "the motion agrees badly; fly with more lean, or look at the axes"
@@ -261,6 +266,10 @@ class _Proposer:
             if slope > 0.0 and self._best is not None and self._best.lean > 0.5:
                 unit = min(("m", "cm", "mm"), key=lambda u: abs(np.log(slope / UNITS["m"][u])))
                 why += f", and lean calls for {slope:.3g} times the acceleration"
+            elif extent > _WHOLE and not np.any(series.values % 1.0):
+                unit, why = "mm", f"{why} in whole numbers, too coarse for metres"
+            elif (speed := _usual_speed(series)) > _FASTEST:
+                unit, why = "mm", f"{why} at {speed:.3g} a second, too fast for metres"
             elif extent > 100.0:
                 doubt = "much for metres; mm?"
         others = [c.text for c in roles.positions(self._groups) if c.columns != candidate.columns]
@@ -372,6 +381,15 @@ class _Form:
 def _metres(place: tuple[roles.Candidate, Series]) -> Series:
     candidate, series = place
     return Series(series.t, series.values * UNITS["m"][candidate.group.unit or "m"])
+
+
+def _usual_speed(series: Series) -> float:
+    """Return the median distance from one second to the next."""
+    t = np.arange(series.t[0], series.t[-1], 1.0)
+    if t.size < 2:
+        return 0.0
+    places = np.column_stack([np.interp(t, series.t, column) for column in series.values.T])
+    return float(np.median(np.linalg.norm(np.diff(places, axis=0), axis=1)))
 
 
 def _evidence(reading: Reading) -> str:

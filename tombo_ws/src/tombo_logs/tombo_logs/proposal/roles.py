@@ -9,7 +9,7 @@ from typing import TypeAlias
 from tombo_logs.proposal.column_names import Group
 
 _MOCAP = {"vicon", "mocap", "optitrack", "motive", "qualisys", "qtm", "vrpn", "lighthouse",
-          "visual", "pose"}  # fmt: skip
+          "visual", "pose", "srv"}  # fmt: skip
 _ESTIMATE = {
     "est",
     "local",
@@ -31,6 +31,8 @@ _RATES = {"w", "g", "omega", "angular", "rates", "rate", "angvel"}
 _ACCEL = {"acc", "accel", "accelerometer", "acceleration", "a"}
 _OTHERS = {"v", "vel", "velocity", "speed", "twist", "mag", "magnetometer", "m", "force", "torque",
            "moment", "wind", "linear", "baro", "g"}  # fmt: skip
+_LOAD = {"payload", "load", "cable", "pendulum", "sling"}
+"""What hangs from the vehicle."""
 _QUATERNION = {"q", "quat", "quaternion", "orientation", "attitude", "rotation"}
 _SPEED = {"rpm", "erpm", "omega", "speed", "velocity", "w"}
 _MOTOR = {"motor", "motors", "m", "pwm", "output", "outputs", "control", "controls", "actuator",
@@ -74,15 +76,24 @@ def _vector(group: Group) -> tuple[str, ...] | None:
 
 def positions(groups: Sequence[Group]) -> list[Candidate]:
     """Return what could be positions, best first."""
-    refused = _ASKED | _SPREAD | _GYRO | _RATES | _ACCEL | _OTHERS
+    refused = _ASKED | _SPREAD | _GYRO | _RATES | _ACCEL | _OTHERS | _LOAD
+    names = {group.words for group in groups if _vector(group) is not None}
     return _ranked(
-        Candidate(columns, group, 3.0 * bool(_POSITION & set(group.words)) + likes)
+        Candidate(columns, group, 3.0 * (_says_position(group) and not beside) + likes)
         for group in groups
+        for beside in [group.words[-1:] == ("p",) and group.words[:-1] in names]
         if not refused & set(group.words) and group.unit in ("", "m", "cm", "mm")
         for columns in [_vector(group)]
-        if columns is not None and (group.by_axis or _POSITION & set(group.words))
-        for likes in [_bonus(group, {"mocap": 3.0, "estimate": -2.0, "truth": -1.0})]
+        if columns is not None and (group.by_axis or _says_position(group))
+        # X.px beside X.x is the place of something else: of a payload, in a Crazyflie's log
+        for likes in [
+            _bonus(group, {"mocap": 3.0, "estimate": -2.0, "truth": -1.0}) - 2.0 * beside
+        ]
     )
+
+
+def _says_position(group: Group) -> bool:
+    return bool(_POSITION & set(group.words))
 
 
 def rates(groups: Sequence[Group]) -> list[Candidate]:
@@ -112,7 +123,7 @@ def quaternions(groups: Sequence[Group]) -> list[Candidate]:
     """Return what could be quaternions, best first: as x, y, z, w, or as four numbers."""
     found = []
     for group in groups:
-        if (_ASKED | _SPREAD) & set(group.words):
+        if (_ASKED | _SPREAD | _LOAD) & set(group.words):
             continue
         likes = _bonus(group, {"mocap": 2.0, "estimate": -2.0, "truth": -1.0})
         if {"w", "x", "y", "z"} <= set(group.by_axis):
@@ -126,7 +137,7 @@ def quaternions(groups: Sequence[Group]) -> list[Candidate]:
 
 def angles(groups: Sequence[Group]) -> list[Candidate]:
     """Return what could be roll, pitch and yaw, best first; fewer than three where some lack."""
-    refused = _ASKED | _SPREAD | _GYRO | _RATES
+    refused = _ASKED | _SPREAD | _GYRO | _RATES | _LOAD
     return _ranked(
         Candidate(columns, group, 10.0 * len(columns) + likes)
         for group in groups
