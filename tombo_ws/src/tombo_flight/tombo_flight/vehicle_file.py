@@ -91,6 +91,10 @@ class HealthyFlights:
     """Channel of the diagnosis → variances of its residual by time scale, in its unit squared."""
     spread: Mapping[str, float] = field(default_factory=dict)
     """effect.parameter → standard deviation with which it differs from flight to flight."""
+    left_out: int = 0
+    """Flights that were diagnosed with the vehicle that the others show."""
+    accused: int = 0
+    """Of these, the ones in which something was found, although they are healthy."""
 
 
 @dataclass(frozen=True)
@@ -266,7 +270,7 @@ def _healthy(content: Any) -> HealthyFlights | None:
     if content is None:
         return None
     values = mapping_of(content, "healthy")
-    check_keys(values, ("flights", "spread", "residuals"), "healthy")
+    check_keys(values, ("flights", "left_out", "accused", "spread", "residuals"), "healthy")
     spread = {
         str(label): check_number(f"healthy.spread.{label}", v, "1", (0.0, 1e6))
         for label, v in mapping_of(values.get("spread") or {}, "healthy.spread").items()
@@ -279,7 +283,13 @@ def _healthy(content: Any) -> HealthyFlights | None:
         for name, variances in mapping_of(values.get("residuals"), "healthy.residuals").items()
     }
     flights = check_number("healthy.flights", values.get("flights"), "1", (1, 1e6), integer=True)
-    return HealthyFlights(int(flights), residuals, spread)
+    asked = (0, flights)
+    left_out = check_number(
+        "healthy.left_out", values.get("left_out", 0), "1", asked, integer=True
+    )
+    asked = (0, left_out)
+    accused = check_number("healthy.accused", values.get("accused", 0), "1", asked, integer=True)
+    return HealthyFlights(int(flights), residuals, spread, int(left_out), int(accused))
 
 
 def _of_effects(given: Any) -> Mapping[str, Mapping[str, float]]:
@@ -341,6 +351,8 @@ def vehicle_text(file: VehicleFile) -> str:
         residuals = {name: list(v) for name, v in file.healthy.residuals.items()}
         values["healthy"] = {
             "flights": file.healthy.flights,
+            "left_out": file.healthy.left_out,
+            "accused": file.healthy.accused,
             "spread": dict(file.healthy.spread),
             "residuals": residuals,
         }

@@ -52,8 +52,9 @@ def from_flights(
     """Fit thrust, motor lag, inertia and drag to healthy flights, and write a vehicle file.
 
     Each value gets its tolerance; what the flights could not show is said, and stays
-    as it was known before. `tombo diagnose --vehicle FILE` then compares other flights
-    with this vehicle.
+    as it was known before. Each flight is then diagnosed with the vehicle that the
+    others show: how often a healthy one is accused limits the confidence of
+    `tombo diagnose --vehicle FILE`, which compares other flights with this vehicle.
     """
     from tombo_dynamics.params import from_mapping
     from tombo_dynamics.vehicle import VehicleParams
@@ -81,6 +82,7 @@ def from_flights(
 
 def _base(flights: list[FlightLog], vehicle: str | None, mass: float | None) -> VehicleFile:
     """Return what is known of the vehicle before its flights are looked at."""
+    from tombo_diagnosis.flight.calibrate import speed_in_hover
     from tombo_flight.vehicle_file import Note, read_vehicle
     from tombo_logs.readers.vehicle_airframe import vehicle_of
 
@@ -88,7 +90,9 @@ def _base(flights: list[FlightLog], vehicle: str | None, mass: float | None) -> 
     if vehicle is not None:
         base = read_vehicle(vehicle)
     elif frames:
-        base = vehicle_of(frames[0])
+        frame = frames[0] if mass is None else dataclasses.replace(frames[0], mass=mass)
+        speeds = all(log.has_rotor_speeds for log in flights)
+        base = vehicle_of(frame, speed_in_hover(flights) if speeds else None)
     else:
         base = read_vehicle("tombo_s500")
     if mass is None:
@@ -105,6 +109,7 @@ def _as_object(found: VehicleFit, text: str) -> dict[str, object]:
         "name": found.file.name,
         "fitted": {label: dataclasses.asdict(value) for label, value in found.seen.items()},
         "unseen": list(found.unseen),
+        "accused": dict(found.accused),
         "file": text,
     }
 
@@ -137,5 +142,25 @@ def _print(found: VehicleFit, output: Path) -> None:
         )
     for text in found.unseen:
         print_line(f"Not shown by these flights, as before: {text}.", "yellow")
+    _print_accused(found)
     print_line(f"Wrote {output}. Next, with other flights in place of NEW...:")
     print_line(f"  {command_line(('diagnose', 'NEW...'), [('--vehicle', str(output))])}")
+
+
+def _print_accused(found: VehicleFit) -> None:
+    """Print how the vehicle did on its own flights, each against the others."""
+    from tombo_bringup.cli.tables import print_line
+    from tombo_diagnosis.flight.fit.problem import healthy_confidence
+
+    healthy = found.file.healthy
+    assert healthy is not None
+    most = f"A diagnosis with this vehicle is at most {healthy_confidence(healthy):.0%} confident."
+    if not healthy.left_out:
+        print_line(f"A single flight can't be held against others. {most}", "yellow")
+        return
+    for name, text in found.accused.items():
+        print_line(f"{name}, diagnosed by the others, is accused: {text}", "yellow")
+    print_line(
+        f"Diagnosed by the others, {healthy.accused} of {healthy.left_out} healthy flights are "
+        f"accused. {most}"
+    )

@@ -81,7 +81,7 @@ def calibrated(logs: Sequence[FlightLog]) -> tuple[NominalModel, list[FlightLog]
             "vehicle"
         )
     if all(_speed_channels(log) for log in logs):
-        hover, changed = _speed_in_hover(logs), [_with_asked_speeds(log) for log in logs]
+        hover, changed = speed_in_hover(logs), [_with_asked_speeds(log) for log in logs]
     else:
         offset, gain = _thrust_fit(logs)
         hover, changed = _HOVER_SPEED, [_with_speeds(log, offset, gain) for log in logs]
@@ -121,8 +121,11 @@ def _speed_channels(log: FlightLog) -> list[str]:
     return [n for n in ROTOR_SPEEDS if n in log.series and log.series[n].t.size >= _FEWEST]
 
 
-def _speed_in_hover(logs: Sequence[FlightLog]) -> float:
-    """Return the rotor speed that carries the weight [rad/s]: thrust grows with its square."""
+def speed_in_hover(logs: Sequence[FlightLog]) -> float:
+    """Return the rotor speed that carries the weight [rad/s]: thrust grows with its square.
+
+    `logs`: flights with rotor speeds.
+    """
     speeds = [log.series[_speed_channels(log)[0]] for log in logs]
     square, force = _drive_and_force(logs, [replace(s, values=s.values**2) for s in speeds])
     return float(np.sqrt(GRAVITY * (square @ square) / (square @ force)))

@@ -22,11 +22,13 @@ from tombo_diagnosis.flight.fit.transients import transient_findings
 from tombo_diagnosis.flight.held_out_test import refuse_contradicted
 from tombo_diagnosis.flight.leftover_samples import flight_leftover, leftover_quantities
 from tombo_diagnosis.flight.nominal import NominalModel, nominal_tolerances
+from tombo_diagnosis.flight.scenario_nominal import nominal_model
 from tombo_diagnosis.flight.summary_text import notes, summary
 from tombo_diagnosis.leftover.leftover import Leftover
 from tombo_dynamics.errors import InputError
 from tombo_flight.progress import ProgressCallback, no_progress
-from tombo_logs.flight_log import Finding, FlightLog
+from tombo_logs.flight_log import DRIVES, Finding, FlightLog
+from tombo_logs.readers.vehicle_airframe import vehicle_of
 
 Separate = Callable[[FlightFindings, ProgressCallback], Experiment | None]
 
@@ -66,9 +68,13 @@ def diagnose_flights(
     """
     began = clock()
     usable, unusable = _usable(logs)
-    if any(log.airframe is not None for log in usable):
+    frame = usable[0].airframe
+    driven = any(set(DRIVES) & set(log.series) for log in usable)
+    if frame is not None and not driven and all(log.airframe == frame for log in usable):
+        nominal = nominal_model(vehicle=vehicle_of(frame))  # no drive to fit thrust to
+    elif any(log.airframe is not None for log in usable):
         nominal, usable = calibrated(usable)
-    elif all(has_no_thrust_data(log) for log in usable):
+    if all(has_no_thrust_data(log) for log in usable):
         nominal, usable = thrust_from_track(usable, nominal)
     tracks = _blocks([track_of(log) for log in usable])
     findings = analyse(tracks, nominal, progress)

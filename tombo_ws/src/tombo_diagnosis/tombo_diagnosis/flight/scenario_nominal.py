@@ -82,18 +82,23 @@ def held_against(logs: Sequence[FlightLog], file: VehicleFile) -> list[FlightLog
 
     Where rotor speeds are there, its own thrust is flown; where only motor commands are, what its
     drive makes of them. Without a drive its mass, arms and inertia are used, and thrust is fitted
-    to the flights.
+    to the flights; where no flight has commands, there is nothing to fit it to.
     """
     if file.drive.known:
         logs = [_with_drive(log, file) for log in logs]
     frame = None
-    if not all(log.has_rotor_speeds for log in logs):
+    driven = any("motor_command" in log.series for log in logs)
+    if driven and not all(log.has_rotor_speeds for log in logs):
         frame = airframe_of(file)
     return [replace(log, airframe=frame) for log in logs]
 
 
 def _with_drive(log: FlightLog, file: VehicleFile) -> FlightLog:
-    """Return a log with its motor commands as the rotor speeds that give their thrust."""
+    """Return a log with its motor commands as the rotor speeds that give their thrust.
+
+    The drive has taken up what the supply does to it: a battery that sags besides would do it
+    twice.
+    """
     command = log.series.get("motor_command")
     if command is None or "rotor_command" in log.series:
         return log
@@ -106,7 +111,8 @@ def _with_drive(log: FlightLog, file: VehicleFile) -> FlightLog:
     thrust = file.drive.thrust(command.values, voltage)
     speeds = [speed_for_thrust(maps, value) for value in thrust.ravel()]
     asked = replace(command, values=np.reshape(speeds, thrust.shape))
-    return replace(log, series={**log.series, "rotor_command": asked})
+    series = {key: each for key, each in log.series.items() if key != "voltage"}
+    return replace(log, series={**series, "rotor_command": asked})
 
 
 def nominal_of(scenario: Scenario, label: str) -> NominalModel:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import stats
@@ -13,13 +13,14 @@ from scipy.optimize import least_squares
 
 from tombo_diagnosis.engine.cause_estimates import TWO_SIDED, fitted_parameter
 from tombo_diagnosis.engine.evidence import solve
-from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Fit
+from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Fit, Parameter
 from tombo_diagnosis.flight.analyse import select_noise_fits
 from tombo_diagnosis.flight.calibrate import mean_of, specific_force
-from tombo_diagnosis.flight.fit.problem import FlightProblem, tangent_of
+from tombo_diagnosis.flight.diagnose import diagnose_flights
+from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import FAST_SPACING, SLOW_SPACING, track_of
 from tombo_diagnosis.flight.noise.noise_statistics import fit_noise_effects
-from tombo_diagnosis.flight.residual_check import residual_variances
+from tombo_diagnosis.flight.residual_check import ScaleVariances, residual_variances
 from tombo_diagnosis.flight.scenario_nominal import held_against, nominal_model
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.drive import DriveParams
@@ -28,13 +29,14 @@ from tombo_dynamics.params import from_mapping
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.extended_model import FittedParameter
 from tombo_flight.progress import ProgressCallback, no_progress
-from tombo_flight.vehicle_file import HealthyFlights, Note, VehicleFile
+from tombo_flight.vehicle_file import EFFECT_OF, HealthyFlights, Note, VehicleFile
 from tombo_logs.checks.spans import block_means
 from tombo_logs.flight_log import FlightLog
 
 FITTED = {
     "thrust_coefficient_error.fraction": "thrust of the propellers",
     "motor_lag.extra_tau": "motor time constant",
+    "command_delay.delay": "delay of the commands",
     "inertia_error.xx": "moment of inertia about x",
     "inertia_error.yy": "moment of inertia about y",
     "inertia_error.zz": "moment of inertia about z",
@@ -46,13 +48,24 @@ FITTED = {
     "cog_offset.y": "centre of gravity left of the centre",
     "imu_lever_arm.x": "IMU ahead of the centre",
     "imu_lever_arm.y": "IMU left of the centre",
+    "imu_lever_arm.z": "IMU above the centre",
+    "imu_misalignment.roll": "roll of the IMU as it is mounted",
+    "imu_misalignment.pitch": "pitch of the IMU as it is mounted",
+    "imu_misalignment.yaw": "yaw of the IMU as it is mounted",
+    "mocap_marker_offset.x": "markers ahead of the centre",
+    "mocap_marker_offset.y": "markers left of the centre",
+    "mocap_marker_offset.z": "markers above the centre",
     "mocap_stamp_error.offset": "error of the poses' stamps",
+    "mocap_body_misalignment.yaw": "yaw of the rigid body as it was defined",
     "mocap_body_misalignment.roll": "roll of the rigid body as it was defined",
     "mocap_body_misalignment.pitch": "pitch of the rigid body as it was defined",
 }
 """Parameters that flights are fitted for, and what they tell: what stays from day to day."""
 _SEEN = 0.3
 """A parameter is seen if its standard deviation is below this share of the size that matters."""
+_MOST_FITS = 6
+"""Fits without some of the flights, at most; of more flights several are left out together."""
+_EM_STEPS = 30
 _BLOCK_S = 0.25
 _FEWEST_BLOCKS = 8
 _LEAST_SPREAD = 0.02
@@ -69,6 +82,18 @@ class VehicleFit:
     """What was fitted -> the value with its 95 % interval, as a change of the base."""
     unseen: tuple[str, ...]
     """What these flights could not show, and so is as in the base."""
+    accused: Mapping[str, str] = field(default_factory=dict)
+    """Healthy flight in which the vehicle of the others finds something -> what it finds."""
+
+
+@dataclass(frozen=True)
+class _Difference:
+    """How a flight differs from a vehicle that it was not fitted to."""
+
+    residuals: Mapping[str, tuple[float, ...]]
+    """Channel -> variances of what is left, by time scale."""
+    problem: FlightProblem
+    """The flight about the vehicle."""
 
 
 def fit_vehicle(
@@ -77,7 +102,9 @@ def fit_vehicle(
     """Fit a vehicle to healthy flights; mass and geometry are those of the base.
 
     Where logs have rotor speeds, the thrust of the propellers is fitted; where they have motor
-    commands from 0 to 1, the drive that makes thrust of them.
+    commands from 0 to 1, the drive that makes thrust of them. Each flight is then diagnosed with
+    the vehicle that the others show: what healthy flights differ by, and how often one is accused,
+    stands in the file.
 
     Args:
         logs: flights, checked.
@@ -87,60 +114,220 @@ def fit_vehicle(
     Raises:
         InputError: no flight that can be used, or neither commands nor speeds.
     """
-    progress("fitting thrust", 0.0)
+    count = len(logs)
+    folds = min(count, _MOST_FITS)
+    steps = 1.0 + folds + 2.0 * count if count > 1 else 1.0
+    progress(f"fitting {count} flights", 0.0)
+    whole = _fit(logs, base)
+    if count < 2:
+        return whole
+    differences: dict[int, _Difference] = {}
+    fits: dict[int, VehicleFit] = {}
+    for fold in range(folds):
+        own = range(fold, count, folds)
+        names = ", ".join(logs[k].name for k in own)
+        progress(f"fitting without {names}", (1.0 + fold + len(differences)) / steps)
+        fit = _fit([log for k, log in enumerate(logs) if k not in own], base)
+        for k in own:
+            fits[k] = fit
+            differences[k] = _difference(logs[k], fit.file)
+    accused = {}
+    for k, fit in fits.items():
+        progress(f"diagnosing {logs[k].name} by the others", (1.0 + folds + count + k) / steps)
+        others = [each for j, each in differences.items() if j != k]
+        file = dataclasses.replace(fit.file, healthy=_healthy(fit.file, others))
+        said, _ = diagnose_flights(held_against([logs[k]], file), nominal_model(vehicle=file))
+        if said.verdict != "none":
+            accused[logs[k].name] = said.summary
+    healthy = dataclasses.replace(
+        _healthy(whole.file, list(differences.values())), left_out=count, accused=len(accused)
+    )
+    file = dataclasses.replace(whole.file, healthy=healthy)
+    return dataclasses.replace(whole, file=file, accused=accused)
+
+
+def _fit(logs: Sequence[FlightLog], base: VehicleFile) -> VehicleFit:
+    """Fit a vehicle to flights; what is left of them stands in it as usual."""
     file = base
     if not all(log.has_rotor_speeds for log in logs):
         file = _with_fitted_drive(logs, base)
     file = _with_supply(logs, file)
-    progress("fitting lag, inertia and drag", 0.3)
     held = held_against(logs, file)
     problem = FlightProblem([track_of(log) for log in held], nominal_model(vehicle=file))
     own = {p.label: p for p in problem.nominal.parameters if p.label in FITTED}
     if file.drive.known:
         own.pop("thrust_coefficient_error.fraction")  # the drive has taken it up
-    free = [p.index for p in own.values() if p.index in problem.columns.identifiable]
-    fit = problem.fit(free, NOMINAL_WIDTHS, problem.null_hypothesis)
-    seen: dict[str, FittedParameter] = {}
-    for label, p in own.items():
-        if p.index not in free:
-            continue
-        (place,) = problem.columns.places([p.index])
-        deviation = math.sqrt(max(float(fit.solution.covariance[place, place]), 0.0))
-        value = float(fit.theta[p.index])
-        inside = p.low + deviation < value < p.high - deviation or value == p.null
-        if deviation < _SEEN * p.scale and inside:
-            nominal = float(problem.theta[p.index])
-            seen[label] = fitted_parameter(p, nominal, value, deviation)
-    left = residual_variances(problem, fit)
-    residuals = {
-        name: tuple(float(v) for v in np.nan_to_num(left.variances[:, j]))
-        for j, name in enumerate(left.names)
+    fit = _fit_of_shown(problem, [p.index for p in own.values()])
+    seen = {
+        p.label: fitted_parameter(
+            p,
+            float(problem.theta[p.index]),
+            float(fit.theta[p.index]),
+            _deviation(problem, fit, p),
+        )
+        for p in own.values()
+        if p.index in fit.free
     }
-    healthy = HealthyFlights(len(logs), residuals, _spread(problem, fit))
+    left = residual_variances(problem, fit)
+    spread = {
+        p.label: _alone_deviation(problem, fit, p)
+        for p in own.values()
+        if p.label in seen or not _is_known(base, p.label)
+    }
+    healthy = HealthyFlights(len(logs), _by_channel(left), spread)
     file = dataclasses.replace(file, healthy=healthy, effects=_with_noise(problem, fit, file))
     count = len(logs)
     unseen = tuple(text for label, text in FITTED.items() if label in own and label not in seen)
     return VehicleFit(_with_fitted(file, seen, count), seen, unseen)
 
 
-def _spread(problem: FlightProblem, fit: Fit) -> dict[str, float]:
-    """Return effect.parameter -> how far it is from the fit in single flights, as one deviation.
+def _fit_of_shown(problem: FlightProblem, wanted: Sequence[int]) -> Fit:
+    """Return the fit of those of the parameters that the flights show.
 
-    Of few flights a deviation is known badly: Student's factor makes it as wide as one that is
-    known well.
+    What they show least is given back to the base, one after the other: where they show a
+    difference alone, of the yaw of IMU and markers for example, one of the two takes it.
     """
-    columns, count = problem.columns, len(problem.tracks)
-    if count < 2:
-        return {}
-    factor = float(stats.t.ppf(0.975, count)) / TWO_SIDED * math.sqrt(1.0 + 1.0 / count)
-    normals = tangent_of(fit).normals
-    found = {}
-    for index in columns.identifiable:
-        p, (place,) = columns.parameters[index], columns.places([index])
-        deviations = columns.deviations((index,), fit.widths, pinned=fit.pinned)
-        alone = [solve(normal, deviations, covariance=False).mean[place] for normal in normals]
-        found[p.label] = factor * float(np.sqrt(np.mean(np.square(alone))))
-    return found
+    columns = problem.columns
+    free = [i for i in wanted if i in columns.identifiable]
+    fit = problem.fit(free, NOMINAL_WIDTHS, problem.null_hypothesis)
+
+    def shares(some: Sequence[int]) -> Array:
+        """Return the deviations of parameters over their sizes, if just these are free."""
+        deviations = columns.deviations(some, NOMINAL_WIDTHS, pinned=fit.pinned)
+        covariance = solve(fit.normal, deviations, fit.prior_mean).covariance
+        found = np.sqrt(np.maximum(np.diag(covariance), 0.0))[columns.places(some)]
+        return np.asarray(found / [columns.parameters[i].scale for i in some])
+
+    while free:
+        dropped: list[int] = []
+        while free and (share := shares(free)).max() >= _SEEN:
+            dropped.append(free.pop(int(np.argmax(share))))
+        for index in reversed(dropped):  # what hid one may be gone now
+            if shares([*free, index]).max() < _SEEN:
+                free.append(index)
+        fit = problem.fit(free, NOMINAL_WIDTHS, fit, slopes=False)
+        kept = [i for i in free if _inside(problem, fit, columns.parameters[i])]
+        if kept == free:
+            break
+        free = kept
+    return fit if free else problem.null_hypothesis
+
+
+def _deviation(problem: FlightProblem, fit: Fit, p: Parameter) -> float:
+    (place,) = problem.columns.places([p.index])
+    return math.sqrt(max(float(fit.solution.covariance[place, place]), 0.0))
+
+
+def _inside(problem: FlightProblem, fit: Fit, p: Parameter) -> bool:
+    """Return whether a fitted value is clear of its bounds, or at what is no effect at all."""
+    value, deviation = float(fit.theta[p.index]), _deviation(problem, fit, p)
+    return p.low + deviation < value < p.high - deviation or value == p.null
+
+
+def _alone_deviation(problem: FlightProblem, fit: Fit, p: Parameter) -> float:
+    """Return how well flights know one parameter, all others within their tolerances.
+
+    What they don't show may have any usual size: flights that do show it are not to be blamed.
+    """
+    columns = problem.columns
+    if p.index not in columns.identifiable:
+        return p.scale
+    (place,) = columns.places([p.index])
+    solution = solve(fit.normal, columns.deviations((p.index,), fit.widths, pinned=fit.pinned))
+    return math.sqrt(max(float(solution.covariance[place, place]), 0.0))
+
+
+def _is_known(base: VehicleFile, label: str) -> bool:
+    """Return whether the base itself says how well it knows what a parameter changes."""
+    return any(
+        effect == label and base.tolerance(key) is not None
+        for key, (effect, _) in EFFECT_OF.items()
+    )
+
+
+def _by_channel(left: ScaleVariances) -> dict[str, tuple[float, ...]]:
+    return {
+        name: tuple(float(v) for v in np.nan_to_num(left.variances[:, j]))
+        for j, name in enumerate(left.names)
+    }
+
+
+def _difference(log: FlightLog, file: VehicleFile) -> _Difference:
+    """Return how a flight differs from a vehicle."""
+    (held,) = held_against([log], file)
+    problem = FlightProblem([track_of(held)], nominal_model(vehicle=file))
+    left = _by_channel(residual_variances(problem, problem.null_hypothesis))
+    return _Difference(left, problem)
+
+
+def _healthy(file: VehicleFile, differences: Sequence[_Difference]) -> HealthyFlights:
+    """Return what is usual of healthy flights, from how each differs from the others.
+
+    Of what is left, what a further flight leaves at most; of parameters, the spread that explains
+    the differences best.
+    """
+    assert file.healthy is not None
+    residuals = {
+        name: _upper_bounds([d.residuals[name] for d in differences if name in d.residuals])
+        for name in dict.fromkeys(name for d in differences for name in d.residuals)
+    }
+    known = file.healthy.spread
+    differ = _spread([d.problem.with_usual(residuals) for d in differences])
+    spread = {
+        label: math.hypot(known.get(label, 0.0), differ.get(label, 0.0))
+        for label in dict.fromkeys((*known, *differ))
+    }
+    return HealthyFlights(file.healthy.flights, residuals, spread)
+
+
+def _upper_bounds(variances: Sequence[Sequence[float]]) -> tuple[float, ...]:
+    """Return variances (scales) that those of a further flight pass in 2.5 %.
+
+    `variances` (flights, scales), 0 where a flight is too short: their logarithms are normal, with
+    one deviation at all scales.
+    """
+    values = np.asarray(variances, np.float64)
+    shown = values > 0.0
+    logs = np.where(shown, np.log(np.where(shown, values, 1.0)), 0.0)
+    counts = shown.sum(axis=0)
+    bound = logs.sum(axis=0) / np.maximum(counts, 1)
+    freedom = int(np.maximum(counts - 1, 0).sum())
+    if freedom:
+        variance = float(np.sum(np.where(shown, logs - bound, 0.0) ** 2)) / freedom
+        deviation = math.sqrt(variance * (1.0 + 1.0 / len(values)))
+        bound = bound + float(stats.t.ppf(0.975, freedom)) * deviation
+    return tuple(float(v) for v in np.where(counts > 0, np.exp(bound), 0.0))
+
+
+def _spread(flights: Sequence[FlightProblem]) -> dict[str, float]:
+    """Return effect.parameter -> its deviation from flight to flight, where it is more than usual.
+
+    The variances of all parameters together that make the flights most probable, by expectation
+    and maximisation from their tolerances up: of several parameters that would explain the same
+    difference none has to explain it alone. Of few flights a deviation is known badly: Student's
+    factor makes it as wide as one that is known well.
+    """
+    usual: dict[str, float] = {}
+    for flight in flights:
+        own = [flight.columns.parameters[i] for i in flight.columns.indices]
+        usual |= {p.label: p.tolerance for p in own}
+    normals = [flight.normal() for flight in flights]
+    variance = {label: tolerance**2 for label, tolerance in usual.items()}
+    for _ in range(_EM_STEPS):
+        squares: dict[str, list[float]] = {}
+        for flight, normal in zip(flights, normals, strict=True):
+            columns = flight.columns
+            labels = [columns.parameters[i].label for i in columns.indices]
+            deviations = columns.deviations()
+            deviations[: len(labels)] = [math.sqrt(variance[label]) for label in labels]
+            found = solve(normal, deviations)
+            each = found.mean**2 + np.diag(found.covariance)
+            for label, square in zip(labels, each, strict=False):  # draws come last
+                squares.setdefault(label, []).append(float(square))
+        variance = {n: max(float(np.mean(v)), usual[n] ** 2) for n, v in squares.items()}
+    factor = float(stats.t.ppf(0.975, len(flights))) / TWO_SIDED
+    more = {n: math.sqrt(v - usual[n] ** 2) for n, v in variance.items()}
+    return {n: math.hypot(usual[n], factor * m) for n, m in more.items() if m > usual[n]}
 
 
 def _with_supply(logs: Sequence[FlightLog], file: VehicleFile) -> VehicleFile:

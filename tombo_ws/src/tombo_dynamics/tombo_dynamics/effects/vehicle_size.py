@@ -11,11 +11,13 @@ from tombo_dynamics.vehicle import VehicleParams
 def size_factors(mass: float, arm_length: float) -> dict[str, float]:
     """Return unit → factor from the default vehicle's size of an effect to another vehicle's.
 
-    Forces grow with the mass [kg], lengths with the arm, centre to rotor axis [m].
+    Masses and forces grow with the mass [kg], lengths with the arm, centre to rotor axis [m].
     """
     like = VehicleParams()
     heavy, long = mass / like.mass, arm_length / like.arm_length
     return {
+        "kg": heavy,
+        "kg m": heavy * long,
         "N/m": heavy,
         "N s/m": heavy,
         "m^2": heavy,

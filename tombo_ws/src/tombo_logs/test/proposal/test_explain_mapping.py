@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks import check_log
-from tombo_logs.proposal.column_names import grouped, parsed
 from tombo_logs.flight_log import Series
+from tombo_logs.proposal.column_names import grouped, parsed
 from tombo_logs.proposal.explain import explain_mapping
 from tombo_logs.proposal.motion_evidence import readings
 from tombo_logs.proposal.propose import propose
@@ -78,15 +78,19 @@ def test_millimetres_that_are_no_whole_numbers_are_too_fast_for_metres():
 
 
 def test_little_lean_leaves_the_usual_axes():
-    """A hover whose lean is noise: what chance says of its axes is no reason to turn them."""
+    """A hover whose roll goes weakly with its vertical acceleration, as chance has it."""
+    rng = np.random.default_rng(1)
     t = np.arange(0.0, 20.0, 0.02)
-    for seed in range(12):
-        rng = np.random.default_rng(seed)
-        place = np.cumsum(np.cumsum(rng.normal(0.0, 4e-4, (t.size, 3)), axis=0), axis=0) * 0.02
-        turn = Rotation.from_euler("ZYX", rng.normal(0.0, 0.02, (t.size, 3)))
-        position, attitude = Series(t, place), Series(t, turn.as_quat())
-        best = readings(position, {"xyzw": attitude}, None, None)[0]
-        assert (best.world, best.body) in (("ENU", "FLU"), ("NED", "FRD"))
+    climb = 0.05 * np.sin(2.0 * np.pi * 0.6 * t)
+    place = np.column_stack([*(0.002 * np.sin(rng.uniform(1.0, 9.0, (2, 1)) * t)), climb])
+    acceleration = -((2.0 * np.pi * 0.6) ** 2) * climb
+    roll = 0.02 * acceleration + 0.03 * np.sin(3.1 * t)
+    yaw, pitch = 0.02 * np.sin(0.7 * t), 0.03 * np.sin(2.3 * t)
+    turn = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
+    found = readings(Series(t, place), {"xyzw": Series(t, turn.as_quat())}, None, None)
+    by_score = max(found, key=lambda r: r.score)
+    assert (by_score.world, by_score.body) == ("y up", "y up") and by_score.lean < 0.5
+    assert (found[0].world, found[0].body) == ("ENU", "FLU")
 
 
 @pytest.mark.slow

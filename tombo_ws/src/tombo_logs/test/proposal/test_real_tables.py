@@ -6,8 +6,8 @@ import pytest
 
 from tombo_logs.proposal.explain import explain_mapping
 from tombo_logs.proposal.propose import propose
-from tombo_logs.readers.csv_table import open_table
 from tombo_logs.readers.csv_mapping import parse_mapping, shipped
+from tombo_logs.readers.csv_table import open_table
 
 DATA = Path(__file__).resolve().parents[6] / "shared" / "data"
 FLIGHTS = sorted((DATA / "flights").glob("*.csv.gz"))

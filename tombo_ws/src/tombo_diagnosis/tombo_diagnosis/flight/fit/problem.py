@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Collection, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import reduce
 
@@ -15,10 +16,12 @@ from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, TIGHT, Columns, Fi
 from tombo_diagnosis.flight.fit.prediction import channels_of
 from tombo_diagnosis.flight.fit.sensitivity import SCATTER, Linearization, linearize, map_flights
 from tombo_diagnosis.flight.fit.track import FAST_SPACING, SLOW_SPACING, Track
+from tombo_diagnosis.flight.noise.haar_variance import long_run_of_scales
 from tombo_diagnosis.flight.noise.noise_variance import floors_of, long_run_variance
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY
+from tombo_flight.vehicle_file import HealthyFlights
 from tombo_logs.checks.spans import block_means
 
 _STEPS = 6
@@ -54,23 +57,29 @@ def setting_of(nominal: NominalModel, flights: int) -> Setting:
     """Return the settings for a nominal model.
 
     Confidence stays below what flights allow: of a vehicle that was fitted to healthy flights each
-    of them is one trial, of one that was fitted to the very flights each flight held out.
+    of them that was held against the others is one trial, a failure where it was accused; of one
+    that was fitted to the very flights each flight held out.
     """
     if nominal.healthy is not None:
-        return replace(SETTING, max_confidence=_succession(nominal.healthy.flights))
+        return replace(SETTING, max_confidence=healthy_confidence(nominal.healthy))
     if not nominal.calibrated:
         return SETTING
     return replace(
         SETTING,
         model_error_share=CALIBRATED_MODEL_ERROR_SHARE,
         equivalent=(DISPLACEMENTS,),
-        max_confidence=_succession(flights),
+        max_confidence=_succession(flights, 0),
     )
 
 
-def _succession(trials: int) -> float:
-    """Return the probability of success after so many trials without a failure (Laplace)."""
-    return (trials + 1.0) / (trials + 2.0)
+def healthy_confidence(healthy: HealthyFlights) -> float:
+    """Return the confidence that a vehicle allows which was fitted to healthy flights."""
+    return _succession(healthy.left_out, healthy.accused)
+
+
+def _succession(trials: int, failures: int) -> float:
+    """Return the probability of success after so many trials (Laplace's rule of succession)."""
+    return (trials - failures + 1.0) / (trials + 2.0)
 
 
 Parts = dict[str, tuple[Array, Array, Array]]
@@ -414,14 +423,37 @@ class FlightProblem:
                 rest = rows - self._explained(linear, group, f, unknowns)
                 for c, left in zip(self.channels[f][group], rest.T, strict=True):
                     residual.setdefault((group, c.name), []).append(left)
+        healthy = self.nominal.healthy
+        usual: Mapping[str, Sequence[float]] = {} if healthy is None else healthy.residuals
         found = {
-            (group, name): long_run_variance(rows, self.per_second(group), floors_of(name)[0])
+            (group, name): max(
+                long_run_variance(rows, self.per_second(group), floors_of(name)[0]),
+                long_run_of_scales(usual.get(name, ()), self.per_second(group)),
+            )
             for (group, name), rows in residual.items()
         }
         return [
             {group: np.array([found[group, c.name] for c in own]) for group, own in each.items()}
             for each in self.channels
         ]
+
+    def with_usual(self, residuals: Mapping[str, Sequence[float]]) -> FlightProblem:
+        """Return the problem with noise that is at least what flights usually leave.
+
+        `residuals`: channel -> variances by time scale.
+        """
+        again = copy(self)
+        again.variances = [
+            {
+                group: np.array([
+                    max(v, long_run_of_scales(residuals.get(c.name, ()), self.per_second(group)))
+                    for c, v in zip(channels[group], own, strict=True)
+                ])
+                for group, own in each.items()
+            }
+            for channels, each in zip(self.channels, self.variances, strict=True)
+        ]  # fmt: skip
+        return again
 
     def per_second(self, group: str) -> float:
         """Return how many rows a group has in a second."""

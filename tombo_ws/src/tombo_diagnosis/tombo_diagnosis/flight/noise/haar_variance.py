@@ -41,3 +41,13 @@ def pooled(found: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = total / counts[:, None]
     return mean, counts
+
+
+def long_run_of_scales(variances: Sequence[float], per_second: float) -> float:
+    """Return rows times the variance of their mean, at the time scale where this is most.
+
+    `variances`: as `block_variances` returns them for one channel, with `per_second` rows; that of
+    a block's mean is twice as much.
+    """
+    blocks = zip(variances, SCALES_S, strict=False)
+    return max((2.0 * v * scale * per_second for v, scale in blocks), default=0.0)
