@@ -56,7 +56,7 @@ class Bag(BagFile):
                 place.index = index_chunk(self._open(place), self._found)
                 if not place.whole:
                     refine_truncation(self._found, place)
-        self.damage = self._found.damage
+        self.damage: list[Damage] = self._found.damage
         self.metadata = {record.name: record.metadata for record in self._found.metadata}
         self._numbers: dict[str, list[int]] = {}
         for number, channel in self._found.channels.items():
