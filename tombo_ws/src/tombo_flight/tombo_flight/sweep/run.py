@@ -153,7 +153,7 @@ def _stream_from_dask(
 
 async def _problem_with(address: str) -> str:
     """Return why no Dask scheduler answers at an address; empty: one does."""
-    from distributed.comm import connect
+    from distributed.comm.core import connect
 
     async def ask() -> Any:
         stream = await connect(address, timeout=_ANSWERS_S)
