@@ -93,10 +93,10 @@ def _predicted(problem: FlightProblem, fit: Fit, flight: int, mean: Array) -> Pr
         p = columns.parameters[index]
         theta[index] = np.clip(theta[index] + mean[place], p.low, p.high)
     draws = np.zeros(8)
-    if problem.rotor_draws:
+    if problem.drawn:
         first = problem.first_draw(flight)
         found = mean if problem.vehicles == 1 else fit.solution.mean
-        draws[: problem.rotor_draws] = found[first : first + problem.rotor_draws]
+        draws[problem.drawn] = found[first : first + len(problem.drawn)]
         # Draws are in units of the nominal scatter, whatever a fit has made of its size.
         scale = next(p.index for p in columns.parameters if p.label == DRAW_SCALE_LABEL)
         theta[scale] = problem.theta[scale]
@@ -165,7 +165,7 @@ def extended(
         p = columns.parameters[columns.indices[place]]
         theta[p.index] = np.clip(fit.theta[p.index] + mean[place], p.low, p.high)
     if fit.widths.get(SCATTER, 1.0) > 1.01 and problem.vehicles == 1:
-        draws[: problem.rotor_draws] = mean[len(columns.indices) :]
+        draws[problem.drawn] = mean[len(columns.indices) :]
         theta, _ = with_scatter(theta, problem.nominal)
     return residuals(problem.tracks[flight], problem.nominal, theta, draws=draws)
 

@@ -114,13 +114,14 @@ class FlightProblem:
         """Of each flight: group -> its channels, in the order of `residuals`."""
         self.linears = map_flights(lambda t: linearize(t, nominal, self.theta), self.tracks)
         seen = sorted({i for linear in self.linears for i in linear.slopes})
-        self.rotor_draws = max(len(linear.draws) for linear in self.linears)
-        """Draws of one vehicle that do something."""
+        self.drawn = sorted({i for linear in self.linears for i in linear.draws})
+        """Draws of one vehicle that do something in the nominal model: they have columns. About
+        other parameters others may do something, next to nothing, and are left out."""
         self.vehicles = len(self.tracks)
         """Sets of draws: one a flight, or one for all flights."""
         absorbed = frozenset(p.index for p in nominal.parameters if p.label in nominal.fitted)
         width = self.linears[0].draw_width
-        each = (SCATTER,) * self.rotor_draws
+        each = (SCATTER,) * len(self.drawn)
         own = Columns(nominal.parameters, tuple(seen), each * self.vehicles, width, absorbed)
         self.columns = own
         self._parts: list[Parts] = []
@@ -169,7 +170,7 @@ class FlightProblem:
     def first_draw(self, flight: int) -> int:
         """Return the column of a flight's first draw."""
         vehicle = flight if self.vehicles > 1 else 0
-        return len(self.columns.indices) + self.rotor_draws * vehicle
+        return len(self.columns.indices) + len(self.drawn) * vehicle
 
     def _all_parts(self) -> list[Parts]:
         return [self._by_channel(linear, f) for f, linear in enumerate(self.linears)]
@@ -230,8 +231,9 @@ class FlightProblem:
             if index in linear.slopes:
                 full[:, k] = linear.slopes[index][group].T
         first = self.first_draw(flight)
-        for j, change in enumerate(linear.draws):
-            full[:, first + j] = change[group].T
+        for j, draw in enumerate(self.drawn):
+            if draw in linear.draws:
+                full[:, first + j] = linear.draws[draw][group].T
         return full
 
     def _explained(self, linear: Linearization, group: str, flight: int, unknowns: Array) -> Array:
@@ -241,8 +243,9 @@ class FlightProblem:
             if unknowns[k] and index in linear.slopes:
                 total += unknowns[k] * linear.slopes[index][group]
         first = self.first_draw(flight)
-        for j, change in enumerate(linear.draws):
-            total += unknowns[first + j] * change[group]
+        for j, draw in enumerate(self.drawn):
+            if draw in linear.draws:
+                total += unknowns[first + j] * linear.draws[draw][group]
         return total
 
     def residual(self, fit: Fit, flight: int, unknowns: Array | None = None) -> dict[str, Array]:

@@ -54,8 +54,8 @@ class Linearization:
     """group -> (rows, channels)."""
     slopes: dict[int, Groups]
     """Index in theta -> group -> (rows, channels): change of what is predicted per unit."""
-    draws: list[Groups]
-    """The same for each of the vehicle's draws; empty where they do nothing."""
+    draws: dict[int, Groups]
+    """The same for those of the vehicle's draws that do something."""
     draw_width: float = 1.0
     """Standard deviation of these unknowns in the nominal model."""
     noisy: Mapping[int, NDArray[np.bool_]] = field(default_factory=dict)
@@ -139,7 +139,7 @@ def linearize(
     for index, where in noisy.items():
         if index in slopes:
             slopes[index]["slow"][:, where] = 0.0
-    draws: list[Groups] = []
+    draws: dict[int, Groups] = {}
     width = 1.0
     if indices is None:
         spread, width = with_scatter(theta, nominal)
@@ -148,7 +148,7 @@ def linearize(
             drawn[i] = 0.5
             change = _change(base, residuals(driver, nominal, spread, motion, drawn), 0.5)
             if change is not None:
-                draws.append(change)
+                draws[i] = change
     return Linearization(theta, driver, start_along, motion, residual, slopes, draws, width, noisy)
 
 
