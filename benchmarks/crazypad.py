@@ -12,8 +12,9 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from tombo_diagnosis.change.diagnose import diagnose_change
+from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
 from tombo_diagnosis.diagnosis import Diagnosis
+from tombo_diagnosis.flight.diagnose_files import check_flights
 from tombo_diagnosis.flight.scenario_nominal import nominal_model
 from tombo_dynamics.errors import InputError
 from tombo_logs.flight_log import FlightLog
@@ -78,7 +79,7 @@ def verdict_on(diagnosis: Diagnosis, right: set[str]) -> str:
     return "yes" if members & right and len(members) <= LARGEST_SET else "no"
 
 
-def main(folder: Path) -> None:
+def main(folder: Path, mapping: Path = MAPPING) -> None:
     """Print the table.
 
     Raises:
@@ -92,7 +93,7 @@ def main(folder: Path) -> None:
             raise InputError(
                 f"{folder}: no {condition}_[0-9].csv.gz; accepted: a folder with them"
             )
-        return read_logs(paths, MAPPING)
+        return check_flights(read_logs(paths, mapping), needed=NEEDED)[0]
 
     def ask(new: Sequence[FlightLog], healthy: Sequence[FlightLog]) -> Diagnosis:
         return diagnose_change(new, healthy, nominal)[0]
@@ -122,7 +123,9 @@ def main(folder: Path) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--mapping", type=Path, default=MAPPING, help="default: %(default)s")
+    given = parser.parse_args()
     try:
-        main(parser.parse_args().folder)
+        main(given.folder, given.mapping)
     except InputError as error:
         raise SystemExit(f"crazypad: {error}") from None

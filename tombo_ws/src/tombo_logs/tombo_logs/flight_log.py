@@ -86,6 +86,14 @@ class Finding:
     channel: str = ""
 
 
+def why_left_out(findings: Iterable[Finding], channels: Iterable[str]) -> str:
+    """Return in brackets what checks had against channels that are not there; else nothing."""
+    names = set(channels)
+    faults = [f for f in findings if f.channel in names and f.severity == "fault"]
+    why = "; ".join(f.message for f in faults)
+    return f" ({why})" if why else ""
+
+
 def damage_findings(flight: str, path: Path, damage: Iterable[str]) -> list[Finding]:
     """Report what of a file could not be read."""
     return [Finding("damage", "warning", flight, f"{path.name}: {text}") for text in damage]

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
 import pytest
+from log_writers import table_text
 
 from tombo_bringup.cli.diagnosis.many_paths import spread_paths
+from tombo_logs.flight_log import Series
+from tombo_logs.readers.log_reader import read_logs
 
 ONE_VEHICLE = "effects.thrust_scatter.deviation=0"
 
@@ -46,3 +53,32 @@ def test_a_weak_propeller_hidden_in_a_flight_of_the_suite_is_found(tombo, tmp_pa
     assert shown.out.splitlines()[0] == "Nothing has changed that these flights show."
     names = {str(p.relative_to(tmp_path / "out")) for p in (tmp_path / "out").rglob("*.*")}
     assert names == {"diagnosis.json", "report.html", "plots/changed.png"}
+
+
+CHANNELS = ("position", "attitude", "gyro", "accel", "rotor_command", "voltage")
+
+
+def changed_table(source, target, channel, change):
+    """Write a flight of the suite as a table, one channel of it changed."""
+    (log,) = read_logs([Path(source)])
+    series = log.series[channel]
+    new = {**log.series, channel: Series(series.t, change(series.values))}
+    Path(target).write_text(table_text(replace(log, series=new), CHANNELS))
+
+
+@pytest.mark.slow
+def test_a_fault_of_a_log_leads_the_answer(tombo):
+    """Healthy flights and one whose gyro is in degrees, or whose motors are in another order."""
+    before = [fly(tombo, f"before{seed}", seed) for seed in (0, 1)]
+    again = fly(tombo, "again", 8)
+    changed_table(again, "degrees.csv", "gyro", np.degrees)
+    changed_table(again, "swapped.csv", "rotor_command", lambda v: v[:, [1, 0, 2, 3]])
+    result = tombo("diagnose", "degrees.csv", "--healthy", *before, "-o", "out", "--no-report")
+    assert result.code == 0, result.err
+    first = " ".join(result.out.split())
+    assert first.startswith("Fault: degrees: unit: gyro: rates are")
+    assert first.index("gyro and accel are left out") < first.index("Nothing has changed")
+    swapped = tombo("diagnose", "swapped.csv", "--healthy", *before)
+    assert swapped.code == 2 and swapped.err.count("\n") == 1
+    for words in ("flight 'swapped'", "rotor_command", "turns the vehicle otherwise"):
+        assert words in swapped.err

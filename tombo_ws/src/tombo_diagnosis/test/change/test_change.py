@@ -1,16 +1,23 @@
 """What has changed in simulated flights of one vehicle: hidden there, found here."""
 
+from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 from measured_flights import logs, nominal
 
-from tombo_diagnosis.change.diagnose import diagnose_change
+from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
+from tombo_diagnosis.flight.diagnose_files import check_flights
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.rotor_maps import rotor_thrust, speed_for_thrust
+from tombo_dynamics.vehicle import GRAVITY
+from tombo_logs.flight_log import Series
 
 pytestmark = pytest.mark.slow
 
 
+GENTLE = ([{"x": 0.3, "speed": 0.3, "acceleration": 0.5}, {"x": -0.3}, {"y": 0.3}],)
 COURSE = ([{"x": 1.0, "speed": 1.0, "acceleration": 2.0}, {"x": -1.0}, {"y": 0.8}, {"y": 0.0}],)
 
 
@@ -80,6 +87,118 @@ def test_a_healthy_flight_has_not_changed():
     found = now()
     assert found.verdict == "none" and not found.changed
     assert found.confidence <= 0.75  # three healthy flights certify no more
+
+
+POSES = {"position", "attitude"}
+
+
+def only(flights, channels):
+    return [
+        replace(log, series={k: s for k, s in log.series.items() if k in channels})
+        for log in flights
+    ]
+
+
+def at_speeds_times(log, factor):
+    """The flight of a vehicle whose rotors have to turn faster."""
+    speed = log.series["rotor_speed"]
+    return replace(
+        log, series={**log.series, "rotor_speed": Series(speed.t, factor * speed.values)}
+    )
+
+
+def propeller_exponent():
+    """How thrust of the suite's propeller grows with speed, about hover."""
+    maps, weight = nominal().maps, nominal().vehicle.mass * GRAVITY
+    slow, fast = (speed_for_thrust(maps, share * weight / 4.0) for share in (0.95, 1.05))
+    return np.log(rotor_thrust(maps, fast) / rotor_thrust(maps, slow)) / np.log(fast / slow)
+
+
+@pytest.mark.parametrize("channels", [{"rotor_speed"}, {"rotor_command"}], ids="+".join)
+@pytest.mark.parametrize("share", [0.1, 0.2])
+def test_more_demand_is_found_without_an_imu(share, channels):
+    healthy = only(before(), POSES | channels)
+    new = only(
+        logs({"mass_error": {"fraction": share}}, seed=7, count=2, courses=COURSE),
+        POSES | channels,
+    )
+    found = diagnose_change(new, healthy, nominal())[0]
+    assert set(found.set) == {"mass_error", "thrust_coefficient_error"}
+    mass = members(found)["mass_error", ""].theta[0]
+    assert mass.low < share < mass.high and mass.value == pytest.approx(share, rel=0.25)
+
+
+def test_a_third_more_demand_is_found_from_position_and_speeds_alone():
+    """So much more that the simulated vehicle would not hold its height: faster rotors instead."""
+    healthy = only(before(), {"position", "rotor_speed"})
+    new = only(logs(seed=7, count=2, courses=COURSE), {"position", "rotor_speed"})
+    faster = [at_speeds_times(log, 1.33 ** (1.0 / propeller_exponent())) for log in new]
+    found = diagnose_change(faster, healthy, nominal())[0]
+    mass = members(found)["mass_error", ""].theta[0]
+    assert mass.low < 0.33 < mass.high and mass.value == pytest.approx(0.33, rel=0.25)
+
+
+@pytest.mark.parametrize("channels", [POSES, POSES | {"accel", "gyro"}], ids=["poses", "imu"])
+@pytest.mark.parametrize("course", [GENTLE, COURSE], ids=["gentle", "course"])
+def test_the_exponent_of_measured_speeds_is_that_of_the_propeller(course, channels):
+    healthy = only(logs(seed=1, count=3, courses=course), channels | {"rotor_speed"})
+    curve = diagnose_change(healthy[:1], healthy[1:], nominal())[1].curve
+    assert curve.exponent == pytest.approx(propeller_exponent(), rel=0.12)
+
+
+def test_none_states_the_smallest_change_that_would_have_been_seen():
+    healthy = only(before(), POSES | {"rotor_command"})
+    new = only(logs(seed=7, count=2, courses=COURSE), POSES | {"rotor_command"})
+    found, data = diagnose_change(new, healthy, nominal())
+    assert found.verdict == "none" and "would have shown" in found.summary
+    size = next(s.detectable.size for s in found.candidates if s.effect == "mass_error")
+    assert 0.02 < size < 0.1
+    for times, verdict in ((0.3, "none"), (2.0, "set")):
+        more = (1.0 + times * size) ** (1.0 / data.curve.exponent)
+        series = [{**log.series, "rotor_command": _times(log, more)} for log in new]
+        shown = [replace(log, series=s) for log, s in zip(new, series, strict=True)]
+        assert diagnose_change(shown, healthy, nominal())[0].verdict == verdict, times
+
+
+def _times(log, factor):
+    command = log.series["rotor_command"]
+    return Series(command.t, factor * command.values)
+
+
+def test_less_demand_is_told_as_a_share_and_not_as_a_logarithm():
+    new = [at_speeds_times(log, 0.5) for log in only(before(), POSES | {"rotor_speed"})[:1]]
+    new = [replace(new[0], name="slow")]
+    found, data = diagnose_change(new, only(before()[1:], POSES | {"rotor_speed"}), nominal())
+    less = float(found.summary.split(" % less")[0].split()[-1])
+    assert less == pytest.approx(100.0 * (1.0 - 0.5**data.curve.exponent), abs=8.0)
+
+
+def test_a_flight_that_never_leaves_the_ground_is_said_not_to_fly():
+    log = at_speeds_times(before()[0], 0.3)
+    position = log.series["position"]
+    rng = np.random.default_rng(0)
+    still = Series(position.t, 0.05 + 1e-3 * rng.standard_normal(position.values.shape))
+    idle = replace(log, name="idle", series={**log.series, "position": still})
+    with pytest.raises(InputError, match=r"flight 'idle': it does not fly: .*rotor_speed"):
+        diagnose_change([idle], before(), nominal())
+
+
+def test_flights_are_checked_as_in_a_diagnosis_against_the_model():
+    """Poses that freeze are set apart; a gyro in degrees is out, and both are reported."""
+    log = before()[0]
+    frozen, degrees = dict(log.series), dict(log.series)
+    for name in POSES:
+        s = log.series[name]
+        held = np.interp(s.t, [0.0, 6.0, 7.5, 99.0], [0.0, 6.0, 6.0, 99.0])
+        rows = np.searchsorted(s.t, np.where((s.t > 6.0) & (s.t < 7.5), held, s.t)) % s.t.size
+        frozen[name] = Series(s.t, s.values[rows])
+    degrees["gyro"] = Series(log.series["gyro"].t, np.degrees(log.series["gyro"].values))
+    new = [replace(log, name=n, series=s) for n, s in (("ice", frozen), ("deg", degrees))]
+    checked, left_out = check_flights(new, needed=NEEDED)
+    healthy = check_flights(before()[1:], needed=NEEDED)[0]
+    found = diagnose_change(checked, healthy, nominal(), left_out=left_out)[0]
+    faults = {(f.flight, f.check) for f in found.prechecks if f.severity == "fault"}
+    assert {("ice", "frozen"), ("deg", "unit")} <= faults
 
 
 def test_another_set_of_propellers_each_day_hides_a_weak_one():

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tombo_diagnosis.change.diagnose import diagnose_change
+from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
+from tombo_diagnosis.flight.diagnose_files import check_flights
 from tombo_diagnosis.flight.scenario_nominal import nominal_model
 from tombo_logs.readers.log_reader import read_logs
 
@@ -27,8 +28,9 @@ pytestmark = [
 
 
 def flights(condition):
-    return read_logs(sorted(FOLDER.glob(f"{condition}_[0-9].csv.gz")),
-                     ROOT / "examples" / "crazypad.yaml")  # fmt: skip
+    paths = sorted(FOLDER.glob(f"{condition}_[0-9].csv.gz"))
+    logs = read_logs(paths, ROOT / "examples" / "crazypad.yaml")
+    return check_flights(logs, needed=NEEDED)[0]
 
 
 NOMINAL = cache(nominal_model)

@@ -9,8 +9,9 @@ is compared as one draw, however many they are.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import f as fisher
@@ -62,6 +63,8 @@ its controller does (the simulated one swings less by 0.2 to 0.4, whatever the t
 _DRAGGED = 0.02
 """Trail of a hanging load [s/m], mean and spread, away from the side that it hangs on: 0.1 % of
 the weight as drag at 0.3 m/s, at the end of an arm."""
+CHANGED = 0.5
+"""Probability that nothing has changed, below which something has."""
 _PAIR_PRIOR = 0.1
 """Two weak propellers against one, before the data."""
 
@@ -166,6 +169,7 @@ def compare(
     tried: Sequence[Candidate],
     centre: Array,
     supply_doubt: float = 0.0,
+    exponent_doubt: float = 0.0,
 ) -> Comparison:
     """Weigh all candidates by the probability of the new flights' mean under each.
 
@@ -176,6 +180,8 @@ def compare(
         centre: of `signatures.centre_directions`.
         supply_doubt: standard deviation of the drive curve's supply exponent: flights at another
             voltage than the healthy ones may have the demand of all rotors wrong by it.
+        exponent_doubt: standard deviation of the curve's exponent over its value: what is asked
+            for more is known to that share, but not whether it is.
     """
     now = mean_of(new)
     shift = difference(now, spread.mean)
@@ -194,11 +200,47 @@ def compare(
     weights, empty = np.exp(logs - top), math.exp(nothing - top)
     whole = float(weights.sum()) + empty
     found = [
-        Finding(c, float(w) / whole, size, low, high, weigher.rest(c, size))
+        Finding(c, float(w) / whole, size, *wider, weigher.rest(c, size))
         for (c, _, size, low, high, _), w in zip(entries, weights, strict=True)
+        for wider in (_wider(size, low, high, exponent_doubt),)
     ]
     found.sort(key=lambda f: -f.probability)
     return Comparison(empty / whole, weigher.surprise(), tuple(found), shift)
+
+
+def smallest_seen(
+    spread: Spread,
+    new: Sequence[Features],
+    tried: Sequence[Candidate],
+    centre: Array,
+    supply_doubt: float,
+    asked: Sequence[str],
+) -> dict[str, float]:
+    """Return label of each candidate asked about -> the smallest of its sizes that would be seen.
+
+    That is the size at which so many flights, at their voltage and otherwise as the healthy ones
+    are, leave less than one half for "nothing has changed". A size that is not tried is infinite.
+    """
+    supply = mean_of(new).supply
+
+    def is_seen(demand: Array) -> bool:
+        shown = replace(spread.mean, demand=spread.mean.demand + demand, supply=supply)
+        return compare(spread, [shown] * len(new), tried, centre, supply_doubt).none <= CHANGED
+
+    found = {}
+    for candidate in tried:
+        if candidate.label not in asked:
+            continue
+        rows = np.flatnonzero(candidate.sizes > 0.0)
+        k = bisect_left(rows, True, key=lambda row: is_seen(candidate.demand[row]))
+        found[candidate.label] = float(candidate.sizes[rows[k]]) if k < rows.size else math.inf
+    return found
+
+
+def _wider(size: float, low: float, high: float, share: float) -> tuple[float, float]:
+    """Return an interval with a standard deviation of that share of the size besides."""
+    more = 1.96 * share * size
+    return size - math.hypot(size - low, more), size + math.hypot(high - size, more)
 
 
 def _prior(candidate: Candidate) -> float:

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tombo_diagnosis.change.comparison import Comparison, Finding, compare, mean_of, spread_of
+from tombo_diagnosis.change.comparison import (
+    Comparison,
+    Finding,
+    compare,
+    mean_of,
+    smallest_seen,
+    spread_of,
+)
 from tombo_diagnosis.change.features import (
     EXPONENT,
     AirborneFlight,
@@ -28,17 +35,28 @@ from tombo_diagnosis.change.signatures import (
 from tombo_diagnosis.change.summary_text import notes, summary
 from tombo_diagnosis.change.verdict import ChangeVerdict, judge_change
 from tombo_diagnosis.diagnosis import Change, Diagnosis, FlightSummary, Score
+from tombo_diagnosis.engine.detectable import Detectable
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, fit_drive_curve
 from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_diagnosis.wording import counted, percent
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.vehicle import ROTOR_NAMES
 from tombo_flight.extended_model import FittedParameter
-from tombo_logs.flight_log import DRIVES, FlightLog
+from tombo_logs.checks.ground import CUT_BEFORE_TAKE_OFF, rises
+from tombo_logs.flight_log import DRIVES, FlightLog, why_left_out
+from tombo_logs.flight_log import Finding as LogFinding
 
 _SIZES: Array = np.asarray(np.geomspace(0.004, 0.5, 40), np.float64)
 """Shares of thrust and of mass that are tried."""
 _EQUAL = "thrust_coefficient_error"
 """What no flight tells from another mass."""
+NEEDED = ("position",)
+"""Channels of which no flight may lack any, besides one of the commands."""
+_CARRIES = 0.5
+"""Share of the weight below which rotors lift no vehicle that has hardly changed."""
+_TOLD = (MASS, *(f"{WEAK_PROPELLER}.{rotor}" for rotor in ROTOR_NAMES))
+"""Candidates of which the smallest size that would be seen is told."""
 
 
 @dataclass(frozen=True)
@@ -55,32 +73,45 @@ def diagnose_change(
     healthy: Sequence[FlightLog],
     nominal: NominalModel,
     clock: Callable[[], float] = lambda: 0.0,
+    left_out: Sequence[LogFinding] = (),
 ) -> tuple[Diagnosis, ChangeData]:
     """Say what is different now on a vehicle.
 
     Args:
-        new: flights in one new state.
-        healthy: flights of the same vehicle before, of more than one day if possible.
+        new: flights in one new state, checked (`tombo_logs.checks`).
+        healthy: flights of the same vehicle before, of more than one day if possible; checked.
         nominal: its geometry says what a weight or a weak rotor asks of the other rotors.
         clock: seconds, for the run time.
+        left_out: why flights are not among these.
 
     Raises:
-        InputError: a flight has no position, no commands, is never in the air, or the flights have
-            no channel of commands in common.
+        InputError: no flight of one side has position and commands and is in the air, new flights
+            do not fly, or the flights have no channel of commands in common.
     """
     began = clock()
-    before, after = [airborne(f) for f in healthy], [airborne(f) for f in new]
+    (before, no_use), (after, no_use_either) = _usable(healthy), _usable(new)
     drive = _common_drive([*before, *after])
-    before, after = ([_with_drive(f, drive) for f in flights] for flights in (before, after))
-    curve = fit_drive_curve([drive_samples(f) for f in before], EXPONENT[drive])
+    before, after = ([replace(f, drive=drive) for f in flights] for flights in (before, after))
+    curve = fit_drive_curve([drive_samples(f) for f in before], *EXPONENT[drive])
     data = ChangeData(
         curve, tuple(features(f, curve) for f in before), tuple(features(f, curve) for f in after)
     )
+    _check_fly(after, data.new)
     tried = candidates(nominal.vehicle, nominal.maps, _SIZES)
     centre = centre_directions(nominal.vehicle, nominal.maps)
     spread = spread_of(data.healthy)
-    comparison = compare(spread, data.new, tried, centre, curve.deviation[1])
-    verdict = judge_change(comparison, len(healthy))
+    exponent_doubt, supply_doubt = curve.deviation[0] / curve.exponent, curve.deviation[1]
+    comparison = compare(spread, data.new, tried, centre, supply_doubt, exponent_doubt)
+    verdict = judge_change(comparison, len(before))
+    seen: dict[str, float] = {}
+    if verdict.verdict == "none":
+        seen = smallest_seen(spread, data.new, tried, centre, supply_doubt, _TOLD)
+    findings = (
+        *(f for log in (*new, *healthy) for f in log.findings),
+        *left_out,
+        *no_use_either,
+        *no_use,
+    )
     shown = verdict.members if verdict.verdict in ("named", "set") else ()
     airframe = new[0].airframe
     mass, arm = nominal.vehicle.mass, nominal.vehicle.arm_length
@@ -95,14 +126,14 @@ def diagnose_change(
         set=tuple(dict.fromkeys(_label(c) for c in changed)) if said == "set" else (),
         separating_experiment=None,
         gain=(),
-        prechecks=tuple(f for flight in (*after, *before) for f in flight.findings),
-        candidates=_scores(comparison),
+        prechecks=findings,
+        candidates=_scores(comparison, seen),
         flights=tuple(_summary(f) for f in (*after, *before)),
         residuals=(),
         confidence=verdict.confidence,
-        summary=summary(verdict, spread, comparison),
+        summary=summary(verdict, spread, comparison, seen),
         notes=notes(spread, mean_of(data.new)),
-        model=f"{len(healthy)} healthy flight{'s' * (len(healthy) > 1)} of the same vehicle",
+        model=f"{counted(len(before), 'healthy flight')} of the same vehicle",
         vehicle=airframe.name if airframe is not None else "",
         seconds=clock() - began,
         changed=changed,
@@ -120,13 +151,43 @@ def _common_drive(flights: Sequence[AirborneFlight]) -> str:
             return drive
     raise InputError(
         "the flights have no channel of commands in common: "
-        + ", ".join(f"{f.name}: {f.drive}" for f in flights)
+        + ", ".join(
+            f"{f.log.name}: {f.drive}{why_left_out(f.log.findings, DRIVES)}" for f in flights
+        )
         + f"; accepted: one of {', '.join(DRIVES)} in all of them"
     )
 
 
-def _with_drive(flight: AirborneFlight, drive: str) -> AirborneFlight:
-    return AirborneFlight(flight.name, flight.log, drive, flight.spans, flight.findings)
+def _usable(logs: Sequence[FlightLog]) -> tuple[list[AirborneFlight], list[LogFinding]]:
+    """Return the flights that can be compared, and why others can't.
+
+    Raises:
+        InputError: none can.
+    """
+    usable, refused = [], []
+    for log in logs:
+        try:
+            usable.append(airborne(log))
+        except InputError as error:
+            refused.append(LogFinding("refused", "fault", log.name, str(error)))
+    if not usable:
+        raise InputError(refused[0].message if refused else "no flights given; accepted: some")
+    return usable, refused
+
+
+def _check_fly(flights: Sequence[AirborneFlight], said: Sequence[Features]) -> None:
+    """Refuse flights that stay where they are with rotors that can't carry the vehicle.
+
+    Raises:
+        InputError: names the flight.
+    """
+    for flight, each in zip(flights, said, strict=True):
+        share = float(np.mean(np.exp(each.demand)))
+        if share < _CARRIES and not rises(flight.log.series["position"]):
+            raise InputError(
+                f"flight '{flight.log.name}': it does not fly: z stays where it is, and "
+                f"{flight.drive} asks for {percent(share)} of the weight; {CUT_BEFORE_TAKE_OFF}"
+            )
 
 
 def _changes(member: Finding, verdict: ChangeVerdict, mass: float, arm: float) -> list[Change]:
@@ -173,20 +234,22 @@ def _theta(member: Finding, mass: float, arm: float) -> tuple[FittedParameter, .
     return (FittedParameter("mass", "kg", 0.0, *(mass * x for x in size)),)
 
 
-def _scores(comparison: Comparison) -> tuple[Score, ...]:
+def _scores(comparison: Comparison, seen: Mapping[str, float]) -> tuple[Score, ...]:
     none = max(comparison.none, 1e-300)
     return tuple(
         Score(
             f.candidate.label, math.nan,
             math.log(max(f.probability, 1e-300) / none), f.probability, True,
+            detectable=Detectable("fraction", "1", size) if math.isfinite(size) else None,
         )
         for f in comparison.found
+        for size in (seen.get(f.candidate.label, math.nan),)
     )  # fmt: skip
 
 
 def _summary(flight: AirborneFlight) -> FlightSummary:
     log = flight.log
     return FlightSummary(
-        flight.name, log.source, log.duration_s, flight.used_s, flight.drive,
+        log.name, log.source, log.duration_s, flight.used_s, flight.drive,
         tuple(c for c in ("attitude", "gyro", "accel", "voltage") if c not in log.series),
     )  # fmt: skip

@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, DriveSamples
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.ground import ground_spans
-from tombo_logs.checks.series_cleaning import clean_series
-from tombo_logs.checks.spans import merged, sample_interval
-from tombo_logs.flight_log import DRIVES, Finding, FlightLog, Series
+from tombo_logs.checks.motion import RATE, accelerations
+from tombo_logs.checks.spans import check_extent, merged, sample_interval
+from tombo_logs.flight_log import DRIVES, FlightLog, Series, why_left_out
 
-EXPONENT = {"rotor_speed": 2.0, "rotor_command": 2.0, "motor_command": 1.0}
-"""Of thrust in each of them, before the fit."""
+EXPONENT = {"rotor_speed": (2.0, 0.15), "rotor_command": (2.0, 0.15), "motor_command": (1.0, 0.3)}
+"""Of thrust in each of them before the fit, and its standard deviation: of speeds the square law,
+which Reynolds' number and bending blades change (1.8 for the suite's propeller)."""
 _SUPPLY_S = 5.0
 """Over which the voltage is averaged: long against manoeuvres, short against a discharge."""
 _EDGE_S = 0.5
 """After lift-off and before touch-down."""
 _SHORTEST_S = 4.0
 """Of a stretch in the air."""
+_BRIDGED_S = 1.0
+"""Length of what is set apart, up to which it cuts no flight in two: poses that jump, a gap."""
 _SHAKE_HZ = 10.0
 """Above it no loop follows: what is left is vibration."""
 _SWING_HZ = (0.35, 1.6)
@@ -46,13 +49,11 @@ MODES = np.array([[1.0, 1, 1, 1], [-1, 1, 1, -1], [-1, 1, -1, 1], [1, 1, -1, -1]
 class AirborneFlight:
     """The channels of a flight and the time that it is steadily in the air."""
 
-    name: str
     log: FlightLog
     drive: str
     """One of DRIVES."""
     spans: tuple[tuple[float, float], ...]
     """[s]"""
-    findings: tuple[Finding, ...]
 
     def cut(self, series: Series) -> list[Series]:
         """Return the part of a channel in each span."""
@@ -85,23 +86,21 @@ class Features:
 
 
 def airborne(log: FlightLog) -> AirborneFlight:
-    """Clean a flight and find when it is in the air.
+    """Find when a checked flight is steadily in the air.
 
     Raises:
         InputError: no position, no rotor commands or speeds, or never in the air.
     """
-    series, findings = {}, list(log.findings)
-    for name, raw in log.series.items():
-        series[name], found = clean_series(log.name, name, raw)
-        findings += found
+    series = log.series
     drive = next((d for d in DRIVES if d in series and series[d].t.size > 20), None)
     if drive is None or "position" not in series or series["position"].t.size < 20:
+        why = why_left_out(log.findings, ("position", *DRIVES))
         raise InputError(
-            f"flight '{log.name}': channels {', '.join(series)}; needed to say what has changed: "
-            f"position, and one of {', '.join(DRIVES)}"
+            f"flight '{log.name}': usable channels are {', '.join(series)}{why}; needed to say "
+            f"what has changed: position, and one of {', '.join(DRIVES)}"
         )
     position = series["position"]
-    apart = merged([*log.exclude, *ground_spans(position, series)])
+    apart = [(b, e) for b, e in merged(log.exclude) if e - b > _BRIDGED_S]
     low, high = (f(position.t[i], series[drive].t[i]) for f, i in ((max, 0), (min, -1)))
     edges = [low, *(x for span in apart for x in span), high]
     pairs = [(b, e) for b, e in list(pairwise(edges))[::2]]
@@ -111,25 +110,49 @@ def airborne(log: FlightLog) -> AirborneFlight:
             f"flight '{log.name}' is never in the air for {_SHORTEST_S:g} s; needed to say what "
             "has changed"
         )
-    cleaned = FlightLog(
-        log.name, log.source, series, log.airframe, log.findings, log.exclude, log.metadata
-    )
-    return AirborneFlight(log.name, cleaned, drive, spans, tuple(findings))
+    return AirborneFlight(log, drive, spans)
 
 
 def drive_samples(flight: AirborneFlight) -> DriveSamples:
-    """Return commands, load factor and voltage at the times of the commands."""
+    """Return commands, load factor and voltage at the times of the commands.
+
+    Measured speeds give thrust whatever the supply: their voltage is left out.
+    """
     series = flight.log.series
     command = _joined(flight.cut(series[flight.drive]))
     keep = (command.values > 0.0).all(axis=1)
     t, values = command.t[keep], command.values[keep]
-    load = np.ones(t.size)
+    supply = None if flight.drive == "rotor_speed" else _supply(flight, t)
+    load = np.clip(_load_factor(series, t), 0.3, 3.0)
+    return DriveSamples(values, load, supply, sample_interval(t))
+
+
+def _load_factor(series: Mapping[str, Series], t: Array) -> Array:
+    """Return thrust over weight at `t`: of the accelerometer, an estimator, or the track.
+
+    Of the latter two it is the part along the body's z; without an attitude their size.
+    """
+    if "accel" in series:
+        return np.asarray(_at(series["accel"], t)[:, 2] / GRAVITY)
     if "acceleration" in series:
-        s = series["acceleration"]
-        load += np.interp(t, s.t, s.values[:, 2]) / GRAVITY
-    elif "accel" in series:
-        load = np.interp(t, series["accel"].t, series["accel"].values[:, 2]) / GRAVITY
-    return DriveSamples(values, np.clip(load, 0.3, 3.0), _supply(flight, t), sample_interval(t))
+        pushed = _at(series["acceleration"], t)
+    else:
+        position = series["position"]
+        check_extent(position.t[0], position.t[-1], RATE)
+        clock = np.arange(position.t[0], position.t[-1], 1.0 / RATE)
+        pushed = _at(Series(clock, accelerations(position, clock)), t)
+    force = pushed / GRAVITY + np.array([0.0, 0.0, 1.0])
+    if "attitude" in series:
+        return np.asarray(_attitude(series["attitude"], t).inv().apply(force)[:, 2])
+    return np.asarray(np.linalg.norm(force, axis=1))
+
+
+def _at(series: Series, t: Array) -> Array:
+    return np.column_stack([np.interp(t, series.t, v) for v in series.values.T])
+
+
+def _attitude(series: Series, t: Array) -> Rotation:
+    return Rotation.from_quat(_at(Series(series.t, unwrap_quaternions(series.values)), t))
 
 
 def _supply(flight: AirborneFlight, t: Array) -> Array | None:
@@ -184,14 +207,8 @@ def _trail(flight: AirborneFlight, curve: DriveCurve) -> Array:
     ]
     speed = (ends[1] - ends[0]) / _SPEED_S
     if "attitude" in series:
-        q = np.column_stack(
-            [
-                np.interp(t, series["attitude"].t, v)
-                for v in unwrap_quaternions(series["attitude"].values).T
-            ]
-        )
-        x, y, z, w = q.T
-        heading = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        ahead = _attitude(series["attitude"], t).apply([1.0, 0.0, 0.0])
+        heading = np.arctan2(ahead[:, 1], ahead[:, 0])
         ahead = np.cos(heading) * speed[:, 0] + np.sin(heading) * speed[:, 1]
         left = np.cos(heading) * speed[:, 1] - np.sin(heading) * speed[:, 0]
         speed = np.column_stack([ahead, left])

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from tombo_diagnosis.change.comparison import Comparison, Spread
 from tombo_diagnosis.change.features import Features
 from tombo_diagnosis.change.signatures import ADDED_WEIGHT, HANGING_LOAD, UNBALANCE, WEAK_PROPELLER
 from tombo_diagnosis.change.verdict import ChangeVerdict
-from tombo_diagnosis.wording import counted, listed, percent
+from tombo_diagnosis.wording import counted, listed, percent, sized
 from tombo_dynamics.vehicle import ROTOR_NAMES
 
 _PHRASES = {
@@ -40,27 +42,48 @@ def headline(verdict: str, labels: tuple[str, ...]) -> str:
     return f"What has changed: {listed(said, 'or')}"
 
 
-def summary(verdict: ChangeVerdict, spread: Spread, comparison: Comparison) -> str:
-    """Return the verdict in a sentence or two, with figures."""
-    shift = comparison.shift.demand
+def summary(
+    verdict: ChangeVerdict, spread: Spread, comparison: Comparison, seen: Mapping[str, float]
+) -> str:
+    """Return the verdict in a sentence or two, with figures.
+
+    `seen`: candidate -> the smallest of its sizes that would have been seen (`smallest_seen`).
+    """
     day = np.sqrt(np.diag(spread.demand))
-    k = int(np.abs(shift / day).argmax())
-    more = "more" if shift[k] > 0.0 else "less"
-    seen = (
-        f"Rotor {ROTOR_NAMES[k].replace('_', ' ')} is asked for {percent(abs(shift[k]), 1)} "
+    k = int(np.abs(comparison.shift.demand / day).argmax())
+    share, usual = np.expm1([comparison.shift.demand[k], day[k]])  # of logarithms
+    more = "more" if share > 0.0 else "less"
+    told = (
+        f"Rotor {ROTOR_NAMES[k].replace('_', ' ')} is asked for {percent(abs(share), 1)} "
         f"{more} thrust than in {counted(spread.flights, 'healthy flight')}, which spread by "
-        f"{percent(day[k], 1)}; swing {percent(np.expm1(comparison.shift.swing))}."
+        f"{percent(usual, 1)}; swing {percent(np.expm1(comparison.shift.swing))}."
     )
     if verdict.verdict == "none":
-        return f"{seen} Healthy flights differ as much."
+        return f"{told} Healthy flights differ as much. {_would_show(seen)}"
     if verdict.verdict == "unknown":
         first = [
             f"{phrase(f.candidate.label)} ({percent(f.probability)})" for f in verdict.members
         ]
         most = f" Most probable: {listed(first[:4])}." if first else " No candidate explains it."
-        return f"{seen}{most}"
+        return f"{told}{most}"
     said = listed([phrase(m.candidate.label) for m in verdict.members], "or")
-    return f"{seen} That is what {said} asks for."
+    return f"{told} That is what {said} asks for."
+
+
+def _would_show(seen: Mapping[str, float]) -> str:
+    """Return the smallest changes that would have been seen; of rotors, at the worst of them."""
+    worst: dict[str, float] = {}
+    for label, size in seen.items():
+        effect = label.partition(".")[0]
+        worst[effect] = max(size, worst.get(effect, 0.0))
+    shown = [
+        f"{_PHRASES[effect]} from {sized(size, '1')}"
+        for effect, size in worst.items()
+        if np.isfinite(size)
+    ]
+    if not shown:
+        return "They differ so much that no change at all would have been seen."
+    return f"These flights would have shown {listed(shown)}; what is smaller is not seen here."
 
 
 def notes(spread: Spread, new: Features) -> tuple[str, ...]:

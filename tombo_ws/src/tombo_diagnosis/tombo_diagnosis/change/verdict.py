@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from tombo_diagnosis.change.comparison import Comparison, Finding
+from tombo_diagnosis.change.comparison import CHANGED, Comparison, Finding
 from tombo_diagnosis.change.signatures import ADDED_WEIGHT, HANGING_LOAD, WEAK_PROPELLER
 from tombo_diagnosis.engine.verdict import LOG_BF_DISTINCT
 
-CHANGED = 0.5
-"""Probability that nothing has changed, below which something has."""
 COVERED = 0.8
 """Probability of the members of a set, of all that have changed."""
 _LARGEST_SET = 4

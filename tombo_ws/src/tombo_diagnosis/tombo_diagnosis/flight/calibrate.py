@@ -21,7 +21,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES, VehicleParams
-from tombo_logs.flight_log import DRIVES, ROTOR_SPEEDS, Airframe, FlightLog, Series
+from tombo_logs.flight_log import DRIVES, ROTOR_SPEEDS, Airframe, FlightLog, Series, why_left_out
 
 _HOVER_SPEED = 1000.0
 """rad/s that stands for hover: only thrust counts, speeds are a way to write it."""
@@ -201,8 +201,8 @@ def _drive(log: FlightLog) -> Series:
         if series is not None and series.t.size >= _FEWEST:
             return series if name == "motor_command" else replace(series, values=series.values**2)
     raise InputError(
-        f"flight '{log.name}': no motor commands; accepted: a log with motor_command, "
-        "rotor_command or rotor_speed"
+        f"flight '{log.name}': no motor commands{why_left_out(log.findings, DRIVES)}; accepted: a "
+        "log with motor_command, rotor_command or rotor_speed"
     )
 
 

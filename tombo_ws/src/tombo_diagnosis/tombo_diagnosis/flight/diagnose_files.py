@@ -14,7 +14,8 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.vehicle_file import VehicleFile
 from tombo_logs.checks import check_log
-from tombo_logs.checks.rotors.hover import hover_of
+from tombo_logs.checks.pipeline import POSE
+from tombo_logs.checks.rotors.hover import Hover, hover_of
 from tombo_logs.flight_log import Finding, FlightLog
 from tombo_logs.readers.log_reader import read_logs
 
@@ -41,12 +42,26 @@ def read_and_check(
     hover = None
     if nominal is not None:
         hover = hover_of(nominal.label, nominal.vehicle, nominal.maps)
+    return check_flights(flights, hover, progress=progress)
+
+
+def check_flights(
+    flights: Sequence[FlightLog],
+    hover: Hover | None = None,
+    needed: Sequence[str] = POSE,
+    progress: ProgressCallback = no_progress,
+) -> tuple[list[FlightLog], list[Finding]]:
+    """Return the flights that pass `check_log`, checked, and why others are left out.
+
+    Raises:
+        InputError: no flight is left; why the first is not.
+    """
     checked, refused = [], []
     first: InputError | None = None
     for k, flight in enumerate(flights):
         progress(f"checking {flight.name}", k / len(flights))
         try:
-            checked.append(check_log(flight, hover))
+            checked.append(check_log(flight, hover, needed))
         except InputError as error:
             refused.append(Finding("refused", "fault", flight.name, str(error)))
             first = first or error

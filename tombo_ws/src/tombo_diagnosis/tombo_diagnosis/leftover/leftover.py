@@ -177,7 +177,8 @@ def _samples(quantity: str, one: Measured, fit: SparseFit) -> LeftoverSamples:
 
 def _rms(values: Sequence[Array]) -> float:
     every = np.vstack(values)
-    return float(np.sqrt(np.nanmean(every**2, axis=0).sum()))
+    known = np.isfinite(every).any(axis=0)  # an axis may not be compared at all
+    return float(np.sqrt(np.nanmean(every[:, known] ** 2, axis=0).sum()))
 
 
 def _terms(quantity: str, fit: SparseFit, terms: Sequence[Term]) -> list[FittedTerm]:

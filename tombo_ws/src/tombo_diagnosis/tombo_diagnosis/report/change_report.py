@@ -66,6 +66,8 @@ def change_html(diagnosis: Diagnosis, png: bytes) -> str:
     title = headline(diagnosis.verdict, change_labels(diagnosis))
     text = "Each dot is a flight, each bar the mean. Demand: thrust that the healthy drive curve "
     text += "reads from the commands, against a quarter of the weight"
+    logs = (("The logs", diagnosis_evidence.prechecks(diagnosis.prechecks, "flight")),)
+    faulty = any(f.severity == "fault" for f in diagnosis.prechecks)
     return page_html(
         Page(
             title=f"What has changed: {title}",
@@ -76,11 +78,12 @@ def change_html(diagnosis: Diagnosis, png: bytes) -> str:
             summary=diagnosis.summary,
             cards=(),
             sections=(
+                *(logs if faulty else ()),  # it may be all that has changed
                 ("What has changed", pictures([(png, "Healthy and new flights", text)])),
                 ("What it may be", _changes(diagnosis.changed)),
                 ("What can’t be certified", sentences(diagnosis.notes)),
                 ("All candidates", diagnosis_evidence.candidates(diagnosis.candidates)),
-                ("The logs", diagnosis_evidence.prechecks(diagnosis.prechecks, "flight")),
+                *(() if faulty else logs),
                 ("Flights used", diagnosis_evidence.flights(diagnosis)),
             ),
             footer=f"Held against: {diagnosis.model}. Intervals are 95 %. Diagnosed in "

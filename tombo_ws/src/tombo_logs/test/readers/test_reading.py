@@ -53,7 +53,13 @@ def test_logs_of_a_folder_have_short_and_unique_names(tmp_path):
 def test_generic_file_names_are_replaced_by_the_folder_or_numbered():
     paths = ["/d/run-1/flight.mcap", "/d/run-2/flight.mcap", "/d/x/log_0.csv.gz", "/d/y.ulg"]
     assert flight_names([Path(p) for p in paths]) == ["run-1", "run-2", "x", "y"]
-    assert flight_names([Path("/d/y.csv"), Path("/d/y.ulg")]) == ["d/y", "d/y#2"]
+    assert flight_names([Path("/a/d/y.csv"), Path("/a/d/y.ulg")]) == ["y", "y#2"]
+
+
+def test_several_files_with_generic_names_in_a_folder_keep_their_names():
+    paths = ["/home/me/flights/lab/1.csv", "/home/me/flights/lab/2.csv", "/home/me/x/1.csv"]
+    assert flight_names([Path(p) for p in paths]) == ["lab/1", "lab/2", "x"]
+    assert flight_names([Path(p) for p in paths[:2]]) == ["lab/1", "lab/2"]
 
 
 def test_a_mapping_brings_airframe_and_turn_to_recordings(tmp_path):

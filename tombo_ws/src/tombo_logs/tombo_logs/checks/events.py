@@ -74,7 +74,7 @@ def accel_events(accel: Series, p_t: Array, p_acceleration: Array) -> list[Event
     return events
 
 
-def pose_events(position: Series, attitude: Series) -> list[Event]:
+def pose_events(position: Series, attitude: Series | None) -> list[Event]:
     """Return when velocity or body rates jump within two or three poses."""
     events = []
     stamps = _evened(position.t)
@@ -87,6 +87,8 @@ def pose_events(position: Series, attitude: Series) -> list[Event]:
     for at, size in _peaks(t, change, limit):
         kind = "track" if size < fastest else "leap"
         events.append(Event(at, f"the track's velocity jumps by {size:.2f} m/s", "position", kind))
+    if attitude is None:
+        return events
     usable = is_usable(attitude.values)
     if np.count_nonzero(usable) > 10:
         turns = Rotation.from_quat(attitude.values[usable])

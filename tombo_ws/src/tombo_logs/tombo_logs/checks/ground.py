@@ -7,8 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
 from tombo_logs.checks.spans import Mask, Span, merged, runs, sample_interval
-from tombo_logs.flight_log import Finding, Series
+from tombo_logs.flight_log import DRIVES, Finding, Series
 
 _RISE = 0.12
 """m that a flight goes above the ground, at least."""
@@ -30,6 +31,29 @@ _OFF, _IDLE = 0.2, 0.8
 """Speed or command over that in flight below which motors are off, and below which they idle."""
 _PART_IDLE = 0.3
 """Share of the time on the ground for which motors idle or are off."""
+_NO_DRIVE = {"rotor_speed": 10.0, "rotor_command": 10.0, "motor_command": 0.01}
+"""What no rotor flies with, in the unit of the channel."""
+CUT_BEFORE_TAKE_OFF = "is the log cut before take-off? Accepted: a log with seconds of flight"
+
+
+def rises(position: Series) -> bool:
+    """Return whether a track leaves the height that it has most of the time."""
+    return float(np.ptp(np.percentile(position.values[:, 2], [1.0, 99.0]))) > _RISE
+
+
+def check_flies(flight: str, position: Series, series: Mapping[str, Series]) -> None:
+    """Refuse a log in which the vehicle stands with its motors off.
+
+    Raises:
+        InputError: says so.
+    """
+    drives = [name for name in DRIVES if name in series]
+    off = all(float(np.percentile(series[n].values, 99.0)) < _NO_DRIVE[n] for n in drives)
+    if drives and off and not rises(position):
+        raise InputError(
+            f"flight '{flight}': it does not fly: z stays where it is, and the motors are off "
+            f"({', '.join(drives)}); {CUT_BEFORE_TAKE_OFF}"
+        )
 
 
 def ground_spans(position: Series, series: Mapping[str, Series]) -> list[Span]:

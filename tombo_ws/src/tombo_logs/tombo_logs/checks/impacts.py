@@ -37,7 +37,7 @@ def impacts(
         events: what is sudden, in any order.
         ground: spans on the ground; what happens there is take-off and landing.
         flown: begin and end of the flight [s].
-        channels: those of the flight: what only poses show though accelerometer or gyro are
+        channels: those of the flight: what only poses show though an acceleration or a gyro are
             there is an error of the poses, and what only turns is a manoeuvre.
     """
     begin, end = flown
@@ -47,7 +47,8 @@ def impacts(
     for first, last in merged([(e.t, e.t) for e in inflight], apart=_RECOVERY_S):
         members = sorted((e for e in inflight if first <= e.t <= last), key=lambda e: e.t)
         kinds = {e.kind for e in members}
-        hit = "lean" in kinds or ("accel" if "accel" in channels else "track") in kinds
+        felt = {"accel", "acceleration"} & set(channels)
+        hit = "lean" in kinds or ("accel" if felt else "track") in kinds
         if not hit:
             findings += _pose_jumps(flight, members, "gyro" in channels)
             continue

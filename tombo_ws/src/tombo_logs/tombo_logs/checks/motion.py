@@ -63,7 +63,6 @@ def motion_of(
         if series is not None:
             invalid |= inside(t, gap_spans(series.t))
             invalid |= (t < series.t[0]) | (t > series.t[-1])
-    p = _sampled(position, t)
     usable = is_usable(attitude.values)
     q = _sampled(Series(attitude.t[usable], unwrap_quaternions(attitude.values[usable])), t)
     q /= np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9)
@@ -77,13 +76,19 @@ def motion_of(
     return Motion(
         t,
         2.0 * quaternion_multiply(conjugate(smooth), slope)[:, :3],
-        gaussian_filter1d(p, sigma, axis=0, order=2) * RATE**2,
+        accelerations(position, t),
         turn.apply([0.0, 0.0, 1.0]),
         smooth,
         ~near,
         empty if gyro is None else resampled(gyro, t),
         empty if accel is None else resampled(accel, t),
     )
+
+
+def accelerations(position: Series, t: Array) -> Array:
+    """Return the smoothed acceleration of a track at times `t` of the even clock, (N, 3)."""
+    smooth = gaussian_filter1d(_sampled(position, t), WIDTH * RATE, axis=0, order=2)
+    return np.asarray(smooth * RATE**2)
 
 
 def _sampled(series: Series, t: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from tombo_logs.checks.clocks.clock_rates import common_clock
 from tombo_logs.checks.clocks.gaps import gaps
 from tombo_logs.checks.clocks.time_units import check_pose_rate, other_times
 from tombo_logs.checks.clocks.timestamps import arrival_stamps
-from tombo_logs.checks.ground import ground, motor_drive
+from tombo_logs.checks.ground import check_flies, ground, motor_drive, rises
 from tombo_logs.checks.motion import Motion, motion_of
 from tombo_logs.checks.rotors import motors, rotor_order
 from tombo_logs.checks.rotors.change_points import changes
@@ -22,7 +22,7 @@ from tombo_logs.checks.rotors.hover import Hover, check_vehicle
 from tombo_logs.checks.rotors.rotor_sensors import sensor_faults
 from tombo_logs.checks.series_cleaning import clean_series, nothing_left, without_wrong_poses
 from tombo_logs.checks.spans import Mask, Span, block_means, inside, merged, sample_interval
-from tombo_logs.flight_log import DRIVES, ROTOR_SPEEDS, Finding, FlightLog, Series
+from tombo_logs.flight_log import DRIVES, ROTOR_SPEEDS, Finding, FlightLog, Series, why_left_out
 
 POSE = ("position", "attitude")
 _IMU = ("gyro", "accel")
@@ -35,7 +35,9 @@ _SET_APART = {"crash", "contact", "jump", "ground", "frozen"}
 """Checks whose spans are not diagnosed."""
 
 
-def check_log(log: FlightLog, hover: Hover | None = None) -> FlightLog:
+def check_log(
+    log: FlightLog, hover: Hover | None = None, needed: Sequence[str] = POSE
+) -> FlightLog:
     """Return a flight with cleaned channels, findings, and excluded spans.
 
     Channels that can't be used are taken out; a second call changes nothing.
@@ -44,20 +46,24 @@ def check_log(log: FlightLog, hover: Hover | None = None) -> FlightLog:
         log: as read.
         hover: how the vehicle of the nominal model hovers (`rotors.hover.hover_of`), to see that
             it is the vehicle that flew; None, or a log with an airframe of its own: not checked.
+        needed: channels without which the flight can't be used, position at least. Without an
+            attitude, what would be compared with it is not checked.
 
     Raises:
-        InputError: position or attitude is missing or can't be used, or another vehicle flew.
+        InputError: a channel that is needed is missing or can't be used, the vehicle does not fly,
+            or another vehicle flew.
     """
     series, findings = _tidy(log)
-    _check_poses(log.name, series, findings)
+    _check_poses(log.name, series, findings, needed)
     begin, end = series["position"].t[0], series["position"].t[-1]
     findings += _without(series, other_times(log.name, series))
-    _check_there(log.name, series, findings)
+    _check_there(log.name, series, findings, needed)
     stood_still = _stuck(log.name, series)
     lost = _spans(f for f in stood_still if f.channel in POSE)
     position = series["position"]
     keep = ~inside(position.t, lost)
     seen = Series(position.t[keep], position.values[keep]) if keep.any() else position
+    check_flies(log.name, position, series)
     poses.check_height(log.name, position, motor_drive(position.t, series))
     findings += ground(log.name, seen, series)
     down = _spans(f for f in findings if f.check == "ground")
@@ -68,11 +74,13 @@ def check_log(log: FlightLog, hover: Hover | None = None) -> FlightLog:
     findings += _accel_unit(log.name, series, down)
     known = [*log.exclude, *_spans(findings)]
     motion = _motion(series, known)
-    poses.check_tilt(log.name, motion)
+    if motion is not None:
+        poses.check_tilt(log.name, motion)
     findings += _rotor_sensors(log.name, series, known)
     set_back = {f.channel for f in findings if f.check == "stamps" and f.severity == "fault"}
-    series, found = common_clock(log.name, series, motion, frozenset(set_back))
-    findings += found
+    if motion is not None:
+        series, found = common_clock(log.name, series, motion, frozenset(set_back))
+        findings += found
     uncovered, found = _whole(log.name, series, (begin, end), down)
     findings += found
     excluded = [*log.exclude, *uncovered]
@@ -115,13 +123,14 @@ def _tidy(log: FlightLog) -> tuple[dict[str, Series], list[Finding]]:
     return series, findings
 
 
-def _check_there(flight: str, series: dict[str, Series], findings: list[Finding]) -> None:
-    for name in POSE:
+def _check_there(
+    flight: str, series: dict[str, Series], findings: list[Finding], needed: Sequence[str]
+) -> None:
+    for name in needed:
         if name not in series:
-            why = "; ".join(f.message for f in findings if f.channel == name)
             raise InputError(
-                f"flight '{flight}': no usable {name}{f' ({why})' if why else ''}; needed: "
-                "position and attitude of the motion capture"
+                f"flight '{flight}': no usable {name}{why_left_out(findings, (name,))}; needed: "
+                f"{' and '.join(needed)} of the motion capture"
             )
         if series[name].t.size < _LEAST:
             raise InputError(
@@ -130,10 +139,13 @@ def _check_there(flight: str, series: dict[str, Series], findings: list[Finding]
             )
 
 
-def _check_poses(flight: str, series: dict[str, Series], findings: list[Finding]) -> None:
-    _check_there(flight, series, findings)
+def _check_poses(
+    flight: str, series: dict[str, Series], findings: list[Finding], needed: Sequence[str]
+) -> None:
+    _check_there(flight, series, findings, needed)
     check_pose_rate(flight, series)
-    poses.check_attitude(flight, series["attitude"])
+    if "attitude" in series:
+        poses.check_attitude(flight, series["attitude"])
     poses.check_position(flight, series["position"])
 
 
@@ -185,22 +197,32 @@ def _spans(findings: Iterable[Finding]) -> list[Span]:
     ]
 
 
-def _motion(series: dict[str, Series], apart: list[Span]) -> Motion:
+def _motion(series: dict[str, Series], apart: list[Span]) -> Motion | None:
+    """Return the motion by poses and IMU; None: the attitude is not known."""
+    if "attitude" not in series:
+        return None
     return motion_of(
         series["position"], series["attitude"], series.get("gyro"), series.get("accel"), apart
     )
 
 
 def _impacts(
-    flight: str, series: dict[str, Series], motion: Motion, findings: list[Finding]
+    flight: str, series: dict[str, Series], motion: Motion | None, findings: list[Finding]
 ) -> list[Finding]:
     down = [(f.start_s, f.end_s) for f in findings if f.check == "ground"]
     times = series["position"].t
-    found = events.pose_events(series["position"], series["attitude"])
-    found += events.tilt_events(series["attitude"])
+    found = events.pose_events(series["position"], series.get("attitude"))
+    if "attitude" in series:
+        found += events.tilt_events(series["attitude"])
+    gravity = np.array([0.0, 0.0, GRAVITY])
+    seen, force = np.zeros(0), np.zeros(0)
+    if motion is not None:
+        seen, force = motion.t, np.linalg.norm(motion.acceleration + gravity, axis=1)
     if "accel" in series:
-        force = np.linalg.norm(motion.acceleration + np.array([0.0, 0.0, GRAVITY]), axis=1)
-        found += events.accel_events(series["accel"], motion.t, force)
+        found += events.accel_events(series["accel"], seen, force)
+    elif "acceleration" in series:
+        felt = series["acceleration"]
+        found += events.accel_events(Series(felt.t, felt.values + gravity), seen, force)
     if "gyro" in series:
         found += events.gyro_events(series["gyro"])
     lines = [f for f in findings if f.check == "frozen" and f.channel in _IMU]
@@ -218,6 +240,8 @@ def _held_together(
 ) -> tuple[dict[str, Series], list[Finding]]:
     """Compare poses, gyro and accelerometer; leave out what contradicts."""
     motion = _motion(series, apart)
+    if motion is None:
+        return series, []
     findings, scale = imu.check_gyro(flight, motion)
     wrong = any(f.severity == "fault" for f in findings)
     poses.check_poses(flight, motion, scale, imu=not wrong)
@@ -284,7 +308,9 @@ def _motors(
             for name in ROTOR_SPEEDS
             if name in series
         }
-        findings += _without(series, check_vehicle(flight, drives, hover))
+        findings += _without(
+            series, check_vehicle(flight, drives, hover, rises(series["position"]))
+        )
     return findings
 
 

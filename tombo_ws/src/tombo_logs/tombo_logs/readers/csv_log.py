@@ -49,7 +49,7 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
             channels[key] = channel
         elif any(c in there for c in channel.columns):
             text = f"{key}: columns {', '.join(lacking)} are not in the table: left out"
-            findings.append(Finding("missing", "warning", name, text, channel=key))
+            findings.append(Finding("missing", "fault", name, text, channel=key))
     wanted = {c for channel in channels.values() for c in _columns(channel, mapping, there)}
     for column in sorted(wanted):
         if table.columns.count(column) > 1:

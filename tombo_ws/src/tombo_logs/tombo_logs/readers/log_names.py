@@ -12,33 +12,47 @@ _GENERIC_NAME = re.compile(r"(flight|log|bag|rosbag|record(ing)?|data)?[\d_-]*",
 
 
 def flight_names(paths: Sequence[Path]) -> list[str]:
-    """Return a name for each path: that of the file, else with folders or a number before it."""
-    parts = [_parts(path) for path in paths]
+    """Return a name for each path: that of the file, else with folders or a number about it."""
+    parts = _parts(paths)
     depth = [1] * len(parts)
-    names = [p[-1] for p in parts]
-    for _ in range(max((len(p) for p in parts), default=0)):
+    while True:
+        names = ["/".join(p[-d:]) for p, d in zip(parts, depth, strict=True)]
         many = {name for name, count in Counter(names).items() if count > 1}
-        if not many:
+        longer = [i for i, p in enumerate(parts) if names[i] in many and depth[i] < len(p)]
+        if not longer:
             return names
-        for i, name in enumerate(names):
-            if name in many and depth[i] < len(parts[i]):
-                depth[i] += 1
-                names[i] = "/".join(parts[i][-depth[i] :])
-    seen: Counter[str] = Counter()
-    for i, name in enumerate(names):
-        seen[name] += 1
-        if seen[name] > 1:
-            names[i] = f"{name}#{seen[name]}"
-    return names
+        for i in longer:
+            depth[i] += 1
 
 
-def _parts(path: Path) -> list[str]:
-    """Return folders and name; a file with a generic name gets that of its folder."""
+def _parts(paths: Sequence[Path]) -> list[tuple[str, ...]]:
+    """Return folders and name of each path, no two alike.
+
+    A file with a generic name gets that of its folder, and keeps its own where others are there;
+    what differs by the ending only gets a number.
+    """
+    whole = [_folders_and_name(path) for path in paths]
+    generic = [
+        bool(p[:-1] and _GENERIC_NAME.fullmatch(p[-1]) and not path.is_dir())
+        for path, p in zip(paths, whole, strict=True)
+    ]
+    alone = Counter(p[:-1] for p, is_generic in zip(whole, generic, strict=True) if is_generic)
+    parts = [
+        p if not is_generic else p[:-1] if alone[p[:-1]] == 1 else (*p[:-2], "/".join(p[-2:]))
+        for p, is_generic in zip(whole, generic, strict=True)
+    ]
+    seen: Counter[tuple[str, ...]] = Counter()
+    for i, p in enumerate(parts):
+        seen[p] += 1
+        if seen[p] > 1:
+            parts[i] = (*p[:-1], f"{p[-1]}#{seen[p]}")
+    return parts
+
+
+def _folders_and_name(path: Path) -> tuple[str, ...]:
     whole = path.absolute()
     stem = whole.name
     while stem.endswith(_ENDINGS):
         stem = stem.rpartition(".")[0]
     folders = [p for p in whole.parent.parts if p != whole.anchor]
-    if _GENERIC_NAME.fullmatch(stem) and folders and not path.is_dir():
-        return folders
-    return [*folders, stem or whole.name]
+    return (*folders, stem or whole.name)

@@ -60,10 +60,11 @@ def run_change(
     names: dict[str, str],
     on_progress: ProgressCallback,
 ) -> tuple[Diagnosis, ChangeData]:
-    """Read the flights, all of them once, and compare.
+    """Read the flights, all of them once, check, and compare.
 
     Raises:
-        InputError: a log or the mapping can't be used, or a flight is on both sides.
+        InputError: a log or the mapping can't be used, no flight of one side can, or a flight is
+            on both sides.
     """
     from tombo_logs.readers.log_reader import logs_in, read_logs
 
@@ -72,21 +73,28 @@ def run_change(
     flights = read_logs([*new, *healthy], mapping=mapping, names=names)
 
     on_progress("loading the model", 0.5)  # imports compiled code
-    from tombo_diagnosis.change.diagnose import diagnose_change
+    from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
+    from tombo_diagnosis.flight.diagnose_files import check_flights
     from tombo_diagnosis.flight.scenario_nominal import nominal_model
 
     nominal = nominal_model()
-    on_progress("comparing", 0.6)
-    return diagnose_change(flights[:count], flights[count:], nominal, time.perf_counter)
+    (after, faults), (before, more) = (
+        check_flights(side, needed=NEEDED, progress=on_progress)
+        for side in (flights[:count], flights[count:])
+    )
+    on_progress("comparing", 0.9)
+    return diagnose_change(after, before, nominal, time.perf_counter, [*faults, *more])
 
 
 def print_change(found: Diagnosis, folder: Path | None, written: list[str]) -> None:
     """Print what has changed, and where the files are."""
+    from tombo_bringup.cli.diagnosis.diagnosis_tables import print_findings
     from tombo_diagnosis.change.summary_text import headline, phrase
     from tombo_diagnosis.report.change_report import change_labels
 
     colour = {"none": "bold green", "unknown": "bold red"}.get(found.verdict, "bold yellow")
     labels = change_labels(found)
+    print_findings(found.prechecks, "fault")  # a fault of a log may be all that has changed
     print_line(f"{headline(found.verdict, labels)}.", colour)
     print_line(f"({found.verdict}, {certainty(found.confidence)}) {found.summary}")
     if found.changed:
@@ -101,6 +109,7 @@ def print_change(found: Diagnosis, folder: Path | None, written: list[str]) -> N
             if not change.theta:
                 table.add_row(phrase(label), certainty(change.confidence), "", "", "")
         console(highlight=False).print(table)
+    print_findings(found.prechecks, "warning")
     for note in found.notes:
         print_line(f"Note: {note}")
     if folder is not None:

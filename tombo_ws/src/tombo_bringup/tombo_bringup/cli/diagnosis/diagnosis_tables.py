@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -25,12 +26,21 @@ from tombo_diagnosis.report.diagnosis_text import (
     leftover_text,
     next_steps,
 )
-from tombo_diagnosis.wording import certainty, display_name, figure, interval, percent, unit
+from tombo_diagnosis.wording import (
+    certainty,
+    counted,
+    display_name,
+    figure,
+    interval,
+    percent,
+    unit,
+)
 from tombo_flight.command_line import command_line
 
 if TYPE_CHECKING:
     from tombo_diagnosis.diagnosis import Diagnosis
     from tombo_flight.extended_model import Gain
+    from tombo_logs.flight_log import Finding
 
 _COLOURS: Final = {"good": "bold green", "warn": "bold yellow", "bad": "bold red"}
 _MOST_FINDINGS: Final = 10
@@ -59,7 +69,7 @@ def print_diagnosis(
         still = sum(not changes(gain) for gain in diagnosis.gain)
         if still:
             print_line(f"{still} others do not change.")
-    _findings(diagnosis)
+    print_findings(diagnosis.prechecks, "fault", "warning")
     for note in diagnosis.notes:
         print_line(f"Note: {note}")
     _next(diagnosis, folder, vehicle)
@@ -122,14 +132,19 @@ def _gains(gains: Sequence[Gain]) -> Table:
     return table
 
 
-def _findings(diagnosis: Diagnosis) -> None:
-    rank = {"fault": 0, "warning": 1}
-    found = [f for f in diagnosis.prechecks if f.severity in rank]
-    found.sort(key=lambda f: rank[f.severity])
-    for f in found[:_MOST_FINDINGS]:
+def print_findings(prechecks: Sequence[Finding], *severities: str) -> None:
+    """Print what checks of the logs found: one line for what several flights have alike."""
+    flights: dict[Finding, list[str]] = {}
+    for severity in severities:
+        for f in prechecks:
+            if f.severity == severity:
+                flights.setdefault(replace(f, flight=""), []).append(f.flight)
+    found = list(flights.items())
+    for f, (name, *others) in found[:_MOST_FINDINGS]:
         at = f" at {f.start_s:.2f} s" if math.isfinite(f.start_s) else ""
+        more = f" and {counted(len(others), 'other')}" if others else ""
         style = "bold yellow" if f.severity == "fault" else "yellow"
-        print_line(f"{f.severity.capitalize()}: {f.flight}{at}: {f.check}: {f.message}", style)
+        print_line(f"{f.severity.capitalize()}: {name}{more}{at}: {f.check}: {f.message}", style)
     if len(found) > _MOST_FINDINGS:
         print_line(f"... and {len(found) - _MOST_FINDINGS} more, in diagnosis.json", "yellow")
 

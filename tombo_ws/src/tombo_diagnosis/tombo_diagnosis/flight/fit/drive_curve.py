@@ -10,7 +10,7 @@ import numpy as np
 from tombo_dynamics.arrays import Array
 
 _TRUSTED = 0.3
-"""Standard deviation of the exponents before the fit: of command about 1 or 2, of supply 0."""
+"""Standard deviation of an exponent before the fit: of the command, and of the supply about 0."""
 _OFFSET = 0.005
 """Spread of thrust over weight between healthy flights: batteries differ in mass by a few per
 cent of a quarter of the weight."""
@@ -60,32 +60,65 @@ class DriveSamples:
     """[s] between samples."""
 
 
-def fit_drive_curve(flights: Sequence[DriveSamples], exponent: float) -> DriveCurve:
-    """Fit gain and exponents by least squares of the logarithm of thrust over weight.
+def fit_drive_curve(
+    flights: Sequence[DriveSamples], exponent: float, trusted: float = _TRUSTED
+) -> DriveCurve:
+    """Fit gain and exponents to the logarithm of thrust over weight.
 
-    Both sides are averaged over windows, because noise of single commands would pull the exponent
-    towards 0. Each flight has a small offset of its own. The noise is what the best curve leaves,
-    so expected exponents that are wrong do not pass for noise. Where flights do not vary thrust or
-    supply, the exponents stay what they were before: `exponent` and 0.
+    Both sides are averaged over windows. Each flight has a small offset of its own. Air that moves
+    changes thrust at one command, and who holds the height changes the command at one thrust: a
+    regression of one on the other bends the exponent of the command towards 0 or away from it. So
+    its evidence is the band between the two, and where flights vary thrust too little for that
+    band to be narrow, the exponent stays what it was before.
+
+    Args:
+        flights: healthy ones.
+        exponent: of the command before the fit.
+        trusted: its standard deviation.
     """
     with_supply = all(f.voltage is not None for f in flights)
     blocks = [_windows(f, exponent, with_supply) for f in flights]
-    rows, wanted = np.vstack([r for r, _ in blocks]), np.concatenate([t for _, t in blocks])
-    centre = rows.mean(axis=0)
-    own = np.repeat(np.eye(len(flights)), [len(t) for _, t in blocks], axis=0)
-    every = np.column_stack([np.ones(len(wanted)), rows - centre, own])
-    before = np.array([0.0, exponent, 0.0, *np.zeros(len(flights))])
-    error = wanted - every @ before
-    loose = np.diag([0.0, 0.0, 0.0, *np.full(len(flights), _OFFSET**-2)])
-    free = _solved(every, error, 1e-6, loose)[0]
-    noise = _noise_per_window(error - every @ free, [len(t) for _, t in blocks])
-    trusted = loose + np.diag([0.0, _TRUSTED**-2, _TRUSTED**-2, *np.zeros(len(flights))])
-    change, covariance = _solved(every, error, noise, trusted)
-    found = before + change
-    gain = float(np.exp(found[0] - centre @ found[1:3]))
-    spread = np.sqrt(np.diag(covariance))
-    supply_exponent = float(found[2]) if with_supply else 0.0
-    return DriveCurve(gain, float(found[1]), supply_exponent, (float(spread[1]), float(spread[2])))
+    rows, load = np.vstack([r for r, _ in blocks]), np.concatenate([t for _, t in blocks])
+    command, supply = rows.T
+    counts = [len(t) for _, t in blocks]
+    own = np.repeat(np.eye(len(flights)), counts, axis=0)
+    found, deviation = _command_exponent(command, load, np.column_stack([own, supply]), counts)
+    weights = np.array([(trusted / exponent) ** -2, deviation**-2])
+    log = float(weights @ [np.log(exponent), np.log(found)] / weights.sum())
+    slope, slope_deviation = float(np.exp(log)), float(np.exp(log) / np.sqrt(weights.sum()))
+
+    middle = float(supply.mean())
+    every = np.column_stack([np.ones(len(load)), supply - middle, own])
+    both = np.column_stack([load - slope * command, command])
+    offsets = np.diag([0.0, 0.0, *np.full(len(flights), _OFFSET**-2)])
+    free, _ = _solved(every, both[:, 0], 1e-6, offsets)
+    noise = _noise_per_window(both[:, 0] - every @ free, counts)
+    trust = offsets + np.diag([0.0, _TRUSTED**-2, *np.zeros(len(flights))])
+    values, covariance = _solved(every, both, noise, trust)
+    # what the supply makes up for depends on the exponent of the command
+    supply_deviation = np.hypot(np.sqrt(covariance[1, 1]), values[1, 1] * slope_deviation)
+    supply_exponent = float(values[1, 0]) if with_supply else 0.0
+    gain = float(np.exp(values[0, 0] - middle * supply_exponent))
+    return DriveCurve(gain, slope, supply_exponent, (slope_deviation, float(supply_deviation)))
+
+
+def _command_exponent(
+    command: Array, load: Array, beside: Array, counts: Sequence[int]
+) -> tuple[float, float]:
+    """Return what flights alone say of the exponent, and the deviation of its logarithm.
+
+    `beside` (W, k) explains a part of both. The exponent is between the regression of load on
+    command and the inverse of that of command on load (Frisch's bounds): their geometric mean, and
+    half the logarithm of their ratio. The deviation is infinite where the two do not go together.
+    """
+    left = [y - beside @ np.linalg.lstsq(beside, y, rcond=None)[0] for y in (command, load)]
+    (cc, cl), (_, ll) = np.array([[a @ b for b in left] for a in left]).tolist()
+    if cl <= _LEAST * len(load) or cc <= 0.0 or ll <= 0.0:
+        return 1.0, np.inf
+    slope = float(np.sqrt(ll / cc))
+    rest = left[1] - slope * left[0]
+    noise = _noise_per_window(rest, counts)
+    return slope, float(np.hypot(-np.log(min(cl / np.sqrt(cc * ll), 1.0)), np.sqrt(noise / ll)))
 
 
 def _windows(flight: DriveSamples, exponent: float, with_supply: bool) -> tuple[Array, Array]:

@@ -25,6 +25,8 @@ def check_pose_rate(flight: str, series: Mapping[str, Series]) -> None:
         InputError: one pose comes too soon or too late after the other.
     """
     for name in ("position", "attitude"):
+        if name not in series:
+            continue
         t = series[name].t
         step = sample_interval(t)
         if t.size < _LEAST or _FASTEST_S <= step <= _SLOWEST_S:
