@@ -204,7 +204,7 @@ def test_a_log_cut_before_take_off_does_not_fly(idle):
     log = cut(FLIGHT, end=STAND - 0.35)
     for channel in ("rotor_speed", "rotor_command"):
         log = with_values(log, channel, lambda s: s + idle)
-    with pytest.raises(InputError, match="it does not fly.*cut before take-off") as refusal:
+    with pytest.raises(InputError, match=r"it does not fly.*cut before take-off") as refusal:
         check_log(log, Hover("ours", 1.3, 420.0))
     assert "another vehicle" not in str(refusal.value)
 

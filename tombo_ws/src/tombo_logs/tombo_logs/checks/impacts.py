@@ -47,8 +47,9 @@ def impacts(
     for first, last in merged([(e.t, e.t) for e in inflight], apart=_RECOVERY_S):
         members = sorted((e for e in inflight if first <= e.t <= last), key=lambda e: e.t)
         kinds = {e.kind for e in members}
-        felt = {"accel", "acceleration"} & set(channels)
-        hit = "lean" in kinds or ("accel" if felt else "track") in kinds
+        # positions without an attitude are an estimator's: they jump where it is corrected
+        by_track = "attitude" in channels and not {"accel", "acceleration"} & set(channels)
+        hit = "lean" in kinds or ("track" if by_track else "accel") in kinds
         if not hit:
             findings += _pose_jumps(flight, members, "gyro" in channels)
             continue

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks import coverage, events, frozen_values, impacts, imu, poses, sensor_range
@@ -215,7 +216,8 @@ def _impacts(
     if "attitude" in series:
         found += events.tilt_events(series["attitude"])
     gravity = np.array([0.0, 0.0, GRAVITY])
-    seen, force = np.zeros(0), np.zeros(0)
+    seen: Array = np.zeros(0)
+    force: Array = np.zeros(0)
     if motion is not None:
         seen, force = motion.t, np.linalg.norm(motion.acceleration + gravity, axis=1)
     if "accel" in series:
