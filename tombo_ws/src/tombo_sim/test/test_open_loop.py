@@ -45,8 +45,7 @@ def let_go(flight, effects, hold=False, speed=None, ticks=HALF_A_SECOND):
     still = np.zeros((1, NOISE))
     run_along_motion(vehicle(), maps(), theta, still, TICK, motion, command, measured, model)
     out = np.zeros(STARTS.size, State.layout)
-    drives = model["rotor_speed"].copy()
-    open_loop(vehicle(), maps(), theta, TICK, motion, command, measured, drives, STARTS, ticks,
+    open_loop(vehicle(), maps(), theta, TICK, motion, command, measured, model, STARTS, ticks,
               hold, out)  # fmt: skip
     return out.view(np.float64).reshape(-1, 13) - motion[STARTS + ticks, :13]
 
@@ -70,6 +69,17 @@ def test_a_vehicle_taken_for_too_heavy_sinks(flight):
 def test_a_delay_that_is_not_known_turns_it_away(flight):
     late = {**EFFECTS, "command_delay": {"delay": 0.025}}
     assert np.abs(let_go(flight, late)).max() > 20.0 * np.abs(let_go(flight, EFFECTS)).max()
+
+
+@pytest.mark.slow
+def test_a_load_on_a_thread_swings_on_in_every_window():
+    """Its memory is that of the flight, not of the window before or of a load at rest."""
+    pushed = {"hanging_load": {"mass": 0.3, "length": 0.4}, "steady_wind": {"east": 6.0}}
+    loaded = {**EFFECTS, **pushed}
+    flown = fly_kernel(loaded, seconds=2.0, seed=SEED)
+    off = let_go(flown, loaded)
+    assert np.abs(off[:, :3]).max() < 3e-3
+    assert np.abs(off[:, 3:6]).max() < 0.02
 
 
 def test_errors_grow_with_the_horizon(flight):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.effects.compose import apply_air, apply_imu, apply_mocap
+from tombo_dynamics.effects.compose import EffectMemories, apply_air, apply_imu, apply_mocap
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Plant, set_state
 from tombo_dynamics.records import Record, field
@@ -32,6 +32,7 @@ class ImposedTick(Record):
     rotor_speed = field("rad/s", "that the drives would have", 4)
     voltage = field("V", "of the supply", 1)
     current = field("A", "of the supply", 1)
+    memories = field("", "what effects remember at the end of the tick", kind=EffectMemories)
 
 
 @compiled
@@ -101,6 +102,7 @@ def run_along_motion(
         for i in range(4):
             plant.rotor_speed[i] = drives_speed[i]
             plant.rotor_target[i] = drives_target[i]
+        tick_out.memories = plant.memories
         advance_rotor_speeds(plant)
         plant.ticks += 1
 

@@ -24,13 +24,15 @@ def open_loop(
     motion: Array,
     command: Array,
     speed: Array,
-    drives: Array,
+    along: Any,
     starts: NDArray[np.int64],
     ticks: int,
     hold_attitude: bool,
     out: Any,
 ) -> None:
     """Simulate windows from measured states, with the commands that were recorded.
+
+    A load that hangs and swings goes on swinging.
 
     Args:
         plant: its draws are set; changed.
@@ -40,7 +42,8 @@ def open_loop(
         motion: (N, 13) measured position, velocity, quaternion, body rates.
         command: (N, 4) rotor speeds asked for [rad/s].
         speed: (N, 8) measured rotor speeds and slopes, which are then imposed, or (0, 8).
-        drives: (N, 4) rotor speeds of the model along the measured motion [rad/s].
+        along: (N,) `tombo_sim.inverse_simulation.ImposedTick` of the model along the measured
+            motion: its rotor speeds, and what its effects remember, are where windows begin.
         starts: (W,) rows at which windows begin.
         ticks: length of a window.
         hold_attitude: True: attitude and rates stay the measured ones throughout.
@@ -54,7 +57,8 @@ def open_loop(
         plant.clear_height = -1e9
         set_state(plant.state, motion[first])
         for i in range(4):
-            plant.rotor_speed[i] = drives[first, i]
+            plant.rotor_speed[i] = along[first].rotor_speed[i]
+        plant.memories = along[max(first - 1, 0)].memories
         plant.ticks = DELAY_TICKS
         for back in range(DELAY_TICKS):
             row = max(first - 1 - back, 0)

@@ -41,7 +41,7 @@ def test_a_healthy_flight_with_a_knock_has_no_cause():
     first, second = logs(sensors="imu")
     found = analyse([track_of(knocked(first)), track_of(second)], nominal())
     assert found.judgement.verdict == "none"
-    assert len(found.remainder.transients) == 1 and found.remainder.transients[0].flight == 0
+    assert len(found.remainder.excluded) == 1 and found.remainder.excluded[0].flight == 0
 
 
 @pytest.mark.parametrize("sensors", ["imu_rpm", "mocap"])
@@ -53,4 +53,4 @@ def test_quiet_flights_have_no_moments(sensors):
 def test_knocks_all_the_time_are_an_unknown_cause():
     times = np.arange(4.0, LENGTH - 2.0, 1.0)
     found = analyse([track_of(knocked(log, times)) for log in logs(sensors="imu")], nominal())
-    assert found.remainder.transients == () and found.judgement.verdict == "unknown"
+    assert found.remainder.excluded == () and found.judgement.verdict == "unknown"

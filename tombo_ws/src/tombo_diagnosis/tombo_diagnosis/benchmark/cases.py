@@ -20,7 +20,7 @@ class Case:
 
     number: int
     kind: str
-    """none, single, pair or unknown."""
+    """none, single, pair, unknown; or unseen: one effect that the flights can't show."""
     size: str
     """small, medium, large; empty for none."""
     formulation: str

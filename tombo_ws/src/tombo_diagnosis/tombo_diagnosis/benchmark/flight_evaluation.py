@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,9 +17,15 @@ from tombo_diagnosis.benchmark.evaluation import (
     compare_parameters,
     exactly_right,
 )
-from tombo_diagnosis.benchmark.flight_cases import NOMINAL_MODEL, FlightCase, make_case
-from tombo_diagnosis.benchmark.flight_simulation import simulate_case, true_draws
-from tombo_diagnosis.benchmark.runner import run_benchmark
+from tombo_diagnosis.benchmark.flight_cases import (
+    NOMINAL_MODEL,
+    FlightCase,
+    make_case,
+    make_scenario_case,
+    scenario_effects,
+)
+from tombo_diagnosis.benchmark.flight_simulation import fly_case, true_draws
+from tombo_diagnosis.benchmark.runner import BenchmarkResult, run_benchmark
 from tombo_diagnosis.benchmark.score import score_of_flights
 from tombo_diagnosis.flight.analyse import FlightFindings
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
@@ -27,19 +34,26 @@ from tombo_diagnosis.flight.diagnose_files import diagnose_files
 from tombo_diagnosis.flight.fit.prediction import residuals
 from tombo_diagnosis.flight.held_out_test import final_explanation, with_parts
 from tombo_dynamics.errors import InputError
-from tombo_logs.readers.log_recording import record_log
+from tombo_flight.scenario import load_scenario
 
 
 def examine(seed: int, number: int) -> dict[str, Any]:
     """Fly and record one case, diagnose the files, and return its score as plain values."""
-    case = make_case(seed, number)
+    return _examined(make_case(seed, number))
+
+
+def examine_scenario(
+    scenario: str, effects: Sequence[str], seed: int, number: int
+) -> dict[str, Any]:
+    """Do the same with one effect hidden in a scenario."""
+    return _examined(make_scenario_case(scenario, effects, seed, number))
+
+
+def _examined(case: FlightCase) -> dict[str, Any]:
     row = case_row(case)
     with TemporaryDirectory(prefix="tombo-benchmark-") as folder:
-        files = []
-        for log in simulate_case(case):
-            files.append(Path(folder) / f"{log.name.replace(' ', '-')}.mcap")
-            record_log(log, files[-1])
         try:
+            files = fly_case(case, Path(folder))
             diagnosis, findings = diagnose_files(files, NOMINAL_MODEL, clock=time.perf_counter)
         except InputError as error:
             # What is hidden can keep the vehicle from flying at all: that needs no diagnosis.
@@ -93,3 +107,14 @@ def _gain_share(case: FlightCase, findings: FlightFindings) -> float | None:
 
 benchmark = partial(run_benchmark, examine, score_of_flights)
 """Many blind flights, diagnosed and scored."""
+
+
+def scenario_benchmark(scenario: str, effects: str) -> Callable[..., BenchmarkResult]:
+    """Return the benchmark of effects hidden in a scenario.
+
+    Raises:
+        InputError: no such scenario, or no such effect.
+    """
+    load_scenario(scenario)
+    one = partial(examine_scenario, scenario, scenario_effects(effects))
+    return partial(run_benchmark, one, score_of_flights)

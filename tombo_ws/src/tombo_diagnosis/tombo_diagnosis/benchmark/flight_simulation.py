@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,11 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.disturbance import set_disturbance
 from tombo_dynamics.plant import Plant
 from tombo_flight.flight import Workspace, fly_scenario
+from tombo_flight.flight_output import write_mcap
 from tombo_flight.flight_record import FlightRecord
-from tombo_flight.scenario import Scenario, scenario_over
+from tombo_flight.scenario import Scenario, load_scenario, scenario_over
 from tombo_logs.flight_log import FlightLog, Series
+from tombo_logs.readers.log_recording import record_log
 
 DURATION_S = 34.0
 _COURSE_DURATION_S = 20.0
@@ -102,6 +105,27 @@ def simulate_case(case: FlightCase) -> list[FlightLog]:
         flown = fly_scenario(scenario, int(rng.integers(2**31)), workspace=space, prepare=prepare)
         logs.append(measured(flown, f"flight {number + 1}", case.formulation, rng))
     return logs
+
+
+def fly_case(case: FlightCase, folder: Path) -> list[Path]:
+    """Fly a case and record its flights in a folder; return the files."""
+    paths: list[Path] = []
+    if not case.scenario:
+        for log in simulate_case(case):
+            paths.append(folder / f"{log.name.replace(' ', '-')}.mcap")
+            record_log(log, paths[-1])
+        return paths
+    settings = [
+        f"effects.{name}.{key}={value!r}"
+        for name, values in case.effects.items()
+        for key, value in values.items()
+    ]
+    scenario = load_scenario(case.scenario, [*settings, "reaction.name=none"])
+    seeds = np.random.SeedSequence([*case.seed, 1]).generate_state(case.flights)
+    for number, seed in enumerate(seeds):
+        paths.append(folder / f"flight-{number + 1}.mcap")
+        write_mcap(fly_scenario(scenario, int(seed >> 1)), paths[-1])
+    return paths
 
 
 def measured(

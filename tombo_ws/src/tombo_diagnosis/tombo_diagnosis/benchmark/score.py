@@ -52,6 +52,9 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
         result[f"top1_{size}"] = _share(own, _top1_correct)
         result[f"top1_{size}_cases"] = len(own)
         result[f"answer_{size}"] = _share(own, _answers)
+    result["another_named"] = _share(single, _another_named)
+    unseen = [r for r in rows if r["kind"] == "unseen"]
+    result["unseen_named"] = _share(unseen, lambda r: r["verdict"] in _NAMING_VERDICTS)
     named = [r for r in rows if r["verdict"] == "named"]
     result["right_if_named"] = _share(named, lambda r: set(r["causes"]) <= set(r["hidden"]))
     result["named_cases"] = len(named)
@@ -100,6 +103,12 @@ def _top1_correct(row: Row) -> bool:
     return row["verdict"] in _NAMED_OR_PARTLY and row["causes"][:1] == row["hidden"]
 
 
+def _another_named(row: Row) -> bool:
+    """Return whether a cause is named that is not there, and not in a set with the true one."""
+    wrong = not set(row["causes"]) <= set(row["hidden"])
+    return row["verdict"] in ("named", "partly_explained") and wrong
+
+
 def _answers(row: Row) -> bool:
     in_set = row["hidden"][0] in row["set"] and len(row["set"]) <= _MAX_MEMBERS
     return _top1_correct(row) or (row["verdict"] in _NAMED_OR_PARTLY and in_set)
@@ -108,7 +117,7 @@ def _answers(row: Row) -> bool:
 def _right(row: Row) -> bool:
     """Return whether a verdict is right."""
     if row["verdict"] == "none":
-        return bool(row["kind"] == "none")
+        return bool(row["kind"] in ("none", "unseen"))
     if row["verdict"] == "unknown":
         return bool(row["kind"] == "unknown")
     if row["verdict"] == "set":

@@ -7,15 +7,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from tombo_diagnosis.engine.analyse import analyse_problem
-from tombo_diagnosis.engine.model import Findings, Remainder, SearchResult
-from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST
+from tombo_diagnosis.engine.model import Explanation, Findings, Remainder, SearchResult
+from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST, rank_hypotheses
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.engine.verdict import logistic, p_cause
 from tombo_diagnosis.flight.fit.gust_fit import GustFit, fit_gusts
 from tombo_diagnosis.flight.fit.prediction import channel_group
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import Track
-from tombo_diagnosis.flight.fit.transients import Transient, exclude_transients, find_transients
+from tombo_diagnosis.flight.fit.transients import (
+    LostMemory,
+    Transient,
+    exclude_spans,
+    find_transients,
+    lost_memories,
+)
 from tombo_diagnosis.flight.noise.noise_statistics import NoiseFit, fit_noise_effects
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.residual_check import (
@@ -79,8 +85,8 @@ class FlightRemainder(Remainder):
     """Share of the forces' remainder that other flights predict."""
     unexplained_groups: tuple[str, ...] = ()
     """Groups of channels with more than noise, the largest excess first."""
-    transients: tuple[Transient, ...] = ()
-    """Short disturbances that were excluded."""
+    excluded: tuple[Transient | LostMemory, ...] = ()
+    """Short disturbances, and where an effect's memory is lost: they were excluded."""
 
 
 FlightFindings = Findings[FlightProblem, FlightRemainder]
@@ -89,15 +95,56 @@ FlightFindings = Findings[FlightProblem, FlightRemainder]
 def analyse(
     tracks: Sequence[Track], nominal: NominalModel, progress: ProgressCallback = no_progress
 ) -> FlightFindings:
-    """Diagnose flights; if the result is in doubt, again without transients."""
-    findings = _analysed(tracks, nominal, progress)
+    """Diagnose flights.
+
+    If the result is in doubt, again without what a memory that was lost may have done, and without
+    transients.
+    """
+    findings = _where_followed(tracks, nominal, _analysed(tracks, nominal, progress), progress)
     if findings.judgement.verdict in DOUBTS:
         events = find_transients(findings.problem, findings.search.best.fit)
         if events:
             progress("again without moments that do not fit", 0.6)
-            again = _analysed(exclude_transients(tracks, events), nominal, no_progress)
-            return replace(again, remainder=replace(again.remainder, transients=tuple(events)))
+            before = findings.remainder.excluded
+            again = _analysed(exclude_spans(findings.problem.tracks, events), nominal, no_progress)
+            return _with_excluded(again, (*before, *events))
     return findings
+
+
+def _where_followed(
+    tracks: Sequence[Track],
+    nominal: NominalModel,
+    findings: FlightFindings,
+    progress: ProgressCallback,
+) -> FlightFindings:
+    """Return the findings of what can be followed, where an effect with a memory is at work.
+
+    What is explained without it needs no second look.
+    """
+    judgement = findings.judgement
+    answered = {*judgement.effects, *judgement.members}
+    lost = lost_memories(findings.problem)
+    if judgement.verdict not in DOUBTS:
+        lost = [each for each in lost if each.effect in answered]
+    left = exclude_spans(tracks, lost) if lost else []
+    if not left:
+        return findings
+    progress("again where memories can be followed", 0.5)
+    problem = FlightProblem(left, nominal)
+    null = Explanation((), problem.null_hypothesis, 0.0)
+    effects = {each.effect for each in lost}
+    if not any(h.effect in effects for gain, h in rank_hypotheses(problem, null) if gain > 0.0):
+        return findings
+    again = analyse_problem(problem, check_residual, no_progress)
+    if not effects & {*again.search.best.effects}:
+        return findings
+    return _with_excluded(again, lost)
+
+
+def _with_excluded(
+    findings: FlightFindings, events: Sequence[Transient | LostMemory]
+) -> FlightFindings:
+    return replace(findings, remainder=replace(findings.remainder, excluded=tuple(events)))
 
 
 def _analysed(

@@ -225,7 +225,7 @@ def _window_errors(
         states = np.zeros(starts.size, State.layout)
         open_loop(
             nominal.plant(draws), nominal.maps, theta, TICK, smooth, command, track.speed,
-            model["rotor_speed"].copy(), starts, ticks, attitude_held, states,
+            model, starts, ticks, attitude_held, states,
         )  # fmt: skip
         return states.view(np.float64).reshape(-1, 13)
 

@@ -18,7 +18,7 @@ from tombo_diagnosis.flight.cause_estimates import estimate_cause, scores
 from tombo_diagnosis.flight.cross_validation import extended, gain_by_effect, nominal_residuals
 from tombo_diagnosis.flight.fit.prediction import motion_of
 from tombo_diagnosis.flight.fit.track import Track, track_of
-from tombo_diagnosis.flight.fit.transients import transient_findings
+from tombo_diagnosis.flight.fit.transients import excluded_findings
 from tombo_diagnosis.flight.held_out_test import refuse_contradicted
 from tombo_diagnosis.flight.leftover_samples import flight_leftover, leftover_quantities
 from tombo_diagnosis.flight.nominal import NominalModel, nominal_tolerances
@@ -101,7 +101,7 @@ def diagnose_flights(
             *(f for log in logs for f in log.findings),
             *left_out,
             *unusable,
-            *transient_findings(problem.tracks, findings.remainder.transients),
+            *excluded_findings(findings.remainder.excluded),
         ),
         candidates=scores(findings, gain_by_effect(problem, search), tested.refused),
         flights=tuple(

@@ -95,7 +95,7 @@ def refuse_contradicted(findings: FlightFindings) -> HeldOutTest:
         problem.refuse(refused)
         again = analyse_problem(problem, check_residual, no_progress)
         findings = replace(
-            again, remainder=replace(again.remainder, transients=findings.remainder.transients)
+            again, remainder=replace(again.remainder, excluded=findings.remainder.excluded)
         )
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -18,14 +18,24 @@ from tombo_bringup.cli.diagnosis.benchmark_run import (
     run_and_print,
 )
 from tombo_bringup.cli.diagnosis.benchmark_stand_command import benchmark_stand
-from tombo_bringup.cli.options import Seed, Workers
+from tombo_bringup.cli.options import Seed, Workers, option
+from tombo_dynamics.errors import InputError
 
 app = typer.Typer()
+
+HiddenIn = Annotated[
+    str, option("--scenario NAME", "Fly this scenario, or file, in place of random courses.")
+]
+HiddenEffects = Annotated[
+    str, option("--effects LIST", "With --scenario: names with commas between, or all.")
+]
 
 THRESHOLDS: Final[tuple[tuple[str, str, str, float, float], ...]] = (
     ("top1_large", "right cause first, large effect", ">=", 0.97, 100.0),
     ("top1_medium", "right cause first, medium effect", ">=", 0.85, 100.0),
     ("top1_small", "right cause first, small effect", ">=", 0.65, 100.0),
+    ("another_named", "another cause named than the one that is there", "<=", 0.05, 100.0),
+    ("unseen_named", "something named where nothing can be seen", "<=", 0.05, 100.0),
     ("right_if_named", "right if named", ">=", 0.98, 100.0),
     ("truth_in_set", "truth in the answered set", ">=", 0.99, 100.0),
     ("mean_set_size", "mean size of the set", "<=", 2.0, 1.0),
@@ -54,17 +64,28 @@ def diagnosis(
     workers: Workers = None,
     output: Output = None,
     as_json: AsJson = False,
+    scenario: HiddenIn = "",
+    effects: HiddenEffects = "all",
 ) -> None:
     """Hide effects in simulated flights, diagnose them, and count how often it is right.
 
     The flights come from a richer model than the candidates: parameters off
     nominal, noise that is not modelled, 30 Hz motion capture, with and without IMU
     and rotor speeds. Some hide pairs, some what is no candidate, some nothing.
+    With --scenario one effect at a time is hidden in that flight, in turn of
+    medium, large and small size.
     """
     count = checked(cases, workers, output)
-    from tombo_diagnosis.benchmark.flight_evaluation import benchmark as run
+    from tombo_diagnosis.benchmark.flight_evaluation import benchmark, scenario_benchmark
 
-    run_and_print("diagnosis", run, cases, seed, count, output, as_json, print_benchmark)
+    name = "diagnosis"
+    run: Callable[..., Any] = benchmark
+    if scenario:
+        name += f" --scenario {scenario} --effects {effects}"
+        run = scenario_benchmark(scenario, effects)
+    elif effects != "all":
+        raise InputError(f"--effects {effects}: needs --scenario; accepted: all")
+    run_and_print(name, run, cases, seed, count, output, as_json, print_benchmark)
 
 
 def print_benchmark(aggregate: Mapping[str, Any], cases: int) -> None:

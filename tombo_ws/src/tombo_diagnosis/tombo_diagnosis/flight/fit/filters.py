@@ -7,11 +7,13 @@ filtered with the kernel.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy import sparse
+from scipy.ndimage import gaussian_filter1d
 
 from tombo_dynamics.arrays import Array
 from tombo_logs.checks.spans import Mask
@@ -63,6 +65,19 @@ def gaussian(t: Array, width: float, spacing: float) -> Kernel:
         return sparse.csr_matrix((data, columns, starts), shape=(centres.size, t.size))
 
     return Kernel(t[centres], half * tick, operator(smooth), operator(slope), operator(curvature))
+
+
+def smoothed(values: Array, width: float) -> Array:
+    """Return rows (N, k) smoothed by a Gaussian of `width` rows, a second time what it took away.
+
+    So curved motion keeps its height: polynomials up to the third degree pass unchanged. At the
+    ends the rows go on as if turned about the last one.
+    """
+    reach = min(2 * math.ceil(_REACH * width), values.shape[0] - 1)
+    padded = np.pad(values, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
+    once = gaussian_filter1d(padded, width, axis=0)
+    twice = once + gaussian_filter1d(padded - once, width, axis=0)
+    return np.asarray(twice[reach : reach + values.shape[0]])
 
 
 def clear_rows(kernel: Kernel, invalid: Mask) -> Mask:

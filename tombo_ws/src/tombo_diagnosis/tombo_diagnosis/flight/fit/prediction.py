@@ -14,7 +14,8 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from tombo_diagnosis.flight.fit.track import FAST_WIDTH, Track
+from tombo_diagnosis.flight.fit.filters import smoothed
+from tombo_diagnosis.flight.fit.track import FAST_WIDTH, SLOW_WIDTH, Track
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
@@ -26,6 +27,8 @@ from tombo_sim.inverse_simulation import ImposedTick, run_along_motion, simulate
 
 NO_NOISE = np.zeros((1, 9))
 """No noise."""
+_CROSSOVER_WIDTH = 0.1
+"""s: width of the Gaussian below which the motion is the IMU's, above which that of the poses."""
 _AXES = ("x", "y", "z")
 _MOCAP = sorted(
     index
@@ -61,7 +64,10 @@ class Motion:
     """The motion behind measured poses, at the ticks."""
 
     state: Array
-    """(N, 16) position, velocity, quaternion, body rates, angular acceleration."""
+    """(N, 16) position, velocity, quaternion, body rates, angular acceleration: what the model is
+    run along."""
+    position: Array
+    """(N, 3) between the poses, not smoothed: it is what is compared with the model [m]."""
     rates: Array
     """(N, 3) body rates from the attitude alone [rad/s]."""
     rotation: Array
@@ -118,14 +124,40 @@ def motion_of(track: Track, nominal: NominalModel, theta: Array) -> Motion:
     q = value[:, 3:]
     length = np.linalg.norm(q, axis=1, keepdims=True)
     q = q / length
+    rotation = Rotation.from_quat(q).as_matrix()
     turn = quaternion_multiply(conjugate(q), rate[:, 3:] / length)
     rates = 2.0 * turn[:, :3]
     # The gyro is the better one; what it is off by is compared in a channel of its own.
     body = track.gyro if track.gyro.size else rates
     tick = float(track.t[1] - track.t[0])
     turning = gaussian_filter1d(body, FAST_WIDTH / tick, axis=0, order=1) / tick
-    state = np.column_stack([value[:, :3], rate[:, :3], q, body, turning])
-    return Motion(state, rates, Rotation.from_quat(q).as_matrix(), seen[:, 7] - seen[:, 9])
+    state = np.column_stack([*_smooth_path(track, value[:, :3], rotation), q, body, turning])
+    return Motion(state, value[:, :3], rates, rotation, seen[:, 7] - seen[:, 9])
+
+
+def _smooth_path(track: Track, position: Array, rotation: Array) -> tuple[Array, Array]:
+    """Return position and velocity, (N, 3) each, with little of the noise of the poses.
+
+    Slow motion is that of the poses, quick motion that of the accelerometer, integrated twice. A
+    force that follows the velocity, or a thread that is stretched, turns noise of the poses into
+    noise of the regressors, and what is fitted comes out too small.
+    """
+    tick = float(track.t[1] - track.t[0])
+    width = SLOW_WIDTH / tick
+    velocity_imu = position_imu = np.zeros_like(position)
+    if track.formulation == "imu":
+        width = _CROSSOVER_WIDTH / tick
+        force = np.einsum("nij,nj->ni", rotation, track.accel)
+        velocity_imu = _integral(force - np.array([0.0, 0.0, GRAVITY]), tick)
+        position_imu = _integral(velocity_imu, tick)
+    slow = smoothed(position - position_imu, width)
+    return position_imu + slow, velocity_imu + np.gradient(slow, tick, axis=0)
+
+
+def _integral(values: Array, tick: float) -> Array:
+    """Return the integral of rows (N, k) over time from the first one, by trapezoids."""
+    steps = 0.5 * tick * (values[1:] + values[:-1])
+    return np.vstack([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
 
 
 def simulate_along_motion(
@@ -175,7 +207,7 @@ def residuals(
     if track.speed.size and track.command.size:
         rotors.append(kernel.smooth @ (track.speed[:, :4] - model["rotor_speed"]))
     smooth = track.slow_kernel.smooth
-    seen = track.slow_kernel.curvature @ motion.state[:, :3]
+    seen = track.slow_kernel.curvature @ motion.position
     if imu:
         accel = track.accel - model["accel_error"]
         in_map = np.einsum("nij,nj->ni", motion.rotation, accel) - np.array([0.0, 0.0, GRAVITY])

@@ -33,7 +33,7 @@ _GAP = 0.12
 """s without a pose that a spline bridges."""
 _TRANSPORT = 0.001
 """s from the stamp of a command until the motors follow it, as in the simulation."""
-_SHORTEST = 2.0
+SHORTEST_S = 2.0
 """s of undisturbed flight that a diagnosis needs."""
 
 
@@ -128,10 +128,10 @@ def track_of(log: FlightLog) -> Track:
         raise InputError(f"flight '{log.name}': {pose_t.size} usable poses; accepted: at least 10")
     begin, end = pose_t[0], pose_t[-1]
     count = int((end - begin) / TICK)
-    if count * TICK < _SHORTEST:
+    if count * TICK < SHORTEST_S:
         raise InputError(
             f"flight '{log.name}': its poses span {count * TICK:.2f} s; accepted: at least "
-            f"{_SHORTEST:g} s of flight"
+            f"{SHORTEST_S:g} s of flight"
         )
     t = begin + TICK * np.arange(count)
     invalid = inside(t, [*_gaps(pose_t, _GAP), *log.exclude])
@@ -147,10 +147,10 @@ def track_of(log: FlightLog) -> Track:
     invalid |= gaps_a | gaps_g | gaps_s
     slow_rows = clear_rows(slow, invalid)
     used_s = np.count_nonzero(slow_rows) * SLOW_SPACING
-    if used_s < _SHORTEST:
+    if used_s < SHORTEST_S:
         raise InputError(
             f"flight '{log.name}': {used_s:.1f} s are left when what is invalid is set apart; "
-            f"accepted: at least {_SHORTEST:g} s"
+            f"accepted: at least {SHORTEST_S:g} s"
         )
     counted = np.interp(pose_t, t, invalid.astype(np.float64)) < 0.5
     return Track(

@@ -1,4 +1,6 @@
-"""Transients: short disturbances (a touch, a knock, a jump of the poses) that no effect describes.
+"""What is excluded of flights: transients, and where an effect's memory is lost.
+
+Transients: short disturbances (a touch, a knock, a jump of the poses) that no effect describes.
 
 A touch of the ground of a tenth of a second leaves a larger remainder than noise, and the verdict
 for the whole flight would be unknown. Transients are found in the remainder of the best
@@ -16,7 +18,7 @@ import numpy as np
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.fit.filters import clear_rows
 from tombo_diagnosis.flight.fit.problem import FlightProblem
-from tombo_diagnosis.flight.fit.track import Track
+from tombo_diagnosis.flight.fit.track import SHORTEST_S, Track
 from tombo_logs.checks.spans import inside
 from tombo_logs.flight_log import Finding
 
@@ -36,6 +38,8 @@ class Transient:
     """A moment of one flight."""
 
     flight: int
+    name: str
+    """Of the flight."""
     start_s: float
     end_s: float
     channel: str
@@ -67,6 +71,7 @@ def _of_flight(problem: FlightProblem, fit: Fit, flight: int) -> list[Transient]
         for k, j in zip(*np.nonzero(ratio > _BURST), strict=True):
             moments.append((float(times[k]), float(ratio[k, j]), own[j].name))
     moments.sort()
+    flight_name = problem.tracks[flight].name
     events: list[Transient] = []
     for t, ratio_, name in moments:
         last = events[-1] if events else None
@@ -76,29 +81,62 @@ def _of_flight(problem: FlightProblem, fit: Fit, flight: int) -> list[Transient]
             )
             events[-1] = replace(last, end_s=t + _AROUND_S, channel=channel, times_noise=most)
         else:
-            events.append(Transient(flight, t - _AROUND_S, t + _AROUND_S, name, ratio_))
+            events.append(
+                Transient(flight, flight_name, t - _AROUND_S, t + _AROUND_S, name, ratio_)
+            )
     return events
 
 
-def exclude_transients(tracks: Sequence[Track], events: Sequence[Transient]) -> list[Track]:
-    """Return the flights without these moments."""
-    result = list(tracks)
-    for f, track in enumerate(result):
+@dataclass(frozen=True)
+class LostMemory:
+    """The rest of a flight, in which the poses don't tell what an effect with a memory does."""
+
+    flight: int
+    name: str
+    """Of the flight."""
+    start_s: float
+    end_s: float
+    effect: str
+
+
+def lost_memories(problem: FlightProblem) -> list[LostMemory]:
+    """Return where effects with a memory can't be followed."""
+    return [
+        LostMemory(f, problem.tracks[f].name, start, float(problem.tracks[f].t[-1]), effect)
+        for f, linear in enumerate(problem.linears)
+        for effect, start in linear.lost.items()
+    ]
+
+
+def exclude_spans(
+    tracks: Sequence[Track], events: Sequence[Transient | LostMemory]
+) -> list[Track]:
+    """Return the flights without these spans, those with nearly nothing left not at all."""
+    result = []
+    for f, track in enumerate(tracks):
         own = [(e.start_s, e.end_s) for e in events if e.flight == f]
-        if not own:
-            continue
         invalid = inside(track.t, own)
         counted = np.interp(track.pose_t, track.t, invalid.astype(np.float64)) < 0.5
         fast, slow = clear_rows(track.fast, invalid), clear_rows(track.slow, invalid)
-        result[f] = track.only(fast, slow, counted)
+        left = track.only(fast, slow, counted) if own else track
+        if left.used_s >= SHORTEST_S:
+            result.append(left)
     return result
 
 
-def transient_findings(tracks: Sequence[Track], events: Sequence[Transient]) -> list[Finding]:
+def excluded_findings(events: Sequence[Transient | LostMemory]) -> list[Finding]:
     """Report what was excluded."""
     findings = []
     for event in events:
-        name, span = tracks[event.flight].name, (event.start_s, event.end_s)
+        name, span = event.name, (event.start_s, event.end_s)
+        if isinstance(event, LostMemory):
+            words = event.effect.replace("_", " ")
+            text = (
+                f"from {event.start_s:.1f} s on the noise of the poses decides what a {words} "
+                "does: set apart"
+            )
+            findings.append(Finding("memory", "warning", name, text, *span))
+            continue
         text = (
             f"something acts for a moment that no cause explains ({event.channel}: "
             f"{event.times_noise:.0f} times the noise), as in a touch or a knock: set apart"
