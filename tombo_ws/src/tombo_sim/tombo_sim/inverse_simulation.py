@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.effects.compose import EffectMemories, apply_air, apply_imu, apply_mocap
+from tombo_dynamics.effects.compose import (
+    EffectMemories,
+    SimulatedPlant,
+    apply_air,
+    apply_imu,
+    apply_mocap,
+)
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Plant, set_state
 from tombo_dynamics.records import Record, field
@@ -37,7 +43,7 @@ class ImposedTick(Record):
 
 @compiled
 def run_along_motion(
-    plant: Plant,
+    plant: SimulatedPlant,
     maps: RotorMaps,
     theta: Array,
     noise: Array,

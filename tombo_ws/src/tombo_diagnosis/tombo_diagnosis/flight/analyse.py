@@ -136,7 +136,7 @@ def _where_followed(
     if not any(h.effect in effects for gain, h in rank_hypotheses(problem, null) if gain > 0.0):
         return findings
     again = analyse_problem(problem, check_residual, no_progress)
-    if not effects & {*again.search.best.effects}:
+    if not effects & {*again.judgement.effects, *again.judgement.members}:
         return findings
     return _with_excluded(again, lost)
 
