@@ -27,7 +27,9 @@ PARAMETERS = {
     "EKF2_EV_DELAY": 0.0,
     "EKF2_DELAY_MAX": 200.0,
     "EKF2_GPS_CTRL": 0,
-    "EKF2_BARO_CTRL": 0,
+    "EKF2_BARO_CTRL": 1,
+    "COM_OBL_RC_ACT": 4,
+    "COM_DISARM_LAND": 2.0,
     "EKF2_RNG_CTRL": 0,
     "EKF2_MAG_TYPE": 5,
     "SYS_HAS_GPS": 0,
@@ -48,6 +50,7 @@ class ScriptedPx4:
         """Its clock against the true one."""
         self.place = np.array([0.0, 0.0, GROUND])
         self.attitude = np.array([0.0, 0.0, 0.0, 1.0])
+        self.failsafe = False
         self.armed, self.mode = False, AUTO_HOLD
         self.refuses = {}
         self.fuses = True
@@ -272,7 +275,8 @@ class ScriptedPx4:
     def _heartbeat(self, boot):
         base = 0x81 if self.armed else 0x01
         number = custom_mode(self.mode)
-        return [mav.MAVLink_heartbeat_message(2, mav.MAV_AUTOPILOT_PX4, base, number, 4, 3)]
+        state = mav.MAV_STATE_CRITICAL if self.failsafe else mav.MAV_STATE_ACTIVE
+        return [mav.MAVLink_heartbeat_message(2, mav.MAV_AUTOPILOT_PX4, base, number, state, 3)]
 
     def _odometry(self, boot):
         if self.estimate is None:

@@ -1,4 +1,8 @@
-"""Flies with a real PX4 SITL, many seeds, and prints and writes the table of docs/px4.md."""
+"""Flies with a real PX4 SITL, many seeds, and prints and writes the table of docs/px4.md.
+
+With `--losses` each flight loses something in hover; the table is that of docs/safety.md, and
+without a PX4 the simulated one flies.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -19,6 +23,7 @@ from tombo_flight.flight_output import as_json
 from tombo_flight.process.output_folder import open_output
 from tombo_flight.process.stop_signals import StopSignals
 from tombo_flight.real_px4.lockstep_flight import fly_lockstep
+from tombo_flight.real_px4.losses import LOSSES, LossResult, fly_loss
 from tombo_flight.real_px4.node_flight import fly_nodes_with
 from tombo_flight.real_px4.px4_process import px4_build
 from tombo_flight.scenario import Scenario, load_scenario
@@ -33,6 +38,8 @@ FLIGHTS: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
 """Name -> scenario and settings."""
 _TABLE: Final = "px4_flights"
 _PAGE: Final = Path("docs/px4.md")
+_LOSS_TABLE: Final = "px4_losses"
+_LOSS_PAGE: Final = Path("docs/safety.md")
 _MM: Final = 1e3
 
 
@@ -61,6 +68,8 @@ _FIGURES: Final = (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fly; return 0, 1 if a flight crashed or never began, 2 for bad input."""
     options = _options(arguments)
+    if options.losses:
+        return _fly_losses(options)
     if options.px4 is None:
         print("skipped: no PX4; accepted: make test-px4 PX4=DIR, a PX4 SITL that was built there")
         return 0
@@ -81,6 +90,69 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return int(any(one["crashed"] or not one["armed"] for one in found))
 
 
+def _fly_losses(options: argparse.Namespace) -> int:
+    """Fly the losses; return 1 if one did not end on the ground, disarmed."""
+    rows = [loss for loss in LOSSES if not options.row or any(r in loss.name for r in options.row)]
+    results: list[LossResult] = []
+    try:
+        build = None if options.px4 is None else px4_build(options.px4)
+        with TemporaryDirectory() as scratch, StopSignals(signal.SIGHUP) as stop:
+            for loss in rows:
+                for seed in range(options.first, options.first + options.few):
+                    if stop.asked():
+                        break
+                    folder = Path(scratch) / str(len(results))
+                    results.append(fly_loss(loss, seed, build, folder, instance=options.instance))
+                    print(_loss_line(results[-1]), flush=True)
+    except InputError as error:
+        print_error(str(error))
+        return 2
+    table = loss_table(results)
+    print(f"\n{table}")
+    if options.output is not None:
+        options.output.write_text(as_json([asdict(r) for r in results]), encoding="utf-8")
+    if options.docs and _LOSS_PAGE.is_file():
+        name = _LOSS_TABLE if build is not None else f"{_LOSS_TABLE}_simulated"
+        page = _LOSS_PAGE.read_text(encoding="utf-8")
+        _LOSS_PAGE.write_text(updated(page, {name: f"\n{table}\n"}), encoding="utf-8")
+    return int(not all(result.ended for result in results))
+
+
+def _loss_line(result: LossResult) -> str:
+    """Return a line about a flight that has lost something."""
+    if not result.armed:
+        return f"{result.loss} {result.seed}: never armed: {result.why_not}"
+    modes = ", ".join(f"{at:.1f} s {name}" for at, name in result.modes)
+    state = "down, disarmed, stays so" if result.ended else "NOT ENDED"
+    return f"{result.loss} {result.seed}: {state}; {modes}"
+
+
+def loss_table(results: Sequence[LossResult]) -> str:
+    """Return the table of the losses: of several flights the worst figure."""
+    rows = [["loss", "PX4's modes", "down [s]", "disarmed [s]", "drift [m]", "flies again"]]
+    rows.append(["---"] * len(rows[0]))
+    for loss in dict.fromkeys(result.loss for result in results):
+        flights = [result for result in results if result.loss == loss]
+        orders = dict.fromkeys(" → ".join(name for _, name in f.modes) for f in flights)
+        again = sum(f.again or not f.armed for f in flights)
+        rows.append(
+            [
+                loss,
+                "; or ".join(orders),
+                _worst([f.down_s for f in flights]),
+                _worst([f.off_s for f in flights]),
+                f"{max(f.drift_m for f in flights):.2f}",
+                f"{again} of {len(flights)}",
+            ]
+        )
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def _worst(times_s: Sequence[float | None]) -> str:
+    known = [at for at in times_s if at is not None]
+    return "never" if len(known) < len(times_s) else f"{max(known):.1f}"
+
+
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="make test-px4", description=__doc__)
     parser.add_argument("px4", nargs="?", type=Path, help="source tree or build of PX4 SITL")
@@ -91,6 +163,11 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--nodes", type=int, default=0,
         help="fly so many collisions over the ROS 2 nodes, in real time, and nothing else",
     )  # fmt: skip
+    parser.add_argument(
+        "--losses", action="store_true",
+        help="lose something in each flight, --few seeds; without PX4 the simulated one flies",
+    )  # fmt: skip
+    parser.add_argument("--row", action="append", help="with --losses: only rows with this word")
     parser.add_argument("--instance", type=int, default=0, help="of PX4: its ports and its id")
     parser.add_argument("--output", type=Path, help="write all figures as JSON")
     parser.add_argument("--keep", type=Path, help="with --nodes: folder of the flights' files")

@@ -428,18 +428,34 @@ def _set_point(memory: MissionMemory, now_ns: int, still: bool) -> None:
 
 
 @compiled_call
+def _was_put_down(memory: MissionMemory) -> bool:
+    """Say whether a vehicle that has flown stands on the ground, whatever the plan believes.
+
+    The flight controller has landed it, or its rotors were stopped.
+    """
+    if memory.wait_reason == WaitReason.ESTIMATE_SILENT or not memory.has_flown:
+        return False
+    x, y, z = memory.velocity[0], memory.velocity[1], memory.velocity[2]
+    slow = math.sqrt(x * x + y * y + z * z) < _REST
+    return bool(slow and memory.position[2] < memory.home[2] + _LOW)
+
+
+@compiled_call
 def take_off(memory: MissionMemory) -> bool:
     """Begin the plan on the ground, or go on with one that an operator holds; False: it flies."""
-    if memory.held:
+    flies = memory.begun and memory.mode != Phase.IDLE and memory.mode != Phase.LANDED
+    put_down = flies and _was_put_down(memory)
+    if memory.held and not put_down:
         memory.held = False
         return True
-    if memory.begun and memory.mode != Phase.IDLE and memory.mode != Phase.LANDED:
+    memory.held = False
+    if flies and not put_down:
         return False
     if memory.begun and memory.mode == Phase.IDLE:
         memory.time_ns = _SHOWS_IDLE_NS
     memory.started = True
     memory.takeoff_commands += 1
-    if memory.mode == Phase.LANDED:
+    if memory.mode == Phase.LANDED or put_down:
         store_state(memory, begin(memory.position))
         memory.time_ns = _SHOWS_IDLE_NS
         memory.has_flown = False

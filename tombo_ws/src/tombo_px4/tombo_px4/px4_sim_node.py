@@ -18,7 +18,8 @@ from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.autopilot.parameters import PARAMETERS, ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.modes import OFFBOARD, mode_name
-from tombo_px4.hil.hil_start_help import MOCAP_ONLY, NO_REMOTE_CONTROL
+from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
+from tombo_px4.hil.hil_start_help import MOCAP_ONLY
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.signing import key_of
 from tombo_px4.protocol.endpoint import Endpoint
@@ -111,7 +112,7 @@ class Px4SimNode(VehicleNode):
         table = ParameterTable()
         for p in PARAMETERS:
             kind: Any = int if p.kind == "int32" else float
-            default = kind({**MOCAP_ONLY, **NO_REMOTE_CONTROL}.get(p.name, p.default))
+            default = kind({**MOCAP_ONLY, **SAFE_PARAMETERS}.get(p.name, p.default))
             text = f"{p.doc} [{p.unit}]" if p.unit else p.doc
             text += "" if p.acts else "; without effect in this simulation"
             value = self.declare(f"px4.{p.name}", default, text, bounds=(p.low, p.high))

@@ -45,6 +45,7 @@ from tombo_px4.hil.link import PX4_PORT, HilLink
 from tombo_px4.hil.lockstep import HilSimulator
 from tombo_px4.hil.params import HilParams
 from tombo_px4.link.mavlink_link import Link
+from tombo_px4.link.transport import Clock
 from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
@@ -110,7 +111,7 @@ def fly_lockstep(
         InputError: PX4 does not start, or stops answering.
     """
     world = world_of(scenario)
-    with _Flight(scenario, world, seed, instance, speed, bridge or BridgeParams()) as flight:
+    with LockstepRun(scenario, world, seed, instance, speed, bridge or BridgeParams()) as flight:
         own = airframe_parameters(world, flight.hil.flight) | mocap_parameters(world, False)
         own |= parameters or {}
         with Px4Process(build, folder, own, instance) as px4:
@@ -118,7 +119,20 @@ def fly_lockstep(
     return flight.result()
 
 
-class _Flight:
+def bridge_link(port: int, system: int, clock: Clock) -> Link:
+    """Return the bridge's end of the link to the PX4 that is `system`; `port` 0: any free one."""
+    own = LinkParams()
+    return Link(
+        f"udpin://127.0.0.1:{port}",
+        system=own.own_system,
+        component=own.own_component,
+        clock=clock,
+        accept_system=system,
+        accept_component=1,
+    )
+
+
+class LockstepRun:
     """The running flight."""
 
     def __init__(
@@ -131,19 +145,10 @@ class _Flight:
         bridge: BridgeParams,
     ) -> None:
         self._scenario, self._seed = scenario, seed
-        self._link = Link(
-            f"udpin://127.0.0.1:{_ONBOARD_PORT + instance}",
-            system=LinkParams().own_system,
-            component=LinkParams().own_component,
-            clock=time.time_ns,
-            accept_system=instance + 1,
-            accept_component=1,
-        )
+        self._epoch_ns = EPOCH_NS
         link = replace(LinkParams(), system=instance + 1)
         self._bridge = Bridge(bridge, link, scenario.vehicle.mass)
-        self._hil_link = HilLink(PX4_PORT + instance)
-        params = HilParams(gps=False).check()
-        self.hil = HilSimulator(world, seed, params, self._hil_link, speed=speed, watch=self._tick)
+        self._connect(world, instance, speed)
         kinds = [kind for kind in CORES if kind not in PX4_REPLACES]
         self._runners = [CoreRunner(core_of(kind, scenario)) for kind in kinds]
         self._end = FlightEndDetector(scenario.vehicle.leg_height)
@@ -165,7 +170,16 @@ class _Flight:
         self._wall_s = 0.0
         self._latency: list[float] = []
 
-    def __enter__(self) -> _Flight:
+    def _connect(self, world: World, instance: int, speed: float) -> None:
+        """Open the links to PX4."""
+        self._link = bridge_link(_ONBOARD_PORT + instance, instance + 1, time.time_ns)
+        self._hil_link = HilLink(PX4_PORT + instance)
+        params = HilParams(gps=False).check()
+        self.hil = HilSimulator(
+            world, self._seed, params, self._hil_link, speed=speed, watch=self._tick
+        )
+
+    def __enter__(self) -> LockstepRun:
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -205,18 +219,13 @@ class _Flight:
 
     def _tick(self, simulator: Simulator) -> None:
         """Do what is due in a tick of 1 ms."""
-        now = self._now_ns = EPOCH_NS + simulator.tick * TICK_NS
-        bridge = self._bridge
+        now = self._now_ns = self._epoch_ns + simulator.tick * TICK_NS
         for sample in simulator.arrived:
             if sample.stamp_ns >= 0:
                 position, attitude = sample.pose[:3].copy(), sample.pose[3:].copy()
-                pose = Pose(EPOCH_NS + sample.stamp_ns, FRAME_MAP, position, attitude)
-                bridge.pose(pose.stamp_ns, now, FRAME_MAP, position, attitude)
-                self._hand_over("/mocap/pose", pose)
-        for received in self._link.receive():
-            bridge.take(received._replace(arrival_ns=now))
-        if simulator.tick % _BRIDGE_TICKS == 0:
-            self._take_output(bridge.tick(now))
+                stamp_ns = self._epoch_ns + sample.stamp_ns
+                self._take_pose(Pose(stamp_ns, FRAME_MAP, position, attitude))
+        self._run_bridge()
         for topic, message in [entry for one in self._runners for entry in one.run(now)]:
             self._hand_over(topic, message)
             self._note(topic, message)
@@ -225,6 +234,18 @@ class _Flight:
             after_s = self._end.watch(simulator.height, simulator.upright, self._phase)
             if after_s is not None:
                 self._end_s = min(self._end_s, self._flown_s + after_s)
+
+    def _take_pose(self, pose: Pose) -> None:
+        """Take a pose of the motion capture that arrives now."""
+        place = (pose.position, pose.attitude)
+        self._bridge.pose(pose.stamp_ns, self._now_ns, FRAME_MAP, *place)
+        self._hand_over("/mocap/pose", pose)
+
+    def _run_bridge(self) -> None:
+        for received in self._link.receive():
+            self._bridge.take(received._replace(arrival_ns=self._now_ns))
+        if self._now_ns // TICK_NS % _BRIDGE_TICKS == 0:
+            self._take_output(self._bridge.tick(self._now_ns))
 
     def _hand_over(self, topic: str, message: Any) -> None:
         for runner in self._runners:

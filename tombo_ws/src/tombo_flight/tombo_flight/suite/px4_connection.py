@@ -14,7 +14,7 @@ from tombo_dynamics.params import from_mapping
 from tombo_flight.scenario_layers import override
 from tombo_px4.bridge.bridge_params import POSITION, BridgeParams, LinkParams
 from tombo_px4.link.address import parse_url
-from tombo_px4.link.parameter_reader import parse_assignments
+from tombo_px4.link.parameter_reader import SAFE, parse_assignments
 from tombo_px4.link.signing import read_key
 
 _RECORDS: Final[dict[str, type[LinkParams] | type[BridgeParams]]] = {
@@ -114,9 +114,11 @@ def _writes(given: Any) -> tuple[str, ...]:
     Raises:
         InputError: they are no list of NAME=VALUE.
     """
+    if given == SAFE:
+        given = [SAFE]
     if not isinstance(given, list):
         raise InputError(
-            f"{_PX4_PARAMETERS}: {shown(given)} is no list; accepted: [NAME=VALUE, …]"
+            f"{_PX4_PARAMETERS}: {shown(given)} is no list; accepted: {SAFE}, or [NAME=VALUE, …]"
         )
     found = tuple(map(str, given))
     parse_assignments(found)

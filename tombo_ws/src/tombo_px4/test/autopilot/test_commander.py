@@ -198,7 +198,9 @@ def test_the_stream_is_lost_after_the_time_that_is_set():
         (5, {}, modes.AUTO_HOLD),
         (0, NO_GLOBAL, modes.AUTO_LAND),
         (5, NO_GLOBAL, modes.AUTO_LAND),
-        (0, LOST, DESCEND),
+        (0, LOST, modes.ALTCTL),
+        (0, LOST | {"altitude": False}, modes.STABILIZED),
+        (3, LOST, DESCEND),
         (4, LOST, DESCEND),
         (0, {"home": False}, modes.AUTO_LAND),
     ],
@@ -235,7 +237,7 @@ def test_another_mode_ends_the_fail_safe():
 
 
 def test_position_lost_and_found():
-    desk = Desk(modes.OFFBOARD).fly()
+    desk = Desk(modes.OFFBOARD, COM_OBL_RC_ACT=4).fly()
     desk.wait(0.1, **LOST)
     assert desk.commander.mode == DESCEND
     desk.wait(0.1, local_position=True, global_position=True)

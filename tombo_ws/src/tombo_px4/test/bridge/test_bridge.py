@@ -12,7 +12,7 @@ from tombo_dynamics.messages import Phase, PositionSetpoint
 from tombo_dynamics.pose_check import PoseRefusal
 from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
-from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, POSCTL
+from tombo_px4.bridge.modes import ALTCTL, AUTO_HOLD, AUTO_LAND, OFFBOARD, POSCTL
 from tombo_px4.bridge.offboard_session import Stage
 
 
@@ -249,10 +249,10 @@ def test_a_mode_taken_streams_the_vehicles_own_position():
     flight = Flight().take_off()
     flight.px4.mode = POSCTL
     flight.stage(Stage.EXTERNAL_MODE)
-    flight.px4.place = np.array([0.4, 0.3, 1.2])
+    flight.px4.place = np.array([0.3, 0.2, 1.3])
     flight.run(1.0)
     last = flight.px4.targets[-1]
-    assert (last.x, last.y, last.z) == pytest.approx((0.3, 0.4, -1.2), abs=0.01)
+    assert (last.x, last.y, last.z) == pytest.approx((0.2, 0.3, -1.3), abs=0.01)
     assert flight.px4.mode == POSCTL
     assert "mode_taken" in flight.out.faults
     reply = flight.ask("offboard")
@@ -457,3 +457,55 @@ def test_a_clock_that_jumps_in_flight_blinds_nobody(whose, by_s):
     for odometry in flight.seen["odometry"][seen:]:
         taken_ns = odometry.boot_ns - flight.px4.ahead_ns
         assert abs(odometry.stamp_ns - taken_ns) < 3 * MS
+
+
+# --- A loss in flight ----------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_poses_that_stop_in_flight_land_it():
+    flight = Flight().take_off()
+    flight.mocap_on = False
+    began = flight.now
+    flight.stage(Stage.LANDING)
+    assert 0.9 < (flight.now - began) * 1e-9 < 1.3
+    flight.until(lambda f: f.px4.mode == AUTO_LAND)
+    sent = len(flight.px4.targets)
+    flight.mocap_on = True
+    flight.run(2.0)
+    assert len(flight.px4.targets) == sent, "no set point can bring OFFBOARD back"
+
+
+@pytest.mark.slow
+def test_a_pose_that_jumps_in_flight_is_not_sent_and_lands_it():
+    flight = Flight().take_off()
+    sent = flight.bridge.poses_sent
+    flight.as_mocap = lambda place, attitude: (place + np.array([1.0, 0.0, 0.0]), attitude)
+    flight.stage(Stage.LANDING)
+    assert flight.bridge.poses_sent <= sent + 1
+    assert flight.bridge.poses_refused["jump"] > 5
+
+
+@pytest.mark.slow
+def test_single_poses_that_jump_are_left_out():
+    flight = Flight().take_off()
+    count = 0
+
+    def as_mocap(place, attitude):
+        nonlocal count
+        count += 1
+        return (place + (count % 5 == 0) * np.ones(3), attitude)
+
+    flight.as_mocap = as_mocap
+    flight.run(3.0)
+    assert flight.bridge.session.stage == Stage.FLYING
+    assert flight.bridge.poses_refused["jump"] > 20
+
+
+@pytest.mark.slow
+def test_a_heartbeat_with_a_fail_safe_ends_the_flight():
+    flight = Flight().take_off()
+    flight.px4.mode, flight.px4.failsafe = ALTCTL, True
+    flight.stage(Stage.LANDING)
+    flight.until(lambda f: f.px4.mode == AUTO_LAND)
+    assert "fail-safe" in flight.out.status.why

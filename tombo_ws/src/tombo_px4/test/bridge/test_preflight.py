@@ -12,9 +12,10 @@ from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vector
 from tombo_px4.bridge.bridge_params import BridgeParams
 from tombo_px4.bridge.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
-from tombo_px4.bridge.parameter_findings import FindingSeverity
+from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS, FindingSeverity
 from tombo_px4.bridge.pose_axes import explain_up, up_error
 from tombo_px4.bridge.preflight import Preflight
+from tombo_px4.link.parameter_reader import parse_assignments
 from tombo_px4.link.timesync import TimeSync
 
 NOW = 1_763_700_000_000_000_000
@@ -345,16 +346,34 @@ def test_no_telemetry(lab):
     [
         ("EKF2_HGT_REF", 0, "height_reference", "the barometer"),
         ("EKF2_GPS_CTRL", 7, "other_sensors", "GPS"),
-        ("EKF2_BARO_CTRL", 1, "other_sensors", "barometer"),
         ("EKF2_RNG_CTRL", 1, "other_sensors", "range finder"),
         ("EKF2_MAG_TYPE", 0, "other_sensors", "magnetometer"),
         ("MAV_SYS_ID", 3, "system_id", "MAV_SYS_ID is 3, not 1"),
-        ("COM_OF_LOSS_T", 0.1, "loss_time", "0.1 s"),
     ],
 )
 def test_parameters_that_are_not_right_for_mocap(lab, name, value, key, words):
     lab.values |= {name: value, "SYS_HAS_GPS": 1}
     assert words in lab.warning(key)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("COM_OBL_RC_ACT", value) for value in (0, 1, 2, 3, 5, 6, 7)),
+        ("COM_OF_LOSS_T", 0.1),
+        ("COM_OF_LOSS_T", 10.0),
+        ("EKF2_BARO_CTRL", 0),
+        ("COM_DISARM_LAND", -1.0),
+    ],
+)
+def test_parameters_with_which_a_loss_does_not_end_forbid_arming(lab, name, value):
+    lab.values |= {name: value}
+    (finding,) = (f for f in lab.findings() if f.key == "loss_parameters")
+    assert finding.weight == FindingSeverity.BLOCKS
+    assert f"{name} is {value:g}, set it to {SAFE_PARAMETERS[name]:g}" in finding.text
+    assert "px4_parameters=safe" in finding.text
+    lab.values |= parse_assignments(["safe"])
+    assert lab.found() == set()
 
 
 def test_a_ground_station_that_px4_requires_is_reported_as_advice(lab):
@@ -371,7 +390,7 @@ def test_a_ground_station_that_px4_requires_is_reported_as_advice(lab):
 
 
 def test_what_forbids_comes_first(lab):
-    lab.values |= {"EKF2_HGT_REF": 0, "EKF2_BARO_CTRL": 1}
+    lab.values |= {"EKF2_HGT_REF": 0, "EKF2_RNG_CTRL": 1}
     lab.last_pose_s = 0.5
     weights = [f.weight for f in lab.findings()]
     assert weights == sorted(weights, reverse=True)

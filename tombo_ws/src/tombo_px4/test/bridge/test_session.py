@@ -8,7 +8,16 @@ from hypothesis import strategies as st
 
 from tombo_dynamics.messages import Phase
 from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, MavLandedState, StatusText
-from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, OFFBOARD, POSCTL
+from tombo_px4.bridge.modes import (
+    ALTCTL,
+    AUTO_HOLD,
+    AUTO_LAND,
+    AUTO_RTL,
+    AUTO_TAKEOFF,
+    OFFBOARD,
+    POSCTL,
+    STABILIZED,
+)
 from tombo_px4.bridge.offboard_session import (
     Decision,
     Request,
@@ -37,7 +46,7 @@ class Vehicle:
         self.armed, self.mode, self.landed = False, AUTO_HOLD, MavLandedState.ON_GROUND
         self.refuses: dict[int, int] = {}
         self.refused_modes = set()
-        self.deaf = self.silent = False
+        self.deaf = self.silent = self.failsafe = False
         self.arms_late_ns = 0
         self.received = []
         self.heartbeat = None
@@ -67,7 +76,7 @@ class Vehicle:
         if self._arm_at is not None and now >= self._arm_at:
             self.armed, self._arm_at = True, None
         if not self.silent:
-            self.heartbeat = Heartbeat(now, self.armed, self.mode)
+            self.heartbeat = Heartbeat(now, self.armed, self.mode, self.failsafe)
 
 
 class Flight:
@@ -78,6 +87,7 @@ class Flight:
         self.now = SECOND
         self.phase, self.fresh, self.streaming, self.blockers = phase, True, True, ()
         self.takeoff_commands = 0
+        self.must_land = ""
         self.events, self.replies, self.faults = [], [], {}
         self.stream = None
         self._beat = 0
@@ -95,6 +105,7 @@ class Flight:
             self.fresh,
             self.streaming,
             self.blockers,
+            self.must_land,
             takeoff_commands=self.takeoff_commands,
         )
         out = Decision()
@@ -317,7 +328,7 @@ def test_a_lost_link_is_reported_and_nothing_is_armed_on_return():
     flight.run(1.5)
     assert flight.session.stage == Stage.LINK_LOST
     assert "nothing is armed" in flight.faults["link_lost"]
-    assert flight.stream == Stream.SETPOINT, "the vehicle may still hear us"
+    assert flight.stream == Stream.NONE, "PX4 must not come back to OFFBOARD by itself"
     flight.vehicle.silent, flight.vehicle.armed = False, False
     flight.vehicle.landed = MavLandedState.ON_GROUND
     asked = len(flight.vehicle.received)
@@ -327,16 +338,99 @@ def test_a_lost_link_is_reported_and_nothing_is_armed_on_return():
 
 
 @pytest.mark.parametrize(
-    ("mode", "stage"), [(OFFBOARD, Stage.FLYING), (AUTO_RTL, Stage.EXTERNAL_MODE)]
+    ("mode", "failsafe", "stage"),
+    [
+        (OFFBOARD, False, Stage.LANDING),
+        (AUTO_LAND, True, Stage.LANDING),
+        (AUTO_RTL, False, Stage.EXTERNAL_MODE),
+    ],
 )
-def test_a_link_that_returns_in_flight(mode, stage):
+def test_a_link_that_returns_in_flight(mode, failsafe, stage):
     flight = Flight().take_off()
     flight.vehicle.silent = True
     flight.run(4.0)
     flight.vehicle.silent, flight.vehicle.mode = False, mode
+    flight.vehicle.failsafe = failsafe
     flight.run(1.5)
     assert flight.session.stage == stage
     assert "link_lost" not in flight.faults
+    landed = stage == Stage.LANDING
+    assert (flight.modes_asked()[-1] == AUTO_LAND) == landed
+    assert (flight.stream == Stream.NONE) == landed
+
+
+@pytest.mark.parametrize("mode", [AUTO_LAND, ALTCTL, STABILIZED, AUTO_RTL, POSCTL])
+def test_px4s_own_fail_safe_is_no_pilot(mode):
+    """It is landed and disarmed, and gets no set point with which it could return."""
+    flight = Flight().take_off()
+    flight.vehicle.mode, flight.vehicle.failsafe = mode, True
+    flight.until(Stage.LANDING).run(3.0)
+    assert flight.modes_asked()[-1] == AUTO_LAND
+    flight.vehicle.mode, flight.vehicle.failsafe = OFFBOARD, False  # all is back
+    for _ in range(20):
+        flight.run(0.5)
+        assert flight.stream == Stream.NONE or flight.vehicle.mode == AUTO_LAND
+    assert (flight.session.stage, flight.vehicle.mode) == (Stage.LANDING, AUTO_LAND)
+    flight.vehicle.landed = MavLandedState.ON_GROUND
+    flight.run(6.0)
+    assert not flight.vehicle.armed
+    flight.run(20.0)
+    assert flight.armings() == [True, False] and "not_engaged" in flight.faults
+    flight.phase, flight.takeoff_commands = Phase.IDLE, 1
+    flight.run(2.0).until(Stage.FLYING, Phase.TAKEOFF)
+    assert flight.vehicle.armed, "an operator's new take-off flies"
+
+
+def test_a_landing_that_px4_refuses_is_commanded_until_it_lands():
+    flight = Flight().take_off()
+    flight.vehicle.refused_modes = {AUTO_LAND}
+    flight.must_land = "no mocap pose for 1.0 s"
+    flight.until(Stage.LANDING).run(30.0)
+    assert flight.stream == Stream.NONE and flight.session.stage == Stage.LANDING
+    flight.vehicle.refused_modes = set()
+    flight.run(5.0)
+    assert flight.vehicle.mode == AUTO_LAND
+
+
+@pytest.mark.parametrize("kind", ["hold", "takeoff"])
+def test_what_must_land_lands_out_of_an_operators_mode_too(kind):
+    flight = Flight()
+    if kind == "hold":
+        flight.take_off()
+    else:
+        flight.run(2.0)
+    assert flight.ask(kind).success
+    flight.vehicle.landed = MavLandedState.IN_AIR
+    flight.must_land = "no mocap pose for 1.0 s"
+    flight.until(Stage.LANDING).run(2.0)
+    assert flight.vehicle.mode == AUTO_LAND
+    assert not flight.ask("offboard").success
+
+
+def test_what_must_land_leaves_a_pilots_mode_alone():
+    flight = Flight().take_off()
+    flight.vehicle.mode = POSCTL
+    flight.until(Stage.EXTERNAL_MODE)
+    asked, flight.must_land = len(flight.vehicle.received), "no mocap pose for 1.0 s"
+    flight.run(10.0)
+    assert len(flight.vehicle.received) == asked
+
+
+def test_a_bridge_that_was_stopped_in_flight_lands():
+    flight = Flight().take_off()
+    flight.now += 20 * SECOND
+    flight.vehicle.beat(flight.now)
+    flight.until(Stage.LANDING).run(2.0)
+    assert flight.vehicle.mode == AUTO_LAND and flight.stream == Stream.NONE
+
+
+def test_a_bridge_that_finds_offboard_lands_it():
+    """A bridge before it has flown there, and nobody else will bring it down."""
+    flight = Flight(Phase.HOVER)
+    flight.vehicle.armed, flight.vehicle.mode = True, OFFBOARD
+    flight.vehicle.landed = MavLandedState.IN_AIR
+    flight.run(5.0)
+    assert (flight.session.stage, flight.vehicle.mode) == (Stage.LANDING, AUTO_LAND)
 
 
 def test_a_mission_whose_first_word_heard_is_take_off_is_flown():

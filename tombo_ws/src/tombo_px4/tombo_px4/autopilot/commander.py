@@ -35,6 +35,27 @@ _TITLES = {mode: name.capitalize() for mode, name in MODE_NAMES.items() if mode 
 _TITLES |= {DESCEND: "Descend", TERMINATE: "Termination"}
 _NOT_FOR_ARMING = (AUTO_LAND, AUTO_RTL)
 """Modes that end a flight; after it the mode before is back."""
+_OFFBOARD_LOST = {
+    1: ALTCTL,
+    2: STABILIZED,
+    3: AUTO_RTL,
+    4: AUTO_LAND,
+    5: AUTO_HOLD,
+    6: TERMINATE,
+    7: TERMINATE,
+}
+"""COM_OBL_RC_ACT -> mode; 0 and others: position."""
+_REMOTE_CONTROL_LOST = {
+    1: AUTO_HOLD,
+    2: AUTO_RTL,
+    3: AUTO_LAND,
+    4: OFFBOARD,
+    5: TERMINATE,
+    6: TERMINATE,
+}
+"""NAV_RCL_ACT -> mode."""
+_FALLBACKS = (POSCTL, ALTCTL, STABILIZED, AUTO_HOLD, AUTO_RTL, AUTO_LAND, DESCEND)
+"""What cannot be flown is replaced by the next one that can."""
 _NO_SIGNAL = "No offboard signal"
 _NO_STICKS = "No manual control input"
 _NO_POSITION = "Navigation error: No valid position estimate"
@@ -63,6 +84,8 @@ class CommanderInput(NamedTuple):
     roll: float
     pitch: float
     """[rad]."""
+    altitude: bool = True
+    """The height is known; without poses for longer than x and y, with a barometer always."""
 
 
 class Commander:
@@ -218,10 +241,8 @@ class Commander:
         if self.terminated:
             self.mode, self.failsafe = TERMINATE, True
             return
-        wanted = self.user_intended_mode
-        cause = self.missing(wanted, now)
-        if cause:
-            wanted = self._fallback(wanted, now)
+        wanted = self._mode_fallback(self.user_intended_mode, now)
+        cause = self.missing(self.user_intended_mode, now)
         if self._battery_action is not None and wanted not in (AUTO_LAND, DESCEND):
             wanted, cause = self._battery_action, _BATTERY[now.battery.warning]
         mode = self._available_mode(wanted, now)
@@ -233,19 +254,40 @@ class Commander:
             self._say(Severity.NOTICE, f"Failsafe cleared, {_TITLES[mode]}")
         self.mode, self.failsafe = mode, failsafe
 
-    def _fallback(self, user_intended_mode: Mode, now: CommanderInput) -> Mode:
-        if user_intended_mode != OFFBOARD or not self.signal_lost(now):
-            return AUTO_RTL
-        action = int(self._parameters.get("COM_OBL_RC_ACT"))
-        # modes that need a remote control fall back to return: there is none
-        return {4: AUTO_LAND, 5: AUTO_HOLD, 6: TERMINATE, 7: TERMINATE}.get(action, AUTO_RTL)
+    def _can_run(self, mode: Mode, now: CommanderInput) -> bool:
+        """Return whether a mode has what it needs; sticks are none of it (`modeCanRun`)."""
+        if mode in (ALTCTL, POSCTL):
+            known = now.local_position or mode == ALTCTL
+            return now.attitude and now.altitude and known
+        if mode == AUTO_LAND and not now.altitude:
+            return False
+        return not self.missing(mode, now) or (mode in _MANUAL_MODES and now.attitude)
+
+    def _mode_fallback(self, mode: Mode, now: CommanderInput) -> Mode:
+        """Return what is to be flown in place of a mode, itself if it can be.
+
+        As `checkModeFallback` of PX4 1.17, without a remote control: NAV_RCL_ACT stands for the
+        position mode that COM_OBL_RC_ACT asks for, but only while that mode could be flown;
+        without a position PX4 goes on to altitude and stabilized mode, which nobody steers.
+        """
+        action = mode
+        if mode == OFFBOARD and self.missing(mode, now):
+            act = int(self._parameters.get("COM_OBL_RC_ACT"))
+            mode = action = _OFFBOARD_LOST.get(act, POSCTL)
+            if mode in _MANUAL_MODES:
+                action = _REMOTE_CONTROL_LOST[int(self._parameters.get("NAV_RCL_ACT"))]
+        if mode == POSCTL and not self._can_run(POSCTL, now):
+            mode = action = ALTCTL
+        if mode == ALTCTL and not self._can_run(ALTCTL, now):
+            mode = action = STABILIZED
+        return action if self._can_run(mode, now) else AUTO_RTL
 
     def _available_mode(self, wanted: Mode, now: CommanderInput) -> Mode:
-        """Return the mode, or else the first of return, land, descend that can be flown."""
-        if wanted == TERMINATE:
+        """Return the mode, or else the first behind it in PX4's order that can be flown."""
+        if wanted == TERMINATE or self._can_run(wanted, now):
             return wanted
-        left = (AUTO_LAND,) if wanted == AUTO_LAND else (wanted, AUTO_RTL, AUTO_LAND)
-        return next((mode for mode in left if not self.missing(mode, now)), DESCEND)
+        left = _FALLBACKS[_FALLBACKS.index(wanted) :] if wanted in _FALLBACKS else _FALLBACKS[3:]
+        return next((mode for mode in left if self._can_run(mode, now)), DESCEND)
 
     def _disarm_by_itself(self, now: CommanderInput) -> None:
         get = self._parameters.get

@@ -47,6 +47,8 @@ _GAP_TICKS = 250
 """Vision that was away for longer begins again."""
 _STALE_TICKS = TICK_HZ
 """Vision that is this old does not keep GPS out any more."""
+_HEIGHT_STAYS_TICKS = 500
+"""So much later than the position PX4 1.17 gave up a height that no barometer supports."""
 _FLIGHT_TILT, _GROUND_TILT = 0.1, 0.5
 """Share of the tilt error seen by the accelerometer that goes into the correction."""
 _LEVEL_VARIANCE, _YAW_VARIANCE, _RATE_VARIANCE = 1e-4, 1e-4, 1e-4
@@ -100,6 +102,12 @@ class Ekf2Model:
         """Return whether the position in map is known."""
         limit = self._parameters.get("EKF2_NOAID_TOUT") * 1e-3
         return bool(self.source) and tick - self.fused_tick <= limit
+
+    def altitude_ok(self, tick: int) -> bool:
+        """Return whether the height is known: a barometer keeps it where the poses are lost."""
+        barometer = self._parameters.get("SYS_HAS_BARO") and self._parameters.get("EKF2_BARO_CTRL")
+        limit = self._parameters.get("EKF2_NOAID_TOUT") * 1e-3 + _HEIGHT_STAYS_TICKS
+        return bool(self.source) and bool(barometer or tick - self.fused_tick <= limit)
 
     def global_ok(self, tick: int) -> bool:
         """Return whether the position on earth is known."""

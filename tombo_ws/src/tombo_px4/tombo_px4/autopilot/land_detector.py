@@ -21,6 +21,7 @@ class Motion(NamedTuple):
     begins: bool
     """The thrust of a take-off rises, and does not lift it yet."""
     position_known: bool
+    height_known: bool
     descending: bool
     """The set point sinks."""
     climb: float
@@ -74,5 +75,7 @@ class LandDetector:
             quiet = quiet and abs(motion.climb) < climb_max and motion.slide < slide_max
             low = _LOW if motion.descending or self._contact > 0 else _VERY_LOW
             return quiet and motion.thrust < low
+        if not motion.height_known:  # PX4 sees no vertical motion, nor that there is none
+            return False
         # level and descending, it is held up by less than its weight until the ground does it
         return quiet and motion.force > _HELD

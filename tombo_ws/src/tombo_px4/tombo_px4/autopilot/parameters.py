@@ -86,8 +86,9 @@ PARAMETERS: tuple[Parameter, ...] = (
         0,
         0,
         7,
-        "offboard lost: 0 position, 1 altitude, 2 stabilized (all three without a remote control: "
-        "return, else land), 3 return, 4 land, 5 hold, 6 terminate, 7 disarm",
+        "offboard lost: 0 position, 1 altitude, 2 stabilized (without a remote control "
+        "NAV_RCL_ACT, but altitude or stabilized where the position is lost too), 3 return, 4 land, 5 hold, "
+        "6 terminate, 7 disarm",
     ),
     _float("COM_DISARM_LAND", 2.0, -1.0, 20.0, "s", "disarms so long after landing; -1: never"),
     _float("COM_DISARM_PRFLT", 10.0, -1.0, 60.0, "s", "disarms if not taken off; -1: never"),
@@ -100,7 +101,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     _int("FD_FAIL_P", 60, 0, 180, "pitch that is a failure; 0: none is", "deg"),
     _float("FD_FAIL_R_TTRI", 0.3, 0.02, 5.0, "s", "roll for so long is a failure"),
     _float("FD_FAIL_P_TTRI", 0.3, 0.02, 5.0, "s", "pitch for so long is a failure"),
-    _int("NAV_RCL_ACT", 2, 1, 6, "remote control lost; there is none", acts=False),
+    _int("NAV_RCL_ACT", 2, 1, 6, "remote control lost: 1 hold, 2 return, 3 land, 5, 6 off"),
     _int("NAV_DLL_ACT", 0, 0, 6, "ground station lost; nothing is done", acts=False),
     # battery
     _float("BAT_LOW_THR", 0.15, 0.12, 0.5, "1", "charge that is low"),

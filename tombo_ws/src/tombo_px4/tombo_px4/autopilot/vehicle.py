@@ -30,12 +30,14 @@ from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.setpoint_controller import SetpointController
 from tombo_px4.bridge.decoded_messages import MavLandedState
 from tombo_px4.bridge.modes import (
+    ALTCTL,
     AUTO_HOLD,
     AUTO_LAND,
     AUTO_RTL,
     AUTO_TAKEOFF,
     MANUAL,
     OFFBOARD,
+    STABILIZED,
     Mode,
 )
 from tombo_px4.protocol.results import Battery, Health, Result, Severity, TakeoffState
@@ -59,6 +61,8 @@ _LEAVES = 0.45
 _MAX_STATUS_TEXTS = 64
 _FARTHEST = 1e5
 """[m]: a farther position is refused as a mistake."""
+_CLIMB_DAMPING = 0.3
+"""[s/m]: share of the hover thrust against each m/s, in altitude mode."""
 _SETTLES_TICKS = 2000
 """A vehicle whose rotors were stopped in the air is down after this."""
 
@@ -375,6 +379,7 @@ class Px4Vehicle:
             self.battery,
             roll,
             pitch,
+            ekf2_model.altitude_ok(tick),
         )
 
     def _decide(self, tick: int) -> None:
@@ -419,12 +424,24 @@ class Px4Vehicle:
             return self._resolved
         if mode != OFFBOARD:
             self._resolved = None
+        if mode in (ALTCTL, STABILIZED):
+            self._navigator.leave()
+            return self._unsteered(mode)
         position, velocity = self._state.position, self._state.velocity
         home = position if self._home is None else self._home
         if self.takeoff_state < TakeoffState.RAMPUP and mode == self._was_mode == AUTO_TAKEOFF:
             self._navigator.begin_again(tick * TICK_S, position)
         heading = yaw_of(self._state.attitude)
         return self._navigator.follow(mode, tick * TICK_S, position, velocity, heading, home)
+
+    def _unsteered(self, mode: Mode) -> ResolvedSetpoint:
+        """Return what PX4 flies in a mode for sticks without any: level, at the hover thrust."""
+        yaw = yaw_of(self._state.attitude)
+        level = np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)])
+        thrust = self._setpoint_controller.hover
+        if mode == ALTCTL:
+            thrust *= 1.0 - _CLIMB_DAMPING * float(self._state.velocity[2])
+        return ResolvedSetpoint(ControlLevel.ATTITUDE, attitude=level, thrust=thrust)
 
     def _ready(self, resolved: ResolvedSetpoint | None, tick: int) -> bool:
         """Go on with the take-off; return whether anything is controlled."""
@@ -500,6 +517,7 @@ class Px4Vehicle:
             aloft,
             self._begins_take_off(),
             not self._descend_mode,
+            self.ekf2_model.altitude_ok(self.tick),
             descending,
             vz,
             math.hypot(vx, vy),

@@ -6,6 +6,7 @@ sensors come back. Preflight checks and the session decide whether and when it i
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -54,8 +55,12 @@ _STATE_HZ, _BATTERY_HZ, _ESTIMATOR_HZ = 10.0, 2.0, 5.0
 _HEARTBEAT_REQUEST_NS = SECOND_NS // 4
 """A heartbeat older than this is asked for while something is to be confirmed, and in flight: PX4
 sends one a second and refuses another interval, so that an order would be confirmed late."""
-_FROZEN_NS = 2 * SECOND_NS
+_UNFIT = (FROZEN, "position_differs", "poses_refused", "not_fused", "no_position")
+"""Findings of the checks that end a flight."""
+_UNFIT_NS = 2 * SECOND_NS
 """PX4 calls a vehicle airborne that still stands and spools up."""
+_JUMP_NS = SECOND_NS // 4
+"""Single poses with exchanged markers are left out; what stays away for longer has moved."""
 _REBOOT_NS = SECOND_NS
 _SET_BACK_NS = SECOND_NS // 2
 
@@ -129,7 +134,9 @@ class Bridge:
         self.estimate_trusted = False
         """PX4's estimate may be relied on: the checks have passed, or it flies."""
         self._ready_ns: int | None = None
-        self._frozen_ns: int | None = None
+        self._unfit_ns: int | None = None
+        self._jump_ns: int | None = None
+        self._pose_ns = 0
         self._target = MessageTarget(link.system, link.component)
         self.stream = SetpointStream(params, self._target, mass)
         self.parameters = ParameterReader(READ, self._target, writes)
@@ -271,7 +278,7 @@ class Bridge:
             self.poses_refused[why.key] = self.poses_refused.get(why.key, 0) + 1
             self.preflight.refused_pose(why, now_ns, age_s)
             return why
-        self.pose_stamp_ns = stamp_ns
+        self.pose_stamp_ns, self._pose_ns = stamp_ns, now_ns
         unit = attitude / np.linalg.norm(attitude)
         self.preflight.pose(stamp_ns, now_ns, position, unit)
         pose = (self.params.mocap, stamp_ns, position, unit, self._covariance)
@@ -288,7 +295,26 @@ class Bridge:
         why = check_pose(stamp_ns, now_ns, oldest_ns, position, attitude)
         if not why and self.pose_stamp_ns - SECOND_NS < stamp_ns <= self.pose_stamp_ns:
             return PoseRefusal.OUT_OF_ORDER
+        if not why and self._jumps(stamp_ns, now_ns, position):
+            self._jump_ns = self._jump_ns or now_ns
+            return PoseRefusal.JUMP
+        self._jump_ns = None
         return why
+
+    def _jumps(self, stamp_ns: int, now_ns: int, position: Array) -> bool:
+        """Return whether a pose in flight is elsewhere than PX4, which would follow it."""
+        last = self._odometry
+        if not self._flying or last is None or last.stamp_ns is None:
+            return False
+        if now_ns - last.arrival_ns > _LOOK_NS:
+            return False
+        there = last.position + 1e-9 * (stamp_ns - last.stamp_ns) * last.velocity
+        return math.dist(there, position) > self.params.pose_jump_max
+
+    @property
+    def _flying(self) -> bool:
+        beat = self._heartbeat
+        return beat is not None and beat.armed and self._landed != MavLandedState.ON_GROUND
 
     def request(self, kind: str) -> int:
         """Take an operator's request: arm, disarm, offboard, land, hold; return its number.
@@ -313,6 +339,8 @@ class Bridge:
         out, self._out = self._out, BridgeOutput()
         if now_ns < self._now_ns - _SET_BACK_NS:
             self._clock_set_back(now_ns, out)
+        elif now_ns > self._now_ns + _SET_BACK_NS:
+            self._pose_ns += now_ns - self._now_ns  # nobody looked, or the clock was set ahead
         self._now_ns = now_ns
         self._answer_timesync(now_ns, out)
         linked = self._follow_link(now_ns)
@@ -352,13 +380,22 @@ class Bridge:
         return [f for f in self.findings if f.weight == FindingSeverity.BLOCKS]
 
     def _must_land(self, now_ns: int) -> str:
-        """Return why to land: the poses do not change, or nobody has said for long where to."""
+        """Return why the flight must end, "" if it may go on."""
         silent_s = self.stream.silent_s(now_ns)
-        if silent_s > self.params.hold_time:
+        if self.session.stage == Stage.FLYING and silent_s > self.params.hold_time:
             return f"no set point for {silent_s:.0f} s"
-        frozen = next((f.text for f in self._blocking if f.key == FROZEN), "")
-        self._frozen_ns = (self._frozen_ns or now_ns) if frozen else None
-        return frozen if self._frozen_ns and now_ns - self._frozen_ns > _FROZEN_NS else ""
+        if not self._flying:
+            self._unfit_ns = None
+            return ""
+        pose_s = (now_ns - self._pose_ns) * 1e-9
+        if pose_s > self.params.pose_loss_time:
+            refused = next((f.text for f in self._blocking if f.key.startswith("pose_")), "")
+            return refused or f"no mocap pose for {pose_s:.1f} s"
+        if self._jump_ns is not None and now_ns - self._jump_ns > _JUMP_NS:
+            return PoseRefusal.JUMP.text
+        unfit = next((f.text for f in self._blocking if f.key in _UNFIT), "")
+        self._unfit_ns = (self._unfit_ns or now_ns) if unfit else None
+        return unfit if self._unfit_ns and now_ns - self._unfit_ns > _UNFIT_NS else ""
 
     def _update_estimate_trusted(self, status: Status, now_ns: int) -> None:
         self._ready_ns = (self._ready_ns or now_ns) if status.ready else None
@@ -374,7 +411,8 @@ class Bridge:
         self._heartbeat_sent_ns = self._timesync_request_ns = self._heartbeat_request_ns = 0
         self._checked_ns = self._asked_ns = self.pose_stamp_ns = self._battery_ns = 0
         self.stream.clock_set_back(now_ns)
-        self._ready_ns = self._frozen_ns = None
+        self._ready_ns = self._unfit_ns = self._jump_ns = None
+        self._pose_ns = now_ns
         self._linked_ns = now_ns if self._linked_ns is not None else None
         if self._heartbeat is not None:
             self._heartbeat = replace(self._heartbeat, arrival_ns=now_ns)

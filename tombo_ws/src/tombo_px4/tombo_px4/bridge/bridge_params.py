@@ -140,6 +140,20 @@ class BridgeParams:
     pose_timeout: float = param(
         0.2, "s", (0.02, 2.0), "no pose for so long: stale", "control.blind_timeout"
     )
+    pose_loss_time: float = param(
+        1.0,
+        "s",
+        (0.2, 4.0),
+        "in flight no pose that can be used for so long: PX4 lands",
+        "PX4 coasts for 5 s (EKF2_NOAID_TOUT), which a landing from 2 m takes",
+    )
+    pose_jump_max: float = param(
+        0.5,
+        "m",
+        (0.1, 5.0),
+        "in flight a pose so far from PX4's own position is not sent",
+        "PX4's gate (EKF2_EVP_GATE 5, EKF2_EVP_NOISE 0.1); a second later it would follow it",
+    )
     pose_age_max: float = param(
         0.2,
         "s",

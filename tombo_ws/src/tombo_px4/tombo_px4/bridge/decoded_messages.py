@@ -46,6 +46,8 @@ class Heartbeat(Record):
     arrival_ns: int
     armed: bool
     mode: Mode
+    failsafe: bool = False
+    """PX4 flies another mode than was asked for, or has stopped its rotors for good."""
 
 
 @dataclass(frozen=True)

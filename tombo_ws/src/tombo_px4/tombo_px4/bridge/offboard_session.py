@@ -1,8 +1,11 @@
 """State machine of the bridge: when it streams, arms, changes the mode and lands. Pure.
 
-Three rules. Only HEARTBEAT confirms a state. A mode that another station has chosen is never
+Four rules. Only HEARTBEAT confirms a state. A mode that another station has chosen is never
 changed. The vehicle is armed once for one take-off: after a flight, a lost link or a refusal, the
-mission must have been on the ground, or the operator must ask.
+mission must have been on the ground, or the operator must ask. A flight that has lost something
+ends on the ground: PX4 is told to land and gets no set points any more, so that it can't return to
+OFFBOARD, also where its own fail-safe was first. HEARTBEAT's system status tells a fail-safe from
+a mode that somebody has chosen.
 """
 
 from __future__ import annotations
@@ -49,6 +52,11 @@ _TEXT_NS = 3 * SECOND_NS
 """Texts of this age still explain what has happened."""
 _GRACE_NS = 3 * SECOND_NS
 """Vehicle and bridge start in any order."""
+_QUIET_NS = SECOND_NS
+"""PX4 has lost our set points too (COM_OF_LOSS_T) if a heartbeat asked for four times a second
+is so late: it gets none before the next heartbeat has shown what it flies."""
+_LAND_AGAIN_NS = 2 * SECOND_NS
+"""A landing that PX4 refuses is commanded again after this time."""
 
 
 class Stage(Enum):
@@ -73,6 +81,8 @@ class Stream(Enum):
     HOLD = "hold"
     """Where it was when this began."""
     SETPOINT = "setpoint"
+    NONE = "none"
+    """Nothing is sent: PX4 must not return to OFFBOARD."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +157,14 @@ class Session:
         self._begun_ns: int | None = None
         self._stage_before_loss = Stage.WAITING
         self._landing_by_setpoints = False
+        self._flight_lost = False
+        """The flight ends here: set points are never sent again before the next take-off."""
+        self._ours = False
+        """An external mode that our operator has asked for."""
+        self._land_again_ns = 0
+        self._landing_from: Mode | None = None
+        """Mode that was flown when a landing was commanded, until that is confirmed."""
+        self._ticked_ns: int | None = None
         self._pending_requests: deque[Request] = deque()
         self._request: Request | None = None
         self._request_transaction: CommandTransaction | None = None
@@ -173,6 +191,7 @@ class Session:
         why = "the system's clock was set back meanwhile"
         self._drop_requests(out, why)
         self._stream_since_ns = self._landed_since_ns = self._arm_request_ns = None
+        self._ticked_ns, self._land_again_ns = None, 0
         if self.stage in (Stage.ENTERING_OFFBOARD, Stage.ARMING):
             self._give_up(why)
         elif self._transaction is not None:
@@ -182,11 +201,16 @@ class Session:
         """Decide; the result is added to `out`."""
         heartbeat = view.heartbeat
         self._stream_since_ns = (self._stream_since_ns or view.now_ns) if view.streaming else None
+        stopped_s = (view.now_ns - (self._ticked_ns or view.now_ns)) * 1e-9
+        self._ticked_ns = view.now_ns
         if heartbeat is None or view.now_ns - heartbeat.arrival_ns > self._timeout_ns:
             self._on_link_down(view, out)
             return
         if self.stage in (Stage.WAITING, Stage.LINK_LOST):
-            self._on_link_up(view, heartbeat)
+            self._on_link_up(view, heartbeat, out)
+        if not heartbeat.armed:
+            self._flight_lost = False
+        self._end_lost_flight(view, heartbeat, stopped_s, out)
         if view.fresh:
             self._update_mission(view, heartbeat)
         self._update_landed_time(view, heartbeat)
@@ -229,15 +253,20 @@ class Session:
         if any(request.kind == "kill" for request in self._pending_requests):
             out.vehicle_commands.append(_KILL)  # it may still arrive
         self._drop_requests(out, text)
-        if self._stage_before_loss == Stage.FLYING and view.phase in _FLIGHT:
-            out.stream = Stream.SETPOINT  # it may still arrive
+        out.stream = Stream.NONE
 
-    def _on_link_up(self, view: SessionInput, heartbeat: Heartbeat) -> None:
+    def _on_link_up(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
         """A vehicle is there, for the first time or again."""
         lost, self._stage_before_loss = self._stage_before_loss, Stage.WAITING
         if heartbeat.armed:
-            if (heartbeat.mode, lost) in ((AUTO_LAND, Stage.LANDING), (OFFBOARD, Stage.FLYING)):
+            ours = heartbeat.mode == OFFBOARD or heartbeat.failsafe
+            if lost == Stage.LANDING and heartbeat.mode == AUTO_LAND:
                 self._set_stage(lost, "link is back")
+            elif lost in (Stage.FLYING, Stage.LANDING) and ours:
+                self._land(heartbeat, out, "the link was lost in flight")
+            elif lost == Stage.WAITING and heartbeat.mode == OFFBOARD:
+                why = "found armed in mode offboard, which a bridge before this one has flown"
+                self._land(heartbeat, out, why)
             else:
                 mode = mode_name(heartbeat.mode)
                 self._set_stage(Stage.EXTERNAL_MODE, f"found armed in mode {mode}")
@@ -245,6 +274,35 @@ class Session:
             self._set_stage(Stage.READY, "")
         else:
             self._give_up("disarmed while the link was lost")
+
+    # --- A flight that has to end -------------------------------------------------------------
+
+    def _end_lost_flight(
+        self, view: SessionInput, heartbeat: Heartbeat, stopped_s: float, out: Decision
+    ) -> None:
+        """Land a vehicle that flies by us if PX4's fail-safe, the caller or a gap asks for it."""
+        ours = self.stage in (Stage.FLYING, Stage.LANDING) or self._ours
+        by_setpoints = self.stage == Stage.EXTERNAL_MODE and heartbeat.mode == OFFBOARD
+        if not heartbeat.armed or self._flight_lost or not (ours or by_setpoints):
+            return
+        if heartbeat.failsafe:
+            mode = mode_name(heartbeat.mode)
+            why = f"PX4's fail-safe has chosen mode {mode}{self._said(view, ': ')}"
+            self._land(heartbeat, out, why)
+        elif view.must_land:
+            self._land(heartbeat, out, view.must_land)
+        elif stopped_s * SECOND_NS > self._timeout_ns:
+            self._land(heartbeat, out, f"this bridge was stopped for {stopped_s:.1f} s")
+
+    def _land(self, heartbeat: Heartbeat, out: Decision, why: str) -> None:
+        """End the flight: PX4 lands, and gets no set point any more."""
+        if self._request is not None and self._request.kind not in ("kill", "disarm", "land"):
+            self._reply(out, False, f"the flight ends: {why}")
+        out.events.append(("landing", why))
+        self._set_stage(Stage.LANDING, why)
+        self._flight_lost, self._engage_allowed = True, False
+        self._landing_from = heartbeat.mode
+        self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
 
     # --- The operator -------------------------------------------------------------------------
 
@@ -284,6 +342,8 @@ class Session:
             why_not = "; ".join(view.blockers)
         elif kind in ("land", "hold") and not heartbeat.armed:
             why_not = "the vehicle is not armed"
+        elif kind in ("hold", "offboard") and self._flight_lost:
+            why_not = f"the flight ends: {self.why}"
         elif kind == "offboard" and not view.streaming:
             why_not = "PX4 gives no position: there is nothing to stream, and it would refuse"
         if why_not:
@@ -294,6 +354,7 @@ class Session:
             self._give_up(f"stopped by the operator: {kind}")
         if kind == "hold":  # at once: the place where it is goes out meanwhile
             self._set_stage(Stage.EXTERNAL_MODE, "hold, asked by the operator")
+            self._ours = True
         self._begin_order(_COMMANDS[kind])
 
     def _request_confirmed(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
@@ -310,6 +371,7 @@ class Session:
             self._set_stage(Stage.LANDING, "asked by the operator")
         elif kind == "takeoff":
             self._set_stage(Stage.EXTERNAL_MODE, "take-off, asked by the operator")
+            self._ours = True
         elif kind == "arm" and self.stage not in (Stage.FLYING, Stage.LANDING):
             self._arm_request_ns = None
             self._armed_for_flight = False
@@ -417,10 +479,6 @@ class Session:
                 self._set_stage(Stage.READY, "landed")
         elif heartbeat.mode != OFFBOARD:
             self._mode_taken(view, heartbeat, "offboard")
-        elif view.must_land:
-            out.events.append(("landing", view.must_land))
-            self._set_stage(Stage.LANDING, view.must_land)
-            self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
         elif view.phase in _DOWN or (
             view.phase == Phase.LANDED and view.landed != MavLandedState.ON_GROUND
         ):
@@ -444,13 +502,18 @@ class Session:
             self._set_stage(Stage.READY, "landed")
             return
         if self._step_transaction(view, heartbeat, out):
-            self._landing_by_setpoints = True
+            self._landing_by_setpoints = not self._flight_lost
+            self._land_again_ns = view.now_ns + _LAND_AGAIN_NS
         lands = heartbeat.mode == AUTO_LAND
         if lands:
-            self._landing_by_setpoints = False
+            self._landing_by_setpoints, self._landing_from = False, None
         under_way = self._transaction is not None or self._landing_by_setpoints
-        if not lands and not (under_way and heartbeat.mode == OFFBOARD):
+        still_ours = heartbeat.failsafe or heartbeat.mode in (OFFBOARD, self._landing_from)
+        if not lands and not ((under_way or self._flight_lost) and still_ours):
             self._mode_taken(view, heartbeat, "land")
+        elif not lands and not under_way:
+            if view.now_ns >= self._land_again_ns:
+                self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
         elif self._stays_on_ground(view) and self._transaction is None:
             self._transaction = CommandTransaction(_DISARM, _MODE_TRIES)
 
@@ -528,7 +591,8 @@ class Session:
     def _set_stage(self, stage: Stage, why: str) -> None:
         self.stage, self.why = stage, why
         self._transaction = None
-        self._landing_by_setpoints = False
+        self._landing_by_setpoints = self._ours = False
+        self._landing_from = None
         if stage in (Stage.READY, Stage.EXTERNAL_MODE):
             self._armed_for_flight = False
         if stage == Stage.EXTERNAL_MODE:
@@ -553,6 +617,14 @@ class Session:
             out.stream = Stream.SETPOINT
         elif mode == OFFBOARD and heartbeat.armed:
             out.stream = Stream.HOLD
+        quiet = view.now_ns - heartbeat.arrival_ns > _QUIET_NS
+        if heartbeat.armed and (self._flight_lost or heartbeat.failsafe or quiet):
+            out.stream = Stream.NONE
+        if self._flight_lost:
+            out.faults["flight_lost"] = (
+                f"{self.why}: PX4 lands, no set point is sent any more; nothing flies again"
+                " before /mission/takeoff"
+            )
         if self.stage == Stage.EXTERNAL_MODE and view.phase not in _GROUND:
             out.faults["mode_taken"] = (
                 f"{self.why}; not fought: the stream holds the present position until px4/offboard"

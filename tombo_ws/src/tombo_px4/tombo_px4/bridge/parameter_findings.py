@@ -8,6 +8,47 @@ from enum import IntEnum
 
 EV_CTRL, EV_DELAY, HGT_REF = "EKF2_EV_CTRL", "EKF2_EV_DELAY", "EKF2_HGT_REF"
 DELAY_MAX, HOVER = "EKF2_DELAY_MAX", "MPC_THR_HOVER"
+
+
+@dataclass(frozen=True)
+class LossParameter:
+    """A parameter that decides how a flight ends when something is lost."""
+
+    name: str
+    value: float
+    """The value that is recommended."""
+    low: float
+    high: float
+    """The bridge arms with values from `low` to `high`."""
+    why: str
+    """What PX4 1.17 does with another value."""
+
+
+LOSS_PARAMETERS = (
+    LossParameter(
+        "COM_OBL_RC_ACT", 4, 4, 4,
+        "set points or position lost: 4 lands; at 0, 1 and 2 it flies on in altitude and"
+        " stabilized mode that nobody steers, at 3 it may climb to 60 m, at 6 and 7 it falls",
+    ),
+    LossParameter(
+        "COM_OF_LOSS_T", 1.0, 0.25, 2.0,
+        "so long without set points it flies on; below 0.25 s one late set point ends a flight",
+    ),
+    LossParameter(
+        "EKF2_BARO_CTRL", 1, 1, 1,
+        "the height while poses are lost; at 0 it does not notice the ground and stays armed",
+    ),
+    LossParameter(
+        "COM_DISARM_LAND", 2.0, 0.1, 10.0, "so long after landing it disarms; below 0 never"
+    ),
+)  # fmt: skip
+"""With these a real PX4 1.17 ends on the ground, disarmed, also without the bridge."""
+SAFE_PARAMETERS: Mapping[str, float] = {
+    **{parameter.name: parameter.value for parameter in LOSS_PARAMETERS},
+    "COM_RCL_EXCEPT": 4,
+    "NAV_DLL_ACT": 0,
+}
+"""What `px4_parameters=safe` sets; OFFBOARD needs neither remote control nor ground station."""
 READ = (
     EV_CTRL,
     EV_DELAY,
@@ -15,21 +56,19 @@ READ = (
     DELAY_MAX,
     HOVER,
     "EKF2_GPS_CTRL",
-    "EKF2_BARO_CTRL",
     "EKF2_RNG_CTRL",
     "EKF2_MAG_TYPE",
     "SYS_HAS_GPS",
     "MAV_SYS_ID",
-    "COM_OF_LOSS_T",
     "COM_RCL_EXCEPT",
     "NAV_DLL_ACT",
+    *(parameter.name for parameter in LOSS_PARAMETERS),
 )
 """Parameters read from the vehicle."""
 _POSITION, _HEIGHT, _YAW = 1, 2, 8
 _VISION_HEIGHT = 3
 _NO_MAG = 5
 _HIGHEST_DELAY_MS = 30.0
-_SHORTEST_LOSS_S = 0.25
 _OFFBOARD_EXCEPTED = 4
 
 Values = Mapping[str, float | int]
@@ -79,12 +118,17 @@ def parameter_findings(values: Values, system: int) -> Iterator[Finding]:
     if values.get("MAV_SYS_ID", system) != system:
         text = f"MAV_SYS_ID is {values['MAV_SYS_ID']}, not {system}: set link.system"
         yield Finding("system_id", text, _WARNING)
-    if values.get("COM_OF_LOSS_T", 1.0) < _SHORTEST_LOSS_S:
+    wrong = [
+        f"{p.name} is {values[p.name]:g}, set it to {p.value:g} ({p.why})"
+        for p in LOSS_PARAMETERS
+        if not p.low <= values.get(p.name, p.value) <= p.high
+    ]
+    if wrong:
         text = (
-            f"COM_OF_LOSS_T is {values['COM_OF_LOSS_T']:g} s: one late set point ends OFFBOARD;"
-            " 1 s is usual"
+            f"a loss in flight would not end on the ground: {'; '.join(wrong)}. With your consent"
+            " the bridge sets them: --bridge px4_parameters=safe"
         )
-        yield Finding("loss_time", text, _WARNING)
+        yield Finding("loss_parameters", text)
     # links that PX4 requires before it arms
     if values.get("NAV_DLL_ACT", 0) > 0:
         text = (
@@ -129,7 +173,6 @@ def _competing_sensors(values: Values) -> str:
     yaw_fused = int(values.get(EV_CTRL, 0)) & _YAW
     used = {
         "GPS (EKF2_GPS_CTRL)": values.get("EKF2_GPS_CTRL", 0) and values.get("SYS_HAS_GPS", 1),
-        "barometer (EKF2_BARO_CTRL)": values.get("EKF2_BARO_CTRL", 0),
         "range finder (EKF2_RNG_CTRL)": values.get("EKF2_RNG_CTRL", 0),
         "magnetometer (EKF2_MAG_TYPE, off: 5)": yaw_fused
         and values.get("EKF2_MAG_TYPE", _NO_MAG) != _NO_MAG,

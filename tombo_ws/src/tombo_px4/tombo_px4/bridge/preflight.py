@@ -64,6 +64,9 @@ _REFUSED = {
     PoseRefusal.NOT_FINITE: "mocap poses contain NaN or infinity: the tracker has lost the body",
     PoseRefusal.NOT_UNIT: "mocap quaternions are no rotations: the driver fills them wrongly",
     PoseRefusal.OUT_OF_ORDER: "mocap stamps do not grow: two drivers at work?",
+    PoseRefusal.JUMP: (
+        "mocap poses are elsewhere than PX4 in flight: another body, or exchanged markers"
+    ),
     PoseRefusal.TWO_PUBLISHERS: "two nodes publish mocap poses: stop one of them",
 }
 _WARNING = FindingSeverity.WARNING

@@ -99,7 +99,8 @@ class SetpointStream:
         if stream != self._stream:
             self._stream, self._hold_setpoint = stream, None
             self._streamed_ns = 0
-        due = now_ns - self._streamed_ns >= SECOND_NS / self._params.stream_rate
+        due = stream != Stream.NONE
+        due = due and now_ns - self._streamed_ns >= SECOND_NS / self._params.stream_rate
         message = None
         if stream == Stream.SETPOINT:
             if due or self._new or self._attitude_or_rates_new:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from tombo_dynamics.vehicle import SPIN
+from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
 from tombo_px4.frames import PX4_ROTORS, frd_from_flu
 from tombo_px4.hil.flight import HilFlight
 from tombo_px4.hil.link import PX4_PORT
@@ -16,15 +17,12 @@ MOCAP_ONLY: Mapping[str, float] = {
     "SYS_HAS_GPS": 0,
     "SYS_HAS_MAG": 0,
     "EKF2_GPS_CTRL": 0,
-    "EKF2_BARO_CTRL": 0,
     "EKF2_RNG_CTRL": 0,
     "EKF2_MAG_TYPE": 5,
     "EKF2_EV_CTRL": 11,
     "EKF2_HGT_REF": 3,
 }
 """With these PX4 1.17 flew by external poses alone: position, height and yaw."""
-NO_REMOTE_CONTROL: Mapping[str, float] = {"COM_RCL_EXCEPT": 4}
-"""OFFBOARD needs none."""
 _IMAGE = "px4io/px4-sitl:v1.18.0-rc1"
 """PX4's containers begin with 1.18."""
 _MOST_INSTANCES = 255
@@ -36,7 +34,7 @@ def airframe_parameters(world: World, flight: HilFlight) -> dict[str, float]:
     PX4's iris has its front rotors farther out than the rear ones: untold, yawing would roll. In
     lockstep PX4 answers once its estimator has run, so that must run at each HIL_SENSOR.
     """
-    parameters = {"MPC_THR_HOVER": round(flight.controls.hover, 3), **NO_REMOTE_CONTROL}
+    parameters = {"MPC_THR_HOVER": round(flight.controls.hover, 3), **SAFE_PARAMETERS}
     rate = round(flight.params.rate)
     if rate != PX4_RATE:
         parameters |= {"IMU_INTEG_RATE": rate, "IMU_GYRO_RATEMAX": rate}

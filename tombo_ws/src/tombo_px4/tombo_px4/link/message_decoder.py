@@ -39,6 +39,7 @@ _OLDEST_NS, _SYNC_ERROR_NS = 1_000_000_000, 15_000_000
 _SAME_JUMP_NS = 100_000_000
 """Messages whose clocks differ by the same, within this, prove a jump of one of the clocks."""
 _UNIT = 0.02
+_FAILSAFE = (mav.MAV_STATE_CRITICAL, mav.MAV_STATE_EMERGENCY, mav.MAV_STATE_FLIGHT_TERMINATION)
 _FAR = 1e6
 """[m], [m/s]: no number of a flight is larger."""
 _FASTEST_TURN, _HARDEST = 100.0, 1e4
@@ -117,7 +118,8 @@ class MessageDecoder:
         if m.autopilot != mav.MAV_AUTOPILOT_PX4:
             raise Refused("not_px4")
         armed = bool(m.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
-        return decoded.Heartbeat(arrival_ns, armed, mode_of(m.custom_mode))
+        failsafe = armed and m.system_status in _FAILSAFE
+        return decoded.Heartbeat(arrival_ns, armed, mode_of(m.custom_mode), failsafe)
 
     def _odometry(self, m: Any, arrival_ns: int) -> Content:
         in_body = m.child_frame_id == mav.MAV_FRAME_BODY_FRD

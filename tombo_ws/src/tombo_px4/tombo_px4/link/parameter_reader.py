@@ -13,8 +13,11 @@ from pymavlink.dialects.v20 import common as mav
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.decoded_messages import ParameterValue
+from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
 from tombo_px4.link.message_encoder import MessageTarget, read_parameter
 
+SAFE = "safe"
+"""Word for all parameters that let a loss end on the ground."""
 _AGAIN_NS = SECOND_NS
 _TRIES = 4
 _AFRESH_NS = 15 * SECOND_NS
@@ -35,13 +38,16 @@ _AT_START = (
 
 
 def parse_assignments(texts: Sequence[str]) -> dict[str, float]:
-    """Read `NAME=VALUE` of parameters to be written.
+    """Read `NAME=VALUE` of parameters to be written; `safe` stands for `SAFE_PARAMETERS`.
 
     Raises:
         InputError: names what is not of that form.
     """
     wanted: dict[str, float] = {}
     for text in texts:
+        if text == SAFE:
+            wanted |= SAFE_PARAMETERS
+            continue
         name, equals, value = text.partition("=")
         name = name.strip()
         try:
@@ -50,7 +56,8 @@ def parse_assignments(texts: Sequence[str]) -> dict[str, float]:
             number = math.nan
         if not equals or not 0 < len(name) <= 16 or not math.isfinite(number):
             raise InputError(
-                f"px4_parameters: '{text}' can't be used; accepted: NAME=VALUE as EKF2_EV_CTRL=11"
+                f"px4_parameters: '{text}' can't be used; accepted: {SAFE}, or NAME=VALUE as"
+                " EKF2_EV_CTRL=11"
             )
         wanted[name] = number
     return wanted
