@@ -445,6 +445,26 @@ def test_a_clock_set_back_begins_a_new_flight():
     world.until(Phase.LANDED)
 
 
+@pytest.mark.parametrize("held", [True, False])
+def test_a_vehicle_that_was_put_down_takes_off_again(held):
+    """PX4 has landed it, or its rotors were stopped: the plan still believes to fly."""
+    world = World().until(Phase.APPROACH)
+    if held:
+        assert world.course.command("hold") == ""
+    world.run(0.1)
+    before = world.course.memory.takeoff_commands
+    world.velocity = np.zeros(3)
+    world.place, world.follows = HOME.copy(), False
+    world.run(0.5)
+    assert world.course.mode == Phase.APPROACH
+    assert world.course.command("takeoff") == ""
+    assert world.course.memory.takeoff_commands == before + 1
+    world.run(0.1)
+    assert world.course.mode == Phase.IDLE, "the bridge sees it on the ground"
+    world.follows = True
+    world.until(Phase.APPROACH)
+
+
 def test_an_operator_holds_lands_and_takes_off_again():
     world = World().until(Phase.APPROACH)
     assert world.course.command("takeoff") == "it flies: phase approach"

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from rich.console import Console
 
+from tombo_dynamics.messages import Phase
 from tombo_flight.suite.node_diagnostics import NodeDiagnostics
 from tombo_flight.suite.status_table import Suite, status_line, status_object, status_table
 from tombo_flight.suite.supervisor import ProcessExit
@@ -65,6 +66,13 @@ def test_a_report_has_the_node_and_its_loops_apart():
 def test_the_freshest_pose_counts_and_nobody_knowing_is_no_number():
     assert node_diagnostics().mocap_age_s == 0.031
     assert math.isnan(NodeDiagnostics().mocap_age_s)
+
+
+def test_a_height_is_not_shown_as_present_once_poses_are_lost():
+    hovers = replace(suite(), flight={"phase": Phase.HOVER, "height_m": 1.99})
+    assert "hover at 1.99 m" in status_line(hovers)
+    lost = status_line(replace(hovers, flight_age_s=12.2))
+    assert "no pose for 12 s, last at 1.99 m" in lost and "hover" not in lost
 
 
 def test_the_table_shows_every_loop_and_every_trouble():

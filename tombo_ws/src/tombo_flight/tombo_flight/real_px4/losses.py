@@ -304,11 +304,11 @@ class _LossRun(LockstepRun):
             modes=tuple(self._modes),
             stages=tuple(self._stages),
             texts=texts,
-            **_judged(track),
+            **judged_track(track),
         )
 
 
-def _judged(track: Array) -> dict[str, Any]:
+def judged_track(track: Array) -> dict[str, Any]:
     """Return when it was down and off, how far it drifted, whether it flew again."""
     seconds, height, drift, climb, armed = track.T
     on = np.flatnonzero(height < _DOWN_M)

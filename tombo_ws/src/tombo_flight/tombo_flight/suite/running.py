@@ -144,6 +144,7 @@ class RunningSuite:
         self.nodes = config.nodes
         self.node_diagnostics = NodeDiagnostics()
         self._flight: Mapping[str, Any] = {}
+        self._flight_s = 0.0
         self.ended: dict[str, ProcessExit] = {}
         """Nodes that ended by themselves."""
         config.folder.mkdir(parents=True, exist_ok=True)
@@ -177,7 +178,8 @@ class RunningSuite:
         """Wait a while for news and return them."""
         poll = self._supervisor.poll(wait_s)
         flight, px4, answers = self._handle_monitor_output(poll)
-        self._flight = flight or self._flight
+        if flight:
+            self._flight, self._flight_s = flight, time.monotonic()
         ended = [end for end in poll.ended if end.name != MONITOR]
         self.ended |= {end.name: end for end in ended}
         warnings = list(poll.warnings)
@@ -198,6 +200,7 @@ class RunningSuite:
             now,
             self.uptime_s,
             self._flight,
+            now - self._flight_s,
         )
 
     def request(self, name: str) -> bool:

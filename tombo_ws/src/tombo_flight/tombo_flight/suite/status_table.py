@@ -21,6 +21,8 @@ from tombo_flight.suite.node_diagnostics import (
 )
 from tombo_flight.suite.supervisor import ProcessExit
 
+_POSE_SILENT_S = 1.0
+"""A height that is older says nothing about where the vehicle is."""
 _STYLES = {"running": "green", "starting": "dim", "silent": "bold yellow"}
 _FAULT_STYLES = ("", "yellow", "bold red")
 
@@ -37,6 +39,7 @@ class Suite:
         now_s: on the clock of `node_diagnostics`.
         uptime_s: since the start.
         flight: phase and height_m of the vehicle; empty: not known.
+        flight_age_s: age of these.
     """
 
     names: tuple[str, ...]
@@ -46,13 +49,17 @@ class Suite:
     now_s: float
     uptime_s: float
     flight: Mapping[str, Any] = field(default_factory=dict)
+    flight_age_s: float = 0.0
 
     @property
     def flight_text(self) -> str:
         """Phase and height of the vehicle in words; empty: not known."""
         if not self.flight:
             return ""
-        return f"{_phase(self.flight) or 'no phase'} at {self.flight['height_m']:.2f} m"
+        height = f"at {self.flight['height_m']:.2f} m"
+        if self.flight_age_s > _POSE_SILENT_S:
+            return f"no pose for {self.flight_age_s:.0f} s, last {height}"
+        return f"{_phase(self.flight) or 'no phase'} {height}"
 
     def state(self, name: str) -> str:
         """Return `starting`, `running`, `silent`, or how it ended."""
@@ -135,6 +142,7 @@ def status_object(suite: Suite) -> dict[str, Any]:
         "uptime_s": round(suite.uptime_s, 1),
         "phase": _phase(suite.flight) or None,
         "height_m": suite.flight.get("height_m"),
+        "height_age_s": round(suite.flight_age_s, 1) if suite.flight else None,
         "nodes": nodes,
     }
 

@@ -8,7 +8,8 @@ from vehicle_bench import Flight, hovering, motion, ready
 
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vector, yaw_of, yaw_pitch_roll
 from tombo_px4.bridge.decoded_messages import MavLandedState
-from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD
+from tombo_px4.bridge.modes import ALTCTL, AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, STABILIZED
+from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
 from tombo_px4.protocol.results import Result
 
 HALF = math.sqrt(0.5)
@@ -311,3 +312,65 @@ def test_an_attitude_whose_length_is_not_one_is_dropped_and_nothing_is_said(leng
     assert flight.words == {"": flight.words[""]} and not flight.said
     assert flight.ekf2.source == "vision" and error(flight) < 0.01
     assert (abs(yaw_of(flight.vehicle.estimate.attitude) - 0.8) < 0.02) == fused
+
+
+# --- Lost, as a real PX4 1.17 without a remote control --------------------------------------------
+
+
+def modes_after_the_loss(flight, seconds):
+    """Take vision away for some seconds; return the modes, and whether it is armed at the end."""
+    flight.see = False
+    modes = []
+    for _ in range(round(seconds * 1000)):
+        flight.step()
+        if not modes or modes[-1] != flight.vehicle.mode:
+            modes.append(flight.vehicle.mode)
+    return modes
+
+
+@pytest.mark.slow
+def test_with_px4s_default_a_lost_position_ends_in_a_mode_that_nobody_steers():
+    """As measured: OFFBOARD, 4.9 s later altitude, 5.4 s stabilized, and back when poses come."""
+    flight = hovering(vision=True)
+    assert flight.vehicle.parameters.set("COM_OBL_RC_ACT", 0) == ""
+    assert flight.vehicle.parameters.set("EKF2_BARO_CTRL", 0) == ""
+    assert modes_after_the_loss(flight, 12.0) == [OFFBOARD, ALTCTL, STABILIZED]
+    assert flight.vehicle.armed
+    flight.see = True
+    flight.fly(3.0)
+    assert flight.vehicle.mode == OFFBOARD
+
+
+@pytest.mark.slow
+def test_with_px4s_default_a_dead_bridge_ends_in_a_mode_that_nobody_steers():
+    flight = hovering(vision=True)
+    assert flight.vehicle.parameters.set("COM_OBL_RC_ACT", 0) == ""
+    assert flight.vehicle.parameters.set("EKF2_BARO_CTRL", 0) == ""
+    flight.period = 10**9
+    assert modes_after_the_loss(flight, 12.0) == [OFFBOARD, AUTO_LAND, ALTCTL, STABILIZED]
+    assert flight.vehicle.armed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("streams", [True, False])
+def test_with_the_parameters_that_are_demanded_it_lands_and_disarms(streams):
+    flight = hovering(vision=True)
+    for name, value in SAFE_PARAMETERS.items():
+        assert flight.vehicle.parameters.set(name, value) == ""
+    flight.period = flight.period if streams else 10**9
+    began = flight.body[:2].copy()
+    assert modes_after_the_loss(flight, 18.0)[:2] == [OFFBOARD, AUTO_LAND]
+    assert not flight.vehicle.armed
+    assert np.linalg.norm(flight.body[:2] - began) < 1.5
+    flight.see, flight.period = True, 50
+    flight.fly(5.0)
+    assert not flight.vehicle.armed
+
+
+@pytest.mark.slow
+def test_without_a_height_px4_does_not_notice_the_ground():
+    flight = hovering(vision=True)
+    for name, value in {**SAFE_PARAMETERS, "EKF2_BARO_CTRL": 0}.items():
+        assert flight.vehicle.parameters.set(name, value) == ""
+    modes_after_the_loss(flight, 20.0)
+    assert flight.vehicle.armed and flight.height < 0.05

@@ -472,7 +472,7 @@ def test_poses_that_stop_in_flight_land_it():
     flight.until(lambda f: f.px4.mode == AUTO_LAND)
     sent = len(flight.px4.targets)
     flight.mocap_on = True
-    flight.run(2.0)
+    flight.until(lambda f: not f.px4.armed)
     assert len(flight.px4.targets) == sent, "no set point can bring OFFBOARD back"
 
 

@@ -87,8 +87,8 @@ PARAMETERS: tuple[Parameter, ...] = (
         0,
         7,
         "offboard lost: 0 position, 1 altitude, 2 stabilized (without a remote control "
-        "NAV_RCL_ACT, but altitude or stabilized where the position is lost too), 3 return, 4 land, 5 hold, "
-        "6 terminate, 7 disarm",
+        "NAV_RCL_ACT, but altitude or stabilized where the position is lost too), 3 return, "
+        "4 land, 5 hold, 6 terminate, 7 disarm",
     ),
     _float("COM_DISARM_LAND", 2.0, -1.0, 20.0, "s", "disarms so long after landing; -1: never"),
     _float("COM_DISARM_PRFLT", 10.0, -1.0, 60.0, "s", "disarms if not taken off; -1: never"),
