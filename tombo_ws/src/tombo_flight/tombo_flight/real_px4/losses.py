@@ -246,8 +246,12 @@ class _LossRun(LockstepRun):
             if self._loss_s >= 0.0 and (not self._stages or self._stages[-1][1] != stage):
                 self._stages.append((self._loss_s, stage))
 
+    def _hand_over(self, topic: str, message: Any) -> None:
+        if not (self._has_lost("mission") and topic.startswith("/mission/")):
+            super()._hand_over(topic, message)
+
     def _note(self, topic: str, message: Any) -> None:
-        if self._has_lost("mission") and topic in ("/setpoint", "/mission/status"):
+        if self._has_lost("mission") and topic.startswith("/mission/"):
             return
         if self._has_lost("setpoints") and isinstance(message, PositionSetpoint):
             return

@@ -207,7 +207,7 @@ def test_told_not_to_fuse_it_does_not():
 
 @pytest.mark.parametrize(("control", "known"), [(1, False), (3, True), (8, False), (11, True)])
 def test_position_needs_horizontal_and_vertical_aiding(control, known):
-    flight = Flight(vision=True, EKF2_HGT_REF=0, EKF2_EV_CTRL=control)
+    flight = Flight(vision=True, EKF2_HGT_REF=0, EKF2_EV_CTRL=control, EKF2_BARO_CTRL=0)
     flight.fly(1.5)
     assert flight.vehicle.health.local_position == known
 
@@ -266,6 +266,7 @@ def test_a_short_loss_is_flown_through():
 def test_after_the_time_that_is_set_it_descends_level_and_stops():
     flight = hovering(vision=True)
     flight.vehicle.parameters.set("EKF2_NOAID_TOUT", 1_000_000)
+    flight.vehicle.parameters.set("COM_OBL_RC_ACT", 4)
     flight.see = False
     lost = flight.fly_until(lambda: flight.vehicle.failsafe, 2.0)
     assert lost == pytest.approx(1.0, abs=0.1)
@@ -314,7 +315,7 @@ def test_an_attitude_whose_length_is_not_one_is_dropped_and_nothing_is_said(leng
     assert (abs(yaw_of(flight.vehicle.estimate.attitude) - 0.8) < 0.02) == fused
 
 
-# --- Lost, as a real PX4 1.17 without a remote control --------------------------------------------
+# --- Lost, as a real PX4 1.17 without a remote control ------------------------------------------
 
 
 def modes_after_the_loss(flight, seconds):
