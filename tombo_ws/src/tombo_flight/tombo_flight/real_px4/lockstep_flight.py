@@ -11,7 +11,7 @@ import time
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -179,7 +179,7 @@ class LockstepRun:
             world, self._seed, params, self._hil_link, speed=speed, watch=self._tick
         )
 
-    def __enter__(self) -> LockstepRun:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:

@@ -144,7 +144,7 @@ def fly_loss(
     scenario, bridge = hover_scenario(), bridge or BridgeParams()
     world = world_of(scenario)
     if build is None:
-        values = dict(SIMULATED | (parameters or {}))
+        values = {**SIMULATED, **(parameters or {})}
         with _SimulatedRun(loss, scenario, world, seed, bridge, values) as simulated:
             while not simulated.over:
                 simulated.advance()
