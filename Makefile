@@ -1,7 +1,8 @@
 # make fly      fly the paper's collision experiment (ARGS='hover --seed 3' for another flight)
 # make check    lint and the fast tests, in parallel: two minutes
 # make test     lint, then every test (PYTEST_ARGS='-k propeller' for some)
-# make test-px4 PX4=DIR   fly with a real PX4 SITL that was built in DIR (ARGS='--seeds 50')
+# make test-px4 PX4=DIR   fly with a real PX4 SITL that was built in DIR (ARGS='--seeds 50'); ARGS=--losses: lose
+#                         poses, link, bridge …, without PX4=DIR over the simulated one
 # make lint     ruff and mypy
 # make format   lay the sources out as `make lint` wants them
 # make bench    measure the speed on this machine

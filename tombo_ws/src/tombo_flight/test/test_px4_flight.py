@@ -298,6 +298,8 @@ def test_parameters_of_px4_go_to_the_bridge():
     wanted = ["EKF2_EV_CTRL=11", "NAV_DLL_ACT=0"]
     assert connection.parameters["px4_bridge"]["px4_parameters"] == wanted
     assert "px4_parameters" not in px4_connection(None, []).parameters["px4_bridge"]
+    safe = px4_connection(None, ["px4_parameters=safe"])
+    assert safe.parameters["px4_bridge"]["px4_parameters"] == ["safe"]
 
 
 def test_a_px4_that_signs_wants_a_key_on_this_side(tmp_path):

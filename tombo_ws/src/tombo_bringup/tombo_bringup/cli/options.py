@@ -230,8 +230,9 @@ BridgeSettings = Annotated[
     option(
         "--bridge KEY=VALUE",
         "With --px4: set a parameter of the bridge, as in link.allow_remote=true, "
-        "px4.position_std=0.002 or, of PX4 itself, px4_parameters=[EKF2_EV_CTRL=11]. May be "
-        "given many times.",
+        "px4.position_std=0.002 or, of PX4 itself, px4_parameters=[EKF2_EV_CTRL=11]; "
+        "px4_parameters=safe: those with which a loss ends on the ground. May be given many "
+        "times.",
     ),
 ]
 Duration = Annotated[

@@ -14,6 +14,7 @@ from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
 from tombo_px4.bridge.modes import ALTCTL, AUTO_HOLD, AUTO_LAND, OFFBOARD, POSCTL
 from tombo_px4.bridge.offboard_session import Stage
+from tombo_px4.link.parameter_reader import parse_assignments
 
 
 @pytest.mark.slow
@@ -332,6 +333,22 @@ def test_parameters_are_read_and_none_is_written():
         "MPC_THR_HOVER": (pytest.approx(0.47))
     }
     assert not any(m.get_type() == "PARAM_SET" for m in flight.px4.received)
+
+
+@pytest.mark.slow
+def test_parameters_for_a_loss_are_set_with_consent_and_the_vehicle_flies():
+    wrong = {"COM_OBL_RC_ACT": 0, "EKF2_BARO_CTRL": 0, "COM_DISARM_LAND": -1.0}
+    flight = Flight()
+    flight.px4.parameters |= wrong
+    flight.run(6.0)
+    assert any("px4_parameters=safe" in text for text in flight.out.status.findings)
+    assert not flight.out.status.ready and wrong.items() <= flight.px4.parameters.items()
+    flight = Flight(writes=parse_assignments(["safe"]))
+    flight.px4.parameters |= wrong
+    flight.run(12.0)
+    assert flight.out.status.ready, flight.out.status.findings
+    assert flight.px4.parameters["COM_OBL_RC_ACT"] == 4
+    flight.take_off()
 
 
 @pytest.mark.slow
