@@ -40,7 +40,7 @@ _MOST_TICKS = 20
 def warm_up(world: World) -> Px4Vehicle:
     """Load all compiled code before the flight: fly a spare vehicle until it has lifted off."""
     table = ParameterTable()
-    for name, value in {**MOCAP_ONLY, **NO_REMOTE_CONTROL}.items():
+    for name, value in {**MOCAP_ONLY, **SAFE_PARAMETERS}.items():
         table.set(name, value)
     spare = Px4Vehicle(world, 0, table)
     up = OffboardSetpoint(position=spare.home + np.array([0.0, 0.0, 2.0]), yaw=0.0)
