@@ -66,7 +66,8 @@ class Lab:
         self.phase, self.goal = MissionStatus.IDLE, np.array([0.0, 0.0, GROUND])
         self.captures = []
         world.subscribe(PX4_STATUS, DIAGNOSTICS, ODOMETRY, IMU, BATTERY)
-        arguments = [f"link.url:=udpin://127.0.0.1:{port}", *more]
+        url = f"link.url:=udpin://127.0.0.1:{port}"
+        arguments = [url, "px4.axes_evidence:=simulated", *more]
         self.node = start(NODE, *(a for p in arguments for a in ("-p", p)))
         world.meet(MOCAP_POSE, SETPOINT, PX4_STATUS)
         self._due_ns = 0

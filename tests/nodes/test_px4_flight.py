@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+import yaml
 
 from in_time import in_time
 from tombo_bag.formats.reader import Bag
@@ -17,6 +18,7 @@ from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.px4_connection import free_udp_port
 from tombo_flight.suite.px4_probe import find_vehicle
 from tombo_px4.bridge.bridge_params import LinkParams
+from tombo_px4.bridge.pose_axes import AxesEvidence
 
 pytestmark = pytest.mark.real_time
 
@@ -100,7 +102,11 @@ def test_ctrl_c_in_the_air_lands_the_vehicle(world, lab, domain, tmp_path):
     world.subscribe(TRUE_ODOMETRY, MISSION_STATUS)
     world.meet(TRUE_ODOMETRY, patience_s=_COMPILES_S)
     url, node = lab
+    proof = tmp_path / "axes.yaml"
+    record = AxesEvidence("2026-11-24T10:00:00+00:00", "", 1, tilt_rad=(0.0, 0.0))
+    proof.write_text(yaml.safe_dump([record.as_mapping()]))
     words = ("fly", "hover", "--px4", url, "--yes", "--domain", str(domain), "-o", "out", "--json")
+    words += ("--bridge", f"px4.axes_evidence={proof}")
     command = subprocess.Popen(
         [sys.executable, "-m", "tombo_bringup.cli.main", *words],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

@@ -4,7 +4,7 @@ A simulated PX4 by default. With `sim:=false` it flies the PX4 at `url`, as soon
 with a motion capture on mocap/pose, or with `hil:=true` one that connects to our simulator link.
 """
 
-from launch.conditions import IfCondition
+from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution
 from launch_ros.parameter_descriptions import ParameterValue
 
@@ -19,6 +19,10 @@ ARGUMENTS = {
         LaunchConfiguration("sim"),
         "true: take off without a command; default: only a simulated vehicle",
     ),
+    "simulated": (
+        LaunchConfiguration("sim"),
+        "true: the poses are of a model, their axes need no proof; with hil:=true, set it",
+    ),
     "reaction": ("", "a name of `tombo reactions`; empty: that of params_file"),
     "record": ("", "folder for the bag; empty: nothing is recorded"),
 }
@@ -27,6 +31,8 @@ ARGUMENTS = {
 def generate_launch_description() -> LaunchDescription:
     """Return the bridge and what it needs, without estimator and controller: those are PX4's."""
     starts = ParameterValue(LaunchConfiguration("auto_start"), value_type=bool)
+    url = {"link.url": LaunchConfiguration("url")}
+    simulated = LaunchConfiguration("simulated")
     recording = NotEqualsSubstitution(LaunchConfiguration("record"), "")
     return description(
         [
@@ -42,7 +48,14 @@ def generate_launch_description() -> LaunchDescription:
                 executable="hil_sim_node",
                 condition=IfCondition(LaunchConfiguration("hil")),
             ),
-            suite_node("tombo_px4", "px4_bridge", **{"link.url": LaunchConfiguration("url")}),
+            suite_node("tombo_px4", "px4_bridge", condition=UnlessCondition(simulated), **url),
+            suite_node(
+                "tombo_px4",
+                "px4_bridge",
+                condition=IfCondition(simulated),
+                **url,
+                **{"px4.axes_evidence": "simulated"},
+            ),
             suite_node("tombo_control", "mission", auto_start=starts),
             part("collision.launch.py", "reaction"),
             part("recorder.launch.py", "record", condition=IfCondition(recording)),

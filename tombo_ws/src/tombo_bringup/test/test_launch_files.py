@@ -103,6 +103,9 @@ def test_over_mavlink_px4_stands_for_estimator_and_controller():
     assert names(without) == sorted(PX4_SUITE.keys() - {"sim", "recorder"})
     (bridge,) = (node for node in without if node.executable == "px4_bridge_node")
     assert bridge.parameters["link.url"] == "serial:///dev/ttyACM0:57600"
+    assert "px4.axes_evidence" not in bridge.parameters, "a real vehicle's axes are to be proven"
+    model = one(started, "/px4_bridge")
+    assert model.parameters["px4.axes_evidence"] == "simulated"
 
 
 def test_a_real_px4_gets_its_vehicle_from_the_simulator_link():

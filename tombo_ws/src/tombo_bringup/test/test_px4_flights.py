@@ -29,9 +29,15 @@ def test_the_table_has_median_and_largest_of_each_kind_of_flight():
     assert rows[0] == "|  | hover | collision |"
     assert "| crashed | 0 | 1 |" in rows
     assert "| landed | 3 | 0 |" in rows
-    assert "| hit the pillar again | 0 | 1 |" in rows
+    assert "| hit the pillar again | – | 1 |" in rows
     assert "| hover, RMS from the set point [mm] | 40, at most 50 | – |" in rows
     assert "| steps without an answer | 0 | 2 |" in rows
+
+
+def test_what_nobody_has_measured_is_a_dash():
+    rows = markdown_table([{"flight": "collision", "crashed": False, "landed": True}])
+    assert "| hit the pillar again | – |" in rows
+    assert "| steps without an answer | – |" in rows
 
 
 @pytest.mark.parametrize("port", [4560, 4567])

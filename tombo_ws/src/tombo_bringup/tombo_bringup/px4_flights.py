@@ -18,6 +18,7 @@ from typing import Any, Final
 
 from tombo_bringup.cli.errors import print_error
 from tombo_bringup.interface_tables import updated
+from tombo_collision.reactions import REGISTRY
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight_output import as_json
 from tombo_flight.process.output_folder import open_output
@@ -26,6 +27,8 @@ from tombo_flight.real_px4.lockstep_flight import fly_lockstep
 from tombo_flight.real_px4.losses import LOSSES, LossResult, fly_loss
 from tombo_flight.real_px4.node_flight import fly_nodes_with
 from tombo_flight.real_px4.px4_process import px4_build
+from tombo_flight.real_px4.wrong_axes import fly_wrong_axes, wrong_axes_flights
+from tombo_flight.real_px4.wrong_axes import table as wrong_axes_table
 from tombo_flight.scenario import Scenario, load_scenario
 
 _SQUARE: Final = "mission.course=[{x: 1.0}, {y: 1.0}, {x: 0.0}, {y: 0.0}]"
@@ -70,12 +73,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _options(arguments)
     if options.losses:
         return _fly_losses(options)
-    if options.px4 is None:
+    if options.px4 is None and not options.simulated:
         print("skipped: no PX4; accepted: make test-px4 PX4=DIR, a PX4 SITL that was built there")
         return 0
     try:
-        build = px4_build(options.px4)
+        build = None if options.simulated else px4_build(options.px4)
         with TemporaryDirectory() as scratch, StopSignals(signal.SIGHUP) as stop:
+            if options.wrong_axes:
+                return _fly_wrong_axes(build, Path(scratch), options, stop)
             found = list(_fly_all(build, Path(scratch), options, stop))
     except InputError as error:
         print_error(str(error))
@@ -167,7 +172,19 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--losses", action="store_true",
         help="lose something in each flight, --few seeds; without PX4 the simulated one flies",
     )  # fmt: skip
-    parser.add_argument("--row", action="append", help="with --losses: only rows with this word")
+    parser.add_argument(
+        "--wrong-axes", action="store_true",
+        help="fly with wrong axes of the motion capture, each once, and nothing else",
+    )  # fmt: skip
+    parser.add_argument(
+        "--row", action="append", help="with --losses and --wrong-axes: only rows with this word"
+    )
+    parser.add_argument(
+        "--reaction", choices=sorted(REGISTRY), help="of the collision, in place of the scenario's"
+    )
+    parser.add_argument(
+        "--simulated", action="store_true", help="the simulated PX4 flies, in place of a real one"
+    )
     parser.add_argument("--instance", type=int, default=0, help="of PX4: its ports and its id")
     parser.add_argument("--output", type=Path, help="write all figures as JSON")
     parser.add_argument("--keep", type=Path, help="with --nodes: folder of the flights' files")
@@ -182,19 +199,43 @@ def _plan(options: argparse.Namespace) -> Iterable[tuple[str, Scenario, int]]:
         count = options.seeds if name == "collision" else options.few
         if options.nodes:
             count = options.nodes if name == "collision" else 0
+        if options.reaction and name == "collision":
+            settings = (*settings, f"reaction.name={options.reaction}")
         for seed in range(options.first, options.first + count):
             yield name, load_scenario(scenario, list(settings)), seed
 
 
+def _fly_wrong_axes(
+    build: Path | None, scratch: Path, options: argparse.Namespace, stop: StopSignals
+) -> int:
+    """Fly with each wrong set-up; print the table; return the exit code."""
+    rows = []
+    for number, name in enumerate(wrong_axes_flights()):
+        if stop.asked():
+            break
+        if options.row and not any(word in name for word in options.row):
+            continue
+        folder = scratch / str(number)
+        row = fly_wrong_axes(build, folder, name, options.first, instance=options.instance)
+        rows.append(row)
+        state = "as wanted" if row["as_wanted"] else "NOT as wanted"
+        print(f"{name}: {state}, armed {row['armed']}, {row['away_m']:.2f} m: {row['text']}",
+              flush=True)  # fmt: skip
+    print(f"\n{wrong_axes_table(rows)}")
+    if options.output is not None:
+        options.output.write_text(as_json(rows), encoding="utf-8")
+    return int(not all(row["as_wanted"] for row in rows))
+
+
 def _fly_all(
-    build: Path, scratch: Path, options: argparse.Namespace, stop: StopSignals
+    build: Path | None, scratch: Path, options: argparse.Namespace, stop: StopSignals
 ) -> Iterable[dict[str, Any]]:
     for number, (name, scenario, seed) in enumerate(_plan(options)):
         if stop.asked():
             return
         began = time.monotonic()
         folder = scratch / str(number)
-        if options.nodes:
+        if options.nodes and build is not None:
             kept = (options.keep or scratch / "flights") / f"{name}-{seed}"
             kept.parent.mkdir(parents=True, exist_ok=True)
             with open_output(kept, replace=False, numbered=True) as output:
@@ -236,14 +277,23 @@ def markdown_table(found: Sequence[Mapping[str, Any]]) -> str:
     for key, name in (("crashed", "crashed"), ("landed", "landed")):
         counts = (sum(bool(one.get(key)) for one in by[kind]) for kind in kinds)
         rows.append([name, *map(str, counts)])
-    again = (sum((one.get("contacts") or 0) > 1 for one in by[kind]) for kind in kinds)
-    rows.append(["hit the pillar again", *map(str, again)])
+    rows.append(["hit the pillar again", *(_count(by[kind], "contacts", 1) for kind in kinds)])
     for figure in _FIGURES:
         label = f"{figure.name} [{figure.unit}]"
         rows.append([label, *(_median_and_largest(by[kind], figure) for kind in kinds)])
-    counts = (sum(one.get("missed") or 0 for one in by[kind]) for kind in kinds)
-    rows.append(["steps without an answer", *map(str, counts)])
+    rows.append(["steps without an answer", *(_sum(by[kind], "missed") for kind in kinds)])
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def _count(flights: Sequence[Mapping[str, Any]], key: str, more_than: int) -> str:
+    """Return in how many flights a figure is larger; "–" where none has measured it."""
+    values = [flight[key] for flight in flights if flight.get(key) is not None]
+    return str(sum(value > more_than for value in values)) if values else "–"
+
+
+def _sum(flights: Sequence[Mapping[str, Any]], key: str) -> str:
+    values = [flight[key] for flight in flights if flight.get(key) is not None]
+    return str(sum(values)) if values else "–"
 
 
 def _median_and_largest(flights: Sequence[Mapping[str, Any]], figure: Figure) -> str:

@@ -15,7 +15,13 @@ from tombo_collision.detector import CollisionEvent
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.flight import fly_scenario
-from tombo_flight.flight_metrics import MetricsInput, first_sustained, lowest_point, summarize
+from tombo_flight.flight_metrics import (
+    FIGURE_COLUMNS,
+    MetricsInput,
+    first_sustained,
+    lowest_point,
+    summarize,
+)
 from tombo_flight.flight_output import flight_summary
 from tombo_flight.scenario import Scenario, load_scenario
 
@@ -394,8 +400,34 @@ def test_tracking_is_measured_before_contact_only():
 
 
 def test_only_the_landed_phase_counts_as_landed():
-    assert Made().set("mode", 10.0, 99.0, Phase.LANDED).figures()["landed"]
-    assert not Made().set("mode", 10.0, 99.0, Phase.LAND).figures()["landed"]
+    assert down(Phase.LANDED).figures()["landed"]
+    assert not down(Phase.LAND).figures()["landed"]
+
+
+def down(phase, place=(0.0, 0.0, 0.0)):
+    """A flight that ends on the ground, beside its set point."""
+    made = Made().set("mode", 10.0, 99.0, phase)
+    ground = np.array([0.9, 0.0, 0.18])
+    made.set("position_setpoint", 10.0, 99.0, ground)
+    return made.set("position", 11.0, 99.0, ground + place)
+
+
+@pytest.mark.parametrize(
+    ("place", "text"),
+    [((100.0, 0.0, 0.0), "100.0 m beside its set point"), ((0.0, 0.0, 2.0), "2.2 m up")],
+)
+def test_a_vehicle_that_ends_elsewhere_has_not_landed(place, text):
+    figures = down(Phase.LANDED, place).figures()
+    assert not figures["landed"] and text in figures["ends_elsewhere"]
+    assert down(Phase.LANDED).figures()["ends_elsewhere"] is None
+    turned = down(Phase.LANDED).tilted(11.0, 99.0, 3.0).figures()
+    assert not turned["landed"] and "overturned" in turned["ends_elsewhere"]
+
+
+def test_the_figures_read_no_column_that_they_do_not_name():
+    made = collision()
+    made.log = {name: made.log[name] for name in FIGURE_COLUMNS}
+    assert made.figures()["peak_contact_force_n"] is not None
 
 
 def test_time_is_told_against_the_wall():

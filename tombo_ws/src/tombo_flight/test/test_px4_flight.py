@@ -100,6 +100,22 @@ def test_a_signed_link_says_what_it_has_refused(tmp_path):
         find_vehicle(LinkParams(url=url, key_file=str(key)), patience_s=0.5)
 
 
+@pytest.mark.slow
+def test_a_parameter_that_px4_does_not_know_is_refused_before_the_flight():
+    with (
+        speaking(1) as url,
+        pytest.raises(InputError, match="PX4 does not know NO_SUCH; accepted"),
+    ):
+        find_vehicle(LinkParams(url=url), parameters=("NO_SUCH",), patience_s=5.0)
+
+
+def test_poses_of_a_model_need_no_proof_and_others_do():
+    assert px4_connection(None, []).bridge.axes_evidence == "simulated"
+    assert px4_connection("udpin://127.0.0.1:14540", []).bridge.axes_evidence == ""
+    with pytest.raises(InputError, match="prove the axes by hand"):
+        px4_connection("udpin://127.0.0.1:14540", ["px4.axes_evidence=simulated"])
+
+
 def test_a_stop_ends_the_waiting():
     assert find_vehicle(px4_connection(None, []).link, stop=lambda: True) is None
 

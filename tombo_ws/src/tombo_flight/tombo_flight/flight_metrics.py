@@ -29,7 +29,15 @@ _SETTLED_RADIUS = 0.1
 _SETTLED_SPEED = 0.1
 _SETTLED_TIME = 1.0
 _OVERTURNED = 2.1
+_LANDS_WITHIN = 3.0
+"""[m]: twice the drift of a descent without a position."""
+_LANDS_BELOW = 0.5
 _IMU = Trigger.IMU.name.lower()
+FIGURE_COLUMNS = (
+    *("position", "attitude", "velocity", "rates", "fold", "damage"),
+    *("contact", "contact_force", "position_setpoint", "mode"),
+)
+"""Columns of the log, as in `tombo_sim.log_columns`, that `summarize` reads."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +48,7 @@ class MetricsInput:
     seed: int
     t: Array
     log: dict[str, Array]
+    """At least the `FIGURE_COLUMNS`."""
     detections: list[CollisionEvent]
     arrivals: list[float]
     """When each detection was known [s]."""
@@ -138,6 +147,7 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
     crash = _crash(vehicle, log, phases, tilted)
     if crash is not None:
         events.append(event(t[crash], "crash", "crashed"))
+    where_else = _elsewhere(vehicle, log, tilted) if t.size else ""
     propeller = flight.scenario.propeller
     summary: dict[str, Any] = {
         "scenario": flight.scenario.name,
@@ -172,7 +182,8 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
         "rotors_broken": int((log["damage"][-1] >= 1.0).sum()) if t.size else 0,
         "crashed": crash is not None,
         "crash_time_s": None if crash is None else _number(t[crash]),
-        "landed": bool(t.size and phases[-1] == Phase.LANDED and crash is None),
+        "landed": bool(t.size and phases[-1] == Phase.LANDED and crash is None and not where_else),
+        "ends_elsewhere": where_else or None,
         "max_tilt_rad": _number(tilted[c or 0 :].max()) if t.size else None,
         "duration_s": _number(t[-1] + TICK_S) if t.size else 0.0,
     }
@@ -213,6 +224,20 @@ def _crash(
         turned = int(last_upright[-1]) + 1 if last_upright.size else 0
     hits = [i for i in (ground, turned) if i is not None]
     return min(hits) if hits else None
+
+
+def _elsewhere(vehicle: VehicleParams, log: dict[str, Array], tilted: Array) -> str:
+    """Return what keeps the end of a flight from being a landing; "" if nothing does."""
+    position, setpoint = log["position"][-1], log["position_setpoint"][-1]
+    away = float(np.hypot(*(position - setpoint)[:2]))
+    found = []
+    if away > _LANDS_WITHIN:
+        found.append(f"{away:.1f} m beside its set point")
+    if position[2] > vehicle.leg_height + _LANDS_BELOW:
+        found.append(f"{position[2]:.1f} m up")
+    if tilted[-1] > _OVERTURNED:
+        found.append("overturned")
+    return ", ".join(found)
 
 
 def _detection(flight: MetricsInput, c: int | None) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import common as mav
 from scripted_px4 import GROUND, ScriptedPx4
 from tombo_dynamics.messages import Phase, PositionSetpoint
 from tombo_px4.bridge.bridge import Bridge
-from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
+from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams, LinkParams
 from tombo_px4.link.mavlink_link import Received
 
 NOW = 1_763_700_000_000_000_000
@@ -18,8 +18,11 @@ ZERO = np.zeros(3)
 class Flight:
     """Bridge and PX4 with a way of 0.3 to 1 ms between them, mocap at 50 Hz, a mission."""
 
-    def __init__(self, writes=None, mocap_late_ms=15, **params):
-        self.bridge = Bridge(BridgeParams(**params), LinkParams(), 1.3, writes)
+    def __init__(self, writes=None, mocap_late_ms=15, limits=None, evidence=None, **params):
+        params = {"axes_evidence": SIMULATED, **params}
+        self.bridge = Bridge(
+            BridgeParams(**params), LinkParams(), 1.3, writes, evidence=evidence, limits=limits
+        )
         self.now = NOW
         self.px4 = ScriptedPx4(NOW)
         self.phase, self.goal = Phase.IDLE, np.array([0.0, 0.0, GROUND])

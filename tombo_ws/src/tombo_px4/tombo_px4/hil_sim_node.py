@@ -10,6 +10,7 @@ import time
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import TICK_NS
+from tombo_px4.hil.hand_motion import HandMotion
 from tombo_px4.hil.link import PX4_PORT, HilLink
 from tombo_px4.hil.lockstep import HilSimulator
 from tombo_px4.hil.params import HilParams
@@ -42,9 +43,19 @@ class HilSimNode(VehicleNode):
         port = self.declare(
             "port", PX4_PORT, "TCP port for PX4's simulator link", bounds=(1, 65535)
         )
+        hand_at = self.declare(
+            "hand_at",
+            0.0,
+            "a simulated hand moves the vehicle so long after PX4 has connected, which proves the"
+            " axes of the poses; 0: none does",
+            bounds=(0.0, 600.0),
+        )
+        hand = HandMotion(hand_at) if hand_at > 0.0 else None
         self._link = HilLink(port)
         params = self.records["hil"].check()
-        self._hil = HilSimulator(self.world, self.seed, params, self._link, watch=self._watch)
+        self._hil = HilSimulator(
+            self.world, self.seed, params, self._link, watch=self._watch, hand=hand
+        )
         self.attach_simulator(self._hil.flight.simulator)
         self._began_ns = 0
         """Time of tick 0."""

@@ -32,6 +32,8 @@ from tombo_bag.topics import (
     SETPOINT,
     TF,
 )
+from tombo_control.safety.flight_volume import check_volume
+from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.messages import PositionSetpoint
@@ -40,10 +42,13 @@ from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_msgs.msg import Px4Status
+from tombo_px4.axes_file import AxesFile
 from tombo_px4.bridge.bridge import Bridge, BridgeOutput, Status
 from tombo_px4.bridge.bridge_params import ATTITUDE, RATES, BridgeParams, LinkParams
 from tombo_px4.bridge.decoded_messages import Battery, ImuSample, MavLandedState, VehicleOdometry
+from tombo_px4.bridge.flight_limits import FlightLimits
 from tombo_px4.bridge.modes import OFFBOARD, mode_name
+from tombo_px4.bridge.pose_axes import AxesEvidence
 from tombo_px4.link.link_findings import link_faults
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.parameter_reader import parse_assignments
@@ -77,7 +82,13 @@ class Px4BridgeNode(LoopNode):
 
     def __init__(self) -> None:
         """Declare parameters, topics and services; open the link."""
-        records = {"link": LinkParams(), "px4": BridgeParams(), "vehicle": VehicleParams()}
+        records = {
+            "link": LinkParams(),
+            "px4": BridgeParams(),
+            "vehicle": VehicleParams(),
+            "volume": FlightVolume(),
+            "safety": SafetyParams(),
+        }
         super().__init__("px4_bridge", _RATE_HZ, records, fixed=records, priority=ESTIMATOR)
         try:
             self._set_up()
@@ -98,7 +109,17 @@ class Px4BridgeNode(LoopNode):
         link = self.records["link"]
         key = key_of(link.key_file, partial(self.health.fault, "key_file", True))
         mass = self.records["vehicle"].mass
-        self._bridge = Bridge(self.records["px4"], link, mass, parse_assignments(writes))
+        params = self.records["px4"]
+        check_volume(self.records["volume"])
+        self._proofs = AxesFile(params.axes_evidence)
+        self._bridge = Bridge(
+            params,
+            link,
+            mass,
+            parse_assignments(writes),
+            evidence=self._proofs.last(params.tracked_body, link.system),
+            limits=FlightLimits(self.records["volume"], self.records["safety"]),
+        )
         self._link = Link(
             link.url,
             system=link.own_system,
@@ -203,9 +224,21 @@ class Px4BridgeNode(LoopNode):
             self._publish_imu(sample)
         for battery in bridge_output.battery:
             self._battery_out.publish(_battery(battery))
+        if bridge_output.evidence is not None:
+            self._keep(bridge_output.evidence)
         self._reply(bridge_output)
         self._status = bridge_output.status
         self._report(bridge_output, now_ns)
+
+    def _keep(self, evidence: AxesEvidence) -> None:
+        """Add what was shown of the axes to the file, and say so."""
+        logger, shown = self.ros.get_logger(), evidence.mistake or "the axes are right"
+        try:
+            kept = self._proofs.add(evidence)
+        except InputError as error:
+            self.health.fault("axes_file", True, str(error), WARN)
+            return
+        logger.info(f"axes of the poses: {shown}{kept}")
 
     def _take_poses(self, now_ns: int) -> None:
         multiple_publishers = self._pose_in.multiple_publishers(now_ns)

@@ -56,6 +56,11 @@ def test_the_url_may_be_left_out(words: str, wanted: str):
         (("--px4", "serial:///dev/null:57600", "--yes"), "can't open it (inappropriate ioctl"),
         (("--px4", "--bridge", "px4_parameters=[EKF2_EV_CTRL]"), "accepted: NAME=VALUE as EKF2"),
         (("--px4", "--bridge", "px4_parameters=3"), "px4_parameters: 3 is no list"),
+        (("--px4", "--bridge", "px4_parameters=[EKF2_EV_CTLR=11]"), "did you mean 'EKF2_EV_CTRL'"),
+        (
+            ("--px4", "udp:127.0.0.1:14540", "--yes", "--bridge", "px4.axes_evidence=simulated"),
+            "accepted: without a URL",
+        ),
         (("--yes",), "--yes and --bridge: accepted: with --px4 only"),
         (("--bridge", "px4.setpoint=rates"), "--yes and --bridge: accepted: with --px4 only"),
         (("--px4", "nowhere://", "--yes"), "'nowhere://' is no URL of a link"),

@@ -1,7 +1,8 @@
-"""One flight with a real PX4 in lockstep: physics, mission, detector, reaction and bridge here.
+"""One flight with a PX4 in lockstep: physics, mission, detector, reaction and bridge here.
 
 Time is the simulation's, also for the bridge and for TIMESYNC, so that a flight does not depend on
-how busy the machine is. Nothing but the sockets is shared with PX4.
+how busy the machine is. Nothing but the sockets is shared with a real PX4; without one the
+simulated PX4 flies in its place.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
@@ -33,20 +35,25 @@ from tombo_dynamics.messages import (
 )
 from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
-from tombo_flight.flight_metrics import MetricsInput, summarize
+from tombo_flight.flight_metrics import FIGURE_COLUMNS, MetricsInput, summarize
 from tombo_flight.real_px4.px4_process import Px4Process
+from tombo_flight.real_px4.simulated_px4 import SimulatedPx4
 from tombo_flight.run_wiring import CoreRunner
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import CORES, PX4_REPLACES, core_of
 from tombo_px4.bridge.bridge import Bridge, BridgeOutput
-from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
-from tombo_px4.hil.hil_start_help import airframe_parameters, mocap_parameters
+from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams, LinkParams
+from tombo_px4.bridge.offboard_session import Stage
+from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
+from tombo_px4.hil.hand_motion import HandMotion
+from tombo_px4.hil.hil_start_help import MOCAP_ONLY, airframe_parameters, mocap_parameters
 from tombo_px4.hil.link import PX4_PORT, HilLink
 from tombo_px4.hil.lockstep import HilSimulator
 from tombo_px4.hil.params import HilParams
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.transport import Clock
 from tombo_sim.flight_end import FlightEndDetector
+from tombo_sim.ground_truth import contact_force
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 
@@ -60,11 +67,16 @@ _SILENT_S = 60.0
 _WAIT_S = 0.02
 _DISARM_S = 6.0
 """PX4 disarms 2 s after it has landed."""
-_COLUMNS = (
-    *("position", "attitude", "velocity", "rates", "contact", "fold", "damage"),
-    *("position_setpoint", "mode"),
-)
-"""Of the log, as in `tombo_sim.log_columns`."""
+_AFTER_HAND_S = 16.0
+"""The vehicle stands again for so long: what was not proven then is not proven."""
+_MISTAKE_S = 3.0
+"""So long after the hand a mistake that was found is told."""
+_AFTER_DISARM_S = 1.0
+_FARTHEST_M = 30.0
+"""A vehicle further away than this has flown away."""
+
+AsMocap = Callable[[Array, Array], tuple[Array, Array]]
+"""Makes of position (3) and attitude (4) what a wrong motion capture sends of them."""
 
 
 @dataclass
@@ -85,7 +97,7 @@ class LockstepFlight:
 
 
 def fly_lockstep(
-    build: Path,
+    build: Path | None,
     folder: Path,
     scenario: Scenario,
     seed: int,
@@ -94,29 +106,44 @@ def fly_lockstep(
     speed: float = 0.0,
     bridge: BridgeParams | None = None,
     parameters: dict[str, float] | None = None,
+    as_mocap: AsMocap | None = None,
+    hand: HandMotion | None = None,
 ) -> LockstepFlight:
     """Fly a scenario once, by motion capture alone.
 
     Args:
-        build: of PX4 (`px4_build`).
+        build: of PX4 (`px4_build`); None: the simulated one.
         folder: new; for PX4's files.
         scenario: what to fly.
         seed: of the simulation's random draws.
         instance: of PX4.
         speed: simulated time against real time; 0: as fast as PX4 answers.
-        bridge: parameters of the bridge.
+        bridge: parameters of the bridge; None: as for a simulated motion capture, whose axes need
+            no proof.
         parameters: of PX4, over those of the vehicle.
+        as_mocap: what the motion capture sends in place of the true pose.
+        hand: carries and turns the vehicle before the flight.
 
     Raises:
         InputError: PX4 does not start, or stops answering.
     """
     world = world_of(scenario)
-    with LockstepRun(scenario, world, seed, instance, speed, bridge or BridgeParams()) as flight:
+    params = bridge or BridgeParams(axes_evidence=SIMULATED)
+    arguments = (scenario, world, seed, instance, speed, params)
+    if build is None:
+        with SimulatedRun(*arguments, as_mocap=as_mocap, hand=hand) as simulated:
+            simulated.fly()
+        return simulated.result()
+    with LockstepRun(*arguments, as_mocap=as_mocap, hand=hand) as flight:
         own = airframe_parameters(world, flight.hil.flight) | mocap_parameters(world, False)
         own |= parameters or {}
         with Px4Process(build, folder, own, instance) as px4:
             flight.run(px4)
     return flight.result()
+
+
+def _as_it_is(position: Array, attitude: Array) -> tuple[Array, Array]:
+    return position, attitude
 
 
 def bridge_link(port: int, system: int, clock: Clock) -> Link:
@@ -143,8 +170,13 @@ class LockstepRun:
         instance: int,
         speed: float,
         bridge: BridgeParams,
+        *,
+        as_mocap: AsMocap | None = None,
+        hand: HandMotion | None = None,
     ) -> None:
         self._scenario, self._seed = scenario, seed
+        self._as_mocap, self._hand = as_mocap or _as_it_is, hand
+        self._ready_s = _READY_S if hand is None else hand.end_s + _AFTER_HAND_S
         self._epoch_ns = EPOCH_NS
         link = replace(LinkParams(), system=instance + 1)
         self._bridge = Bridge(bridge, link, scenario.vehicle.mass)
@@ -163,6 +195,7 @@ class LockstepRun:
         self._estimates: list[tuple[int, Array]] = []
         self._texts: list[tuple[int, str]] = []
         self._events: Counter[str] = Counter()
+        self._notes: list[tuple[int, str]] = []
         self._decisions: list[Decision] = []
         self._detections: list[tuple[int, CollisionEvent]] = []
         self._armed_once = False
@@ -176,8 +209,9 @@ class LockstepRun:
         self._hil_link = HilLink(PX4_PORT + instance)
         params = HilParams(gps=False).check()
         self.hil = HilSimulator(
-            world, self._seed, params, self._hil_link, speed=speed, watch=self._tick
-        )
+            world, self._seed, params, self._hil_link, speed=speed, watch=self._tick,
+            hand=self._hand,
+        )  # fmt: skip
 
     def __enter__(self) -> Self:
         return self
@@ -194,7 +228,12 @@ class LockstepRun:
     def _over(self) -> bool:
         """It has landed and is disarmed, or waited for that for long enough; or never began."""
         if self._began_ns is None:
-            return (self._now_ns - EPOCH_NS) * 1e-9 > _READY_S
+            verdict, now_s = (
+                self._bridge.preflight.motion.verdict,
+                (self._now_ns - EPOCH_NS) * 1e-9,
+            )
+            known = verdict is not None and bool(verdict.mistake) and verdict.sure
+            return now_s > self._ready_s - (_AFTER_HAND_S - _MISTAKE_S if known else 0.0)
         if self._flown_s < self._end_s:
             return False
         self._over_s = self._flown_s if self._over_s is None else self._over_s
@@ -222,7 +261,7 @@ class LockstepRun:
         now = self._now_ns = self._epoch_ns + simulator.tick * TICK_NS
         for sample in simulator.arrived:
             if sample.stamp_ns >= 0:
-                position, attitude = sample.pose[:3].copy(), sample.pose[3:].copy()
+                position, attitude = self._as_mocap(sample.pose[:3].copy(), sample.pose[3:].copy())
                 stamp_ns = self._epoch_ns + sample.stamp_ns
                 self._take_pose(Pose(stamp_ns, FRAME_MAP, position, attitude))
         self._run_bridge()
@@ -234,6 +273,8 @@ class LockstepRun:
             after_s = self._end.watch(simulator.height, simulator.upright, self._phase)
             if after_s is not None:
                 self._end_s = min(self._end_s, self._flown_s + after_s)
+            if self._ended_otherwise(simulator):
+                self._end_s = min(self._end_s, self._flown_s + _AFTER_DISARM_S)
 
     def _take_pose(self, pose: Pose) -> None:
         """Take a pose of the motion capture that arrives now."""
@@ -258,6 +299,7 @@ class LockstepRun:
         self._status_why = out.status.why or "; ".join(out.status.findings)
         self._texts += [(self._now_ns, text.text) for text in out.texts]
         self._events.update(key for key, _ in out.events)
+        self._notes += [(self._now_ns, text) for _, text in out.events]
         for found in out.odometry:
             if found.stamp_ns is None:
                 continue
@@ -288,25 +330,32 @@ class LockstepRun:
     def _log(self, simulator: Simulator) -> None:
         plant = simulator.plant
         state, contact = plant.state, plant.contact
-        self._rows.append(
-            (
-                state.position.copy(),
-                state.attitude.copy(),
-                state.velocity.copy(),
-                state.rates.copy(),
-                (bool(contact.touching), int(contact.rotor), *contact.point),
-                plant.fold.copy(),
-                plant.damage.copy(),
-                self._setpoint,
-                (self._followed_phase,),
-            )
-        )
+        touches = bool(contact.touching)
+        row = {
+            "position": state.position.copy(),
+            "attitude": state.attitude.copy(),
+            "velocity": state.velocity.copy(),
+            "rates": state.rates.copy(),
+            "fold": plant.fold.copy(),
+            "damage": plant.damage.copy(),
+            "contact": (touches, int(contact.rotor), *contact.point),
+            "contact_force": contact_force(plant) if touches else (0.0, 0.0, 0.0),
+            "position_setpoint": self._setpoint,
+            "mode": (self._followed_phase,),
+        }
+        self._rows.append(tuple(row[name] for name in FIGURE_COLUMNS))
+
+    def _ended_otherwise(self, simulator: Simulator) -> bool:
+        """Return whether it has flown away, or was brought down by other than the mission."""
+        away = float(np.abs(simulator.plant.state.position).max()) > _FARTHEST_M
+        down = self._armed_once and not self.hil.motors.armed
+        return away or (down and self._bridge.session.stage in (Stage.READY, Stage.GIVEN_UP))
 
     def result(self) -> LockstepFlight:
         """Return the flight."""
         columns: dict[str, Array] = {
             name: np.array([row[i] for row in self._rows], np.float64)
-            for i, name in enumerate(_COLUMNS)
+            for i, name in enumerate(FIGURE_COLUMNS)
         }
         began = self._began_ns or self._now_ns
         errors = self._estimate_errors(columns, began)
@@ -327,11 +376,13 @@ class LockstepRun:
             "estimate_error_mean_m": float(distance.mean()) if distance.size else None,
             "estimate_error_max_m": float(distance.max()) if distance.size else None,
             "odometry_latency_ms": float(np.median(self._latency)) if self._latency else None,
-            "contacts": _contacts(columns["contact"][:, 0]),
+            "contacts": contacts(columns["contact"][:, 0]),
             "steps": hil.steps,
             "missed": hil.missed,
-            "real_time_factor": hil.flight.time_us * 1e-6 / self._wall_s,
+            "real_time_factor": (self._now_ns - EPOCH_NS) * 1e-9 / self._wall_s,
             "events": dict(self._events),
+            "notes": [((at - began) * 1e-9, text) for at, text in self._notes],
+            "disarmed": not hil.motors.armed,
             "texts": texts,
         }
         return LockstepFlight(summary, columns, errors, texts)
@@ -345,7 +396,26 @@ class LockstepRun:
         return np.array(rows).reshape(-1, 4)
 
 
-def _contacts(touching: Array) -> int:
+class SimulatedRun(LockstepRun):
+    """The same over the simulated PX4."""
+
+    def _connect(self, world: World, instance: int, speed: float) -> None:
+        values = {**MOCAP_ONLY, **SAFE_PARAMETERS}
+        simulated: Any = SimulatedPx4(world, self._seed, values, self._tick, self._hand)
+        self.hil, self._link, self._simulated = simulated, simulated.link, simulated
+
+    def __exit__(self, *error: object) -> None:
+        self._link.close()
+
+    def fly(self) -> None:
+        """Fly until it is over."""
+        began_s = time.monotonic()
+        while not self._over:
+            self._simulated.advance()
+        self._wall_s = time.monotonic() - began_s
+
+
+def contacts(touching: Array) -> int:
     """Count contacts that have a second without contact before them."""
     at = np.flatnonzero(touching > 0.0) * TICK_S
     return int((np.diff(at, prepend=-math.inf) > 1.0).sum()) if at.size else 0

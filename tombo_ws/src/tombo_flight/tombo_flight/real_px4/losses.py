@@ -24,6 +24,7 @@ from tombo_flight.real_px4.px4_process import Px4Process
 from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
+from tombo_px4.bridge.bridge_params import SIMULATED as OF_A_MODEL
 from tombo_px4.bridge.bridge_params import BridgeParams
 from tombo_px4.bridge.modes import mode_name, mode_of
 from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
@@ -141,7 +142,7 @@ def fly_loss(
     Raises:
         InputError: PX4 does not start, or stops answering.
     """
-    scenario, bridge = hover_scenario(), bridge or BridgeParams()
+    scenario, bridge = hover_scenario(), bridge or BridgeParams(axes_evidence=OF_A_MODEL)
     world = world_of(scenario)
     if build is None:
         values = {**SIMULATED, **(parameters or {})}

@@ -9,11 +9,13 @@ from typing import Any
 from tombo_flight.process.output_folder import OutputFolder
 from tombo_flight.process.stop_signals import StopSignals
 from tombo_flight.progress import no_progress
+from tombo_flight.real_px4.lockstep_flight import contacts
 from tombo_flight.real_px4.px4_process import Px4Process
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.suite.node_flight import NotFlown, fly_nodes_and_save
 from tombo_flight.suite.px4_connection import px4_connection
 from tombo_flight.suite.warm_up import warm_up_nodes
+from tombo_px4.bridge.bridge_params import SIMULATED
 from tombo_px4.hil.flight import HilFlight
 from tombo_px4.hil.hil_start_help import airframe_parameters, mocap_parameters
 from tombo_px4.hil.link import PX4_PORT
@@ -52,7 +54,9 @@ def fly_nodes_with(
     parameters |= mocap_parameters(world, False)
     settings = [f"link.system={instance + 1}"]
     px4 = px4_connection(f"udpin://127.0.0.1:{_ONBOARD_PORT + instance}", settings)
-    px4 = replace(px4, hil_port=PX4_PORT + instance)
+    # vehicle and motion capture are the simulator that this command starts
+    bridge = replace(px4.bridge, axes_evidence=SIMULATED)
+    px4 = replace(px4, hil_port=PX4_PORT + instance, bridge=bridge)
     try:
         with Px4Process(build, folder, parameters, instance):
             flown = fly_nodes_and_save(
@@ -61,4 +65,5 @@ def fly_nodes_with(
             )  # fmt: skip
     except NotFlown as error:
         return {"armed": False, "why_not": str(error), "crashed": False, "seed": seed}
-    return {**flown.flight.summary, "armed": True, "why_not": ""}
+    more = {"contacts": contacts(flown.flight.record.log["contact"][:, 0])}
+    return {**flown.flight.summary, **more, "armed": True, "why_not": ""}

@@ -23,9 +23,10 @@ SUITE: dict[str, str] = {
     "recorder": RECORDER,
 }
 """Name of each node → its module. The order in which they start is of no importance."""
+BRIDGE = "px4_bridge"
 PX4_SUITE: dict[str, str] = {
     "sim": "tombo_px4.px4_sim_node",
-    "px4_bridge": "tombo_px4.px4_bridge_node",
+    BRIDGE: "tombo_px4.px4_bridge_node",
     **{core.name: node_module(core) for core in CORES if core not in PX4_REPLACES},
     "recorder": RECORDER,
 }

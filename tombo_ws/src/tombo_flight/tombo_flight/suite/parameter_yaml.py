@@ -27,6 +27,9 @@ SECTIONS: Final[dict[str, tuple[str, ...]]] = {
 }
 """Node → the sections that it has as parameters."""
 
+BRIDGE_SECTIONS: Final = ("vehicle", "volume", "safety")
+"""Those of the bridge, which stands for estimator and controller over PX4."""
+
 _WHOLE = ("safety", "volume", "spread")
 """Sections that a scenario's mapping leaves defaults out of."""
 _ANYWHERE = "/**/"
@@ -81,6 +84,11 @@ def suite_parameters(
         table["sim"]["duration"] = scenario.duration
         table["sim"]["lockstep_nodes"] = [name for name in table if name != "sim"]
     return table
+
+
+def bridge_parameters(scenario: Scenario) -> dict[str, Any]:
+    """Return what the bridge to PX4 has of a scenario."""
+    return {section: asdict(getattr(scenario, section)) for section in BRIDGE_SECTIONS}
 
 
 def parameter_yaml(parameters: Mapping[str, Mapping[str, Any]], comment: str = "") -> str:

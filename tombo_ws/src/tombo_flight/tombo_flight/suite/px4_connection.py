@@ -12,7 +12,8 @@ from typing import Any, Final
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import from_mapping
 from tombo_flight.scenario_layers import override
-from tombo_px4.bridge.bridge_params import POSITION, BridgeParams, LinkParams
+from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.bridge.bridge_params import POSITION, SIMULATED, BridgeParams, LinkParams
 from tombo_px4.link.address import parse_url
 from tombo_px4.link.parameter_reader import SAFE, parse_assignments
 from tombo_px4.link.signing import read_key
@@ -95,9 +96,19 @@ def px4_connection(url: str | None, settings: Sequence[str]) -> Px4Connection:
     endpoint = ""
     if url is None:
         port = free_udp_port()
+        for name in parse_assignments(writes):
+            if name not in ParameterTable().names:
+                raise unknown_name(_PX4_PARAMETERS, name, ParameterTable().names)
         url, endpoint = f"udpin://{_HERE}:{port}", f"udpout://{_HERE}:{port}"
     link = from_mapping(LinkParams, {**_section(values, "link"), "url": url}, "link")
     wanted = dict(_section(values, "px4"))
+    if endpoint:
+        wanted.setdefault("axes_evidence", SIMULATED)
+    elif wanted.get("axes_evidence") == SIMULATED:
+        raise InputError(
+            f"--bridge px4.axes_evidence={SIMULATED}: accepted: without a URL, where this command"
+            " simulates the vehicle; prove the axes by hand (docs/px4.md)"
+        )
     if wanted.get("setpoint", POSITION) != POSITION:  # our controller flies by PX4's gyro
         wanted.setdefault("imu_rate", _GYRO_HZ)
     bridge = from_mapping(BridgeParams, wanted, "px4")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -12,10 +12,12 @@ from tombo_flight.suite.px4_connection import link_key
 from tombo_px4.bridge.bridge_params import LinkParams
 from tombo_px4.bridge.modes import mode_name, mode_of
 from tombo_px4.link.mavlink_link import Link
+from tombo_px4.link.message_encoder import MessageTarget, read_parameter
 
 PATIENCE_S: Final = 10.0
 """A vehicle that boots says nothing for some seconds."""
 _PERIOD_S = 0.1
+_ASKED, _ANSWER_S = 4, 0.5
 _OWN_HEARTBEAT_S = 0.5
 _ON_BOARD, _NO_AUTOPILOT, _PX4, _ACTIVE = 18, 8, 12, 4
 """MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID, MAV_AUTOPILOT_PX4, MAV_STATE_ACTIVE."""
@@ -43,12 +45,17 @@ class Vehicle:
 
 
 def find_vehicle(
-    params: LinkParams, *, patience_s: float = PATIENCE_S, stop: Callable[[], bool] = lambda: False
+    params: LinkParams,
+    *,
+    parameters: Sequence[str] = (),
+    patience_s: float = PATIENCE_S,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Vehicle | None:
     """Wait for the heartbeat of the vehicle that a bridge with these parameters would fly.
 
     Args:
         params: of the bridge's link.
+        parameters: names of PX4's parameters that it must know.
         patience_s: how long to wait.
         stop: ends the waiting.
 
@@ -56,7 +63,8 @@ def find_vehicle(
         The vehicle, None if it was stopped before.
 
     Raises:
-        InputError: the link can't be opened, or there is no vehicle or another one.
+        InputError: the link can't be opened, or there is no vehicle or another one, or it does
+            not know a parameter.
     """
     link = Link(
         params.url,
@@ -67,7 +75,10 @@ def find_vehicle(
         allow_remote=params.allow_remote,
     )
     try:
-        return _find(link, params, patience_s, stop)
+        vehicle = _find(link, params, patience_s, stop)
+        if vehicle is not None and not vehicle.armed:
+            _check_parameters(link, params, parameters, stop)
+        return vehicle
     finally:
         link.close()
 
@@ -98,6 +109,32 @@ def _find(
                 return _parse_heartbeat(received.message, *sender)
             others.add(sender)
     raise InputError(_no_vehicle_text(link, params, patience_s, others))
+
+
+def _check_parameters(
+    link: Link, params: LinkParams, names: Sequence[str], stop: Callable[[], bool]
+) -> None:
+    """Ask for parameters until each is known; to an unknown name PX4 is silent.
+
+    Raises:
+        InputError: one was not answered.
+    """
+    target = MessageTarget(params.system, params.component)
+    left = set(names)
+    for _ in range(_ASKED):
+        for name in sorted(left):
+            link.send(read_parameter(target, name))
+        end_s = time.monotonic() + _ANSWER_S
+        while left and time.monotonic() < end_s and not stop():
+            link.wait(_PERIOD_S)
+            for received in link.receive():
+                if received.message.get_type() == "PARAM_VALUE":
+                    left.discard(received.message.param_id)
+    if left and not stop():
+        raise InputError(
+            f"px4_parameters: PX4 does not know {', '.join(sorted(left))}; accepted: names of its"
+            " own parameters"
+        )
 
 
 def _signed(message: Any) -> bool:

@@ -16,6 +16,7 @@ from tombo_flight.scenario import Scenario
 from tombo_flight.suite.domain import HIGHEST_DOMAIN
 from tombo_flight.suite.node_diagnostics import NodeDiagnostics
 from tombo_flight.suite.nodes import (
+    BRIDGE,
     MONITOR,
     SUITE,
     monitor_program,
@@ -23,6 +24,7 @@ from tombo_flight.suite.nodes import (
     node_program,
 )
 from tombo_flight.suite.parameter_yaml import (
+    bridge_parameters,
     check_parameter_file,
     parameter_yaml,
     suite_parameters,
@@ -242,6 +244,8 @@ def _programs(config: SuiteConfig) -> Sequence[Program]:
         others = " ".join(name for name in config.nodes if name != "sim")
         parameters["sim"] |= {"starts_after": others, "start_patience": _OTHERS_COME_S}
     parameters["recorder"] |= config.recording
+    if BRIDGE in config.nodes:
+        parameters[BRIDGE] = bridge_parameters(config.scenario)
     for node, values in config.more.items():
         parameters[node] = {**parameters.get(node, {}), **values}
     file = config.folder / PARAMETERS

@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tombo_dynamics.rotation import quaternion_multiply
+from tombo_dynamics.rotation import conjugate, quaternion_multiply, rotate_vector
 from tombo_px4.bridge.hand_rotation_check import MotionCheck
 
 NOW = 1_763_700_000_000_000_000
 SECOND = 1_000_000_000
+UP = np.array([0.0, 0.0, 9.81])
 
 
 @functools.cache
@@ -36,20 +37,25 @@ def hand(axes=(1.0, 0.7, 0.8), speed=1.5, seconds=8.0):
     return np.array(attitudes), rates
 
 
+def felt(attitude):
+    """The specific force of a vehicle that is turned on the spot, base_link."""
+    return rotate_vector(conjugate(attitude), UP)
+
+
 def judged(motion, as_mocap=lambda q: q, delay_s=0.0, noise=0.002, rate=50):
     """The verdict on a motion seen by poses, stamped `delay_s` late, and a gyro at 100 Hz."""
     attitudes, rates = motion
     rng = np.random.default_rng(2)
-    check = MotionCheck()
+    check = MotionCheck(0.17)
     begin = NOW - len(rates) * 1_000_000
     for k in range(0, len(rates), 10):
-        check.gyro(begin + k * 1_000_000, rates[k] + rng.normal(0, 0.01, 3))
+        check.imu(begin + k * 1_000_000, rates[k] + rng.normal(0, 0.01, 3), felt(attitudes[k]))
     for k in range(0, len(rates), 1000 // rate):
         q = as_mocap(attitudes[k])
         shaken = quaternion_multiply(q, np.append(rng.normal(0, 0.5 * noise, 3), 1.0))
         stamp = begin + k * 1_000_000 + round(delay_s * 1e9)
         if stamp <= NOW:
-            check.pose(stamp, shaken / np.linalg.norm(shaken))
+            check.pose(stamp, np.zeros(3), shaken / np.linalg.norm(shaken))
     return check.judge(NOW)
 
 
@@ -87,9 +93,10 @@ def turned_body(q):
 @pytest.mark.parametrize(
     ("mistake", "words"),
     [
-        (mirrored, "mirrored: turning shows about x as -x, z as -z"),
+        (mirrored, "x as -x, z as -z"),
+        (mirrored, "or the attitude is mirrored: left-handed axes"),
         (y_up, "y as -z, z as y"),
-        (turned_body, "x as -y, y as x"),
+        (turned_body, "is not the nose: it is turned by +90 deg"),
         (lambda q: q * [-1, -1, -1, 1], "attitude is the inverse"),
     ],
 )
@@ -117,15 +124,15 @@ def test_poses_of_something_else_are_named_without_certainty():
 
 def test_the_verdict_stays_when_the_vehicle_is_put_down():
     attitudes, rates = hand()
-    check = MotionCheck()
+    check = MotionCheck(0.17)
     begin = NOW - len(rates) * 1_000_000
     for k in range(0, len(rates), 20):
-        check.gyro(begin + k * 1_000_000, rates[k])
-        check.pose(begin + k * 1_000_000, attitudes[k])
+        check.imu(begin + k * 1_000_000, rates[k], felt(attitudes[k]))
+        check.pose(begin + k * 1_000_000, np.zeros(3), attitudes[k])
     first = check.judge(NOW)
     for k in range(500):
-        check.gyro(NOW + k * 20_000_000, np.zeros(3))
-        check.pose(NOW + k * 20_000_000, attitudes[-1])
+        check.imu(NOW + k * 20_000_000, np.zeros(3), felt(attitudes[-1]))
+        check.pose(NOW + k * 20_000_000, np.zeros(3), attitudes[-1])
     assert check.judge(NOW + 10 * SECOND) == first is not None
     check.reset()
     assert check.judge(NOW + 10 * SECOND) is None

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from scripted_px4 import PARAMETERS
 from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vector
-from tombo_px4.bridge.bridge_params import BridgeParams
+from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.bridge.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
+from tombo_px4.bridge.hand_rotation_check import Verdict
 from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS, FindingSeverity
-from tombo_px4.bridge.pose_axes import explain_up, up_error
+from tombo_px4.bridge.pose_axes import AxesEvidence, explain_up, up_error
 from tombo_px4.bridge.preflight import Preflight
 from tombo_px4.link.parameter_reader import parse_assignments
 from tombo_px4.link.timesync import TimeSync
@@ -43,7 +44,7 @@ class Lab:
     """A vehicle that stands there for two seconds, seen by mocap and by PX4."""
 
     def __init__(self, **params):
-        self.params = BridgeParams(**params)
+        self.params = BridgeParams(**{"axes_evidence": SIMULATED, **params})
         self.place = np.array([1.0, 2.0, 0.18])
         self.attitude = spin("z", 0.5)
         self.as_mocap = lambda place, attitude: (place, attitude)
@@ -231,11 +232,21 @@ def y_up_world(place, attitude):
     return rotate_vector(Y_UP, place), quaternion_multiply(Y_UP, attitude)
 
 
-@pytest.mark.parametrize("mistake", [y_up_world_and_body, y_up_world])
-def test_y_up(lab, mistake):
-    lab.as_mocap = lab.as_px4 = mistake
+@pytest.mark.parametrize("yaw", [-2.0, 0.0, 0.5, math.pi / 2, math.pi])
+def test_y_up_in_the_world_is_a_mistake_that_the_finding_names(lab, yaw):
+    lab.attitude = spin("z", yaw)
+    lab.as_mocap = lab.as_px4 = y_up_world
     text = lab.text("mocap_up")
-    assert "mocap pose is Y-up" in text and "Motive" in text
+    assert "pose is Y-up" in text and "Motive" in text
+    assert "by hand, which tells them apart" in text
+
+
+def test_y_up_in_world_and_body_shows_at_rest_only_if_the_nose_points_elsewhere(lab):
+    lab.as_mocap = lab.as_px4 = y_up_world_and_body
+    assert "pose is Y-up" in lab.text("mocap_up")
+    lab.params = BridgeParams()
+    lab.attitude = spin("z", 0.0)  # looks level: nothing but a proof by hand keeps it down
+    assert lab.found() == {"axes_unproven"}
 
 
 def test_w_first(lab):
@@ -274,11 +285,71 @@ def test_up_is_right_whichever_way_the_nose_points(yaw, tilt, about):
 
 
 @pytest.mark.parametrize("turn", [90, -90, 180, 35])
-def test_a_body_whose_x_is_not_the_nose(lab, turn):
+def test_a_heading_that_px4_has_from_elsewhere_is_compared(lab, turn):
+    """By its magnetometer, that is; with the poses' own yaw there is nothing to compare."""
     lab.as_mocap = lambda p, q: (p, quaternion_multiply(q, spin("z", math.radians(turn))))
     text = lab.text("yaw_differs")
     assert f"differs from PX4 by {turn:+} deg" in text or turn == 180
     assert ("not the nose" in text) == (turn != 35)
+
+
+@pytest.mark.parametrize("turn", [45, 90, 180])
+def test_a_body_whose_x_is_not_the_nose_is_not_armed_without_a_proof(turn):
+    lab = Lab(axes_evidence="")
+    lab.as_mocap = lab.as_px4 = lambda p, q: (
+        p,
+        quaternion_multiply(q, spin("z", math.radians(turn))),
+    )
+    text = lab.text("axes_unproven")
+    assert "turn the vehicle by hand about each axis, 1 rad in all" in text
+    assert lab.found() == {"axes_unproven"}, "at rest nothing else shows it"
+
+
+# --- the proof of the axes ---------------------------------------------------------------------
+
+PROOF = AxesEvidence("2026-11-24T10:00:00+00:00", "", 1, tilt_rad=(0.0, 0.0))
+
+
+def test_a_proof_of_this_body_allows_to_arm():
+    lab = Lab(axes_evidence="")
+    made = lab.preflight()
+    made.evidence = PROOF
+    assert lab.findings(made) == []
+
+
+def test_a_body_that_lies_otherwise_in_the_vehicle_needs_another_proof():
+    lab = Lab(axes_evidence="")
+    lab.as_mocap = lambda p, q: (p, quaternion_multiply(q, spin("y", math.radians(3.0))))
+    made = lab.preflight()
+    made.evidence = PROOF
+    (finding,) = lab.findings(made)
+    assert finding.key == "axes_unproven" and finding.weight == FindingSeverity.BLOCKS
+    assert "was of another body: it lay 3.0 deg differently" in finding.text
+
+
+def test_a_motion_by_hand_that_shows_a_mistake_refutes_the_proof():
+    lab = Lab(axes_evidence="")
+    made = lab.preflight()
+    made.evidence = PROOF
+    made.motion.verdict = Verdict(0.0, "x of the rigid body is not the nose")
+    found = {f.key: f for f in lab.findings(made)}
+    assert "is not the nose" in found["mocap_axes"].text
+    record = made.take_evidence()
+    assert record is not None and "is not the nose" in record.mistake
+    assert made.evidence is None and made.take_evidence() is None
+
+
+def test_a_proof_is_kept_with_its_date_once_the_vehicle_stands():
+    lab = Lab(axes_evidence="", tracked_body="s500")
+    made = lab.preflight()
+    made.motion.verdict = Verdict(0.01, "", True, (1.5, 1.2, 2.0), (1.4, 1.2, 1.1), True)
+    assert lab.findings(made) == []
+    record = made.take_evidence()
+    assert (record.body, record.mistake, record.turned_rad) == ("s500", "", (1.5, 1.2, 2.0))
+    assert record.date.startswith("2025-11-2") and record.tilt_rad == pytest.approx(
+        (0, 0), abs=0.01
+    )
+    assert AxesEvidence.of_mapping(record.as_mapping()) == record
 
 
 # --- what PX4 makes of them --------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -83,6 +84,8 @@ class Px4Vehicle:
         """
         self.simulator = Simulator(world, seed)
         self.parameters = parameters
+        self.hand: Callable[[Simulator], None] | None = None
+        """Moves the vehicle, before the samples of a tick are taken: `HandMotion`."""
         self._vehicle = world.vehicle
         maps = self.simulator.setup.maps
         self._autopilot = new_autopilot(
@@ -350,6 +353,8 @@ class Px4Vehicle:
             self._setpoint_controller.reduce_thrust_on_ground()
         self.ekf2_model.advance(simulator, airborne)
         simulator.advance(self._autopilot.setpoint.rotor_speed)
+        if self.hand is not None:
+            self.hand(simulator)
 
     def _airborne(self, tick: int) -> bool:
         if self.takeoff_state >= TakeoffState.RAMPUP:

@@ -23,11 +23,14 @@ from tombo_dynamics.pose_check import PoseRefusal, check_pose
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge import decoded_messages as decoded
+from tombo_px4.bridge.acceleration_check import TakeoffWatch
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
 from tombo_px4.bridge.decoded_messages import MavLandedState
+from tombo_px4.bridge.flight_limits import FlightLimits
 from tombo_px4.bridge.modes import AUTO_LAND, OFFBOARD, mode_name
 from tombo_px4.bridge.offboard_session import Decision, Request, Session, SessionInput, Stage
 from tombo_px4.bridge.parameter_findings import HOVER, READ, Finding, FindingSeverity
+from tombo_px4.bridge.pose_axes import AxesEvidence
 from tombo_px4.bridge.preflight import FROZEN, Preflight
 from tombo_px4.bridge.setpoint_stream import SetpointStream
 from tombo_px4.events.vehicle_words import VehicleWords
@@ -94,6 +97,8 @@ class BridgeOutput(Decision):
     battery: list[decoded.Battery] = field(default_factory=list)
     texts: list[decoded.StatusText] = field(default_factory=list)
     status: Status = field(default_factory=Status)
+    evidence: AxesEvidence | None = None
+    """What was shown just now of the poses' axes: to be kept."""
 
 
 class Bridge:
@@ -105,6 +110,9 @@ class Bridge:
         link: LinkParams,
         mass: float,
         writes: dict[str, float] | None = None,
+        *,
+        evidence: AxesEvidence | None = None,
+        limits: FlightLimits | None = None,
     ) -> None:
         """Make the bridge.
 
@@ -113,6 +121,8 @@ class Bridge:
             link: ids; the link itself is the caller's.
             mass: of the vehicle [kg], for thrusts.
             writes: parameters of the vehicle that are to be set.
+            evidence: the last proof of the axes of the tracked body.
+            limits: of place, speed and tilt; None: none.
 
         Raises:
             InputError: a parameter is a word that means nothing.
@@ -126,6 +136,9 @@ class Bridge:
         """TIMESYNC requests of the vehicle that were answered."""
         self.message_decoder = MessageDecoder(self.sync, link.own_system, link.own_component)
         self.preflight = Preflight(params, link.system)
+        self.preflight.evidence = evidence
+        self.takeoff_watch = TakeoffWatch()
+        self.limits = limits or FlightLimits()
         self.session = Session(params.link_timeout)
         self.message_rates = MessageRates()
         self.poses_sent = 0
@@ -136,11 +149,13 @@ class Bridge:
         self._ready_ns: int | None = None
         self._unfit_ns: int | None = None
         self._jump_ns: int | None = None
+        self._limit_ns: int | None = None
         self._pose_ns = 0
         self._target = MessageTarget(link.system, link.component)
-        self.stream = SetpointStream(params, self._target, mass)
+        self.stream = SetpointStream(params, self._target, mass, self.limits)
         self.parameters = ParameterReader(READ, self._target, writes)
         self.words = VehicleWords(self._target)
+        self._was_armed = False
         self._out = BridgeOutput()
         self._answers: list[decoded.TimesyncMessage] = []
         self._heartbeat: decoded.Heartbeat | None = None
@@ -199,6 +214,8 @@ class Bridge:
         self.preflight.imu(found)
         if found.stamp_ns is not None:
             self._out.imu.append(found)
+            if self._odometry is not None:
+                self.takeoff_watch.felt(found.stamp_ns, self._odometry.attitude, found.accel)
 
     def _take_timesync(self, found: decoded.TimesyncMessage) -> None:
         if found.tc1 == 0:
@@ -281,7 +298,9 @@ class Bridge:
         self.pose_stamp_ns, self._pose_ns = stamp_ns, now_ns
         unit = attitude / np.linalg.norm(attitude)
         self.preflight.pose(stamp_ns, now_ns, position, unit)
-        pose = (self.params.mocap, stamp_ns, position, unit, self._covariance)
+        self.takeoff_watch.pose(stamp_ns, position)
+        felt = self.takeoff_watch.as_px4_feels(position)
+        pose = (self.params.mocap, stamp_ns, felt, unit, self._covariance)
         self._out.messages.append(message_encoder.pose_message(*pose))
         self.poses_sent += 1
         return why
@@ -349,6 +368,8 @@ class Bridge:
         if now_ns - self._checked_ns >= _LOOK_NS:
             self._checked_ns = now_ns
             self.findings = self._check(now_ns, linked)
+        self._watch_takeoff(now_ns, flies, out)
+        out.evidence = self.preflight.take_evidence()
         self.session.tick(
             SessionInput(
                 now_ns,
@@ -385,8 +406,15 @@ class Bridge:
         if self.session.stage == Stage.FLYING and silent_s > self.params.hold_time:
             return f"no set point for {silent_s:.0f} s"
         if not self._flying:
-            self._unfit_ns = None
+            self._unfit_ns = self._limit_ns = None
             return ""
+        if self.takeoff_watch.mistake:
+            return self.takeoff_watch.mistake
+        broken = "" if self._odometry is None else self.limits.broken(self._odometry)
+        self._limit_ns = (self._limit_ns or now_ns) if broken else None
+        limit_ns = self.limits.safety.limit_time * SECOND_NS
+        if self._limit_ns is not None and now_ns - self._limit_ns > limit_ns:
+            return broken
         pose_s = (now_ns - self._pose_ns) * 1e-9
         if pose_s > self.params.pose_loss_time:
             refused = next((f.text for f in self._blocking if f.key.startswith("pose_")), "")
@@ -396,6 +424,19 @@ class Bridge:
         unfit = next((f.text for f in self._blocking if f.key in _UNFIT), "")
         self._unfit_ns = (self._unfit_ns or now_ns) if unfit else None
         return unfit if self._unfit_ns and now_ns - self._unfit_ns > _UNFIT_NS else ""
+
+    def _watch_takeoff(self, now_ns: int, armed: bool, out: BridgeOutput) -> None:
+        """Compare the motion since the arming with PX4's tilt."""
+        watch = self.takeoff_watch
+        if armed != self._was_armed:
+            self._was_armed = armed
+            self.takeoff_watch = watch = TakeoffWatch()
+            if armed:
+                watch.begin()
+        known = bool(watch.mistake)
+        if armed and watch.judge() and not known:
+            self.preflight.refute(watch.mistake, now_ns)
+            out.events.append(("axes_wrong", watch.mistake))
 
     def _update_estimate_trusted(self, status: Status, now_ns: int) -> None:
         self._ready_ns = (self._ready_ns or now_ns) if status.ready else None
@@ -411,7 +452,7 @@ class Bridge:
         self._heartbeat_sent_ns = self._timesync_request_ns = self._heartbeat_request_ns = 0
         self._checked_ns = self._asked_ns = self.pose_stamp_ns = self._battery_ns = 0
         self.stream.clock_set_back(now_ns)
-        self._ready_ns = self._unfit_ns = self._jump_ns = None
+        self._ready_ns = self._unfit_ns = self._jump_ns = self._limit_ns = None
         self._pose_ns = now_ns
         self._linked_ns = now_ns if self._linked_ns is not None else None
         if self._heartbeat is not None:
@@ -531,7 +572,7 @@ class Bridge:
         if not linked or self._linked_ns is None:
             return []
         assert self._heartbeat is not None
-        return self.preflight.findings(
+        found = self.preflight.findings(
             now_ns,
             self.sync,
             self.parameters.values,
@@ -539,6 +580,11 @@ class Bridge:
             answered=self.answered,
             flying=self._heartbeat.armed and self._landed != MavLandedState.ON_GROUND,
         )
+        if self.parameters.unwritten:
+            pairs = ", ".join(f"{n}={v:g}" for n, v in self.parameters.unwritten.items())
+            text = f"PX4 did not take: {pairs}; is the name right, the value within its bounds?"
+            found.insert(0, Finding("parameters_not_set", text))
+        return found
 
     def _faults(self, now_ns: int, linked: bool, out: BridgeOutput) -> None:
         """Return the faults of a link that seems to work."""
@@ -563,9 +609,6 @@ class Bridge:
         if self.parameters.complete and not self.parameters.values:
             text = "PX4 sends no parameters: they can't be checked"
             out.faults["parameters_unknown"] = text
-        if self.parameters.unwritten:
-            pairs = ", ".join(f"{n}={v:g}" for n, v in self.parameters.unwritten.items())
-            out.faults["parameters_not_set"] = f"PX4 did not take: {pairs}"
         if self.parameters.await_restart:
             names = ", ".join(self.parameters.await_restart)
             out.faults["parameters_at_start"] = f"{names} changed: restart PX4, it uses them then"
@@ -615,7 +658,8 @@ class Bridge:
             metrics[f"rate_hz.{name}"] = rate
         for name, value in self.parameters.values.items():
             metrics[f"parameter.{name}"] = value
-        verdict = self.preflight.motion.verdict
+        kept, verdict = self.preflight.evidence, self.preflight.motion.verdict
+        metrics["axes_proven"] = self.params.axes_evidence if kept is None else kept.date
         metrics["mocap_turned_by_hand"] = (
             "not yet: axes and delay of the poses are proven by turning it for some seconds"
             if verdict is None

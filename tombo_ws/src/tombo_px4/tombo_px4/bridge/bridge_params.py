@@ -23,6 +23,9 @@ SETPOINT_KINDS = {
 }
 """What PX4 is told to follow in OFFBOARD."""
 
+SIMULATED = "simulated"
+"""The poses are those of a simulated vehicle that the same command has started."""
+
 ONBOARD, GROUND_STATION = "onboard", "gcs"
 HEARTBEATS = {
     ONBOARD: "MAV_TYPE_ONBOARD_CONTROLLER: PX4's words come as events",
@@ -75,6 +78,14 @@ class BridgeParams:
 
     mocap: str = plain(ODOMETRY, "message for the poses: odometry, vision or mocap (not fused)")
     setpoint: str = plain(POSITION, "what PX4 follows: position, attitude or rates")
+    axes_evidence: str = plain(
+        "",
+        "file with the proofs of the mocap body's axes, by hand; empty: "
+        "~/.config/tombo/px4_axes.yaml; simulated: none is needed, the poses are of a model",
+    )
+    tracked_body: str = plain(
+        "", "name of the rigid body in the motion capture; a new name asks for a new proof"
+    )
     position_std: float = param(
         0.0,
         "m",

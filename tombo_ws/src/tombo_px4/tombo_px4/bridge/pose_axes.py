@@ -1,16 +1,21 @@
 """Which mistake in axes explains a pose, found by gravity and by PX4's own estimate.
 
 At rest the accelerometer points up. Turned by the pose's attitude it must point along +z of
-`map`. If it does only after one of the usual mistakes is undone, that mistake is named.
+`map`. If it does only after one of the usual mistakes is undone, that mistake is named. What a
+motion by hand has proven is an `AxesEvidence`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import conjugate, quaternion_multiply, rotate_vector
 
 _HALF = math.sqrt(0.5)
@@ -31,7 +36,10 @@ def up_error(attitude: Array, accel: Array) -> float:
 
 
 def explain_up(attitude: Array, accel: Array, limit: float) -> str:
-    """Return why the up axis is not +z; "" if it is."""
+    """Return which mistakes explain that the up axis is not +z; "" if it is.
+
+    At rest several may: a motion by hand tells which (`hand_rotation_check`).
+    """
     error = up_error(attitude, accel)
     if error <= limit:
         return ""
@@ -44,20 +52,86 @@ def explain_up(attitude: Array, accel: Array, limit: float) -> str:
             "mocap attitude hangs upside down: at rest gravity points along +z; it is one of a"
             " z-down body (NED, FRD), or the body was defined upside down: send ENU and FLU"
         )
+    fits = []
     if up_error(first, accel) <= limit:
-        return (
-            "mocap quaternion is w first: read as x y z w, the vehicle would lie"
-            f" {degrees:.0f} deg off level; let the driver fill x, y, z, w"
-        )
+        fits.append("quaternion is w first: let the driver fill x, y, z, w")
     if min(up_error(both, accel), up_error(world, accel)) <= limit:
-        return (
-            f"mocap pose is Y-up: read with z up, the vehicle would lie {degrees:.0f} deg off"
-            " level; set the streamed up axis to Z (OptiTrack Motive: Streaming, Up Axis)"
+        fits.append(
+            "pose is Y-up: set the streamed up axis to Z (OptiTrack Motive: Streaming, Up Axis)"
         )
+    if not fits:
+        return (
+            f"mocap body is tilted by {degrees:.0f} deg against the autopilot: define the rigid"
+            " body again with the vehicle level and its nose along +x"
+        )
+    fits.append("body lies on its side: define it again with the vehicle level")
     return (
-        f"mocap body is tilted by {degrees:.0f} deg against the autopilot: define the rigid body"
-        " again with the vehicle level and its nose along +x"
+        f"the vehicle would lie {degrees:.0f} deg off level: mocap "
+        + "; or mocap ".join(fits)
+        + "; turn and carry it by hand, which tells them apart"
     )
+
+
+def up_in_pose_body(attitude: Array, accel: Array) -> tuple[float, float]:
+    """Return x and y of the pose's +z against the accelerometer's up, base_link [rad].
+
+    Args:
+        attitude: (4) xyzw of the pose.
+        accel: (3) specific force at rest, base_link.
+    """
+    up = accel / float(np.linalg.norm(accel))
+    told = rotate_vector(conjugate(attitude), np.array([0.0, 0.0, 1.0]))
+    return float(told[0] - up[0]), float(told[1] - up[1])
+
+
+@dataclass(frozen=True)
+class AxesEvidence:
+    """What a motion by hand has shown of the axes of a tracked body.
+
+    Attributes:
+        date: UTC, ISO 8601.
+        body: name of the tracked body, as the bridge's parameter says.
+        system: MAVLink system of the vehicle.
+        mistake: what is wrong with the axes; empty: they are right.
+        turned_rad: about x, y and z of the vehicle.
+        carried_m: along x, y and z of map.
+        delay_ms: of the poses against the gyro.
+        tilt_rad: of the body's z against gravity at rest, about the vehicle's y and x.
+    """
+
+    date: str
+    body: str
+    system: int
+    mistake: str = ""
+    turned_rad: tuple[float, ...] = ()
+    carried_m: tuple[float, ...] = ()
+    delay_ms: float = 0.0
+    tilt_rad: tuple[float, ...] = ()
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return it as plain values."""
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+
+    @classmethod
+    def of_mapping(cls, values: Mapping[str, Any]) -> AxesEvidence:
+        """Return the record of plain values.
+
+        Raises:
+            InputError: a key is unknown or missing, or a value is of another type.
+        """
+        known = {f.name for f in fields(cls)}
+        wrong = sorted(set(values) - known)
+        missing = sorted({"date", "body", "system", "tilt_rad"} - set(values))
+        if wrong or missing:
+            raise InputError(
+                f"proof of the axes: {', '.join([*wrong, *missing])} unknown or missing; accepted:"
+                f" {', '.join(sorted(known))}"
+            )
+        made: dict[str, Any] = {
+            key: tuple(map(float, value)) if isinstance(value, list) else value
+            for key, value in values.items()
+        }
+        return cls(**made)
 
 
 def explain_place(theirs: Array, ours: Array, limit: float) -> str:

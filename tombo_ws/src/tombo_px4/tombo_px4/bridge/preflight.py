@@ -10,6 +10,7 @@ import math
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from itertools import takewhile
 from typing import TypeVar
 
@@ -20,9 +21,9 @@ from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_px4.bridge.bridge_params import MOCAP, BridgeParams
+from tombo_px4.bridge.bridge_params import MOCAP, SIMULATED, BridgeParams
 from tombo_px4.bridge.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
-from tombo_px4.bridge.hand_rotation_check import MotionCheck
+from tombo_px4.bridge.hand_rotation_check import CARRY_M, TURN_RAD, MotionCheck, Verdict
 from tombo_px4.bridge.parameter_findings import (
     DELAY_MAX,
     EV_DELAY,
@@ -30,7 +31,7 @@ from tombo_px4.bridge.parameter_findings import (
     FindingSeverity,
     parameter_findings,
 )
-from tombo_px4.bridge.pose_axes import explain_place, explain_up
+from tombo_px4.bridge.pose_axes import AxesEvidence, explain_place, explain_up, up_in_pose_body
 from tombo_px4.link.timesync import TimeSync
 
 FROZEN = "pose_frozen"
@@ -39,6 +40,8 @@ _WINDOW_NS = SECOND_NS
 _KEPT = 600
 _ENOUGH = 8
 _SLOWEST_HZ = 20.0
+_STANDS_GYRO, _STANDS_ACCEL = 0.3, 0.5
+"""[rad/s], [m/s^2]: a vehicle that stands shows less in a second."""
 _NO_TURN, _NO_PUSH = 0.15, 0.8
 """[rad/s], [m/s^2]: a vehicle that stands still shows no more."""
 _STILL_GYRO, _STILL_ACCEL = 1e-4, 1e-3
@@ -49,6 +52,8 @@ _ODOMETRY_SILENT_NS = 500_000_000
 _ESTIMATOR_SILENT_NS = 5 * SECOND_NS
 _PAIR_NS = 50_000_000
 _DELAY_OFF_MS = 20.0
+_OTHER_BODY_RAD = 0.035
+"""The tilt of a body at rest against gravity tells it from another definition of it: 2 deg."""
 _LONG_ROUND_TRIP_NS = 20_000_000
 _REQUESTS_NS = 3 * SECOND_NS
 _REFUSED = {
@@ -97,13 +102,19 @@ class Preflight:
         self.estimator: EstimatorStatusFlags | None = None
         """What PX4 said last about its estimator; the caller sets it."""
         self._judged_ns = 0
-        self.motion = MotionCheck()
-        """What turning the vehicle by hand has shown."""
+        self.motion = MotionCheck(params.tilt_error_max)
+        """What moving the vehicle by hand has shown."""
+        self.evidence: AxesEvidence | None = None
+        """The last proof of the axes of this body; None: there is none, or it was refuted."""
+        self._new_evidence: AxesEvidence | None = None
+        self._proved: Verdict | None = None
+        self._refuted = ""
+        """What was shown to be wrong, until a new proof."""
 
     def pose(self, stamp_ns: int, arrival_ns: int, position: Array, attitude: Array) -> None:
         """Take a pose that was sent to PX4."""
         self._poses.append(_Pose(stamp_ns, arrival_ns, position, attitude))
-        self.motion.pose(stamp_ns, attitude)
+        self.motion.pose(stamp_ns, position, attitude)
 
     def refused_pose(self, why: PoseRefusal, now_ns: int, age_s: float = 0.0) -> None:
         """Record a pose that was not sent, and its age."""
@@ -113,7 +124,7 @@ class Preflight:
         """Take a sample of PX4's sensors."""
         self._imu.append(sample)
         if sample.stamp_ns is not None:
-            self.motion.gyro(sample.stamp_ns, sample.gyro)
+            self.motion.imu(sample.stamp_ns, sample.gyro, sample.accel)
 
     def reset(self) -> None:
         """Forget everything: another vehicle, a restart of it, or a clock that was set."""
@@ -124,6 +135,34 @@ class Preflight:
         self.odometry.clear()
         self.estimator = None
         self.motion.reset()
+
+    def take_evidence(self) -> AxesEvidence | None:
+        """Return what has been shown since the last call, to be kept; None: nothing new."""
+        taken, self._new_evidence = self._new_evidence, None
+        return taken
+
+    def refute(self, mistake: str, now_ns: int) -> None:
+        """Record that the axes are wrong, whatever was proven before."""
+        self.evidence, self._refuted = None, mistake
+        self._new_evidence = self._evidence(now_ns, mistake)
+
+    def _evidence(
+        self, now_ns: int, mistake: str = "", tilt: tuple[float, ...] = ()
+    ) -> AxesEvidence:
+        date = datetime.fromtimestamp(now_ns * 1e-9, UTC).isoformat(timespec="seconds")
+        verdict = self.motion.verdict
+        if verdict is None:
+            return AxesEvidence(date, self._params.tracked_body, self._system, mistake)
+        return AxesEvidence(
+            date,
+            self._params.tracked_body,
+            self._system,
+            mistake,
+            tuple(round(v, 2) for v in verdict.turned),
+            tuple(round(v, 2) for v in verdict.carried),
+            round(1e3 * verdict.delay_s, 1) if math.isfinite(verdict.delay_s) else 0.0,
+            tuple(round(v, 4) for v in tilt),
+        )
 
     def latency_s(self, now_ns: int) -> float:
         """Return the usual time from a pose's capture to its arrival here [s]; NaN: no poses."""
@@ -341,8 +380,60 @@ class Preflight:
         push = abs(float(np.linalg.norm(accel)) - GRAVITY)
         if float(np.linalg.norm(gyro)) > _NO_TURN or push > _NO_PUSH:
             yield Finding("moved", "the vehicle is moved: put it down", _WARNING)
-        elif why := explain_up(recent[-1].attitude, accel, self._params.tilt_error_max):
+            return
+        verdict = self.motion.verdict
+        if verdict is not None and verdict.mistake and verdict.sure:
+            return  # it says what is wrong
+        if why := explain_up(recent[-1].attitude, accel, self._params.tilt_error_max):
             yield Finding("mocap_up", why)
+
+    def _of_evidence(self, now_ns: int) -> Iterator[Finding]:
+        """Yield what is missing of the proof of the axes; keep a new one, of a vehicle at rest."""
+        verdict, kept = self.motion.verdict, self.evidence
+        tilt = self._tilt_at_rest(now_ns)
+        new = verdict is not None and verdict.proven and verdict is not self._proved
+        if new and tilt is not None:
+            self._proved = verdict
+            kept = self.evidence = self._new_evidence = self._evidence(now_ns, tilt=tilt)
+            self._refuted = ""
+        if self._params.axes_evidence == SIMULATED and not self._refuted:
+            return
+        because = f" ({self._refuted})" if self._refuted else ""
+        if (
+            kept is not None
+            and tilt is not None
+            and (math.dist(kept.tilt_rad, tilt) > _OTHER_BODY_RAD)
+        ):
+            degrees = math.degrees(math.dist(kept.tilt_rad, tilt))
+            because = (
+                f" (the proof of {kept.date} was of another body: it lay {degrees:.1f} deg"
+                " differently in the vehicle)"
+            )
+        elif kept is not None:
+            return
+        text = (
+            f"the axes of the poses are not proven{because}: propellers off, turn the vehicle by"
+            f" hand about each axis, {TURN_RAD:g} rad in all, and carry it briskly, {CARRY_M:g} m"
+            " in all along each axis, within 40 s; then put it down"
+        )
+        if verdict is not None:
+            turned = ", ".join(f"{v:.1f}" for v in verdict.turned)
+            carried = ", ".join(f"{v:.1f}" for v in verdict.carried)
+            text += f" (until now: turned {turned} rad, carried {carried} m)"
+        yield Finding("axes_unproven", text)
+
+    def _tilt_at_rest(self, now_ns: int) -> tuple[float, float] | None:
+        """Return how the tracked body's z is tilted in the vehicle; None: it is moved."""
+        samples, poses = _newest(self._imu, now_ns), self._recent(now_ns)
+        if len(samples) < _ENOUGH or len(poses) < _ENOUGH:
+            return None
+        gyro = np.array([s.gyro for s in samples])
+        accel = np.array([s.accel for s in samples])
+        if np.ptp(gyro, axis=0).max() > _STANDS_GYRO or accel.std(axis=0).max() > _STANDS_ACCEL:
+            return None
+        tilts = [up_in_pose_body(p.attitude, accel.mean(axis=0)) for p in poses]
+        about_y, about_x = np.mean(tilts, axis=0).tolist()
+        return about_y, about_x
 
     def _of_motion(
         self, now_ns: int, parameters: Mapping[str, float | int], flying: bool
@@ -351,10 +442,16 @@ class Preflight:
         if not flying and now_ns - self._judged_ns >= _WINDOW_NS:
             self._judged_ns = now_ns
             self.motion.judge(now_ns)
+        if flying:
+            self.motion.forget()
+        else:
+            yield from self._of_evidence(now_ns)
         verdict = self.motion.verdict
         if verdict is None:
             return
         if verdict.mistake:
+            if verdict.sure and self.evidence is not None:
+                self.refute(verdict.mistake, now_ns)
             weight = FindingSeverity.BLOCKS if verdict.sure else _WARNING
             yield Finding("mocap_axes", verdict.mistake, weight)
             return

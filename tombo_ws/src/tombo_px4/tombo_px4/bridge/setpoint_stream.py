@@ -12,6 +12,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase, PositionSetpoint
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.bridge_params import POSITION, BridgeParams
+from tombo_px4.bridge.flight_limits import FlightLimits
 from tombo_px4.bridge.offboard_session import Stream
 from tombo_px4.link import message_encoder
 from tombo_px4.link.message_encoder import MessageTarget
@@ -22,10 +23,14 @@ _UNIT = 0.2
 class SetpointStream:
     """Keeps the newest set point of the suite and sends it at the rate of the stream."""
 
-    def __init__(self, params: BridgeParams, target: MessageTarget, mass: float) -> None:
+    def __init__(
+        self, params: BridgeParams, target: MessageTarget, mass: float, limits: FlightLimits
+    ) -> None:
         self._params = params
         self._target = target
         self._mass = mass
+        self._limits = limits
+        self._moved_inside = False
         self._timeout_ns = params.setpoint_timeout * SECOND_NS
         self._setpoint: PositionSetpoint | None = None
         self._setpoint_ns = -(10**18)
@@ -40,6 +45,7 @@ class SetpointStream:
         """Take a set point; False: not finite, not taken."""
         if not setpoint.finite():
             return False
+        setpoint, self._moved_inside = self._limits.inside(setpoint)
         self._setpoint, self._setpoint_ns, self._new = setpoint, now_ns, True
         return True
 
@@ -145,6 +151,10 @@ class SetpointStream:
         if not self.fresh(now_ns):
             found["setpoint_silent"] = (
                 f"no set point for {self.silent_s(now_ns):.1f} s: the last position is held"
+            )
+        if self._moved_inside:
+            found["setpoint_outside"] = (
+                "set point outside of the flight volume: moved to its border (volume)"
             )
         if self._params.setpoint == POSITION:
             return found

@@ -51,14 +51,22 @@ class HilFlight:
     """
 
     def __init__(
-        self, world: World, seed: int, params: HilParams, watch: Watch | None = None
+        self,
+        world: World,
+        seed: int,
+        params: HilParams,
+        watch: Watch | None = None,
+        hand: Watch | None = None,
     ) -> None:
-        """Set the vehicle on the ground; `watch` is called at every tick after the first.
+        """Set the vehicle on the ground.
+
+        `watch` is called at every tick after the first; `hand` before its samples are taken.
 
         Raises:
             InputError: as `Simulator`.
         """
         self._watch = watch
+        self._hand = hand
         self.params = params
         self.simulator = Simulator(world, seed)
         self.sensors = HilSensors(params, seed)
@@ -94,6 +102,8 @@ class HilFlight:
         self.poses = []
         for _ in range(self.params.ticks):
             simulator.advance(self.rotors)
+            if self._hand is not None:
+                self._hand(simulator)
             sensors.observe(simulator.imu)
             if simulator.arrived:
                 # a wrong stamp may lie before PX4's clock began, for which it has no number

@@ -78,6 +78,7 @@ class HilSimulator:
         speed: float = 1.0,
         mocap: MocapFeed | None = None,
         watch: Watch | None = None,
+        hand: Watch | None = None,
     ) -> None:
         """Set the vehicle on the ground.
 
@@ -89,6 +90,7 @@ class HilSimulator:
             speed: simulated time against that of `advance`; 0: as fast as possible.
             mocap: poses go there too, besides `flight.poses`.
             watch: called with the simulator at every tick of 1 ms; a new flight has a new one.
+            hand: the same, before the samples of the tick are taken: `HandMotion`.
 
         Raises:
             InputError: as `Simulator`.
@@ -97,6 +99,7 @@ class HilSimulator:
         self._link = link
         self._mocap = mocap
         self._watch = watch
+        self._hand = hand
         self._period_ns = round(1e6 * params.ticks / speed) if speed > 0.0 else 0
         self._news: deque[Notice] = deque(maxlen=_MAX_NOTICES)
         self.flights = 0
@@ -104,7 +107,7 @@ class HilSimulator:
 
     def _reset_vehicle(self) -> None:
         """Put a new vehicle on the ground."""
-        self.flight = HilFlight(self._world, self._seed, self._params, self._watch)
+        self.flight = HilFlight(self._world, self._seed, self._params, self._watch, self._hand)
         self.motors = MotorCommands()
         self.steps = self.answered = self.boot_steps = self.missed = 0
         self.wrong_time = self.repeated = self.slips = 0

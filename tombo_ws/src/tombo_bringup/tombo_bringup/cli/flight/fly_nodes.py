@@ -18,6 +18,7 @@ from tombo_flight.suite.node_flight import NotFlown, fly_nodes_and_save
 from tombo_flight.suite.px4_connection import Px4Connection
 from tombo_flight.suite.px4_probe import find_vehicle
 from tombo_flight.suite.warm_up import warm_up_nodes
+from tombo_px4.link.parameter_reader import parse_assignments
 
 if TYPE_CHECKING:
     from tombo_flight.scenario import Scenario
@@ -78,7 +79,10 @@ def fly_nodes(
         print_verdict(flown.flight.summary)
     if flown.left_armed:
         print_error(flown.left_armed)
-    return stop.exit_code or (1 if flown.died or flown.left_armed else 0)
+    elsewhere = flown.flight.summary["ends_elsewhere"] if px4 is not None else None
+    if elsewhere and not stop.exit_code:
+        print_error(f"the flight did not end in a landing where it should: {elsewhere}")
+    return stop.exit_code or (1 if flown.died or flown.left_armed or elsewhere else 0)
 
 
 def may_arm(
@@ -98,7 +102,8 @@ def may_arm(
             f"--px4 {url}: this arms a vehicle and flies it; accepted: with --yes, or on a "
             "terminal where it can be confirmed"
         )
-    vehicle = find_vehicle(connection.link, stop=stop.asked)
+    names = tuple(parse_assignments(connection.writes))
+    vehicle = find_vehicle(connection.link, parameters=names, stop=stop.asked)
     if vehicle is None:
         return False
     if vehicle.armed:

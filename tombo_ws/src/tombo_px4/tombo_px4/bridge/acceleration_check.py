@@ -1,0 +1,227 @@
+"""Do positions accelerate as the accelerometer says, turned by an attitude?
+
+The second difference of positions over a span is the acceleration, weighted by a triangle: no
+velocity is needed, and no integration drifts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.rotation import rotate_vector
+from tombo_dynamics.vehicle import GRAVITY
+
+_GRID_S = 0.02
+_HALF = 8
+"""Steps of the grid in half a span: 0.16 s."""
+_GAP_S = 0.1
+"""Where positions are further apart than this, nothing is compared."""
+_UP = np.array([0.0, 0.0, GRAVITY])
+_KEPT_NS = 600_000_000
+_SEEN_M = 0.006
+"""[m]: a smaller second difference is noise: 0.23 m/s^2, a tilt of 1.4 deg."""
+_DECIDES_S, _CONFIRMS_S = 0.1, 0.8
+"""So long must it be larger before the axes are called wrong, and right."""
+_STRIKE = 3.0 * GRAVITY
+_LONGEST_STEP_S = 0.05
+_COHERENT = 0.6
+_WRONG, _RIGHT = math.radians(35.0), math.radians(20.0)
+_UNRELATED = 1.5
+"""Share of the motion that is left unexplained where positions do not follow at all."""
+
+
+def accelerations_by_position(
+    times: Array, position: Array, felt_times: Array, acceleration: Array
+) -> tuple[Array, Array]:
+    """Return second differences of positions, and what accelerations say they are.
+
+    Args:
+        times: (N) of the positions [s], growing.
+        position: (N, 3) [m].
+        felt_times: (K) of the accelerations [s], growing.
+        acceleration: (K, 3) [m/s^2], in the same frame.
+
+    Returns:
+        (M, 3) and (M, 3) [m], over spans that hold no gap.
+    """
+    grid = np.arange(times[-1], max(times[0], felt_times[0]), -_GRID_S)[::-1]
+    if len(grid) <= 2 * _HALF:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    place = np.stack([np.interp(grid, times, p) for p in position.T], axis=1)
+    push = _means(grid, felt_times, acceleration)
+    weights = _HALF - np.abs(np.arange(-_HALF + 1, _HALF))
+    seen = place[2 * _HALF :] - 2.0 * place[_HALF:-_HALF] + place[: -2 * _HALF]
+    felt = np.stack([np.convolve(a[1:-1], weights, "valid") for a in push.T], axis=1)
+    felt *= _GRID_S**2
+    after = np.clip(np.searchsorted(times, grid), 1, len(times) - 1)
+    gaps = (times[after] - times[after - 1] > _GAP_S).astype(float)
+    whole = np.convolve(gaps, np.ones(2 * _HALF + 1), "valid") < 0.5
+    return seen[whole], felt[whole]
+
+
+def _means(grid: Array, times: Array, values: Array) -> Array:
+    """Return the means (M, 3) of values over the cells around the points of a grid."""
+    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(times)[:, None]
+    whole = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    begin = np.maximum(grid - 0.5 * _GRID_S, times[0])
+    end = np.minimum(grid + 0.5 * _GRID_S, times[-1])
+    both = [np.interp(end, times, w) - np.interp(begin, times, w) for w in whole.T]
+    mean: Array = np.stack(both, axis=1) / np.maximum(end - begin, 1e-3)[:, None]
+    return mean
+
+
+@dataclass
+class _Sums:
+    """Weighted sums over the spans: of the felt, the seen, and their products."""
+
+    time_s: float = 0.0
+    felt: float = 0.0
+    seen: float = 0.0
+    product: complex = 0.0
+    mirrored: complex = 0.0
+
+    def add(self, felt: complex, seen: complex, weight_s: float) -> None:
+        if max(abs(felt), abs(seen)) < _SEEN_M:
+            return
+        self.time_s += weight_s
+        self.felt += weight_s * abs(felt) ** 2
+        self.seen += weight_s * abs(seen) ** 2
+        self.product += weight_s * felt.conjugate() * seen
+        self.mirrored += weight_s * felt * seen
+
+    def coherence(self, product: complex) -> float:
+        return abs(product) ** 2 / max(self.felt * self.seen, 1e-18)
+
+    @property
+    def decides(self) -> bool:
+        """PX4 has felt enough, for long enough: poses that jump alone are no matter of axes."""
+        return self.time_s >= _DECIDES_S and self.felt >= self.time_s * _SEEN_M**2
+
+    @property
+    def unexplained(self) -> float:
+        return (self.felt + self.seen - 2.0 * self.product.real) / max(self.felt, 1e-12)
+
+
+class TakeoffWatch:
+    """Compares, from lift-off on, the poses' motion with what PX4's tilt must cause.
+
+    PX4 tilts the vehicle to move it. Its roll and pitch come from gravity, so the acceleration
+    that its attitude and accelerometer say is right but for the heading, which the poses gave. If
+    the poses move in another direction, their axes are wrong, and PX4 drives the vehicle away.
+    """
+
+    def __init__(self) -> None:
+        self._poses: deque[tuple[int, Array]] = deque(maxlen=200)
+        self._felt: deque[tuple[int, Array]] = deque(maxlen=400)
+        self._level, self._height = _Sums(), _Sums()
+        self._begun = False
+        self._judged_ns = 0
+        self.confirmed = False
+        """The motion has shown that the axes are right."""
+        self.mistake = ""
+        """What is wrong; "" as long as nothing is known to be."""
+        self._back: tuple[complex, bool, float] = (1.0, False, 1.0)
+        self._pivot: tuple[Array, Array] | None = None
+        """A place of the poses, and what was made of it."""
+
+    def begin(self) -> None:
+        """Begin, with the arming."""
+        self._begun = True
+
+    def pose(self, stamp_ns: int, position: Array) -> None:
+        """Take the position (3) of a pose."""
+        if not self.confirmed and (not self._poses or stamp_ns > self._poses[-1][0]):
+            self._poses.append((stamp_ns, position))
+
+    def felt(self, stamp_ns: int, attitude: Array, accel: Array) -> None:
+        """Take PX4's attitude (4) xyzw and specific force (3), base_link, of about one time."""
+        if float(accel @ accel) > _STRIKE**2:  # shorter than the samples are apart
+            self._felt.clear()
+        elif not self.confirmed and (not self._felt or stamp_ns > self._felt[-1][0]):
+            self._felt.append((stamp_ns, rotate_vector(attitude, accel) - _UP))
+
+    def as_px4_feels(self, position: Array) -> Array:
+        """Return the position (3) of a pose in the axes that the motion has shown, to land with.
+
+        It is turned about the place where that was seen last, so that nothing jumps.
+        """
+        if not self.mistake:
+            return position
+        place, shown = (position, position) if self._pivot is None else self._pivot
+        turn, mirrored, up = self._back
+        x, y, z = (float(v) for v in position - place)
+        level = turn * (complex(x, -y) if mirrored else complex(x, y))
+        way: Array = np.array([level.real, level.imag, up * z])
+        found: Array = np.add(shown, way)
+        if self._pivot is None or self._back != self._wanted_back():
+            self._pivot, self._back = (position, found), self._wanted_back()
+        return found
+
+    def _wanted_back(self) -> tuple[complex, bool, float]:
+        """Return what turns a motion of the poses into what PX4 feels: turn, mirror, sign of z."""
+        level, height = self._level, self._height
+        up = -1.0 if height.decides and height.product.real < 0.0 else 1.0
+        if not level.decides:
+            return 1.0, False, up
+        mirrored = abs(level.mirrored) > abs(level.product)
+        turn = level.mirrored if mirrored else level.product.conjugate()
+        return turn / max(abs(turn), 1e-18), mirrored, up
+
+    def judge(self) -> str:
+        """Compare the newest span; return the mistake, "" if none is known."""
+        if self.confirmed or not self._begun or not self._poses:
+            return self.mistake
+        now_ns = self._poses[-1][0]
+        if now_ns == self._judged_ns:
+            return self.mistake
+        step_s = min((now_ns - self._judged_ns) * 1e-9, _LONGEST_STEP_S)
+        self._judged_ns = now_ns
+        poses = [p for p in self._poses if now_ns - p[0] < _KEPT_NS]
+        felt = [f for f in self._felt if now_ns - f[0] < _KEPT_NS]
+        if len(poses) < 4 or len(felt) < 8:
+            return self.mistake
+        seen, wanted = accelerations_by_position(
+            np.array([(t - now_ns) * 1e-9 for t, _ in poses]),
+            np.array([p for _, p in poses]),
+            np.array([(t - now_ns) * 1e-9 for t, _ in felt]),
+            np.array([a for _, a in felt]),
+        )
+        if not len(seen):
+            return self.mistake
+        (x, y, z), (u, v, w) = seen[-1].tolist(), wanted[-1].tolist()
+        self._level.add(complex(u, v), complex(x, y), step_s)
+        self._height.add(complex(w), complex(z), step_s)
+        if not self.mistake:
+            self._decide()
+        return self.mistake
+
+    def _decide(self) -> None:
+        level, height = self._level, self._height
+        falls = height.decides and height.product.real < 0.0
+        if falls and height.coherence(height.product) > _COHERENT:
+            self.mistake = "poses sink where PX4 feels that it climbs: z is upside down"
+            return
+        if not level.decides:
+            return
+        turn = math.atan2(level.product.imag, level.product.real)
+        along = level.coherence(level.product)
+        if level.coherence(level.mirrored) > max(_COHERENT, 1.5 * along):
+            self.mistake = (
+                "poses move mirrored to where PX4's tilt drives the vehicle: positions are"
+                " left-handed, or x and y are exchanged"
+            )
+        elif along > _COHERENT and abs(turn) > _WRONG:
+            self.mistake = (
+                f"poses move {math.degrees(turn):+.0f} deg beside where PX4's tilt drives the"
+                " vehicle: x of the rigid body is not the nose, or the axes of the positions are"
+                " not those of the attitude"
+            )
+        elif level.time_s > 4.0 * _DECIDES_S and level.unexplained > _UNRELATED:
+            self.mistake = "poses do not move as PX4's tilt and accelerometer say"
+        elif level.time_s > _CONFIRMS_S and along > _COHERENT and abs(turn) < _RIGHT:
+            self.confirmed = True
