@@ -323,7 +323,8 @@ class Bridge:
     def _jumps(self, stamp_ns: int, now_ns: int, position: Array) -> bool:
         """Return whether a pose in flight is elsewhere than PX4, which would follow it."""
         last = self._odometry
-        if not self._flying or last is None or last.stamp_ns is None:
+        turned_back = bool(self.takeoff_watch.mistake)
+        if turned_back or not self._flying or last is None or last.stamp_ns is None:
             return False
         if now_ns - last.arrival_ns > _LOOK_NS:
             return False
