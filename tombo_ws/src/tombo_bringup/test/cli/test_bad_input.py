@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from tombo import fly
+from tombo_dynamics.errors import InputError
+
 
 @pytest.mark.parametrize(
     ("setting", "words"),
@@ -129,3 +132,30 @@ def test_a_key_with_an_escape_code_cannot_reach_the_terminal(refused):
 )
 def test_other_commands(refused, arguments, words):
     refused(arguments, *words)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("arena", "--reactions", "policy:nofile.json"), ("nofile.json", "accepted")),
+        (("fly", "--reaction", "policy"), ("reaction.network", "accepted")),
+        (("sweep", "pole", "vehicle.mass=1.1,1.1", "--seeds", "0:1"), ("vehicle.mass", "1.1")),
+        (("fly", "--import", "yours.py"), ("--import 'yours.py'", "no such file")),
+        (("sweep", "pole", "vehicle.mass=1.1,1.2", "--seeds", "0:1", "--scheduler", "127.0.0.1"),
+         ("127.0.0.1", "accepted")),
+    ],
+)  # fmt: skip
+def test_what_can_not_be_done_is_refused_before_anything_is_flown(refused, arguments, words):
+    refused(arguments, *words)
+
+
+def test_broken_parameters_start_no_node(refused, tmp_path):
+    path = tmp_path / "broken.yaml"
+    path.write_text("sim:\n  ros__parameters: {vehicle: {mass: [}}\n", encoding="utf-8")
+    refused(("up", "--params", str(path)), "broken.yaml", "not valid YAML at line 2")
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "3"])
+def test_a_seed_from_python_is_checked(seed):
+    with pytest.raises(InputError, match=r"seed.*accepted"):
+        fly("hover", seed=seed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import importlib.util
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping
@@ -117,20 +118,9 @@ def _stream_from_dask(
     address: str, study: Study, flights: Iterable[int], count: int, stop: Callable[[], bool] | None
 ) -> Generator[dict[str, Any], None, None]:
     """Yield rows of `count` flights as they come; another worker flies what a lost one had."""
-    try:
-        from distributed import Client, as_completed
-    except ImportError:
-        raise InputError(
-            f"--scheduler {address}: Dask is not installed; accepted: after "
-            "pip install -r requirements-study.txt"
-        ) from None
-    with ThreadPoolExecutor(1) as other:  # this thread may have a loop of its own
-        problem = other.submit(asyncio.run, _problem_with(address)).result()
-    if problem:  # a client that can't connect would end in a traceback, half a minute later
-        raise InputError(
-            f"--scheduler {address}: it can't be reached ({problem}); accepted: the address of a "
-            "Dask scheduler, as in tcp://10.0.0.1:8786"
-        )
+    check_scheduler(address)
+    from distributed import Client, as_completed
+
     with Client(address, timeout=_ANSWERS_S, set_as_default=False) as client:
         shared = client.scatter(study, broadcast=True)
         threads = max(sum(client.nthreads().values()), 1)
@@ -149,6 +139,26 @@ def _stream_from_dask(
                 yield from future.result()
                 future.release()
             hand_out()
+
+
+def check_scheduler(address: str) -> None:
+    """Ask for a Dask scheduler at an address; its client would wait half a minute for none.
+
+    Raises:
+        InputError: Dask is not installed, or no scheduler answers.
+    """
+    if importlib.util.find_spec("distributed") is None:
+        raise InputError(
+            f"--scheduler {address}: Dask is not installed; accepted: after "
+            "pip install -r requirements-study.txt"
+        )
+    with ThreadPoolExecutor(1) as other:  # this thread may have a loop of its own
+        problem = other.submit(asyncio.run, _problem_with(address)).result()
+    if problem:
+        raise InputError(
+            f"--scheduler {address}: it can't be reached ({problem}); accepted: the address of a "
+            "Dask scheduler, as in tcp://10.0.0.1:8786"
+        )
 
 
 async def _problem_with(address: str) -> str:

@@ -111,8 +111,11 @@ def _sweep(
     study: Study, output: str | None, workers: int | None, scheduler: str | None, as_json: bool
 ) -> None:
     from tombo_flight.sweep.finish import fly_sweep
+    from tombo_flight.sweep.run import check_scheduler
     from tombo_flight.sweep.store import open_store
 
+    if scheduler is not None:  # before anything is written
+        check_scheduler(scheduler)
     folder, flown, outcome = fly_study(
         open_store(
             Path(output or f"runs/sweep-{plain_name(study.label, 'scenario')}"),
