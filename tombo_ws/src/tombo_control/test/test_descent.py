@@ -83,18 +83,6 @@ def test_a_controller_that_is_restarted_in_flight_says_nothing_and_stays_down() 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("away", "says"), [(2.0, True), (3.5, False)])
-def test_a_controller_that_was_stopped_for_long_hands_over(away: float, says: bool) -> None:
-    flight = hovering()
-    flight.imu_on = False
-    flight.fly(away)
-    flight.imu_on, flight.command = True, None
-    flight.fly(0.2)
-    assert (flight.command is not None) is says
-    assert (_state(flight) == SafetyState.STANDBY) is not says
-
-
-@pytest.mark.slow
 def test_without_set_points_for_long_it_lands() -> None:
     flight = hovering()
     flight.controller.set_params("safety", SafetyParams(hold_time=1.0))

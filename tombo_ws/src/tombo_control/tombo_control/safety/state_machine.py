@@ -103,8 +103,8 @@ class Condition(IntEnum):
     REPLACED = (
         20,
         (
-            "the gyro was silent for 3 s, or for 0.1 s and 1 s later the position is not known: a "
-            "touchdown may have been missed, the flight controller behind it may have landed"
+            "the gyro was silent for 0.1 s, and 1 s later the position is not known: a touchdown "
+            "may have been missed, the flight controller behind it may have landed"
         ),
     )
 
@@ -126,7 +126,6 @@ TABLE: tuple[Row, ...] = (
     Row(_S.OFF, _C.IN_FLIGHT, _S.STANDBY),
     Row(_S.FLY, _C.KILL, _S.LATCHED),
     Row(_S.FLY, _C.NEW_FLIGHT, _S.OFF),
-    Row(_S.FLY, _C.REPLACED, _S.STANDBY),
     Row(_S.FLY, _C.DOWN, _S.LATCHED),
     Row(_S.FLY, _C.POSITION_LOST, _S.BLIND),
     Row(_S.FLY, _C.ABORT, _S.LAND),
@@ -136,7 +135,6 @@ TABLE: tuple[Row, ...] = (
     Row(_S.FLY, _C.SETPOINT_SILENT, _S.HOLD),
     Row(_S.HOLD, _C.KILL, _S.LATCHED),
     Row(_S.HOLD, _C.NEW_FLIGHT, _S.OFF),
-    Row(_S.HOLD, _C.REPLACED, _S.STANDBY),
     Row(_S.HOLD, _C.DOWN, _S.LATCHED),
     Row(_S.HOLD, _C.POSITION_LOST, _S.BLIND),
     Row(_S.HOLD, _C.ABORT, _S.LAND),
@@ -145,7 +143,6 @@ TABLE: tuple[Row, ...] = (
     Row(_S.HOLD, _C.SETPOINT_BACK, _S.FLY),
     Row(_S.LAND, _C.KILL, _S.LATCHED),
     Row(_S.LAND, _C.NEW_FLIGHT, _S.OFF),
-    Row(_S.LAND, _C.REPLACED, _S.STANDBY),
     Row(_S.LAND, _C.TOUCHDOWN, _S.LATCHED),
     Row(_S.LAND, _C.OVERTURNED, _S.LATCHED),
     Row(_S.LAND, _C.DOWN, _S.LATCHED),

@@ -49,8 +49,6 @@ _STUCK_SPEED, _STUCK_TICKS = 0.1, 3 * TICK_HZ
 _OVERTURNED_TICKS = TICK_HZ
 _ANSWER_TICKS = TICK_HZ
 """After a silence of the gyro the position has so long to come back."""
-_AWAY_TICKS = 3 * TICK_HZ
-"""After such a silence the flight controller behind it has the vehicle, perhaps on the ground."""
 
 
 class Watch(Record):
@@ -250,7 +248,7 @@ def _conditions_aloft(
     found |= _bit(Condition.OVERTURNED, ground.overturned_ticks >= _OVERTURNED_TICKS)
     found |= _bit(Condition.TIME_OVER, tick >= watch.deadline)
     replaced = watch.replaced >= 0 and tick - watch.replaced >= _ANSWER_TICKS
-    found |= _bit(Condition.REPLACED, replaced or watch.gap >= _AWAY_TICKS)
+    found |= _bit(Condition.REPLACED, replaced)
     return found
 
 
