@@ -121,7 +121,7 @@ def test_a_course_over_a_course_replaces_it_and_null_takes_it_away():
         ({"course": [{"w": 1}]}, r"key in mission.course\[0\].*'w'"),
         ({"course": "survey"}, "mission.course: 'survey' is no list"),
         ({"step_size": 1.0}, "mission.course and mission.step_size 1"),
-        ({"land_time": 10.0}, "mission.course: lasts until .* land_time, 10 .*approach_time"),
+        ({"land_time": 10.0}, "mission.course: lasts until .*land_time, 10 .*approach_time"),
         ({"course": [{"hold": 39.0}]}, "mission.course: lasts until .* mission.land_time, 42"),
         (
             {"course": [{}, {"x": 3, "speed": 3, "acceleration": 6}]},

@@ -73,6 +73,16 @@ def px4_quaternion(attitude: ArrayLike) -> Array:
     return _w_positive(out, 0)
 
 
+def px4_pose(position: ArrayLike, attitude: ArrayLike) -> tuple[Array, Array]:
+    """Return a pose in PX4's axes: position (..., 3) in NED, attitude (..., 4) xyzw, NED from FRD.
+
+    Args:
+        position: (..., 3) in map.
+        attitude: (..., 4) xyzw, map from base_link.
+    """
+    return ned_from_enu(position), np.roll(px4_quaternion(attitude), -1, axis=-1)
+
+
 def ros_quaternion(attitude: ArrayLike) -> Array:
     """Return (..., 4) xyzw, map from base_link, of an attitude wxyz, NED from FRD.
 

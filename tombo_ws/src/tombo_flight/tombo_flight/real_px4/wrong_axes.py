@@ -15,7 +15,7 @@ from tombo_dynamics.rotation import conjugate, quaternion_multiply, rotate_vecto
 from tombo_flight.real_px4.lockstep_flight import AsMocap, fly_lockstep
 from tombo_flight.scenario import load_scenario
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
-from tombo_px4.frames import ned_from_enu, px4_quaternion
+from tombo_px4.frames import px4_pose
 from tombo_px4.hil.hand_motion import HandMotion
 
 FARTHEST_M: Final = 0.5
@@ -47,10 +47,6 @@ def _y_up_both(place: Array, q: Array) -> tuple[Array, Array]:
     return place, quaternion_multiply(q, conjugate(_Y_UP))
 
 
-def _ned(place: Array, q: Array) -> tuple[Array, Array]:
-    return ned_from_enu(place), np.roll(px4_quaternion(q), -1)
-
-
 @dataclass(frozen=True)
 class WrongAxes:
     """A mistake in the axes, and a word that its message must have."""
@@ -65,7 +61,7 @@ WRONG_AXES: Final[Mapping[str, WrongAxes]] = {
     "body yawed by 45 deg": WrongAxes(_body(2, 45.0), "is not the nose"),
     "y up in world and body": WrongAxes(_y_up_both, "Y-up"),
     "y up in the world": WrongAxes(_y_up, "Y-up"),
-    "z down: NED and FRD": WrongAxes(_ned, "z down"),
+    "z down: NED and FRD": WrongAxes(px4_pose, "z down"),
     "mirrored in y": WrongAxes(
         lambda place, q: (place * [1, -1, 1], q * [-1, 1, -1, 1]), "mirrored"
     ),

@@ -33,7 +33,7 @@ def fly(axes, seconds=3.0, lean=0.05, rate_hz=50, noise_m=0.0007, closed=True, a
         push = np.zeros(3)
         if k > end:
             break
-        shown = watch.as_px4_feels(axes @ place)
+        shown = watch.as_px4_feels(k * 1_000_000, axes @ place)
         farthest = max(farthest, float(np.linalg.norm(place[:2])))
         if k > 300:  # lifts off
             rate = (shown - shown_before) * 1e3

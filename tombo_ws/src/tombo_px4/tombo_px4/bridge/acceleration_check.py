@@ -19,15 +19,22 @@ from tombo_dynamics.vehicle import GRAVITY
 _GRID_S = 0.02
 _HALF = 8
 """Steps of the grid in half a span: 0.16 s."""
+_LONG_HALF = 20
+"""The same of a long span, 0.4 s: a slow drift shows there."""
 _GAP_S = 0.1
 """Where positions are further apart than this, nothing is compared."""
 _UP = np.array([0.0, 0.0, GRAVITY])
-_KEPT_NS = 600_000_000
-_SEEN_M = 0.006
-"""[m]: a smaller second difference is noise: 0.23 m/s^2, a tilt of 1.4 deg."""
-_DECIDES_S, _CONFIRMS_S = 0.1, 0.8
-"""So long must it be larger before the axes are called wrong, and right."""
+_KEPT_NS = 1_100_000_000
+_SEEN_M, _LONG_SEEN_M = 0.006, 0.015
+"""[m]: a smaller second difference is noise. 0.23 and 0.09 m/s^2, tilts of 1.4 and 0.5 deg."""
+_SHOWS_S, _DECIDES_S, _CONFIRMS_S = 0.03, 0.1, 0.8
+"""So long must it be larger before it shows a direction, before the axes are called wrong, and
+right."""
 _STRIKE = 3.0 * GRAVITY
+_BRAKE_S, _MOST_BRAKE = 0.25, 2.0
+"""[s], [m/s^2]: the velocity of a descent with wrong axes is to end within that time."""
+_VELOCITY_NS = 150_000_000
+"""The velocity is that over this time."""
 _LONGEST_STEP_S = 0.05
 _COHERENT = 0.6
 _WRONG, _RIGHT = math.radians(35.0), math.radians(20.0)
@@ -36,7 +43,7 @@ _UNRELATED = 1.5
 
 
 def accelerations_by_position(
-    times: Array, position: Array, felt_times: Array, acceleration: Array
+    times: Array, position: Array, felt_times: Array, acceleration: Array, half: int = _HALF
 ) -> tuple[Array, Array]:
     """Return second differences of positions, and what accelerations say they are.
 
@@ -45,22 +52,23 @@ def accelerations_by_position(
         position: (N, 3) [m].
         felt_times: (K) of the accelerations [s], growing.
         acceleration: (K, 3) [m/s^2], in the same frame.
+        half: steps of 0.02 s in half a span.
 
     Returns:
         (M, 3) and (M, 3) [m], over spans that hold no gap.
     """
     grid = np.arange(times[-1], max(times[0], felt_times[0]), -_GRID_S)[::-1]
-    if len(grid) <= 2 * _HALF:
+    if len(grid) <= 2 * half:
         return np.zeros((0, 3)), np.zeros((0, 3))
     place = np.stack([np.interp(grid, times, p) for p in position.T], axis=1)
     push = _means(grid, felt_times, acceleration)
-    weights = _HALF - np.abs(np.arange(-_HALF + 1, _HALF))
-    seen = place[2 * _HALF :] - 2.0 * place[_HALF:-_HALF] + place[: -2 * _HALF]
+    weights = half - np.abs(np.arange(-half + 1, half))
+    seen = place[2 * half :] - 2.0 * place[half:-half] + place[: -2 * half]
     felt = np.stack([np.convolve(a[1:-1], weights, "valid") for a in push.T], axis=1)
     felt *= _GRID_S**2
     after = np.clip(np.searchsorted(times, grid), 1, len(times) - 1)
     gaps = (times[after] - times[after - 1] > _GAP_S).astype(float)
-    whole = np.convolve(gaps, np.ones(2 * _HALF + 1), "valid") < 0.5
+    whole = np.convolve(gaps, np.ones(2 * half + 1), "valid") < 0.5
     return seen[whole], felt[whole]
 
 
@@ -79,6 +87,8 @@ def _means(grid: Array, times: Array, values: Array) -> Array:
 class _Sums:
     """Weighted sums over the spans: of the felt, the seen, and their products."""
 
+    least: float
+    """[m]: a smaller second difference is noise."""
     time_s: float = 0.0
     felt: float = 0.0
     seen: float = 0.0
@@ -86,7 +96,7 @@ class _Sums:
     mirrored: complex = 0.0
 
     def add(self, felt: complex, seen: complex, weight_s: float) -> None:
-        if max(abs(felt), abs(seen)) < _SEEN_M:
+        if max(abs(felt), abs(seen)) < self.least:
             return
         self.time_s += weight_s
         self.felt += weight_s * abs(felt) ** 2
@@ -98,9 +108,15 @@ class _Sums:
         return abs(product) ** 2 / max(self.felt * self.seen, 1e-18)
 
     @property
+    def shows_turn(self) -> bool:
+        """There is a direction to brake by, once the axes are known to be wrong."""
+        best = max(self.coherence(self.product), self.coherence(self.mirrored))
+        return self.time_s >= _SHOWS_S and best > _COHERENT
+
+    @property
     def decides(self) -> bool:
         """PX4 has felt enough, for long enough: poses that jump alone are no matter of axes."""
-        return self.time_s >= _DECIDES_S and self.felt >= self.time_s * _SEEN_M**2
+        return self.time_s >= _DECIDES_S and self.felt >= self.time_s * self.least**2
 
     @property
     def unexplained(self) -> float:
@@ -118,7 +134,13 @@ class TakeoffWatch:
     def __init__(self) -> None:
         self._poses: deque[tuple[int, Array]] = deque(maxlen=200)
         self._felt: deque[tuple[int, Array]] = deque(maxlen=400)
-        self._level, self._height = _Sums(), _Sums()
+        self._spans = tuple(
+            (half, _Sums(least), _Sums(least))
+            for half, least in ((_HALF, _SEEN_M), (_LONG_HALF, _LONG_SEEN_M))
+        )
+        """Steps in half a span, sums of the level motion, sums of that in height."""
+        self._level, self._height = self._spans[0][1:]
+        """Those that have decided."""
         self._begun = False
         self._judged_ns = 0
         self.confirmed = False
@@ -126,6 +148,8 @@ class TakeoffWatch:
         self.mistake = ""
         """What is wrong; "" as long as nothing is known to be."""
         self._back: tuple[complex, bool, float] = (1.0, False, 1.0)
+        self._turned_back: deque[tuple[int, Array]] = deque(maxlen=200)
+        """Positions in the axes that PX4 feels, since a mistake is known."""
         self._pivot: tuple[Array, Array] | None = None
         """A place of the poses, and what was made of it."""
 
@@ -145,7 +169,7 @@ class TakeoffWatch:
         elif not self.confirmed and (not self._felt or stamp_ns > self._felt[-1][0]):
             self._felt.append((stamp_ns, rotate_vector(attitude, accel) - _UP))
 
-    def as_px4_feels(self, position: Array) -> Array:
+    def as_px4_feels(self, stamp_ns: int, position: Array) -> Array:
         """Return the position (3) of a pose in the axes that the motion has shown, to land with.
 
         It is turned about the place where that was seen last, so that nothing jumps.
@@ -160,17 +184,45 @@ class TakeoffWatch:
         found: Array = np.add(shown, way)
         if self._pivot is None or self._back != self._wanted_back():
             self._pivot, self._back = (position, found), self._wanted_back()
+        self._turned_back.append((stamp_ns, found))
         return found
 
     def _wanted_back(self) -> tuple[complex, bool, float]:
         """Return what turns a motion of the poses into what PX4 feels: turn, mirror, sign of z."""
         level, height = self._level, self._height
         up = -1.0 if height.decides and height.product.real < 0.0 else 1.0
-        if not level.decides:
+        if not level.shows_turn:
             return 1.0, False, up
         mirrored = abs(level.mirrored) > abs(level.product)
         turn = level.mirrored if mirrored else level.product.conjugate()
         return turn / max(abs(turn), 1e-18), mirrored, up
+
+    @property
+    def brake(self) -> complex:
+        """Horizontal acceleration that ends the present motion, x + i y in PX4's map [m/s^2]."""
+        if not self._turned_back or not self._level.shows_turn:
+            return 0.0
+        now_ns, (x, y, _) = self._turned_back[-1]
+        before = next(b for b in self._turned_back if now_ns - b[0] <= _VELOCITY_NS)
+        step_s = (now_ns - before[0]) * 1e-9
+        if step_s <= 0.0:
+            return 0.0
+        velocity = complex(float(x - before[1][0]), float(y - before[1][1])) / step_s
+        wanted = -velocity / _BRAKE_S
+        return wanted * min(1.0, _MOST_BRAKE / max(abs(wanted), 1e-9))
+
+    def drifts(self, away_m: float) -> None:
+        """Take a vehicle that does not hold its place while it takes off: its axes are wrong.
+
+        Args:
+            away_m: horizontal distance of the pose from the set point.
+        """
+        if not self.confirmed and not self.mistake:
+            self._level, self._height = self._spans[-1][1:]
+            self.mistake = (
+                f"the vehicle is {away_m:.2f} m beside its set point while it takes off: PX4 does"
+                " not hold it; axes of the poses, or a wind that is too strong"
+            )
 
     def judge(self) -> str:
         """Compare the newest span; return the mistake, "" if none is known."""
@@ -185,19 +237,22 @@ class TakeoffWatch:
         felt = [f for f in self._felt if now_ns - f[0] < _KEPT_NS]
         if len(poses) < 4 or len(felt) < 8:
             return self.mistake
-        seen, wanted = accelerations_by_position(
-            np.array([(t - now_ns) * 1e-9 for t, _ in poses]),
-            np.array([p for _, p in poses]),
-            np.array([(t - now_ns) * 1e-9 for t, _ in felt]),
-            np.array([a for _, a in felt]),
-        )
-        if not len(seen):
-            return self.mistake
-        (x, y, z), (u, v, w) = seen[-1].tolist(), wanted[-1].tolist()
-        self._level.add(complex(u, v), complex(x, y), step_s)
-        self._height.add(complex(w), complex(z), step_s)
-        if not self.mistake:
-            self._decide()
+        for half, level, height in self._spans:
+            seen, wanted = accelerations_by_position(
+                np.array([(t - now_ns) * 1e-9 for t, _ in poses]),
+                np.array([p for _, p in poses]),
+                np.array([(t - now_ns) * 1e-9 for t, _ in felt]),
+                np.array([a for _, a in felt]),
+                half,
+            )
+            if not len(seen):
+                continue
+            (x, y, z), (u, v, w) = seen[-1].tolist(), wanted[-1].tolist()
+            level.add(complex(u, v), complex(x, y), step_s)
+            height.add(complex(w), complex(z), step_s)
+            if not self.mistake:
+                self._level, self._height = level, height
+                self._decide()
         return self.mistake
 
     def _decide(self) -> None:

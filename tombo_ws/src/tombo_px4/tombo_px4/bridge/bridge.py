@@ -156,6 +156,8 @@ class Bridge:
         self.parameters = ParameterReader(READ, self._target, writes)
         self.words = VehicleWords(self._target)
         self._was_armed = False
+        self._beside_m = 0.0
+        """Horizontal distance from the set point at the arming [m]."""
         self._out = BridgeOutput()
         self._answers: list[decoded.TimesyncMessage] = []
         self._heartbeat: decoded.Heartbeat | None = None
@@ -299,7 +301,7 @@ class Bridge:
         unit = attitude / np.linalg.norm(attitude)
         self.preflight.pose(stamp_ns, now_ns, position, unit)
         self.takeoff_watch.pose(stamp_ns, position)
-        felt = self.takeoff_watch.as_px4_feels(position)
+        felt = self.takeoff_watch.as_px4_feels(stamp_ns, position)
         pose = (self.params.mocap, stamp_ns, felt, unit, self._covariance)
         self._out.messages.append(message_encoder.pose_message(*pose))
         self.poses_sent += 1
@@ -382,6 +384,7 @@ class Bridge:
                 tuple(f.text for f in self._blocking),
                 self._must_land(now_ns),
                 self.stream.takeoff_commands,
+                bool(self.takeoff_watch.mistake),
             ),
             out,
         )
@@ -389,7 +392,8 @@ class Bridge:
             out.messages.append(self._encode_command(order))
         self._housekeeping(now_ns, linked, out)
         present = self._present(now_ns)
-        message = self.stream.message(out.stream, present, self.hover_thrust, now_ns)
+        brake = self.takeoff_watch.brake
+        message = self.stream.message(out.stream, present, self.hover_thrust, now_ns, brake)
         if message is not None:
             out.messages.append(message)
         self._faults(now_ns, linked, out)
@@ -434,10 +438,20 @@ class Bridge:
             self.takeoff_watch = watch = TakeoffWatch()
             if armed:
                 watch.begin()
+                self._beside_m = self._beside_setpoint()
         known = bool(watch.mistake)
+        if armed and self.stream.phase == Phase.TAKEOFF:
+            beside_m = self._beside_setpoint()
+            if beside_m - self._beside_m > self.params.takeoff_drift_max:
+                watch.drifts(beside_m)
         if armed and watch.judge() and not known:
             self.preflight.refute(watch.mistake, now_ns)
             out.events.append(("axes_wrong", watch.mistake))
+
+    def _beside_setpoint(self) -> float:
+        """Return the horizontal distance of the newest pose from the set point [m]; 0: none."""
+        latest = self.preflight.latest_position
+        return 0.0 if latest is None else self.stream.beside(latest)
 
     def _update_estimate_trusted(self, status: Status, now_ns: int) -> None:
         self._ready_ns = (self._ready_ns or now_ns) if status.ready else None

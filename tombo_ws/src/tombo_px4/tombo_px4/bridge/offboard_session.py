@@ -55,6 +55,8 @@ _GRACE_NS = 3 * SECOND_NS
 _QUIET_NS = SECOND_NS
 """PX4 has lost our set points too (COM_OF_LOSS_T) if a heartbeat asked for four times a second
 is so late: it gets none before the next heartbeat has shown what it flies."""
+_LEVEL_DESCENT_NS = 20 * SECOND_NS
+"""A descent without positions that has not ended by then becomes PX4's own landing."""
 _LAND_AGAIN_NS = 2 * SECOND_NS
 """A landing that PX4 refuses is commanded again after this time."""
 
@@ -81,6 +83,8 @@ class Stream(Enum):
     HOLD = "hold"
     """Where it was when this began."""
     SETPOINT = "setpoint"
+    LEVEL_DESCENT = "level descent"
+    """Down, level and braked, by what PX4 feels: where the motion capture has wrong axes."""
     NONE = "none"
     """Nothing is sent: PX4 must not return to OFFBOARD."""
 
@@ -122,6 +126,8 @@ class SessionInput:
     """Why the flight must end now, as a text."""
     takeoff_commands: int = 0
     """How often an operator has asked the mission to take off."""
+    axes_wrong: bool = False
+    """The poses have wrong axes: PX4's own landing would fly away by them."""
 
 
 @dataclass
@@ -162,6 +168,8 @@ class Session:
         self._ours = False
         """An external mode that our operator has asked for."""
         self._land_again_ns = 0
+        self._level_descent_ns: int | None = None
+        """When a descent without positions began; None: there is none."""
         self._landing_from: Mode | None = None
         """Mode that was flown when a landing was commanded, until that is confirmed."""
         self._ticked_ns: int | None = None
@@ -291,6 +299,8 @@ class Session:
             self._land(heartbeat, out, why)
         elif view.must_land:
             self._land(heartbeat, out, view.must_land)
+            if view.axes_wrong and heartbeat.mode == OFFBOARD:
+                self._transaction, self._level_descent_ns = None, view.now_ns
         elif stopped_s * SECOND_NS > self._timeout_ns:
             self._land(heartbeat, out, f"this bridge was stopped for {stopped_s:.1f} s")
 
@@ -501,6 +511,10 @@ class Session:
         if not heartbeat.armed:
             self._set_stage(Stage.READY, "landed")
             return
+        if self._descends_level(view, heartbeat):
+            self._disarm_on_ground(view)
+            self._step_transaction(view, heartbeat, out)
+            return
         if self._step_transaction(view, heartbeat, out):
             self._landing_by_setpoints = not self._flight_lost
             self._land_again_ns = view.now_ns + _LAND_AGAIN_NS
@@ -514,7 +528,17 @@ class Session:
         elif not lands and not under_way:
             if view.now_ns >= self._land_again_ns:
                 self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
-        elif self._stays_on_ground(view) and self._transaction is None:
+        else:
+            self._disarm_on_ground(view)
+
+    def _descends_level(self, view: SessionInput, heartbeat: Heartbeat) -> bool:
+        """Return whether the vehicle comes down without positions, and may go on with it."""
+        since_ns = self._level_descent_ns
+        in_time = since_ns is not None and view.now_ns - since_ns < _LEVEL_DESCENT_NS
+        return in_time and heartbeat.mode == OFFBOARD and not heartbeat.failsafe
+
+    def _disarm_on_ground(self, view: SessionInput) -> None:
+        if self._stays_on_ground(view) and self._transaction is None:
             self._transaction = CommandTransaction(_DISARM, _MODE_TRIES)
 
     def _external_mode(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
@@ -592,7 +616,7 @@ class Session:
         self.stage, self.why = stage, why
         self._transaction = None
         self._landing_by_setpoints = self._ours = False
-        self._landing_from = None
+        self._landing_from = self._level_descent_ns = None
         if stage in (Stage.READY, Stage.EXTERNAL_MODE):
             self._armed_for_flight = False
         if stage == Stage.EXTERNAL_MODE:
@@ -620,6 +644,8 @@ class Session:
         quiet = view.now_ns - heartbeat.arrival_ns > _QUIET_NS
         if heartbeat.armed and (self._flight_lost or heartbeat.failsafe or quiet):
             out.stream = Stream.NONE
+        if heartbeat.armed and self._descends_level(view, heartbeat):
+            out.stream = Stream.LEVEL_DESCENT
         if self._flight_lost:
             out.faults["flight_lost"] = (
                 f"{self.why}: PX4 lands, no set point is sent any more; nothing flies again"

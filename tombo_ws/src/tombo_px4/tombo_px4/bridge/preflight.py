@@ -10,7 +10,6 @@ import math
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from itertools import takewhile
 from typing import TypeVar
 
@@ -149,7 +148,7 @@ class Preflight:
     def _evidence(
         self, now_ns: int, mistake: str = "", tilt: tuple[float, ...] = ()
     ) -> AxesEvidence:
-        date = datetime.fromtimestamp(now_ns * 1e-9, UTC).isoformat(timespec="seconds")
+        date = str(np.datetime_as_string(np.datetime64(now_ns, "ns"), unit="s", timezone="UTC"))
         verdict = self.motion.verdict
         if verdict is None:
             return AxesEvidence(date, self._params.tracked_body, self._system, mistake)
@@ -168,6 +167,11 @@ class Preflight:
         """Return the usual time from a pose's capture to its arrival here [s]; NaN: no poses."""
         ages = [p.arrival_ns - p.stamp_ns for p in self._recent(now_ns)]
         return float(np.median(ages)) * 1e-9 if ages else math.nan
+
+    @property
+    def latest_position(self) -> Array | None:
+        """Position (3) of the newest pose, map [m]; None: none has come."""
+        return self._poses[-1].position if self._poses else None
 
     def pose_rate_hz(self, now_ns: int) -> float:
         """Return how many poses came within the last second."""

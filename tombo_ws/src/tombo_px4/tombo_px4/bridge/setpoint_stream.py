@@ -18,6 +18,8 @@ from tombo_px4.link import message_encoder
 from tombo_px4.link.message_encoder import MessageTarget
 
 _UNIT = 0.2
+_DESCENT_M_S = 0.8
+"""Of a descent without a position."""
 
 
 class SetpointStream:
@@ -63,6 +65,13 @@ class SetpointStream:
         self._attitude_or_rates, self._attitude_or_rates_new = (wanted, thrust, now_ns), True
         return True
 
+    def beside(self, position: Array) -> float:
+        """Return the horizontal distance of a position (3) from the set point [m]; 0: none."""
+        setpoint = self._setpoint
+        if setpoint is None:
+            return 0.0
+        return math.dist(position[:2].tolist(), setpoint.position[:2].tolist())
+
     @property
     def phase(self) -> int:
         """Phase of the mission, as its last set point says."""
@@ -92,7 +101,12 @@ class SetpointStream:
         self._setpoint_ns = min(self._setpoint_ns, now_ns)
 
     def message(
-        self, stream: Stream, present: PositionSetpoint | None, hover: float, now_ns: int
+        self,
+        stream: Stream,
+        present: PositionSetpoint | None,
+        hover: float,
+        now_ns: int,
+        brake: complex = 0.0,
     ) -> Any | None:
         """Return what is to be sent now; None: nothing.
 
@@ -101,6 +115,7 @@ class SetpointStream:
             present: the vehicle's own position; None: not known.
             hover: throttle that hovers; 0: not known.
             now_ns: the present.
+            brake: horizontal acceleration of a level descent, x + i y in map [m/s^2].
         """
         if stream != self._stream:
             self._stream, self._hold_setpoint = stream, None
@@ -111,6 +126,8 @@ class SetpointStream:
         if stream == Stream.SETPOINT:
             if due or self._new or self._attitude_or_rates_new:
                 message = self._wanted(now_ns, due, hover)
+        elif due and stream == Stream.LEVEL_DESCENT:
+            message = message_encoder.level_descent(_DESCENT_M_S, brake, self._target, now_ns)
         elif due:
             if stream == Stream.HOLD:
                 present = self._hold_setpoint = self._hold_setpoint or present
