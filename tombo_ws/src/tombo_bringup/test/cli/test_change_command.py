@@ -76,7 +76,7 @@ def test_a_fault_of_a_log_leads_the_answer(tombo):
     result = tombo("diagnose", "degrees.csv", "--healthy", *before, "-o", "out", "--no-report")
     assert result.code == 0, result.err
     first = " ".join(result.out.split())
-    assert first.startswith("Fault: degrees: unit: gyro: rates are")
+    assert first.startswith("Fault: degrees: unit: gyro: rates of")
     assert first.index("gyro and accel are left out") < first.index("Nothing has changed")
     swapped = tombo("diagnose", "swapped.csv", "--healthy", *before)
     assert swapped.code == 2 and swapped.err.count("\n") == 1

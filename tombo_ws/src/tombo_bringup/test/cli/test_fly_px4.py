@@ -54,7 +54,10 @@ def test_the_url_may_be_left_out(words: str, wanted: str):
         (("--px4", "/dev/ttyUSB0"), "is no URL of a link; accepted: udpin://HOST:PORT"),
         (("--px4", "udpin:0.0.0.0:14540", "--yes"), "--bridge link.allow_remote=true"),
         (("--px4", "serial:///dev/null:57600", "--yes"), "can't open it (inappropriate ioctl"),
-        (("--px4", "--bridge", "px4_parameters=[EKF2_EV_CTRL]"), "accepted: NAME=VALUE as EKF2"),
+        (
+            ("--px4", "--bridge", "px4_parameters=[EKF2_EV_CTRL]"),
+            "accepted: safe, or NAME=VALUE as EKF2",
+        ),
         (("--px4", "--bridge", "px4_parameters=3"), "px4_parameters: 3 is no list"),
         (("--px4", "--bridge", "px4_parameters=[EKF2_EV_CTLR=11]"), "did you mean 'EKF2_EV_CTRL'"),
         (

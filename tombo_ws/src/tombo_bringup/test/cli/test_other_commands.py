@@ -10,6 +10,7 @@ import pytest
 
 from tombo_collision.reactions import REGISTRY as REACTIONS
 from tombo_dynamics.effects import REGISTRY
+from tombo_dynamics.errors import InputError
 from tombo_flight.scenario import load_scenario
 
 
@@ -63,8 +64,12 @@ def test_a_reaction_in_the_list_can_be_flown_as_the_list_says(tombo):
         assert set(entry["needs"]) <= {"mocap", "imu", "rotor_speeds"}
         given = {p["name"]: json.dumps(p["default"]) for p in entry["parameters"]}
         settings = [f"reaction.{key}={value}" for key, value in given.items()]
-        flown = load_scenario("hover", [f"reaction.name={entry['name']}", *settings]).reaction
-        assert flown == REACTIONS[entry["name"]]()
+        chosen = [f"reaction.name={entry['name']}", *settings]
+        if "network" in given:
+            with pytest.raises(InputError, match="reaction.network"):
+                load_scenario("hover", chosen)
+        else:
+            assert load_scenario("hover", chosen).reaction == REACTIONS[entry["name"]]()
         for p in entry["parameters"]:
             assert p["doc"]
             if p["name"] == "network":  # a file: no number, and none by default

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 FIGURES: Mapping[str, str] = {
     **dict.fromkeys(("scenario", "law", "reaction", "contact_rotor", "struck_rotor"), "text"),
+    "ends_elsewhere": "text",
     **dict.fromkeys(
         ("disturbances", "collided", "detected", "crashed", "landed", "interrupted"), "yes or no"
     ),
