@@ -96,8 +96,9 @@ def recorded(world, number: int) -> None:
     end = time.monotonic() + 60.0
     while True:
         world.hear()
-        told = (int(metrics(r).get("messages", 0)) for r in world.heard[DIAGNOSTICS.name])
-        if any(messages - reports >= number for reports, messages in enumerate(told)):
+        reports = (metrics(r) for r in world.heard[DIAGNOSTICS.name])
+        told = (int(report["messages"]) for report in reports if "messages" in report)
+        if any(messages - before >= number for before, messages in enumerate(told)):
             return
         assert time.monotonic() < end, f"never {number} messages"
         time.sleep(0.01)

@@ -66,7 +66,7 @@ def test_a_reaction_in_the_list_can_be_flown_as_the_list_says(tombo):
         settings = [f"reaction.{key}={value}" for key, value in given.items()]
         chosen = [f"reaction.name={entry['name']}", *settings]
         if "network" in given:
-            with pytest.raises(InputError, match="reaction.network"):
+            with pytest.raises(InputError, match=r"reaction\.network"):
                 load_scenario("hover", chosen)
         else:
             assert load_scenario("hover", chosen).reaction == REACTIONS[entry["name"]]()
