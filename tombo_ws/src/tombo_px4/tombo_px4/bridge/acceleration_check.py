@@ -27,6 +27,8 @@ _UP = np.array([0.0, 0.0, GRAVITY])
 _KEPT_NS = 1_100_000_000
 _SEEN_M, _LONG_SEEN_M = 0.006, 0.03
 """[m]: a smaller second difference is noise. 0.23 and 0.19 m/s^2, tilts of 1.4 and 1.1 deg."""
+_BRAKE_SEEN_M = 0.012
+"""[m]: the same over a long span for a direction to brake by; it accuses nobody."""
 _SHOWS_S, _DECIDES_S, _CONFIRMS_S = 0.03, 0.1, 0.8
 """So long must it be larger before it shows a direction, before the axes are called wrong, and
 right."""
@@ -130,9 +132,13 @@ class TakeoffWatch:
         self._felt: deque[tuple[int, Array]] = deque(maxlen=400)
         self._spans = tuple(
             (half, _Sums(least), _Sums(least))
-            for half, least in ((_HALF, _SEEN_M), (_LONG_HALF, _LONG_SEEN_M))
+            for half, least in (
+                *((_HALF, _SEEN_M), (_LONG_HALF, _LONG_SEEN_M)),
+                (_LONG_HALF, _BRAKE_SEEN_M),
+            )
         )
-        """Steps in half a span, sums of the level motion, sums of that in height."""
+        """Steps in half a span, sums of the level motion, sums of that in height. The last ones
+        are to brake by."""
         self._level, self._height = self._spans[0][1:]
         """Those that have decided."""
         self._begun = False
@@ -239,11 +245,11 @@ class TakeoffWatch:
                 np.array([a for _, a in felt]),
                 half,
             )
-            if not len(seen):
-                continue
-            (x, y, z), (u, v, w) = seen[-1].tolist(), wanted[-1].tolist()
-            level.add(complex(u, v), complex(x, y), step_s)
-            height.add(complex(w), complex(z), step_s)
+            if len(seen):
+                (x, y, z), (u, v, w) = seen[-1].tolist(), wanted[-1].tolist()
+                level.add(complex(u, v), complex(x, y), step_s)
+                height.add(complex(w), complex(z), step_s)
+        for _, level, height in self._spans[:-1]:
             if not self.mistake:
                 self._level, self._height = level, height
                 self._decide()
