@@ -322,8 +322,10 @@ def _happen(s: Suite, world: World, faults: Array, step: int, verdict: Verdict) 
         elif kind == Fault.LAND_COMMAND and begins:
             land_now(s.mission, s.plan)
         elif kind == Fault.TAKEOFF_COMMAND and begins:
-            on_ground = s.mission.mode == Phase.IDLE or s.mission.mode == Phase.LANDED
-            if take_off(s.mission) and on_ground:
+            before = s.mission.takeoff_commands
+            if (
+                take_off(s.mission) and s.mission.takeoff_commands > before
+            ):  # a plan from the ground
                 verdict.commands = verdict.lift_offs + 1
         elif kind == Fault.COLLISION and begins and s.reaction.has_mission:
             flies = Phase.TAKEOFF <= s.reaction.mission.phase <= Phase.HOLD
