@@ -7,8 +7,10 @@ import importlib.util
 import inspect
 import sys
 from collections.abc import Iterable
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from tombo_collision.reactions import REGISTRY
 from tombo_dynamics.errors import InputError, problem_in
@@ -38,6 +40,13 @@ def import_reactions(paths: Iterable[str | Path]) -> None:
         _import(str(path))
 
 
+class _Loader(SourceFileLoader):
+    """Writes no compiled file into the user's folder."""
+
+    def set_data(self, path: str, data: Any, *, _mode: int = 0o666) -> None:
+        """Keep nothing."""
+
+
 def _import(given: str) -> None:
     path, what = Path(given).resolve(), f"--import '{given}'"
     if str(path) in _IMPORTED:
@@ -48,7 +57,7 @@ def _import(given: str) -> None:
     before = dict(REGISTRY)
     # A name of its own, the same in each process, so that objects can be sent between them.
     name = f"{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
-    spec = importlib.util.spec_from_file_location(name, path)
+    spec = importlib.util.spec_from_file_location(name, path, loader=_Loader(name, str(path)))
     assert spec is not None and spec.loader is not None  # of every file that ends with .py
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
