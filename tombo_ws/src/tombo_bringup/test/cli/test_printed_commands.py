@@ -1,0 +1,69 @@
+"""Commands that an output prints for the reader are run as they stand."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+
+def run_printed(tombo, text: str) -> list[str]:
+    """Run each `tombo ...` that stands alone on a line or ends one; return their first words."""
+    lines = re.findall(r"(?:^|: )\s*(tombo [a-z]+ .+?)$", text, flags=re.MULTILINE)
+    names = []
+    for line in lines:
+        _, *words = shlex.split(line)
+        result = tombo(*words)
+        assert result.code == 0, f"{line}: {result.err}"
+        names.append(words[0])
+    return names
+
+
+def test_the_commands_of_a_diagnosis_with_another_vehicle(tombo):
+    """The vehicle's name and the model's file stand in the command."""
+    hidden = ("--set", "effects.mass_error.fraction=0.15")
+    for seed in (1, 2):
+        flown = tombo(
+            "fly",
+            "survey",
+            "--vehicle",
+            "px4_x500",
+            "--seed",
+            str(seed),
+            *hidden,
+            "-o",
+            f"f{seed}",
+        )
+        assert flown.code == 0, flown.err
+    result = tombo(
+        *("diagnose", "f1/flight.mcap", "f2/flight.mcap", "--vehicle", "px4_x500"),
+        *("-o", "a why", "--no-report"),
+    )
+    assert result.code == 0, result.err
+    assert "--vehicle px4_x500" in result.out
+    assert run_printed(tombo, result.out) == ["fly"]
+
+
+def test_the_command_of_the_most_likely_crash(tombo):
+    rigid = ("--set", "propeller.conf=0", "--set", "duration=26")
+    given = ("--given", "mission.approach_speed~Uniform(0.7,0.9)")
+    result = tombo(
+        "risk", "paper_collision", *rigid, *given, "--flights", "100", "--workers", "1", "-o", "r"
+    )
+    assert result.code == 0, result.err
+    assert run_printed(tombo, result.out) == ["fly"]
+
+
+def test_the_command_in_a_scenarios_file(tombo, monkeypatch):
+    assert tombo("fly", "hover", "--set", "duration=1", "--seed", "4", "-o", "a b").code == 0
+    head = Path("a b/scenario.yaml").read_text(encoding="utf-8").partition("\n\n")[0]
+    commands = re.findall(r"tombo fly .+", head)
+    assert commands, head
+    monkeypatch.chdir("a b")
+    _, *words = shlex.split(commands[0].rstrip("`."))
+    again = tombo(*words)
+    assert again.code == 0, again.err
