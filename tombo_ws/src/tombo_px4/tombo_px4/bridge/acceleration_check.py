@@ -182,8 +182,9 @@ class TakeoffWatch:
         level = turn * (complex(x, -y) if mirrored else complex(x, y))
         way: Array = np.array([level.real, level.imag, up * z])
         found: Array = np.add(shown, way)
-        if self._pivot is None or self._back != self._wanted_back():
-            self._pivot, self._back = (position, found), self._wanted_back()
+        wanted = self._wanted_back()
+        if self._pivot is None or self._back != wanted:
+            self._pivot, self._back = (position, found), wanted
         self._turned_back.append((stamp_ns, found))
         return found
 
@@ -237,14 +238,15 @@ class TakeoffWatch:
         felt = [f for f in self._felt if now_ns - f[0] < _KEPT_NS]
         if len(poses) < 4 or len(felt) < 8:
             return self.mistake
+        motion = (
+            np.array([(t - now_ns) * 1e-9 for t, _ in poses]),
+            np.array([p for _, p in poses]),
+            np.array([(t - now_ns) * 1e-9 for t, _ in felt]),
+            np.array([a for _, a in felt]),
+        )
+        compared = {h: accelerations_by_position(*motion, h) for h in (_HALF, _LONG_HALF)}
         for half, level, height in self._spans:
-            seen, wanted = accelerations_by_position(
-                np.array([(t - now_ns) * 1e-9 for t, _ in poses]),
-                np.array([p for _, p in poses]),
-                np.array([(t - now_ns) * 1e-9 for t, _ in felt]),
-                np.array([a for _, a in felt]),
-                half,
-            )
+            seen, wanted = compared[half]
             if len(seen):
                 (x, y, z), (u, v, w) = seen[-1].tolist(), wanted[-1].tolist()
                 level.add(complex(u, v), complex(x, y), step_s)
