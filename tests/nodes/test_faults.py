@@ -148,7 +148,8 @@ class Suite(SimpleNamespace):
         self.start("sim")
         self.world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z < 0.3, 60.0)
         assert max(state.pose.pose.position.z for state in self.wait(3.0)) < 0.3, "uncommanded"
-        assert call_trigger(self.world, "mission", "takeoff") == (True, "")
+        obeyed, why = call_trigger(self.world, "mission", "takeoff")
+        assert obeyed or "it flies" in why, why  # an answer may be lost, see `call`
         with in_time():  # a late machine loses its position, lands and waits for an operator
             self.world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 1.4, 60.0)
         self.settle()
