@@ -12,45 +12,28 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from tombo_bag.message_template import MessageTemplate
-from tombo_bag.qos import Qos
-from tombo_bag.topics import CLOCK, DIAGNOSTICS, MARKERS, TF, TopicSpec
+from tombo_bag.topics import TopicSpec
 from tombo_msgs.msg import LockstepNode
+from tombo_ros.node_loop import LockstepError, LoopNode
+from tombo_ros.qos import LOCKSTEP
 from tombo_ros.topic import PolledSubscription, ReceivedMessage, TopicPublisher
 
-if TYPE_CHECKING:
-    from tombo_ros.node_loop import LoopNode
-
-QOS = Qos(depth=2000, durability="transient_local")
-"""Of all topics in lockstep: reliable, and what came before a subscriber was met is not lost."""
 _READY = TopicSpec(
-    "/lockstep/ready", "tombo_msgs/msg/LockstepNode", QOS, 0.0, "nodes of a lockstep"
+    "/lockstep/ready", "tombo_msgs/msg/LockstepNode", LOCKSTEP, 0.0, "nodes of a lockstep"
 )
 _COUNTS = "tombo_msgs/msg/LockstepCounts"
 _LOOK_NS = 100_000_000
 """Period at which a waiting node checks its parameters and whether to end."""
 
 
-class LockstepError(Exception):
-    """The lockstep can't go on, and why."""
-
-
-UNCOUNTED = (DIAGNOSTICS.name, MARKERS.name, TF.name, CLOCK.name)
-"""Topics outside of the lockstep: no core takes them."""
-
-
-def lockstep_spec(spec: TopicSpec) -> TopicSpec:
-    """Return a topic as it is in lockstep."""
-    return spec if spec.name in UNCOUNTED else replace(spec, qos=QOS)
-
-
 def _channel(node: str, direction: str) -> TopicSpec:
-    return TopicSpec(f"/lockstep/{node}/{direction}", _COUNTS, QOS, 0.0, "counts of messages")
+    return TopicSpec(f"/lockstep/{node}/{direction}", _COUNTS, LOCKSTEP, 0.0, "counts of messages")
 
 
 class Waiter:

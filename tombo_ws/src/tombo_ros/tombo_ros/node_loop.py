@@ -27,7 +27,6 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.conversion import to_ns
 from tombo_ros.health import ERROR, Health
-from tombo_ros.lockstep import LockstepError, lockstep_spec
 from tombo_ros.loop_statistics import LoopStatistics
 from tombo_ros.pacing import (
     Priority,
@@ -36,6 +35,7 @@ from tombo_ros.pacing import (
     request_realtime_priority,
     sleep_until,
 )
+from tombo_ros.qos import lockstep_spec
 from tombo_ros.record_parameters import RecordParameters
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
@@ -46,6 +46,10 @@ _CLOCK_SILENT_S = 0.5
 _SLACK_NS = 50_000_000
 _POLL_SHARE, _POLL_LEAST_NS, _POLL_MOST_NS = 0.1, 100_000, 1_000_000
 """How often a node in simulated time looks for clock and messages: a tenth of its period."""
+
+
+class LockstepError(Exception):
+    """A lockstep can't go on, and why."""
 
 
 class LoopNode(ABC):

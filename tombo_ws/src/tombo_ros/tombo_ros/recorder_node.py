@@ -24,9 +24,10 @@ from tombo_bag.topics import CLOCK, TOPICS
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.health import ERROR
-from tombo_ros.lockstep import UNCOUNTED, LockstepMember, lockstep_spec
+from tombo_ros.lockstep import LockstepMember
 from tombo_ros.node_loop import LoopNode, run
 from tombo_ros.pacing import RECORDER
+from tombo_ros.qos import UNCOUNTED, lockstep_spec
 from tombo_ros.topic import ReceivedMessage, message_class, subscribe_polled
 
 POLLS_HZ = 200.0

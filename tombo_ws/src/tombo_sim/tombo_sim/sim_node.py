@@ -24,9 +24,9 @@ from tombo_dynamics.stamp_check import is_future
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_HZ, TICK_NS
 from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
-from tombo_ros.lockstep import LockstepError, LockstepMaster, take_until
+from tombo_ros.lockstep import LockstepMaster, take_until
 from tombo_ros.loop_statistics import LatenessHistogram
-from tombo_ros.node_loop import run
+from tombo_ros.node_loop import LockstepError, run
 from tombo_ros.topic import PolledSubscription
 from tombo_sim.failsafe import Failsafe
 from tombo_sim.flight_end import FlightEndDetector
