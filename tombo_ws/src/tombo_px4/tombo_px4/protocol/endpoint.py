@@ -56,7 +56,9 @@ class Endpoint:
         ]
         self.statustext = StatusTextSender(self.channels)
         self._parameters = ParameterServer(vehicle.parameters)
-        self.message_router = MessageRouter(self, self._parameters)
+        self.message_router = MessageRouter(
+            vehicle, origin, self.telemetry, self._parameters, self.statustext, self.channels
+        )
         self._last_state: tuple[Any, ...] = ()
         self._checked_us = 0
         self._boot_ns = 0

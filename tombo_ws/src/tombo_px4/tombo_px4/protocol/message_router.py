@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.autopilot.commands import CommandReply, CommandServer, command_of
+from tombo_px4.frames import GeoOrigin
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
 from tombo_px4.protocol.offboard_decoder import decode_setpoint
 from tombo_px4.protocol.parameter_protocol import HASH, ParameterServer, name_of
 from tombo_px4.protocol.results import Result, Severity
+from tombo_px4.protocol.statustext import StatusTextSender
+from tombo_px4.protocol.telemetry import Telemetry
 from tombo_px4.protocol.unsupported_protocols import (
     MISSION_MESSAGES,
     file_answer,
@@ -23,7 +26,7 @@ from tombo_px4.protocol.unsupported_protocols import (
 from tombo_px4.protocol.vision_decoder import decode_vision
 
 if TYPE_CHECKING:
-    from tombo_px4.protocol.endpoint import Endpoint
+    from tombo_px4.autopilot.vehicle import Px4Vehicle
 
 _EVERYBODY = 0
 _MOST_NEIGHBOURS = 64
@@ -50,14 +53,22 @@ class RoutedMessage(NamedTuple):
 class MessageRouter:
     """Routes messages; each is answered, refused or counted, and none raises an exception."""
 
-    def __init__(self, endpoint: Endpoint, parameters: ParameterServer) -> None:
-        self._vehicle = vehicle = endpoint.vehicle
-        self._origin = endpoint.origin
-        self._telemetry = endpoint.telemetry
+    def __init__(
+        self,
+        vehicle: Px4Vehicle,
+        origin: GeoOrigin,
+        telemetry: Telemetry,
+        parameters: ParameterServer,
+        voice: StatusTextSender,
+        channels: Sequence[MavlinkChannel],
+    ) -> None:
+        self._vehicle = vehicle
+        self._origin = origin
+        self._telemetry = telemetry
         self._parameters = parameters
-        self._commands = CommandServer(vehicle, endpoint.origin)
-        self._voice = endpoint.statustext
-        self._channels = endpoint.channels
+        self._commands = CommandServer(vehicle, origin)
+        self._voice = voice
+        self._channels = channels
         self.system = int(vehicle.parameters.get("MAV_SYS_ID"))
         self.component = int(vehicle.parameters.get("MAV_COMP_ID"))
         self.heard_systems: dict[tuple[int, int], int] = {}
