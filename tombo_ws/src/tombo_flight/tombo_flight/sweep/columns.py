@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from tombo_flight.sweep.study import Study
+    from tombo_flight.sweep.design import Design
 
 FIGURES: Mapping[str, str] = {
     **dict.fromkeys(("scenario", "law", "reaction", "contact_rotor", "struck_rotor"), "text"),
@@ -63,7 +63,7 @@ def unit_of(name: str) -> str:
     return _UNITS.get(name.rpartition("_")[2], "")
 
 
-def schema_of(study: Study) -> pa.Schema:
+def schema_of(design: Design, study: Mapping[str, Any]) -> pa.Schema:
     """Return the schema of the table, with units, and the whole study in its metadata."""
     import json
 
@@ -73,22 +73,22 @@ def schema_of(study: Study) -> pa.Schema:
         "text": pa.string(), "yes or no": pa.bool_(), "count": pa.int64(), "number": pa.float64(),
     }  # fmt: skip
     fields = [pa.field(name, pa.int64()) for name in ("flight", "point", "seed")]
-    for axis in study.design.axes:
+    for axis in design.axes:
         fields.append(pa.field(axis.key, pa.float64() if axis.numeric else pa.string()))
     for name, kind in FIGURES.items():
         names = [f"{name}_{a}" for a in _AXES] if kind == "vector" else [name]
         described = {"unit": unit_of(name)} if unit_of(name) else None
         fields += [pa.field(n, kinds.get(kind, pa.float64()), metadata=described) for n in names]
     fields.append(pa.field("error", pa.string()))
-    text = json.dumps(study.as_mapping(), ensure_ascii=False)
+    text = json.dumps(study, ensure_ascii=False)
     return pa.schema(fields, metadata={"tombo": text})
 
 
-def table_of(rows: list[Mapping[str, Any]], study: Study, schema: pa.Schema) -> pa.Table:
+def table_of(rows: list[Mapping[str, Any]], design: Design, schema: pa.Schema) -> pa.Table:
     """Return rows as a table; axes of numbers become numbers, what a row lacks is null."""
     import pyarrow as pa
 
-    numeric = {axis.key for axis in study.design.axes if axis.numeric}
+    numeric = {axis.key for axis in design.axes if axis.numeric}
     columns = {}
     for column in schema:
         values = [row.get(column.name) for row in rows]

@@ -12,10 +12,13 @@ import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tombo_flight.process.study_folder import Journal, open_study, write_head
 from tombo_flight.sweep.study import Study
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 STUDY_FILE = "sweep.json"
 TABLE = "flights.parquet"
@@ -84,10 +87,8 @@ class Store:
         """
         import pyarrow.parquet as pq
 
-        from tombo_flight.sweep.columns import schema_of
-
         unfinished = self.folder / f".{TABLE}.unfinished"
-        with pq.ParquetWriter(unfinished, schema_of(self.study)) as writer:
+        with pq.ParquetWriter(unfinished, self._schema()) as writer:
             for number in range(self.blocks):
                 writer.write_table(pq.read_table(self._whole(number)))
         os.replace(unfinished, self.folder / TABLE)
@@ -97,15 +98,20 @@ class Store:
         """Put a whole block into its part, which takes the place of its lines."""
         import pyarrow.parquet as pq
 
-        from tombo_flight.sweep.columns import schema_of, table_of
+        from tombo_flight.sweep.columns import table_of
 
         block = self._open.pop(number)
         rows = [block.rows[flight] for flight in sorted(block.rows)]
         unfinished = self._parts / f".{number:06d}.unfinished"
-        pq.write_table(table_of(rows, self.study, schema_of(self.study)), unfinished)
+        pq.write_table(table_of(rows, self.study.design, self._schema()), unfinished)
         os.replace(unfinished, self._whole(number))
         block.close()
         self._journal(number).unlink()
+
+    def _schema(self) -> pa.Schema:
+        from tombo_flight.sweep.columns import schema_of
+
+        return schema_of(self.study.design, self.study.as_mapping())
 
     def _block(self, number: int) -> Journal:
         if number not in self._open:
