@@ -13,7 +13,7 @@ import pytest
 from diagnosis_samples import EXPERIMENT, sample
 
 from tombo_bringup.cli.diagnosis import diagnose_command
-from tombo_bringup.cli.diagnosis.benchmark_command import THRESHOLDS, meets
+from tombo_bringup.cli.diagnosis.benchmark_run import THRESHOLDS, meets
 from tombo_diagnosis.diagnosis import VERDICTS
 from tombo_diagnosis.report.diagnosis_output import NominalReference, diagnosis_mapping
 

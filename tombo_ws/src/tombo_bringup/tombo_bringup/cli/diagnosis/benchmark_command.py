@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Annotated, Any, Final
+from collections.abc import Callable
+from typing import Annotated, Any
 
 import typer
 
@@ -15,6 +15,7 @@ from tombo_bringup.cli.diagnosis.benchmark_run import (
     Cases,
     Output,
     checked,
+    print_benchmark,
     run_and_print,
 )
 from tombo_bringup.cli.diagnosis.benchmark_stand_command import benchmark_stand
@@ -29,25 +30,6 @@ HiddenIn = Annotated[
 HiddenEffects = Annotated[
     str, option("--effects LIST", "With --scenario: names with commas between, or all.")
 ]
-
-THRESHOLDS: Final[tuple[tuple[str, str, str, float, float], ...]] = (
-    ("top1_large", "right cause first, large effect", ">=", 0.97, 100.0),
-    ("top1_medium", "right cause first, medium effect", ">=", 0.85, 100.0),
-    ("top1_small", "right cause first, small effect", ">=", 0.65, 100.0),
-    ("another_named", "another cause named than the one that is there", "<=", 0.05, 100.0),
-    ("unseen_named", "something named where nothing can be seen", "<=", 0.05, 100.0),
-    ("right_if_named", "right if named", ">=", 0.98, 100.0),
-    ("truth_in_set", "truth in the answered set", ">=", 0.99, 100.0),
-    ("mean_set_size", "mean size of the set", "<=", 2.0, 1.0),
-    ("false_alarm", "false alarm without an effect", "<=", 0.05, 100.0),
-    ("unknown_wrongly_named", "unknown cause wrongly named", "<=", 0.02, 100.0),
-    ("parameter_error_median", "parameter error, median", "<=", 0.02, 100.0),
-    ("parameter_error_p90", "parameter error, 90 % below", "<=", 0.10, 100.0),
-    ("coverage_95", "95 % intervals that cover the truth", "90-98 %", 0.90, 100.0),
-    ("seconds_per_case", "run time of a case [s]", "<=", 5.0, 1.0),
-)
-"""Key of the aggregate, words, what is asked for, the figure, factor to what is shown."""
-_COVERAGE_MOST: Final = 0.98
 
 
 @app.callback(invoke_without_command=True)
@@ -86,49 +68,6 @@ def diagnosis(
     elif effects != "all":
         raise InputError(f"--effects {effects}: needs --scenario; accepted: all")
     run_and_print(name, run, cases, seed, count, output, as_json, print_benchmark)
-
-
-def print_benchmark(aggregate: Mapping[str, Any], cases: int) -> None:
-    """Print the score against what is asked for; sets of cases on their own one by one."""
-    from tombo_bringup.cli.tables import console
-
-    out = console(highlight=False)
-    out.print(_table(aggregate, f"{cases} synthetic cases"))
-    for name, part in aggregate.items():
-        if isinstance(part, Mapping) and any(key in part for key, *_ in THRESHOLDS):
-            out.print(_table(part, name.replace("_", " ")))
-
-
-def _table(aggregate: Mapping[str, Any], title: str) -> Any:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-    from rich.text import Text
-
-    from tombo_bringup.cli.tables import right
-
-    columns = right("found", "asked for")
-    table = Table("", *columns, "", box=SIMPLE_HEAD, title=Text(title), title_justify="left")
-    for key, words, sign, limit, factor in THRESHOLDS:
-        value = aggregate.get(key)
-        asked = sign if sign not in (">=", "<=") else f"{sign} {_shown(limit, factor)}"
-        good = meets(key, value)
-        mark = Text("–") if good is None else Text("yes" if good else "no", "" if good else "red")
-        table.add_row(Text(words), "–" if value is None else _shown(value, factor), asked, mark)
-    return table
-
-
-def meets(key: str, value: float | None) -> bool | None:
-    """Return whether a figure of the aggregate is as asked for; None: there is none."""
-    if value is None or value != value:
-        return None
-    if key == "coverage_95":
-        return 0.90 <= value <= _COVERAGE_MOST
-    sign, limit = next((sign, limit) for name, _, sign, limit, _ in THRESHOLDS if name == key)
-    return value >= limit if sign == ">=" else value <= limit
-
-
-def _shown(value: float, factor: float) -> str:
-    return f"{factor * value:.1f} %" if factor == 100.0 else f"{value:.2f}"
 
 
 app.command("stand", epilog=EXIT_CODES)(benchmark_stand)

@@ -9,7 +9,14 @@ from functools import partial
 
 import typer
 
-from tombo_bringup.cli.diagnosis.benchmark_run import AsJson, Cases, Output, checked, run_and_print
+from tombo_bringup.cli.diagnosis.benchmark_run import (
+    AsJson,
+    Cases,
+    Output,
+    checked,
+    print_benchmark,
+    run_and_print,
+)
 from tombo_bringup.cli.options import Seed, Workers
 from tombo_dynamics.errors import InputError
 
@@ -27,7 +34,6 @@ def benchmark_foreign(
     the model that is fitted. Three vehicles; CSV in the units of a lab, or MCAP.
     """
     count = checked(cases, workers, output)
-    from tombo_bringup.cli.diagnosis.benchmark_command import print_benchmark
     from tombo_diagnosis.benchmark.foreign_evaluation import benchmark
 
     run_and_print(

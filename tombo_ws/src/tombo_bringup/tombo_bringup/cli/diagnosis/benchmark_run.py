@@ -19,6 +19,25 @@ EXIT_CODES: Final = (
 )
 _MOST_CASES: Final = 100_000
 
+THRESHOLDS: Final[tuple[tuple[str, str, str, float, float], ...]] = (
+    ("top1_large", "right cause first, large effect", ">=", 0.97, 100.0),
+    ("top1_medium", "right cause first, medium effect", ">=", 0.85, 100.0),
+    ("top1_small", "right cause first, small effect", ">=", 0.65, 100.0),
+    ("another_named", "another cause named than the one that is there", "<=", 0.05, 100.0),
+    ("unseen_named", "something named where nothing can be seen", "<=", 0.05, 100.0),
+    ("right_if_named", "right if named", ">=", 0.98, 100.0),
+    ("truth_in_set", "truth in the answered set", ">=", 0.99, 100.0),
+    ("mean_set_size", "mean size of the set", "<=", 2.0, 1.0),
+    ("false_alarm", "false alarm without an effect", "<=", 0.05, 100.0),
+    ("unknown_wrongly_named", "unknown cause wrongly named", "<=", 0.02, 100.0),
+    ("parameter_error_median", "parameter error, median", "<=", 0.02, 100.0),
+    ("parameter_error_p90", "parameter error, 90 % below", "<=", 0.10, 100.0),
+    ("coverage_95", "95 % intervals that cover the truth", "90-98 %", 0.90, 100.0),
+    ("seconds_per_case", "run time of a case [s]", "<=", 5.0, 1.0),
+)
+"""Key of the aggregate, words, what is asked for, the figure, factor to what is shown."""
+_COVERAGE_MOST: Final = 0.98
+
 Cases = Annotated[int, integer_option("--cases N", "How many cases.")]
 Output = Annotated[
     Path | None,
@@ -69,7 +88,7 @@ def run_and_print(
         InputError: the output can't be written any more.
     """
     from tombo_bringup.cli.progress import progress_bar
-    from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.json_text import as_json as to_json
     from tombo_flight.process.stop_signals import StopSignals
 
     part = None if output is None else output.with_name(f"{output.name}.part")
@@ -91,6 +110,49 @@ def run_and_print(
     show(result.aggregate, len(result.cases))
     if output is not None:
         typer.echo(f"Wrote {output}")
+
+
+def print_benchmark(aggregate: Mapping[str, Any], cases: int) -> None:
+    """Print the score against what is asked for; sets of cases on their own one by one."""
+    from tombo_bringup.cli.tables import console
+
+    out = console(highlight=False)
+    out.print(_table(aggregate, f"{cases} synthetic cases"))
+    for name, part in aggregate.items():
+        if isinstance(part, Mapping) and any(key in part for key, *_ in THRESHOLDS):
+            out.print(_table(part, name.replace("_", " ")))
+
+
+def _table(aggregate: Mapping[str, Any], title: str) -> Any:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
+    from tombo_bringup.cli.tables import right
+
+    columns = right("found", "asked for")
+    table = Table("", *columns, "", box=SIMPLE_HEAD, title=Text(title), title_justify="left")
+    for key, words, sign, limit, factor in THRESHOLDS:
+        value = aggregate.get(key)
+        asked = sign if sign not in (">=", "<=") else f"{sign} {_shown(limit, factor)}"
+        good = meets(key, value)
+        mark = Text("–") if good is None else Text("yes" if good else "no", "" if good else "red")
+        table.add_row(Text(words), "–" if value is None else _shown(value, factor), asked, mark)
+    return table
+
+
+def meets(key: str, value: float | None) -> bool | None:
+    """Return whether a figure of the aggregate is as asked for; None: there is none."""
+    if value is None or value != value:
+        return None
+    if key == "coverage_95":
+        return 0.90 <= value <= _COVERAGE_MOST
+    sign, limit = next((sign, limit) for name, _, sign, limit, _ in THRESHOLDS if name == key)
+    return value >= limit if sign == ">=" else value <= limit
+
+
+def _shown(value: float, factor: float) -> str:
+    return f"{factor * value:.1f} %" if factor == 100.0 else f"{value:.2f}"
 
 
 def _try_to_write(path: Path) -> None:
