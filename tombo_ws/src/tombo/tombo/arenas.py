@@ -38,7 +38,7 @@ def arena(
     from tombo_flight.arena.cases import GROUPS, arena_cases, chosen, chosen_reactions
     from tombo_flight.arena.flying import fly_plan, new_plan
     from tombo_flight.arena.results import arena_results
-    from tombo_flight.flight_output import plain
+    from tombo_flight.json_text import plain
 
     if not seeds or seeds.step != 1 or seeds.start < 0:
         raise InputError(f"seeds: {seeds}; accepted: a range from 0 or more with step 1")

@@ -20,7 +20,7 @@ from tombo_bringup.cli.errors import print_error
 from tombo_bringup.interface_tables import updated
 from tombo_collision.reactions import REGISTRY
 from tombo_dynamics.errors import InputError
-from tombo_flight.flight_output import as_json
+from tombo_flight.json_text import as_json
 from tombo_flight.process.output_folder import open_output
 from tombo_flight.process.stop_signals import StopSignals
 from tombo_flight.real_px4.lockstep_flight import fly_lockstep

@@ -10,7 +10,8 @@ import pytest
 
 from tombo_bringup import warmup
 from tombo_flight.flight import fly_scenario
-from tombo_flight.flight_output import WALL_KEYS, as_json, flight_summary, warm_up_flight
+from tombo_flight.flight_output import WALL_KEYS, flight_summary, warm_up_flight
+from tombo_flight.json_text import as_json
 from tombo_flight.scenario import load_scenario
 
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-import math
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tombo_collision.reactions import DEFAULT, REGISTRY
 from tombo_flight.flight import Workspace, fly_scenario
+from tombo_flight.json_text import as_json, plain
 from tombo_flight.process.stop_signals import Stopped, StopSignals
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.scenario import Scenario
@@ -79,24 +77,6 @@ def flight_summary(
     }
     summary: dict[str, Any] = plain(ordered)
     return summary
-
-
-def plain(value: Any) -> Any:
-    """Return the value in the types of JSON; numbers that are not finite become None."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def as_json(value: Any) -> str:
-    """Return the text of a JSON file; equal values give equal bytes."""
-    return json.dumps(plain(value), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def fly_into(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import yaml
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
+from tombo_flight.json_text import plain
 
 END = "..."
 """YAML's end of a document: a file that the suite wrote has it as its last line."""
@@ -44,7 +44,7 @@ def check_end(text: str, what: str) -> None:
 def yaml_of(values: Any) -> str:
     """Return plain values as YAML: short mappings in one line, every text as it is read back."""
     return yaml.dump(
-        _writable(values),
+        plain(values),
         Dumper=_Dumper,
         sort_keys=False,
         allow_unicode=True,
@@ -66,18 +66,6 @@ def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
 
 
 _Dumper.add_representer(str, _text)
-
-
-def _writable(value: Any) -> Any:
-    """Return plain values: what is not finite becomes null, numpy's numbers Python's."""
-    if isinstance(value, Mapping):
-        return {str(key): _writable(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_writable(inner) for inner in value]
-    if value is None or isinstance(value, str | bool | int):
-        return value
-    number = float(value)
-    return number if math.isfinite(number) else None
 
 
 def mapping_of(value: Any, where: str) -> Mapping[str, Any]:

@@ -49,7 +49,7 @@ def compare(
     """
     from tombo_bag.comparison import compare_recordings
     from tombo_bringup.cli.result_files import check_output
-    from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.json_text import as_json as to_json
 
     check_output(output)
     found = compare_recordings(a, b, topics or ())

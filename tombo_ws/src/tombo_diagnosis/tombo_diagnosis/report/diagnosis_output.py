@@ -10,7 +10,7 @@ import yaml
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.extend_model import extends, model_of
 from tombo_flight.extended_model import Model
-from tombo_flight.flight_output import as_json, plain
+from tombo_flight.json_text import as_json, plain
 from tombo_flight.model_file import write_model
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.version import tombo_version

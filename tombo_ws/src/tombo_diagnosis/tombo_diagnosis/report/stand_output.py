@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from tombo_diagnosis.report.diagnosis_output import diagnosis_mapping
 from tombo_diagnosis.stand.model_file import extends_model, stand_model_text
 from tombo_diagnosis.stand.table3 import statement
-from tombo_flight.flight_output import as_json, plain
+from tombo_flight.json_text import as_json, plain
 from tombo_flight.version import tombo_version
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, check_stand_theta
 from tombo_dynamics.yaml_text import read_yaml
 from tombo_flight.extended_model import FittedParameter, Gain
-from tombo_flight.flight_output import plain
+from tombo_flight.json_text import plain
 
 FORMAT = 1
 _HEAD = (

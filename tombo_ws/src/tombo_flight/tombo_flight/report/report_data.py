@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
-from tombo_flight.flight_output import plain
+from tombo_flight.json_text import plain
 from tombo_flight.report import style
 from tombo_flight.report.airframe_shapes import Airframe
 from tombo_flight.report.milestones import PHASE_NAMES, ROTOR_NAMES, FlightMilestones

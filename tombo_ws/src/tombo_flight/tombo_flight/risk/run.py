@@ -15,7 +15,8 @@ import numpy as np
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import Workspace, fly_scenario
-from tombo_flight.flight_output import flight_summary, plain, warm_up_flight
+from tombo_flight.flight_output import flight_summary, warm_up_flight
+from tombo_flight.json_text import plain
 from tombo_flight.process.process_pool import process_count, stream_from_processes
 from tombo_flight.process.stop_signals import Stopped
 from tombo_flight.process.study_folder import RESULT, Journal, open_study, write_head

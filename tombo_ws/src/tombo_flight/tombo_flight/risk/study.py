@@ -11,7 +11,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_seed
 from tombo_flight.command_line import fly_command
-from tombo_flight.flight_output import plain
+from tombo_flight.json_text import plain
 from tombo_flight.risk.estimate import METHODS
 from tombo_flight.risk.inputs import Input, openturns, parse_input, settings_at
 from tombo_flight.scenario import Scenario, scenario_values, with_settings

@@ -19,7 +19,8 @@ from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import EPOCH_NS
 from tombo_flight.flight import as_flown
 from tombo_flight.flight_from_bag import flight_from_bag
-from tombo_flight.flight_output import FlightResult, as_json, draw_pictures, flight_summary
+from tombo_flight.flight_output import FlightResult, draw_pictures, flight_summary
+from tombo_flight.json_text import as_json
 from tombo_flight.process.stop_signals import Stopped, StopSignals
 from tombo_flight.progress import ProgressCallback
 from tombo_flight.scenario import Scenario, world_of

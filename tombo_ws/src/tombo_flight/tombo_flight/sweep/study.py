@@ -12,7 +12,8 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import check_seed
 from tombo_flight.command_line import fly_command
 from tombo_flight.flight import Workspace, fly_scenario
-from tombo_flight.flight_output import flight_summary, plain
+from tombo_flight.flight_output import flight_summary
+from tombo_flight.json_text import plain
 from tombo_flight.scenario import Scenario, scenario_values, with_settings
 from tombo_flight.sweep.columns import row_of
 from tombo_flight.sweep.design import Design, Points

@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from tombo_dynamics.propeller import RPM
-from tombo_flight.flight_output import plain
+from tombo_flight.json_text import plain
 from tombo_flight.version import tombo_version
 from tombo_propeller.design import summary_text, table_cells
 from tombo_propeller.design.candidates import describe, properties

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from tombo_flight.flight_output import as_json
+from tombo_flight.json_text import as_json
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.report.flight_plot import figure_bytes
 from tombo_propeller.design.design import Design

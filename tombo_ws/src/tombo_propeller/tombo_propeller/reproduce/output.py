@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from typing import TYPE_CHECKING, Final
 
-from tombo_flight.flight_output import as_json
+from tombo_flight.json_text import as_json
 from tombo_flight.progress import ProgressCallback
 from tombo_propeller.reproduce.page import reproduction_html
 from tombo_propeller.reproduce.plots import FIGURES

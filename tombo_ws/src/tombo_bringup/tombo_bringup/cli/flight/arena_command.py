@@ -162,7 +162,7 @@ def _write(
     """Write JSON and page; return the JSON and its content."""
     from tombo_flight.arena.page import arena_html
     from tombo_flight.arena.results import arena_results
-    from tombo_flight.flight_output import as_json, plain
+    from tombo_flight.json_text import as_json, plain
 
     results: dict[str, Any] = plain(arena_results(plan, kept, seeds))
     on_progress("writing arena.html", 1.0)

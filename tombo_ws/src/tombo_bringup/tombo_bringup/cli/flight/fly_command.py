@@ -277,8 +277,8 @@ def _prepared(
 def _fly_one(
     scenario: Scenario, seed: int, place: Place, record: bool, figure: str | None, as_json: bool
 ) -> int:
-    from tombo_flight.flight_output import as_json as to_json
     from tombo_flight.flight_output import fly_into
+    from tombo_flight.json_text import as_json as to_json
 
     with _prepared(scenario, place) as (folder, stop, on_progress):
         flight = fly_into(
@@ -300,7 +300,7 @@ def _fly_one(
 
 def _fly_many(scenario: Scenario, seeds: range, place: Place, as_json: bool) -> int:
     from tombo_flight.campaign.campaign import fly_campaign
-    from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.json_text import as_json as to_json
     from tombo_flight.scenario_file import SCENARIO_FILE, write_scenario
 
     with _prepared(scenario, place) as (folder, stop, on_progress):

@@ -31,7 +31,7 @@ _WARNINGS: Final = 12
 def print_node_flight(flown: NodeFlight, path: Path, files: Sequence[str], as_json: bool) -> None:
     """Print a flight by nodes: its summary as JSON, or tables and the files in `path`."""
     if as_json:
-        from tombo_flight.flight_output import as_json as to_json
+        from tombo_flight.json_text import as_json as to_json
 
         typer.echo(to_json(flown.flight.summary), nl=False)
         return

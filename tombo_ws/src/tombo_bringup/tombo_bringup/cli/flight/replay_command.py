@@ -97,7 +97,7 @@ def replay(
     Inputs are fed in the order and at the times of their arrival, with the stamps of their
     headers. Parameters are those of the recorded flight if the bag has them.
     """
-    from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.json_text import as_json as to_json
     from tombo_flight.process.output_folder import open_output
     from tombo_flight.replay.run import Request, replay_bag
 

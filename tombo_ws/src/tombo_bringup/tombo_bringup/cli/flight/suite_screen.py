@@ -77,7 +77,7 @@ class JsonScreen:
         self._put({"event": "closed", "folder": folder, "not_well": [_plain(e) for e in ends]})
 
     def _put(self, value: dict[str, Any]) -> None:
-        from tombo_flight.flight_output import plain
+        from tombo_flight.json_text import plain
 
         print(json.dumps(plain(value), ensure_ascii=False), flush=True)
 

@@ -93,7 +93,7 @@ def design(
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from tombo_dynamics.errors import InputError
     from tombo_dynamics.propeller import read_library
-    from tombo_flight.flight_output import as_json as to_json
+    from tombo_flight.json_text import as_json as to_json
     from tombo_propeller.design.design import blade_of
     from tombo_propeller.design.design_json import design_mapping
     from tombo_propeller.design.files import DESIGN_FILES, write_design
