@@ -221,6 +221,26 @@ def test_the_graph_of_packages_has_no_cycle():
         done |= ready
 
 
+@pytest.mark.slow
+def test_no_files_import_each_other_in_a_loop():
+    sources = {}
+    for package in python_packages():
+        root = SRC / package
+        for path in files_of(package):
+            name = ".".join(path.relative_to(root).with_suffix("").parts)
+            sources[name.removesuffix(".__init__")] = (package, path)
+    imports = {}
+    for name, (package, path) in sources.items():
+        relative = path.relative_to(SRC / package / package)
+        modules = imported_modules(ast.parse(path.read_text()), package, relative)
+        taken = {m if m in sources else m.rpartition(".")[0] for _, m in modules}
+        imports[name] = (taken & set(sources)) - {name}
+    while ready := [name for name, taken in imports.items() if not taken & set(imports)]:
+        for name in ready:
+            del imports[name]
+    assert not imports, f"among these are files that import each other: {sorted(imports)}"
+
+
 @pytest.mark.parametrize(
     ("package", "file", "source", "complaint"),
     [
