@@ -52,7 +52,7 @@ test: lint
 
 test-px4:
 	$(SETUP)
-	@$(BIN)/python -m tombo_bringup.px4_flights $(PX4) $(ARGS)
+	@$(BIN)/python -m tombo_benchmarks.px4 $(PX4) $(ARGS)
 
 lint:
 	$(SETUP) --no-kernels
@@ -67,11 +67,11 @@ format:
 
 bench:
 	$(SETUP)
-	@$(BIN)/python -m tombo_bringup.bench $(ARGS)
+	@$(BIN)/python -m tombo_benchmarks.speed $(ARGS)
 
 docs:
 	$(SETUP)
-	@$(BIN)/python -m tombo_bringup.docs $(ARGS)
+	@$(BIN)/python -m tombo_benchmarks.docs $(ARGS)
 
 clean:
 	rm -rf .venv build install log .mypy_cache .ruff_cache .pytest_cache .hypothesis

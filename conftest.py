@@ -32,6 +32,7 @@ ORDER = (  # the mathematics first: it is fast, and the rest is built on it
     f"{SRC}tombo_propeller",
     f"{SRC}tombo_flight",
     f"{SRC}tombo_bringup",
+    f"{SRC}tombo_benchmarks",
 )
 settings.register_profile("few", settings.get_profile("ci"), max_examples=25)  # for `make check`
 

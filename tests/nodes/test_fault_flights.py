@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from in_time import in_time
+from tombo_benchmarks.faults.fault_flights import NodeFault, fly_faults
 from tombo_dynamics.errors import InputError
-from tombo_flight.suite.fault_flights import NodeFault, fly_faults
 
 pytestmark = pytest.mark.real_time
 

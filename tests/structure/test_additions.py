@@ -196,7 +196,8 @@ ADDITIONS = {
             Edit("tombo_bag/tombo_bag/topics.py", ALTITUDE, before="CLOCK = "),
         ),
         "[from_('tombo_flight.suite.nodes').SUITE['altimeter'],"
-        " *sorted(fact.subscribes for fact in from_('tombo_bringup.interface_tables').every_node()"
+        " *sorted(fact.subscribes"
+        " for fact in from_('tombo_benchmarks.docs.interface_tables').every_node()"
         " if fact.name == 'altimeter')[0]]",
         ["tombo_control.altimeter_node", "/mocap/pose"],
     ),
@@ -233,12 +234,12 @@ ADDITIONS = {
     "a picture or table of the documentation": Addition(
         (
             Edit(
-                "tombo_bringup/tombo_bringup/docs/products.py",
+                "tombo_benchmarks/tombo_benchmarks/docs/products.py",
                 PRODUCT,
                 before="PRODUCTS: Final = (",
             ),
             Edit(
-                "tombo_bringup/tombo_bringup/docs/products.py",
+                "tombo_benchmarks/tombo_benchmarks/docs/products.py",
                 '    Product("greeting", ("greeting.txt",), _greeting),\n',
                 before='    Product("flight", ',
             ),
@@ -265,7 +266,7 @@ def printed(*arguments):
     return out.getvalue()
 
 def made(name, file):
-    for product in from_("tombo_bringup.docs.products").PRODUCTS:
+    for product in from_("tombo_benchmarks.docs.products").PRODUCTS:
         if product.name == name:
             product.make(Path("."), Path("."))
     return Path(file).read_text()

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 SOURCES = [
     path
-    for folder in ("tombo_ws/src", "tests", "benchmarks", "examples", "docker", "scripts")
+    for folder in ("tombo_ws/src", "tests", "examples", "docker", "scripts")
     for path in (ROOT / folder).rglob("*")
     if path.suffix in (".py", ".msg", ".yaml", ".sh")
 ]

@@ -26,16 +26,11 @@ def warm_propeller() -> None:
 
 
 def warm_flight() -> None:
-    """Fly a moment with the whole autopilot, and with the bare kernel."""
-    from tombo_bringup.bench.kernel_flight import new_flight, stretches
+    """Fly a moment with the whole autopilot."""
     from tombo_flight.flight_output import warm_up_flight
     from tombo_flight.scenario import load_scenario
 
-    scenario = load_scenario()
-    warm_up_flight(scenario)
-    flight = new_flight(scenario, 0)
-    leg, mode, start, _ = stretches(flight, 1.0)[0]
-    flight.stretch(leg, mode, start, start + 1)
+    warm_up_flight(load_scenario())
 
 
 def warm_nodes() -> None:

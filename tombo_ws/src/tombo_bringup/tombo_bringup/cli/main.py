@@ -5,12 +5,12 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Sequence
+from importlib.metadata import entry_points
 from typing import Annotated
 
 import typer
 
 from tombo_bringup.cli.compare_command import COMPARE_EXIT_CODES, compare
-from tombo_bringup.cli.diagnosis import benchmark_command
 from tombo_bringup.cli.diagnosis.diagnose_command import DIAGNOSE_EXIT_CODES, diagnose
 from tombo_bringup.cli.diagnosis.many_paths import ManyPathsCommand
 from tombo_bringup.cli.effects_command import effects
@@ -57,7 +57,8 @@ app.add_typer(propeller_command.app, name="propeller", context_settings=_HELP)
 app.add_typer(vehicle_app, name="vehicle", context_settings=_HELP)
 app.command()(effects)
 app.command()(reactions)
-app.add_typer(benchmark_command.app, name="benchmark", context_settings=_HELP)
+for command in sorted(entry_points(group="tombo.commands")):  # of other packages
+    app.add_typer(command.load(), name=command.name, context_settings=_HELP)
 
 
 def _print_version(wanted: bool) -> None:

@@ -4,16 +4,20 @@ from functools import cache
 
 import numpy as np
 
-from tombo_diagnosis.benchmark.flight_cases import NOMINAL
 from tombo_diagnosis.flight.experiment_design import as_log as simulated_log
 from tombo_diagnosis.flight.fit.track import track_of
-from tombo_diagnosis.flight.scenario_nominal import nominal_of
+from tombo_diagnosis.flight.scenario_nominal import nominal_model, nominal_of
 from tombo_dynamics.disturbance import set_disturbance
+from tombo_dynamics.effects import REGISTRY
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import scenario_over
 from tombo_logs.flight_log import FlightLog, Series
 
-HEALTHY = NOMINAL
+HEALTHY = {
+    name: values
+    for name, values in nominal_model().effects.items()
+    if not (REGISTRY[name].contact or REGISTRY[name].vibration)
+}
 """What the model knows: drag and cushion, and how noisy a sound lab is."""
 NOISES = ("mocap_noise", "imu_noise", "gusts", "thrust_scatter")
 SILENT = {name: values for name, values in HEALTHY.items() if name not in NOISES} | {

@@ -11,7 +11,6 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_bringup.interface_tables import read_nodes
 from tombo_control.planning.mission import MissionParams
 from tombo_dynamics.params import from_mapping
 from tombo_flight.scenario import Scenario, as_mapping, load_scenario
@@ -82,19 +81,6 @@ def test_all_nodes_follow_the_clock_at_another_speed():
 
 def test_each_node_of_the_suite_has_its_sections():
     assert list(SECTIONS) == list(SUITE)
-
-
-def test_every_parameter_is_one_that_its_node_has():
-    written = suite_parameters(load_scenario(), 0)
-    for node in read_nodes():
-        given = written[node.name]
-        sections = {name for name, value in given.items() if isinstance(value, dict)} - {"effects"}
-        assert sections <= set(node.sections)
-        assert set(given) - sections - {"effects"} <= set(node.own)
-        if node.name == "recorder":
-            assert {"output", "single_file", "metadata_file"} <= set(node.own)
-        if "effects" in given:
-            assert node.name == "sim"
 
 
 @pytest.mark.slow

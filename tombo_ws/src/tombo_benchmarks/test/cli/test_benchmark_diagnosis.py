@@ -1,0 +1,90 @@
+"""`tombo benchmark diagnosis` on the command line."""
+
+from __future__ import annotations
+
+import sys
+import types
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from tombo_benchmarks.cli.benchmark_run import THRESHOLDS, meets
+
+GOOD = {
+    "top1_large": 0.98, "top1_medium": 0.9, "top1_small": 0.7, "right_if_named": 0.99,
+    "truth_in_set": 1.0, "mean_set_size": 1.2,
+    "another_named": 0.0, "unseen_named": 0.0, "false_alarm": 0.03, "unknown_wrongly_named": 0.0,
+    "parameter_error_median": 0.01, "parameter_error_p90": 0.2, "coverage_95": 0.94,
+    "seconds_per_case": None,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Scored:
+    cases: list[dict[str, Any]] = field(default_factory=lambda: [{"truth": ["mass_error"]}])
+    aggregate: dict[str, Any] = field(
+        default_factory=lambda: {**GOOD, "mocap_only": {**GOOD, "top1_large": float("nan")}}
+    )
+
+
+@pytest.fixture
+def blind(monkeypatch):
+    """The benchmark, without its hour of work."""
+    asked: list[Any] = []
+    module = types.ModuleType("tombo_benchmarks.diagnosis.flight_evaluation")
+
+    def benchmark(cases, seed, workers, progress, stop, kept):
+        asked.append((cases, seed, workers))
+        progress("1 of 1 cases", 1.0)
+        return Scored()
+
+    module.benchmark = benchmark  # type: ignore[attr-defined]
+    module.scenario_benchmark = None  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "tombo_benchmarks.diagnosis.flight_evaluation", module)
+    return asked
+
+
+def test_the_score_is_printed_beside_what_is_asked_for(tombo, blind):
+    result = tombo("benchmark", "diagnosis", "--cases", "1", "--seed", "7", "--workers", "1")
+    assert result.code == 0, result.err
+    assert blind == [(1, 7, 1)]
+    lines = {" ".join(line.split()) for line in result.out.splitlines()}
+    assert "right cause first, large effect 98.0 % >= 97.0 % yes" in lines
+    assert "parameter error, 90 % below 20.0 % <= 10.0 % no" in lines
+    assert "mean size of the set 1.20 <= 2.00 yes" in lines
+    assert "run time of a case [s] – <= 5.00 –" in lines
+    assert "mocap only" in lines
+
+
+def test_the_score_as_json(tombo, blind, tmp_path):
+    result = tombo("benchmark", "diagnosis", "--cases", "1", "--json", "-o", "b.json")
+    assert result.json["aggregate"]["top1_large"] == 0.98
+    assert result.json["aggregate"]["mocap_only"]["top1_large"] is None
+    assert result.json["cases"] == [{"truth": ["mass_error"]}]
+    assert (tmp_path / "b.json").read_text() == result.out
+    assert [path.name for path in tmp_path.iterdir()] == ["b.json"]
+
+
+def test_figures_are_held_against_their_thresholds():
+    assert meets("top1_large", 0.97) is True
+    assert meets("top1_large", 0.969) is False
+    assert meets("false_alarm", 0.051) is False
+    assert meets("coverage_95", 0.99) is False
+    assert meets("coverage_95", 0.95) is True
+    assert meets("top1_small", float("nan")) is None
+    assert {key for key, *_ in THRESHOLDS} == set(GOOD)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--cases", "0"), ("--cases 0", "1 to")),
+        (("--cases", "many"), ("--cases", "many", "whole number")),
+        (("--seed", "-1"), ("--seed -1",)),
+        (("--workers", "0"), ("--workers 0",)),
+        (("-o", "nowhere/b.json"), ("nowhere/b.json", "accepted")),
+    ],
+)
+def test_a_benchmark_that_can_not_be_run_is_refused(refused, arguments, words):
+    refused(("benchmark", "diagnosis", *arguments), *words)

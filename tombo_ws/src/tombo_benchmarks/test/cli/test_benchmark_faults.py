@@ -1,0 +1,44 @@
+"""`tombo benchmark faults`: what it refuses, and what it prints of flights over nodes."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from tombo_benchmarks.faults import fault_flights
+
+ROW = {
+    "fault": "estimator stopped", "ends": "rotors off", "down_s": 6.5, "rotors_off_s": 1.4,
+    "sink_m_s": 0.33, "drift_m": 1.3, "slid_m": 0.3, "flew_again": False,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("--nodes", "0.5"), "--nodes 0.5: out of bounds; accepted: 0, or 1 to 3600"),
+        (("--nodes", "nan"), "--nodes nan: out of bounds"),
+        (("--nodes", "x"), "accepted: 0, or 1 to 3600"),
+        (("--flights", "-1"), "--flights -1: out of bounds"),
+    ],
+)
+def test_what_is_out_of_bounds_is_refused(refused, arguments, complaint):
+    refused(("benchmark", "faults", *arguments), complaint)
+
+
+@pytest.mark.slow
+def test_flights_over_nodes_are_rows_and_lines(tombo, monkeypatch):
+    asked = []
+
+    def fly(seconds, seed, progress, stop):
+        asked.append((seconds, seed))
+        return [ROW, {**ROW, "down_s": None, "ends": "hovers"}]
+
+    monkeypatch.setattr(fault_flights, "fly_faults", fly)
+    words = ("benchmark", "faults", "--cases", "1", "--nodes", "60", "--seed", "4")
+    assert json.loads(tombo(*words, "--json").out)["aggregate"]["nodes"][0] == ROW
+    out = tombo(*words).out
+    assert "estimator stopped: rotors off" in out and "rotors off 1.4 s later" in out
+    assert "hovers, drift 1.30 m" in out
+    assert asked == [(60.0, 4)] * 2

@@ -1,0 +1,33 @@
+"""docs/effects.md says what the registry says."""
+
+from pathlib import Path
+
+import pytest
+
+from tombo_benchmarks.docs.effects_table import STAGES, effects_markdown
+from tombo_dynamics.effects import REGISTRY, Stage
+
+PAGE = Path(__file__).parents[5] / "docs" / "effects.md"
+
+
+def test_the_page_in_docs_is_up_to_date():
+    assert PAGE.read_text() == effects_markdown(), "run: make docs ARGS=tables"
+
+
+def test_every_stage_has_a_heading():
+    assert set(STAGES) == set(Stage)
+
+
+@pytest.mark.parametrize("name", REGISTRY)
+def test_every_effect_is_there_with_each_of_its_parameters(name):
+    section = effects_markdown().split(f"### `{name}`\n")[1].split("\n### ")[0].split("\n## ")[0]
+    assert REGISTRY[name].doc.splitlines()[0] in section
+    assert REGISTRY[name].signature in section
+    for p in REGISTRY[name].theta:
+        assert f"| `{p.name}` | {p.unit} |" in section
+        assert p.doc in section
+
+
+def test_tables_are_well_formed():
+    rows = [line for line in effects_markdown().splitlines() if line.startswith("|")]
+    assert {line.count("|") for line in rows} == {7}

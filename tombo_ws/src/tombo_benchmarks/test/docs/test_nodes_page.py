@@ -1,0 +1,76 @@
+"""docs/nodes.md says what the nodes are; its tables and those of docs/px4.md hold."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tombo_bag.topics import TOPICS
+from tombo_benchmarks.docs.interface_tables import every_node, read_nodes, tables, updated
+from tombo_dynamics.errors import InputError
+from tombo_flight.scenario import load_scenario
+from tombo_flight.suite.nodes import PX4_SUITE, SUITE
+from tombo_flight.suite.parameter_yaml import suite_parameters
+
+ROOT = Path(__file__).parents[5]
+PAGE, PX4_PAGE = ((ROOT / "docs" / name).read_text() for name in ("nodes.md", "px4.md"))
+NODES = {node.name: node for node in every_node()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "page"), [("nodes.md", PAGE), ("px4.md", PX4_PAGE)])
+def test_the_tables_are_up_to_date(name: str, page: str):
+    assert updated(page, tables(name)) == page, "run: make docs ARGS=tables"
+
+
+def test_every_topic_has_a_line_and_a_speaker():
+    for line in (line for line in PAGE.splitlines() if line.startswith("| `/")):
+        speaker = line.split(" | ")[4].partition(" →")[0]
+        assert set(speaker.split(", ")) <= {*SUITE, *PX4_SUITE, "all", "operator"} and speaker
+    assert re.findall(r"^\| `(/[\w/]+)`", PAGE, re.M) == list(TOPICS)
+
+
+def test_what_flies_does_not_listen_to_the_truth():
+    for node in NODES.values():
+        assert not any(topic.startswith("/ground_truth") for topic in node.subscribes)
+
+
+@pytest.mark.parametrize(
+    "path", re.findall(r"`((?:docker|tombo_ws|tombo_bringup)/[\w/.]+)`", PAGE)
+)
+def test_a_file_that_is_named_is_there(path: str):
+    assert (ROOT / path).exists() or (ROOT / "tombo_ws/src" / path).exists()
+
+
+def test_the_words_for_fault_and_loop_are_those_of_the_nodes():
+    ros = ROOT / "tombo_ws/src/tombo_ros/tombo_ros"
+    health = (ros / "health.py").read_text()
+    assert 'values[f"fault.{key}"]' in health
+    assert 'f"{self._name}: {loop}"' in health
+    figures = re.findall(r'^            "(\w+)": ', (ros / "loop_statistics.py").read_text(), re.M)
+    assert figures and all(f"`{name}`" in PAGE for name in figures)
+
+
+def test_every_parameter_is_one_that_its_node_has():
+    written = suite_parameters(load_scenario(), 0)
+    for node in read_nodes():
+        given = written[node.name]
+        sections = {name for name, value in given.items() if isinstance(value, dict)} - {"effects"}
+        assert sections <= set(node.sections)
+        assert set(given) - sections - {"effects"} <= set(node.own)
+        if node.name == "recorder":
+            assert {"output", "single_file", "metadata_file"} <= set(node.own)
+        if "effects" in given:
+            assert node.name == "sim"
+
+
+def test_a_page_without_markers_is_refused():
+    with pytest.raises(InputError, match="<!-- nodes -->"):
+        updated("# Nodes\n", {"nodes": ""})
+
+
+def test_only_what_is_between_the_markers_changes():
+    page = "a\n<!-- t -->\nold\n<!-- /t -->\nb\n"
+    assert updated(page, {"t": "new\n"}) == "a\n<!-- t -->\nnew\n<!-- /t -->\nb\n"

@@ -1,0 +1,48 @@
+"""`make test-px4`: what it says where there is no PX4, and its table; the flights need a PX4."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from tombo_benchmarks.px4.__main__ import main, markdown_table
+from tombo_flight.suite.node_flight import over_mavlink
+from tombo_flight.suite.px4_connection import px4_connection
+
+
+def test_without_a_px4_it_is_skipped_with_a_word(capsys):
+    assert main([]) == 0
+    assert "skipped: no PX4" in capsys.readouterr().out
+
+
+def test_a_folder_without_a_px4_is_refused(tmp_path, capsys):
+    assert main([str(tmp_path)]) == 2
+    assert "no PX4 SITL; accepted: PX4's source tree" in capsys.readouterr().err
+
+
+def test_the_table_has_median_and_largest_of_each_kind_of_flight():
+    hover = {"flight": "hover", "crashed": False, "landed": True, "missed": 0}
+    found = [{**hover, "hover_rms_m": 1e-3 * mm} for mm in (30, 50, 40)]
+    found.append({"flight": "collision", "crashed": True, "contacts": 3, "missed": 2})
+    rows = markdown_table(found).splitlines()
+    assert rows[0] == "|  | hover | collision |"
+    assert "| crashed | 0 | 1 |" in rows
+    assert "| landed | 3 | 0 |" in rows
+    assert "| hit the pillar again | – | 1 |" in rows
+    assert "| hover, RMS from the set point [mm] | 40, at most 50 | – |" in rows
+    assert "| steps without an answer | 0 | 2 |" in rows
+
+
+def test_what_nobody_has_measured_is_a_dash():
+    rows = markdown_table([{"flight": "collision", "crashed": False, "landed": True}])
+    assert "| hit the pillar again | – |" in rows
+    assert "| steps without an answer | – |" in rows
+
+
+@pytest.mark.parametrize("port", [4560, 4567])
+def test_a_px4_whose_simulator_flies_along_has_it_in_the_suite(port):
+    connection = replace(px4_connection("udpin://127.0.0.1:14540", []), hil_port=port)
+    suite = over_mavlink(connection)
+    assert suite["suite"]["sim"] == "tombo_px4.hil_sim_node"
+    assert suite["without"] == () and suite["more"]["sim"] == {"port": port}

@@ -1,0 +1,91 @@
+"""Wrong axes of a motion capture: named by a motion by hand, and never flown away with."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tombo_benchmarks.px4.wrong_axes import FARTHEST_M, WRONG_AXES, fly_wrong_axes
+from tombo_dynamics.rotation import quaternion_multiply, rotate_vector
+from tombo_flight.scenario import load_scenario, world_of
+from tombo_px4.bridge.acceleration_check import TakeoffWatch
+from tombo_px4.bridge.hand_rotation_check import MotionCheck
+from tombo_px4.hil.hand_motion import HandMotion
+from tombo_sim.simulator import Simulator
+
+EPOCH_NS = 10**18
+TICK_NS = 1_000_000
+
+
+@pytest.fixture(scope="module")
+def by_hand():
+    """Poses, and what gyro and accelerometer say, of a vehicle that a hand moves."""
+    simulator = Simulator(world_of(load_scenario("hover", [])), 0)
+    hand, poses, imu = HandMotion(0.5), [], []
+    while simulator.tick < 13_500:
+        simulator.advance(np.zeros(4))
+        hand(simulator)
+        for sample in simulator.arrived:
+            pose = sample.pose
+            poses.append((EPOCH_NS + sample.stamp_ns, pose[:3].copy(), pose[3:].copy()))
+        if simulator.tick % 10 == 0:
+            imu.append((EPOCH_NS + simulator.tick * TICK_NS, simulator.imu.copy()))
+    return poses, imu
+
+
+def judged(by_hand, make):
+    poses, imu = by_hand
+    check = MotionCheck(0.17)
+    for stamp, place, attitude in poses:
+        check.pose(stamp, *make(place, attitude))
+    for stamp, sample in imu:
+        check.imu(stamp, sample[:3], sample[3:])
+    return check.judge(imu[-1][0])
+
+
+@pytest.mark.slow
+def test_right_axes_are_proven(by_hand):
+    verdict = judged(by_hand, lambda place, q: (place, q))
+    assert verdict.mistake == "" and verdict.proven
+    assert abs(verdict.delay_s) < 0.02
+
+
+@pytest.mark.slow
+def test_a_world_with_another_heading_is_proven_too(by_hand):
+    turn = np.array([0.0, 0.0, np.sin(0.6), np.cos(0.6)])
+    verdict = judged(
+        by_hand, lambda place, q: (rotate_vector(turn, place), quaternion_multiply(turn, q))
+    )
+    assert verdict.proven
+
+
+@pytest.mark.slow
+def test_without_being_carried_there_is_no_proof(by_hand):
+    verdict = judged(by_hand, lambda place, q: (0.0 * place, q))
+    assert verdict.mistake == "" and not verdict.proven
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WRONG_AXES)
+def test_every_wrong_set_up_is_named_by_a_motion_by_hand(by_hand, name):
+    wrong = WRONG_AXES[name]
+    verdict = judged(by_hand, wrong.make)
+    assert verdict.sure and wrong.word in verdict.mistake
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["body yawed by 90 deg", "body yawed by 180 deg"])
+def test_with_the_proof_of_another_body_it_lands_near_where_it_took_off(tmp_path, name):
+    row = fly_wrong_axes(None, tmp_path / "px4", f"{name}, old proof", 0)
+    assert row["armed"] and row["disarmed"]
+    assert row["away_m"] <= FARTHEST_M
+    assert "is not the nose" in row["text"]
+
+
+@pytest.mark.slow
+def test_the_simulated_px4_flies_away_with_wrong_axes_where_nobody_watches(tmp_path, monkeypatch):
+    """As a real one does: else the flights above would show nothing."""
+    monkeypatch.setattr(TakeoffWatch, "judge", lambda watch: "")
+    monkeypatch.setattr(TakeoffWatch, "drifts", lambda watch, away_m: None)
+    row = fly_wrong_axes(None, tmp_path / "px4", "body yawed by 180 deg, old proof", 0)
+    assert row["armed"] and row["away_m"] > 2.0 and not row["landed"]

@@ -1,0 +1,372 @@
+"""Study of the detector's threshold: latency and false alarms.
+
+    python -m tombo_benchmarks.detector_threshold_study [--flights 120]
+        [--figure docs/detector_threshold.png]
+
+Every flight is flown once, with the triggers off, and its statistic is kept; any threshold is then
+judged on it afterwards. Until its first event a flight is the same with the triggers on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from tombo_dynamics.arrays import Array
+from tombo_flight.flight import Workspace, fly_scenario
+from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
+from tombo_flight.scenario import Scenario, load_scenario
+
+FIRST_SEED = 5000
+THRESHOLDS: Array = np.round(np.geomspace(2.0, 1000.0, 82), 2)
+REQUIRED_LATENCY_S = 0.120
+_WINDOW_S = 0.5
+"""A strike that has not been found by then counts as missed."""
+_SHOWN = (8.0, 13.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0, 150.0, 200.0)
+
+COLLISIONS: dict[str, tuple[str, ...]] = {
+    "paper": (),
+    "0.4 m/s": ("mission.approach_speed=0.4",),
+    "1.0 m/s": ("mission.approach_speed=1.0",),
+    "Conf. 8, the softest push": ("propeller.conf=8",),
+    "Conf. 10": ("propeller.conf=10",),
+    "Conf. 9, the hardest push": ("propeller.conf=9",),
+    "pole of 3 cm": ("obstacle.radius=0.03", "obstacle.x=2.0108", "obstacle.y=0.1697"),
+    "gusts of 0.7 m/s": ("effects.gusts.deviation=0.7",),
+}
+"""Variations of the scenario paper_collision, by settings."""
+FREE_FLIGHTS: dict[str, tuple[str, ...]] = {
+    "aggressive": (),
+    "gusts of 1.5 m/s": ("effects.gusts.deviation=1.5",),
+    "steps of 3 m": ("mission.step_size=3.0",),
+    "2.5 times the mocap noise": (
+        "effects.mocap_noise.position=0.00175",
+        "effects.mocap_noise.attitude=0.005",
+    ),
+}
+"""Variations of the scenario aggressive, by settings."""
+
+
+@dataclass(frozen=True)
+class DetectorTrace:
+    """The detector's statistic in one flight, and the true contact."""
+
+    stamp: Array
+    """(M,) capture times of the samples [s]."""
+    arrival: Array
+    """(M,) when they came; an event is published in the same tick [s]."""
+    statistic: Array
+    """(M,) normalised innovation squared; 0 where the detector was not armed."""
+    contact: float
+    """Time of the first contact [s]; inf without one."""
+
+
+Traces = dict[str, list[DetectorTrace]]
+"""By variation."""
+
+
+@dataclass(frozen=True)
+class ThresholdResult:
+    """Latency and false alarms of many flights at one threshold."""
+
+    threshold: float
+    latency: Array
+    """Of the strikes that were found, from contact to the arrival of the sample [s]."""
+    missed: int
+    """Strikes not found within half a second."""
+    early: int
+    """Flights with an event before contact."""
+    false_alarms: int
+    """Events before contact, or without one."""
+    minutes: float
+    """Time watched before contact [min]."""
+
+    def latency_ms(self, percentile: float) -> float:
+        """Return a percentile of the latency [ms]; a missed strike counts as infinitely late."""
+        whole = np.sort(np.concatenate([self.latency, np.full(self.missed, math.inf)]))
+        if not whole.size:
+            return math.nan
+        return 1e3 * float(whole[math.ceil(percentile / 100.0 * whole.size) - 1])
+
+    @property
+    def false_alarms_per_minute(self) -> float:
+        """False alarms per minute watched."""
+        return self.false_alarms / self.minutes if self.minutes else math.nan
+
+
+Outcomes = dict[str, list[ThresholdResult]]
+"""By variation, at each of `THRESHOLDS`."""
+
+
+def record_traces(
+    scenario: Scenario, seeds: Iterable[int], workspace: Workspace | None = None
+) -> list[DetectorTrace]:
+    """Fly a scenario with the triggers off and keep what the detector saw.
+
+    Raises:
+        InputError: as `fly_scenario`.
+    """
+    quiet = dataclasses.replace(
+        scenario, detector=dataclasses.replace(scenario.detector, trigger="none")
+    )
+    memory = workspace or Workspace()
+    watches = []
+    for seed in seeds:
+        record = fly_scenario(quiet, seed, memory)
+        height = record.mocap_position[:, 2] - record.mocap_position[0, 2]
+        armed = height > scenario.detector.arm_height
+        contact = record.summary["collision_time_s"]
+        watches.append(
+            DetectorTrace(
+                stamp=record.mocap_t.copy(),
+                arrival=record.mocap_arrival.copy(),
+                statistic=np.where(armed, record.detector_statistic, 0.0),
+                contact=math.inf if contact is None else float(contact),
+            )
+        )
+    return watches
+
+
+def evaluate_threshold(
+    watches: Sequence[DetectorTrace], threshold: float, holdoff: float
+) -> ThresholdResult:
+    """Return what `threshold` makes of the flights, with `holdoff` [s] after a false alarm."""
+    latency = []
+    missed = early = alarms = 0
+    watched = 0.0
+    for w in watches:
+        above = w.statistic > threshold
+        before = w.stamp < w.contact
+        count = _events(w.stamp[above & before], holdoff)
+        alarms += count
+        early += count > 0
+        watched += float(np.diff(w.stamp, append=w.stamp[-1:])[before & (w.statistic > 0.0)].sum())
+        if math.isfinite(w.contact):
+            found = np.flatnonzero(above & ~before & (w.stamp < w.contact + _WINDOW_S))
+            if found.size:
+                latency.append(float(w.arrival[found[0]]) - w.contact)
+            else:
+                missed += 1
+    return ThresholdResult(threshold, np.array(latency), missed, early, alarms, watched / 60.0)
+
+
+def _events(stamps: Array, holdoff: float) -> int:
+    """Count the events: none within `holdoff` of the last one."""
+    count = 0
+    free = -math.inf
+    for stamp in stamps:
+        if stamp >= free:
+            count += 1
+            free = float(stamp) + holdoff
+    return count
+
+
+def draw_study(collisions: Outcomes, free: Outcomes, chosen: float) -> Figure:
+    """Draw latency and false alarms over the threshold, and one against the other.
+
+    Args:
+        collisions: the first variation is the reference.
+        free: of flights without an obstacle.
+        chosen: the threshold in use.
+    """
+    with new_figure(11.0, 4.6, 110, layout="constrained") as figure:
+        over, against = figure.subplots(1, 2)
+        _draw_over_threshold(over, collisions, free, chosen)
+        _draw_against(against, collisions, free, chosen)
+    return figure
+
+
+def _draw_over_threshold(axes: Axes, collisions: Outcomes, free: Outcomes, chosen: float) -> None:
+    for i, (name, outcomes) in reversed(list(enumerate(collisions.items()))):
+        late = [o.latency_ms(95.0) for o in outcomes]
+        color, width = (style.BLUE, 2.2) if i == 0 else (style.SKY, 0.9)
+        label = f"p95 latency, {name}" if i == 0 else None
+        axes.plot(THRESHOLDS, late, color=color, lw=width, label=label)
+    axes.plot([], [], color=style.SKY, lw=0.9, label="p95 latency, variations")
+    axes.axhline(1e3 * REQUIRED_LATENCY_S, color=style.BLUE, lw=1.0, ls=":")
+    axes.set(xscale="log", ylim=(0.0, 200.0), xlabel="threshold on the statistic")
+    axes.set_ylabel("latency from true contact [ms]", color=style.BLUE)
+    axes.axvline(chosen, color=style.INK, lw=1.4, ls="--", label=f"chosen: {chosen:g}")
+    alarms = axes.twinx()
+    names = list(free)
+    for i, (name, outcomes) in enumerate(free.items()):
+        rate = [o.false_alarms_per_minute for o in outcomes]
+        inner = 0 < i < len(names) - 1
+        color, width = (style.ORANGE, 0.9) if inner else (style.VERMILLION, 2.2 if i == 0 else 1.2)
+        alarms.plot(THRESHOLDS, rate, color=color, lw=width)
+        if not inner:
+            where = int(np.argmin(np.abs(np.array(rate) - (14.0 if i else 8.0))))
+            alarms.annotate(
+                name.replace("the ", "the\n"),
+                (THRESHOLDS[where], rate[where]),
+                xytext=(7.0, 0.0),
+                textcoords="offset points",
+                color=color,
+            )
+    axes.plot([], [], color=style.VERMILLION, lw=2.2, label="false alarms, aggressive flights")
+    axes.plot([], [], color=style.ORANGE, lw=0.9, label="the same, variations")
+    alarms.set_ylim(0.0, 20.0)
+    alarms.grid(visible=False)
+    alarms.set_ylabel("false alarms per minute", color=style.VERMILLION)
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+
+
+def _draw_against(axes: Axes, collisions: Outcomes, free: Outcomes, chosen: float) -> None:
+    reference = next(iter(collisions.values()))
+    late = [o.latency_ms(95.0) for o in reference]
+    colors = (style.INK, style.VERMILLION)
+    for (name, outcomes), color in zip(
+        [next(iter(free.items())), list(free.items())[-1]], colors, strict=True
+    ):
+        rate = [o.false_alarms_per_minute for o in outcomes]
+        axes.plot(rate, late, color=color, lw=1.4, marker=".", ms=4, label=name)
+        k = int(np.argmin(np.abs(THRESHOLDS - chosen)))
+        axes.plot(rate[k], late[k], "o", color=color, ms=9, mfc="none", mew=1.6)
+        for shown in (5.0, 10.0, 20.0, 40.0, 200.0, 500.0):
+            k = int(np.argmin(np.abs(THRESHOLDS - shown)))
+            axes.annotate(
+                f"{shown:g}",
+                (rate[k], late[k]),
+                xytext=(5.0, 4.0),
+                textcoords="offset points",
+                fontsize=7,
+                color=color,
+            )
+    axes.set_xscale("symlog", linthresh=0.1)
+    axes.set(xlabel="false alarms per minute", ylabel="p95 latency, paper's flight [ms]")
+    axes.set_ylim(0.0, 100.0)
+    axes.legend(
+        loc="lower right", fontsize=8, title=f"thresholds along the line; ring: {chosen:g}"
+    )
+
+
+def _table(collisions: Traces, free: Traces, s: Scenario) -> str:
+    lines = ["p50 / p95 / worst latency [ms], missed + early", ""]
+    holdoff = s.detector.holdoff
+    for name, watches in collisions.items():
+        lines.append(f"{name}: {len(watches)} flights")
+        for threshold in _SHOWN:
+            o = evaluate_threshold(watches, threshold, holdoff)
+            worst = o.latency_ms(100.0)
+            lines.append(
+                f"  {threshold:6g}  {o.latency_ms(50.0):5.0f} {o.latency_ms(95.0):5.0f} "
+                f"{worst:5.0f}   {o.missed} + {o.early}"
+            )
+    lines += ["", "false alarms (largest statistic in parentheses)", ""]
+    for name, watches in free.items():
+        largest = _largest(watches)
+        minutes = evaluate_threshold(watches, 1.0, holdoff).minutes
+        counts = ", ".join(
+            f"{t:g}: {evaluate_threshold(watches, t, holdoff).false_alarms}" for t in _SHOWN
+        )
+        lines.append(
+            f"{name}: {len(watches)} flights, {minutes:.0f} min ({largest:.1f})  {counts}"
+        )
+    return "\n".join(lines) + "\n"
+
+
+@dataclass(frozen=True)
+class Study:
+    """What was flown: traces by variation, with and without an obstacle."""
+
+    collisions: Traces
+    free: Traces
+    scenario: Scenario
+
+
+def run_study(flights: int) -> Study:
+    """Fly each variation with `flights` seeds; progress on standard error."""
+    seeds = range(FIRST_SEED, FIRST_SEED + flights)
+    memory = Workspace()
+
+    def flown(base: str, kinds: dict[str, tuple[str, ...]]) -> Traces:
+        found = {}
+        for name, settings in kinds.items():
+            sys.stderr.write(f"{base}: {name}\n")
+            found[name] = record_traces(load_scenario(base, settings), seeds, memory)
+        return found
+
+    return Study(
+        flown("paper_collision", COLLISIONS), flown("aggressive", FREE_FLIGHTS), load_scenario()
+    )
+
+
+def draw(study: Study, path: Path) -> None:
+    """Draw the figure into a file."""
+    holdoff = study.scenario.detector.holdoff
+
+    def swept(kinds: Traces) -> Outcomes:
+        return {
+            name: [evaluate_threshold(traces, float(t), holdoff) for t in THRESHOLDS]
+            for name, traces in kinds.items()
+        }
+
+    threshold = study.scenario.detector.threshold
+    figure = draw_study(swept(study.collisions), swept(study.free), threshold)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+
+
+def markdown(study: Study) -> str:
+    """Return the table of docs/collision.md, and the largest statistic without a contact."""
+    holdoff, chosen = study.scenario.detector.holdoff, study.scenario.detector.threshold
+    columns = ("paper", "0.4 m/s", "1.0 m/s", "pole of 3 cm", "Conf. 8, the softest push")
+    *alarms, noisy = study.free
+    groups = (f"false alarms: {names}" for names in (", ".join(alarms), noisy))
+    head = ("threshold", *columns, *groups)
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    for threshold in (8.0, 13.0, 30.0, 60.0, 100.0, 150.0, 200.0):
+        counts = [
+            str(evaluate_threshold(traces, threshold, holdoff).false_alarms)
+            for traces in study.free.values()
+        ]
+        shown = f"**{threshold:g}**" if threshold == chosen else f"{threshold:g}"
+        cells = [_latencies(study.collisions[name], threshold, holdoff) for name in columns]
+        row = (shown, *cells, ", ".join(counts[:-1]), counts[-1])
+        lines.append(f"| {' | '.join(row)} |")
+    largest = [f"{name} {_largest(traces):.1f}" for name, traces in study.free.items()]
+    minutes = evaluate_threshold(study.free["aggressive"], 1.0, holdoff).minutes
+    lines += [
+        "",
+        f"Each column of false alarms is {minutes:.0f} minutes of flight. Largest statistic "
+        f"without a contact: {', '.join(largest)}.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _largest(traces: Sequence[DetectorTrace]) -> float:
+    """Return the largest statistic of some flights."""
+    return max(float(trace.statistic.max()) for trace in traces)
+
+
+def _latencies(traces: Sequence[DetectorTrace], threshold: float, holdoff: float) -> str:
+    found = evaluate_threshold(traces, threshold, holdoff)
+    shares = (found.latency_ms(share) for share in (50.0, 95.0))
+    cells = [f"{value:.0f}" if math.isfinite(value) else "missed" for value in shares]
+    worst = f"{found.missed} missed" if found.missed else f"{found.latency_ms(100.0):.0f}"
+    return " / ".join([*cells, worst])
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Fly, print the table and draw the figure."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else None)
+    parser.add_argument("--flights", type=int, default=120, help="flights of each kind")
+    parser.add_argument("--figure", type=Path, default=Path("detector_threshold.png"))
+    options = parser.parse_args(arguments)
+    study = run_study(options.flights)
+    sys.stdout.write(_table(study.collisions, study.free, study.scenario))
+    draw(study, options.figure)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,120 @@
+"""One synthetic case from hiding to score: fly, diagnose, compare with what was hidden."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from tombo_benchmarks.diagnosis.evaluation import (
+    answer_row,
+    case_row,
+    compare_parameters,
+    exactly_right,
+)
+from tombo_benchmarks.diagnosis.flight_cases import (
+    NOMINAL_MODEL,
+    FlightCase,
+    make_case,
+    make_scenario_case,
+    scenario_effects,
+)
+from tombo_benchmarks.diagnosis.flight_simulation import fly_case, true_draws
+from tombo_benchmarks.diagnosis.runner import BenchmarkResult, run_benchmark
+from tombo_benchmarks.diagnosis.score import score_of_flights
+from tombo_diagnosis.flight.analyse import FlightFindings
+from tombo_diagnosis.flight.cause_estimates import estimate_cause
+from tombo_diagnosis.flight.cross_validation import fit_without_flight
+from tombo_diagnosis.flight.diagnose_files import diagnose_files
+from tombo_diagnosis.flight.fit.prediction import residuals
+from tombo_diagnosis.flight.held_out_test import final_explanation, with_parts
+from tombo_dynamics.errors import InputError
+from tombo_flight.scenario import load_scenario
+
+
+def examine(seed: int, number: int) -> dict[str, Any]:
+    """Fly and record one case, diagnose the files, and return its score as plain values."""
+    return _examined(make_case(seed, number))
+
+
+def examine_scenario(
+    scenario: str, effects: Sequence[str], seed: int, number: int
+) -> dict[str, Any]:
+    """Do the same with one effect hidden in a scenario."""
+    return _examined(make_scenario_case(scenario, effects, seed, number))
+
+
+def _examined(case: FlightCase) -> dict[str, Any]:
+    row = case_row(case)
+    with TemporaryDirectory(prefix="tombo-benchmark-") as folder:
+        try:
+            files = fly_case(case, Path(folder))
+            diagnosis, findings = diagnose_files(files, NOMINAL_MODEL, clock=time.perf_counter)
+        except InputError as error:
+            # What is hidden can keep the vehicle from flying at all: that needs no diagnosis.
+            return row | {"verdict": "not flown", "why": str(error)}
+    remainder = findings.remainder
+    row |= answer_row(findings, diagnosis.seconds) | {
+        "excess": max((each.excess for each in remainder.residual_excesses), default=0.0),
+        "repeats": remainder.residual_r2,
+        "explained": findings.judgement.explained,
+        "chance": max((fit.evidence for fit in remainder.all_noise_fits), default=0.0),
+    }
+    if exactly_right(case, findings):
+        row["parameters"] = {e: _compared(case, findings, e) for e in case.hidden}
+        row["gain_share"] = _gain_share(case, findings)
+    return row
+
+
+def _compared(case: FlightCase, findings: FlightFindings, effect: str) -> dict[str, Any]:
+    """Return how well an effect's parameters were found.
+
+    What tolerances put on an axis that was not shifted is there to be measured, too.
+    """
+    cause = estimate_cause(effect, findings, findings.search.best)
+    made = case.effects.get(effect, {})
+    return compare_parameters(
+        case, findings.problem, cause, lambda p, nominal: float(made.get(p.name, nominal))
+    )
+
+
+def _gain_share(case: FlightCase, findings: FlightFindings) -> float | None:
+    """Return what the extension removes of what the true model removes, in held-out flights."""
+    problem = findings.problem
+    final = final_explanation(findings)
+    if not final.hypotheses:
+        return None
+    tried = with_parts(problem, final)
+    theta = problem.theta.copy()
+    for p in NOMINAL_MODEL.parameters:
+        theta[p.index] += case.shift.get(p.label, 0.0)
+    draws = true_draws(case) if "thrust_scatter" in case.hidden else np.zeros(8)
+    removed = possible = 0.0
+    for f, track in enumerate(problem.tracks):
+        held = fit_without_flight(problem, f, tried)
+        true = residuals(track, problem.nominal, theta, draws=draws)
+        for group, before in problem.linears[f].residual.items():
+            weight = 1.0 / problem.variances[f][group]
+            removed += float(weight @ np.sum(before**2 - held.after.residual[group] ** 2, axis=0))
+            possible += float(weight @ np.sum(before**2 - true[group] ** 2, axis=0))
+    return removed / possible if possible > 25.0 else None
+
+
+benchmark = partial(run_benchmark, examine, score_of_flights)
+"""Many blind flights, diagnosed and scored."""
+
+
+def scenario_benchmark(scenario: str, effects: str) -> Callable[..., BenchmarkResult]:
+    """Return the benchmark of effects hidden in a scenario.
+
+    Raises:
+        InputError: no such scenario, or no such effect.
+    """
+    load_scenario(scenario)
+    one = partial(examine_scenario, scenario, scenario_effects(effects))
+    return partial(run_benchmark, one, score_of_flights)

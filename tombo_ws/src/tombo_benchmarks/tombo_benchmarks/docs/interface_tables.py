@@ -1,0 +1,264 @@
+"""The tables of `docs/nodes.md`: nodes and parameters, topics with publishers and subscribers.
+
+Topics come from `tombo_bag.topics`; the rest is read from the sources of the nodes, which are
+never imported.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+from tombo_bag import topics
+from tombo_bag.qos import Qos
+from tombo_bag.topics import CLOCK, DIAGNOSTICS, TOPICS, TopicSpec
+from tombo_benchmarks.docs.safety_table import safety_tables
+from tombo_dynamics.core import Core
+from tombo_dynamics.errors import InputError
+from tombo_flight.suite.nodes import PX4_SUITE, SUITE
+from tombo_flight.wiring import CORES, OPERATOR
+
+
+@dataclass(frozen=True)
+class NodeFacts:
+    """What the source of a node says about it.
+
+    Attributes:
+        name: of the node.
+        package: it is in.
+        rate_hz: of its loop.
+        sections: of the scenario that are its parameters.
+        own: its own parameters, name → meaning.
+        publishes: names of the topics it publishes.
+        subscribes: names of the topics it takes.
+    """
+
+    name: str
+    package: str
+    rate_hz: float
+    sections: tuple[str, ...]
+    own: Mapping[str, str]
+    publishes: frozenset[str]
+    subscribes: frozenset[str]
+
+
+CORE_NODE = "tombo_ros.core_node"
+IN_PLACE_OF_SIM = {
+    "px4_sim_node": "tombo_px4.px4_sim_node",
+    "hil_sim_node": "tombo_px4.hil_sim_node",
+}
+"""Executables whose node is `sim` too."""
+PAGES = {
+    "nodes.md": ("nodes", "topics"),
+    "px4.md": ("px4_nodes",),
+    "safety.md": ("states", "transitions", "faults"),
+}
+"""Page → its tables."""
+
+
+def read_nodes(suite: Mapping[str, str] = SUITE) -> list[NodeFacts]:
+    """Return the facts of every node of a suite, name → module."""
+    return [_facts(name, module) for name, module in suite.items()]
+
+
+def every_node() -> list[NodeFacts]:
+    """Return the facts of the suite's nodes, and of those that PX4 brings along."""
+    more = {name: module for name, module in PX4_SUITE.items() if name not in SUITE}
+    return read_nodes({**SUITE, **more})
+
+
+def _facts(name: str, module: str) -> NodeFacts:
+    tree = _source(module)
+    for core in CORES:
+        if core.name == name:
+            return _core_facts(core, module.partition(".")[0], tree)
+    begin = next(call for call in _calls(tree, "__init__") if len(call.args) > 1)
+    records = begin.args[2] if len(begin.args) > 2 else ast.Dict([], [])
+    keys = [*_resolved(tree, records).keys]
+    for call in _calls(tree, "__init__"):
+        if len(call.args) == 1 and isinstance(call.args[0], ast.Dict):  # more for a base class
+            keys += call.args[0].keys
+    return NodeFacts(
+        name,
+        module.partition(".")[0],
+        float(_value(tree, begin.args[1])),
+        tuple(_value(tree, key) for key in keys if key is not None),
+        {
+            _value(tree, call.args[0]): _value(tree, call.args[2])
+            for call in _calls(tree, "declare")
+            if isinstance(call.args[0], ast.Constant)
+        },
+        frozenset(_topic_names(tree, "advertise")),
+        frozenset(_topic_names(tree, "subscribe")),
+    )
+
+
+def _core_facts(core: type[Core], package: str, tree: ast.Module) -> NodeFacts:
+    """Return the facts of a node that hosts a core: the core's, and what its source adds."""
+    rates = [
+        float(ast.literal_eval(keyword.value))
+        for keyword in ast.walk(tree)
+        if isinstance(keyword, ast.keyword) and keyword.arg == "rate_hz"
+    ]
+    return NodeFacts(
+        core.name,
+        package,
+        rates[0] if rates else 1e9 / core.period_ns,
+        tuple(core.sections),
+        {name: doc for name, (_, doc) in core.options.items()},
+        frozenset((*core.outputs, *_topic_names(tree, "advertise"))),
+        frozenset(core.inputs),
+    )
+
+
+def _source(module: str) -> ast.Module:
+    """Return the source of a node, behind those of the nodes that it is made from."""
+    spec = find_spec(module)
+    if spec is None or spec.origin is None:
+        raise InputError(f"module {module}: not found; accepted: one that is there")
+    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    bases = [
+        node.module
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom)
+        and node.module
+        and node.module.endswith("_node")
+        and node.module != CORE_NODE
+    ]
+    body = [statement for base in bases for statement in _source(base).body]
+    return ast.Module([*body, *tree.body], [])
+
+
+def _calls(tree: ast.AST, method: str) -> list[ast.Call]:
+    """Return the calls of a method of any object, in the order of the source."""
+    body = tree.body if isinstance(tree, ast.Module) else [tree]
+    found = []
+    for statement in body:
+        calls = [
+            node
+            for node in ast.walk(statement)
+            if isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr == method
+            and node.args
+        ]
+        found += sorted(calls, key=lambda call: call.lineno)
+    return found
+
+
+def _topic_names(tree: ast.AST, method: str) -> Iterator[str]:
+    for call in _calls(tree, method):
+        spec = getattr(topics, ast.unparse(call.args[0]), None)
+        if isinstance(spec, TopicSpec):
+            yield spec.name
+
+
+def _resolved(tree: ast.AST, value: ast.expr) -> ast.Dict:
+    """Return a dict display, looked up if a name stands for it."""
+    if isinstance(value, ast.Name):
+        value = _assigned(tree, value.id)
+    if not isinstance(value, ast.Dict):
+        raise InputError(f"records {ast.unparse(value)}; accepted: a dict written out")
+    return value
+
+
+def _assigned(tree: ast.AST, name: str) -> ast.expr:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign) and name in map(ast.unparse, node.targets):
+            return node.value
+    raise InputError(f"name {name} has no value in this file; accepted: one that has")
+
+
+def _value(tree: ast.AST, value: ast.expr) -> str:
+    """Return a constant's text, looked up if a name stands for it."""
+    if isinstance(value, ast.Name):
+        value = _assigned(tree, value.id)
+    return str(ast.literal_eval(value))
+
+
+def node_table(nodes: list[NodeFacts]) -> str:
+    """Return the table of nodes as Markdown."""
+    lines = ["| node | package | loop | sections of parameters | its own |", "|" + 5 * "---|"]
+    for node in nodes:
+        sections = ", ".join(f"`{section}.*`" for section in node.sections)
+        if "obstacle" in node.sections:
+            sections += ", `effects.*`"
+        own = ", ".join(f"`{name}`" for name in node.own)
+        rate = f"{node.rate_hz:g} Hz"
+        lines.append(f"| `{node.name}` | `{node.package}` | {rate} | {sections} | {own} |")
+    return "\n".join(lines) + "\n"
+
+
+def topic_table(nodes: list[NodeFacts]) -> str:
+    """Return the table of topics as Markdown."""
+    lines = ["| topic | type | rate | QoS | from → to | what |", "|" + 6 * "---|"]
+    for spec in TOPICS.values():
+        package, _, name = spec.typename.split("/")
+        rate = f"{spec.rate_hz:g} Hz" if spec.rate_hz else "event"
+        lines.append(
+            f"| `{spec.name}` | {package}/{name} | {rate} | {_quality(spec.qos)} "
+            f"| {_flow(spec, nodes)} | {spec.doc} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _quality(qos: Qos) -> str:
+    held = ", latched" if qos.durability == "transient_local" else ""
+    return f"{qos.reliability.replace('_', ' ')}{held}, {qos.depth}"
+
+
+def _flow(spec: TopicSpec, nodes: list[NodeFacts]) -> str:
+    if spec == CLOCK:
+        return "sim → all"
+    if spec == DIAGNOSTICS:
+        return "all"
+    publishers = [node.name for node in nodes if spec.name in node.publishes]
+    publishers += ["operator"] if spec.name in OPERATOR else []
+    subscribers = [node.name for node in nodes if spec.name in node.subscribes]
+    return (
+        f"{', '.join(publishers)} → {', '.join(subscribers)}"
+        if subscribers
+        else ", ".join(publishers)
+    )
+
+
+def updated(page: str, tables: Mapping[str, str]) -> str:
+    """Return a page with the tables between `<!-- NAME -->` and `<!-- /NAME -->`.
+
+    Raises:
+        InputError: a table has no markers.
+    """
+    for name, table in tables.items():
+        begin, end = _between(page, name)
+        page = page[:begin] + table + page[end:]
+    return page
+
+
+def marked(page: str, name: str) -> str:
+    """Return what stands between a page's `<!-- NAME -->` and `<!-- /NAME -->`."""
+    begin, end = _between(page, name)
+    return page[begin:end]
+
+
+def _between(page: str, name: str) -> tuple[int, int]:
+    head, tail = f"<!-- {name} -->\n", f"<!-- /{name} -->"
+    begin = page.find(head) + len(head)
+    end = page.find(tail, begin)
+    if begin < len(head) or end < 0:
+        raise InputError(f"the page has no <!-- {name} --> ... <!-- /{name} -->")
+    return begin, end
+
+
+def tables(page: str = "nodes.md") -> dict[str, str]:
+    """Return the tables of a page by the names of their markers."""
+    nodes = every_node()
+    found = {
+        "nodes": node_table(nodes),
+        "topics": topic_table(nodes),
+        "px4_nodes": node_table(read_nodes(IN_PLACE_OF_SIM)),
+        **safety_tables(),
+    }
+    return {name: found[name] for name in PAGES[page]}

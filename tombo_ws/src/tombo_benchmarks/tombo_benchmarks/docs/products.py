@@ -1,0 +1,424 @@
+"""The products of `make docs`: how each is made, and what it depends on."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+from tombo_benchmarks.docs.interface_tables import updated
+from tombo_benchmarks.docs.wiring_picture import wiring_mermaid
+from tombo_dynamics.errors import InputError
+
+CONFIG: Final = "tombo_ws/src/tombo_bringup/config"
+CAMPAIGN: Final = "tombo_ws/src/tombo_propeller/tombo_propeller/reproduce/campaign.yaml"
+_DIAGNOSIS: Final = "tombo_diagnosis/tombo_diagnosis"
+_PROPELLER: Final = "tombo_dynamics/tombo_dynamics/propeller"
+FLIGHTS: Final = "flights"
+"""In `depends`: the reference flights, in place of code."""
+LEFT: Final = (
+    "docs/diagnosis.md, Benchmark: tombo benchmark diagnosis --cases 1000 --seed 2031",
+    "docs/stand.md, Benchmark: tombo benchmark stand --cases 500 --seed 48",
+    "docs/stand.md, A real stand: tombo propeller diagnose, on a data set",
+    "docs/beta.md, Tested on rendered films: tombo_benchmarks/scripts/beta_from_video.py",
+    "docs/design.md, regressions and flights of the check: tombo propeller design",
+    "docs/reactions.md, Bounce: tombo fly SCENARIO --disturbances --seeds 5000:5100",
+    "docs/px4.md, README, How fast: make bench, tombo_benchmarks/scripts",
+)
+"""Tables that are not regenerated: they take half an hour, or depend on the machine."""
+
+
+@dataclass(frozen=True)
+class Product:
+    """Something in the documentation that comes from the code.
+
+    Attributes:
+        name: by which it is asked for.
+        written: files, and `PAGE#NAME` for what stands between the markers of a page.
+        make: writes it; takes the project's folder and the folder of shared data.
+        depends: folders of `tombo_ws/src`, or FLIGHTS.
+        data: folder of the shared data that it needs, None if it needs none.
+        tested: True if a test compares it with the code by content.
+    """
+
+    name: str
+    written: tuple[str, ...]
+    make: Callable[[Path, Path], None]
+    depends: tuple[str, ...] = ()
+    data: str | None = None
+    tested: bool = False
+
+
+def _tables(root: Path, data: Path) -> None:
+    from tombo_benchmarks.docs.effects_table import effects_markdown
+    from tombo_benchmarks.docs.interface_tables import PAGES, tables
+    from tombo_benchmarks.docs.parameter_file import parameter_file
+    from tombo_flight.suite.parameter_yaml import default_file
+    from tombo_flight.wiring import COMMAND, CORES, SENSORS
+
+    _write(root / "docs" / "effects.md", effects_markdown())
+    _write(root / CONFIG / "all_parameters.yaml", parameter_file())
+    _write(root / CONFIG / "suite.yaml", default_file())
+    for page in PAGES:
+        _fill(root / "docs" / page, tables(page))
+    _fill(root / "docs" / "architecture.md", {"wiring": wiring_mermaid(CORES, SENSORS, COMMAND)})
+
+
+def _reproduction(root: Path, data: Path) -> None:
+    from tombo_propeller.reproduce import claims_page
+
+    picture = str(root / "docs" / "reproduction.png")
+    claims_page.main([str(root / "docs" / "reproduction.md"), "--picture", picture])
+
+
+def _flight(root: Path, data: Path) -> None:
+    from tombo_flight.flight import fly_scenario
+    from tombo_flight.report.flight_overview import draw_overview
+    from tombo_flight.report.flight_plot import figure_bytes
+    from tombo_flight.scenario import load_scenario
+
+    figure = draw_overview(fly_scenario(load_scenario(), 0))
+    (root / "docs" / "flight.png").write_bytes(figure_bytes(figure))
+
+
+def _campaign(root: Path, data: Path) -> None:
+    """Fly the campaigns of the README's table."""
+    paper, unaided, rigid, reflex = (
+        _fly_many("paper_collision", settings, range(100))
+        for settings in (
+            (),
+            ("reaction.name=none",),
+            ("propeller.conf=0",),
+            ("reaction.name=reflex",),
+        )
+    )
+    alarms = _fly_many("aggressive", (), range(100))["aggregate"]["false_alarms"]
+    total = paper["aggregate"]
+    values: dict[str, str] = {
+        "flights": str(total["flights"]),
+        "recovered": str(total["recovered"]),
+        "crashed_without_reaction": str(unaided["aggregate"]["crashed"]),
+        "crashed_rigid": str(rigid["aggregate"]["crashed"]),
+    }
+    values["reflex_recovered"] = str(reflex["aggregate"]["recovered"])
+    for name, key, digits, factor in (
+        ("falls_m", "max_falling_distance_m", 2, 1.0),
+        ("unstable_s", "unstable_phase_s", 1, 1.0),
+        ("whole_recovery_s", "recovery_time_s", 1, 1.0),
+        ("latency_ms", "contact_known_s", 0, 1e3),
+    ):
+        for prefix, flown in (("", total), ("reflex_", reflex["aggregate"])):
+            low, median, high = (
+                f"{factor * flown[key][share]:.{digits}f}" for share in ("p05", "median", "p95")
+            )
+            values |= {prefix + name: median, f"{prefix}{name}_range": f"{low} to {high}"}
+    values["false_alarms"] = str(alarms)
+    falls = sorted(f["max_falling_distance_m"] for f in paper["flights"])
+    modes = two_modes(falls)
+    values["falls_modes_m"] = "; ".join(
+        f"{len(mode)} flights {mode[0]:.2f} to {mode[-1]:.2f}" for mode in modes
+    )
+    head = (
+        "# This suite's simulated flights of the paper's experiment, for comparison only. Written "
+        "by\n# `make docs`: medians, and the range from 5 to 95 % of the flights.\n"
+    )
+    _write(root / CAMPAIGN, head + "".join(f'{k}: "{v}"\n' for k, v in values.items()))
+    _fill(root / "README.md", {"campaign": campaign_table(values)})
+
+
+def two_modes(values: Sequence[float]) -> tuple[Sequence[float], ...]:
+    """Split sorted values at their widest gap; one group if no gap is a quarter of the range."""
+    gaps = [b - a for a, b in pairwise(values)]
+    if not gaps or max(gaps) < 0.25 * (values[-1] - values[0]):
+        return (values,)
+    cut = gaps.index(max(gaps)) + 1
+    return values[:cut], values[cut:]
+
+
+def campaign_table(v: Mapping[str, str]) -> str:
+    """Return the README's table of the campaign's figures."""
+    flights = v["flights"]
+    rows = (
+        (
+            "recovers with the reaction",
+            "yes",
+            f"{v['recovered']} of {flights}",
+            f"{v['reflex_recovered']} of {flights}",
+        ),
+        ("crashes without it", "yes", f"{v['crashed_without_reaction']} of {flights}", ""),
+        (
+            "crashes with rigid propellers (Conf. 0), even with the reaction",
+            "–",
+            f"{v['crashed_rigid']} of {flights}",
+            "",
+        ),
+        (
+            "largest falling distance",
+            "0.5 m (mean)",
+            f"{v['falls_m']} m ({v['falls_m_range']}); {v['falls_modes_m']}",
+            f"{v['reflex_falls_m']} m ({v['reflex_falls_m_range']})",
+        ),
+        (
+            "unstable phase",
+            "1.5 s",
+            f"{v['unstable_s']} s ({v['unstable_s_range']})",
+            f"{v['reflex_unstable_s']} s ({v['reflex_unstable_s_range']})",
+        ),
+        (
+            "recovery, from contact to settled at x_r",
+            "5 s",
+            f"{v['whole_recovery_s']} s ({v['whole_recovery_s_range']})",
+            f"{v['reflex_whole_recovery_s']} s ({v['reflex_whole_recovery_s_range']})",
+        ),
+        (
+            "contact known, mocap at 30 Hz",
+            "–",
+            f"{v['latency_ms']} ms ({v['latency_ms_range']})",
+            f"{v['reflex_latency_ms']} ms ({v['reflex_latency_ms_range']})",
+        ),
+        ("false alarms in 100 flights of jumps, gusts and dropouts", "–", v["false_alarms"], ""),
+    )
+    head = (
+        "| | paper | its reaction, simulated, seeds 0–99: median (5 to 95 %) | "
+        "`reflex`, the same |\n"
+        "|---|---|---|---|\n"
+    )
+    return head + "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+_VARIATIONS: Final[tuple[tuple[str, tuple[str, ...]], ...]] = (
+    ("nothing", ()),
+    ("strike 10 ms", ("effects.blade_strike.duration=0.010",)),
+    ("strike 12 ms", ("effects.blade_strike.duration=0.012",)),
+    ("strike 16 ms", ("effects.blade_strike.duration=0.016",)),
+    ("slant 0.25 rad", ("effects.blade_strike.slant=0.25",)),
+    ("slant 0.55 rad", ("effects.blade_strike.slant=0.55",)),
+    ("0.5 m/s", ("mission.approach_speed=0.5",)),
+    ("0.9 m/s", ("mission.approach_speed=0.9",)),
+    ("pillar 4 cm further right", ("obstacle.y=0.23",)),
+    ("pillar 4 cm further left", ("obstacle.y=0.31",)),
+    ("pillar of radius 0.1 m", ("obstacle.x=2.0725", "obstacle.y=0.2283", "obstacle.radius=0.1")),
+    ("pillar of radius 0.5 m", ("obstacle.x=2.4568", "obstacle.y=0.3395", "obstacle.radius=0.5")),
+    ("frame contact half as stiff", ("effects.contact_force.stiffness=3000",)),
+    ("frame contact twice as stiff", ("effects.contact_force.stiffness=12000",)),
+    (
+        "a pole of 30 mm, right ahead of the hub",
+        ("obstacle.x=2.0108", "obstacle.y=0.1697", "obstacle.radius=0.03"),
+    ),
+)
+"""What is changed in docs/calibration.md, as settings. A pillar keeps its point of contact."""
+
+
+def _calibration(root: Path, data: Path) -> None:
+    rows = [
+        "| changed | crashed | crashed without | falls m | unstable s | recovery s |",
+        "|---|---|---|---|---|---|",
+    ]
+    seeds = range(1000, 1050)
+    for name, settings in _VARIATIONS:
+        total = _fly_many("paper_collision", settings, seeds)["aggregate"]
+        unaided = _fly_many("paper_collision", (*settings, "reaction.name=none"), seeds)[
+            "aggregate"
+        ]
+        cells = [
+            _spread(total[key])
+            for key in ("max_falling_distance_m", "unstable_phase_s", "recovery_time_s")
+        ]
+        row = (name, str(total["crashed"]), str(unaided["crashed"]), *cells)
+        rows.append(f"| {' | '.join(row)} |")
+    _fill(root / "docs" / "calibration.md", {"variations": "\n".join(rows) + "\n"})
+
+
+def _spread(values: Mapping[str, Any]) -> str:
+    if not values["count"]:
+        return "–"
+    return f"{values['median']:.2f} ({values['p05']:.2f} to {values['p95']:.2f})"
+
+
+def _arena(root: Path, data: Path) -> None:
+    from tombo_flight.arena.table import markdown
+
+    asked = ("arena", "--seeds", "5000:5030", "--groups", "collisions,free")
+    with TemporaryDirectory() as folder:
+        _tombo(*asked, "-o", folder)
+        results = json.loads((Path(folder) / "arena.json").read_text(encoding="utf-8"))
+    table = markdown(results, f"tombo {' '.join(asked)}")
+    _fill(root / "docs" / "reactions.md", {"arena": table})
+
+
+def _threshold(root: Path, data: Path) -> None:
+    from tombo_benchmarks import detector_threshold_study as study
+
+    found = study.run_study(120)
+    study.draw(found, root / "docs" / "detector_threshold.png")
+    _fill(root / "docs" / "collision.md", {"threshold": study.markdown(found)})
+
+
+def _px4(root: Path, data: Path) -> None:
+    with TemporaryDirectory() as folder:
+        _tombo("fly", "--px4", "--seed", "0", "-o", folder, "--force")
+        shutil.copy(Path(folder) / "flight.png", root / "docs" / "px4_flight.png")
+        summary = json.loads((Path(folder) / "summary.json").read_text(encoding="utf-8"))
+    falls = summary["max_falling_distance_m"]
+    text = (
+        "![A flight over MAVLink: PX4 goes from hold to offboard, the vehicle hits the pillar, "
+        f"falls {falls:.2f} m, returns to x_r and is landed by PX4](px4_flight.png)\n"
+    )
+    _fill(root / "docs" / "px4.md", {"px4_flight": text})
+
+
+def _diagnosis(root: Path, data: Path) -> None:
+    logs = sorted(str(path) for path in (data / "flights").glob("*.csv.gz"))
+    with TemporaryDirectory() as folder:
+        _tombo("diagnose", *logs, "--mapping", "nanobench", "-o", folder, "--force")
+        shutil.copy(Path(folder) / "plots" / "summary.png", root / "docs" / "diagnosis.png")
+        found = json.loads((Path(folder) / "diagnosis.json").read_text(encoding="utf-8"))
+    _fill(root / "docs" / "diagnosis.md", {"crazyflie": crazyflie_text(found)})
+
+
+def crazyflie_text(found: Mapping[str, Any]) -> str:
+    """Return the paragraph about the five Crazyflie flights from `diagnosis.json`."""
+    lines = [
+        f"The Crazyflie flights of the picture in the README: verdict *{found['verdict']}*.",
+        "",
+    ]
+    lines += ["| cause | parameter | value | 95 % interval |", "|---|---|---|---|"]
+    for cause in found["causes"]:
+        for name, theta in cause["theta"].items():
+            value, low, high = (f"{theta[key]:.3g}" for key in ("value", "low", "high"))
+            lines.append(
+                f"| `{cause['effect']}` | {name} | {value} {theta['unit']} | {low} to {high} |"
+            )
+    evidence = {c["effect"]: c["evidence"] for c in found["candidates"]}
+    apart = evidence["linear_rotor_drag"] - evidence["quadratic_body_drag"]
+    gain = {g["channel"]: g for g in found["gain"] if g["horizon"] == "one step"}
+    x, y = (gain[f"force {axis}"]["reduction"] for axis in "xy")
+    lines += [
+        "",
+        f"Linear drag has a log evidence {apart:.0f} higher than quadratic drag. With the causes "
+        f"in the model, the error\nof the force falls by {100 * x:.0f} % in x and by "
+        f"{100 * y:.0f} % in y on flights held out.",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _picture(name: str, target: str, *command: str) -> Callable[[Path, Path], None]:
+    """Return what runs a command of tombo, and copies one of its pictures into the docs."""
+
+    def make(root: Path, data: Path) -> None:
+        with TemporaryDirectory() as folder:
+            _tombo(*command, "-o", folder, "--force")
+            shutil.copy(Path(folder) / name, root / "docs" / target)
+
+    return make
+
+
+PRODUCTS: Final = (
+    Product(
+        "tables",
+        (
+            *("docs/effects.md", "docs/nodes.md#nodes", "docs/nodes.md#topics"),
+            *("docs/px4.md#px4_nodes", f"{CONFIG}/all_parameters.yaml", f"{CONFIG}/suite.yaml"),
+            "docs/architecture.md#wiring",
+        ),
+        _tables,
+        tested=True,
+    ),
+    Product("flight", ("docs/flight.png",), _flight, (FLIGHTS,)),
+    Product("campaign", (CAMPAIGN, "README.md#campaign"), _campaign, (FLIGHTS,)),
+    Product(
+        "reproduction",
+        ("docs/reproduction.png",),
+        _reproduction,
+        ("tombo_propeller/tombo_propeller/reproduce", _PROPELLER),
+    ),
+    Product("calibration", ("docs/calibration.md#variations",), _calibration, (FLIGHTS,)),
+    Product(
+        "arena",
+        ("docs/reactions.md#arena",),
+        _arena,
+        (
+            *(FLIGHTS, "tombo_flight/tombo_flight/arena", "tombo_control/tombo_control/recovery"),
+            "tombo_collision/tombo_collision/reactions",
+        ),
+    ),
+    Product(
+        "threshold",
+        ("docs/detector_threshold.png", "docs/collision.md#threshold"),
+        _threshold,
+        (FLIGHTS,),
+    ),
+    Product(
+        "px4",
+        ("docs/px4_flight.png", "docs/px4.md#px4_flight"),
+        _px4,
+        (FLIGHTS, "tombo_px4/tombo_px4/autopilot"),
+    ),
+    Product(
+        "diagnosis",
+        ("docs/diagnosis.png", "docs/diagnosis.md#crazyflie"),
+        _diagnosis,
+        (
+            *(f"{_DIAGNOSIS}/{part}" for part in ("engine", "flight")),
+            "tombo_logs/tombo_logs",
+            "tombo_dynamics/tombo_dynamics/effects",
+        ),
+        data="flights",
+    ),
+    Product(
+        "stand",
+        ("docs/stand.png",),
+        _picture("plots/table3.png", "stand.png", "propeller", "diagnose", "--table3"),
+        (f"{_DIAGNOSIS}/engine", f"{_DIAGNOSIS}/stand", _PROPELLER),
+    ),
+    Product(
+        "beta",
+        ("docs/beta.png",),
+        _picture("overlay.png", "beta.png", "propeller", "beta", "--demo"),
+        ("tombo_propeller/tombo_propeller/flap_video",),
+    ),
+    Product(
+        "design",
+        ("docs/design.png",),
+        _picture(
+            *("pareto.png", "design.png", "propeller", "design", "--mass", "1.3"),
+            *("--frame", "s500", "--min-thrust-margin", "1.7", "--max-collision-force", "150"),
+        ),
+        ("tombo_propeller/tombo_propeller/design", _PROPELLER),
+    ),
+)
+"""In the order in which they are made: the reproduction quotes the campaign."""
+
+
+def _fly_many(base: str, settings: Sequence[str], seeds: range) -> dict[str, Any]:
+    from tombo_flight.campaign.campaign import fly_campaign
+    from tombo_flight.flight_output import warm_up_flight
+    from tombo_flight.scenario import load_scenario
+
+    scenario = load_scenario(base, settings)
+    warm_up_flight(scenario)
+    return fly_campaign(scenario, seeds)
+
+
+def _tombo(*arguments: str) -> None:
+    command = [sys.executable, "-m", "tombo_bringup.cli.main", *arguments]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    if done.returncode != 0:
+        last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        raise InputError(f"tombo {arguments[0]} ended with {done.returncode}: {last}")
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _fill(path: Path, tables: Mapping[str, str]) -> None:
+    _write(path, updated(path.read_text(encoding="utf-8"), tables))

@@ -1,0 +1,434 @@
+"""One flight with a PX4 in lockstep: physics, mission, detector, reaction and bridge here.
+
+Time is the simulation's, also for the bridge and for TIMESYNC, so that a flight does not depend on
+how busy the machine is. Nothing but the sockets is shared with a real PX4; without one the
+simulated PX4 flies in its place.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from tombo_benchmarks.px4.px4_process import Px4Process
+from tombo_benchmarks.px4.simulated_px4 import SimulatedPx4
+from tombo_collision.decision import Decision
+from tombo_collision.detector import CollisionEvent as Detection
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.frames import FRAME_MAP
+from tombo_dynamics.messages import (
+    CollisionEvent,
+    MissionStatus,
+    Odometry,
+    Phase,
+    Pose,
+    PositionSetpoint,
+    ReactionPhase,
+    ReactionStatus,
+    Trigger,
+)
+from tombo_dynamics.rotation import conjugate, rotate_vector
+from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
+from tombo_flight.flight_metrics import FIGURE_COLUMNS, MetricsInput, summarize
+from tombo_flight.run_wiring import CoreRunner
+from tombo_flight.scenario import Scenario, world_of
+from tombo_flight.wiring import CORES, PX4_REPLACES, core_of
+from tombo_px4.bridge.bridge import Bridge, BridgeOutput
+from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams, LinkParams
+from tombo_px4.bridge.offboard_session import Stage
+from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
+from tombo_px4.hil.hand_motion import HandMotion
+from tombo_px4.hil.hil_start_help import MOCAP_ONLY, airframe_parameters, mocap_parameters
+from tombo_px4.hil.link import PX4_PORT, HilLink
+from tombo_px4.hil.lockstep import HilSimulator
+from tombo_px4.hil.params import HilParams
+from tombo_px4.link.mavlink_link import Link
+from tombo_px4.link.transport import Clock
+from tombo_sim.flight_end import FlightEndDetector
+from tombo_sim.ground_truth import contact_force
+from tombo_sim.simulator import Simulator
+from tombo_sim.world import World
+
+_ONBOARD_PORT = 14540
+_BRIDGE_TICKS = 4
+"""The bridge runs at 250 Hz."""
+_READY_S = 60.0
+"""Simulated time in which PX4 must be ready to fly."""
+_SILENT_S = 60.0
+"""Wall time without a step after which PX4 is given up."""
+_WAIT_S = 0.02
+_DISARM_S = 6.0
+"""PX4 disarms 2 s after it has landed."""
+_AFTER_HAND_S = 16.0
+"""The vehicle stands again for so long: what was not proven then is not proven."""
+_MISTAKE_S = 3.0
+"""So long after the hand a mistake that was found is told."""
+_AFTER_DISARM_S = 1.0
+_FARTHEST_M = 30.0
+"""A vehicle further away than this has flown away."""
+
+AsMocap = Callable[[Array, Array], tuple[Array, Array]]
+"""Makes of position (3) and attitude (4) what a wrong motion capture sends of them."""
+
+
+@dataclass
+class LockstepFlight:
+    """A flight, and what PX4 said.
+
+    Attributes:
+        summary: the figures of `summary.json`, and those of PX4.
+        columns: name to (N, k), per tick of 1 ms from the mission's first word.
+        estimates: (M, 4): flight time [s] and error of PX4's position [m].
+        texts: flight time [s] and text of PX4's words.
+    """
+
+    summary: dict[str, Any]
+    columns: dict[str, Array] = field(default_factory=dict)
+    estimates: Array = field(default_factory=lambda: np.zeros((0, 4)))
+    texts: list[tuple[float, str]] = field(default_factory=list)
+
+
+def fly_lockstep(
+    build: Path | None,
+    folder: Path,
+    scenario: Scenario,
+    seed: int,
+    *,
+    instance: int = 0,
+    speed: float = 0.0,
+    bridge: BridgeParams | None = None,
+    parameters: dict[str, float] | None = None,
+    as_mocap: AsMocap | None = None,
+    hand: HandMotion | None = None,
+) -> LockstepFlight:
+    """Fly a scenario once, by motion capture alone.
+
+    Args:
+        build: of PX4 (`px4_build`); None: the simulated one.
+        folder: new; for PX4's files.
+        scenario: what to fly.
+        seed: of the simulation's random draws.
+        instance: of PX4.
+        speed: simulated time against real time; 0: as fast as PX4 answers.
+        bridge: parameters of the bridge; None: as for a simulated motion capture, whose axes need
+            no proof.
+        parameters: of PX4, over those of the vehicle.
+        as_mocap: what the motion capture sends in place of the true pose.
+        hand: carries and turns the vehicle before the flight.
+
+    Raises:
+        InputError: PX4 does not start, or stops answering.
+    """
+    world = world_of(scenario)
+    params = bridge or BridgeParams(axes_evidence=SIMULATED)
+    arguments = (scenario, world, seed, instance, speed, params)
+    if build is None:
+        with SimulatedRun(*arguments, as_mocap=as_mocap, hand=hand) as simulated:
+            simulated.fly()
+        return simulated.result()
+    with LockstepRun(*arguments, as_mocap=as_mocap, hand=hand) as flight:
+        own = airframe_parameters(world, flight.hil.flight) | mocap_parameters(world, False)
+        own |= parameters or {}
+        with Px4Process(build, folder, own, instance) as px4:
+            flight.run(px4)
+    return flight.result()
+
+
+def _as_it_is(position: Array, attitude: Array) -> tuple[Array, Array]:
+    return position, attitude
+
+
+def bridge_link(port: int, system: int, clock: Clock) -> Link:
+    """Return the bridge's end of the link to the PX4 that is `system`; `port` 0: any free one."""
+    own = LinkParams()
+    return Link(
+        f"udpin://127.0.0.1:{port}",
+        system=own.own_system,
+        component=own.own_component,
+        clock=clock,
+        accept_system=system,
+        accept_component=1,
+    )
+
+
+class LockstepRun:
+    """The running flight."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        world: World,
+        seed: int,
+        instance: int,
+        speed: float,
+        bridge: BridgeParams,
+        *,
+        as_mocap: AsMocap | None = None,
+        hand: HandMotion | None = None,
+    ) -> None:
+        self._scenario, self._seed = scenario, seed
+        self._as_mocap, self._hand = as_mocap or _as_it_is, hand
+        self._ready_s = _READY_S if hand is None else hand.end_s + _AFTER_HAND_S
+        self._epoch_ns = EPOCH_NS
+        link = replace(LinkParams(), system=instance + 1)
+        self._bridge = Bridge(bridge, link, scenario.vehicle.mass)
+        self._connect(world, instance, speed)
+        kinds = [kind for kind in CORES if kind not in PX4_REPLACES]
+        self._runners = [CoreRunner(core_of(kind, scenario)) for kind in kinds]
+        self._end = FlightEndDetector(scenario.vehicle.leg_height)
+        self._end_s = scenario.duration
+        self._over_s: float | None = None
+        self._began_ns: int | None = None
+        self._now_ns = EPOCH_NS
+        self._phase = int(Phase.IDLE)
+        self._setpoint: Array = np.full(3, math.nan)
+        self._followed_phase = int(Phase.IDLE)
+        self._rows: list[tuple[Any, ...]] = []
+        self._estimates: list[tuple[int, Array]] = []
+        self._texts: list[tuple[int, str]] = []
+        self._events: Counter[str] = Counter()
+        self._notes: list[tuple[int, str]] = []
+        self._decisions: list[Decision] = []
+        self._detections: list[tuple[int, CollisionEvent]] = []
+        self._armed_once = False
+        self._status_why = ""
+        self._wall_s = 0.0
+        self._latency: list[float] = []
+
+    def _connect(self, world: World, instance: int, speed: float) -> None:
+        """Open the links to PX4."""
+        self._link = bridge_link(_ONBOARD_PORT + instance, instance + 1, time.time_ns)
+        self._hil_link = HilLink(PX4_PORT + instance)
+        params = HilParams(gps=False).check()
+        self.hil = HilSimulator(
+            world, self._seed, params, self._hil_link, speed=speed, watch=self._tick,
+            hand=self._hand,
+        )  # fmt: skip
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._link.close()
+        self._hil_link.close()
+
+    @property
+    def _flown_s(self) -> float:
+        return 0.0 if self._began_ns is None else (self._now_ns - self._began_ns) * 1e-9
+
+    @property
+    def _over(self) -> bool:
+        """It has landed and is disarmed, or waited for that for long enough; or never began."""
+        if self._began_ns is None:
+            verdict, now_s = (
+                self._bridge.preflight.motion.verdict,
+                (self._now_ns - EPOCH_NS) * 1e-9,
+            )
+            known = verdict is not None and bool(verdict.mistake) and verdict.sure
+            return now_s > self._ready_s - (_AFTER_HAND_S - _MISTAKE_S if known else 0.0)
+        if self._flown_s < self._end_s:
+            return False
+        self._over_s = self._flown_s if self._over_s is None else self._over_s
+        return not self.hil.motors.armed or self._flown_s - self._over_s > _DISARM_S
+
+    def run(self, px4: Px4Process) -> None:
+        """Fly until it is over.
+
+        Raises:
+            InputError: PX4 has ended, or does not answer.
+        """
+        began_s = stepped_s = time.monotonic()
+        while not self._over:
+            now_ns = time.monotonic_ns()
+            if self.hil.advance(now_ns):
+                stepped_s = time.monotonic()
+            elif not px4.running or time.monotonic() - stepped_s > _SILENT_S:
+                raise InputError("PX4 has ended or does not answer; accepted: one that flies")
+            else:
+                self.hil.wait(now_ns, _WAIT_S)
+        self._wall_s = time.monotonic() - began_s
+
+    def _tick(self, simulator: Simulator) -> None:
+        """Do what is due in a tick of 1 ms."""
+        now = self._now_ns = self._epoch_ns + simulator.tick * TICK_NS
+        for sample in simulator.arrived:
+            if sample.stamp_ns >= 0:
+                position, attitude = self._as_mocap(sample.pose[:3].copy(), sample.pose[3:].copy())
+                stamp_ns = self._epoch_ns + sample.stamp_ns
+                self._take_pose(Pose(stamp_ns, FRAME_MAP, position, attitude))
+        self._run_bridge()
+        for topic, message in [entry for one in self._runners for entry in one.run(now)]:
+            self._hand_over(topic, message)
+            self._note(topic, message)
+        if self._began_ns is not None:
+            self._log(simulator)
+            after_s = self._end.watch(simulator.height, simulator.upright, self._phase)
+            if after_s is not None:
+                self._end_s = min(self._end_s, self._flown_s + after_s)
+            if self._ended_otherwise(simulator):
+                self._end_s = min(self._end_s, self._flown_s + _AFTER_DISARM_S)
+
+    def _take_pose(self, pose: Pose) -> None:
+        """Take a pose of the motion capture that arrives now."""
+        place = (pose.position, pose.attitude)
+        self._bridge.pose(pose.stamp_ns, self._now_ns, FRAME_MAP, *place)
+        self._hand_over("/mocap/pose", pose)
+
+    def _run_bridge(self) -> None:
+        for received in self._link.receive():
+            self._bridge.take(received._replace(arrival_ns=self._now_ns))
+        if self._now_ns // TICK_NS % _BRIDGE_TICKS == 0:
+            self._take_output(self._bridge.tick(self._now_ns))
+
+    def _hand_over(self, topic: str, message: Any) -> None:
+        for runner in self._runners:
+            runner.take(topic, message)
+
+    def _take_output(self, out: BridgeOutput) -> None:
+        for message in out.messages:
+            self._link.send(message)
+        self._armed_once |= out.status.armed
+        self._status_why = out.status.why or "; ".join(out.status.findings)
+        self._texts += [(self._now_ns, text.text) for text in out.texts]
+        self._events.update(key for key, _ in out.events)
+        self._notes += [(self._now_ns, text) for _, text in out.events]
+        for found in out.odometry:
+            if found.stamp_ns is None:
+                continue
+            self._estimates.append((found.stamp_ns, found.position))
+            self._latency.append((found.arrival_ns - found.stamp_ns) * 1e-6)
+            if self._bridge.estimate_trusted:
+                moving = rotate_vector(conjugate(found.attitude), found.velocity)
+                self._hand_over(
+                    "/odometry",
+                    Odometry(found.stamp_ns, found.position, found.attitude, moving, found.rates),
+                )
+
+    def _note(self, topic: str, message: Any) -> None:
+        """Keep what the figures are made of."""
+        if isinstance(message, MissionStatus):
+            self._phase = message.phase
+            self._began_ns = self._began_ns or self._now_ns
+        elif isinstance(message, PositionSetpoint) and topic == "/setpoint":
+            self._bridge.stream.setpoint(message, self._now_ns)
+            self._setpoint, self._followed_phase = message.position, message.phase
+        elif isinstance(message, CollisionEvent):
+            self._detections.append((self._now_ns, message))
+        elif isinstance(message, ReactionStatus):
+            reacting = message.state == ReactionPhase.REACTING
+            if reacting and message.collisions > len(self._decisions):
+                self._decisions.append(Decision(message.x_c, message.n_r, message.x_r))
+
+    def _log(self, simulator: Simulator) -> None:
+        plant = simulator.plant
+        state, contact = plant.state, plant.contact
+        touches = bool(contact.touching)
+        row = {
+            "position": state.position.copy(),
+            "attitude": state.attitude.copy(),
+            "velocity": state.velocity.copy(),
+            "rates": state.rates.copy(),
+            "fold": plant.fold.copy(),
+            "damage": plant.damage.copy(),
+            "contact": (touches, int(contact.rotor), *contact.point),
+            "contact_force": contact_force(plant) if touches else (0.0, 0.0, 0.0),
+            "position_setpoint": self._setpoint,
+            "mode": (self._followed_phase,),
+        }
+        self._rows.append(tuple(row[name] for name in FIGURE_COLUMNS))
+
+    def _ended_otherwise(self, simulator: Simulator) -> bool:
+        """Return whether it has flown away, or was brought down by other than the mission."""
+        away = float(np.abs(simulator.plant.state.position).max()) > _FARTHEST_M
+        down = self._armed_once and not self.hil.motors.armed
+        return away or (down and self._bridge.session.stage in (Stage.READY, Stage.GIVEN_UP))
+
+    def result(self) -> LockstepFlight:
+        """Return the flight."""
+        columns: dict[str, Array] = {
+            name: np.array([row[i] for row in self._rows], np.float64)
+            for i, name in enumerate(FIGURE_COLUMNS)
+        }
+        began = self._began_ns or self._now_ns
+        errors = self._estimate_errors(columns, began)
+        texts = [((at - began) * 1e-9, text) for at, text in self._texts]
+        summary: dict[str, Any] = {"armed": self._armed_once, "why_not": ""}
+        if not self._armed_once or not self._rows:
+            summary |= {"seed": self._seed, "crashed": False, "why_not": self._status_why}
+            return LockstepFlight(summary, texts=texts)
+        seconds: Array = np.arange(len(self._rows), dtype=np.float64) * TICK_S
+        detections = [_detection(event, began) for _, event in self._detections]
+        arrivals = [(at - began) * 1e-9 for at, _ in self._detections]
+        known = (detections, arrivals, self._decisions, self._wall_s)
+        figures, _ = summarize(MetricsInput(self._scenario, self._seed, seconds, columns, *known))
+        distance = np.linalg.norm(errors[:, 1:], axis=1)
+        hil = self.hil
+        summary |= figures
+        summary |= {
+            "estimate_error_mean_m": float(distance.mean()) if distance.size else None,
+            "estimate_error_max_m": float(distance.max()) if distance.size else None,
+            "odometry_latency_ms": float(np.median(self._latency)) if self._latency else None,
+            "contacts": contacts(columns["contact"][:, 0]),
+            "steps": hil.steps,
+            "missed": hil.missed,
+            "real_time_factor": (self._now_ns - EPOCH_NS) * 1e-9 / self._wall_s,
+            "events": dict(self._events),
+            "notes": [((at - began) * 1e-9, text) for at, text in self._notes],
+            "disarmed": not hil.motors.armed,
+            "texts": texts,
+        }
+        return LockstepFlight(summary, columns, errors, texts)
+
+    def _estimate_errors(self, columns: dict[str, Array], began_ns: int) -> Array:
+        rows = []
+        for stamp_ns, position in self._estimates:
+            at = round((stamp_ns - began_ns) / TICK_NS)
+            if 0 <= at < len(self._rows):
+                rows.append((at * TICK_S, *(position - columns["position"][at])))
+        return np.array(rows).reshape(-1, 4)
+
+
+class SimulatedRun(LockstepRun):
+    """The same over the simulated PX4."""
+
+    def _connect(self, world: World, instance: int, speed: float) -> None:
+        values = {**MOCAP_ONLY, **SAFE_PARAMETERS}
+        simulated: Any = SimulatedPx4(world, self._seed, values, self._tick, self._hand)
+        self.hil, self._link, self._simulated = simulated, simulated.link, simulated
+
+    def __exit__(self, *error: object) -> None:
+        self._link.close()
+
+    def fly(self) -> None:
+        """Fly until it is over."""
+        began_s = time.monotonic()
+        while not self._over:
+            self._simulated.advance()
+        self._wall_s = time.monotonic() - began_s
+
+
+def contacts(touching: Array) -> int:
+    """Count contacts that have a second without contact before them."""
+    at = np.flatnonzero(touching > 0.0) * TICK_S
+    return int((np.diff(at, prepend=-math.inf) > 1.0).sum()) if at.size else 0
+
+
+def _detection(event: CollisionEvent, began_ns: int) -> Detection:
+    return Detection(
+        (event.stamp_ns - began_ns) * 1e-9,
+        Trigger(event.trigger).name.lower(),
+        (event.contact_stamp_ns - began_ns) * 1e-9,
+        event.contact_position,
+        event.flight_direction,
+        event.confidence,
+        event.statistic,
+        event.count,
+    )

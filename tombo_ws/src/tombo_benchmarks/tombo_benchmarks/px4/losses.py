@@ -1,0 +1,421 @@
+"""Losses in hover over PX4, a real one or the simulated one, in virtual time.
+
+Each flight takes off, hovers, and loses something: poses, the link, the bridge, the mission. What
+PX4 does is seen in its heartbeats, where the vehicle is in the simulation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from tombo_benchmarks.px4.lockstep_flight import LockstepRun, bridge_link
+from tombo_benchmarks.px4.px4_process import Px4Process
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.messages import Phase, Pose, PositionSetpoint
+from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_NS, TICK_S
+from tombo_flight.scenario import Scenario, load_scenario, world_of
+from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.autopilot.vehicle import Px4Vehicle
+from tombo_px4.bridge.bridge_params import SIMULATED as OF_A_MODEL
+from tombo_px4.bridge.bridge_params import BridgeParams
+from tombo_px4.bridge.modes import mode_name, mode_of
+from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
+from tombo_px4.hil.hil_start_help import MOCAP_ONLY, airframe_parameters, mocap_parameters
+from tombo_px4.link.mavlink_link import Link, Received
+from tombo_px4.protocol.endpoint import Endpoint
+from tombo_sim.simulator import Simulator
+from tombo_sim.world import World
+
+_HOVER_S = 4.0
+"""Hovers so long before the loss."""
+_AFTER_S = 12.0
+"""Watched for so long after the end of the loss, or after the rotors have stopped."""
+_LONGEST_S = 60.0
+_READY_S = 60.0
+_DOWN_M, _UP_M = 0.03, 0.15
+"""Height above the stand at which it is down, and at which it flies again."""
+_BACKLOG = 300
+"""Messages that the socket of a stopped bridge keeps."""
+
+
+SIMULATED: Final[Mapping[str, float]] = {**MOCAP_ONLY, **SAFE_PARAMETERS}
+"""Parameters of the simulated PX4."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """What is lost in hover."""
+
+    name: str
+    what: str
+    """`poses`, `late`, `jumping`, `exchanged`, `link`, `bridge`, `mission`, `setpoints`, `px4`."""
+    seconds: float = math.inf
+    bridge_lives: bool = True
+
+
+LOSSES: Final = (
+    Loss("poses stop for 30 s", "poses", 30.0),
+    Loss("poses stop for good", "poses"),
+    Loss("poses 0.5 s late", "late"),
+    Loss("poses jump by 1 m", "jumping"),
+    Loss("poses of another body", "exchanged"),
+    Loss("link cut for 10 s", "link", 10.0, False),
+    Loss("link cut for good", "link", math.inf, False),
+    Loss("bridge killed", "bridge", math.inf, False),
+    Loss("bridge stopped for 20 s", "bridge", 20.0, False),
+    Loss("mission killed", "mission"),
+    Loss("set points silent", "setpoints"),
+    Loss("PX4 restarted", "px4"),
+)
+"""The rows of the table."""
+
+
+@dataclass(frozen=True)
+class LossResult:
+    """What a loss led to; times [s] are from the loss.
+
+    Attributes:
+        armed: it has flown at all.
+        why_not: if not.
+        modes: time and name of each mode that PX4's heartbeats have shown.
+        down_s: when it touched the ground to stay there; None: it never did.
+        off_s: when PX4 was disarmed; None: never.
+        drift_m: how far it got from where it was, horizontally.
+        sink_m_s: vertical speed at touchdown.
+        again: it has left the ground, or was armed, after that.
+        stages: time, stage and reason of the bridge.
+    """
+
+    loss: str
+    seed: int
+    armed: bool
+    why_not: str = ""
+    modes: tuple[tuple[float, str], ...] = ()
+    down_s: float | None = None
+    off_s: float | None = None
+    drift_m: float = 0.0
+    sink_m_s: float = 0.0
+    again: bool = False
+    stages: tuple[tuple[float, str], ...] = ()
+    texts: tuple[tuple[float, str], ...] = ()
+
+    @property
+    def ended(self) -> bool:
+        """It is on the ground, disarmed, and has stayed so."""
+        return self.down_s is not None and self.off_s is not None and not self.again
+
+
+def hover_scenario() -> Scenario:
+    """Return a hover that ends only by a loss."""
+    return load_scenario("hover", ["mission.land_time=600", "duration=700"])
+
+
+def fly_loss(
+    loss: Loss,
+    seed: int,
+    build: Path | None,
+    folder: Path,
+    *,
+    instance: int = 0,
+    bridge: BridgeParams | None = None,
+    parameters: Mapping[str, float] | None = None,
+) -> LossResult:
+    """Fly one loss.
+
+    Args:
+        loss: what is lost.
+        seed: of the simulation's random draws.
+        build: of a real PX4 (`px4_build`); None: the simulated PX4.
+        folder: new; for PX4's files.
+        instance: of PX4.
+        bridge: parameters of the bridge.
+        parameters: of PX4, over those that are recommended.
+
+    Raises:
+        InputError: PX4 does not start, or stops answering.
+    """
+    scenario, bridge = hover_scenario(), bridge or BridgeParams(axes_evidence=OF_A_MODEL)
+    world = world_of(scenario)
+    if build is None:
+        values = {**SIMULATED, **(parameters or {})}
+        with _SimulatedRun(loss, scenario, world, seed, bridge, values) as simulated:
+            while not simulated.over:
+                simulated.advance()
+            return simulated.loss_result()
+    with _RealRun(loss, scenario, world, seed, instance, bridge) as real:
+        values = airframe_parameters(world, real.hil.flight) | mocap_parameters(world, False)
+        values |= parameters or {}
+        real.fly(build, folder, values)
+        return real.loss_result()
+
+
+class _LossRun(LockstepRun):
+    """A flight that loses something."""
+
+    loss: Loss
+    restart_due = False
+    """PX4 is to be restarted now."""
+
+    def _prepare(self, loss: Loss) -> None:
+        self.loss = loss
+        self._began_hover_ns: int | None = None
+        self._lost_ns: int | None = None
+        self._place = np.zeros(3)
+        self._late: deque[tuple[int, Pose]] = deque()
+        self._backlog: list[Received] = []
+        self._track: list[tuple[float, float, float, float, bool]] = []
+        self._modes: list[tuple[float, str]] = []
+        self._stages: list[tuple[float, str]] = []
+        self._rested_s = 0.0
+        self._stand_m = 0.0
+        self._off_since_s: float | None = None
+
+    # --- Time -----------------------------------------------------------------------------------
+
+    @property
+    def _loss_s(self) -> float:
+        """Time since the loss; negative: before it."""
+        return -1.0 if self._lost_ns is None else (self._now_ns - self._lost_ns) * 1e-9
+
+    @property
+    def _lost(self) -> bool:
+        return 0.0 <= self._loss_s < self.loss.seconds
+
+    def _has_lost(self, what: str) -> bool:
+        return self._lost and self.loss.what == what
+
+    @property
+    def over(self) -> bool:
+        """There is nothing more to be seen."""
+        if self._lost_ns is None:
+            return (self._now_ns - EPOCH_NS) * 1e-9 > _READY_S
+        after_s = self._loss_s
+        if after_s > _LONGEST_S:
+            return True
+        ended_s = self.loss.seconds if math.isfinite(self.loss.seconds) else 0.0
+        off_s = self._off_since_s
+        return off_s is not None and after_s > max(ended_s, off_s) + _AFTER_S
+
+    @property
+    def _over(self) -> bool:
+        return self.over or self.restart_due
+
+    # --- What is lost ---------------------------------------------------------------------------
+
+    def _take_pose(self, pose: Pose) -> None:
+        if self._has_lost("bridge") or self._has_lost("poses"):
+            return
+        if self._has_lost("late"):
+            self._late.append((self._now_ns + SECOND_NS // 2, pose))
+            return
+        if self._has_lost("jumping") and int(self._loss_s) % 2 == 0:
+            pose = replace(pose, position=pose.position + np.array([1.0, 0.0, 0.0]))
+        if self._has_lost("exchanged"):
+            attitude = np.array([0.0, 0.0, math.sin(0.5), math.cos(0.5)])
+            noise = 1e-3 * np.sin(np.arange(3) + self._now_ns * 1e-8)
+            pose = replace(pose, position=np.array([2.0, 1.5, 0.2]) + noise, attitude=attitude)
+        super()._take_pose(pose)
+
+    def _run_bridge(self) -> None:
+        while self._late and self._late[0][0] <= self._now_ns:
+            super()._take_pose(self._late.popleft()[1])
+        received = [r._replace(arrival_ns=self._now_ns) for r in self._link.receive()]
+        for message in received:
+            self._watch_heartbeat(message)
+        if self._has_lost("link"):
+            received = []
+        if self._has_lost("bridge"):
+            self._backlog = (self._backlog + received)[:_BACKLOG]
+            return
+        for message in self._backlog + received:
+            self._bridge.take(message)
+        self._backlog = []
+        if self._now_ns // TICK_NS % 4 == 0:
+            out = self._bridge.tick(self._now_ns)
+            if self._has_lost("link"):
+                out.messages.clear()
+            self._take_output(out)
+            stage = f"{out.status.stage.value}: {out.status.why}"
+            if self._loss_s >= 0.0 and (not self._stages or self._stages[-1][1] != stage):
+                self._stages.append((self._loss_s, stage))
+
+    def _hand_over(self, topic: str, message: Any) -> None:
+        if not (self._has_lost("mission") and topic.startswith("/mission/")):
+            super()._hand_over(topic, message)
+
+    def _note(self, topic: str, message: Any) -> None:
+        if self._has_lost("mission") and topic.startswith("/mission/"):
+            return
+        if self._has_lost("setpoints") and isinstance(message, PositionSetpoint):
+            return
+        super()._note(topic, message)
+
+    def _watch_heartbeat(self, received: Received) -> None:
+        message = received.message
+        if message.get_type() != "HEARTBEAT":
+            return
+        mode = mode_name(mode_of(message.custom_mode))
+        armed = bool(message.base_mode & 128)
+        mode = mode if armed else "disarmed"
+        if self._loss_s < 0.0:
+            self._modes = [(0.0, mode)]
+        elif not self._modes or self._modes[-1][1] != mode:
+            self._modes.append((self._loss_s, mode))
+
+    # --- What is seen ---------------------------------------------------------------------------
+
+    def _log(self, simulator: Simulator) -> None:
+        state = simulator.plant.state
+        if self._began_hover_ns is None and self._phase == Phase.HOVER:
+            self._began_hover_ns = self._now_ns
+        hovered = self._began_hover_ns
+        if self._lost_ns is None:
+            if not self.hil.motors.armed and hovered is None:
+                self._stand_m = float(state.position[2])
+            if hovered is not None and self._now_ns - hovered > _HOVER_S * SECOND_NS:
+                self._lost_ns = self._now_ns
+                self._place = state.position.copy()
+                self.restart_due = self.loss.what == "px4"
+            return
+        armed = bool(self.hil.motors.armed)
+        if armed:
+            self._off_since_s = None
+        elif self._off_since_s is None:
+            self._off_since_s = self._loss_s
+        position, velocity = state.position, state.velocity
+        drift = math.hypot(*(position[:2] - self._place[:2]))
+        height = float(position[2]) - self._stand_m
+        self._track.append((self._loss_s, height, drift, float(velocity[2]), armed))
+
+    def loss_result(self) -> LossResult:
+        """Return what the loss has led to."""
+        result = LossResult(self.loss.name, self._seed, self._lost_ns is not None)
+        if self._lost_ns is None:
+            return replace(result, why_not=self._status_why)
+        track = np.array(self._track)
+        texts = tuple(
+            ((at - self._lost_ns) * 1e-9, text) for at, text in self._texts if at >= self._lost_ns
+        )
+        return replace(
+            result,
+            modes=tuple(self._modes),
+            stages=tuple(self._stages),
+            texts=texts,
+            **judged_track(track),
+        )
+
+
+def judged_track(track: Array) -> dict[str, Any]:
+    """Return when it was down and off, how far it drifted, whether it flew again."""
+    seconds, height, drift, climb, armed = track.T
+    on = np.flatnonzero(height < _DOWN_M)
+    found: dict[str, Any] = {"drift_m": float(drift.max())}
+    if on.size:
+        first = int(on[0])
+        found["sink_m_s"] = float(-climb[max(first - round(0.05 / TICK_S), 0) : first + 1].min())
+        later = np.flatnonzero(height[first:] > _UP_M)
+        found["down_s"] = float(seconds[first]) if height[-1] < _DOWN_M else None
+        found["again"] = bool(later.size)
+    off = np.flatnonzero(armed < 0.5)
+    if off.size:
+        found["again"] = bool(found.get("again")) or bool((armed[off[0] :] > 0.5).any())
+        found["off_s"] = float(seconds[off[0]]) if armed[-1] < 0.5 else None
+    return found
+
+
+class _RealRun(_LossRun):
+    """Over a real PX4, in lockstep."""
+
+    def __init__(
+        self, loss: Loss, scenario: Scenario, world: World, seed: int, instance: int,
+        bridge: BridgeParams,
+    ) -> None:  # fmt: skip
+        self._prepare(loss)
+        self._instance = instance
+        self._simulator: Simulator | None = None
+        super().__init__(scenario, world, seed, instance, 0.0, bridge)
+
+    def fly(self, build: Path, folder: Path, values: dict[str, float]) -> None:
+        """Fly until it is over; PX4 is started again where that is the loss."""
+        with Px4Process(build, folder, values, self._instance) as px4:
+            self.run(px4)
+        if self.restart_due:
+            self.restart_due = False
+            again = folder.with_name(f"{folder.name}-again")
+            with Px4Process(build, again, values, self._instance) as px4:
+                self.run(px4)
+
+    def _tick(self, simulator: Simulator) -> None:
+        if simulator is not self._simulator and self._simulator is not None:
+            self._epoch_ns = self._now_ns  # PX4 was restarted: its simulator begins again
+        self._simulator = simulator
+        super()._tick(simulator)
+
+
+class _VirtualTimeLink(Link):
+    """A link whose messages arrive when they are read, at the time of its clock."""
+
+    def receive(self, limit: int = 200) -> list[Received]:
+        """Return the messages that have come."""
+        return [r._replace(arrival_ns=self._clock()) for r in super().receive(limit)]
+
+
+class _SimulatedRun(_LossRun):
+    """Over the simulated PX4, with the same messages."""
+
+    def __init__(
+        self, loss: Loss, scenario: Scenario, world: World, seed: int, bridge: BridgeParams,
+        values: Mapping[str, float],
+    ) -> None:  # fmt: skip
+        self._prepare(loss)
+        self._values = values
+        super().__init__(scenario, world, seed, 0, 0.0, bridge)
+
+    def _connect(self, world: World, instance: int, speed: float) -> None:
+        self._link = bridge_link(0, instance + 1, lambda: self._now_ns)
+        assert self._link.address is not None
+        self._px4_link = _VirtualTimeLink(
+            f"udpout://127.0.0.1:{self._link.address[1]}",
+            system=1,
+            component=1,
+            clock=lambda: self._now_ns,
+        )
+        self._world = world
+        self.hil: Any = self
+        self._boot()
+
+    def _boot(self) -> None:
+        """Start the simulated PX4, on the ground."""
+        table = ParameterTable()
+        for name, value in self._values.items():
+            if name in table.names and (refusal := table.set(name, value)):
+                raise InputError(refusal)
+        self._vehicle = Px4Vehicle(self._world, self._seed, table)
+        self._endpoint = Endpoint(self._vehicle, [(self._px4_link, "onboard")])
+
+    def __exit__(self, *error: object) -> None:
+        self._link.close()
+        self._px4_link.close()
+
+    @property
+    def motors(self) -> Px4Vehicle:
+        """Whether it is armed."""
+        return self._vehicle
+
+    def advance(self) -> None:
+        """Fly 1 ms."""
+        if self.restart_due:
+            self.restart_due = False
+            self._epoch_ns = self._now_ns
+            self._boot()
+        boot_ns = (self._vehicle.tick + 1) * TICK_NS
+        self._endpoint.advance(boot_ns, self._epoch_ns + boot_ns)
+        self._tick(self._vehicle.simulator)

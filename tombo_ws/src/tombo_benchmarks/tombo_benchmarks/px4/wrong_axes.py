@@ -1,0 +1,148 @@
+"""Wrong set-ups of a motion capture, as functions of the true pose, and flights with each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from tombo_benchmarks.px4.lockstep_flight import AsMocap, fly_lockstep
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.rotation import conjugate, quaternion_multiply, rotate_vector
+from tombo_flight.scenario import load_scenario
+from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
+from tombo_px4.frames import px4_pose
+from tombo_px4.hil.hand_motion import HandMotion
+
+FARTHEST_M: Final = 0.5
+"""No wrong set-up may take the vehicle further from where it took off."""
+_HAND_S: Final = 5.0
+"""When the hand begins: PX4 has started, and its estimator has settled."""
+
+
+def _turn(axis: int, degrees: float) -> Array:
+    q = np.zeros(4)
+    q[axis], q[3] = math.sin(math.radians(degrees) / 2), math.cos(math.radians(degrees) / 2)
+    return q
+
+
+def _body(axis: int, degrees: float) -> AsMocap:
+    turn = _turn(axis, degrees)
+    return lambda place, q: (place, quaternion_multiply(q, turn))
+
+
+_Y_UP: Final = _turn(0, -90.0)
+
+
+def _y_up(place: Array, q: Array) -> tuple[Array, Array]:
+    return rotate_vector(_Y_UP, place), quaternion_multiply(_Y_UP, q)
+
+
+def _y_up_both(place: Array, q: Array) -> tuple[Array, Array]:
+    place, q = _y_up(place, q)
+    return place, quaternion_multiply(q, conjugate(_Y_UP))
+
+
+@dataclass(frozen=True)
+class WrongAxes:
+    """A mistake in the axes, and a word that its message must have."""
+
+    make: AsMocap
+    word: str
+
+
+WRONG_AXES: Final[Mapping[str, WrongAxes]] = {
+    "body yawed by 90 deg": WrongAxes(_body(2, 90.0), "is not the nose"),
+    "body yawed by 180 deg": WrongAxes(_body(2, 180.0), "is not the nose"),
+    "body yawed by 45 deg": WrongAxes(_body(2, 45.0), "is not the nose"),
+    "y up in world and body": WrongAxes(_y_up_both, "Y-up"),
+    "y up in the world": WrongAxes(_y_up, "Y-up"),
+    "z down: NED and FRD": WrongAxes(px4_pose, "z down"),
+    "mirrored in y": WrongAxes(
+        lambda place, q: (place * [1, -1, 1], q * [-1, 1, -1, 1]), "mirrored"
+    ),
+    "quaternion w first": WrongAxes(lambda place, q: (place, np.roll(q, 1)), "w first"),
+    "body rolled by 90 deg": WrongAxes(_body(0, 90.0), "axes of the mocap body"),
+    "x and y of positions exchanged": WrongAxes(
+        lambda place, q: (place[[1, 0, 2]], q), "positions"
+    ),
+    "attitude inverse": WrongAxes(lambda place, q: (place, conjugate(q)), "inverse"),
+}
+"""Name -> what the motion capture sends."""
+_LEVEL: Final = (
+    *("body yawed by 90 deg", "body yawed by 180 deg", "body yawed by 45 deg"),
+    *("mirrored in y", "x and y of positions exchanged"),
+)
+"""Those that a vehicle at rest does not show: with the proof of another body they are armed."""
+
+
+def wrong_axes_flights() -> Mapping[str, tuple[AsMocap | None, bool, str]]:
+    """Return name -> what the motion capture sends, whether it is moved by hand, and a word.
+
+    The first is a good set-up; the last ones are armed with a proof that is not theirs.
+    """
+    found: dict[str, tuple[AsMocap | None, bool, str]] = {"as it should be": (None, True, "")}
+    found |= {name: (wrong.make, True, wrong.word) for name, wrong in WRONG_AXES.items()}
+    found["good, but not proven"] = (None, False, "not proven")
+    for name in _LEVEL:
+        found[f"{name}, old proof"] = (WRONG_AXES[name].make, False, "")
+    return found
+
+
+def fly_wrong_axes(
+    build: Path | None, folder: Path, name: str, seed: int, *, instance: int = 0
+) -> dict[str, Any]:
+    """Fly one of `wrong_axes_flights`; return its row of the table."""
+    make, by_hand, word = wrong_axes_flights()[name]
+    old = name.endswith("old proof")
+    flight = fly_lockstep(
+        build,
+        folder,
+        load_scenario("hover", []),
+        seed,
+        instance=instance,
+        bridge=BridgeParams(axes_evidence=SIMULATED if old else ""),
+        as_mocap=make,
+        hand=HandMotion(_HAND_S) if by_hand else None,
+    )
+    summary = flight.summary
+    position = flight.columns.get("position")
+    away = 0.0
+    if position is not None and len(position):
+        away = float(np.linalg.norm(position[:, :2] - position[0, :2], axis=1).max())
+    text = summary["why_not"] or "; ".join(text for _, text in summary.get("notes", ()))
+    good = name == "as it should be"
+    return {
+        "set_up": name,
+        "armed": summary["armed"],
+        "away_m": away,
+        "landed": bool(summary.get("landed")),
+        "disarmed": summary.get("disarmed", True),
+        "text": text,
+        "as_wanted": bool(summary.get("landed")) if good else away <= FARTHEST_M and word in text,
+        "real_time_factor": summary.get("real_time_factor"),
+    }
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Return the table of the flights."""
+    lines = [
+        "| set-up | armed | furthest away [m] | at the end | what is said |",
+        "|" + 5 * "---|",
+    ]
+    for row in rows:
+        end = (
+            "landed"
+            if row["landed"]
+            else "on the ground, disarmed"
+            if row["disarmed"]
+            else "armed"
+        )
+        away, armed = f"{row['away_m']:.2f}", "yes" if row["armed"] else "no"
+        cells = (row["set_up"], armed, away, end, row["text"])
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"

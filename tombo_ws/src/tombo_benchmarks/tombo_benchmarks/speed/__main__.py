@@ -1,0 +1,61 @@
+"""Prints how fast the simulation is on this machine; `--json` for programs."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from tombo_benchmarks.speed.speed_measurements import measure
+from tombo_bringup.cli.tables import console
+
+_ROWS: Final = (
+    ("kernel_steps_per_s", "bare kernel, one core", "M steps/s", 1e-6, 2, "at least 3"),
+    ("batch_steps_per_s", "batch of vehicles", "M steps/s", 1e-6, 2, "at least 6"),
+    ("batch_threads", "  on threads", "", 1.0, 0, "2"),
+    ("numpy_steps_per_s", "plain NumPy step", "steps/s", 1.0, 0, ""),
+    ("kernel_over_numpy", "  kernel over NumPy", "times", 1.0, 0, ""),
+    ("flight_real_time_factor", "whole flight", "times real time", 1.0, 0, "at least 500"),
+    ("recorded_flight_real_time_factor", "  with flight.mcap", "times real time", 1.0, 0,
+     "at least 60"),
+    ("imports_s", "fresh process: imports", "s", 1.0, 2, ""),
+    ("first_kernel_call_s", "  first kernel call", "s", 1.0, 3, "at most 1"),
+    ("first_flight_s", "  first whole flight", "s", 1.0, 3, ""),
+)  # fmt: skip
+
+
+def print_table(figures: Mapping[str, float | int | None]) -> None:
+    """Print the figures beside what is wanted."""
+    table = Table(box=SIMPLE_HEAD, title="Speed on this machine, medians")
+    table.add_column("")
+    table.add_column("measured", justify="right")
+    table.add_column("")
+    table.add_column("wanted")
+    for key, name, unit, scale, digits, wanted in _ROWS:
+        value = figures[key]
+        shown = "–" if value is None else f"{scale * value:.{digits}f}"
+        table.add_row(name, shown, unit, wanted)
+    console().print(table)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="python -m tombo_benchmarks.speed", description=__doc__)
+    parser.add_argument("--json", action="store_true", help="print JSON only")
+    chosen = parser.parse_args(arguments)
+    waiting = Console(stderr=True)
+    with waiting.status("measuring") as status:
+        figures = measure(lambda text: status.update(f"measuring: {text}"))
+    if chosen.json:
+        console().out(json.dumps(figures, indent=1), highlight=False)
+    else:
+        print_table(figures)
+
+
+if __name__ == "__main__":
+    main()

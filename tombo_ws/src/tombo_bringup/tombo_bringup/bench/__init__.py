@@ -1,1 +1,0 @@
-"""How fast the simulation is on this machine: `make bench`, `python -m tombo_bringup.bench`."""
