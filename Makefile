@@ -7,6 +7,7 @@
 # make format   lay the sources out as `make lint` wants them
 # make bench    measure the speed on this machine
 # make docs     regenerate pictures, tables and figures of the documentation (ARGS=campaign for one)
+# make messages write the dataclasses of the messages from their .msg files
 # make setup    only make .venv; every other target does it first when needed
 # make clean    remove .venv, builds and caches; flights in runs/ stay
 
@@ -22,7 +23,7 @@ unexport PYTHONDONTWRITEBYTECODE
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly check test test-px4 lint format bench docs clean
+.PHONY: help setup fly check test test-px4 lint format bench docs messages clean
 
 help:
 	@sed -n 's/^# make /make /p' Makefile
@@ -72,6 +73,10 @@ bench:
 docs:
 	$(SETUP)
 	@$(BIN)/python -m tombo_benchmarks.docs $(ARGS)
+
+messages:
+	$(SETUP) --no-kernels
+	@$(BIN)/python -m tombo_benchmarks.docs.message_module
 
 clean:
 	rm -rf .venv build install log .mypy_cache .ruff_cache .pytest_cache .hypothesis

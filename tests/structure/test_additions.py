@@ -93,6 +93,15 @@ class GoOn(Reaction):
     def begin(self, event, estimate, last):
         return None
 '''
+MESSAGE = """# A greeting.
+
+uint8 KIND_LOUD=5    # for all to hear
+
+std_msgs/Header header        # [s] stamp: time of the greeting; frame map (ENU)
+geometry_msgs/Vector3 wave    # [m/s] of the hand in map
+uint8 kind                    # [-] no frame; one of the KIND_ constants
+string text                   # [-] no frame; in words
+"""
 TOPIC = """
 GREETING = TopicSpec("/greeting", "tombo_msgs/msg/Greeting", STATE, 0.0, "for the test")
 TOPICS[GREETING.name] = GREETING
@@ -170,13 +179,12 @@ ADDITIONS = {
     ),
     "a message or a topic": Addition(
         (
-            Edit("tombo_msgs/msg/Greeting.msg", "string text\n"),
+            Edit("tombo_msgs/msg/Greeting.msg", MESSAGE),
             Edit("tombo_msgs/CMakeLists.txt", "  msg/Greeting.msg\n", before="  DEPENDENCIES"),
             Edit("tombo_bag/tombo_bag/topics.py", TOPIC),
         ),
-        "from_('tombo_bag.schemas').schema_text("
-        "from_('tombo_bag.topics').TOPICS['/greeting'].typename)",
-        "string text\n",
+        "sent_and_recorded('/greeting', 'Greeting', 7, [1.0, 2.0, 3.0], 5, 'hello')",
+        [[7, [1.0, 2.0, 3.0], 5, "hello"], {"stamp_ns": "ns", "wave": "m/s", "kind": "1"}],
     ),
     "a core and its node": Addition(
         (
@@ -271,6 +279,19 @@ def made(name, file):
             product.make(Path("."), Path("."))
     return Path(file).read_text()
 
+def sent_and_recorded(topic, name, *values):
+    kind = getattr(from_("tombo_dynamics.messages"), name)
+    codec = from_("tombo_bag.message_codec")
+    spec = from_("tombo_bag.topics").TOPICS[topic]
+    data = codec.MessageCodec(spec.typename).encode(kind(*values))
+    with from_("tombo_bag.formats.mcap_sink").McapSink(Path("a.mcap")) as sink:
+        sink.write(sink.add_channel(topic, spec.typename), data, 1)
+    with from_("tombo_bag.recording").Recording("a.mcap") as recording:
+        (read,) = codec.messages_of(spec.typename, recording.columns(topic))
+    record = from_("tombo_dynamics.message_records").record_of(kind)
+    plain = [getattr(value, "tolist", lambda: value)() for value in vars(read).values()]
+    return [plain, {name: field.unit for name, field in record.fields.items()}]
+
 found = {}
 for name, use in json.load(sys.stdin).items():
     try:
@@ -318,6 +339,8 @@ def used(tmp_path_factory):
         "TOMBO_CACHE_DIR": str(folder / "cache"),
         "NUMBA_DISABLE_JIT": "1",
     }
+    written = [sys.executable, "-m", "tombo_benchmarks.docs.message_module"]
+    subprocess.run(written, env=environment, check=True, cwd=folder)  # `make messages`
     done = subprocess.run(
         [sys.executable, "-c", USE, str(BAG)],
         input=json.dumps({name: addition.use for name, addition in ADDITIONS.items()}),

@@ -9,7 +9,7 @@ import pytest
 
 from tombo_bag.columnar_cdr import encode
 from tombo_bag.columns import columns_of
-from tombo_bag.message_codec import _FORMS, MessageCodec, messages_of, records_of
+from tombo_bag.message_codec import FORMS, MessageCodec, messages_of, records_of
 from tombo_bag.schemas import known_types
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import MissionStatus, Pose, neutral
@@ -37,20 +37,20 @@ def assert_equal(a, b):
         assert np.array_equal(x, y, equal_nan=isinstance(x, np.ndarray)), one.name
 
 
-@pytest.mark.parametrize("typename", sorted(_FORMS))
+@pytest.mark.parametrize("typename", sorted(FORMS))
 def test_message_survives_bytes_to_the_last_bit(typename):
     codec = MessageCodec(typename)
     for seed in range(3):
-        message = filled(_FORMS[typename].kind, seed)
+        message = filled(FORMS[typename].kind, seed)
         data = codec.encode(message)
         assert_equal(codec.decode(data), message)
         table = columns_of(typename, [data], known_types())
         assert_equal(messages_of(typename, table)[0], message)
 
 
-@pytest.mark.parametrize("typename", sorted(set(_FORMS) - {"tombo_msgs/msg/MissionStatus"}))
+@pytest.mark.parametrize("typename", sorted(set(FORMS) - {"tombo_msgs/msg/MissionStatus"}))
 def test_columns_give_the_same_bytes_as_one_message(typename):
-    message = filled(_FORMS[typename].kind, 1)
+    message = filled(FORMS[typename].kind, 1)
     types = {"int": np.int64, "float": np.float64, "bool": np.bool_}
     columns = [
         (one.name, np.float64, getattr(message, one.name).size)

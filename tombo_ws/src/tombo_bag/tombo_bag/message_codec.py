@@ -1,13 +1,13 @@
-"""Bytes of messages (CDR) ⇄ the dataclasses of `tombo_dynamics.messages`, by one table.
+"""Bytes of messages (CDR) ⇄ the dataclasses of `tombo_dynamics.messages`.
 
-Nodes, replay and recordings use the same table. Messages of one shape (`MessageTemplate`) are read
-and written in some microseconds.
+Where a field stands follows from its name and its metadata. Messages of one shape
+(`MessageTemplate`) are read and written in some microseconds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, fields
 from functools import cache
 from typing import Any
 
@@ -19,9 +19,9 @@ from tombo_bag.columnar_cdr import lay_in, lay_in_times, layout
 from tombo_bag.columns import ColumnTable
 from tombo_bag.message_template import Field, MessageTemplate, TimeField
 from tombo_bag.schemas import known_types
-from tombo_dynamics import messages as kinds
+from tombo_dynamics import messages
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
+from tombo_dynamics.frames import FRAME_MAP
 from tombo_dynamics.time_base import SECOND_NS
 
 _SHAPES = 8
@@ -52,79 +52,57 @@ class _Part:
 
 
 @dataclass(frozen=True)
-class _Form:
+class Form:
     """How a dataclass stands in a message."""
 
     kind: type
     frames: Mapping[str, str]
     """Path → frame; what the dataclass itself holds is not in here."""
-    paths: Mapping[str, str] = field(default_factory=dict)
-    """Field of the dataclass → path, where the message calls it otherwise."""
-    values: Mapping[str, Any] = field(default_factory=dict)
+    values: Mapping[str, Any]
     """What always stands in the message besides."""
-    any_frame: bool = False
+    any_frame: bool
     """Messages of another frame are taken too: a status says nothing in a frame."""
 
 
 _FRAME_ID = "header.frame_id"
 _HEADER = {"stamp_ns": "header.stamp", "frame_id": _FRAME_ID}
-_MAP, _BODY = {_FRAME_ID: FRAME_MAP}, {_FRAME_ID: FRAME_BODY}
-_FORMS: dict[str, _Form] = {
-    "geometry_msgs/msg/PoseStamped": _Form(
-        kinds.Pose, {}, {"position": "pose.position", "attitude": "pose.orientation"}
-    ),
-    "sensor_msgs/msg/Imu": _Form(
-        kinds.Imu,
-        _BODY,
-        {"gyro": "angular_velocity", "accel": "linear_acceleration"},
-        {"orientation": {"w": 1.0}, "orientation_covariance": [-1.0] + 8 * [0.0]},
-    ),
-    "nav_msgs/msg/Odometry": _Form(
-        kinds.Odometry,
-        {**_MAP, "child_frame_id": FRAME_BODY},
-        {
-            "position": "pose.pose.position",
-            "attitude": "pose.pose.orientation",
-            "velocity": "twist.twist.linear",
-            "rates": "twist.twist.angular",
-            "pose_covariance": "pose.covariance",
-            "twist_covariance": "twist.covariance",
-        },
-    ),
-    "tombo_msgs/msg/EstimatorStatus": _Form(kinds.EstimatorStatus, _BODY, any_frame=True),
-    "tombo_msgs/msg/PositionSetpoint": _Form(kinds.PositionSetpoint, _MAP),
-    "tombo_msgs/msg/MissionStatus": _Form(kinds.MissionStatus, _MAP, any_frame=True),
-    "tombo_msgs/msg/CollisionEvent": _Form(kinds.CollisionEvent, {}),
-    "tombo_msgs/msg/DetectorStatus": _Form(kinds.DetectorStatus, _MAP, any_frame=True),
-    "tombo_msgs/msg/ReactionStatus": _Form(kinds.ReactionStatus, _MAP, any_frame=True),
-    "tombo_msgs/msg/RotorSpeeds": _Form(kinds.RotorCommand, _BODY),
-    "tombo_msgs/msg/AttitudeSetpoint": _Form(
-        kinds.AttitudeSetpoint, _MAP, {"attitude": "orientation"}
-    ),
-    "tombo_msgs/msg/RatesSetpoint": _Form(kinds.RatesSetpoint, _BODY),
+
+
+def _form(kind: Any) -> Form:
+    fixed: dict[str, Any] = dict(getattr(kind, "fixed", {}))
+    frames = {_FRAME_ID: kind.frame} if hasattr(kind, "frame") else {}
+    frames |= {path: value for path, value in fixed.items() if isinstance(value, str)}
+    values = {path: value for path, value in fixed.items() if path not in frames}
+    return Form(kind, frames, values, kind.__name__.endswith("Status"))
+
+
+FORMS = {
+    messages.typename_of(kind): _form(kind)
+    for kind in (*messages.STANDARD_MESSAGES, *messages.MESSAGES)
 }
 """Type name → how its dataclass stands in it."""
 
 
 @cache
-def form_of(typename: str) -> _Form:
+def form_of(typename: str) -> Form:
     """Return how a type's dataclass stands in it.
 
     Raises:
         InputError: no core takes or gives this type.
     """
-    if typename not in _FORMS:
-        raise InputError(f"{typename}: no core uses it; accepted: {', '.join(_FORMS)}")
-    return _FORMS[typename]
+    if typename not in FORMS:
+        raise InputError(f"{typename}: no core uses it; accepted: {', '.join(FORMS)}")
+    return FORMS[typename]
 
 
 @cache
 def _parts(typename: str) -> tuple[_Part, ...]:
     """Return a part for each field of a type's dataclass, in their order."""
-    form = form_of(typename)
-    paths = {**_HEADER, **form.paths}
-    names = [one.name for one in fields(form.kind)]
-    return tuple(_part(typename, paths.get(n, n.removesuffix("_ns"))) for n in names)
+    paths = {
+        one.name: one.metadata.get("path") or _HEADER.get(one.name, one.name.removesuffix("_ns"))
+        for one in fields(form_of(typename).kind)
+    }
+    return tuple(_part(typename, path) for path in paths.values())
 
 
 def _part(typename: str, path: str) -> _Part:
@@ -251,11 +229,12 @@ def records_of(typename: str, table: NDArray[np.void]) -> NDArray[np.void]:
 
     Args:
         typename: of the messages.
-        table: (N,) structured, the fields of the dataclass by name; strings are left out, frames
-            are map or what the type has.
+        table: (N,) structured, the fields of the dataclass by name; strings are left out, a
+            frame that the dataclass holds is map.
     """
     form = form_of(typename)
-    template = _nested({**_MAP, **form.frames}, form.values)
+    carried = {part.path: FRAME_MAP for part in _parts(typename) if part.path == _FRAME_ID}
+    template = _nested({**carried, **form.frames}, form.values)
     records = layout(typename, template).records(len(table))
     for part, one in zip(_parts(typename), fields(form.kind), strict=True):
         if part.is_text:

@@ -18,7 +18,7 @@ from typing import Any
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled_call
-from tombo_dynamics.messages import UNKNOWN_ROTOR
+from tombo_dynamics.messages import ROTOR_UNKNOWN
 from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotation_vector
@@ -545,5 +545,5 @@ class CollisionEvent:
     the specific force [m/s^2]."""
     count: int
     """1 for the first event of a flight."""
-    rotor: int = UNKNOWN_ROTOR
+    rotor: int = ROTOR_UNKNOWN
     """That was struck; -1: not known."""

@@ -19,7 +19,7 @@ from tombo_dynamics.core import Core
 from tombo_dynamics.frames import FRAME_MAP, is_map
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.message_records import CollisionEventRecord, DetectorStatusRecord, message_of
-from tombo_dynamics.messages import UNKNOWN_ROTOR, CollisionEvent, DetectorStatus, Pose
+from tombo_dynamics.messages import ROTOR_UNKNOWN, CollisionEvent, DetectorStatus, Pose
 from tombo_dynamics.pose_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose
 from tombo_dynamics.records import Record, field, parameter_record
 from tombo_dynamics.stamp_check import is_future
@@ -85,7 +85,7 @@ def take_pose(
         event.confidence = d.confidence
         event.statistic = d.statistic
         event.count = d.count
-        event.rotor = UNKNOWN_ROTOR
+        event.rotor = ROTOR_UNKNOWN
     return result
 
 

@@ -12,7 +12,7 @@ from core_calls import Mission
 from tombo_collision.reactions.bounce import Bounce
 from tombo_control.mission_core import MissionLimits, WaitReason
 from tombo_control.planning.mission import MissionParams, advance_mission, begin, compiled_plan
-from tombo_dynamics.messages import Phase, ReactionPhase
+from tombo_dynamics.messages import Phase, ReactionPhase, is_finite
 from tombo_dynamics.vehicle import VehicleParams
 
 MS = 1_000_000
@@ -547,7 +547,7 @@ def test_whatever_fails_set_points_are_finite_and_the_flight_ends(events):
             crowd = not crowd
             world.course.set_multiple_publishers("/odometry", crowd)
         world.run(seconds)
-    assert all(s.finite() for s in world.said)
+    assert all(is_finite(s) for s in world.said)
     speeds = [float(np.linalg.norm(s.velocity)) for s in world.said]
     assert max(speeds) <= PLAN.approach_speed + 1e-9
     world.odometry = world.answers = world.follows = True

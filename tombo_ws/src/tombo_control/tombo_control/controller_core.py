@@ -58,7 +58,7 @@ from tombo_dynamics.messages import (
     PositionSetpoint,
     RatesSetpoint,
     RecoveryMode,
-    RotorCommand,
+    RotorSpeeds,
 )
 from tombo_dynamics.propeller.impact import recovery_time
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_rotors
@@ -462,7 +462,7 @@ class ControllerCore(Core):
         if memory.watch.state == SafetyState.STANDBY:
             return
         thrust = float(setpoint.thrust)
-        self._outputs.append(("/rotor_command", RotorCommand(stamp, setpoint.rotor_speed.copy())))
+        self._outputs.append(("/rotor_command", RotorSpeeds(stamp, setpoint.rotor_speed.copy())))
         if memory.attitude_ran:
             rates = RatesSetpoint(stamp, setpoint.rates.copy(), thrust)
             self._outputs.append(("/rates_setpoint", rates))

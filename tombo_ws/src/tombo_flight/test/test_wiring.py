@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import re
-from enum import IntEnum
-
 import numpy as np
 import pytest
 
 from tombo_bag.message_codec import form_of
-from tombo_bag.schemas import own_definitions
 from tombo_bag.topics import TOPICS
 from tombo_control.controller_core import ControllerCore
 from tombo_dynamics.core import Core
-from tombo_dynamics.messages import Imu, Phase, ReactionPhase, RotorCommand, Trigger, neutral
+from tombo_dynamics.messages import Imu, RotorSpeeds, neutral
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_flight.run_wiring import CoreRunner, run_cores
 from tombo_flight.scenario import load_scenario, world_of
@@ -133,7 +129,7 @@ def test_command_of_a_tick_acts_in_it():
         outputs = (COMMAND,)
 
         def step(self, now_ns):
-            return [(COMMAND, RotorCommand(now_ns, np.full(4, 700.0)))]
+            return [(COMMAND, RotorSpeeds(now_ns, np.full(4, 700.0)))]
 
     scenario = load_scenario("hover")
     flown, alone = (Simulator(world_of(scenario), 0) for _ in range(2))
@@ -141,17 +137,3 @@ def test_command_of_a_tick_acts_in_it():
     for _ in range(30):
         alone.advance(np.full(4, 700.0))
     assert np.array_equal(flown.imu, alone.imu)
-
-
-@pytest.mark.parametrize(
-    ("kind", "message", "prefix"),
-    [
-        (Phase, "MissionStatus", ""),
-        (ReactionPhase, "ReactionStatus", ""),
-        (Trigger, "CollisionEvent", "TRIGGER_"),
-    ],
-)
-def test_constants_are_those_of_the_message_definition(kind: type[IntEnum], message, prefix):
-    text = own_definitions()[f"tombo_msgs/msg/{message}"]
-    found = dict(re.findall(r"^uint8 (\w+)=(\d+)", text, re.M))
-    assert {prefix + one.name: str(one.value) for one in kind} == found

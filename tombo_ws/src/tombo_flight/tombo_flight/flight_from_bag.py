@@ -47,7 +47,7 @@ from tombo_collision.decision import Decision
 from tombo_collision.detector import CollisionEvent
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.messages import UNKNOWN_ROTOR, Phase, ReactionPhase, Trigger
+from tombo_dynamics.messages import ROTOR_UNKNOWN, Phase, ReactionPhase, Trigger
 from tombo_dynamics.rotation import conjugate, map_to_body, unwrap_quaternions
 from tombo_dynamics.time_base import SECOND_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import MetricsInput, collision_events, phase_event, summarize
@@ -381,7 +381,7 @@ class _RecordedFlight:
                 float(table["confidence"][i]),
                 float(table["statistic"][i]),
                 int(table["count"][i]),
-                int(table["rotor"][i]) if "rotor" in table else UNKNOWN_ROTOR,
+                int(table["rotor"][i]) if "rotor" in table else ROTOR_UNKNOWN,
             )
             for i in range(stamps.size)
         ]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tombo_collision.decision import Decision
 from tombo_collision.detector import CollisionEvent
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.messages import PHASE_NAMES, UNKNOWN_ROTOR, Phase, Trigger
+from tombo_dynamics.messages import PHASE_NAMES, ROTOR_UNKNOWN, Phase, Trigger
 from tombo_dynamics.rotation import tilt, up_in_body
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, VehicleParams
@@ -257,7 +257,7 @@ def _detection(flight: MetricsInput, c: int | None) -> dict[str, Any]:
     first, arrival = poses[0] if poses else (None, None)
     known = min((at for _, at in true), default=None)
     by_imu = (e.rotor for e, _ in true if e.trigger == _IMU)  # poses do not tell the rotor
-    struck = next((rotor for rotor in by_imu if rotor != UNKNOWN_ROTOR), None)
+    struck = next((rotor for rotor in by_imu if rotor != ROTOR_UNKNOWN), None)
     # x_c, n_r and x_r belong together: after a second collision they are the second one's
     reaction = flight.reactions[-1] if flight.reactions else None
     x_c = reaction.x_c if reaction else first.x_c if first else None

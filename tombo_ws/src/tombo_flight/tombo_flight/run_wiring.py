@@ -16,7 +16,7 @@ import numpy as np
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core
 from tombo_dynamics.frames import FRAME_MAP
-from tombo_dynamics.messages import Imu, Phase, Pose, RotorCommand
+from tombo_dynamics.messages import Imu, Phase, Pose, RotorSpeeds
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_NS
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import CORES, core_of
@@ -86,7 +86,7 @@ def run_cores(
             record(topic, message)
             for runner in runners:
                 runner.take(topic, message)
-            if isinstance(message, RotorCommand):
+            if isinstance(message, RotorSpeeds):
                 command = message.speed
             elif topic == "/mission/status":
                 phase = message.phase

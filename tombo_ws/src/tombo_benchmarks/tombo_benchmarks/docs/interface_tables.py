@@ -225,33 +225,6 @@ def _flow(spec: TopicSpec, nodes: list[NodeFacts]) -> str:
     )
 
 
-def updated(page: str, tables: Mapping[str, str]) -> str:
-    """Return a page with the tables between `<!-- NAME -->` and `<!-- /NAME -->`.
-
-    Raises:
-        InputError: a table has no markers.
-    """
-    for name, table in tables.items():
-        begin, end = _between(page, name)
-        page = page[:begin] + table + page[end:]
-    return page
-
-
-def marked(page: str, name: str) -> str:
-    """Return what stands between a page's `<!-- NAME -->` and `<!-- /NAME -->`."""
-    begin, end = _between(page, name)
-    return page[begin:end]
-
-
-def _between(page: str, name: str) -> tuple[int, int]:
-    head, tail = f"<!-- {name} -->\n", f"<!-- /{name} -->"
-    begin = page.find(head) + len(head)
-    end = page.find(tail, begin)
-    if begin < len(head) or end < 0:
-        raise InputError(f"the page has no <!-- {name} --> ... <!-- /{name} -->")
-    return begin, end
-
-
 def tables(page: str = "nodes.md") -> dict[str, str]:
     """Return the tables of a page by the names of their markers."""
     nodes = every_node()

@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from tombo_benchmarks.docs.interface_tables import updated
+from tombo_benchmarks.docs.markers import updated
 from tombo_benchmarks.docs.wiring_picture import wiring_mermaid
 from tombo_dynamics.errors import InputError
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.messages import Phase, PositionSetpoint
+from tombo_dynamics.messages import Phase, PositionSetpoint, is_finite
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.bridge_params import POSITION, BridgeParams
 from tombo_px4.bridge.flight_limits import FlightLimits
@@ -45,7 +45,7 @@ class SetpointStream:
 
     def setpoint(self, setpoint: PositionSetpoint, now_ns: int) -> bool:
         """Take a set point; False: not finite, not taken."""
-        if not setpoint.finite():
+        if not is_finite(setpoint):
             return False
         setpoint, self._moved_inside = self._limits.inside(setpoint)
         self._setpoint, self._setpoint_ns, self._new = setpoint, now_ns, True
