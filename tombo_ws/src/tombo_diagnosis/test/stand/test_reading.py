@@ -130,11 +130,21 @@ BAD = {
     "rpm,thrust_N\n100,0.1\n150,0.5\n170,1.0\n": "never passes",
     "rpm,thrust_N,thrust_sigma_N\n1000,1,.1\n2000,4,-1\n3000,9,.1\n": "has -1 in row 2",
     "rpm,thrust_N,thrust_sigma_N\n1000,1,.1\n2000,4,.1\n3000,9,0\n": "has 0 in row 3",
-    "rpm,thrust_N,thrust_N\n1000,1,1\n2000,4,5\n3000,9,9\n": "is there 2 times",
+    "rpm,thrust_N,thrust_N\n1000,1,1\n2000,4,5\n3000,9,9\n": "'thrust_N' twice",
     "rpm,thrust_furlong\n1000,2\n2000,3\n3000,4\n": "N, mN, kN, g, gf, kg",
     "rpm,thrust\n1000,2\n2000,3\n3001,4\n": r"\(N, mN, kN, g, gf, kg",
     "rpm,thrust_N,beta_rad\n1000,0.1,5\n2000,0.5,8\n3000,1.0,12\n": "degrees",
 }
+
+
+def test_decimal_commas_give_the_same_run_and_are_said(tmp_path):
+    path = write(tmp_path / "a.csv", "rpm,thrust_N", RPM, POINT.thrust_N)
+    plain = read_stand(path).channels["thrust"]
+    path.write_text(path.read_text().replace(",", ";").replace(".", ","))
+    table = read_stand(path)
+    assert np.array_equal(table.channels["thrust"], plain)
+    (finding,) = table.findings
+    assert finding.severity == "info" and "decimal commas" in finding.message
 
 
 @pytest.mark.parametrize("text", BAD)

@@ -13,6 +13,7 @@ from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks import check_log
 from tombo_logs.readers.csv_log import read_csv
 from tombo_logs.readers.csv_mapping import parse_mapping, shipped
+from tombo_logs.readers.csv_table import open_table
 
 FLIGHT = made_flight(duration=8.0, mocap_hz=50.0, imu_hz=100.0)
 POSE = ("position", "attitude")
@@ -81,6 +82,18 @@ def test_decimal_commas_are_understood(tmp_path, delimiter):
     text = table_text(FLIGHT, POSE, delimiter).replace(".", ",")
     log = read_csv(written(tmp_path / "a.csv", text), "a")
     close(log.series["position"].values, FLIGHT.series["position"].values)
+    (finding,) = log.findings
+    assert finding.severity == "info" and "decimal commas" in finding.message
+
+
+def test_decimal_commas_beside_decimal_points_are_left_out_and_said(tmp_path):
+    """1,234 in a column and 1.5 in another: the comma may part thousands."""
+    path = written(tmp_path / "a.csv", "a;b\n1,234;1.5\n2;2.5\n3,000;3.5\n")
+    table = open_table(path)
+    values, damage = table.numbers(("a", "b"))
+    assert np.isnan(values["a"][[0, 2]]).all() and values["a"][1] == 2.0
+    assert list(values["b"]) == [1.5, 2.5, 3.5]
+    assert "'1,234' has a comma" in table.remarks[0] and "2 cells" in damage[0]
 
 
 def test_a_header_may_stand_behind_a_hash(tmp_path):

@@ -14,9 +14,10 @@ from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.yaml_text import read_yaml
 from tombo_logs.flight_log import CHANNELS, Finding, FlightLog, Series, damage_findings
-from tombo_logs.readers.csv_mapping import ChannelMap, LogMapping, TimeColumn, shipped
+from tombo_logs.readers.csv_mapping import LogMapping, shipped
 from tombo_logs.readers.csv_table import CsvTable, open_table
 from tombo_logs.readers.frames import axes_matrix, handedness, turn_attitude
+from tombo_logs.readers.mapping_file import ChannelMap, TimeColumn
 from tombo_logs.readers.units import factor
 
 _POSE = ("position", "attitude")
@@ -38,6 +39,7 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
         )
     there = set(table.columns)
     findings = damage_findings(name, path, table.damage)
+    findings += [Finding("table", "info", name, f"{path.name}: {text}") for text in table.remarks]
     channels = {}
     for key, channel in mapping.channels.items():
         lacking = [c for c in _columns(channel, mapping, there) if c not in there]
@@ -51,9 +53,6 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
             text = f"{key}: columns {', '.join(lacking)} are not in the table: left out"
             findings.append(Finding("missing", "fault", name, text, channel=key))
     wanted = {c for channel in channels.values() for c in _columns(channel, mapping, there)}
-    for column in sorted(wanted):
-        if table.columns.count(column) > 1:
-            raise InputError(f"'{table.path}' has column '{column}' twice; accepted: once")
     columns, damage = table.numbers(wanted)
     findings += damage_findings(name, path, damage)
     zero = _zero(columns, channels, mapping)
@@ -136,7 +135,7 @@ def converted(key: str, channel: ChannelMap, mapping: LogMapping, values: Array)
     if channel.range is not None:
         low, high = channel.range
         return np.asarray((values - low) / (high - low))
-    values = values * (channel.scale * factor(channel.unit, CHANNELS[key].unit, key))
+    values = values * channel.factor(CHANNELS[key].unit, key)
     if key == "rotor_speed":
         # some logs sign it by the direction of rotation
         return np.asarray(values * np.where(np.nansum(values, axis=0) < 0.0, -1.0, 1.0))

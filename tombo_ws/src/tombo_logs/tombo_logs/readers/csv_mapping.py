@@ -18,41 +18,20 @@ from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.yaml_text import parse_yaml
 from tombo_logs.flight_log import CHANNELS, Airframe, Series
 from tombo_logs.readers.frames import BODIES, WORLDS, axes_matrix, handedness, turn_attitude
-from tombo_logs.readers.mapping_file import read_mapping, shipped_mappings, table_of
+from tombo_logs.readers.mapping_file import (
+    ChannelMap,
+    TimeColumn,
+    columns_of,
+    numbers_of,
+    read_mapping,
+    shipped_mappings,
+    table_of,
+    unit_of,
+)
 from tombo_logs.readers.units import factor
 
 ORDERS = {"xyzw": 4, "wxyz": 4, "rpy": 3, "ypr": 3}
 """How an attitude is written, and in how many columns: quaternion, or roll, pitch and yaw."""
-
-
-@dataclass(frozen=True)
-class TimeColumn:
-    """A column of times."""
-
-    column: str
-    unit: str = "s"
-
-
-@dataclass(frozen=True)
-class ChannelMap:
-    """Where a channel comes from."""
-
-    columns: tuple[str, ...]
-    """As in the file; with a minus before it, of the opposite sign."""
-    unit: str
-    order: str = "xyzw"
-    """Of an attitude: one of ORDERS."""
-    range: tuple[float, float] | None = None
-    """Of a motor command: what stands for 0 and for 1."""
-    axes: tuple[str, ...] | None = None
-    """Of gyro and accel where they have axes of their own: ours in terms of the file's."""
-    time: TimeColumn | None = None
-    """Where the channel has stamps of its own."""
-    arrival: TimeColumn | None = None
-    topic: str = ""
-    """Of recordings and PX4 logs: where the columns are, as `esc[0].rpm` or `data[2]`."""
-    scale: float = 1.0
-    """By what values are multiplied, beside the unit: -1, or 10 for joints that Gazebo slows."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +115,7 @@ def parse_mapping(text: str, name: str) -> LogMapping:
         time=_time(values.get("time"), f"{what}: time"),
         world=world,
         body=body,
-        turn_deg=_numbers(values.get("turn_deg", (0.0, 0.0, 0.0)), 3, f"{what}: turn_deg"),
+        turn_deg=numbers_of(values.get("turn_deg", (0.0, 0.0, 0.0)), 3, f"{what}: turn_deg"),
         channels={key: _channel(key, value, what) for key, value in channels.items()},
         airframe=_airframe(values.get("airframe"), f"{what}: airframe"),
         metadata=_metadata(values.get("metadata"), f"{what}: metadata"),
@@ -157,29 +136,23 @@ def _channel(key: str, content: object, what: str) -> ChannelMap:
     if order not in ORDERS:
         raise unknown_name(f"order of {what}", order, ORDERS)
     width = ORDERS[order] if key == "attitude" else channel.width
-    columns = values.get("columns", ())
-    columns = (columns,) if isinstance(columns, str) else columns
-    if not isinstance(columns, Sequence) or len(columns) != width:
-        raise InputError(f"{what}: columns {shown(columns)}; accepted: {width} names of columns")
-    angles = key == "attitude" and width == 3
-    wanted = "rad" if angles else channel.unit
-    if "unit" not in values and (angles or channel.unit != "1"):
-        raise InputError(f"{what}: no unit; accepted: a unit as {wanted}")
+    columns = columns_of(values.get("columns", ()), what, width, f"{width} names of columns")
+    wanted = "rad" if key == "attitude" and width == 3 else channel.unit
     unit, span = str(values.get("unit", "1")), values.get("range")
     if span is not None:
-        low, high = _numbers(span, 2, f"{what}: range")
+        low, high = numbers_of(span, 2, f"{what}: range")
         if not high > low or key != "motor_command":
             raise InputError(
                 f"{what}: range {shown(span)}; accepted: [low, high], of motor_command"
             )
         span = low, high
     else:
-        factor(unit, wanted, what)
+        unit = unit_of(values, wanted, what)
     axes = values.get("axes")
     if axes is not None and key not in ("gyro", "accel"):
         raise InputError(f"{what}: axes; accepted: for gyro and accel, else world and body")
     return ChannelMap(
-        columns=tuple(str(c) for c in columns),
+        columns=columns,
         unit=unit,
         order=order,
         range=span,
@@ -187,7 +160,7 @@ def _channel(key: str, content: object, what: str) -> ChannelMap:
         time=_time(values.get("time"), f"{what}: time"),
         arrival=_time(values.get("arrival"), f"{what}: arrival"),
         topic=str(values.get("topic", "")),
-        scale=_numbers([values.get("scale", 1.0)], 1, f"{what}: scale")[0],
+        scale=numbers_of([values.get("scale", 1.0)], 1, f"{what}: scale")[0],
     )
 
 
@@ -230,24 +203,14 @@ def _airframe(content: object, what: str) -> Airframe | None:
     if lacking:
         raise InputError(f"{what}: no {', '.join(lacking)}; accepted: {', '.join(names)}")
     numbers: dict[str, Any] = {
-        n: _numbers([values[n]], 1, f"{what}: {n}")[0]
+        n: numbers_of([values[n]], 1, f"{what}: {n}")[0]
         for n in names
         if n in values and n not in ("name", "inertia")
     }
     wrong = [n for n, x in numbers.items() if not x > 0.0]
     if values.get("inertia") is not None:
-        numbers["inertia"] = _numbers(values["inertia"], 3, f"{what}: inertia")
+        numbers["inertia"] = numbers_of(values["inertia"], 3, f"{what}: inertia")
         wrong += ["inertia"] * (min(numbers["inertia"]) <= 0.0)
     if wrong:
         raise InputError(f"{what}: {wrong[0]} must be above 0")
     return Airframe(name=str(values.get("name", "airframe")), **numbers)
-
-
-def _numbers(content: Any, count: int, what: str) -> tuple[Any, ...]:
-    try:
-        numbers = tuple(float(x) for x in content)
-    except (TypeError, ValueError, OverflowError):
-        numbers = ()
-    if len(numbers) != count or not np.all(np.isfinite(numbers)):
-        raise InputError(f"{what}: {shown(content)}; accepted: {count} number{'s' * (count > 1)}")
-    return numbers

@@ -1,4 +1,9 @@
-"""A table of numbers as text, plain or gzip: of a damaged one, the rows that are whole."""
+"""A table of numbers as text, plain or gzip: of a damaged one, the rows that are whole.
+
+Tables of flights, of thrust stands and of flap videos are read here alone. Cells are parted by
+commas, semicolons or tabs. Numbers have decimal points; where cells are not parted by commas and
+no number has a point, decimal commas are read, and it is said.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +22,9 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 
 _MOST_COLUMNS = 5000
-_DECIMAL_COMMA = re.compile(rb"(?:^|[;\t])\s*-?\d+,\d+(?:[eE][-+]?\d+)?\s*(?:[;\t]|$)")
+_BETWEEN_CELLS = rb"(?:^|[;\t])\s*[-+]?\d+%b\d+(?:[eE][-+]?\d+)?\s*(?=[;\t]|$)"
+_DECIMAL_COMMA = re.compile(_BETWEEN_CELLS % b",", re.MULTILINE)
+_DECIMAL_POINT = re.compile(_BETWEEN_CELLS % rb"\.", re.MULTILINE)
 _NOTHING = {"", "nan", "none", "null", "na", "n/a", "-nan", "nil"}
 
 
@@ -31,13 +38,19 @@ class CsvTable:
     body: bytes
     """Below the header."""
     damage: tuple[str, ...]
+    """What of the file is lost."""
+    remarks: tuple[str, ...] = ()
+    """How its numbers are understood, where that is not plain."""
 
     def numbers(self, wanted: Collection[str]) -> tuple[dict[str, Array], tuple[str, ...]]:
         """Read some columns; what is no number is NaN. Also returns what could not be read.
 
         Raises:
-            InputError: no row is whole.
+            InputError: no row is whole, or a column's name is there twice.
         """
+        for name in sorted(wanted):
+            if self.columns.count(name) > 1:
+                raise InputError(f"'{self.path}' has column '{name}' twice; accepted: once")
         indices = {name: self.columns.index(name) for name in wanted}
         order = sorted(indices.values())
         if not self.body.strip():
@@ -140,8 +153,6 @@ def open_table(path: Path) -> CsvTable:
 
 def _header(path: Path, line: str, body: bytes, damage: tuple[str, ...]) -> CsvTable:
     delimiter, columns = _delimiter(line), tuple(_cells(line))
-    if delimiter != "," and _DECIMAL_COMMA.search(body.partition(b"\n")[0]):
-        body = body.replace(b",", b".")
     if len(columns) < 2 or _is_numbers(line):
         raise InputError(
             f"'{path}' starts with '{_shown(line.encode())}'; accepted: a header with the names "
@@ -151,7 +162,22 @@ def _header(path: Path, line: str, body: bytes, damage: tuple[str, ...]) -> CsvT
         raise InputError(
             f"'{path}' has {len(columns)} columns; accepted: a table of up to {_MOST_COLUMNS}"
         )
-    return CsvTable(path, columns, delimiter, body, damage)
+    body, remarks = _with_points(body) if delimiter != "," else (body, ())
+    return CsvTable(path, columns, delimiter, body, damage, remarks)
+
+
+def _with_points(body: bytes) -> tuple[bytes, tuple[str, ...]]:
+    """Return rows whose cells are not parted by commas with decimal points, and a remark on it."""
+    if b"," not in body or not (comma := _DECIMAL_COMMA.search(body)):
+        return body, ()
+    cell = _shown(comma[0].lstrip(b";\t"))
+    if point := _DECIMAL_POINT.search(body):
+        other = _shown(point[0].lstrip(b";\t"))
+        return body, (
+            f"'{cell}' has a comma and '{other}' a point: numbers with commas are left out; "
+            "accepted: decimal points, or decimal commas, throughout",
+        )
+    return body.replace(b",", b"."), (f"decimal commas are read as points, as in '{cell}'",)
 
 
 def _delimiter(line: str) -> str:

@@ -2,19 +2,61 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.yaml_text import read_text
+from tombo_logs.readers.units import factor
 
 M = TypeVar("M")
 Parse = Callable[[str, str], M]
 """(text, name) to the mapping that is checked."""
 _LARGEST = 200_000
 """Bytes; a mapping is some hundred."""
+
+
+@dataclass(frozen=True)
+class TimeColumn:
+    """A column of times."""
+
+    column: str
+    unit: str = "s"
+
+
+@dataclass(frozen=True)
+class ChannelMap:
+    """Where a channel comes from."""
+
+    columns: tuple[str, ...]
+    """As in the file; with a minus before it, of the opposite sign."""
+    unit: str
+    order: str = "xyzw"
+    """Of an attitude: one of ORDERS."""
+    range: tuple[float, float] | None = None
+    """Of a motor command: what stands for 0 and for 1."""
+    axes: tuple[str, ...] | None = None
+    """Of gyro and accel where they have axes of their own: ours in terms of the file's."""
+    time: TimeColumn | None = None
+    """Where the channel has stamps of its own."""
+    arrival: TimeColumn | None = None
+    topic: str = ""
+    """Of recordings and PX4 logs: where the columns are, as `esc[0].rpm` or `data[2]`."""
+    scale: float = 1.0
+    """By what values are multiplied, beside the unit: -1, 10 for joints that Gazebo slows, 2/14
+    where a motor of 14 poles counts electrical turns."""
+
+    def factor(self, wanted: str, what: str) -> float:
+        """Return by what to multiply its values to have them in `wanted`, a key of `units.UNITS`.
+
+        Raises:
+            InputError: its unit is none for `what`.
+        """
+        return self.scale * factor(self.unit, wanted, what)
 
 
 def shipped_mappings(package: str, folder: str, parse: Parse[M]) -> dict[str, M]:
@@ -57,3 +99,56 @@ def table_of(content: object, what: str, accepted: Collection[str]) -> dict[str,
         if key not in accepted:
             raise unknown_name(f"key of {what}", key, accepted)
     return {str(key): value for key, value in content.items()}
+
+
+def columns_of(content: object, what: str, width: int | None, names: str) -> tuple[str, ...]:
+    """Return the names of a channel's columns: `width` of them, or of None any number.
+
+    Raises:
+        InputError: others; `names` says what is accepted.
+    """
+    columns = (content,) if isinstance(content, str) else content
+    if isinstance(columns, Sequence) and columns and width in (None, len(columns)):
+        return tuple(str(column) for column in columns)
+    raise InputError(f"{what}: columns {shown(content)}; accepted: {names}")
+
+
+def unit_of(values: Mapping[str, Any], wanted: str, what: str) -> str:
+    """Return the unit that a channel declares in the place of `wanted`, a key of `units.UNITS`.
+
+    Raises:
+        InputError: there is none, and `wanted` is not 1; or it is none of those accepted.
+    """
+    if "unit" not in values and wanted != "1":
+        raise InputError(f"{what}: no unit; accepted: a unit as {wanted}")
+    unit = str(values.get("unit", "1"))
+    factor(unit, wanted, what)
+    return unit
+
+
+def numbers_of(content: Any, count: int, what: str) -> tuple[Any, ...]:
+    """Return finite numbers, `count` of them.
+
+    Raises:
+        InputError: others.
+    """
+    try:
+        numbers = tuple(float(x) for x in content)
+    except (TypeError, ValueError, OverflowError):
+        numbers = ()
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise InputError(f"{what}: {shown(content)}; accepted: {count} number{'s' * (count > 1)}")
+    return numbers
+
+
+def number_of(content: object, low: float, high: float, what: str) -> float:
+    """Return a number from `low` to `high`.
+
+    Raises:
+        InputError: another one, or none.
+    """
+    if isinstance(content, bool) or not isinstance(content, int | float):
+        raise InputError(f"{what}: {shown(content)}; accepted: a number from {low:g} to {high:g}")
+    if not low <= content <= high:
+        raise InputError(f"{what}: {shown(content)}; accepted: {low:g} to {high:g}")
+    return float(content)

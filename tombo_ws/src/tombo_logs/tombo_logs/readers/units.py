@@ -1,4 +1,4 @@
-"""Units that logs come in, and the factor to the unit that a channel has here."""
+"""Units that tables and logs come in, and the factor to the unit that a channel has here."""
 
 from __future__ import annotations
 
@@ -22,14 +22,40 @@ UNITS: Mapping[str, Mapping[str, float]] = {
         "rev/s": 2.0 * math.pi,
     },
     "m/s^2": {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY, "cm/s^2": 1e-2},
+    "N": {
+        "N": 1.0,
+        "mN": 1e-3,
+        "kN": 1e3,
+        "g": 1e-3 * GRAVITY,
+        "gf": 1e-3 * GRAVITY,
+        "kg": GRAVITY,
+        "kgf": GRAVITY,
+        "lbf": 4.4482216,
+        "ozf": 0.27801385,
+    },
+    "N m": {
+        "N m": 1.0,
+        "mN m": 1e-3,
+        "N mm": 1e-3,
+        "N cm": 1e-2,
+        "g cm": 1e-5 * GRAVITY,
+        "kg cm": 1e-2 * GRAVITY,
+        "lbf in": 0.11298483,
+    },
     "V": {"V": 1.0, "mV": 1e-3},
     "A": {"A": 1.0, "mA": 1e-3},
+    "W": {"W": 1.0, "mW": 1e-3},
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "1": {"1": 1.0, "%": 1e-2},
 }
 """Unit of a channel → what may be declared in its place, with the factor to it."""
 
-_SPELLINGS = {
+SPELLINGS = {
+    **{unit.replace(" ", ""): unit for unit in UNITS["N m"]},
+    "N·m": "N m",
+    "N-m": "N m",
+    "N*m": "N m",
+    "rad_s": "rad/s",
     "m/s2": "m/s^2",
     "m/s²": "m/s^2",
     "degrees": "deg",
@@ -49,6 +75,7 @@ _SPELLINGS = {
     "a": "A",
     "ma": "mA",
 }
+"""Other ways to write a unit → as in `UNITS`."""
 
 
 def factor(unit: str, wanted: str, what: str) -> float:
@@ -62,7 +89,7 @@ def factor(unit: str, wanted: str, what: str) -> float:
     accepted = UNITS[wanted]
     text = unit.strip()
     for name in (text, text.lower()):
-        name = _SPELLINGS.get(name, name)
+        name = SPELLINGS.get(name, name)
         if name in accepted:
             return accepted[name]
     raise unknown_name(f"unit of {what}", unit, accepted)

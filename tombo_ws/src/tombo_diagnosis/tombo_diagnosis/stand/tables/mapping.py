@@ -12,10 +12,17 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
-from tombo_dynamics.vehicle import GRAVITY
 from tombo_dynamics.yaml_text import parse_yaml
-from tombo_logs.readers.mapping_file import read_mapping, shipped_mappings, table_of
-from tombo_logs.readers.units import factor as flight_factor
+from tombo_logs.readers.mapping_file import (
+    ChannelMap,
+    columns_of,
+    number_of,
+    read_mapping,
+    shipped_mappings,
+    table_of,
+    unit_of,
+)
+from tombo_logs.readers.units import SPELLINGS, UNITS, factor
 
 CHANNELS: Mapping[str, str] = {
     "time": "s",
@@ -39,15 +46,6 @@ CHANNELS: Mapping[str, str] = {
 """Channel -> its unit here."""
 MULTI_COLUMN_CHANNELS = ("speed", "reference_speed")
 """Channels that may have several columns, one a rotor."""
-_FORCES = {
-    "N": 1.0, "mN": 1e-3, "kN": 1e3, "g": 1e-3 * GRAVITY, "gf": 1e-3 * GRAVITY,
-    "kg": GRAVITY, "kgf": GRAVITY, "lbf": 4.4482216, "ozf": 0.27801385,
-}  # fmt: skip
-_MOMENTS = {
-    "N m": 1.0, "mN m": 1e-3, "N mm": 1e-3, "N cm": 1e-2, "g cm": 1e-5 * GRAVITY,
-    "kg cm": 1e-2 * GRAVITY, "lbf in": 0.11298483,
-}  # fmt: skip
-_OWN = {"N": _FORCES, "N m": _MOMENTS, "W": {"W": 1.0, "mW": 1e-3}}
 _NAMES = {
     "speed": ("rpm", "speed", "omega", "motor_speed", "motor_optical_speed", "rotor_speed"),
     "reference_speed": ("reference_speed", "second_speed", "reference_rpm"),
@@ -69,23 +67,8 @@ _NAMES = {
 }
 _HEADING = re.compile(r"^\s*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
 _OTHERS = ("rpm", "rad_s", "Hz", "deg", "rad", "V", "A", "W", "mW", "s", "ms")
-_UNITS_IN_NAMES = (*(u.replace(" ", "") for u in (*_FORCES, *_MOMENTS)), *_OTHERS)
+_UNITS_IN_NAMES = (*UNITS["N"], *(u.replace(" ", "") for u in UNITS["N m"]), *_OTHERS)
 _SUFFIX = re.compile(rf"^(.*?)_({'|'.join(map(re.escape, _UNITS_IN_NAMES))})$")
-_SPELT = {
-    **{u.replace(" ", ""): u for u in _MOMENTS},
-    **{"N·m": "N m", "N-m": "N m", "N*m": "N m", "rad_s": "rad/s"},
-}
-
-
-@dataclass(frozen=True)
-class StandChannel:
-    """Where a channel comes from."""
-
-    columns: tuple[str, ...]
-    unit: str
-    sign: float = 1.0
-    poles: int = 2
-    """Of the motor: 2 where the column has turns, more where it counts electrical ones."""
 
 
 @dataclass(frozen=True)
@@ -104,22 +87,7 @@ class StandMapping:
     """Of a plain propeller; 0: not known."""
     tare: str = "start"
     """start: readings at standstill before the run are zero; none: already so."""
-    channels: Mapping[str, StandChannel] = field(default_factory=dict)
-
-
-def unit_factor(unit: str, channel: str, what: str) -> float:
-    """Return by what to multiply values in `unit` to have them in the channel's.
-
-    Raises:
-        InputError: no such unit for such a channel.
-    """
-    wanted = CHANNELS[channel]
-    text = _SPELT.get(unit.strip(), unit.strip())
-    if wanted in _OWN:
-        if text not in _OWN[wanted]:
-            raise unknown_name(f"unit of {what}", unit, _OWN[wanted])
-        return _OWN[wanted][text]
-    return flight_factor(text, wanted, what)
+    channels: Mapping[str, ChannelMap] = field(default_factory=dict)
 
 
 def shipped() -> dict[str, StandMapping]:
@@ -158,33 +126,28 @@ def parse_mapping(text: str, name: str) -> StandMapping:
         about=str(values.get("about", "")),
         header=tuple(map(str, header)),
         model=model,
-        rotors=int(_number(values.get("rotors", 1), 1, 64, f"{what}: rotors")),
-        diameter_mm=_number(values.get("diameter_mm", 0.0), 0.0, 1e4, f"{what}: diameter_mm"),
+        rotors=int(number_of(values.get("rotors", 1), 1, 64, f"{what}: rotors")),
+        diameter_mm=number_of(values.get("diameter_mm", 0.0), 0.0, 1e4, f"{what}: diameter_mm"),
         tare=tare,
         channels={key: _channel(key, value, what) for key, value in channels.items()},
     )
 
 
-def _channel(key: str, content: object, what: str) -> StandChannel:
+def _channel(key: str, content: object, what: str) -> ChannelMap:
+    """Read a channel: `sign` and `poles`, 2 where the column has turns, make its scale."""
     what = f"{what}: {key}"
-    values = table_of(content, what, [f.name for f in fields(StandChannel)])
-    columns = values.get("columns", ())
-    columns = (columns,) if isinstance(columns, str) else columns
+    values = table_of(content, what, ("columns", "unit", "sign", "poles"))
     many = key in MULTI_COLUMN_CHANNELS
-    if not isinstance(columns, Sequence) or not columns or (len(columns) > 1 and not many):
-        accepted = "names of columns, one a rotor" if many else "one name of a column"
-        raise InputError(f"{what}: columns {shown(columns)}; accepted: {accepted}")
-    if "unit" not in values and CHANNELS[key] != "1":
-        raise InputError(f"{what}: no unit; accepted: a unit as {CHANNELS[key]}")
-    unit = str(values.get("unit", "1"))
-    unit_factor(unit, key, what)
-    sign = _number(values.get("sign", 1.0), -1.0, 1.0, f"{what}: sign")
+    names = "names of columns, one a rotor" if many else "one name of a column"
+    columns = columns_of(values.get("columns", ()), what, None if many else 1, names)
+    unit = unit_of(values, CHANNELS[key], what)
+    sign = number_of(values.get("sign", 1.0), -1.0, 1.0, f"{what}: sign")
     if abs(sign) != 1.0:
         raise InputError(f"{what}: sign {sign:g}; accepted: 1 or -1")
-    poles = int(_number(values.get("poles", 2), 2, 200, f"{what}: poles"))
+    poles = int(number_of(values.get("poles", 2), 2, 200, f"{what}: poles"))
     if poles % 2:
         raise InputError(f"{what}: poles {poles}; accepted: an even number of magnets")
-    return StandChannel(tuple(str(c) for c in columns), unit, sign, poles)
+    return ChannelMap(columns, unit, scale=sign * 2.0 / poles)
 
 
 def mapping_for_header(columns: Sequence[str]) -> StandMapping | None:
@@ -200,7 +163,7 @@ def infer_mapping(columns: Sequence[str], path: Path) -> StandMapping:
     Raises:
         InputError: no speed, or neither thrust nor torque; or a unit that is not known.
     """
-    found: dict[str, StandChannel] = {}
+    found: dict[str, ChannelMap] = {}
     for column in columns:
         name, unit = _split(column)
         channel = next((c for c, names in _NAMES.items() if name in names), None)
@@ -213,23 +176,21 @@ def infer_mapping(columns: Sequence[str], path: Path) -> StandMapping:
                     f"'{path}': column '{column}' has no unit; accepted: a unit in its name, as "
                     f"{name}[{CHANNELS[channel]}] ({_units(channel)}), or --mapping"
                 )
-        unit_factor(unit, channel, f"column '{column}' of '{path}'")
-        found[channel] = StandChannel((column,), unit)
+        factor(unit, CHANNELS[channel], f"column '{column}' of '{path}'")
+        found[channel] = ChannelMap((column,), unit)
     if "speed" not in found or not {"thrust", "torque"} & set(found):
         lacking = "speed" if "speed" not in found else "thrust or torque"
         raise InputError(
             f"'{path}': no column for {lacking} among {', '.join(columns)[:200]}; accepted: names "
-            f"as rpm, thrust_N, torque_Nm, beta_deg (thrust in {', '.join(_FORCES)}; torque in "
-            f"{', '.join(u.replace(' ', '') for u in _MOMENTS)}), or --mapping"
+            f"as rpm, thrust_N, torque_Nm, beta_deg (thrust in {', '.join(UNITS['N'])}; torque in "
+            f"{', '.join(u.replace(' ', '') for u in UNITS['N m'])}), or --mapping"
         )
     return StandMapping("names of the columns", channels=found)
 
 
 def _units(channel: str) -> str:
     wanted = CHANNELS[channel]
-    if wanted in _OWN:
-        return ", ".join(_OWN[wanted])
-    return "rpm, rad/s, Hz" if wanted == "rad/s" else "deg, rad"
+    return "rpm, rad/s, Hz" if wanted == "rad/s" else ", ".join(UNITS[wanted])
 
 
 def _split(column: str) -> tuple[str, str]:
@@ -243,12 +204,4 @@ def _split(column: str) -> tuple[str, str]:
     name = re.sub(r"[^\w]+", "_", name.strip().lower()).strip("_")
     if unit.lower() == "rpm" and name == "":
         name = "rpm"
-    return name, _SPELT.get(unit, unit)
-
-
-def _number(content: object, low: float, high: float, what: str) -> float:
-    if isinstance(content, bool) or not isinstance(content, int | float):
-        raise InputError(f"{what}: {shown(content)}; accepted: a number from {low:g} to {high:g}")
-    if not low <= content <= high:
-        raise InputError(f"{what}: {shown(content)}; accepted: {low:g} to {high:g}")
-    return float(content)
+    return name, SPELLINGS.get(unit, unit)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,23 +10,22 @@ from pathlib import Path
 import numpy as np
 
 from tombo_diagnosis.stand.tables.mapping import (
+    CHANNELS,
     StandMapping,
     infer_mapping,
     load_mapping,
     mapping_for_header,
-    unit_factor,
 )
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import RPM, SPEED_LIMIT
 from tombo_logs.flight_log import Finding
-from tombo_logs.readers.csv_table import CsvTable, open_table
+from tombo_logs.readers.csv_table import open_table
 
 _SOUND = 340.0
 _MACH = 0.95
 _SLOWEST = 20.0
 """rad/s: a stand that never turns faster has its unit wrong."""
-_DECIMAL_COMMA = re.compile(r"^\s*[+-]?\d+,\d+(e[+-]?\d+)?\s*$", re.IGNORECASE)
 _PER_ROTOR = ("thrust", "torque", "applied_thrust", "applied_torque", "thrust_sigma")
 
 
@@ -70,21 +68,14 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
             f"'{path}': no {lacking}; accepted: a table with {', '.join(wanted) or 'speed'}; it "
             f"has {', '.join(table.columns)[:200]}"
         )
-    twice = [c for c in wanted if table.columns.count(c) > 1]
-    if twice:
-        count = table.columns.count(twice[0])
-        raise InputError(
-            f"'{path}': column '{twice[0]}' is there {count} times; accepted: each name once"
-        )
     numbers, damage = table.numbers(sorted(set(wanted)))
-    if damage:
-        _refuse_decimal_commas(table)
     name = path.name.split(".")[0]
     findings = [Finding("table", "warning", name, d) for d in (*table.damage, *damage)]
+    findings += [Finding("table", "info", name, remark) for remark in table.remarks]
     channels: dict[str, Array] = {}
     rotor_speed: Array = np.zeros((0, 0))
     for key, where in chosen.channels.items():
-        scale = where.sign * unit_factor(where.unit, key, f"{key} of '{path}'") * 2.0 / where.poles
+        scale = where.factor(CHANNELS[key], f"{key} of '{path}'")
         columns = np.column_stack([scale * numbers[c] for c in where.columns])
         if key in ("speed", "reference_speed"):
             if key == "speed":
@@ -118,19 +109,6 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
     return result
 
 
-def _refuse_decimal_commas(table: CsvTable) -> None:
-    """Refuse numbers as 0,6, where cells are parted by something else than commas."""
-    if table.delimiter == ",":
-        return
-    for line in table.body.decode("utf-8", "replace").splitlines():
-        for cell in line.split(table.delimiter):
-            if _DECIMAL_COMMA.match(cell):
-                raise InputError(
-                    f"'{table.path}': '{cell.strip()}' has a decimal comma; accepted: decimal "
-                    f"points, as {cell.strip().replace(',', '.')}"
-                )
-
-
 def _check_deviations(table: StandTable, path: Path) -> None:
     """Refuse standard deviations that are no number, zero or negative."""
     for key in ("thrust_sigma", "torque_sigma"):
@@ -138,7 +116,7 @@ def _check_deviations(table: StandTable, path: Path) -> None:
         bad = np.flatnonzero(~(np.isfinite(values) & (values > 0.0)))
         if bad.size:
             where = table.mapping.channels[key]
-            scale = unit_factor(where.unit, key, key)
+            scale = where.factor(CHANNELS[key], key)
             raise InputError(
                 f"'{path}': column '{where.columns[0]}' has {values[bad[0]] / scale:g} in row "
                 f"{bad[0] + 1}; accepted: numbers above 0, the noise's standard deviation"
