@@ -8,7 +8,6 @@ import pytest
 from diagnosis_samples import DRAG, MASS, sample
 
 from tombo_diagnosis.report import diagnosis_plot_data as view
-from tombo_diagnosis.report.svg_chart import Axis, Chart, nice_ticks
 from tombo_diagnosis.wording import certainty, figure, interval, percent
 from tombo_flight.extended_model import FittedParameter
 
@@ -92,30 +91,6 @@ def test_a_clock_since_1970_is_shown_from_the_flights_start():
     far = sample(flights=1, clock=1.77e9)
     assert view.zero_s(far, "circle_1") == 1.77e9
     assert view.zero_s(sample(flights=1, clock=12.0), "circle_1") == 0.0
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "ticks"),
-    [
-        (-1.1, 1.1, [-1.0, -0.5, 0.0, 0.5, 1.0]),
-        (0.0, 30.0, [0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0]),
-        (1.0, 1.0, []),
-        (0.0, math.nan, []),
-    ],
-)
-def test_ticks_are_round_numbers(low, high, ticks):
-    assert nice_ticks(low, high, 6)[0] == pytest.approx(ticks)
-
-
-def test_a_chart_puts_values_where_they_belong():
-    chart = Chart(Axis(0.0, 10.0, "t"), Axis(-1.0, 1.0, "y"), "a chart")
-    chart.line([(np.array([0.0, 5.0, 10.0]), np.array([-1.0, 0.0, 1.0]))], "before")
-    chart.band(-0.5, 0.5)
-    chart.band(-math.nan, math.nan)
-    html = chart.html()
-    assert 'd="M0 2000L1000 1000L2000 0"' in html
-    assert html.count("<rect") == 1
-    assert 'y="500" width="2000" height="1000"' in html
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tombo_diagnosis.diagnosis import Diagnosis, Residual
 from tombo_dynamics.arrays import Array
 from tombo_flight.report.panel import envelope
+from tombo_logs.flight_log import Finding
 
 BLOCK_S: Final = 1.0
 """Samples of one such block count as one: residuals are autocorrelated."""
@@ -257,3 +258,18 @@ def stretch(residual: Residual, longest_s: float = 30.0) -> tuple[float, float]:
         return start, start + longest_s
     k = int(np.argmax((summed[last] - summed[:-1]) * fits))
     return float(t[k]), float(t[k]) + longest_s
+
+
+def ends(t: Array) -> tuple[float, float]:
+    """Return the ends of an axis of times; never a span of nothing."""
+    finite = t[np.isfinite(t)]
+    if not finite.size:
+        return 0.0, 1.0
+    start, end = float(finite.min()), float(finite.max())
+    return (start, end) if end > start else (start - 0.5, start + 0.5)
+
+
+def spans(finding: Finding) -> bool:
+    """Return whether a finding is a fault of a stretch of a flight, or a doubt about it."""
+    known = math.isfinite(finding.start_s) and math.isfinite(finding.end_s)
+    return known and finding.severity != "info"

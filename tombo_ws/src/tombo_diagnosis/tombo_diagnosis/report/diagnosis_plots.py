@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -26,11 +27,12 @@ from tombo_flight.report import style
 
 BEFORE: Final = style.VERMILLION
 AFTER: Final = style.BLUE
-SAME: Final = "#8A97A3"
+SAME: Final = style.UNCHANGED
 """A residual that is the same before and after."""
+APART: Final = style.PURPLE
+"""Fault or doubt in the log."""
 _DPI: Final = 150
 _MOST_ROWS: Final = 8
-_POINTS: Final = 1000
 _WIDEST: Final = 115.0
 """How far a bar may reach, per cent."""
 
@@ -68,24 +70,44 @@ def time_axes(axes: Axes, diagnosis: Diagnosis, group: Sequence[Residual]) -> No
     zero = data.zero_s(diagnosis, one.flight)
     inside = (one.t >= start) & (one.t <= end)
     t, before, after = one.t[inside] - zero, one.before[inside], one.after[inside]
-    _noise(axes, one.sigma)
-    same = not corrected([one]) and corrected(diagnosis.residuals)
-    _lines(axes, t, before, SAME if same else BEFORE)
-    if corrected([one]):
-        _lines(axes, t, after, AFTER)
+    residual_marks(axes, diagnosis, replace(one, t=t, before=before, after=after), 900, zero)
     limit = data.reach([before, after], 2.5 * one.sigma)
     axes.set(xlim=(start - zero, max(end, start + 1e-3) - zero), ylim=(-limit, limit))
     axes.set_xlabel(f"time [s], {one.flight}", parse_math=False, labelpad=2)
     axes.set_ylabel(f"{display_name(one.channel)}\n[{unit(one.unit) or '1'}]", parse_math=False)
 
 
-def pair_axes(axes: Axes, pair: Pair, dot: float = 2.6) -> None:
-    """Draw one channel against one driver into axes, samples as dots of that size [points]."""
+def small_axes(
+    axes: Axes, diagnosis: Diagnosis, residual: Residual, limit: float, buckets: int
+) -> None:
+    """Draw a whole residual against time into axes without words, up to `limit`."""
+    residual_marks(axes, diagnosis, residual, buckets)
+    axes.set(xlim=data.ends(residual.t), ylim=(-limit, limit), xticks=(), yticks=())
+
+
+def residual_marks(
+    axes: Axes, diagnosis: Diagnosis, residual: Residual, buckets: int, zero_s: float = 0.0
+) -> None:
+    """Draw a residual against time: noise, what the checks found, lines before and after."""
+    _noise(axes, residual.sigma)
+    for finding in diagnosis.prechecks:
+        if finding.flight == residual.flight and data.spans(finding):
+            ends = finding.start_s - zero_s, finding.end_s - zero_s
+            axes.axvspan(*ends, color=APART, alpha=0.2, lw=0, zorder=0)
+    here = corrected([residual])
+    same = not here and corrected(diagnosis.residuals)
+    _lines(axes, residual.t, residual.before, SAME if same else BEFORE, buckets)
+    if here:
+        _lines(axes, residual.t, residual.after, AFTER, buckets)
+
+
+def pair_axes(axes: Axes, pair: Pair, dot: float = 2.6, points: int = 1000) -> None:
+    """Draw one channel against one driver into axes: so many samples as dots, size in points."""
     _noise(axes, pair.sigma)
     colours = {"before": BEFORE, "after": AFTER}
     for name, y in pair.series:
-        points = data.thinned(pair.x, y, _POINTS)
-        axes.plot(*points, ".", ms=dot, mew=0, color=colours[name], alpha=0.25)
+        shown = data.thinned(pair.x, y, points)
+        axes.plot(*shown, ".", ms=dot, mew=0, color=colours[name], alpha=0.25)
     for name, y in pair.series:
         bins = data.binned(pair.x, y, pair.block)
         axes.errorbar(
@@ -140,8 +162,8 @@ def _noise(axes: Axes, sigma: float) -> None:
     axes.axhline(0.0, color=style.MUTED, lw=0.7, zorder=1)
 
 
-def _lines(axes: Axes, t: Array, y: Array, colour: str) -> None:
-    for a, b in data.runs(t, y, 900):
+def _lines(axes: Axes, t: Array, y: Array, colour: str, buckets: int) -> None:
+    for a, b in data.runs(t, y, buckets):
         axes.plot(a, b, color=colour, lw=1.0)
 
 

@@ -9,8 +9,8 @@ from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.extend_model import extends
 from tombo_diagnosis.report import (
     diagnosis_evidence,
+    diagnosis_pictures,
     diagnosis_sections,
-    diagnosis_svg_plots,
     leftover_sections,
 )
 from tombo_diagnosis.report.diagnosis_plot_data import zero_s
@@ -55,14 +55,14 @@ def diagnosis_html(diagnosis: Diagnosis, folder: str = "", vehicle: str = "") ->
             summary=" ".join(filter(None, (compared_with(diagnosis), diagnosis.summary, shown))),
             cards=diagnosis_sections.cards(diagnosis),
             sections=(
-                ("The gap", diagnosis_svg_plots.main_plot(diagnosis)),
+                ("The gap", diagnosis_pictures.main_plot(diagnosis)),
                 ("What is left over", leftover_sections.leftover(diagnosis)),
                 ("What to fly next", _next(diagnosis, folder, vehicle)),
                 (causes_title(diagnosis.verdict), diagnosis_sections.causes(diagnosis)),
                 (_WORTH, _gains(diagnosis)),
                 ("What can’t be certified", sentences(diagnosis.notes)),
-                ("What drives it", diagnosis_svg_plots.drivers(diagnosis)),
-                ("All channels", diagnosis_svg_plots.overview(diagnosis)),
+                ("What drives it", diagnosis_pictures.drivers(diagnosis)),
+                ("All channels", diagnosis_pictures.overview(diagnosis)),
                 ("All candidates", _candidates(diagnosis)),
                 ("The logs", diagnosis_evidence.prechecks(diagnosis.prechecks, "flight", zeros)),
                 ("Flights used", diagnosis_evidence.flights(diagnosis)),

@@ -1,16 +1,38 @@
-"""A figure in the style of all figures."""
+"""A figure in the style of all figures, and as a picture inside a page."""
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from html import escape
+from typing import Any, Final
 
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tombo_flight.report import style
+
+_PAGE_COLOURS: Final = {
+    style.INK: "--ink",
+    style.MUTED: "--muted",
+    style.FAINT: "--line",
+    style.PAPER: "--panel",
+    style.BLUE: "--blue",
+    style.GREEN: "--green",
+    style.ORANGE: "--orange",
+    style.VERMILLION: "--vermillion",
+    style.PURPLE: "--purple",
+    style.UNCHANGED: "--same",
+}
+"""Colour of a figure → that of the page's style sheet, one for light and one for dark."""
+_DECIMAL: Final = re.compile(r"(?<=[ \"(])-?\d+\.\d{2,}(?=[ \",)])")
+_MARKERS: Final = re.compile(
+    r'(?P<group><g clip-path="[^"]*")>(?P<uses> *<use [^>]*?(?P<style> style="[^"]*")/>'
+    r"(?: *<use [^>]*?(?P=style)/>)*)"
+)
 
 
 @contextmanager
@@ -23,3 +45,33 @@ def new_figure(
         figure = Figure(figsize=(width_in, height_in), dpi=dpi, **more)
         FigureCanvasAgg(figure)
         yield figure
+
+
+def inline_svg(figure: Figure, name: str) -> str:
+    """Return a figure as an SVG element of a page, in the page's font and colours.
+
+    Args:
+        figure: its background is left out.
+        name: what it shows, for those who can't see it; plain text.
+    """
+    buffer = io.StringIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "tombo"}):
+        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
+    text = buffer.getvalue()
+    size = text[text.index("viewBox=") :].split('"')[1]
+    content = text[text.index("<defs>") : text.rindex("</svg>")]
+    content = re.sub(r"<style[^>]*>.*?</style>|<!--.*?-->|\n\s*", " ", content, flags=re.DOTALL)
+    used = set(re.findall(r"#([\w-]+)", content))
+    content = re.sub(r' id="([^"]*)"', lambda m: m[0] if m[1] in used else "", content)
+    content = re.sub(r"font-family: [^;\"]*;? ?", "", content)
+    content = _DECIMAL.sub(lambda m: f"{float(m[0]):.1f}", content)
+    for colour, variable in _PAGE_COLOURS.items():
+        content = re.sub(colour, f"var({variable})", content, flags=re.IGNORECASE)
+    content = _MARKERS.sub(_with_one_style, content)
+    return f'<svg viewBox="{size}" role="img" aria-label="{escape(name)}">{content}</svg>'
+
+
+def _with_one_style(markers: re.Match[str]) -> str:
+    """Return markers of one style with it said once for all."""
+    style_text = markers["style"]
+    return f"{markers['group']}{style_text}>{markers['uses'].replace(style_text, '')}"

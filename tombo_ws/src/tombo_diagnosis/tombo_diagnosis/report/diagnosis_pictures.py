@@ -1,27 +1,29 @@
-"""The plots of the diagnosis report: residual before and after, drivers, all channels."""
+"""The pictures of the diagnosis report: the gap, what drives it, all channels; HTML text."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from functools import partial
 from html import escape
 from typing import Final
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from tombo_diagnosis.diagnosis import Diagnosis, Residual
 from tombo_diagnosis.report import diagnosis_plot_data as data
 from tombo_diagnosis.report.diagnosis_plot_data import Pair, corrected, rms
-from tombo_diagnosis.report.svg_chart import Axis, Chart
+from tombo_diagnosis.report.diagnosis_plots import pair_axes, small_axes, time_axes
 from tombo_diagnosis.wording import capital, display_name, figure, percent, unit
-from tombo_dynamics.arrays import Array
+from tombo_flight.report.figure import inline_svg, new_figure
 from tombo_flight.report.html_page import hint
-from tombo_logs.flight_log import Finding
 
 MOST_PANELS: Final = 60
 """Small pictures of the overview; of more flights those that show most."""
 _POINTS: Final = 700
+_SIZE_IN: Final = (4.8, 2.75)
+_SMALL_IN: Final = (2.2, 0.8)
 
 
 def main_plot(diagnosis: Diagnosis) -> str:
@@ -33,7 +35,7 @@ def main_plot(diagnosis: Diagnosis) -> str:
     channel = shown[0].channel if shown else next(iter(groups))
     residuals = groups[channel]
     drawn = [_driver_figure(pair) for pair in shown]
-    drawn.append(_time_figure(diagnosis, data.clearest(residuals)))
+    drawn.append(_time_figure(diagnosis, residuals))
     extended = corrected(residuals)
     return f'{legend(extended)}<div class="figures">{"".join(drawn)}</div>{_told(residuals)}'
 
@@ -69,7 +71,7 @@ def overview(diagnosis: Diagnosis) -> str:
     rows = [_row(diagnosis, group, each, buckets) for group in groups.values()]
     extended = corrected(diagnosis.residuals)
     same = extended and not all(corrected([r]) for r in diagnosis.residuals)
-    apart = any(_spans(finding) for finding in diagnosis.prechecks)
+    apart = any(data.spans(finding) for finding in diagnosis.prechecks)
     return f"{legend(extended, same=same, apart=apart)}{''.join(rows)}"
 
 
@@ -93,74 +95,39 @@ def _row(diagnosis: Diagnosis, group: Sequence[Residual], each: int, buckets: in
 
 
 def _small(diagnosis: Diagnosis, residual: Residual, limit: float, buckets: int) -> str:
-    start, end = _ends(residual.t)
+    start, end = data.ends(residual.t)
     name = f"{display_name(residual.channel)} in {residual.flight} against time"
-    chart = Chart(Axis(start, end), Axis(-limit, limit), name)
-    _time_marks(chart, diagnosis, residual, buckets)
+    with new_figure(*_SMALL_IN, dpi=100) as sheet:
+        axes = sheet.add_axes((0.005, 0.01, 0.99, 0.98))
+        small_axes(axes, diagnosis, residual, limit, buckets)
+        picture = inline_svg(sheet, name)
     return (
-        f'<figure class="small">{chart.html("tiny", ticks=False)}'
+        f'<figure class="small">{picture}'
         f"<figcaption>{escape(residual.flight)} <span>{end - start:.0f} s</span></figcaption>"
         "</figure>"
     )
 
 
-def _time_figure(diagnosis: Diagnosis, residual: Residual) -> str:
-    start, end = data.stretch(residual)
-    zero = data.zero_s(diagnosis, residual.flight)
-    inside = (residual.t >= start) & (residual.t <= end)
-    t, before, after = residual.t[inside], residual.before[inside], residual.after[inside]
-    cut = replace(residual, t=t - zero, before=before, after=after)
-    limit = data.reach([before, after], 2.5 * residual.sigma)
-    name = display_name(residual.channel)
-    from_zero = f" after {zero:.0f} s" if zero else ""
-    chart = Chart(
-        Axis(*_ends(cut.t), f"time [s]{from_zero}"),
-        Axis(-limit, limit, f"{name} [{unit(residual.unit) or '1'}]"),
-        f"{name} in {residual.flight} against time",
-    )
-    _time_marks(chart, diagnosis, cut, 420, zero)
-    caption = f"<b>{escape(name)} against time</b>, flight {escape(residual.flight)}"
-    return f"<figure>{chart.html()}<figcaption>{caption}</figcaption></figure>"
-
-
-def _time_marks(
-    chart: Chart, diagnosis: Diagnosis, residual: Residual, buckets: int, zero: float = 0.0
-) -> None:
-    for finding in diagnosis.prechecks:
-        if finding.flight == residual.flight and _spans(finding):
-            chart.span(finding.start_s - zero, finding.end_s - zero)
-    chart.band(-2.0 * residual.sigma, 2.0 * residual.sigma)
-    here = corrected([residual])
-    same = not here and corrected(diagnosis.residuals)
-    chart.line(data.runs(residual.t, residual.before, buckets), "same" if same else "before")
-    if here:
-        chart.line(data.runs(residual.t, residual.after, buckets), "after")
-
-
-def _spans(finding: Finding) -> bool:
-    """Return whether a finding is a fault of a stretch of a flight, or a doubt about it."""
-    ends = math.isfinite(finding.start_s) and math.isfinite(finding.end_s)
-    return ends and finding.severity != "info"
-
-
 def _driver_figure(pair: Pair) -> str:
-    name = display_name(pair.channel)
-    chart = Chart(
-        Axis(*pair.span, display_name(pair.driver)),
-        Axis(-pair.limit, pair.limit, f"{name} [{unit(pair.unit) or '1'}]"),
-        f"{name} against {display_name(pair.driver)}",
+    name, driver = display_name(pair.channel), display_name(pair.driver)
+    more = ", all flights; mean in slices with 95 % interval"
+    return _figure(
+        partial(pair_axes, pair=pair, dot=4.0, points=_POINTS), f"{name} against {driver}", more
     )
-    chart.band(-2.0 * pair.sigma, 2.0 * pair.sigma)
-    for style, y in pair.series:
-        chart.dots(*data.thinned(pair.x, y, _POINTS), style)
-    for style, y in pair.series:
-        bins = data.binned(pair.x, y, pair.block)
-        chart.bars(bins.x, bins.mean, bins.half, style)
-    caption = (
-        f"<b>{escape(name)} against {escape(display_name(pair.driver))}</b>, all flights; mean in "
-        "slices with 95 % interval"
-    )
-    return f"<figure>{chart.html()}<figcaption>{caption}</figcaption></figure>"
+
+
+def _time_figure(diagnosis: Diagnosis, group: Sequence[Residual]) -> str:
+    shown = data.clearest(group)
+    draw = partial(time_axes, diagnosis=diagnosis, group=group)
+    return _figure(draw, f"{display_name(shown.channel)} against time", f", flight {shown.flight}")
+
+
+def _figure(draw: Callable[[Axes], None], name: str, more: str) -> str:
+    with new_figure(*_SIZE_IN, 100, 8.5, layout="constrained") as sheet:
+        draw(sheet.add_subplot())
+        picture = inline_svg(sheet, name)
+    caption = f"<b>{escape(name)}</b>{escape(more)}"
+    return f"<figure>{picture}<figcaption>{caption}</figcaption></figure>"
 
 
 def _told(residuals: Sequence[Residual]) -> str:
@@ -181,11 +148,3 @@ def _before_after(residuals: Sequence[Residual]) -> str:
         return f"RMS {figure(before)} {where}"
     share = percent(1.0 - after / before) if before else "–"
     return f"RMS {figure(before)} → {figure(after)} {where} ({share} less)"
-
-
-def _ends(t: Array) -> tuple[float, float]:
-    finite = t[np.isfinite(t)]
-    if not finite.size:
-        return 0.0, 1.0
-    start, end = float(finite.min()), float(finite.max())
-    return (start, end) if end > start else (start - 0.5, start + 0.5)
