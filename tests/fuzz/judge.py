@@ -25,8 +25,8 @@ from tombo_diagnosis.stand.tables.mapping import load_mapping as load_stand_mapp
 from tombo_diagnosis.stand.tables.table_reader import read_stand
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.library import read_library
-from tombo_flight.flight_from_bag import flight_from_bag
 from tombo_flight.model_file import read_model
+from tombo_flight.recorded_flight import read_flight
 from tombo_flight.replay.bag_scenario import scenario_of_bag
 from tombo_flight.replay.run import Request, replay_bag
 from tombo_flight.scenario import load_scenario
@@ -62,7 +62,7 @@ def _recording(path: Path, original: Path) -> Counts:
     _tried(lambda: scenario_of_bag(metadata))
     _tried(lambda: check_log(read_log(path, "x")))
     _tried(lambda: explain_mapping(path))
-    _tried(lambda: flight_from_bag(path))
+    _tried(lambda: read_flight(path))
     _tried(lambda: compare_recordings(path, original))
     _tried(lambda: replay_bag(path, Request()))
     return counts

@@ -236,7 +236,7 @@ ADDITIONS = {
             ),
         ),
         "sum(axes.get_ylabel() == 'tilt' for axes in from_('tombo_flight.report.flight_plot')"
-        ".draw_flight(from_('tombo_flight.flight_from_bag').flight_from_bag(BAG, 1.0)).axes)",
+        ".draw_flight(from_('tombo_flight.recorded_flight').read_flight(BAG, 1.0)).axes)",
         2,  # the whole flight, and the seconds around the contact
     ),
     "a picture or table of the documentation": Addition(

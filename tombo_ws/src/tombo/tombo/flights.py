@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tombo.files import new_file
-from tombo.tables import frame_of, frame_of_messages, html_table
+from tombo.tables import frame_of, html_table
 from tombo_dynamics.errors import unknown_name
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from tombo_bag import flight
     from tombo_collision.reactions import Reaction
-    from tombo_flight.flight_record import FlightRecord
     from tombo_flight.scenario import Scenario
 
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 class Flight:
     """A flight with its tables. World `map` ENU, body `base_link` FLU, SI units, rad, xyzw."""
 
-    record: FlightRecord
+    record: flight.Flight
     """The arrays themselves, for who needs no tables; not a public interface."""
 
     @property
@@ -51,13 +51,16 @@ class Flight:
     @cached_property
     def mocap(self) -> pd.DataFrame:
         """The samples of the motion capture that arrived; index: time of capture [s]."""
+        from tombo_flight.flight_metrics import statistic_of_poses
+
+        poses = self.record["/mocap/pose"]
         columns = {
-            "arrival": self.record.mocap_arrival,
-            "position": self.record.mocap_position,
-            "attitude": self.record.mocap_attitude,
-            "statistic": self.record.detector_statistic,
+            "arrival": poses.arrival,
+            "position": poses["position"].values,
+            "attitude": poses["attitude"].values,
+            "statistic": statistic_of_poses(self.record),
         }
-        return frame_of(columns, self.record.mocap_t)
+        return frame_of(columns, poses.t)
 
     @cached_property
     def events(self) -> pd.DataFrame:
@@ -68,8 +71,8 @@ class Flight:
 
     @property
     def topics(self) -> list[str]:
-        """Topics of the cores, for `table`; none of a flight that was read from a file."""
-        return sorted(self.record.published)
+        """Topics of sensors and cores, for `table`; none of a flight that was read from a file."""
+        return [] if self.record.source else sorted(self.record.topics)
 
     def table(self, topic: str) -> pd.DataFrame:
         """Return what was published on a topic; index t [s].
@@ -77,12 +80,10 @@ class Flight:
         Raises:
             InputError: there is no such topic.
         """
-        from tombo_dynamics.time_base import TICK_S
-
-        if topic not in self.record.published:
+        if topic not in self.topics:
             raise unknown_name("topic", topic, self.topics)
-        ticks, messages = self.record.published[topic]
-        return frame_of_messages(messages, ticks * TICK_S)
+        said = self.record[topic]
+        return frame_of({name: one.values for name, one in said.items()}, said.arrival)
 
     def plot(self, *, column: bool = False) -> Figure:
         """Return the figure of `flight.png`, or one as wide as a column of print, 88 mm."""
@@ -113,7 +114,7 @@ class Flight:
         from tombo_dynamics.errors import InputError
         from tombo_flight.flight_output import write_mcap
 
-        if not self.record.published:
+        if self.record.source:
             raise InputError(
                 "to_mcap: this flight is a recording already; accepted: one flown here"
             )

@@ -166,7 +166,7 @@ def read(path: str | Path, mapping: str | Path | None = None) -> Flight | Log:
     """
     from tombo_bag.flight_time import FLIGHT_METADATA
     from tombo_bag.recording import Recording
-    from tombo_flight.flight_from_bag import flight_from_bag
+    from tombo_flight.recorded_flight import read_flight
     from tombo_logs.readers.csv_mapping import load_mapping
     from tombo_logs.readers.log_reader import kind_of, read_log
 
@@ -175,7 +175,7 @@ def read(path: str | Path, mapping: str | Path | None = None) -> Flight | Log:
         with Recording(place) as recording:
             own = FLIGHT_METADATA in recording.metadata
         if own and mapping is None:
-            return Flight(flight_from_bag(place))
+            return Flight(read_flight(place))
     use = None if mapping is None else load_mapping(mapping)
     return Log(read_log(place, place.name.split(".")[0], use))
 

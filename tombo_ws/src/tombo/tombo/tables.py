@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -35,16 +34,6 @@ def frame_of(columns: Mapping[str, Any], time_s: Any) -> pd.DataFrame:
     for name, values in columns.items():
         flat |= dict(_flat(name, np.asarray(values)))
     return pd.DataFrame(flat, index=pd.Index(np.asarray(time_s), name="t"))
-
-
-def frame_of_messages(messages: Any, time_s: Any) -> pd.DataFrame:
-    """Return a table of messages: a structured array, or a list of dataclasses."""
-    import pandas as pd
-
-    if isinstance(messages, np.ndarray) and messages.dtype.names is not None:
-        return frame_of({name: messages[name] for name in messages.dtype.names}, time_s)
-    rows = [dataclasses.asdict(message) for message in messages]
-    return pd.DataFrame(rows, index=pd.Index(np.asarray(time_s), name="t"))
 
 
 def html_table(title: str, rows: Mapping[str, Any]) -> str:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 
-from tombo_dynamics.messages import MissionStatus
+from tombo_bag.flight import Flight, Topic
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 
 COVARIANCES = {"pose_covariance": 36, "twist_covariance": 36}
@@ -19,20 +16,7 @@ EVENTS = [
 ]
 
 
-@dataclass(frozen=True)
-class SyntheticFlight:
-    t: np.ndarray
-    log: dict[str, np.ndarray]
-    mocap_t: np.ndarray
-    mocap_arrival: np.ndarray
-    mocap_position: np.ndarray
-    mocap_attitude: np.ndarray
-    events: list[dict[str, Any]]
-    scenario: dict[str, Any]
-    published: dict[str, Any]
-
-
-def synthetic_flight(ticks: int = 40_000, seed: int = 0) -> SyntheticFlight:
+def synthetic_flight(ticks: int = 40_000, seed: int = 0) -> Flight:
     """Make a flight of `ticks` ms: random walks, so that nothing compresses better than real."""
     rng = np.random.default_rng(seed)
     t = np.arange(ticks) * 1e-3
@@ -76,32 +60,25 @@ def synthetic_flight(ticks: int = 40_000, seed: int = 0) -> SyntheticFlight:
         "battery": np.abs(walk(3)),
     }
     said = np.arange(0, ticks, 4)
-    odometry = np.zeros(
-        len(said), [("stamp_ns", "i8")] + [(name, "f8", k) for name, k in ODOMETRY.items()]
-    )
-    odometry["stamp_ns"] = EPOCH_NS + said * TICK_NS
-    for name, k in ODOMETRY.items():
-        odometry[name] = walk(k)[said]
+    odometry = {name: walk(k)[said] for name, k in ODOMETRY.items()}
     frames = np.arange(0, ticks, 33)
-    captured = t[frames]
-    return SyntheticFlight(
+    poses = {"position": log["position"][frames], "attitude": log["attitude"][frames]}
+    arrival = t[frames] + 0.008 + rng.exponential(0.004, len(frames))
+    phase = {"phase": np.array([3]), "text": np.array(["approach"])}
+    return Flight(
+        {
+            "/mocap/pose": Topic.of(t[frames], poses, arrival),
+            "/imu/data_raw": Topic.of(t, {name: log[name] for name in ("gyro", "accel")}),
+            "/rotor_command": Topic.of(t, {"speed": log["rotor_command"]}),
+            "/odometry": Topic.of(t[said], {"stamp_ns": EPOCH_NS + said * TICK_NS, **odometry}),
+            "/mission/status": Topic.of(t[:1], {n: one[: len(said)] for n, one in phase.items()}),
+        },
         t=t,
         log=log,
-        mocap_t=captured,
-        mocap_arrival=captured + 0.008 + rng.exponential(0.004, len(frames)),
-        mocap_position=log["position"][frames],
-        mocap_attitude=log["attitude"][frames],
         events=[event for event in EVENTS if event["time_s"] <= ticks * 1e-3],
         scenario={
             "name": "synthetic",
             "seed": seed,
             "obstacle": {"x_m": 2.1, "y_m": 0.3, "radius_m": 0.2, "top_m": 2.5},
-        },
-        published={
-            "/odometry": (said, odometry),
-            "/mission/status": (
-                said[:1],
-                [MissionStatus(EPOCH_NS, 3, "approach")] * len(said[:1]),
-            ),
         },
     )

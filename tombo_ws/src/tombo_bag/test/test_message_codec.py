@@ -9,7 +9,7 @@ import pytest
 
 from tombo_bag.columnar_cdr import encode
 from tombo_bag.columns import columns_of
-from tombo_bag.message_codec import FORMS, MessageCodec, messages_of, records_of
+from tombo_bag.message_codec import FORMS, MessageCodec, encoded, messages_of
 from tombo_bag.schemas import known_types
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import MissionStatus, Pose, neutral
@@ -51,19 +51,14 @@ def test_message_survives_bytes_to_the_last_bit(typename):
 @pytest.mark.parametrize("typename", sorted(set(FORMS) - {"tombo_msgs/msg/MissionStatus"}))
 def test_columns_give_the_same_bytes_as_one_message(typename):
     message = filled(FORMS[typename].kind, 1)
-    types = {"int": np.int64, "float": np.float64, "bool": np.bool_}
-    columns = [
-        (one.name, np.float64, getattr(message, one.name).size)
-        if one.type == "Array"
-        else (one.name, types[one.type])
+    types = {"int": np.int64, "float": np.float64, "bool": np.bool_, "Array": np.float64}
+    columns = {
+        one.name: np.array(2 * [getattr(message, one.name)], types[one.type])
         for one in fields(message)
         if one.type != "str"
-    ]
-    table = np.zeros(2, np.dtype(columns))
-    for name in table.dtype.names:
-        table[name] = getattr(message, name)
+    }
     data = MessageCodec(typename).encode(message)
-    assert [row.tobytes() for row in records_of(typename, table)] == [data, data]
+    assert [row.tobytes() for row in encoded(typename, columns)] == [data, data]
 
 
 def test_texts_of_other_lengths_are_read():

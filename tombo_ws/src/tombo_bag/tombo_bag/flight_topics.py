@@ -1,8 +1,8 @@
 """A headless flight as ROS 2 topics: what the nodes publish in a live flight, written at once.
 
-What the cores published is written as it was; the rest follows from the log. Every stamp and log
-time is the flight's own time plus `EPOCH_NS`, never the time of day: the same flight gives the
-same bytes. The header's stamp is the time at which a value was true (for a pose of the motion
+What was measured and published is written as it was; the rest follows from the log. Every stamp
+and log time is the flight's own time plus `EPOCH_NS`, never the time of day: the same flight gives
+the same bytes. The header's stamp is the time at which a value was true (for a pose of the motion
 capture: its capture); the log time is the time at which it was known (its arrival).
 """
 
@@ -10,23 +10,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.columnar_cdr import encode, lay_in, lay_in_times, layout
+from tombo_bag.flight import Flight, Topic
 from tombo_bag.flight_time import FLIGHT_METADATA, nanoseconds, stamp
 from tombo_bag.formats.mcap_sink import Columns, McapSink
-from tombo_bag.message_codec import MessageCodec, records_of
+from tombo_bag.message_codec import encoded
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
     BATTERY,
-    IMU,
     MARKERS,
-    MOCAP_POSE,
     RATES_SETPOINT,
-    ROTOR_COMMAND,
     TF,
     TOPICS,
     TRUE_CONTACT,
@@ -38,7 +36,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import rotated_back_rows
-from tombo_dynamics.time_base import EPOCH_NS, TICK_HZ, TICK_NS
+from tombo_dynamics.time_base import EPOCH_NS, TICK_HZ
 
 _MAP = {"header": {"frame_id": FRAME_MAP}}
 _BODY = {"header": {"frame_id": FRAME_BODY}}
@@ -48,52 +46,9 @@ _SPHERE, _CYLINDER = 2, 3
 _POINT_DIAMETER_M = 0.12
 """How large x_c and x_r are drawn."""
 
-Published = tuple[NDArray[np.int64], Any]
-"""Ticks, and messages: structured (see `message_codec.records_of`), or a list of dataclasses."""
 
-
-class Flight(Protocol):
-    """What is needed of the record of a headless flight."""
-
-    @property
-    def t(self) -> Array:
-        """(N,) s, ticks of 1 kHz from 0."""
-
-    @property
-    def log(self) -> Mapping[str, Array]:
-        """Columns (N, k) of `tombo_sim.log_columns` by name."""
-
-    @property
-    def mocap_t(self) -> Array:
-        """(M,) s, capture times of the motion capture's poses."""
-
-    @property
-    def mocap_arrival(self) -> Array:
-        """(M,) s, when they arrived."""
-
-    @property
-    def mocap_position(self) -> Array:
-        """(M, 3) m, map."""
-
-    @property
-    def mocap_attitude(self) -> Array:
-        """(M, 4) quaternion xyzw, map from base_link."""
-
-    @property
-    def events(self) -> Sequence[Mapping[str, Any]]:
-        """What happened, in order of time: each with time_s, kind and more."""
-
-    @property
-    def published(self) -> Mapping[str, Published]:
-        """What the cores published, by topic."""
-
-    @property
-    def scenario(self) -> Mapping[str, Any]:
-        """The scenario as flown, with obstacle {x_m, y_m, radius_m, top_m}."""
-
-
-def write_flight(sink: McapSink, record: Flight) -> None:
-    """Write a whole flight, or as much of one as there is: no tick at all is fine too.
+def write_flight(sink: McapSink, flight: Flight) -> None:
+    """Write a whole headless flight, or as much of one as there is: no tick at all is fine too.
 
     Raises:
         InputError: columns of different length.
@@ -102,14 +57,13 @@ def write_flight(sink: McapSink, record: Flight) -> None:
         FLIGHT_METADATA,
         {
             "epoch_ns": str(EPOCH_NS),
-            "scenario": json.dumps(record.scenario, sort_keys=True, default=_plain),
-            "events": json.dumps(list(record.events), sort_keys=True, default=_plain),
+            "scenario": json.dumps(flight.scenario, sort_keys=True, default=_plain),
+            "events": json.dumps(flight.events, sort_keys=True, default=_plain),
         },
     )
-    writer = _FlightWriter(sink, record)
-    writer.sensors()
-    for topic, (ticks, said) in record.published.items():
-        writer.published(TOPICS[topic], ticks, said)
+    writer = _FlightWriter(sink, flight)
+    for name, topic in flight.topics.items():
+        writer.as_it_was(TOPICS[name], topic)
     writer.setpoints()
     writer.transform()
     writer.battery()
@@ -122,11 +76,11 @@ def write_flight(sink: McapSink, record: Flight) -> None:
 class _FlightWriter:
     """Turns the log's columns into messages, topic by topic."""
 
-    def __init__(self, sink: McapSink, record: Flight) -> None:
+    def __init__(self, sink: McapSink, flight: Flight) -> None:
         self.sink = sink
-        self.record = record
-        self.log = record.log
-        self.times_ns = nanoseconds(record.t)
+        self.flight = flight
+        self.log = flight.log
+        self.times_ns = nanoseconds(flight.t)
         self.parts: list[Columns] = []
 
     def add(self, spec: TopicSpec, times_ns: NDArray[np.int64], messages: Any) -> None:
@@ -159,24 +113,11 @@ class _FlightWriter:
         slot = flying // (TICK_HZ // rate_hz)
         return np.asarray(flying[np.diff(slot, prepend=-1) != 0])
 
-    def published(self, spec: TopicSpec, ticks: NDArray[np.int64], messages: Any) -> None:
-        """Write what was published as it was."""
-        if isinstance(messages, np.ndarray):
-            written: Any = records_of(spec.typename, messages)
-        else:
-            codec = MessageCodec(spec.typename)
-            written = [codec.encode(message) for message in messages]
-        self.add(spec, EPOCH_NS + ticks * TICK_NS, written)
-
-    def sensors(self) -> None:
-        record, log = self.record, self.log
-        poses = {"pose.position": record.mocap_position, "pose.orientation": record.mocap_attitude}
-        arrived, captured = nanoseconds(record.mocap_arrival), nanoseconds(record.mocap_t)
-        self.topic(MOCAP_POSE, _MAP, arrived, poses, stamps_ns=captured)
-        not_measured = {"orientation": {"w": 1.0}, "orientation_covariance": [-1.0] + 8 * [0.0]}
-        rates = {"angular_velocity": log["gyro"], "linear_acceleration": log["accel"]}
-        self.topic(IMU, {**_BODY, **not_measured}, self.times_ns, rates)
-        self.topic(ROTOR_COMMAND, _BODY, self.times_ns, {"speed": log["rotor_command"]})
+    def as_it_was(self, spec: TopicSpec, topic: Topic) -> None:
+        """Write what was measured or published as it was."""
+        columns = {name: one.values for name, one in topic.items()}
+        columns = {"stamp_ns": nanoseconds(topic.t), **columns}
+        self.add(spec, nanoseconds(topic.arrival), encoded(spec.typename, columns))
 
     def setpoints(self) -> None:
         thrust = self.log["thrust_setpoint"].ravel()
@@ -249,7 +190,7 @@ class _FlightWriter:
 
     def markers(self) -> None:
         """Write the obstacle, x_c of each detection and x_r of each set point after it."""
-        obstacle = self.record.scenario["obstacle"]
+        obstacle = self.flight.scenario["obstacle"]
         height, diameter = obstacle["top_m"], 2.0 * obstacle["radius_m"]
         place = (obstacle["x_m"], obstacle["y_m"], 0.5 * height)
         size, grey = (diameter, diameter, height), (0.6, 0.6, 0.65, 0.8)
@@ -259,7 +200,7 @@ class _FlightWriter:
             "detection": ("x_c", (0.9, 0.2, 0.15, 1.0)),
             "setpoint_switch": ("x_r", (0.1, 0.6, 0.3, 1.0)),
         }
-        for event in self.record.events:
+        for event in self.flight.events:
             if event["kind"] not in kinds:
                 continue
             name, colour = kinds[event["kind"]]

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
 from tombo_bag.columnar_cdr import lay_in, lay_in_times, layout
-from tombo_bag.columns import ColumnTable
+from tombo_bag.columns import ColumnTable, TopicColumns
 from tombo_bag.message_template import Field, MessageTemplate, TimeField
 from tombo_bag.schemas import known_types
+from tombo_bag.topics import POSE_TYPES
 from tombo_dynamics import messages
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_MAP
@@ -205,16 +206,50 @@ class MessageCodec:
         return shape.write(values)
 
 
+def fields_of(typename: str, table: ColumnTable) -> TopicColumns:
+    """Return a recorded topic, read as columns, by field of its messages.
+
+    Names are those of the dataclass where the type has one, else those of the definition. What
+    has x, y, z (and w) is one column (N, 3) or (N, 4); a time is one of nanoseconds.
+    """
+    form = FORMS.get(typename)
+    told = () if form is None else fields(form.kind)
+    names = {one.metadata["path"]: one.name for one in told if "path" in one.metadata}
+    names |= dict(zip(POSE_TYPES.get(typename, ()), ("position", "attitude"), strict=False))
+    found = TopicColumns(getattr(table, "topic", typename), {})
+    for path, column in table.items():
+        outer, _, last = path.rpartition(".")
+        if last == "x" and f"{outer}.z" in table:
+            axes = "xyzw" if f"{outer}.w" in table else "xyz"
+            parts = [table[f"{outer}.{axis}"].astype(np.float64) for axis in axes]
+            found[names.get(outer, outer)] = np.stack(parts, axis=1)
+        elif last == "sec" and f"{outer}.nanosec" in table:
+            seconds = column.astype(np.int64)
+            name = outer.removeprefix("header.")
+            found[f"{name}_ns"] = seconds * SECOND_NS + table[f"{outer}.nanosec"]
+        elif not _is_part(outer, last, table):
+            found[names.get(path, path.removeprefix("header."))] = column
+    return found
+
+
+def _is_part(outer: str, last: str, table: ColumnTable) -> bool:
+    """Return whether a column is part of one that `fields_of` has put together."""
+    if last == "nanosec":
+        return f"{outer}.sec" in table
+    return last in ("y", "z", "w") and f"{outer}.x" in table and f"{outer}.z" in table
+
+
 def messages_of(typename: str, table: ColumnTable) -> list[Any]:
     """Return the messages of a recorded topic, read as columns, as dataclasses.
 
     A field that has a default may be missing: recordings are older than it.
     """
     kind = form_of(typename).kind
+    found = fields_of(typename, table)
     columns = {
-        one.name: _column(part, table)
-        for part, one in zip(_parts(typename), fields(kind), strict=True)
-        if not _has_default(one) or part.path in table
+        one.name: _values(found[one.name])
+        for one in fields(kind)
+        if not _has_default(one) or one.name in found
     }
     rows = zip(*columns.values(), strict=True)
     return [kind(**dict(zip(columns, values, strict=True))) for values in rows]
@@ -224,22 +259,26 @@ def _has_default(one: Any) -> bool:
     return one.default is not MISSING or one.default_factory is not MISSING
 
 
-def records_of(typename: str, table: NDArray[np.void]) -> NDArray[np.void]:
-    """Return messages as bytes, laid in by columns.
+def encoded(typename: str, columns: Mapping[str, NDArray[Any]]) -> Any:
+    """Return messages as bytes, laid in by columns: structured, or a list if they have texts.
 
     Args:
         typename: of the messages.
-        table: (N,) structured, the fields of the dataclass by name; strings are left out, a
-            frame that the dataclass holds is map.
+        columns: (N,) or (N, k), the fields of the dataclass by name; what is not there is 0.
+            A frame that the dataclass holds is map.
     """
-    form = form_of(typename)
+    form, count = form_of(typename), len(columns["stamp_ns"])
+    if any(values.dtype.kind == "U" for values in columns.values()):
+        codec = MessageCodec(typename)
+        rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+        return [codec.encode(form.kind(**dict(zip(columns, row, strict=True)))) for row in rows]
     carried = {part.path: FRAME_MAP for part in _parts(typename) if part.path == _FRAME_ID}
     template = _nested({**carried, **form.frames}, form.values)
-    records = layout(typename, template).records(len(table))
+    records = layout(typename, template).records(count)
     for part, one in zip(_parts(typename), fields(form.kind), strict=True):
-        if part.is_text:
+        values = columns.get(one.name)
+        if part.is_text or values is None:
             continue
-        values = table[one.name]
         if part.is_time:
             lay_in_times(records, part.path, values)
         else:
@@ -259,14 +298,6 @@ def _nested(texts: Mapping[str, str], values: Mapping[str, Any]) -> dict[str, An
     return nested
 
 
-def _column(part: _Part, table: ColumnTable) -> list[Any]:
-    if part.is_time:
-        seconds = table[f"{part.path}.sec"].astype(np.int64)
-        return (seconds * SECOND_NS + table[f"{part.path}.nanosec"]).tolist()  # type: ignore[no-any-return]
-    if part.is_text or part.count == 1:
-        return table[part.path].tolist()  # type: ignore[no-any-return]
-    if not part.path.endswith(".x"):
-        return list(table[part.path].astype(np.float64))
-    base = part.path.removesuffix("x")
-    axes = [table[f"{base}{axis}"].astype(np.float64) for axis in "xyzw"[: part.count]]
-    return list(np.stack(axes, axis=1))
+def _values(column: NDArray[Any]) -> list[Any]:
+    """Return the values of a field: numbers and texts of Python, arrays of floats."""
+    return column.tolist() if column.ndim == 1 else list(column.astype(np.float64))

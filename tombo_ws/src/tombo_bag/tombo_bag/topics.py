@@ -150,3 +150,11 @@ TOPICS: dict[str, TopicSpec] = {
     spec.name: spec for spec in tuple(globals().values()) if isinstance(spec, TopicSpec)
 }
 """All topics by name. `/clock` is published with `use_sim_time` only, `/tf` where tf2_msgs is."""
+
+POSE_TYPES: dict[str, tuple[str, str]] = {
+    "geometry_msgs/msg/PoseStamped": ("pose.position", "pose.orientation"),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": ("pose.pose.position", "pose.pose.orientation"),
+    "geometry_msgs/msg/TransformStamped": ("transform.translation", "transform.rotation"),
+    "nav_msgs/msg/Odometry": ("pose.pose.position", "pose.pose.orientation"),
+}
+"""Types that hold one stamped pose: where its position and its quaternion stand."""

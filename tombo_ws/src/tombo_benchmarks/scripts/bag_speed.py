@@ -21,7 +21,9 @@ from mcap_ros2.decoder import DecoderFactory
 
 sys.path.insert(0, str(Path(__file__).parents[4] / "tombo_ws/src/tombo_bag/test"))
 
-from synthetic_flight import SyntheticFlight, synthetic_flight
+from synthetic_flight import synthetic_flight
+
+from tombo_bag.flight import Flight
 
 FLIGHT_S = 40
 RUNS = 5
@@ -40,7 +42,7 @@ def seconds(action: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
-def write(path: Path, flight: SyntheticFlight, compression: str = "zstd") -> None:
+def write(path: Path, flight: Flight, compression: str = "zstd") -> None:
     """Write the flight as `tombo fly` does."""
     from tombo_bag.flight_topics import write_flight
     from tombo_bag.formats.mcap_sink import McapSink

@@ -21,8 +21,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from tombo_bag.topics import MOCAP_POSE
 from tombo_dynamics.arrays import Array
 from tombo_flight.flight import Workspace, fly_scenario
+from tombo_flight.flight_metrics import statistic_of_poses
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.scenario import Scenario, load_scenario
@@ -123,14 +125,15 @@ def record_traces(
     watches = []
     for seed in seeds:
         record = fly_scenario(quiet, seed, memory)
-        height = record.mocap_position[:, 2] - record.mocap_position[0, 2]
+        poses = record[MOCAP_POSE.name]
+        height = poses["position"].values[:, 2] - poses["position"].values[0, 2]
         armed = height > scenario.detector.arm_height
         contact = record.summary["collision_time_s"]
         watches.append(
             DetectorTrace(
-                stamp=record.mocap_t.copy(),
-                arrival=record.mocap_arrival.copy(),
-                statistic=np.where(armed, record.detector_statistic, 0.0),
+                stamp=poses.t,
+                arrival=poses.arrival,
+                statistic=np.where(armed, statistic_of_poses(record), 0.0),
                 contact=math.inf if contact is None else float(contact),
             )
         )

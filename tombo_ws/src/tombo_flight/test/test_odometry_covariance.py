@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tombo_dynamics.rotation import map_to_body, rotation_vector
+from tombo_dynamics.time_base import TICK_S
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
 
@@ -14,9 +15,10 @@ from tombo_flight.scenario import load_scenario
 @pytest.mark.parametrize("scenario", ["hover", "paper_collision", "aggressive"])
 def test_variances_are_those_of_the_true_errors(scenario: str) -> None:
     flight = fly_scenario(load_scenario(scenario), 11)
-    ticks, odometry = flight.published["/odometry"]
+    ticks = np.rint(flight["/odometry"].arrival / TICK_S).astype(int)
     flying = flight.log["position"][ticks, 2] > 0.5  # on the ground the velocity is set to zero
-    ticks, odometry = ticks[flying], odometry[flying]
+    odometry = {name: one.values[flying] for name, one in flight["/odometry"].items()}
+    ticks = ticks[flying]
     names = ("position", "velocity", "attitude", "rates")
     true = {name: flight.log[name][ticks] for name in names}
     velocity = map_to_body(true["attitude"], true["velocity"])

@@ -11,6 +11,7 @@ from bag_rewrite import metadata_of, rewrite
 from px4_bench import speaking
 
 from tombo_bag.columnar_cdr import encode
+from tombo_bag.flight import Flight
 from tombo_bag.flight_time import stamp
 from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
@@ -19,10 +20,9 @@ from tombo_bringup.cli.flight.node_tables import grouped
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import EPOCH_NS
 from tombo_flight.flight import fly_scenario
-from tombo_flight.flight_from_bag import flight_from_bag
 from tombo_flight.flight_output import write_mcap
-from tombo_flight.flight_record import FlightRecord
 from tombo_flight.pose_track import pose_track
+from tombo_flight.recorded_flight import read_flight
 from tombo_flight.report.flight_plot import draw_flight, figure_bytes
 from tombo_flight.report.flight_report import write_report
 from tombo_flight.scenario import load_scenario
@@ -121,12 +121,12 @@ def test_a_stop_ends_the_waiting():
 
 
 @pytest.fixture(scope="module")
-def flown() -> FlightRecord:
+def flown() -> Flight:
     return fly_scenario(load_scenario(settings=["mission.approach_time=5.5"]), 0)
 
 
 @pytest.fixture(scope="module")
-def real(flown: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def real(flown: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The recording of a real vehicle: no ground truth."""
     folder = tmp_path_factory.mktemp("bag")
     write_mcap(flown, folder / "whole.mcap")
@@ -142,7 +142,7 @@ def without(source: Path, target: Path, prefix: str) -> Path:
 
 @pytest.mark.slow
 def test_of_a_real_vehicle_the_mocap_is_what_is_known(flown, real):
-    found, wanted = flight_from_bag(real).summary, flown.summary
+    found, wanted = read_flight(real).summary, flown.summary
 
     assert found["known_from"] == "mocap"
     assert "known_from" not in wanted
@@ -161,7 +161,7 @@ def test_of_a_real_vehicle_the_mocap_is_what_is_known(flown, real):
 
 @pytest.mark.slow
 def test_what_only_the_truth_tells_is_not_made_up(flown, real):
-    found = flight_from_bag(real).summary
+    found = read_flight(real).summary
     for key in (
         "contact_point_m", "contact_rotor", "detection_latency_s", "strikes", "rotors_broken",
         "peak_contact_force_n",
@@ -172,7 +172,7 @@ def test_what_only_the_truth_tells_is_not_made_up(flown, real):
 
 @pytest.mark.slow
 def test_a_flight_without_truth_is_drawn_and_reported(real, tmp_path):
-    record = flight_from_bag(real)
+    record = read_flight(real)
     png = figure_bytes(draw_flight(record))
     write_report(record, tmp_path / "report.html", png)
 
@@ -186,7 +186,7 @@ def test_a_flight_without_truth_is_drawn_and_reported(real, tmp_path):
 def test_with_neither_truth_nor_poses_there_is_no_flight(real, tmp_path):
     path = without(real, tmp_path / "blind.mcap", "/mocap")
     with pytest.raises(InputError, match="no poses on /mocap/pose"):
-        flight_from_bag(path)
+        read_flight(path)
 
 
 def test_poses_are_put_in_order_and_bad_ones_left_out():
@@ -365,7 +365,7 @@ def test_the_summary_tells_what_the_bridge_has_told(flown, tmp_path):
             sink.write_columns(
                 Columns(sink.add_channel(spec.name, spec.typename), stamps, messages)
             )
-    record = flight_from_bag(path)
+    record = read_flight(path)
     with Recording(tmp_path / "told.mcap") as recording:
         found = px4_metrics(recording, record)
 
@@ -391,7 +391,7 @@ def status(time_s: float, **more: object) -> bytes:
 def test_without_a_bridge_nothing_is_made_up(flown, tmp_path):
     path = tmp_path / "flight.mcap"
     write_mcap(flown, path)
-    record = flight_from_bag(path)
+    record = read_flight(path)
     with Recording(path) as recording:
         found = px4_metrics(recording, record)
 

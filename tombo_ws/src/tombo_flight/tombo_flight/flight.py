@@ -10,13 +10,12 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
-from tombo_collision.decision import Decision
-from tombo_collision.detector import CollisionEvent
+from tombo_bag.flight import Flight, Series, Topic
+from tombo_bag.topics import IMU, MISSION_STATUS, MOCAP_POSE, ROTOR_COMMAND
 from tombo_collision.reaction_core import ReactionCore
 from tombo_control.mission_core import status_text
 from tombo_dynamics.arrays import Array
@@ -24,13 +23,11 @@ from tombo_dynamics.core import Core
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_MAP
 from tombo_dynamics.message_records import message_of
-from tombo_dynamics.messages import CollisionEvent as CollisionMessage
-from tombo_dynamics.messages import MissionStatus, Trigger
+from tombo_dynamics.messages import CollisionEvent
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import as_arrays
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
-from tombo_flight.flight_metrics import MetricsInput, collision_events, phase_event, summarize
-from tombo_flight.flight_record import FlightRecord
+from tombo_flight.flight_metrics import phase_event, with_figures
 from tombo_flight.scenario import Scenario, as_mapping, world_of
 from tombo_flight.wiring import CORES, core_of
 from tombo_sim.flight_setup import NOISE, FlightSetup, begin, capture_ticks
@@ -87,8 +84,8 @@ def fly_scenario(
     stop: Callable[[], bool] | None = None,
     prepare: Callable[[Plant], None] | None = None,
     finish: Callable[[Sequence[Core]], None] | None = None,
-) -> FlightRecord:
-    """Fly a scenario and return its record.
+) -> Flight:
+    """Fly a scenario and return the flight.
 
     Args:
         scenario: what to fly.
@@ -181,7 +178,7 @@ def hand_collisions(reaction: ReactionCore, published: Published, counts: Any, t
     ):
         events = table[: counts[index]]
         for entry in events[events["tick"] == tick - 1]:
-            event = message_of(CollisionMessage, entry["message"], frame_id=FRAME_MAP)
+            event = message_of(CollisionEvent, entry["message"], frame_id=FRAME_MAP)
             reaction.on(topic, event, now_ns)
 
 
@@ -203,81 +200,51 @@ def _record(
     entries: Any,
     published: dict[str, Any],
     wall: float,
-) -> FlightRecord:
-    columns = log._asdict()
+) -> Flight:
     t: Array = np.arange(log.position.shape[0], dtype=np.float64) * TICK_S
-    detections, arrivals = _detections(scenario, published)
-    status = published["reaction_status"]
-    decided = status[np.diff(status["message"]["collisions"], prepend=0) > 0]
-    decisions = [Decision(s["x_c"], s["n_r"], s["x_r"]) for s in decided["message"]]
-    switches = (decided["tick"] * TICK_S).tolist()
-    events = collision_events(detections, arrivals, decisions, switches) + _phases(published)
-    summary, seen = summarize(
-        MetricsInput(scenario, seed, t, columns, detections, arrivals, decisions, wall)
-    )
-    arrived = entries[published["detector_status"]["row"]]
-    return FlightRecord(
+    poses = entries[published["detector_status"]["row"]]
+    flight = Flight(
+        {**_sensors(t, log, poses), **_by_topic(published)},
+        name=scenario.name,
         t=t,
-        log=columns,
-        mocap_t=arrived["stamp"] * TICK_S,
-        mocap_arrival=arrived["arrives"] * TICK_S,
-        mocap_position=arrived["position"],
-        mocap_attitude=arrived["attitude"],
-        detector_statistic=published["detector_status"]["message"]["statistic"].copy(),
-        events=sorted(events + seen, key=lambda e: float(e["time_s"])),
+        log=log._asdict(),
         scenario=flown,
-        summary=summary,
-        published=_by_topic(published),
+        epoch_ns=EPOCH_NS,
     )
+    return with_figures(flight, scenario, seed, wall, _phases(published))
 
 
-def _by_topic(published: dict[str, Any]) -> dict[str, Any]:
-    """Return what was published by topic: ticks and messages."""
-    found = {
-        topic: (published[name]["tick"], published[name]["message"])
+def _sensors(t: Array, log: Any, poses: Any) -> dict[str, Topic]:
+    """Return what was measured, and the command that each sample of the gyro has led to."""
+    pose = {"position": poses["position"], "attitude": poses["attitude"]}
+    return {
+        MOCAP_POSE.name: Topic.of(poses["stamp"] * TICK_S, pose, poses["arrives"] * TICK_S),
+        IMU.name: Topic.of(t, {"gyro": log.gyro, "accel": log.accel}),
+        ROTOR_COMMAND.name: Topic.of(t, {"speed": log.rotor_command}),
+    }
+
+
+def _by_topic(published: dict[str, Any]) -> dict[str, Topic]:
+    """Return what the cores have published."""
+    topics = {
+        topic: _topic(published[name], published[name]["message"].dtype.names)
         for name, topic in _TOPICS.items()
     }
     status = published["mission_status"]
-    texts = [status_text(int(one["message"]["phase"]), int(one["wait_reason"])) for one in status]
-    messages = [
-        message_of(MissionStatus, one["message"], text=text)
-        for one, text in zip(status, texts, strict=True)
-    ]
-    return {**found, "/mission/status": (status["tick"], messages)}
+    reasons = zip(status["message"]["phase"], status["wait_reason"], strict=True)
+    text = np.array([status_text(int(phase), int(why)) for phase, why in reasons], np.str_)
+    topic = _topic(status, status["message"].dtype.names)
+    topic["text"] = Series(topic.t, text, topic.arrival)
+    return {**topics, MISSION_STATUS.name: topic}
 
 
-def _seconds(stamp_ns: Any) -> float:
-    return float(int(stamp_ns) - EPOCH_NS) * 1e-9
-
-
-def _detection(event: Any) -> CollisionEvent:
-    """Return a published collision in flight time."""
-    return CollisionEvent(
-        _seconds(event["stamp_ns"]),
-        Trigger(event["trigger"]).name.lower(),
-        _seconds(event["contact_stamp_ns"]),
-        event["contact_position"],
-        event["flight_direction"],
-        float(event["confidence"]),
-        float(event["statistic"]),
-        int(event["count"]),
-        int(event["rotor"]),
-    )
-
-
-def _detections(
-    scenario: Scenario, published: dict[str, Any]
-) -> tuple[list[CollisionEvent], list[float]]:
-    """Return detector's and reaction's collisions, in flight time, and when each was known."""
-    topics = {"/collision_event", *scenario.reaction.event_topics()}
-    tables = [published[name] for name, topic in _TOPICS.items() if topic in topics]
-    found = [
-        (float(entry["tick"]) * TICK_S, _detection(entry["message"]))
-        for table in tables
-        for entry in table
-    ]
-    found.sort(key=itemgetter(0))
-    return [seen for _, seen in found], [at_s for at_s, _ in found]
+def _topic(table: Any, names: Sequence[str]) -> Topic:
+    """Return a table of `Published`: views of its messages."""
+    ticks, messages = table["tick"], table["message"]
+    said = ticks * TICK_S
+    stamps = messages["stamp_ns"] - EPOCH_NS
+    captured = np.where(stamps == ticks * TICK_NS, said, stamps * 1e-9)
+    return Topic.of(captured, {name: messages[name] for name in names}, said)
 
 
 def _phases(published: dict[str, Any]) -> list[dict[str, Any]]:

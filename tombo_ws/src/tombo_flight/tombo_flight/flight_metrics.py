@@ -6,13 +6,22 @@ Definitions are those of `docs/figures.md`; each function says its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_bag.flight import Flight, Topic
+from tombo_bag.topics import (
+    COLLISION_EVENT,
+    CONTACT_EVENT,
+    DETECTOR_STATUS,
+    MOCAP_POSE,
+    REACTION_STATUS,
+)
 from tombo_collision.decision import Decision
 from tombo_collision.detector import CollisionEvent
 from tombo_dynamics.arrays import Array
@@ -33,6 +42,7 @@ _LANDS_WITHIN = 3.0
 """[m]: twice the drift of a descent without a position."""
 _LANDS_BELOW = 0.5
 _IMU = Trigger.IMU.name.lower()
+_NAME_OF_TRIGGER = {int(trigger): trigger.name.lower() for trigger in Trigger}
 FIGURE_COLUMNS = (
     *("position", "attitude", "velocity", "rates", "fold", "damage"),
     *("contact", "contact_force", "position_setpoint", "mode"),
@@ -47,7 +57,7 @@ class MetricsInput:
     scenario: Scenario
     seed: int
     t: Array
-    log: dict[str, Array]
+    log: Mapping[str, Array]
     """At least the `FIGURE_COLUMNS`."""
     detections: list[CollisionEvent]
     arrivals: list[float]
@@ -95,6 +105,88 @@ def collision_events(
         more = {**places, "n_r": decision.n_r.tolist(), "count": count}
         found.append(event(at_s, "setpoint_switch", "set point moved to x_r", **more))
     return found
+
+
+def with_figures(
+    flight: Flight,
+    scenario: Scenario,
+    seed: int,
+    wall_time_s: float,
+    phases: Sequence[dict[str, Any]],
+) -> Flight:
+    """Return a flight with its summary, and with what happened in it.
+
+    Args:
+        flight: topics and ticks of it.
+        scenario: as flown.
+        seed: as flown.
+        wall_time_s: how long the flight took.
+        phases: `phase_event` of each phase that has begun.
+    """
+    detections, known_s = _detections(flight, scenario)
+    decisions, decided_s = _decisions(flight)
+    summary, seen = summarize(
+        MetricsInput(
+            scenario, seed, flight.t, flight.log, detections, known_s, decisions, wall_time_s
+        )
+    )
+    events = [*collision_events(detections, known_s, decisions, decided_s), *phases, *seen]
+    events.sort(key=lambda one: float(one["time_s"]))
+    return replace(flight, summary=summary, events=events)
+
+
+def _detections(flight: Flight, scenario: Scenario) -> tuple[list[CollisionEvent], list[float]]:
+    """Return the collisions of detector and reaction, and when each was known [s]."""
+    topics = {COLLISION_EVENT.name, *scenario.reaction.event_topics()}
+    found: list[tuple[float, CollisionEvent]] = []
+    for name in (COLLISION_EVENT.name, CONTACT_EVENT.name):
+        if name in topics and (topic := flight.topics.get(name)) is not None:
+            found += zip(topic.arrival.tolist(), _collisions(flight, topic), strict=True)
+    found.sort(key=itemgetter(0))
+    return [seen for _, seen in found], [at_s for at_s, _ in found]
+
+
+def _collisions(flight: Flight, topic: Topic) -> Iterator[CollisionEvent]:
+    """Yield published collisions in flight time."""
+    columns = {name: one.values for name, one in topic.items()}
+    for i in range(topic.t.size):
+        yield CollisionEvent(
+            float(flight.seconds(columns["stamp_ns"][i])),
+            _NAME_OF_TRIGGER.get(int(columns["trigger"][i]), "unknown"),
+            float(flight.seconds(columns["contact_stamp_ns"][i])),
+            columns["contact_position"][i],
+            columns["flight_direction"][i],
+            float(columns["confidence"][i]),
+            float(columns["statistic"][i]),
+            int(columns["count"][i]),
+            int(columns["rotor"][i]) if "rotor" in columns else ROTOR_UNKNOWN,
+        )
+
+
+def _decisions(flight: Flight) -> tuple[list[Decision], list[float]]:
+    """Return the decisions of the reaction, and when each was made [s]."""
+    status = flight.topics.get(REACTION_STATUS.name)
+    if status is None:
+        return [], []
+    count, x_r = status["collisions"].values, status["x_r"].values
+    known = np.maximum.accumulate(np.where(np.isfinite(x_r).all(axis=1), count, 0))
+    rows = np.flatnonzero(np.diff(known, prepend=0) > 0)
+    x_c, n_r = status["x_c"].values, status["n_r"].values
+    return [Decision(x_c[i], n_r[i], x_r[i]) for i in rows], status.t[rows].tolist()
+
+
+def statistic_of_poses(flight: Flight) -> Array:
+    """Return the detector's statistic of each pose of the motion capture, 0 where none is."""
+    captured = flight[MOCAP_POSE.name].t
+    status = flight.topics.get(DETECTOR_STATUS.name)
+    if status is None:
+        return np.zeros(captured.size)
+    stamps, wanted = (np.rint(1e6 * t).astype(np.int64) for t in (status.t, captured))
+    values = status["statistic"].values
+    if stamps.size == wanted.size and not (np.abs(stamps - wanted) > 1).any():
+        return np.array(values)
+    of_stamp = dict(zip(stamps.tolist(), values.tolist(), strict=True))
+    return np.array([of_stamp.get(stamp, 0.0) for stamp in wanted.tolist()])
 
 
 def first_sustained(condition: NDArray[np.bool_], length: int) -> int | None:
@@ -195,7 +287,7 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
 
 
 def _crash(
-    vehicle: VehicleParams, log: dict[str, Array], phases: Array, tilted: Array
+    vehicle: VehicleParams, log: Mapping[str, Array], phases: Array, tilted: Array
 ) -> int | None:
     """Return the tick of the crash, or None.
 
@@ -226,7 +318,7 @@ def _crash(
     return min(hits) if hits else None
 
 
-def _elsewhere(vehicle: VehicleParams, log: dict[str, Array], tilted: Array) -> str:
+def _elsewhere(vehicle: VehicleParams, log: Mapping[str, Array], tilted: Array) -> str:
     """Return what keeps the end of a flight from being a landing; "" if nothing does."""
     position, setpoint = log["position"][-1], log["position_setpoint"][-1]
     away = float(np.hypot(*(position - setpoint)[:2]))

@@ -17,7 +17,7 @@ from tombo_flight.scenario_file import SCENARIO_FILE, write_scenario
 from tombo_flight.version import tombo_version
 
 if TYPE_CHECKING:
-    from tombo_flight.flight_record import FlightRecord
+    from tombo_bag.flight import Flight
     from tombo_flight.process.output_folder import OutputFolder
 
 WALL_KEYS = ("wall_time_s", "real_time_factor")
@@ -32,11 +32,11 @@ _SHOWN_BESIDE = "reflex"
 class FlightResult:
     """A flight, its summary as it stands in the file, and how long recording took."""
 
-    record: FlightRecord
+    record: Flight
     summary: dict[str, Any]
     recording_s: float | None
     """Wall time of writing `flight.mcap` [s]; None: not recorded."""
-    beside: FlightRecord | None = None
+    beside: Flight | None = None
     """The same flight with another reaction, to compare it with."""
 
     @property
@@ -58,7 +58,7 @@ def warm_up_flight(scenario: Scenario) -> None:
 
 
 def flight_summary(
-    record: FlightRecord, *, interrupted: bool = False, recorded_messages: int | None = None
+    record: Flight, *, interrupted: bool = False, recorded_messages: int | None = None
 ) -> dict[str, Any]:
     """Return the content of `summary.json`: plain values, never NaN, wall times last.
 
@@ -138,9 +138,7 @@ def fly_into(
     return FlightResult(flown, summary, seconds, beside)
 
 
-def _fly_beside(
-    scenario: Scenario, seed: int, flown: FlightRecord, stop: StopSignals
-) -> FlightRecord | None:
+def _fly_beside(scenario: Scenario, seed: int, flown: Flight, stop: StopSignals) -> Flight | None:
     """Fly a collision of the paper's reaction once more, with `reflex`, to be shown beside it."""
     if scenario.reaction.name != DEFAULT or not flown.summary["collided"]:
         return None
@@ -149,7 +147,7 @@ def _fly_beside(
     return None if stop.asked() else record
 
 
-def write_mcap(record: FlightRecord, path: Path) -> tuple[int, float]:
+def write_mcap(record: Flight, path: Path) -> tuple[int, float]:
     """Write `flight.mcap`; return its number of messages and the wall time [s]."""
     from mcap.reader import make_reader
 
@@ -167,11 +165,11 @@ def write_mcap(record: FlightRecord, path: Path) -> tuple[int, float]:
 
 
 def draw_pictures(
-    record: FlightRecord,
+    record: Flight,
     folder: OutputFolder,
     stop: StopSignals,
     on_progress: ProgressCallback = no_progress,
-    beside: FlightRecord | None = None,
+    beside: Flight | None = None,
     column: str | None = None,
 ) -> None:
     """Write the pictures and `report.html`, or none of them if a stop comes meanwhile.

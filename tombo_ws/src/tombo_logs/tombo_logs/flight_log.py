@@ -9,7 +9,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tombo_dynamics.arrays import Array
+from tombo_bag.flight import Finding as Finding
+from tombo_bag.flight import Series as Series
 
 
 @dataclass(frozen=True)
@@ -41,18 +42,6 @@ DRIVES = (*ROTOR_SPEEDS, "motor_command")
 
 
 @dataclass(frozen=True)
-class Series:
-    """One channel. Values that are not finite are gaps."""
-
-    t: Array
-    """(N,) capture times [s] on the flight's own clock, as stamped."""
-    values: Array
-    """(N, width), unit as in CHANNELS."""
-    arrival: Array | None = None
-    """(N,) when each sample came in [s], same clock; None where the log does not say."""
-
-
-@dataclass(frozen=True)
 class Airframe:
     """What is known of the vehicle that flew. None: the suite's own nominal vehicle."""
 
@@ -67,23 +56,6 @@ class Airframe:
     """about body x, y, z [kg m^2]; None: not known, moments are then not diagnosed."""
     motor_time_constant: float = 0.05
     """[s]"""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Finding of a pre-check or a reader. A fault of the log is never diagnosed as physics."""
-
-    check: str
-    """Short name: crash, gap, frozen, duplicate, frame, unit, stamps, saturation, rpm, missing."""
-    severity: str
-    """info, warning (diagnosed all the same) or fault (the part it concerns is excluded)."""
-    flight: str
-    message: str
-    """One line: channel, what was seen, what was expected."""
-    start_s: float = float("nan")
-    """On the flight's clock; NaN: it concerns the whole flight."""
-    end_s: float = float("nan")
-    channel: str = ""
 
 
 def why_left_out(findings: Iterable[Finding], channels: Iterable[str]) -> str:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tombo_bag.flight import Flight
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.records import numbers
 from tombo_flight.flight import fly_scenario
-from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_sim.ground_truth import contact_force
 from tombo_sim.simulator import Simulator
@@ -68,7 +68,7 @@ class _Flown:
 
     def __init__(self, name: str) -> None:
         scenario, seed = _scenario(name)
-        self.record: FlightRecord = fly_scenario(scenario, seed)
+        self.record: Flight = fly_scenario(scenario, seed)
         log = self.record.log
         simulator = Simulator(world_of(scenario), seed)
         plant = simulator.plant
@@ -120,18 +120,19 @@ def test_each_touch_is_the_headless_flights(flown: _Flown) -> None:
 def test_mocap_samples_are_the_headless_flights_in_value_and_order(flown: _Flown) -> None:
     record = flown.record
     # the headless flight hands over one sample a tick: of two that arrive at once one waits a tick
-    last = record.mocap_arrival[-1]
+    poses = record["/mocap/pose"]
+    last = poses.arrival[-1]
     arrived = [(k, sample) for k, sample in flown.poses if k * 1e-3 <= last + 1e-9]
-    assert len(arrived) == len(record.mocap_t) > 80
+    assert len(arrived) == len(poses.t) > 80
     by_capture = sorted(arrived, key=lambda item: item[1].captured)
-    order = np.argsort(record.mocap_t, kind="stable")
+    order = np.argsort(poses.t, kind="stable")
     captured = np.array([sample.captured for _, sample in by_capture])
-    assert np.array_equal(captured, np.rint(record.mocap_t[order] * 1e3))
+    assert np.array_equal(captured, np.rint(poses.t[order] * 1e3))
     pose = np.array([sample.pose for _, sample in by_capture])
-    assert np.abs(pose[:, :3] - record.mocap_position[order]).max() < _ROUNDING
-    assert np.abs(pose[:, 3:] - record.mocap_attitude[order]).max() < _ROUNDING
+    assert np.abs(pose[:, :3] - poses["position"].values[order]).max() < _ROUNDING
+    assert np.abs(pose[:, 3:] - poses["attitude"].values[order]).max() < _ROUNDING
     arrival = np.array([k for k, _ in by_capture]) * 1e-3
-    assert np.abs(arrival - record.mocap_arrival[order]).max() < 3.5e-3
+    assert np.abs(arrival - poses.arrival[order]).max() < 3.5e-3
 
 
 def test_a_pose_arrives_once_and_not_before_its_time(flown: _Flown) -> None:

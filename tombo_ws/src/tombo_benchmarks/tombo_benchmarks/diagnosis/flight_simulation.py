@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
+from tombo_bag.flight import Flight
 from tombo_benchmarks.diagnosis.flight_cases import FlightCase
 from tombo_diagnosis.flight.experiment_design import sensor_series
 from tombo_dynamics.arrays import Array
@@ -16,7 +17,6 @@ from tombo_dynamics.disturbance import set_disturbance
 from tombo_dynamics.plant import Plant
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import write_mcap
-from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, load_scenario, scenario_over
 from tombo_logs.flight_log import FlightLog, Series
 from tombo_logs.readers.log_recording import record_log
@@ -128,13 +128,12 @@ def fly_case(case: FlightCase, folder: Path) -> list[Path]:
     return paths
 
 
-def measured(
-    flown: FlightRecord, name: str, formulation: str, rng: np.random.Generator
-) -> FlightLog:
+def measured(flown: Flight, name: str, formulation: str, rng: np.random.Generator) -> FlightLog:
     """Return the log of a flight as the sensors of a lab would measure it."""
     t = flown.t
     series = sensor_series(flown, formulation.startswith("imu"), formulation.endswith("rpm"))
-    stamps = flown.mocap_t + _STAMP_JITTER * rng.standard_normal(flown.mocap_t.size)
+    stamps = series["position"].t
+    stamps = stamps + _STAMP_JITTER * rng.standard_normal(stamps.size)
     for channel in ("position", "attitude"):
         series[channel] = replace(series[channel], t=stamps)
     volts = series["voltage"].values

@@ -14,10 +14,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from tombo_bag.flight import Flight
 from tombo_dynamics.errors import InputError
-from tombo_flight.flight_from_bag import flight_from_bag
-from tombo_flight.flight_record import FlightRecord
 from tombo_flight.progress import ProgressCallback
+from tombo_flight.recorded_flight import read_flight
 from tombo_flight.scenario import Scenario, load_scenario
 from tombo_flight.suite.domain import free_domain, udp_ports
 from tombo_flight.suite.node_flight import FlightMonitor
@@ -85,7 +85,7 @@ def fly_faults(
             at_ns = _fly(fault, scenario, seed, behind_s, Path(folder), bag, stop)
             if stop():
                 break
-            record = flight_from_bag(bag)
+            record = read_flight(bag)
         at_s = (at_ns - record.epoch_ns) * 1e-9
         rows.append({"fault": str(fault), **after_fault(record, ground_m, at_s, behind_s)})
     return rows
@@ -145,9 +145,7 @@ def _fly(
     return at_ns
 
 
-def after_fault(
-    record: FlightRecord, ground_m: float, at_s: float, behind_s: float
-) -> dict[str, Any]:
+def after_fault(record: Flight, ground_m: float, at_s: float, behind_s: float) -> dict[str, Any]:
     """Return what the vehicle does behind a fault, as the ground truth of a recording shows it.
 
     Args:

@@ -19,7 +19,7 @@ from tombo_bag.recording import Recording
 from tombo_bringup.cli.flight.node_tables import print_verdict
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.flight import fly_scenario
-from tombo_flight.flight_from_bag import flight_from_bag
+from tombo_flight.recorded_flight import read_flight
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite import nodes, running
 from tombo_flight.suite.node_diagnostics import Loop
@@ -106,7 +106,7 @@ def test_a_flight_that_lands_leaves_the_files_of_a_headless_one(fly, bag, tmp_pa
     }
     summary = result.json
     assert summary == json.loads((tmp_path / "out" / "summary.json").read_text())
-    wanted = flight_from_bag(bag).summary
+    wanted = read_flight(bag).summary
     assert {key: summary[key] for key in wanted if "wall" not in key and "factor" not in key} == {
         key: value for key, value in wanted.items() if "wall" not in key and "factor" not in key
     }

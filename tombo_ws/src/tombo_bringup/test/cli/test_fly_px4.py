@@ -137,7 +137,7 @@ def fly(tombo, tmp_path, monkeypatch):
 def flown(monkeypatch):
     """A second of hover in place of what the recording would hold."""
     record = fly_scenario(load_scenario("hover", ["duration=1.0"]), 0)
-    monkeypatch.setattr(node_flight, "flight_from_bag", lambda bag, wall_s: record)
+    monkeypatch.setattr(node_flight, "read_flight", lambda bag, wall_s: record)
     monkeypatch.setattr(node_flight, "node_metrics", lambda recording: {"too_slow": []})
     monkeypatch.setattr("tombo_bringup.cli.flight.node_tables.print_nodes", lambda flown: None)
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tombo_bag.flight import Flight
 from tombo_diagnosis.diagnosis import Experiment
 from tombo_diagnosis.engine.evidence import NormalEquations, solve
 from tombo_diagnosis.flight.analyse import FlightFindings
@@ -26,7 +27,6 @@ from tombo_diagnosis.wording import capital, listed
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import Workspace, fly_scenario
-from tombo_flight.flight_record import FlightRecord
 from tombo_flight.progress import ProgressCallback
 from tombo_flight.scenario import extended_scenario
 from tombo_logs.flight_log import FlightLog, Series
@@ -171,12 +171,11 @@ def _evidence(problem: FlightProblem, normal: NormalEquations, effect: str) -> f
     return max(solve(normal, deviations, covariance=False).evidence for deviations in ways)
 
 
-def sensor_series(flown: FlightRecord, imu: bool, rpm: bool) -> dict[str, Series]:
+def sensor_series(flown: Flight, imu: bool, rpm: bool) -> dict[str, Series]:
     """Return what these sensors measured in a simulated flight."""
     t = flown.t
     series = {
-        "position": Series(flown.mocap_t, flown.mocap_position, flown.mocap_arrival),
-        "attitude": Series(flown.mocap_t, flown.mocap_attitude, flown.mocap_arrival),
+        **flown["/mocap/pose"],
         "rotor_command": Series(t, flown.log["rotor_command"].copy()),
         "voltage": Series(t[::100], flown.log["battery"][::100, 2:3]),
     }
@@ -187,12 +186,13 @@ def sensor_series(flown: FlightRecord, imu: bool, rpm: bool) -> dict[str, Series
     return series
 
 
-def as_log(flown: FlightRecord, imu: bool, rpm: bool) -> FlightLog:
+def as_log(flown: Flight, imu: bool, rpm: bool) -> FlightLog:
     """Return a simulated flight as a log with these sensors."""
     series, t = sensor_series(flown, imu, rpm), flown.t
-    air = np.flatnonzero(flown.mocap_position[:, 2] > _AIRBORNE)
+    poses = flown["/mocap/pose"]["position"]
+    air = np.flatnonzero(poses.values[:, 2] > _AIRBORNE)
     if not air.size:
         raise InputError("the manoeuvre was not flown; accepted: a flight")
-    begin, end = float(flown.mocap_t[air[0]]) + 0.3, float(flown.mocap_t[air[-1]])
+    begin, end = float(poses.t[air[0]]) + 0.3, float(poses.t[air[-1]])
     ground = ((-1.0, begin), (end, float(t[-1]) + 1.0))
     return FlightLog("simulated", "simulated", series, exclude=ground)

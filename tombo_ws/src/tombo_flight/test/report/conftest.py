@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tombo_flight.flight_record import FlightRecord
+from tombo_bag.flight import Flight, Topic
 
 CONTACT_S = 23.0
 FALL_M = 0.5
@@ -22,7 +22,7 @@ HOVER_N = 3.31
 
 def build_flight(
     *, contact: bool = True, crash: bool = False, end_s: float = 40.0, name: str = "synthetic"
-) -> FlightRecord:
+) -> Flight:
     """Take off, hover, approach at 0.6 m/s, collide at 23 s, fall 0.5 m, hold at x_r, land."""
     t = np.arange(0.0, end_s, 0.001)
     n = len(t)
@@ -98,14 +98,11 @@ def build_flight(
             ]
     events = [event for event in events if event["time_s"] < end_s]
     mocap = slice(None, None, 33)
-    return FlightRecord(
+    poses = {"position": position[mocap], "attitude": quaternion[mocap]}
+    return Flight(
+        {"/mocap/pose": Topic.of(t[mocap], poses, t[mocap] + 0.01)},
         t=t,
         log=log,
-        mocap_t=t[mocap],
-        mocap_arrival=t[mocap] + 0.01,
-        mocap_position=position[mocap],
-        mocap_attitude=quaternion[mocap],
-        detector_statistic=np.ones(len(t[mocap])),
         events=events,
         summary=summary,
         scenario={
@@ -180,19 +177,19 @@ def _rotors(t: Any, tau: Any, hit: Any, crash: bool, mode: Any) -> tuple[Any, An
 
 
 @pytest.fixture(scope="session")
-def make_flight() -> Callable[..., FlightRecord]:
+def make_flight() -> Callable[..., Flight]:
     """The builder itself, for a flight with the options a test needs."""
     return build_flight
 
 
 @pytest.fixture(scope="session")
-def flight() -> FlightRecord:
+def flight() -> Flight:
     """The flight that recovers."""
     return build_flight()
 
 
 @pytest.fixture(scope="session")
-def edge_flights(flight: FlightRecord) -> dict[str, FlightRecord]:
+def edge_flights(flight: Flight) -> dict[str, Flight]:
     """Flights that have gaps in their story."""
     one = {key: column[:1] for key, column in flight.log.items()}
     return {

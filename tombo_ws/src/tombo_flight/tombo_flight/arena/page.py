@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any, Final
 
+from tombo_bag.flight import Flight
 from tombo_flight.arena.cases import ANGLE_RADIUS, COLLISIONS, CONFIGURATIONS, FREE, SPEED_OFFSET
 from tombo_flight.arena.flying import Plan, Row
 from tombo_flight.arena.pictures import draw_configurations, draw_histograms, draw_map
 from tombo_flight.arena.table import HEAD, MEANING, crashed, table_rows
 from tombo_flight.flight import fly_scenario
-from tombo_flight.flight_record import FlightRecord
 from tombo_flight.report.flight_plot import figure_bytes
 from tombo_flight.report.flight_report import replay_scripts, replay_stage
 from tombo_flight.report.html_page import Card, Page, hint, page_html, pictures, sentences, table
@@ -186,7 +186,7 @@ def _replays(shown: Sequence[Mapping[str, Any]]) -> str:
     return table(head, lines, "replays") + meaning + replay_stage()
 
 
-def _again(plan: Plan, one: Mapping[str, Any]) -> FlightRecord:
+def _again(plan: Plan, one: Mapping[str, Any]) -> Flight:
     match = next(
         m for m in plan.matches if (m.reaction, m.case.name) == (one["reaction"], one["case"])
     )

@@ -8,21 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.columns import ColumnTable
 from tombo_bag.formats.bag_files import Stream
+from tombo_bag.message_codec import fields_of
 from tombo_bag.recording import Recording
-from tombo_bag.topics import MOCAP_POSE, TOPICS
+from tombo_bag.topics import MOCAP_POSE, POSE_TYPES, TOPICS
 from tombo_dynamics.arrays import Array, Times
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_MAP
-
-POSE_TYPES: dict[str, tuple[str, str]] = {
-    "geometry_msgs/msg/PoseStamped": ("pose.position", "pose.orientation"),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": ("pose.pose.position", "pose.pose.orientation"),
-    "geometry_msgs/msg/TransformStamped": ("transform.translation", "transform.rotation"),
-    "nav_msgs/msg/Odometry": ("pose.pose.position", "pose.pose.orientation"),
-}
-"""Types that hold one stamped pose: where its position and its quaternion stand."""
 
 
 @dataclass(frozen=True)
@@ -87,19 +79,11 @@ def find_pose_topic(topics: Mapping[str, Stream]) -> str | None:
 
 def read_poses(recording: Recording, topic: str) -> PoseTrack:
     """Read a topic of one of `POSE_TYPES`."""
-    table = recording.columns(topic)
-    position, attitude = POSE_TYPES[recording.topics[topic].typename]
+    fields = fields_of(recording.topics[topic].typename, recording.columns(topic))
     return PoseTrack(
-        table["log_time_ns"],
-        table["stamp_ns"],
-        table.get("header.frame_id", np.zeros(0, "U1")),
-        vectors(table, position),
-        vectors(table, attitude, "xyzw"),
+        fields["log_time_ns"],
+        fields["stamp_ns"],
+        fields.get("frame_id", np.zeros(0, "U1")),
+        fields.get("position", np.zeros((0, 3))),
+        fields.get("attitude", np.zeros((0, 4))),
     )
-
-
-def vectors(table: ColumnTable, path: str, axes: str = "xyz") -> Array:
-    """Return the fields x, y, z (and w) below a path as rows (N, 3) or (N, 4)."""
-    if f"{path}.{axes[0]}" not in table:
-        return np.zeros((0, len(axes)))
-    return np.stack([table[f"{path}.{axis}"].astype(np.float64) for axis in axes], axis=1)

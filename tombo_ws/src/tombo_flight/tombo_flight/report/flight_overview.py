@@ -18,7 +18,7 @@ from tombo_flight.report.overview_scene import SIZE_IN, draw_scene, phase_colour
 from tombo_flight.report.panel import envelope
 
 if TYPE_CHECKING:
-    from tombo_flight.flight_record import FlightRecord
+    from tombo_bag.flight import Flight
 
 DPI: Final = 100
 BEFORE_S: Final = 3.0
@@ -27,7 +27,7 @@ APPROACH_S: Final = 2.5
 """How long before the contact the first snapshot is."""
 
 
-def draw_overview(record: FlightRecord) -> Figure:
+def draw_overview(record: Flight) -> Figure:
     """Draw the collision in space, with a strip of height against time below; 1600 x 900 px.
 
     A flight that touches nothing is drawn with snapshots spread over its whole length.
@@ -78,7 +78,7 @@ def _instants(milestones: FlightMilestones) -> list[float]:
     return [t for t in wanted if start_s <= t <= end_s]
 
 
-def _apart(record: FlightRecord, instants: Sequence[float]) -> list[float]:
+def _apart(record: Flight, instants: Sequence[float]) -> list[float]:
     """Leave out an instant at which the vehicle is where an earlier picture already is."""
     kept: list[float] = []
     for t in instants:
@@ -105,7 +105,7 @@ def _name(milestones: FlightMilestones, t: float) -> str:
 
 
 def _strip(
-    axes: Axes, record: FlightRecord, milestones: FlightMilestones, instants: Sequence[float]
+    axes: Axes, record: Flight, milestones: FlightMilestones, instants: Sequence[float]
 ) -> None:
     zero = milestones.mark_s or 0.0
     start, end = _stretch(milestones)

@@ -25,7 +25,7 @@ from tombo_flight.report.panel import Panel, Window, zoom_around
 from tombo_flight.report.timeline import timeline
 
 if TYPE_CHECKING:
-    from tombo_flight.flight_record import FlightRecord
+    from tombo_bag.flight import Flight
 
 SIZE_IN: Final = (12.0, 8.0)
 DPI: Final = 150
@@ -86,7 +86,7 @@ _VERDICT_COLOURS: Final = {
 }
 
 
-def draw_flight(record: FlightRecord, beside: FlightRecord | None = None) -> Figure:
+def draw_flight(record: Flight, beside: Flight | None = None) -> Figure:
     """Draw position, attitude, rotor thrust and phase against time; 1800 x 1200 px.
 
     The left column shows the whole flight, the right one the seconds around the contact
@@ -108,7 +108,7 @@ def draw_flight(record: FlightRecord, beside: FlightRecord | None = None) -> Fig
     return figure
 
 
-def draw_column(record: FlightRecord, beside: FlightRecord | None = None) -> Figure:
+def draw_column(record: Flight, beside: Flight | None = None) -> Figure:
     """Draw the same panels as wide as a column of print (88 mm), for a paper.
 
     Time is that around the contact or the crash; with neither the whole flight.
@@ -135,8 +135,8 @@ def figure_bytes(figure: Figure, kind: str = "png") -> bytes:
 
 def _column(
     figure: Figure,
-    record: FlightRecord,
-    beside: FlightRecord | None,
+    record: Flight,
+    beside: Flight | None,
     milestones: FlightMilestones,
     angles_deg: Array,
     window: Window,

@@ -26,7 +26,7 @@ from tombo_flight.report.tables import (
 )
 
 if TYPE_CHECKING:
-    from tombo_flight.flight_record import FlightRecord
+    from tombo_bag.flight import Flight
 
 SCRIPTS: Final = (
     *("flight.js", "camera.js", "vehicle.js", "scene.js", "charts.js", "player.js"),
@@ -43,7 +43,7 @@ _CLASSES: Final = {
 
 
 def write_report(
-    record: FlightRecord, path: Path, plot_png: bytes, beside: FlightRecord | None = None
+    record: Flight, path: Path, plot_png: bytes, beside: Flight | None = None
 ) -> None:
     """Write the self-contained report of a flight.
 
@@ -56,7 +56,7 @@ def write_report(
     path.write_text(report_html(record, plot_png, beside), encoding="utf-8", newline="\n")
 
 
-def report_html(record: FlightRecord, plot_png: bytes, beside: FlightRecord | None = None) -> str:
+def report_html(record: Flight, plot_png: bytes, beside: Flight | None = None) -> str:
     """The report as text; it loads nothing from anywhere."""
     milestones = find_milestones(record)
     rows: Sequence[Row] = comparison_rows(milestones, record)
@@ -95,7 +95,7 @@ def replay_stage() -> str:
     return asset("stage.html")
 
 
-def replay_scripts(records: Sequence[FlightRecord]) -> str:
+def replay_scripts(records: Sequence[Flight]) -> str:
     """Return data and scripts for the end of a page, which show some flights on its stage.
 
     The first one is shown; a button with `data-flight="N"` shows the N-th, from 0.
@@ -131,7 +131,7 @@ def _with_figures(
     return [row for row, _ in kept], other
 
 
-def _flight_buttons(records: Sequence[FlightRecord]) -> str:
+def _flight_buttons(records: Sequence[Flight]) -> str:
     """Return a button for each flight by the name of its reaction, as HTML; one needs none."""
     if len(records) == 1:
         return ""
@@ -143,7 +143,7 @@ def _flight_buttons(records: Sequence[FlightRecord]) -> str:
     return f'  <div class="flights" role="group" aria-label="Reaction">Reaction {buttons}</div>\n'
 
 
-def _facts(record: FlightRecord, milestones: FlightMilestones) -> str:
+def _facts(record: Flight, milestones: FlightMilestones) -> str:
     facts = []
     if milestones.seed is not None:
         facts.append(f"seed {milestones.seed}")

@@ -19,7 +19,7 @@ from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import yaw_pitch_roll
 
 if TYPE_CHECKING:
-    from tombo_flight.flight_record import FlightRecord
+    from tombo_bag.flight import Flight
 
 
 PHASE_NAMES: Final = tuple(name.replace("_", " ") for name in messages.PHASE_NAMES)
@@ -140,7 +140,7 @@ def reaction_words(name: str | None) -> str | None:
     return None if name in (None, DEFAULT) else f"reaction {name}"
 
 
-def find_milestones(record: FlightRecord) -> FlightMilestones:
+def find_milestones(record: Flight) -> FlightMilestones:
     """Find the milestones of a flight in its summary, its events and its ground truth.
 
     The summary has priority; events fill in what it leaves out. A flight that was interrupted, has
@@ -220,7 +220,7 @@ def point(values: Mapping[str, Any], key: str) -> tuple[float, float, float] | N
     return None if x is None or y is None or z is None else (x, y, z)
 
 
-def first_event_s(record: FlightRecord, kind: str, after_s: float | None = None) -> float | None:
+def first_event_s(record: Flight, kind: str, after_s: float | None = None) -> float | None:
     """Time of the first event of this kind, not before `after_s`; None if there is none."""
     times = [number(event, "time_s") for event in record.events if event.get("kind") == kind]
     early = -math.inf if after_s is None else after_s - 1e-6
@@ -255,7 +255,7 @@ def roll_pitch_yaw_deg(attitude: Array) -> Array:
     return angles
 
 
-def _detection_s(record: FlightRecord, contact_s: float | None) -> float | None:
+def _detection_s(record: Flight, contact_s: float | None) -> float | None:
     """The detection that belongs to the contact; a false alarm long before it does not."""
     latency_s = number(record.summary, "contact_known_s")
     if latency_s is None:
@@ -265,7 +265,7 @@ def _detection_s(record: FlightRecord, contact_s: float | None) -> float | None:
     return first_event_s(record, "detection")
 
 
-def _fall(record: FlightRecord, contact_s: float, end_s: float) -> tuple[float, float, float]:
+def _fall(record: Flight, contact_s: float, end_s: float) -> tuple[float, float, float]:
     """Height at contact, and when and how low the vehicle comes before `end_s` or the landing."""
     first, last = nearest(record.t, contact_s), nearest(record.t, end_s)
     heights = record.log["position"][first : last + 1, 2]

@@ -17,7 +17,7 @@ from tombo_flight.report.airframe_shapes import Airframe, Camera, Part, circle
 from tombo_flight.report.milestones import FRONT_LEFT, FlightMilestones, Obstacle, Outcome, nearest
 
 if TYPE_CHECKING:
-    from tombo_flight.flight_record import FlightRecord
+    from tombo_bag.flight import Flight
 
 SIZE_IN: Final = (16.0, 9.0)
 _FREE: Final = (0.03, 0.985, 0.24, 0.93)
@@ -92,7 +92,7 @@ def _frame(axes: Axes, camera: Camera, points: Array) -> None:
 
 def draw_scene(
     axes: Axes,
-    record: FlightRecord,
+    record: Flight,
     milestones: FlightMilestones,
     instants: Mapping[float, str],
     window: slice,
@@ -127,7 +127,7 @@ def draw_scene(
 
 
 def _vehicles(
-    record: FlightRecord, milestones: FlightMilestones, instants: Mapping[float, str]
+    record: Flight, milestones: FlightMilestones, instants: Mapping[float, str]
 ) -> dict[float, list[Part]]:
     """The vehicle's pieces at each instant; at contact folded as it is just after."""
     airframe = Airframe.of(record.scenario)
@@ -161,7 +161,7 @@ def _name_below(axes: Axes, camera: Camera, parts: Sequence[Part], name: str, co
     )
 
 
-def _most_folded(record: FlightRecord, i: int) -> int:
+def _most_folded(record: Flight, i: int) -> int:
     """The sample within 60 ms after `i` at which the propellers are folded most."""
     ahead = record.log["fold"][i : i + 60].sum(axis=1)
     return i + int(np.argmax(ahead))

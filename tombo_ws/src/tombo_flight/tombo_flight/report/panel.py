@@ -16,7 +16,7 @@ from tombo_flight.report import style
 from tombo_flight.report.milestones import FlightMilestones
 
 if TYPE_CHECKING:
-    from tombo_flight.flight_record import FlightRecord
+    from tombo_bag.flight import Flight
 
 
 SMALL: Final = 7.8
@@ -46,7 +46,7 @@ class Panel:
     """Axes that show a window of a flight; `cut` are the samples inside the window."""
 
     axes: Axes
-    record: FlightRecord
+    record: Flight
     milestones: FlightMilestones
     window: Window
     cut: slice

@@ -14,7 +14,7 @@ from tombo_flight.report.milestones import FRONT_LEFT, ROTOR_NAMES, UPRIGHT_RAD
 from tombo_flight.report.panel import SMALL, Panel, envelope, key
 
 if TYPE_CHECKING:
-    from tombo_flight.flight_record import FlightRecord
+    from tombo_bag.flight import Flight
 
 _HATCH: Final = "//////"
 
@@ -31,7 +31,7 @@ def horizontal(panel: Panel) -> None:
     panel.legend([east, north, *_common()])
 
 
-def height(panel: Panel, beside: FlightRecord | None) -> None:
+def height(panel: Panel, beside: Flight | None) -> None:
     """Draw z with its set point and estimate, how far the vehicle falls, and z of another."""
     log = panel.record.log
     handles = [key(style.PURPLE, 1.7, "z up"), *_common()]

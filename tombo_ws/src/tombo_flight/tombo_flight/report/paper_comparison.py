@@ -12,7 +12,7 @@ from tombo_flight.report import paper_values as paper
 from tombo_flight.report.milestones import FlightMilestones, number
 
 if TYPE_CHECKING:
-    from tombo_flight.flight_record import FlightRecord
+    from tombo_bag.flight import Flight
 
 PAPER_SCENARIOS: Final = ("paper_collision", "known_obstacle")
 """Those that are the paper's experiment; the figures of others are not held against it."""
@@ -82,7 +82,7 @@ def is_paper_flight(scenario: Mapping[str, Any]) -> bool:
     return scenario.get("name") in PAPER_SCENARIOS and not course
 
 
-def comparison_rows(milestones: FlightMilestones, record: FlightRecord) -> list[Row]:
+def comparison_rows(milestones: FlightMilestones, record: Flight) -> list[Row]:
     """Return the rows of the table, in its order; the paper's figures for its experiment alone."""
     rows = _rows(milestones, record.summary)
     if is_paper_flight(record.scenario):

@@ -16,7 +16,7 @@ from tombo_flight.report.airframe_shapes import Airframe
 from tombo_flight.report.milestones import PHASE_NAMES, ROTOR_NAMES, FlightMilestones
 
 if TYPE_CHECKING:
-    from tombo_flight.flight_record import FlightRecord
+    from tombo_bag.flight import Flight
 
 COARSE_HZ: Final = 50.0
 FINE_HZ: Final = 200.0
@@ -68,7 +68,7 @@ def kept_samples(t: Array, mark_s: float | None) -> NDArray[np.intp]:
     return kept
 
 
-def flight_block(record: FlightRecord, milestones: FlightMilestones) -> dict[str, Any]:
+def flight_block(record: Flight, milestones: FlightMilestones) -> dict[str, Any]:
     """Thinned columns, ready for JSON.
 
     `columns` is a list of [name, width]; `base64` is little-endian float32: for each column in
@@ -87,7 +87,7 @@ def flight_block(record: FlightRecord, milestones: FlightMilestones) -> dict[str
     }
 
 
-def milestones_block(record: FlightRecord, milestones: FlightMilestones) -> dict[str, Any]:
+def milestones_block(record: Flight, milestones: FlightMilestones) -> dict[str, Any]:
     """Data of the scripts beside the columns, ready for JSON."""
     obstacle, airframe = milestones.obstacle, Airframe.of(record.scenario)
     return {

@@ -18,11 +18,11 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import EPOCH_NS
 from tombo_flight.flight import as_flown
-from tombo_flight.flight_from_bag import flight_from_bag
 from tombo_flight.flight_output import FlightResult, draw_pictures, flight_summary
 from tombo_flight.json_text import as_json
 from tombo_flight.process.stop_signals import Stopped, StopSignals
 from tombo_flight.progress import ProgressCallback
+from tombo_flight.recorded_flight import read_flight
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.scenario_file import SCENARIO_FILE, write_scenario
 from tombo_flight.suite.domain import free_domain, udp_ports
@@ -338,7 +338,7 @@ def _summarize(flown: _Flown, bag: Path, mode: str) -> FlightResult:
         Stopped: the same, because a stop came early.
     """
     try:
-        record = flight_from_bag(bag, flown.wall_s)
+        record = read_flight(bag, flown.wall_s)
         with Recording(bag) as recording:
             metrics = node_metrics(recording)
             if mode == "px4":

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from tombo_bag.flight import Flight
 from tombo_bag.recording import Recording
 from tombo_bag.topics import PX4_STATUS
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_flight.flight_record import FlightRecord
 from tombo_flight.suite.node_metrics import recorded_diagnostics, recorded_messages
 
 READY_S: Final = 25.0
@@ -137,7 +137,7 @@ _Changes = Sequence[tuple[float, Any]]
 """Flight time [s] and content of each message of `/px4/status`."""
 
 
-def px4_metrics(recording: Recording, record: FlightRecord) -> dict[str, Any]:
+def px4_metrics(recording: Recording, record: Flight) -> dict[str, Any]:
     """Return what the summary says about PX4; what was not reported is None."""
     changes = _changes(recording, record.epoch_ns)
     bridge = recorded_diagnostics(recording).nodes.get("px4_bridge")

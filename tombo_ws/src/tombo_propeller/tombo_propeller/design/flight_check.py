@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import TICK_S
 from tombo_flight.flight import Workspace, fly_scenario
-from tombo_flight.flight_record import FlightRecord
 from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_propeller.design.design import Design
 from tombo_propeller.design.flight_files import scenario_of, write_flyable
@@ -100,7 +100,8 @@ def check_design(
         flights = []
         for k, seed in enumerate(seeds):
             on_progress(f"flying {len(seeds)} collisions", k / len(seeds))
-            flights.append(_Flown.of(fly_scenario(scenario, seed, workspace)))
+            flight = fly_scenario(scenario, seed, workspace)
+            flights.append(_Flown.of(flight.summary, flight.log))
         margin, scatter = _table(scenario)
     claims = _claims(found, index, flights, margin, scatter, force, recovery)
     return Check(
@@ -129,8 +130,7 @@ class _Flown:
     settles_s: float | None
 
     @staticmethod
-    def of(record: FlightRecord) -> _Flown:
-        summary, log = record.summary, record.log
+    def of(summary: Mapping[str, Any], log: Mapping[str, Array]) -> _Flown:
         hovering = log["mode"][:, 0] == Phase.HOVER
         speed = float(log["rotor_speed"][hovering].mean()) if hovering.any() else math.nan
         blade = (log["contact"][:, 0] > 0.0) & (log["contact"][:, 1] >= 0.0)

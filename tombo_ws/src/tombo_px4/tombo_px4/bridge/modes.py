@@ -5,7 +5,14 @@ Numbers: PX4 `px4_custom_mode.h`; main mode in bits 16 to 23, sub mode in bits 2
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.messages import Phase
 
 
 class Mode(NamedTuple):
@@ -58,3 +65,25 @@ def mode_of(number: int) -> Mode:
 def mode_name(mode: Mode) -> str:
     """Return the name a person reads; `mode 9.2` for one that is not known here."""
     return MODE_NAMES.get(mode, f"mode {mode.main}.{mode.sub}")
+
+
+_LANDS = (mode_name(AUTO_LAND), mode_name(AUTO_RTL))
+"""Modes that end on the ground."""
+
+
+def landing_phases(armed: Iterable[Any], modes: Iterable[str]) -> Array:
+    """Return the phase at each status of PX4: LAND, LANDED after it, NaN where it flies on.
+
+    Args:
+        armed: (N,) whether it is armed.
+        modes: (N,) names of its modes.
+    """
+    phases = []
+    phase = math.nan
+    for is_armed, mode in zip(armed, modes, strict=True):
+        if is_armed:
+            phase = float(Phase.LAND) if mode in _LANDS else math.nan
+        elif phase == Phase.LAND:
+            phase = float(Phase.LANDED)
+        phases.append(phase)
+    return np.array(phases)

@@ -21,8 +21,8 @@ from tombo_flight.report.paper_comparison import (
 )
 
 if TYPE_CHECKING:
+    from tombo_bag.flight import Flight
     from tombo_flight.flight_output import FlightResult
-    from tombo_flight.flight_record import FlightRecord
 
 _COLOURS: Final = {
     Outcome.RECOVERED: "bold green",
@@ -79,7 +79,7 @@ def print_flight(flight: FlightResult) -> None:
     print_line(_speed(flight))
 
 
-def _flight_rows(record: FlightRecord) -> list[Row]:
+def _flight_rows(record: Flight) -> list[Row]:
     summary = record.summary
     return [
         *comparison_rows(find_milestones(record), record),

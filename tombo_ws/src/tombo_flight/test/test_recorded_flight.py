@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from bag_rewrite import every, metadata_of, rewrite
 
+from tombo_bag.flight import Flight
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
-from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS
+from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_S
 from tombo_flight.flight import fly_scenario
-from tombo_flight.flight_from_bag import flight_from_bag
 from tombo_flight.flight_output import write_mcap
-from tombo_flight.flight_record import FlightRecord
+from tombo_flight.recorded_flight import read_flight
 from tombo_flight.report.flight_plot import draw_flight, figure_bytes
 from tombo_flight.scenario import load_scenario
 
@@ -33,24 +33,24 @@ LOOSE = {  # what a truth of 250 Hz in place of 1 kHz may change
 
 
 @pytest.fixture(scope="module")
-def flown() -> FlightRecord:
+def flown() -> Flight:
     return fly_scenario(load_scenario(settings=["mission.approach_time=5.5"]), 0)
 
 
 @pytest.fixture(scope="module")
-def headless(flown: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def headless(flown: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("bag") / "flight.mcap"
     write_mcap(flown, path)
     return path
 
 
 @pytest.fixture
-def reread(headless: Path, tmp_path: Path) -> Callable[..., FlightRecord]:
+def reread(headless: Path, tmp_path: Path) -> Callable[..., Flight]:
     """The flight as it is read back after changes to its recording, those of `rewrite`."""
 
-    def read(**changes: Any) -> FlightRecord:
+    def read(**changes: Any) -> Flight:
         changes = {"metadata": metadata_of(headless), **changes}
-        return flight_from_bag(rewrite(headless, tmp_path / "rewritten.mcap", **changes))
+        return read_flight(rewrite(headless, tmp_path / "rewritten.mcap", **changes))
 
     return read
 
@@ -66,12 +66,12 @@ def assert_same_figures(found: dict[str, Any], wanted: dict[str, Any]) -> None:
             assert found[key] == value, key
 
 
-def kinds(record: FlightRecord) -> list[tuple[str, float]]:
+def kinds(record: Flight) -> list[tuple[str, float]]:
     return [(str(event["kind"]), float(event["time_s"])) for event in record.events]
 
 
 def test_a_headless_flight_read_back_has_the_same_figures_and_events(flown, headless):
-    found = flight_from_bag(headless, wall_time_s=2.0)
+    found = read_flight(headless, wall_time_s=2.0)
 
     assert_same_figures(found.summary, flown.summary)
     assert found.summary["collided"] and found.summary["detected"]
@@ -81,17 +81,18 @@ def test_a_headless_flight_read_back_has_the_same_figures_and_events(flown, head
         assert at_s == pytest.approx(wanted_s, abs=0.021)
     assert found.scenario == flown.scenario
     assert found.t == pytest.approx(flown.t, abs=1e-12)
-    assert np.array_equal(found.mocap_position, flown.mocap_position)
-    assert found.mocap_arrival == pytest.approx(flown.mocap_arrival, abs=1e-8)
+    poses, wanted = found["/mocap/pose"], flown["/mocap/pose"]
+    assert np.array_equal(poses["position"].values, wanted["position"].values)
+    assert poses.arrival == pytest.approx(wanted.arrival, abs=1e-8)
 
 
 @pytest.mark.parametrize("name", ["gyro", "accel", "rotor_command"])
 def test_what_is_recorded_at_each_tick_comes_back_at_its_tick(flown, headless, name):
-    assert np.array_equal(flight_from_bag(headless).log[name], flown.log[name])
+    assert np.array_equal(read_flight(headless).log[name], flown.log[name])
 
 
 def test_what_is_recorded_less_often_comes_back_close(flown, headless):
-    log = flight_from_bag(headless).log
+    log = read_flight(headless).log
 
     for name, most in (("position", 2e-3), ("est_position", 5e-3), ("attitude", 5e-3)):
         known = np.isfinite(flown.log[name][:, 0])  # no estimates before the first
@@ -140,7 +141,8 @@ def test_a_recorder_on_another_clock_knows_when_a_collision_was_known(flown, rer
     assert found.summary["detection_latency_s"] == pytest.approx(
         flown.summary["detection_latency_s"], abs=2e-6
     )
-    assert found.mocap_arrival == pytest.approx(flown.mocap_arrival, abs=2e-6)
+    wanted = flown["/mocap/pose"].arrival
+    assert found["/mocap/pose"].arrival == pytest.approx(wanted, abs=2e-6)
 
 
 def test_time_begins_shortly_before_the_missions_first_word(flown, headless, reread):
@@ -155,7 +157,8 @@ def test_time_begins_shortly_before_the_missions_first_word(flown, headless, rer
     contact_s = flown.summary["collision_time_s"] - found.summary["collision_time_s"]
     assert contact_s == pytest.approx(begun_s - 0.12, abs=0.0041)
     assert found.t[0] == 0.0
-    assert found.mocap_t[0] == pytest.approx(flown.mocap_t[0] - contact_s, abs=1e-6)
+    captured = [one["/mocap/pose"].t[0] for one in (found, flown)]
+    assert captured[0] == pytest.approx(captured[1] - contact_s, abs=1e-6)
 
 
 def set_points(most: int) -> Callable[[str, int], np.ndarray]:
@@ -177,7 +180,7 @@ def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flown, reread):
         return [*messages[:200], *edited]
 
     mode = reread(edit=edit, keep=set_points(250)).log["mode"][:, 0]
-    descent = int(flown.published["/setpoint"][0][200]) + 1
+    descent = round(flown["/setpoint"].arrival[200] / TICK_S) + 1
 
     assert np.array_equal(mode[:descent], flown.log["mode"][:descent, 0])
     assert (mode[descent : descent + 1000] == 8).all()
@@ -185,12 +188,13 @@ def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flown, reread):
 
 def test_a_recording_that_ends_with_the_missions_last_word_has_landed(reread, flown):
     """The set point that would have said so too is no longer there."""
-    ticks, setpoints = flown.published["/setpoint"]
-    before = int(np.argmax(setpoints["phase"] == Phase.LANDED))
+    setpoints = flown["/setpoint"]
+    before = int(np.argmax(setpoints["phase"].values == Phase.LANDED))
+    tick = round(setpoints.arrival[before] / TICK_S)
     found = reread(keep=set_points(before))
 
     assert found.summary["landed"]
-    assert found.log["mode"][ticks[before] - 2, 0] != Phase.LANDED
+    assert found.log["mode"][tick - 2, 0] != Phase.LANDED
 
 
 def test_a_recording_without_scenario_is_read_with_the_defaults(reread, flown):

@@ -1,0 +1,120 @@
+"""One flight, flown or measured: what was said on its topics, as columns over time.
+
+The simulation writes it, recordings and logs of other projects are read into it; figures,
+pictures, files and the diagnosis are made from it. World `map` is ENU, body `base_link` FLU; SI
+units, rad, quaternions xyzw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import unknown_name
+
+
+@dataclass(frozen=True)
+class Series:
+    """One field of the messages of a topic. Values that are not finite are gaps."""
+
+    t: Array
+    """(N,) capture times [s] on the flight's own clock, as stamped."""
+    values: NDArray[Any]
+    """(N,) or (N, width), unit and frame as in the definition of the message."""
+    arrival: Array | None = None
+    """(N,) when each sample came in [s], same clock; None where nothing says it."""
+
+
+class Topic(dict[str, Series]):
+    """What was said on one topic: field of the message → series.
+
+    Names are those of the message in `tombo_dynamics.messages`, else in its definition. The
+    fields share their times, unless a log has stamps of its own for some.
+    """
+
+    @property
+    def t(self) -> Array:
+        """(N,) capture times of the first field [s]."""
+        return next(iter(self.values())).t
+
+    @property
+    def arrival(self) -> Array:
+        """(N,) when each message was there [s]; the times of capture where nothing says it."""
+        first = next(iter(self.values()))
+        return first.t if first.arrival is None else first.arrival
+
+    @staticmethod
+    def of(t: Array, columns: Mapping[str, NDArray[Any]], arrival: Array | None = None) -> Topic:
+        """Return the messages with these times and fields: views of them."""
+        return Topic({name: Series(t, values, arrival) for name, values in columns.items()})
+
+    def __missing__(self, name: str) -> Series:
+        """Raise the error that names the field and those that are there."""
+        raise unknown_name("field of the topic", name, self)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Finding of a pre-check or a reader. A fault of the log is never diagnosed as physics."""
+
+    check: str
+    """Short name: crash, gap, frozen, duplicate, frame, unit, stamps, saturation, rpm, missing."""
+    severity: str
+    """info, warning (diagnosed all the same) or fault (the part it concerns is excluded)."""
+    flight: str
+    message: str
+    """One line: channel, what was seen, what was expected."""
+    start_s: float = float("nan")
+    """On the flight's clock; NaN: it concerns the whole flight."""
+    end_s: float = float("nan")
+    channel: str = ""
+
+
+def _no_ticks() -> Array:
+    return np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A flight. What is not known of it is empty."""
+
+    topics: Mapping[str, Topic]
+    """By name, as `/mocap/pose`. Of a simulated flight what the cores said and its sensors."""
+    name: str = ""
+    """Short and unique among the flights of one diagnosis."""
+    source: str = ""
+    """File that it was read from, and its kind; empty: it was flown here."""
+    t: Array = field(default_factory=_no_ticks)
+    """(N,) time of each tick [s], from 0 in steps of 1 ms."""
+    log: Mapping[str, Array] = field(default_factory=dict)
+    """Truth and what the autopilot wanted, tick by tick: the columns (N, k) of
+    `tombo_sim.log_columns`."""
+    events: list[dict[str, Any]] = field(default_factory=list)
+    """What happened: time_s, kind, text and more, in order of time."""
+    scenario: dict[str, Any] = field(default_factory=dict)
+    """The scenario as flown, including what the seed drew."""
+    summary: dict[str, Any] = field(default_factory=dict)
+    """The figures of `summary.json`."""
+    findings: tuple[Finding, ...] = ()
+    """What the reader noticed."""
+    epoch_ns: int = 0
+    """Stamp at t = 0."""
+
+    def __getitem__(self, topic: str) -> Topic:
+        """Return a topic.
+
+        Raises:
+            InputError: there is none of this name.
+        """
+        if topic not in self.topics:
+            raise unknown_name("topic", topic, self.topics)
+        return self.topics[topic]
+
+    def seconds(self, stamps_ns: NDArray[np.int64]) -> Array:
+        """Return stamps as times of the flight [s]."""
+        return np.asarray((np.asarray(stamps_ns, np.int64) - self.epoch_ns) * 1e-9)
