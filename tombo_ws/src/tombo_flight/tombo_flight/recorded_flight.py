@@ -85,7 +85,7 @@ _HELD = {
     "position_setpoint": (SETPOINT.name, "position"),
     "velocity_setpoint": (SETPOINT.name, "velocity"),
     "acceleration_setpoint": (SETPOINT.name, "acceleration"),
-    "attitude_setpoint": (ATTITUDE_SETPOINT.name, "attitude"),
+    "attitude_setpoint": (ATTITUDE_SETPOINT.name, "orientation"),
     "thrust_setpoint": (ATTITUDE_SETPOINT.name, "thrust"),
     "rates_setpoint": (RATES_SETPOINT.name, "rates"),
     "rotor_command": (ROTOR_COMMAND.name, "speed"),
