@@ -18,6 +18,7 @@ from tombo_flight.arena.cases import (
     touching_pillar,
 )
 from tombo_flight.arena.flying import ROW_KEYS, Job, Plan
+from tombo_flight.arena.pictures import draw_map
 from tombo_flight.arena.results import arena_results
 from tombo_flight.arena.table import HEAD, table_rows
 from tombo_flight.scenario import load_scenario
@@ -124,3 +125,28 @@ def test_typical_has_the_median_fall_and_worst_is_a_crash_before_a_deep_fall(cra
     typical, worst = arena_results(plan, kept, range(5))["shown"]
     assert (typical["kind"], typical["seed"]) == ("typical", 3)
     assert (worst["kind"], worst["seed"]) == ("worst", 4 if crash is None else 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("group", [SPEED_OFFSET, ANGLE_RADIUS])
+def test_a_map_shows_the_crash_rate_of_each_cell_at_its_place(group):
+    cases = [case for case in arena_cases() if case.group == group]
+    matches = tuple(Match("bounce", case, False) for case in cases)
+    jobs = tuple(
+        Job(match, seed, f"{match.case.name}/{seed}") for match in matches for seed in (0, 1)
+    )
+    crashes = {cases[1].name: 2, cases[-1].name: 1}
+    kept = {
+        job.key: row(job.seed, 0.3, crashed=job.seed < crashes.get(job.match.case.name, 0))
+        for job in jobs
+    }
+    results = arena_results(Plan(matches, jobs, {}), kept, range(2))
+    panel = draw_map(results, group, "across", "up").axes[0]
+    (image,) = panel.images
+    xs, ys = (
+        [float(t.get_text()) for t in a.get_ticklabels()] for a in (panel.xaxis, panel.yaxis)
+    )
+    shown = {(x, y): image.get_array()[ys.index(y), xs.index(x)] for x in xs for y in ys}
+    assert shown == {case.place: 50.0 * crashes.get(case.name, 0) for case in cases}
+    assert panel.get_title(loc="left") == f"bounce: 3 of {len(jobs)} crashed"
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("across", "up")

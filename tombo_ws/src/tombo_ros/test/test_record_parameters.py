@@ -137,7 +137,7 @@ def _started(arguments: tuple[str, ...]) -> RecordParameters:
         made.close()
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_a_field_is_set_and_the_record_replaced_as_a_whole(served: _Served) -> None:
     before = served.parameters.records["estimator"]
     served.parameters.changed()
@@ -150,7 +150,7 @@ def test_a_field_is_set_and_the_record_replaced_as_a_whole(served: _Served) -> N
     assert served.parameters.changed() == []
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("values", "named"),
     [
@@ -189,13 +189,13 @@ def test_a_bad_value_is_refused_with_a_reason_and_changes_nothing(
         assert served.stored(name) == stored
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_the_value_that_a_read_only_parameter_has_is_taken(served: _Served) -> None:
     results = served.set(propeller__conf=served.stored("propeller.conf"), use_sim_time=False)
     assert all(result.successful for result in results)
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_a_structure_is_set_as_yaml_in_a_text(served: _Served) -> None:
     assert served.stored("mission.course") == ""
     (result,) = served.set(mission__course="[{x: 1, speed: 2e-1}, {yaw: 1.5}]")
@@ -210,7 +210,7 @@ def test_a_structure_is_set_as_yaml_in_a_text(served: _Served) -> None:
     assert started.records["mission"].course == (Waypoint(x=2.0),)
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_a_whole_number_is_taken_where_a_fraction_is_meant(served: _Served) -> None:
     results = served.set(estimator__jump_min=2, speed=3)
     assert all(result.successful for result in results)
@@ -221,7 +221,7 @@ def test_a_whole_number_is_taken_where_a_fraction_is_meant(served: _Served) -> N
     assert not result.successful
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_several_at_once_are_taken_all_or_none(served: _Served) -> None:
     served.set(estimator__mocap_rate=30.0, counted__share=0.5, speed=1.0)
     served.parameters.changed()
@@ -239,7 +239,7 @@ def test_several_at_once_are_taken_all_or_none(served: _Served) -> None:
     assert sorted(served.parameters.changed()) == ["counted", "estimator", "speed"]
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_one_by_one_the_good_ones_are_taken(served: _Served) -> None:
     results = served.set(estimator__mocap_rate=50.0, counted__number=99, speed=3.0)
     assert [result.successful for result in results] == [True, False, True]
@@ -247,7 +247,7 @@ def test_one_by_one_the_good_ones_are_taken(served: _Served) -> None:
     assert served.parameters.records["counted"].number == 3
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_the_same_value_again_counts_as_set(served: _Served) -> None:
     served.parameters.changed()
     for _ in range(2):
@@ -255,7 +255,7 @@ def test_the_same_value_again_counts_as_set(served: _Served) -> None:
     assert served.parameters.changed() == ["speed", "speed"]
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_no_change_is_lost_while_the_loop_takes_them(served: _Served) -> None:
     seen: list[str] = []
     served.parameters.changed()
@@ -276,7 +276,7 @@ def test_no_change_is_lost_while_the_loop_takes_them(served: _Served) -> None:
     assert seen == 300 * ["speed"]
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_each_parameter_is_described_typed_and_bounded(served: _Served) -> None:
     names = ["estimator.jump_min", "counted.number", "counted.on", "counted.name", "seed", "speed"]
     answer = served.call(
@@ -298,7 +298,7 @@ def test_each_parameter_is_described_typed_and_bounded(served: _Served) -> None:
     assert not jump.read_only
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_every_number_of_a_record_is_described_and_bounded(served: _Served) -> None:
     names = [name for name in served.node._parameters if name.startswith("estimator.")]
     answer = served.call(

@@ -6,7 +6,8 @@ import json
 
 import pytest
 
-from tombo_benchmarks.faults import fault_flights
+from tombo_benchmarks.faults import fault_benchmark, fault_flights
+from tombo_sim.fault_cases import single_cases
 
 ROW = {
     "fault": "estimator stopped", "ends": "rotors off", "down_s": 6.5, "rotors_off_s": 1.4,
@@ -36,8 +37,13 @@ def test_flights_over_nodes_are_rows_and_lines(tombo, monkeypatch):
         return [ROW, {**ROW, "down_s": None, "ends": "hovers"}]
 
     monkeypatch.setattr(fault_flights, "fly_faults", fly)
-    words = ("benchmark", "faults", "--cases", "1", "--nodes", "60", "--seed", "4")
-    assert json.loads(tombo(*words, "--json").out)["aggregate"]["nodes"][0] == ROW
+    # all single faults and pairs: tombo_sim/test/test_fault_cases.py
+    monkeypatch.setattr(fault_benchmark, "enumerated", lambda: [*single_cases()][:5])
+    words = ("benchmark", "faults", "--cases", "2", "--nodes", "60", "--seed", "4")
+    words += ("--workers", "1")
+    aggregate = json.loads(tombo(*words, "--json").out)["aggregate"]
+    assert aggregate["nodes"][0] == ROW
+    assert (aggregate["enumerated"], aggregate["random"], aggregate["violations"]) == (5, 2, 0)
     out = tombo(*words).out
     assert "estimator stopped: rotors off" in out and "rotors off 1.4 s later" in out
     assert "hovers, drift 1.30 m" in out

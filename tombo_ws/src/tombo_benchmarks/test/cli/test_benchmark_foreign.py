@@ -33,15 +33,8 @@ def examined(kind, size, hidden, formulation="imu_rpm", log_format="table", chai
     ("cause", "formulation", "log_format"),
     [
         ("mass_error", "imu_rpm", "bag"),
-        ("cog_offset", "imu_rpm", "table"),
-        ("motor_lag", "imu_rpm", "turned_table"),
         ("steady_wind", "imu", "table"),
         ("linear_rotor_drag", "mocap_rpm", "turned_table"),
-        ("imu_bias", "imu", "turned_table"),
-        ("mocap_marker_offset", "imu_rpm", "table"),
-        ("mocap_misalignment", "imu", "bag"),
-        ("weak_propeller", "imu_rpm", "turned_table"),
-        ("thrust_coefficient_error", "imu_rpm", "table"),
     ],
 )
 def test_a_large_cause_is_found_from_the_files_on(cause, formulation, log_format):

@@ -13,7 +13,9 @@ from pathlib import Path
 import pytest
 from suite_bench import wait_for
 
-COMMAND = ("arena", "--seeds", "0:1", "--reactions", "bounce", "--clean", "--workers", "2")
+COMMAND = ("arena", "--seeds", "0:1", "--reactions", "bounce", "--clean")
+COMMAND += ("--groups", "collisions,configurations")
+ALONE, TOGETHER = ("--workers", "1"), ("--workers", "2")
 
 
 def kept(folder: Path) -> list[str]:
@@ -25,7 +27,7 @@ def kept(folder: Path) -> list[str]:
 def interrupted(folder: Path, number: signal.Signals, lines: int) -> tuple[int, str]:
     """Run the command until it has kept so many lines; return how it ended by the signal."""
     with subprocess.Popen(
-        [sys.executable, "-m", "tombo_bringup.cli.main", *COMMAND, "-o", str(folder)],
+        [sys.executable, "-m", "tombo_bringup.cli.main", *COMMAND, *TOGETHER, "-o", str(folder)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
@@ -40,20 +42,20 @@ def interrupted(folder: Path, number: signal.Signals, lines: int) -> tuple[int, 
 
 @pytest.mark.slow
 def test_what_was_killed_goes_on_and_ends_as_if_it_had_not_been(tombo, tmp_path):
-    whole = tombo(*COMMAND, "-o", "whole", "--json")
+    whole = tombo(*COMMAND, *ALONE, "-o", "whole", "--json")
     assert whole.code == 0
     flown = len(kept(tmp_path / "whole"))
 
     folder = tmp_path / "killed"
-    code, said = interrupted(folder, signal.SIGINT, 5)
+    code, said = interrupted(folder, signal.SIGINT, 2)
     assert (code, said) == (130, f"Error: interrupted; the same command goes on with '{folder}'\n")
     assert not (folder / "arena.json").exists()
-    code, _ = interrupted(folder, signal.SIGKILL, 20)
+    code, _ = interrupted(folder, signal.SIGKILL, 7)
     assert code == -signal.SIGKILL
     before = kept(folder)
     with (folder / "flights.jsonl").open("a", encoding="utf-8") as file:
         file.write('\n["arena", "bounce/pole/0/12345678", {"see')  # killed while it wrote
-    again = tombo(*COMMAND, "-o", "killed", "--json")
+    again = tombo(*COMMAND, *ALONE, "-o", "killed", "--json")
 
     assert again.json == whole.json
     for name in ("arena.json", "arena.html"):
@@ -68,11 +70,11 @@ def test_what_was_killed_goes_on_and_ends_as_if_it_had_not_been(tombo, tmp_path)
     assert not re.findall(r'(?:src|href)="(?!data:|#)', page)  # nothing from elsewhere
     titles = re.findall(r"<h2>(.*?)</h2>", page)
     assert titles == [
-        "Figures", "Fall and recovery", "Speed and lateral offset", "Angle of approach and radius",
-        "Configurations 1 to 13", "Typical and worst flight of each reaction", "Not flown",
+        "Figures", "Fall and recovery", "Configurations 1 to 13",
+        "Typical and worst flight of each reaction", "Not flown",
     ]  # fmt: skip
     assert page.index("<table") < page.index("<img")
-    assert page.count('<img alt="') == 4
+    assert page.count('<img alt="') == 2
     for number, shown in enumerate(again.json["shown"]):
         assert f'id="flight-{number}"' in page
         assert f"<code>{shown['command']}</code>" in page

@@ -96,7 +96,7 @@ def fly(tombo: Any, bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     return command
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_a_flight_that_lands_leaves_the_files_of_a_headless_one(fly, bag, tmp_path):
     result = fly("--json", "--set", "duration=30")
 
@@ -118,15 +118,15 @@ def test_a_flight_that_lands_leaves_the_files_of_a_headless_one(fly, bag, tmp_pa
     assert summary["too_slow"][-1] == "6 messages lost in the recording"
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_the_recorder_is_told_scenario_and_seed(fly, tmp_path):
-    fly("--seed", "5", "--set", "vehicle.mass=1.25")
+    fly("--seed", "5", "--set", "vehicle.mass=1.25", "--set", "duration=30")
 
     told = json.loads((tmp_path / "told.json").read_text())[FLIGHT_METADATA]
     assert told["seed"] == "5"
     assert told["mode"] == "nodes"
     scenario = json.loads(told["scenario"])
-    headless = fly_scenario(load_scenario("hover", ["duration=3", "vehicle.mass=1.25"]), 5)
+    headless = fly_scenario(load_scenario("hover", ["duration=30", "vehicle.mass=1.25"]), 5)
     assert scenario == json.loads(json.dumps(headless.scenario))
 
 
@@ -189,7 +189,7 @@ def test_the_verdict_says_when_the_machine_was_too_slow(change, lost, said, caps
     assert said in " ".join(capsys.readouterr().out.split())
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_a_node_that_dies_is_told_and_the_flight_goes_on(fly, tmp_path):
     result = fly("--set", "duration=30", mission="fake_short")
 
@@ -203,7 +203,7 @@ def test_a_node_that_dies_is_told_and_the_flight_goes_on(fly, tmp_path):
     assert summary["died"] == {"mission": "exit code 1"}
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 @pytest.mark.parametrize("needed", ["sim", "recorder"])
 def test_without_simulator_or_recorder_there_is_no_flight(fly, tmp_path, needed):
     McapSink(tmp_path / "empty.mcap").close()
@@ -218,7 +218,7 @@ def test_without_simulator_or_recorder_there_is_no_flight(fly, tmp_path, needed)
     assert "out" not in names(tmp_path)
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_was_flown(fly, tmp_path):
     result = fly("--set", "duration=300", "--json", flight="interrupt")
 
@@ -227,7 +227,7 @@ def test_ctrl_c_keeps_what_was_flown(fly, tmp_path):
     assert names(tmp_path / "out") == {"flight.mcap", "summary.json", "scenario.yaml"}
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_ctrl_c_before_anything_is_recorded_leaves_nothing(fly, tmp_path):
     result = fly("--set", "duration=300", flight="early", recorder="fake_good")
 

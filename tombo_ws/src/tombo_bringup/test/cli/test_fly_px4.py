@@ -142,7 +142,7 @@ def flown(monkeypatch):
     monkeypatch.setattr("tombo_bringup.cli.flight.node_tables.print_nodes", lambda flown: None)
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_a_refused_arming_is_one_line_with_px4s_text_and_keeps_the_bag(fly, tmp_path):
     why = "arming denied: 'Resolve system health failures first'"
     result = fly(says={"stage": "given up", "why": why})
@@ -154,7 +154,7 @@ def test_a_refused_arming_is_one_line_with_px4s_text_and_keeps_the_bag(fly, tmp_
     assert json.loads((tmp_path / "told.json").read_text())["tombo_flight"]["mode"] == "px4"
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_a_vehicle_that_arms_but_never_lifts_off_ends_with_the_reason(fly, tmp_path):
     words = "Disarmed by auto preflight disarming"
     then = {"armed": False, "stage": "ready", "why": "landed", "status_text": words}
@@ -168,7 +168,7 @@ def test_a_vehicle_that_arms_but_never_lifts_off_ends_with_the_reason(fly, tmp_p
     assert "flight.mcap" in names(tmp_path / "out")
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 @pytest.mark.usefixtures("flown")
 def test_a_vehicle_that_stays_armed_is_reported_as_an_error(fly, monkeypatch, tmp_path):
     monkeypatch.setattr(node_flight, "draw_pictures", lambda *arguments: None)
@@ -212,7 +212,7 @@ def test_a_second_ctrl_c_in_the_air_leaves_the_vehicle_to_px4(fly, monkeypatch, 
     assert "summary.json" in names(tmp_path / "out")
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_without_its_bridge_there_is_no_flight(fly, tmp_path):
     result = fly(says={}, px4_bridge="fake_broken")
 

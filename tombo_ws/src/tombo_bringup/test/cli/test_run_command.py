@@ -50,7 +50,7 @@ def start(*arguments: str) -> subprocess.Popen[str]:
     )
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_arguments_and_exit_code_are_the_nodes(prefix):
     words = ["--ros-args", "-p", "a.b:=1.0", "-r", "__node:=x", "--help", "--seed", "3"]
     process = start("lab", "camera_node", *words)
@@ -75,7 +75,7 @@ def test_a_signal_reaches_the_node(prefix):
         assert time.monotonic() - began < 2.0
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_what_is_not_python_runs_too(prefix):
     process = start("lab", "other_node", "word")
     assert process.communicate(timeout=60)[0] == "other word\n"

@@ -131,7 +131,7 @@ def test_processes_that_do_not_answer_are_ended_too(start):
         wait_for(lambda: not alive_in_session(process.pid), 2.0)
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_idle_processes_of_a_campaign_end_when_the_parent_is_killed(start):
     process = start("hover", "--seeds", "0:5000", "--set", "duration=0.1", "-o", "out")
     wait_for(lambda: sum(worker.cpu for worker in workers(process.pid)) > 150)

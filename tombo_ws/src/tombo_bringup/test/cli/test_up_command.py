@@ -61,7 +61,7 @@ def test_the_user_stops_it_with_exit_code_0_and_nothing_is_left(marked, number):
     assert marked.alive() == []
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_a_dead_node_is_reported_with_its_last_output_others_go_on(marked):
     process = marked.up({"sim": "fake_good", "mission": "fake_short"})
     started(marked, "sim")
@@ -77,7 +77,7 @@ def test_a_dead_node_is_reported_with_its_last_output_others_go_on(marked):
     assert not any("sim has ended" in line for line in [*lines, rest])
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_when_no_node_is_left_it_ends_by_itself(marked):
     process = marked.up({"sim": "fake_broken"})
     out, _ = process.communicate(timeout=60)
@@ -86,7 +86,7 @@ def test_when_no_node_is_left_it_ends_by_itself(marked):
     assert "Error: parameter detector.threshold" in out
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_it_ends_after_its_duration_with_exit_code_0(marked):
     process = marked.up(GOOD, "--duration", "0.5")
     out, err = process.communicate(timeout=60)
@@ -96,7 +96,7 @@ def test_it_ends_after_its_duration_with_exit_code_0(marked):
     assert marked.alive() == []
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_json_lines_have_status_and_ends(marked):
     suite = {"sim": "fake_good", "mission": "fake_short", "detector": "fake_deaf"}
     process = marked.up(suite, "--json")
@@ -130,7 +130,7 @@ def test_json_lines_have_status_and_ends(marked):
     assert marked.alive() == []
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_a_monitor_that_cannot_start_is_a_warning_and_no_more(marked):
     process = marked.up(GOOD, monitor="fake_broken")
     started(marked, *GOOD)
@@ -155,7 +155,7 @@ def test_nothing_outlives_it_when_it_is_killed(marked):
         assert took < 3.0
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_nodes_get_parameters_domain_and_discovery(marked):
     tell = marked.folder / "tell.py"
     tell.write_text(
@@ -211,7 +211,7 @@ def test_on_a_terminal_it_draws_a_table(marked):
         assert part in text
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_keys_ask_the_mission_and_a_kill_takes_two_strokes(marked):
     code = UP.format(suite=GOOD, monitor="fake_monitor")
     pid, terminal = pty.fork()  # keys are read from the terminal that controls the process

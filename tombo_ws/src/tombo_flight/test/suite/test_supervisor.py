@@ -15,7 +15,7 @@ from suite_bench import FAKES, Marked, wait_for
 from in_time import in_time
 from tombo_flight.suite.supervisor import ProcessExit, Program, Supervisor
 
-pytestmark = pytest.mark.real_time
+pytestmark = pytest.mark.slow
 
 
 def fake(name: str, *, capture_stdout: bool = False) -> Program:
@@ -75,6 +75,7 @@ def test_a_node_that_is_killed_is_reported_by_the_signal(supervise):
     assert (end.code, end.exit_text) == (-9, "killed by SIGKILL")
 
 
+@pytest.mark.real_time
 def test_who_obeys_is_asked_once_and_ends_at_once(supervise, tmp_path):
     counting = (
         "import signal, time\n"
@@ -93,6 +94,7 @@ def test_who_obeys_is_asked_once_and_ends_at_once(supervise, tmp_path):
     assert (tmp_path / "node.log").read_text() == "ready\nasked\n"
 
 
+@pytest.mark.real_time
 def test_a_process_that_ignores_signals_is_killed_within_three_seconds(supervise, marked):
     with supervise(fake("deaf"), fake("good")) as supervisor:
         wait_for(lambda: len(marked.alive()) >= 3)  # good, deaf and its child
@@ -132,6 +134,7 @@ def test_an_exception_inside_ends_all_nodes(supervise, marked):
     assert marked.alive() == []
 
 
+@pytest.mark.real_time
 def test_a_second_stop_request_kills_at_once(supervise, marked):
     supervisor = supervise(fake("deaf"))
     with pytest.raises(KeyboardInterrupt), supervisor:
@@ -189,6 +192,7 @@ def killed(process: subprocess.Popen[str], marked: Marked, limit_s: float) -> No
         assert took < limit_s
 
 
+@pytest.mark.real_time
 def test_nothing_outlives_a_supervisor_that_is_killed(marked: Marked, supervised):
     process = supervised("good", "deaf")
     wait_for(lambda: len(marked.alive()) >= 5)  # supervisor, guard, good, deaf and its child
@@ -196,11 +200,13 @@ def test_nothing_outlives_a_supervisor_that_is_killed(marked: Marked, supervised
     killed(process, marked, 3.0)
 
 
+@pytest.mark.real_time
 def test_who_obeys_ends_well_when_the_supervisor_is_killed(marked: Marked, supervised):
     """A recorder can close its file: it is asked, not killed."""
     killed(supervised("good"), marked, 1.5)
 
 
+@pytest.mark.real_time
 def test_a_guard_that_is_killed_changes_nothing_for_who_obeys(marked: Marked, supervised):
     process = supervised("good")
     (guard,) = (
