@@ -7,7 +7,7 @@ import json
 import pytest
 
 from tombo_benchmarks.faults import fault_benchmark, fault_flights
-from tombo_sim.fault_cases import single_cases
+from tombo_benchmarks.faults.fault_cases import single_cases
 
 ROW = {
     "fault": "estimator stopped", "ends": "rotors off", "down_s": 6.5, "rotors_off_s": 1.4,
@@ -37,7 +37,7 @@ def test_flights_over_nodes_are_rows_and_lines(tombo, monkeypatch):
         return [ROW, {**ROW, "down_s": None, "ends": "hovers"}]
 
     monkeypatch.setattr(fault_flights, "fly_faults", fly)
-    # all single faults and pairs: tombo_sim/test/test_fault_cases.py
+    # all single faults and pairs: test/faults/test_fault_cases.py
     monkeypatch.setattr(fault_benchmark, "enumerated", lambda: [*single_cases()][:5])
     words = ("benchmark", "faults", "--cases", "2", "--nodes", "60", "--seed", "4")
     words += ("--workers", "1")
