@@ -99,14 +99,14 @@ def test_the_study_sees_what_the_detector_does():
 
 @pytest.fixture(scope="module")
 def collisions():
-    return [fly_scenario(PAPER, seed, MEMORY).summary for seed in range(100)]
+    return [fly_scenario(PAPER, seed, MEMORY).summary for seed in range(40)]
 
 
 @pytest.mark.slow
 def test_an_unknown_obstacle_is_found_in_time_and_never_too_early(collisions):
     hit = [s for s in collisions if s["collided"]]
     late = [s["detection_latency_s"] for s in hit if s["detected"]]
-    assert len(hit) == len(late) == 100
+    assert len(hit) == len(late) == 40
     assert np.percentile(late, 95) <= REQUIRED_LATENCY_S
     assert min(late) > 0.0
     assert sum(s["false_alarms"] for s in collisions) == 0
@@ -119,13 +119,13 @@ def test_it_is_on_the_spot_before_contact(collisions):
 
 
 @pytest.mark.slow
-def test_no_false_alarm_in_a_hundred_aggressive_flights():
+def test_no_false_alarm_in_forty_aggressive_flights():
     aggressive = load_scenario("aggressive")
-    watches = record_traces(aggressive, range(100), MEMORY)
+    watches = record_traces(aggressive, range(40), MEMORY)
     outcome = evaluate_threshold(watches, CHOSEN, HOLDOFF)
     assert outcome.false_alarms == 0
-    assert outcome.minutes > 60.0
+    assert outcome.minutes > 24.0
     # and none with half the threshold either
     assert evaluate_threshold(watches, 0.5 * CHOSEN, HOLDOFF).false_alarms == 0
     # the flights are a test: with a threshold of a few they do raise alarms
-    assert evaluate_threshold(watches, 5.0, HOLDOFF).false_alarms > 20
+    assert evaluate_threshold(watches, 5.0, HOLDOFF).false_alarms > 8

@@ -1,4 +1,4 @@
-"""A small slice of the blind benchmark: what is hidden is found, and nothing else is named."""
+"""Two cases of the blind benchmark: what is hidden is found, and nothing else is named."""
 
 import json
 
@@ -24,21 +24,17 @@ def first(count, kind, size, formulations):
 
 
 IMU, MOCAP = ("imu", "imu_rpm"), ("mocap_rpm",)
-LARGE = 2
-"""How many of the rows hide one large effect; they come first."""
 
 
 @pytest.fixture(scope="module")
 def rows():
-    large = first(1, "single", "large", IMU) + first(1, "single", "large", MOCAP)
+    large = first(1, "single", "large", MOCAP)
     healthy = first(1, "none", "", IMU)
-    unknown = first(1, "unknown", "large", IMU)
-    return [examine(SEED, number) for number in large + healthy + unknown]
+    return [examine(SEED, number) for number in large + healthy]
 
 
-@pytest.mark.parametrize("index", range(LARGE))
-def test_a_large_effect_is_found(rows, index):
-    row = rows[index]
+def test_a_large_effect_is_found(rows):
+    row = rows[0]
     assert row["verdict"] in ("named", "set") and row["causes"][:1] == row["hidden"]
     if "parameters" in row:
         (compared,) = row["parameters"].values()
@@ -47,16 +43,12 @@ def test_a_large_effect_is_found(rows, index):
 
 
 def test_no_name_is_given_where_none_is_due(rows):
-    for row in rows:
-        if row["kind"] == "none":
-            assert row["verdict"] == "none"
-        if row["kind"] == "unknown":
-            assert row["verdict"] not in ("named", "set")
+    assert (rows[1]["kind"], rows[1]["verdict"]) == ("none", "none")
 
 
 def test_rows_are_plain_and_score(rows):
     assert json.loads(json.dumps(rows)) == rows
     said = score_of_flights(rows)
     assert said["top1_large"] == said["mocap_only"]["top1_large"] == 1.0
-    assert said["false_alarm"] == 0.0 and said["unknown_wrongly_named"] == 0.0
+    assert said["false_alarm"] == 0.0
     assert said["seconds_per_case"] > 0.0

@@ -49,7 +49,7 @@ def test_a_campaign_is_its_single_flights(tombo, tmp_path):
 
 
 def test_one_table_for_all_flights(tombo, tmp_path):
-    result = tombo("fly", "hover", "--seeds", "0:2", "--workers", "1", "--set", "duration=0.5")
+    result = tombo("fly", "hover", "--seeds", "0:2", "--set", "duration=0.5")
 
     assert result.code == 0
     assert "2 flights: 0 collided" in result.out

@@ -115,27 +115,34 @@ def test_margin_is_negative_exactly_where_a_flight_crashed(speed: str):
         assert (margin(summary, scenario) < 0.0) is summary["crashed"]
 
 
+SOON = (
+    *("mission.takeoff_time=0.2", "mission.climb_speed=1.2", "mission.approach_time=4"),
+    "duration=11",
+)
+"""The paper's collision after 7 s instead of 23 s."""
+
+
 @pytest.mark.slow
 def test_a_killed_study_goes_on_to_the_same_digit(tmp_path):
-    study = new_risk("paper_collision", GIVEN, 120, settings=("duration=26",))
+    study = new_risk("paper_collision", GIVEN, 100, settings=SOON)
     with open_risk(tmp_path / "whole", study) as folder:
         whole = fly_risk(folder, workers=1)
     with open_risk(tmp_path / "killed", study) as folder:
         assert fly_risk(folder, workers=1, stop=lambda: folder.kept > 30) is None
         kept = folder.kept
-    assert 0 < kept < 120
+    assert 0 < kept < 100
     journal = tmp_path / "killed" / "flights.jsonl"
     journal.write_bytes(journal.read_bytes() + b'{"flight": 77, "mar')
     with open_risk(tmp_path / "killed", study) as folder:
         assert folder.kept == kept
         assert fly_risk(folder, workers=1, page=False) == whole
     one, two = (pq.read_table(tmp_path / name / "flights.parquet") for name in ("whole", "killed"))
-    assert one.equals(two) and one.num_rows == 120
+    assert one.equals(two) and one.num_rows == 100
     assert (np.array(one["margin"]) < 0.0).tolist() == one["crashed"].to_pylist()
     assert json.loads((tmp_path / "whole" / "risk.json").read_text())["result"] == whole
     _the_most_likely_crash_flies_again(whole)
     assert whole["most_likely_crash"]["command"] in (tmp_path / "whole" / "risk.html").read_text()
-    other = new_risk("paper_collision", GIVEN, 130, settings=("duration=26",))
+    other = new_risk("paper_collision", GIVEN, 110, settings=SOON)
     with pytest.raises(InputError, match="another flights"), open_risk(tmp_path / "whole", other):
         pass
 
