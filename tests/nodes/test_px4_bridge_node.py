@@ -19,8 +19,8 @@ from scripted_px4 import GROUND, SECOND, ScriptedPx4
 from tombo_bag.topics import BATTERY, DIAGNOSTICS, IMU, MOCAP_POSE, ODOMETRY, PX4_STATUS, SETPOINT
 from tombo_flight.suite.px4_connection import free_udp_port
 from tombo_msgs.msg import MissionStatus, PositionSetpoint
-from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD
 from tombo_px4.link.mavlink_link import Link
+from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD
 from tombo_ros.conversion import array, point, quaternion, to_ns, to_time
 
 MS = 1_000_000

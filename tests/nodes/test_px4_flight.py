@@ -17,8 +17,8 @@ from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.px4_connection import free_udp_port
 from tombo_flight.suite.px4_probe import find_vehicle
-from tombo_px4.bridge.bridge_params import LinkParams
 from tombo_px4.bridge.pose_axes import AxesEvidence
+from tombo_px4.link.link_params import LinkParams
 
 pytestmark = pytest.mark.real_time
 

@@ -8,8 +8,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from tombo_px4.bridge.modes import AUTO_HOLD, custom_mode
 from tombo_px4.link.mavlink_link import Link
+from tombo_px4.modes import AUTO_HOLD, custom_mode
 
 PX4, QUADROTOR = 12, 2
 

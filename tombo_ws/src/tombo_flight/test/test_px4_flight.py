@@ -31,7 +31,7 @@ from tombo_flight.suite.nodes import SUITE
 from tombo_flight.suite.px4_connection import px4_connection
 from tombo_flight.suite.px4_flight import READY_S, START_S, BridgeMonitor, px4_metrics
 from tombo_flight.suite.px4_probe import find_vehicle
-from tombo_px4.bridge.bridge_params import LinkParams
+from tombo_px4.link.link_params import LinkParams
 
 
 def test_without_a_url_both_ends_meet_on_a_free_port_of_this_machine():

@@ -6,7 +6,8 @@ from pymavlink.dialects.v20 import common as mav
 from scripted_px4 import GROUND, ScriptedPx4
 from tombo_dynamics.messages import Phase, PositionSetpoint
 from tombo_px4.bridge.bridge import Bridge
-from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams, LinkParams
+from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
+from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Received
 
 NOW = 1_763_700_000_000_000_000

@@ -44,16 +44,22 @@ from tombo_dynamics.vehicle import VehicleParams
 from tombo_msgs.msg import Px4Status
 from tombo_px4.axes_file import AxesFile
 from tombo_px4.bridge.bridge import Bridge, BridgeOutput, Status
-from tombo_px4.bridge.bridge_params import ATTITUDE, RATES, BridgeParams, LinkParams
-from tombo_px4.bridge.decoded_messages import Battery, ImuSample, MavLandedState, VehicleOdometry
+from tombo_px4.bridge.bridge_params import ATTITUDE, RATES, BridgeParams
 from tombo_px4.bridge.flight_limits import FlightLimits
-from tombo_px4.bridge.modes import OFFBOARD, mode_name
+from tombo_px4.bridge.link_findings import link_faults
+from tombo_px4.bridge.parameter_reader import parse_assignments
 from tombo_px4.bridge.pose_axes import AxesEvidence
-from tombo_px4.link.link_findings import link_faults
+from tombo_px4.link.decoded_messages import (
+    Battery,
+    ImuSample,
+    MavLandedState,
+    Severity,
+    VehicleOdometry,
+)
+from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.parameter_reader import parse_assignments
 from tombo_px4.link.signing import key_of
-from tombo_px4.protocol.results import Severity
+from tombo_px4.modes import OFFBOARD, mode_name
 from tombo_ros.conversion import array, to_ns, to_time
 from tombo_ros.core_node import main_of
 from tombo_ros.health import ERROR, WARN

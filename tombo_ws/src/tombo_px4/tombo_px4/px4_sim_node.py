@@ -17,13 +17,13 @@ from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.autopilot.parameters import PARAMETERS, ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
-from tombo_px4.bridge.modes import OFFBOARD, mode_name
 from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
 from tombo_px4.hil.hil_start_help import MOCAP_ONLY
+from tombo_px4.link.decoded_messages import Severity
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.signing import key_of
+from tombo_px4.modes import OFFBOARD, mode_name
 from tombo_px4.protocol.endpoint import Endpoint
-from tombo_px4.protocol.results import Severity
 from tombo_ros.core_node import main_of
 from tombo_sim.vehicle_node import VehicleNode
 from tombo_sim.world import World

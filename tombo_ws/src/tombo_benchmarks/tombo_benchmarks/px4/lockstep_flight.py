@@ -42,7 +42,7 @@ from tombo_flight.run_wiring import CoreRunner
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import CORES, PX4_REPLACES, core_of
 from tombo_px4.bridge.bridge import Bridge, BridgeOutput
-from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams, LinkParams
+from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.bridge.offboard_session import Stage
 from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
 from tombo_px4.hil.hand_motion import HandMotion
@@ -50,6 +50,7 @@ from tombo_px4.hil.hil_start_help import MOCAP_ONLY, airframe_parameters, mocap_
 from tombo_px4.hil.link import PX4_PORT, HilLink
 from tombo_px4.hil.lockstep import HilSimulator
 from tombo_px4.hil.params import HilParams
+from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.transport import Clock
 from tombo_sim.flight_end import FlightEndDetector

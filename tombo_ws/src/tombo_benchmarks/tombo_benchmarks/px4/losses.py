@@ -26,10 +26,10 @@ from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.bridge_params import SIMULATED as OF_A_MODEL
 from tombo_px4.bridge.bridge_params import BridgeParams
-from tombo_px4.bridge.modes import mode_name, mode_of
 from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
 from tombo_px4.hil.hil_start_help import MOCAP_ONLY, airframe_parameters, mocap_parameters
 from tombo_px4.link.mavlink_link import Link, Received
+from tombo_px4.modes import mode_name, mode_of
 from tombo_px4.protocol.endpoint import Endpoint
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World

@@ -9,10 +9,10 @@ from typing import Any, Final
 
 from tombo_dynamics.errors import InputError
 from tombo_flight.suite.px4_connection import link_key
-from tombo_px4.bridge.bridge_params import LinkParams
-from tombo_px4.bridge.modes import mode_name, mode_of
+from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.message_encoder import MessageTarget, read_parameter
+from tombo_px4.modes import mode_name, mode_of
 
 PATIENCE_S: Final = 10.0
 """A vehicle that boots says nothing for some seconds."""

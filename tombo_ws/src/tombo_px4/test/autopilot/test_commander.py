@@ -8,10 +8,11 @@ from typing import Any
 import pytest
 from vehicle_bench import table_with
 
+from tombo_px4 import modes
 from tombo_px4.autopilot.commander import DESCEND, TERMINATE, Commander, CommanderInput
 from tombo_px4.autopilot.offboard_setpoint import ControlLevel
-from tombo_px4.bridge import modes
-from tombo_px4.protocol.results import Battery, Result
+from tombo_px4.autopilot.vehicle_state import Battery
+from tombo_px4.link.decoded_messages import Result
 
 FULL = Battery(12.6, 1.0, 1.0, 0)
 WELL = CommanderInput(

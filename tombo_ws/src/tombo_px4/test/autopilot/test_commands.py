@@ -5,8 +5,8 @@ import pytest
 from endpoint_bench import ARM, LAND, OFFBOARD, POSITION_MASK, SET_MODE, TAKEOFF, bench, of, texts
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_px4.autopilot.commands import command_of
-from tombo_px4.bridge.modes import AUTO_LAND, AUTO_MISSION, AUTO_RTL, custom_mode, mode_of
+from tombo_px4.modes import AUTO_LAND, AUTO_MISSION, AUTO_RTL, custom_mode, mode_of
+from tombo_px4.protocol.commands import command_of
 
 NAN = math.nan
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)

@@ -5,7 +5,7 @@ import pytest
 from vehicle_bench import table_with
 
 from tombo_px4.autopilot.navigator import Navigator
-from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, Mode
+from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, Mode
 
 HOME = np.array([0.5, -0.5, 0.2])
 

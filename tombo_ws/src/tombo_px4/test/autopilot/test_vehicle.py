@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from vehicle_bench import GROUND, NAN, Flight, hovering, motion, ready
 
-from tombo_px4.bridge.decoded_messages import MavLandedState
-from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, OFFBOARD
-from tombo_px4.protocol.results import Result, TakeoffState
+from tombo_px4.autopilot.vehicle_state import TakeoffState
+from tombo_px4.link.decoded_messages import MavLandedState, Result
+from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, OFFBOARD
 
 pytestmark = pytest.mark.slow
 

@@ -8,9 +8,9 @@ from vehicle_bench import GROUND, NAN, Flight, hovering, motion, ready
 
 from tombo_dynamics.rotation import quaternion_multiply, tilt, yaw_pitch_roll
 from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
-from tombo_px4.bridge.decoded_messages import MavLandedState
-from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, OFFBOARD
-from tombo_px4.protocol.results import Result, TakeoffState
+from tombo_px4.autopilot.vehicle_state import TakeoffState
+from tombo_px4.link.decoded_messages import MavLandedState, Result
+from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, OFFBOARD
 
 
 def tilted(pitch_deg: float = 0.0, roll_deg: float = 0.0) -> np.ndarray:

@@ -7,10 +7,9 @@ import pytest
 from vehicle_bench import Flight, hovering, motion, ready
 
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vector, yaw_of, yaw_pitch_roll
-from tombo_px4.bridge.decoded_messages import MavLandedState
-from tombo_px4.bridge.modes import ALTCTL, AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, STABILIZED
 from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
-from tombo_px4.protocol.results import Result
+from tombo_px4.link.decoded_messages import MavLandedState, Result
+from tombo_px4.modes import ALTCTL, AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, STABILIZED
 
 HALF = math.sqrt(0.5)
 QUARTER_LEFT = np.array([0.0, 0.0, HALF, HALF])

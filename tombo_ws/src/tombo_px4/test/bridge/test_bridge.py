@@ -11,10 +11,11 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase, PositionSetpoint
 from tombo_dynamics.pose_check import PoseRefusal
 from tombo_px4.bridge.bridge import Bridge
-from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
-from tombo_px4.bridge.modes import ALTCTL, AUTO_HOLD, AUTO_LAND, OFFBOARD, POSCTL
+from tombo_px4.bridge.bridge_params import BridgeParams
 from tombo_px4.bridge.offboard_session import Stage
-from tombo_px4.link.parameter_reader import parse_assignments
+from tombo_px4.bridge.parameter_reader import parse_assignments
+from tombo_px4.link.link_params import LinkParams
+from tombo_px4.modes import ALTCTL, AUTO_HOLD, AUTO_LAND, OFFBOARD, POSCTL
 
 
 @pytest.mark.slow

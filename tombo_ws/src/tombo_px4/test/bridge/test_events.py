@@ -12,11 +12,12 @@ from scripted_px4 import DENIED, GROUND
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
 from tombo_px4.bridge.bridge import Bridge
-from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
+from tombo_px4.bridge.bridge_params import BridgeParams
 from tombo_px4.bridge.offboard_session import Stage
 from tombo_px4.events.event_definitions import BadMetadata, definitions, events_file, unpacked
 from tombo_px4.events.known_events import event_number
 from tombo_px4.link.framing import Findings, decode, frames_of
+from tombo_px4.link.link_params import LinkParams
 
 # numbers as in the file of events of PX4 1.17
 NO_POSITION, NO_STICKS, CPU, DISARMED_BY = 30612409, 17231145, 17836172, 32794487

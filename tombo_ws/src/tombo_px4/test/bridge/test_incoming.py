@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mav
 
-from tombo_px4.bridge.decoded_messages import MavLandedState
-from tombo_px4.bridge.modes import OFFBOARD, custom_mode
+from tombo_px4.link.decoded_messages import MavLandedState
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.message_decoder import MessageDecoder
 from tombo_px4.link.timesync import TimeSync
+from tombo_px4.modes import OFFBOARD, custom_mode
 
 NOW = 1_763_700_000_000_000_000
 BOOT = 20_000_000_000

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tombo_px4.bridge import modes
+from tombo_px4 import modes
 
 ALL = [value for value in vars(modes).values() if isinstance(value, modes.Mode)]
 

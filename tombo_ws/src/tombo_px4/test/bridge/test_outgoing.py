@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.messages import PositionSetpoint
-from tombo_px4.bridge.modes import AUTO_LAND
 from tombo_px4.link import message_encoder
 from tombo_px4.link.message_encoder import MessageTarget
+from tombo_px4.modes import AUTO_LAND
 
 TO = MessageTarget(1, 1)
 STAMP = 1_763_700_000_123_456_789

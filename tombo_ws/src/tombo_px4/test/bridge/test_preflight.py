@@ -11,12 +11,12 @@ from scripted_px4 import PARAMETERS
 from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vector
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
-from tombo_px4.bridge.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
 from tombo_px4.bridge.hand_rotation_check import Verdict
 from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS, FindingSeverity
+from tombo_px4.bridge.parameter_reader import parse_assignments
 from tombo_px4.bridge.pose_axes import AxesEvidence, explain_up, up_error
 from tombo_px4.bridge.preflight import Preflight
-from tombo_px4.link.parameter_reader import parse_assignments
+from tombo_px4.link.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
 from tombo_px4.link.timesync import TimeSync
 
 NOW = 1_763_700_000_000_000_000

@@ -7,16 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tombo_dynamics.messages import Phase
-from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, MavLandedState, StatusText
-from tombo_px4.bridge.modes import (
-    ALTCTL,
-    AUTO_HOLD,
-    AUTO_LAND,
-    AUTO_RTL,
-    AUTO_TAKEOFF,
-    OFFBOARD,
-    POSCTL,
-    STABILIZED,
+from tombo_px4.bridge.command_transaction import (
+    ARM_COMMAND,
+    SET_MODE_COMMAND,
+    CommandTransaction,
+    RecentStatusTexts,
+    VehicleCommand,
 )
 from tombo_px4.bridge.offboard_session import (
     Decision,
@@ -26,12 +22,16 @@ from tombo_px4.bridge.offboard_session import (
     Stage,
     Stream,
 )
-from tombo_px4.link.command_transaction import (
-    ARM_COMMAND,
-    SET_MODE_COMMAND,
-    CommandTransaction,
-    RecentStatusTexts,
-    VehicleCommand,
+from tombo_px4.link.decoded_messages import CommandAck, Heartbeat, MavLandedState, StatusText
+from tombo_px4.modes import (
+    ALTCTL,
+    AUTO_HOLD,
+    AUTO_LAND,
+    AUTO_RTL,
+    AUTO_TAKEOFF,
+    OFFBOARD,
+    POSCTL,
+    STABILIZED,
 )
 
 STEP = 20_000_000

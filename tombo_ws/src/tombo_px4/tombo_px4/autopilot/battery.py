@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tombo_dynamics.plant import Plant
 from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.protocol.results import Battery
+from tombo_px4.autopilot.vehicle_state import Battery
 
 _EFFICIENCY = 0.7
 """Of drives and motors, as in the effect `battery_sag`."""

@@ -9,7 +9,9 @@ from typing import NamedTuple
 from tombo_dynamics.time_base import TICK_HZ
 from tombo_px4.autopilot.offboard_setpoint import ControlLevel
 from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.bridge.modes import (
+from tombo_px4.autopilot.vehicle_state import Battery, Health
+from tombo_px4.link.decoded_messages import Result, Severity
+from tombo_px4.modes import (
     ACRO,
     ALTCTL,
     AUTO_HOLD,
@@ -24,7 +26,6 @@ from tombo_px4.bridge.modes import (
     STABILIZED,
     Mode,
 )
-from tombo_px4.protocol.results import Battery, Health, Result, Severity
 
 DESCEND = Mode(-1)
 """Level descent without a position; a heartbeat shows it as land."""

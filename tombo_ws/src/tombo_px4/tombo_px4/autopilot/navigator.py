@@ -11,7 +11,7 @@ from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
 from tombo_px4.autopilot.offboard_setpoint import ControlLevel, ResolvedSetpoint
 from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.bridge.modes import AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, Mode
+from tombo_px4.modes import AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, Mode
 
 _BELOW = 3.0
 """[m] the goal of a landing is below the vehicle's own ground, so that it is reached for sure."""

@@ -29,8 +29,9 @@ from tombo_px4.autopilot.offboard_setpoint import (
 )
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.setpoint_controller import SetpointController
-from tombo_px4.bridge.decoded_messages import MavLandedState
-from tombo_px4.bridge.modes import (
+from tombo_px4.autopilot.vehicle_state import Battery, Health, TakeoffState
+from tombo_px4.link.decoded_messages import MavLandedState, Result, Severity
+from tombo_px4.modes import (
     ALTCTL,
     AUTO_HOLD,
     AUTO_LAND,
@@ -41,7 +42,6 @@ from tombo_px4.bridge.modes import (
     STABILIZED,
     Mode,
 )
-from tombo_px4.protocol.results import Battery, Health, Result, Severity, TakeoffState
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 

@@ -22,27 +22,28 @@ from tombo_dynamics.messages import Phase, PositionSetpoint
 from tombo_dynamics.pose_check import PoseRefusal, check_pose
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.bridge import decoded_messages as decoded
 from tombo_px4.bridge.acceleration_check import TakeoffWatch
-from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
-from tombo_px4.bridge.decoded_messages import MavLandedState
+from tombo_px4.bridge.bridge_params import BridgeParams
+from tombo_px4.bridge.command_transaction import VehicleCommand
 from tombo_px4.bridge.flight_limits import FlightLimits
-from tombo_px4.bridge.modes import AUTO_LAND, OFFBOARD, mode_name
 from tombo_px4.bridge.offboard_session import Decision, Request, Session, SessionInput, Stage
 from tombo_px4.bridge.parameter_findings import HOVER, READ, Finding, FindingSeverity
+from tombo_px4.bridge.parameter_reader import ParameterReader
 from tombo_px4.bridge.pose_axes import AxesEvidence
 from tombo_px4.bridge.preflight import FROZEN, Preflight
 from tombo_px4.bridge.setpoint_stream import SetpointStream
 from tombo_px4.events.vehicle_words import VehicleWords
+from tombo_px4.link import decoded_messages as decoded
 from tombo_px4.link import message_encoder
-from tombo_px4.link.command_transaction import VehicleCommand
+from tombo_px4.link.decoded_messages import MavLandedState
 from tombo_px4.link.file_transfer import FileAnswer
+from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.message_decoder import MessageDecoder
 from tombo_px4.link.message_encoder import MessageTarget
 from tombo_px4.link.message_rates import MessageRates
-from tombo_px4.link.parameter_reader import ParameterReader
 from tombo_px4.link.timesync import TimeSync
+from tombo_px4.modes import AUTO_LAND, OFFBOARD, mode_name
 
 _HEARTBEAT_NS = SECOND_NS
 _TIMESYNC_NS = SECOND_NS // 10

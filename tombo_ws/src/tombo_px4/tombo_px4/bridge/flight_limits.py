@@ -13,7 +13,7 @@ from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.messages import PositionSetpoint
 from tombo_dynamics.records import parameter_record
 from tombo_dynamics.rotation import tilt
-from tombo_px4.bridge.decoded_messages import VehicleOdometry
+from tombo_px4.link.decoded_messages import VehicleOdometry
 
 
 @dataclass(frozen=True)

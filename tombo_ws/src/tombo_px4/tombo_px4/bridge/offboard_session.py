@@ -16,13 +16,13 @@ from enum import Enum
 
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, MavLandedState
-from tombo_px4.bridge.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, Mode, mode_name
-from tombo_px4.link.command_transaction import (
+from tombo_px4.bridge.command_transaction import (
     CommandTransaction,
     RecentStatusTexts,
     VehicleCommand,
 )
+from tombo_px4.link.decoded_messages import CommandAck, Heartbeat, MavLandedState
+from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, Mode, mode_name
 
 _FLIGHT = range(Phase.TAKEOFF, Phase.HOLD + 1)
 _DOWN = (Phase.LAND, Phase.DESCEND_BLIND)

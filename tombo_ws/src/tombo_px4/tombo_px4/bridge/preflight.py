@@ -20,8 +20,7 @@ from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_px4.bridge.bridge_params import MOCAP, SIMULATED, BridgeParams
-from tombo_px4.bridge.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
+from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.bridge.hand_rotation_check import CARRY_M, TURN_RAD, MotionCheck, Verdict
 from tombo_px4.bridge.parameter_findings import (
     DELAY_MAX,
@@ -31,6 +30,8 @@ from tombo_px4.bridge.parameter_findings import (
     parameter_findings,
 )
 from tombo_px4.bridge.pose_axes import AxesEvidence, explain_place, explain_up, up_in_pose_body
+from tombo_px4.link.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
+from tombo_px4.link.link_params import MOCAP
 from tombo_px4.link.timesync import TimeSync
 
 FROZEN = "pose_frozen"

@@ -8,12 +8,11 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
-from tombo_px4.bridge.decoded_messages import Event, StatusText
 from tombo_px4.events.event_definitions import EventDefinition, own_definitions
 from tombo_px4.events.known_events import ARMING_DENIED, CHECKS_BEGIN, CHECKS_END, event_number
 from tombo_px4.events.metadata_reader import MetadataReader
+from tombo_px4.link.decoded_messages import Event, Severity, StatusText
 from tombo_px4.link.message_encoder import MessageTarget, run_checks
-from tombo_px4.protocol.results import Severity
 
 _BEGIN, _END = event_number(CHECKS_BEGIN), event_number(CHECKS_END)
 _DENIED = event_number(ARMING_DENIED)

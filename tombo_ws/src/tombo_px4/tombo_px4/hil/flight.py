@@ -13,10 +13,10 @@ from pymavlink.dialects.v20 import common
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.time_base import TICK_NS
-from tombo_px4.bridge.bridge_params import ODOMETRY
 from tombo_px4.hil.motor_mapping import MotorMapping
 from tombo_px4.hil.params import HilParams
 from tombo_px4.hil.sensors import HilSensors
+from tombo_px4.link.link_params import ODOMETRY
 from tombo_px4.link.message_encoder import pose_message
 from tombo_sim.simulator import PoseSample, Simulator
 from tombo_sim.world import World

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tombo_px4.bridge.bridge_params import ONBOARD
 from tombo_px4.hil.flight import odometry
+from tombo_px4.link.link_params import ONBOARD
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.message_encoder import heartbeat, timesync
 from tombo_px4.link.timesync import TimeSync

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import param, validate
 from tombo_dynamics.time_base import TICK_HZ
-from tombo_px4.bridge.bridge_params import plain
+from tombo_px4.link.link_params import plain
 
 MAPPINGS = ("thrust", "speed")
 

@@ -10,7 +10,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.bridge.decoded_messages import Record
+from tombo_px4.link.decoded_messages import Record
 from tombo_px4.link.message_encoder import MessageTarget
 
 HEADER = struct.Struct("<HBBBBBBI")

@@ -18,9 +18,6 @@ from pymavlink.dialects.v20 import common as mav
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import rotate_vector
 from tombo_dynamics.stamp_check import is_future
-from tombo_px4.bridge import decoded_messages as decoded
-from tombo_px4.bridge.decoded_messages import Content, Refused
-from tombo_px4.bridge.modes import mode_of
 from tombo_px4.frames import (
     UPPER_DIAGONAL,
     enu_from_ned,
@@ -28,10 +25,13 @@ from tombo_px4.frames import (
     ros_pose_covariance,
     ros_quaternion,
 )
+from tombo_px4.link import decoded_messages as decoded
+from tombo_px4.link.decoded_messages import Content, Refused
 from tombo_px4.link.file_transfer import file_answer
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.status_text import StatusTextAssembler
 from tombo_px4.link.timesync import TimeSync
+from tombo_px4.modes import mode_of
 
 _MICRO_NS, _MILLI_NS = 1_000, 1_000_000
 _OLDEST_NS, _SYNC_ERROR_NS = 1_000_000_000, 15_000_000

@@ -11,8 +11,6 @@ from pymavlink.dialects.v20 import common as mav
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import PositionSetpoint
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_px4.bridge.bridge_params import GROUND_STATION, MOCAP, ODOMETRY, ONBOARD, VISION
-from tombo_px4.bridge.modes import Mode
 from tombo_px4.frames import (
     euler,
     frd_from_flu,
@@ -21,7 +19,9 @@ from tombo_px4.frames import (
     px4_quaternion,
     px4_yaw,
 )
-from tombo_px4.protocol.results import FORCE_ARMING
+from tombo_px4.link.decoded_messages import FORCE_ARMING
+from tombo_px4.link.link_params import GROUND_STATION, MOCAP, ODOMETRY, ONBOARD, VISION
+from tombo_px4.modes import Mode
 
 POSITION_MASK = mav.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
 DESCENT_MASK = (

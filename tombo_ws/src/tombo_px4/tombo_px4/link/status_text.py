@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from tombo_px4.bridge.decoded_messages import Refused, StatusText
+from tombo_px4.link.decoded_messages import Refused, StatusText
 
 _FULL = 50
 """A piece of this length is followed by another."""

@@ -15,9 +15,9 @@ from tombo_px4.events.known_events import (
     KNOWN_EVENTS,
     event_number,
 )
+from tombo_px4.link.decoded_messages import Severity
 from tombo_px4.link.event_messages import ARGUMENTS, Event
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
-from tombo_px4.protocol.results import Severity
 
 _ALL_MODES = 0xFFFFFFFF
 _MODES = {

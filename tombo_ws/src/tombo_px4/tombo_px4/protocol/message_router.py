@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_px4.autopilot.commands import CommandReply, CommandServer, command_of
 from tombo_px4.frames import GeoOrigin
+from tombo_px4.link.decoded_messages import Result, Severity
 from tombo_px4.link.mavlink_link import Received
+from tombo_px4.protocol.commands import CommandReply, CommandServer, command_of
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
 from tombo_px4.protocol.offboard_decoder import decode_setpoint
 from tombo_px4.protocol.parameter_protocol import HASH, ParameterServer, name_of
-from tombo_px4.protocol.results import Result, Severity
 from tombo_px4.protocol.statustext import StatusTextSender
 from tombo_px4.protocol.telemetry import Telemetry
 from tombo_px4.protocol.unsupported_protocols import (

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from tombo_px4.link.decoded_messages import Severity
 from tombo_px4.protocol.event_sender import EventSender, event_of
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
-from tombo_px4.protocol.results import Severity
 
 PIECE = 50
 """Bytes of text that a message carries."""

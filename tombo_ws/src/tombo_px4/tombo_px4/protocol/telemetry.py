@@ -10,8 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_px4.bridge import modes
-from tombo_px4.bridge.decoded_messages import MavLandedState
+from tombo_px4 import modes
 from tombo_px4.frames import (
     UPPER_DIAGONAL,
     GeoOrigin,
@@ -22,6 +21,7 @@ from tombo_px4.frames import (
     px4_yaw,
     px4_yaw_rate,
 )
+from tombo_px4.link.decoded_messages import MavLandedState
 from tombo_px4.protocol.field_scaling import (
     INT16,
     centi,
@@ -35,7 +35,7 @@ from tombo_px4.protocol.telemetry_snapshot import TelemetrySnapshot, numbers
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
-    from tombo_px4.protocol.results import Health
+    from tombo_px4.autopilot.vehicle_state import Health
 
 Builder = Callable[[Any, TelemetrySnapshot], Any]
 _NAN = math.nan

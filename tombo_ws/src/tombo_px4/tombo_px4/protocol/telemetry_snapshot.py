@@ -22,7 +22,7 @@ from tombo_sim.ground_truth import true_state
 if TYPE_CHECKING:
     from tombo_control.estimate import Estimate
     from tombo_px4.autopilot.vehicle import Px4Vehicle
-    from tombo_px4.protocol.results import Health
+    from tombo_px4.autopilot.vehicle_state import Health
 
 Vector = list[float]
 

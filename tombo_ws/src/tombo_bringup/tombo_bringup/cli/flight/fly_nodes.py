@@ -18,7 +18,7 @@ from tombo_flight.suite.node_flight import NotFlown, fly_nodes_and_save
 from tombo_flight.suite.px4_connection import Px4Connection
 from tombo_flight.suite.px4_probe import find_vehicle
 from tombo_flight.suite.warm_up import warm_up_nodes
-from tombo_px4.link.parameter_reader import parse_assignments
+from tombo_px4.bridge.parameter_reader import parse_assignments
 
 if TYPE_CHECKING:
     from tombo_flight.scenario import Scenario

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 
 from tombo_bringup.cli.tables import Scroll
-from tombo_px4.bridge.modes import mode_name
+from tombo_px4.modes import mode_name
 
 if TYPE_CHECKING:
     from tombo_px4.protocol.endpoint import Endpoint

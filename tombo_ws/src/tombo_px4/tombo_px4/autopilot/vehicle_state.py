@@ -1,38 +1,9 @@
-"""Results, states and texts of the vehicle, with the numbers of MAVLink."""
+"""States of the simulated vehicle: what denies arming, battery, take-off."""
 
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Final, NamedTuple
-
-FORCE_ARMING: Final = 21196
-"""Second parameter of ARM_DISARM that leaves out all checks."""
-
-
-class Result(IntEnum):
-    """Answer to a command (MAV_RESULT)."""
-
-    ACCEPTED = 0
-    TEMPORARILY_REJECTED = 1
-    DENIED = 2
-    UNSUPPORTED = 3
-    FAILED = 4
-    IN_PROGRESS = 5
-    CANCELLED = 6
-    UNSUPPORTED_FRAME = 8
-    """MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME."""
-
-
-class Severity(IntEnum):
-    """Severity of a text (MAV_SEVERITY)."""
-
-    EMERGENCY = 0
-    ALERT = 1
-    CRITICAL = 2
-    ERROR = 3
-    WARNING = 4
-    NOTICE = 5
-    INFO = 6
+from typing import NamedTuple
 
 
 class Health(NamedTuple):

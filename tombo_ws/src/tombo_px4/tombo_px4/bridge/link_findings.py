@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tombo_px4.bridge.bridge_params import LinkParams
+from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Link
 
 

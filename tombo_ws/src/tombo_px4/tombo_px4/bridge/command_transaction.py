@@ -6,9 +6,8 @@ from collections import deque
 from dataclasses import dataclass
 
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.bridge.decoded_messages import CommandAck, Heartbeat, StatusText
-from tombo_px4.bridge.modes import Mode, mode_name
-from tombo_px4.protocol.results import Result, Severity
+from tombo_px4.link.decoded_messages import CommandAck, Heartbeat, Result, Severity, StatusText
+from tombo_px4.modes import Mode, mode_name
 
 SET_MODE_COMMAND, ARM_COMMAND = 176, 400
 """MAV_CMD_DO_SET_MODE, MAV_CMD_COMPONENT_ARM_DISARM."""

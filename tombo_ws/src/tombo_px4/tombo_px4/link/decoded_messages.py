@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
 
 from tombo_dynamics.arrays import Array
-from tombo_px4.bridge.modes import Mode
+from tombo_px4.modes import Mode
+
+FORCE_ARMING: Final = 21196
+"""Second parameter of ARM_DISARM that leaves out all checks."""
 
 
 class MavLandedState(IntEnum):
@@ -17,6 +21,32 @@ class MavLandedState(IntEnum):
     IN_AIR = 2
     TAKEOFF = 3
     LANDING = 4
+
+
+class Result(IntEnum):
+    """Answer to a command (MAV_RESULT)."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+    IN_PROGRESS = 5
+    CANCELLED = 6
+    UNSUPPORTED_FRAME = 8
+    """MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME."""
+
+
+class Severity(IntEnum):
+    """Severity of a text (MAV_SEVERITY)."""
+
+    EMERGENCY = 0
+    ALERT = 1
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
 
 
 class Refused(ValueError):

@@ -10,10 +10,10 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_dynamics.arrays import Array
-from tombo_px4.bridge import modes
-from tombo_px4.bridge.modes import Mode
+from tombo_px4 import modes
 from tombo_px4.frames import GeoOrigin, ros_yaw
-from tombo_px4.protocol.results import FORCE_ARMING, Result
+from tombo_px4.link.decoded_messages import FORCE_ARMING, Result
+from tombo_px4.modes import Mode
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle

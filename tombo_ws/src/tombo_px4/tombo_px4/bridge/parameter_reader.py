@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.bridge.decoded_messages import ParameterValue
 from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
+from tombo_px4.link.decoded_messages import ParameterValue
 from tombo_px4.link.message_encoder import MessageTarget, read_parameter
 
 SAFE = "safe"
