@@ -7,13 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_collision.detector import (
-    CollisionEvent,
-    DetectorMemory,
-    begin_detector,
-    detect,
-    set_triggers,
-)
+from tombo_collision.detector import DetectorMemory, begin_detector, detect, set_triggers
 from tombo_collision.params import DetectorParams
 from tombo_control.controller_core import ControllerCore
 from tombo_control.estimate import Estimate
@@ -139,6 +133,19 @@ class Mission(MissionCore):
         self.on("/setpoint", None, now_ns)
 
 
+class DetectedCollision(NamedTuple):
+    """A collision that the detector has seen, in seconds."""
+
+    stamp_s: float
+    trigger: str
+    contact_time_s: float
+    x_c: Array
+    flight_direction: Array
+    confidence: float
+    statistic: float
+    count: int
+
+
 class CollisionDetector:
     """Watches capture-stamped poses; `update` returns an event when one is detected."""
 
@@ -159,13 +166,13 @@ class CollisionDetector:
         """Normalised innovation squared of the last sample; 0 where there was none."""
         return float(self.memory.statistic)
 
-    def update(self, stamp_s: float, position: Array, attitude: Array) -> CollisionEvent | None:
+    def update(self, stamp_s: float, position: Array, attitude: Array) -> DetectedCollision | None:
         """Take a pose as `detect` does; return an event if it shows a collision."""
         memory = self.memory
         self.refused = detect(memory, self._params, stamp_s, position, attitude)
         if not memory.collided:
             return None
-        return CollisionEvent(
+        return DetectedCollision(
             stamp_s,
             Trigger(memory.trigger).name.lower(),
             float(memory.contact_s),

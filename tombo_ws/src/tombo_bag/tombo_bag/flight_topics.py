@@ -38,9 +38,8 @@ from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import rotated_back_rows
 from tombo_dynamics.time_base import EPOCH_NS, TICK_HZ
 
-_MAP = {"header": {"frame_id": FRAME_MAP}}
 _BODY = {"header": {"frame_id": FRAME_BODY}}
-_BODY_IN_MAP = {**_MAP, "child_frame_id": FRAME_BODY}
+_BODY_IN_MAP = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
 _NAN = float("nan")
 _SPHERE, _CYLINDER = 2, 3
 _POINT_DIAMETER_M = 0.12
@@ -63,7 +62,7 @@ def write_flight(sink: McapSink, flight: Flight) -> None:
     )
     writer = _FlightWriter(sink, flight)
     for name, topic in flight.topics.items():
-        writer.as_it_was(TOPICS[name], topic)
+        writer.messages(TOPICS[name], topic)
     writer.setpoints()
     writer.transform()
     writer.battery()
@@ -80,25 +79,34 @@ class _FlightWriter:
         self.sink = sink
         self.flight = flight
         self.log = flight.log
-        self.times_ns = nanoseconds(flight.t)
         self.parts: list[Columns] = []
 
     def add(self, spec: TopicSpec, times_ns: NDArray[np.int64], messages: Any) -> None:
         channel = self.sink.add_channel(spec.name, spec.typename, spec.qos)
         self.parts.append(Columns(channel, times_ns, messages))
 
-    def topic(
+    def messages(self, spec: TopicSpec, topic: Topic) -> None:
+        """Write messages of the suite's own types by their fields."""
+        columns = {name: one.values for name, one in topic.items()}
+        columns = {"stamp_ns": nanoseconds(topic.t), **columns}
+        self.add(spec, nanoseconds(topic.arrival), encoded(spec.typename, columns))
+
+    def ticks(self, spec: TopicSpec, ticks: Any, columns: Mapping[str, Array]) -> None:
+        """Write messages of some ticks."""
+        self.messages(spec, Topic.of(self.flight.t[ticks], columns))
+
+    def template(
         self,
         spec: TopicSpec,
         template: Mapping[str, Any],
-        times_ns: NDArray[np.int64],
+        ticks: Any,
         values: Mapping[str, Array],
         stamp: str = "header.stamp",
-        stamps_ns: NDArray[np.int64] | None = None,
     ) -> None:
         """Write messages that look like the template, with numbers laid in by path."""
+        times_ns = nanoseconds(self.flight.t[ticks])
         records = layout(spec.typename, template).records(len(times_ns))
-        lay_in_times(records, stamp, times_ns if stamps_ns is None else stamps_ns)
+        lay_in_times(records, stamp, times_ns)
         for path, column in values.items():
             lay_in(records, path, column)
         self.add(spec, times_ns, records)
@@ -113,21 +121,14 @@ class _FlightWriter:
         slot = flying // (TICK_HZ // rate_hz)
         return np.asarray(flying[np.diff(slot, prepend=-1) != 0])
 
-    def as_it_was(self, spec: TopicSpec, topic: Topic) -> None:
-        """Write what was measured or published as it was."""
-        columns = {name: one.values for name, one in topic.items()}
-        columns = {"stamp_ns": nanoseconds(topic.t), **columns}
-        self.add(spec, nanoseconds(topic.arrival), encoded(spec.typename, columns))
-
     def setpoints(self) -> None:
         thrust = self.log["thrust_setpoint"].ravel()
-        for spec, template, path, name, rate_hz in (
-            (RATES_SETPOINT, _BODY, "rates", "rates_setpoint", 250),
-            (ATTITUDE_SETPOINT, _MAP, "orientation", "attitude_setpoint", 50),
+        for spec, field, column, rate_hz in (
+            (RATES_SETPOINT, "rates", "rates_setpoint", 250),
+            (ATTITUDE_SETPOINT, "orientation", "attitude_setpoint", 50),
         ):
             ticks = self.runs(rate_hz)
-            values = {path: self.log[name][ticks], "thrust": thrust[ticks]}
-            self.topic(spec, template, self.times_ns[ticks], values)
+            self.ticks(spec, ticks, {field: self.log[column][ticks], "thrust": thrust[ticks]})
 
     def transform(self) -> None:
         """Write the estimated pose, which is not there yet in the first ticks."""
@@ -139,7 +140,7 @@ class _FlightWriter:
             "transforms[0].transform.rotation": self.log["est_attitude"][ticks],
         }
         stamp = "transforms[0].header.stamp"
-        self.topic(TF, {"transforms": [_BODY_IN_MAP]}, self.times_ns[ticks], values, stamp)
+        self.template(TF, {"transforms": [_BODY_IN_MAP]}, ticks, values, stamp)
 
     def battery(self) -> None:
         every = self.every(10)
@@ -153,25 +154,17 @@ class _FlightWriter:
         }
         _, current, voltage = self.log["battery"][every].T
         values = {"current": -current, "voltage": voltage}  # negative while discharging
-        self.topic(BATTERY, template, self.times_ns[every], values)
+        self.template(BATTERY, template, every, values)
 
     def truth(self) -> None:
         every = self.every(250)
         log = {name: column[every] for name, column in self.log.items()}
-        pose_and_twist = {
-            "pose.pose.position": log["position"],
-            "pose.pose.orientation": log["attitude"],
-            "twist.twist.linear": rotated_back_rows(log["attitude"], log["velocity"]),
-            "twist.twist.angular": log["rates"],
-        }
-        self.topic(TRUE_ODOMETRY, _BODY_IN_MAP, self.times_ns[every], pose_and_twist)
-        rotors = {
-            "speed": log["rotor_speed"],
-            "thrust": log["rotor_thrust"],
-            "fold": log["fold"],
-            "damage": log["damage"],
-        }
-        self.topic(TRUE_ROTORS, _BODY, self.times_ns[every], rotors)
+        odometry = {name: log[name] for name in ("position", "attitude", "rates")}
+        velocity = rotated_back_rows(log["attitude"], log["velocity"])
+        self.ticks(TRUE_ODOMETRY, every, {**odometry, "velocity": velocity})
+        rotors = {"speed": log["rotor_speed"], "thrust": log["rotor_thrust"]}
+        rotors |= {name: log[name] for name in ("fold", "damage")}
+        self.ticks(TRUE_ROTORS, every, rotors)
 
     def contact(self) -> None:
         """Write the ticks with contact, and the first one after."""
@@ -186,7 +179,7 @@ class _FlightWriter:
             "rotor": contact[ticks, 1],
             "point": contact[ticks, 2:5],
         }
-        self.topic(TRUE_CONTACT, _MAP, self.times_ns[ticks], values)
+        self.ticks(TRUE_CONTACT, ticks, values)
 
     def markers(self) -> None:
         """Write the obstacle, x_c of each detection and x_r of each set point after it."""

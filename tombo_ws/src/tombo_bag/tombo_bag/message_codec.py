@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_MAP
 from tombo_dynamics.time_base import SECOND_NS
 
+_Kind = TypeVar("_Kind")
 _SHAPES = 8
 """So many shapes of a type are kept."""
 
@@ -240,19 +241,22 @@ def _is_part(outer: str, last: str, table: ColumnTable) -> bool:
 
 
 def messages_of(typename: str, table: ColumnTable) -> list[Any]:
-    """Return the messages of a recorded topic, read as columns, as dataclasses.
+    """Return the messages of a recorded topic, read as columns, as dataclasses."""
+    return as_messages(form_of(typename).kind, fields_of(typename, table))
+
+
+def as_messages(kind: type[_Kind], columns: Mapping[str, NDArray[Any]]) -> list[_Kind]:
+    """Return messages as dataclasses, from columns by field.
 
     A field that has a default may be missing: recordings are older than it.
     """
-    kind = form_of(typename).kind
-    found = fields_of(typename, table)
-    columns = {
-        one.name: _values(found[one.name])
-        for one in fields(kind)
-        if not _has_default(one) or one.name in found
+    given = {
+        one.name: _values(columns[one.name])
+        for one in fields(kind)  # type: ignore[arg-type]
+        if not _has_default(one) or one.name in columns
     }
-    rows = zip(*columns.values(), strict=True)
-    return [kind(**dict(zip(columns, values, strict=True))) for values in rows]
+    rows = zip(*given.values(), strict=True)
+    return [kind(**dict(zip(given, values, strict=True))) for values in rows]
 
 
 def _has_default(one: Any) -> bool:

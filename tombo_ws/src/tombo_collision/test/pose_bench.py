@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from core_calls import CollisionDetector
-from tombo_collision.detector import CollisionEvent
+from core_calls import CollisionDetector, DetectedCollision
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.arrays import Array
 
@@ -60,7 +59,7 @@ def flight(
 
 def watch(
     poses: Poses, detector: CollisionDetector | None = None, **params: Any
-) -> tuple[list[CollisionEvent], Array]:
+) -> tuple[list[DetectedCollision], Array]:
     """Feed poses to a detector; return its events and the statistic at each sample."""
     detector = detector or CollisionDetector(DetectorParams(**params))
     events, statistics = [], []

@@ -12,13 +12,11 @@ the whole filter of filterpy.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled_call
-from tombo_dynamics.messages import ROTOR_UNKNOWN
 from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotation_vector
@@ -522,28 +520,3 @@ def _fill_event(
     memory.direction[0], memory.direction[1], memory.direction[2] = x, y, z
     excess = 0.5 * (memory.statistic - params.threshold)
     memory.confidence = 1.0 / (1.0 + math.exp(-min(max(excess, -30.0), 30.0)))
-
-
-@dataclass(frozen=True)
-class CollisionEvent:
-    """A detected collision. Positions and directions in map."""
-
-    stamp_s: float
-    """Capture time of the sample that triggered [s]."""
-    trigger: str
-    """'region' or 'innovation'; 'imu': seen by the controller."""
-    contact_time_s: float
-    """Estimated time of contact [s]."""
-    x_c: Array
-    """Estimated position of the vehicle at contact (3) [m]."""
-    flight_direction: Array
-    """Unit vector of the flight before contact (3)."""
-    confidence: float
-    """0..1, that a contact has happened."""
-    statistic: float
-    """Normalised innovation squared of the triggering sample (6 degrees of freedom); of the IMU
-    the specific force [m/s^2]."""
-    count: int
-    """1 for the first event of a flight."""
-    rotor: int = ROTOR_UNKNOWN
-    """That was struck; -1: not known."""

@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tombo_collision.decision import Decision
-from tombo_collision.detector import CollisionEvent
-from tombo_dynamics.messages import Phase
+from tombo_dynamics.messages import CollisionEvent, Phase, Trigger
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_metrics import (
     FIGURE_COLUMNS,
     MetricsInput,
+    detection_of,
     first_sustained,
     lowest_point,
     summarize,
@@ -55,7 +55,7 @@ class Made:
             "mode": np.full((n, 1), float(Phase.HOVER)),
             "position_setpoint": np.tile(X_R, (n, 1)),
         }
-        self.detections, self.arrivals, self.reactions = [], [], []
+        self.detections, self.reactions = [], []
         self.set("position", 0.0, 1.0, [0.0, 0.0, 0.18])
         self.set("mode", 0.0, 0.5, Phase.IDLE)
         self.set("mode", 0.5, 1.5, Phase.TAKEOFF)
@@ -78,10 +78,11 @@ class Made:
         place = np.array([1.7, 0.0, 2.0])
         ahead = np.array([1.0, 0.0, 0.0])
         count = len(self.detections) + 1
-        self.detections.append(
-            CollisionEvent(stamp, trigger, stamp, place, ahead, 0.99, 80.0, count, rotor)
+        stamp_ns, number = round(stamp * 1e9), Trigger[trigger.upper()]
+        event = CollisionEvent(
+            stamp_ns, "map", number, stamp_ns, place, ahead, 0.99, 80.0, count, rotor
         )
-        self.arrivals.append(arrival)
+        self.detections.append(detection_of(event, arrival, 0))
         return self
 
     def reacted(self, x_r=X_R):
@@ -93,16 +94,7 @@ class Made:
 
     def summary(self):
         return summarize(
-            MetricsInput(
-                self.scenario,
-                7,
-                self.t,
-                self.log,
-                self.detections,
-                self.arrivals,
-                self.reactions,
-                0.05,
-            )
+            MetricsInput(self.scenario, 7, self.t, self.log, self.detections, self.reactions, 0.05)
         )
 
 

@@ -21,8 +21,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import EPOCH_NS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import write_mcap
-from tombo_flight.pose_track import pose_track
-from tombo_flight.recorded_flight import read_flight
+from tombo_flight.recorded_flight import measured_track, read_flight
 from tombo_flight.report.flight_plot import draw_flight, figure_bytes
 from tombo_flight.report.flight_report import write_report
 from tombo_flight.scenario import load_scenario
@@ -196,13 +195,14 @@ def test_poses_are_put_in_order_and_bad_ones_left_out():
     position = np.column_stack([x, np.zeros(6), np.ones(6)])
     attitude = np.tile([0.0, 0.0, 0.0, 1.0], (6, 1))
     attitude[5] = 0.0
-    track = pose_track(stamps, position, attitude)
+    poses = {"stamp_ns": stamps, "position": position, "attitude": attitude}
+    track = measured_track(poses)
 
     assert track is not None
-    assert track.stamps_ns.tolist() == [0, 10 * ms, 20 * ms]
-    assert track.position[:, 0].tolist() == [0.0, 1.0, 2.0]
-    assert track.velocity == pytest.approx(np.tile([100.0, 0.0, 0.0], (3, 1)))
-    assert pose_track(stamps[5:], position[5:], attitude[5:]) is None
+    assert track["stamp_ns"].tolist() == [0, 10 * ms, 20 * ms]
+    assert track["position"][:, 0].tolist() == [0.0, 1.0, 2.0]
+    assert track["velocity_in_map"] == pytest.approx(np.tile([100.0, 0.0, 0.0], (3, 1)))
+    assert measured_track({name: column[5:] for name, column in poses.items()}) is None
 
 
 READY = {

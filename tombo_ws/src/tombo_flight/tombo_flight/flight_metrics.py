@@ -6,15 +6,16 @@ Definitions are those of `docs/figures.md`; each function says its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from operator import itemgetter
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.flight import Flight, Topic
+from tombo_bag.flight import Flight
+from tombo_bag.message_codec import as_messages
 from tombo_bag.topics import (
     COLLISION_EVENT,
     CONTACT_EVENT,
@@ -23,9 +24,9 @@ from tombo_bag.topics import (
     REACTION_STATUS,
 )
 from tombo_collision.decision import Decision
-from tombo_collision.detector import CollisionEvent
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.messages import PHASE_NAMES, ROTOR_UNKNOWN, Phase, Trigger
+from tombo_dynamics.frames import FRAME_MAP
+from tombo_dynamics.messages import PHASE_NAMES, ROTOR_UNKNOWN, CollisionEvent, Phase, Trigger
 from tombo_dynamics.rotation import tilt, up_in_body
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, VehicleParams
@@ -51,6 +52,21 @@ FIGURE_COLUMNS = (
 
 
 @dataclass(frozen=True)
+class Detection:
+    """A collision that was published, in flight time [s]."""
+
+    known_s: float
+    """When it was known."""
+    stamp_s: float
+    """Capture time of the sample that triggered."""
+    contact_time_s: float
+    """Estimated time of contact."""
+    trigger: str
+    """'region' or 'innovation'; 'imu': seen by the controller."""
+    message: CollisionEvent
+
+
+@dataclass(frozen=True)
 class MetricsInput:
     """Inputs of the figures."""
 
@@ -59,9 +75,7 @@ class MetricsInput:
     t: Array
     log: Mapping[str, Array]
     """At least the `FIGURE_COLUMNS`."""
-    detections: list[CollisionEvent]
-    arrivals: list[float]
-    """When each detection was known [s]."""
+    detections: list[Detection]
     reactions: list[Decision]
     wall_time_s: float
 
@@ -78,27 +92,24 @@ def phase_event(time_s: float, phase: float) -> dict[str, Any]:
 
 
 def collision_events(
-    detections: Sequence[CollisionEvent],
-    known_s: Sequence[float],
-    decisions: Sequence[Decision],
-    decided_s: Sequence[float],
+    detections: Sequence[Detection], decisions: Sequence[Decision], decided_s: Sequence[float]
 ) -> list[dict[str, Any]]:
-    """Return detections, known at times [s], and the decisions after them as events."""
+    """Return detections, and the decisions after them, made at times [s], as events."""
     found = [
         event(
-            at_s,
+            seen.known_s,
             "detection",
             f"collision detected ({seen.trigger})",
             trigger=seen.trigger,
             stamp_s=seen.stamp_s,
             contact_time_s=seen.contact_time_s,
-            x_c_m=seen.x_c.tolist(),
-            flight_direction=seen.flight_direction.tolist(),
-            confidence=seen.confidence,
-            statistic=seen.statistic,
-            count=seen.count,
+            x_c_m=seen.message.contact_position.tolist(),
+            flight_direction=seen.message.flight_direction.tolist(),
+            confidence=seen.message.confidence,
+            statistic=seen.message.statistic,
+            count=seen.message.count,
         )
-        for seen, at_s in zip(detections, known_s, strict=True)
+        for seen in detections
     ]
     for count, (decision, at_s) in enumerate(zip(decisions, decided_s, strict=True), 1):
         places = {f"{name}_m": getattr(decision, name).tolist() for name in ("x_c", "x_r")}
@@ -123,44 +134,39 @@ def with_figures(
         wall_time_s: how long the flight took.
         phases: `phase_event` of each phase that has begun.
     """
-    detections, known_s = _detections(flight, scenario)
+    detections = _detections(flight, scenario)
     decisions, decided_s = _decisions(flight)
     summary, seen = summarize(
-        MetricsInput(
-            scenario, seed, flight.t, flight.log, detections, known_s, decisions, wall_time_s
-        )
+        MetricsInput(scenario, seed, flight.t, flight.log, detections, decisions, wall_time_s)
     )
-    events = [*collision_events(detections, known_s, decisions, decided_s), *phases, *seen]
+    events = [*collision_events(detections, decisions, decided_s), *phases, *seen]
     events.sort(key=lambda one: float(one["time_s"]))
     return replace(flight, summary=summary, events=events)
 
 
-def _detections(flight: Flight, scenario: Scenario) -> tuple[list[CollisionEvent], list[float]]:
-    """Return the collisions of detector and reaction, and when each was known [s]."""
+def _detections(flight: Flight, scenario: Scenario) -> list[Detection]:
+    """Return the collisions of detector and reaction, in the order in which they were known."""
     topics = {COLLISION_EVENT.name, *scenario.reaction.event_topics()}
-    found: list[tuple[float, CollisionEvent]] = []
+    found = []
     for name in (COLLISION_EVENT.name, CONTACT_EVENT.name):
         if name in topics and (topic := flight.topics.get(name)) is not None:
-            found += zip(topic.arrival.tolist(), _collisions(flight, topic), strict=True)
-    found.sort(key=itemgetter(0))
-    return [seen for _, seen in found], [at_s for at_s, _ in found]
+            columns = {field: one.values for field, one in topic.items()}
+            columns.setdefault("frame_id", np.full(topic.t.size, FRAME_MAP))
+            events = as_messages(CollisionEvent, columns)
+            found += [
+                detection_of(one, float(at_s), flight.epoch_ns)
+                for at_s, one in zip(topic.arrival, events, strict=True)
+            ]
+    return sorted(found, key=attrgetter("known_s"))
 
 
-def _collisions(flight: Flight, topic: Topic) -> Iterator[CollisionEvent]:
-    """Yield published collisions in flight time."""
-    columns = {name: one.values for name, one in topic.items()}
-    for i in range(topic.t.size):
-        yield CollisionEvent(
-            float(flight.seconds(columns["stamp_ns"][i])),
-            _NAME_OF_TRIGGER.get(int(columns["trigger"][i]), "unknown"),
-            float(flight.seconds(columns["contact_stamp_ns"][i])),
-            columns["contact_position"][i],
-            columns["flight_direction"][i],
-            float(columns["confidence"][i]),
-            float(columns["statistic"][i]),
-            int(columns["count"][i]),
-            int(columns["rotor"][i]) if "rotor" in columns else ROTOR_UNKNOWN,
-        )
+def detection_of(message: CollisionEvent, known_s: float, epoch_ns: int) -> Detection:
+    """Return a published collision in flight time, whose zero is stamp `epoch_ns`."""
+    stamp_s, contact_s = (
+        (stamp_ns - epoch_ns) * 1e-9 for stamp_ns in (message.stamp_ns, message.contact_stamp_ns)
+    )
+    trigger = _NAME_OF_TRIGGER.get(message.trigger, "unknown")
+    return Detection(known_s, stamp_s, contact_s, trigger, message)
 
 
 def _decisions(flight: Flight) -> tuple[list[Decision], list[float]]:
@@ -341,24 +347,26 @@ def _detection(flight: MetricsInput, c: int | None) -> dict[str, Any]:
     contact = math.inf if c is None else float(flight.t[c])
     obstacle = flight.scenario.obstacle.radius > 0.0
     true = [
-        (e, at)
-        for e, at in zip(flight.detections, flight.arrivals, strict=True)
-        if e.stamp_s >= contact or (e.trigger == "region" and obstacle)
+        seen
+        for seen in flight.detections
+        if seen.stamp_s >= contact or (seen.trigger == "region" and obstacle)
     ]
-    poses = [pair for pair in true if pair[0].trigger != _IMU]
-    first, arrival = poses[0] if poses else (None, None)
-    known = min((at for _, at in true), default=None)
-    by_imu = (e.rotor for e, _ in true if e.trigger == _IMU)  # poses do not tell the rotor
+    poses = [seen for seen in true if seen.trigger != _IMU]
+    first = poses[0] if poses else None
+    arrival = None if first is None else first.known_s
+    known = min((seen.known_s for seen in true), default=None)
+    by_imu = (seen.message.rotor for seen in true if seen.trigger == _IMU)
+    # poses do not tell the rotor
     struck = next((rotor for rotor in by_imu if rotor != ROTOR_UNKNOWN), None)
     # x_c, n_r and x_r belong together: after a second collision they are the second one's
     reaction = flight.reactions[-1] if flight.reactions else None
-    x_c = reaction.x_c if reaction else first.x_c if first else None
+    x_c = reaction.x_c if reaction else first.message.contact_position if first else None
     return {
         "detected": first is not None,
         "detections": sum(seen.trigger != _IMU for seen in flight.detections),
         "detection_time_s": _number(arrival),
         "detection_latency_s": _number(arrival - contact) if arrival is not None else None,
-        "detection_confidence": _number(first.confidence) if first else None,
+        "detection_confidence": _number(first.message.confidence) if first else None,
         "contact_known_s": _number(known - contact) if known is not None else None,
         "struck_rotor": None if struck is None else ROTOR_NAMES[struck],
         "false_alarms": len(flight.detections) - len(true),

@@ -50,7 +50,6 @@ from tombo_dynamics.messages import Phase, Trigger
 from tombo_dynamics.rotation import conjugate, map_to_body, unwrap_quaternions
 from tombo_dynamics.time_base import SECOND_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import phase_event, with_figures
-from tombo_flight.pose_track import PoseTrack, pose_track
 from tombo_flight.scenario import Scenario, as_mapping, scenario_from_mapping
 from tombo_px4.modes import landing_phases
 from tombo_sim.log_columns import LogRow
@@ -61,6 +60,9 @@ _FIRST_STEP_NS = 20 * TICK_NS
 """Longest time from the first estimate to the mission's first message: its period."""
 _TICK_BYTES = 2000
 """Memory that a tick takes, with all of its columns and what is made of them."""
+_UNIT = 1e-2
+"""How far from 1 the length of a rotation's quaternion may be."""
+_MEASURED_VELOCITY = "velocity_in_map"
 _DIGITS = 20
 _BEYOND_NS = SECOND_NS
 """A flight ends at most this time after its last known state."""
@@ -123,25 +125,26 @@ def read_flight(path: Path, wall_time_s: float = 0.0) -> Flight:
         metadata = recording.metadata.get(FLIGHT_METADATA, {})
     fields = {name: table for name, table in fields.items() if len(table["log_time_ns"])}
     flown, scenario = _scenario(path, metadata)
-    track = None if TRUE_ODOMETRY.name in fields else _mocap_track(path, fields)
-    known = fields[TRUE_ODOMETRY.name]["stamp_ns"] if track is None else track.stamps_ns
+    has_truth = TRUE_ODOMETRY.name in fields
+    motion = fields[TRUE_ODOMETRY.name] if has_truth else _mocap_track(path, fields)
+    known = motion["stamp_ns"]
     ticks = _ticks(path, fields, known, _epoch(metadata, fields, known, scenario))
     flight = Flight(
         _topics(fields, ticks.epoch_ns),
         name=scenario.name,
         source=f"{path} (recording)",
         t=np.arange(ticks.count, dtype=np.float64) * TICK_S,
-        log=_log(fields, ticks, track),
+        log=_log({**fields, TRUE_ODOMETRY.name: motion}, ticks),
         scenario=flown | _obstacle(fields),
         epoch_ns=ticks.epoch_ns,
     )
-    if track is not None:
+    if not has_truth:
         _assume_contact(flight)
     phase = flight.log["mode"][:, 0]
     changes = np.flatnonzero(phase[1:] != phase[:-1]) + 1
     phases = [phase_event(flight.t[k], phase[k]) for k in changes]
     flight = with_figures(flight, scenario, int(flown.get("seed", 0)), wall_time_s, phases)
-    return flight if track is None else _without_truth(flight)
+    return flight if has_truth else _without_truth(flight)
 
 
 @dataclass(frozen=True)
@@ -229,7 +232,7 @@ def _arrival(log_times_ns: Times, truth: ColumnTable | None, epoch_ns: int) -> A
     return np.asarray(np.interp(asked, rising, flight) + rate * beyond)
 
 
-def _log(fields: Fields, ticks: _Ticks, track: PoseTrack | None) -> dict[str, Array]:
+def _log(fields: Fields, ticks: _Ticks) -> dict[str, Array]:
     """Return the columns of the simulator's log; what is not known is NaN."""
     log = {
         name: np.full((ticks.count, *one.shape), math.nan) for name, one in LogRow.fields.items()
@@ -242,15 +245,13 @@ def _log(fields: Fields, ticks: _Ticks, track: PoseTrack | None) -> dict[str, Ar
                 log[column] = laid(stamps, values.reshape(len(stamps), -1))
     for topic, prefix in ((TRUE_ODOMETRY.name, ""), (ODOMETRY.name, "est_")):
         if (table := fields.get(topic)) is not None:
-            velocity = map_to_body(conjugate(table["attitude"]), table["velocity"])
-            log[f"{prefix}velocity"] = ticks.smooth(table["stamp_ns"], velocity)
-            log[f"{prefix}attitude"] = _turned(ticks, table["stamp_ns"], table["attitude"])
-    if track is not None:
-        log["position"] = ticks.smooth(track.stamps_ns, track.position)
-        log["velocity"] = ticks.smooth(track.stamps_ns, track.velocity)
-        log["attitude"] = _turned(ticks, track.stamps_ns, track.attitude)
-        if IMU.name in fields:
-            log["rates"] = log["gyro"].copy()
+            stamps, turns = table["stamp_ns"], table["attitude"]
+            log[f"{prefix}velocity"] = ticks.smooth(stamps, _velocity_in_map(table))
+            attitude = ticks.smooth(stamps, unwrap_quaternions(turns))
+            attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
+            log[f"{prefix}attitude"] = attitude
+    if _MEASURED_VELOCITY in fields[TRUE_ODOMETRY.name]:
+        log["rates"] = log["gyro"].copy()
     if (table := fields.get(BATTERY.name)) is not None:
         both = np.column_stack([-table["current"], table["voltage"]])
         log["battery"][:, 1:] = ticks.held(table["stamp_ns"], both)
@@ -259,9 +260,10 @@ def _log(fields: Fields, ticks: _Ticks, track: PoseTrack | None) -> dict[str, Ar
     return log
 
 
-def _turned(ticks: _Ticks, stamps_ns: Times, attitude: Array) -> Array:
-    turned = ticks.smooth(stamps_ns, unwrap_quaternions(attitude))
-    return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
+def _velocity_in_map(table: TopicColumns) -> Array:
+    if _MEASURED_VELOCITY in table:
+        return table[_MEASURED_VELOCITY]
+    return map_to_body(conjugate(table["attitude"]), table["velocity"])
 
 
 def _fill_contact(log: dict[str, Array], fields: Fields, ticks: _Ticks) -> None:
@@ -316,22 +318,44 @@ def _obstacle(fields: Fields) -> dict[str, Any]:
     return {"obstacle": {"x_m": x, "y_m": y, "radius_m": 0.5 * width, "top_m": top}}
 
 
-def _mocap_track(path: Path, fields: Fields) -> PoseTrack:
+def _mocap_track(path: Path, fields: Fields) -> TopicColumns:
     """Return the track that the motion capture has measured.
 
     Raises:
         InputError: it has not.
     """
     table = fields.get(MOCAP_POSE.name)
-    track = None
-    if table is not None:
-        track = pose_track(table["stamp_ns"], table["position"], table["attitude"])
+    track = None if table is None else measured_track(table)
     if track is None:
         raise InputError(
             f"'{path}': nothing on {TRUE_ODOMETRY.name}, and no poses on {MOCAP_POSE.name}; "
             "accepted: a recording of a flight"
         )
     return track
+
+
+def measured_track(poses: Mapping[str, NDArray[Any]]) -> TopicColumns | None:
+    """Return the track of poses as recorded: in any order, some twice, some no numbers at all.
+
+    Args:
+        poses: stamp_ns (N,), position (N, 3) in map [m], attitude (N, 4) xyzw.
+
+    Returns:
+        The same, rising, with velocity_in_map [m/s] by central differences and rates that are not
+        known; None if fewer than two poses can be used.
+    """
+    with np.errstate(invalid="ignore"):
+        unit = np.abs(np.linalg.norm(poses["attitude"], axis=1) - 1.0) < _UNIT
+    good = np.flatnonzero(unit & np.isfinite(poses["position"]).all(axis=1))
+    stamps, first = np.unique(poses["stamp_ns"][good], return_index=True)
+    rows = good[first]
+    if rows.size < 2:
+        return None
+    track = {name: poses[name][rows] for name in ("stamp_ns", "position", "attitude")}
+    seconds = (stamps - stamps[0]) * 1e-9
+    track[_MEASURED_VELOCITY] = np.gradient(track["position"], seconds, axis=0)
+    track["rates"] = np.full(track["position"].shape, math.nan)
+    return TopicColumns(MOCAP_POSE.name, track)
 
 
 def _assume_contact(flight: Flight) -> None:

@@ -20,7 +20,6 @@ import numpy as np
 from tombo_benchmarks.px4.px4_process import Px4Process
 from tombo_benchmarks.px4.simulated_px4 import SimulatedPx4
 from tombo_collision.decision import Decision
-from tombo_collision.detector import CollisionEvent as Detection
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_MAP
@@ -33,11 +32,10 @@ from tombo_dynamics.messages import (
     PositionSetpoint,
     ReactionPhase,
     ReactionStatus,
-    Trigger,
 )
 from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
-from tombo_flight.flight_metrics import FIGURE_COLUMNS, MetricsInput, summarize
+from tombo_flight.flight_metrics import FIGURE_COLUMNS, MetricsInput, detection_of, summarize
 from tombo_flight.run_wiring import CoreRunner
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import CORES, PX4_REPLACES, core_of
@@ -366,9 +364,10 @@ class LockstepRun:
             summary |= {"seed": self._seed, "crashed": False, "why_not": self._status_why}
             return LockstepFlight(summary, texts=texts)
         seconds: Array = np.arange(len(self._rows), dtype=np.float64) * TICK_S
-        detections = [_detection(event, began) for _, event in self._detections]
-        arrivals = [(at - began) * 1e-9 for at, _ in self._detections]
-        known = (detections, arrivals, self._decisions, self._wall_s)
+        detections = [
+            detection_of(event, (at - began) * 1e-9, began) for at, event in self._detections
+        ]
+        known = (detections, self._decisions, self._wall_s)
         figures, _ = summarize(MetricsInput(self._scenario, self._seed, seconds, columns, *known))
         distance = np.linalg.norm(errors[:, 1:], axis=1)
         hil = self.hil
@@ -420,16 +419,3 @@ def contacts(touching: Array) -> int:
     """Count contacts that have a second without contact before them."""
     at = np.flatnonzero(touching > 0.0) * TICK_S
     return int((np.diff(at, prepend=-math.inf) > 1.0).sum()) if at.size else 0
-
-
-def _detection(event: CollisionEvent, began_ns: int) -> Detection:
-    return Detection(
-        (event.stamp_ns - began_ns) * 1e-9,
-        Trigger(event.trigger).name.lower(),
-        (event.contact_stamp_ns - began_ns) * 1e-9,
-        event.contact_position,
-        event.flight_direction,
-        event.confidence,
-        event.statistic,
-        event.count,
-    )
