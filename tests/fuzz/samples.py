@@ -23,13 +23,13 @@ from rosbags.rosbag2 import Writer as Ros2Writer  # noqa: E402
 from rosbags.typesys import Stores, get_typestore  # noqa: E402
 from rosbags.typesys.store import Typestore  # noqa: E402
 
+from tombo_bag.flight import Flight, Series  # noqa: E402
 from tombo_bag.formats.mcap_sink import Columns, McapSink  # noqa: E402
 from tombo_bag.recording import Recording  # noqa: E402
 from tombo_bag.topics import IMU, MOCAP_POSE, TOPICS  # noqa: E402
+from tombo_benchmarks.diagnosis.log_recording import record_log  # noqa: E402
 from tombo_collision.network import network_text  # noqa: E402
 from tombo_collision.steering import ACTIONS, HIGH  # noqa: E402
-from tombo_logs.flight_log import FlightLog, Series  # noqa: E402
-from tombo_logs.readers.log_recording import record_log  # noqa: E402
 
 FLIGHT = ROOT / "tests" / "bags" / "paper_collision_0.mcap"
 _RECEIVED_US = 1_700_000_000_000_000
@@ -61,7 +61,7 @@ def make_samples(folder: Path) -> list[Sample]:
     return [*_recordings(folder, log), *_logs(folder, log), *_texts(folder), *_films(folder)]
 
 
-def _log() -> FlightLog:
+def _log() -> Flight:
     """A second in the air, of a vehicle that sways."""
     t = np.arange(0.0, 1.0, 0.01)
     sway = 0.1 * np.sin(6.0 * t)
@@ -78,10 +78,10 @@ def _log() -> FlightLog:
         "rotor_command": speeds,
         "voltage": np.full((t.size, 1), 16.0),
     }
-    return FlightLog("made", "made", {key: Series(t, v) for key, v in values.items()})
+    return Flight.measured("made", "made", {key: Series(t, v) for key, v in values.items()})
 
 
-def _recordings(folder: Path, log: FlightLog) -> list[Sample]:
+def _recordings(folder: Path, log: Flight) -> list[Sample]:
     found = []
     for compression in ("zstd", "lz4", "none"):
         path = folder / f"flight_{compression}.mcap"
@@ -156,7 +156,7 @@ def _ros1_pose(store: Typestore, pose: object) -> object:
     return types[MOCAP_POSE.typename](header=old, pose=given.pose)  # type: ignore[attr-defined]
 
 
-def _logs(folder: Path, log: FlightLog) -> list[Sample]:
+def _logs(folder: Path, log: Flight) -> list[Sample]:
     ulog = folder / "flight.ulg"
     log_writers.write_ulog(ulog, log, estimate=True)
     tlog = folder / "flight.tlog"
@@ -183,7 +183,7 @@ def _logs(folder: Path, log: FlightLog) -> list[Sample]:
     ]
 
 
-def _tlog(log: FlightLog) -> bytes:
+def _tlog(log: Flight) -> bytes:
     coder, out = mavlink.MAVLink(None, srcSystem=1, srcComponent=1), b""
     poses, imu = log.series["position"], log.series["gyro"]
     for i, t in enumerate(poses.t):

@@ -16,9 +16,9 @@ from tombo.tables import frame_of, html_table
 if TYPE_CHECKING:
     import pandas as pd
 
+    from tombo_bag.flight import Flight as Measured
     from tombo_diagnosis.diagnosis import Diagnosis as Found
     from tombo_diagnosis.report.diagnosis_output import NominalReference
-    from tombo_logs.flight_log import FlightLog
 
 Paths = str | Path | Sequence[str | Path]
 
@@ -27,13 +27,13 @@ Paths = str | Path | Sequence[str | Path]
 class Log:
     """A measured flight: channels with their own times, as far as the file has them."""
 
-    log: FlightLog
+    log: Measured
     """The arrays themselves; not a public interface."""
 
     @property
     def channels(self) -> dict[str, str]:
         """Name → unit and meaning of each channel that is there."""
-        from tombo_logs.flight_log import CHANNELS
+        from tombo_bag.channels import CHANNELS
 
         return {name: f"{CHANNELS[name].unit}: {CHANNELS[name].doc}" for name in self.log.series}
 

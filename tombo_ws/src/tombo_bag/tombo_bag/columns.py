@@ -22,13 +22,20 @@ ColumnTable: TypeAlias = dict[str, NDArray[Any]]
 class TopicColumns(ColumnTable):
     """The columns of a topic; one that is not there is bad input, which may lack anything."""
 
-    def __init__(self, topic: str, columns: Mapping[str, NDArray[Any]]) -> None:
+    def __init__(
+        self,
+        topic: str,
+        columns: Mapping[str, NDArray[Any]],
+        names: Mapping[str, str] | None = None,
+    ) -> None:
+        """Take columns; `names`: path in the messages → the name that a column has instead."""
         super().__init__(columns)
         self.topic = topic
+        self._paths = {name: path for path, name in (names or {}).items()}
 
     def __missing__(self, name: str) -> NDArray[Any]:
         """Raise the error that names the column and the topic."""
-        raise unknown_name(f"column of {self.topic}", name, self)
+        raise unknown_name(f"column of {self.topic}", self._paths.get(name, name), self)
 
 
 _ELEMENT = re.compile(r"(.+)\[(\d+)\]")

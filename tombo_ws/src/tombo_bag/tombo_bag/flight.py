@@ -7,15 +7,20 @@ units, rad, quaternions xyzw.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_bag.channels import CHANNELS, ROTOR_SPEEDS
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import unknown_name
+
+_NAMES = {(channel.topic, channel.field): name for name, channel in CHANNELS.items()}
+"""Topic and field → name of the channel."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +80,36 @@ class Finding:
     channel: str = ""
 
 
+def why_left_out(findings: Iterable[Finding], channels: Iterable[str]) -> str:
+    """Return in brackets what checks had against channels that are not there; else nothing."""
+    names = set(channels)
+    faults = [f for f in findings if f.channel in names and f.severity == "fault"]
+    why = "; ".join(f.message for f in faults)
+    return f" ({why})" if why else ""
+
+
+def damage_findings(flight: str, path: Path, damage: Iterable[str]) -> list[Finding]:
+    """Report what of a file could not be read."""
+    return [Finding("damage", "warning", flight, f"{path.name}: {text}") for text in damage]
+
+
+@dataclass(frozen=True)
+class Airframe:
+    """What is known of the vehicle that flew. None: the suite's own nominal vehicle."""
+
+    name: str
+    mass: float
+    """[kg]"""
+    arm_length: float
+    """centre to rotor axis [m]"""
+    rotor_radius: float
+    """[m]"""
+    inertia: tuple[float, float, float] | None = None
+    """about body x, y, z [kg m^2]; None: not known, moments are then not diagnosed."""
+    motor_time_constant: float = 0.05
+    """[s]"""
+
+
 def _no_ticks() -> Array:
     return np.zeros(0)
 
@@ -104,6 +139,45 @@ class Flight:
     """What the reader noticed."""
     epoch_ns: int = 0
     """Stamp at t = 0."""
+    airframe: Airframe | None = None
+    """Of a measured flight."""
+    exclude: tuple[tuple[float, float], ...] = ()
+    """Spans [s] that are not diagnosed: crash, contact, on the ground."""
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    """What its source says besides."""
+
+    @staticmethod
+    def measured(name: str, source: str, series: Mapping[str, Series], **more: Any) -> Flight:
+        """Return a flight of these channels, by their names in `CHANNELS`; `more` goes to it."""
+        return Flight({}, name, source, **more).with_series(series)
+
+    @property
+    def series(self) -> dict[str, Series]:
+        """The channels that it has, by their names in `CHANNELS`, in the order of its topics."""
+        return {
+            _NAMES[topic, name]: series
+            for topic, fields in self.topics.items()
+            for name, series in fields.items()
+            if (topic, name) in _NAMES
+        }
+
+    def with_series(self, series: Mapping[str, Series]) -> Flight:
+        """Return the flight with these channels, by their names in `CHANNELS`, and no others."""
+        topics: dict[str, Topic] = {}
+        for name, channel in series.items():
+            topics.setdefault(CHANNELS[name].topic, Topic())[CHANNELS[name].field] = channel
+        return replace(self, topics=topics)
+
+    @property
+    def has_rotor_speeds(self) -> bool:
+        """Whether speeds of the rotors are known, measured or asked for."""
+        return any(name in self.series for name in ROTOR_SPEEDS)
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last stamp of any channel [s]."""
+        ends = [(s.t[0], s.t[-1]) for s in self.series.values() if s.t.size]
+        return max(e for _, e in ends) - min(b for b, _ in ends) if ends else 0.0
 
     def __getitem__(self, topic: str) -> Topic:
         """Return a topic.

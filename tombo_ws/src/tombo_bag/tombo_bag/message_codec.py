@@ -217,7 +217,7 @@ def fields_of(typename: str, table: ColumnTable) -> TopicColumns:
     told = () if form is None else fields(form.kind)
     names = {one.metadata["path"]: one.name for one in told if "path" in one.metadata}
     names |= dict(zip(POSE_TYPES.get(typename, ()), ("position", "attitude"), strict=False))
-    found = TopicColumns(getattr(table, "topic", typename), {})
+    found = TopicColumns(getattr(table, "topic", typename), {}, names)
     for path, column in table.items():
         outer, _, last = path.rpartition(".")
         if last == "x" and f"{outer}.z" in table:

@@ -12,12 +12,12 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from tombo_bag.flight import Flight
 from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.diagnose_files import check_flights
 from tombo_diagnosis.flight.scenario_nominal import nominal_model
 from tombo_dynamics.errors import InputError
-from tombo_logs.flight_log import FlightLog
 from tombo_logs.readers.log_reader import read_logs
 
 MAPPING = Path(__file__).resolve().parents[4] / "examples" / "crazypad.yaml"
@@ -87,7 +87,7 @@ def main(folder: Path, mapping: Path = MAPPING) -> None:
     """
     nominal = nominal_model()
 
-    def flights(condition: str) -> list[FlightLog]:
+    def flights(condition: str) -> list[Flight]:
         paths = sorted(folder.glob(f"{condition}_[0-9].csv.gz"))
         if not paths:
             raise InputError(
@@ -95,7 +95,7 @@ def main(folder: Path, mapping: Path = MAPPING) -> None:
             )
         return check_flights(read_logs(paths, mapping), needed=NEEDED)[0]
 
-    def ask(new: Sequence[FlightLog], healthy: Sequence[FlightLog]) -> Diagnosis:
+    def ask(new: Sequence[Flight], healthy: Sequence[Flight]) -> Diagnosis:
         return diagnose_change(new, healthy, nominal)[0]
 
     healthy = flights("normal")

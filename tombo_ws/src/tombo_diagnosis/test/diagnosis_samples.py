@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
+from tombo_bag.flight import Finding
 from tombo_diagnosis.diagnosis import Cause, Diagnosis, Experiment, FlightSummary, Residual, Score
 from tombo_diagnosis.leftover.leftover import FittedTerm, Leftover, LeftoverSamples
 from tombo_flight.extended_model import FittedParameter, Gain
-from tombo_logs.flight_log import Finding
 
 DRAG = 0.283
 MASS = 1.2

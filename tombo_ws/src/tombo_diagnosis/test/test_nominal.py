@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tombo_bag.flight import Flight, Series
 from tombo_diagnosis.flight.scenario_nominal import held_against, nominal_model
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import hover_point
@@ -13,7 +14,6 @@ from tombo_flight.extended_model import FittedEffect, FittedParameter, Model, Or
 from tombo_flight.model_file import write_model
 from tombo_flight.scenario import load_scenario
 from tombo_flight.vehicle_file import read_vehicle
-from tombo_logs.flight_log import FlightLog, Series
 
 DRAG = FittedEffect(
     "linear_rotor_drag", (FittedParameter("d_xy", "N s/m", 0.3, 0.5, 0.48, 0.52),), 0.9
@@ -84,8 +84,8 @@ def test_the_suites_own_vehicle_by_name_is_the_default():
 
 def test_logs_without_rotor_speeds_take_the_airframe_of_the_file():
     t = np.arange(10.0)
-    speeds = FlightLog("a", "", {"rotor_speed": Series(t, np.ones((10, 4)))})
-    commands = FlightLog("b", "", {"motor_command": Series(t, np.ones((10, 4)))})
+    speeds = Flight.measured("a", "", {"rotor_speed": Series(t, np.ones((10, 4)))})
+    commands = Flight.measured("b", "", {"motor_command": Series(t, np.ones((10, 4)))})
     file = read_vehicle("px4_x500")
     assert [log.airframe for log in held_against([speeds, speeds], file)] == [None, None]
     frames = [log.airframe for log in held_against([speeds, commands], file)]

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from tombo_bag.flight import Finding
 from tombo_diagnosis.engine.detectable import Detectable
 from tombo_diagnosis.leftover.leftover import Leftover
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import FittedParameter, Gain
-from tombo_logs.flight_log import Finding
 
 VERDICTS = ("none", "named", "set", "unknown", "partly_explained")
 

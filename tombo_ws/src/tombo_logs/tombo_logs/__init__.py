@@ -1,4 +1,4 @@
 """Measured flights: readers of logs, their checks, and proposals of mapping files.
 
-Offline and without ROS: `flight_log` holds what was measured.
+Offline and without ROS. Readers give a `tombo_bag.flight.Flight`.
 """

@@ -72,7 +72,7 @@ def damage_findings(flight: str, path: Path, damage: Iterable[str]) -> list[Find
 
 
 @dataclass(frozen=True)
-class FlightLog:
+class Flight:
     """One flight as measured. Missing channels are simply not there."""
 
     name: str

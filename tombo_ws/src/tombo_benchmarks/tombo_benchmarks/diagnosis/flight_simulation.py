@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
-from tombo_bag.flight import Flight
+from tombo_bag.flight import Flight, Series
 from tombo_benchmarks.diagnosis.flight_cases import FlightCase
+from tombo_benchmarks.diagnosis.log_recording import record_log
 from tombo_diagnosis.flight.experiment_design import sensor_series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.disturbance import set_disturbance
@@ -18,8 +19,6 @@ from tombo_dynamics.plant import Plant
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import write_mcap
 from tombo_flight.scenario import Scenario, load_scenario, scenario_over
-from tombo_logs.flight_log import FlightLog, Series
-from tombo_logs.readers.log_recording import record_log
 
 DURATION_S = 34.0
 _COURSE_DURATION_S = 20.0
@@ -87,7 +86,7 @@ def true_draws(case: FlightCase) -> Array:
     return np.random.default_rng([*case.seed, 2]).standard_normal(8)
 
 
-def simulate_case(case: FlightCase) -> list[FlightLog]:
+def simulate_case(case: FlightCase) -> list[Flight]:
     """Return the measured flights of a case."""
     streams = np.random.SeedSequence([*case.seed, 1]).spawn(case.flights)
     draws = true_draws(case)
@@ -128,7 +127,7 @@ def fly_case(case: FlightCase, folder: Path) -> list[Path]:
     return paths
 
 
-def measured(flown: Flight, name: str, formulation: str, rng: np.random.Generator) -> FlightLog:
+def measured(flown: Flight, name: str, formulation: str, rng: np.random.Generator) -> Flight:
     """Return the log of a flight as the sensors of a lab would measure it."""
     t = flown.t
     series = sensor_series(flown, formulation.startswith("imu"), formulation.endswith("rpm"))
@@ -146,7 +145,7 @@ def measured(flown: Flight, name: str, formulation: str, rng: np.random.Generato
         speed = series["rotor_speed"].values
         noisy = speed + _RPM_NOISE * rng.standard_normal(speed.shape)
         series["rotor_speed"] = Series(t, np.round(noisy / _RPM_STEP) * _RPM_STEP)
-    return FlightLog(name, "blind benchmark", series)
+    return Flight.measured(name, "blind benchmark", series)
 
 
 def _coloured(rng: np.random.Generator, count: int, width: int, time: float) -> Array:

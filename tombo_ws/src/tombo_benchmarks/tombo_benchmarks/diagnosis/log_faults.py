@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tombo_bag.channels import CHANNELS
+from tombo_bag.flight import Finding, Flight, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.flight_log import CHANNELS, Finding, FlightLog, Series
 
 POSE, IMU = ("position", "attitude"), ("gyro", "accel")
 SPEEDS, ROTORS = ("rotor_speed",), ("rotor_speed", "rotor_command")
@@ -40,14 +41,14 @@ class LogFault:
     effects: frozenset[str] = frozenset()
     """Effects of the registry that describe it: to name one of them is right, too."""
 
-    def applied(self, log: FlightLog, size: int, seed: Sequence[int]) -> FlightLog:
+    def applied(self, log: Flight, size: int, seed: Sequence[int]) -> Flight:
         """Return the log with this fault, `size` 0 (small) to 2 (large)."""
         changed = {
             name: self.change(log.series[name], self.sizes[size], np.random.default_rng(seed))
             for name in self.channels
             if name in log.series
         }
-        return replace(log, series={**log.series, **changed})
+        return log.with_series({**log.series, **changed})
 
     def named_by(self, findings: Sequence[Finding]) -> bool:
         """Return whether one of these findings names the fault, with its channel."""

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from log_writers import table_text
 
+from tombo_bag.flight import Series
 from tombo_bringup.cli.diagnosis.many_paths import spread_paths
-from tombo_logs.flight_log import Series
 from tombo_logs.readers.log_reader import read_logs
 
 ONE_VEHICLE = "effects.thrust_scatter.deviation=0"
@@ -63,7 +62,7 @@ def changed_table(source, target, channel, change):
     (log,) = read_logs([Path(source)])
     series = log.series[channel]
     new = {**log.series, channel: Series(series.t, change(series.values))}
-    Path(target).write_text(table_text(replace(log, series=new), CHANNELS))
+    Path(target).write_text(table_text(log.with_series(new), CHANNELS))
 
 
 @pytest.mark.slow

@@ -16,9 +16,9 @@ from tombo_bringup.cli.result_files import check_new_yaml
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
+    from tombo_bag.flight import Flight
     from tombo_diagnosis.flight.vehicle_fit import VehicleFit
     from tombo_flight.vehicle_file import VehicleFile
-    from tombo_logs.flight_log import FlightLog
 
 
 def from_flights(
@@ -80,7 +80,7 @@ def from_flights(
     _print(found, output)
 
 
-def _base(flights: list[FlightLog], vehicle: str | None, mass: float | None) -> VehicleFile:
+def _base(flights: list[Flight], vehicle: str | None, mass: float | None) -> VehicleFile:
     """Return what is known of the vehicle before its flights are looked at."""
     from tombo_diagnosis.flight.calibrate import speed_in_hover
     from tombo_flight.vehicle_file import Note, read_vehicle

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from measured_flights import logs, nominal
 
+from tombo_bag.flight import Series
 from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
 from tombo_diagnosis.flight.diagnose_files import check_flights
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import rotor_thrust, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.flight_log import Series
 
 pytestmark = pytest.mark.slow
 
@@ -94,17 +94,14 @@ POSES = {"position", "attitude"}
 
 def only(flights, channels):
     return [
-        replace(log, series={k: s for k, s in log.series.items() if k in channels})
-        for log in flights
+        log.with_series({k: s for k, s in log.series.items() if k in channels}) for log in flights
     ]
 
 
 def at_speeds_times(log, factor):
     """The flight of a vehicle whose rotors have to turn faster."""
     speed = log.series["rotor_speed"]
-    return replace(
-        log, series={**log.series, "rotor_speed": Series(speed.t, factor * speed.values)}
-    )
+    return log.with_series({**log.series, "rotor_speed": Series(speed.t, factor * speed.values)})
 
 
 def propeller_exponent():
@@ -156,7 +153,7 @@ def test_none_states_the_smallest_change_that_would_have_been_seen():
     for times, verdict in ((0.3, "none"), (2.0, "set")):
         more = (1.0 + times * size) ** (1.0 / data.curve.exponent)
         series = [{**log.series, "rotor_command": _times(log, more)} for log in new]
-        shown = [replace(log, series=s) for log, s in zip(new, series, strict=True)]
+        shown = [log.with_series(s) for log, s in zip(new, series, strict=True)]
         assert diagnose_change(shown, healthy, nominal())[0].verdict == verdict, times
 
 
@@ -178,7 +175,7 @@ def test_a_flight_that_never_leaves_the_ground_is_said_not_to_fly():
     position = log.series["position"]
     rng = np.random.default_rng(0)
     still = Series(position.t, 0.05 + 1e-3 * rng.standard_normal(position.values.shape))
-    idle = replace(log, name="idle", series={**log.series, "position": still})
+    idle = replace(log.with_series({**log.series, "position": still}), name="idle")
     with pytest.raises(InputError, match=r"flight 'idle': it does not fly: .*rotor_speed"):
         diagnose_change([idle], before(), nominal())
 
@@ -193,7 +190,7 @@ def test_flights_are_checked_as_in_a_diagnosis_against_the_model():
         rows = np.searchsorted(s.t, np.where((s.t > 6.0) & (s.t < 7.5), held, s.t)) % s.t.size
         frozen[name] = Series(s.t, s.values[rows])
     degrees["gyro"] = Series(log.series["gyro"].t, np.degrees(log.series["gyro"].values))
-    new = [replace(log, name=n, series=s) for n, s in (("ice", frozen), ("deg", degrees))]
+    new = [replace(log.with_series(s), name=n) for n, s in (("ice", frozen), ("deg", degrees))]
     checked, left_out = check_flights(new, needed=NEEDED)
     healthy = check_flights(before()[1:], needed=NEEDED)[0]
     found = diagnose_change(checked, healthy, nominal(), left_out=left_out)[0]

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 
+from tombo_bag.flight import Flight, Series
 from tombo_diagnosis.flight.experiment_design import as_log as simulated_log
 from tombo_diagnosis.flight.fit.track import track_of
 from tombo_diagnosis.flight.scenario_nominal import nominal_model, nominal_of
@@ -11,7 +12,6 @@ from tombo_dynamics.disturbance import set_disturbance
 from tombo_dynamics.effects import REGISTRY
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import scenario_over
-from tombo_logs.flight_log import FlightLog, Series
 
 HEALTHY = {
     name: values
@@ -116,7 +116,7 @@ def as_log(flown, name="flight 1", sensors="imu_rpm", begin=BEGIN, true_poses=Fa
         series["attitude"] = Series(t, flown.log["attitude"])
     low = np.flatnonzero((flown.log["position"][:, 2] < 0.3) & (t > begin))
     end = float(t[low[0]]) - 0.2 if low.size else float(t[-1])
-    return FlightLog(name, "simulated", series, exclude=((-1.0, begin), (end, t[-1] + 1.0)))
+    return Flight.measured(name, "simulated", series, exclude=((-1.0, begin), (end, t[-1] + 1.0)))
 
 
 ROTOR_DRAWS = np.array([1.1, -1.3, 0.6, -0.8, 0.0, 0.0, 0.0, 0.0])

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from measured_flights import SLOW, logs, nominal
 
+from tombo_bag.flight import Airframe, Finding, Series
 from tombo_diagnosis.diagnosis import VERDICTS, Experiment
 from tombo_diagnosis.flight import diagnose_files
 from tombo_diagnosis.flight.diagnose import diagnose
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
-from tombo_logs.flight_log import Airframe, Finding, Series
 
 pytestmark = pytest.mark.slow
 
@@ -141,7 +141,7 @@ def test_flights_of_different_vehicles_are_refused():
 
 def test_no_flight_that_can_be_used_says_why():
     (log,) = logs(count=1)
-    blind = replace(log, series={k: v for k, v in log.series.items() if k != "attitude"})
+    blind = log.with_series({k: v for k, v in log.series.items() if k != "attitude"})
     with pytest.raises(InputError, match=r"flight 1.*attitude.*accepted"):
         diagnose([blind], nominal())
     spoiled = replace(log, exclude=((-1.0, 1e3),))
@@ -154,7 +154,7 @@ def test_no_flight_that_can_be_used_says_why():
 def test_a_flight_that_can_not_be_used_is_left_out_and_said():
     good, bad = logs(HIDDEN, count=2)
     note = Finding("gap", "warning", good.name, "position: a gap")
-    bad = replace(bad, series={k: v for k, v in bad.series.items() if k != "position"})
+    bad = bad.with_series({k: v for k, v in bad.series.items() if k != "position"})
     said = diagnose([replace(good, findings=(note,)), bad], nominal())
     assert {f.name for f in said.flights} and not [f for f in said.flights if "2" in f.name[:8]]
     assert note in said.prechecks
@@ -163,8 +163,8 @@ def test_a_flight_that_can_not_be_used_is_left_out_and_said():
 
 def in_mm(log):
     position = log.series["position"]
-    return replace(
-        log, series={**log.series, "position": replace(position, values=1e3 * position.values)}
+    return log.with_series(
+        {**log.series, "position": replace(position, values=1e3 * position.values)}
     )
 
 
@@ -190,7 +190,7 @@ def test_what_all_flights_have_is_an_error(monkeypatch):
 def test_a_flight_without_an_imu_among_others_is_left_out_and_said():
     one, two = logs(count=2)
     bare = {k: v for k, v in two.series.items() if k not in ("gyro", "accel")}
-    said = diagnose([one, replace(two, series=bare)], nominal())
+    said = diagnose([one, two.with_series(bare)], nominal())
     assert all(f.formulation == "imu" for f in said.flights)
     assert any("no IMU" in f.message for f in said.prechecks)
 
@@ -205,5 +205,5 @@ def test_poses_that_repeat_stumble_or_are_not_finite_do_no_harm():
     t[400] = t[399]
     series = {**log.series, "position": Series(t, values, place.arrival),
               "attitude": Series(t, flipped, turn.arrival)}  # fmt: skip
-    said = diagnose([replace(log, series=series)], nominal())
+    said = diagnose([log.with_series(series)], nominal())
     assert said.verdict == "named" and said.causes[0].effect == "steady_wind"

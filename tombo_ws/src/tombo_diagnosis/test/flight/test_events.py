@@ -1,17 +1,15 @@
 """What lasts a moment is set apart and said; what lasts is not."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from measured_flights import LENGTH, logs, nominal, tracks
 
+from tombo_bag.flight import Series
 from tombo_diagnosis.flight.analyse import analyse
 from tombo_diagnosis.flight.diagnose import diagnose
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import track_of
 from tombo_diagnosis.flight.fit.transients import find_transients
-from tombo_logs.flight_log import Series
 
 pytestmark = pytest.mark.slow
 
@@ -25,7 +23,7 @@ def knocked(log, times=(KNOCK_S,)):
     values = series.values.copy()
     for time in times:
         values[(series.t > time) & (series.t < time + 0.06)] += (30.0, -20.0, 10.0)
-    return replace(log, series={**log.series, "accel": Series(series.t, values)})
+    return log.with_series({**log.series, "accel": Series(series.t, values)})
 
 
 def test_a_cause_is_named_through_a_knock_that_is_said():

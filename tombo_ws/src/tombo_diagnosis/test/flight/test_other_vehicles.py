@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from measured_flights import logs, nominal
 
+from tombo_bag.flight import Airframe, Series
 from tombo_diagnosis.flight.calibrate import calibrated
 from tombo_diagnosis.flight.diagnose import diagnose
 from tombo_diagnosis.flight.fit.prediction import residuals
@@ -14,7 +15,6 @@ from tombo_diagnosis.flight.fit.track import track_of
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_logs.checks import check_log
-from tombo_logs.flight_log import Airframe, Series
 from tombo_logs.readers.log_reader import read_logs
 
 pytestmark = pytest.mark.slow
@@ -76,7 +76,9 @@ def as_other(log, gain=1.0, offset=0.0):
     speed = log.series["rotor_command"]
     drive = gain * (speed.values / 600.0) ** 2 + offset
     series = {k: v for k, v in log.series.items() if k not in ("rotor_command", "rotor_speed")}
-    return replace(log, airframe=FRAME, series={**series, "motor_command": Series(speed.t, drive)})
+    return replace(
+        log.with_series({**series, "motor_command": Series(speed.t, drive)}), airframe=FRAME
+    )
 
 
 @pytest.mark.parametrize("gain,offset,sensors", [(0.4, 0.1, "imu"), (1.0, 0.0, "mocap")])
@@ -95,8 +97,7 @@ def test_measured_speeds_are_no_commands():
     """Taken as commands they would lag behind themselves: a motor that leads would be named."""
     flights = [replace(log, airframe=FRAME) for log in logs(sensors="imu_rpm")]
     flights = [
-        replace(f, series={k: v for k, v in f.series.items() if k != "rotor_command"})
-        for f in flights
+        f.with_series({k: v for k, v in f.series.items() if k != "rotor_command"}) for f in flights
     ]
     model, changed = calibrated(flights)
     assert "rotor_command" not in changed[0].series
@@ -117,7 +118,7 @@ def test_a_drive_that_does_not_change_is_taken_in_proportion():
     flights = [as_other(log) for log in logs(count=1)]
     steady = flights[0].series["motor_command"]
     still = replace(steady, values=np.full_like(steady.values, 0.5))
-    flights = [replace(flights[0], series={**flights[0].series, "motor_command": still})]
+    flights = [flights[0].with_series({**flights[0].series, "motor_command": still})]
     _, changed = calibrated(flights)
     speed = changed[0].series["rotor_command"].values
     assert np.ptp(speed) < 1e-6 and speed.mean() == pytest.approx(1000.0, rel=0.05)
@@ -127,7 +128,7 @@ def test_without_motor_commands_there_is_no_model():
     (log,) = logs(count=1)
     bare = {k: v for k, v in log.series.items() if k not in ("rotor_command", "rotor_speed")}
     with pytest.raises(InputError, match=r"flight 1.*motor_command"):
-        calibrated([replace(log, airframe=FRAME, series=bare)])
+        calibrated([replace(log.with_series(bare), airframe=FRAME)])
 
 
 def test_flights_of_two_vehicles_are_refused():

@@ -85,7 +85,7 @@ def test_sensors_say_which_channels_there_are(sensors):
     assert ("force x" in names) == ("gyro against mocap x" in names) == sensors.startswith("imu")
     assert ("acceleration x" in names) == sensors.startswith("mocap")
     assert {"turning z", "voltage", "latency"} <= set(names)
-    blind = replace(log, series={k: v for k, v in log.series.items() if k != "voltage"})
+    blind = log.with_series({k: v for k, v in log.series.items() if k != "voltage"})
     assert "voltage" not in names_of(blind)
     assert not [n for n in names_of(log, moments=False) if n.startswith("turning")]
 
@@ -153,7 +153,7 @@ def test_a_frame_turned_by_any_angle_is_undone(turned):
     tilt = np.array([[1, 0, 0], [0, np.cos(0.1), -np.sin(0.1)], [0, np.sin(0.1), np.cos(0.1)]])
     frame = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ tilt
     place = replace(log.series["position"], values=flight.log["position"] @ frame.T)
-    track = track_of(replace(log, series={**log.series, "position": place}))
+    track = track_of(log.with_series({**log.series, "position": place}))
     found = motion_of(track, nominal(silent=True), theta_of(hidden)).position
     at = np.round(track.t * 1000).astype(int)
     assert found == pytest.approx(flight.log["position"][at], abs=1e-4)

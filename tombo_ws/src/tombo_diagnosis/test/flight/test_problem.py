@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from measured_flights import SLOW, logs, nominal, tracks
 
+from tombo_bag.flight import Series
 from tombo_diagnosis.engine.evidence import solve
 from tombo_diagnosis.flight.fit.parameters import PARAMETERS
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import track_of
-from tombo_logs.flight_log import Series
 
 pytestmark = pytest.mark.slow
 
@@ -23,7 +23,7 @@ def noisy_rotor_speeds(log, deviation=3.0):
     speed = log.series["rotor_speed"]
     noise = deviation * np.random.default_rng(5).standard_normal(speed.values.shape)
     series = {**log.series, "rotor_speed": Series(speed.t, speed.values + noise)}
-    return replace(log, series=series)
+    return log.with_series(series)
 
 
 def freed(problem, label):
@@ -82,7 +82,7 @@ def test_draws_that_act_on_a_fitted_load_only_have_no_column():
     """Without commands the rotors' draws do nothing, until a load takes a share of the thrust."""
     poses_and_imu = ("position", "attitude", "gyro", "accel")
     flown = [
-        track_of(replace(log, series={name: log.series[name] for name in poses_and_imu}))
+        track_of(log.with_series({name: log.series[name] for name in poses_and_imu}))
         for log in logs(courses=SLOW)
     ]
     problem = FlightProblem(flown, nominal())

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from measured_flights import HEALTHY, logs
 
+from tombo_bag.flight import Series
 from tombo_diagnosis.flight import vehicle_fit
 from tombo_diagnosis.flight.calibrate import speed_in_hover
 from tombo_diagnosis.flight.diagnose import diagnose
@@ -15,7 +16,6 @@ from tombo_diagnosis.flight.vehicle_fit import fit_drive, fit_vehicle
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_flight.vehicle_file import read_vehicle, vehicle_from_text, vehicle_text
-from tombo_logs.flight_log import Series
 from tombo_logs.readers.vehicle_airframe import airframe_of, vehicle_of
 
 pytestmark = pytest.mark.slow
@@ -125,7 +125,7 @@ def test_a_small_vehicle_gets_small_tolerances():
 def test_poses_alone_are_accepted_with_an_own_vehicle(file):
     """As with the suite's own: thrust from the track."""
     (log,) = logs(count=1, sensors="poses")
-    bare = replace(log, series={k: log.series[k] for k in ("position", "attitude")})
+    bare = log.with_series({k: log.series[k] for k in ("position", "attitude")})
     vehicle = read_vehicle(file)
     for each in held_against([bare], vehicle)[0], replace(bare, airframe=airframe_of(vehicle)):
         said = diagnose([each], nominal_model(vehicle=vehicle))
@@ -158,7 +158,7 @@ def commanded(log, gain=0.5, offset=0.1, exponent=1.2, full=12.0):
         "motor_command": Series(speed.t, command),
         "voltage": Series(speed.t, volts[:, None]),
     }
-    return replace(log, series=series)
+    return log.with_series(series)
 
 
 def test_thrust_by_command_and_supply_is_found(base):
@@ -177,7 +177,7 @@ def test_without_commands_there_is_no_drive(base):
     (log,) = logs(count=1)
     bare = {k: v for k, v in log.series.items() if k not in ("rotor_command", "rotor_speed")}
     with pytest.raises(InputError, match=r"flight 1.*accepted: a log with motor_command"):
-        fit_vehicle([replace(log, series=bare)], base)
+        fit_vehicle([log.with_series(bare)], base)
 
 
 def test_what_a_further_flight_leaves_is_passed_rarely():

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from diagnosis_samples import EXPERIMENT, SUMMARY, leftover, sample
 
+from tombo_bag.flight import Finding
 from tombo_diagnosis.diagnosis import VERDICTS, Diagnosis, FlightSummary, Residual
 from tombo_diagnosis.engine.detectable import Detectable
 from tombo_diagnosis.report.diagnosis_report import diagnosis_html
-from tombo_logs.flight_log import Finding
 
 VOID = {"meta", "link", "img", "input", "br", "hr", "line", "circle", "path", "rect"}
 EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&{{css}}"

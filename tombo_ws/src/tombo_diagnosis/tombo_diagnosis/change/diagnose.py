@@ -8,6 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tombo_bag.channels import DRIVES
+from tombo_bag.flight import Finding as LogFinding
+from tombo_bag.flight import Flight, why_left_out
 from tombo_diagnosis.change.comparison import (
     Comparison,
     Finding,
@@ -44,8 +47,6 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import ROTOR_NAMES
 from tombo_flight.extended_model import FittedParameter
 from tombo_logs.checks.ground import CUT_BEFORE_TAKE_OFF, rises
-from tombo_logs.flight_log import DRIVES, FlightLog, why_left_out
-from tombo_logs.flight_log import Finding as LogFinding
 
 _SIZES: Array = np.asarray(np.geomspace(0.004, 0.5, 40), np.float64)
 """Shares of thrust and of mass that are tried."""
@@ -69,8 +70,8 @@ class ChangeData:
 
 
 def diagnose_change(
-    new: Sequence[FlightLog],
-    healthy: Sequence[FlightLog],
+    new: Sequence[Flight],
+    healthy: Sequence[Flight],
     nominal: NominalModel,
     clock: Callable[[], float] = lambda: 0.0,
     left_out: Sequence[LogFinding] = (),
@@ -158,7 +159,7 @@ def _common_drive(flights: Sequence[AirborneFlight]) -> str:
     )
 
 
-def _usable(logs: Sequence[FlightLog]) -> tuple[list[AirborneFlight], list[LogFinding]]:
+def _usable(logs: Sequence[Flight]) -> tuple[list[AirborneFlight], list[LogFinding]]:
     """Return the flights that can be compared, and why others can't.
 
     Raises:

@@ -11,6 +11,8 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
+from tombo_bag.channels import DRIVES
+from tombo_bag.flight import Flight, Series, why_left_out
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, DriveSamples
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
@@ -18,7 +20,6 @@ from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.motion import RATE, accelerations
 from tombo_logs.checks.spans import check_extent, merged, sample_interval
-from tombo_logs.flight_log import DRIVES, FlightLog, Series, why_left_out
 
 EXPONENT = {"rotor_speed": (2.0, 0.15), "rotor_command": (2.0, 0.15), "motor_command": (1.0, 0.3)}
 """Of thrust in each of them before the fit, and its standard deviation: of speeds the square law,
@@ -49,7 +50,7 @@ MODES = np.array([[1.0, 1, 1, 1], [-1, 1, 1, -1], [-1, 1, -1, 1], [1, 1, -1, -1]
 class AirborneFlight:
     """The channels of a flight and the time that it is steadily in the air."""
 
-    log: FlightLog
+    log: Flight
     drive: str
     """One of DRIVES."""
     spans: tuple[tuple[float, float], ...]
@@ -85,7 +86,7 @@ class Features:
     """Mean logarithm of the voltage."""
 
 
-def airborne(log: FlightLog) -> AirborneFlight:
+def airborne(log: Flight) -> AirborneFlight:
     """Find when a checked flight is steadily in the air.
 
     Raises:

@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tombo_bag.channels import DRIVES, ROTOR_SPEEDS
+from tombo_bag.flight import Airframe, Flight, Series, why_left_out
 from tombo_diagnosis.flight.fit.filters import interpolated
 from tombo_diagnosis.flight.fit.track import Track, track_of
 from tombo_diagnosis.flight.nominal import NominalModel
@@ -21,7 +23,6 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES, VehicleParams
-from tombo_logs.flight_log import DRIVES, ROTOR_SPEEDS, Airframe, FlightLog, Series, why_left_out
 
 _HOVER_SPEED = 1000.0
 """rad/s that stands for hover: only thrust counts, speeds are a way to write it."""
@@ -67,7 +68,7 @@ class _Parabola:
         return 0.01 * self.thrust(omega)
 
 
-def calibrated(logs: Sequence[FlightLog]) -> tuple[NominalModel, list[FlightLog]]:
+def calibrated(logs: Sequence[Flight]) -> tuple[NominalModel, list[Flight]]:
     """Return a nominal model of the logs' airframe, and the logs with commands as rotor speeds.
 
     Raises:
@@ -92,14 +93,14 @@ def calibrated(logs: Sequence[FlightLog]) -> tuple[NominalModel, list[FlightLog]
     return NominalModel(label, vehicle, maps, {}, True, _ABSORBED_PARAMETERS, False), changed
 
 
-def has_no_thrust_data(log: FlightLog) -> bool:
+def has_no_thrust_data(log: Flight) -> bool:
     """Return whether a log has nothing that tells thrust: no IMU, no rotors."""
     return not {"accel", *DRIVES} & set(log.series)
 
 
 def thrust_from_track(
-    logs: Sequence[FlightLog], nominal: NominalModel
-) -> tuple[NominalModel, list[FlightLog]]:
+    logs: Sequence[Flight], nominal: NominalModel
+) -> tuple[NominalModel, list[Flight]]:
     """Return the model and the logs with the thrust that the poses themselves call for.
 
     With poses alone the force along the thrust can't be told from thrust; those across it can.
@@ -110,18 +111,18 @@ def thrust_from_track(
         thrust = 0.25 * nominal.vehicle.mass * np.maximum(force_along_thrust(track), 0.0)
         speed = np.array([speed_for_thrust(nominal.maps, t) for t in thrust])
         series = Series(track.t, np.repeat(speed[:, None], 4, axis=1))
-        changed.append(replace(log, series={**log.series, "rotor_speed": series}))
+        changed.append(log.with_series({**log.series, "rotor_speed": series}))
     label = f"{nominal.label}, thrust from the track"
     fitted = nominal.fitted | _THRUST_PARAMETERS
     return replace(nominal, label=label, moments=False, fitted=fitted), changed
 
 
-def _speed_channels(log: FlightLog) -> list[str]:
+def _speed_channels(log: Flight) -> list[str]:
     """Return the channels with rotor speeds, measured ones first."""
     return [n for n in ROTOR_SPEEDS if n in log.series and log.series[n].t.size >= _FEWEST]
 
 
-def speed_in_hover(logs: Sequence[FlightLog]) -> float:
+def speed_in_hover(logs: Sequence[Flight]) -> float:
     """Return the rotor speed that carries the weight [rad/s]: thrust grows with its square.
 
     `logs`: flights with rotor speeds.
@@ -131,7 +132,7 @@ def speed_in_hover(logs: Sequence[FlightLog]) -> float:
     return float(np.sqrt(GRAVITY * (square @ square) / (square @ force)))
 
 
-def _drive_and_force(logs: Sequence[FlightLog], drives: Sequence[Series]) -> tuple[Array, Array]:
+def _drive_and_force(logs: Sequence[Flight], drives: Sequence[Series]) -> tuple[Array, Array]:
     """Return mean drive and specific force along body z [m/s^2] of all flights, smoothed alike."""
     xs, ys = [], []
     for log, drive in zip(logs, drives, strict=True):
@@ -142,7 +143,7 @@ def _drive_and_force(logs: Sequence[FlightLog], drives: Sequence[Series]) -> tup
     return np.concatenate(xs), np.concatenate(ys)
 
 
-def _with_asked_speeds(log: FlightLog) -> FlightLog:
+def _with_asked_speeds(log: Flight) -> Flight:
     """Return a log whose motor commands, where there are any, are speeds that they ask for.
 
     One line for all rotors from command to measured speed: what a rotor differs by stays to be
@@ -162,7 +163,7 @@ def _with_asked_speeds(log: FlightLog) -> FlightLog:
     if slope <= 0.0:
         return log
     values = np.maximum(offset + slope * command.values, 0.0)
-    return replace(log, series={**log.series, "rotor_command": replace(command, values=values)})
+    return log.with_series({**log.series, "rotor_command": replace(command, values=values)})
 
 
 def mean_of(series: Series, t: Array) -> Array:
@@ -194,7 +195,7 @@ def _vehicle(frame: Airframe, hover: float) -> VehicleParams:
     )
 
 
-def _drive(log: FlightLog) -> Series:
+def _drive(log: Flight) -> Series:
     """Return what drives the rotors, with values that thrust is linear in."""
     for name in ("motor_command", "rotor_speed", "rotor_command"):
         series = log.series.get(name)
@@ -206,7 +207,7 @@ def _drive(log: FlightLog) -> Series:
     )
 
 
-def _thrust_fit(logs: Sequence[FlightLog]) -> tuple[float, float]:
+def _thrust_fit(logs: Sequence[Flight]) -> tuple[float, float]:
     """Return offset and gain from the mean drive to specific force along body z [m/s^2]."""
     x, y = _drive_and_force(logs, [_drive(log) for log in logs])
     spread = float(x.std())
@@ -226,9 +227,9 @@ def force_along_thrust(track: Track) -> Array:
     return np.asarray(np.einsum("nji,nj->ni", Rotation.from_quat(up).as_matrix(), force)[:, 2])
 
 
-def _with_speeds(log: FlightLog, offset: float, gain: float) -> FlightLog:
+def _with_speeds(log: Flight, offset: float, gain: float) -> Flight:
     drive = _drive(log)
     share = np.maximum((offset + gain * drive.values) / GRAVITY, 1e-3)
     speed = Series(drive.t, _HOVER_SPEED * np.sqrt(share), drive.arrival)
     series = {k: v for k, v in log.series.items() if k not in ROTOR_SPEEDS}
-    return replace(log, series={**series, "rotor_command": speed})
+    return log.with_series({**series, "rotor_command": speed})

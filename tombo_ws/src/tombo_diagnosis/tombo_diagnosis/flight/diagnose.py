@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from tombo_bag.channels import DRIVES
+from tombo_bag.flight import Finding, Flight
 from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightSummary, Residual
 from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.flight.analyse import DOUBTS, FlightFindings, analyse
@@ -27,7 +29,6 @@ from tombo_diagnosis.flight.summary_text import notes, summary
 from tombo_diagnosis.leftover.leftover import Leftover
 from tombo_dynamics.errors import InputError
 from tombo_flight.progress import ProgressCallback, no_progress
-from tombo_logs.flight_log import DRIVES, Finding, FlightLog
 from tombo_logs.readers.vehicle_airframe import vehicle_of
 
 Separate = Callable[[FlightFindings, ProgressCallback], Experiment | None]
@@ -40,13 +41,13 @@ _SHOWN = 8
 """Flights whose residuals go into the report."""
 
 
-def diagnose(logs: Sequence[FlightLog], nominal: NominalModel, **options: Any) -> Diagnosis:
+def diagnose(logs: Sequence[Flight], nominal: NominalModel, **options: Any) -> Diagnosis:
     """Report what the model gets wrong in measured flights: see `diagnose_flights`."""
     return diagnose_flights(logs, nominal, **options)[0]
 
 
 def diagnose_flights(
-    logs: Sequence[FlightLog],
+    logs: Sequence[Flight],
     nominal: NominalModel,
     progress: ProgressCallback = no_progress,
     separate: Separate | None = None,
@@ -131,7 +132,7 @@ def _leftover(findings: FlightFindings, final: Explanation) -> Leftover | None:
     return flight_leftover(findings.problem, final.fit, leftover_quantities(groups))
 
 
-def _usable(logs: Sequence[FlightLog]) -> tuple[list[FlightLog], list[Finding]]:
+def _usable(logs: Sequence[Flight]) -> tuple[list[Flight], list[Finding]]:
     """Return the flights that can be used, and why others can't."""
     usable, refused = [], []
     for log in logs:

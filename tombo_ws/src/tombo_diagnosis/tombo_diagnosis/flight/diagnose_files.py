@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from tombo_bag.flight import Finding, Flight
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.analyse import FlightFindings
 from tombo_diagnosis.flight.diagnose import Separate, diagnose_flights
@@ -16,7 +17,6 @@ from tombo_flight.vehicle_file import VehicleFile
 from tombo_logs.checks import check_log
 from tombo_logs.checks.pipeline import POSE
 from tombo_logs.checks.rotors.hover import Hover, hover_of
-from tombo_logs.flight_log import Finding, FlightLog
 from tombo_logs.readers.log_reader import read_logs
 
 
@@ -27,7 +27,7 @@ def read_and_check(
     vehicle: VehicleFile | None = None,
     nominal: NominalModel | None = None,
     progress: ProgressCallback = no_progress,
-) -> tuple[list[FlightLog], list[Finding]]:
+) -> tuple[list[Flight], list[Finding]]:
     """Return the flights of files, held against a vehicle file and a model if given, checked.
 
     Also why others are left out: what contradicts itself costs its own flight only.
@@ -46,11 +46,11 @@ def read_and_check(
 
 
 def check_flights(
-    flights: Sequence[FlightLog],
+    flights: Sequence[Flight],
     hover: Hover | None = None,
     needed: Sequence[str] = POSE,
     progress: ProgressCallback = no_progress,
-) -> tuple[list[FlightLog], list[Finding]]:
+) -> tuple[list[Flight], list[Finding]]:
     """Return the flights that pass `check_log`, checked, and why others are left out.
 
     Raises:

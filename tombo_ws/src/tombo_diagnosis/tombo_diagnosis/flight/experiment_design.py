@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tombo_bag.flight import Flight
+from tombo_bag.flight import Flight, Series
 from tombo_diagnosis.diagnosis import Experiment
 from tombo_diagnosis.engine.evidence import NormalEquations, solve
 from tombo_diagnosis.flight.analyse import FlightFindings
@@ -29,7 +29,6 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.progress import ProgressCallback
 from tombo_flight.scenario import extended_scenario
-from tombo_logs.flight_log import FlightLog, Series
 
 _SUFFICIENT_LOG_BF = 8.0
 """The first manoeuvre that gives every pair this log Bayes factor is taken."""
@@ -186,7 +185,7 @@ def sensor_series(flown: Flight, imu: bool, rpm: bool) -> dict[str, Series]:
     return series
 
 
-def as_log(flown: Flight, imu: bool, rpm: bool) -> FlightLog:
+def as_log(flown: Flight, imu: bool, rpm: bool) -> Flight:
     """Return a simulated flight as a log with these sensors."""
     series, t = sensor_series(flown, imu, rpm), flown.t
     poses = flown["/mocap/pose"]["position"]
@@ -195,4 +194,4 @@ def as_log(flown: Flight, imu: bool, rpm: bool) -> FlightLog:
         raise InputError("the manoeuvre was not flown; accepted: a flight")
     begin, end = float(poses.t[air[0]]) + 0.3, float(poses.t[air[-1]])
     ground = ((-1.0, begin), (end, float(t[-1]) + 1.0))
-    return FlightLog("simulated", "simulated", series, exclude=ground)
+    return Flight.measured("simulated", "simulated", series, exclude=ground)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tombo_bag.flight import Flight
 from tombo_diagnosis.flight.fit.parameters import parameters
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_rotors
@@ -15,7 +16,6 @@ from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_flight.vehicle_file import EFFECT_OF, VehicleFile, vehicle_named
-from tombo_logs.flight_log import FlightLog
 from tombo_logs.readers.vehicle_airframe import airframe_of
 from tombo_sim.propeller_effects import vehicle_effects
 
@@ -77,7 +77,7 @@ def _with_spread(tolerances: Mapping[str, float], file: VehicleFile) -> dict[str
     return found
 
 
-def held_against(logs: Sequence[FlightLog], file: VehicleFile) -> list[FlightLog]:
+def held_against(logs: Sequence[Flight], file: VehicleFile) -> list[Flight]:
     """Return flights so that they are held against a vehicle file, whatever airframe they name.
 
     Where rotor speeds are there, its own thrust is flown; where only motor commands are, what its
@@ -93,7 +93,7 @@ def held_against(logs: Sequence[FlightLog], file: VehicleFile) -> list[FlightLog
     return [replace(log, airframe=frame) for log in logs]
 
 
-def _with_drive(log: FlightLog, file: VehicleFile) -> FlightLog:
+def _with_drive(log: Flight, file: VehicleFile) -> Flight:
     """Return a log with its motor commands as the rotor speeds that give their thrust.
 
     The drive has taken up what the supply does to it: a battery that sags besides would do it
@@ -112,7 +112,7 @@ def _with_drive(log: FlightLog, file: VehicleFile) -> FlightLog:
     speeds = [speed_for_thrust(maps, value) for value in thrust.ravel()]
     asked = replace(command, values=np.reshape(speeds, thrust.shape))
     series = {key: each for key, each in log.series.items() if key != "voltage"}
-    return replace(log, series={**series, "rotor_command": asked})
+    return log.with_series({**series, "rotor_command": asked})
 
 
 def nominal_of(scenario: Scenario, label: str) -> NominalModel:

@@ -11,6 +11,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import least_squares
 
+from tombo_bag.flight import Flight
 from tombo_diagnosis.engine.cause_estimates import TWO_SIDED, fitted_parameter
 from tombo_diagnosis.engine.evidence import solve
 from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Fit, Parameter
@@ -31,7 +32,6 @@ from tombo_flight.extended_model import FittedParameter
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.vehicle_file import EFFECT_OF, HealthyFlights, Note, VehicleFile
 from tombo_logs.checks.spans import block_means
-from tombo_logs.flight_log import FlightLog
 
 FITTED = {
     "thrust_coefficient_error.fraction": "thrust of the propellers",
@@ -97,7 +97,7 @@ class _Difference:
 
 
 def fit_vehicle(
-    logs: Sequence[FlightLog], base: VehicleFile, progress: ProgressCallback = no_progress
+    logs: Sequence[Flight], base: VehicleFile, progress: ProgressCallback = no_progress
 ) -> VehicleFit:
     """Fit a vehicle to healthy flights; mass and geometry are those of the base.
 
@@ -146,7 +146,7 @@ def fit_vehicle(
     return dataclasses.replace(whole, file=file, accused=accused)
 
 
-def _fit(logs: Sequence[FlightLog], base: VehicleFile) -> VehicleFit:
+def _fit(logs: Sequence[Flight], base: VehicleFile) -> VehicleFit:
     """Fit a vehicle to flights; what is left of them stands in it as usual."""
     file = base
     if not all(log.has_rotor_speeds for log in logs):
@@ -252,7 +252,7 @@ def _by_channel(left: ScaleVariances) -> dict[str, tuple[float, ...]]:
     }
 
 
-def _difference(log: FlightLog, file: VehicleFile) -> _Difference:
+def _difference(log: Flight, file: VehicleFile) -> _Difference:
     """Return how a flight differs from a vehicle."""
     (held,) = held_against([log], file)
     problem = FlightProblem([track_of(held)], nominal_model(vehicle=file))
@@ -330,7 +330,7 @@ def _spread(flights: Sequence[FlightProblem]) -> dict[str, float]:
     return {n: math.hypot(usual[n], factor * m) for n, m in more.items() if m > usual[n]}
 
 
-def _with_supply(logs: Sequence[FlightLog], file: VehicleFile) -> VehicleFile:
+def _with_supply(logs: Sequence[Flight], file: VehicleFile) -> VehicleFile:
     """Return a vehicle with the highest voltage that its flights begin with."""
     volts = [log.series["voltage"].values[:, 0] for log in logs if "voltage" in log.series]
     full = max((float(np.nanmax(v[: max(1, v.size // 20)])) for v in volts), default=math.nan)
@@ -356,7 +356,7 @@ def _with_noise(
     return effects
 
 
-def _with_fitted_drive(logs: Sequence[FlightLog], base: VehicleFile) -> VehicleFile:
+def _with_fitted_drive(logs: Sequence[Flight], base: VehicleFile) -> VehicleFile:
     """Return the base with a drive: thrust by command and supply."""
     drive, error = fit_drive(logs, base.vehicle.mass)
     source = f"fitted to {len(logs)} flights"
@@ -368,7 +368,7 @@ def _with_fitted_drive(logs: Sequence[FlightLog], base: VehicleFile) -> VehicleF
     )
 
 
-def fit_drive(logs: Sequence[FlightLog], mass: float) -> tuple[DriveParams, float]:
+def fit_drive(logs: Sequence[Flight], mass: float) -> tuple[DriveParams, float]:
     """Return the drive that healthy flights show, and the relative error of its thrust.
 
     Least squares of the specific force along the thrust axis on the mean command and the
@@ -410,7 +410,7 @@ def fit_drive(logs: Sequence[FlightLog], mass: float) -> tuple[DriveParams, floa
     ), max(error, 1e-3)
 
 
-def _drive_samples(log: FlightLog) -> Array:
+def _drive_samples(log: Flight) -> Array:
     """Return (N, 3) mean command, supply [V] or NaN, specific force along the thrust [m/s^2]."""
     command = log.series.get("motor_command")
     if command is None:

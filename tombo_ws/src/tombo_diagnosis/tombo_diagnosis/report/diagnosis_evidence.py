@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Final
 
+from tombo_bag.flight import Finding
 from tombo_diagnosis.diagnosis import Diagnosis, Score
 from tombo_diagnosis.wording import DASH, certainty, display_name, figure, percent, sized
 from tombo_flight.report.html_page import hint, meter, table
-from tombo_logs.flight_log import Finding
 
 _SHOWN: Final = 8
 """Candidates in sight; the others are folded away."""

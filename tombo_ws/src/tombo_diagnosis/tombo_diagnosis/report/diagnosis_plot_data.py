@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_bag.flight import Finding
 from tombo_diagnosis.diagnosis import Diagnosis, Residual
 from tombo_dynamics.arrays import Array
 from tombo_flight.report.panel import envelope
-from tombo_logs.flight_log import Finding
 
 BLOCK_S: Final = 1.0
 """Samples of one such block count as one: residuals are autocorrelated."""

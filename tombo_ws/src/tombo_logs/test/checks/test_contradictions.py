@@ -1,7 +1,5 @@
 """Wrong units, frames and orders are said with the channel's name, and never used."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from made_flight import (
@@ -17,10 +15,10 @@ from made_flight import (
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from tombo_bag.flight import Flight, Series
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks import check_log
-from tombo_logs.flight_log import FlightLog, Series
 
 FLIGHT = made_flight()
 IMU = {"gyro", "accel"}
@@ -151,7 +149,7 @@ def test_ned_for_enu_is_refused_also_in_hover(width, channels):
     """By the lean, the accelerometer, or the height at which the motors are slow."""
     off = ned(made_flight(width=width))
     with pytest.raises(InputError, match="as in ENU"):
-        check_log(replace(off, series={name: off.series[name] for name in channels}))
+        check_log(off.with_series({name: off.series[name] for name in channels}))
 
 
 def sunk(log):
@@ -164,7 +162,7 @@ def sunk(log):
     position = series["position"]
     down = np.column_stack([0.0 * position.t, 0.0 * position.t, drop[: position.t.size]])
     series["position"] = Series(position.t, position.values - down)
-    return replace(log, series=series)
+    return log.with_series(series)
 
 
 @pytest.mark.parametrize("only_poses", [False, True])
@@ -187,7 +185,7 @@ def corded(along, stiffness=2.5):
     q = np.column_stack([-up[:, 1], up[:, 0], 0.0 * t, 1.0 + up[:, 2]])
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     p += 2e-4 * rng.standard_normal(p.shape)
-    return FlightLog("corded", "made", {"position": Series(t, p), "attitude": Series(t, q)})
+    return Flight.measured("corded", "made", {"position": Series(t, p), "attitude": Series(t, q)})
 
 
 @pytest.mark.parametrize("along", [[1.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

@@ -15,13 +15,13 @@ from made_flight import (
     wrote,
 )
 
+from tombo_bag.flight import Airframe
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks import check_log
 from tombo_logs.checks.events import Event
 from tombo_logs.checks.impacts import impacts
 from tombo_logs.checks.rotors.hover import Hover
 from tombo_logs.checks.series_cleaning import without_wrong_poses
-from tombo_logs.flight_log import Airframe
 
 FLIGHT = made_flight(duration=24.0)
 
@@ -31,7 +31,7 @@ def cut(log, begin=-1.0, end=99.0):
     for name, s in log.series.items():
         keep = (s.t > begin) & (s.t < end)
         series[name] = Series(s.t[keep], s.values[keep])
-    return replace(log, series=series)
+    return log.with_series(series)
 
 
 def pushed(channel, rows, push):
@@ -167,7 +167,7 @@ def low_hover(commands):
     series = {"position": Series(t, p), "attitude": Series(t, q)}
     if commands:
         series["rotor_command"] = Series(t, on + rng.standard_normal(on.shape))
-    return replace(FLIGHT, series=series)
+    return FLIGHT.with_series(series)
 
 
 @pytest.mark.parametrize("commands", [True, False])

@@ -1,7 +1,5 @@
 """Stamps: late, jittering, backwards, twice; samples: missing, frozen, held, drawn."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,12 +7,13 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from made_flight import made_flight, poses_only, with_series, with_values, wrote
 
+from tombo_bag.channels import CHANNELS
+from tombo_bag.flight import Flight, Series
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks import check_log
 from tombo_logs.checks.clocks.timestamps import jitter
 from tombo_logs.checks.pipeline import _motion
 from tombo_logs.checks.pose_imu_consistency import time_offset
-from tombo_logs.flight_log import CHANNELS, FlightLog, Series
 
 FLIGHT = made_flight()
 POSE = ("position", "attitude")
@@ -226,8 +225,8 @@ def test_poses_are_needed(missing):
 
 @pytest.mark.parametrize("count", [0, 1, 2, 5, 12, 40])
 def test_logs_of_a_few_samples(count):
-    short = replace(
-        FLIGHT, series={k: Series(s.t[:count], s.values[:count]) for k, s in FLIGHT.series.items()}
+    short = FLIGHT.with_series(
+        {k: Series(s.t[:count], s.values[:count]) for k, s in FLIGHT.series.items()}
     )
     if count < 10:
         with pytest.raises(InputError, match="needed"):
@@ -256,7 +255,7 @@ def any_series(draw, width):
 @pytest.mark.filterwarnings("error")
 def test_any_arrays_end_in_a_log_or_in_one_line(series):
     try:
-        checked = check_log(FlightLog("any", "nowhere", series))
+        checked = check_log(Flight.measured("any", "nowhere", series))
     except InputError as error:
         assert "\n" not in str(error)
     else:
@@ -280,7 +279,7 @@ def test_whole_flights_with_holes_of_every_kind(seed):
             t[part] = {2: t[begin], 3: np.nan, 5: t[part] - rng.random()}[int(kind)]
         series[name] = Series(t, values)
     try:
-        check_log(replace(flight, series=series))
+        check_log(flight.with_series(series))
     except InputError as error:
         assert "\n" not in str(error)
 

@@ -9,10 +9,10 @@ from foreign_bags import pose, write_foreign
 from log_writers import write_ulog
 from scipy.spatial.transform import Rotation
 
+from tombo_bag.flight import Series
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks import check_log
-from tombo_logs.flight_log import Series
 from tombo_logs.proposal.column_names import grouped, parsed
 from tombo_logs.proposal.explain import explain_mapping
 from tombo_logs.proposal.motion_evidence import readings

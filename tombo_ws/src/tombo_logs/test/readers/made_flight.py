@@ -4,15 +4,14 @@ A multirotor is pushed along its body z axis only, so the second derivative of t
 attitude, its slope the rates, and gravity the specific force.
 """
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from tombo_bag.flight import Flight, Series
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN
-from tombo_logs.flight_log import FlightLog, Series
 from tombo_logs.readers.log_reader import read_logs
 
 STAND = 1.5
@@ -92,7 +91,7 @@ def made_flight(
         "rotor_command": Series(imu_t, commands),
         "voltage": Series(pose_t[::10], volts),
     }
-    return FlightLog("made", "made", series)
+    return Flight.measured("made", "made", series)
 
 
 def drives(turning, force):
@@ -109,7 +108,7 @@ def unwound(q):
 def with_series(log, **changed):
     """The log with some channels replaced; None takes one out."""
     series = {**log.series, **changed}
-    return replace(log, series={k: s for k, s in series.items() if s is not None})
+    return log.with_series({k: s for k, s in series.items() if s is not None})
 
 
 def with_values(log, channel, change):
@@ -121,7 +120,7 @@ def with_values(log, channel, change):
 
 
 def poses_only(log):
-    return replace(log, series={k: log.series[k] for k in ("position", "attitude")})
+    return log.with_series({k: log.series[k] for k in ("position", "attitude")})
 
 
 def wrote(log, *texts):

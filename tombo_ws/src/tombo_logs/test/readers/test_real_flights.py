@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tombo_bag.flight import Series
 from tombo_logs.checks import check_log
 from tombo_logs.checks.rotors.rotor_order import rotor_order
-from tombo_logs.flight_log import Series
 from tombo_logs.readers.log_reader import read_logs
 
 FOLDER = Path(__file__).resolve().parents[6] / "shared" / "data" / "flights"

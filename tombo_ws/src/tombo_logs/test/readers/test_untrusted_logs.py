@@ -11,12 +11,12 @@ from log_writers import ULogWriter, write_bag, write_ulog
 from mcap.writer import Writer
 
 from tombo_bag.columnar_cdr import encode
+from tombo_bag.flight import Flight, Series
 from tombo_bag.formats.ulog_messages import whole_messages
 from tombo_bag.recording import Recording
 from tombo_bag.schemas import schema_text
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks.pipeline import check_log
-from tombo_logs.flight_log import FlightLog, Series
 from tombo_logs.readers.csv_mapping import parse_mapping
 from tombo_logs.readers.csv_table import open_table
 from tombo_logs.readers.log_reader import read_log
@@ -29,7 +29,9 @@ def log():
     t = np.arange(0.0, 1.0, 0.01)
     place = np.column_stack([np.sin(t), np.zeros_like(t), np.ones_like(t)])
     turn = np.column_stack([0.1 * t, 0.0 * t, 0.0 * t, np.sqrt(1.0 - 0.01 * t**2)])
-    return FlightLog("made", "made", {"position": Series(t, place), "attitude": Series(t, turn)})
+    return Flight.measured(
+        "made", "made", {"position": Series(t, place), "attitude": Series(t, turn)}
+    )
 
 
 def timed(read, limit=10.0):
@@ -158,7 +160,7 @@ def test_a_topic_that_lacks_a_column_is_refused_by_name(tmp_path, log):
         channel = writer.register_channel("/imu/data_raw", "cdr", schema)
         writer.add_message(channel, 5, encode(typename, {}), 5)
         writer.finish()
-    with pytest.raises(InputError, match=r"linear_acceleration\.x"):
+    with pytest.raises(InputError, match="'linear_acceleration'"):
         read_log(path, "x")
 
 
@@ -171,4 +173,4 @@ def test_stamps_that_reach_over_years_are_refused(log):
         "attitude": Series(late.t, log.series["attitude"].values),
     }
     with pytest.raises(InputError, match="stamps reach over"):
-        timed(lambda: check_log(FlightLog("made", "made", series)))
+        timed(lambda: check_log(Flight.measured("made", "made", series)))

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from tombo_bag.channels import DRIVES
+from tombo_bag.flight import Finding, Series
 from tombo_logs.checks.clocks.gaps import gap_spans
 from tombo_logs.checks.spans import Span, inside, merged
-from tombo_logs.flight_log import DRIVES, Finding, Series
 
 IMU = ("gyro", "accel")
 _HELD = ("rotor_command", "motor_command")

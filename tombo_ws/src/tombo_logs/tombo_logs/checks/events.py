@@ -8,12 +8,12 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter
 from scipy.spatial.transform import Rotation
 
+from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.clocks.timestamps import jitter
 from tombo_logs.checks.motion import WIDTH
 from tombo_logs.checks.spans import block_means, runs, sample_interval
-from tombo_logs.flight_log import Series
 from tombo_logs.readers.frames import is_usable
 
 _SPIKE = 1.5 * GRAVITY

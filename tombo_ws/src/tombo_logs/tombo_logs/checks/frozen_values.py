@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from tombo_bag.flight import Finding
 from tombo_dynamics.arrays import Array
 from tombo_logs.checks.spans import Span, runs, sample_interval
-from tombo_logs.flight_log import Finding
 
 _LINE = 3e-4
 """How far off a straight line, against its rise, values are that still lie on it."""

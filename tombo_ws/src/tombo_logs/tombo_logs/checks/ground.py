@@ -6,10 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from tombo_bag.channels import DRIVES
+from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks.spans import Mask, Span, merged, runs, sample_interval
-from tombo_logs.flight_log import DRIVES, Finding, Series
 
 _RISE = 0.12
 """m that a flight goes above the ground, at least."""

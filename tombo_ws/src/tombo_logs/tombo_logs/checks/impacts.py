@@ -9,9 +9,9 @@ from collections.abc import Collection
 
 import numpy as np
 
+from tombo_bag.flight import Finding
 from tombo_logs.checks.events import Event
 from tombo_logs.checks.spans import Span, inside, merged
-from tombo_logs.flight_log import Finding
 
 _BEFORE_S = 0.25
 """s excluded before an event."""

@@ -9,6 +9,7 @@ from itertools import product
 
 import numpy as np
 
+from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.motion import Motion
@@ -20,7 +21,6 @@ from tombo_logs.checks.pose_imu_consistency import (
 )
 from tombo_logs.checks.spans import Mask
 from tombo_logs.checks.unit_mistakes import guess
-from tombo_logs.flight_log import Finding, Series
 
 _DRAG_SEEN = 0.9
 """Sum of both correlations that tells the axes."""

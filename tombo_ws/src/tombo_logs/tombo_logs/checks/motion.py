@@ -8,11 +8,11 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
+from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, quaternion_multiply, unwrap_quaternions
 from tombo_logs.checks.clocks.gaps import gap_spans
 from tombo_logs.checks.spans import Mask, Span, check_extent, inside
-from tombo_logs.flight_log import Series
 from tombo_logs.readers.frames import is_usable
 
 RATE = 50.0

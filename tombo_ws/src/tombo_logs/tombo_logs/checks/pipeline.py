@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from tombo_bag.channels import DRIVES, ROTOR_SPEEDS
+from tombo_bag.flight import Finding, Flight, Series, why_left_out
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
@@ -23,7 +25,6 @@ from tombo_logs.checks.rotors.hover import Hover, check_vehicle
 from tombo_logs.checks.rotors.rotor_sensors import sensor_faults
 from tombo_logs.checks.series_cleaning import clean_series, nothing_left, without_wrong_poses
 from tombo_logs.checks.spans import Mask, Span, block_means, inside, merged, sample_interval
-from tombo_logs.flight_log import DRIVES, ROTOR_SPEEDS, Finding, FlightLog, Series, why_left_out
 
 POSE = ("position", "attitude")
 _IMU = ("gyro", "accel")
@@ -36,9 +37,7 @@ _SET_APART = {"crash", "contact", "jump", "ground", "frozen"}
 """Checks whose spans are not diagnosed."""
 
 
-def check_log(
-    log: FlightLog, hover: Hover | None = None, needed: Sequence[str] = POSE
-) -> FlightLog:
+def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = POSE) -> Flight:
     """Return a flight with cleaned channels, findings, and excluded spans.
 
     Channels that can't be used are taken out; a second call changes nothing.
@@ -101,11 +100,11 @@ def check_log(
     findings += coverage.share_set_apart(log.name, position, apart, [*log.findings, *findings])
     kept = [f for f in dict.fromkeys(findings) if f not in log.findings]
     return dataclasses.replace(
-        log, series=series, findings=(*log.findings, *kept), exclude=tuple(apart)
+        log.with_series(series), findings=(*log.findings, *kept), exclude=tuple(apart)
     )
 
 
-def _tidy(log: FlightLog) -> tuple[dict[str, Series], list[Finding]]:
+def _tidy(log: Flight) -> tuple[dict[str, Series], list[Finding]]:
     series: dict[str, Series] = {}
     findings: list[Finding] = []
     for name, raw in log.series.items():

@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 
+from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
@@ -17,7 +18,6 @@ from tombo_logs.checks.pose_imu_consistency import (
     vertical_response,
 )
 from tombo_logs.checks.unit_mistakes import guess
-from tombo_logs.flight_log import Series
 
 _SIZES = (0.4, 2.5)
 """Acceleration of the track over what its lean gives: drag and wind change it by far less."""

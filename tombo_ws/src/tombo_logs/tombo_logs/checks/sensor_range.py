@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks.spans import Mask, Span, merged, runs
-from tombo_logs.flight_log import Finding, Series
 
 _CLIPPED = 20
 """Samples that must read exactly the same extreme: a largest value is no limit."""

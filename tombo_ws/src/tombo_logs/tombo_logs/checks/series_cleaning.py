@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_bag.flight import Finding, Series
 from tombo_logs.checks.clocks.resets import resets
 from tombo_logs.checks.sensor_range import resolution
 from tombo_logs.checks.spans import Mask, runs, sample_interval
-from tombo_logs.flight_log import Finding, Series
 
 _LARGEST = 1e7
 """Beyond it, no value of any channel is one."""

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from tombo_bag.flight import Airframe, Flight, Series
 from tombo_bag.recording import Recording
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks import check_log
-from tombo_logs.flight_log import Airframe, FlightLog, Series
 from tombo_logs.proposal.mapping_text import mapping_text
 from tombo_logs.proposal.propose import Line, Proposal, propose
 from tombo_logs.proposal.topics import propose_topics, reordered
@@ -60,7 +59,7 @@ def _of_table(path: Path) -> str:
     return _text(proposal, path, [], airframe)
 
 
-def _of_recording(path: Path, log: FlightLog | None) -> str:
+def _of_recording(path: Path, log: Flight | None) -> str:
     known = set() if log is None else set(log.series)
     with Recording(path) as recording:
         proposal = propose_topics(recording, known)
@@ -104,7 +103,7 @@ def _parsed(text: str) -> LogMapping:
 
 def _tried(
     path: Path, mapping: LogMapping | None, checked: bool = True
-) -> tuple[FlightLog | None, str]:
+) -> tuple[Flight | None, str]:
     """Return the log as read and checked, or why not."""
     try:
         log = read_log(path, path.name, mapping)
@@ -113,12 +112,12 @@ def _tried(
         return None, str(error)
 
 
-def _first_part(log: FlightLog) -> FlightLog:
+def _first_part(log: Flight) -> Flight:
     """Return what a log holds up to the last of so many samples, which is enough to try it."""
     ends = [s.t[_SAMPLES] for s in log.series.values() if s.t.size > _SAMPLES]
     if not ends:
         return log
-    return replace(log, series={k: _until(s, min(ends)) for k, s in log.series.items()})
+    return log.with_series({k: _until(s, min(ends)) for k, s in log.series.items()})
 
 
 def _until(series: Series, end: float) -> Series:
@@ -127,7 +126,7 @@ def _until(series: Series, end: float) -> Series:
     return Series(series.t[rows], series.values[rows], arrival)
 
 
-def _as_read(log: FlightLog) -> list[str]:
+def _as_read(log: Flight) -> list[str]:
     """Return where the channels are from, as read without a mapping."""
     told = [f"As read without a mapping: {log.source}."]
     told += [f.message for f in log.findings if f.check == "rpm" and f.severity == "info"]

@@ -7,7 +7,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Sequence
 
-from tombo_logs.flight_log import Airframe
+from tombo_bag.flight import Airframe
 from tombo_logs.proposal.propose import Line, Proposal
 
 _PLAIN = re.compile(r"-?[A-Za-z_/][\w./^%-]*")

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
+from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.spans import check_extent
-from tombo_logs.flight_log import Series
 from tombo_logs.readers.frames import BODIES, WORLDS, axes_matrix, is_usable
 
 _RATE = 50.0

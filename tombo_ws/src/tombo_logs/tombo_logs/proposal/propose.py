@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tombo_bag.channels import CHANNELS
+from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_logs.checks.rotors.rotor_order import clear_order
-from tombo_logs.flight_log import CHANNELS, Series
 from tombo_logs.proposal import roles
 from tombo_logs.proposal.column_names import Group, grouped, parsed
 from tombo_logs.proposal.motion_evidence import (

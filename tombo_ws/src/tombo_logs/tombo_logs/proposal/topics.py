@@ -7,16 +7,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tombo_bag.columns import number_columns
+from tombo_bag.flight import Series
 from tombo_bag.recording import Recording
-from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE
+from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, POSE_TYPES
 from tombo_dynamics.arrays import Array
 from tombo_logs.checks.rotors.rotor_order import clear_order
-from tombo_logs.flight_log import Series
 from tombo_logs.proposal import roles
 from tombo_logs.proposal.column_names import grouped
 from tombo_logs.proposal.propose import Line, Proposal
 from tombo_logs.proposal.value_evidence import accel_unit, motor_scale, speed_unit
-from tombo_logs.readers.bag_log import POSES, usable_topics
+from tombo_logs.readers.bag_log import usable_topics
 
 _ARRAYS = tuple(
     f"std_msgs/msg/{kind}MultiArray" for kind in ("Float32", "Float64", "Int32", "UInt16")
@@ -40,9 +40,9 @@ def propose_topics(recording: Recording, known: set[str]) -> Proposal:
 
 
 def _poses(recording: Recording, proposal: Proposal) -> None:
-    topics = usable_topics(recording, POSES)
+    topics = usable_topics(recording, POSE_TYPES)
     if not topics:
-        proposal.notes.append(f"no topic with poses; needed is one of {', '.join(POSES)}")
+        proposal.notes.append(f"no topic with poses; needed is one of {', '.join(POSE_TYPES)}")
         return
     topics.sort(key=lambda topic: -sum(word in topic.lower() for word in _MOCAP))
     topic, *others = topics
@@ -51,8 +51,9 @@ def _poses(recording: Recording, proposal: Proposal) -> None:
     doubt = f"poses are also in {', '.join(others)}" if others else ""
     if typename == "nav_msgs/msg/Odometry":
         doubt = "; ".join(filter(None, (doubt, "odometry may be an estimate, not motion capture")))
-    place, turn = POSES[typename]
-    columns = {"position": [place + x for x in "xyz"], "attitude": [turn + x for x in "xyzw"]}
+    place, turn = POSE_TYPES[typename]
+    columns = {"position": [f"{place}.{x}" for x in "xyz"]}
+    columns["attitude"] = [f"{turn}.{x}" for x in "xyzw"]
     for key, names in columns.items():
         content: dict[str, object] = {"topic": topic, "columns": names}
         content |= {"unit": "m"} if key == "position" else {"order": "xyzw"}

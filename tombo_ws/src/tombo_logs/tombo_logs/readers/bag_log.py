@@ -6,36 +6,26 @@ Ground truth is never read, even where it is recorded.
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tombo_bag.columns import ColumnTable, stacked_columns
+from tombo_bag.channels import CHANNELS, ROTOR_SPEED
+from tombo_bag.columns import ColumnTable
+from tombo_bag.flight import Finding, Flight, Series, damage_findings
+from tombo_bag.message_codec import fields_of
 from tombo_bag.recording import Recording
-from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, ROTOR_COMMAND
+from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, POSE_TYPES, ROTOR_COMMAND
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
-from tombo_logs.flight_log import Finding, FlightLog, Series, damage_findings
 from tombo_logs.readers.csv_mapping import LogMapping
 from tombo_logs.readers.foreign_topics import PX4, ForeignTopics
 
-ROTOR_SPEED = "/rotor_speed"
-"""Measured rotor speeds, as tombo_msgs/RotorSpeeds; the suite itself publishes none."""
-POSES = {
-    "geometry_msgs/msg/PoseStamped": ("pose.position.", "pose.orientation."),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": (
-        "pose.pose.position.",
-        "pose.pose.orientation.",
-    ),
-    "nav_msgs/msg/Odometry": ("pose.pose.position.", "pose.pose.orientation."),
-    "geometry_msgs/msg/TransformStamped": ("transform.translation.", "transform.rotation."),
-}
-"""Message types that hold a pose, and where."""
 _TYPES = {
-    MOCAP_POSE.name: tuple(POSES),
+    MOCAP_POSE.name: tuple(POSE_TYPES),
     IMU.name: (IMU.typename,),
     ROTOR_COMMAND.name: (ROTOR_COMMAND.typename,),
     ROTOR_SPEED: (ROTOR_COMMAND.typename,),
@@ -54,7 +44,7 @@ def read_bag(
     name: str,
     names: Mapping[str, str] | None = None,
     mapping: LogMapping | None = None,
-) -> FlightLog:
+) -> Flight:
     """Read a recording, a file or a folder, under a name for the flight.
 
     `names`: topic as recorded → name in this suite (`/mocap/pose`, `/imu/data_raw` …). Channels
@@ -91,7 +81,7 @@ def read_bag(
             if channel not in mapped:
                 series[channel] = clock.series(key, table, values)
     every = (*findings, *foreign.findings, *clock.findings)
-    return FlightLog(name, f"{path} (recording)", series, findings=every, metadata=metadata)
+    return Flight.measured(name, f"{path} (recording)", series, findings=every, metadata=metadata)
 
 
 class _Clock:
@@ -159,7 +149,7 @@ def usable_topics(recording: Recording, types: Collection[str]) -> list[str]:
 
 
 def _no_pose(recording: Recording) -> InputError:
-    poses = usable_topics(recording, POSES)
+    poses = usable_topics(recording, POSE_TYPES)
     if poses:
         hint = f"poses are in {', '.join(poses)}: name one as {poses[0]}:={MOCAP_POSE.name}"
     else:
@@ -171,40 +161,20 @@ def _no_pose(recording: Recording) -> InputError:
     )
 
 
-def _columns(table: ColumnTable, prefix: str, letters: Iterable[str]) -> Array:
-    return stacked_columns(table, [prefix + letter for letter in letters], "the topic")
-
-
-def _pose(table: ColumnTable, typename: str) -> dict[str, Array]:
-    position, orientation = POSES[typename]
-    return {
-        "position": _columns(table, position, "xyz"),
-        "attitude": unwrap_quaternions(_columns(table, orientation, "xyzw")),
-    }
-
-
-def _imu(table: ColumnTable) -> dict[str, Array]:
-    return {
-        "gyro": _columns(table, "angular_velocity.", "xyz"),
-        "accel": _columns(table, "linear_acceleration.", "xyz"),
-    }
-
-
-def _battery(table: ColumnTable) -> dict[str, Array]:
-    voltage = np.asarray(table["voltage"], np.float64)[:, None]
-    current = -np.asarray(table["current"], np.float64)[:, None]  # sensor_msgs: drawn is negative
-    series = {"voltage": voltage, "current": current}
-    return {key: values for key, values in series.items() if np.isfinite(values).any()}
-
-
 def _values(key: str, table: ColumnTable, typename: str) -> dict[str, Array]:
-    """Return channel -> values of one of our topics; `typename` is that of the poses."""
+    """Return channel → values of one of our topics; `typename` is that of its messages."""
+    fields = fields_of(typename, table)
+    values: dict[str, Array] = {
+        name: np.asarray(fields[channel.field], np.float64).reshape(-1, channel.width)
+        for name, channel in CHANNELS.items()
+        if channel.topic == key
+    }
     if key == MOCAP_POSE.name:
-        return _pose(table, typename)
-    if key in (ROTOR_COMMAND.name, ROTOR_SPEED):
-        speeds = [f"speed[{i}]" for i in range(4)]
-        return {key.removeprefix("/"): stacked_columns(table, speeds, key)}
-    return _imu(table) if key == IMU.name else _battery(table)
+        values["attitude"] = unwrap_quaternions(values["attitude"])
+    if key == BATTERY.name:
+        values["current"] = -values["current"]  # sensor_msgs: drawn is negative
+        return {name: v for name, v in values.items() if np.isfinite(v).any()}
+    return values
 
 
 def _scenario_name(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, str]:

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tombo_bag.channels import CHANNELS
 from tombo_bag.columns import stacked_columns
+from tombo_bag.flight import Finding, Flight, Series, damage_findings
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.yaml_text import read_yaml
-from tombo_logs.flight_log import CHANNELS, Finding, FlightLog, Series, damage_findings
 from tombo_logs.readers.csv_mapping import LogMapping, shipped
 from tombo_logs.readers.csv_table import CsvTable, open_table
 from tombo_logs.readers.frames import axes_matrix, handedness, turn_attitude
@@ -23,7 +24,7 @@ from tombo_logs.readers.units import factor
 _POSE = ("position", "attitude")
 
 
-def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> FlightLog:
+def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight:
     """Read a table, CSV or CSV.gz with a header; without a mapping, by the shipped one that fits.
 
     Raises:
@@ -57,7 +58,7 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
     findings += damage_findings(name, path, damage)
     zero = _zero(columns, channels, mapping)
     series = {key: _series(key, c, columns, mapping, zero) for key, c in channels.items()}
-    return FlightLog(
+    return Flight.measured(
         name=name,
         source=f"{path} (table, mapping '{mapping.name}')",
         series={key: s for key, s in series.items() if s.t.size},

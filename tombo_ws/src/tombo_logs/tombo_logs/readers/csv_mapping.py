@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tombo_bag.channels import CHANNELS
+from tombo_bag.flight import Airframe, Series
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.yaml_text import parse_yaml
-from tombo_logs.flight_log import CHANNELS, Airframe, Series
 from tombo_logs.readers.frames import BODIES, WORLDS, axes_matrix, handedness, turn_attitude
 from tombo_logs.readers.mapping_file import (
     ChannelMap,

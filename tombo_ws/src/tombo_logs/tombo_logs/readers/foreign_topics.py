@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable, TopicColumns, number_columns, stacked_columns
+from tombo_bag.flight import Finding, Series
 from tombo_bag.recording import Recording
 from tombo_bag.rotor_topics import RANKS, is_rotor_type, rotor_reading
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
-from tombo_logs.flight_log import Finding, Series
 from tombo_logs.readers.csv_log import converted
 from tombo_logs.readers.csv_mapping import LogMapping
 from tombo_logs.readers.ulog import PX4_TOPICS, estimate_findings, px4_series

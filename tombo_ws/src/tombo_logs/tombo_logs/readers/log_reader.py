@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from tombo_bag.flight import Flight
 from tombo_bag.formats.chunks import MAGIC as MCAP_MAGIC
 from tombo_bag.formats.sqlite_bag import MAGIC as SQLITE_MAGIC
 from tombo_bag.formats.telemetry_log import is_tlog
 from tombo_bag.recording import SUFFIXES, ZSTD_MAGIC
 from tombo_dynamics.errors import InputError
-from tombo_logs.flight_log import FlightLog
 from tombo_logs.readers.bag_log import read_bag
 from tombo_logs.readers.csv_log import read_csv
 from tombo_logs.readers.csv_mapping import LogMapping, load_mapping
@@ -34,7 +34,7 @@ def read_logs(
     paths: Sequence[Path],
     mapping: Path | str | None = None,
     names: Mapping[str, str] | None = None,
-) -> list[FlightLog]:
+) -> list[Flight]:
     """Read flights, in the order given; of a folder that is no recording, each log in it.
 
     `mapping` is a mapping file, or the name of a shipped one: for tables, and of recordings and
@@ -63,7 +63,7 @@ def read_log(
     name: str,
     mapping: LogMapping | None = None,
     names: Mapping[str, str] | None = None,
-) -> FlightLog:
+) -> Flight:
     """Read one flight; the kind of the file is found from its first bytes.
 
     Raises:
@@ -142,17 +142,17 @@ def _pieces(bags: Sequence[Path]) -> bool:
     return stems == {(name, str(i)) for i in range(len(bags))}
 
 
-def _adapted(log: FlightLog, mapping: LogMapping | None) -> FlightLog:
+def _adapted(log: Flight, mapping: LogMapping | None) -> Flight:
     """Apply to a recording what a mapping says of its rigid body and vehicle."""
     if mapping is None:
         return log
     series = dict(log.series)
     if any(mapping.turn_deg) and "attitude" in series:
         series["attitude"] = mapping.turned(series["attitude"])
-    return replace(log, series=series, airframe=mapping.airframe or log.airframe)
+    return replace(log.with_series(series), airframe=mapping.airframe or log.airframe)
 
 
-def _same(one: FlightLog, other: FlightLog) -> bool:
+def _same(one: Flight, other: Flight) -> bool:
     a, b = one.series.get("position"), other.series.get("position")
     return (
         a is not None

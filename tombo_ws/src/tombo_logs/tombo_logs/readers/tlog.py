@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tombo_bag.columns import ColumnTable
+from tombo_bag.flight import Flight, damage_findings
 from tombo_bag.formats.telemetry_log import MOCAP, telemetry_messages
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.flight_log import FlightLog, damage_findings
 from tombo_logs.readers.ulog import estimate_findings, px4_series
 
 
-def read_tlog(path: Path, name: str) -> FlightLog:
+def read_tlog(path: Path, name: str) -> Flight:
     """Read a telemetry log of one vehicle under a name for the flight.
 
     Raises:
@@ -36,7 +36,7 @@ def read_tlog(path: Path, name: str) -> FlightLog:
             f"ATTITUDE; of these it has {', '.join(sorted(topics)) or 'none'}"
         )
     findings = [*damage_findings(name, path, damage), *estimate_findings(name, source)]
-    return FlightLog(name, f"{path} (telemetry log)", series, findings=tuple(findings))
+    return Flight.measured(name, f"{path} (telemetry log)", series, findings=tuple(findings))
 
 
 def _as_topics(number: int, table: ColumnTable) -> dict[str, ColumnTable]:

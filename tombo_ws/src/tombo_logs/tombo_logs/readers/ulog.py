@@ -17,12 +17,12 @@ from pyulog import ULog
 from pyulog.exceptions import ULogException
 
 from tombo_bag.columns import stacked_columns
+from tombo_bag.flight import Finding, Flight, Series, damage_findings
 from tombo_bag.formats.ulog_messages import UlogMessages, whole_messages
 from tombo_bag.rotor_topics import share_of_pulse
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
-from tombo_logs.flight_log import Finding, FlightLog, Series, damage_findings
 from tombo_logs.readers.csv_log import converted
 from tombo_logs.readers.csv_mapping import LogMapping
 
@@ -52,7 +52,7 @@ _BROKEN = (ULogException, struct.error, IndexError, KeyError, ValueError, TypeEr
 """What pyulog raises on a file that is none, or that ends within its definitions."""
 
 
-def read_ulog(path: Path, name: str, mapping: LogMapping | None = None) -> FlightLog:
+def read_ulog(path: Path, name: str, mapping: LogMapping | None = None) -> Flight:
     """Read a PX4 log (`.ulg`) under a name for the flight.
 
     Of a mapping, channels with a topic replace what is read by name.
@@ -81,7 +81,7 @@ def read_ulog(path: Path, name: str, mapping: LogMapping | None = None) -> Fligh
         )
     findings += estimate_findings(name, source)
     info = {k: str(v) for k, v in log.msg_info_dict.items() if k in ("sys_name", "ver_hw")}
-    return FlightLog(
+    return Flight.measured(
         name=name,
         source=f"{path} (PX4 log, poses from {source})",
         series={key: s for key, s in series.items() if s.t.size},

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from tombo_bag.flight import Airframe
 from tombo_dynamics.vehicle import AIR_DENSITY, GRAVITY
 from tombo_flight.vehicle_file import FORMAT, VehicleFile, vehicle_from_mapping
-from tombo_logs.flight_log import Airframe
 
 
 def airframe_of(file: VehicleFile) -> Airframe:

@@ -38,9 +38,9 @@ from tombo_diagnosis.wording import (
 from tombo_flight.command_line import command_line
 
 if TYPE_CHECKING:
+    from tombo_bag.flight import Finding
     from tombo_diagnosis.diagnosis import Diagnosis
     from tombo_flight.extended_model import Gain
-    from tombo_logs.flight_log import Finding
 
 _COLOURS: Final = {"good": "bold green", "warn": "bold yellow", "bad": "bold red"}
 _MOST_FINDINGS: Final = 10

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from tombo_bag.flight import Flight, Series
 from tombo_diagnosis.flight.fit.filters import (
     Kernel,
     clear_rows,
@@ -21,7 +22,6 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_logs.checks.spans import Mask, Span, inside
-from tombo_logs.flight_log import FlightLog, Series
 
 TICK = 0.004
 """[s]"""
@@ -66,7 +66,7 @@ class Track:
     """Rows of the fast kernel that count."""
     slow_rows: Mask
     pose_rows: Mask
-    log: FlightLog
+    log: Flight
 
     @cached_property
     def fast_kernel(self) -> Kernel:
@@ -111,7 +111,7 @@ class Track:
         return tuple(name for name, values in names.items() if not values.size)
 
 
-def track_of(log: FlightLog) -> Track:
+def track_of(log: Flight) -> Track:
     """Resample a log to ticks.
 
     Raises:
@@ -180,7 +180,7 @@ def _poses(position: Series, attitude: Series) -> tuple[Array, Array, Array]:
     return pose_t, pose, late
 
 
-def _sampled(log: FlightLog, name: str, t: Array) -> tuple[Array, Mask]:
+def _sampled(log: Flight, name: str, t: Array) -> tuple[Array, Mask]:
     """Return a channel at the ticks, (N, k) or (0, k), and the ticks in its gaps."""
     width = {"voltage": 1, "rotor_speed": 4}.get(name, 3)
     stamps, values = _good(log, name, width)
@@ -193,12 +193,12 @@ def _sampled(log: FlightLog, name: str, t: Array) -> tuple[Array, Mask]:
     return tick_means(stamps, values, t), invalid
 
 
-def _command(log: FlightLog, t: Array) -> Array:
+def _command(log: Flight, t: Array) -> Array:
     stamps, values = _good(log, "rotor_command", 4)
     return held_means(stamps + _TRANSPORT, values, t) if stamps.size else values
 
 
-def _good(log: FlightLog, name: str, width: int) -> tuple[Array, Array]:
+def _good(log: Flight, name: str, width: int) -> tuple[Array, Array]:
     """Return the finite samples of a channel whose stamps rise; none of one with too few."""
     series = log.series.get(name)
     if series is None or series.t.size < 10:

@@ -15,12 +15,12 @@ from operator import itemgetter
 
 import numpy as np
 
+from tombo_bag.flight import Finding
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.fit.filters import clear_rows
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import SHORTEST_S, Track
 from tombo_logs.checks.spans import inside
-from tombo_logs.flight_log import Finding
 
 _BURST = 12.0
 """Robust deviations of a channel: neither noise nor a fitted effect reaches that."""

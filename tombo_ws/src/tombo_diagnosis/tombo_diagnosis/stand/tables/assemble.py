@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_bag.flight import Finding
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_diagnosis.stand.tables.plateaus import Plateaus, plateaus
 from tombo_diagnosis.stand.tables.table_reader import StandTable
@@ -24,7 +25,6 @@ from tombo_dynamics.propeller import (
     valid_speed,
 )
 from tombo_dynamics.propeller.effects import Setup, predict
-from tombo_logs.flight_log import Finding
 
 _FEWEST = 3
 """Points that are worth a diagnosis."""

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_bag.flight import Finding
 from tombo_diagnosis.stand.tables.table_reader import StandTable
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import RPM
-from tombo_logs.flight_log import Finding
 
 _FEWEST = 20
 _SIDE = 5

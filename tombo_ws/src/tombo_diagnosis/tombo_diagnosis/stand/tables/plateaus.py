@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_bag.flight import Finding
 from tombo_diagnosis.stand.tables.change_points import without_changed
 from tombo_diagnosis.stand.tables.table_reader import StandTable
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import RPM
-from tombo_logs.flight_log import Finding
 
 LOADS = ("thrust", "torque", "beta", "reference_speed")
 _RAW_ROWS = 60

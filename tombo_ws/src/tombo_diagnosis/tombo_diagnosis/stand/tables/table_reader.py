@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tombo_bag.flight import Finding
 from tombo_diagnosis.stand.tables.mapping import (
     CHANNELS,
     StandMapping,
@@ -19,7 +20,6 @@ from tombo_diagnosis.stand.tables.mapping import (
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import RPM, SPEED_LIMIT
-from tombo_logs.flight_log import Finding
 from tombo_logs.readers.csv_table import open_table
 
 _SOUND = 340.0

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tombo_bag.channels import DRIVES
+from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.motion import INDEPENDENT, RATE, Motion, resampled
 from tombo_logs.checks.spans import Mask
-from tombo_logs.flight_log import DRIVES, Finding, Series
 
 _WINDOW = round(5.0 * RATE)
 _HOP = _WINDOW // 2

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from tombo_bag.flight import Series
 from tombo_logs.checks.spans import sample_interval
-from tombo_logs.flight_log import Series
 
 _RESET_S = 0.5
 """Stamps that go back by more are a clock that was set, not messages out of order."""

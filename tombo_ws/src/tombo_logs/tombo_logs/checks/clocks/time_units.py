@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from tombo_bag.flight import Finding, Series
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks.spans import sample_interval
-from tombo_logs.flight_log import Finding, Series
 
 _FASTEST_S, _SLOWEST_S = 2e-4, 0.5
 """s between poses: no motion capture is faster than 5 kHz, and below 2 Hz nothing is diagnosed."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from tombo_bag.flight import Finding
 from tombo_dynamics.arrays import Array
 from tombo_logs.checks.spans import sample_interval
-from tombo_logs.flight_log import Finding
 
 _JITTER_S = 0.0015
 _BLOCK = 60

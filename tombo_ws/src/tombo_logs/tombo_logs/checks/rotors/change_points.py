@@ -10,8 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from tombo_bag.flight import Finding
 from tombo_dynamics.arrays import Array
-from tombo_logs.flight_log import Finding
 
 _BIN_S = 0.25
 _SIDE = 8

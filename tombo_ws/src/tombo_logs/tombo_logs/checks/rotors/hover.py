@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tombo_bag.flight import Finding, Series
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 from tombo_logs.checks.ground import CUT_BEFORE_TAKE_OFF
 from tombo_logs.checks.spans import Mask
 from tombo_logs.checks.unit_mistakes import guess
-from tombo_logs.flight_log import Finding, Series
 
 _MASS_RATIO = (0.6, 1.65)
 """Mass that the rotors' speeds lift over the model's: no error of mass and thrust together that

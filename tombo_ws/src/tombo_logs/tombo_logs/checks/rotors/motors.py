@@ -6,11 +6,11 @@ from itertools import permutations
 
 import numpy as np
 
+from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ROTOR_NAMES
 from tombo_logs.checks.spans import Mask
 from tombo_logs.checks.unit_mistakes import guess
-from tombo_logs.flight_log import Finding, Series
 
 _SCALES = (0.65, 1.5)
 """Measured over commanded speed, all rotors alike: a battery takes a fifth, a rough map of the

@@ -7,10 +7,10 @@ from itertools import permutations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, SPIN
 from tombo_logs.checks.spans import Span, block_means, check_extent, inside, sample_interval
-from tombo_logs.flight_log import Finding, Series
 
 _RATE = 100.0
 _WIDTH = 0.03

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ROTOR_NAMES
 from tombo_logs.checks.spans import Mask, runs, sample_interval
-from tombo_logs.flight_log import Finding, Series
 
 _NOTHING = 0.1
 """Share of a rotor's usual speed below which it reads nothing: no rotor in flight is so slow."""
