@@ -60,23 +60,23 @@ def sweep(
     import pyarrow.parquet as pq
 
     from tombo_flight.sweep.design import Design, axis_of
-    from tombo_flight.sweep.finish import fly_sweep
-    from tombo_flight.sweep.run import fly_missing
+    from tombo_flight.sweep.run import fly_sweep
     from tombo_flight.sweep.store import TABLE, open_store
-    from tombo_flight.sweep.study import new_study
+    from tombo_flight.sweep.study import new_sweep
 
     if seeds.step != 1:
         raise InputError(f"seeds: {seeds}; accepted: a range with step 1")
     varied = tuple(axis_of(key, values) for key, values in (axes or {}).items())
     fixed = [f"reaction={{name: {reaction}}}"] if reaction else []
     fixed += texts_of(dict(settings or {}))
-    study = new_study(
+    study = new_sweep(
         scenario, Design(varied, design, samples), seeds, tuple(fixed), model, vehicle
     )
     with ExitStack() as stack:
         folder = Path(output or stack.enter_context(TemporaryDirectory(prefix="tombo-")))
         store = stack.enter_context(open_store(folder, study))
-        fly_all = fly_missing if output is None else fly_sweep
-        fly_all(store, workers=workers, scheduler=scheduler, progress=progress)
+        fly_sweep(
+            store, workers=workers, scheduler=scheduler, progress=progress, page=output is not None
+        )
         table: pd.DataFrame = pq.read_table(folder / TABLE).to_pandas()
     return table

@@ -17,10 +17,11 @@ from tombo_flight.arena.cases import (
     arena_cases,
     touching_pillar,
 )
-from tombo_flight.arena.flying import ROW_KEYS, Job, Plan
+from tombo_flight.arena.flying import ROW_KEYS, Plan
 from tombo_flight.arena.pictures import draw_map
 from tombo_flight.arena.results import arena_results
 from tombo_flight.arena.table import HEAD, table_rows
+from tombo_flight.process.study import Task
 from tombo_flight.scenario import load_scenario
 
 PAPER = load_scenario()
@@ -84,9 +85,9 @@ def made(falls):
     """A plan of one case with a flight of each fall, and its rows."""
     case = Case("paper_collision", COLLISIONS, "paper_collision")
     match = Match("bounce", case, False)
-    jobs = tuple(Job(match, seed, str(seed)) for seed in range(len(falls)))
-    rows = {job.key: row(job.seed, fall) for job, fall in zip(jobs, falls, strict=True)}
-    return Plan((match,), jobs, {}), rows
+    tasks = tuple(Task(str(seed), match, seed) for seed in range(len(falls)))
+    rows = {task.key: row(task.seed, fall) for task, fall in zip(tasks, falls, strict=True)}
+    return Plan((match,), tasks, {}), rows
 
 
 def test_figures_are_those_of_the_rows_by_hand():
@@ -132,15 +133,15 @@ def test_typical_has_the_median_fall_and_worst_is_a_crash_before_a_deep_fall(cra
 def test_a_map_shows_the_crash_rate_of_each_cell_at_its_place(group):
     cases = [case for case in arena_cases() if case.group == group]
     matches = tuple(Match("bounce", case, False) for case in cases)
-    jobs = tuple(
-        Job(match, seed, f"{match.case.name}/{seed}") for match in matches for seed in (0, 1)
+    tasks = tuple(
+        Task(f"{match.case.name}/{seed}", match, seed) for match in matches for seed in (0, 1)
     )
     crashes = {cases[1].name: 2, cases[-1].name: 1}
     kept = {
-        job.key: row(job.seed, 0.3, crashed=job.seed < crashes.get(job.match.case.name, 0))
-        for job in jobs
+        task.key: row(task.seed, 0.3, crashed=task.seed < crashes.get(task.point.case.name, 0))
+        for task in tasks
     }
-    results = arena_results(Plan(matches, jobs, {}), kept, range(2))
+    results = arena_results(Plan(matches, tasks, {}), kept, range(2))
     panel = draw_map(results, group, "across", "up").axes[0]
     (image,) = panel.images
     xs, ys = (
@@ -148,5 +149,5 @@ def test_a_map_shows_the_crash_rate_of_each_cell_at_its_place(group):
     )
     shown = {(x, y): image.get_array()[ys.index(y), xs.index(x)] for x in xs for y in ys}
     assert shown == {case.place: 50.0 * crashes.get(case.name, 0) for case in cases}
-    assert panel.get_title(loc="left") == f"bounce: 3 of {len(jobs)} crashed"
+    assert panel.get_title(loc="left") == f"bounce: 3 of {len(tasks)} crashed"
     assert (panel.get_xlabel(), panel.get_ylabel()) == ("across", "up")

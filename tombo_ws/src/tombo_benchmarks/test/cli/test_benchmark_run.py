@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from tombo_benchmarks.diagnosis.runner import run_benchmark
-from tombo_bringup.cli.part_file import PartFile
 from tombo_dynamics.errors import InputError
+from tombo_flight.process.study_folder import Journal
 
 CASES, SEED = 9, 5
 RUN = "stand --seed 5"
@@ -41,7 +41,7 @@ def test_what_was_done_is_not_done_again_and_the_score_is_the_same(tmp_path):
     whole = run(tmp_path)
     (tmp_path / "calls.txt").unlink()
     path = tmp_path / "score.json.part"
-    kept = PartFile(path, RUN)
+    kept = Journal(path, RUN)
     run(
         tmp_path,
         lambda: len(kept.path.read_text().splitlines()) > 3 if path.exists() else False,
@@ -49,26 +49,26 @@ def test_what_was_done_is_not_done_again_and_the_score_is_the_same(tmp_path):
     )
     with path.open("a", encoding="utf-8") as file:
         file.write('\n["stand --seed 5", 8, {"num')  # killed while it wrote
-    known = PartFile(path, RUN)
+    known = Journal(path, RUN)
     done = len(known)  # the second run adds to them
     assert done >= 3
     (tmp_path / "calls.txt").unlink()
     again = run(tmp_path, None, known)
     assert again.aggregate == whole.aggregate
     assert len(calls(tmp_path)) == CASES - done
-    assert sorted(PartFile(path, RUN)) == list(range(CASES))
+    assert sorted(Journal(path, RUN)) == list(range(CASES))
 
 
 @pytest.mark.parametrize("other", ["stand --seed 6", "foreign --seed 5"])
 def test_scores_of_another_run_are_refused(tmp_path, other):
     path = tmp_path / "score.json.part"
-    PartFile(path, RUN)[0] = {"value": 1.0}
+    Journal(path, RUN)[0] = {"value": 1.0}
     with pytest.raises(InputError, match=f"'{RUN}', this is '{other}'"):
-        PartFile(path, other)
+        Journal(path, other)
 
 
 @pytest.mark.parametrize("line", ["5", "[1]", "{}", '"text"', "[[[[", ""])
 def test_a_line_that_is_no_score_is_left_out(tmp_path, line):
     path = tmp_path / "score.json.part"
     path.write_text(f"{line}\n{json.dumps([RUN, 3, {'value': 2.0}])}\n", encoding="utf-8")
-    assert PartFile(path, RUN) == {3: {"value": 2.0}}
+    assert Journal(path, RUN) == {3: {"value": 2.0}}

@@ -9,9 +9,9 @@ from typing import Annotated, Any, Final
 import typer
 
 from tombo_bringup.cli.options import integer_option, json_option
-from tombo_bringup.cli.part_file import PartFile
 from tombo_bringup.cli.result_files import unwritable, write_file
 from tombo_dynamics.errors import InputError
+from tombo_flight.process.study_folder import Journal
 
 EXIT_CODES: Final = (
     "Exit code: 0 whatever the score; 2 for bad input or output that can't be written; 130 after "
@@ -92,7 +92,7 @@ def run_and_print(
     from tombo_flight.process.stop_signals import StopSignals
 
     part = None if output is None else output.with_name(f"{output.name}.part")
-    kept = None if part is None else PartFile(part, f"{name} --seed {seed}")
+    kept = None if part is None else Journal(part, f"{name} --seed {seed}")
     with StopSignals() as stop:
         with progress_bar() as on_progress:
             result = run(cases, seed, workers, on_progress, stop.asked, kept)

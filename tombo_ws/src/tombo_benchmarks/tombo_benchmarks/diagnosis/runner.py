@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, MutableMapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
@@ -50,13 +51,14 @@ def run_benchmark(
     rows = {} if kept is None else kept
     left = [number for number in range(cases) if number not in rows]
     known = cases - len(left)
-    run_in_processes(
-        partial(examine, seed),
-        left,
-        max(min(workers, len(left)), 1),
-        progress=lambda done: progress(f"case {known + done} of {cases}", (known + done) / cases),
-        keep=rows.__setitem__,
-        stop=stop,
-    )
+    work = partial(_examined, examine, seed)
+    with closing(run_in_processes(work, left, min(workers, len(left)) or 1, stop=stop)) as found:
+        for done, (number, row) in enumerate(found, known + 1):
+            rows[number] = row
+            progress(f"case {done} of {cases}", done / cases)
     in_order = [rows[number] for number in takewhile(rows.__contains__, range(cases))]
     return BenchmarkResult(in_order, aggregate(in_order))
+
+
+def _examined(examine: Callable[[int, int], Row], seed: int, number: int) -> tuple[int, Row]:
+    return number, examine(seed, number)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
 from tombo_benchmarks.faults.fault_cases import (
     Case,
@@ -22,6 +24,9 @@ from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.process.process_pool import run_in_processes
 from tombo_flight.scenario import Scenario, load_scenario
 from tombo_flight.scenario_catalogue import builtin_scenarios
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 
 _CHUNK = 100
 """Cases that a process takes at a time."""
@@ -79,6 +84,29 @@ def _chunk(work: tuple[int, int, int]) -> _Tally:
     return check_cases([random_case(seed, i) for i in range(begin, end)])
 
 
+def _results(
+    work: Callable[[_Item], _Result],
+    items: Sequence[_Item],
+    workers: int,
+    stage: str,
+    progress: Callable[..., Any],
+    stop: Callable[[], bool],
+) -> list[_Result]:
+    """Do the work on several processes; return the results, in the order of the items."""
+    found: dict[int, _Result] = {}
+    numbered = partial(_numbered, work)
+    with closing(run_in_processes(numbered, enumerate(items), workers, stop=stop)) as results:
+        for number, result in results:
+            found[number] = result
+            progress(stage, len(found) / len(items))
+    return [found[number] for number in sorted(found)]
+
+
+def _numbered(work: Callable[[_Item], _Result], task: tuple[int, _Item]) -> tuple[int, _Result]:
+    number, item = task
+    return number, work(item)
+
+
 def check_faults(
     cases: int, seed: int, workers: int, progress: Callable[..., Any], stop: Callable[[], bool]
 ) -> FaultBenchmark:
@@ -94,13 +122,7 @@ def check_faults(
     fixed = len(enumerated())
     work = [(-1, i, min(i + _CHUNK, fixed)) for i in range(0, fixed, _CHUNK)]
     work += [(seed, i, min(i + _CHUNK, cases)) for i in range(0, cases, _CHUNK)]
-    tallies = run_in_processes(
-        _chunk,
-        work,
-        workers,
-        progress=lambda done: progress("fault sequences", done / len(work)),
-        stop=stop,
-    )
+    tallies = _results(_chunk, work, workers, "fault sequences", progress, stop)
     found = [one for tally in tallies for one in tally.found]
     rows = visited = 0
     for tally in tallies:
@@ -160,13 +182,7 @@ def touchdown_in_flight(
 ) -> dict[str, dict[str, float]]:
     """Fly every scenario `flights` times; return by name how near the test came to firing."""
     work = [(name, seed) for seed in range(flights) for name in (*builtin_scenarios(), *HARD)]
-    done = run_in_processes(
-        _fly,
-        work,
-        workers,
-        progress=lambda count: progress("flights", count / len(work)),
-        stop=stop,
-    )
+    done = _results(_fly, work, workers, "flights", progress, stop)
     found: dict[str, dict[str, float]] = {}
     for name, longest_s, _ in done:
         one = found.setdefault(name, {"flights": 0, "fired": 0, "longest_contact_s": 0.0})

@@ -132,7 +132,7 @@ def test_a_killed_study_goes_on_to_the_same_digit(tmp_path):
         kept = folder.kept
     assert 0 < kept < 100
     journal = tmp_path / "killed" / "flights.jsonl"
-    journal.write_bytes(journal.read_bytes() + b'{"flight": 77, "mar')
+    journal.write_bytes(journal.read_bytes() + b'\n["risk", 77, {"mar')
     with open_risk(tmp_path / "killed", study) as folder:
         assert folder.kept == kept
         assert fly_risk(folder, workers=1, page=False) == whole

@@ -21,21 +21,22 @@ import pytest
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import flight_summary
+from tombo_flight.process.study import Task, begin_flying, fly_task
 from tombo_flight.process.study_folder import OUTCOME, read_head
 from tombo_flight.scenario import load_scenario
 from tombo_flight.sweep import store as store_module
 from tombo_flight.sweep.columns import FIGURES, LEFT_OUT, WALL_COLUMNS, row_of
 from tombo_flight.sweep.design import Design, parse_axis
-from tombo_flight.sweep.finish import fly_sweep
+from tombo_flight.sweep.run import fly_sweep
 from tombo_flight.sweep.store import STUDY_FILE, open_store
-from tombo_flight.sweep.study import Flyer, new_study
+from tombo_flight.sweep.study import new_sweep
 
 AXES = ("vehicle.mass=1.1,1.3", "mission.height=1.5:2.5:0.5")
 SHORT = ("duration=1.5",)
 
 
 def study(seeds=range(3), axes=AXES, settings=SHORT, name="hover"):
-    return new_study(name, Design(tuple(parse_axis(text) for text in axes)), seeds, settings)
+    return new_sweep(name, Design(tuple(parse_axis(text) for text in axes)), seeds, settings)
 
 
 def flown(folder, what=None, **options):
@@ -100,7 +101,7 @@ def test_a_sweep_goes_on_where_it_was_stopped_and_flies_nothing_twice(
             stopped = fly_sweep(store, workers=1, stop=lambda n=limit: len(flights) >= n)
             assert stopped is None
     with (tmp_path / "s" / "parts" / "000002.jsonl").open("a") as journal:
-        journal.write('{"flight": 17, "po')  # torn when the process was killed
+        journal.write('\n["sweep", 17, {"po')  # torn when the process was killed
     with open_store(tmp_path / "s", study()) as store:
         assert fly_sweep(store, workers=1) == "0 of 18 crashed"
 
@@ -213,13 +214,11 @@ def test_the_command_of_a_flight_flies_it_again():
     words = shlex.split(what.command(9))
     settings = [word for before, word in pairwise(words) if before == "--set"]
     alone = fly_scenario(load_scenario(words[2], settings), int(words[words.index("--seed") + 1]))
-    row = Flyer(what).fly(9)
+    point, seed = what.place(9)
+    begin_flying(what)
+    _, row = fly_task(Task(9, point, seed))
     ours = row_of(flight_summary(alone))
-    assert row["seed"] == 6 and settings == [
-        "duration=1.5",
-        "propeller.conf=13",
-        "mission.height=1.55",
-    ]
+    assert seed == 6 and settings == ["duration=1.5", "propeller.conf=13", "mission.height=1.55"]
     assert {k: row[k] for k in ours if k not in WALL_COLUMNS} == {
         k: v for k, v in ours.items() if k not in WALL_COLUMNS
     }

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from tombo_collision.own_reactions import imported_files, is_own
 from tombo_dynamics.errors import InputError
 from tombo_flight.arena.cases import Case, Match
 from tombo_flight.campaign.statistics import SPREAD_METRICS
-from tombo_flight.flight import Workspace, fly_scenario
-from tombo_flight.flight_output import flight_summary, warm_up_flight
-from tombo_flight.process.process_pool import process_count, run_in_processes
+from tombo_flight.flight_output import warm_up_flight
+from tombo_flight.process.study import Task, fly_tasks
 from tombo_flight.scenario import Scenario
 
 ROW_KEYS: Final = (
@@ -26,24 +24,23 @@ Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Job:
-    """One flight."""
-
-    match: Match
-    seed: int
-    key: str
-    """Of its row: reaction, case, seed, and a hash of the scenario."""
-
-
-@dataclass(frozen=True)
 class Plan:
-    """What an arena flies."""
+    """What an arena flies: the study whose points are matches."""
 
     matches: tuple[Match, ...]
-    jobs: tuple[Job, ...]
-    """Seed by seed, ascending, so that what is stopped has as many flights of each match."""
+    tasks: tuple[Task, ...]
+    """Keyed by reaction, case, seed and a hash of the scenario. Seed by seed, ascending, so that
+    what is stopped has as many flights of each match."""
     refused: Mapping[str, str]
     """Cases that can't be flown → the reason."""
+
+    def scenario_at(self, match: Match) -> Scenario:
+        """Return what is flown in a match."""
+        return match.scenario()
+
+    def figures(self, summary: Row, scenario: Scenario) -> dict[str, Any]:
+        """Return what is kept of a flight."""
+        return {key: summary[key] for key in ROW_KEYS}
 
     def rows(self, kept: Mapping[str, Row]) -> dict[Match, list[Row]]:
         """Return what is kept of the flights of each match, in the order of the seeds.
@@ -51,18 +48,18 @@ class Plan:
         Flights that could not be flown are left out; see `not_flown`.
         """
         found: dict[Match, list[Row]] = {match: [] for match in self.matches}
-        for job in self.jobs:
-            if "error" not in kept[job.key]:
-                found[job.match].append(kept[job.key])
+        for task in self.tasks:
+            if "error" not in kept[task.key]:
+                found[task.point].append(kept[task.key])
         return found
 
     def not_flown(self, kept: Mapping[str, Row]) -> dict[str, str]:
         """Return what could not be flown, besides `refused` → the reason of the first flight."""
         errors: dict[Match, list[str]] = {}
-        for job in self.jobs:
-            if "error" in kept[job.key]:
-                why = f"seed {job.seed}: {kept[job.key]['error']}"
-                errors.setdefault(job.match, []).append(why)
+        for task in self.tasks:
+            if "error" in kept[task.key]:
+                why = f"seed {task.seed}: {kept[task.key]['error']}"
+                errors.setdefault(task.point, []).append(why)
         return {
             f"{match.case.name} with {match.reaction} ({len(of)} flights)": of[0]
             for match, of in errors.items()
@@ -83,13 +80,13 @@ def new_plan(
             flown.append(case)
     matches = tuple(Match(name, case, disturbed) for case in flown for name in reactions)
     hashes = {match: _hash(match.scenario()) for match in matches}
-    jobs = tuple(
-        Job(m, seed, f"{m.reaction}/{m.case.name}/{seed}/{hashes[m]}")
+    tasks = tuple(
+        Task(f"{m.reaction}/{m.case.name}/{seed}/{hashes[m]}", m, seed)
         for seed in seeds
         for m in matches
         if seed in m.case.seeds(seeds)
     )
-    return Plan(matches, jobs, refused)
+    return Plan(matches, tasks, refused)
 
 
 def fly_plan(
@@ -109,42 +106,17 @@ def fly_plan(
         progress: called with the number of flights done here, and of all that were missing.
         stop: asked ten times a second; True ends all processes.
     """
-    left = [job for job in plan.jobs if job.key not in kept]
-    count = min(process_count(workers), len(left))
-    if not left:
-        return
-    run_in_processes(
-        _fly,
-        left,
-        count,
-        begin=_begin,
-        keep=lambda job, row: kept.__setitem__(job.key, row),
-        progress=None if progress is None else lambda done: progress(done, len(left)),
-        stop=stop,
-        copies=True,
-    )
+    left = [task for task in plan.tasks if task.key not in kept]
+    done = 0
 
+    def keep(task: Task, row: dict[str, Any]) -> None:
+        nonlocal done
+        kept[task.key] = row if "error" not in row else {"seed": task.seed, **row}
+        done += 1
+        if progress is not None:
+            progress(done, len(left))
 
-_workspace: Workspace
-
-
-def _begin() -> None:
-    """Prepare a process: it keeps its memory."""
-    global _workspace
-    _workspace = Workspace()
-
-
-@cache
-def _scenario(match: Match) -> Scenario:
-    return match.scenario()
-
-
-def _fly(job: Job) -> dict[str, Any]:
-    try:
-        summary = flight_summary(fly_scenario(_scenario(job.match), job.seed, _workspace))
-    except InputError as error:
-        return {"seed": job.seed, "error": str(error)}
-    return {key: summary[key] for key in ROW_KEYS}
+    fly_tasks(replace(plan, tasks=()), left, len(left), keep, workers=workers, stop=stop)
 
 
 def _hash(scenario: Scenario) -> str:

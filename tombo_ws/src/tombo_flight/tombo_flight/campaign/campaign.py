@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import takewhile
 from typing import Any
 
 from tombo_dynamics.errors import InputError
 from tombo_flight.campaign.statistics import aggregate
-from tombo_flight.flight import Workspace, fly_scenario
-from tombo_flight.flight_output import flight_summary
-from tombo_flight.process.process_pool import process_count, run_in_processes
+from tombo_flight.process.study import Row, Task, fly_tasks
 from tombo_flight.scenario import Scenario
 from tombo_flight.version import tombo_version
 
-_scenario: Scenario
-_workspace: Workspace
+
+@dataclass(frozen=True)
+class _Campaign:
+    """The study of one scenario, of which whole summaries are kept."""
+
+    scenario: Scenario
+
+    def scenario_at(self, point: None) -> Scenario:
+        return self.scenario
+
+    def figures(self, summary: Mapping[str, Any], scenario: Scenario) -> Row:
+        return dict(summary)
 
 
 def fly_campaign(
@@ -47,20 +57,19 @@ def fly_campaign(
         InputError: as `fly_scenario`, with the seed, where no flight can be flown.
     """
     began = time.perf_counter()
-    count = min(process_count(workers), len(seeds))
-    found = run_in_processes(
-        _fly,
-        seeds,
-        count,
-        begin=_begin,
-        given=(scenario,),
-        progress=progress,
-        stop=stop,
-        copies=True,
-    )
+    flown: dict[int, Row] = {}
+
+    def keep(task: Task, row: Row) -> None:
+        flown[task.seed] = row
+        if progress is not None:
+            progress(len(flown))
+
+    tasks = (Task(seed, None, seed) for seed in seeds)
+    fly_tasks(_Campaign(scenario), tasks, len(seeds), keep, workers=workers, stop=stop)
     wall = time.perf_counter() - began
-    flights = [one for one in found if "error" not in one]
-    not_flown = [one for one in found if "error" in one]
+    whole = list(takewhile(flown.__contains__, seeds))
+    flights = [flown[seed] for seed in whole if "error" not in flown[seed]]
+    not_flown = [{"seed": seed, **flown[seed]} for seed in whole if "error" in flown[seed]]
     if not_flown and not flights:
         raise InputError(f"seed {not_flown[0]['seed']}: {not_flown[0]['error']}")
     return {
@@ -73,21 +82,8 @@ def fly_campaign(
         "disturbances": scenario.disturbances,
         "first_seed": seeds[0],
         "last_seed": seeds[-1],
-        "interrupted": len(found) < len(seeds),
+        "interrupted": len(whole) < len(seeds),
         "flights": flights,
         "not_flown": not_flown,
         "aggregate": aggregate(flights, wall),
     }
-
-
-def _begin(scenario: Scenario) -> None:
-    """Prepare a process: it keeps scenario and memory."""
-    global _scenario, _workspace
-    _scenario, _workspace = scenario, Workspace()
-
-
-def _fly(seed: int) -> dict[str, Any]:
-    try:
-        return flight_summary(fly_scenario(_scenario, seed, _workspace))
-    except InputError as error:
-        return {"seed": seed, "error": str(error)}

@@ -9,7 +9,6 @@ import signal
 import threading
 from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from contextlib import closing
 from typing import Any, TypeVar
 
 from tombo_collision.own_reactions import import_reactions, imported_files
@@ -31,62 +30,6 @@ def process_count(workers: int | None) -> int:
 
 def run_in_processes(
     work: Callable[[_Item], _Result],
-    items: Sequence[_Item],
-    workers: int,
-    *,
-    begin: Callable[..., None] | None = None,
-    given: tuple[Any, ...] = (),
-    progress: Callable[[int], None] | None = None,
-    keep: Callable[[_Item, _Result], None] | None = None,
-    stop: Callable[[], bool] | None = None,
-    copies: bool = False,
-) -> list[_Result]:
-    """Return the results in the order of the items, up to the first one missing.
-
-    Args:
-        work: what is done with each item; a function of a module.
-        items: the items.
-        workers: number of processes.
-        begin: called once in each process with `given`.
-        given: arguments of `begin`.
-        progress: called with the number of items done.
-        keep: called with each item and its result, as they come.
-        stop: asked ten times a second; True ends all processes.
-        copies: start the processes as copies of this one, where no other threads run in it: all
-            code is loaded already, which saves each two seconds. Not for work that needs another
-            number of threads of linear algebra than this process has.
-
-    Raises:
-        Exception: what `work` raised first; all processes are ended.
-    """
-    done: dict[int, _Result] = {}
-    numbered = enumerate(items)
-    found = stream_from_processes(
-        _numbered,
-        ((work, number, item) for number, item in numbered),
-        workers,
-        begin=begin,
-        given=given,
-        stop=stop,
-        copies=copies,
-    )
-    with closing(found):
-        for number, result in found:
-            done[number] = result
-            if keep is not None:
-                keep(items[number], result)
-            if progress is not None:
-                progress(len(done))
-    results = []
-    for number in range(len(items)):
-        if number not in done:
-            break
-        results.append(done[number])
-    return results
-
-
-def stream_from_processes(
-    work: Callable[[_Item], _Result],
     items: Iterable[_Item],
     workers: int,
     *,
@@ -95,9 +38,18 @@ def stream_from_processes(
     stop: Callable[[], bool] | None = None,
     copies: bool = False,
 ) -> Generator[_Result, None, None]:
-    """Yield results as they come, in any order; nothing is kept. Arguments as above.
+    """Yield results as they come, in any order; closing the generator ends all processes.
 
-    Closing the generator before its end ends all processes.
+    Args:
+        work: what is done with each item; a function of a module.
+        items: the items.
+        workers: number of processes.
+        begin: called once in each process with `given`.
+        given: arguments of `begin`.
+        stop: asked ten times a second; True ends all processes.
+        copies: start the processes as copies of this one, where no other threads run in it: all
+            code is loaded already, which saves each two seconds. Not for work that needs another
+            number of threads of linear algebra than this process has.
 
     Raises:
         Exception: what `work` raised first; all processes are ended.
@@ -142,11 +94,6 @@ def _submit(
         return executor.submit(work, item)
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-
-
-def _numbered(task: tuple[Callable[[_Item], _Result], int, _Item]) -> tuple[int, _Result]:
-    work, number, item = task
-    return number, work(item)
 
 
 def _begin(files: Sequence[tuple[str, str]], told: Any) -> None:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import json
 import os
+from collections import UserDict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
-from tombo_dynamics.errors import InputError
+from tombo_dynamics.errors import InputError, shown
 from tombo_flight.process.output_folder import make_numbered
 
 OUTCOME = "outcome"
@@ -19,42 +19,72 @@ OUTCOME = "outcome"
 RESULT = "result"
 
 
-class Journal:
-    """Flights in a file of JSON lines, one a flight, written as they come."""
+class Journal(UserDict[Any, dict[str, Any]]):
+    """Rows by number or name, one a line of a file; a line cut by a kill is left out."""
 
-    def __init__(self, path: Path) -> None:
-        self.rows: dict[int, Mapping[str, Any]] = {}
-        whole = 0
-        if path.is_file():
-            for line in path.read_bytes().splitlines(keepends=True):
-                if not line.endswith(b"\n"):  # cut off when the process was killed
-                    break
-                row = json.loads(line)
-                self.rows[row["flight"]] = row
-                whole += len(line)
-            os.truncate(path, whole)
-        self._path = str(path)
-        self._file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+    def __init__(self, path: Path, run: str) -> None:
+        """Read what is there.
 
-    def append(self, row: Mapping[str, Any]) -> None:
-        """Put a flight on disk.
+        Args:
+            path: the file, made with the first row.
+            run: what the rows are of.
+
+        Raises:
+            InputError: it is of another run, or can't be read.
+        """
+        super().__init__()
+        self.path = path
+        self._run = run
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"'{path}' can't be read: {error}") from error
+        for line in lines:
+            try:
+                kept_run, key, row = json.loads(line)
+            except (ValueError, TypeError):
+                continue
+            if kept_run != run:
+                raise InputError(
+                    f"'{path}' is of {shown(kept_run)}, this is {shown(run)}; accepted: the same "
+                    "command and seed, or another -o"
+                )
+            self.data[key] = row
+
+    def __setitem__(self, key: Any, row: dict[str, Any]) -> None:
+        """Append a row.
 
         Raises:
             OSError: it can't be written.
         """
-        line = json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n"
-        data = line.encode()
+        text = json.dumps([self._run, key, row], default=_number)
         try:
-            written = os.write(self._file, data)
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write("\n" + text)  # a line that a kill has cut ends here
         except OSError as error:
-            raise OSError(error.errno, error.strerror, self._path) from error
-        if written != len(data):  # the rest is cut off when the study goes on
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), self._path)
-        self.rows[row["flight"]] = row
+            raise OSError(error.errno, error.strerror, str(self.path)) from error
+        self.data[key] = row
 
-    def close(self) -> None:
-        """Close the file."""
-        os.close(self._file)
+
+def _number(value: Any) -> Any:
+    """Return a number or list of numpy as Python's own."""
+    return value.tolist()
+
+
+class Store(Protocol):
+    """The flights of a study that are on disk, in its folder."""
+
+    @property
+    def kept(self) -> int:
+        """Their number."""
+        ...
+
+    def remove(self) -> None:
+        """Remove what was written, where not one flight was flown."""
+        ...
+
+
+_Store = TypeVar("_Store", bound=Store)
 
 
 @contextmanager
@@ -62,19 +92,20 @@ def open_study(
     folder: Path,
     head: str,
     values: Mapping[str, Any],
+    opened: Callable[[Path], _Store],
     *,
     numbered: bool = False,
-    clear: Callable[[Path], bool],
-) -> Iterator[Path]:
+) -> Iterator[_Store]:
     """Open the folder of a study: a new or empty one, or that of the same study, to go on with.
+
+    A new one is gone again where not one flight was flown.
 
     Args:
         folder: the folder; its parents are made as needed.
         head: name of the file that says what is flown.
         values: what is flown, in the types of JSON.
+        opened: reads the flights that are in the folder.
         numbered: make a new folder, with a number behind its name where that is taken.
-        clear: called at the end of a study that began here; removes what it wrote and returns
-            True where not one flight was flown.
 
     Raises:
         InputError: something else is in it, or another process flies it.
@@ -97,10 +128,14 @@ def open_study(
             ) from None
         begun = (folder / head).is_file()
         _check_same(folder, head, kind, values)
+        store = None
         try:
-            yield folder
+            store = opened(folder)
+            yield store
         finally:
-            if not begun and clear(folder):
+            if not begun and (store is None or not store.kept):
+                if store is not None:
+                    store.remove()
                 (folder / head).unlink(missing_ok=True)
                 if new:
                     with suppress(OSError):

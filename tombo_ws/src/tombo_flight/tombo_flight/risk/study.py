@@ -14,6 +14,7 @@ from tombo_flight.command_line import fly_command
 from tombo_flight.json_text import plain
 from tombo_flight.risk.estimate import METHODS
 from tombo_flight.risk.inputs import Input, openturns, parse_input, settings_at
+from tombo_flight.risk.margin import margin
 from tombo_flight.scenario import Scenario, scenario_values, with_settings
 from tombo_flight.vehicle_file import vehicle_named
 from tombo_flight.version import tombo_version
@@ -53,6 +54,10 @@ class RiskStudy:
             InputError: it is no scenario.
         """
         return with_settings(dict(self.values), [*self.settings, *settings], self.label)
+
+    def figures(self, summary: Mapping[str, Any], scenario: Scenario) -> dict[str, Any]:
+        """Return the margin of a flight."""
+        return {"margin": margin(summary, scenario)}
 
     def command(self, point: Array, seed: int) -> str:
         """Return the command line that flies a flight again."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def schema_of(design: Design, study: Mapping[str, Any]) -> pa.Schema:
     return pa.schema(fields, metadata={"tombo": text})
 
 
-def table_of(rows: list[Mapping[str, Any]], design: Design, schema: pa.Schema) -> pa.Table:
+def table_of(rows: Sequence[Mapping[str, Any]], design: Design, schema: pa.Schema) -> pa.Table:
     """Return rows as a table; axes of numbers become numbers, what a row lacks is null."""
     import pyarrow as pa
 

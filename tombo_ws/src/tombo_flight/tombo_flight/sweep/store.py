@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tombo_flight.process.study_folder import Journal, open_study, write_head
-from tombo_flight.sweep.study import Study
+from tombo_flight.sweep.study import Sweep
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -31,15 +31,15 @@ BLOCK = 10_000
 class Store:
     """The flights of a study in a folder; see `open_store`."""
 
-    def __init__(self, folder: Path, study: Study) -> None:
+    def __init__(self, folder: Path, sweep: Sweep) -> None:
         self.folder = folder
-        self.study = study
+        self.sweep = sweep
         self._parts = folder / PARTS
         self._open: dict[int, Journal] = {}
         self.kept = 0
         """Flights that are on disk."""
         if self.finished:
-            self.kept = study.flights
+            self.kept = sweep.flights
             return
         self._parts.mkdir(exist_ok=True)
         for number in range(self.blocks):
@@ -47,7 +47,7 @@ class Store:
                 self._journal(number).unlink(missing_ok=True)
                 self.kept += len(self._flights_of(number))
             elif self._journal(number).is_file():
-                self.kept += len(self._block(number).rows)
+                self.kept += len(self._block(number))
 
     @property
     def finished(self) -> bool:
@@ -57,13 +57,13 @@ class Store:
     @property
     def blocks(self) -> int:
         """Number of blocks."""
-        return -(-self.study.flights // BLOCK)
+        return -(-self.sweep.flights // BLOCK)
 
     def missing(self) -> Iterator[int]:
         """Yield the flights that are not on disk, in their order."""
         for number in range(self.blocks):
             if not self._whole(number).is_file():
-                there = set(self._block(number).rows)
+                there = set(self._block(number))
                 yield from (flight for flight in self._flights_of(number) if flight not in there)
 
     def keep(self, row: Mapping[str, Any]) -> None:
@@ -74,9 +74,9 @@ class Store:
         """
         number = row["flight"] // BLOCK
         block = self._block(number)
-        block.append(row)
+        block[row["flight"]] = dict(row)
         self.kept += 1
-        if len(block.rows) == len(self._flights_of(number)):
+        if len(block) == len(self._flights_of(number)):
             self._seal(number)
 
     def finish(self) -> None:
@@ -101,25 +101,24 @@ class Store:
         from tombo_flight.sweep.columns import table_of
 
         block = self._open.pop(number)
-        rows = [block.rows[flight] for flight in sorted(block.rows)]
+        rows = [block[flight] for flight in sorted(block)]
         unfinished = self._parts / f".{number:06d}.unfinished"
-        pq.write_table(table_of(rows, self.study.design, self._schema()), unfinished)
+        pq.write_table(table_of(rows, self.sweep.design, self._schema()), unfinished)
         os.replace(unfinished, self._whole(number))
-        block.close()
         self._journal(number).unlink()
 
     def _schema(self) -> pa.Schema:
         from tombo_flight.sweep.columns import schema_of
 
-        return schema_of(self.study.design, self.study.as_mapping())
+        return schema_of(self.sweep.design, self.sweep.as_mapping())
 
     def _block(self, number: int) -> Journal:
         if number not in self._open:
-            self._open[number] = Journal(self._journal(number))
+            self._open[number] = Journal(self._journal(number), "sweep")
         return self._open[number]
 
     def _flights_of(self, number: int) -> range:
-        return range(number * BLOCK, min((number + 1) * BLOCK, self.study.flights))
+        return range(number * BLOCK, min((number + 1) * BLOCK, self.sweep.flights))
 
     def _whole(self, number: int) -> Path:
         return self._parts / f"{number:06d}.parquet"
@@ -127,49 +126,33 @@ class Store:
     def _journal(self, number: int) -> Path:
         return self._parts / f"{number:06d}.jsonl"
 
-    def close(self) -> None:
-        """Close all files."""
-        for block in self._open.values():
-            block.close()
-
     def remove(self) -> None:
         """Remove the parts."""
         shutil.rmtree(self._parts, ignore_errors=True)
 
 
 @contextmanager
-def open_store(folder: Path, study: Study, *, numbered: bool = False) -> Iterator[Store]:
+def open_store(folder: Path, sweep: Sweep, *, numbered: bool = False) -> Iterator[Store]:
     """Open the folder of a sweep: a new or empty one, or that of the same sweep, to go on with.
 
     A new one is gone again where not one flight was flown.
 
     Args:
         folder: the folder; its parents are made as needed.
-        study: what is flown.
+        sweep: what is flown.
         numbered: make a new folder, with a number behind its name where that is taken.
 
     Raises:
         InputError: something else is in it, or another process flies it.
         OSError: it can't be written.
     """
-    opened: list[Store] = []
-
-    def clear(_: Path) -> bool:
-        unflown = all(store.kept == 0 for store in opened)
-        for store in opened if unflown else ():
-            store.remove()
-        return unflown
-
-    values = study.as_mapping()
-    with open_study(folder, STUDY_FILE, values, numbered=numbered, clear=clear) as own:
-        store = Store(own, study)
-        opened.append(store)
-        try:
-            yield store
-        finally:
-            store.close()
+    values = sweep.as_mapping()
+    with open_study(
+        folder, STUDY_FILE, values, lambda own: Store(own, sweep), numbered=numbered
+    ) as store:
+        yield store
 
 
-def write_outcome(folder: Path, study: Study, outcome: str) -> None:
+def write_outcome(folder: Path, sweep: Sweep, outcome: str) -> None:
     """Write the study and how it stands into the folder, whole or not at all."""
-    write_head(folder, STUDY_FILE, study.as_mapping(), outcome)
+    write_head(folder, STUDY_FILE, sweep.as_mapping(), outcome)

@@ -11,8 +11,6 @@ from tombo_collision.own_reactions import imported_files
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import check_seed
 from tombo_flight.command_line import fly_command
-from tombo_flight.flight import Workspace, fly_scenario
-from tombo_flight.flight_output import flight_summary
 from tombo_flight.json_text import plain
 from tombo_flight.scenario import Scenario, scenario_values, with_settings
 from tombo_flight.sweep.columns import row_of
@@ -23,7 +21,7 @@ MOST_FLIGHTS = 10**9
 
 
 @dataclass(frozen=True)
-class Study:
+class Sweep:
     """A scenario, what is varied, and the seeds that each point is flown with.
 
     Flight n has point n // seeds and seed first + n % seeds.
@@ -71,6 +69,10 @@ class Study:
         varied = [f"{key}={text}" for key, text in self.points[point].items()]
         return with_settings(dict(self.values), [*self.settings, *varied], self.label)
 
+    def figures(self, summary: Mapping[str, Any], scenario: Scenario) -> dict[str, Any]:
+        """Return the columns of a flight."""
+        return row_of(summary)
+
     def command(self, flight: int) -> str:
         """Return the command line that flies a flight again."""
         point, seed = self.place(flight)
@@ -91,14 +93,14 @@ class Study:
         return {"tombo_version": values.pop("version"), **values, **design}
 
 
-def new_study(
+def new_sweep(
     scenario: str,
     design: Design,
     seeds: range,
     settings: tuple[str, ...] = (),
     model: str | None = None,
     vehicle: str | None = None,
-) -> Study:
+) -> Sweep:
     """Read and check a sweep: the scenario, and each value of an axis by itself.
 
     Raises:
@@ -107,48 +109,20 @@ def new_study(
     for seed in (seeds.start, seeds.stop - 1) if seeds else ():
         check_seed("seed", seed)
     values, label = scenario_values(scenario, model, vehicle)
-    study = Study(
+    sweep = Sweep(
         scenario, design, (seeds.start, seeds.stop), settings, label, plain_values(values),
         tombo_version(), model or "", vehicle or "", imported_files(),
     )  # fmt: skip
-    if not 1 <= study.flights <= MOST_FLIGHTS:
-        raise InputError(f"{study.flights} flights; accepted: 1 to {MOST_FLIGHTS}")
-    study.scenario_at(0)
+    if not 1 <= sweep.flights <= MOST_FLIGHTS:
+        raise InputError(f"{sweep.flights} flights; accepted: 1 to {MOST_FLIGHTS}")
+    sweep.scenario_at(0)
     for axis in design.axes:
         for text in axis.ends:
             with_settings(values, [*settings, f"{axis.key}={text}"], label)
-    return study
+    return sweep
 
 
 def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return values of a scenario in the types of JSON, tuples as lists."""
     found: dict[str, Any] = plain(values)
     return found
-
-
-class Flyer:
-    """Flies the flights of a study, keeping memory and the last scenario."""
-
-    def __init__(self, study: Study) -> None:
-        self.study = study
-        self._workspace = Workspace()
-        self._point = -1
-        self._scenario: Scenario | str = ""
-
-    def fly(self, flight: int) -> dict[str, Any]:
-        """Return the row of a flight; one that can't be flown says why in `error`."""
-        point, seed = self.study.place(flight)
-        if point != self._point:
-            try:
-                self._scenario = self.study.scenario_at(point)
-            except InputError as error:
-                self._scenario = str(error)
-            self._point = point
-        key = {"flight": flight, "point": point, "seed": seed, **self.study.points[point]}
-        if isinstance(self._scenario, str):
-            return {**key, "error": self._scenario}
-        try:
-            summary = flight_summary(fly_scenario(self._scenario, seed, self._workspace))
-        except InputError as error:
-            return {**key, "error": str(error)}
-        return {**key, **row_of(summary)}

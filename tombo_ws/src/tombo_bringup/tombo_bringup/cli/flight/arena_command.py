@@ -15,10 +15,10 @@ from tombo_bringup.cli.result_files import check_output, unwritable, write_file
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.part_file import PartFile
     from tombo_bringup.cli.progress import ProgressCallback
     from tombo_flight.arena.flying import Plan
     from tombo_flight.process.stop_signals import StopSignals
+    from tombo_flight.process.study_folder import Journal
 
 ARENA_EXIT_CODES = (
     "Exit code: 0 when all was flown, whatever became of the vehicles; 2 for bad input or output "
@@ -102,13 +102,13 @@ def _listed(text: str | None) -> list[str] | None:
     return None if text is None else [part.strip() for part in text.split(",")]
 
 
-def _kept(path: Path, force: bool) -> PartFile:
+def _kept(path: Path, force: bool) -> Journal:
     """Return the flights that a folder has; make it if there is none.
 
     Raises:
         InputError: it has other things, or can't be written.
     """
-    from tombo_bringup.cli.part_file import PartFile
+    from tombo_flight.process.study_folder import Journal
 
     flights = path / _FLIGHTS
     try:
@@ -124,12 +124,12 @@ def _kept(path: Path, force: bool) -> PartFile:
             pass
     except OSError as error:
         raise unwritable(path, error) from error
-    return PartFile(flights, "arena")
+    return Journal(flights, "arena")
 
 
 def _fly(
     plan: Plan,
-    kept: PartFile,
+    kept: Journal,
     workers: int | None,
     stop: StopSignals,
     on_progress: ProgressCallback,
@@ -157,7 +157,7 @@ def _minutes(seconds: float) -> str:
 
 
 def _write(
-    path: Path, plan: Plan, kept: PartFile, seeds: range, on_progress: ProgressCallback
+    path: Path, plan: Plan, kept: Journal, seeds: range, on_progress: ProgressCallback
 ) -> tuple[str, Mapping[str, Any]]:
     """Write JSON and page; return the JSON and its content."""
     from tombo_flight.arena.page import arena_html

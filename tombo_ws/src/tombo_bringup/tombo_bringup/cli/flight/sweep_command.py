@@ -24,7 +24,7 @@ from tombo_bringup.cli.options import (
 from tombo_bringup.cli.result_files import check_output, fly_study, plain_name
 
 if TYPE_CHECKING:
-    from tombo_flight.sweep.study import Study
+    from tombo_flight.sweep.study import Sweep
 
 SWEEP_EXIT_CODES = (
     "Exit code: 0 when all flights are flown, whatever became of the vehicles; 2 for bad input or "
@@ -89,11 +89,11 @@ def sweep(
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler: accepted: one of them")
     from tombo_flight.sweep.design import Design, parse_axis
-    from tombo_flight.sweep.study import new_study
+    from tombo_flight.sweep.study import new_sweep
 
     chosen = [*over_scenario(reaction, disturbances=disturbances), *(settings or [])]
     varied = tuple(parse_axis(text) for text in axes or [])
-    study = new_study(
+    study = new_sweep(
         scenario,
         Design(varied, design, samples),
         parse_seeds(seeds, MOST_SEEDS),
@@ -108,10 +108,10 @@ MOST_SEEDS = 10**9
 
 
 def _sweep(
-    study: Study, output: str | None, workers: int | None, scheduler: str | None, as_json: bool
+    study: Sweep, output: str | None, workers: int | None, scheduler: str | None, as_json: bool
 ) -> None:
-    from tombo_flight.sweep.finish import fly_sweep
-    from tombo_flight.sweep.run import check_scheduler
+    from tombo_flight.process.cluster import check_scheduler
+    from tombo_flight.sweep.run import fly_sweep
     from tombo_flight.sweep.store import open_store
 
     if scheduler is not None:  # before anything is written
