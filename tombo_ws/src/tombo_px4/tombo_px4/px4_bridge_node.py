@@ -31,12 +31,19 @@ from tombo_bag.topics import (
     RATES_SETPOINT,
     SETPOINT,
     TF,
+    TopicSpec,
 )
 from tombo_control.safety.flight_volume import check_volume
 from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
-from tombo_dynamics.messages import PositionSetpoint
+from tombo_dynamics.messages import (
+    EstimatorStatus,
+    Imu,
+    Odometry,
+    PositionSetpoint,
+    unknown_covariance,
+)
 from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_dynamics.time_base import SECOND_NS
@@ -152,23 +159,16 @@ class Px4BridgeNode(LoopNode):
         self._published_status_ns = 0
 
     def _make_outputs(self) -> None:
-        self._odometry_out = self.advertise(ODOMETRY)
-        frames = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
-        self._odometry = MessageTemplate(ODOMETRY.typename, frames)
-        self._pose_field = self._odometry.field("pose.pose.position.x", 7)
-        self._covariance_field = self._odometry.field("pose.covariance", 36)
-        self._twist_field = self._odometry.field("twist.twist.linear.x", 6)
-        self._imu_out = self.advertise(IMU)
-        unknown = {"orientation_covariance": [-1.0] + 8 * [0.0]}
-        self._imu = MessageTemplate(IMU.typename, {"header": {"frame_id": FRAME_BODY}, **unknown})
-        self._gyro = self._imu.field("angular_velocity.x", 3)
-        self._accel = self._imu.field("linear_acceleration.x", 3)
-        self._battery_out = self.advertise(BATTERY)
-        self._estimator_out: Any = None
+        outputs = [ODOMETRY, IMU]
+        self._estimator_ns: int | None = None
         # the controller behind those set points asks for it
         if self._attitude_or_rates_in is not None:
-            self._estimator_out = self.advertise(ESTIMATOR_STATUS)
+            outputs.append(ESTIMATOR_STATUS)
             self._estimator_ns = 0
+        self._outputs = {
+            spec.name: (self.advertise(spec), MessageCodec(spec.typename)) for spec in outputs
+        }
+        self._battery_out = self.advertise(BATTERY)
         self._status_out = self.advertise(PX4_STATUS)
         self._tf_ns = 0
         self._tf_out = self._tf = None
@@ -177,7 +177,12 @@ class Px4BridgeNode(LoopNode):
         except ImportError:
             return
         self._tf_out = self.advertise(TF)
+        frames = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
         self._tf = MessageTemplate(TF.typename, {"transforms": [frames]})
+
+    def _publish(self, spec: TopicSpec, message: Any) -> None:
+        publisher, codec = self._outputs[spec.name]
+        publisher.publish(codec.encode(message))
 
     # --- Services: called in their own thread, answered by the loop --------------------------
 
@@ -315,30 +320,25 @@ class Px4BridgeNode(LoopNode):
 
     def _publish_odometry(self, odometry: VehicleOdometry) -> None:
         assert odometry.stamp_ns is not None
-        message_template = self._odometry
-        message_template.stamp(odometry.stamp_ns)
-        self._pose_field.put((*odometry.position, *odometry.attitude))
+        stamp_ns, attitude = odometry.stamp_ns, odometry.attitude
         covariance = odometry.pose_covariance
-        self._covariance_field.put_array(np.zeros(36) if covariance is None else covariance)
-        moving = rotate_vector(conjugate(odometry.attitude), odometry.velocity)
-        self._twist_field.put((*moving, *odometry.rates))
-        self._odometry_out.publish(message_template.data())
-        if self._estimator_out is not None and odometry.stamp_ns - self._estimator_ns >= _TF_NS:
-            self._estimator_ns = odometry.stamp_ns
-            self._publish_estimator_status(odometry.stamp_ns)
-        if self._tf_out is not None and odometry.stamp_ns - self._tf_ns >= _TF_NS:
-            self._tf_ns = odometry.stamp_ns
+        known = unknown_covariance() if covariance is None else covariance.ravel()
+        moving = rotate_vector(conjugate(attitude), odometry.velocity)
+        content = (stamp_ns, odometry.position, attitude, moving, odometry.rates, known)
+        self._publish(ODOMETRY, Odometry(*content))
+        if self._estimator_ns is not None and stamp_ns - self._estimator_ns >= _TF_NS:
+            self._estimator_ns = stamp_ns
+            self._publish_estimator_status(stamp_ns)
+        if self._tf_out is not None and stamp_ns - self._tf_ns >= _TF_NS:
+            self._tf_ns = stamp_ns
             self._publish_transform(odometry)
 
     def _publish_estimator_status(self, stamp_ns: int) -> None:
         """Publish the last pose's stamp; PX4 sends no biases, its gyro is corrected for them."""
-        message: Any = message_class(ESTIMATOR_STATUS.typename)()
-        message.header.stamp, message.header.frame_id = to_time(stamp_ns), FRAME_BODY
-        message.initialised = True
-        message.pose_stamp = to_time(self._bridge.pose_stamp_ns)
-        message.poses = self._bridge.poses_sent
-        message.rejected = sum(self._bridge.poses_refused.values())
-        self._estimator_out.publish(message)
+        bridge, no_bias = self._bridge, np.zeros(3)
+        rejected = sum(bridge.poses_refused.values())
+        poses = (bridge.pose_stamp_ns, bridge.poses_sent, rejected)
+        self._publish(ESTIMATOR_STATUS, EstimatorStatus(stamp_ns, True, no_bias, no_bias, *poses))
 
     def _publish_transform(self, odometry: VehicleOdometry) -> None:
         path = "transforms[0]"
@@ -349,10 +349,7 @@ class Px4BridgeNode(LoopNode):
 
     def _publish_imu(self, sample: ImuSample) -> None:
         assert sample.stamp_ns is not None
-        self._imu.stamp(sample.stamp_ns)
-        self._gyro.put(sample.gyro)
-        self._accel.put(sample.accel)
-        self._imu_out.publish(self._imu.data())
+        self._publish(IMU, Imu(sample.stamp_ns, sample.gyro, sample.accel))
 
     def _publish_status(self, status: Status, now_ns: int) -> None:
         plain = tuple(_NUMBER.sub("#", text) for text in status.findings)

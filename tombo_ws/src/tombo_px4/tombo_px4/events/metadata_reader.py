@@ -13,7 +13,7 @@ from tombo_px4.events.event_definitions import (
     path_of,
     unpacked,
 )
-from tombo_px4.link.event_messages import COMPONENT_METADATA
+from tombo_px4.link.added_messages import COMPONENT_METADATA
 from tombo_px4.link.file_transfer import FileAnswer, FileReader
 from tombo_px4.link.message_encoder import MessageTarget, request_message
 

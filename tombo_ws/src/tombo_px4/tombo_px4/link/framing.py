@@ -14,7 +14,7 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import common
 from pymavlink.dialects.v20.common import mavlink_map, x25crc
 
-from tombo_px4.link import event_messages
+from tombo_px4.link import added_messages
 
 DATAGRAM_TRIES = 64
 """Failed candidates in one datagram after which the rest of it is garbage."""
@@ -27,9 +27,9 @@ _V1, _V2 = 0xFE, 0xFD
 _V1_FRAME, _V2_FRAME = 8, 12  # without payload
 _SIGNED = 0x01
 _SIGNATURE = 13
-assert event_messages.EVENT in mavlink_map  # its import completes the dialect
+assert added_messages.EVENT in mavlink_map  # its import completes the dialect
 _CRC_EXTRA = {number: bytes([message.crc_extra]) for number, message in mavlink_map.items()}
-_CRC_EXTRA |= {number: bytes([extra]) for number, extra in event_messages.UNREAD.items()}
+_CRC_EXTRA |= {number: bytes([extra]) for number, extra in added_messages.UNREAD.items()}
 _DECODER = common.MAVLink(None)
 
 
@@ -165,6 +165,6 @@ def _candidate(data: bytes, at: int, findings: Findings) -> tuple[int, Frame | N
     if x25crc(data[at + 1 : crc_at] + extra).crc != data[crc_at] | data[crc_at + 1] << 8:
         findings.bad_checksum += 1
         return 0, None
-    if message_id in event_messages.UNREAD:
+    if message_id in added_messages.UNREAD:
         return size, None
     return size, Frame(data[at : at + size], system, component, message_id, signed)

@@ -15,8 +15,8 @@ from tombo_px4.events.known_events import (
     KNOWN_EVENTS,
     event_number,
 )
+from tombo_px4.link.added_messages import ARGUMENTS, Event
 from tombo_px4.link.decoded_messages import Severity
-from tombo_px4.link.event_messages import ARGUMENTS, Event
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
 
 _ALL_MODES = 0xFFFFFFFF

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import struct
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
+
+from tombo_px4.link.added_messages import ProtocolVersion
 
 _VERSION = 1 << 24 | 17 << 16 | 0 << 8 | 255
 """1.17.0; 255: a release, `FIRMWARE_VERSION_TYPE_OFFICIAL`."""
@@ -33,19 +34,6 @@ def autopilot_version(mav: Any) -> Any:
     )
 
 
-class ProtocolVersion(mavlink.MAVLink_message):  # type: ignore[misc]
-    """PROTOCOL_VERSION (300), which pymavlink's dialects no longer have."""
-
-    id = 300
-    msgname = "PROTOCOL_VERSION"
-    _CRC_EXTRA = 217
-    _CONTENT = struct.Struct("<HHH8s8s")
-
-    def __init__(self) -> None:
-        super().__init__(self.id, self.msgname)
-
-    def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
-        """Return the frame: MAVLink 2.0, nothing older is spoken."""
-        payload = self._CONTENT.pack(200, 200, 200, bytes(8), bytes(8))
-        frame: bytes = self._pack(mav, self._CRC_EXTRA, payload, force_mavlink1=force_mavlink1)
-        return frame
+def protocol_version() -> Any:
+    """Return PROTOCOL_VERSION: MAVLink 2.0, nothing older is spoken."""
+    return ProtocolVersion(200, 200, 200, 8 * [0], 8 * [0])

@@ -30,7 +30,7 @@ from tombo_px4.protocol.field_scaling import (
     heading,
     millimetres,
 )
-from tombo_px4.protocol.identity import ProtocolVersion, autopilot_version
+from tombo_px4.protocol.identity import autopilot_version, protocol_version
 from tombo_px4.protocol.telemetry_snapshot import TelemetrySnapshot, numbers
 
 if TYPE_CHECKING:
@@ -417,6 +417,6 @@ _BUILDERS: dict[int, tuple[str, Builder]] = {
     241: ("VIBRATION", lambda mav, p: mav.vibration_encode(p.boot_us, 0.0, 0.0, 0.0, 0, 0, 0)),
     242: ("HOME_POSITION", _home_position),
     245: ("EXTENDED_SYS_STATE", _extended_state),
-    300: ("PROTOCOL_VERSION", lambda mav, p: ProtocolVersion()),
+    300: ("PROTOCOL_VERSION", lambda mav, p: protocol_version()),
     331: ("ODOMETRY", _odometry),
 }

@@ -1,6 +1,6 @@
 """Messages of MAVLink's common set that pymavlink leaves out, because they are marked unfinished.
 
-PX4 sends its words as EVENT. Importing this module makes pymavlink's dialect know the three.
+PX4 sends its words as EVENT. Importing this module makes pymavlink's dialect know all four.
 Source: MAVLink's `common.xml`, from which the extra bytes of the checksums are computed.
 """
 
@@ -11,7 +11,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common
 
-COMPONENT_METADATA, EVENT, CURRENT_EVENT_SEQUENCE = 397, 410, 411
+PROTOCOL_VERSION, COMPONENT_METADATA, EVENT, CURRENT_EVENT_SEQUENCE = 300, 397, 410, 411
 UNREAD = {8: 117, 290: 251, 291: 10, 380: 232, 436: 193}
 """LINK_NODE_STATUS, ESC_INFO, ESC_STATUS, TIME_ESTIMATE_TO_TARGET, CURRENT_MODE, and the extra
 bytes of their checksums: pymavlink leaves them out too; PX4 1.17 sends them unasked, and nothing
@@ -114,4 +114,17 @@ ComponentMetadata: Any = _define(
     182,
     {"time_boot_ms": ("I", 0), "file_crc": ("I", 0), "uri": ("s", URI)},
     ["time_boot_ms", "file_crc", "uri"],
+)
+ProtocolVersion: Any = _define(
+    PROTOCOL_VERSION,
+    "PROTOCOL_VERSION",
+    217,
+    {
+        "version": ("H", 0),
+        "min_version": ("H", 0),
+        "max_version": ("H", 0),
+        "spec_version_hash": ("B", 8),
+        "library_version_hash": ("B", 8),
+    },
+    ["version", "min_version", "max_version", "spec_version_hash", "library_version_hash"],
 )
