@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 
 from tombo_bag.flight import Flight, Topic
+from tombo_bag.flight_topics import FlownTopics
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 
 COVARIANCES = {"pose_covariance": 36, "twist_covariance": 36}
@@ -65,14 +69,12 @@ def synthetic_flight(ticks: int = 40_000, seed: int = 0) -> Flight:
     poses = {"position": log["position"][frames], "attitude": log["attitude"][frames]}
     arrival = t[frames] + 0.008 + rng.exponential(0.004, len(frames))
     phase = {"phase": np.array([3]), "text": np.array(["approach"])}
+    published = {
+        "/odometry": Topic.of(t[said], {"stamp_ns": EPOCH_NS + said * TICK_NS, **odometry}),
+        "/mission/status": Topic.of(t[:1], {n: one[: len(said)] for n, one in phase.items()}),
+    }
     return Flight(
-        {
-            "/mocap/pose": Topic.of(t[frames], poses, arrival),
-            "/imu/data_raw": Topic.of(t, {name: log[name] for name in ("gyro", "accel")}),
-            "/rotor_command": Topic.of(t, {"speed": log["rotor_command"]}),
-            "/odometry": Topic.of(t[said], {"stamp_ns": EPOCH_NS + said * TICK_NS, **odometry}),
-            "/mission/status": Topic.of(t[:1], {n: one[: len(said)] for n, one in phase.items()}),
-        },
+        FlownTopics(t, log, Topic.of(t[frames], poses, arrival), published),
         t=t,
         log=log,
         events=[event for event in EVENTS if event["time_s"] <= ticks * 1e-3],
@@ -82,3 +84,10 @@ def synthetic_flight(ticks: int = 40_000, seed: int = 0) -> Flight:
             "obstacle": {"x_m": 2.1, "y_m": 0.3, "radius_m": 0.2, "top_m": 2.5},
         },
     )
+
+
+def with_log(flight: Flight, log: Mapping[str, np.ndarray]) -> Flight:
+    """Return the flight with another log, and the topics that follow from it."""
+    published = {name: flight[name] for name in ("/odometry", "/mission/status")}
+    topics = FlownTopics(flight.t, log, flight["/mocap/pose"], published)
+    return replace(flight, log=log, topics=topics)

@@ -1,15 +1,15 @@
-"""A headless flight as ROS 2 topics: what the nodes publish in a live flight, written at once.
+"""The topics of a simulated flight: what the nodes publish in a live flight; and its recording.
 
-What was measured and published is written as it was; the rest follows from the log. Every stamp
-and log time is the flight's own time plus `EPOCH_NS`, never the time of day: the same flight gives
-the same bytes. The header's stamp is the time at which a value was true (for a pose of the motion
+What was measured and published stands as it was; the rest follows from the log. Every stamp and
+log time is the flight's own time plus `EPOCH_NS`, never the time of day: the same flight gives the
+same bytes. The header's stamp is the time at which a value was true (for a pose of the motion
 capture: its capture); the log time is the time at which it was known (its arrival).
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,18 +19,20 @@ from tombo_bag.columnar_cdr import encode, lay_in, lay_in_times, layout
 from tombo_bag.flight import Flight, Topic
 from tombo_bag.flight_time import FLIGHT_METADATA, nanoseconds, stamp
 from tombo_bag.formats.mcap_sink import Columns, McapSink
-from tombo_bag.message_codec import encoded
+from tombo_bag.message_codec import FORMS, encoded
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
     BATTERY,
+    IMU,
     MARKERS,
+    MOCAP_POSE,
     RATES_SETPOINT,
+    ROTOR_COMMAND,
     TF,
     TOPICS,
     TRUE_CONTACT,
     TRUE_ODOMETRY,
     TRUE_ROTORS,
-    TopicSpec,
 )
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
@@ -38,12 +40,161 @@ from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import rotated_back_rows
 from tombo_dynamics.time_base import EPOCH_NS, TICK_HZ
 
-_BODY = {"header": {"frame_id": FRAME_BODY}}
 _BODY_IN_MAP = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
-_NAN = float("nan")
+_UNKNOWN = ("temperature", "charge", "capacity", "design_capacity", "percentage")
+_TEMPLATES: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    TF.typename: ("transforms[0].header.stamp", {"transforms": [_BODY_IN_MAP]}),
+    BATTERY.typename: (
+        "header.stamp",
+        {
+            "header": {"frame_id": FRAME_BODY},
+            "present": True,
+            "power_supply_status": 2,  # discharging
+            "power_supply_technology": 3,  # lithium polymer
+            **dict.fromkeys(_UNKNOWN, float("nan")),
+        },
+    ),
+}
+"""Of the types without a dataclass: path of the stamp, and what always stands in a message."""
 _SPHERE, _CYLINDER = 2, 3
 _POINT_DIAMETER_M = 0.12
 """How large x_c and x_r are drawn."""
+
+Log = Mapping[str, Array]
+"""Columns (N, k) of `tombo_sim.log_columns` by name."""
+
+
+class FlownTopics(Mapping[str, Topic]):
+    """The topics of a simulated flight; what follows from the log is made when it is asked for."""
+
+    def __init__(
+        self, t: Array, log: Log, poses: Topic, published: Mapping[str, Topic] | None = None
+    ) -> None:
+        """Take what was flown.
+
+        Args:
+            t: (N,) ticks [s].
+            log: its columns.
+            poses: of the motion capture.
+            published: what the cores have published.
+        """
+        self._t, self._log = t, log
+        self._made: dict[str, Topic] = {
+            MOCAP_POSE.name: poses,
+            IMU.name: Topic.of(t, {"gyro": log["gyro"], "accel": log["accel"]}),
+            ROTOR_COMMAND.name: Topic.of(t, {"speed": log["rotor_command"]}),
+            **(published or {}),
+        }
+        self._names = (*self._made, *_FROM_LOG)
+
+    def __getitem__(self, name: str) -> Topic:
+        """Return a topic."""
+        if name not in self._made:
+            ticks, columns = _FROM_LOG[name](self._log)
+            self._made[name] = Topic.of(self._t[ticks], columns)
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names."""
+        return iter(self._names)
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether there is such a topic, without making it."""
+        return name in self._names
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._names)
+
+
+Ticks = slice | NDArray[np.intp]
+"""Ticks of the log that have a message."""
+
+
+def _every(rate_hz: int) -> slice:
+    return slice(0, None, TICK_HZ // rate_hz)
+
+
+def _runs(log: Log, rate_hz: int) -> NDArray[np.intp]:
+    """Return the ticks in which a loop of the controller ran: the first of each slot."""
+    phases = log["mode"].ravel()
+    flying = np.flatnonzero((phases != Phase.IDLE) & (phases != Phase.LANDED))
+    slot = flying // (TICK_HZ // rate_hz)
+    return np.asarray(flying[np.diff(slot, prepend=-1) != 0])
+
+
+def _rates_setpoint(log: Log) -> tuple[Ticks, dict[str, Any]]:
+    ticks = _runs(log, 250)
+    thrust = log["thrust_setpoint"].ravel()[ticks]
+    return ticks, {"rates": log["rates_setpoint"][ticks], "thrust": thrust}
+
+
+def _attitude_setpoint(log: Log) -> tuple[Ticks, dict[str, Any]]:
+    ticks = _runs(log, 50)
+    thrust = log["thrust_setpoint"].ravel()[ticks]
+    return ticks, {"orientation": log["attitude_setpoint"][ticks], "thrust": thrust}
+
+
+def _transform(log: Log) -> tuple[Ticks, dict[str, Any]]:
+    """Return the estimated pose, which is not there yet in the first ticks."""
+    position = log["est_position"]
+    known = np.flatnonzero(np.isfinite(position[:, 0]))
+    ticks = known[known % (TICK_HZ // 50) == 0]
+    return ticks, {
+        "transforms[0].transform.translation": position[ticks],
+        "transforms[0].transform.rotation": log["est_attitude"][ticks],
+    }
+
+
+def _battery(log: Log) -> tuple[Ticks, dict[str, Any]]:
+    every = _every(10)
+    _, current, voltage = log["battery"][every].T
+    return every, {"current": -current, "voltage": voltage}  # negative while discharging
+
+
+def _true_odometry(log: Log) -> tuple[Ticks, dict[str, Any]]:
+    every = _every(250)
+    values = {name: log[name][every] for name in ("position", "attitude", "rates")}
+    velocity = rotated_back_rows(values["attitude"], log["velocity"][every])
+    return every, {**values, "velocity": velocity}
+
+
+def _true_rotors(log: Log) -> tuple[Ticks, dict[str, Any]]:
+    every = _every(250)
+    columns = {
+        "speed": "rotor_speed",
+        "thrust": "rotor_thrust",
+        "fold": "fold",
+        "damage": "damage",
+    }
+    return every, {name: log[column][every] for name, column in columns.items()}
+
+
+def _true_contact(log: Log) -> tuple[Ticks, dict[str, Any]]:
+    """Return the ticks with contact, and the first one after."""
+    contact = log["contact"]
+    touching = contact[:, 0] > 0.5
+    released = np.zeros_like(touching)
+    released[1:] = touching[:-1] & ~touching[1:]
+    ticks = np.flatnonzero(touching | released)
+    return ticks, {
+        "in_contact": touching[ticks],
+        "force": log["contact_force"][ticks],
+        "rotor": contact[ticks, 1],
+        "point": contact[ticks, 2:5],
+    }
+
+
+_FROM_LOG: Mapping[str, Callable[[Log], tuple[Ticks, dict[str, Any]]]] = {
+    RATES_SETPOINT.name: _rates_setpoint,
+    ATTITUDE_SETPOINT.name: _attitude_setpoint,
+    TF.name: _transform,
+    BATTERY.name: _battery,
+    TRUE_ODOMETRY.name: _true_odometry,
+    TRUE_ROTORS.name: _true_rotors,
+    TRUE_CONTACT.name: _true_contact,
+}
+"""Topic → ticks and fields of its messages, of the log."""
 
 
 def write_flight(sink: McapSink, flight: Flight) -> None:
@@ -60,150 +211,56 @@ def write_flight(sink: McapSink, flight: Flight) -> None:
             "events": json.dumps(flight.events, sort_keys=True, default=_plain),
         },
     )
-    writer = _FlightWriter(sink, flight)
-    for name, topic in flight.topics.items():
-        writer.messages(TOPICS[name], topic)
-    writer.setpoints()
-    writer.transform()
-    writer.battery()
-    writer.truth()
-    writer.contact()
-    writer.markers()
-    sink.write_columns(*writer.parts)
+    parts = [
+        (name, nanoseconds(one.arrival), _as_bytes(name, one))
+        for name, one in flight.topics.items()
+    ]
+    parts.append((MARKERS.name, *_markers(flight)))
+    written = []
+    for name, times_ns, messages in parts:
+        spec = TOPICS[name]
+        channel = sink.add_channel(name, spec.typename, spec.qos)
+        written.append(Columns(channel, times_ns, messages))
+    sink.write_columns(*written)
 
 
-class _FlightWriter:
-    """Turns the log's columns into messages, topic by topic."""
+def _as_bytes(name: str, topic: Topic) -> Any:
+    """Return the messages of a topic as they stand in a file."""
+    typename, stamps_ns = TOPICS[name].typename, nanoseconds(topic.t)
+    columns = {field: one.values for field, one in topic.items()}
+    if typename in FORMS:
+        return encoded(typename, {"stamp_ns": stamps_ns, **columns})
+    stamp_path, template = _TEMPLATES[typename]
+    records = layout(typename, template).records(len(stamps_ns))
+    lay_in_times(records, stamp_path, stamps_ns)
+    for path, column in columns.items():
+        lay_in(records, path, column)
+    return records
 
-    def __init__(self, sink: McapSink, flight: Flight) -> None:
-        self.sink = sink
-        self.flight = flight
-        self.log = flight.log
-        self.parts: list[Columns] = []
 
-    def add(self, spec: TopicSpec, times_ns: NDArray[np.int64], messages: Any) -> None:
-        channel = self.sink.add_channel(spec.name, spec.typename, spec.qos)
-        self.parts.append(Columns(channel, times_ns, messages))
-
-    def messages(self, spec: TopicSpec, topic: Topic) -> None:
-        """Write messages of the suite's own types by their fields."""
-        columns = {name: one.values for name, one in topic.items()}
-        columns = {"stamp_ns": nanoseconds(topic.t), **columns}
-        self.add(spec, nanoseconds(topic.arrival), encoded(spec.typename, columns))
-
-    def ticks(self, spec: TopicSpec, ticks: Any, columns: Mapping[str, Array]) -> None:
-        """Write messages of some ticks."""
-        self.messages(spec, Topic.of(self.flight.t[ticks], columns))
-
-    def template(
-        self,
-        spec: TopicSpec,
-        template: Mapping[str, Any],
-        ticks: Any,
-        values: Mapping[str, Array],
-        stamp: str = "header.stamp",
-    ) -> None:
-        """Write messages that look like the template, with numbers laid in by path."""
-        times_ns = nanoseconds(self.flight.t[ticks])
-        records = layout(spec.typename, template).records(len(times_ns))
-        lay_in_times(records, stamp, times_ns)
-        for path, column in values.items():
-            lay_in(records, path, column)
-        self.add(spec, times_ns, records)
-
-    def every(self, rate_hz: int) -> slice:
-        return slice(0, None, TICK_HZ // rate_hz)
-
-    def runs(self, rate_hz: int) -> NDArray[np.intp]:
-        """Return the ticks in which a loop of the controller ran: the first of each slot."""
-        phases = self.log["mode"].ravel()
-        flying = np.flatnonzero((phases != Phase.IDLE) & (phases != Phase.LANDED))
-        slot = flying // (TICK_HZ // rate_hz)
-        return np.asarray(flying[np.diff(slot, prepend=-1) != 0])
-
-    def setpoints(self) -> None:
-        thrust = self.log["thrust_setpoint"].ravel()
-        for spec, field, column, rate_hz in (
-            (RATES_SETPOINT, "rates", "rates_setpoint", 250),
-            (ATTITUDE_SETPOINT, "orientation", "attitude_setpoint", 50),
-        ):
-            ticks = self.runs(rate_hz)
-            self.ticks(spec, ticks, {field: self.log[column][ticks], "thrust": thrust[ticks]})
-
-    def transform(self) -> None:
-        """Write the estimated pose, which is not there yet in the first ticks."""
-        position = self.log["est_position"]
-        known = np.flatnonzero(np.isfinite(position[:, 0]))
-        ticks = known[known % (TICK_HZ // 50) == 0]
-        values = {
-            "transforms[0].transform.translation": position[ticks],
-            "transforms[0].transform.rotation": self.log["est_attitude"][ticks],
-        }
-        stamp = "transforms[0].header.stamp"
-        self.template(TF, {"transforms": [_BODY_IN_MAP]}, ticks, values, stamp)
-
-    def battery(self) -> None:
-        every = self.every(10)
-        unknown = ("temperature", "charge", "capacity", "design_capacity", "percentage")
-        template = {
-            **_BODY,
-            "present": True,
-            "power_supply_status": 2,  # discharging
-            "power_supply_technology": 3,  # lithium polymer
-            **dict.fromkeys(unknown, _NAN),
-        }
-        _, current, voltage = self.log["battery"][every].T
-        values = {"current": -current, "voltage": voltage}  # negative while discharging
-        self.template(BATTERY, template, every, values)
-
-    def truth(self) -> None:
-        every = self.every(250)
-        log = {name: column[every] for name, column in self.log.items()}
-        odometry = {name: log[name] for name in ("position", "attitude", "rates")}
-        velocity = rotated_back_rows(log["attitude"], log["velocity"])
-        self.ticks(TRUE_ODOMETRY, every, {**odometry, "velocity": velocity})
-        rotors = {"speed": log["rotor_speed"], "thrust": log["rotor_thrust"]}
-        rotors |= {name: log[name] for name in ("fold", "damage")}
-        self.ticks(TRUE_ROTORS, every, rotors)
-
-    def contact(self) -> None:
-        """Write the ticks with contact, and the first one after."""
-        contact = self.log["contact"]
-        touching = contact[:, 0] > 0.5
-        released = np.zeros_like(touching)
-        released[1:] = touching[:-1] & ~touching[1:]
-        ticks = np.flatnonzero(touching | released)
-        values = {
-            "in_contact": touching[ticks],
-            "force": self.log["contact_force"][ticks],
-            "rotor": contact[ticks, 1],
-            "point": contact[ticks, 2:5],
-        }
-        self.ticks(TRUE_CONTACT, ticks, values)
-
-    def markers(self) -> None:
-        """Write the obstacle, x_c of each detection and x_r of each set point after it."""
-        obstacle = self.flight.scenario["obstacle"]
-        height, diameter = obstacle["top_m"], 2.0 * obstacle["radius_m"]
-        place = (obstacle["x_m"], obstacle["y_m"], 0.5 * height)
-        size, grey = (diameter, diameter, height), (0.6, 0.6, 0.65, 0.8)
-        times = [EPOCH_NS]
-        markers = [_marker(EPOCH_NS, "obstacle", _CYLINDER, place, size, grey)]
-        kinds = {
-            "detection": ("x_c", (0.9, 0.2, 0.15, 1.0)),
-            "setpoint_switch": ("x_r", (0.1, 0.6, 0.3, 1.0)),
-        }
-        for event in self.flight.events:
-            if event["kind"] not in kinds:
-                continue
-            name, colour = kinds[event["kind"]]
-            point = event[f"{name}_m"]
-            if np.isfinite(point).all():
-                times.append(int(nanoseconds(event["time_s"])))
-                size = (_POINT_DIAMETER_M,) * 3
-                markers.append(_marker(times[-1], name, _SPHERE, point, size, colour))
-        messages = [encode(MARKERS.typename, {"markers": [marker]}) for marker in markers]
-        self.add(MARKERS, np.array(times), messages)
+def _markers(flight: Flight) -> tuple[NDArray[np.int64], list[bytes]]:
+    """Return times and messages: the obstacle, x_c of each detection, x_r after it."""
+    obstacle = flight.scenario["obstacle"]
+    height, diameter = obstacle["top_m"], 2.0 * obstacle["radius_m"]
+    place = (obstacle["x_m"], obstacle["y_m"], 0.5 * height)
+    size, grey = (diameter, diameter, height), (0.6, 0.6, 0.65, 0.8)
+    times = [EPOCH_NS]
+    markers = [_marker(EPOCH_NS, "obstacle", _CYLINDER, place, size, grey)]
+    kinds = {
+        "detection": ("x_c", (0.9, 0.2, 0.15, 1.0)),
+        "setpoint_switch": ("x_r", (0.1, 0.6, 0.3, 1.0)),
+    }
+    for event in flight.events:
+        if event["kind"] not in kinds:
+            continue
+        name, colour = kinds[event["kind"]]
+        point = event[f"{name}_m"]
+        if np.isfinite(point).all():
+            times.append(int(nanoseconds(event["time_s"])))
+            size = (_POINT_DIAMETER_M,) * 3
+            markers.append(_marker(times[-1], name, _SPHERE, point, size, colour))
+    messages = [encode(MARKERS.typename, {"markers": [marker]}) for marker in markers]
+    return np.array(times), messages
 
 
 def _marker(

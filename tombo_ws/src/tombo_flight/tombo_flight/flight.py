@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from tombo_bag.flight import Flight, Series, Topic
-from tombo_bag.topics import IMU, MISSION_STATUS, MOCAP_POSE, ROTOR_COMMAND
+from tombo_bag.flight_topics import FlownTopics
+from tombo_bag.topics import MISSION_STATUS
 from tombo_collision.reaction_core import ReactionCore
 from tombo_control.mission_core import status_text
 from tombo_dynamics.arrays import Array
@@ -202,26 +203,19 @@ def _record(
     wall: float,
 ) -> Flight:
     t: Array = np.arange(log.position.shape[0], dtype=np.float64) * TICK_S
+    columns = log._asdict()
     poses = entries[published["detector_status"]["row"]]
+    fields = {name: poses[name] for name in ("position", "attitude")}
+    mocap = Topic.of(poses["stamp"] * TICK_S, fields, poses["arrives"] * TICK_S)
     flight = Flight(
-        {**_sensors(t, log, poses), **_by_topic(published)},
+        FlownTopics(t, columns, mocap, _by_topic(published)),
         name=scenario.name,
         t=t,
-        log=log._asdict(),
+        log=columns,
         scenario=flown,
         epoch_ns=EPOCH_NS,
     )
     return with_figures(flight, scenario, seed, wall, _phases(published))
-
-
-def _sensors(t: Array, log: Any, poses: Any) -> dict[str, Topic]:
-    """Return what was measured, and the command that each sample of the gyro has led to."""
-    pose = {"position": poses["position"], "attitude": poses["attitude"]}
-    return {
-        MOCAP_POSE.name: Topic.of(poses["stamp"] * TICK_S, pose, poses["arrives"] * TICK_S),
-        IMU.name: Topic.of(t, {"gyro": log.gyro, "accel": log.accel}),
-        ROTOR_COMMAND.name: Topic.of(t, {"speed": log.rotor_command}),
-    }
 
 
 def _by_topic(published: dict[str, Any]) -> dict[str, Topic]:
