@@ -71,8 +71,8 @@ class Flight:
 
     @property
     def topics(self) -> list[str]:
-        """Topics of sensors and cores, for `table`; none of a flight that was read from a file."""
-        return [] if self.record.source else sorted(self.record.topics)
+        """Topics of sensors, cores and truth, for `table`."""
+        return sorted(self.record.topics)
 
     def table(self, topic: str) -> pd.DataFrame:
         """Return what was published on a topic; index t [s].

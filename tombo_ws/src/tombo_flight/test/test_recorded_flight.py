@@ -86,6 +86,26 @@ def test_a_headless_flight_read_back_has_the_same_figures_and_events(flown, head
     assert poses.arrival == pytest.approx(wanted.arrival, abs=1e-8)
 
 
+def test_a_recording_has_the_topics_and_the_fields_of_the_flight(flown, headless):
+    """In flight time, with the same values: a flight is one thing, flown or read."""
+    found = read_flight(headless)
+
+    left_out = {"/tf", "/estimator/status", "/mission/setpoint"}  # not needed of a recording
+    assert set(flown.topics) - left_out == set(found.topics) - {"/markers"}
+    for name in found.topics:
+        if name == "/markers":
+            continue
+        topic, wanted = found[name], flown[name]
+        assert topic.t == pytest.approx(wanted.t, abs=1e-9), name
+        assert topic.arrival == pytest.approx(wanted.arrival, abs=1e-8), name
+        for field, series in wanted.items():
+            values = np.asarray(series.values).reshape(topic[field].values.shape)
+            if values.dtype.kind == "U":
+                assert np.array_equal(topic[field].values, values)
+            else:  # the current of a battery is a float32 in its message
+                assert np.allclose(topic[field].values, values, rtol=1e-6, equal_nan=True), field
+
+
 @pytest.mark.parametrize("name", ["gyro", "accel", "rotor_command"])
 def test_what_is_recorded_at_each_tick_comes_back_at_its_tick(flown, headless, name):
     assert np.array_equal(read_flight(headless).log[name], flown.log[name])
