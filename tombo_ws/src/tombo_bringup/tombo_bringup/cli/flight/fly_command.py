@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tombo_bringup.cli.errors import print_warnings
-from tombo_bringup.cli.flight.optional_url import SIMULATED, url_of
+from tombo_bringup.cli.flight.optional_url import PX4_RULES, PX4_SPEED, url_of
+from tombo_bringup.cli.option_rules import OptionRule, check_options
 from tombo_bringup.cli.options import (
     BridgeSettings,
     Disturbed,
@@ -48,6 +49,18 @@ EXIT_CODES = (
 )
 _MOST_FLIGHTS = 100_000
 _FIGURES = ("pdf", "svg")
+_RULES = (
+    OptionRule("--seed {seed} and --seeds {seeds}", "seed", (), ("seeds",), "one of them"),
+    PX4_SPEED,
+    OptionRule("--speed {speed:g}", "speed", ("nodes",)),
+    OptionRule("--lockstep", "lockstep", ("nodes",), ("speed",)),
+    OptionRule("--domain {domain}", "domain", ("nodes", "px4")),
+    OptionRule("--nodes", "nodes", (), ("seeds", "no_record")),
+    OptionRule("--px4", "px4", (), ("nodes", "seeds", "no_record")),
+    *PX4_RULES,
+    OptionRule("--import {imports[0]}", "imports", (), ("nodes", "px4")),
+    OptionRule("--figure", "figure", (), ("seeds", "nodes", "px4")),
+)
 
 
 def fly(
@@ -124,33 +137,16 @@ def fly(
 
     With --seeds: summary.json with all summaries and their statistics, and campaign.png.
     """
+    given = locals()
     many = None if seeds is None else parse_seeds(seeds)
-    if many is not None and seed is not None:
-        raise InputError(f"--seed {seed} and --seeds {seeds}: accepted: one of them")
-    if px4 is not None and speed is not None:
-        raise InputError(f"--speed {speed:g}: accepted: without --px4, which is in real time")
-    if not nodes and speed is not None:
-        raise InputError(f"--speed {speed:g}: accepted: with --nodes only")
-    if lockstep and (not nodes or speed is not None):
-        raise InputError("--lockstep: accepted: with --nodes and without --speed")
-    if not nodes and px4 is None and domain is not None:
-        raise InputError(f"--domain {domain}: accepted: with --nodes or --px4 only")
-    if nodes and (many is not None or no_record):
-        raise InputError("--nodes: accepted: without --seeds and --no-record")
-    if px4 is not None and (nodes or many is not None or no_record):
-        raise InputError("--px4: accepted: without --nodes, --seeds and --no-record")
-    check_px4_options(px4, model, yes=yes, bridge=bridge)
-    if imports and (nodes or px4 is not None):
-        raise InputError(f"--import {imports[0]}: accepted: without --nodes and --px4")
+    check_options(_RULES, {**given, "px4_url": None if px4 is None else url_of(px4)})
     if figure not in (None, *_FIGURES):
         raise unknown_name("--figure", str(figure), _FIGURES)
-    if figure is not None and (many is not None or nodes or px4 is not None):
-        raise InputError("--figure: accepted: without --seeds, --nodes and --px4")
-    one = seed or 0
     if no_reaction:
         if reaction not in (None, "none"):
             raise InputError(f"--reaction {reaction} and --no-reaction: accepted: one of them")
         reaction = "none"
+    one = seed or 0
     over = over_scenario(reaction, disturbances=disturbances)
     chosen = _load(scenario, [*over, *(settings or [])], conf, law, model, vehicle)
     warn_of(chosen)
@@ -222,22 +218,6 @@ def parse_seeds(text: str, most: int = _MOST_FLIGHTS) -> range:
     if end - first > most or end > SEED_LIMIT:
         raise InputError(f"--seeds {text}: too many; {accepted}")
     return range(first, end)
-
-
-def check_px4_options(
-    px4: str | None, model: str | None, *, yes: bool, bridge: list[str] | None
-) -> None:
-    """Refuse options that go with --px4 without it, and a model where nothing is simulated.
-
-    Raises:
-        InputError: there is one.
-    """
-    if px4 is None and (yes or bridge):
-        raise InputError("--yes and --bridge: accepted: with --px4 only")
-    if model is not None and px4 not in (None, SIMULATED):
-        raise InputError(
-            f"--model {model}: accepted: without --px4 URL, where no simulation flies"
-        )
 
 
 def _load(

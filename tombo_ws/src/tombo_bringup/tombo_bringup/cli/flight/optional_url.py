@@ -8,12 +8,26 @@ from typing import Any
 
 from typer.core import TyperCommand
 
+from tombo_bringup.cli.option_rules import OptionRule
+
 OPTION = "--px4"
 SIMULATED = "sim"
 """Value of the option without a URL."""
 _URL = re.compile(r"[A-Za-z][\w+.-]*://|/dev/|$")
 _MAVPROXY = re.compile(r"(udp|udpin|udpout|tcp|tcpin|tcpout|serial):(?!//)(.*)")
 """Its spelling of the same ways: `udpin:127.0.0.1:14540`."""
+PX4_SPEED = OptionRule(
+    "--speed {speed:g}", "speed", (), ("px4",), "without --px4, which is in real time"
+)
+PX4_RULES = (
+    OptionRule("--yes and --bridge", "yes", ("px4",)),
+    OptionRule("--yes and --bridge", "bridge", ("px4",)),
+    OptionRule(
+        *("--model {model}", "model", (), ("px4_url",)),
+        "without --px4 URL, where no simulation flies",
+    ),
+)
+"""Of commands with this option; `px4_url` is the URL that is given."""
 
 
 def expand_url_option(words: Sequence[str]) -> list[str]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tombo_bringup.cli.flight.fly_command import over_scenario, parse_seeds
+from tombo_bringup.cli.option_rules import OptionRule, check_options
 from tombo_bringup.cli.options import (
     Disturbed,
     Imports,
@@ -31,6 +32,7 @@ SWEEP_EXIT_CODES = (
     "output that can't be written; 130 after Ctrl-C, 143 after SIGTERM: the same command with -o "
     "DIR goes on."
 )
+_RULES = (OptionRule("--workers and --scheduler", "workers", (), ("scheduler",), "one of them"),)
 
 
 def sweep(
@@ -83,11 +85,8 @@ def sweep(
     What is flown is on disk at once: killed, the same command with -o DIR goes on, flies nothing
     twice and gives the same table.
     """
-    from tombo_dynamics.errors import InputError
-
     check_output(output)
-    if workers is not None and scheduler is not None:
-        raise InputError("--workers and --scheduler: accepted: one of them")
+    check_options(_RULES, {"workers": workers, "scheduler": scheduler})
     from tombo_flight.sweep.design import Design, parse_axis
     from tombo_flight.sweep.study import new_sweep
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.flight.optional_url import url_of
+from tombo_bringup.cli.flight.optional_url import PX4_RULES, PX4_SPEED, url_of
+from tombo_bringup.cli.option_rules import check_options
 from tombo_bringup.cli.options import (
     BridgeSettings,
     Disturbed,
@@ -88,9 +89,8 @@ def up(
     others go on. Without the simulator nothing flies before `ros2 service call /mission/takeoff
     std_srvs/srv/Trigger`.
     """
-    from tombo_bringup.cli.flight.fly_command import check_px4_options, over_scenario
+    from tombo_bringup.cli.flight.fly_command import over_scenario
     from tombo_bringup.cli.flight.fly_nodes import may_arm
-    from tombo_dynamics.errors import InputError
     from tombo_flight.process.stop_signals import Stopped, StopSignals
     from tombo_flight.scenario import load_scenario
     from tombo_flight.suite.node_flight import over_mavlink
@@ -98,10 +98,10 @@ def up(
     from tombo_flight.suite.running import SuiteConfig
     from tombo_flight.suite.warm_up import warm_up_nodes
 
-    check_px4_options(px4, model, yes=yes, bridge=bridge)
-    if px4 is not None and speed != 1.0:
-        raise InputError(f"--speed {speed:g}: accepted: without --px4, which is in real time")
-    connection = None if px4 is None else px4_connection(url_of(px4), bridge or [])
+    url = None if px4 is None else url_of(px4)
+    given = {"px4": px4, "px4_url": url, "model": model, "yes": yes, "bridge": bridge}
+    check_options((*PX4_RULES, PX4_SPEED), {**given, "speed": None if speed == 1.0 else speed})
+    connection = None if px4 is None else px4_connection(url, bridge or [])
     over_set = over_scenario(reaction, disturbances=disturbances)
     over = {} if connection is None else over_mavlink(connection)
     real = "sim" in (*(without or ()), *over.get("without", ()))
