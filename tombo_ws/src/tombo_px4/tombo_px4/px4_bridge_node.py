@@ -31,7 +31,6 @@ from tombo_bag.topics import (
     RATES_SETPOINT,
     SETPOINT,
     TF,
-    TopicSpec,
 )
 from tombo_control.safety.flight_volume import check_volume
 from tombo_control.safety.params import FlightVolume, SafetyParams
@@ -72,7 +71,7 @@ from tombo_ros.core_node import main_of
 from tombo_ros.health import ERROR, WARN
 from tombo_ros.node_loop import LoopNode
 from tombo_ros.pacing import ESTIMATOR
-from tombo_ros.topic import message_class
+from tombo_ros.topic import TopicPublisher, message_class
 
 _RATE_HZ = 250.0
 _TF_NS = 20_000_000
@@ -159,15 +158,12 @@ class Px4BridgeNode(LoopNode):
         self._published_status_ns = 0
 
     def _make_outputs(self) -> None:
-        outputs = [ODOMETRY, IMU]
-        self._estimator_ns: int | None = None
+        self._odometry_out, self._imu_out = self.advertise(ODOMETRY), self.advertise(IMU)
+        self._estimator_out: TopicPublisher | None = None
+        self._estimator_ns = 0
         # the controller behind those set points asks for it
         if self._attitude_or_rates_in is not None:
-            outputs.append(ESTIMATOR_STATUS)
-            self._estimator_ns = 0
-        self._outputs = {
-            spec.name: (self.advertise(spec), MessageCodec(spec.typename)) for spec in outputs
-        }
+            self._estimator_out = self.advertise(ESTIMATOR_STATUS)
         self._battery_out = self.advertise(BATTERY)
         self._status_out = self.advertise(PX4_STATUS)
         self._tf_ns = 0
@@ -179,10 +175,6 @@ class Px4BridgeNode(LoopNode):
         self._tf_out = self.advertise(TF)
         frames = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
         self._tf = MessageTemplate(TF.typename, {"transforms": [frames]})
-
-    def _publish(self, spec: TopicSpec, message: Any) -> None:
-        publisher, codec = self._outputs[spec.name]
-        publisher.publish(codec.encode(message))
 
     # --- Services: called in their own thread, answered by the loop --------------------------
 
@@ -325,20 +317,20 @@ class Px4BridgeNode(LoopNode):
         known = unknown_covariance() if covariance is None else covariance.ravel()
         moving = rotate_vector(conjugate(attitude), odometry.velocity)
         content = (stamp_ns, odometry.position, attitude, moving, odometry.rates, known)
-        self._publish(ODOMETRY, Odometry(*content))
-        if self._estimator_ns is not None and stamp_ns - self._estimator_ns >= _TF_NS:
+        self._odometry_out.send(Odometry(*content))
+        if self._estimator_out is not None and stamp_ns - self._estimator_ns >= _TF_NS:
             self._estimator_ns = stamp_ns
-            self._publish_estimator_status(stamp_ns)
+            self._estimator_out.send(self._estimator_status(stamp_ns))
         if self._tf_out is not None and stamp_ns - self._tf_ns >= _TF_NS:
             self._tf_ns = stamp_ns
             self._publish_transform(odometry)
 
-    def _publish_estimator_status(self, stamp_ns: int) -> None:
-        """Publish the last pose's stamp; PX4 sends no biases, its gyro is corrected for them."""
+    def _estimator_status(self, stamp_ns: int) -> EstimatorStatus:
+        """Return the last pose's stamp; PX4 sends no biases, its gyro is corrected for them."""
         bridge, no_bias = self._bridge, np.zeros(3)
         rejected = sum(bridge.poses_refused.values())
         poses = (bridge.pose_stamp_ns, bridge.poses_sent, rejected)
-        self._publish(ESTIMATOR_STATUS, EstimatorStatus(stamp_ns, True, no_bias, no_bias, *poses))
+        return EstimatorStatus(stamp_ns, True, no_bias, no_bias, *poses)
 
     def _publish_transform(self, odometry: VehicleOdometry) -> None:
         path = "transforms[0]"
@@ -349,7 +341,7 @@ class Px4BridgeNode(LoopNode):
 
     def _publish_imu(self, sample: ImuSample) -> None:
         assert sample.stamp_ns is not None
-        self._publish(IMU, Imu(sample.stamp_ns, sample.gyro, sample.accel))
+        self._imu_out.send(Imu(sample.stamp_ns, sample.gyro, sample.accel))
 
     def _publish_status(self, status: Status, now_ns: int) -> None:
         plain = tuple(_NUMBER.sub("#", text) for text in status.findings)

@@ -98,10 +98,7 @@ class CoreNode(LoopNode):
             for topic in core.inputs
         ]
         self._followed = next((i for i in self.core_inputs if i.topic == follows), None)
-        self._outputs = {
-            topic: (self.advertise(TOPICS[topic]), MessageCodec(TOPICS[topic].typename))
-            for topic in core.outputs
-        }
+        self._outputs = {topic: self.advertise(TOPICS[topic]) for topic in core.outputs}
         self._commands: deque[_Command] = deque()  # filled by the services' thread
         for name in core.commands:
             self.ros.create_service(Trigger, f"~/{name}", self._server(name))
@@ -169,7 +166,7 @@ class CoreNode(LoopNode):
             self,
             kind.name,
             {found.topic: found.subscription for found in self.core_inputs},
-            {topic: publisher for topic, (publisher, _) in self._outputs.items()},
+            self._outputs,
             kind.period_ns,
             kind.steps_on_messages,
         )
@@ -222,8 +219,7 @@ class CoreNode(LoopNode):
         """Step the core and publish; take over its faults."""
         self.step_ns = now_ns
         for topic, message in self.core.step(now_ns):
-            publisher, codec = self._outputs[topic]
-            publisher.publish(codec.encode(message))
+            self._outputs[topic].send(message)
             self.on_published(topic, message)
         self._take_over_faults()
 

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
+from tombo_bag.message_codec import FORMS, MessageCodec
 from tombo_bag.qos import Qos
 from tombo_bag.topics import TopicSpec
 from tombo_dynamics.core import START_GRACE_NS
@@ -174,6 +175,7 @@ class TopicPublisher:
         self._publisher = node.create_publisher(
             self.kind, spec.name.lstrip("/"), profile(spec.qos)
         )
+        self._codec = MessageCodec(spec.typename) if spec.typename in FORMS else None
         self.sent = 0
         """Messages published."""
 
@@ -186,6 +188,11 @@ class TopicPublisher:
         """Send a message, or its bytes (CDR)."""
         self._publisher.publish(message)
         self.sent += 1
+
+    def send(self, message: Any) -> None:
+        """Send a message given as a dataclass of `tombo_dynamics.messages`."""
+        assert self._codec is not None
+        self.publish(self._codec.encode(message))
 
 
 def _no_callback(message: Any) -> None:

@@ -19,7 +19,7 @@ from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import BATTERY, CLOCK, IMU, MISSION_STATUS, ROTOR_COMMAND, TopicSpec
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_BODY
-from tombo_dynamics.messages import Phase
+from tombo_dynamics.messages import Imu, Phase, RotorSpeeds
 from tombo_dynamics.stamp_check import is_future
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_HZ, TICK_NS
 from tombo_ros.conversion import to_time
@@ -123,24 +123,15 @@ class SimNode(VehicleNode):
             failsafe.observe(spare)
 
     def _make_outputs(self) -> None:
-        body = {"frame_id": FRAME_BODY}
         nan = float("nan")
-        self._imu_out, self._imu = (
-            self.advertise(IMU),
-            MessageTemplate(
-                IMU.typename, {"header": body, "orientation_covariance": [-1.0] + 8 * [0.0]}
-            ),
-        )
-        self._imu.set("orientation.w", 1.0)
-        self._gyro = self._imu.field("angular_velocity.x", 3)
-        self._accel = self._imu.field("linear_acceleration.x", 3)
+        self._imu_out = self.advertise(IMU)
         unknown = ("temperature", "charge", "capacity", "design_capacity", "percentage")
         self._battery_out, self._battery = (
             self.advertise(BATTERY),
             MessageTemplate(
                 BATTERY.typename,
                 {
-                    "header": body,
+                    "header": {"frame_id": FRAME_BODY},
                     "present": True,
                     "power_supply_status": 2,
                     "power_supply_technology": 3,
@@ -148,8 +139,6 @@ class SimNode(VehicleNode):
                 },
             ),
         )
-        self._answer = MessageTemplate(ROTOR_COMMAND.typename, {"header": body})
-        self._answer_speed = self._answer.field("speed", 4)
         self._clock_out = self.advertise(CLOCK) if self.sim_time else None
         self._clock_message = MessageTemplate(CLOCK.typename, {})
         self._codecs = {s.name: MessageCodec(s.typename) for s in (MISSION_STATUS, ROTOR_COMMAND)}
@@ -296,17 +285,18 @@ class SimNode(VehicleNode):
 
     def _take_commands(self, now_ns: int) -> None:
         for taken in self._commands.take_raw():
-            if not self._answer.fits(taken.message):
+            try:
+                command: RotorSpeeds = self._codecs[ROTOR_COMMAND.name].decode(taken.message)
+            except InputError:
                 self._refuse("rotor_command has another shape or frame than base_link")
                 continue
-            speed = self._answer_speed.of(taken.message)
-            if not all(0.0 <= value <= self._speed_max for value in speed):
-                self._refuse(f"rotor_command {list(speed)} rad/s is no command")
+            stamp, speed = command.stamp_ns, command.speed
+            if not all(0.0 <= value <= self._speed_max for value in speed.tolist()):
+                self._refuse(f"rotor_command {speed.tolist()} rad/s is no command")
                 continue
             if self._commands.multiple_publishers(time.time_ns()):
                 self._refuse("two nodes command the rotors")
                 continue
-            stamp = self._answer.stamp_of(taken.message)
             if not self.sim_time:
                 self._latency.add(taken.received_ns - stamp)
             elif is_future(stamp, self.stamp_ns):
@@ -314,7 +304,7 @@ class SimNode(VehicleNode):
                 continue
             if taken.received_ns - self._command_ns > self._timeout_ns:
                 self._resumed_ns = taken.received_ns
-            self._command, self._command_ns = np.array(speed), taken.received_ns
+            self._command, self._command_ns = speed, taken.received_ns
             if stamp > self._answered_ns:  # an old stamp must not make us wait again
                 self._answered_ns, self._asked_ns = stamp, now_ns
 
@@ -351,11 +341,8 @@ class SimNode(VehicleNode):
     def _publish(self) -> None:
         simulator, stamp = self.simulator, self.stamp_ns
         plant, tick = simulator.plant, simulator.tick
-        self._imu.stamp(stamp)
-        self._gyro.put_array(plant.gyro)
-        self._accel.put_array(plant.accel)
         if self.parameters.get("imu"):
-            self._imu_out.publish(self._imu.data())
+            self._imu_out.send(Imu(stamp, plant.gyro, plant.accel))
         self.publish_tick(self._began_ns)
         if tick % _BATTERY_TICKS == 0:
             self._battery.stamp(stamp)

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import MARKERS, MOCAP_POSE, TRUE_CONTACT, TRUE_ODOMETRY, TRUE_ROTORS
 from tombo_dynamics.effects import REGISTRY
-from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
+from tombo_dynamics.frames import FRAME_MAP
+from tombo_dynamics.messages import Contact, Odometry, Pose, RotorState
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
 from tombo_dynamics.time_base import SECOND_NS, TICK_HZ, TICK_NS
@@ -121,43 +121,16 @@ class VehicleNode(LoopNode):
         """Take the vehicle that is to be shown, and advertise the topics."""
         contact_force(simulator.plant)  # compiled code is loaded now, not at the first touch
         true_state(simulator.plant, self._state)
-        body, world = {"frame_id": FRAME_BODY}, {"frame_id": FRAME_MAP}
-        self._pose_out, self._pose = (
-            self.advertise(MOCAP_POSE),
-            MessageTemplate(MOCAP_POSE.typename, {"header": world}),
-        )
-        self._pose_values = self._pose.field("pose.position.x", 7)
-        self._odometry_out, self._odometry = (
-            self.advertise(TRUE_ODOMETRY),
-            MessageTemplate(
-                TRUE_ODOMETRY.typename, {"header": world, "child_frame_id": FRAME_BODY}
-            ),
-        )
-        self._true_pose = self._odometry.field("pose.pose.position.x", 7)
-        self._true_twist = self._odometry.field("twist.twist.linear.x", 6)
-        self._rotors_out, self._rotors = (
-            self.advertise(TRUE_ROTORS),
-            MessageTemplate(TRUE_ROTORS.typename, {"header": body}),
-        )
-        self._contact_out, self._contact = (
-            self.advertise(TRUE_CONTACT),
-            MessageTemplate(TRUE_CONTACT.typename, {"header": world}),
-        )
+        self._pose_out = self.advertise(MOCAP_POSE)
+        self._odometry_out = self.advertise(TRUE_ODOMETRY)
+        self._rotors_out = self.advertise(TRUE_ROTORS)
+        self._contact_out = self.advertise(TRUE_CONTACT)
         self._markers = self.advertise(MARKERS)
         self.replace_simulator(simulator)
 
     def replace_simulator(self, simulator: Simulator) -> None:
         """Take another vehicle, which is shown from now on."""
         self.simulator = simulator
-        self._rotor_fields = [
-            (self._rotors.field(name, 4), values)
-            for name, values in (
-                ("speed", simulator.plant.rotor_speed),
-                ("thrust", simulator.plant.rotor_thrust),
-                ("fold", simulator.plant.fold),
-                ("damage", simulator.plant.damage),
-            )
-        ]
         self._touched = False
 
     def publish_obstacle(self, stamp_ns: int) -> None:
@@ -175,33 +148,24 @@ class VehicleNode(LoopNode):
         plant, tick = self.simulator.plant, self.simulator.tick
         stamp = began_ns + tick * TICK_NS
         for sample in self.simulator.arrived:
-            self._pose.stamp(began_ns + sample.stamp_ns)
-            self._pose_values.put_array(sample.pose)
-            self._pose_out.publish(self._pose.data())
+            pose = (FRAME_MAP, sample.pose[:3], sample.pose[3:])
+            self._pose_out.send(Pose(began_ns + sample.stamp_ns, *pose))
         if tick % self._truth_ticks == 0:
             self._publish_truth(stamp, plant)
         self._publish_contact(stamp, plant)
 
     def _publish_truth(self, stamp: int, plant: Plant) -> None:
-        self._odometry.stamp(stamp)
-        true_state(plant, self._state)
-        self._true_pose.put_array(self._state[:7])
-        self._true_twist.put_array(self._state[7:])
-        self._odometry_out.publish(self._odometry.data())
-        self._rotors.stamp(stamp)
-        for field, values in self._rotor_fields:
-            field.put_array(values)
-        self._rotors_out.publish(self._rotors.data())
+        state = self._state
+        true_state(plant, state)
+        self._odometry_out.send(Odometry(stamp, state[:3], state[3:7], state[7:10], state[10:]))
+        rotors = (plant.rotor_speed, plant.rotor_thrust, plant.fold, plant.damage)
+        self._rotors_out.send(RotorState(stamp, *rotors))
 
     def _publish_contact(self, stamp: int, plant: Plant) -> None:
         touching = bool(plant.contact.touching)
         if touching or self._touched:
-            self._contact.stamp(stamp)
-            self._contact.set("in_contact", touching)
-            self._contact.set("rotor", int(plant.contact.rotor))
-            self._contact.set("force.x", *contact_force(plant))
-            self._contact.set("point.x", *plant.contact.point)
-            self._contact_out.publish(self._contact.data())
+            rotor, force = int(plant.contact.rotor), np.array(contact_force(plant))
+            self._contact_out.send(Contact(stamp, touching, rotor, force, plant.contact.point))
         self._touched = touching
 
     def report(self, now_ns: int) -> None:
