@@ -58,22 +58,22 @@ def warm_up_flight(scenario: Scenario) -> None:
 
 
 def flight_summary(
-    record: Flight, *, interrupted: bool = False, recorded_messages: int | None = None
+    flight: Flight, *, interrupted: bool = False, recorded_messages: int | None = None
 ) -> dict[str, Any]:
     """Return the content of `summary.json`: plain values, never NaN, wall times last.
 
     Args:
-        record: the flight.
+        flight: what was flown.
         interrupted: it was ended from outside before its time.
         recorded_messages: number of messages in `flight.mcap`; None: not recorded.
     """
-    figures = {key: value for key, value in record.summary.items() if key not in WALL_KEYS}
+    figures = {key: value for key, value in flight.summary.items() if key not in WALL_KEYS}
     ordered = {
         "tombo_version": tombo_version(),
         **figures,
         "interrupted": interrupted,
         "recorded_messages": recorded_messages,
-        **{key: record.summary.get(key) for key in WALL_KEYS},
+        **{key: flight.summary.get(key) for key in WALL_KEYS},
     }
     summary: dict[str, Any] = plain(ordered)
     return summary
@@ -147,7 +147,7 @@ def _fly_beside(scenario: Scenario, seed: int, flown: Flight, stop: StopSignals)
     return None if stop.asked() else record
 
 
-def write_mcap(record: Flight, path: Path) -> tuple[int, float]:
+def write_mcap(flight: Flight, path: Path) -> tuple[int, float]:
     """Write `flight.mcap`; return its number of messages and the wall time [s]."""
     from mcap.reader import make_reader
 
@@ -156,7 +156,7 @@ def write_mcap(record: Flight, path: Path) -> tuple[int, float]:
 
     began = time.perf_counter()
     with McapSink(path) as sink:
-        write_flight(sink, record)
+        write_flight(sink, flight)
     seconds = time.perf_counter() - began
     with path.open("rb") as file:
         content = make_reader(file).get_summary()
@@ -165,7 +165,7 @@ def write_mcap(record: Flight, path: Path) -> tuple[int, float]:
 
 
 def draw_pictures(
-    record: Flight,
+    flight: Flight,
     folder: OutputFolder,
     stop: StopSignals,
     on_progress: ProgressCallback = no_progress,
@@ -183,15 +183,15 @@ def draw_pictures(
             on_progress("drawing flight.png", 0.0)
             from tombo_flight.report.flight_plot import draw_column, draw_flight, figure_bytes
 
-            png = figure_bytes(draw_flight(record, beside))
+            png = figure_bytes(draw_flight(flight, beside))
             pictures[0].write_bytes(png)
             if column is not None:
                 pictures.append(folder / f"flight_column.{column}")
-                pictures[-1].write_bytes(figure_bytes(draw_column(record, beside), column))
+                pictures[-1].write_bytes(figure_bytes(draw_column(flight, beside), column))
             on_progress("writing report.html", 0.0)
             from tombo_flight.report.flight_report import write_report
 
-            write_report(record, pictures[1], png, beside)
+            write_report(flight, pictures[1], png, beside)
     except Stopped:
         for path in pictures:
             path.unlink(missing_ok=True)

@@ -27,24 +27,24 @@ APPROACH_S: Final = 2.5
 """How long before the contact the first snapshot is."""
 
 
-def draw_overview(record: Flight) -> Figure:
+def draw_overview(flight: Flight) -> Figure:
     """Draw the collision in space, with a strip of height against time below; 1600 x 900 px.
 
     A flight that touches nothing is drawn with snapshots spread over its whole length.
     """
-    milestones = find_milestones(record)
+    milestones = find_milestones(flight)
     start_s, end_s = _stretch(milestones)
-    instants = _apart(record, _instants(milestones))
+    instants = _apart(flight, _instants(milestones))
     with new_figure(*SIZE_IN, DPI, font_size=12.0, facecolor="#F4F7F9") as figure:
         scene = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         veil = figure.add_axes((0.0, 0.0, 1.0, 0.238), facecolor=(1.0, 1.0, 1.0, 0.9))
         strip = figure.add_axes((0.055, 0.082, 0.915, 0.125), facecolor="none")
         veil.set(xticks=[], yticks=[])
         veil.spines[:].set_visible(False)
-        first, last = nearest(record.t, start_s), nearest(record.t, end_s)
+        first, last = nearest(flight.t, start_s), nearest(flight.t, end_s)
         named = {t: _name(milestones, t) for t in instants}
-        draw_scene(scene, record, milestones, named, slice(first, last + 1))
-        _strip(strip, record, milestones, instants)
+        draw_scene(scene, flight, milestones, named, slice(first, last + 1))
+        _strip(strip, flight, milestones, instants)
         _words(figure, milestones)
     return figure
 
@@ -78,12 +78,12 @@ def _instants(milestones: FlightMilestones) -> list[float]:
     return [t for t in wanted if start_s <= t <= end_s]
 
 
-def _apart(record: Flight, instants: Sequence[float]) -> list[float]:
+def _apart(flight: Flight, instants: Sequence[float]) -> list[float]:
     """Leave out an instant at which the vehicle is where an earlier picture already is."""
     kept: list[float] = []
     for t in instants:
-        here = record.log["position"][nearest(record.t, t)]
-        others = [record.log["position"][nearest(record.t, k)] for k in kept]
+        here = flight.log["position"][nearest(flight.t, t)]
+        others = [flight.log["position"][nearest(flight.t, k)] for k in kept]
         if all(np.linalg.norm(here - other) > 0.45 for other in others):
             kept.append(t)
     return kept
@@ -105,12 +105,12 @@ def _name(milestones: FlightMilestones, t: float) -> str:
 
 
 def _strip(
-    axes: Axes, record: Flight, milestones: FlightMilestones, instants: Sequence[float]
+    axes: Axes, flight: Flight, milestones: FlightMilestones, instants: Sequence[float]
 ) -> None:
     zero = milestones.mark_s or 0.0
     start, end = _stretch(milestones)
-    inside = (record.t >= start) & (record.t <= end)
-    t, z = envelope(record.t[inside], record.log["position"][inside, 2], 1200)
+    inside = (flight.t >= start) & (flight.t <= end)
+    t, z = envelope(flight.t[inside], flight.log["position"][inside, 2], 1200)
     bands = (
         (milestones.contact_s, milestones.unstable_end_s, style.UNSTABLE, "unstable"),
         (milestones.unstable_end_s, milestones.recovery_end_s, style.RECOVERY, "recovery"),
@@ -131,7 +131,7 @@ def _strip(
         LineCollection(segments, colors=colours, linewidths=2.6, capstyle="round", zorder=3)
     )
     for instant in instants:
-        height = float(record.log["position"][nearest(record.t, instant), 2])
+        height = float(flight.log["position"][nearest(flight.t, instant), 2])
         colour = phase_colour(milestones, instant)
         axes.plot(instant - zero, height, "o", ms=9, mfc=colour, mec="white", mew=1.5, zorder=4)
     low, high = (float(z.min()), float(z.max())) if len(z) else (0.0, 1.0)

@@ -86,15 +86,15 @@ _VERDICT_COLOURS: Final = {
 }
 
 
-def draw_flight(record: Flight, beside: Flight | None = None) -> Figure:
+def draw_flight(flight: Flight, beside: Flight | None = None) -> Figure:
     """Draw position, attitude, rotor thrust and phase against time; 1800 x 1200 px.
 
     The left column shows the whole flight, the right one the seconds around the contact
-    (or the crash); with neither there is one wide column. The record has at least one sample.
+    (or the crash); with neither there is one wide column. The flight has at least one sample.
     Of `beside`, the same flight with another reaction, the height is drawn.
     """
-    milestones = find_milestones(record)
-    angles_deg = roll_pitch_yaw_deg(record.log["attitude"])
+    milestones = find_milestones(flight)
+    angles_deg = roll_pitch_yaw_deg(flight.log["attitude"])
     end_s = max(milestones.duration_s, 1e-3)
     with new_figure(*SIZE_IN, DPI) as figure:
         _title(figure, milestones)
@@ -104,24 +104,24 @@ def draw_flight(record: Flight, beside: Flight | None = None) -> Figure:
             zoom = Window(*zoom_around(milestones.mark_s), milestones.mark_s, 900, zoomed=True)
             columns = [(Window(0.0, end_s, 0.0, 700, zoomed=False), _WHOLE), (zoom, _ZOOMED)]
         for window, place in columns:
-            _column(figure, record, beside, milestones, angles_deg, window, place)
+            _column(figure, flight, beside, milestones, angles_deg, window, place)
     return figure
 
 
-def draw_column(record: Flight, beside: Flight | None = None) -> Figure:
+def draw_column(flight: Flight, beside: Flight | None = None) -> Figure:
     """Draw the same panels as wide as a column of print (88 mm), for a paper.
 
     Time is that around the contact or the crash; with neither the whole flight.
     """
-    milestones = find_milestones(record)
+    milestones = find_milestones(flight)
     mark_s = milestones.mark_s
     start_s, end_s = 0.0, max(milestones.duration_s, 1e-3)
     if mark_s is not None:
         start_s, end_s = zoom_around(mark_s)
     window = Window(start_s, end_s, mark_s or 0.0, 400, zoomed=False)
-    angles_deg = roll_pitch_yaw_deg(record.log["attitude"])
+    angles_deg = roll_pitch_yaw_deg(flight.log["attitude"])
     with new_figure(*_IN_PRINT.size_in, 2 * DPI, font_size=6.2) as figure:
-        _column(figure, record, beside, milestones, angles_deg, window, _IN_PRINT)
+        _column(figure, flight, beside, milestones, angles_deg, window, _IN_PRINT)
     return figure
 
 
@@ -135,16 +135,16 @@ def figure_bytes(figure: Figure, kind: str = "png") -> bytes:
 
 def _column(
     figure: Figure,
-    record: Flight,
+    flight: Flight,
     beside: Flight | None,
     milestones: FlightMilestones,
     angles_deg: Array,
     window: Window,
     place: _Place,
 ) -> None:
-    cut = _samples(record.t, window)
+    cut = _samples(flight.t, window)
     rows = {
-        row: Panel(axes, record, milestones, window, cut)
+        row: Panel(axes, flight, milestones, window, cut)
         for row, axes in place.stack(figure).items()
     }
     if "timeline" in rows:

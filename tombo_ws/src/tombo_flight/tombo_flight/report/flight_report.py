@@ -43,48 +43,48 @@ _CLASSES: Final = {
 
 
 def write_report(
-    record: Flight, path: Path, plot_png: bytes, beside: Flight | None = None
+    flight: Flight, path: Path, plot_png: bytes, beside: Flight | None = None
 ) -> None:
     """Write the self-contained report of a flight.
 
     Args:
-        record: the flight.
+        flight: what was flown.
         path: the file to write; its folder exists.
         plot_png: the still figure (`flight_plot`), which the page carries.
         beside: the same flight with another reaction, to compare it with.
     """
-    path.write_text(report_html(record, plot_png, beside), encoding="utf-8", newline="\n")
+    path.write_text(report_html(flight, plot_png, beside), encoding="utf-8", newline="\n")
 
 
-def report_html(record: Flight, plot_png: bytes, beside: Flight | None = None) -> str:
+def report_html(flight: Flight, plot_png: bytes, beside: Flight | None = None) -> str:
     """The report as text; it loads nothing from anywhere."""
-    milestones = find_milestones(record)
-    rows: Sequence[Row] = comparison_rows(milestones, record)
-    records, other = [record], None
+    milestones = find_milestones(flight)
+    rows: Sequence[Row] = comparison_rows(milestones, flight)
+    flights, other = [flight], None
     if beside is not None:
-        records.append(beside)
+        flights.append(beside)
         compared = find_milestones(beside)
         other = Column(str(compared.reaction), comparison_rows(compared, beside))
-    paper = is_paper_flight(record.scenario)
+    paper = is_paper_flight(flight.scenario)
     if not paper:
         rows, other = _with_figures(rows, other)
     body = fill(
         asset("report.html"),
         {
-            "flights": _flight_buttons(records),
+            "flights": _flight_buttons(flights),
             "stage": replay_stage(),
             "name": escape(milestones.name),
             "verdict": escape(milestones.verdict.value),
             "verdict_class": _CLASSES[milestones.verdict],
-            "facts": escape(_facts(record, milestones)),
+            "facts": escape(_facts(flight, milestones)),
             "cards": cards(key_figures(rows, other)),
             "figures_title": "The paper beside this flight" if paper else "The figures",
             "comparison": comparison_table(rows, other, paper=paper),
             "plot": data_url(plot_png),
-            "events": events_table(record.events),
-            "scenario": values_table(record.scenario),
-            "summary": values_table(record.summary),
-            "scripts": replay_scripts(records),
+            "events": events_table(flight.events),
+            "scenario": values_table(flight.scenario),
+            "summary": values_table(flight.summary),
+            "scripts": replay_scripts(flights),
         },
     )
     return document(f"{milestones.name}: {milestones.verdict.value}", body, scripts=True)
@@ -95,17 +95,17 @@ def replay_stage() -> str:
     return asset("stage.html")
 
 
-def replay_scripts(records: Sequence[Flight]) -> str:
+def replay_scripts(flights: Sequence[Flight]) -> str:
     """Return data and scripts for the end of a page, which show some flights on its stage.
 
     The first one is shown; a button with `data-flight="N"` shows the N-th, from 0.
     """
     parts = []
-    for place, record in enumerate(records):
-        milestones = find_milestones(record)
+    for place, flight in enumerate(flights):
+        milestones = find_milestones(flight)
         blocks = {
-            "milestones": milestones_block(record, milestones),
-            "flight": flight_block(record, milestones),
+            "milestones": milestones_block(flight, milestones),
+            "flight": flight_block(flight, milestones),
         }
         parts += [
             f'<script id="{name}-{place}" type="application/json">{script_json(block)}</script>'
@@ -131,11 +131,11 @@ def _with_figures(
     return [row for row, _ in kept], other
 
 
-def _flight_buttons(records: Sequence[Flight]) -> str:
+def _flight_buttons(flights: Sequence[Flight]) -> str:
     """Return a button for each flight by the name of its reaction, as HTML; one needs none."""
-    if len(records) == 1:
+    if len(flights) == 1:
         return ""
-    names = [str(find_milestones(record).reaction) for record in records]
+    names = [str(find_milestones(flight).reaction) for flight in flights]
     buttons = "".join(
         f'<button data-flight="{place}">{escape(name)}</button>'
         for place, name in enumerate(names)
@@ -143,21 +143,21 @@ def _flight_buttons(records: Sequence[Flight]) -> str:
     return f'  <div class="flights" role="group" aria-label="Reaction">Reaction {buttons}</div>\n'
 
 
-def _facts(record: Flight, milestones: FlightMilestones) -> str:
+def _facts(flight: Flight, milestones: FlightMilestones) -> str:
     facts = []
     if milestones.seed is not None:
         facts.append(f"seed {milestones.seed}")
     if milestones.conf is not None:
         facts.append(f"Conf. {milestones.conf} propellers")
-    if record.summary.get("model"):
-        facts.append(f"model {record.summary['model']}")
+    if flight.summary.get("model"):
+        facts.append(f"model {flight.summary['model']}")
     reaction = reaction_words(milestones.reaction)
     if reaction is not None:
         facts.append(reaction)
     if milestones.crash_s is not None:
         facts.append(f"crashed at {milestones.crash_s:.1f} s")
     facts.append(f"{milestones.duration_s:.1f} s of flight")
-    factor = number(record.summary, "real_time_factor")
+    factor = number(flight.summary, "real_time_factor")
     if factor is not None:
         facts.append(f"simulated {factor:.0f} times faster than real time")
     return "  ·  ".join(facts)

@@ -69,7 +69,7 @@ class Span:
 class FlightMilestones:
     """The instants and lengths that the figures and the report mark; None where absent.
 
-    Times are seconds of the record's clock, points (x, y, z) metres in map ENU.
+    Times are seconds of the flight's clock, points (x, y, z) metres in map ENU.
     """
 
     name: str
@@ -140,34 +140,34 @@ def reaction_words(name: str | None) -> str | None:
     return None if name in (None, DEFAULT) else f"reaction {name}"
 
 
-def find_milestones(record: Flight) -> FlightMilestones:
+def find_milestones(flight: Flight) -> FlightMilestones:
     """Find the milestones of a flight in its summary, its events and its ground truth.
 
     The summary has priority; events fill in what it leaves out. A flight that was interrupted, has
     no contact, or crashes has milestones too, with None for those that did not happen.
     """
-    summary = record.summary
-    t = np.asarray(record.t, dtype=np.float64)
+    summary = flight.summary
+    t = np.asarray(flight.t, dtype=np.float64)
     duration_s = float(t[-1]) if t.size else 0.0
 
     contact_s = number(summary, "collision_time_s")
     if contact_s is None:
-        contact_s = first_event_s(record, "contact")
+        contact_s = first_event_s(flight, "contact")
     collided = _flag(summary, "collided", otherwise=contact_s is not None)
     if not collided:
         contact_s = None
 
-    detection_s = _detection_s(record, contact_s)
-    switch_s = first_event_s(record, "setpoint_switch", detection_s)
+    detection_s = _detection_s(flight, contact_s)
+    switch_s = first_event_s(flight, "setpoint_switch", detection_s)
     unstable_s = number(summary, "unstable_phase_s")
     recovery_s = number(summary, "recovery_time_s")
-    crash_s = first_event_s(record, "crash")
+    crash_s = first_event_s(flight, "crash")
     crashed = _flag(summary, "crashed", otherwise=crash_s is not None)
 
     contact_height_m = lowest_m = lowest_s = None
     if contact_s is not None and t.size:
         end_s = duration_s if recovery_s is None else contact_s + recovery_s
-        contact_height_m, lowest_s, lowest_m = _fall(record, contact_s, end_s)
+        contact_height_m, lowest_s, lowest_m = _fall(flight, contact_s, end_s)
         falling_distance_m = number(summary, "max_falling_distance_m")
         lowest_m = (
             lowest_m if falling_distance_m is None else contact_height_m - falling_distance_m
@@ -175,11 +175,11 @@ def find_milestones(record: Flight) -> FlightMilestones:
 
     x_c = point(summary, "x_c_m")
     if x_c is None and contact_s is not None and t.size:
-        at_contact = record.log["position"][nearest(t, contact_s)]
+        at_contact = flight.log["position"][nearest(t, contact_s)]
         x_c = (float(at_contact[0]), float(at_contact[1]), float(at_contact[2]))
 
     return FlightMilestones(
-        name=str(summary.get("scenario") or record.scenario.get("name") or "flight"),
+        name=str(summary.get("scenario") or flight.scenario.get("name") or "flight"),
         seed=_integer(summary, "seed"),
         conf=_integer(summary, "conf"),
         reaction=summary.get("reaction"),
@@ -198,8 +198,8 @@ def find_milestones(record: Flight) -> FlightMilestones:
         contact_height_m=contact_height_m,
         lowest_s=lowest_s,
         lowest_m=lowest_m,
-        phases=phase_spans(t, record.log["mode"].reshape(-1)),
-        obstacle=_obstacle(record.scenario),
+        phases=phase_spans(t, flight.log["mode"].reshape(-1)),
+        obstacle=_obstacle(flight.scenario),
     )
 
 
@@ -220,9 +220,9 @@ def point(values: Mapping[str, Any], key: str) -> tuple[float, float, float] | N
     return None if x is None or y is None or z is None else (x, y, z)
 
 
-def first_event_s(record: Flight, kind: str, after_s: float | None = None) -> float | None:
+def first_event_s(flight: Flight, kind: str, after_s: float | None = None) -> float | None:
     """Time of the first event of this kind, not before `after_s`; None if there is none."""
-    times = [number(event, "time_s") for event in record.events if event.get("kind") == kind]
+    times = [number(event, "time_s") for event in flight.events if event.get("kind") == kind]
     early = -math.inf if after_s is None else after_s - 1e-6
     return min((t for t in times if t is not None and t >= early), default=None)
 
@@ -255,23 +255,23 @@ def roll_pitch_yaw_deg(attitude: Array) -> Array:
     return angles
 
 
-def _detection_s(record: Flight, contact_s: float | None) -> float | None:
+def _detection_s(flight: Flight, contact_s: float | None) -> float | None:
     """The detection that belongs to the contact; a false alarm long before it does not."""
-    latency_s = number(record.summary, "contact_known_s")
+    latency_s = number(flight.summary, "contact_known_s")
     if latency_s is None:
-        latency_s = number(record.summary, "detection_latency_s")
+        latency_s = number(flight.summary, "detection_latency_s")
     if contact_s is not None and latency_s is not None:
         return contact_s + latency_s
-    return first_event_s(record, "detection")
+    return first_event_s(flight, "detection")
 
 
-def _fall(record: Flight, contact_s: float, end_s: float) -> tuple[float, float, float]:
+def _fall(flight: Flight, contact_s: float, end_s: float) -> tuple[float, float, float]:
     """Height at contact, and when and how low the vehicle comes before `end_s` or the landing."""
-    first, last = nearest(record.t, contact_s), nearest(record.t, end_s)
-    heights = record.log["position"][first : last + 1, 2]
-    landing = np.flatnonzero(record.log["mode"].reshape(-1)[first : last + 1] == Phase.LAND)
+    first, last = nearest(flight.t, contact_s), nearest(flight.t, end_s)
+    heights = flight.log["position"][first : last + 1, 2]
+    landing = np.flatnonzero(flight.log["mode"].reshape(-1)[first : last + 1] == Phase.LAND)
     lowest = int(np.argmin(heights[: landing[0] + 1] if landing.size else heights))
-    return float(heights[0]), float(record.t[first + lowest]), float(heights[lowest])
+    return float(heights[0]), float(flight.t[first + lowest]), float(heights[lowest])
 
 
 def _verdict(crashed: bool, collided: bool, recovery_s: float | None) -> Outcome:

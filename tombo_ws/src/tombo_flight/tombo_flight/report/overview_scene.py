@@ -92,16 +92,16 @@ def _frame(axes: Axes, camera: Camera, points: Array) -> None:
 
 def draw_scene(
     axes: Axes,
-    record: Flight,
+    flight: Flight,
     milestones: FlightMilestones,
     instants: Mapping[float, str],
     window: slice,
 ) -> None:
     """Fill the axes with the samples of `window`, and the vehicle at the instants by name."""
     step = max(1, (window.stop - window.start) // 900)
-    path_t, path = record.t[window][::step], record.log["position"][window][::step]
+    path_t, path = flight.t[window][::step], flight.log["position"][window][::step]
     camera = _camera(path)
-    vehicles = _vehicles(record, milestones, instants)
+    vehicles = _vehicles(flight, milestones, instants)
     _frame(axes, camera, _in_sight(milestones, path, list(vehicles.values())))
     axes.set_axis_off()
     _ground(axes, camera)
@@ -127,15 +127,15 @@ def draw_scene(
 
 
 def _vehicles(
-    record: Flight, milestones: FlightMilestones, instants: Mapping[float, str]
+    flight: Flight, milestones: FlightMilestones, instants: Mapping[float, str]
 ) -> dict[float, list[Part]]:
     """The vehicle's pieces at each instant; at contact folded as it is just after."""
-    airframe = Airframe.of(record.scenario)
-    positions, attitudes, folds = (record.log[k] for k in ("position", "attitude", "fold"))
+    airframe = Airframe.of(flight.scenario)
+    positions, attitudes, folds = (flight.log[k] for k in ("position", "attitude", "fold"))
     vehicles = {}
     for t in instants:
-        i = nearest(record.t, t)
-        folded = _most_folded(record, i) if t == milestones.contact_s else i
+        i = nearest(flight.t, t)
+        folded = _most_folded(flight, i) if t == milestones.contact_s else i
         vehicles[t] = airframe.parts(positions[i], attitudes[i], folds[folded])
     return vehicles
 
@@ -161,9 +161,9 @@ def _name_below(axes: Axes, camera: Camera, parts: Sequence[Part], name: str, co
     )
 
 
-def _most_folded(record: Flight, i: int) -> int:
+def _most_folded(flight: Flight, i: int) -> int:
     """The sample within 60 ms after `i` at which the propellers are folded most."""
-    ahead = record.log["fold"][i : i + 60].sum(axis=1)
+    ahead = flight.log["fold"][i : i + 60].sum(axis=1)
     return i + int(np.argmax(ahead))
 
 

@@ -46,7 +46,7 @@ class Panel:
     """Axes that show a window of a flight; `cut` are the samples inside the window."""
 
     axes: Axes
-    record: Flight
+    flight: Flight
     milestones: FlightMilestones
     window: Window
     cut: slice
@@ -62,7 +62,7 @@ class Panel:
         zorder: float = 2.0,
     ) -> None:
         """Draw a column of the log, (N,), thinned to what the panel can show."""
-        t, y = envelope(self.record.t[self.cut], y[self.cut], self.window.buckets)
+        t, y = envelope(self.flight.t[self.cut], y[self.cut], self.window.buckets)
         self.axes.plot(
             t - self.window.zero_s,
             y,

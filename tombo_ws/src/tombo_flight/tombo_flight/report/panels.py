@@ -21,7 +21,7 @@ _HATCH: Final = "//////"
 
 def horizontal(panel: Panel) -> None:
     """Draw x and y, with their set points and estimates, and the x of x_c and of x_r."""
-    log = panel.record.log
+    log = panel.flight.log
     for i, colour in ((1, style.GREEN), (0, style.BLUE)):
         _with_set_point(panel, i, colour)
     panel.fit(log[name][panel.cut, :2] for name in ("position", "position_setpoint"))
@@ -33,10 +33,10 @@ def horizontal(panel: Panel) -> None:
 
 def height(panel: Panel, beside: Flight | None) -> None:
     """Draw z with its set point and estimate, how far the vehicle falls, and z of another."""
-    log = panel.record.log
+    log = panel.flight.log
     handles = [key(style.PURPLE, 1.7, "z up"), *_common()]
     if beside is not None:
-        inside = slice(*np.searchsorted(beside.t, panel.record.t[panel.cut][[0, -1]]))
+        inside = slice(*np.searchsorted(beside.t, panel.flight.t[panel.cut][[0, -1]]))
         t, z = envelope(beside.t[inside], beside.log["position"][inside, 2], panel.window.buckets)
         panel.axes.plot(t - panel.window.zero_s, z, color=style.ORANGE, lw=1.3, zorder=1.8)
         handles.insert(1, key(style.ORANGE, 1.3, f"z with {beside.summary['reaction']}"))
@@ -65,7 +65,7 @@ def attitude(panel: Panel, angles_deg: Array) -> None:
 
 def thrust(panel: Panel) -> None:
     """Draw the four rotors' thrust, and how far a propeller is folded as a hatched height."""
-    log, cut = panel.record.log, panel.cut
+    log, cut = panel.flight.log, panel.cut
     known = log["rotor_thrust"][cut]
     high = max(1.0, 1.1 * float(np.nanmax(known, initial=0.0)))
     handles: list[Line2D | Patch] = []
@@ -88,7 +88,7 @@ def _common() -> list[Line2D]:
 
 
 def _with_set_point(panel: Panel, axis: int, colour: str) -> None:
-    log = panel.record.log
+    log = panel.flight.log
     panel.trace(log["est_position"][:, axis], colour, 0.5, alpha=0.45)
     panel.trace(log["position_setpoint"][:, axis], style.INK, 0.8, dashed=True)
     panel.trace(log["position"][:, axis], colour, 1.7)
@@ -145,7 +145,7 @@ def _fall_arrow(panel: Panel) -> None:
 
 
 def _fold(panel: Panel, fold: Array, colour: str, high: float) -> None:
-    t, y = envelope(panel.record.t[panel.cut], fold[panel.cut], panel.window.buckets)
+    t, y = envelope(panel.flight.t[panel.cut], fold[panel.cut], panel.window.buckets)
     x = t - panel.window.zero_s
     fill = panel.axes.fill_between
     fill(x, 0.0, y * high, fc=colour, ec="none", alpha=0.22, zorder=0.5)

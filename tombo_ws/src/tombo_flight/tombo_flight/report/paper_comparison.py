@@ -77,15 +77,15 @@ class Row:
 
 
 def is_paper_flight(scenario: Mapping[str, Any]) -> bool:
-    """Return whether a scenario, as a record has it, is the paper's experiment."""
+    """Return whether a scenario, as a flight has it, is the paper's experiment."""
     course = (scenario.get("mission") or {}).get("course")
     return scenario.get("name") in PAPER_SCENARIOS and not course
 
 
-def comparison_rows(milestones: FlightMilestones, record: Flight) -> list[Row]:
+def comparison_rows(milestones: FlightMilestones, flight: Flight) -> list[Row]:
     """Return the rows of the table, in its order; the paper's figures for its experiment alone."""
-    rows = _rows(milestones, record.summary)
-    if is_paper_flight(record.scenario):
+    rows = _rows(milestones, flight.summary)
+    if is_paper_flight(flight.scenario):
         return rows
     return [replace(row, paper=None, paper_text=row.paper_text and _NONE) for row in rows]
 

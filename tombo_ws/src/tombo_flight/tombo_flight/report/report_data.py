@@ -50,7 +50,7 @@ def kept_samples(t: Array, mark_s: float | None) -> NDArray[np.intp]:
     """Indices of the kept samples, ascending: 50 Hz, and 200 Hz around the contact.
 
     Args:
-        t: (N,) times of the record, seconds, ascending.
+        t: (N,) times of the flight, seconds, ascending.
         mark_s: instant around which to keep more, or None.
     """
     if not len(t):
@@ -68,17 +68,17 @@ def kept_samples(t: Array, mark_s: float | None) -> NDArray[np.intp]:
     return kept
 
 
-def flight_block(record: Flight, milestones: FlightMilestones) -> dict[str, Any]:
+def flight_block(flight: Flight, milestones: FlightMilestones) -> dict[str, Any]:
     """Thinned columns, ready for JSON.
 
     `columns` is a list of [name, width]; `base64` is little-endian float32: for each column in
     turn its (samples, width) rows. `contact_N` is the largest contact force since the kept
     sample before, so that a contact of a few milliseconds is not lost.
     """
-    index = kept_samples(record.t, milestones.mark_s)
-    blocks: list[tuple[str, Array]] = [("t", record.t[index].reshape(-1, 1))]
-    blocks += [(name, record.log[name].reshape(len(record.t), -1)[index]) for name in COLUMNS]
-    blocks.append(("contact_N", _largest_since(record.log["contact_force"], index)))
+    index = kept_samples(flight.t, milestones.mark_s)
+    blocks: list[tuple[str, Array]] = [("t", flight.t[index].reshape(-1, 1))]
+    blocks += [(name, flight.log[name].reshape(len(flight.t), -1)[index]) for name in COLUMNS]
+    blocks.append(("contact_N", _largest_since(flight.log["contact_force"], index)))
     raw = b"".join(np.ascontiguousarray(b, dtype="<f4").tobytes() for _, b in blocks)
     return {
         "samples": len(index),
@@ -87,9 +87,9 @@ def flight_block(record: Flight, milestones: FlightMilestones) -> dict[str, Any]
     }
 
 
-def milestones_block(record: Flight, milestones: FlightMilestones) -> dict[str, Any]:
+def milestones_block(flight: Flight, milestones: FlightMilestones) -> dict[str, Any]:
     """Data of the scripts beside the columns, ready for JSON."""
-    obstacle, airframe = milestones.obstacle, Airframe.of(record.scenario)
+    obstacle, airframe = milestones.obstacle, Airframe.of(flight.scenario)
     return {
         **{name: getattr(milestones, name) for name in _MILESTONES},
         "verdict": milestones.verdict.value,
@@ -106,7 +106,7 @@ def milestones_block(record: Flight, milestones: FlightMilestones) -> dict[str, 
                 "kind": str(event.get("kind", "")),
                 "text": str(event.get("text", "")),
             }
-            for event in record.events
+            for event in flight.events
         ],
         "shape": {
             "rotors_m": airframe.rotors_m,

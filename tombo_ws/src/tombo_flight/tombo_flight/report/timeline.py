@@ -23,7 +23,7 @@ _TOGETHER_S: Final = 0.005
 def timeline(panel: Panel) -> None:
     """Draw the strip; above it, zoomed, what happened when, else where the zoom is."""
     axes, window = panel.axes, panel.window
-    px4 = panel.record.summary.get("px4")
+    px4 = panel.flight.summary.get("px4")
     low = 0.0 if px4 is None else _PX4_LOW
     axes.set_ylim(low, _TOP)
     axes.set_yticks([])
