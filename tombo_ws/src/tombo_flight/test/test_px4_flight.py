@@ -13,6 +13,7 @@ from px4_bench import speaking
 from tombo_bag.columnar_cdr import encode
 from tombo_bag.flight import Flight
 from tombo_bag.flight_time import stamp
+from tombo_bag.flight_topics import write_flight
 from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
 from tombo_bag.topics import DIAGNOSTICS, PX4_STATUS
@@ -339,7 +340,6 @@ def test_what_happens_after_arming_is_no_refusal():
 @pytest.mark.slow
 def test_the_summary_tells_what_the_bridge_has_told(flown, tmp_path):
     path = tmp_path / "flight.mcap"
-    write_mcap(flown, path)
     states = [
         (0.5, {"mode": "hold", "stage": "ready"}),
         (1.0, {"mode": "offboard", "stage": "arming"}),
@@ -356,7 +356,8 @@ def test_the_summary_tells_what_the_bridge_has_told(flown, tmp_path):
              "values": [{"key": k, "value": str(v)} for k, v in values.items()]}
         ]
     }  # fmt: skip
-    with McapSink(tmp_path / "told.mcap") as sink:
+    with McapSink(path) as sink:
+        write_flight(sink, flown)
         for spec, times, messages in (
             (PX4_STATUS, [t for t, _ in states], [status(t, **more) for t, more in states]),
             (DIAGNOSTICS, [2.0], [encode(DIAGNOSTICS.typename, report)]),
@@ -366,7 +367,7 @@ def test_the_summary_tells_what_the_bridge_has_told(flown, tmp_path):
                 Columns(sink.add_channel(spec.name, spec.typename), stamps, messages)
             )
     record = read_flight(path)
-    with Recording(tmp_path / "told.mcap") as recording:
+    with Recording(path) as recording:
         found = px4_metrics(recording, record)
 
     assert record.epoch_ns == EPOCH_NS

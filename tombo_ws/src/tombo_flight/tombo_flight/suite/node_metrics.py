@@ -9,7 +9,7 @@ from typing import Any
 from tombo_bag.formats.rolling_sink import NOTES
 from tombo_bag.recording import Recording
 from tombo_bag.schemas import type_store
-from tombo_bag.topics import DIAGNOSTICS, TopicSpec
+from tombo_bag.topics import DIAGNOSTICS
 from tombo_flight.suite.node_diagnostics import Loop, NodeDiagnostics, lateness_text
 from tombo_flight.suite.nodes import SUITE
 
@@ -24,7 +24,10 @@ _MISSED_MAX = 0.01
 def recorded_diagnostics(recording: Recording) -> NodeDiagnostics:
     """Return the last report of each node."""
     node_diagnostics = NodeDiagnostics()
-    for report in recorded_messages(recording, DIAGNOSTICS):
+    there = DIAGNOSTICS.name in recording.topics
+    store: Any = type_store()
+    for data in recording.messages(DIAGNOSTICS.name).messages if there else ():
+        report = store.deserialize_cdr(data, DIAGNOSTICS.typename)
         statuses = [
             {
                 "name": status.name,
@@ -108,11 +111,3 @@ def _loops(node_diagnostics: NodeDiagnostics) -> Iterator[tuple[str, Loop]]:
             if loop.metrics.get("runs") == 0:
                 continue
             yield (loop.name.removesuffix(" loop") if own else node), loop
-
-
-def recorded_messages(recording: Recording, spec: TopicSpec) -> Iterator[Any]:
-    """Yield the messages of a topic as they were recorded; none without the topic."""
-    if spec.name in recording.topics:
-        store = type_store()
-        for data in recording.messages(spec.name).messages:
-            yield store.deserialize_cdr(data, spec.typename)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Final
 
-from tombo_bag.flight import Flight
+from tombo_bag.flight import Flight, Topic
 from tombo_bag.recording import Recording
 from tombo_bag.topics import PX4_STATUS
 from tombo_dynamics.messages import Phase
-from tombo_dynamics.time_base import SECOND_NS
-from tombo_flight.suite.node_metrics import recorded_diagnostics, recorded_messages
+from tombo_flight.suite.node_metrics import recorded_diagnostics
 
 READY_S: Final = 25.0
 """From the first word of the bridge: EKF2 converges, checks pass, the vehicle arms."""
@@ -133,24 +132,20 @@ class BridgeMonitor:
         return f"{waited}: {found or 'it stands ' + str(status['stage'])}"
 
 
-_Changes = Sequence[tuple[float, Any]]
-"""Flight time [s] and content of each message of `/px4/status`."""
-
-
-def px4_metrics(recording: Recording, record: Flight) -> dict[str, Any]:
+def px4_metrics(recording: Recording, flight: Flight) -> dict[str, Any]:
     """Return what the summary says about PX4; what was not reported is None."""
-    changes = _changes(recording, record.epoch_ns)
+    status = flight.topics.get(PX4_STATUS.name, Topic())
     bridge = recorded_diagnostics(recording).nodes.get("px4_bridge")
     values = {} if bridge is None else bridge.values
-    end_s = float(record.t[-1]) if record.t.size else 0.0
+    end_s = float(flight.t[-1]) if flight.t.size else 0.0
     return {
-        "firmware": str(changes[-1][1].firmware) if changes else None,
-        "armed_s": _first(changes, "armed"),
-        "offboard_s": _first(changes, "offboard"),
-        "armed_duration_s": _lasted(changes, "armed", end_s),
-        "offboard_duration_s": _lasted(changes, "offboard", end_s),
-        "modes": _steps(changes, "mode"),
-        "stages": _steps(changes, "stage"),
+        "firmware": next((text for _, text in reversed(_changes(status, "firmware"))), None),
+        "armed_s": _first(status, "armed"),
+        "offboard_s": _first(status, "offboard"),
+        "armed_duration_s": _lasted(status, "armed", end_s),
+        "offboard_duration_s": _lasted(status, "offboard", end_s),
+        "modes": _steps(status, "mode"),
+        "stages": _steps(status, "stage"),
         **{key: _reported_value(values, name) for key, name in _METRIC_KEYS.items()},
         "refused": {
             name: count
@@ -160,17 +155,17 @@ def px4_metrics(recording: Recording, record: Flight) -> dict[str, Any]:
             and isinstance(count, int)
             and count > 0
         },
-        "status_texts": _steps(changes, "status_text"),
+        "status_texts": _steps(status, "status_text"),
     }
 
 
-def _changes(recording: Recording, epoch_ns: int) -> _Changes:
-    found = []
-    for status in recorded_messages(recording, PX4_STATUS):
-        stamp = status.header.stamp
-        time_s = (stamp.sec * SECOND_NS + stamp.nanosec - epoch_ns) * 1e-9
-        found.append((round(time_s, 3), status))
-    return found
+def _changes(status: Topic, name: str) -> list[tuple[float, Any]]:
+    """Return flight time [s] and value of a field of each message of `/px4/status`."""
+    series = status.get(name)
+    if series is None:
+        return []
+    times = [round(time_s, 3) for time_s in series.t.tolist()]
+    return list(zip(times, series.values.tolist(), strict=True))
 
 
 def _reported_value(values: Mapping[str, Any], name: str) -> Any:
@@ -178,26 +173,26 @@ def _reported_value(values: Mapping[str, Any], name: str) -> Any:
     return None if value in ("None", "nan", "") else value
 
 
-def _first(changes: _Changes, name: str) -> float | None:
-    return next((time_s for time_s, status in changes if getattr(status, name)), None)
+def _first(status: Topic, name: str) -> float | None:
+    return next((time_s for time_s, value in _changes(status, name) if value), None)
 
 
-def _lasted(changes: _Changes, name: str, end_s: float) -> float:
+def _lasted(status: Topic, name: str, end_s: float) -> float:
     """Return how long something was so [s]."""
+    changes = _changes(status, name)
     times = [*(time_s for time_s, _ in changes[1:]), end_s]
     spans = (
         max(until - time_s, 0.0)
-        for (time_s, status), until in zip(changes, times, strict=False)
-        if getattr(status, name)
+        for (time_s, value), until in zip(changes, times, strict=False)
+        if value
     )
     return round(sum(spans), 3)
 
 
-def _steps(changes: _Changes, name: str) -> list[list[Any]]:
+def _steps(status: Topic, name: str) -> list[list[Any]]:
     """Return [time, text] of each new text."""
     found: list[list[Any]] = []
-    for time_s, status in changes:
-        text = str(getattr(status, name))
+    for time_s, text in _changes(status, name):
         if text and (not found or found[-1][1] != text):
             found.append([time_s, text])
     return found
