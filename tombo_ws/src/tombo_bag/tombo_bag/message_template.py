@@ -13,7 +13,6 @@ from typing import Any
 
 from tombo_bag.columnar_cdr import Layout, layout, layout_of
 from tombo_bag.schemas import known_types
-from tombo_dynamics.arrays import Array
 from tombo_dynamics.time_base import SECOND_NS
 
 _FORMATS = {"f8": "d", "f4": "f", "u1": "B", "i1": "b", "?": "?", "b1": "?", "i4": "i", "u4": "I"}
@@ -92,11 +91,6 @@ class MessageTemplate:
             return False
         return all(data[at : at + len(text)] == text for at, text in self._texts)
 
-    def stamp_of(self, data: bytes) -> int:
-        """Return the header's stamp [ns] of bytes that fit."""
-        assert self._stamp is not None
-        return self._stamp.of(data)
-
 
 class Field:
     """Some numbers of a shape, one after the other."""
@@ -104,16 +98,11 @@ class Field:
     def __init__(self, place: struct.Struct, offset: int, buffer: bytearray) -> None:
         self._place = place
         self._offset = offset
-        self._end = offset + place.size
         self._buffer = buffer
 
     def put(self, values: Sequence[Any]) -> None:
         """Write them."""
         self._place.pack_into(self._buffer, self._offset, *values)
-
-    def put_array(self, values: Array) -> None:
-        """Write an array of as many doubles as the field has, as they lie in memory."""
-        self._buffer[self._offset : self._end] = values.tobytes()
 
     def of(self, data: bytes) -> tuple[Any, ...]:
         """Read them from bytes that fit."""
