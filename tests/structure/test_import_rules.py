@@ -39,6 +39,7 @@ MAY_IMPORT = {
     "tombo_diagnosis": {"tombo_dynamics", "tombo_bag", "tombo_sim", "tombo_flight", "tombo_logs"},
     "tombo_propeller": {
         "tombo_dynamics",
+        "tombo_bag",
         "tombo_control",
         "tombo_sim",
         "tombo_flight",

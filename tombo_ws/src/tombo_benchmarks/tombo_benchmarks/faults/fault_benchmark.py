@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import closing
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, TypeVar
 
+from tombo_benchmarks.diagnosis.runner import each_result
 from tombo_benchmarks.faults.fault_cases import (
     Case,
     fly_case,
@@ -21,7 +20,6 @@ from tombo_control.controller_core import ControllerCore
 from tombo_control.safety.state_machine import TABLE
 from tombo_dynamics.core import Core
 from tombo_flight.flight import Workspace, fly_scenario
-from tombo_flight.process.process_pool import run_in_processes
 from tombo_flight.scenario import Scenario, load_scenario
 from tombo_flight.scenario_catalogue import builtin_scenarios
 
@@ -93,18 +91,11 @@ def _results(
     stop: Callable[[], bool],
 ) -> list[_Result]:
     """Do the work on several processes; return the results, in the order of the items."""
-    found: dict[int, _Result] = {}
-    numbered = partial(_numbered, work)
-    with closing(run_in_processes(numbered, enumerate(items), workers, stop=stop)) as results:
-        for number, result in results:
-            found[number] = result
-            progress(stage, len(found) / len(items))
-    return [found[number] for number in sorted(found)]
-
-
-def _numbered(work: Callable[[_Item], _Result], task: tuple[int, _Item]) -> tuple[int, _Result]:
-    number, item = task
-    return number, work(item)
+    found: dict[_Item, _Result] = {}
+    for item, result in each_result(work, items, workers, stop):
+        found[item] = result
+        progress(stage, len(found) / len(items))
+    return [found[item] for item in items if item in found]
 
 
 def check_faults(

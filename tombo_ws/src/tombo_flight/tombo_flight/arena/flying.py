@@ -7,11 +7,12 @@ from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequenc
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from tombo_bag.flight import Flight
 from tombo_collision.own_reactions import imported_files, is_own
 from tombo_dynamics.errors import InputError
 from tombo_flight.arena.cases import Case, Match
 from tombo_flight.campaign.statistics import SPREAD_METRICS
-from tombo_flight.flight_output import warm_up_flight
+from tombo_flight.flight_output import flight_summary, warm_up_flight
 from tombo_flight.process.study import Task, fly_tasks
 from tombo_flight.scenario import Scenario
 
@@ -38,8 +39,9 @@ class Plan:
         """Return what is flown in a match."""
         return match.scenario()
 
-    def figures(self, summary: Row, scenario: Scenario) -> dict[str, Any]:
+    def figures(self, flight: Flight, scenario: Scenario) -> dict[str, Any]:
         """Return what is kept of a flight."""
+        summary = flight_summary(flight)
         return {key: summary[key] for key in ROW_KEYS}
 
     def rows(self, kept: Mapping[str, Row]) -> dict[Match, list[Row]]:

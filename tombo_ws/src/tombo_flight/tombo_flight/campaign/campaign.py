@@ -3,29 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from itertools import takewhile
+from collections.abc import Callable
 from typing import Any
 
 from tombo_dynamics.errors import InputError
 from tombo_flight.campaign.statistics import aggregate
-from tombo_flight.process.study import Row, Task, fly_tasks
+from tombo_flight.flight_output import flight_summary
+from tombo_flight.process.study import fly_seeds
 from tombo_flight.scenario import Scenario
 from tombo_flight.version import tombo_version
-
-
-@dataclass(frozen=True)
-class _Campaign:
-    """The study of one scenario, of which whole summaries are kept."""
-
-    scenario: Scenario
-
-    def scenario_at(self, point: None) -> Scenario:
-        return self.scenario
-
-    def figures(self, summary: Mapping[str, Any], scenario: Scenario) -> Row:
-        return dict(summary)
 
 
 def fly_campaign(
@@ -57,19 +43,12 @@ def fly_campaign(
         InputError: as `fly_scenario`, with the seed, where no flight can be flown.
     """
     began = time.perf_counter()
-    flown: dict[int, Row] = {}
-
-    def keep(task: Task, row: Row) -> None:
-        flown[task.seed] = row
-        if progress is not None:
-            progress(len(flown))
-
-    tasks = (Task(seed, None, seed) for seed in seeds)
-    fly_tasks(_Campaign(scenario), tasks, len(seeds), keep, workers=workers, stop=stop)
+    flown = fly_seeds(
+        scenario, seeds, flight_summary, workers=workers, progress=progress, stop=stop
+    )
     wall = time.perf_counter() - began
-    whole = list(takewhile(flown.__contains__, seeds))
-    flights = [flown[seed] for seed in whole if "error" not in flown[seed]]
-    not_flown = [{"seed": seed, **flown[seed]} for seed in whole if "error" in flown[seed]]
+    flights = [row for row in flown.values() if "error" not in row]
+    not_flown = [{"seed": seed, **row} for seed, row in flown.items() if "error" in row]
     if not_flown and not flights:
         raise InputError(f"seed {not_flown[0]['seed']}: {not_flown[0]['error']}")
     return {
@@ -82,7 +61,7 @@ def fly_campaign(
         "disturbances": scenario.disturbances,
         "first_seed": seeds[0],
         "last_seed": seeds[-1],
-        "interrupted": len(whole) < len(seeds),
+        "interrupted": len(flown) < len(seeds),
         "flights": flights,
         "not_flown": not_flown,
         "aggregate": aggregate(flights, wall),

@@ -93,7 +93,7 @@ def _page(sweep: Sweep, columns: Columns, errors: Array, outcome: str, read: Any
             ("Distributions", pictures(spread)),
             ("Failures, and how to fly them again", _failures(sweep, columns, errors, read)),
         ],
-        footer=f"tombo {sweep.version}; all figures of all flights: flights.parquet",
+        footer=f"tombo {sweep.tombo_version}; all figures of all flights: flights.parquet",
     )
 
 

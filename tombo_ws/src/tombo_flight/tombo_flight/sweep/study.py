@@ -2,48 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
-from tombo_collision.own_reactions import imported_files
+from tombo_bag.flight import Flight
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import check_seed
-from tombo_flight.command_line import fly_command
+from tombo_flight.flight_output import flight_summary
 from tombo_flight.json_text import plain
-from tombo_flight.scenario import Scenario, scenario_values, with_settings
+from tombo_flight.process.study import StudiedScenario, read_scenario
+from tombo_flight.scenario import Scenario
 from tombo_flight.sweep.columns import row_of
 from tombo_flight.sweep.design import Design, Points
-from tombo_flight.version import tombo_version
 
 MOST_FLIGHTS = 10**9
+_KEYS = (
+    *("tombo_version", "scenario", "seeds", "settings", "label", "values", "model", "vehicle"),
+    "imports",
+)
+"""Of `sweep.json`, with those of the design."""
 
 
-@dataclass(frozen=True)
-class Sweep:
+@dataclass(frozen=True, kw_only=True)
+class Sweep(StudiedScenario):
     """A scenario, what is varied, and the seeds that each point is flown with.
 
     Flight n has point n // seeds and seed first + n % seeds.
     """
 
-    scenario: str
-    """Name or file, as given."""
     design: Design
     seeds: tuple[int, int]
     """First, and the one after the last."""
-    settings: tuple[str, ...] = ()
-    """Further texts of --set, the same for all points."""
-    label: str = ""
-    """Name of the scenario."""
-    values: Mapping[str, Any] = field(default_factory=dict)
-    """Of the scenario, complete: nothing is read again when the sweep goes on."""
-    version: str = ""
-    """Of the software."""
-    model: str = ""
-    vehicle: str = ""
-    imports: tuple[tuple[str, str], ...] = ()
-    """Files with the user's reactions, as of `imported_files`."""
 
     @property
     def flights(self) -> int:
@@ -66,31 +56,24 @@ class Sweep:
         Raises:
             InputError: it is no scenario.
         """
-        varied = [f"{key}={text}" for key, text in self.points[point].items()]
-        return with_settings(dict(self.values), [*self.settings, *varied], self.label)
+        return self.scenario_with(self._varied(point))
 
-    def figures(self, summary: Mapping[str, Any], scenario: Scenario) -> dict[str, Any]:
+    def _varied(self, point: int) -> list[str]:
+        return [f"{key}={text}" for key, text in self.points[point].items()]
+
+    def figures(self, flight: Flight, scenario: Scenario) -> dict[str, Any]:
         """Return the columns of a flight."""
-        return row_of(summary)
+        return row_of(flight_summary(flight))
 
     def command(self, flight: int) -> str:
         """Return the command line that flies a flight again."""
         point, seed = self.place(flight)
-        varied = [f"{key}={text}" for key, text in self.points[point].items()]
-        return fly_command(
-            self.scenario,
-            seed,
-            settings=[*self.settings, *varied],
-            model=self.model,
-            vehicle=self.vehicle,
-            imports=self.imports,
-        )
+        return self.command_with(self._varied(point), seed)
 
     def as_mapping(self) -> dict[str, Any]:
         """Return it in the types of JSON: what `sweep.json` says."""
         values: dict[str, Any] = plain(asdict(self))
-        design = values.pop("design")
-        return {"tombo_version": values.pop("version"), **values, **design}
+        return {**{key: values[key] for key in _KEYS}, **values["design"]}
 
 
 def new_sweep(
@@ -108,21 +91,12 @@ def new_sweep(
     """
     for seed in (seeds.start, seeds.stop - 1) if seeds else ():
         check_seed("seed", seed)
-    values, label = scenario_values(scenario, model, vehicle)
-    sweep = Sweep(
-        scenario, design, (seeds.start, seeds.stop), settings, label, plain_values(values),
-        tombo_version(), model or "", vehicle or "", imported_files(),
-    )  # fmt: skip
+    base = read_scenario(scenario, settings, model, vehicle)
+    sweep = Sweep(**base, design=design, seeds=(seeds.start, seeds.stop))
     if not 1 <= sweep.flights <= MOST_FLIGHTS:
         raise InputError(f"{sweep.flights} flights; accepted: 1 to {MOST_FLIGHTS}")
     sweep.scenario_at(0)
     for axis in design.axes:
         for text in axis.ends:
-            with_settings(values, [*settings, f"{axis.key}={text}"], label)
+            sweep.scenario_with([f"{axis.key}={text}"])
     return sweep
-
-
-def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values of a scenario in the types of JSON, tuples as lists."""
-    found: dict[str, Any] = plain(values)
-    return found

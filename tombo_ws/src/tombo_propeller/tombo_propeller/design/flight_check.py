@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tombo_bag.flight import Flight
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import TICK_S
-from tombo_flight.flight import Workspace, fly_scenario
+from tombo_flight.flight_output import warm_up_flight
+from tombo_flight.process.study import fly_seeds
 from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_propeller.design.design import Design
 from tombo_propeller.design.flight_files import scenario_of, write_flyable
@@ -96,12 +99,7 @@ def check_design(
     values = scenario_of(found.request, configuration, force, recovery)
     with tempfile.TemporaryDirectory(prefix="tombo-design-") as folder:
         scenario = load_scenario(str(write_flyable(Path(folder), values, configuration)))
-        workspace = Workspace()
-        flights = []
-        for k, seed in enumerate(seeds):
-            on_progress(f"flying {len(seeds)} collisions", k / len(seeds))
-            flight = fly_scenario(scenario, seed, workspace)
-            flights.append(_Flown.of(flight.summary, flight.log))
+        flights = _fly(scenario, seeds, on_progress)
         margin, scatter = _table(scenario)
     claims = _claims(found, index, flights, margin, scatter, force, recovery)
     return Check(
@@ -115,6 +113,30 @@ def check_design(
             found, {name: claim.simulated for name, claim in zip(_SHOWN, claims, strict=True)}
         ),
     )
+
+
+def _fly(
+    scenario: Scenario, seeds: Sequence[int], on_progress: Callable[[str, float], None]
+) -> list[_Flown]:
+    """Fly with each of the seeds.
+
+    Raises:
+        InputError: one can't be flown.
+    """
+    stage = f"flying {len(seeds)} collisions"
+    on_progress(stage, 0.0)
+    warm_up_flight(scenario)
+    rows = fly_seeds(
+        scenario, seeds, _figures, progress=lambda done: on_progress(stage, done / len(seeds))
+    )
+    for row in rows.values():
+        if "error" in row:
+            raise InputError(row["error"])
+    return [_Flown(**row) for row in rows.values()]
+
+
+def _figures(flight: Flight) -> dict[str, Any]:
+    return asdict(_Flown.of(flight.summary, flight.log))
 
 
 @dataclass(frozen=True)
