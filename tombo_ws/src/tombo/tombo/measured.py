@@ -200,7 +200,7 @@ def diagnose(
     Raises:
         InputError: a log, the mapping, the vehicle or the model can't be used.
     """
-    from tombo_diagnosis.diagnose_logs import diagnose_logs
+    from tombo_diagnosis.flight.diagnose import diagnose_logs
     from tombo_diagnosis.report.diagnosis_output import NominalReference
 
     found, label, base = diagnose_logs(

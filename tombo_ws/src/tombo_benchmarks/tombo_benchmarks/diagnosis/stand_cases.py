@@ -23,7 +23,7 @@ from tombo_benchmarks.diagnosis.cases import (
 )
 from tombo_benchmarks.diagnosis.unmodelled_effects import UNMODELLED_EFFECTS
 from tombo_diagnosis.engine.regression import Parameter
-from tombo_diagnosis.stand.parameters import HEALTHY_SHARE, parameters
+from tombo_diagnosis.stand.problem import HEALTHY_SHARE, parameters
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import configuration, parameter_row, speed_of_maximum_thrust

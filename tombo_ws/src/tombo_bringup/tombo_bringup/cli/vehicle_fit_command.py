@@ -64,7 +64,7 @@ def from_flights(
     if mass is not None:
         from_mapping(VehicleParams, {"mass": mass}, "--mass: vehicle")
     with progress_bar() as on_progress:
-        from tombo_diagnosis.flight.diagnose_files import read_and_check
+        from tombo_diagnosis.flight.diagnose import read_and_check
         from tombo_diagnosis.flight.vehicle_fit import fit_vehicle
         from tombo_flight.vehicle_file import vehicle_text, write_vehicle
 

@@ -9,7 +9,7 @@ from measured_flights import logs, nominal
 
 from tombo_bag.flight import Series
 from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
-from tombo_diagnosis.flight.diagnose_files import check_flights
+from tombo_diagnosis.flight.diagnose import check_flights
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import rotor_thrust, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
-from tombo_diagnosis.flight.diagnose_files import check_flights
+from tombo_diagnosis.flight.diagnose import check_flights
 from tombo_diagnosis.flight.scenario_nominal import nominal_model
 from tombo_logs.readers.log_reader import read_logs
 

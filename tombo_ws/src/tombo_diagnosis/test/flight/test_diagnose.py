@@ -12,7 +12,7 @@ from measured_flights import SLOW, logs, nominal
 
 from tombo_bag.flight import Airframe, Finding, Series
 from tombo_diagnosis.diagnosis import VERDICTS, Experiment
-from tombo_diagnosis.flight import diagnose_files
+from tombo_diagnosis.flight import diagnose as diagnose_module
 from tombo_diagnosis.flight.diagnose import diagnose
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
@@ -171,9 +171,9 @@ def in_mm(log):
 def test_a_flight_that_contradicts_itself_costs_only_itself(monkeypatch):
     one, two, three = logs(HIDDEN, count=3)
     monkeypatch.setattr(
-        diagnose_files, "read_logs", lambda paths, **more: [one, in_mm(two), three]
+        diagnose_module, "read_logs", lambda paths, **more: [one, in_mm(two), three]
     )
-    said, _ = diagnose_files.diagnose_files([Path("flights")], nominal())
+    said, _ = diagnose_module.diagnose_files([Path("flights")], nominal())
     assert [f.name for f in said.flights] == [one.name, three.name]
     assert said.verdict == "named" and {c.effect for c in said.causes} == set(HIDDEN)
     (why,) = [f for f in said.prechecks if f.flight == two.name]
@@ -182,9 +182,9 @@ def test_a_flight_that_contradicts_itself_costs_only_itself(monkeypatch):
 
 def test_what_all_flights_have_is_an_error(monkeypatch):
     off = [in_mm(log) for log in logs(HIDDEN, count=2)]
-    monkeypatch.setattr(diagnose_files, "read_logs", lambda paths, **more: off)
+    monkeypatch.setattr(diagnose_module, "read_logs", lambda paths, **more: off)
     with pytest.raises(InputError, match=r"flight 1.*mm declared as m"):
-        diagnose_files.read_and_check([Path("flights")])
+        diagnose_module.read_and_check([Path("flights")])
 
 
 def test_a_flight_without_an_imu_among_others_is_left_out_and_said():

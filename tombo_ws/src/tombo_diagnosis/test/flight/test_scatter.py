@@ -11,12 +11,12 @@ from tombo_diagnosis.flight.fit.gust_fit import fit_gusts
 from tombo_diagnosis.flight.fit.parameters import PARAMETERS
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import track_of
-from tombo_diagnosis.flight.noise.haar_variance import SCALES_S, block_variances, pooled
 from tombo_diagnosis.flight.noise.noise_statistics import (
     fit_noise_effects,
     imu_noise_statistics,
     pose_noise_statistics,
 )
+from tombo_diagnosis.flight.noise.noise_variance import SCALES_S, block_variances, pooled
 from tombo_diagnosis.flight.residual_check import (
     noise_variances,
     residual_excesses,

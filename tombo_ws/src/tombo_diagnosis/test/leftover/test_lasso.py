@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tombo_diagnosis.leftover.lasso import lasso, lasso_path
-from tombo_diagnosis.leftover.sparse_fit import Rows, sparse_fit, without_tolerances
+from tombo_diagnosis.leftover.sparse_fit import (
+    Rows,
+    lasso,
+    lasso_path,
+    sparse_fit,
+    without_tolerances,
+)
 
 
 def test_with_orthogonal_columns_each_coefficient_is_shrunk_by_the_penalty():

@@ -14,8 +14,8 @@ from tombo_diagnosis.stand.cross_validation import held_out
 from tombo_diagnosis.stand.experiment_design import separate
 from tombo_diagnosis.stand.model_differences import differences_from_model, model_extending_causes
 from tombo_diagnosis.stand.problem import StandProblem
-from tombo_diagnosis.stand.repeatability import repeats
 from tombo_diagnosis.stand.residual_check import fit_residual_curves
+from tombo_diagnosis.stand.summary_text import repeats
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws
 
 pytestmark = pytest.mark.slow

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tombo_diagnosis.stand.tables.change_points import find_step
-from tombo_diagnosis.stand.tables.plateaus import plateaus
+from tombo_diagnosis.stand.tables.plateaus import find_step, plateaus
 from tombo_diagnosis.stand.tables.table_reader import read_stand
 
 UP = np.linspace(0.25, 1.0, 16)

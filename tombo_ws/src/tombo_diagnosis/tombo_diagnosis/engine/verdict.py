@@ -3,6 +3,7 @@
 A cause is named only if it passes two tests: its evidence against the nominal model is high
 enough, and the remaining residual is noise. Without the second test a strong unknown force would
 nearly always get the name of some effect. `RULES` is the whole decision, read from top to bottom.
+`analyse_problem` is the whole analysis: search for causes, look at what is left, judge.
 """
 
 from __future__ import annotations
@@ -10,18 +11,25 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from tombo_diagnosis.engine.model import (
     Calibration,
     Explanation,
+    Findings,
     Judgement,
+    Model,
     Remainder,
     SearchResult,
     Setting,
 )
-from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST
+from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST, search
+from tombo_flight.progress import ProgressCallback
+
+P = TypeVar("P", bound=Model)
+R = TypeVar("R", bound=Remainder)
 
 LOG_BF_DISTINCT = 4.0
 """Log Bayes factor with which one cause is told from another."""
@@ -257,3 +265,18 @@ def calibrated(probability: float, table: Calibration, most: float) -> float:
 
 def _clipped(probability: float, most: float) -> float:
     return min(max(probability, 0.0), most)
+
+
+def analyse_problem(
+    problem: P, test_residual: Callable[[P, SearchResult], R], progress: ProgressCallback
+) -> Findings[P, R]:
+    """Select the causes.
+
+    `test_residual` compares the residual of the best explanation with noise; `progress` is called
+    with a stage and the share done, from 0.3 on.
+    """
+    progress("selecting causes", 0.3)
+    found = search(problem, lambda share: progress("selecting causes", 0.3 + 0.3 * share))
+    progress("testing the residual", 0.6)
+    remainder = test_residual(problem, found)
+    return Findings(problem, found, remainder, judge(problem.setting, found, remainder))

@@ -6,11 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from tombo_diagnosis.engine.analyse import analyse_problem
 from tombo_diagnosis.engine.model import Explanation, Findings, Remainder, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST, rank_hypotheses
 from tombo_diagnosis.engine.regression import Fit
-from tombo_diagnosis.engine.verdict import logistic, p_cause
+from tombo_diagnosis.engine.verdict import analyse_problem, logistic, p_cause
 from tombo_diagnosis.flight.fit.gust_fit import GustFit, fit_gusts
 from tombo_diagnosis.flight.fit.prediction import channel_group
 from tombo_diagnosis.flight.fit.problem import FlightProblem

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,17 +19,25 @@ from tombo_diagnosis.flight.analyse import DOUBTS, FlightFindings, analyse
 from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
 from tombo_diagnosis.flight.cause_estimates import estimate_cause, scores
 from tombo_diagnosis.flight.cross_validation import extended, gain_by_effect, nominal_residuals
+from tombo_diagnosis.flight.experiment_design import separate
 from tombo_diagnosis.flight.fit.prediction import motion_of
 from tombo_diagnosis.flight.fit.track import Track, track_of
 from tombo_diagnosis.flight.fit.transients import excluded_findings
 from tombo_diagnosis.flight.held_out_test import refuse_contradicted
 from tombo_diagnosis.flight.leftover_samples import flight_leftover, leftover_quantities
 from tombo_diagnosis.flight.nominal import NominalModel, nominal_tolerances
-from tombo_diagnosis.flight.scenario_nominal import nominal_model
+from tombo_diagnosis.flight.scenario_nominal import held_against, nominal_model
 from tombo_diagnosis.flight.summary_text import notes, summary
 from tombo_diagnosis.leftover.leftover import Leftover
 from tombo_dynamics.errors import InputError
+from tombo_flight.extended_model import Model
+from tombo_flight.model_file import read_model
 from tombo_flight.progress import ProgressCallback, no_progress
+from tombo_flight.vehicle_file import VehicleFile, read_vehicle
+from tombo_logs.checks import check_log
+from tombo_logs.checks.pipeline import POSE
+from tombo_logs.checks.rotors.hover import Hover, hover_of
+from tombo_logs.readers.log_reader import read_logs
 from tombo_logs.readers.vehicle_airframe import vehicle_of
 
 Separate = Callable[[FlightFindings, ProgressCallback], Experiment | None]
@@ -221,3 +230,105 @@ def _noise(findings: FlightFindings) -> dict[str, float]:
         for j, name in enumerate(expected.names)
     }
     return {name: sigma for name, sigma in found.items() if sigma > _NO_NOISE}
+
+
+def read_and_check(
+    paths: Sequence[Path],
+    mapping: Path | str | None = None,
+    names: Mapping[str, str] | None = None,
+    vehicle: VehicleFile | None = None,
+    nominal: NominalModel | None = None,
+    progress: ProgressCallback = no_progress,
+) -> tuple[list[Flight], list[Finding]]:
+    """Return the flights of files, held against a vehicle file and a model if given, checked.
+
+    Also why others are left out: what contradicts itself costs its own flight only.
+
+    Raises:
+        InputError: as `read_logs`; or as `check_log`, if no flight is left.
+    """
+    progress(f"reading {paths[0].name}{' and others' if len(paths) > 1 else ''}", 0.0)
+    flights = read_logs(paths, mapping=mapping, names=names)
+    if vehicle is not None:
+        flights = held_against(flights, vehicle)
+    hover = None
+    if nominal is not None:
+        hover = hover_of(nominal.label, nominal.vehicle, nominal.maps)
+    return check_flights(flights, hover, progress=progress)
+
+
+def check_flights(
+    flights: Sequence[Flight],
+    hover: Hover | None = None,
+    needed: Sequence[str] = POSE,
+    progress: ProgressCallback = no_progress,
+) -> tuple[list[Flight], list[Finding]]:
+    """Return the flights that pass `check_log`, checked, and why others are left out.
+
+    Raises:
+        InputError: no flight is left; why the first is not.
+    """
+    checked, refused = [], []
+    first: InputError | None = None
+    for k, flight in enumerate(flights):
+        progress(f"checking {flight.name}", k / len(flights))
+        try:
+            checked.append(check_log(flight, hover, needed))
+        except InputError as error:
+            refused.append(Finding("refused", "fault", flight.name, str(error)))
+            first = first or error
+    if first is not None and not checked:
+        raise first
+    return checked, refused
+
+
+def diagnose_files(
+    paths: Sequence[Path],
+    nominal: NominalModel,
+    mapping: Path | str | None = None,
+    names: Mapping[str, str] | None = None,
+    vehicle: VehicleFile | None = None,
+    progress: ProgressCallback = no_progress,
+    separate: Separate | None = None,
+    clock: Callable[[], float] = lambda: 0.0,
+) -> tuple[Diagnosis, FlightFindings]:
+    """Read, check and diagnose flights: see `read_and_check` and `diagnose_flights`.
+
+    Raises:
+        InputError: a log or the mapping can't be used, or no flight can.
+    """
+    logs, refused = read_and_check(paths, mapping, names, vehicle, nominal, progress)
+    return diagnose_flights(logs, nominal, progress, separate, clock, refused)
+
+
+def diagnose_logs(
+    logs: Sequence[Path],
+    model: Path | None,
+    mapping: str | None,
+    names: Mapping[str, str],
+    vehicle: str | None,
+    clock: Callable[[], float],
+    on_progress: ProgressCallback = no_progress,
+) -> tuple[Diagnosis, str, Model | None]:
+    """Read, check and diagnose flights.
+
+    Args:
+        logs: files or folders.
+        model: a model.yaml that the flights are compared with.
+        mapping: file, or name of a shipped one.
+        names: topic as recorded → name in this suite.
+        vehicle: name or file of the vehicle that flew.
+        clock: tells the time [s], to say how long it took.
+        on_progress: told the progress.
+
+    Returns:
+        The diagnosis, the name of what the flights were compared with, and the model given.
+
+    Raises:
+        InputError: a log, the mapping, the vehicle or the model can't be used.
+    """
+    base = None if model is None else read_model(model)
+    nominal = nominal_model(model, vehicle)
+    file = None if vehicle is None else read_vehicle(vehicle)
+    found, _ = diagnose_files(logs, nominal, mapping, names, file, on_progress, separate, clock)
+    return found, nominal.label, base

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from tombo_diagnosis.engine.analyse import analyse_problem
 from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.engine.model_selection import restrict_to
+from tombo_diagnosis.engine.verdict import analyse_problem
 from tombo_diagnosis.flight.analyse import FlightFindings, check_residual
 from tombo_diagnosis.flight.cross_validation import (
     fit_without_flight,

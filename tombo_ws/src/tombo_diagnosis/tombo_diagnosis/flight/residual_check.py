@@ -14,9 +14,13 @@ import numpy as np
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.sensitivity import map_flights
-from tombo_diagnosis.flight.noise.haar_variance import SCALES_S, block_variances, pooled
-from tombo_diagnosis.flight.noise.noise_simulation import simulated_noise
-from tombo_diagnosis.flight.noise.noise_variance import floors_of
+from tombo_diagnosis.flight.noise.noise_variance import (
+    SCALES_S,
+    block_variances,
+    floors_of,
+    pooled,
+    simulated_noise,
+)
 from tombo_dynamics.arrays import Array
 from tombo_flight.vehicle_file import HealthyFlights
 

@@ -14,7 +14,7 @@ from tombo_diagnosis.change.diagnose import ChangeData
 from tombo_diagnosis.change.features import Features
 from tombo_diagnosis.change.summary_text import headline, phrase
 from tombo_diagnosis.diagnosis import Change, Diagnosis
-from tombo_diagnosis.report import diagnosis_evidence
+from tombo_diagnosis.report import diagnosis_sections
 from tombo_diagnosis.report.diagnosis_output import JSON, REPORT, diagnosis_json
 from tombo_diagnosis.report.diagnosis_text import CLASSES, badge
 from tombo_diagnosis.wording import certainty, figure, interval, unit
@@ -66,7 +66,7 @@ def change_html(diagnosis: Diagnosis, png: bytes) -> str:
     title = headline(diagnosis.verdict, change_labels(diagnosis))
     text = "Each dot is a flight, each bar the mean. Demand: thrust that the healthy drive curve "
     text += "reads from the commands, against a quarter of the weight"
-    logs = (("The logs", diagnosis_evidence.prechecks(diagnosis.prechecks, "flight")),)
+    logs = (("The logs", diagnosis_sections.prechecks(diagnosis.prechecks, "flight")),)
     faulty = any(f.severity == "fault" for f in diagnosis.prechecks)
     return page_html(
         Page(
@@ -82,9 +82,9 @@ def change_html(diagnosis: Diagnosis, png: bytes) -> str:
                 ("What has changed", pictures([(png, "Healthy and new flights", text)])),
                 ("What it may be", _changes(diagnosis.changed)),
                 ("What can’t be certified", sentences(diagnosis.notes)),
-                ("All candidates", diagnosis_evidence.candidates(diagnosis.candidates)),
+                ("All candidates", diagnosis_sections.candidates(diagnosis.candidates)),
                 *(() if faulty else logs),
-                ("Flights used", diagnosis_evidence.flights(diagnosis)),
+                ("Flights used", diagnosis_sections.flights(diagnosis)),
             ),
             footer=f"Held against: {diagnosis.model}. Intervals are 95 %. Diagnosed in "
             f"{figure(diagnosis.seconds, 2)} s after loading. The same in diagnosis.json.",

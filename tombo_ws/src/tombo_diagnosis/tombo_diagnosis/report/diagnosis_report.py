@@ -7,12 +7,7 @@ from typing import Final
 
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.extend_model import extends
-from tombo_diagnosis.report import (
-    diagnosis_evidence,
-    diagnosis_pictures,
-    diagnosis_sections,
-    leftover_sections,
-)
+from tombo_diagnosis.report import diagnosis_pictures, diagnosis_sections, leftover_plot
 from tombo_diagnosis.report.diagnosis_plot_data import zero_s
 from tombo_diagnosis.report.diagnosis_text import (
     CLASSES,
@@ -56,7 +51,7 @@ def diagnosis_html(diagnosis: Diagnosis, folder: str = "", vehicle: str = "") ->
             cards=diagnosis_sections.cards(diagnosis),
             sections=(
                 ("The gap", diagnosis_pictures.main_plot(diagnosis)),
-                ("What is left over", leftover_sections.leftover(diagnosis)),
+                ("What is left over", leftover_plot.leftover(diagnosis)),
                 ("What to fly next", _next(diagnosis, folder, vehicle)),
                 (causes_title(diagnosis.verdict), diagnosis_sections.causes(diagnosis)),
                 (_WORTH, _gains(diagnosis)),
@@ -64,8 +59,8 @@ def diagnosis_html(diagnosis: Diagnosis, folder: str = "", vehicle: str = "") ->
                 ("What drives it", diagnosis_pictures.drivers(diagnosis)),
                 ("All channels", diagnosis_pictures.overview(diagnosis)),
                 ("All candidates", _candidates(diagnosis)),
-                ("The logs", diagnosis_evidence.prechecks(diagnosis.prechecks, "flight", zeros)),
-                ("Flights used", diagnosis_evidence.flights(diagnosis)),
+                ("The logs", diagnosis_sections.prechecks(diagnosis.prechecks, "flight", zeros)),
+                ("Flights used", diagnosis_sections.flights(diagnosis)),
             ),
             footer="Residual: measured minus model, all channels through the same zero-phase "
             f"filter. Intervals are 95 %. Held against: {model}. Diagnosed in {seconds} s after "
@@ -83,7 +78,7 @@ def _gains(diagnosis: Diagnosis) -> str:
 
 def _candidates(diagnosis: Diagnosis) -> str:
     found = 1 if diagnosis.verdict == "set" else len(diagnosis.causes)
-    return diagnosis_evidence.candidates(diagnosis.candidates, found)
+    return diagnosis_sections.candidates(diagnosis.candidates, found)
 
 
 def _next(diagnosis: Diagnosis, folder: str, vehicle: str) -> str:

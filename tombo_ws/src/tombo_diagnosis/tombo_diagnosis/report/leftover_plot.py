@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
+from html import escape
 from typing import Final
 
 import matplotlib as mpl
@@ -14,12 +15,70 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tombo_diagnosis.diagnosis import Diagnosis
-from tombo_diagnosis.leftover.leftover import UNITS, Leftover, LeftoverSamples
-from tombo_diagnosis.leftover.maps import cells, slices
+from tombo_diagnosis.leftover.leftover import UNITS, FittedTerm, Leftover, LeftoverSamples
 from tombo_diagnosis.report.diagnosis_text import term_texts
-from tombo_diagnosis.wording import capital, figure, percent
+from tombo_diagnosis.wording import capital, figure, percent, unit
 from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
+from tombo_flight.report.html_page import command, hint, pictures, table
+
+_FEWEST = 3
+"""Blocks of time that a cell needs."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Means in the cells that have enough samples."""
+
+    at: Array
+    """(C, 2) mean place of the samples of each cell."""
+    mean: Array
+    """(C, 3)"""
+    count: Array
+    """(C)"""
+
+
+@dataclass(frozen=True)
+class Slices:
+    """Means in slices that hold equally many samples."""
+
+    at: Array
+    """(B)"""
+    mean: Array
+    """(B, 3)"""
+    half: Array
+    """(B, 3) half width of the 95 % interval, samples taken as independent."""
+
+
+def cells(place: Array, values: Array, across: int = 7) -> Cells:
+    """Return means of values (N, 3) in squares of places (N, 2), `across` on the longer side."""
+    low, high = place.min(axis=0), place.max(axis=0)
+    side = max(float((high - low).max()) / across, 1e-9)
+    index = np.floor((place - low) / side).astype(np.int64)
+    _, which = np.unique(index, axis=0, return_inverse=True)
+    which = which.reshape(-1)
+    count = np.bincount(which)
+    at = np.column_stack([np.bincount(which, p) for p in place.T]) / count[:, None]
+    mean = np.column_stack([np.bincount(which, v) for v in values.T]) / count[:, None]
+    kept = count >= _FEWEST
+    return Cells(at[kept], mean[kept], count[kept].astype(np.float64))
+
+
+def slices(x: Array, values: Array, number: int = 10) -> Slices:
+    """Return the means of values (N, 3) in slices of x (N); NaN is left out of a mean."""
+    order = np.array_split(np.argsort(x, kind="stable"), max(min(number, x.size // _FEWEST), 1))
+    at = np.array([x[own].mean() for own in order])
+    mean = np.array([_mean(values[own]) for own in order])
+    spread = np.array([values[own].std(axis=0) / np.sqrt(max(own.size, 1)) for own in order])
+    return Slices(at, mean, 1.96 * spread)
+
+
+def _mean(values: Array) -> Array:
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    total = np.where(known, values, 0.0).sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
 
 AXIS_COLOURS: Final = (style.VERMILLION, style.GREEN, style.BLUE)
 """Of the components x, y and z."""
@@ -181,3 +240,43 @@ def _lines(axes: Axes, pool: _Pool, name: str) -> None:
     axes.set_ylim(-pool.limit, pool.limit)
     axes.set_xlabel(_LABELS[name])
     axes.set_ylabel(f"{pool.quantity} left over [{pool.unit}]")
+
+
+def leftover(diagnosis: Diagnosis) -> str:
+    """Return the leftover of flights that are not fully explained; empty for others."""
+    found = diagnosis.leftover
+    if found is None:
+        return ""
+    from tombo_flight.report.flight_plot import figure_bytes
+
+    caption = "What is left over against what could drive it, all flights"
+    drawn = pictures([(figure_bytes(draw_leftover(diagnosis)), "A drawn guess", caption)])
+    return f"{drawn}{_terms(found)}{_effect(found)}"
+
+
+def _terms(found: Leftover) -> str:
+    if not found.terms:
+        return hint("No term of the dictionary predicts the leftover in flights held out.")
+    lines = [_term(term, found.r2[term.quantity]) for term in found.terms]
+    head = ("term", "coefficient", "95 % interval", "times", "R², held out", "remark")
+    return table(head, lines, "leftover")
+
+
+def _term(term: FittedTerm, r2: float) -> str:
+    return (
+        f'<tr><th scope="row">{escape(f"{term.quantity}: {term.name}")}</th>'
+        f"<td><b>{figure(term.value)}</b>&nbsp;{escape(unit(term.unit))}</td>"
+        f"<td>{figure(term.low)} to {figure(term.high)}</td>"
+        f"<td><code>{escape(term.formula)}</code></td><td>{percent(r2)}</td>"
+        f"<td>{escape(term.remark)}</td></tr>"
+    )
+
+
+def _effect(found: Leftover) -> str:
+    if not found.effect:
+        return ""
+    text = (
+        "A first guess of the missing effect, ready to paste as a file under "
+        "tombo_dynamics/effects/ (CONTRIBUTING.md, Adding an effect):"
+    )
+    return f"<details><summary>as an effect</summary>{hint(text)}{command(found.effect)}</details>"

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from tombo_diagnosis.engine.analyse import analyse_problem
 from tombo_diagnosis.engine.model import Findings, Remainder, SearchResult
+from tombo_diagnosis.engine.verdict import analyse_problem
 from tombo_diagnosis.stand.problem import RUN, SHARE, StandProblem
 from tombo_diagnosis.stand.residual_check import ResidualCurves, fit_residual_curves
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints

@@ -9,12 +9,41 @@ import numpy as np
 
 from tombo_diagnosis.engine.evidence import NormalEquations, solve
 from tombo_diagnosis.engine.model import Setting
-from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Columns, Fit
-from tombo_diagnosis.stand.parameters import HEALTHY_SHARE, parameters
+from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Columns, Fit, Parameter
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws, predict
+from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws, Setup, predict
+
+_OWN_THRUST, _OWN_TORQUE = 3.0, 0.12
+"""N and N m: the largest loads of the stand that the registry's typical sizes are for."""
+
+
+def parameters(setup: Setup) -> tuple[Parameter, ...]:
+    """Return the parameters of all effects that make sense for a setup's model."""
+    model = "plain" if setup.plain else "tombo"
+    scales_with = {
+        "": 1.0,
+        "thrust": setup.largest_thrust / _OWN_THRUST,
+        "torque": setup.largest_torque / _OWN_TORQUE,
+    }
+    found: list[Parameter] = []
+    for name, effect in STAND_EFFECTS.items():
+        for p in effect.theta if effect.suits(model) else ():
+            scale = abs(p.typical - p.null) * scales_with[p.scales_with]
+            place = -1 if effect.stochastic else sum(not q.stochastic for q in found)
+            found.append(
+                Parameter(place, name, p.name, p.unit, p.null, *p.bounds, scale, effect.stochastic)
+            )
+    return tuple(found)
+
+
+HEALTHY_SHARE = {
+    "fabrication_scatter": 0.125, "tare_scatter": 0.05, "speed_noise": 0.05, "run_scatter": 0.125,
+}  # fmt: skip
+"""Widths of stochastic effects on a healthy stand, in sizes that matter: 1 % between propellers,
+half a percent between runs."""
+
 
 _STEP = 0.02
 """Of a numerical derivative, in sizes that matter."""

@@ -10,8 +10,7 @@ from tombo_diagnosis.diagnosis import Cause
 from tombo_diagnosis.extend_model import EXTENDING_VERDICTS
 from tombo_diagnosis.stand.analyse import LOG_BF_CURVES, StandFindings
 from tombo_diagnosis.stand.model_differences import differences_from_model, model_extending_causes
-from tombo_diagnosis.stand.problem import RUN, SHARE
-from tombo_diagnosis.stand.repeatability import repeats
+from tombo_diagnosis.stand.problem import RUN, SHARE, StandProblem
 from tombo_diagnosis.stand.tables.operating_points import UNITS
 from tombo_diagnosis.stand.thrust_constant import ThrustConstant
 from tombo_diagnosis.wording import capital, counted, display_name
@@ -108,3 +107,45 @@ def notes(
     if lost:
         found.append(f"{lost} readings lie where the law has no valid root; they are not used")
     return tuple(found)
+
+
+_MIN_SIGMAS = 3.0
+"""Standard deviations of the difference."""
+_CHANNELS = ("thrust", "torque")
+
+
+def repeats(problem: StandProblem) -> list[str]:
+    """Return, for each propeller with several runs, the share by which they differ, in words.
+
+    Of each run the share by which its load is off the model's, weighted least squares.
+    """
+    points, setup = problem.points, problem.points.setup
+    model = problem.prediction(problem.theta)
+    found = []
+    for p, name in enumerate(points.propellers):
+        for c, channel in enumerate(_CHANNELS):
+            shares: dict[str, tuple[float, float]] = {}
+            for r in np.unique(setup.run[setup.propeller == p]):
+                own = problem.seen[:, c] & (setup.run == r) & (setup.propeller == p)
+                own &= setup.speed > 0.0
+                m = np.where(own, model[:, c], 0.0) / problem.sigma[:, c]
+                square = float(m @ m)
+                if square > 0.0:
+                    left = np.where(own, problem.left[:, c], 0.0) / problem.sigma[:, c]
+                    shares[points.runs[int(r)]] = float(m @ left) / square, square**-0.5
+            if len(shares) > 1:
+                found.append(_told(name, channel, shares))
+    return found
+
+
+def _told(propeller: str, channel: str, shares: dict[str, tuple[float, float]]) -> str:
+    high = max(shares, key=lambda r: shares[r][0])
+    low = min(shares, key=lambda r: shares[r][0])
+    gap = shares[high][0] - shares[low][0]
+    noise = float(np.hypot(shares[high][1], shares[low][1]))
+    if gap < _MIN_SIGMAS * noise:
+        return f"{len(shares)} runs of {propeller} agree within {100.0 * gap:.2g} % in {channel}"
+    return (
+        f"runs of {propeller} differ by {100.0 * gap:.2g} % in {channel}: {high} is "
+        f"{100.0 * shares[high][0]:+.1f} % off the model, {low} {100.0 * shares[low][0]:+.1f} %"
+    )

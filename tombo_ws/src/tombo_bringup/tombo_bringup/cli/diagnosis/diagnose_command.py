@@ -158,7 +158,7 @@ def run(
     from tombo_diagnosis.report.diagnosis_output import NominalReference
 
     on_progress("loading the model", 0.0)  # imports compiled code
-    from tombo_diagnosis.diagnose_logs import diagnose_logs
+    from tombo_diagnosis.flight.diagnose import diagnose_logs
 
     found, label, base = diagnose_logs(
         logs, model, mapping, names, vehicle, time.perf_counter, on_progress
