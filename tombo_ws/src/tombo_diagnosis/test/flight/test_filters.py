@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_diagnosis.flight.fit.filters import clear_rows, gaussian, held_means, tick_means
+from tombo_diagnosis.flight.fit.track import clear_rows, gaussian, held_means, tick_means
 
 TICK = 0.004
 T = 3.0 + TICK * np.arange(400)

@@ -16,8 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from tombo_bag.channels import DRIVES, ROTOR_SPEEDS
 from tombo_bag.flight import Airframe, Flight, Series, why_left_out
-from tombo_diagnosis.flight.fit.filters import interpolated
-from tombo_diagnosis.flight.fit.track import Track, track_of
+from tombo_diagnosis.flight.fit.track import Track, interpolated, track_of
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError

@@ -8,10 +8,8 @@ from dataclasses import replace
 from functools import partial
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -24,6 +22,7 @@ from tombo_diagnosis.wording import display_name, figure, percent, unit
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import Gain
 from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
 
 BEFORE: Final = style.VERMILLION
 AFTER: Final = style.BLUE
@@ -179,10 +178,8 @@ def _figure(
     """Make a figure of equal axes; without any, with the words "nothing to show"."""
     columns = max(columns, 1)
     rows = max(1, -(-len(marks) // columns))
-    with mpl.rc_context(style.RC):
-        size = (max(size_in[0] * columns, 8.0), size_in[1] * rows + 0.8)
-        sheet = Figure(figsize=size, dpi=_DPI, layout="constrained")
-        FigureCanvasAgg(sheet)
+    size = (max(size_in[0] * columns, 8.0), size_in[1] * rows + 0.8)
+    with new_figure(*size, _DPI, layout="constrained") as sheet:
         sheet.suptitle(
             f"{headline(diagnosis)}: {title}", x=0.01, ha="left", weight="bold", size=11,
             parse_math=False, wrap=True,

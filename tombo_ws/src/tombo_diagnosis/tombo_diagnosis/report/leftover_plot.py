@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from html import escape
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tombo_diagnosis.diagnosis import Diagnosis
@@ -20,6 +18,7 @@ from tombo_diagnosis.report.diagnosis_text import term_texts
 from tombo_diagnosis.wording import capital, figure, percent, unit
 from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
 from tombo_flight.report.html_page import command, hint, pictures, table
 
 _FEWEST = 3
@@ -123,10 +122,8 @@ def draw_leftover(diagnosis: Diagnosis) -> Figure:
     pools = [] if found is None else [_pool(found, q) for q in found.rms]
     panels = [panel for pool in pools for panel in _panels(pool)]
     rows = max(1, -(-len(panels) // _COLUMNS))
-    with mpl.rc_context(style.RC):
-        size = (_SIZE_IN[0] * _COLUMNS, _SIZE_IN[1] * rows + 1.0)
-        sheet = Figure(figsize=size, dpi=_DPI, layout="constrained")
-        FigureCanvasAgg(sheet)
+    size = (_SIZE_IN[0] * _COLUMNS, _SIZE_IN[1] * rows + 1.0)
+    with new_figure(*size, _DPI, layout="constrained") as sheet:
         title = "nothing is left over" if found is None else _title(found)
         sheet.suptitle(
             title, x=0.01, ha="left", weight="bold", size=10.5, parse_math=False

@@ -9,7 +9,8 @@ import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import RPM
-from tombo_flight.report.style import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, RC, SKY, VERMILLION
+from tombo_flight.report.figure import new_figure
+from tombo_flight.report.style import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, VERMILLION
 
 if TYPE_CHECKING:
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
@@ -24,9 +25,6 @@ _COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, MUTED, INK)
 
 def draw_residuals(found: StandDiagnosis, headline: str) -> Any:
     """Return measured minus model over speed, before and after, a row for each channel."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
     from tombo_dynamics.propeller.effects import CHANNELS
 
     problem = found.findings.problem
@@ -34,8 +32,7 @@ def draw_residuals(found: StandDiagnosis, headline: str) -> Any:
     before = problem.residual(problem.final(problem.null_hypothesis))
     after = problem.unexplained(found.findings.search.best.fit)
     channels = [c for c in points.measured if problem.seen[:, c].any()]
-    with mpl.rc_context(RC):
-        figure = Figure(figsize=(9.6, 1.1 + 2.5 * len(channels)), layout="constrained")
+    with new_figure(9.6, 1.1 + 2.5 * len(channels), 100, layout="constrained") as figure:
         axes = figure.subplots(len(channels), 2, squeeze=False, sharex="col", sharey="row")
         for row, c in zip(axes, channels, strict=True):
             unit, factor = _UNITS[CHANNELS[c]]
@@ -57,9 +54,6 @@ def draw_residuals(found: StandDiagnosis, headline: str) -> Any:
 
 def draw_stiffness(found: StandDiagnosis) -> Any:
     """Return each propeller's mean residual of thrust over its nodus' modulus; None: no nodi."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
     problem = found.findings.problem
     points = problem.points
     soft = np.isfinite(points.stiffness)
@@ -67,8 +61,7 @@ def draw_stiffness(found: StandDiagnosis) -> Any:
         return None
     before = problem.residual(problem.final(problem.null_hypothesis))[:, 0]
     after = problem.residual(problem.final(found.findings.search.best.fit))[:, 0]
-    with mpl.rc_context(RC):
-        figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+    with new_figure(6.4, 3.6, 100, layout="constrained") as figure:
         axis = figure.subplots()
         for left, colour, name in (
             (before, VERMILLION, "model as it was"),

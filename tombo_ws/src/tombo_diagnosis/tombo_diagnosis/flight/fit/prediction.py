@@ -14,8 +14,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from tombo_diagnosis.flight.fit.filters import smoothed
-from tombo_diagnosis.flight.fit.track import FAST_WIDTH, SLOW_WIDTH, Track
+from tombo_diagnosis.flight.fit.track import FAST_WIDTH, SLOW_WIDTH, Track, smoothed
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage

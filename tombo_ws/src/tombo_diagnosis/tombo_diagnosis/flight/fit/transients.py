@@ -17,9 +17,8 @@ import numpy as np
 
 from tombo_bag.flight import Finding
 from tombo_diagnosis.engine.regression import Fit
-from tombo_diagnosis.flight.fit.filters import clear_rows
 from tombo_diagnosis.flight.fit.problem import FlightProblem
-from tombo_diagnosis.flight.fit.track import SHORTEST_S, Track
+from tombo_diagnosis.flight.fit.track import SHORTEST_S, Track, clear_rows
 from tombo_logs.checks.spans import inside
 
 _BURST = 12.0
