@@ -211,10 +211,7 @@ def write_flight(sink: McapSink, flight: Flight) -> None:
             "events": json.dumps(flight.events, sort_keys=True, default=_plain),
         },
     )
-    parts = [
-        (name, nanoseconds(one.arrival), _as_bytes(name, one))
-        for name, one in flight.topics.items()
-    ]
+    parts = [(name, *_messages(name, topic)) for name, topic in flight.topics.items()]
     parts.append((MARKERS.name, *_markers(flight)))
     written = []
     for name, times_ns, messages in parts:
@@ -224,18 +221,21 @@ def write_flight(sink: McapSink, flight: Flight) -> None:
     sink.write_columns(*written)
 
 
-def _as_bytes(name: str, topic: Topic) -> Any:
-    """Return the messages of a topic as they stand in a file."""
-    typename, stamps_ns = TOPICS[name].typename, nanoseconds(topic.t)
+def _messages(name: str, topic: Topic) -> tuple[NDArray[np.int64], Any]:
+    """Return times and messages of a topic as they stand in a file."""
+    typename, times_ns = TOPICS[name].typename, nanoseconds(topic.arrival)
     columns = {field: one.values for field, one in topic.items()}
+    stamps_ns = columns.pop("stamp_ns", None)
+    if stamps_ns is None:
+        stamps_ns = times_ns if topic.arrival is topic.t else nanoseconds(topic.t)
     if typename in FORMS:
-        return encoded(typename, {"stamp_ns": stamps_ns, **columns})
+        return times_ns, encoded(typename, {"stamp_ns": stamps_ns, **columns})
     stamp_path, template = _TEMPLATES[typename]
-    records = layout(typename, template).records(len(stamps_ns))
+    records = layout(typename, template).records(len(times_ns))
     lay_in_times(records, stamp_path, stamps_ns)
     for path, column in columns.items():
         lay_in(records, path, column)
-    return records
+    return times_ns, records
 
 
 def _markers(flight: Flight) -> tuple[NDArray[np.int64], list[bytes]]:
