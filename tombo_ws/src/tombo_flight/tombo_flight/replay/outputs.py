@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tombo_bag.columns import ColumnTable
-from tombo_bag.message_codec import messages_of
+from tombo_bag.message_codec import fields_of, messages_of
 from tombo_bag.recording import Recording
 from tombo_bag.topics import TOPICS
 from tombo_dynamics.arrays import Array, Times
@@ -106,8 +106,9 @@ def read_outputs(recording: Recording, names: Sequence[str]) -> Outputs:
         if source is not None and source.topic in topics and topics[source.topic].count:
             typename = TOPICS[source.topic].typename
             if topics[source.topic].typename == typename:
-                table = recording.columns(source.topic)
-                found.series[name] = series_of(messages_of(typename, table), source)
+                fields = fields_of(typename, recording.columns(source.topic))
+                values = fields[source.field].astype(np.float64)
+                found.series[name] = Series(fields["stamp_ns"], values.reshape(-1, source.width))
     return found
 
 
