@@ -72,15 +72,19 @@ def _tables(root: Path, data: Path) -> None:
 
 
 def _reproduction(root: Path, data: Path) -> None:
-    from tombo_propeller.reproduce import claims_page
+    from tombo_benchmarks.docs.claims_page import with_claims
+    from tombo_propeller.reproduce.plots import overview
+    from tombo_propeller.reproduce.reproduction import reproduce
 
-    picture = str(root / "docs" / "reproduction.png")
-    claims_page.main([str(root / "docs" / "reproduction.md"), "--picture", picture])
+    found = reproduce()
+    page = root / "docs" / "reproduction.md"
+    _write(page, with_claims(page.read_text(encoding="utf-8"), found))
+    overview(found).savefig(root / "docs" / "reproduction.png", dpi=110)
 
 
 def _flight(root: Path, data: Path) -> None:
+    from tombo_benchmarks.docs.flight_overview import draw_overview
     from tombo_flight.flight import fly_scenario
-    from tombo_flight.report.flight_overview import draw_overview
     from tombo_flight.report.flight_plot import figure_bytes
     from tombo_flight.scenario import load_scenario
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from matplotlib.image import imread
 from matplotlib.text import Text
 
-from tombo_flight.report.flight_overview import draw_overview
+from tombo_benchmarks.docs.flight_overview import draw_overview
 from tombo_flight.report.flight_plot import draw_flight, figure_bytes
 from tombo_flight.report.panel import envelope
 
@@ -129,7 +129,7 @@ def test_drawing_leaves_no_global_state():
     code = f"""
 import sys
 sys.path[:0] = {[path for path in sys.path if path]!r}
-import tombo_flight.report.flight_plot, tombo_flight.report.flight_overview
+import tombo_flight.report.flight_plot, tombo_benchmarks.docs.flight_overview
 assert "matplotlib.pyplot" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True)

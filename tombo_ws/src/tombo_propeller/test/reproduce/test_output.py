@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from tombo_benchmarks.docs.claims_page import END, START, with_claims
 from tombo_bringup.cli.main import run
 from tombo_flight.report import paper_values as flown
-from tombo_propeller.reproduce.claims_page import END, START, with_claims
 from tombo_propeller.reproduce.output import REPRODUCTION_FILES
 from tombo_propeller.reproduce.paper_values import read_paper
 from tombo_propeller.reproduce.plots import FIGURES
@@ -80,10 +80,7 @@ def test_bad_input_is_one_line(
 def test_the_page_in_docs_is_up_to_date() -> None:
     page = (ROOT / "docs" / "reproduction.md").read_text()
     assert page.count(START) == page.count(END) == 1
-    assert with_claims(page, reproduce()) == page, (
-        "run: .venv/bin/python -m tombo_propeller.reproduce.claims_page "
-        "docs/reproduction.md --picture docs/reproduction.png"
-    )
+    assert with_claims(page, reproduce()) == page, "run: make docs ARGS=reproduction"
 
 
 def test_tables_in_docs_are_well_formed() -> None:

@@ -1,19 +1,13 @@
-"""The table of all claims in `docs/reproduction.md`, between two marks.
-
-`python -m tombo_propeller.reproduce.claims_page docs/reproduction.md` brings it up to
-date; a test says when that is due. With `--picture FILE.png` it also draws the picture.
-"""
+"""The table of all claims in `docs/reproduction.md`, between two marks."""
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import Final
 
-from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction, reproduce
+from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction
 from tombo_propeller.reproduce.summary_text import computed_text, headline, verdict_text
 
-START: Final = "<!-- claims: written by `python -m tombo_propeller.reproduce.claims_page` -->"
+START: Final = "<!-- claims: written by `make docs ARGS=reproduction` -->"
 END: Final = "<!-- end of claims -->"
 
 
@@ -44,18 +38,3 @@ def with_claims(page: str, r: Reproduction) -> str:
     before, _, rest = page.partition(START)
     _, _, after = rest.partition(END)
     return f"{before}{START}\n{claims_markdown(r)}\n{END}{after}"
-
-
-def main(arguments: list[str]) -> None:
-    """Renew the page, and draw the picture if that is asked for."""
-    found = reproduce()
-    path = Path(arguments[0])
-    path.write_text(with_claims(path.read_text(encoding="utf-8"), found), encoding="utf-8")
-    if "--picture" in arguments:
-        from tombo_propeller.reproduce.plots import overview
-
-        overview(found).savefig(arguments[arguments.index("--picture") + 1], dpi=110)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from tombo_benchmarks.docs.overview_scene import SIZE_IN, draw_scene, phase_colour
 from tombo_collision.reactions.none import NoReaction
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.milestones import FlightMilestones, Outcome, find_milestones, nearest
-from tombo_flight.report.overview_scene import SIZE_IN, draw_scene, phase_colour
 from tombo_flight.report.panel import envelope
 
 if TYPE_CHECKING:
