@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from tombo_diagnosis.diagnosis import Diagnosis, Residual
 from tombo_diagnosis.report import diagnosis_plot_data as data
@@ -68,21 +69,25 @@ def overview(diagnosis: Diagnosis) -> str:
     each = max(1, MOST_PANELS // len(groups))
     panels = sum(min(each, len(group)) for group in groups.values())
     buckets = int(np.clip(6000 // panels, 60, 220))
-    rows = [_row(diagnosis, group, each, buckets) for group in groups.values()]
+    with new_figure(*_SMALL_IN, 100) as sheet:
+        sheet.add_axes((0.005, 0.01, 0.99, 0.98))  # one for all: to make them takes longest
+        rows = [_row(sheet, diagnosis, group, each, buckets) for group in groups.values()]
     extended = corrected(diagnosis.residuals)
     same = extended and not all(corrected([r]) for r in diagnosis.residuals)
     apart = any(data.spans(finding) for finding in diagnosis.prechecks)
     return f"{legend(extended, same=same, apart=apart)}{''.join(rows)}"
 
 
-def _row(diagnosis: Diagnosis, group: Sequence[Residual], each: int, buckets: int) -> str:
+def _row(
+    sheet: Figure, diagnosis: Diagnosis, group: Sequence[Residual], each: int, buckets: int
+) -> str:
     shown = list(group)
     if len(shown) > each:
         kept = sorted(shown, key=lambda r: -rms(r.before))[:each]
         shown = [r for r in group if any(r is k for k in kept)]
     sigma = max([0.0, *(r.sigma for r in group if math.isfinite(r.sigma))])
     limit = data.reach([r.before for r in group] + [r.after for r in group], 2.5 * sigma)
-    cells = "".join(_small(diagnosis, r, limit, buckets) for r in shown)
+    cells = "".join(_small(sheet, diagnosis, r, limit, buckets) for r in shown)
     hidden = len(group) - len(shown)
     more = f" · {hidden} more flights not shown, smaller" if hidden else ""
     one = group[0]
@@ -94,13 +99,15 @@ def _row(diagnosis: Diagnosis, group: Sequence[Residual], each: int, buckets: in
     )
 
 
-def _small(diagnosis: Diagnosis, residual: Residual, limit: float, buckets: int) -> str:
-    start, end = data.ends(residual.t)
+def _small(
+    sheet: Figure, diagnosis: Diagnosis, residual: Residual, limit: float, buckets: int
+) -> str:
+    (axes,), (start, end) = sheet.axes, data.ends(residual.t)
     name = f"{display_name(residual.channel)} in {residual.flight} against time"
-    with new_figure(*_SMALL_IN, dpi=100) as sheet:
-        axes = sheet.add_axes((0.005, 0.01, 0.99, 0.98))
-        small_axes(axes, diagnosis, residual, limit, buckets)
-        picture = inline_svg(sheet, name)
+    for mark in (*axes.lines, *axes.patches):
+        mark.remove()
+    small_axes(axes, diagnosis, residual, limit, buckets)
+    picture = inline_svg(sheet, name)
     return (
         f'<figure class="small">{picture}'
         f"<figcaption>{escape(residual.flight)} <span>{end - start:.0f} s</span></figcaption>"

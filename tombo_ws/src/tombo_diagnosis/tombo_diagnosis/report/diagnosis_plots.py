@@ -80,8 +80,9 @@ def small_axes(
     axes: Axes, diagnosis: Diagnosis, residual: Residual, limit: float, buckets: int
 ) -> None:
     """Draw a whole residual against time into axes without words, up to `limit`."""
+    axes.set_axis_off()
     residual_marks(axes, diagnosis, residual, buckets)
-    axes.set(xlim=data.ends(residual.t), ylim=(-limit, limit), xticks=(), yticks=())
+    axes.set(xlim=data.ends(residual.t), ylim=(-limit, limit))
 
 
 def residual_marks(
