@@ -220,24 +220,24 @@ def fields_of(typename: str, table: ColumnTable) -> TopicColumns:
     found = TopicColumns(getattr(table, "topic", typename), {}, names)
     for path, column in table.items():
         outer, _, last = path.rpartition(".")
-        if last == "x" and f"{outer}.z" in table:
-            axes = "xyzw" if f"{outer}.w" in table else "xyz"
-            parts = [table[f"{outer}.{axis}"].astype(np.float64) for axis in axes]
-            found[names.get(outer, outer)] = np.stack(parts, axis=1)
-        elif last == "sec" and f"{outer}.nanosec" in table:
-            seconds = column.astype(np.int64)
+        axes = _axes(outer, table) if last in tuple("xyzw") else ""
+        if last in ("sec", "nanosec") and {f"{outer}.sec", f"{outer}.nanosec"} <= table.keys():
+            seconds = table[f"{outer}.sec"].astype(np.int64)
             name = outer.removeprefix("header.")
             found[f"{name}_ns"] = seconds * SECOND_NS + table[f"{outer}.nanosec"]
-        elif not _is_part(outer, last, table):
+        elif not axes:
             found[names.get(path, path.removeprefix("header."))] = column
+        elif last == "x":
+            parts = [table[f"{outer}.{axis}"].astype(np.float64) for axis in axes]
+            found[names.get(outer, outer)] = np.stack(parts, axis=1)
     return found
 
 
-def _is_part(outer: str, last: str, table: ColumnTable) -> bool:
-    """Return whether a column is part of one that `fields_of` has put together."""
-    if last == "nanosec":
-        return f"{outer}.sec" in table
-    return last in ("y", "z", "w") and f"{outer}.x" in table and f"{outer}.z" in table
+def _axes(outer: str, table: ColumnTable) -> str:
+    """Return the axes of a vector or a quaternion, xyz or xyzw; empty: it is none."""
+    there = (axis for axis in "xyzw" if f"{outer}.{axis}" in table)
+    axes = "".join(axis for axis in there if table[f"{outer}.{axis}"].dtype.kind in "fiu")
+    return axes if axes in ("xyz", "xyzw") else ""
 
 
 def messages_of(typename: str, table: ColumnTable) -> list[Any]:
