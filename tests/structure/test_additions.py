@@ -20,7 +20,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "tombo_ws" / "src"
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-ROWS = dict(re.findall(r"^\| (an? [^|]+?) \| (.+) \|$", PAGE, re.M))
+ADDED = PAGE.split("## Where to add what\n")[1]
+ROWS = dict(re.findall(r"^\| (an? [^|]+?) \| (.+) \|$", ADDED, re.M))
 BAG = ROOT / "tests" / "bags" / "paper_collision_0.mcap"
 
 

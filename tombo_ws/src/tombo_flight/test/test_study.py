@@ -1,0 +1,58 @@
+"""A study of a user's own: what is flown at each point, and what is kept of it."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from tombo_flight.process.study import Task, fly_seeds, fly_tasks
+from tombo_flight.scenario import load_scenario
+
+pytestmark = pytest.mark.slow
+
+
+class Heights:
+    """Points are heights of the mission; what is kept says where it was flown."""
+
+    def scenario_at(self, point):
+        return load_scenario("hover", [f"mission.height={point}", "duration=0.2"])
+
+    def figures(self, flight, scenario):
+        figures = {"height": scenario.mission.height, "seed": flight.summary["seed"]}
+        return {**figures, "process": os.getpid()}
+
+
+def test_each_task_is_flown_in_another_process_and_kept_under_its_key():
+    rows = {}
+    heights = (1.0, 2.0, -1.0)  # no vehicle flies below the ground
+    tasks = [Task((h, seed), h, seed) for seed in (3, 4) for h in heights]
+    fly_tasks(Heights(), tasks, len(tasks), lambda task, row: rows.update({task.key: row}))
+    assert set(rows) == {task.key for task in tasks}
+    for (height, seed), row in rows.items():
+        if height < 0.0:
+            assert "mission.height" in row["error"]
+        else:
+            assert (row["height"], row["seed"]) == (height, seed)
+            assert row["process"] != os.getpid()
+
+
+def test_a_stopped_study_keeps_what_was_flown():
+    rows = {}
+    tasks = [Task(seed, 1.0, seed) for seed in range(500)]
+
+    def keep(task, row):
+        rows[task.key] = row
+
+    fly_tasks(Heights(), tasks, len(tasks), keep, workers=1, stop=lambda: len(rows) >= 2)
+    assert 2 <= len(rows) < len(tasks)
+
+
+def seed_of(flight):
+    return {"seed": flight.summary["seed"]}
+
+
+def test_rows_of_seeds_are_in_the_order_of_the_seeds():
+    scenario = load_scenario("hover", ["duration=0.2"])
+    rows = fly_seeds(scenario, [5, 2, 9], seed_of, workers=2)
+    assert list(rows.items()) == [(seed, {"seed": seed}) for seed in (5, 2, 9)]
