@@ -93,6 +93,7 @@ def main() -> None:
     flight = HilFlight(world, 0, HilParams())
     plant = flight.simulator.plant
     motors = MotorCommands([0.4] * 4, armed=True)
+    now = (flight._mav, flight.time_us, plant)
     say("Parts of a step of 4 ms [us]:")
     for name, action in (
         ("one tick of physics (four a step)", lambda: flight.simulator.advance(flight.rotors)),
@@ -100,8 +101,8 @@ def main() -> None:
         ("IMU, averaged", flight.sensors.inertial),
         ("HIL_SENSOR, encoded", flight._sensor),
         ("magnetometer and barometer (every fifth)", lambda: flight.sensors.slow(plant)),
-        ("HIL_STATE_QUATERNION, encoded (200 Hz)", flight._truth),
-        ("HIL_GPS, encoded (10 Hz)", flight._gps),
+        ("HIL_STATE_QUATERNION, encoded (200 Hz)", lambda: flight.sensors.truth(*now)),
+        ("HIL_GPS, encoded (10 Hz)", lambda: flight.sensors.gps(*now)),
     ):
         say(f"  {name}: {each(action):.1f}")
 
