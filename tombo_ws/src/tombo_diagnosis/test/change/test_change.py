@@ -207,6 +207,6 @@ def test_another_set_of_propellers_each_day_hides_a_weak_one():
 
 def test_a_flight_without_commands_is_refused_by_name():
     log = before()[0]
-    blind = type(log)("blind", "", {"position": log.series["position"]})
+    blind = replace(log, name="blind").with_series({"position": log.series["position"]})
     with pytest.raises(InputError, match=r"flight 'blind'.*rotor_speed"):
         diagnose_change([blind], before(), nominal())
