@@ -93,6 +93,7 @@ def main() -> None:
     flight = HilFlight(world, 0, HilParams())
     plant = flight.simulator.plant
     motors = MotorCommands([0.4] * 4, armed=True)
+    flight.step(motors)  # the slow sensors have a first reading
     now = (flight._mav, flight.time_us, plant)
     say("Parts of a step of 4 ms [us]:")
     for name, action in (
