@@ -37,17 +37,19 @@ fly:
 	@$(BIN)/tombo fly $(ARGS)
 
 PYTEST := $(BIN)/python -m pytest --durations=10 $(PYTEST_ARGS)
-PARALLEL := -n auto --dist loadfile --no-loadscope-reorder
+LOADFILE := --dist loadfile --no-loadscope-reorder
+# One more than cores: who waits for nodes leaves its core to others.
+WORKERS := $(shell echo $$(($$(nproc) + 1)))
 
 check: lint
 	$(SETUP)
-	$(PYTEST) $(PARALLEL) -m "not slow and not nodes and not real_time" --hypothesis-profile=few
+	$(PYTEST) -n auto $(LOADFILE) -m "not slow and not nodes and not real_time" --hypothesis-profile=few
 
 # Both parts run, whatever the first says; 5: PYTEST_ARGS leave no test in that part.
 test: lint
 	$(SETUP)
 	@parallel=0; alone=0; \
-	$(PYTEST) $(PARALLEL) -m "not real_time" || parallel=$$?; \
+	$(PYTEST) -n $(WORKERS) $(LOADFILE) -m "not real_time" || parallel=$$?; \
 	$(PYTEST) -m real_time || alone=$$?; \
 	case "$$parallel $$alone" in "0 0" | "0 5" | "5 0") ;; *) exit 1 ;; esac
 

@@ -10,6 +10,8 @@
 from __future__ import annotations
 
 import gc
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -36,6 +38,9 @@ ORDER = (  # the mathematics first: it is fast, and the rest is built on it
 )
 settings.register_profile("few", settings.get_profile("ci"), max_examples=25)  # for `make check`
 
+FAST = "not slow and not nodes and not real_time"
+"""`-m` of `make check`."""
+
 # Modules stay: looking through them for garbage, again and again, takes a third of the collection.
 gc.disable()
 
@@ -55,6 +60,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         order = next((i for i, f in enumerate(ORDER) if item.nodeid.startswith(f)), len(ORDER))
         rank[item] = (item.get_closest_marker("real_time") is not None, order)
     items.sort(key=rank.__getitem__)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave files unread of which `make check`, or the last part of `make test`, takes none."""
+    wanted = config.option.markexpr
+    if not collection_path.match("test_*.py") or wanted not in ("real_time", FAST):
+        return None
+    text = collection_path.read_text(encoding="utf-8")
+    if wanted == "real_time":
+        return None if "real_time" in text else True
+    return True if re.search(r"^pytestmark = pytest\.mark\.(slow|real_time)", text, re.M) else None
 
 
 LOOP = pytest.StashKey[EmptyLoop]()

@@ -20,8 +20,6 @@ from tombo_flight.suite.px4_probe import find_vehicle
 from tombo_px4.bridge.pose_axes import AxesEvidence
 from tombo_px4.link.link_params import LinkParams
 
-pytestmark = pytest.mark.real_time
-
 pytest.importorskip("rclpy")
 
 _COMPILES_S = 300.0
@@ -30,6 +28,7 @@ SHORT = ("mission.approach_time=5.0", "mission.hold_time=1.0", "mission.land_spe
 FLIGHT = ("--px4", *(word for setting in SHORT for word in ("--set", setting)))
 
 
+@pytest.mark.real_time
 def test_the_vehicle_recovers_as_in_the_headless_flight(flown):
     _, figures = flown
     headless = fly_scenario(load_scenario(settings=SHORT), 0).summary
@@ -52,6 +51,7 @@ def test_the_vehicle_recovers_as_in_the_headless_flight(flown):
         assert figures["loops"]["sim"]["rate_hz"] == pytest.approx(1000.0, rel=0.2)
 
 
+@pytest.mark.real_time
 def test_the_summary_says_what_px4_did(flown):
     folder, figures = flown
     px4 = figures["px4"]
@@ -72,6 +72,7 @@ def test_the_summary_says_what_px4_did(flown):
     assert not bag.damage and bag.topics[PX4_STATUS.name].count >= 5
 
 
+@pytest.mark.real_time
 def test_px4_stands_for_estimator_and_controller(flown):
     folder, figures = flown
     assert {path.name for path in folder.iterdir()} == {

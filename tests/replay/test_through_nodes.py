@@ -16,7 +16,7 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.replay.run import Request, replay_bag
 from tombo_flight.replay.through_nodes import ThroughNodes
 
-pytestmark = pytest.mark.real_time
+pytestmark = pytest.mark.slow
 
 BAG = Path(__file__).parents[2] / "tests" / "bags" / "paper_collision_7.mcap"
 
@@ -32,6 +32,7 @@ def processes(word: str) -> set[int]:
     return found
 
 
+@pytest.mark.real_time
 def test_the_real_detector_says_what_was_recorded():
     result = replay_bag(BAG, Request(nodes=("detector",)), ThroughNodes(60.0))
     metrics = result.nodes["detector"]

@@ -15,7 +15,7 @@ TESTS = """
 import pytest
 from in_time import in_time
 
-pytestmark = pytest.mark.real_time
+pytestmark = [pytest.mark.real_time]
 
 def test_late():
     with in_time():

@@ -93,3 +93,5 @@ def test_the_gyro_s_noise_is_found_under_a_turn_and_a_sample_that_is_none(memory
         if k == 3000:
             take_gyro(memory, np.array([math.nan, 0.0, 0.0]))
     assert math.sqrt(memory.gyro_noise) == pytest.approx(0.01, rel=0.05)
+    take_innovation(memory, PLACE, TURN, STEP, True, 4e-6, 9e-6)
+    assert (covariances(memory)[1, 3:] >= memory.gyro_noise).all()  # rates are those of the gyro

@@ -37,6 +37,7 @@ def calls(folder):
     return (folder / "calls.txt").read_text(encoding="utf-8").split()
 
 
+@pytest.mark.slow
 def test_what_was_done_is_not_done_again_and_the_score_is_the_same(tmp_path):
     whole = run(tmp_path)
     (tmp_path / "calls.txt").unlink()

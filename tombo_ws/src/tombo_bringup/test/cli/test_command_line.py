@@ -36,6 +36,7 @@ def test_every_value_comes_back_as_it_was():
     assert command_line(("fly",), [("--vehicle", ""), ("--model", None)]) == "tombo fly"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", arena_cases(), ids=lambda case: case.name)
 def test_the_command_of_an_arenas_flight_flies_its_scenario(case):
     match = Match("reflex", case, disturbed=True)
@@ -44,6 +45,7 @@ def test_the_command_of_an_arenas_flight_flies_its_scenario(case):
     assert load_scenario(found["scenario"], [*over, *found["settings"]]) == match.scenario()
 
 
+@pytest.mark.slow
 def test_the_command_of_a_sweeps_flight_flies_its_scenario():
     axes = (parse_axis("vehicle.mass=1.2,1.3"), parse_axis("reaction.name=none,reflex"))
     study = new_sweep("pole", Design(axes), range(2, 4), ("disturbances=true",))

@@ -77,7 +77,7 @@ def start(tmp_path: Path) -> Iterator[Start]:
             os.kill(process.pid, signal.SIGKILL)
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_stopped_flight_leaves_what_was_flown(start, tmp_path, number, code):
     process = start(*LONG, "-o", "out", "--json")

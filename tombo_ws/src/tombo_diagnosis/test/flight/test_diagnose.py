@@ -20,6 +20,7 @@ from tombo_dynamics.errors import InputError
 pytestmark = pytest.mark.slow
 
 HIDDEN = {"steady_wind": {"east": 1.5}, "mass_error": {"fraction": 0.1}}
+WIND = {"steady_wind": {"east": 1.5}}
 FRAME = Airframe("Other", 0.03, 0.03, 0.02)
 
 
@@ -98,7 +99,7 @@ def test_with_nothing_hidden_nothing_is_added():
 
 
 def test_a_single_short_flight_says_what_it_can_not_certify():
-    said = diagnose(logs({"steady_wind": {"east": 1.5}}, count=1, length=13.0), nominal())
+    said = diagnose(logs(WIND, count=1, length=13.0), nominal())
     assert said.verdict == "named" and said.causes[0].effect == "steady_wind"
     assert any("certify" in note and "flight" in note for note in said.notes)
     assert all(math.isnan(g.low) for g in said.gain)
@@ -106,7 +107,7 @@ def test_a_single_short_flight_says_what_it_can_not_certify():
 
 
 def test_a_single_flight_is_cut_into_parts_that_are_held_out_in_turn():
-    (log,) = logs({"steady_wind": {"east": 1.5}}, count=1)
+    (log,) = logs(WIND, count=1)
     said = diagnose([log], nominal())
     assert len(said.flights) >= 2
     assert all(flight.name.startswith(log.name) for flight in said.flights)
@@ -152,7 +153,7 @@ def test_no_flight_that_can_be_used_says_why():
 
 
 def test_a_flight_that_can_not_be_used_is_left_out_and_said():
-    good, bad = logs(HIDDEN, count=2)
+    good, bad = logs(WIND, count=2)
     note = Finding("gap", "warning", good.name, "position: a gap")
     bad = bad.with_series({k: v for k, v in bad.series.items() if k != "position"})
     said = diagnose([replace(good, findings=(note,)), bad], nominal())
@@ -169,19 +170,19 @@ def in_mm(log):
 
 
 def test_a_flight_that_contradicts_itself_costs_only_itself(monkeypatch):
-    one, two, three = logs(HIDDEN, count=3)
+    one, two, three = logs(WIND, count=3)
     monkeypatch.setattr(
         diagnose_module, "read_logs", lambda paths, **more: [one, in_mm(two), three]
     )
     said, _ = diagnose_module.diagnose_files([Path("flights")], nominal())
     assert [f.name for f in said.flights] == [one.name, three.name]
-    assert said.verdict == "named" and {c.effect for c in said.causes} == set(HIDDEN)
+    assert said.verdict == "named" and {c.effect for c in said.causes} == set(WIND)
     (why,) = [f for f in said.prechecks if f.flight == two.name]
     assert (why.check, why.severity) == ("refused", "fault") and "mm declared as m" in why.message
 
 
 def test_what_all_flights_have_is_an_error(monkeypatch):
-    off = [in_mm(log) for log in logs(HIDDEN, count=2)]
+    off = [in_mm(log) for log in logs(WIND, count=2)]
     monkeypatch.setattr(diagnose_module, "read_logs", lambda paths, **more: off)
     with pytest.raises(InputError, match=r"flight 1.*mm declared as m"):
         diagnose_module.read_and_check([Path("flights")])
@@ -196,7 +197,7 @@ def test_a_flight_without_an_imu_among_others_is_left_out_and_said():
 
 
 def test_poses_that_repeat_stumble_or_are_not_finite_do_no_harm():
-    (log,) = logs({"steady_wind": {"east": 1.5}}, count=1)
+    (log,) = logs(WIND, count=1)
     place, turn = log.series["position"], log.series["attitude"]
     values, flipped = place.values.copy(), turn.values.copy()
     values[300] = np.nan

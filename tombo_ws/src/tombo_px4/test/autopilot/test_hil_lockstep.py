@@ -428,7 +428,7 @@ def test_a_silent_client_gives_the_port_to_the_first_that_speaks():
                 assert late.recv(1) == b""
 
 
-@pytest.mark.real_time
+@pytest.mark.slow
 def test_a_killed_px4_is_noticed_and_its_successor_flies():
     program = Path(__file__).with_name("hil_peer.py")
     b = Bench()

@@ -21,7 +21,7 @@ from mavsdk.plugins.param import Param, ParamError
 from mavsdk.plugins.telemetry import FlightMode, LandedState, Telemetry
 from px4_process import px4_process
 
-pytestmark = pytest.mark.real_time
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
