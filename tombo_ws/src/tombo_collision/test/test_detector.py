@@ -80,6 +80,7 @@ def test_a_push_is_found_within_two_samples_and_put_where_it_was(direction, size
     where = np.array([0.7 * (AT - 1.0), 0.0, 2.0])
     assert np.linalg.norm(event.x_c - where) < 0.03 + 0.02 * size
     assert abs(event.contact_time_s - AT) < 1.5 * STEP
+    assert event.contact_time_s < event.stamp_s  # between two samples
     assert event.flight_direction @ [1.0, 0.0, 0.0] > math.cos(0.05)
     assert event.trigger == "innovation"
 

@@ -78,9 +78,9 @@ def test_a_name_or_a_file_is_loaded(tmp_path):
 
 @pytest.mark.parametrize(
     ("unit", "wanted", "value"),
-    [("rpm", "rad/s", 0.104719755), ("°/s", "rad/s", 0.0174532925), ("m/s²", "m/s^2", 1.0),
-     ("G", "m/s^2", 9.80665), ("mg", "m/s^2", 0.00980665), ("mV", "V", 1e-3),
-     ("µs", "s", 1e-6), ("%", "1", 0.01)],
+    [("rpm", "rad/s", 0.104719755), ("krpm", "rad/s", 104.719755),
+     ("°/s", "rad/s", 0.0174532925), ("m/s²", "m/s^2", 1.0), ("G", "m/s^2", 9.80665),
+     ("mg", "m/s^2", 0.00980665), ("mV", "V", 1e-3), ("µs", "s", 1e-6), ("%", "1", 0.01)],
 )  # fmt: skip
 def test_units_in_their_usual_spellings(unit, wanted, value):
     assert factor(unit, wanted, "it") == pytest.approx(value)
