@@ -489,7 +489,7 @@ def test_set_points_of_the_slower_loops_are_told(bench: _Bench) -> None:
     bench.controller.on("/imu/data_raw", imu, bench.now_ns)
     said = dict(bench.controller.step(bench.now_ns))
     attitude, rates = said["/attitude_setpoint"], said["/rates_setpoint"]
-    assert np.allclose(attitude.attitude, _LEVEL, atol=1e-3)
+    assert np.allclose(attitude.orientation, _LEVEL, atol=1e-3)
     assert attitude.thrust == rates.thrust == pytest.approx(4.0 * VEHICLE.hover_thrust(), rel=0.02)
     assert np.abs(rates.rates).max() < 0.01
 
