@@ -65,12 +65,12 @@ def test_a_stopped_campaign_keeps_the_flights_up_to_the_first_one_missing():
         range(10, 400),
         workers=2,
         progress=done.append,
-        stop=lambda: bool(done) and done[-1] >= 60,  # both workers have begun by then
+        stop=lambda: bool(done) and done[-1] >= 60,
     )
 
     flights = campaign["flights"]
     assert campaign["interrupted"]
-    assert 1 <= len(flights) < 390
+    assert len(flights) < 390  # none, where one worker has flown all of them so far
     assert [f["seed"] for f in flights] == list(range(10, 10 + len(flights)))
     assert campaign["aggregate"]["flights"] == len(flights)
 
