@@ -58,7 +58,7 @@ class NodeProcess:
         self.log = log
         self._file = log.open("wb")
         self.process = subprocess.Popen(
-            [sys.executable, "-m", module, "--ros-args", *arguments],
+            [sys.executable, "-m", *module.split(), "--ros-args", *arguments],
             stdout=self._file,
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,

@@ -42,7 +42,7 @@ class Addition(NamedTuple):
 
 
 CORE = '''
-from tombo_dynamics.core import Core
+from tombo_dynamics.core import Core, Output
 from tombo_dynamics.messages import Pose
 
 class AltimeterCore(Core):
@@ -50,9 +50,10 @@ class AltimeterCore(Core):
 
     name = "altimeter"
     inputs = ("/mocap/pose",)
-    outputs = ("/altitude",)
+    outputs = {"/altitude": Output(Pose)}
     period_ns = 10_000_000
     sections = {}
+    pose = None
 
     @classmethod
     def make(cls, records):
@@ -62,17 +63,8 @@ class AltimeterCore(Core):
         self.pose = message
 
     def step(self, now_ns):
-        return [("/altitude", self.pose)]
+        return [("/altitude", self.pose)] if self.pose else []
 '''
-NODE = """
-from tombo_control.altimeter_core import AltimeterCore
-from tombo_ros.core_node import CoreNode, main_of
-
-main = main_of(lambda: CoreNode(AltimeterCore))
-"""
-ALTITUDE = """
-ALTITUDE = TopicSpec("/altitude", "geometry_msgs/msg/PoseStamped", STATE, 0.0, "height")
-"""
 EFFECT = """
 from tombo_dynamics.effects.registry import Param, Stage, effect
 
@@ -187,28 +179,21 @@ ADDITIONS = {
         "sent_and_recorded('/greeting', 'Greeting', 7, [1.0, 2.0, 3.0], 5, 'hello')",
         [[7, [1.0, 2.0, 3.0], 5, "hello"], {"stamp_ns": "ns", "wave": "m/s", "kind": "1"}],
     ),
-    "a core and its node": Addition(
+    "a core": Addition(
         (
             Edit("tombo_control/tombo_control/altimeter_core.py", CORE),
-            Edit("tombo_control/tombo_control/altimeter_node.py", NODE),
+            Edit("tombo_sim/tombo_sim/wiring.py", "    AltimeterCore,\n", before=")\n"),
             Edit(
-                "tombo_control/setup.cfg",
-                "    altimeter_node = tombo_control.altimeter_node:main\n",
-                before="    controller_node = ",
-            ),
-            Edit("tombo_flight/tombo_flight/wiring.py", "    AltimeterCore,\n", before=")\n"),
-            Edit(
-                "tombo_flight/tombo_flight/wiring.py",
+                "tombo_sim/tombo_sim/wiring.py",
                 "from tombo_control.altimeter_core import AltimeterCore\n",
                 before="from tombo_control.controller_core",
             ),
-            Edit("tombo_bag/tombo_bag/topics.py", ALTITUDE, before="CLOCK = "),
         ),
         "[from_('tombo_flight.suite.nodes').SUITE['altimeter'],"
-        " *sorted(fact.subscribes"
-        " for fact in from_('tombo_benchmarks.docs.interface_tables').every_node()"
-        " if fact.name == 'altimeter')[0]]",
-        ["tombo_control.altimeter_node", "/mocap/pose"],
+        " from_('tombo_flight.replay.plan').NODES['altimeter'].inputs,"
+        " from_('tombo_flight.flight').fly_scenario(from_('tombo_flight.scenario')"
+        ".load_scenario('hover', ['duration=0.1']), 0)['/altitude'].t.size > 5]",
+        ["tombo_flight.suite.core_node", ["/mocap/pose"], True],
     ),
     "a command": Addition(
         (

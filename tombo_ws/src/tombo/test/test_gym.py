@@ -40,13 +40,13 @@ def episode(env, seed, act):
     """Fly one; return observations, rewards, (tick, true position) of each step, and its end."""
     seen, info = env.reset(seed=seed)
     flight = env.unwrapped.episodes
-    steps = [(seen, 0.0, int(flight.batch.flight["tick"][0]), flight.position[0].copy())]
+    steps = [(seen, 0.0, int(flight.batch.flights.progress["tick"][0]), flight.position[0].copy())]
     done = False
     while not done:
         seen, reward, terminated, truncated, info = env.step(act(seen))
         done = terminated or truncated
         steps.append(
-            (seen, reward, int(flight.batch.flight["tick"][0]), flight.position[0].copy())
+            (seen, reward, int(flight.batch.flights.progress["tick"][0]), flight.position[0].copy())
         )
     return steps, terminated, info
 

@@ -11,7 +11,7 @@ import launch_bench as bench
 import pytest
 
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
-from tombo_flight.wiring import CORES
+from tombo_sim.wiring import CORES
 
 FILES = sorted(path.name for path in bench.LAUNCH.glob("*.launch.py"))
 PARTS = ("sim.launch.py", "control.launch.py", "collision.launch.py", "recorder.launch.py")

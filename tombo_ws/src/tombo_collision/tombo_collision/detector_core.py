@@ -15,10 +15,10 @@ import numpy as np
 from tombo_collision.detector import DetectorMemory, begin_detector, detect, set_triggers
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.core import Core
-from tombo_dynamics.frames import FRAME_MAP, is_map
+from tombo_dynamics.core import Compiled, Core, Output
+from tombo_dynamics.frames import is_map
 from tombo_dynamics.jit import compiled_call
-from tombo_dynamics.message_records import CollisionEventRecord, DetectorStatusRecord, message_of
+from tombo_dynamics.message_records import CollisionEventRecord, DetectorStatusRecord
 from tombo_dynamics.messages import ROTOR_UNKNOWN, CollisionEvent, DetectorStatus, Pose
 from tombo_dynamics.pose_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose
 from tombo_dynamics.records import Record, field, parameter_record
@@ -42,7 +42,9 @@ class DetectorCoreMemory(Record):
     used = field("1", "poses used", kind=int)
     refused = field("1", "poses refused, by `PoseRefusal`", len(PoseRefusal), int)
     status = field("", "of the last pose", kind=DetectorStatusRecord)
+    status_due = field("1", "it is to be published", kind=bool)
     event = field("", "the last one", kind=CollisionEventRecord)
+    event_due = field("1", "it is to be published", kind=bool)
 
 
 @compiled_call
@@ -86,6 +88,7 @@ def take_pose(
         event.statistic = d.statistic
         event.count = d.count
         event.rotor = ROTOR_UNKNOWN
+        memory.event_due = True
     return result
 
 
@@ -107,6 +110,7 @@ def fill_status(
     for i in range(memory.refused.size):
         status.rejected += memory.refused[i]
     status.poses = memory.used + status.rejected
+    memory.status_due = True
 
 
 @compiled_call
@@ -138,12 +142,24 @@ def _detect(
     return result
 
 
+@compiled_call
+def take_pose_message(
+    memory: DetectorCoreMemory, params: DetectorParams, pose: Pose, now_ns: int
+) -> None:
+    """Take a pose in map."""
+    take_pose(memory, params, pose.stamp_ns, now_ns, pose.position, pose.attitude)
+
+
 class DetectorCore(Core):
     """Checks poses and watches the good ones for a collision."""
 
     name = "detector"
     inputs = ("/mocap/pose",)
-    outputs = ("/collision_event", "/detector/status")
+    outputs: ClassVar[Mapping[str, Output]] = {
+        "/collision_event": Output(CollisionEvent, "event", "event_due"),
+        "/detector/status": Output(DetectorStatus, "status", "status_due"),
+    }
+    compiled = Compiled(("memory",), ("params",), {"/mocap/pose": take_pose_message})
     period_ns = 20_000_000
     sections: ClassVar[Mapping[str, type]] = {"detector": DetectorParams}
 
@@ -179,9 +195,7 @@ class DetectorCore(Core):
         health = self.health
         if not result and memory.detector.collided:
             health.values["collisions"] = int(memory.event.count)
-            event = message_of(CollisionEvent, memory.event, frame_id=FRAME_MAP)
-            self._outputs.append(("/collision_event", event))
-        self._outputs.append(("/detector/status", message_of(DetectorStatus, memory.status)))
+        self._outputs += self.take_due()
         health.values["poses"] = int(memory.status.poses)
         if result:
             health.values[f"refused.{result.key}"] = int(memory.refused[result])

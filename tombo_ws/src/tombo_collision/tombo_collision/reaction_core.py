@@ -17,7 +17,7 @@ from tombo_collision.decision import Decision, Estimate, Guided, check_decision,
 from tombo_collision.params import ReactionLimits
 from tombo_collision.reactions import DEFAULT, EVENT_TOPICS, REGISTRY, Reaction
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Core
+from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Compiled, Core, Output
 from tombo_dynamics.errors import InputError, problem_in, unknown_name
 from tombo_dynamics.frames import is_map
 from tombo_dynamics.jit import compiled_call
@@ -26,7 +26,6 @@ from tombo_dynamics.message_records import (
     OdometryRecord,
     PositionSetpointRecord,
     ReactionStatusRecord,
-    message_of,
 )
 from tombo_dynamics.messages import (
     CollisionEvent,
@@ -393,6 +392,44 @@ def _fill_status(memory: ReactionMemory, state: int, now_ns: int) -> None:
     memory.status_due = True
 
 
+@compiled_call
+def take_pose_message(
+    memory: ReactionMemory, limits: ReactionLimits, pose: Pose, now_ns: int
+) -> None:
+    """Take note of a pose."""
+    note_mocap(memory, limits, now_ns)
+
+
+@compiled_call
+def take_detector_status(
+    memory: ReactionMemory, limits: ReactionLimits, status: DetectorStatus, now_ns: int
+) -> None:
+    """Take a sign of life of the detector."""
+    memory.detector_ns = now_ns
+
+
+@compiled_call
+def take_odometry_message(
+    memory: ReactionMemory, limits: ReactionLimits, odometry: Odometry, now_ns: int
+) -> None:
+    """Take an estimate."""
+    take_estimate(memory, odometry, now_ns)
+
+
+@compiled_call
+def take_setpoint_message(
+    memory: ReactionMemory, limits: ReactionLimits, setpoint: PositionSetpoint, now_ns: int
+) -> None:
+    """Take the mission's set point."""
+    take_mission_setpoint(memory, setpoint, now_ns)
+
+
+@compiled_call
+def decides_in_python(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -> bool:
+    """Return whether a decision is to be asked in the next step: it may be anybody's Python."""
+    return memory.pending > 0 or reference_due(memory, now_ns)
+
+
 class ReactionCore(Core):
     """Takes messages in any order; `step` returns what to publish now.
 
@@ -409,7 +446,22 @@ class ReactionCore(Core):
         "/collision_event",
         "/contact_event",
     )
-    outputs = ("/setpoint", "/reaction/status")
+    outputs: ClassVar[Mapping[str, Output]] = {
+        "/setpoint": Output(PositionSetpoint, "setpoint", "publishes"),
+        "/reaction/status": Output(ReactionStatus, "status", "status_due"),
+    }
+    compiled = Compiled(
+        ("memory",),
+        ("limits",),
+        {
+            "/mocap/pose": take_pose_message,
+            "/detector/status": take_detector_status,
+            "/odometry": take_odometry_message,
+            "/mission/setpoint": take_setpoint_message,
+        },
+        reaction_step,
+        decides_in_python,
+    )
     period_ns = 5_000_000
     sections: ClassVar[Mapping[str, type]] = {
         "inputs": ReactionLimits,
@@ -582,12 +634,10 @@ class ReactionCore(Core):
         if reference_due(memory, now_ns):
             self._guide(now_ns)
         reaction_step(memory, self.limits, now_ns)
-        outputs: list[tuple[str, Any]] = []
-        if memory.publishes:
-            outputs.append(("/setpoint", message_of(PositionSetpoint, memory.setpoint)))
-        if memory.status_due:
-            status = message_of(ReactionStatus, memory.status)
-            outputs.append(("/reaction/status", status))
+        outputs = self.take_due()
+        for topic, status in outputs:
+            if topic != "/reaction/status":
+                continue
             health = self.health
             health.values["collisions"] = status.collisions
             held = HoldReason(memory.why if status.state == ReactionPhase.HOLDING else 0)

@@ -39,14 +39,15 @@ from tombo_control.safety.watch import (
     watch_flight,
 )
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, START_GRACE_NS, Core
-from tombo_dynamics.frames import FRAME_MAP
+from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, START_GRACE_NS, Compiled, Core, Output
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.message_records import (
+    AttitudeSetpointRecord,
     CollisionEventRecord,
     OdometryRecord,
     PositionSetpointRecord,
-    message_of,
+    RatesSetpointRecord,
+    RotorSpeedsRecord,
 )
 from tombo_dynamics.messages import (
     AttitudeSetpoint,
@@ -98,6 +99,12 @@ class ControllerMemory(Record):
     watch = field("", "which state it is in, and why", kind=Watch)
     contact = field("", "the contact trigger", kind=ContactWatch)
     event = field("", "the last contact", kind=CollisionEventRecord)
+    command = field("", "the last one, as the next two", kind=RotorSpeedsRecord)
+    command_due = field("1", "it is to be published", kind=bool)
+    rates = field("", "of the attitude loop", kind=RatesSetpointRecord)
+    rates_due = field("1", "they are to be published", kind=bool)
+    attitude = field("", "of the position loop", kind=AttitudeSetpointRecord)
+    attitude_due = field("1", "it is to be published", kind=bool)
 
 
 @compiled_call
@@ -344,8 +351,40 @@ def _follow_setpoint(memory: ControllerMemory, autopilot: Autopilot) -> None:
         setpoint.yaw = last.yaw
 
 
+@compiled
+def command_rotors(
+    memory: ControllerMemory,
+    autopilot: Autopilot,
+    maps: RotorMaps,
+    limits: InputLimits,
+    now_ns: int,
+    stamp_ns: int,
+    gyro: Array,
+    accel: Array,
+) -> None:
+    """Answer a gyro sample as `answer_gyro` does, and fill in the messages that are due."""
+    if not answer_gyro(memory, autopilot, maps, limits, now_ns, stamp_ns, gyro, accel):
+        return
+    if memory.watch.state == SafetyState.STANDBY:
+        return
+    setpoint = autopilot.setpoint
+    memory.command.stamp_ns = stamp_ns
+    memory.command.speed = setpoint.rotor_speed
+    memory.command_due = True
+    if memory.attitude_ran:
+        memory.rates.stamp_ns = stamp_ns
+        memory.rates.rates = setpoint.rates
+        memory.rates.thrust = setpoint.thrust
+        memory.rates_due = True
+    if memory.position_ran:
+        memory.attitude.stamp_ns = stamp_ns
+        memory.attitude.orientation = setpoint.attitude
+        memory.attitude.thrust = setpoint.thrust
+        memory.attitude_due = True
+
+
 @compiled_call
-def answer_gyro_from_python(
+def command_rotors_from_python(
     memory: Any,
     autopilot: Any,
     maps: RotorMaps,
@@ -354,9 +393,61 @@ def answer_gyro_from_python(
     stamp_ns: int,
     gyro: Array,
     accel: Array,
-) -> bool:
-    """Answer a gyro sample as `answer_gyro` does; both memories are arrays (1)."""
-    return answer_gyro(memory[0], autopilot[0], maps, limits, now_ns, stamp_ns, gyro, accel)
+) -> None:
+    """Answer a gyro sample as `command_rotors` does; both memories are arrays (1)."""
+    command_rotors(memory[0], autopilot[0], maps, limits, now_ns, stamp_ns, gyro, accel)
+
+
+@compiled_call
+def take_odometry_message(
+    memory: ControllerMemory,
+    autopilot: Autopilot,
+    maps: RotorMaps,
+    limits: InputLimits,
+    odometry: Odometry,
+    now_ns: int,
+) -> None:
+    """Take an estimate."""
+    take_odometry(memory, autopilot, odometry)
+
+
+@compiled_call
+def take_status_message(
+    memory: ControllerMemory,
+    autopilot: Autopilot,
+    maps: RotorMaps,
+    limits: InputLimits,
+    status: EstimatorStatus,
+    now_ns: int,
+) -> None:
+    """Take biases."""
+    take_biases(memory, autopilot, status.gyro_bias, status.accel_bias, status.pose_stamp_ns)
+
+
+@compiled_call
+def take_setpoint_message(
+    memory: ControllerMemory,
+    autopilot: Autopilot,
+    maps: RotorMaps,
+    limits: InputLimits,
+    setpoint: PositionSetpoint,
+    now_ns: int,
+) -> None:
+    """Take a set point."""
+    take_setpoint(memory, autopilot, setpoint, now_ns)
+
+
+@compiled
+def take_imu_message(
+    memory: ControllerMemory,
+    autopilot: Autopilot,
+    maps: RotorMaps,
+    limits: InputLimits,
+    imu: Imu,
+    now_ns: int,
+) -> None:
+    """Answer a gyro sample."""
+    command_rotors(memory, autopilot, maps, limits, now_ns, imu.stamp_ns, imu.gyro, imu.accel)
 
 
 class ControllerCore(Core):
@@ -364,7 +455,26 @@ class ControllerCore(Core):
 
     name = "controller"
     inputs = ("/odometry", "/estimator/status", "/setpoint", "/imu/data_raw")
-    outputs = ("/rotor_command", "/rates_setpoint", "/attitude_setpoint", "/contact_event")
+    outputs: ClassVar[Mapping[str, Output]] = {
+        "/contact_event": Output(CollisionEvent, "event", "contact.due"),
+        "/rotor_command": Output(RotorSpeeds, "command", "command_due", logged=True),
+        "/rates_setpoint": Output(
+            RatesSetpoint, "rates", "rates_due", every=ATTITUDE_TICKS, logged=True
+        ),
+        "/attitude_setpoint": Output(
+            AttitudeSetpoint, "attitude", "attitude_due", every=ATTITUDE_TICKS, logged=True
+        ),
+    }
+    compiled = Compiled(
+        ("memory", "autopilot"),
+        ("maps", "limits"),
+        {
+            "/odometry": take_odometry_message,
+            "/estimator/status": take_status_message,
+            "/setpoint": take_setpoint_message,
+            "/imu/data_raw": take_imu_message,
+        },
+    )
     period_ns = 1_000_000
     sections: ClassVar[Mapping[str, type]] = {
         "control": ControlParams,
@@ -451,24 +561,10 @@ class ControllerCore(Core):
         if self.clock_slack_ns and stamp < self._gyro_stamp_ns - CLOCK_SET_BACK_NS:
             reset_inputs(self.memory)  # the last flight's set point would lift the vehicle off
         self._gyro_stamp_ns = stamp
-        if not answer_gyro_from_python(
+        command_rotors_from_python(
             *self._arrays, self.maps, self.limits, now_ns, stamp, sample.gyro, sample.accel
-        ):
-            return
-        memory, setpoint = self.memory, self.autopilot.setpoint
-        if memory.contact.due:
-            event = message_of(CollisionEvent, memory.event, frame_id=FRAME_MAP)
-            self._outputs.append(("/contact_event", event))
-        if memory.watch.state == SafetyState.STANDBY:
-            return
-        thrust = float(setpoint.thrust)
-        self._outputs.append(("/rotor_command", RotorSpeeds(stamp, setpoint.rotor_speed.copy())))
-        if memory.attitude_ran:
-            rates = RatesSetpoint(stamp, setpoint.rates.copy(), thrust)
-            self._outputs.append(("/rates_setpoint", rates))
-        if memory.position_ran:
-            attitude = AttitudeSetpoint(stamp, setpoint.attitude.copy(), thrust)
-            self._outputs.append(("/attitude_setpoint", attitude))
+        )
+        self._outputs += self.take_due()
 
     def _take_odometry(self, message: Odometry, now_ns: int) -> None:
         early = is_future(message.stamp_ns, now_ns + self.clock_slack_ns)

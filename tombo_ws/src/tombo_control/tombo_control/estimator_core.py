@@ -39,10 +39,10 @@ from tombo_control.uncertainty import (
     take_innovation,
 )
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, START_GRACE_NS, Core
+from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, START_GRACE_NS, Compiled, Core, Output
 from tombo_dynamics.frames import is_map
 from tombo_dynamics.jit import compiled, compiled_call
-from tombo_dynamics.message_records import EstimatorStatusRecord, OdometryRecord, message_of
+from tombo_dynamics.message_records import EstimatorStatusRecord, OdometryRecord
 from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometry, Phase, Pose
 from tombo_dynamics.pose_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose
 from tombo_dynamics.records import Record, field, fill_record
@@ -96,7 +96,9 @@ class EstimatorMemory(Record):
     estimate = field("", "the newest, at the last IMU sample", kind=State)
     uncertainty = field("", "of the estimate", kind=Uncertainty)
     odometry = field("", "message, filled when it is due", kind=OdometryRecord)
+    odometry_due = field("1", "it is to be published", kind=bool)
     status = field("", "message, filled when it is due", kind=EstimatorStatusRecord)
+    status_due = field("1", "it is to be published", kind=bool)
 
 
 @compiled_call
@@ -338,12 +340,27 @@ def take_imu(
     return True
 
 
+@compiled
+def answer_imu(
+    memory: EstimatorMemory, autopilot: Autopilot, stamp_ns: int, gyro: Array, accel: Array
+) -> None:
+    """Take an IMU sample as `take_imu` does, and fill in the messages that are due with it."""
+    if not take_imu(memory, autopilot, stamp_ns, gyro, accel):
+        return
+    if odometry_due(stamp_ns):
+        fill_odometry(memory, memory.odometry)
+        memory.odometry_due = True
+    if status_due(stamp_ns):
+        fill_status(memory, memory.status)
+        memory.status_due = True
+
+
 @compiled_call
-def take_imu_from_python(
+def answer_imu_from_python(
     memory: Any, autopilot: Any, stamp_ns: int, gyro: Array, accel: Array
-) -> bool:
-    """Take an IMU sample as `take_imu` does; both memories are arrays (1)."""
-    return take_imu(memory[0], autopilot[0], stamp_ns, gyro, accel)
+) -> None:
+    """Take an IMU sample as `answer_imu` does; both memories are arrays (1)."""
+    answer_imu(memory[0], autopilot[0], stamp_ns, gyro, accel)
 
 
 @compiled_call
@@ -384,6 +401,28 @@ def fill_status(memory: EstimatorMemory, out: Any) -> None:
     out.rejected = memory.rejected
 
 
+@compiled_call
+def take_phase(
+    memory: EstimatorMemory, autopilot: Autopilot, status: MissionStatus, now_ns: int
+) -> None:
+    """Take the mission's phase: on the ground the velocity is zero."""
+    memory.airborne = status.phase != Phase.IDLE and status.phase != Phase.LANDED
+
+
+@compiled_call
+def take_pose_message(
+    memory: EstimatorMemory, autopilot: Autopilot, pose: Pose, now_ns: int
+) -> None:
+    """Take a pose in map."""
+    take_pose(memory, autopilot, pose.stamp_ns, now_ns, pose.position, pose.attitude)
+
+
+@compiled
+def take_imu_message(memory: EstimatorMemory, autopilot: Autopilot, imu: Imu, now_ns: int) -> None:
+    """Take an IMU sample."""
+    answer_imu(memory, autopilot, imu.stamp_ns, imu.gyro, imu.accel)
+
+
 class EstimatorCore(Core):
     """Estimates pose and velocity from gyro, accelerometer and mocap poses.
 
@@ -393,7 +432,19 @@ class EstimatorCore(Core):
 
     name = "estimator"
     inputs = ("/mission/status", "/mocap/pose", "/imu/data_raw")
-    outputs = ("/odometry", "/estimator/status")
+    outputs: ClassVar[Mapping[str, Output]] = {
+        "/odometry": Output(Odometry, "odometry", "odometry_due", every=_ODOMETRY_TICKS),
+        "/estimator/status": Output(EstimatorStatus, "status", "status_due", every=_STATUS_TICKS),
+    }
+    compiled = Compiled(
+        ("memory", "autopilot"),
+        (),
+        {
+            "/mission/status": take_phase,
+            "/mocap/pose": take_pose_message,
+            "/imu/data_raw": take_imu_message,
+        },
+    )
     period_ns = 4_000_000
     sections: ClassVar[Mapping[str, type]] = {
         "estimator": EstimatorParams,
@@ -446,16 +497,8 @@ class EstimatorCore(Core):
     def _take_imu(self, sample: Imu) -> None:
         if not np.isfinite(sample.gyro.sum() + sample.accel.sum()):
             self.health.report_event("imu_not_finite", "imu sample with NaN or infinity")
-        stamp_ns = sample.stamp_ns
-        if not take_imu_from_python(*self._arrays, stamp_ns, sample.gyro, sample.accel):
-            return
-        memory = self.memory
-        if odometry_due(stamp_ns):
-            fill_odometry(memory, memory.odometry)
-            self._outputs.append(("/odometry", message_of(Odometry, memory.odometry)))
-        if status_due(stamp_ns):
-            fill_status(memory, memory.status)
-            self._outputs.append(("/estimator/status", message_of(EstimatorStatus, memory.status)))
+        answer_imu_from_python(*self._arrays, sample.stamp_ns, sample.gyro, sample.accel)
+        self._outputs += self.take_due()
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Return what follows from the IMU samples since the last step."""

@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
 from tombo_control.planning.commanded_course import (
     CourseProgress,
     begin_course,
@@ -43,10 +45,10 @@ from tombo_control.planning.mission import (
 )
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.core import CLOCK_SET_BACK_NS, Core
+from tombo_dynamics.core import CLOCK_SET_BACK_NS, Compiled, Core, Output
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.jit import compiled_call
-from tombo_dynamics.message_records import PositionSetpointRecord, message_of
+from tombo_dynamics.message_records import MissionStatusRecord, PositionSetpointRecord
 from tombo_dynamics.messages import (
     PHASE_NAMES,
     MissionStatus,
@@ -60,7 +62,8 @@ from tombo_dynamics.messages import (
 )
 from tombo_dynamics.params import param
 from tombo_dynamics.records import Record, field, parameter_record
-from tombo_dynamics.rotation import rotate_vector
+from tombo_dynamics.rotation import rotate_vector, rotated
+from tombo_dynamics.time_base import TICK_NS
 
 
 class WaitReason(Reason):
@@ -75,6 +78,7 @@ class WaitReason(Reason):
     OPERATOR = 6, "held by an operator: the plan waits"
 
 
+_PERIOD_TICKS = 20
 _NEVER = -1
 _AIRBORNE = 0.3
 """m above the ground: it flies."""
@@ -134,6 +138,12 @@ class MissionLimits:
     )
 
 
+class StatusEntry(MissionStatusRecord):  # type: ignore[misc, valid-type]
+    """The mission's status, and what its text is made of."""
+
+    wait_reason = field("1", "a `WaitReason`", kind=int)
+
+
 class MissionMemory(Record):
     """Memory of the mission's core."""
 
@@ -163,9 +173,19 @@ class MissionMemory(Record):
     has_flown = field("1", "it has been in the air", kind=bool)
     has_lifted = field("1", "it has left the ground", kind=bool)
     setpoint = field("", "the newest", kind=PositionSetpointRecord)
+    setpoint_due = field("1", "it is to be published", kind=bool)
     published_mode = field("1", "phase in the last status", kind=int)
     published_reason = field("1", "reason to wait in the last status", kind=int)
-    status_due = field("1", "the present ones are others", kind=bool)
+    status = field("", "the newest", kind=StatusEntry)
+    status_due = field("1", "it is to be published: another phase, or reason", kind=bool)
+
+
+def status_texts(status: Any) -> dict[str, str]:
+    """Return the text of `/mission/status`: the phase, and why the plan waits."""
+    text = PHASE_NAMES[status.phase].replace("_", " ")
+    if status.wait_reason:
+        text += f", waits: {WaitReason(status.wait_reason).text}"
+    return {"text": text}
 
 
 @compiled_call
@@ -303,6 +323,10 @@ def mission_step(memory: MissionMemory, plan: Plan, limits: MissionLimits, now_n
     mode, reason = memory.mode, memory.wait_reason
     memory.status_due = memory.published_mode != mode or memory.published_reason != reason
     memory.published_mode, memory.published_reason = mode, reason
+    memory.status.stamp_ns = now_ns
+    memory.status.phase = mode
+    memory.status.wait_reason = reason
+    memory.setpoint_due = True
     return True
 
 
@@ -479,6 +503,57 @@ def land_now(memory: MissionMemory, plan: Plan) -> bool:
     return True
 
 
+@compiled_call
+def take_odometry(
+    memory: MissionMemory,
+    params: Any,
+    waypoints: Array,
+    limits: MissionLimits,
+    odometry: Odometry,
+    now_ns: int,
+) -> bool:
+    """Take an estimate; False: not finite, not taken."""
+    x, y, z = odometry.velocity[0], odometry.velocity[1], odometry.velocity[2]
+    velocity = np.empty(3)
+    velocity[0], velocity[1], velocity[2] = rotated(odometry.attitude, x, y, z)
+    return take_estimate(memory, odometry.position, velocity, now_ns)
+
+
+@compiled_call
+def take_reaction_status(
+    memory: MissionMemory,
+    params: Any,
+    waypoints: Array,
+    limits: MissionLimits,
+    status: ReactionStatus,
+    now_ns: int,
+) -> None:
+    """Take the reaction's status."""
+    s = status
+    take_reaction(memory, limits, s.state, s.x_r, s.collisions, s.stamp_ns, now_ns)
+
+
+@compiled_call
+def take_answer(
+    memory: MissionMemory,
+    params: Any,
+    waypoints: Array,
+    limits: MissionLimits,
+    setpoint: PositionSetpoint,
+    now_ns: int,
+) -> None:
+    """Take a set point of the reaction as a sign of life."""
+    memory.answer_ns = now_ns
+
+
+@compiled_call
+def step_mission(
+    memory: MissionMemory, params: Any, waypoints: Array, limits: MissionLimits, now_ns: int
+) -> None:
+    """Go on to `now_ns` with a plan whose two parts are given."""
+    mission_step(memory, Plan(params, waypoints), limits, now_ns)
+
+
 class MissionCore(Core):
     """Keeps the plan's clock and state in a record; `step` gives the set point.
 
@@ -488,8 +563,30 @@ class MissionCore(Core):
 
     name = "mission"
     inputs = ("/odometry", "/reaction/status", "/setpoint", "/goal_pose")
-    outputs = ("/mission/setpoint", "/mission/status")
-    period_ns = 20_000_000
+    outputs: ClassVar[Mapping[str, Output]] = {
+        "/mission/setpoint": Output(
+            PositionSetpoint, "setpoint", "setpoint_due", every=_PERIOD_TICKS
+        ),
+        "/mission/status": Output(
+            MissionStatus,
+            "status",
+            "status_due",
+            record=StatusEntry,
+            texts=status_texts,
+            every=_PERIOD_TICKS,
+        ),
+    }
+    compiled = Compiled(
+        ("memory",),
+        ("plan.params", "plan.waypoints", "limits"),
+        {
+            "/odometry": take_odometry,
+            "/reaction/status": take_reaction_status,
+            "/setpoint": take_answer,
+        },
+        step_mission,
+    )
+    period_ns = _PERIOD_TICKS * TICK_NS
     steps_on_messages = False
     sections: ClassVar[Mapping[str, type]] = {"mission": MissionParams, "inputs": MissionLimits}
     options: ClassVar[Mapping[str, tuple[Any, str]]] = {
@@ -591,7 +688,7 @@ class MissionCore(Core):
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Go on with the plan; return its set point, and its status when that has changed."""
         memory = self.memory
-        known = mission_step(memory, self.plan, self.limits, now_ns)
+        mission_step(memory, self.plan, self.limits, now_ns)
         if self._course is not None and self.mode != Phase.APPROACH:  # a reaction, the landing
             self._course, self.plan = None, compiled_plan(self._params)
         waits = self.wait_reason
@@ -599,14 +696,7 @@ class MissionCore(Core):
             self.health.fault(why.key, waits == why and self.mode != Phase.IDLE, why.text)
         self.health.values["phase"] = PHASE_NAMES[self.mode]
         self.health.values["flight_time_s"] = round(self.time_s, 2)
-        if not known:
-            return []
-        setpoint = message_of(PositionSetpoint, memory.setpoint)
-        outputs: list[tuple[str, Any]] = [("/mission/setpoint", setpoint)]
-        if memory.status_due:
-            text = status_text(self.mode, int(memory.wait_reason))
-            outputs.append(("/mission/status", MissionStatus(now_ns, self.mode, text)))
-        return outputs
+        return self.take_due()
 
     def set_params(self, section: str, params: Any) -> None:
         """Take a changed plan ("mission"), other limits ("inputs"), or the start command."""
@@ -658,11 +748,3 @@ class MissionCore(Core):
     def time_s(self) -> float:
         """Flight time: since the first estimate, without the times that there was none [s]."""
         return float(self.memory.time_ns) * 1e-9
-
-
-def status_text(phase: int, wait_reason: int) -> str:
-    """Return the text of `/mission/status`: the phase, and why the plan waits."""
-    text = PHASE_NAMES[phase].replace("_", " ")
-    if wait_reason:
-        text += f", waits: {WaitReason(wait_reason).text}"
-    return text

@@ -1,17 +1,21 @@
 """What a core is: the pure part of a node. Messages in, messages out, time as an argument.
 
-A core is run by the headless flight, by the node that hosts it and by the replay, which all read
-the same wiring (`tombo_flight.wiring`). Between cores a message of tick k is there at tick k + 1;
+A core is run by the compiled flight, by the node that hosts it and by the replay, which all read
+the same wiring (`tombo_sim.wiring`). Between cores a message of tick k is there at tick k + 1;
 what the simulator's sensors measure at tick k is there at tick k.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import itemgetter
 from typing import Any, ClassVar
 
+from tombo_dynamics.message_records import message_of, record_of
+from tombo_dynamics.records import Record, fill_record
 from tombo_dynamics.time_base import SECOND_NS
 
 WARN, ERROR = 1, 2
@@ -55,6 +59,68 @@ class CoreHealth:
         return taken
 
 
+def no_texts(record: Any) -> Mapping[str, str]:
+    """Return the texts of a message that has none."""
+    return {}
+
+
+@dataclass(frozen=True)
+class Output:
+    """A topic that a core publishes. What is `due` and `message` counts for compiled cores."""
+
+    kind: type[Any]
+    """Of its messages, of `tombo_dynamics.messages`."""
+    message: str = ""
+    """Field of the core's first memory that holds the message, a record with its numbers."""
+    due: str = ""
+    """Field that says that it is to be published; false from then on."""
+    record: type[Record] | None = None
+    """Of that field; None: that of `kind`."""
+    texts: Callable[[Any], Mapping[str, str]] = no_texts
+    """Returns the texts of a message whose record is given: field → text. What is not in them is
+    empty, or the frame of the map."""
+    every: int = 1
+    """Ticks between two messages, at the least."""
+    logged: bool = False
+    """The log of a flight has its content: no table of messages is kept of it."""
+
+    @property
+    def layout(self) -> type[Record]:
+        """The record of a message."""
+        return self.record or record_of(self.kind)
+
+    def message_of(self, record: Any) -> Any:
+        """Return a record as the message that it stands for."""
+        return message_of(self.kind, record, **self.texts(record))
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A core as compiled code runs it. Functions take memories, parameters, then what is named.
+
+    In a tick the messages are taken in the order of `inputs`, then the core is stepped if it is
+    due. A core without `step` publishes after each message that it takes, what is due; one with
+    `step` after it.
+    """
+
+    memories: tuple[str, ...]
+    """Names of the core's attributes that it writes, records."""
+    params: tuple[str, ...]
+    """Names of those that it only reads, records or arrays; dots are allowed."""
+    takes: Mapping[str, Callable[..., Any]]
+    """Topic → function (message, now_ns). A topic that is not in here is handed to the core in
+    Python, which is then stepped there; such topics are the last of `inputs`."""
+    step: Callable[..., Any] | None = None
+    """Function (now_ns)."""
+    asks: Callable[..., bool] | None = None
+    """Function (now_ns): this step is to be made in Python."""
+
+
+def field_of(record: Any, path: str) -> Any:
+    """Return what a dotted path leads to."""
+    return reduce(getattr, path.split("."), record)
+
+
 class Core(ABC):
     """Takes messages, decides, returns messages. Reads no clock; all times are of one clock."""
 
@@ -62,8 +128,10 @@ class Core(ABC):
     """Name of its node."""
     inputs: ClassVar[tuple[str, ...]]
     """Topics that it takes, in the order in which those of one tick are handed over."""
-    outputs: ClassVar[tuple[str, ...]]
-    """Topics that it publishes."""
+    outputs: ClassVar[Mapping[str, Output]]
+    """Topics that it publishes, in the order in which those of one step are."""
+    compiled: ClassVar[Compiled | None] = None
+    """How compiled code runs it; None: it is run in Python, which costs some 10 us a step."""
     period_ns: ClassVar[int]
     """It is stepped at least so often, at whole multiples of the period."""
     steps_on_messages: ClassVar[bool] = True
@@ -82,6 +150,7 @@ class Core(ABC):
 
     def __init__(self) -> None:
         self.health = CoreHealth()
+        self._published: list[tuple[str, Any]] = []
         self.contested: set[str] = set()
         """Topics with more than one publisher: which is true is unknown."""
 
@@ -90,13 +159,47 @@ class Core(ABC):
     def make(cls, records: Mapping[str, Any]) -> Core:
         """Return a new core with the records of its `sections`."""
 
-    @abstractmethod
     def on(self, topic: str, message: Any, now_ns: int) -> None:
-        """Take a message (of `tombo_dynamics.messages`) that is there at `now_ns`."""
+        """Take a message (of `tombo_dynamics.messages`) that is there at `now_ns`.
 
-    @abstractmethod
+        A core that does not say otherwise takes it with its compiled function.
+        """
+        record = record_of(type(message)).new()
+        fill_record(record, message)
+        self._call(self._compiled.takes[topic], record, now_ns)
+        if self._compiled.step is None:
+            self._published += self.take_due()
+
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Go on to `now_ns`; return (topic, message) of all that is to be published, in order."""
+        if self._compiled.step is not None:
+            self._call(self._compiled.step, now_ns)
+        published, self._published = [*self._published, *self.take_due()], []
+        return published
+
+    @property
+    def _compiled(self) -> Compiled:
+        if self.compiled is None:
+            raise NotImplementedError(f"{type(self).__name__}: neither compiled nor on and step")
+        return self.compiled
+
+    def _call(self, function: Callable[..., Any], *more: Any) -> None:
+        paths = (*self._compiled.memories, *self._compiled.params)
+        function(*(field_of(self, path) for path in paths), *more)
+
+    def take_due(self) -> list[tuple[str, Any]]:
+        """Return (topic, message) of all that compiled code has said is due, each once."""
+        if self.compiled is None:
+            return []
+        memory, found = getattr(self, self.compiled.memories[0]), []
+        for topic, output in self.outputs.items():
+            above, _, flag = output.due.rpartition(".")
+            holder = field_of(memory, above) if above else memory
+            if holder[flag]:
+                holder[flag] = False
+                record = field_of(memory, output.message)
+                found.append((topic, output.message_of(record)))
+        return found
 
     def set_params(self, section: str, params: Any) -> None:  # noqa: B027 - a hook
         """Take another record of a section, or another value of an option; the state stays."""
@@ -108,3 +211,39 @@ class Core(ABC):
     def set_multiple_publishers(self, topic: str, several: bool) -> None:
         """Take note that more than one publisher is on a topic, or no longer."""
         (self.contested.add if several else self.contested.discard)(topic)
+
+
+def step_due(period_ns: int, steps_on_messages: bool, has_messages: bool, now_ns: int) -> bool:
+    """Return whether a core is to be stepped at `now_ns`, with the messages that are there."""
+    return now_ns % period_ns == 0 or (steps_on_messages and has_messages)
+
+
+class CoreRunner:
+    """Hosts one core: keeps what has come for it until its step."""
+
+    def __init__(self, core: Core) -> None:
+        self.core = core
+        self._pending: list[tuple[int, str, Any]] = []
+        self._order = {topic: i for i, topic in enumerate(core.inputs)}
+
+    def take(self, topic: str, message: Any) -> None:
+        """Keep a message that is there from now on."""
+        if topic in self._order:
+            self._pending.append((self._order[topic], topic, message))
+
+    def run(self, now_ns: int, due: bool | None = None) -> Sequence[tuple[str, Any]]:
+        """Hand over what is there and step, if it is due; return what is published.
+
+        Args:
+            now_ns: the present.
+            due: it is, or not, whatever its period says; None: by `step_due`.
+        """
+        core, pending = self.core, self._pending
+        if due is None:
+            due = step_due(core.period_ns, core.steps_on_messages, bool(pending), now_ns)
+        if not due:
+            return ()
+        for _, topic, message in sorted(pending, key=itemgetter(0)):
+            core.on(topic, message, now_ns)
+        pending.clear()
+        return core.step(now_ns)

@@ -18,6 +18,7 @@ import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
 
 import numba
@@ -124,6 +125,26 @@ class _CacheImpl(CompileResultCacheImpl):  # type: ignore[misc]
 
 class _FunctionCache(FunctionCache):  # type: ignore[misc]
     _impl_class = _CacheImpl
+
+
+def load_generated(name: str, source: str) -> ModuleType:
+    """Return the module of a source that was written out, kept where its machine code is.
+
+    Compiled code that is built at run time from closures could not be kept on disk.
+    """
+    path = CACHE_FOLDER / f"{name}.py"
+    if not path.exists() or path.read_text() != source:
+        handle, temporary = tempfile.mkstemp(dir=CACHE_FOLDER, suffix=".tmp")
+        with os.fdopen(handle, "w") as stream:
+            stream.write(source)
+        os.replace(temporary, path)
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"cannot load {path}")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
 
 
 class _Announcer(event.Listener):  # type: ignore[misc]

@@ -10,15 +10,21 @@ from functools import cache
 from typing import Any, TypeVar
 
 from tombo_dynamics import messages
+from tombo_dynamics.frames import FRAME_MAP
 from tombo_dynamics.records import Record, field
 
 _Message = TypeVar("_Message")
 _TYPES = {"int": int, "float": float, "bool": bool}
 
 
-@cache
 def record_of(message: type[Any]) -> type[Record]:
     """Return the record of a message: its numbers under the same names."""
+    kind: Any = message
+    return _record_of(kind)
+
+
+@cache
+def _record_of(message: Any) -> type[Record]:
     named: dict[str, Any] = {}
     for one in fields(message):
         unit, length = one.metadata.get("unit", "1"), one.metadata.get("length", ())
@@ -28,6 +34,8 @@ def record_of(message: type[Any]) -> type[Record]:
     return type(f"{message.__name__}Record", (Record,), named)
 
 
+PoseRecord = record_of(messages.Pose)
+ImuRecord = record_of(messages.Imu)
 PositionSetpointRecord = record_of(messages.PositionSetpoint)
 OdometryRecord = record_of(messages.Odometry)
 EstimatorStatusRecord = record_of(messages.EstimatorStatus)
@@ -35,12 +43,25 @@ CollisionEventRecord = record_of(messages.CollisionEvent)
 DetectorStatusRecord = record_of(messages.DetectorStatus)
 ReactionStatusRecord = record_of(messages.ReactionStatus)
 MissionStatusRecord = record_of(messages.MissionStatus)
+RotorSpeedsRecord = record_of(messages.RotorSpeeds)
+AttitudeSetpointRecord = record_of(messages.AttitudeSetpoint)
+RatesSetpointRecord = record_of(messages.RatesSetpoint)
 
 
 def message_of(kind: type[_Message], record: Any, **texts: str) -> _Message:
-    """Return a record as the message that it stands for."""
-    values: dict[str, Any] = dict(texts)
-    for name in record.dtype.names:
+    """Return a record as the message that it stands for; it may have fields of its own besides.
+
+    Texts that are not given are empty, and frames the map.
+    """
+    empty: Any = kind
+    values: dict[str, Any] = {**_texts_of(empty), **texts}
+    for name in record_of(kind).fields:
         value = record[name]
         values[name] = value.copy() if value.ndim else value.item()
     return kind(**values)
+
+
+@cache
+def _texts_of(kind: Any) -> dict[str, str]:
+    texts = [one.name for one in fields(kind) if one.type == "str"]
+    return {name: FRAME_MAP if name == "frame_id" else "" for name in texts}

@@ -133,14 +133,6 @@ class Record(np.void):
         return self.copy() if array is None else array[0]
 
 
-def as_arrays(records: Any) -> Any:
-    """Return tuples of records as tuples of arrays (1) that hold them, `Record.as_array`."""
-    if isinstance(records, tuple):
-        parts = [as_arrays(one) for one in records]
-        return type(records)(*parts) if hasattr(records, "_fields") else tuple(parts)
-    return records.as_array() if isinstance(records, Record) else records
-
-
 @cache
 def parameter_kind(params: Any) -> type[Record]:
     """Return the record that holds the numeric fields of a class of parameters, as floats."""

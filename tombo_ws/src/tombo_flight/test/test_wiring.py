@@ -8,14 +8,15 @@ import pytest
 from tombo_bag.message_codec import form_of
 from tombo_bag.topics import TOPICS
 from tombo_control.controller_core import ControllerCore
-from tombo_dynamics.core import Core
+from tombo_dynamics.core import Core, CoreRunner
 from tombo_dynamics.messages import Imu, RotorSpeeds, neutral
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
-from tombo_flight.run_wiring import CoreRunner, run_cores
+from tombo_flight.run_wiring import run_cores
 from tombo_flight.scenario import load_scenario, world_of
-from tombo_flight.wiring import CORES, OPERATOR, SENSORS, core_of
+from tombo_flight.wiring import core_of
 from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.simulator import Simulator
+from tombo_sim.wiring import CORES, OPERATOR, SENSORS
 
 IMU, COMMAND, ODOMETRY = "/imu/data_raw", "/rotor_command", "/odometry"
 

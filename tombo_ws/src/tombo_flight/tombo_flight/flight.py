@@ -18,44 +18,41 @@ from tombo_bag.flight import Flight, Series, Topic
 from tombo_bag.flight_topics import FlownTopics
 from tombo_bag.topics import MISSION_STATUS
 from tombo_collision.reaction_core import ReactionCore
-from tombo_control.mission_core import status_text
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.core import Core
+from tombo_dynamics.core import Core, Output, no_texts
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.frames import FRAME_MAP
-from tombo_dynamics.message_records import message_of
-from tombo_dynamics.messages import CollisionEvent
+from tombo_dynamics.message_records import record_of
 from tombo_dynamics.plant import Plant
-from tombo_dynamics.records import as_arrays
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import phase_event, with_figures
 from tombo_flight.scenario import Scenario, as_mapping, world_of
-from tombo_flight.wiring import CORES, core_of
-from tombo_sim.flight_setup import NOISE, FlightSetup, begin, capture_ticks
-from tombo_sim.kernel import (
-    CONTACT,
-    EVENT,
-    FlightProgress,
-    Published,
-    core_memories,
-    fly_from_python,
+from tombo_flight.wiring import core_of
+from tombo_sim.flight_loop import (
+    TABLES,
+    fly,
     new_published,
-    publish_reaction,
+    one_flight,
+    published_by,
+    shared_by,
+    step_in_python,
 )
+from tombo_sim.flight_setup import NOISE, FlightSetup, begin, capture_ticks
 from tombo_sim.log_columns import new_log, part_of
-from tombo_sim.sensing import Captures, MocapEntry
+from tombo_sim.sensing import in_order_of_arrival
+from tombo_sim.wiring import CORES
 
-_TOPICS = {
-    "odometry": "/odometry",
-    "estimator_status": "/estimator/status",
-    "detector_status": "/detector/status",
-    "event": "/collision_event",
-    "reaction_status": "/reaction/status",
-    "setpoint": "/setpoint",
-    "mission_setpoint": "/mission/setpoint",
-    "contact": "/contact_event",
-}
-"""Tables of `Published` → topics; `/mission/status` has a text besides."""
+_FIRST = (
+    "/odometry",
+    "/estimator/status",
+    "/detector/status",
+    "/collision_event",
+    "/reaction/status",
+    "/setpoint",
+    "/mission/setpoint",
+    "/contact_event",
+    "/mission/status",
+)
+"""The order of topics in a recording begins with these."""
 _BLOCK = 8192
 _CHUNK = 2048
 """Ticks between two looks at `stop`."""
@@ -66,14 +63,14 @@ class Workspace:
     """Memory of flights, reused from one to the next: fresh pages cost milliseconds."""
 
     log: Any = field(default_factory=lambda: new_log(0))
-    published: Published = field(default_factory=lambda: new_published(0, 0))
-    _size: tuple[int, int] = (0, 0)
+    published: tuple[Any, ...] = field(default_factory=lambda: new_published(1, 0))
+    _ticks: int = 0
 
-    def for_flight(self, ticks: int, captures: int) -> tuple[Any, Published]:
+    def for_flight(self, ticks: int) -> tuple[Any, tuple[Any, ...]]:
         """Return a log and tables of messages; their content is what the last flight left."""
-        if self._size < (ticks, captures):
-            self.log, self.published = new_log(ticks), new_published(ticks, captures)
-            self._size = (ticks, captures)
+        if self._ticks < ticks:
+            self.log, self.published = new_log(ticks), new_published(1, ticks)
+            self._ticks = ticks
         return part_of(self.log, ticks), self.published
 
 
@@ -108,30 +105,25 @@ def fly_scenario(
         prepare(setup.plant)
     ticks = round(scenario.duration / TICK_S)
     captures = np.append(capture_ticks(scenario.duration, setup.mocap_rate), np.int64(2**62))
-    entries = np.zeros(captures.size, MocapEntry.layout)
     normals = setup.mocap_noise.standard_normal((captures.size, NOISE))
-    poses = as_arrays((captures, normals, entries, Captures.new()))
-    log, published = (workspace or Workspace()).for_flight(ticks, captures.size)
-    cores: Any = [core_of(kind, scenario) for kind in CORES]
-    reaction: ReactionCore = cores[CORES.index(ReactionCore)]
-    memories, params = as_arrays(core_memories(*cores))
-    flight = FlightProgress.new()
-    flight["end"] = ticks
-    flight["over"]["ground"] = scenario.vehicle.leg_height
+    log, published = (workspace or Workspace()).for_flight(ticks)
+    cores = [core_of(kind, scenario) for kind in CORES]
+    flights = one_flight(setup.plant, setup.theta, (captures, normals), cores, published)
+    shared = shared_by(setup.maps, cores, log)
+    flight = flights.progress[0]
+    flight.end = ticks
+    flight.over.ground = scenario.vehicle.leg_height
 
     began = time.perf_counter()
-    noise: Array = np.empty((0, NOISE))
-    base = 0
-    while (k := int(flight["tick"])) < flight["end"]:
-        if k >= base + noise.shape[0]:
-            base = k
-            noise = setup.tick_noise.standard_normal((_BLOCK, NOISE))
-        vehicle = as_arrays((setup.plant, setup.maps, setup.theta, noise))
-        until = min(base + _BLOCK, k + _CHUNK)
-        if fly_from_python(
-            vehicle, poses, memories, params, published, flight.as_array(), log, base, until
-        ):
-            _react(reaction, published, flight)
+    while (k := int(flight.tick)) < flight.end:
+        if k >= flights.base[0] + flights.noise.shape[1]:
+            flights.base[0] = k
+            drawn = setup.tick_noise.standard_normal((1, _BLOCK, NOISE))
+            flights = flights._replace(noise=drawn)
+        if fly(flights, shared, 0, min(int(flights.base[0]) + _BLOCK, k + _CHUNK)):
+            for core in step_in_python(flights, 0, cores):
+                if isinstance(core, ReactionCore) and core.failure:
+                    raise InputError(core.failure)
         now_s = float(flight["tick"]) * TICK_S
         state = setup.plant.state
         if not math.isfinite(state.position[2] + state.rates[0]):
@@ -148,39 +140,10 @@ def fly_scenario(
     if finish is not None:
         finish(cores)
 
-    said = {
-        name: table[: flight["published"][i]]
-        for i, (name, table) in enumerate(zip(Published._fields, published, strict=True))
-    }
+    said = published_by(flights, 0)
+    arrived = flights.entries[0, in_order_of_arrival(flights.entries[0])]
     flown = as_flown(scenario, seed, setup)
-    return _record(scenario, seed, flown, part_of(log, flight["tick"]), entries, said, wall)
-
-
-def _react(reaction: ReactionCore, published: Published, flight: Any) -> None:
-    """Step the reaction in the last tick, which a collision has reached.
-
-    Raises:
-        InputError: the reaction has failed, or decided what can't be flown.
-    """
-    tick = int(flight["tick"]) - 1
-    hand_collisions(reaction, published, flight["published"], tick)
-    reaction.step(EPOCH_NS + tick * TICK_NS)
-    if reaction.failure:
-        raise InputError(reaction.failure)
-    publish_reaction(reaction.memory, published, flight, tick)
-
-
-def hand_collisions(reaction: ReactionCore, published: Published, counts: Any, tick: int) -> None:
-    """Hand the reaction the collisions that were published in the tick before `tick`."""
-    now_ns = EPOCH_NS + tick * TICK_NS
-    for topic, table, index in (
-        ("/collision_event", published.event, EVENT),
-        ("/contact_event", published.contact, CONTACT),
-    ):
-        events = table[: counts[index]]
-        for entry in events[events["tick"] == tick - 1]:
-            event = message_of(CollisionEvent, entry["message"], frame_id=FRAME_MAP)
-            reaction.on(topic, event, now_ns)
+    return _record(scenario, seed, flown, part_of(log, flight["tick"]), arrived, said, wall)
 
 
 def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any]:
@@ -198,13 +161,12 @@ def _record(
     seed: int,
     flown: dict[str, Any],
     log: Any,
-    entries: Any,
+    poses: Any,
     published: dict[str, Any],
     wall: float,
 ) -> Flight:
     t: Array = np.arange(log.position.shape[0], dtype=np.float64) * TICK_S
     columns = log._asdict()
-    poses = entries[published["detector_status"]["row"]]
     fields = {name: poses[name] for name in ("position", "attitude")}
     mocap = Topic.of(poses["stamp"] * TICK_S, fields, poses["arrives"] * TICK_S)
     flight = Flight(
@@ -220,30 +182,27 @@ def _record(
 
 def _by_topic(published: dict[str, Any]) -> dict[str, Topic]:
     """Return what the cores have published."""
-    topics = {
-        topic: _topic(published[name], published[name]["message"].dtype.names)
-        for name, topic in _TOPICS.items()
-    }
-    status = published["mission_status"]
-    reasons = zip(status["message"]["phase"], status["wait_reason"], strict=True)
-    text = np.array([status_text(int(phase), int(why)) for phase, why in reasons], np.str_)
-    topic = _topic(status, status["message"].dtype.names)
-    topic["text"] = Series(topic.t, text, topic.arrival)
-    return {**topics, MISSION_STATUS.name: topic}
+    names = dict.fromkeys((*_FIRST, *published))
+    return {name: _topic(published[name], TABLES[name]) for name in names}
 
 
-def _topic(table: Any, names: Sequence[str]) -> Topic:
-    """Return a table of `Published`: views of its messages."""
+def _topic(table: Any, output: Output) -> Topic:
+    """Return a table of messages: views of its numbers, and texts."""
     ticks, messages = table["tick"], table["message"]
     said = ticks * TICK_S
     stamps = messages["stamp_ns"] - EPOCH_NS
     captured = np.where(stamps == ticks * TICK_NS, said, stamps * 1e-9)
-    return Topic.of(captured, {name: messages[name] for name in names}, said)
+    names = record_of(output.kind).fields
+    topic = Topic.of(captured, {name: messages[name] for name in names}, said)
+    if output.texts is not no_texts:
+        text = np.array([output.texts(message)["text"] for message in messages], np.str_)
+        topic["text"] = Series(topic.t, text, topic.arrival)
+    return topic
 
 
 def _phases(published: dict[str, Any]) -> list[dict[str, Any]]:
     """Return an event for each phase that the mission has begun in flight."""
-    status = published["mission_status"]
+    status = published[MISSION_STATUS.name]
     phase = status["message"]["phase"]
     begun = np.flatnonzero(np.diff(phase, prepend=0) != 0)
     return [phase_event(float(status["tick"][i]) * TICK_S, phase[i]) for i in begun]

@@ -8,48 +8,24 @@ core depends on another, so nodes in lockstep fly the same flight to the last bi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.core import Core
+from tombo_dynamics.core import Core, CoreRunner
 from tombo_dynamics.frames import FRAME_MAP
-from tombo_dynamics.messages import Imu, Phase, Pose, RotorSpeeds
+from tombo_dynamics.messages import Imu, Phase, Pose
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_NS
 from tombo_flight.scenario import Scenario, world_of
-from tombo_flight.wiring import CORES, core_of
+from tombo_flight.wiring import core_of
 from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.simulator import Simulator
+from tombo_sim.wiring import COMMAND, CORES, IMU, PHASE, POSE
 
 Record = Callable[[str, Any], None]
 """Told every message: topic, message."""
-
-
-class CoreRunner:
-    """Hosts one core: keeps what has come for it until its step."""
-
-    def __init__(self, core: Core) -> None:
-        self.core = core
-        self._pending: list[tuple[int, str, Any]] = []
-        self._order = {topic: i for i, topic in enumerate(core.inputs)}
-
-    def take(self, topic: str, message: Any) -> None:
-        """Keep a message that is there from now on."""
-        if topic in self._order:
-            self._pending.append((self._order[topic], topic, message))
-
-    def run(self, now_ns: int) -> Sequence[tuple[str, Any]]:
-        """Hand over what is there and step, if it is due; return what is published."""
-        core = self.core
-        messages = self._pending and core.steps_on_messages
-        if not messages and now_ns % core.period_ns:
-            return ()
-        for _, topic, message in sorted(self._pending, key=lambda entry: entry[0]):
-            core.on(topic, message, now_ns)
-        self._pending.clear()
-        return core.step(now_ns)
 
 
 def run_cores(
@@ -86,9 +62,9 @@ def run_cores(
             record(topic, message)
             for runner in runners:
                 runner.take(topic, message)
-            if isinstance(message, RotorSpeeds):
+            if topic == COMMAND:
                 command = message.speed
-            elif topic == "/mission/status":
+            elif topic == PHASE:
                 phase = message.phase
         simulator.advance(command)
         tick += 1
@@ -101,9 +77,9 @@ def sensed(simulator: Simulator, now_ns: int) -> list[tuple[str, Any]]:
     for sample in simulator.arrived:
         position, attitude = sample.pose[:3].copy(), sample.pose[3:].copy()
         pose = Pose(EPOCH_NS + sample.stamp_ns, FRAME_MAP, position, attitude)
-        messages.append(("/mocap/pose", pose))
+        messages.append((POSE, pose))
     imu = simulator.imu.copy()
-    return [*messages, ("/imu/data_raw", Imu(now_ns, imu[:3], imu[3:]))]
+    return [*messages, (IMU, Imu(now_ns, imu[:3], imu[3:]))]
 
 
 def run_wiring(scenario: Scenario, seed: int, record: Record) -> int:

@@ -23,14 +23,26 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import tilt
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
-from tombo_flight.flight import hand_collisions
 from tombo_flight.flight_metrics import STABLE_RATE, STABLE_TILT, lowest_point
 from tombo_flight.scenario import Scenario, world_of
-from tombo_flight.wiring import CORES, core_of
-from tombo_sim import batch as flights
-from tombo_sim.batch import ACTS, COLLIDED, ENDED, FLIES, HANDED, OVER, Batch, fly_batch, row_of
+from tombo_flight.wiring import core_of
+from tombo_sim.batch import (
+    ACTS,
+    BLOCK,
+    COLLIDED,
+    ENDED,
+    FLIES,
+    HANDED,
+    OVER,
+    REACTION,
+    Batch,
+    fly_batch,
+    new_batch,
+    row_of,
+)
+from tombo_sim.flight_loop import hand_over, memories_of, shared_by
 from tombo_sim.flight_setup import NOISE, begin, capture_ticks
-from tombo_sim.kernel import core_memories
+from tombo_sim.wiring import CORES
 
 CRASH_COST = 10.0
 """Of a crash, in seconds of recovery."""
@@ -82,12 +94,12 @@ class Episodes:
             raise InputError(f"reaction '{scenario.reaction.name}'; accepted: policy")
         self.scenario, self.count, self.starts = scenario, count, starts
         setup = begin(world_of(scenario), 0)
-        memories, self._params = core_memories(*self._cores())
+        cores = self._cores()
         rate = max(setup.mocap_rate, scenario.estimator.mocap_rate, scenario.spread.mocap_rate)
         self._ticks = round(scenario.duration / TICK_S)
         captures = math.ceil(scenario.duration * rate) + 2
-        self._maps = setup.maps.as_array()
-        self.batch: Batch = flights.new_batch(count, setup.plant, setup.theta, memories, captures)
+        self._shared = shared_by(setup.maps, cores)
+        self.batch: Batch = new_batch(count, setup.plant, setup.theta, cores, captures)
         self._pilots: list[Any] = [None] * count
         self._kept: dict[int, Any] = {}
         self._threads = min(threads, count)
@@ -109,7 +121,7 @@ class Episodes:
     @property
     def position(self) -> Array:
         """(N, 3) true, in map [m]."""
-        place: Array = self.batch.plant["state"]["position"]
+        place: Array = self.batch.flights.plant["state"]["position"]
         return place
 
     def reset(self, which: Sequence[int], rngs: Sequence[np.random.Generator], seeds: Any) -> None:
@@ -137,7 +149,7 @@ class Episodes:
             )
         for i in which:
             self._lowest[i] = self.position[i, 2]
-            self._tick[i] = self.batch.flight["tick"][i]
+            self._tick[i] = self.batch.flights.progress["tick"][i]
 
     def _begin_all(self, episodes: Sequence[tuple[int, int]]) -> None:
         """Fly vehicles, each with a seed, to their collision; of a start to be kept only one."""
@@ -176,7 +188,7 @@ class Episodes:
 
     def _outcome(self, acting: Any) -> Outcome:
         batch = self.batch
-        state = batch.plant["state"]
+        state = batch.flights.plant["state"]
         position, attitude = state["position"], state["attitude"]
         rate = np.sqrt((state["rates"] ** 2).sum(axis=1))
         unstable = (tilt(attitude) >= STABLE_TILT) | (rate >= STABLE_RATE)
@@ -184,7 +196,7 @@ class Episodes:
         over, ended = acting & (batch.status == OVER), acting & (batch.status == ENDED)
         late = batch.time > batch.steering["timeout"]
         lowest = np.minimum(self._lowest, position[:, 2])
-        ticks = batch.flight["tick"]
+        ticks = batch.flights.progress["tick"]
         cost = (ticks - self._tick) * TICK_S * (1.0 + unstable) + (self._lowest - lowest)
         reward = np.where(acting, -cost - CRASH_COST * crashed, 0.0)
         self._lowest, self._tick = lowest, ticks.copy()
@@ -203,38 +215,41 @@ class Episodes:
         if seed in self._kept:
             row, under_way, first, pilot = self._kept[seed]
             _write(row_of(self.batch, i), row)
-            self.batch.entries[i, first : first + under_way.size] = under_way
+            flights = self.batch.flights
+            flights.entries[i, first : first + under_way.size] = under_way
             self._pilots[i] = pilot = _clone(pilot)
-            pilot.reaction.memory = self.batch.cores.reaction[i]
+            pilot.reaction.memory = flights.memories[REACTION][0][i]
             return
-        batch, scenario = self.batch, self.scenario
+        flights, scenario = self.batch.flights, self.scenario
         setup, cores = begin(world_of(scenario), seed), self._cores()
-        memories, _ = core_memories(*cores)
-        for array, record in zip(batch.cores, memories, strict=True):
-            array[i] = record
-        pilot = _Pilot(cores[CORES.index(ReactionCore)], setup.tick_noise)
-        pilot.reaction.memory = batch.cores.reaction[i]
+        _write(row_of(flights.memories, i), memories_of(cores))
+        pilot = _Pilot(cores[REACTION], setup.tick_noise)
+        pilot.reaction.memory = flights.memories[REACTION][0][i]
         self._pilots[i] = pilot
-        batch.plant[i], batch.theta[i] = setup.plant, setup.theta
+        flights.plant[i], flights.theta[i] = setup.plant, setup.theta
         captures = capture_ticks(scenario.duration, setup.mocap_rate)
-        batch.capture_ticks[i] = _NEVER
-        batch.capture_ticks[i, : captures.size] = captures
+        flights.capture_ticks[i] = _NEVER
+        flights.capture_ticks[i, : captures.size] = captures
         normals = setup.mocap_noise.standard_normal((captures.size + 1, NOISE))
-        batch.mocap_noise[i, : captures.size + 1] = normals
-        for array in (batch.entries, batch.captures, batch.flight, batch.steering):
+        flights.mocap_noise[i, : captures.size + 1] = normals
+        for array in (
+            flights.entries, flights.captures, flights.progress, flights.counts, flights.read,
+            self.batch.steering,
+        ):  # fmt: skip
             array[i] = np.zeros((), array.dtype)
-        batch.flight["end"][i] = self._ticks
-        batch.flight["over"]["ground"][i] = scenario.vehicle.leg_height
-        batch.base[i], batch.status[i] = -flights.BLOCK, FLIES
+        flights.progress["end"][i] = self._ticks
+        flights.progress["over"]["ground"][i] = scenario.vehicle.leg_height
+        flights.base[i], self.batch.status[i] = -BLOCK, FLIES
 
     def _keep(self, i: int) -> None:
         """Keep the start of vehicle `i` to begin from again."""
         seed = int(self.seeds[i])
         if self.starts is not None and seed not in self._kept:
-            captures = self.batch.captures[i]
+            captures = self.batch.flights.captures[i]
             first, last = int(captures.oldest_undelivered), int(captures.next)
-            under_way = self.batch.entries[i, first:last].copy()
-            row = copy.deepcopy(row_of(self.batch, i)._replace(log=None, entries=None))
+            under_way = self.batch.flights.entries[i, first:last].copy()
+            row = row_of(self.batch, i)
+            row = copy.deepcopy(row._replace(flights=row.flights._replace(entries=None)))
             self._kept[seed] = (row, under_way, first, _clone(self._pilots[i]))
 
     def _fly(self) -> None:
@@ -253,25 +268,24 @@ class Episodes:
                 self._hand_collision(int(i))
 
     def _fly_part(self, first: int, last: int) -> None:
-        batch = self.batch
+        batch, flights = self.batch, self.batch.flights
         while True:
-            tick, base = batch.flight["tick"], batch.base
+            tick, base = flights.progress["tick"], flights.base
             flies = (batch.status[first:last] == FLIES) | (batch.status[first:last] == ACTS)
-            used = tick[first:last] >= base[first:last] + flights.BLOCK
+            used = tick[first:last] >= base[first:last] + BLOCK
             for i in first + np.flatnonzero(flies & used):
-                self._pilots[i].noise.standard_normal(out=batch.noise[i])
+                self._pilots[i].noise.standard_normal(out=flights.noise[i])
                 base[i] = tick[i]
-            fly_batch(batch, self._maps, self._params, first, last)
+            fly_batch(batch, self._shared, first, last)
             if not (batch.status[first:last] == FLIES).any():
                 return
 
     def _hand_collision(self, i: int) -> None:
         """Hand the reaction a collision, and put down what it has decided."""
         batch, pilot = self.batch, self._pilots[i]
-        tick = int(batch.flight["tick"][i]) - 1
+        tick = int(batch.flights.progress["tick"][i]) - 1
         now_ns = EPOCH_NS + tick * TICK_NS
-        published = type(batch.published)(*(table[i] for table in batch.published))
-        hand_collisions(pilot.reaction, published, batch.flight["published"][i], tick)
+        hand_over(batch.flights, i, pilot.reaction)
         pilot.reaction.take_early_events(now_ns)
         decision = pilot.reaction.decision
         if isinstance(decision, Steered) and decision is not pilot.decision:

@@ -1,38 +1,26 @@
-"""The wiring of a flight, as data: which cores there are and what each gets.
-
-Who publishes a topic and who takes it follows from the cores' `inputs` and `outputs`. The headless
-flight, the nodes, the replay and the documentation all read this.
-"""
+"""Cores with the parameters of a scenario."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
 
-from tombo_collision.detector_core import DetectorCore
-from tombo_collision.reaction_core import ReactionCore
-from tombo_control.controller_core import ControllerCore
-from tombo_control.estimator_core import EstimatorCore
-from tombo_control.mission_core import MissionCore, MissionLimits
+from tombo_bag.qos import STATE
+from tombo_bag.topics import TOPICS, TopicSpec
+from tombo_control.mission_core import MissionLimits
 from tombo_dynamics.core import Core
+from tombo_dynamics.messages import typename_of
 from tombo_flight.scenario import Scenario
+from tombo_sim.wiring import CORES
 
-CORES: tuple[type[Core], ...] = (
-    EstimatorCore,
-    DetectorCore,
-    ReactionCore,
-    MissionCore,
-    ControllerCore,
-)
-"""The cores of a flight, in the order in which they are listed everywhere."""
-PX4_REPLACES = (EstimatorCore, ControllerCore)
-"""Cores whose place PX4 and the bridge to it take."""
-SENSORS = ("/mocap/pose", "/imu/data_raw")
-"""Topics that the simulator publishes and cores take."""
-OPERATOR = ("/goal_pose",)
-"""Topics that people and other programs publish."""
-COMMAND = "/rotor_command"
-"""Topic that the simulator takes."""
+NEW_TOPICS = {
+    topic: TopicSpec(topic, typename_of(output.kind), STATE, 0.0, f"of core {core.name}")
+    for core in CORES
+    for topic, output in core.outputs.items()
+    if topic not in TOPICS
+}
+"""Topics that a core of the wiring has brought with it."""
+TOPICS |= NEW_TOPICS
 
 
 def records_of(core: type[Core], scenario: Scenario) -> dict[str, Any]:

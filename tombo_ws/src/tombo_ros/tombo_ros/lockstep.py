@@ -19,6 +19,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import TopicSpec
+from tombo_dynamics.core import step_due
 from tombo_msgs.msg import LockstepNode
 from tombo_ros.node_loop import LockstepError, LoopNode
 from tombo_ros.qos import LOCKSTEP
@@ -240,8 +241,9 @@ class LockstepMaster:
         for member in self._members:
             said = member.said
             wanted = tuple(counts.get(topic, 0) for topic in said.inputs)
-            due_now = now_ns % said.period_ns == 0
-            due_now |= said.steps_on_messages and wanted != member.given
+            due_now = step_due(
+                said.period_ns, said.steps_on_messages, wanted != member.given, now_ns
+            )
             if not said.outputs if last else due_now:
                 member.given = wanted
                 member.tick.publish(member.ticks.encode(now_ns, wanted))

@@ -17,10 +17,10 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from tombo_bag.formats.rolling_sink import RollingOptions, RollingSink
-from tombo_bag.qos import Qos
+from tombo_bag.qos import STATE, Qos
 from tombo_bag.schemas import type_hash
 from tombo_bag.sequence_counter import SequenceCounter
-from tombo_bag.topics import CLOCK, TOPICS
+from tombo_bag.topics import CLOCK, TOPICS, TopicSpec
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.health import ERROR
@@ -120,6 +120,10 @@ class RecorderNode(LoopNode):
         self._stopped_ns = 0
         self._undescribed: dict[str, str] = {}
         self._sources: dict[str, RecordedTopic] = {}
+        for named in self.declare("new_topics", [""], "topics of other cores: name, type"):
+            name, _, typename = named.partition(" ")
+            if name:
+                TOPICS[name] = TopicSpec(name, typename, STATE, 0.0, "of a core")
         known = [name for name in TOPICS if name != CLOCK.name]
         names = self.declare("topics", known, "names of the topics to record")
         self._all = self.declare("all", False, "record every other topic on the graph too")

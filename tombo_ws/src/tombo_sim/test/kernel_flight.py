@@ -21,20 +21,21 @@ from tombo_control.safety.watch import begin_in_flight
 from tombo_dynamics.effects.compose import new_plant, pack_theta
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.propeller import configuration, thrust_map
-from tombo_dynamics.records import as_arrays, numbers
+from tombo_dynamics.records import numbers
 from tombo_dynamics.rigid_body import begin_flight
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_sim.kernel import (
-    DETECTOR_STATUS,
-    FlightProgress,
-    core_memories,
-    fly_from_python,
+from tombo_sim.flight_loop import (
+    fly,
     new_published,
+    one_flight,
+    published_by,
+    shared_by,
+    step_in_python,
 )
 from tombo_sim.log_columns import new_log
-from tombo_sim.sensing import Captures, MocapEntry
+from tombo_sim.sensing import in_order_of_arrival
 
 VEHICLE = VehicleParams()
 NOISE = 9
@@ -96,7 +97,7 @@ def memories(effects, position=(0.0, 0.0, 1.5), yaw=0.2, obstacle=(0.0, 0.0, 0.0
 
 
 def hovering_cores(plant, a):
-    """Return memories and parameters of cores that hover where the plant is, told as `a` is."""
+    """Return cores that hover where the plant is, told as `a` is."""
     body = numbers(plant.state)
     estimator = Estimator(EstimatorParams(), VEHICLE)
     restart_estimate(estimator.autopilot, body[:3], np.zeros(3), body[6:10])
@@ -119,9 +120,9 @@ def hovering_cores(plant, a):
     controller.memory.setpoint_ns = controller.memory.pose_ns = EPOCH_NS
     controller.memory.estimate_ns = EPOCH_NS - 1
     reaction = ReactionCore(Bounce(), ReactionLimits())
-    return core_memories(
+    return (
         estimator, DetectorCore(DetectorParams(trigger="none")), reaction, mission, controller
-    )
+    )  # fmt: skip
 
 
 def fly_kernel(effects=None, seconds=1.0, seed=0, chunk=10**9, block=10**9, tick_noise=None,
@@ -132,27 +133,23 @@ def fly_kernel(effects=None, seconds=1.0, seed=0, chunk=10**9, block=10**9, tick
     captures = capture_ticks(seconds)
     rng = np.random.default_rng(seed)
     drawn = rng.standard_normal((ticks, NOISE)) if tick_noise is None else tick_noise
-    samples = captures.size
-    noise = rng.standard_normal((samples, NOISE)) if mocap_noise is None else mocap_noise
-    mocap = np.zeros(samples, MocapEntry.layout)
+    normals = rng.standard_normal((captures.size, NOISE)) if mocap_noise is None else mocap_noise
     log = new_log(ticks)
     for column in log:
         column[:] = np.nan
-    poses = as_arrays((captures, noise, mocap, Captures.new()))
-    cores, params = as_arrays(hovering_cores(plant, a))
-    published = new_published(ticks, samples)
-    flight = FlightProgress.new()
-    flight["end"] = ticks
-    while (k := flight["tick"]) < ticks:
-        base = k - k % block
-        vehicle = as_arrays((plant, maps(), theta, drawn[base : base + block].copy()))
-        stop = min(k + chunk, base + block, ticks)
-        assert not fly_from_python(
-            vehicle, poses, cores, params, published, flight.as_array(), log, base, stop
-        )
-    arrived = published.detector_status[: flight["published"][DETECTOR_STATUS]]
-    delivered = list(zip(arrived["tick"].tolist(), arrived["row"].tolist(), strict=True))
-    return Flight(log, mocap, delivered, plant, cores.controller_autopilot[0])
+    cores = hovering_cores(plant, a)
+    flights = one_flight(plant, theta, (captures, normals), cores, new_published(1, ticks))
+    shared = shared_by(maps(), cores, log)
+    flights.progress["end"] = ticks
+    while (k := int(flights.progress["tick"][0])) < ticks:
+        base = flights.base[0] = k - k % block
+        flights = flights._replace(noise=drawn[None, base : base + block].copy())
+        if fly(flights, shared, 0, min(k + chunk, base + block, ticks)):
+            list(step_in_python(flights, 0, cores))
+    mocap = flights.entries[0]
+    ticks = published_by(flights, 0)["/detector/status"]["tick"].tolist()
+    delivered = list(zip(ticks, in_order_of_arrival(mocap).tolist(), strict=True))
+    return Flight(log, mocap, delivered, plant, cores[-1].autopilot)
 
 
 NOISY = {

@@ -1,35 +1,31 @@
 """Many fused flights in one array each, stepped from decision to decision: for training.
 
-The flight is `kernel.fly`, tick for tick; a vehicle stops where its reaction's reference is due,
-takes an action, and goes on. No log is kept, and of the messages only what is still to be read.
+The flight is `flight_loop.fly`, tick for tick; a vehicle stops where its reaction's reference is
+due, takes an action, and goes on. No log is kept, and of the messages only what is to be read.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from tombo_collision.reaction_core import reaction_step, reference_due
+from tombo_collision.reaction_core import ReactionCore, reference_due
 from tombo_collision.steering import ACTIONS, HIGH, Steering, observe, steer, steering_over
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.core import Core
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
-from tombo_sim import kernel
-from tombo_sim.flight_setup import NOISE
-from tombo_sim.kernel import (
-    CoreMemories,
-    FlightProgress,
-    Published,
-    fly,
-    new_published,
-    publish_reaction,
-)
-from tombo_sim.log_columns import new_log
-from tombo_sim.sensing import Captures, MocapEntry
+from tombo_sim.flight_loop import fly, forget_messages, new_flights, step_reaction
+from tombo_sim.kernel import Flights, Shared
+from tombo_sim.wiring import CORES
 
+REACTION = CORES.index(ReactionCore)
+"""Of the cores."""
 FLIES, WAITS, ACTS, COLLIDED, HANDED, OVER, ENDED = range(7)
 """What a vehicle of a batch does: flies; waits for an action; has one; waits for its collision to
 be handed to the reaction; it has been; its decision is over; its flight has ended."""
@@ -40,21 +36,7 @@ BLOCK = 256
 class Batch(NamedTuple):
     """Flights of N vehicles; each array has them along its first axis."""
 
-    plant: Any
-    theta: Array
-    noise: Array
-    """(N, BLOCK, 9) standard normals, a row a tick."""
-    base: Any
-    """(N) tick of its first row."""
-    capture_ticks: Any
-    mocap_noise: Array
-    entries: Any
-    captures: Any
-    cores: CoreMemories
-    published: Published
-    flight: Any
-    log: Any
-    """Empty: nothing is written down."""
+    flights: Flights
     steering: Any
     status: Any
     """(N) `FLIES` and so on."""
@@ -66,32 +48,24 @@ class Batch(NamedTuple):
     """(N) [s] since the decision, of the observation."""
 
 
-def new_batch(
-    count: int, plant: Any, theta: Array, memories: CoreMemories, captures: int
-) -> Batch:
+def new_batch(count: int, plant: Any, theta: Array, cores: Sequence[Core], captures: int) -> Batch:
     """Return room for `count` flights of so many poses.
 
     Args:
         count: N.
         plant: a vehicle as of `flight_setup.begin`; its type counts.
         theta: parameters of its effects; their number counts.
-        memories: of the cores; their types count.
+        cores: those of the wiring; the types of their memories count.
         captures: most poses of one.
+
+    Raises:
+        InputError: a core that is not compiled.
     """
-    tables = (np.zeros((count, t.size), t.dtype) for t in new_published(BLOCK, BLOCK))
+    for core in cores:
+        if core.compiled is None:
+            raise InputError(f"core '{core.name}': many flights at a time; accepted: compiled")
     return Batch(
-        np.zeros(count, plant.dtype),
-        np.zeros((count, *theta.shape)),
-        np.zeros((count, BLOCK, NOISE)),
-        np.zeros(count, np.int64),
-        np.zeros((count, captures), np.int64),
-        np.zeros((count, captures, NOISE)),
-        np.zeros((count, captures), MocapEntry.layout),
-        np.zeros(count, Captures.layout),
-        CoreMemories(*(np.zeros(count, memory.dtype) for memory in memories)),
-        Published(*tables),
-        np.zeros(count, FlightProgress.layout),
-        new_log(0),
+        new_flights(count, plant, theta, cores, captures, BLOCK),
         np.zeros(count, Steering.layout),
         np.full(count, ENDED, np.int64),
         np.zeros((count, ACTIONS)),
@@ -103,64 +77,40 @@ def new_batch(
 def row_of(batch: Any, i: int) -> Any:
     """Return vehicle `i` of a batch, or of tuples in it: views of its rows."""
     if isinstance(batch, tuple):
-        return type(batch)(*(row_of(part, i) for part in batch))
+        parts = [row_of(part, i) for part in batch]
+        return type(batch)(*parts) if hasattr(batch, "_fields") else tuple(parts)
     return batch[i : i + 1]
 
 
 @compiled_call
-def fly_batch(batch: Batch, maps: Any, params: Any, first: int, last: int) -> None:
+def fly_batch(batch: Batch, shared: Shared, first: int, last: int) -> None:
     """Fly vehicles `first` to `last` - 1 until each waits, is over, ends, or needs random numbers.
 
     Args:
         batch: changed.
-        maps: (1) the rotor's table.
-        params: parameters of the cores.
+        shared: what they share.
         first: of the vehicles.
         last: one more than the last of them.
     """
+    flights = batch.flights
     for i in range(first, last):
-        cores = CoreMemories(
-            batch.cores.estimator[i],
-            batch.cores.estimator_autopilot[i],
-            batch.cores.detector[i],
-            batch.cores.reaction[i],
-            batch.cores.mission[i],
-            batch.cores.controller[i],
-            batch.cores.controller_autopilot[i],
-        )
-        published = Published(
-            batch.published.odometry[i],
-            batch.published.estimator_status[i],
-            batch.published.detector_status[i],
-            batch.published.event[i],
-            batch.published.reaction_status[i],
-            batch.published.setpoint[i],
-            batch.published.mission_setpoint[i],
-            batch.published.mission_status[i],
-            batch.published.contact[i],
-        )
-        flight, steering, reaction = batch.flight[i], batch.steering[i], cores.reaction
+        flight, base = flights.progress[i], flights.base[i]
+        reaction = flights.memories[REACTION][0][i]
         status = batch.status[i]
         if status == ACTS:
-            _take_action(steering, reaction, batch.action[i], flight.tick - 1)
-            _step_reaction(reaction, params.reaction, published, flight)
+            _take_action(batch.steering[i], reaction, batch.action[i], flight.tick - 1)
+            step_reaction(flights, shared, i)
             status = FLIES
         elif status == HANDED:
-            status = _decide(batch, i, steering, reaction, params.reaction, published, flight)
-        vehicle = (batch.plant[i], maps[0], batch.theta[i], batch.noise[i])
-        poses = (batch.capture_ticks[i], batch.mocap_noise[i], batch.entries[i], batch.captures[i])
-        base = batch.base[i]
+            status = _decide(batch, shared, i, reaction)
         while status == FLIES and flight.tick < min(base + BLOCK, flight.end):
             if flight.tick == base:
-                _forget_messages(published, flight)
-            stop = base + BLOCK
-            if fly(vehicle, poses, cores, params, published, flight, batch.log, base, stop):
-                if _has_collision(reaction, published, flight):
+                forget_messages(flights, i)
+            if fly(flights, shared, i, base + BLOCK):
+                if flight.to_hand != 0 or reaction.pending > 0:
                     status = COLLIDED
                 else:
-                    status = _decide(
-                        batch, i, steering, reaction, params.reaction, published, flight
-                    )
+                    status = _decide(batch, shared, i, reaction)
         if status == FLIES and flight.tick >= flight.end:
             status = ENDED
         batch.status[i] = status
@@ -177,34 +127,13 @@ def _take_action(steering: Any, reaction: Any, action: Array, tick: int) -> None
 
 
 @compiled_call
-def _step_reaction(reaction: Any, limits: Any, published: Any, flight: Any) -> None:
-    tick = flight.tick - 1
-    reaction_step(reaction, limits, EPOCH_NS + tick * TICK_NS)
-    publish_reaction(reaction, published, flight, tick)
-
-
-@compiled_call
-def _has_collision(reaction: Any, published: Any, flight: Any) -> bool:
-    """Return whether the reaction has a collision to take in the last tick."""
-    last, found = flight.tick - 2, reaction.pending > 0
-    count = flight.published[kernel.EVENT]
-    if count > 0:
-        found |= published.event[count - 1].tick == last
-    count = flight.published[kernel.CONTACT]
-    if count > 0 and reaction.takes_contacts:
-        found |= published.contact[count - 1].tick == last
-    return bool(found)
-
-
-@compiled_call
-def _decide(
-    batch: Any, i: int, steering: Any, reaction: Any, limits: Any, published: Any, flight: Any
-) -> int:
+def _decide(batch: Batch, shared: Shared, i: int, reaction: Any) -> int:
     """Observe if an action is due, else step the reaction; return what the vehicle does now."""
-    now = EPOCH_NS + (flight.tick - 1) * TICK_NS
+    now = EPOCH_NS + (batch.flights.progress[i].tick - 1) * TICK_NS
     if not reference_due(reaction, now):
-        _step_reaction(reaction, limits, published, flight)
+        step_reaction(batch.flights, shared, i)
         return FLIES
+    steering = batch.steering[i]
     time_s = 1e-9 * (now - steering.decided_ns)
     velocity = np.empty(3)
     v = reaction.velocity
@@ -213,34 +142,3 @@ def _decide(
     batch.time[i] = time_s
     observe(steering, time_s, position, velocity, attitude, rates, batch.observation[i])
     return OVER if steering_over(steering, time_s, position, velocity, rates) else WAITS
-
-
-@compiled_call
-def _forget_messages(published: Any, flight: Any) -> None:
-    """Keep of each topic the last message, and what the mission has not read."""
-    counts = flight.published
-    gone = _keep(published.odometry, counts, kernel.ODOMETRY, flight.read_odometry)
-    flight.read_odometry -= gone
-    gone = _keep(published.reaction_status, counts, kernel.REACTION_STATUS, flight.read_reaction)
-    flight.read_reaction -= gone
-    gone = _keep(published.setpoint, counts, kernel.SETPOINT, flight.read_setpoint)
-    flight.read_setpoint -= gone
-    many = 1 << 62
-    _keep(published.estimator_status, counts, kernel.ESTIMATOR_STATUS, many)
-    _keep(published.detector_status, counts, kernel.DETECTOR_STATUS, many)
-    _keep(published.event, counts, kernel.EVENT, many)
-    _keep(published.mission_setpoint, counts, kernel.MISSION_SETPOINT, many)
-    _keep(published.mission_status, counts, kernel.MISSION_STATUS, many)
-    _keep(published.contact, counts, kernel.CONTACT, many)
-
-
-@compiled
-def _keep(table: Any, counts: Any, topic: int, read: int) -> int:
-    """Move what is kept to the front of a table; return how many rows are gone before it."""
-    gone = min(read, counts[topic] - 1)
-    if gone <= 0:
-        return 0
-    counts[topic] -= gone
-    for k in range(counts[topic]):
-        table[k] = table[gone + k]
-    return int(gone)

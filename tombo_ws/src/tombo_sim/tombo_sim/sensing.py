@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import apply_imu, apply_mocap
 from tombo_dynamics.jit import compiled, compiled_call
@@ -79,3 +81,9 @@ def next_arrival(entries: Any, captures: Captures, tick: int) -> int:
             entry.arrives = tick
             return i
     return -1
+
+
+def in_order_of_arrival(entries: Any) -> Any:
+    """Return the rows of the `MocapEntry` that have arrived, as they were handed over."""
+    rows = np.flatnonzero(entries["delivered"])
+    return rows[np.argsort(entries["arrives"][rows], kind="stable")]

@@ -14,7 +14,7 @@ from tombo_benchmarks.docs.lock import code_hash, content_hash, reference_flight
 from tombo_benchmarks.docs.markers import marked
 from tombo_benchmarks.docs.products import CAMPAIGN, PRODUCTS, campaign_table, two_modes
 from tombo_benchmarks.docs.wiring_picture import wiring_mermaid
-from tombo_flight.wiring import COMMAND, CORES, SENSORS
+from tombo_sim.wiring import COMMAND, CORES, SENSORS
 
 DATA = ROOT.parent / "shared" / "data"
 

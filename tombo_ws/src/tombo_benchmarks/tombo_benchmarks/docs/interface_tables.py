@@ -19,7 +19,7 @@ from tombo_benchmarks.docs.safety_table import safety_tables
 from tombo_dynamics.core import Core
 from tombo_dynamics.errors import InputError
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
-from tombo_flight.wiring import CORES, OPERATOR
+from tombo_sim.wiring import CORES, OPERATOR
 
 
 @dataclass(frozen=True)

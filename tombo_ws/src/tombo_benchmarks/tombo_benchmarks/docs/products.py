@@ -61,7 +61,7 @@ def _tables(root: Path, data: Path) -> None:
     from tombo_benchmarks.docs.interface_tables import PAGES, tables
     from tombo_benchmarks.docs.parameter_file import parameter_file
     from tombo_flight.suite.parameter_yaml import default_file
-    from tombo_flight.wiring import COMMAND, CORES, SENSORS
+    from tombo_sim.wiring import COMMAND, CORES, SENSORS
 
     _write(root / "docs" / "effects.md", effects_markdown())
     _write(root / CONFIG / "all_parameters.yaml", parameter_file())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 SIM = "sim"
@@ -13,10 +13,13 @@ class CoreType(Protocol):
 
     name: str
     inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
+
+    @property
+    def outputs(self) -> Iterable[str]:
+        """Topics that it publishes."""
 
 
-def wiring_mermaid(cores: Sequence[CoreType], sensors: Sequence[str], command: str) -> str:
+def wiring_mermaid(cores: Sequence[CoreType], sensors: Iterable[str], command: str) -> str:
     """Return the flow chart: an arrow from each publisher to each subscriber, with its topics.
 
     Args:

@@ -21,6 +21,7 @@ from tombo_benchmarks.px4.px4_process import Px4Process
 from tombo_benchmarks.px4.simulated_px4 import SimulatedPx4
 from tombo_collision.decision import Decision
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.core import CoreRunner
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_MAP
 from tombo_dynamics.messages import (
@@ -36,9 +37,8 @@ from tombo_dynamics.messages import (
 from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import FIGURE_COLUMNS, MetricsInput, detection_of, summarize
-from tombo_flight.run_wiring import CoreRunner
 from tombo_flight.scenario import Scenario, world_of
-from tombo_flight.wiring import CORES, PX4_REPLACES, core_of
+from tombo_flight.wiring import core_of
 from tombo_px4.bridge.bridge import Bridge, BridgeOutput
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.bridge.offboard_session import Stage
@@ -54,6 +54,7 @@ from tombo_px4.link.transport import Clock
 from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.ground_truth import contact_force
 from tombo_sim.simulator import Simulator
+from tombo_sim.wiring import CORES, PX4_REPLACES
 from tombo_sim.world import World
 
 _ONBOARD_PORT = 14540

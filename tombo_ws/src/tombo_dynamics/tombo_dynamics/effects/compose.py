@@ -2,30 +2,23 @@
 
 The plant of a simulation has a place for what effects with memory remember.
 
-The chain is written out as source, because compiled code that is built at run time from closures
-cannot be cached on disk. An effect whose parameters are all null costs one comparison.
+The chain is written out as source, so that its machine code is kept on disk. An effect whose
+parameters are all null costs one comparison.
 """
 
 from __future__ import annotations
 
-import importlib.util
-import os
-import sys
-import tempfile
 from collections.abc import Mapping
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
-from tombo_dynamics.jit import CACHE_FOLDER
+from tombo_dynamics.jit import load_generated
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field, fill_record
 from tombo_dynamics.vehicle import VehicleParams
-
-_MODULE = "tombo_composed_effects"
 
 
 def layout() -> dict[str, dict[str, int]]:
@@ -78,23 +71,6 @@ def _source() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _load() -> ModuleType:
-    path = CACHE_FOLDER / f"{_MODULE}.py"
-    source = _source()
-    if not path.exists() or path.read_text() != source:
-        handle, temporary = tempfile.mkstemp(dir=CACHE_FOLDER, suffix=".tmp")
-        with os.fdopen(handle, "w") as stream:
-            stream.write(source)
-        os.replace(temporary, path)
-    spec = importlib.util.spec_from_file_location(_MODULE, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"cannot load {path}")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[_MODULE] = module
-    spec.loader.exec_module(module)
-    return module
-
-
 EffectMemories: Any = type(
     "EffectMemories",
     (Record,),
@@ -121,7 +97,7 @@ def new_plant(vehicle: VehicleParams) -> SimulatedPlant:
     return plant
 
 
-composed = _load()
+composed = load_generated("tombo_composed_effects", _source())
 apply_body = composed.apply_body
 apply_air = composed.apply_air
 apply_rotor = composed.apply_rotor

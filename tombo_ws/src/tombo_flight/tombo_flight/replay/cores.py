@@ -24,7 +24,7 @@ from tombo_bag.topics import (
 )
 from tombo_control.controller_core import ControllerCore
 from tombo_dynamics.arrays import Times
-from tombo_dynamics.core import Core
+from tombo_dynamics.core import Core, CoreRunner
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import DetectorStatus, Phase, Pose, neutral
 from tombo_dynamics.time_base import TICK_NS
@@ -33,7 +33,8 @@ from tombo_flight.replay.outputs import EVENTS, SERIES, Event, Outputs, series_o
 from tombo_flight.replay.plan import NODES
 from tombo_flight.replay.poses import PoseTrack
 from tombo_flight.scenario import Scenario
-from tombo_flight.wiring import CORES, core_of
+from tombo_flight.wiring import core_of
+from tombo_sim.wiring import CORES
 
 Stream = tuple[Times, Sequence[Any]]
 """Arrivals and messages of a topic."""
@@ -102,20 +103,10 @@ def through_cores(inputs: Inputs, recorded: Outputs) -> tuple[Outputs, dict[str,
     """Return what the cores publish, and figures by node."""
     outputs = Outputs()
     figures: dict[str, dict[str, Any]] = {}
-    delayed = inputs.is_paced_by_ticks()
     for node in inputs.nodes:
         began = time.perf_counter()
-        plan = NODES[node]
-        core = core_of(plan.core, inputs.scenario)
-        streams = {topic: _stream(inputs, topic) for topic in core.inputs}
-        if delayed:
-            for topic in _PUBLISHED_BY_CORES & set(streams):
-                times, messages = streams[topic]
-                streams[topic] = times + TICK_NS, messages
-        if isinstance(core, ControllerCore) and _begins_in_flight(streams):
-            core.take_over()
-        published, refused = replay_core(core, streams, _steps(core, inputs, streams))
-        for name in plan.compared_outputs:
+        core, published, refused = replayed(inputs, node)
+        for name in NODES[node].compared_outputs:
             if name == "events":
                 if EVENTS in core.outputs:
                     outputs.events = _events(published)
@@ -125,6 +116,19 @@ def through_cores(inputs: Inputs, recorded: Outputs) -> tuple[Outputs, dict[str,
                 outputs.series[name] = series_of(said, source)
         figures[node] = {**_figures(core, refused), "seconds": time.perf_counter() - began}
     return outputs, figures
+
+
+def replayed(inputs: Inputs, node: str) -> tuple[Core, Published, Counter[str]]:
+    """Return the core of a node behind its inputs, what it publishes, and what it reported."""
+    core = core_of(NODES[node].core, inputs.scenario)
+    streams = {topic: _stream(inputs, topic) for topic in core.inputs}
+    if inputs.is_paced_by_ticks():
+        for topic in _PUBLISHED_BY_CORES & set(streams):
+            times, messages = streams[topic]
+            streams[topic] = times + TICK_NS, messages
+    if isinstance(core, ControllerCore) and _begins_in_flight(streams):
+        core.take_over()
+    return core, *replay_core(core, streams, _steps(core, inputs, streams))
 
 
 def _begins_in_flight(streams: dict[str, Stream]) -> bool:
@@ -151,30 +155,33 @@ def replay_core(
     topics = list(streams)
     published: Published = []
     reported: Counter[str] = Counter()
-    waiting: list[tuple[str, Any]] = []
+    runner = CoreRunner(core)
     arrivals = merge_by_arrival(*(times for times, _ in streams.values()), steps)
     for now, entries in groupby(arrivals, key=itemgetter(0)):
         due = core.steps_on_messages
         for _, stream, row in entries:
             if stream < len(topics):
-                waiting.append((topics[stream], streams[topics[stream]][1][row]))
+                runner.take(topics[stream], streams[topics[stream]][1][row])
             else:
                 due = True
-        if not due:
-            continue
-        for topic, message in waiting:
-            core.on(topic, message, now)
-        waiting.clear()
-        published += [(now, topic, message) for topic, message in core.step(now)]
+        published += [(now, topic, message) for topic, message in runner.run(now, due)]
         reported.update(key for key, _ in core.health.take_events())
     return published, reported
 
 
 def _steps(core: Core, inputs: Inputs, streams: dict[str, Stream]) -> Times:
-    """Return when a core is stepped besides: as recorded where that tells, else by its period."""
-    if not core.steps_on_messages and inputs.has(core.outputs[0]):
-        stamps: Times = inputs.recording.columns(core.outputs[0])["stamp_ns"]
-        return stamps
+    """Return when a core is stepped besides: as recorded where that tells, else by its period.
+
+    In simulated ticks it was stepped by its period also before it had anything to publish.
+    """
+    topic = next(iter(core.outputs))
+    if not core.steps_on_messages and inputs.has(topic):
+        stamps: Times = inputs.recording.columns(topic)["stamp_ns"]
+        if not inputs.is_paced_by_ticks():
+            return stamps
+        began = min(int(times[0]) for times, _ in streams.values() if len(times))
+        silent = np.arange(-(-began // core.period_ns), int(stamps[0]) // core.period_ns)
+        return np.concatenate((silent * core.period_ns, stamps))
     ends = [t for times, _ in streams.values() if len(times) for t in (times[0], times[-1])]
     if not ends:
         return np.zeros(0, np.int64)

@@ -21,6 +21,7 @@ from tombo_control.controller_core import ControllerCore
 from tombo_control.estimator_core import EstimatorCore
 from tombo_control.mission_core import MissionCore
 from tombo_dynamics.core import Core
+from tombo_sim.wiring import CORES
 
 
 @dataclass(frozen=True)
@@ -39,8 +40,8 @@ class NodePlan:
         return tuple(t for t in self.core.inputs if t not in self.optional_inputs)
 
 
-NODES: dict[str, NodePlan] = {
-    plan.core.name: plan
+_PLANS = {
+    plan.core: plan
     for plan in (
         NodePlan(DetectorCore, ("events", "statistic")),
         NodePlan(
@@ -61,6 +62,8 @@ NODES: dict[str, NodePlan] = {
         NodePlan(ControllerCore, ("rotor_command",)),
     )
 }
+NODES = {core.name: _PLANS.get(core, NodePlan(core, ())) for core in CORES}
+"""Those of the wiring; of a core without a plan nothing is compared."""
 
 
 def outputs_of(nodes: Iterable[str]) -> list[str]:

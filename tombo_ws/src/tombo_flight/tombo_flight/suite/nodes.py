@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 from tombo_dynamics.core import Core
 from tombo_flight.suite.supervisor import Program
-from tombo_flight.wiring import CORES, PX4_REPLACES
+from tombo_sim.wiring import CORES, PX4_REPLACES
+
+HOST = "tombo_flight.suite.core_node"
+"""Hosts the core that its parameter `core` names."""
 
 
 def node_module(core: type[Core]) -> str:
-    """Return the module of the node that hosts a core: it stands beside it."""
-    return core.__module__.removesuffix("_core") + "_node"
+    """Return the module of the node that hosts a core: it stands beside it, or is the host."""
+    beside = core.__module__.removesuffix("_core") + "_node"
+    return HOST if find_spec(beside) is None else beside
 
 
 RECORDER = "tombo_ros.recorder_node"
@@ -43,9 +48,10 @@ def node_program(
     name: str, parameter_files: Sequence[Path], suite: Mapping[str, str] | None = None
 ) -> Program:
     """Return how to start a node of a suite with files of parameters, later ones winning."""
-    files = [word for path in parameter_files for word in ("--params-file", str(path))]
-    ros = ["--ros-args", *files] if files else []
     modules = SUITE if suite is None else suite
+    words = ["-p", f"core:={name}"] if modules[name] == HOST else []
+    words += [word for path in parameter_files for word in ("--params-file", str(path))]
+    ros = ["--ros-args", *words] if words else []
     return Program(name, (sys.executable, "-m", modules[name], *ros))
 
 

@@ -17,8 +17,9 @@ from tombo_dynamics.errors import InputError, shown
 from tombo_dynamics.params import as_text
 from tombo_dynamics.yaml_text import parse_yaml, read_text
 from tombo_flight.scenario import Scenario, as_mapping, load_scenario
-from tombo_flight.wiring import CORES, records_of
+from tombo_flight.wiring import NEW_TOPICS, records_of
 from tombo_sim.propeller_effects import vehicle_effects
+from tombo_sim.wiring import CORES
 
 SECTIONS: Final[dict[str, tuple[str, ...]]] = {
     "sim": ("vehicle", "propeller", "obstacle", "spread", "effects"),
@@ -68,6 +69,9 @@ def suite_parameters(
         },
         "recorder": {},
     }
+    if NEW_TOPICS:
+        named = [f"{spec.name} {spec.typename}" for spec in NEW_TOPICS.values()]
+        table["recorder"]["new_topics"] = named
     table["sim"] |= {"seed": seed, "mocap_rate": scenario.estimator.mocap_rate}
     policy = table["reaction"]["policy"]
     table["reaction"] |= {

@@ -9,9 +9,9 @@ from dataclasses import replace
 
 from tombo_flight.run_wiring import run_wiring
 from tombo_flight.scenario import Scenario, world_of
-from tombo_flight.wiring import COMMAND
 from tombo_sim.failsafe import Failsafe
 from tombo_sim.simulator import Simulator
+from tombo_sim.wiring import COMMAND
 
 _SECONDS = 0.25
 

@@ -1,0 +1,74 @@
+"""A sixth core in one file and one line of the wiring: the same bits wherever it is flown."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ros_bench import domain, start
+
+__all__ = ["domain", "start"]
+HERE = Path(__file__).parent
+
+
+def run(kind: str, folder: Path, *ways: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "with_wind", "wind_flights", str(folder), *ways],
+        env=environment(kind), capture_output=True, text=True, timeout=280,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+def environment(kind: str) -> dict[str, str]:
+    path = os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")])
+    return os.environ | {"PYTHONPATH": path, "TOMBO_TEST_CORE": kind}
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("wind")
+    run("WindCore", folder, "compiled", "batch", "replay", "parameters")
+    return folder
+
+
+@pytest.mark.slow
+def test_its_wind_is_that_of_the_flight(flown):
+    wind = np.load(flown / "compiled.npy")[:, 8:11]
+    assert len(wind) > 200
+    assert wind[100:150].mean(axis=0) == pytest.approx([1.5, 0.0, 0.0], abs=0.3)
+
+
+@pytest.mark.slow
+def test_a_batch_and_the_replay_give_the_same_bits(flown):
+    compiled, batch, replay = (
+        np.load(flown / f"{way}.npy") for way in ("compiled", "batch", "replay")
+    )
+    assert np.array_equal(replay, compiled)
+    assert np.array_equal(batch[0], compiled[compiled[:, 0] == batch[0, 0]][0])
+
+
+@pytest.mark.slow
+def test_plain_python_gives_the_same_bits(flown, tmp_path):
+    run("WindInPython", tmp_path, "compiled")
+    assert np.array_equal(np.load(tmp_path / "compiled.npy"), np.load(flown / "compiled.npy"))
+
+
+@pytest.mark.slow
+def test_nodes_in_lockstep_give_the_same_bits(flown, start, monkeypatch):
+    pytest.importorskip("rclpy")
+    from tombo_flight.suite.nodes import HOST, SUITE
+
+    for name, value in environment("WindCore").items():
+        monkeypatch.setenv(name, value)
+    file = ("--params-file", str(flown / "parameters.yaml"))
+    nodes = {name: start(module, *file) for name, module in SUITE.items()}
+    nodes["wind"] = start(f"with_wind {HOST}", "-p", "core:=wind", *file)
+    assert nodes["sim"].process.wait(200.0) == 0, nodes["sim"].output
+    assert nodes["recorder"].end() == 0
+    run("WindCore", flown, "nodes")
+    assert np.array_equal(np.load(flown / "nodes.npy"), np.load(flown / "compiled.npy"))
