@@ -34,7 +34,7 @@ class WindParams:
 class WindMemory(Record):
     known = field("1", "an estimate of the state has come", kind=bool)
     odometry = field("", "the last one", kind=OdometryRecord)
-    wind = field("m/s", "of the air, map", 3)
+    wind = field("m/s", "of the air, map; level", 3)
     message = field("", "place, and velocity of the air, map", kind=OdometryRecord)
     due = field("1", "it is to be published", kind=bool)
 
@@ -51,11 +51,10 @@ def take_imu(memory, vehicle, params, imu, now_ns):
         return
     through = vehicle.mass / params.drag
     v, q = memory.odometry.velocity, memory.odometry.attitude
-    x, y, z = rotated(q, v[0] + through * imu.accel[0], v[1] + through * imu.accel[1], v[2])
+    x, y, _ = rotated(q, v[0] + through * imu.accel[0], v[1] + through * imu.accel[1], v[2])
     gain = 1.0 - math.exp(-1e-3 / params.time)
     memory.wind[0] += gain * (x - memory.wind[0])
     memory.wind[1] += gain * (y - memory.wind[1])
-    memory.wind[2] += gain * (z - memory.wind[2])
 
 
 @compiled_call
@@ -101,7 +100,7 @@ class WindInPython(WindCore):
     def __init__(self, vehicle, params):
         super().__init__(vehicle, params)
         self.odometry = None
-        self.wind = [0.0, 0.0, 0.0]
+        self.wind = [0.0, 0.0]
         self.gain = 1.0 - math.exp(-1e-3 / params.time)
         self.through = vehicle.mass / params.drag
 
@@ -111,12 +110,12 @@ class WindInPython(WindCore):
         elif self.odometry is not None:
             v, a = self.odometry.velocity, message.accel
             x, y = v[0] + self.through * a[0], v[1] + self.through * a[1]
-            found = rotated(self.odometry.attitude, x, y, v[2])
+            found = rotated(self.odometry.attitude, x, y, v[2])[:2]
             self.wind = [w + self.gain * (f - w) for w, f in zip(self.wind, found, strict=True)]
 
     def step(self, now_ns):
         if self.odometry is None:
             return []
         level, still = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
-        wind = np.array(self.wind)
+        wind = np.array([*self.wind, 0.0])
         return [("/wind", Odometry(now_ns, self.odometry.position, level, wind, still))]

@@ -45,9 +45,8 @@ def episode(env, seed, act):
     while not done:
         seen, reward, terminated, truncated, info = env.step(act(seen))
         done = terminated or truncated
-        steps.append(
-            (seen, reward, int(flight.batch.flights.progress["tick"][0]), flight.position[0].copy())
-        )
+        tick = int(flight.batch.flights.progress["tick"][0])
+        steps.append((seen, reward, tick, flight.position[0].copy()))
     return steps, terminated, info
 
 

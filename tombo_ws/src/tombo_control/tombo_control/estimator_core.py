@@ -42,7 +42,6 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, START_GRACE_NS, Compiled, Core, Output
 from tombo_dynamics.frames import is_map
 from tombo_dynamics.jit import compiled, compiled_call
-from tombo_dynamics.message_records import EstimatorStatusRecord, OdometryRecord
 from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometry, Phase, Pose
 from tombo_dynamics.pose_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose
 from tombo_dynamics.records import Record, field, fill_record
@@ -95,10 +94,8 @@ class EstimatorMemory(Record):
     jump = field("m", "position of the last of them, in map", 3)
     estimate = field("", "the newest, at the last IMU sample", kind=State)
     uncertainty = field("", "of the estimate", kind=Uncertainty)
-    odometry = field("", "message, filled when it is due", kind=OdometryRecord)
-    odometry_due = field("1", "it is to be published", kind=bool)
-    status = field("", "message, filled when it is due", kind=EstimatorStatusRecord)
-    status_due = field("1", "it is to be published", kind=bool)
+    odometry_due = field("1", "an estimate is to be published", kind=bool)
+    status_due = field("1", "so is a status", kind=bool)
 
 
 @compiled_call
@@ -344,15 +341,10 @@ def take_imu(
 def answer_imu(
     memory: EstimatorMemory, autopilot: Autopilot, stamp_ns: int, gyro: Array, accel: Array
 ) -> None:
-    """Take an IMU sample as `take_imu` does, and fill in the messages that are due with it."""
-    if not take_imu(memory, autopilot, stamp_ns, gyro, accel):
-        return
-    if odometry_due(stamp_ns):
-        fill_odometry(memory, memory.odometry)
-        memory.odometry_due = True
-    if status_due(stamp_ns):
-        fill_status(memory, memory.status)
-        memory.status_due = True
+    """Take an IMU sample as `take_imu` does, and say which messages are due with it."""
+    if take_imu(memory, autopilot, stamp_ns, gyro, accel):
+        memory.odometry_due = odometry_due(stamp_ns)
+        memory.status_due = status_due(stamp_ns)
 
 
 @compiled_call
@@ -433,8 +425,10 @@ class EstimatorCore(Core):
     name = "estimator"
     inputs = ("/mission/status", "/mocap/pose", "/imu/data_raw")
     outputs: ClassVar[Mapping[str, Output]] = {
-        "/odometry": Output(Odometry, "odometry", "odometry_due", every=_ODOMETRY_TICKS),
-        "/estimator/status": Output(EstimatorStatus, "status", "status_due", every=_STATUS_TICKS),
+        "/odometry": Output(Odometry, fill_odometry, "odometry_due", every=_ODOMETRY_TICKS),
+        "/estimator/status": Output(
+            EstimatorStatus, fill_status, "status_due", every=_STATUS_TICKS
+        ),
     }
     compiled = Compiled(
         ("memory", "autopilot"),

@@ -70,8 +70,9 @@ class Output:
 
     kind: type[Any]
     """Of its messages, of `tombo_dynamics.messages`."""
-    message: str = ""
-    """Field of the core's first memory that holds the message, a record with its numbers."""
+    message: str | Callable[[Any, Any], None] = ""
+    """Field of the core's first memory that holds the message, a record with its numbers; or a
+    compiled function (memory, record) that writes it, for a large one."""
     due: str = ""
     """Field that says that it is to be published; false from then on."""
     record: type[Record] | None = None
@@ -88,6 +89,14 @@ class Output:
     def layout(self) -> type[Record]:
         """The record of a message."""
         return self.record or record_of(self.kind)
+
+    def record_in(self, memory: Any) -> Any:
+        """Return the record of the message that is in a core's first memory."""
+        if isinstance(self.message, str):
+            return field_of(memory, self.message)
+        record = self.layout.new()
+        self.message(memory, record)
+        return record
 
     def message_of(self, record: Any) -> Any:
         """Return a record as the message that it stands for."""
@@ -197,8 +206,7 @@ class Core(ABC):
             holder = field_of(memory, above) if above else memory
             if holder[flag]:
                 holder[flag] = False
-                record = field_of(memory, output.message)
-                found.append((topic, output.message_of(record)))
+                found.append((topic, output.message_of(output.record_in(memory))))
         return found
 
     def set_params(self, section: str, params: Any) -> None:  # noqa: B027 - a hook

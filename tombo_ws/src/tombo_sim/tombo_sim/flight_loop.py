@@ -132,7 +132,13 @@ class _Source:
                 lines.append(f"if {memory}.{output.due}:")
                 lines.append(f"    {name}({memory}, table_{_INDEX[topic]}, counts, tick)")
                 if f"def {name}(memory, table, counts, tick):" not in self.publishers:
-                    self.publishers += _publisher(name, topic, output)
+                    message = output.message
+                    if not isinstance(message, str):
+                        message = self.imported(message, f"fill_{_INDEX[topic]}")
+                        write = f"{message}(memory, entry.message)"
+                    else:
+                        write = f"entry.message = memory.{message}"
+                    self.publishers += _publisher(name, topic, output.due, write)
         return lines
 
     def take(self, core: type[Core], topic: str, then: list[str]) -> list[str]:
@@ -283,16 +289,16 @@ def _unread(name: str, topic: str) -> str:
     return f"({row} < counts[{k}] and table_{k}[{row}].tick {when} tick)"
 
 
-def _publisher(name: str, topic: str, output: Output) -> list[str]:
+def _publisher(name: str, topic: str, due: str, write: str) -> list[str]:
     k = _INDEX[topic]
     return ["", "", "@compiled_call", f"def {name}(memory, table, counts, tick):", *_indented([
         f"row = counts[{k}]",
         "if row < table.shape[0]:",
         "    entry = table[row]",
         "    entry.tick = tick",
-        f"    entry.message = memory.{output.message}",
+        f"    {write}",
         f"    counts[{k}] = row + 1",
-        f"memory.{output.due} = False",
+        f"memory.{due} = False",
     ])]  # fmt: skip
 
 
