@@ -131,6 +131,7 @@ class _Source:
                 memory = self.memory(core)
                 lines.append(f"if {memory}.{output.due}:")
                 lines.append(f"    {name}({memory}, table_{_INDEX[topic]}, counts, tick)")
+                lines.append("    published = True")
                 if f"def {name}(memory, table, counts, tick):" not in self.publishers:
                     message = output.message
                     if not isinstance(message, str):
@@ -150,7 +151,8 @@ class _Source:
             return [self.call(core, function, what, "imu"), *then]
         row = f"read[{READERS.index((core.name, topic))}]"
         call = self.call(core, function, what, f"table_{_INDEX[topic]}[{row}].message")
-        return [f"while {_unread(core.name, topic)}:", *_indented([call, f"{row} += 1", *then])]
+        unread = f"{'news and ' if core.steps_on_messages else ''}{_unread(core.name, topic)}"
+        return [f"while {unread}:", *_indented([call, f"{row} += 1", *then])]
 
     def turn(self, c: int, core: type[Core]) -> list[str]:
         """Return a core's turn in a tick."""
@@ -230,6 +232,7 @@ class _Source:
             "    capture_pose(plant, mocap_noise, theta, entries, captures, tick)",
             "arrived = next_arrival(entries, captures, tick)",
             "while arrived >= 0:",
+            "    news = True",
             *_indented(_published_pose()),
             "    arrived = next_arrival(entries, captures, tick)",
             *_phase(),
@@ -239,6 +242,8 @@ class _Source:
             "if tick < log.position.shape[0]:",
             f"    write_row(plant, {row}, log, tick)",
             "finish_tick(plant, noise, theta)",
+            "news = published",
+            "published = False",
             "flight.tick = tick + 1",
             "if flight.to_step != 0:",
             "    return True",
@@ -324,7 +329,7 @@ def _phase() -> list[str]:
         return []
     row, k = f"read[{READERS.index((_SIMULATOR, PHASE))}]", _INDEX[PHASE]
     return [
-        f"while {_unread(_SIMULATOR, PHASE)}:",
+        f"while news and {_unread(_SIMULATOR, PHASE)}:",
         f"    flight.phase = table_{k}[{row}].message.phase",
         f"    {row} += 1",
     ]
@@ -370,6 +375,8 @@ _FLY = [
         "imu = flight.imu",
         "flight.to_step = 0",
         "flight.to_hand = 0",
+        "published = False",
+        "news = True  # what Python has published, too",
     ]),
 ]  # fmt: skip
 
