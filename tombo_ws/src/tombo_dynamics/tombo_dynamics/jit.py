@@ -190,6 +190,15 @@ def compiled_loop(function: _Function) -> _Function:
     return _compile(function, inline=True, counted=False)
 
 
+def compiled_loop_call(function: _Function) -> _Function:
+    """Compile as `compiled_loop` does, but for a call: for the loop itself.
+
+    Its records are arguments. Of a record that is a row of an array, LLVM would work out the
+    address of each field apart and keep it in memory, which costs an eighth of a flight's time.
+    """
+    return _compile(function, inline=False, counted=False)
+
+
 def compiled_call(function: _Function) -> _Function:
     """Compile as `compiled` does, but for a call: for what does not run in every tick.
 

@@ -102,18 +102,19 @@ class _Source:
         return _name(core, core.compiled.memories[0])
 
     @staticmethod
-    def views(c: int, core: type[Core]) -> list[str]:
-        """Return lines that name memories and parameters of a core."""
+    def views(c: int, core: type[Core]) -> dict[str, str]:
+        """Return memories and parameters of a core: name → where it is."""
         compiled = core.compiled
         if compiled is None:
-            return []
-        return [
-            f"{_name(core, path)} = flights.memories[{c}][{k}][i]"
+            return {}
+        memories = {
+            _name(core, path): f"flights.memories[{c}][{k}][i]"
             for k, path in enumerate(compiled.memories)
-        ] + [
-            f"{_name(core, path)} = shared.params[{c}][{k}][0]"
+        }
+        return memories | {
+            _name(core, path): f"shared.params[{c}][{k}][0]"
             for k, path in enumerate(compiled.params)
-        ]
+        }
 
     def call(self, core: type[Core], function: Callable[..., Any], what: str, *more: str) -> str:
         """Return a call of one of a core's functions."""
@@ -200,8 +201,11 @@ class _Source:
 
     def text(self) -> str:
         """Return the whole module."""
-        views = [line for c, core in enumerate(self.cores) for line in self.views(c, core)]
-        tables = [f"table_{k} = flights.published[{k}][i]" for k in range(len(TABLES))]
+        views = dict(_VIEWS)
+        for c, core in enumerate(self.cores):
+            views |= self.views(c, core)
+        views |= {f"table_{k}": f"flights.published[{k}][i]" for k in range(len(TABLES))}
+        names = ", ".join(views)
         turns = [
             line
             for c, core in enumerate(self.cores)
@@ -251,9 +255,13 @@ class _Source:
         steps = [line for c, core in enumerate(self.cores) for line in self.step(c, core)]
         head = ['"""Generated from the wiring. Do not edit."""', *_stamps(self.cores), ""]
         return "\n".join([
-            *head, *_IMPORTS, *self.imports.values(), *self.publishers, *_FLY,
-            *_indented([*views, *tables, "while flight.tick < min(stop, flight.end):"]),
-            *_indented(_indented(loop)), "    return False", *steps, *_forget(), "",
+            *head, *_IMPORTS, *self.imports.values(), *self.publishers,
+            "", "", "@compiled_loop_call", f'def fly_ticks({names}, stop) -> "bool":',
+            *_indented([*_BEGIN, "while flight.tick < min(stop, flight.end):"]),
+            *_indented(_indented(loop)), "    return False",
+            "", "", "@compiled_loop", 'def fly(flights, shared, i, stop) -> "bool":',
+            *_indented([*_assigned(views), f"return fly_ticks({names}, stop)"]),
+            *steps, *_forget(), "",
         ])  # fmt: skip
 
     def step(self, c: int, core: type[Core]) -> list[str]:
@@ -270,7 +278,7 @@ class _Source:
             "counts = flights.counts[i]",
             "tick = flights.progress[i].tick - 1",
             "now = EPOCH_NS + tick * TICK_NS",
-            *self.views(c, core),
+            *_assigned(self.views(c, core)),
             *tables,
             self.call(core, compiled.step, "step"),
             *self.publish(core),
@@ -281,6 +289,10 @@ class _Source:
 
 def _name(core: type[Core], path: str) -> str:
     return f"{core.name}_{path.replace('.', '_')}"
+
+
+def _assigned(values: Mapping[str, str]) -> list[str]:
+    return [f"{name} = {value}" for name, value in values.items()]
 
 
 def _indented(lines: Sequence[str]) -> list[str]:
@@ -357,28 +369,34 @@ def _stamps(cores: Sequence[type[Core]]) -> Iterator[str]:
 
 
 _IMPORTS = [
-    "from tombo_dynamics.jit import compiled_call, compiled_loop",
+    "from tombo_dynamics.jit import compiled_call, compiled_loop, compiled_loop_call",
     "from tombo_dynamics.rigid_body import finish_tick",
     "from tombo_dynamics.time_base import EPOCH_NS, TICK_NS",
     "from tombo_sim.kernel import drop_rows, publish_pose, watch_flight, write_row",
     "from tombo_sim.sensing import capture_pose, next_arrival, read_imu",
 ]
-_FLY = [
-    "", "", "@compiled_loop", 'def fly(flights, shared, i, stop) -> "bool":',
-    *_indented([
-        "plant, maps, theta = flights.plant[i], shared.maps[0], flights.theta[i]",
-        "tick_noise, base = flights.noise[i], flights.base[i]",
-        "capture_ticks, mocap_noise = flights.capture_ticks[i], flights.mocap_noise[i]",
-        "entries, captures = flights.entries[i], flights.captures[i]",
-        "counts, read = flights.counts[i], flights.read[i]",
-        "flight, log = flights.progress[i], shared.log",
-        "imu = flight.imu",
-        "flight.to_step = 0",
-        "flight.to_hand = 0",
-        "published = False",
-        "news = True  # what Python has published, too",
-    ]),
-]  # fmt: skip
+_VIEWS = {
+    "plant": "flights.plant[i]",
+    "maps": "shared.maps[0]",
+    "theta": "flights.theta[i]",
+    "tick_noise": "flights.noise[i]",
+    "base": "flights.base[i]",
+    "capture_ticks": "flights.capture_ticks[i]",
+    "mocap_noise": "flights.mocap_noise[i]",
+    "entries": "flights.entries[i]",
+    "captures": "flights.captures[i]",
+    "counts": "flights.counts[i]",
+    "read": "flights.read[i]",
+    "flight": "flights.progress[i]",
+    "log": "shared.log",
+}
+_BEGIN = [
+    "imu = flight.imu",
+    "flight.to_step = 0",
+    "flight.to_hand = 0",
+    "published = False",
+    "news = True  # what Python has published, too",
+]
 
 
 def _load() -> Any:
