@@ -228,9 +228,7 @@ class _Source:
             "now = EPOCH_NS + tick * TICK_NS",
             "noise = tick_noise[tick - base]",
             "read_imu(plant, maps, noise, theta)",
-            "imu.stamp_ns = now",
-            "imu.gyro = plant.gyro",
-            "imu.accel = plant.accel",
+            "imu = Sample(now, plant.gyro, plant.accel)",
             *_published_sample(),
             "if tick == capture_ticks[captures.next]:",
             "    capture_pose(plant, mocap_noise, theta, entries, captures, tick)",
@@ -321,12 +319,7 @@ def _publisher(name: str, topic: str, due: str, write: str) -> list[str]:
 
 def _published_sample() -> list[str]:
     k = _INDEX.get(IMU)
-    return [] if k is None else [
-        f"if counts[{k}] < table_{k}.shape[0]:",
-        f"    table_{k}[counts[{k}]].tick = tick",
-        f"    table_{k}[counts[{k}]].message = imu",
-        f"    counts[{k}] += 1",
-    ]  # fmt: skip
+    return [] if k is None else [f"publish_sample(imu, table_{k}, counts, {k}, tick)"]
 
 
 def _published_pose() -> list[str]:
@@ -372,7 +365,8 @@ _IMPORTS = [
     "from tombo_dynamics.jit import compiled_call, compiled_loop, compiled_loop_call",
     "from tombo_dynamics.rigid_body import finish_tick",
     "from tombo_dynamics.time_base import EPOCH_NS, TICK_NS",
-    "from tombo_sim.kernel import drop_rows, publish_pose, watch_flight, write_row",
+    "from tombo_sim.kernel import Sample, drop_rows, publish_pose, publish_sample",
+    "from tombo_sim.kernel import watch_flight, write_row",
     "from tombo_sim.sensing import capture_pose, next_arrival, read_imu",
 ]
 _VIEWS = {
@@ -391,7 +385,6 @@ _VIEWS = {
     "log": "shared.log",
 }
 _BEGIN = [
-    "imu = flight.imu",
     "flight.to_step = 0",
     "flight.to_hand = 0",
     "published = False",

@@ -16,7 +16,6 @@ from tombo_control.estimator_core import EstimatorMemory
 from tombo_control.loops.cascade import cascade
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled, compiled_call, compiled_loop
-from tombo_dynamics.message_records import ImuRecord
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
@@ -36,9 +35,18 @@ class FlightProgress(Record):
     end = field("1", "first tick not to fly", kind=int)
     phase = field("1", "the mission's, as published", kind=int)
     over = field("", "whether it is over", kind=FlightEnd)
-    imu = field("", "the sample of the tick", kind=ImuRecord)
     to_step = field("1", "bits of the cores to step in Python, in the last tick", kind=int)
     to_hand = field("1", "those of them that get messages there", kind=int)
+
+
+class Sample(NamedTuple):
+    """What the IMU measures in a tick, as a message: arrays are the plant's."""
+
+    stamp_ns: int
+    gyro: Array
+    """(3) [rad/s], base_link."""
+    accel: Array
+    """(3) [m/s^2], base_link."""
 
 
 class Flights(NamedTuple):
@@ -92,6 +100,19 @@ def publish_pose(sample: MocapEntry, table: Any, counts: Any, topic: int, tick: 
         entry.message.stamp_ns = EPOCH_NS + int(np.rint(sample.stamp * TICK_NS))
         entry.message.position = sample.position
         entry.message.attitude = sample.attitude
+        counts[topic] = row + 1
+
+
+@compiled_call
+def publish_sample(sample: Sample, table: Any, counts: Any, topic: int, tick: int) -> None:
+    """Publish the IMU's sample of a tick, for cores that take it from a table."""
+    row = counts[topic]
+    if row < table.shape[0]:
+        entry = table[row]
+        entry.tick = tick
+        entry.message.stamp_ns = sample.stamp_ns
+        entry.message.gyro = sample.gyro
+        entry.message.accel = sample.accel
         counts[topic] = row + 1
 
 
