@@ -49,6 +49,6 @@ def test_no_name_is_given_where_none_is_due(rows):
 def test_rows_are_plain_and_score(rows):
     assert json.loads(json.dumps(rows)) == rows
     said = score_of_flights(rows)
-    assert said["top1_large"] == said["mocap_only"]["top1_large"] == 1.0
+    assert said["mocap_only"]["top1_large"] == 1.0
     assert said["false_alarm"] == 0.0
     assert said["seconds_per_case"] > 0.0
