@@ -14,49 +14,38 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tombo_collision.params import ReactionLimits
-from tombo_collision.reaction_core import (
-    ReactionMemory,
-    begin_reaction,
-    note_mocap,
-    reaction_step,
-    take_mission_setpoint,
-)
-from tombo_collision.reaction_core import take_estimate as reaction_estimate
-from tombo_control.autopilot import new_autopilot
-from tombo_control.controller_core import (
-    ControllerMemory,
-    answer_gyro,
-    begin_controller,
-    reset_inputs,
-    take_biases,
-    take_odometry,
-    take_setpoint,
-)
+from tombo_collision.reaction_core import ReactionCore, begin_reaction
+from tombo_collision.reactions import DEFAULT, REGISTRY
+from tombo_control.controller_core import ControllerCore, begin_controller, reset_inputs
 from tombo_control.mission_core import (
+    MissionCore,
     MissionLimits,
-    MissionMemory,
     begin_mission,
     land_now,
-    mission_step,
-    take_estimate,
     take_off,
-    take_reaction,
 )
-from tombo_control.params import ControlParams, EstimatorParams, InputLimits
-from tombo_control.planning.mission import MissionParams, compiled_plan
+from tombo_control.params import ControlParams, InputLimits
+from tombo_control.planning.mission import MissionParams
 from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_control.safety.state_machine import Condition, SafetyState
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS
 from tombo_dynamics.jit import compiled, compiled_call
-from tombo_dynamics.message_records import OdometryRecord
+from tombo_dynamics.message_records import (
+    DetectorStatusRecord,
+    EstimatorStatusRecord,
+    ImuRecord,
+    OdometryRecord,
+    PoseRecord,
+)
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.propeller import configuration, thrust_map
-from tombo_dynamics.records import Record, field, fill_record, parameter_record
+from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotated, rotated_back
 from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_NS
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
+from tombo_sim.direct_delivery import arguments_of, direct_delivery
 
 
 class Fault(IntEnum):
@@ -124,6 +113,9 @@ _LEG = 0.18
 """m: height of a vehicle that stands."""
 _BOX = 4.0
 """m: half the width of the flight volume."""
+_delivery = direct_delivery((MissionCore, ReactionCore, ControllerCore))
+_MISSION, _REACTION, _CONTROLLER = 1, 2, 4
+"""Bits of the cores that live, and hear what is delivered."""
 
 
 class Verdict(Record):
@@ -152,6 +144,11 @@ class World(Record):
     position = field("m", "true, in map", 3)
     velocity = field("m/s", "true, in map", 3)
     force = field("m/s^2", "specific force, body", 3)
+    pose = field("", "message, as the next ones", kind=PoseRecord)
+    detector = field("", "its status", kind=DetectorStatusRecord)
+    odometry = field("", "of the estimator", kind=OdometryRecord)
+    estimator = field("", "its status", kind=EstimatorStatusRecord)
+    imu = field("", "sample", kind=ImuRecord)
     sinking = field("m/s", "before the ground stopped it")
     lift = field("m/s^2", "of the rotors, behind their lag")
     shift_ns = field("ns", "of all clocks", kind=int)
@@ -159,7 +156,6 @@ class World(Record):
     failsafe = field("1", "the flight controller lands by itself", kind=bool)
     silent = field("1", "steps without commands", kind=int)
     aloft = field("1", "it is in the air", kind=bool)
-    pose_ns = field("ns", "of the last pose", kind=int)
     killed = field("1", "the rotors were stopped by command", kind=bool)
     new_controller = field(
         "1", "it was restarted, or begins another flight, and has not flown since", kind=bool
@@ -167,28 +163,23 @@ class World(Record):
     new_mission = field("1", "it was restarted, and nobody has told it to fly", kind=bool)
     on_ground = field("1", "steps on the ground with rotors on, in a descent", kind=int)
     seed = field("1", "of the noise", kind=int)
-    odometry = field("", "message", kind=OdometryRecord)
 
 
 class Suite(NamedTuple):
-    """Cores and parameters."""
+    """The cores, as `direct_delivery` takes them; then what faults and the judge look at."""
 
+    arguments: Any
     mission: Any
+    plan: Any
     reaction: Any
     controller: Any
     autopilot: Any
     fresh: Any
-    plan: Any
-    mission_limits: Any
-    reaction_limits: Any
-    input_limits: Any
-    maps: Any
 
 
 def new_suite(reach_s: float = 14.0) -> Suite:
     """Return the cores of a short plan: up, along, a hold, down, by `reach_s` [s]."""
     vehicle = VehicleParams()
-    level = np.array([0.0, 0.0, 0.0, 1.0])
     params = MissionParams(
         takeoff_time=1.0,
         height=1.5,
@@ -199,31 +190,25 @@ def new_suite(reach_s: float = 14.0) -> Suite:
         hold_time=2.0,
         land_time=reach_s,
     )
-    controller = ControllerMemory.new()
-    fill_record(controller.watch.params, SafetyParams())
-    fill_record(
-        controller.watch.volume,
+    mission = MissionCore(params, MissionLimits(ground_height=_LEG))
+    reaction = ReactionCore(REGISTRY[DEFAULT](), ReactionLimits())
+    controller = ControllerCore(
+        ControlParams(),
+        vehicle,
+        InputLimits(),
+        rotor_maps(thrust_map(configuration(13)), vehicle),
+        SafetyParams(),
         FlightVolume(x_min=-_BOX, x_max=_BOX, y_min=-_BOX, y_max=_BOX, z_max=3.0),
     )
-    begin_controller(controller)
-    autopilot = new_autopilot(ControlParams(), EstimatorParams(), vehicle, np.zeros(3), level)
-    mission = MissionMemory.new()
-    mission.published_mode = -1
-    begin_mission(mission, True)
-    reaction = ReactionMemory.new()
-    begin_reaction(reaction)
-    maps = rotor_maps(thrust_map(configuration(13)), vehicle)
+    autopilot = controller.autopilot
     return Suite(
-        mission,
-        reaction,
-        controller,
+        tuple(arguments_of(core) for core in (mission, reaction, controller)),
+        mission.memory,
+        mission.plan,
+        reaction.memory,
+        controller.memory,
         autopilot,
         autopilot.copy(),
-        compiled_plan(params),
-        parameter_record(MissionLimits(ground_height=_LEG)),
-        parameter_record(ReactionLimits()),
-        parameter_record(InputLimits()),
-        maps,
     )
 
 
@@ -246,32 +231,41 @@ def _active(faults: Array, kind: int, step: int) -> bool:
 
 
 @compiled_call
-def _sense(s: Suite, world: World, faults: Array, step: int, now: int) -> None:
+def _living(faults: Array, step: int) -> int:
+    """Return the bits of the cores that are not dead."""
+    living = 0
+    if not _active(faults, Fault.MISSION, step):
+        living |= _MISSION
+    if not _active(faults, Fault.REACTION, step):
+        living |= _REACTION
+    if not _active(faults, Fault.CONTROLLER, step):
+        living |= _CONTROLLER
+    return living
+
+
+@compiled_call
+def _sense(s: Suite, world: World, faults: Array, living: int, step: int, now: int) -> None:
     """Poses, estimate and status, unless they are lost."""
-    odometry, airborne = world.odometry, s.mission.mode
+    odometry = world.odometry
     if step % 7 == 0 and not _active(faults, Fault.MOCAP, step):
-        world.pose_ns = now
+        world.estimator.pose_stamp_ns = now
         if not _active(faults, Fault.DETECTOR, step):
-            s.reaction.detector_ns = now
-        note_mocap(s.reaction, s.reaction_limits, now)
+            _delivery.deliver_detector_status(s.arguments, living, world.detector, now)
+        _delivery.deliver_mocap_pose(s.arguments, living, world.pose, now)
     if _active(faults, Fault.ESTIMATOR, step) or _active(faults, Fault.IMU, step):
         return
-    drift = 0.1 * min((now - world.pose_ns) * 1e-9, 20.0)  # without poses it wanders off
-    velocity = np.empty(3)
-    for i in range(3):
-        odometry.position[i] = world.position[i]
-        velocity[i] = world.velocity[i]
-    odometry.position[0] += world.offset + drift
+    blind_s = (now - world.estimator.pose_stamp_ns) * 1e-9
+    odometry.position = world.position
+    odometry.position[0] += world.offset + 0.1 * min(blind_s, 20.0)  # without poses it drifts
     odometry.attitude = s.autopilot.state.attitude
-    x, y, z = rotated_back(odometry.attitude, velocity[0], velocity[1], velocity[2])
+    v = world.velocity
+    x, y, z = rotated_back(odometry.attitude, v[0], v[1], v[2])
     odometry.velocity[0], odometry.velocity[1], odometry.velocity[2] = x, y, z
     odometry.stamp_ns = now
-    take_odometry(s.controller, s.autopilot, odometry)
-    reaction_estimate(s.reaction, odometry, now)
-    take_estimate(s.mission, odometry.position, velocity, now)
-    if step % 4 == 0 and airborne >= 0:
-        zero = np.zeros(3)
-        take_biases(s.controller, s.autopilot, zero, zero, world.pose_ns)
+    # commands reach a dead mission, too, and it answers by the estimate
+    _delivery.deliver_odometry(s.arguments, living | _MISSION, odometry, now)
+    if step % 4 == 0:
+        _delivery.deliver_estimator_status(s.arguments, living, world.estimator, now)
 
 
 @compiled_call
@@ -339,29 +333,17 @@ def _happen(s: Suite, world: World, faults: Array, step: int, verdict: Verdict) 
 
 
 @compiled_call
-def _plan_and_react(s: Suite, world: World, faults: Array, step: int, now: int) -> None:
-    mission_lives = not _active(faults, Fault.MISSION, step)
-    if mission_lives and mission_step(s.mission, s.plan, s.mission_limits, now):
-        setpoint = s.mission.setpoint
+def _plan_and_react(s: Suite, faults: Array, living: int, step: int, now: int) -> None:
+    if living & _MISSION:
+        _delivery.step_mission(s.arguments, now)
         if _active(faults, Fault.SETPOINT_FAR, step):
-            setpoint.position[0] += 50.0
+            s.mission.setpoint.position[0] += 50.0
         if _active(faults, Fault.OUT_OF_VOLUME, step):
-            setpoint.position[0] = -1.5 * _BOX
-        take_mission_setpoint(s.reaction, setpoint, now)
-    if _active(faults, Fault.REACTION, step):
-        return
-    reaction_step(s.reaction, s.reaction_limits, now)
-    status = s.reaction.status
-    if mission_lives and s.reaction.status_due:
-        take_reaction(
-            s.mission, s.mission_limits, status.state, status.x_r, status.collisions,
-            status.stamp_ns, now,
-        )  # fmt: skip
-    if s.reaction.publishes:
-        if mission_lives:
-            s.mission.answer_ns = now
-        if not _active(faults, Fault.CONTROLLER, step):
-            take_setpoint(s.controller, s.autopilot, s.reaction.setpoint, now)
+            s.mission.setpoint.position[0] = -1.5 * _BOX
+        _delivery.publish_mission(s.arguments, living, now)
+    if living & _REACTION:
+        _delivery.step_reaction(s.arguments, now)
+        _delivery.publish_reaction(s.arguments, living, now)
 
 
 @compiled_call
@@ -403,8 +385,6 @@ def _fly_on(world: World, attitude: Array, lift: float, failsafe: bool) -> None:
 def fly_faults(s: Suite, world: World, faults: Any, steps: int, verdict: Verdict) -> None:
     """Fly `steps` steps of 5 ms with faults: rows of kind, first step, end; write `verdict`."""
     verdict.commands = 1
-    force = np.zeros(3)
-    zero = np.zeros(3)
     volume, allowed = s.controller.watch.volume, s.controller.watch.params.setpoint_distance
     attitude = np.zeros(4)
     last = 0
@@ -415,19 +395,19 @@ def fly_faults(s: Suite, world: World, faults: Any, steps: int, verdict: Verdict
     for step in range(steps):
         _happen(s, world, faults, step, verdict)
         now = EPOCH_NS + step * STEP_TICKS * TICK_NS + world.shift_ns
-        _sense(s, world, faults, step, now)
+        living = _living(faults, step)
+        _sense(s, world, faults, living, step, now)
         if step % 4 == 0:
-            _plan_and_react(s, world, faults, step, now)
-        lives = not _active(faults, Fault.CONTROLLER, step)
-        imu = not _active(faults, Fault.IMU, step)
-        watch = s.controller.watch
+            _plan_and_react(s, faults, living, step, now)
         answered = False
-        if lives and imu:
-            force[:] = math.nan if _active(faults, Fault.ACCELEROMETER, step) else 0.0
+        if living & _CONTROLLER and not _active(faults, Fault.IMU, step):
+            noise = math.nan if _active(faults, Fault.ACCELEROMETER, step) else 0.0
             for i in range(3):
-                force[i] += world.force[i]
-            answer_gyro(s.controller, s.autopilot, s.maps, s.input_limits, now, now, zero, force)
-            answered = watch.state != SafetyState.STANDBY
+                world.imu.accel[i] = world.force[i] + noise
+            world.imu.stamp_ns = now
+            _delivery.deliver_imu_data_raw(s.arguments, living, world.imu, now)
+            answered = s.controller.command_due
+            _delivery.publish_controller(s.arguments, living, now)
         lift = 0.0
         if answered:
             world.silent = 0
