@@ -175,26 +175,34 @@ class Core(ABC):
         """
         record = record_of(type(message)).new()
         fill_record(record, message)
-        self._call(self._compiled.takes[topic], record, now_ns)
-        if self._compiled.step is None:
+        compiled = self.compiled_form()
+        compiled.takes[topic](*self.arguments(), record, now_ns)
+        if compiled.step is None:
             self._published += self.take_due()
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Go on to `now_ns`; return (topic, message) of all that is to be published, in order."""
-        if self._compiled.step is not None:
-            self._call(self._compiled.step, now_ns)
+        advance = self.compiled_form().step
+        if advance is not None:
+            advance(*self.arguments(), now_ns)
         published, self._published = [*self._published, *self.take_due()], []
         return published
 
-    @property
-    def _compiled(self) -> Compiled:
-        if self.compiled is None:
-            raise NotImplementedError(f"{type(self).__name__}: neither compiled nor on and step")
-        return self.compiled
+    @classmethod
+    def compiled_form(cls) -> Compiled:
+        """Return what compiled code needs of it.
 
-    def _call(self, function: Callable[..., Any], *more: Any) -> None:
-        paths = (*self._compiled.memories, *self._compiled.params)
-        function(*(field_of(self, path) for path in paths), *more)
+        Raises:
+            TypeError: it runs in Python.
+        """
+        if cls.compiled is None:
+            raise TypeError(f"{cls.name}: runs in Python; accepted: a compiled core")
+        return cls.compiled
+
+    def arguments(self) -> tuple[Any, ...]:
+        """Return memories and parameters, as its compiled functions take them."""
+        compiled = self.compiled_form()
+        return tuple(field_of(self, path) for path in (*compiled.memories, *compiled.params))
 
     def take_due(self) -> list[tuple[str, Any]]:
         """Return (topic, message) of all that compiled code has said is due, each once."""

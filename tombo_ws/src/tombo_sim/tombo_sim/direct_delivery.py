@@ -9,20 +9,8 @@ import hashlib
 from collections.abc import Sequence
 from typing import Any
 
-from tombo_dynamics.core import Compiled, Core, field_of
+from tombo_dynamics.core import Core
 from tombo_dynamics.jit import load_generated
-
-
-def _compiled(core: type[Core] | Core) -> Compiled:
-    if core.compiled is None:
-        raise TypeError(f"{core.name}: runs in Python; accepted: a compiled core")
-    return core.compiled
-
-
-def arguments_of(core: Core) -> tuple[Any, ...]:
-    """Return memories and parameters of a core, as its compiled functions take them."""
-    compiled = _compiled(core)
-    return tuple(field_of(core, path) for path in (*compiled.memories, *compiled.params))
 
 
 def direct_delivery(cores: Sequence[type[Core]]) -> Any:
@@ -32,7 +20,7 @@ def direct_delivery(cores: Sequence[type[Core]]) -> Any:
     - `step_CORE(arguments, now)` steps a core that has a step;
     - `publish_CORE(arguments, hearers, now)` delivers what of a core is due.
 
-    `arguments` are those of each core (`arguments_of`), `hearers` has bit c set if core c hears,
+    `arguments` are those of each core (`Core.arguments`), `hearers` has bit c set if core c hears,
     `now` is in ns. In names a topic's slashes are underscores.
 
     Raises:
@@ -46,7 +34,7 @@ def _source(cores: Sequence[type[Core]]) -> str:
     imports = ["from tombo_dynamics.jit import compiled_call"]
     takers: dict[str, list[str]] = {}
     for c, core in enumerate(cores):
-        for k, (topic, function) in enumerate(_compiled(core).takes.items()):
+        for k, (topic, function) in enumerate(core.compiled_form().takes.items()):
             name = f"{core.name}_take_{k}"
             imports.append(f"from {function.__module__} import {function.__name__} as {name}")
             call = f"{name}(*arguments[{c}], message, now)"
@@ -55,7 +43,7 @@ def _source(cores: Sequence[type[Core]]) -> str:
     for topic, calls in takers.items():
         lines += _function(f"deliver{_suffix(topic)}(arguments, hearers, message, now)", calls)
     for c, core in enumerate(cores):
-        step, due = _compiled(core).step, [f"memory = arguments[{c}][0]"]
+        step, due = core.compiled_form().step, [f"memory = arguments[{c}][0]"]
         if step is not None:
             name = f"{core.name}_step"
             imports.append(f"from {step.__module__} import {step.__name__} as {name}")

@@ -45,7 +45,7 @@ from tombo_dynamics.rotation import rotated, rotated_back
 from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_NS
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
-from tombo_sim.direct_delivery import arguments_of, direct_delivery
+from tombo_sim.direct_delivery import direct_delivery
 
 
 class Fault(IntEnum):
@@ -202,7 +202,7 @@ def new_suite(reach_s: float = 14.0) -> Suite:
     )
     autopilot = controller.autopilot
     return Suite(
-        tuple(arguments_of(core) for core in (mission, reaction, controller)),
+        tuple(core.arguments() for core in (mission, reaction, controller)),
         mission.memory,
         mission.plan,
         reaction.memory,
