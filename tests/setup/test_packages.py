@@ -28,7 +28,9 @@ SHARE = ("config", "foxglove", "launch", "rviz")
 ROSDEP_KEY = {
     "cv2": "python3-opencv",
     "filterpy": "python3-filterpy-pip",
+    "jinja2": "python3-jinja2",
     "lz4": "mcap-ros2-support",
+    "markupsafe": "python3-jinja2",
     "matplotlib": "python3-matplotlib",
     "mcap": "mcap-ros2-support",
     "mpl_toolkits": "python3-matplotlib",

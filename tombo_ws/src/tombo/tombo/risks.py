@@ -59,6 +59,6 @@ def risk(
     with ExitStack() as stack:
         folder = Path(output or stack.enter_context(TemporaryDirectory(prefix="tombo-")))
         opened = stack.enter_context(open_risk(folder, study))
-        found = fly_risk(opened, workers=workers, progress=progress, page=output is not None)
-    assert found is not None  # nothing asks it to stop
-    return found
+        page = fly_risk(opened, workers=workers, progress=progress)
+    assert page is not None  # nothing asks it to stop
+    return dict(page.data)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, RenderableType
@@ -14,6 +15,10 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from tombo_bringup.cli.errors import printable
+from tombo_flight.json_text import as_json as as_json_text
+
+if TYPE_CHECKING:
+    from tombo_flight.report.page import Page
 
 _ONE_LINE: Final = 10_000
 """Columns of a console that nobody looks at: no row of a table is wider."""
@@ -57,6 +62,28 @@ def print_parameters(what: str, value: str, entries: Iterable[Mapping[str, Any]]
             number = "" if p[value] is None else f"{p[value]:g}"
             table.add_row(name, unit, number, bounds, doc)
     console().print(table)
+
+
+def show_page(
+    page: Page, as_json: bool, folder: Path | None = None, files: Sequence[str] = ()
+) -> None:
+    """Show the result of a command: its data as JSON, or its page on the terminal.
+
+    Args:
+        page: the result.
+        as_json: print JSON alone.
+        folder: where its files are; None: nothing was written.
+        files: their names.
+    """
+    if as_json:
+        place = {} if folder is None else {"folder": str(folder)}
+        print(as_json_text({**place, **page.data}), end="")
+        return
+    from tombo_flight.report.terminal import print_page
+
+    print_page(page, console())
+    if folder is not None:
+        print_line(f"{folder}: {', '.join(files)}")
 
 
 def print_line(text: str, style: str = "") -> None:

@@ -126,7 +126,7 @@ SOON = (
 def test_a_killed_study_goes_on_to_the_same_digit(tmp_path):
     study = new_risk("paper_collision", GIVEN, 100, settings=SOON)
     with open_risk(tmp_path / "whole", study) as folder:
-        whole = fly_risk(folder, workers=1)
+        whole = fly_risk(folder, workers=1).data
     with open_risk(tmp_path / "killed", study) as folder:
         assert fly_risk(folder, workers=1, stop=lambda: folder.kept > 30) is None
         kept = folder.kept
@@ -135,7 +135,7 @@ def test_a_killed_study_goes_on_to_the_same_digit(tmp_path):
     journal.write_bytes(journal.read_bytes() + b'\n["risk", 77, {"mar')
     with open_risk(tmp_path / "killed", study) as folder:
         assert folder.kept == kept
-        assert fly_risk(folder, workers=1, page=False) == whole
+        assert fly_risk(folder, workers=1).data == whole
     one, two = (pq.read_table(tmp_path / name / "flights.parquet") for name in ("whole", "killed"))
     assert one.equals(two) and one.num_rows == 100
     assert (np.array(one["margin"]) < 0.0).tolist() == one["crashed"].to_pylist()

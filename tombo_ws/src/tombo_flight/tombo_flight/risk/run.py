@@ -17,9 +17,12 @@ from tombo_flight.json_text import plain
 from tombo_flight.process.stop_signals import Stopped
 from tombo_flight.process.study import Progress, Row, Task, fly_tasks, pace
 from tombo_flight.process.study_folder import RESULT, Journal, open_study, write_head
+from tombo_flight.report.html import write_page
+from tombo_flight.report.page import Page
 from tombo_flight.risk.estimate import Estimate, Sample, estimate
 from tombo_flight.risk.influence import influence
 from tombo_flight.risk.inputs import settings_at
+from tombo_flight.risk.page import risk_page
 from tombo_flight.risk.result import result_of
 from tombo_flight.risk.study import RiskStudy
 
@@ -64,8 +67,7 @@ def fly_risk(
     workers: int | None = None,
     progress: Progress | None = None,
     stop: Callable[[], bool] | None = None,
-    page: bool = True,
-) -> dict[str, Any] | None:
+) -> Page | None:
     """Fly what is missing and write table, page and result.
 
     Args:
@@ -73,10 +75,9 @@ def fly_risk(
         workers: processes; the cores that this process may use if None.
         progress: told the progress.
         stop: asked now and then; True ends it, with what was flown on disk.
-        page: write the page, for which the most likely crash is flown again.
 
     Returns:
-        The result (docs/risk.md); None: it was stopped.
+        The page, the result (docs/risk.md) as its data; None: it was stopped.
 
     Raises:
         InputError: no flight of the scenario can be flown.
@@ -107,22 +108,20 @@ def fly_risk(
         answer, sample = estimate(len(study.inputs), study.flights, study.method, study.seed, fly)
     except Stopped:
         return None
-    return _finish(folder, answer, sample, page)
+    return _finish(folder, answer, sample)
 
 
-def _finish(folder: RiskFolder, answer: Estimate, sample: Sample, page: bool) -> dict[str, Any]:
+def _finish(folder: RiskFolder, answer: Estimate, sample: Sample) -> Page:
     study = folder.study
     errors = [row["error"] for _, row in sorted(folder.rows.items()) if "error" in row]
     keys = [one.key for one in study.inputs]
     result = plain(result_of(study, answer, sample, errors, influence(keys, sample)))
     _write_table(folder.folder / TABLE, study, sample)
-    if page:
-        from tombo_flight.risk.page import write_page
-
-        write_page(folder.folder / PAGE, study, result, sample)
+    page = risk_page(study, result, sample)
+    write_page(folder.folder / PAGE, page)
     values = {**study.as_mapping(), RESULT: result}
     write_head(folder.folder, HEAD, values, result["outcome"])
-    return dict(result)
+    return page
 
 
 def _write_table(path: Path, study: RiskStudy, sample: Sample) -> None:

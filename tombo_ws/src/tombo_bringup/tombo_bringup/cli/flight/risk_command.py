@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,6 +23,7 @@ from tombo_bringup.cli.options import (
     output_option,
 )
 from tombo_bringup.cli.result_files import check_output, fly_study, plain_name
+from tombo_bringup.cli.tables import show_page
 
 if TYPE_CHECKING:
     from tombo_flight.risk.study import RiskStudy
@@ -91,9 +92,9 @@ def risk(
 
 
 def _risk(study: RiskStudy, output: str | None, workers: int | None, as_json: bool) -> None:
-    from tombo_flight.risk.run import fly_risk, open_risk
+    from tombo_flight.risk.run import HEAD, PAGE, TABLE, fly_risk, open_risk
 
-    folder, _, result = fly_study(
+    folder, _, page = fly_study(
         open_risk(
             Path(output or f"runs/risk-{plain_name(study.label, 'scenario')}"),
             study,
@@ -103,20 +104,4 @@ def _risk(study: RiskStudy, output: str | None, workers: int | None, as_json: bo
         as_json,
         lambda opened, tell, stop: fly_risk(opened, workers=workers, progress=tell, stop=stop),
     )
-    if as_json:
-        import json
-
-        typer.echo(json.dumps({"folder": str(folder), **result}, indent=1, ensure_ascii=False))
-    else:
-        _tell(result, folder)
-
-
-def _tell(result: dict[str, Any], folder: Path) -> None:
-    from tombo_flight.risk.words import answer_words, assumption_words, decision_words
-
-    typer.echo(answer_words(result))
-    for line in [*decision_words(result), *assumption_words(result)]:
-        typer.echo(f"- {line}")
-    if result["most_likely_crash"] is not None:
-        typer.echo(f"Most likely crash: {result['most_likely_crash']['command']}")
-    typer.echo(f"{folder}: risk.html, risk.json, flights.parquet")
+    show_page(page, as_json, folder, (HEAD, PAGE, TABLE))

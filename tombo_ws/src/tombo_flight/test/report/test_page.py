@@ -1,0 +1,162 @@
+"""A page says the same in a browser, on a terminal and to programs."""
+
+from __future__ import annotations
+
+import io
+import json
+from html.parser import HTMLParser
+
+import pytest
+from rich.console import Console
+
+from tombo_flight.report.figure import new_figure
+from tombo_flight.report.html import page_html
+from tombo_flight.report.page import (
+    Card,
+    Cell,
+    Folded,
+    Page,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Text,
+    page_json,
+)
+from tombo_flight.report.terminal import print_page
+
+HOSTILE = "<script>alert('x')</script> & [bold]"
+
+
+def figure():
+    with new_figure(3.0, 2.0, 100) as drawn:
+        drawn.subplots().plot([0.0, 1.0], [2.0, 3.0])
+    return drawn
+
+
+def page(**changed) -> Page:
+    table = Table(
+        ("name", "value [m]"),
+        [
+            Row(["Group of rows"], "group"),
+            ("plain", "1.25"),
+            Row(
+                [Cell("marked", "bad", small="small text"), Cell("-3.5", bar=0.5)], anchor="place"
+            ),
+        ],
+        note="Note of the table.",
+    )
+    sections = [
+        Section(
+            "Shown by both", [table, Text(["A sentence."], "list"), Picture(figure, "Caption")]
+        ),
+        Section("Page alone", [Folded("Folded", [Text(["Inside."])])], "page"),
+        Section("Terminal alone", [Text(["For the terminal."])], "terminal"),
+        Section("Section without items", []),
+    ]
+    values = {
+        "title": "Tab", "eyebrow": "Eyebrow", "headline": "Headline", "summary": "Summary.",
+        "sections": sections, "cards": [Card("fall", "0.5", "m", "paper 0.5 m")],
+        "verdict": "passed", "verdict_style": "good", "footer": "Footer.", "data": {"fall": 0.5},
+    }  # fmt: skip
+    return Page(**{**values, **changed})
+
+
+def terminal_text(shown: Page, width: int = 100) -> str:
+    out = io.StringIO()
+    print_page(shown, Console(file=out, width=width))
+    return out.getvalue()
+
+
+class Parsed(HTMLParser):
+    """Text and addresses of a page, and whether its elements are closed in order."""
+
+    VOID = ("meta", "link", "br", "img", "path", "use", "line", "circle", "rect")
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.texts: list[str] = []
+        self.addresses: list[str] = []
+        self.feed(html)
+
+    def handle_starttag(self, tag, attrs):
+        self.addresses += [v for k, v in attrs if k in ("src", "href", "xlink:href") and v]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if not {"style", "script"} & set(self.open):
+            self.texts.append(data)
+
+
+def test_browser_and_terminal_show_the_same_facts():
+    parsed = Parsed(page_html(page()))
+    assert parsed.open == []
+    browser, terminal = " ".join(parsed.texts), terminal_text(page())
+    for fact in (
+        "Headline", "Summary.", "passed", "fall", "0.5", "paper 0.5 m", "Shown by both",
+        "Group of rows", "plain", "1.25", "marked", "small text", "-3.5", "value [m]",
+        "Note of the table.", "A sentence.",
+    ):  # fmt: skip
+        assert fact in browser and fact in terminal, fact
+    assert "Caption" in browser and "Inside." in browser and "Footer." in browser
+    assert "For the terminal." in terminal and "For the terminal." not in browser
+    assert "Inside." not in terminal and "Section without items" not in browser + terminal
+    assert json.loads(page_json(page())) == {"fall": 0.5}
+
+
+@pytest.mark.parametrize("place", ["headline", "summary", "title", "eyebrow", "verdict", "footer"])
+def test_text_is_never_read_as_markup(place):
+    html = page_html(page(**{place: HOSTILE}))
+    assert "<script" not in html and "&lt;script&gt;" in html
+    if place in ("headline", "summary", "verdict"):
+        assert HOSTILE in terminal_text(page(**{place: HOSTILE}))
+
+
+def test_texts_of_items_are_never_read_as_markup():
+    items = [
+        Table([HOSTILE], [[Cell(HOSTILE, small=HOSTILE, tooltip=HOSTILE)]], title=HOSTILE),
+        Text([HOSTILE], "command"),
+        Picture(figure, HOSTILE, name=HOSTILE),
+        Folded(HOSTILE, [Text([HOSTILE])]),
+    ]
+    shown = page(sections=[Section(HOSTILE, items)], cards=[Card(HOSTILE, HOSTILE)])
+    html = page_html(shown)
+    assert "<script" not in html
+    Parsed(html)
+    assert terminal_text(shown).count(HOSTILE) >= 6
+
+
+def test_a_page_loads_nothing_and_allows_no_script_unless_it_has_one():
+    html = page_html(page())
+    for address in Parsed(html).addresses:
+        assert address.startswith(("#", "data:")), address
+    assert "default-src 'none'" in html and "script-src" not in html
+    assert "script-src 'unsafe-inline'" in page_html(page(scripts="<script>1</script>"))
+
+
+def test_numbers_stand_right_on_a_terminal_and_names_left():
+    rows = [("short", "1.5"), ("a long name", "22.25")]
+    table = Section("", [Table(("name", "value"), rows)])
+    text = terminal_text(page(sections=[table], cards=()))
+    lines = text.splitlines()
+    places = [next(line for line in lines if v in line).index(v) + len(v) for _, v in rows]
+    assert len(set(places)) == 1
+
+
+def test_a_figure_is_drawn_only_where_it_is_shown():
+    drawn = []
+
+    def draw():
+        drawn.append(1)
+        return figure()
+
+    shown = page(sections=[Section("Figure", [Picture(draw, "Caption")])])
+    terminal_text(shown)
+    assert not drawn
+    assert "<svg" in page_html(shown) and drawn

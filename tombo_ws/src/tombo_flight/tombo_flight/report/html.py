@@ -1,0 +1,68 @@
+"""Pages of results as HTML files that need nothing but a browser."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup as SafeText
+
+from tombo_flight.report.figure import inline_svg
+from tombo_flight.report.page import Cell, Item, Page, Row
+
+_TEMPLATE: Final = "results.html.j2"
+
+
+def page_html(page: Page) -> str:
+    """Return a page as HTML; it loads nothing from anywhere."""
+    return _environment().get_template(_TEMPLATE).render(page=page)
+
+
+def write_page(path: Path, page: Page) -> None:
+    """Write a page as an HTML file, whole or not at all.
+
+    Raises:
+        OSError: the file can't be written.
+    """
+    unfinished = path.with_name(f".{path.name}.unfinished")
+    unfinished.write_text(page_html(page), encoding="utf-8", newline="\n")
+    unfinished.replace(path)
+
+
+@cache
+def _environment() -> Environment:
+    loader = PackageLoader("tombo_flight", "report/assets")
+    made = Environment(
+        loader=loader,
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters["kind"] = _kind
+    made.filters["row"] = _row
+    made.filters["cell"] = _cell
+    made.filters["percent"] = _percent
+    made.filters["svg"] = lambda figure, name: SafeText(inline_svg(figure, name))
+    made.globals["asset"] = lambda name: SafeText(loader.get_source(made, name)[0])
+    return made
+
+
+def _kind(item: Item) -> str:
+    return type(item).__name__.lower()
+
+
+def _row(row: Row | list[str | Cell]) -> Row:
+    return row if isinstance(row, Row) else Row(row)
+
+
+def _cell(cell: str | Cell) -> Cell:
+    return cell if isinstance(cell, Cell) else Cell(cell)
+
+
+def _percent(share: float) -> str:
+    """Return a share in percent, within 0 and 100."""
+    return f"{100.0 * min(max(share, 0.0), 1.0) if math.isfinite(share) else 0.0:.1f}%"

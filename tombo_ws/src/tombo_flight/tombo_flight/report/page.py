@@ -1,0 +1,163 @@
+"""A page of results: what a command has to say, once, whatever shows it.
+
+Renderers: `html.page_html` for a browser, `terminal.print_page` for a terminal, `page_json` for
+programs. All texts are plain; a renderer escapes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+from tombo_flight.json_text import as_json
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Medium = Literal["both", "page", "terminal"]
+"""What shows a section: `page` is the HTML page."""
+
+
+@dataclass(frozen=True)
+class Card:
+    """A figure of the header."""
+
+    name: str
+    value: str
+    unit: str = ""
+    beside: str = ""
+    """Small text below the value."""
+    kind: str = ""
+    """Further style."""
+    tooltip: str = ""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of a table, where its text alone is not enough."""
+
+    text: str
+    style: str = ""
+    """good, warn, bad or muted, also on a terminal; or a class of the style sheet."""
+    small: str = ""
+    """Small text after it."""
+    tooltip: str = ""
+    link: str = ""
+    """A place in the page that it leads to: `#anchor`."""
+    code: bool = False
+    """It is a command or a name in code."""
+    badge: bool = False
+    """Its text is a verdict, shown as a badge."""
+    bar: float | None = None
+    """Length of a bar before the text, 0 to 1."""
+    html: str = ""
+    """HTML that the page shows before the text, such as a drawing."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table, where its cells alone are not enough."""
+
+    cells: Sequence[str | Cell]
+    style: str = ""
+    """group: one cell over the whole width, the heading of the rows below; muted; best; or a
+    class of the style sheet."""
+    anchor: str = ""
+    """Name of its place in the page."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; the first cell of a row is its heading."""
+
+    head: Sequence[str]
+    """Column headings; none: no line of headings."""
+    rows: Sequence[Row | Sequence[str | Cell]]
+    style: str = ""
+    """Class of the style sheet."""
+    title: str = ""
+    note: str = ""
+    """Small text below."""
+
+
+@dataclass(frozen=True)
+class Text:
+    """Sentences."""
+
+    lines: Sequence[str]
+    kind: Literal["paragraphs", "list", "hint", "command", "heading"] = "paragraphs"
+    """hint: small and grey; command: lines to be copied."""
+    style: str = ""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure with its caption; a terminal leaves it out."""
+
+    draw: Callable[[], Figure]
+    """Called when a page is made."""
+    caption: str
+    name: str = ""
+    """Shown in bold before the caption."""
+
+
+@dataclass(frozen=True)
+class Markup:
+    """HTML as it is, such as the stage of the 3-D replay; a terminal leaves it out."""
+
+    html: str
+
+
+@dataclass(frozen=True)
+class Folded:
+    """Items that the page shows when they are asked for."""
+
+    title: str
+    items: Sequence[Item]
+
+
+Item = Table | Text | Picture | Markup | Folded
+
+
+@dataclass(frozen=True)
+class Section:
+    """Items below a heading; a section without items is left out."""
+
+    title: str
+    items: Sequence[Item]
+    medium: Medium = "both"
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page of results."""
+
+    title: str
+    """Of the browser's tab."""
+    eyebrow: str
+    """Small line above the headline."""
+    headline: str
+    summary: str
+    sections: Sequence[Section]
+    data: Mapping[str, Any] = field(default_factory=dict)
+    """The same for programs."""
+    cards: Sequence[Card] = ()
+    footer: str = ""
+    verdict: str = ""
+    """Badge beside the eyebrow."""
+    verdict_style: str = ""
+    """good, warn or bad."""
+    css: str = ""
+    """Beside that of all pages."""
+    scripts: str = ""
+    """Script elements at the end of the HTML page."""
+
+    def shown_by(self, medium: Medium) -> list[Section]:
+        """Return the sections with content that `medium` shows."""
+        return [s for s in self.sections if s.items and s.medium in ("both", medium)]
+
+
+def page_json(page: Page) -> str:
+    """Return the page's data as the text of a JSON file."""
+    return as_json(page.data)
