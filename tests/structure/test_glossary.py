@@ -19,16 +19,16 @@ NAMES = [(row[0].strip("| "), name) for row in ROWS for name in re.findall(r"`([
 @pytest.fixture(scope="module")
 def files() -> list[set[str]]:
     """Return the words of each source, message and YAML file, with its own name."""
-    found = []
+    words_of_files = []
     for path in (ROOT / "tombo_ws" / "src").rglob("*"):
         if path.suffix in (".py", ".msg", ".yaml"):
             words = re.findall(r"\w+", path.read_text(encoding="utf-8"))
-            found.append({*words, path.stem, path.suffix[1:], *path.parent.parts})
-    return found
+            words_of_files.append({*words, path.stem, path.suffix[1:], *path.parent.parts})
+    return words_of_files
 
 
 def test_glossary_has_rows_of_four_columns():
-    assert len(ROWS) > 150
+    assert 0 < len(ROWS) <= 120  # what a reader needs; the rest stands in docstrings
     assert {len(row) for row in ROWS} == {4}
 
 
