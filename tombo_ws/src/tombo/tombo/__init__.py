@@ -11,12 +11,13 @@ What `__all__` lists is public; docs/python.md says what that promises.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from tombo.arenas import arena
-from tombo.flights import Flight, fly
-from tombo.measured import Diagnosis, Log, diagnose, read, stand
+from tombo.flights import FlightTables as Flight
+from tombo.flights import fly
+from tombo.measured import DiagnosisTables as Diagnosis
+from tombo.measured import LogTables as Log
+from tombo.measured import diagnose, read, stand
 from tombo.propellers import propeller
-from tombo.risks import risk
-from tombo.sweeps import sweep
+from tombo.studies import arena, risk, sweep
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:

@@ -1,32 +1,44 @@
-"""One flight: flown here, or read from a recording."""
+"""One flight, flown here or read from a recording, and its arrays as pandas tables."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tombo.files import new_file
-from tombo.tables import frame_of, html_table
-from tombo_dynamics.errors import unknown_name
+import numpy as np
+
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.vehicle import ROTOR_NAMES
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from tombo_bag import flight
+    from tombo_bag.flight import Flight
     from tombo_collision.reactions import Reaction
     from tombo_flight.scenario import Scenario
 
 
+_PARTS: Mapping[str, Sequence[str]] = {
+    "contact": ("touching", "rotor", "x", "y", "z"),
+    "battery": ("charge_used", "current", "voltage"),
+}
+_OF_ROTORS = ("rotor_speed", "rotor_thrust", "rotor_command", "motor_command", "fold", "damage")
+_XYZW = ("x", "y", "z", "w")
+
+
 @dataclass(frozen=True, repr=False)
-class Flight:
+class FlightTables:
     """A flight with its tables. World `map` ENU, body `base_link` FLU, SI units, rad, xyzw."""
 
-    record: flight.Flight
+    record: Flight
     """The arrays themselves, for who needs no tables; not a public interface."""
 
     @property
@@ -82,8 +94,9 @@ class Flight:
         """
         if topic not in self.topics:
             raise unknown_name("topic", topic, self.topics)
-        said = self.record[topic]
-        return frame_of({name: one.values for name, one in said.items()}, said.arrival)
+        messages = self.record[topic]
+        columns = {name: series.values for name, series in messages.items()}
+        return frame_of(columns, messages.arrival)
 
     def plot(self, *, column: bool = False) -> Figure:
         """Return the figure of `flight.png`, or one as wide as a column of print, 88 mm."""
@@ -111,7 +124,6 @@ class Flight:
             InputError: the file is there and may not be replaced, or can't be written; or the
                 flight was itself read from a recording.
         """
-        from tombo_dynamics.errors import InputError
         from tombo_flight.flight_output import write_mcap
 
         if self.record.source:
@@ -147,7 +159,7 @@ def fly(
     model: str | None = None,
     vehicle: str | None = None,
     **settings: Any,
-) -> Flight:
+) -> FlightTables:
     """Fly a scenario, headless: the flight of `tombo fly`, to the last bit.
 
     Args:
@@ -166,7 +178,7 @@ def fly(
 
     chosen = scenario_of(scenario, texts_of(settings), reaction, model, vehicle)
     record = fly_scenario(chosen, seed)
-    return Flight(dataclasses.replace(record, summary=flight_summary(record)))
+    return FlightTables(dataclasses.replace(record, summary=flight_summary(record)))
 
 
 def scenario_of(
@@ -194,7 +206,91 @@ def texts_of(settings: dict[str, Any]) -> list[str]:
 
 def _columns(events: Sequence[dict[str, Any]]) -> list[str]:
     """Return the keys of all events, each once, those of all first."""
-    found = dict.fromkeys(("time_s", "kind", "text"))
+    columns = dict.fromkeys(("time_s", "kind", "text"))
     for event in events:
-        found |= dict.fromkeys(event)
-    return list(found)
+        columns |= dict.fromkeys(event)
+    return list(columns)
+
+
+def frame_of(columns: Mapping[str, Any], time_s: Any) -> pd.DataFrame:
+    """Return a table over time: arrays (N,) and (N, k) by name, k columns "name.part" for each.
+
+    Args:
+        columns: name → array.
+        time_s: (N,) the index [s].
+    """
+    import pandas as pd
+
+    flat: dict[str, Any] = {}
+    for name, values in columns.items():
+        flat |= dict(_flat(name, np.asarray(values)))
+    return pd.DataFrame(flat, index=pd.Index(np.asarray(time_s), name="t"))
+
+
+def html_table(title: str, rows: Mapping[str, Any]) -> str:
+    """Return names and values as HTML, for notebooks."""
+    lines = "".join(
+        f"<tr><th style='text-align:left'>{escape(name)}</th><td>{escape(_shown(value))}</td></tr>"
+        for name, value in rows.items()
+    )
+    return f"<b>{escape(title)}</b><table>{lines}</table>"
+
+
+def _flat(name: str, values: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the columns (N,) of one array."""
+    if values.dtype.names is not None:
+        for part in values.dtype.names:
+            yield from _flat(f"{name}.{part}", values[part])
+    elif values.ndim == 1:
+        yield name, values
+    elif values.ndim == 2 and values.shape[1] == 1:
+        yield name, values[:, 0]
+    else:
+        wide = np.ascontiguousarray(values.reshape(values.shape[0], -1).T)
+        for part, column in zip(_parts(name, wide.shape[0]), wide, strict=True):
+            yield f"{name}.{part}", column
+
+
+def _parts(name: str, width: int) -> Sequence[str]:
+    last = name.rpartition(".")[2]
+    if last in _PARTS and len(_PARTS[last]) == width:
+        return _PARTS[last]
+    if last in _OF_ROTORS and width == len(ROTOR_NAMES):
+        return ROTOR_NAMES
+    return _XYZW[:width] if width in (3, 4) else [str(k) for k in range(width)]
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list | tuple):
+        return "(" + ", ".join(_shown(part) for part in value) + ")"
+    return str(value)
+
+
+@contextmanager
+def new_file(path: str | Path, *, replace: bool) -> Iterator[Path]:
+    """Give the name of a hidden file beside `path`, which is put in its place at the end.
+
+    Raises:
+        InputError: it is there and may not be replaced, or can't be written.
+    """
+    target = Path(path)
+    if os.path.lexists(target) and not replace:
+        raise InputError(f"'{target}' exists; accepted: another name, or replace=True")
+    unfinished = target.with_name(f".{target.name}.unfinished-{os.getpid()}")
+    try:
+        yield unfinished
+        if replace:
+            os.replace(unfinished, target)
+        else:
+            os.link(unfinished, target)  # unlike a rename it never replaces
+    except OSError as error:
+        raise InputError(
+            f"'{target}' can't be written ({error.strerror}); accepted: a new file in a folder "
+            "that can be written"
+        ) from error
+    finally:
+        unfinished.unlink(missing_ok=True)

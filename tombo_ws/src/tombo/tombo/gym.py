@@ -59,9 +59,11 @@ def _acted() -> spaces.Box:
 
 def _info(episodes: Episodes, outcome: Outcome | None = None) -> dict[str, Any]:
     """Return the arrays (N) of a step's info."""
-    found = {"flight_seed": episodes.seeds.copy(), "time_s": episodes.batch.time.copy()}
-    crashed = np.zeros(episodes.count, bool) if outcome is None else outcome.crashed
-    return {**found, "crashed": crashed}
+    return {
+        "flight_seed": episodes.seeds.copy(),
+        "time_s": episodes.batch.time.copy(),
+        "crashed": np.zeros(episodes.count, bool) if outcome is None else outcome.crashed,
+    }
 
 
 class CollisionEnv(gymnasium.Env[Any, Any]):
@@ -178,9 +180,9 @@ class CollisionVectorEnv(VectorEnv[Any, Any, Any]):
             seeds = list(seed)
         if len(seeds) != count:
             raise InputError(f"seed: {len(seeds)} seeds; accepted: one, or {count}")
-        for i, one in enumerate(seeds):
-            if one is not None:
-                self._random[i] = seeding.np_random(one)[0]
+        for i, vehicle_seed in enumerate(seeds):
+            if vehicle_seed is not None:
+                self._random[i] = seeding.np_random(vehicle_seed)[0]
         self.episodes.reset(range(count), self._random, seeds)
         self._done[:] = False
         return self.episodes.observation, self._infos(None)
@@ -209,8 +211,8 @@ class CollisionVectorEnv(VectorEnv[Any, Any, Any]):
         self.episodes.close()
 
     def _infos(self, outcome: Outcome | None) -> dict[str, Any]:
-        found = _info(self.episodes, outcome)
-        return {**found, **{f"_{key}": np.ones(self.num_envs, bool) for key in found}}
+        info = _info(self.episodes, outcome)
+        return {**info, **{f"_{key}": np.ones(self.num_envs, bool) for key in info}}
 
 
 def _checked(actions: Any, shape: tuple[int, ...]) -> Array:

@@ -10,24 +10,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tombo.flights import Flight
-from tombo.tables import frame_of, html_table
+from tombo.flights import FlightTables, frame_of, html_table
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from tombo_bag.flight import Flight as Measured
-    from tombo_diagnosis.diagnosis import Diagnosis as Found
+    from tombo_bag.flight import Flight
+    from tombo_diagnosis.diagnosis import Diagnosis
     from tombo_diagnosis.report.diagnosis_output import NominalReference
 
 Paths = str | Path | Sequence[str | Path]
 
 
 @dataclass(frozen=True, repr=False)
-class Log:
+class LogTables:
     """A measured flight: channels with their own times, as far as the file has them."""
 
-    log: Measured
+    flight: Flight
     """The arrays themselves; not a public interface."""
 
     @property
@@ -35,14 +34,16 @@ class Log:
         """Name → unit and meaning of each channel that is there."""
         from tombo_bag.channels import CHANNELS
 
-        return {name: f"{CHANNELS[name].unit}: {CHANNELS[name].doc}" for name in self.log.series}
+        return {
+            name: f"{CHANNELS[name].unit}: {CHANNELS[name].doc}" for name in self.flight.series
+        }
 
     @cached_property
     def tables(self) -> dict[str, pd.DataFrame]:
         """Channel → table; index t [s] on the flight's own clock."""
         return {
             name: frame_of({name: series.values}, series.t)
-            for name, series in self.log.series.items()
+            for name, series in self.flight.series.items()
         }
 
     @cached_property
@@ -50,68 +51,57 @@ class Log:
         """What the reader noticed."""
         import pandas as pd
 
-        return pd.DataFrame([vars(finding) for finding in self.log.findings])
+        return pd.DataFrame([vars(finding) for finding in self.flight.findings])
 
     def __repr__(self) -> str:
-        return f"Log({self.log.source!r}: {self.log.duration_s:.1f} s, {', '.join(self.channels)})"
+        channels = ", ".join(self.channels)
+        return f"Log({self.flight.source!r}: {self.flight.duration_s:.1f} s, {channels})"
 
     def _repr_html_(self) -> str:
         """Return the channels as HTML, for notebooks."""
         rows = {
-            name: f"{len(self.log.series[name].t)} samples, {text}"
+            name: f"{len(self.flight.series[name].t)} samples, {text}"
             for name, text in self.channels.items()
         }
-        return html_table(f"{self.log.source}, {self.log.duration_s:.1f} s", rows)
+        return html_table(f"{self.flight.source}, {self.flight.duration_s:.1f} s", rows)
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis:
+class DiagnosisTables:
     """What a simulation gets wrong in measurements, and why."""
 
-    found: Found
+    diagnosis: Diagnosis
     """The whole result; not a public interface."""
     against: NominalReference | None = None
 
     @property
     def verdict(self) -> str:
         """One of none, named, set, partly_explained, unknown (docs/diagnosis.md)."""
-        return self.found.verdict
+        return self.diagnosis.verdict
 
     @property
     def summary(self) -> str:
         """The verdict in a sentence or two."""
-        return self.found.summary
+        return self.diagnosis.summary
 
     @cached_property
     def causes(self) -> pd.DataFrame:
         """The effects that the data call for, a row for each parameter, with its 95 % interval."""
         import pandas as pd
 
-        columns = (
-            "effect",
-            "parameter",
-            "value",
-            "low",
-            "high",
-            "unit",
-            "confidence",
-            "signature",
-        )
+        of_parameter = ("name", "value", "low", "high", "unit")
         rows = [
-            (
-                cause.effect,
-                p.name,
-                p.value,
-                p.low,
-                p.high,
-                p.unit,
-                cause.confidence,
-                cause.signature,
-            )
-            for cause in self.found.causes
-            for p in cause.theta
+            {
+                "effect": cause.effect,
+                **{name: getattr(parameter, name) for name in of_parameter},
+                "confidence": cause.confidence,
+                "signature": cause.signature,
+            }
+            for cause in self.diagnosis.causes
+            for parameter in cause.theta
         ]
-        return pd.DataFrame(rows, columns=list(columns))
+        columns = ["effect", *of_parameter, "confidence", "signature"]
+        return pd.DataFrame(rows, columns=columns).rename(columns={"name": "parameter"})
 
     @cached_property
     def candidates(self) -> pd.DataFrame:
@@ -119,7 +109,7 @@ class Diagnosis:
         import pandas as pd
 
         columns = ("effect", "probability", "gain", "evidence", "excited", "remark")
-        rows = [[getattr(score, name) for name in columns] for score in self.found.candidates]
+        rows = [[getattr(score, name) for name in columns] for score in self.diagnosis.candidates]
         return pd.DataFrame(rows, columns=list(columns))
 
     def save(self, folder: str | Path, *, replace: bool = False) -> Path:
@@ -135,7 +125,7 @@ class Diagnosis:
         if self.against is None:
             raise InputError("save: of a thrust stand; accepted: tombo propeller diagnose -o DIR")
         with open_output(Path(folder), replace=replace, results=DIAGNOSIS_FILES) as output:
-            write_diagnosis(output, self.found, self.against)
+            write_diagnosis(output, self.diagnosis, self.against)
             output.publish()
         return Path(folder)
 
@@ -146,12 +136,12 @@ class Diagnosis:
         """Return verdict and causes as HTML, for notebooks."""
         rows = {
             f"{cause.effect}": ", ".join(f"{p.name} {p.value:.4g} {p.unit}" for p in cause.theta)
-            for cause in self.found.causes
+            for cause in self.diagnosis.causes
         }
         return html_table(f"{self.verdict}: {self.summary}", rows)
 
 
-def read(path: str | Path, mapping: str | Path | None = None) -> Flight | Log:
+def read(path: str | Path, mapping: str | Path | None = None) -> FlightTables | LogTables:
     """Read a recording, a PX4 log or a table.
 
     Args:
@@ -173,11 +163,11 @@ def read(path: str | Path, mapping: str | Path | None = None) -> Flight | Log:
     place = Path(path)
     if place.is_dir() or kind_of(place) == "recording":
         with Recording(place) as recording:
-            own = FLIGHT_METADATA in recording.metadata
-        if own and mapping is None:
-            return Flight(read_flight(place))
-    use = None if mapping is None else load_mapping(mapping)
-    return Log(read_log(place, place.name.split(".")[0], use))
+            of_suite = FLIGHT_METADATA in recording.metadata
+        if of_suite and mapping is None:
+            return FlightTables(read_flight(place))
+    columns = None if mapping is None else load_mapping(mapping)
+    return LogTables(read_log(place, place.name.split(".")[0], columns))
 
 
 def diagnose(
@@ -187,7 +177,7 @@ def diagnose(
     model: str | Path | None = None,
     vehicle: str | None = None,
     topics: Mapping[str, str] | None = None,
-) -> Diagnosis:
+) -> DiagnosisTables:
     """Say what the simulation gets wrong in measured flights, and name the cause.
 
     Args:
@@ -203,12 +193,12 @@ def diagnose(
     from tombo_diagnosis.flight.diagnose import diagnose_logs
     from tombo_diagnosis.report.diagnosis_output import NominalReference
 
-    found, label, base = diagnose_logs(
+    diagnosis, label, base = diagnose_logs(
         _paths(logs), None if model is None else Path(model), mapping, topics or {}, vehicle,
         time.perf_counter,
     )  # fmt: skip
     today = datetime.date.today().isoformat()
-    return Diagnosis(found, NominalReference(label, today, base, vehicle or ""))
+    return DiagnosisTables(diagnosis, NominalReference(label, today, base, vehicle or ""))
 
 
 def stand(
@@ -218,7 +208,7 @@ def stand(
     conf: int = 13,
     law: str = "repaired",
     plain: bool = False,
-) -> Diagnosis:
+) -> DiagnosisTables:
     """Say what the propeller model gets wrong in runs of a thrust stand.
 
     Args:
@@ -235,11 +225,11 @@ def stand(
     from tombo_diagnosis.stand.tables.table_reader import read_stand
     from tombo_flight.progress import no_progress
 
-    found = [read_stand(path, mapping) for path in _paths(tables)]
-    result = diagnose_stand(found, conf, law, plain, no_progress, time.perf_counter)
-    return Diagnosis(result.diagnosis)
+    runs = [read_stand(path, mapping) for path in _paths(tables)]
+    result = diagnose_stand(runs, conf, law, plain, no_progress, time.perf_counter)
+    return DiagnosisTables(result.diagnosis)
 
 
 def _paths(given: Paths) -> list[Path]:
-    one: Iterable[Any] = [given] if isinstance(given, str | Path) else given
-    return [Path(path) for path in one]
+    paths: Iterable[Any] = [given] if isinstance(given, str | Path) else given
+    return [Path(path) for path in paths]
