@@ -111,6 +111,11 @@ def read_hello(path, name):
     return f"read {name}"
 """
 COMMAND = """
+import typer
+
+app = typer.Typer()
+
+@app.command()
 def hello():
     print("hello, vehicle")
 """
@@ -200,8 +205,8 @@ ADDITIONS = {
             Edit("tombo_bringup/tombo_bringup/cli/hello_command.py", COMMAND),
             Edit(
                 "tombo_bringup/tombo_bringup/cli/main.py",
-                "from tombo_bringup.cli.hello_command import hello\napp.command()(hello)\n",
-                before="app.command()(effects)",
+                '    "hello_command",\n',
+                before='    "catalogue_commands",',
             ),
         ),
         "printed('hello')",

@@ -12,10 +12,13 @@ from tombo_bringup.cli.options import UnpackLimit, json_option, option, output_o
 if TYPE_CHECKING:
     from tombo_bag.comparison import Comparison
 
+app = typer.Typer()
+
 COMPARE_EXIT_CODES = "Exit code: 0 when nothing differs, 1 when something does, 2 for bad input."
 FILES = ("compare.json", "compare.png")
 
 
+@app.command(epilog=COMPARE_EXIT_CODES)
 def compare(
     a: Annotated[
         str,

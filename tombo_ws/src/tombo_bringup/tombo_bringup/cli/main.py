@@ -5,60 +5,44 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from importlib.metadata import entry_points
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
-from tombo_bringup.cli.compare_command import COMPARE_EXIT_CODES, compare
-from tombo_bringup.cli.diagnosis.diagnose_command import DIAGNOSE_EXIT_CODES, diagnose
-from tombo_bringup.cli.diagnosis.many_paths import ManyPathsCommand
-from tombo_bringup.cli.effects_command import effects
 from tombo_bringup.cli.errors import exit_code_of
-from tombo_bringup.cli.flight.arena_command import ARENA_EXIT_CODES, arena
-from tombo_bringup.cli.flight.fly_command import EXIT_CODES, fly
-from tombo_bringup.cli.flight.hil_command import HIL_EXIT_CODES, hil
-from tombo_bringup.cli.flight.optional_url import OptionalUrlCommand
-from tombo_bringup.cli.flight.px4_command import PX4_EXIT_CODES, px4
-from tombo_bringup.cli.flight.replay_command import REPLAY_EXIT_CODES, replay
-from tombo_bringup.cli.flight.risk_command import RISK_EXIT_CODES, risk
-from tombo_bringup.cli.flight.sweep_command import SWEEP_EXIT_CODES, sweep
-from tombo_bringup.cli.flight.up_command import UP_EXIT_CODES, up
-from tombo_bringup.cli.options import option
-from tombo_bringup.cli.propeller import propeller_command
-from tombo_bringup.cli.reactions_command import reactions
-from tombo_bringup.cli.run_command import PASS_ON, run_executable
-from tombo_bringup.cli.runs_command import runs
-from tombo_bringup.cli.scenarios_command import scenarios
-from tombo_bringup.cli.vehicle_command import app as vehicle_app
+from tombo_bringup.cli.options import HELP_OPTIONS, option
 
-_HELP = {"help_option_names": ["-h", "--help"]}
+_COMMANDS: Final = (
+    "flight.fly_command",
+    "flight.arena_command",
+    "flight.up_command",
+    "flight.px4_command",
+    "flight.hil_command",
+    "flight.replay_command",
+    "compare_command",
+    "diagnosis.diagnose_command",
+    "run_command",
+    "flight.sweep_command",
+    "flight.risk_command",
+    "catalogue_commands",
+    "propeller.propeller_command",
+    "vehicle_command",
+)
+"""Modules of this package; each has a Typer application `app` with its commands."""
+
 app = typer.Typer(
     name="tombo",
     help="Fly a quadrotor with Tombo propellers, which fold on impact: the collision experiment "
     "of the paper, headless.",
-    context_settings=_HELP,
+    context_settings=HELP_OPTIONS,
     pretty_exceptions_enable=False,
 )
-app.command(epilog=EXIT_CODES, cls=OptionalUrlCommand)(fly)
-app.command(epilog=ARENA_EXIT_CODES)(arena)
-app.command(epilog=UP_EXIT_CODES, cls=OptionalUrlCommand)(up)
-app.command(epilog=PX4_EXIT_CODES)(px4)
-app.command(epilog=HIL_EXIT_CODES)(hil)
-app.command(epilog=REPLAY_EXIT_CODES)(replay)
-app.command(epilog=COMPARE_EXIT_CODES)(compare)
-app.command(epilog=DIAGNOSE_EXIT_CODES, cls=ManyPathsCommand)(diagnose)
-app.command("run", context_settings=PASS_ON)(run_executable)
-app.command(epilog=SWEEP_EXIT_CODES)(sweep)
-app.command(epilog=RISK_EXIT_CODES)(risk)
-app.command()(runs)
-app.command()(scenarios)
-app.add_typer(propeller_command.app, name="propeller", context_settings=_HELP)
-app.add_typer(vehicle_app, name="vehicle", context_settings=_HELP)
-app.command()(effects)
-app.command()(reactions)
+for module in _COMMANDS:
+    app.add_typer(import_module(f"tombo_bringup.cli.{module}").app)
 for command in sorted(entry_points(group="tombo.commands")):  # of other packages
-    app.add_typer(command.load(), name=command.name, context_settings=_HELP)
+    app.add_typer(command.load(), name=command.name, context_settings=HELP_OPTIONS)
 
 
 def _print_version(wanted: bool) -> None:

@@ -1,14 +1,18 @@
-"""Options that several commands have, and how their texts are read."""
+"""Options that several commands have, how their texts are read, and which go together."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import typer
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import check_seed
+
+HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
+"""Settings of a group of commands."""
 
 
 def option(declaration: str, text: str, **more: Any) -> Any:
@@ -154,6 +158,67 @@ def _reactions(begun: str) -> list[tuple[str, str]]:
 
 def _completions(table: Mapping[str, str], begun: str) -> list[tuple[str, str]]:
     return [(name, text) for name, text in table.items() if name.startswith(begun)]
+
+
+@dataclass(frozen=True)
+class OptionRule:
+    """What one option needs beside it, and what it can't be combined with."""
+
+    shown: str
+    """The option in a message; a name of a parameter in braces stands for its value."""
+    option: str
+    """Name of its parameter."""
+    needs: tuple[str, ...] = ()
+    """Options, one of which must be given."""
+    without: tuple[str, ...] = ()
+    """Options, none of which may be given."""
+    accepted: str = ""
+    """What is accepted, in words; empty: it follows from `needs` and `without`."""
+
+    def check(self, given: Mapping[str, Any]) -> None:
+        """Refuse a combination.
+
+        Raises:
+            InputError: the rule is broken.
+        """
+        if not is_given(given[self.option]):
+            return
+        lacks = self.needs and not any(is_given(given[name]) for name in self.needs)
+        if lacks or any(is_given(given[name]) for name in self.without):
+            accepted = self.accepted or self._words()
+            raise InputError(f"{self.shown.format_map(given)}: accepted: {accepted}")
+
+    def _words(self) -> str:
+        parts = []
+        if self.needs:
+            parts.append(f"with {_flags(self.needs, 'or')}{'' if self.without else ' only'}")
+        if self.without:
+            parts.append(f"without {_flags(self.without, 'and')}")
+        return " and ".join(parts)
+
+
+def is_given(value: Any) -> bool:
+    """Return whether an option is given: zero is a value, False and an empty list are none."""
+    return value is not None and value is not False and value != []
+
+
+def check_options(rules: Sequence[OptionRule], given: Mapping[str, Any]) -> None:
+    """Refuse options that don't go together, by the first rule that they break.
+
+    Args:
+        rules: of the command.
+        given: name of a parameter → its value.
+
+    Raises:
+        InputError: there are some.
+    """
+    for rule in rules:
+        rule.check(given)
+
+
+def _flags(names: Sequence[str], last: str) -> str:
+    flags = [f"--{name.replace('_', '-')}" for name in names]
+    return f" {last} ".join([", ".join(flags[:-1]), flags[-1]] if len(flags) > 1 else flags)
 
 
 _MOST_WORKERS = 1024

@@ -10,6 +10,8 @@ from typing import Annotated
 
 import typer
 
+app = typer.Typer()
+
 PASS_ON = {
     "allow_extra_args": True,
     "ignore_unknown_options": True,
@@ -18,6 +20,7 @@ PASS_ON = {
 """Settings of the command: whatever comes after the node's name is the node's."""
 
 
+@app.command("run", context_settings=PASS_ON)
 def run_executable(
     ctx: typer.Context,
     package: Annotated[str, typer.Argument(metavar="PACKAGE", help="As tombo_collision.")],

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, RenderableType
 from rich.live import Live
@@ -39,15 +41,33 @@ def right(*headings: str, **more: Any) -> list[Column]:
     return [Column(heading, justify="right", **more) for heading in headings]
 
 
-def print_parameters(what: str, value: str, entries: Iterable[Mapping[str, Any]]) -> None:
-    """Print named things with their parameters.
+def print_names(table: Mapping[str, str], own: str, as_json: bool) -> None:
+    """Print names with their descriptions; as JSON, or for readers with what to do for `own`."""
+    if as_json:
+        listed = [{"name": name, "description": text} for name, text in table.items()]
+        print(json.dumps(listed, indent=1))
+        return
+    width = max(map(len, table))
+    for name, text in table.items():
+        typer.echo(f"{typer.style(name.ljust(width), bold=True)}  {text}")
+    print(f"\n{own}")
+
+
+def print_parameters(
+    what: str, value: str, entries: Sequence[Mapping[str, Any]], as_json: bool
+) -> None:
+    """Print named things with their parameters, as a table or as JSON.
 
     Args:
         what: they are called.
         value: key and heading of a parameter's value: null, default.
         entries: name, doc (its first line is printed) and parameters: name, unit, `value`,
             bounds, doc.
+        as_json: the entries as they are, more than these keys included.
     """
+    if as_json:
+        print(json.dumps(entries, indent=1))
+        return
     columns = [Column(heading, no_wrap=True) for heading in (what, "unit")]
     columns += right(value, "bounds", no_wrap=True)
     table = Table(*columns, Column("meaning", ratio=1), box=SIMPLE_HEAD, padding=(0, 1, 0, 0))

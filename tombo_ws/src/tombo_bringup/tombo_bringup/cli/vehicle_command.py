@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tombo_bringup.cli.errors import print_error
-from tombo_bringup.cli.name_list import print_names
-from tombo_bringup.cli.options import JsonOnly, integer_option, number_option, option
+from tombo_bringup.cli.options import HELP_OPTIONS, JsonOnly, integer_option, number_option, option
 from tombo_bringup.cli.result_files import check_new_yaml
 from tombo_bringup.cli.vehicle_fit_command import from_flights
 from tombo_dynamics.errors import InputError
@@ -21,7 +20,10 @@ if TYPE_CHECKING:
     from tombo_flight.vehicle_file import VehicleFile
 
 app = typer.Typer(
-    no_args_is_help=True, help="List vehicles, show one, or write a file for your own."
+    name="vehicle",
+    no_args_is_help=True,
+    help="List vehicles, show one, or write a file for your own.",
+    context_settings=HELP_OPTIONS,
 )
 _TORQUE_RATIO = 0.016
 """m: drag torque over thrust of many propellers of 5 to 13 inch; what `new` proposes."""
@@ -30,6 +32,7 @@ _TORQUE_RATIO = 0.016
 @app.command("list")
 def list_vehicles(as_json: JsonOnly = False) -> None:
     """List the vehicles that come with the suite."""
+    from tombo_bringup.cli.tables import print_names
     from tombo_flight.vehicle_file import builtin_vehicles
 
     own = "Your own: tombo vehicle new my_vehicle.yaml, then tombo fly hover --vehicle it."

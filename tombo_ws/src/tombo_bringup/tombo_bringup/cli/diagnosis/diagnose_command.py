@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tombo_bringup.cli.diagnosis.many_paths import ManyPathsCommand
 from tombo_bringup.cli.options import (
     Force,
     TopicNames,
@@ -28,12 +29,15 @@ if TYPE_CHECKING:
     from tombo_diagnosis.diagnosis import Diagnosis
     from tombo_diagnosis.report.diagnosis_output import NominalReference
 
+app = typer.Typer()
+
 DIAGNOSE_EXIT_CODES = (
     "Exit code: 0 whatever the verdict; 2 for bad input or output that can't be written; 130 "
     "after Ctrl-C, 143 after SIGTERM, with nothing written."
 )
 
 
+@app.command(epilog=DIAGNOSE_EXIT_CODES, cls=ManyPathsCommand)
 def diagnose(
     logs: Annotated[
         list[Path],

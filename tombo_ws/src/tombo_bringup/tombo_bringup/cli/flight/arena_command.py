@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.process.study_folder import Journal
 
+app = typer.Typer()
+
 ARENA_EXIT_CODES = (
     "Exit code: 0 when all was flown, whatever became of the vehicles; 2 for bad input or output "
     "that can't be written; 130 after Ctrl-C, 143 after SIGTERM: the same command goes on."
@@ -30,6 +32,7 @@ _RESULTS = "arena.json"
 _PAGE = "arena.html"
 
 
+@app.command(epilog=ARENA_EXIT_CODES)
 def arena(
     seeds: Annotated[
         str, option("--seeds A:B", "Each case with seeds A to B-1; the maps with a third of them.")

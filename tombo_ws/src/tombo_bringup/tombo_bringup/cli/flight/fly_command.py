@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tombo_bringup.cli.errors import print_warnings
-from tombo_bringup.cli.flight.optional_url import PX4_RULES, PX4_SPEED, url_of
-from tombo_bringup.cli.option_rules import OptionRule, check_options
+from tombo_bringup.cli.flight.optional_url import PX4_RULES, PX4_SPEED, OptionalUrlCommand, url_of
 from tombo_bringup.cli.options import (
     BridgeSettings,
     Disturbed,
     Force,
     Imports,
     ModelFile,
+    OptionRule,
     Px4Url,
     ReactionName,
     ScenarioArgument,
@@ -26,6 +26,7 @@ from tombo_bringup.cli.options import (
     Settings,
     VehicleName,
     Yes,
+    check_options,
     integer_option,
     json_option,
     option,
@@ -40,6 +41,8 @@ if TYPE_CHECKING:
     from tombo_flight.process.output_folder import OutputFolder
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.scenario import Scenario
+
+app = typer.Typer()
 
 EXIT_CODES = (
     "Exit code: 0 when the flight was flown, whatever became of the vehicle (a crash is a "
@@ -63,6 +66,7 @@ _RULES = (
 )
 
 
+@app.command(epilog=EXIT_CODES, cls=OptionalUrlCommand)
 def fly(
     scenario: ScenarioArgument = "paper_collision",
     seed: SeedOrNone = None,

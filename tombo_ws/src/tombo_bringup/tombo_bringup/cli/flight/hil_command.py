@@ -8,6 +8,8 @@ import sys
 import time
 from typing import TYPE_CHECKING, Annotated
 
+import typer
+
 from tombo_bringup.cli.options import (
     Duration,
     FormerScenario,
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
     from tombo_px4.hil.mocap import MocapFeed
     from tombo_sim.world import World
 
+app = typer.Typer()
+
 HIL_EXIT_CODES = (
     "Exit code: 0 when it was stopped (Ctrl-C, SIGTERM, --duration), 2 for bad input or a port "
     "that is taken."
@@ -34,6 +38,7 @@ _SYSTEM, _COMPONENT = 1, 197
 """Of the motion capture's messages: PX4's own system, a source of visual odometry."""
 
 
+@app.command(epilog=HIL_EXIT_CODES)
 def hil(
     scenario: ScenarioArgument = "paper_collision",
     port: Annotated[

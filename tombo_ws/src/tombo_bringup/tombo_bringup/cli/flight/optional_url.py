@@ -8,7 +8,7 @@ from typing import Any
 
 from typer.core import TyperCommand
 
-from tombo_bringup.cli.option_rules import OptionRule
+from tombo_bringup.cli.options import OptionRule
 
 OPTION = "--px4"
 SIMULATED = "sim"

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from tombo_px4.link.mavlink_link import Link
     from tombo_px4.protocol.endpoint import Endpoint
 
+app = typer.Typer()
+
 PX4_EXIT_CODES = (
     "Exit code: 0 when it was stopped (Ctrl-C, SIGTERM, --duration), 2 for bad input or a busy "
     "port."
@@ -38,6 +40,7 @@ _OWN, _OWN_GROUND = 40, 4030
 _WARM_UP_TICKS = 60
 
 
+@app.command(epilog=PX4_EXIT_CODES)
 def px4(
     scenario: ScenarioArgument = "paper_collision",
     former_scenario: FormerScenario = None,

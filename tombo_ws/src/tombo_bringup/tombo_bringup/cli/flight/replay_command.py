@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from tombo_flight.replay.compare import Tolerances
     from tombo_flight.replay.run import Replay, Request
 
+app = typer.Typer()
+
 REPLAY_EXIT_CODES = (
     "Exit code: 0 also when recorded and replayed differ (that is a result); with --strict 1 "
     "when they differ by more than the tolerances; 2 for bad input."
@@ -33,6 +35,7 @@ REPLAY_EXIT_CODES = (
 FILES = ("replay.json", "replay.png")
 
 
+@app.command(epilog=REPLAY_EXIT_CODES)
 def replay(
     bag: Annotated[
         Path,

@@ -28,6 +28,8 @@ from tombo_bringup.cli.tables import show_page
 if TYPE_CHECKING:
     from tombo_flight.risk.study import RiskStudy
 
+app = typer.Typer()
+
 RISK_EXIT_CODES = (
     "Exit code: 0 when the flights are flown, whatever the risk is; 2 for bad input, a package "
     "that is not installed or output that can't be written; 130 after Ctrl-C, 143 after SIGTERM: "
@@ -35,6 +37,7 @@ RISK_EXIT_CODES = (
 )
 
 
+@app.command(epilog=RISK_EXIT_CODES)
 def risk(
     scenario: Annotated[
         str,

@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tombo_bringup.cli.flight.fly_command import over_scenario, parse_seeds
-from tombo_bringup.cli.option_rules import OptionRule, check_options
 from tombo_bringup.cli.options import (
     Disturbed,
     Imports,
     JsonOnly,
     ModelFile,
+    OptionRule,
     ReactionName,
     Settings,
     VehicleName,
     Workers,
+    check_options,
     integer_option,
     option,
     output_option,
@@ -27,6 +28,8 @@ from tombo_bringup.cli.result_files import check_output, fly_study, plain_name
 if TYPE_CHECKING:
     from tombo_flight.sweep.study import Sweep
 
+app = typer.Typer()
+
 SWEEP_EXIT_CODES = (
     "Exit code: 0 when all flights are flown, whatever became of the vehicles; 2 for bad input or "
     "output that can't be written; 130 after Ctrl-C, 143 after SIGTERM: the same command with -o "
@@ -35,6 +38,7 @@ SWEEP_EXIT_CODES = (
 _RULES = (OptionRule("--workers and --scheduler", "workers", (), ("scheduler",), "one of them"),)
 
 
+@app.command(epilog=SWEEP_EXIT_CODES)
 def sweep(
     scenario: Annotated[
         str,

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.flight.optional_url import PX4_RULES, PX4_SPEED, url_of
-from tombo_bringup.cli.option_rules import check_options
+from tombo_bringup.cli.flight.optional_url import PX4_RULES, PX4_SPEED, OptionalUrlCommand, url_of
 from tombo_bringup.cli.options import (
     BridgeSettings,
     Disturbed,
@@ -24,6 +23,7 @@ from tombo_bringup.cli.options import (
     Settings,
     VehicleName,
     Yes,
+    check_options,
     former_option,
     integer_option,
     json_option,
@@ -35,6 +35,8 @@ from tombo_bringup.cli.result_files import check_output
 if TYPE_CHECKING:
     from tombo_flight.suite.running import SuiteConfig
 
+app = typer.Typer()
+
 UP_EXIT_CODES = (
     "Exit code: 0 when it was stopped (Ctrl-C, SIGTERM, --duration), 1 when a node ended by "
     "itself before, or when arming was not confirmed, 2 for bad input."
@@ -43,6 +45,7 @@ UP_EXIT_CODES = (
 _LOOK_S = 0.1
 
 
+@app.command(epilog=UP_EXIT_CODES, cls=OptionalUrlCommand)
 def up(
     scenario: ScenarioArgument = "paper_collision",
     reaction: ReactionName = None,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from tombo_bringup.cli.options import JsonOnly, integer_option, json_option, option
+from tombo_bringup.cli.options import HELP_OPTIONS, JsonOnly, integer_option, json_option, option
 from tombo_bringup.cli.propeller.beta_command import beta
 from tombo_bringup.cli.propeller.design_command import design
 from tombo_bringup.cli.propeller.diagnose_command import diagnose
@@ -24,7 +24,11 @@ from tombo_bringup.cli.tables import console
 if TYPE_CHECKING:
     from tombo_dynamics.propeller import Configuration, Operation
 
-app = typer.Typer(help="The propeller model: thrust, drag, torque, deformation.")
+app = typer.Typer(
+    name="propeller",
+    help="The propeller model: thrust, drag, torque, deformation.",
+    context_settings=HELP_OPTIONS,
+)
 
 _MOST_ROWS = 100_000
 _CURVE_POINTS = 400
