@@ -51,7 +51,7 @@ def take_imu(memory, vehicle, params, imu, now_ns):
         return
     through = vehicle.mass / params.drag
     v, q = memory.odometry.velocity, memory.odometry.attitude
-    x, y, _ = rotated(q, v[0] + through * imu.accel[0], v[1] + through * imu.accel[1], v[2])
+    x, y, _ = rotated(q, (v[0] + through * imu.accel[0], v[1] + through * imu.accel[1], v[2]))
     gain = 1.0 - math.exp(-1e-3 / params.time)
     memory.wind[0] += gain * (x - memory.wind[0])
     memory.wind[1] += gain * (y - memory.wind[1])
@@ -110,7 +110,7 @@ class WindInPython(WindCore):
         elif self.odometry is not None:
             v, a = self.odometry.velocity, message.accel
             x, y = v[0] + self.through * a[0], v[1] + self.through * a[1]
-            found = rotated(self.odometry.attitude, x, y, v[2])[:2]
+            found = rotated(self.odometry.attitude, (x, y, v[2]))[:2]
             self.wind = [w + self.gain * (f - w) for w, f in zip(self.wind, found, strict=True)]
 
     def step(self, now_ns):

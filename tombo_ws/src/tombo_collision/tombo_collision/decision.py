@@ -11,6 +11,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, shown
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.rotation import yaw_of
+from tombo_dynamics.vectors import AnyVector
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ def turns(rates: Array) -> bool:
 
 
 @compiled_call
-def at_rest(position: Array, velocity: Array, rates: Array, x_r: Array) -> bool:
+def at_rest(position: Array, velocity: AnyVector, rates: Array, x_r: Array) -> bool:
     """Return whether a vehicle has arrived at x_r; all (3), map, the rates base_link."""
     off = speed = turning = 0.0
     for i in range(3):

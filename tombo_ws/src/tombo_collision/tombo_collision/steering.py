@@ -17,6 +17,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotated
+from tombo_dynamics.vectors import AnyVector
 
 OBSERVATION = (
     *(("position from x_c", "m", 10.0, 3), ("x_r from the position", "m", 10.0, 3)),
@@ -55,7 +56,7 @@ def observe(
     steering: Steering,
     time_s: float,
     position: Array,
-    velocity: Array,
+    velocity: AnyVector,
     attitude: Array,
     rates: Array,
     out: Any,
@@ -76,11 +77,8 @@ def observe(
     _turn_in(steering, steering.x_r, position, seen, 3)
     zero = np.zeros(3)
     _turn_in(steering, velocity, zero, seen, 6)
-    axis = np.empty(3)
-    axis[0], axis[1], axis[2] = rotated(attitude, 1.0, 0.0, 0.0)
-    _turn_in(steering, axis, zero, seen, 9)
-    axis[0], axis[1], axis[2] = rotated(attitude, 0.0, 0.0, 1.0)
-    _turn_in(steering, axis, zero, seen, 12)
+    _turn_in(steering, rotated(attitude, (1.0, 0.0, 0.0)), zero, seen, 9)
+    _turn_in(steering, rotated(attitude, (0.0, 0.0, 1.0)), zero, seen, 12)
     for i in range(3):
         seen[15 + i] = rates[i]
     seen[18] = time_s
@@ -91,7 +89,7 @@ def observe(
 
 
 @compiled_call
-def _turn_in(steering: Steering, to: Array, since: Array, out: Array, first: int) -> None:
+def _turn_in(steering: Steering, to: AnyVector, since: Array, out: Array, first: int) -> None:
     """Write the vector from `since` (3) to `to` (3), both in map, in the policy's frame."""
     x, y = to[0] - since[0], to[1] - since[1]
     c, s = steering.along[0], steering.along[1]
@@ -126,14 +124,14 @@ def steer(steering: Steering, action: Array, attitude: Array, rates: Array, out:
     for i in range(3):
         out.velocity[i] = 0.0
     if turns(rates):
-        x, y, _ = rotated(attitude, 1.0, 0.0, 0.0)
+        x, y, _ = rotated(attitude, (1.0, 0.0, 0.0))
         steering.yaw = math.atan2(y, x)
     out.yaw = steering.yaw
 
 
 @compiled_call
 def steering_over(
-    steering: Steering, time_s: float, position: Array, velocity: Array, rates: Array
+    steering: Steering, time_s: float, position: Array, velocity: AnyVector, rates: Array
 ) -> bool:
     """Return whether the vehicle rests at x_r, or time is up; arguments as of `observe`."""
     return bool(time_s > steering.timeout or at_rest(position, velocity, rates, steering.x_r))

@@ -37,7 +37,7 @@ def tilt_between(p, q):
 
 def turned(q, rates):
     out = q.copy()
-    rotate_by_vector(out, *(rates * STEP))
+    rotate_by_vector(out, rates * STEP)
     return out
 
 

@@ -132,7 +132,7 @@ def begin_controller(memory: ControllerMemory) -> None:
 def take_odometry(memory: ControllerMemory, autopilot: Autopilot, odometry: Any) -> bool:
     """Take an estimate; False: not finite, not a rotation, or old."""
     q = odometry.attitude
-    vx, vy, vz = rotated(q, odometry.velocity[0], odometry.velocity[1], odometry.velocity[2])
+    vx, vy, vz = rotated(q, odometry.velocity)
     velocity = np.empty(3)
     velocity[0], velocity[1], velocity[2] = vx, vy, vz
     total = vx + vy + vz

@@ -13,6 +13,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.rotation import rotate_by_vector, rotated, rotated_back, rotation_vector
 from tombo_dynamics.time_base import TICK_S
+from tombo_dynamics.vectors import scale, subtract
 from tombo_dynamics.vehicle import GRAVITY
 
 
@@ -54,9 +55,7 @@ def predict(state: State, force: Array, airborne: bool) -> None:
         state.rates,
     )
     if airborne:
-        ax, ay, az = rotated(
-            state.attitude, force[0] - bias[0], force[1] - bias[1], force[2] - bias[2]
-        )
+        ax, ay, az = rotated(state.attitude, subtract(force, bias))
         az -= GRAVITY
         if not math.isfinite(ax + ay + az):
             ax = ay = az = 0.0
@@ -70,7 +69,7 @@ def predict(state: State, force: Array, airborne: bool) -> None:
     else:
         for i in range(3):
             velocity[i] = 0.0
-    rotate_by_vector(state.attitude, rates[0] * TICK_S, rates[1] * TICK_S, rates[2] * TICK_S)
+    rotate_by_vector(state.attitude, scale(TICK_S, rates))
 
 
 @compiled
@@ -145,7 +144,7 @@ def correct(
     ex = position[0] - past.position[0]
     ey = position[1] - past.position[1]
     ez = position[2] - past.position[2]
-    bx, by, bz = rotated_back(state.attitude, ex, ey, ez)
+    bx, by, bz = rotated_back(state.attitude, (ex, ey, ez))
     rx, ry, rz = rotation_vector(attitude, past.attitude)
 
     state.velocity[0] += gain_v * ex
@@ -166,7 +165,7 @@ def correct(
         past.position[0] += share * ex
         past.position[1] += share * ey
         past.position[2] += share * ez
-        rotate_by_vector(past.attitude, gain_q * rx, gain_q * ry, gain_q * rz)
+        rotate_by_vector(past.attitude, (gain_q * rx, gain_q * ry, gain_q * rz))
     present = history[now % HISTORY_TICKS]
     state.position = present.position
     state.attitude = present.attitude

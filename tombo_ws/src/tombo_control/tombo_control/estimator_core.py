@@ -370,10 +370,9 @@ def status_due(stamp_ns: int) -> bool:
 @compiled_call
 def fill_odometry(memory: EstimatorMemory, out: Any) -> None:
     """Write the newest estimate as odometry: velocity in base_link."""
-    estimate, velocity = memory.estimate, memory.estimate.velocity
+    estimate = memory.estimate
     out.stamp_ns = memory.stamp_ns
-    x, y, z = rotated_back(estimate.attitude, velocity[0], velocity[1], velocity[2])
-    out.velocity[0], out.velocity[1], out.velocity[2] = x, y, z
+    out.velocity = rotated_back(estimate.attitude, estimate.velocity)
     out.position = estimate.position
     out.attitude = estimate.attitude
     out.rates = estimate.rates

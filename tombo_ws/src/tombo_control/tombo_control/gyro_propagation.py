@@ -17,6 +17,7 @@ from tombo_dynamics.jit import compiled, compiled_call
 from tombo_dynamics.rotation import rotate_by_vector, rotated, rotation_vector
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.time_base import TICK_S
+from tombo_dynamics.vectors import scale, subtract
 from tombo_dynamics.vehicle import GRAVITY
 
 
@@ -30,7 +31,7 @@ def propagate(state: State, history: Array, tick: int, ticks: int) -> None:
     for k in range(ticks):
         for i in range(3):
             state.position[i] += TICK_S * state.velocity[i]
-        rotate_by_vector(state.attitude, rates[0] * TICK_S, rates[1] * TICK_S, rates[2] * TICK_S)
+        rotate_by_vector(state.attitude, scale(TICK_S, rates))
         store_history(state, history, tick - ticks + k + 1)
 
 
@@ -45,10 +46,7 @@ def integrate_force(state: State, accel: Array, ticks: int) -> bool:
         accel: (3) specific force [m/s^2], body.
         ticks: since the last sample.
     """
-    bias = state.accel_bias
-    ax, ay, az = rotated(
-        state.attitude, accel[0] - bias[0], accel[1] - bias[1], accel[2] - bias[2]
-    )
+    ax, ay, az = rotated(state.attitude, subtract(accel, state.accel_bias))
     if not math.isfinite(ax + ay + az):
         return False
     state.velocity[0] += ticks * TICK_S * ax
@@ -89,14 +87,13 @@ def correct_with_estimate(
         for i in range(4):
             state.attitude[i] = attitude[i]
         if captured > now:  # it came before the gyro sample it was made from: turn it back
-            x, y, z = state.rates[0], state.rates[1], state.rates[2]
-            rotate_by_vector(state.attitude, late * x, late * y, late * z)
+            rotate_by_vector(state.attitude, scale(late, state.rates))
         store_history(state, history, now)
         return
-    x, y, z = rotation_vector(attitude, past.attitude)
+    turn = rotation_vector(attitude, past.attitude)
     for tick in range(captured, now + 1):  # the next estimate is held against the history too
         q = history[tick % HISTORY_TICKS].attitude
-        rotate_by_vector(q, x, y, z)
+        rotate_by_vector(q, turn)
     present = history[now % HISTORY_TICKS]
     state.attitude = present.attitude
 

@@ -11,8 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
 from tombo_control.planning.commanded_course import (
     CourseProgress,
     begin_course,
@@ -64,6 +62,7 @@ from tombo_dynamics.params import param
 from tombo_dynamics.records import Record, field, parameter_record
 from tombo_dynamics.rotation import rotate_vector, rotated
 from tombo_dynamics.time_base import TICK_NS
+from tombo_dynamics.vectors import AnyVector
 
 
 class WaitReason(Reason):
@@ -239,7 +238,9 @@ def store_state(memory: MissionMemory, state: MissionState) -> None:
 
 
 @compiled_call
-def take_estimate(memory: MissionMemory, position: Array, velocity: Array, now_ns: int) -> bool:
+def take_estimate(
+    memory: MissionMemory, position: Array, velocity: AnyVector, now_ns: int
+) -> bool:
     """Take an estimate (3), (3), map; False: not finite, not taken."""
     total = 0.0
     for i in range(3):
@@ -513,9 +514,7 @@ def take_odometry(
     now_ns: int,
 ) -> bool:
     """Take an estimate; False: not finite, not taken."""
-    x, y, z = odometry.velocity[0], odometry.velocity[1], odometry.velocity[2]
-    velocity = np.empty(3)
-    velocity[0], velocity[1], velocity[2] = rotated(odometry.attitude, x, y, z)
+    velocity = rotated(odometry.attitude, odometry.velocity)
     return take_estimate(memory, odometry.position, velocity, now_ns)
 
 

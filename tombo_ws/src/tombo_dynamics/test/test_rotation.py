@@ -42,7 +42,7 @@ def matrix(q):
 
 def turned(q, v):
     q = q.copy()
-    rotate_by_vector(q, *v)
+    rotate_by_vector(q, v)
     return q
 
 
@@ -128,7 +128,7 @@ def test_turning_a_view_leaves_what_is_beside_it():
     normalize_quaternion(memory[5:9])
     assert np.linalg.norm(memory[5:9]) == pytest.approx(1.0, abs=1e-15)
     assert memory[5:9] * np.linalg.norm(before[5:9]) == pytest.approx(before[5:9])
-    rotate_by_vector(memory[5:9], 0.1, 0.2, 0.3)
+    rotate_by_vector(memory[5:9], (0.1, 0.2, 0.3))
     expected = Rotation.from_quat(before[5:9]) * Rotation.from_rotvec([0.1, 0.2, 0.3])
     assert matrix(memory[5:9]) == pytest.approx(expected.as_matrix(), abs=1e-14)
     untouched = [*range(5), *range(9, 20)]

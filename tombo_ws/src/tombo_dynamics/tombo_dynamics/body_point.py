@@ -5,18 +5,29 @@ from __future__ import annotations
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.rotation import to_body
+from tombo_dynamics.vectors import AnyVector, Vector, add, cross
+from tombo_dynamics.vehicle import ARM_X, ARM_Y
 
 
 @compiled
-def point_velocity(plant: Plant, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return the velocity in map [m/s] of the point (x, y, z) [m] of the body.
+def hub(plant: Plant, rotor: int) -> Vector:
+    """Return the place of a rotor's hub from the centre of gravity, base_link [m]."""
+    v, cog = plant.vehicle, plant.centre_of_gravity
+    return (
+        v.arm_length * ARM_X[rotor] - cog[0],
+        v.arm_length * ARM_Y[rotor] - cog[1],
+        v.rotor_height,
+    )
 
-    The point is relative to the centre of gravity. Reads `state` and `rotation`.
+
+@compiled
+def point_velocity(plant: Plant, point: AnyVector) -> Vector:
+    """Return the velocity in map [m/s] of a point of the body.
+
+    The point is relative to the centre of gravity, base_link [m]. Reads `state` and `rotation`.
     """
-    turn, velocity, rates = plant.rotation, plant.state.velocity, plant.state.rates
-    sx = rates[1] * z - rates[2] * y
-    sy = rates[2] * x - rates[0] * z
-    sz = rates[0] * y - rates[1] * x
+    turn, velocity = plant.rotation, plant.state.velocity
+    sx, sy, sz = cross(plant.state.rates, point)
     return (
         velocity[0] + turn[0, 0] * sx + turn[0, 1] * sy + turn[0, 2] * sz,
         velocity[1] + turn[1, 0] * sx + turn[1, 1] * sy + turn[1, 2] * sz,
@@ -25,14 +36,8 @@ def point_velocity(plant: Plant, x: float, y: float, z: float) -> tuple[float, f
 
 
 @compiled
-def push_point(
-    plant: Plant, x: float, y: float, z: float, fx: float, fy: float, fz: float
-) -> None:
-    """Add a force (fx, fy, fz) [N] in map at the point (x, y, z) to `force` and `moment`."""
-    ux, uy, uz = to_body(plant.rotation, fx, fy, fz)
-    plant.force[0] += ux
-    plant.force[1] += uy
-    plant.force[2] += uz
-    plant.moment[0] += y * uz - z * uy
-    plant.moment[1] += z * ux - x * uz
-    plant.moment[2] += x * uy - y * ux
+def push_point(plant: Plant, point: AnyVector, force: AnyVector) -> None:
+    """Add a force [N] in map at a point of the body to `force` and `moment`."""
+    push = to_body(plant.rotation, force)
+    plant.force = add(plant.force, push)
+    plant.moment = add(plant.moment, cross(point, push))

@@ -7,6 +7,7 @@ import math
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.rotation import to_body
+from tombo_dynamics.vectors import AnyVector, Vector, vector
 
 FAR = 1e9
 """m: distance of what cannot meet."""
@@ -14,14 +15,12 @@ _STEEP = 0.2
 
 
 @compiled
-def disc_to_obstacle(plant: Plant, hx: float, hy: float, hz: float) -> tuple[float, float, float]:
+def disc_to_obstacle(plant: Plant, hub: AnyVector) -> Vector:
     """Return the distance from hub to the cylinder's axis in the disc plane, and its direction.
 
     Args:
         plant: `state`, `rotation` and `obstacle` are read.
-        hx: hub position in base_link, x [m].
-        hy: hub position in base_link, y [m].
-        hz: hub position in base_link, z [m].
+        hub: its position in base_link [m].
 
     Returns:
         distance [m] (1e9 when the disc plane meets the axis above the cylinder's top or below the
@@ -29,6 +28,7 @@ def disc_to_obstacle(plant: Plant, hx: float, hy: float, hz: float) -> tuple[flo
         plane, base_link x and y.
     """
     turn, position, pole = plant.rotation, plant.state.position, plant.obstacle
+    hx, hy, hz = vector(hub)
     if abs(turn[2, 2]) < _STEEP:
         return FAR, 1.0, 0.0
     ax = pole.x - (position[0] + turn[0, 0] * hx + turn[0, 1] * hy + turn[0, 2] * hz)
@@ -37,7 +37,7 @@ def disc_to_obstacle(plant: Plant, hx: float, hy: float, hz: float) -> tuple[flo
     z = position[2] + turn[2, 0] * hx + turn[2, 1] * hy + turn[2, 2] * hz + az
     if z > pole.top or z < 0.0:
         return FAR, 1.0, 0.0
-    ex, ey, _ = to_body(turn, ax, ay, az)
+    ex, ey, _ = to_body(turn, (ax, ay, az))
     distance = math.sqrt(ex * ex + ey * ey)
     if distance < 1e-9:
         return 0.0, 1.0, 0.0

@@ -17,6 +17,7 @@ from tombo_dynamics.jit import compiled
 from tombo_dynamics.params import check_number
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.rotation import to_body
+from tombo_dynamics.vectors import add, norm
 
 _TETHER, _PERIODIC, _FADE, _DRY_FRICTION, _PUSH, _WALL, _YAW, _HYSTERESIS = range(1, 9)
 
@@ -152,7 +153,7 @@ def disturb(plant: Plant, row: int) -> None:
     x = y = z = 0.0  # force in map
     if d.kind == _TETHER:
         x, y, z = p[0] - position[0], p[1] - position[1], p[2] - position[2]
-        distance = math.sqrt(x * x + y * y + z * z)
+        distance = norm((x, y, z))
         pull = p[4] * max(distance - p[3], 0.0) / max(distance, 1e-9)
         x, y, z = pull * x, pull * y, pull * z
     elif d.kind == _PERIODIC:
@@ -166,8 +167,7 @@ def disturb(plant: Plant, row: int) -> None:
         force[0] -= size * u
         force[1] -= size * v
     elif d.kind == _PUSH:
-        for i in range(3):
-            force[i] += p[i]
+        plant.force = add(force, p)
     elif d.kind == _WALL:
         ex, ey = math.cos(p[3]), math.sin(p[3])
         gap = max(p[2] - ex * position[0] - ey * position[1], 0.0)
@@ -177,7 +177,4 @@ def disturb(plant: Plant, row: int) -> None:
         plant.moment[2] -= p[0] * math.sin(math.atan2(turn[1, 0], turn[0, 0]) - p[1])
     elif d.kind == _HYSTERESIS:
         force[2] += d.trailing_thrust - plant.rotors[0].thrust
-    fx, fy, fz = to_body(turn, x, y, z)
-    force[0] += fx
-    force[1] += fy
-    force[2] += fz
+    plant.force = add(force, to_body(turn, (x, y, z)))

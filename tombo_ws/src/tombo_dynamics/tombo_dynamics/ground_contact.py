@@ -43,7 +43,7 @@ def ground_contact(plant: Plant) -> None:
         z = state.position[2] + turn[2, 0] * bx + turn[2, 1] * by + turn[2, 2] * bz
         if z >= 0.0:
             continue
-        vx, vy, vz = point_velocity(plant, bx, by, bz)
+        vx, vy, vz = point_velocity(plant, (bx, by, bz))
         fz = max(0.0, -v.ground_stiffness * z - v.ground_damping * vz)
         rub = v.friction * fz / (math.sqrt(vx * vx + vy * vy) + 0.02)
-        push_point(plant, bx, by, bz, -rub * vx, -rub * vy, fz)
+        push_point(plant, (bx, by, bz), (-rub * vx, -rub * vy, fz))

@@ -22,9 +22,11 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 import numba
-from numba.core import event
+from numba import types
+from numba.core import cgutils, event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.dispatcher import Dispatcher
+from numba.extending import lower_cast
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGES = ("tombo_dynamics", "tombo_control", "tombo_collision", "tombo_sim")
@@ -167,6 +169,32 @@ class _Announcer(event.Listener):  # type: ignore[misc]
 
 
 event.register("numba:compile", _Announcer())
+
+
+@lower_cast(types.UniTuple, types.NestedArray)  # type: ignore[untyped-decorator]
+def _tuple_to_field(context: Any, builder: Any, source: Any, field: Any, value: Any) -> Any:
+    """Let a record's field take a tuple: `plant.force = add(plant.force, push)`."""
+    if field.shape != (source.count,):
+        raise TypeError(f"a field of shape {field.shape} cannot take {source.count} numbers")
+    items = [
+        context.cast(builder, item, source.dtype, field.dtype)
+        for item in cgutils.unpack_tuple(builder, value)
+    ]
+    array = context.make_helper(builder, field)
+    array.data = cgutils.alloca_once(
+        builder, context.get_data_type(field.dtype), size=source.count
+    )
+    for i, item in enumerate(items):
+        builder.store(item, cgutils.gep_inbounds(builder, array.data, i))
+    return array._getvalue()
+
+
+@lower_cast(types.Array, types.NestedArray)  # type: ignore[untyped-decorator]
+def _array_to_field(context: Any, builder: Any, source: Any, field: Any, value: Any) -> Any:
+    """Let a record's field take a row of an array, which must be long enough."""
+    if source.layout != "C" or source.ndim != len(field.shape) or source.dtype != field.dtype:
+        raise TypeError(f"a field of {field} cannot take {source}")
+    return value
 
 
 def compiled(function: _Function) -> _Function:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.records import Record, field
+from tombo_dynamics.vectors import add_scaled
 from tombo_dynamics.vehicle import VehicleParams
 
 DELAY_TICKS = 64
@@ -127,10 +128,9 @@ class Plant(Record):
 @compiled
 def add_slope(to: State, source: State, slope: State, factor: float) -> None:
     """Write `source` + `factor` * `slope` into `to`, which may be `source` itself."""
-    for i in range(3):
-        to.position[i] = source.position[i] + factor * slope.position[i]
-        to.velocity[i] = source.velocity[i] + factor * slope.velocity[i]
-        to.rates[i] = source.rates[i] + factor * slope.rates[i]
+    to.position = add_scaled(source.position, factor, slope.position)
+    to.velocity = add_scaled(source.velocity, factor, slope.velocity)
+    to.rates = add_scaled(source.rates, factor, slope.rates)
     for i in range(4):
         to.attitude[i] = source.attitude[i] + factor * slope.attitude[i]
 
@@ -138,9 +138,7 @@ def add_slope(to: State, source: State, slope: State, factor: float) -> None:
 @compiled
 def set_state(state: State, values: Array) -> None:
     """Write position, velocity, quaternion and rates (13, more are left alone) into `state`."""
-    for i in range(3):
-        state.position[i] = values[i]
-        state.velocity[i] = values[3 + i]
-        state.rates[i] = values[10 + i]
-    for i in range(4):
-        state.attitude[i] = values[6 + i]
+    state.position = values[0:3]
+    state.velocity = values[3:6]
+    state.attitude = values[6:10]
+    state.rates = values[10:13]

@@ -16,9 +16,16 @@ from tombo_dynamics.effects.compose import (
 from tombo_dynamics.ground_contact import ground_clearance, ground_contact
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import DELAY_TICKS, Plant, State, add_slope
-from tombo_dynamics.rotation import normalize_quaternion, rotation_matrix, to_body, to_map
+from tombo_dynamics.rotation import (
+    normalize_quaternion,
+    quaternion_slope,
+    rotation_matrix,
+    to_body,
+    to_map,
+)
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.rotors import advance_rotor_speeds, sum_rotors
+from tombo_dynamics.vectors import ZERO, add, multiply, scale, store, subtract, vector
 from tombo_dynamics.vehicle import GRAVITY
 
 
@@ -30,45 +37,32 @@ def derivative(plant: Plant, noise: Array, theta: Array, row: int, slope: State)
     `row` picks the rotors' state at start (0), middle (1) or end (2) of the tick. Also writes
     `airspeed`, and the wrench that was used: `force` and `moment`.
     """
-    state, rotors, force, moment = plant.state, plant.rotors[row], plant.force, plant.moment
-    turn = plant.rotation
+    state, rotors, turn, strike = (
+        plant.state,
+        plant.rotors[row],
+        plant.rotation,
+        plant.strike_force,
+    )
     if row > 0:  # at the start of the tick it is there already
         rotation_matrix(state.attitude, turn)
-    plant.airspeed[0], plant.airspeed[1], plant.airspeed[2] = to_body(
-        turn,
-        state.velocity[0] - plant.wind[0],
-        state.velocity[1] - plant.wind[1],
-        state.velocity[2] - plant.wind[2],
-    )
-    wx, wy, wz = state.rates[0], state.rates[1], state.rates[2]
+    plant.airspeed = to_body(turn, subtract(state.velocity, plant.wind))
+    wx, wy, wz = vector(state.rates)
     spin = rotors.spin_momentum
-    force[0] = plant.strike_force[0]
-    force[1] = plant.strike_force[1]
-    force[2] = plant.strike_force[2] + rotors.thrust
-    moment[0] = plant.strike_moment[0] + rotors.moment[0] - wy * spin
-    moment[1] = plant.strike_moment[1] + rotors.moment[1] + wx * spin
-    moment[2] = plant.strike_moment[2] + rotors.moment[2]
+    plant.force = (strike[0], strike[1], strike[2] + rotors.thrust)
+    mx, my, mz = add(plant.strike_moment, rotors.moment)
+    plant.moment = (mx - wy * spin, my + wx * spin, mz)
     apply_wrench(plant, noise, theta)
     if plant.disturbance.kind != 0:
         disturb(plant, row)
     if state.position[2] < plant.clear_height:
         ground_contact(plant)
-    per_mass = plant.inverse_mass
-    ax, ay, az = to_map(turn, force[0] * per_mass, force[1] * per_mass, force[2] * per_mass)
-    slope.velocity[0] = ax
-    slope.velocity[1] = ay
-    slope.velocity[2] = az - GRAVITY
+    ax, ay, az = to_map(turn, scale(plant.inverse_mass, plant.force))
+    slope.velocity = (ax, ay, az - GRAVITY)
     slope.position = state.velocity
-    q = state.attitude
-    qx, qy, qz, qw = q[0], q[1], q[2], q[3]
-    slope.attitude[0] = 0.5 * (qw * wx + qy * wz - qz * wy)
-    slope.attitude[1] = 0.5 * (qw * wy + qz * wx - qx * wz)
-    slope.attitude[2] = 0.5 * (qw * wz + qx * wy - qy * wx)
-    slope.attitude[3] = -0.5 * (qx * wx + qy * wy + qz * wz)
-    ix, iy, iz = plant.inertia[0], plant.inertia[1], plant.inertia[2]
-    slope.rates[0] = (moment[0] - (iz - iy) * wy * wz) * plant.inverse_inertia[0]
-    slope.rates[1] = (moment[1] - (ix - iz) * wz * wx) * plant.inverse_inertia[1]
-    slope.rates[2] = (moment[2] - (iy - ix) * wx * wy) * plant.inverse_inertia[2]
+    slope.attitude = quaternion_slope(state.attitude, state.rates)
+    ix, iy, iz = vector(plant.inertia)
+    gyroscopic = ((iz - iy) * wy * wz, (ix - iz) * wz * wx, (iy - ix) * wx * wy)
+    slope.rates = multiply(subtract(plant.moment, gyroscopic), plant.inverse_inertia)
 
 
 @compiled
@@ -79,20 +73,14 @@ def begin_tick(plant: Plant, maps: RotorMaps, noise: Array, theta: Array) -> Non
     by the tick before: one tick of transport.
     """
     rotation_matrix(plant.state.attitude, plant.rotation)
-    for i in range(3):
-        plant.wind[i] = 0.0
-        plant.strike_force[i] = 0.0
-        plant.strike_moment[i] = 0.0
-    for i in range(4):
-        plant.efficiency[i] = 1.0
-        plant.strike_energy[i] = 0.0
+    plant.wind = plant.strike_force = plant.strike_moment = ZERO
+    plant.efficiency[:] = 1.0
+    plant.strike_energy[:] = 0.0
     plant.contact.touching = False
     apply_air(plant, noise, theta)
     apply_rotor(plant, noise, theta)
-    newest = plant.past_commands[plant.ticks % DELAY_TICKS]
     plant.rotor_target = plant.rotor_command
-    for i in range(4):
-        newest[i] = plant.rotor_command[i]
+    store(plant.past_commands[plant.ticks % DELAY_TICKS], plant.rotor_command)
     apply_command(plant, noise, theta)
     for i in range(4):
         plant.rotor_target[i] *= 1.0 - plant.fold[i]
@@ -133,19 +121,16 @@ def begin_flight(plant: Plant, noise: Array, theta: Array, tick: float) -> None:
     """Set true inertial parameters and the constants of the tick length `tick` [s]."""
     nominal = plant.vehicle
     plant.mass = nominal.mass
-    plant.inertia[0] = nominal.inertia_xx
-    plant.inertia[1] = nominal.inertia_yy
-    plant.inertia[2] = nominal.inertia_zz
+    plant.inertia = (nominal.inertia_xx, nominal.inertia_yy, nominal.inertia_zz)
     plant.motor_time_constant = nominal.motor_time_constant
-    for i in range(2):
-        plant.centre_of_gravity[i] = 0.0
+    plant.centre_of_gravity[:] = 0.0
     plant.supply.voltage = nominal.battery_voltage
     plant.ticks = 0
     plant.tick_length = tick
     apply_body(plant, noise, theta)
     plant.inverse_mass = 1.0 / plant.mass
-    for i in range(3):
-        plant.inverse_inertia[i] = 1.0 / plant.inertia[i]
+    ix, iy, iz = vector(plant.inertia)
+    plant.inverse_inertia = (1.0 / ix, 1.0 / iy, 1.0 / iz)
     plant.clear_height = ground_clearance(plant)
     plant.half_tick_decay = math.exp(-0.5 * tick / plant.motor_time_constant)
     plant.tick_decay = math.exp(-tick / plant.motor_time_constant)

@@ -11,6 +11,7 @@ import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
+from tombo_dynamics.vectors import AnyVector, Vector, cross, norm, scale, store, vector
 
 
 @compiled
@@ -41,18 +42,18 @@ def relative_rotation(reference: Array, q: Array) -> tuple[float, float, float, 
 
 
 @compiled
-def rotation_vector(reference: Array, q: Array) -> tuple[float, float, float]:
+def rotation_vector(reference: Array, q: Array) -> Vector:
     """Return the rotation vector [rad] from `q` to `reference`, in the frame of `q`."""
     x, y, z, w = relative_rotation(reference, q)
-    sine = math.sqrt(x * x + y * y + z * z)
-    scale = 2.0 * math.atan2(sine, w) / sine if sine > 1e-12 else 2.0
-    return scale * x, scale * y, scale * z
+    sine = norm((x, y, z))
+    angle_by_sine = 2.0 * math.atan2(sine, w) / sine if sine > 1e-12 else 2.0
+    return scale(angle_by_sine, (x, y, z))
 
 
 @compiled
-def rotate_by_vector(q: Array, rx: float, ry: float, rz: float) -> None:
-    """Turn the quaternion `q` by the rotation vector (rx, ry, rz) [rad], own frame, in place."""
-    square = rx * rx + ry * ry + rz * rz
+def rotate_by_vector(q: Array, turn: AnyVector) -> None:
+    """Turn the quaternion `q` by the rotation vector `turn` [rad], own frame, in place."""
+    square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
     if square < 1e-4:
         # series to the fourth order of the angle: error below 1e-14 for 0.01 rad
         s = 0.5 - square * (1.0 / 48.0) + square * square * (1.0 / 3840.0)
@@ -61,7 +62,7 @@ def rotate_by_vector(q: Array, rx: float, ry: float, rz: float) -> None:
         angle = math.sqrt(square)
         s = math.sin(0.5 * angle) / angle
         c = math.cos(0.5 * angle)
-    bx, by, bz = s * rx, s * ry, s * rz
+    bx, by, bz = scale(s, turn)
     x0, y0, z0, w0 = q[0], q[1], q[2], q[3]
     x = w0 * bx + x0 * c + y0 * bz - z0 * by
     y = w0 * by - x0 * bz + y0 * c + z0 * bx
@@ -72,6 +73,27 @@ def rotate_by_vector(q: Array, rx: float, ry: float, rz: float) -> None:
     q[1] = n * y
     q[2] = n * z
     q[3] = n * w
+
+
+@compiled
+def rotate_by_angles(q: Array, yaw: float, pitch: float, roll: float) -> None:
+    """Turn the quaternion `q` by Rz(yaw) Ry(pitch) Rx(roll) [rad], on the right, in place."""
+    rotate_by_vector(q, (0.0, 0.0, yaw))
+    rotate_by_vector(q, (0.0, pitch, 0.0))
+    rotate_by_vector(q, (roll, 0.0, 0.0))
+
+
+@compiled
+def quaternion_slope(q: Array, rates: AnyVector) -> tuple[float, float, float, float]:
+    """Return the derivative of the quaternion `q` at the body rates [rad/s]."""
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    wx, wy, wz = vector(rates)
+    return (
+        0.5 * (w * wx + y * wz - z * wy),
+        0.5 * (w * wy + z * wx - x * wz),
+        0.5 * (w * wz + x * wy - y * wx),
+        -0.5 * (x * wx + y * wy + z * wz),
+    )
 
 
 @compiled
@@ -90,22 +112,22 @@ def rotation_matrix(q: Array, out: Array) -> None:
 
 
 @compiled
-def to_map(turn: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+def to_map(turn: Array, v: AnyVector) -> Vector:
     """Return a body vector turned into `map` by the matrix `turn` (3, 3), map from body."""
     return (
-        turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z,
-        turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z,
-        turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z,
+        turn[0, 0] * v[0] + turn[0, 1] * v[1] + turn[0, 2] * v[2],
+        turn[1, 0] * v[0] + turn[1, 1] * v[1] + turn[1, 2] * v[2],
+        turn[2, 0] * v[0] + turn[2, 1] * v[1] + turn[2, 2] * v[2],
     )
 
 
 @compiled
-def to_body(turn: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+def to_body(turn: Array, v: AnyVector) -> Vector:
     """Return a `map` vector turned into the body frame by the matrix `turn` (3, 3)."""
     return (
-        turn[0, 0] * x + turn[1, 0] * y + turn[2, 0] * z,
-        turn[0, 1] * x + turn[1, 1] * y + turn[2, 1] * z,
-        turn[0, 2] * x + turn[1, 2] * y + turn[2, 2] * z,
+        turn[0, 0] * v[0] + turn[1, 0] * v[1] + turn[2, 0] * v[2],
+        turn[0, 1] * v[0] + turn[1, 1] * v[1] + turn[2, 1] * v[2],
+        turn[0, 2] * v[0] + turn[1, 2] * v[1] + turn[2, 2] * v[2],
     )
 
 
@@ -194,15 +216,15 @@ def upright(q: Array) -> float:
 
 
 @compiled
-def rotated(q: Array, vx: float, vy: float, vz: float) -> tuple[float, float, float]:
+def rotated(q: Array, v: AnyVector) -> Vector:
     """Return a vector turned by the quaternion `q` (4) xyzw."""
-    return _turned(q, q[3], vx, vy, vz)
+    return _turned(q, q[3], v)
 
 
 @compiled
-def rotated_back(q: Array, vx: float, vy: float, vz: float) -> tuple[float, float, float]:
+def rotated_back(q: Array, v: AnyVector) -> Vector:
     """Return a vector turned by the inverse of the quaternion `q` (4) xyzw."""
-    return _turned(q, -q[3], vx, vy, vz)
+    return _turned(q, -q[3], v)
 
 
 @compiled
@@ -210,22 +232,19 @@ def rotated_back_rows(q: Array, vectors: Array) -> Array:
     """Turn vectors (N, 3) by the inverse of quaternions (N, 4), each as `rotated_back` does."""
     out = np.empty_like(vectors)
     for i in range(len(vectors)):
-        x, y, z = vectors[i]
-        out[i, 0], out[i, 1], out[i, 2] = rotated_back(q[i], x, y, z)
+        store(out[i], rotated_back(q[i], vectors[i]))
     return out
 
 
 @compiled
-def _turned(axis: Array, w: float, vx: float, vy: float, vz: float) -> tuple[float, float, float]:
+def _turned(axis: Array, w: float, v: AnyVector) -> Vector:
     """Return a vector turned by the quaternion of a vector part and the scalar part `w`."""
     x, y, z = axis[0], axis[1], axis[2]
-    tx = 2.0 * (y * vz - z * vy)
-    ty = 2.0 * (z * vx - x * vz)
-    tz = 2.0 * (x * vy - y * vx)
+    tx, ty, tz = scale(2.0, cross(axis, v))
     return (
-        vx + w * tx + y * tz - z * ty,
-        vy + w * ty + z * tx - x * tz,
-        vz + w * tz + x * ty - y * tx,
+        v[0] + w * tx + y * tz - z * ty,
+        v[1] + w * ty + z * tx - x * tz,
+        v[2] + w * tz + x * ty - y * tx,
     )
 
 
@@ -233,5 +252,5 @@ def _turned(axis: Array, w: float, vx: float, vy: float, vz: float) -> tuple[flo
 def rotate_vector(q: Array, v: Array) -> Array:
     """Return the vector `v` (3) turned by the quaternion `q` (4) xyzw."""
     out = np.empty(3)
-    out[0], out[1], out[2] = rotated(q, v[0], v[1], v[2])
+    store(out, rotated(q, v))
     return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_thrust, rotor_torque
@@ -40,10 +41,15 @@ def sum_rotors(plant: Plant, maps: RotorMaps, decay: float, row: int) -> None:
         momentum += SPIN[i] * inertia * speed
     rotors = plant.rotors[row]
     rotors.thrust = thrust
-    rotors.moment[0] = mx
-    rotors.moment[1] = my
-    rotors.moment[2] = mz
+    rotors.moment = (mx, my, mz)
     rotors.spin_momentum = momentum
+
+
+@compiled
+def impose_rotor_target(plant: Plant, speed: Array) -> None:
+    """Let the rotors follow a measurement in this tick: (8) speeds [rad/s] and their slopes."""
+    for i in range(4):
+        plant.rotor_target[i] = speed[i] + plant.motor_time_constant * speed[4 + i]
 
 
 @compiled

@@ -135,9 +135,7 @@ def _decide(batch: Batch, shared: Shared, i: int, reaction: Any) -> int:
         return FLIES
     steering = batch.steering[i]
     time_s = 1e-9 * (now - steering.decided_ns)
-    velocity = np.empty(3)
-    v = reaction.velocity
-    velocity[0], velocity[1], velocity[2] = rotated(reaction.attitude, v[0], v[1], v[2])
+    velocity = rotated(reaction.attitude, reaction.velocity)
     position, attitude, rates = reaction.position, reaction.attitude, reaction.rates
     batch.time[i] = time_s
     observe(steering, time_s, position, velocity, attitude, rates, batch.observation[i])

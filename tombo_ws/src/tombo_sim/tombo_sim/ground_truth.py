@@ -6,26 +6,23 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.rotation import rotated_back, to_map
+from tombo_dynamics.vectors import Vector, add, store
 
 
 @compiled
-def contact_force(plant: Plant) -> tuple[float, float, float]:
+def contact_force(plant: Plant) -> Vector:
     """Return the force on the vehicle in map [N]: of blade strikes, and of the frame's contact."""
-    strike, contact = plant.strike_force, plant.contact
-    x, y, z = to_map(plant.rotation, strike[0], strike[1], strike[2])
+    strike, contact = to_map(plant.rotation, plant.strike_force), plant.contact
     if contact.touching and contact.rotor < 0:
-        return x + contact.force[0], y + contact.force[1], z + contact.force[2]
-    return x, y, z
+        return add(strike, contact.force)
+    return strike
 
 
 @compiled
 def true_state(plant: Plant, out: Array) -> None:
     """Write position (3) and attitude (4) in map, velocity (3) and rates (3) in base_link."""
     state = plant.state
-    velocity = state.velocity
-    for i in range(3):
-        out[i] = state.position[i]
-        out[10 + i] = state.rates[i]
-    for i in range(4):
-        out[3 + i] = state.attitude[i]
-    out[7], out[8], out[9] = rotated_back(state.attitude, velocity[0], velocity[1], velocity[2])
+    store(out[0:3], state.position)
+    store(out[3:7], state.attitude)
+    store(out[7:10], rotated_back(state.attitude, state.velocity))
+    store(out[10:13], state.rates)

@@ -19,12 +19,14 @@ from tombo_dynamics.effects.compose import (
     apply_mocap,
 )
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.plant import Plant, set_state
+from tombo_dynamics.plant import DELAY_TICKS, Plant, set_state
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, derivative
 from tombo_dynamics.rotor_maps import RotorMaps
-from tombo_dynamics.rotors import advance_rotor_speeds, sum_rotors
+from tombo_dynamics.rotors import advance_rotor_speeds, impose_rotor_target, sum_rotors
+from tombo_dynamics.vectors import ZERO, store, subtract
 from tombo_dynamics.vehicle import GRAVITY
+from tombo_sim.sensing import specific_force
 
 
 class ImposedTick(Record):
@@ -70,44 +72,34 @@ def run_along_motion(
     begin_flight(plant, noise[0], theta, tick)
     plant.clear_height = -1e9  # pose noise would cause large contact forces
     measured = speed.shape[0] > 0
-    for i in range(4):
-        plant.rotor_command[i] = command[0, i]
-        plant.rotor_speed[i] = speed[0, i] if measured else command[0, i]
-        plant.past_commands[:, i] = command[0, i]
-    drives_speed, drives_target = np.zeros(4), np.zeros(4)
+    store(plant.rotor_speed, speed[0, 0:4] if measured else command[0, 0:4])
+    for row in range(DELAY_TICKS):
+        store(plant.past_commands[row], command[0])
+    drives_target = np.zeros(4)
     for k in range(motion.shape[0]):
-        row, tick_out = noise[k % noise.shape[0]], out[k]
+        normals, tick_out = noise[k % noise.shape[0]], out[k]
         set_state(plant.state, motion[k])
-        for i in range(4):
-            plant.rotor_command[i] = command[k, i]
-        begin_tick(plant, maps, row, theta)
-        for i in range(4):
-            drives_speed[i] = plant.rotor_speed[i]
-            drives_target[i] = plant.rotor_target[i]
-            tick_out.rotor_speed[i] = drives_speed[i]
+        store(plant.rotor_command, command[k])
+        begin_tick(plant, maps, normals, theta)
+        tick_out.rotor_speed = plant.rotor_speed
+        store(drives_target, plant.rotor_target)
         if measured:
-            for i in range(4):
-                plant.rotor_speed[i] = speed[k, i]
-                plant.rotor_target[i] = speed[k, i] + plant.motor_time_constant * speed[k, 4 + i]
+            store(plant.rotor_speed, speed[k, 0:4])
+            impose_rotor_target(plant, speed[k])
             sum_rotors(plant, maps, 1.0, 0)
-            derivative(plant, row, theta, 0, plant.slope)
+            derivative(plant, normals, theta, 0, plant.slope)
         plant.gyro = plant.state.rates
         tick_out.acceleration = plant.slope.velocity
         tick_out.angular_acceleration = plant.slope.rates
-        for i in range(3):
-            force = plant.force[i] / plant.mass
-            plant.accel[i] = force
-            tick_out.force[i] = force
-            plant.slope.rates[i] = motion[k, 13 + i]
-        apply_imu(plant, row, theta)
-        for i in range(3):
-            tick_out.gyro_error[i] = plant.gyro[i] - plant.state.rates[i]
-            tick_out.accel_error[i] = plant.accel[i] - tick_out.force[i]
+        tick_out.force = plant.accel = specific_force(plant)
+        plant.slope.rates = motion[k, 13:16]
+        apply_imu(plant, normals, theta)
+        tick_out.gyro_error = subtract(plant.gyro, plant.state.rates)
+        tick_out.accel_error = subtract(plant.accel, tick_out.force)
         tick_out.voltage[0] = plant.supply.voltage
         tick_out.current[0] = plant.supply.current
-        for i in range(4):
-            plant.rotor_speed[i] = drives_speed[i]
-            plant.rotor_target[i] = drives_target[i]
+        plant.rotor_speed = tick_out.rotor_speed
+        store(plant.rotor_target, drives_target)
         tick_out.memories = plant.memories
         advance_rotor_speeds(plant)
         plant.ticks += 1
@@ -132,19 +124,15 @@ def simulate_mocap(
     out = np.zeros((poses.shape[0], 10))
     sample = plant.mocap
     for k in range(poses.shape[0]):
-        for i in range(3):
-            sample.position[i] = poses[k, i]
-        for i in range(4):
-            sample.attitude[i] = poses[k, 3 + i]
+        store(sample.position, poses[k, 0:3])
+        store(sample.attitude, poses[k, 3:7])
         sample.latency = 0.0
         sample.stamp_error = 0.0
         sample.dropped = False
         sample.interval = spacing if k > 0 else np.inf  # no gap of before goes on
         apply_mocap(plant, noise[k % noise.shape[0]], theta)
-        for i in range(3):
-            out[k, i] = sample.position[i]
-        for i in range(4):
-            out[k, 3 + i] = sample.attitude[i]
+        store(out[k, 0:3], sample.position)
+        store(out[k, 3:7], sample.attitude)
         out[k, 7] = sample.latency
         out[k, 8] = sample.dropped
         out[k, 9] = sample.stamp_error
@@ -162,13 +150,11 @@ def simulate_imu_at_rest(plant: Plant, theta: Array, noise: Array, out: Array) -
         out: (N, 6) [rad/s, m/s^2], filled.
     """
     for k in range(out.shape[0]):
-        for i in range(3):
-            plant.gyro[i] = 0.0
-            plant.accel[i] = GRAVITY if i == 2 else 0.0
+        plant.gyro = ZERO
+        plant.accel = (0.0, 0.0, GRAVITY)
         apply_imu(plant, noise[k], theta)
-        for i in range(3):
-            out[k, i] = plant.gyro[i]
-            out[k, 3 + i] = plant.accel[i]
+        store(out[k, 0:3], plant.gyro)
+        store(out[k, 3:6], plant.accel)
 
 
 @compiled
@@ -176,8 +162,6 @@ def air(plant: Plant, theta: Array, noise: Array, tick: float, out: Array) -> No
     """Write the air's velocity in map, (N, 3) [m/s], tick by tick."""
     plant.tick_length = tick
     for k in range(out.shape[0]):
-        for i in range(3):
-            plant.wind[i] = 0.0
+        plant.wind = ZERO
         apply_air(plant, noise[k], theta)
-        for i in range(3):
-            out[k, i] = plant.wind[i]
+        store(out[k], plant.wind)

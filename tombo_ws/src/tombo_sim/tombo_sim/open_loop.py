@@ -12,7 +12,8 @@ from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import DELAY_TICKS, Plant, set_state
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
 from tombo_dynamics.rotor_maps import RotorMaps
-from tombo_dynamics.rotors import sum_rotors
+from tombo_dynamics.rotors import impose_rotor_target, sum_rotors
+from tombo_dynamics.vectors import store
 
 
 @compiled
@@ -56,30 +57,22 @@ def open_loop(
         begin_flight(plant, noise, theta, tick)
         plant.clear_height = -1e9
         set_state(plant.state, motion[first])
-        for i in range(4):
-            plant.rotor_speed[i] = along[first].rotor_speed[i]
+        plant.rotor_speed = along[first].rotor_speed
         plant.memories = along[max(first - 1, 0)].memories
         plant.ticks = DELAY_TICKS
         for back in range(DELAY_TICKS):
             row = max(first - 1 - back, 0)
-            for i in range(4):
-                plant.past_commands[DELAY_TICKS - 1 - back, i] = command[row, i]
+            store(plant.past_commands[DELAY_TICKS - 1 - back], command[row])
         for k in range(first, first + ticks):
             if hold_attitude:
-                for i in range(4):
-                    plant.state.attitude[i] = motion[k, 6 + i]
-                for i in range(3):
-                    plant.state.rates[i] = motion[k, 10 + i]
-            for i in range(4):
-                plant.rotor_command[i] = command[k, i]
-                if measured:
-                    plant.rotor_speed[i] = speed[k, i]
+                plant.state.attitude = motion[k, 6:10]
+                plant.state.rates = motion[k, 10:13]
+            store(plant.rotor_command, command[k])
+            if measured:
+                store(plant.rotor_speed, speed[k, 0:4])
             begin_tick(plant, maps, noise, theta)
             if measured:
-                for i in range(4):
-                    plant.rotor_target[i] = (
-                        speed[k, i] + plant.motor_time_constant * speed[k, 4 + i]
-                    )
+                impose_rotor_target(plant, speed[k])
                 sum_rotors(plant, maps, 1.0, 0)
                 sum_rotors(plant, maps, plant.half_tick_decay, 1)
                 sum_rotors(plant, maps, plant.tick_decay, 2)

@@ -13,6 +13,7 @@ from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rigid_body import begin_tick
 from tombo_dynamics.rotor_maps import RotorMaps
+from tombo_dynamics.vectors import Vector
 
 
 class MocapEntry(Record):
@@ -34,12 +35,18 @@ class Captures(Record):
 
 
 @compiled
+def specific_force(plant: Plant) -> Vector:
+    """Return force without gravity over mass [m/s^2], body."""
+    force, mass = plant.force, plant.mass
+    return force[0] / mass, force[1] / mass, force[2] / mass
+
+
+@compiled
 def read_imu(plant: Plant, maps: RotorMaps, noise: Array, theta: Array) -> None:
     """Begin the tick and read the IMU: body rates, and force without gravity over mass."""
     begin_tick(plant, maps, noise, theta)
     plant.gyro = plant.state.rates
-    for i in range(3):
-        plant.accel[i] = plant.force[i] / plant.mass
+    plant.accel = specific_force(plant)
     apply_imu(plant, noise, theta)
 
 

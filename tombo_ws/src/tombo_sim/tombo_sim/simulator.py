@@ -13,6 +13,7 @@ from tombo_dynamics.jit import compiled_call
 from tombo_dynamics.rigid_body import finish_tick
 from tombo_dynamics.rotation import upright
 from tombo_dynamics.time_base import TICK_NS, TICK_S
+from tombo_dynamics.vectors import store
 from tombo_sim.flight_setup import NOISE, begin
 from tombo_sim.sensing import Captures, MocapEntry, capture_pose, read_imu
 from tombo_sim.world import World
@@ -44,8 +45,7 @@ def sense(plants: Any, maps: Any, theta: Array, noise: Array) -> None:
 def finish(plants: Any, maps: Any, theta: Array, noise: Array, command: Array) -> None:
     """Finish the tick with rotor speeds (4) [rad/s] asked for."""
     plant = plants[0]
-    for i in range(4):
-        plant.rotor_command[i] = command[i]
+    store(plant.rotor_command, command)
     finish_tick(plant, noise, theta)
 
 

@@ -258,9 +258,7 @@ def _sense(s: Suite, world: World, faults: Array, living: int, step: int, now: i
     odometry.position = world.position
     odometry.position[0] += world.offset + 0.1 * min(blind_s, 20.0)  # without poses it drifts
     odometry.attitude = s.autopilot.state.attitude
-    v = world.velocity
-    x, y, z = rotated_back(odometry.attitude, v[0], v[1], v[2])
-    odometry.velocity[0], odometry.velocity[1], odometry.velocity[2] = x, y, z
+    odometry.velocity = rotated_back(odometry.attitude, world.velocity)
     odometry.stamp_ns = now
     # commands reach a dead mission, too, and it answers by the estimate
     _delivery.deliver_odometry(s.arguments, living | _MISSION, odometry, now)
@@ -357,7 +355,7 @@ def _fly_on(world: World, attitude: Array, lift: float, failsafe: bool) -> None:
         if p[2] <= _LEG + 0.01:
             world.lift = az = 0.0
     else:
-        ax, ay, az = rotated(attitude, 0.0, 0.0, world.lift)
+        ax, ay, az = rotated(attitude, (0.0, 0.0, world.lift))
     az -= GRAVITY + 0.1 * v[2]
     ax -= 0.1 * v[0]
     ay -= 0.1 * v[1]
@@ -377,8 +375,7 @@ def _fly_on(world: World, attitude: Array, lift: float, failsafe: bool) -> None:
         v[i] += _STEP_S * acceleration
         p[i] += _STEP_S * v[i]
     p[2] = max(p[2], _LEG - 1e-4)
-    x, y, z = rotated_back(attitude, ax, ay, az + GRAVITY + hit)
-    world.force[0], world.force[1], world.force[2] = x, y, z
+    world.force = rotated_back(attitude, (ax, ay, az + GRAVITY + hit))
 
 
 @compiled_call

@@ -113,7 +113,7 @@ def position_control(
             loops.velocity_integral[i] = total
         loops.previous_velocity[i] = velocity[i]
     attitude_from_thrust(ax, ay, lift, setpoint.yaw, setpoint.attitude)
-    bx, by, bz = rotated(state.attitude, 0.0, 0.0, 1.0)
+    bx, by, bz = rotated(state.attitude, (0.0, 0.0, 1.0))
     wanted = mass * (ax * bx + ay * by + lift * bz)
     wanted -= mass * loops.thrust_cut
     setpoint.thrust = min(max(wanted, gains.thrust_min * thrust_max), thrust_max)
@@ -214,7 +214,7 @@ def descend(
         loops.thrust_cut = min(loops.thrust_cut + _CUT_RATE * _PERIOD, _CUT_MAX)
     else:
         loops.thrust_cut = max(loops.thrust_cut - _CUT_BACK * _PERIOD, 0.0)
-    x, y, _ = rotated(state.attitude, 1.0, 0.0, 0.0)
+    x, y, _ = rotated(state.attitude, (1.0, 0.0, 0.0))
     heading = math.atan2(y, x)
     place = setpoint.position
     if loops.lands:

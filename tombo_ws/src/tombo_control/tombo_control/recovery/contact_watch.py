@@ -139,7 +139,7 @@ def _decide(
         if score < best:
             best = score
             contact.rotor = i
-    x, y, _ = rotated(state.attitude, px, py, 0.0)
+    x, y, _ = rotated(state.attitude, (px, py, 0.0))
     flat = math.sqrt(x * x + y * y)
     contact.direction[0] = x / flat
     contact.direction[1] = y / flat

@@ -199,7 +199,7 @@ def _count(watch: Watch, state: Any, phase: int, tick: int, ticks: int, known: b
     """Count how long what is measured has been so."""
     v, limits = state.velocity, watch.params
     speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    _, _, upright = rotated(state.attitude, 0.0, 0.0, 1.0)
+    _, _, upright = rotated(state.attitude, (0.0, 0.0, 1.0))
     watch.known_ticks = watch.known_ticks + ticks if known else 0
     if watch.gap > 0:
         watch.replaced = tick
@@ -268,7 +268,7 @@ def _conditions_on_ground(
     wants = phase == Phase.TAKEOFF and (watch.idle_seen or not watch.begun)
     watch.takeoff_ticks = watch.takeoff_ticks + ticks if wants else 0
     if wants:
-        _, _, upright = rotated(state.attitude, 0.0, 0.0, 1.0)
+        _, _, upright = rotated(state.attitude, (0.0, 0.0, 1.0))
         ready = known and upright >= math.cos(watch.params.takeoff_tilt)
         rested = min(watch.rest_ticks, watch.takeoff_ticks)
         ready = ready and rested >= (1 if watch.idle_seen else _BOOT_REST)
@@ -305,7 +305,7 @@ def _enter(watch: Watch, autopilot: Autopilot, commands: int, row: int, tick: in
     elif row_condition(row) == Condition.COMMANDED:
         watch.idle_seen = True
     if descends(watch):
-        x, y, _ = rotated(state.attitude, 1.0, 0.0, 0.0)
+        x, y, _ = rotated(state.attitude, (1.0, 0.0, 0.0))
         watch.yaw = math.atan2(y, x)
         autopilot.setpoint.position = state.position
         if not landed_before:

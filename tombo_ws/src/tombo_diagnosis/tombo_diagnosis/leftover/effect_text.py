@@ -112,6 +112,6 @@ def _sums(quantity: str, parts: Sequence[tuple[str, Contribution]]) -> list[str]
             continue
         lines.append("map_x = map_y = map_z = 0.0")
         lines += [f"map_{_AXES[i]} += {text}" for i, text in added]
-        lines.append("bx, by, bz = to_body(plant.rotation, map_x, map_y, map_z)")
+        lines.append("bx, by, bz = to_body(plant.rotation, (map_x, map_y, map_z))")
         lines += [f"plant.{quantity}[{i}] += b{a}" for i, a in enumerate(_AXES)]
     return lines

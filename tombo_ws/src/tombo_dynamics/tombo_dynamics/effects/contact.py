@@ -9,6 +9,7 @@ from tombo_dynamics.body_point import point_velocity, push_point
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.rotation import to_map
+from tombo_dynamics.vectors import ZERO, add, norm
 from tombo_dynamics.vehicle import ARM_X, ARM_Y
 
 _FARTHEST_CENTRE = 0.15
@@ -43,14 +44,14 @@ def contact_force(plant: Plant, noise: Array, stiffness: float, damping: float) 
     if px * px + py * py > reach * reach:
         return
     cx, cy = -plant.centre_of_gravity[0], -plant.centre_of_gravity[1]
-    ox, oy, oz = to_map(turn, cx, cy, 0.0)
+    ox, oy, oz = to_map(turn, (cx, cy, 0.0))
     px -= ox
     py -= oy
-    pushed_x, pushed_y, pushed_z = 0.0, 0.0, 0.0
+    pushed = ZERO
     for i in range(4):
         ax = v.arm_length * ARM_X[i]
         ay = v.arm_length * ARM_Y[i]
-        wx, wy, wz = to_map(turn, ax, ay, 0.0)
+        wx, wy, wz = to_map(turn, (ax, ay, 0.0))
         share = (px * wx + py * wy) / max(wx * wx + wy * wy, 1e-9)
         share = min(max(share, 0.0), 1.0)
         nx = share * wx - px
@@ -62,24 +63,17 @@ def contact_force(plant: Plant, noise: Array, stiffness: float, damping: float) 
             continue
         nx /= distance
         ny /= distance
-        bx = cx + share * ax
-        by = cy + share * ay
-        vx, vy, vz = point_velocity(plant, bx, by, 0.0)
+        touched = (cx + share * ax, cy + share * ay, 0.0)
+        vx, vy, vz = point_velocity(plant, touched)
         approach = vx * nx + vy * ny
         normal = max(0.0, stiffness * depth - damping * approach)
         tx = vx - approach * nx
         ty = vy - approach * ny
-        rub = v.friction * normal / (math.sqrt(tx * tx + ty * ty + vz * vz) + 0.02)
-        fx = normal * nx - rub * tx
-        fy = normal * ny - rub * ty
-        fz = -rub * vz
-        push_point(plant, bx, by, 0.0, fx, fy, fz)
-        pushed_x += fx
-        pushed_y += fy
-        pushed_z += fz
+        rub = v.friction * normal / (norm((tx, ty, vz)) + 0.02)
+        push = (normal * nx - rub * tx, normal * ny - rub * ty, -rub * vz)
+        push_point(plant, touched, push)
+        pushed = add(pushed, push)
         contact.touching = True
         contact.rotor = -1
-        contact.force[0], contact.force[1], contact.force[2] = pushed_x, pushed_y, pushed_z
-        contact.point[0] = position[0] + ox + share * wx
-        contact.point[1] = position[1] + oy + share * wy
-        contact.point[2] = height
+        contact.force = pushed
+        contact.point = (position[0] + ox + share * wx, position[1] + oy + share * wy, height)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.plant import Plant
+from tombo_dynamics.vectors import multiply, norm, scale, subtract
 from tombo_dynamics.vehicle import AIR_DENSITY
 
 
@@ -25,9 +24,7 @@ from tombo_dynamics.vehicle import AIR_DENSITY
 )
 def linear_rotor_drag(plant: Plant, noise: Array, d_xy: float, d_z: float) -> None:
     """Force -D v on the centre of mass, v through the air (Faessler et al. 2018, Eq. 2)."""
-    plant.force[0] -= d_xy * plant.airspeed[0]
-    plant.force[1] -= d_xy * plant.airspeed[1]
-    plant.force[2] -= d_z * plant.airspeed[2]
+    plant.force = subtract(plant.force, multiply((d_xy, d_xy, d_z), plant.airspeed))
 
 
 @effect(
@@ -39,11 +36,8 @@ def linear_rotor_drag(plant: Plant, noise: Array, d_xy: float, d_z: float) -> No
 )
 def quadratic_body_drag(plant: Plant, noise: Array, c_area: float) -> None:
     """Force -rho/2 c_area |v| v on the centre of mass, rho the air's density."""
-    u, v, w = plant.airspeed[0], plant.airspeed[1], plant.airspeed[2]
-    k = 0.5 * AIR_DENSITY * c_area * math.sqrt(u * u + v * v + w * w)
-    plant.force[0] -= k * u
-    plant.force[1] -= k * v
-    plant.force[2] -= k * w
+    k = 0.5 * AIR_DENSITY * c_area * norm(plant.airspeed)
+    plant.force = subtract(plant.force, scale(k, plant.airspeed))
 
 
 @effect(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.body_point import point_velocity, push_point
 from tombo_dynamics.effects.registry import Param, Stage, effect
@@ -11,6 +9,7 @@ from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import to_map
+from tombo_dynamics.vectors import ZERO, AnyVector, add, add_scaled, dot, norm, scale, subtract
 from tombo_dynamics.vehicle import GRAVITY
 
 _CORD_FREQUENCY, _CORD_DAMPING = 40.0, 0.3
@@ -29,39 +28,34 @@ class LoadState(Record):
 
 
 @compiled
-def _move(plant: Plant, state: LoadState, length: float, end: tuple[float, float, float]) -> None:
+def _move(plant: Plant, state: LoadState, length: float, end: AnyVector) -> None:
     """Move the load over a tick, under gravity and the thread that ends at `end` of the body."""
-    tick, place, velocity = plant.tick_length, state.position, state.velocity
-    ox, oy, oz = to_map(plant.rotation, end[0], end[1], end[2])
-    vx, vy, vz = point_velocity(plant, end[0], end[1], end[2])
-    at = plant.state.position
+    tick, origin = plant.tick_length, plant.state.position
+    lever = to_map(plant.rotation, end)
+    end_velocity = point_velocity(plant, end)
     if state.next_tick == 0:  # it hangs still, or lies below
-        place[0], place[1] = at[0] + ox, at[1] + oy
-        place[2] = max(at[2] + oz - length - _SAG, 0.0)
-        if place[2] > 0.0:
-            velocity[0], velocity[1], velocity[2] = vx, vy, vz
-    x = place[0] - at[0] - ox
-    y = place[1] - at[1] - oy
-    z = place[2] - at[2] - oz
-    distance = max(math.sqrt(x * x + y * y + z * z), 1e-9)
-    x, y, z = x / distance, y / distance, z / distance
-    parting = x * (velocity[0] - vx) + y * (velocity[1] - vy) + z * (velocity[2] - vz)
+        x, y, z = add(origin, lever)
+        state.position = (x, y, max(z - length - _SAG, 0.0))
+        if state.position[2] > 0.0:
+            state.velocity = end_velocity
+    x, y, z = subtract(subtract(state.position, origin), lever)
+    distance = max(norm((x, y, z)), 1e-9)
+    thread = (x / distance, y / distance, z / distance)
+    parting = dot(thread, subtract(state.velocity, end_velocity))
     stretch = distance - length
     pull = 0.0
     if stretch > 0.0:
         stiff = _CORD_FREQUENCY * _CORD_FREQUENCY
         damp = 2.0 * _CORD_DAMPING * _CORD_FREQUENCY
         pull = max(0.0, stiff * stretch + damp * parting)
-    state.pull[0], state.pull[1], state.pull[2] = pull * x, pull * y, pull * z
-    velocity[0] -= tick * pull * x
-    velocity[1] -= tick * pull * y
-    velocity[2] -= tick * (pull * z + GRAVITY)
-    if place[2] <= 0.0 and velocity[2] <= 0.0:  # it lies on the floor
-        for i in range(3):
-            velocity[i] = 0.0
-    for i in range(3):
-        place[i] += tick * velocity[i]
-    place[2] = max(place[2], 0.0)
+    state.pull = scale(pull, thread)
+    state.velocity[0] -= tick * pull * thread[0]
+    state.velocity[1] -= tick * pull * thread[1]
+    state.velocity[2] -= tick * (pull * thread[2] + GRAVITY)
+    if state.position[2] <= 0.0 and state.velocity[2] <= 0.0:  # it lies on the floor
+        state.velocity = ZERO
+    state.position = add_scaled(state.position, tick, state.velocity)
+    state.position[2] = max(state.position[2], 0.0)
 
 
 @effect(
@@ -90,9 +84,8 @@ def hanging_load(
     """
     if mass <= 0.0:
         return
-    px, py = x - plant.centre_of_gravity[0], y - plant.centre_of_gravity[1]
+    end = (x - plant.centre_of_gravity[0], y - plant.centre_of_gravity[1], 0.0)
     if state.next_tick != plant.ticks + 1:
-        _move(plant, state, length, (px, py, 0.0))
+        _move(plant, state, length, end)
         state.next_tick = plant.ticks + 1
-    pull = state.pull
-    push_point(plant, px, py, 0.0, mass * pull[0], mass * pull[1], mass * pull[2])
+    push_point(plant, end, scale(mass, state.pull))

@@ -10,7 +10,8 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
-from tombo_dynamics.rotation import rotate_by_vector, rotation_matrix, to_body
+from tombo_dynamics.rotation import rotate_by_angles, rotation_matrix, to_body
+from tombo_dynamics.vectors import add, add_scaled, clamp, dot, multiply, subtract, vector
 from tombo_dynamics.vehicle import SPIN
 
 _THIRD = 2.0 * math.pi / 3.0
@@ -35,12 +36,10 @@ def imu_lever_arm(plant: Plant, noise: Array, x: float, y: float, z: float) -> N
 
     Rates and angular acceleration are those at the start of the tick (rigid-body kinematics).
     """
-    rates = plant.state.rates
-    wx, wy, wz = rates[0], rates[1], rates[2]
-    turning = plant.slope.rates
-    ax, ay, az = turning[0], turning[1], turning[2]
-    along = wx * x + wy * y + wz * z
-    square = wx * wx + wy * wy + wz * wz
+    wx, wy, wz = vector(plant.state.rates)
+    ax, ay, az = vector(plant.slope.rates)
+    along = dot(plant.state.rates, (x, y, z))
+    square = dot(plant.state.rates, plant.state.rates)
     plant.accel[0] += ay * z - az * y + wx * along - square * x
     plant.accel[1] += az * x - ax * z + wy * along - square * y
     plant.accel[2] += ax * y - ay * x + wz * along - square * z
@@ -70,15 +69,11 @@ def imu_misalignment(plant: Plant, noise: Array, roll: float, pitch: float, yaw:
     """
     askew = np.zeros(4)
     askew[3] = 1.0
-    rotate_by_vector(askew, 0.0, 0.0, yaw)
-    rotate_by_vector(askew, 0.0, pitch, 0.0)
-    rotate_by_vector(askew, roll, 0.0, 0.0)
+    rotate_by_angles(askew, yaw, pitch, roll)
     turn = np.zeros((3, 3))
     rotation_matrix(askew, turn)
-    gx, gy, gz = to_body(turn, plant.gyro[0], plant.gyro[1], plant.gyro[2])
-    plant.gyro[0], plant.gyro[1], plant.gyro[2] = gx, gy, gz
-    ax, ay, az = to_body(turn, plant.accel[0], plant.accel[1], plant.accel[2])
-    plant.accel[0], plant.accel[1], plant.accel[2] = ax, ay, az
+    plant.gyro = to_body(turn, plant.gyro)
+    plant.accel = to_body(turn, plant.accel)
 
 
 class VibrationState(Record):
@@ -134,8 +129,7 @@ def imu_vibration(
 )
 def accel_range(plant: Plant, noise: Array, limit: float) -> None:
     """Clip each axis of the accelerometer: parts have ranges of 2 to 32 g."""
-    for i in range(3):
-        plant.accel[i] = min(max(plant.accel[i], -limit), limit)
+    plant.accel = clamp(plant.accel, limit)
 
 
 class LowPassState(Record):
@@ -170,11 +164,10 @@ def imu_low_pass(
         state.running = True
     rate = 1.0 - math.exp(-plant.tick_length / gyro) if gyro > 0.0 else 1.0
     force = 1.0 - math.exp(-plant.tick_length / accel) if accel > 0.0 else 1.0
-    for i in range(3):
-        state.gyro[i] += rate * (plant.gyro[i] - state.gyro[i])
-        state.accel[i] += force * (plant.accel[i] - state.accel[i])
-        plant.gyro[i] = state.gyro[i]
-        plant.accel[i] = state.accel[i]
+    state.gyro = add_scaled(state.gyro, rate, subtract(plant.gyro, state.gyro))
+    state.accel = add_scaled(state.accel, force, subtract(plant.accel, state.accel))
+    plant.gyro = state.gyro
+    plant.accel = state.accel
 
 
 @effect(
@@ -194,9 +187,7 @@ def imu_low_pass(
 )
 def accel_scale(plant: Plant, noise: Array, x: float, y: float, z: float) -> None:
     """Scale the accelerometer's readings by 1 + x, 1 + y, 1 + z."""
-    plant.accel[0] *= 1.0 + x
-    plant.accel[1] *= 1.0 + y
-    plant.accel[2] *= 1.0 + z
+    plant.accel = multiply(plant.accel, (1.0 + x, 1.0 + y, 1.0 + z))
 
 
 @effect(
@@ -229,12 +220,8 @@ def imu_bias(
     accel_z: float,
 ) -> None:
     """Add constant offsets to the readings."""
-    plant.gyro[0] += gyro_x
-    plant.gyro[1] += gyro_y
-    plant.gyro[2] += gyro_z
-    plant.accel[0] += accel_x
-    plant.accel[1] += accel_y
-    plant.accel[2] += accel_z
+    plant.gyro = add(plant.gyro, (gyro_x, gyro_y, gyro_z))
+    plant.accel = add(plant.accel, (accel_x, accel_y, accel_z))
 
 
 @effect(
@@ -249,6 +236,5 @@ def imu_bias(
 )
 def imu_noise(plant: Plant, noise: Array, gyro: float, accel: float) -> None:
     """Add white noise to the readings."""
-    for i in range(3):
-        plant.gyro[i] += gyro * noise[3 + i]
-        plant.accel[i] += accel * noise[6 + i]
+    plant.gyro = add_scaled(plant.gyro, gyro, noise[3:6])
+    plant.accel = add_scaled(plant.accel, accel, noise[6:9])

@@ -10,7 +10,14 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
-from tombo_dynamics.rotation import relative_rotation, rotate_by_vector, rotation_matrix
+from tombo_dynamics.rotation import (
+    relative_rotation,
+    rotate_by_angles,
+    rotate_by_vector,
+    rotation_matrix,
+    to_map,
+)
+from tombo_dynamics.vectors import add, add_scaled, scale
 
 
 @effect(
@@ -32,8 +39,7 @@ def mocap_marker_offset(plant: Plant, noise: Array, x: float, y: float, z: float
     """Track the point (x, y, z) of base_link: its position is p + R (x, y, z)."""
     turn = np.zeros((3, 3))
     rotation_matrix(plant.mocap.attitude, turn)
-    for i in range(3):
-        plant.mocap.position[i] += turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
+    plant.mocap.position = add(plant.mocap.position, to_map(turn, (x, y, z)))
 
 
 @effect(
@@ -63,9 +69,7 @@ def mocap_body_misalignment(
     The rigid body was defined in the mocap software while the vehicle did not stand along its
     axes. Position is untouched.
     """
-    rotate_by_vector(plant.mocap.attitude, 0.0, 0.0, yaw)
-    rotate_by_vector(plant.mocap.attitude, 0.0, pitch, 0.0)
-    rotate_by_vector(plant.mocap.attitude, roll, 0.0, 0.0)
+    rotate_by_angles(plant.mocap.attitude, yaw, pitch, roll)
 
 
 @effect(
@@ -93,19 +97,13 @@ def mocap_misalignment(plant: Plant, noise: Array, yaw: float, roll: float, pitc
     """
     turn = np.zeros(4)
     turn[3] = 1.0
-    rotate_by_vector(turn, 0.0, 0.0, yaw)
-    rotate_by_vector(turn, 0.0, pitch, 0.0)
-    rotate_by_vector(turn, roll, 0.0, 0.0)
+    rotate_by_angles(turn, yaw, pitch, roll)
     matrix = np.zeros((3, 3))
     rotation_matrix(turn, matrix)
-    x, y, z = plant.mocap.position[0], plant.mocap.position[1], plant.mocap.position[2]
-    for i in range(3):
-        plant.mocap.position[i] = matrix[i, 0] * x + matrix[i, 1] * y + matrix[i, 2] * z
+    plant.mocap.position = to_map(matrix, plant.mocap.position)
     # turn * q, written as conj(conj(turn)) * q
     turn[0], turn[1], turn[2] = -turn[0], -turn[1], -turn[2]
-    qx, qy, qz, qw = relative_rotation(plant.mocap.attitude, turn)
-    plant.mocap.attitude[0], plant.mocap.attitude[1] = qx, qy
-    plant.mocap.attitude[2], plant.mocap.attitude[3] = qz, qw
+    plant.mocap.attitude = relative_rotation(plant.mocap.attitude, turn)
 
 
 @effect(
@@ -120,11 +118,8 @@ def mocap_misalignment(plant: Plant, noise: Array, yaw: float, roll: float, pitc
 )
 def mocap_noise(plant: Plant, noise: Array, position: float, attitude: float) -> None:
     """Add white noise to position and attitude."""
-    for i in range(3):
-        plant.mocap.position[i] += position * noise[i]
-    rotate_by_vector(
-        plant.mocap.attitude, attitude * noise[3], attitude * noise[4], attitude * noise[5]
-    )
+    plant.mocap.position = add_scaled(plant.mocap.position, position, noise)
+    rotate_by_vector(plant.mocap.attitude, scale(attitude, noise[3:6]))
 
 
 @effect(

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.body_point import hub
 from tombo_dynamics.disc_geometry import FAR, disc_to_obstacle
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.fold import straightened
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
-from tombo_dynamics.vehicle import ARM_X, ARM_Y, SPIN
+from tombo_dynamics.vectors import Vector, add, cross
+from tombo_dynamics.vehicle import SPIN
 
 _FULL_STRIKE = 6.9
 """J: 0.5 * 6.0e-5 kg m^2 * (480 rad/s)^2, a rotor near hover (1.3 kg hovers at 512 rad/s)."""
@@ -20,11 +22,9 @@ _TURNING = 20.0
 
 
 @compiled
-def hub_to_obstacle(plant: Plant, i: int) -> tuple[float, float, float]:
+def hub_to_obstacle(plant: Plant, i: int) -> Vector:
     """Return distance [m] and direction from the hub of rotor `i` to the obstacle's axis."""
-    hx = plant.vehicle.arm_length * ARM_X[i] - plant.centre_of_gravity[0]
-    hy = plant.vehicle.arm_length * ARM_Y[i] - plant.centre_of_gravity[1]
-    return disc_to_obstacle(plant, hx, hy, plant.vehicle.rotor_height)
+    return disc_to_obstacle(plant, hub(plant, i))
 
 
 @compiled
@@ -55,24 +55,20 @@ def push_rim(
     after = before - along * lever * tick / plant.vehicle.rotor_inertia
     plant.rotor_speed[i] = after
     plant.strike_energy[i] += 0.5 * plant.vehicle.rotor_inertia * (before * before - after * after)
-    hx = plant.vehicle.arm_length * ARM_X[i] - plant.centre_of_gravity[0]
-    hy = plant.vehicle.arm_length * ARM_Y[i] - plant.centre_of_gravity[1]
-    hz = plant.vehicle.rotor_height
-    fx = -radial * ex + SPIN[i] * ey * along
-    fy = -radial * ey - SPIN[i] * ex * along
-    plant.strike_force[0] += fx
-    plant.strike_force[1] += fy
-    plant.strike_moment[0] -= hz * fy
-    plant.strike_moment[1] += hz * fx
-    plant.strike_moment[2] += hx * fy - hy * fx
+    hx, hy, hz = hub(plant, i)
+    push = (-radial * ex + SPIN[i] * ey * along, -radial * ey - SPIN[i] * ex * along, 0.0)
+    plant.strike_force = add(plant.strike_force, push)
+    plant.strike_moment = add(plant.strike_moment, cross((hx, hy, hz), push))
     plant.contact.touching = True
     plant.contact.rotor = i
-    turn = plant.rotation
+    turn, position = plant.rotation, plant.state.position
     rx = hx + ex * reach
     ry = hy + ey * reach
-    for k in range(3):
-        place = plant.state.position[k] + turn[k, 0] * rx + turn[k, 1] * ry + turn[k, 2] * hz
-        plant.contact.point[k] = place
+    plant.contact.point = (
+        position[0] + turn[0, 0] * rx + turn[0, 1] * ry + turn[0, 2] * hz,
+        position[1] + turn[1, 0] * rx + turn[1, 1] * ry + turn[1, 2] * hz,
+        position[2] + turn[2, 0] * rx + turn[2, 1] * ry + turn[2, 2] * hz,
+    )
 
 
 class StrikeState(Record):

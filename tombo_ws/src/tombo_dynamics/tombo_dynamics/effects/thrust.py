@@ -6,6 +6,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.rotation import to_body
+from tombo_dynamics.vectors import subtract
 
 
 @effect(
@@ -84,10 +85,7 @@ def translational_lift(plant: Plant, noise: Array, k: float) -> None:
     A flow across a rotor lowers its induced velocity: more thrust at the same speed, at first with
     the square (momentum theory, Glauert; the k_h v_h^2 of Faessler et al. 2018).
     """
-    velocity, wind = plant.state.velocity, plant.wind
-    u, v, _ = to_body(
-        plant.rotation, velocity[0] - wind[0], velocity[1] - wind[1], velocity[2] - wind[2]
-    )
+    u, v, _ = to_body(plant.rotation, subtract(plant.state.velocity, plant.wind))
     gain = max(0.2, 1.0 + k * (u * u + v * v))
     for i in range(4):
         plant.efficiency[i] *= gain

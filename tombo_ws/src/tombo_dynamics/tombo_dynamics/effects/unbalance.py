@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.body_point import hub
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
-from tombo_dynamics.vehicle import ARM_X, ARM_Y, SPIN
+from tombo_dynamics.vectors import add, cross
+from tombo_dynamics.vehicle import SPIN
 
 
 class RotorAngles(Record):
@@ -61,13 +63,7 @@ def propeller_unbalance(
         half = 0.5 * state.turned[i]
         mean = math.sin(half) / half if abs(half) > 1e-6 else 1.0
         force = sizes[i] * speed * speed * mean
-        fx = force * math.cos(state.angle[i] + half)
-        fy = force * math.sin(state.angle[i] + half)
-        hx = plant.vehicle.arm_length * ARM_X[i] - plant.centre_of_gravity[0]
-        hy = plant.vehicle.arm_length * ARM_Y[i] - plant.centre_of_gravity[1]
-        hz = plant.vehicle.rotor_height
-        plant.force[0] += fx
-        plant.force[1] += fy
-        plant.moment[0] -= hz * fy
-        plant.moment[1] += hz * fx
-        plant.moment[2] += hx * fy - hy * fx
+        angle = state.angle[i] + half
+        push = (force * math.cos(angle), force * math.sin(angle), 0.0)
+        plant.force = add(plant.force, push)
+        plant.moment = add(plant.moment, cross(hub(plant, i), push))

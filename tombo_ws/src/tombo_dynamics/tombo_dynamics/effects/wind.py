@@ -8,6 +8,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
+from tombo_dynamics.vectors import add, add_scaled, scale
 
 
 @effect(
@@ -51,6 +52,5 @@ def gusts(plant: Plant, noise: Array, state: GustState, deviation: float, time: 
     """Let the air's velocity wander as a first-order Gauss-Markov process."""
     decay = math.exp(-plant.tick_length / time)
     drive = deviation * math.sqrt(1.0 - decay * decay)
-    for i in range(3):
-        state.velocity[i] = decay * state.velocity[i] + drive * noise[i]
-        plant.wind[i] += state.velocity[i]
+    state.velocity = add_scaled(scale(decay, state.velocity), drive, noise)
+    plant.wind = add(plant.wind, state.velocity)
