@@ -33,7 +33,7 @@ _SMOOTH = 0.02
 
 
 @dataclass(frozen=True)
-class Recovery:
+class ThrustRecovery:
     """One collision. Times in s."""
 
     time: float
@@ -58,7 +58,7 @@ class Recovery:
         return f"{least}{self.recovered:.3f} s ({self.low:.3f} to {self.high:.3f})"
 
 
-def recoveries(time: Array, value: Array, share: float = SHARE) -> tuple[Recovery, ...]:
+def recoveries(time: Array, value: Array, share: float = SHARE) -> tuple[ThrustRecovery, ...]:
     """Find the collisions in a trace and the time each takes to recover.
 
     Args:
@@ -176,7 +176,7 @@ def _recovery(
     end: int,
     share: float,
     level: float,
-) -> Recovery:
+) -> ThrustRecovery:
     before = max(round(_BEFORE / step), _LEAST_BEFORE)
     # The level's own error: noise, and that a stand drifts from one part of the time to the next.
     steady = value[max(k - before, 0) : k]
@@ -194,11 +194,13 @@ def _recovery(
         cut = "another collision comes first" if end < len(value) else "the trace ends before"
         if end == len(value) and len(after) * step > 2.0:
             cut = f"{share:.0%} are never back"
-        return Recovery(float(time[k]), level, lowest, math.nan, float(span[-1]), math.inf, cut)
+        return ThrustRecovery(
+            float(time[k]), level, lowest, math.nan, float(span[-1]), math.inf, cut
+        )
     middle, slope, sd = crossing
     error = math.hypot(sd, share * level_sd / max(slope, 1e-12))
     error = math.hypot(error, 0.5 * step, _CURVED * middle)
-    return Recovery(
+    return ThrustRecovery(
         float(time[k]), level, lowest, middle, max(middle - 1.96 * error, 0.0),
         middle + 1.96 * error, "",
     )  # fmt: skip

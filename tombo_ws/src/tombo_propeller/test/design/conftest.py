@@ -13,7 +13,7 @@ import pytest
 from tombo_dynamics.propeller import read_library
 from tombo_propeller.design import candidates
 from tombo_propeller.design.design import Design, design
-from tombo_propeller.design.request import Request
+from tombo_propeller.design.request import DesignRequest
 
 COARSE = {
     "FIBRE_COUNTS": (3, 5, 8),
@@ -27,7 +27,7 @@ COARSE = {
 def _made(library: Path | None, **request: Any) -> Design:
     known = read_library() if library is None else read_library(library)
     with patch.multiple(candidates, **COARSE):
-        return design(Request(**request), known, known.blades["nine_inch"])
+        return design(DesignRequest(**request), known, known.blades["nine_inch"])
 
 
 @pytest.fixture(scope="session")

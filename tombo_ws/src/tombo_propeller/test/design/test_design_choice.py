@@ -9,17 +9,15 @@ from hypothesis import strategies as st
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, nodus_moduli
-from tombo_propeller.design.candidate_evaluation import costs, slack
-from tombo_propeller.design.candidate_ranking import choose
-from tombo_propeller.design.pareto import nondominated
-from tombo_propeller.design.request import NAMES, QUANTITIES, Limit, Request, arm_of
+from tombo_propeller.design.design import choose, costs, nondominated, slack
+from tombo_propeller.design.request import NAMES, QUANTITIES, DesignLimit, DesignRequest, arm_of
 from tombo_propeller.design.summary_text import relief_lines
 
 BLADE = configuration(13).blade
 
 
-def limits(**values) -> tuple[Limit, ...]:
-    return tuple(Limit(q, values[q.name]) for q in QUANTITIES if q.name in values)
+def limits(**values) -> tuple[DesignLimit, ...]:
+    return tuple(DesignLimit(q, values[q.name]) for q in QUANTITIES if q.name in values)
 
 
 def best(found) -> int:
@@ -201,7 +199,7 @@ def test_a_prediction_must_gain_more_than_the_model_is_wrong_by(made):
 )
 def test_bad_requests_are_refused(values, words):
     with pytest.raises(InputError, match=words):
-        Request(**{"mass_kg": 1.3, **values})
+        DesignRequest(**{"mass_kg": 1.3, **values})
 
 
 @pytest.mark.parametrize("frame", ["", "s600", "0.24", "157", "2000", "nan", "inf", "-240"])

@@ -12,11 +12,10 @@ from tombo_dynamics.propeller.mounted_propeller import mounted_configuration, th
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario, scenario_from_mapping, world_of
-from tombo_propeller.design.files import DESIGN_FILES, write_design
-from tombo_propeller.design.flight_check import blade_recovery, check_design
+from tombo_propeller.design.flight_check import blade_recovery, check_design, recommend
 from tombo_propeller.design.flight_files import is_built_in, scenario_of, write_flyable
-from tombo_propeller.design.recommend import recommend
-from tombo_propeller.design.request import Request, vehicle_for
+from tombo_propeller.design.page import DESIGN_FILES, write_design
+from tombo_propeller.design.request import DesignRequest, vehicle_for
 from tombo_sim.propeller_effects import vehicle_effects
 
 pytestmark = pytest.mark.slow
@@ -89,7 +88,7 @@ def test_blade_recovery_counts_from_the_last_release():
 
 
 def test_the_s500_at_its_own_mass_is_the_suites_vehicle():
-    vehicle, plain = vehicle_for(Request(1.3), configuration(13).blade), VehicleParams()
+    vehicle, plain = vehicle_for(DesignRequest(1.3), configuration(13).blade), VehicleParams()
     for name in ("mass", "inertia_xx", "inertia_zz", "arm_length", "nodus_radius"):
         assert getattr(vehicle, name) == pytest.approx(getattr(plain, name), rel=1e-9)
     assert vehicle.rotor_inertia == pytest.approx(plain.rotor_inertia, rel=0.01)
@@ -97,7 +96,7 @@ def test_the_s500_at_its_own_mass_is_the_suites_vehicle():
 
 @pytest.mark.parametrize(("mass", "arm"), [(0.9, 0.2), (1.3, 0.24), (1.3, 0.4)])
 def test_another_vehicle_touches_the_pillar_at_the_same_place(mass, arm, tmp_path: Path):
-    request = Request(mass, arm)
+    request = DesignRequest(mass, arm)
     path = write_flyable(
         tmp_path, scenario_of(request, configuration(13), 145.5, 0.42), configuration(13)
     )

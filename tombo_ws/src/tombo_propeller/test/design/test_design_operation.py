@@ -8,7 +8,7 @@ import pytest
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, configurations, speed_for_thrust, thrust_map
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_propeller.design.nodus_placement import with_nodus_at
+from tombo_propeller.design.candidates import with_nodus_at
 from tombo_propeller.design.operating_points import flight_performance
 
 SOFT = [c for c in configurations() if c.nodus]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_propeller.design.pareto import nondominated
+from tombo_propeller.design.design import nondominated
 
 COSTS = st.lists(
     st.lists(st.sampled_from([0.0, 1.0, 2.0, 3.0]), min_size=3, max_size=3), max_size=30

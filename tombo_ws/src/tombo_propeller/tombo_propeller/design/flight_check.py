@@ -1,10 +1,10 @@
-"""The recommended nodus in the paper's collision flight: claimed against simulated."""
+"""The recommendation: the first candidate that flies the paper's collision as it is claimed to."""
 
 from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,11 @@ from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import TICK_S
 from tombo_flight.flight_output import warm_up_flight
 from tombo_flight.process.study import fly_seeds
+from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_propeller.design.design import Design
 from tombo_propeller.design.flight_files import scenario_of, write_flyable
-from tombo_propeller.design.request import NAMES
+from tombo_propeller.design.request import LEAST_MARGIN, NAMES
 from tombo_sim.flight_setup import begin
 
 FIRST_SEED = 0
@@ -32,10 +33,14 @@ _CLOSE = 0.02
 """Share by which a claimed figure and a simulated one may differ."""
 _LEFT_OUT = 3.0
 """Standard errors that the scatter of thrust may move the mean speed in hover by."""
+MOST_FLOWN = 8
+"""Largest number of candidates that are flown."""
+_MORE = 1.05
+"""After a failure only a candidate with so much more thrust, or another strike, is flown."""
 
 
 @dataclass(frozen=True)
-class Claim:
+class FigureCheck:
     """One figure, claimed and simulated."""
 
     text: str
@@ -50,7 +55,7 @@ class Check:
     """The collision flown with several seeds."""
 
     seeds: tuple[int, ...]
-    claims: tuple[Claim, ...]
+    claims: tuple[FigureCheck, ...]
     force_N: float
     """Collision force and recovery time that were flown with."""
     recovery_s: float
@@ -59,7 +64,7 @@ class Check:
     settles_s: float | None
     """Longest time from touch to rest at x_r."""
 
-    limits: tuple[Claim, ...]
+    limits: tuple[FigureCheck, ...]
     """The limits that flights can show, with what they show."""
 
     @property
@@ -73,18 +78,78 @@ class Check:
         return self.flies and all(limit.held for limit in self.limits)
 
 
+@dataclass(frozen=True)
+class Recommendation:
+    """What to build, and the flights behind it."""
+
+    index: int | None
+    """Of the candidate; None: nothing keeps to the limits and recovers as well."""
+    check: Check | None
+    """Its flights; None without flights."""
+    upper: Check | None
+    """The same with force and recovery time at the upper end of what all readings predict."""
+    failed: tuple[tuple[int, Check], ...]
+    """Candidates that keep to the limits but not to their claims in flight."""
+    unflown: int = 0
+    """Feasible candidates that were not flown: too many failed, or one like them did."""
+    instead: int | None = None
+    """Where all that keep to the limits fail in flight: the nearest candidate that flies."""
+
+
+def recommend(
+    design: Design, seeds: Sequence[int], on_progress: ProgressCallback = no_progress
+) -> Recommendation:
+    """Fly the feasible candidates in their order until one keeps its claims.
+
+    Args:
+        design: the design.
+        seeds: of each candidate's flights; without any nothing is flown.
+        on_progress: called with the progress.
+    """
+    order = design.choice.order
+    if not order or not seeds:
+        return Recommendation(order[0] if order else None, None, None, ())
+    failed: list[tuple[int, Check]] = []
+    for index in order:
+        if len(failed) >= MOST_FLOWN:
+            break
+        if any(_alike(design, index, other) for other, _ in failed):
+            continue
+        check = check_design(design, index, seeds, on_progress=on_progress)
+        if check.held:
+            upper = check_design(design, index, seeds, upper=True, on_progress=on_progress)
+            return Recommendation(index, check, upper, tuple(failed))
+        failed.append((index, check))
+    left = len(order) - len(failed)
+    for index in design.choice.nearest:
+        lifts = design.judged.value[index, 0] >= LEAST_MARGIN
+        if lifts and check_design(design, index, seeds, on_progress=on_progress).flies:
+            return Recommendation(None, None, None, tuple(failed), left, index)
+    return Recommendation(None, None, None, tuple(failed), left)
+
+
+def _alike(design: Design, one: int, other: int) -> bool:
+    """Return whether a candidate would do no better than one that failed.
+
+    It would if its blades are struck alike, and it has hardly more thrust.
+    """
+    a, b = design.judged.value[one], design.judged.value[other]
+    same = bool((abs(a[1:3] - b[1:3]) <= 1e-9).all())
+    return same and bool(a[0] <= _MORE * b[0])
+
+
 def check_design(
-    found: Design,
+    design: Design,
     index: int,
     seeds: Sequence[int],
     *,
     upper: bool = False,
-    on_progress: Callable[[str, float], None] = lambda stage, share: None,
+    on_progress: ProgressCallback = no_progress,
 ) -> Check:
     """Fly the collision with a candidate and hold its claims against the flights.
 
     Args:
-        found: the design.
+        design: the design.
         index: of the candidate.
         seeds: of the flights; one at least.
         upper: with the upper ends of the predictions from all readings in place of a reading, as
@@ -94,14 +159,16 @@ def check_design(
     Raises:
         InputError: the simulator refuses the vehicle.
     """
-    configuration = found.judged.configurations[index]
-    force, recovery = (_flown(found, index, n, upper) for n in ("collision_force_N", "recovery_s"))
-    values = scenario_of(found.request, configuration, force, recovery)
+    configuration = design.judged.configurations[index]
+    force, recovery = (
+        _flown(design, index, n, upper) for n in ("collision_force_N", "recovery_s")
+    )
+    values = scenario_of(design.request, configuration, force, recovery)
     with tempfile.TemporaryDirectory(prefix="tombo-design-") as folder:
         scenario = load_scenario(str(write_flyable(Path(folder), values, configuration)))
         flights = _fly(scenario, seeds, on_progress)
         margin, scatter = _table(scenario)
-    claims = _claims(found, index, flights, margin, scatter, force, recovery)
+    claims = _claims(design, index, flights, margin, scatter, force, recovery)
     return Check(
         tuple(seeds),
         claims,
@@ -110,14 +177,14 @@ def check_design(
         _largest([f.falls_m for f in flights]),
         _largest([f.settles_s for f in flights]),
         _limits(
-            found, {name: claim.simulated for name, claim in zip(_SHOWN, claims, strict=True)}
+            design, {name: claim.simulated for name, claim in zip(_SHOWN, claims, strict=True)}
         ),
     )
 
 
 def _fly(
-    scenario: Scenario, seeds: Sequence[int], on_progress: Callable[[str, float], None]
-) -> list[_Flown]:
+    scenario: Scenario, seeds: Sequence[int], on_progress: ProgressCallback
+) -> list[_CollisionFigures]:
     """Fly with each of the seeds.
 
     Raises:
@@ -132,15 +199,15 @@ def _fly(
     for row in rows.values():
         if "error" in row:
             raise InputError(row["error"])
-    return [_Flown(**row) for row in rows.values()]
+    return [_CollisionFigures(**row) for row in rows.values()]
 
 
 def _figures(flight: Flight) -> dict[str, Any]:
-    return asdict(_Flown.of(flight.summary, flight.log))
+    return asdict(_CollisionFigures.of(flight.summary, flight.log))
 
 
 @dataclass(frozen=True)
-class _Flown:
+class _CollisionFigures:
     """What a flight shows of the claims."""
 
     collided: bool
@@ -152,14 +219,14 @@ class _Flown:
     settles_s: float | None
 
     @staticmethod
-    def of(summary: Mapping[str, Any], log: Mapping[str, Array]) -> _Flown:
+    def of(summary: Mapping[str, Any], log: Mapping[str, Array]) -> _CollisionFigures:
         hovering = log["mode"][:, 0] == Phase.HOVER
         speed = float(log["rotor_speed"][hovering].mean()) if hovering.any() else math.nan
         blade = (log["contact"][:, 0] > 0.0) & (log["contact"][:, 1] >= 0.0)
         first = int(blade.argmax())  # later two blades may be struck at once
         push = np.linalg.norm(log["contact_force"][first : first + _STRIKE_TICKS], axis=1)
         settles = summary["recovery_time_s"]
-        return _Flown(
+        return _CollisionFigures(
             bool(summary["collided"]),
             not summary["crashed"] and settles is not None,
             speed,
@@ -192,35 +259,44 @@ def blade_recovery(fold: Array) -> float:
 
 
 def _claims(
-    found: Design,
+    design: Design,
     index: int,
-    flights: Sequence[_Flown],
+    flights: Sequence[_CollisionFigures],
     margin: float,
     scatter: float,
     force: float,
     recovery: float,
-) -> tuple[Claim, ...]:
+) -> tuple[FigureCheck, ...]:
     count = len(flights)
-    hover = float(found.judged.operating.hover_speed[index])
+    hover = float(design.judged.operating.hover_speed[index])
     flown = _mean([f.hover_speed for f in flights])
     # Speed goes with the root of thrust; every flight draws four rotors.
     drift = _CLOSE + _LEFT_OUT * 0.5 * scatter / math.sqrt(4.0 * count)
-    claimed = float(found.judged.value[index, NAMES.index("thrust_margin")])
+    claimed = float(design.judged.value[index, NAMES.index("thrust_margin")])
     push = _most([f.force_N for f in flights])
     back = _most([f.recovery_s for f in flights])
     rpm = 30.0 / math.pi
     return (
-        Claim("flights that touch the pillar", count, sum(f.collided for f in flights), "",
-              all(f.collided for f in flights)),
-        Claim("flights that recover after it", count, sum(f.recovered for f in flights), "",
-              all(f.recovered for f in flights)),
-        Claim("thrust margin", claimed, margin, "",
-              _near(margin, claimed)),
-        Claim("rotor speed in hover", hover * rpm, flown * rpm, "rpm",
-              abs(flown - hover) <= drift * hover),
-        Claim("first strike's highest force", force, push, "N", push <= force * (1.0 + _CLOSE)),
-        Claim("blade's recovery time", recovery, back, "s",
-              abs(back - recovery) <= _CLOSE * recovery + 2.0 * TICK_S),
+        FigureCheck(
+            "flights that touch the pillar", count, sum(f.collided for f in flights), "",
+            all(f.collided for f in flights),
+        ),
+        FigureCheck(
+            "flights that recover after it", count, sum(f.recovered for f in flights), "",
+            all(f.recovered for f in flights),
+        ),
+        FigureCheck("thrust margin", claimed, margin, "", _near(margin, claimed)),
+        FigureCheck(
+            "rotor speed in hover", hover * rpm, flown * rpm, "rpm",
+            abs(flown - hover) <= drift * hover,
+        ),
+        FigureCheck(
+            "first strike's highest force", force, push, "N", push <= force * (1.0 + _CLOSE)
+        ),
+        FigureCheck(
+            "blade's recovery time", recovery, back, "s",
+            abs(back - recovery) <= _CLOSE * recovery + 2.0 * TICK_S,
+        ),
     )  # fmt: skip
 
 
@@ -228,26 +304,26 @@ _SHOWN = ("", "", "thrust_margin", "", "collision_force_N", "recovery_s")
 """What each claim says of a quantity, in their order."""
 
 
-def _limits(found: Design, simulated: dict[str, float]) -> tuple[Claim, ...]:
+def _limits(design: Design, simulated: dict[str, float]) -> tuple[FigureCheck, ...]:
     kept = []
-    for limit in found.choice.limits:
+    for limit in design.choice.limits:
         if limit.quantity.name in simulated:
             value = simulated[limit.quantity.name]
             slack = (value - limit.value) * (1.0 if limit.quantity.more_is_better else -1.0)
             held = slack >= -1e-3 * limit.value
-            kept.append(Claim(limit.text, limit.value, value, limit.quantity.unit, held))
+            kept.append(FigureCheck(limit.text, limit.value, value, limit.quantity.unit, held))
     return tuple(kept)
 
 
-def _flown(found: Design, index: int, name: str, upper: bool) -> float:
+def _flown(design: Design, index: int, name: str, upper: bool) -> float:
     """Return what is claimed of a figure, or the end of what all readings together predict."""
     column = NAMES.index(name)
     if not upper:
-        counted = float(found.judged.counted[index, column])
-        return counted if math.isfinite(counted) else float(found.judged.high[index, column])
-    reading = found.readings[name]
-    best, error = reading.predict(found.judged.configurations[index])
-    return best + error * reading.quantile(found.request.confidence)
+        counted = float(design.judged.counted[index, column])
+        return counted if math.isfinite(counted) else float(design.judged.high[index, column])
+    reading = design.readings[name]
+    best, error = reading.predict(design.judged.configurations[index])
+    return best + error * reading.quantile(design.request.confidence)
 
 
 def _table(scenario: Scenario) -> tuple[float, float]:

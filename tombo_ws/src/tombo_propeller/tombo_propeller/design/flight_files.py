@@ -11,7 +11,7 @@ import yaml
 
 from tombo_dynamics.propeller import Blade, Configuration, read_library
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_propeller.design.request import Request, vehicle_for
+from tombo_propeller.design.request import DesignRequest, vehicle_for
 
 SCENARIO = "design.yaml"
 LIBRARY = "library"
@@ -29,7 +29,7 @@ def is_built_in(configuration: Configuration) -> bool:
 
 
 def scenario_of(
-    request: Request, configuration: Configuration, force_N: float, recovery_s: float
+    request: DesignRequest, configuration: Configuration, force_N: float, recovery_s: float
 ) -> dict[str, Any]:
     """Return the paper's collision flight with the vehicle and the propeller of a design.
 

@@ -80,19 +80,19 @@ def _peak(rows: Array, highest: float, law: str) -> Array:
         speeds = low[:, None] + (high - low)[:, None] * share
         thrust = evaluate_rows(rows[:, None, :], speeds, law).thrust_N
         falls = ~(np.diff(thrust, axis=1) > 0.0)
-        found = falls.any(axis=1)
-        first = np.where(found, falls.argmax(axis=1), count - 1)
+        has_peak = falls.any(axis=1)
+        first = np.where(has_peak, falls.argmax(axis=1), count - 1)
         line = np.arange(rows.shape[0])
         inner = np.clip(first, 1, count - 2)
         a, b, c = (thrust[line, inner + k] for k in (-1, 0, 1))
         with np.errstate(invalid="ignore", divide="ignore"):
             vertex = 0.5 * (a - c) / (a - 2.0 * b + c)
         step = speeds[:, 1] - speeds[:, 0]
-        smooth = found & (first > 0) & np.isfinite(vertex)
+        smooth = has_peak & (first > 0) & np.isfinite(vertex)
         reached = np.where(smooth, speeds[line, inner] + vertex * step, speeds[line, first])
-        peak = np.where(found, reached, peak)
-        low = np.where(found, speeds[line, np.maximum(first - 1, 0)], high - 1e-9 * high)
-        high = np.where(found, speeds[line, np.minimum(first + 1, count - 1)], high)
+        peak = np.where(has_peak, reached, peak)
+        low = np.where(has_peak, speeds[line, np.maximum(first - 1, 0)], high - 1e-9 * high)
+        high = np.where(has_peak, speeds[line, np.minimum(first + 1, count - 1)], high)
     return np.asarray(np.minimum(peak, highest))
 
 

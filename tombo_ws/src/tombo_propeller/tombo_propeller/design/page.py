@@ -1,104 +1,281 @@
-"""The design on one page: an HTML file that needs nothing but a browser, and no script."""
+"""A design as a page of results, and its files: JSON, page, pictures, what `tombo fly` takes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from html import escape
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any, Final
 
-from tombo_flight.report.html_page import (
+from tombo_dynamics.propeller import RPM
+from tombo_flight.json_text import plain
+from tombo_flight.progress import ProgressCallback, no_progress
+from tombo_flight.report.flight_plot import figure_bytes
+from tombo_flight.report.html import write_page
+from tombo_flight.report.page import (
     Card,
+    Cell,
+    Item,
     Page,
-    command,
-    hint,
-    page_html,
-    pictures,
-    sentences,
-    table,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Text,
+    page_json,
 )
+from tombo_flight.version import tombo_version
 from tombo_propeller.design import summary_text as words
-from tombo_propeller.design import table_cells
+from tombo_propeller.design.candidates import describe, properties
 from tombo_propeller.design.design import Design
-from tombo_propeller.design.flight_check import Check
-from tombo_propeller.design.flight_files import SCENARIO
-from tombo_propeller.design.recommend import Recommendation
-from tombo_propeller.design.request import QUANTITIES
+from tombo_propeller.design.flight_check import Check, Recommendation
+from tombo_propeller.design.flight_files import (
+    LIBRARY,
+    LIBRARY_FILES,
+    SCENARIO,
+    scenario_of,
+    write_flyable,
+)
+from tombo_propeller.design.plots import draw_pareto, draw_readings
+from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES
 
-_FOOTER = (
+JSON: Final = "design.json"
+PAGE: Final = "report.html"
+PICTURES: Final = ("pareto.png", "readings.png")
+DESIGN_FILES: Final = (
+    JSON,
+    PAGE,
+    SCENARIO,
+    *PICTURES,
+    *(f"{LIBRARY}/{name}" for name in LIBRARY_FILES),
+)
+"""All names that a design may write: those of an earlier one give way."""
+_FOOTER: Final = (
     "Thrust margin and lift over drag are the model's; collision force, recovery time and noise "
     "are Table III's, at 2000 rpm, or predicted from it. The same in design.json."
 )
 
 
-def design_html(found: Design, made: Recommendation, png: Sequence[bytes]) -> str:
-    """Return the page as text; it loads nothing from anywhere.
-
-    Args:
-        found: the design.
-        made: the recommendation.
-        png: the pictures of `draw_pareto` and `draw_readings`.
-    """
-    good = made.index is not None
-    vehicle = f"{found.request.mass_kg:g} kg, arms of {1e3 * found.request.arm_m:g} mm"
-    asked = ", ".join(limit.text for limit in found.choice.limits)
-    pareto, readings = png
-    known = sentences(words.sources(found)) + pictures([(readings, "", "What predicts a reading")])
-    return page_html(
-        Page(
-            title=f"Design: {words.headline(found, made)}",
-            eyebrow="Tombo propeller design",
-            headline=words.headline(found, made),
-            summary=f"{vehicle}: {asked}. Law {found.request.law}.",
-            cards=_cards(found, made.index),
-            sections=(
-                ("Why", sentences(words.reasons(found, made) + words.relief_lines(found))),
-                ("What can be had", pictures([(pareto, "", "Figures against thrust margin")])),
-                ("Fly it, in this folder", command(f"tombo fly {SCENARIO}") if good else ""),
-                ("Claimed and simulated", _check(made.check)),
-                ("Candidates", _candidates(found, made)),
-                ("Not measured", sentences(words.caveats(found, made))),
-                ("Where the predictions come from", known),
-            ),
-            footer=_FOOTER,
-            verdict="recommended" if good else "nothing fits",
-            verdict_class="good" if good else "bad",
-        )
+def design_page(design: Design, recommendation: Recommendation) -> Page:
+    """Return the result of a design."""
+    index = recommendation.index
+    data = design_mapping(design, recommendation)
+    why = [*data["reasons"], *data["must_give_text"]]
+    fly = [] if index is None else [Text([f"tombo fly {SCENARIO}"], "command")]
+    pareto = Picture(lambda: draw_pareto(design, recommendation), "Figures against thrust margin")
+    readings = Picture(lambda: draw_readings(design), "What predicts a reading")
+    return Page(
+        title=f"Design: {data['headline']}",
+        eyebrow="Tombo propeller design",
+        headline=data["headline"],
+        summary=f"{words.asked(design)}. Law {design.request.law}.",
+        cards=[] if index is None else _cards(design, index),
+        sections=[
+            Section("Why", [Text(why)]),
+            Section("What can be had", [pareto]),
+            Section("Fly it, in this folder", fly, "page"),
+            Section("Claimed and simulated", _check_table(recommendation.check)),
+            Section("Candidates", [_candidate_table(design, recommendation)]),
+            Section("Not measured", [Text(data["caveats"])]),
+            Section("Where the predictions come from", [Text(words.sources(design)), readings]),
+        ],
+        data=data,
+        footer=_FOOTER,
+        verdict="nothing fits" if index is None else "recommended",
+        verdict_style="bad" if index is None else "good",
     )
 
 
-def _cards(found: Design, index: int | None) -> list[Card]:
-    if index is None:
-        return []
-    values = [float(v) for v in found.judged.value[index]]
+def write_design(
+    folder: Path,
+    design: Design,
+    recommendation: Recommendation,
+    on_progress: ProgressCallback = no_progress,
+) -> None:
+    """Write the files of a design into a folder that exists.
+
+    Raises:
+        OSError: they can't be written.
+    """
+    page = design_page(design, recommendation)
+    (folder / JSON).write_text(page_json(page), encoding="utf-8", newline="\n")
+    if recommendation.index is not None:
+        configuration = design.judged.configurations[recommendation.index]
+        high = design.judged.high[recommendation.index]
+        force, recovery = (
+            float(high[NAMES.index(name)]) for name in ("collision_force_N", "recovery_s")
+        )
+        scenario = scenario_of(design.request, configuration, force, recovery)
+        write_flyable(folder, scenario, configuration)
+    on_progress("drawing", 0.5)
+    figures = (draw_pareto(design, recommendation), draw_readings(design))
+    for name, figure in zip(PICTURES, figures, strict=True):
+        (folder / name).write_bytes(figure_bytes(figure))
+    write_page(folder / PAGE, page)
+
+
+def _cards(design: Design, index: int) -> list[Card]:
+    values = design.judged.value[index].tolist()
     return [
-        Card(q.words, table_cells.figure(v, q), q.unit, table_cells.known(found, index, k))
-        for k, (q, v) in enumerate(zip(QUANTITIES, values, strict=True))
+        Card(q.words, words.figure(value, q), q.unit, words.known(design, index, column))
+        for column, (q, value) in enumerate(zip(QUANTITIES, values, strict=True))
     ]
 
 
-def _check(check: Check | None) -> str:
+def _check_table(check: Check | None) -> list[Item]:
     if check is None:
-        return ""
+        return []
     rows = [
-        f'<tr><th scope="row">{escape(c.text)}</th><td>{c.claimed:.4g} {escape(c.unit)}</td>'
-        f"<td>{c.simulated:.4g} {escape(c.unit)}</td>"
-        f"<td>{'held' if c.held else 'broken'}</td></tr>"
+        (
+            c.text,
+            f"{c.claimed:.4g} {c.unit}".rstrip(),
+            f"{c.simulated:.4g} {c.unit}".rstrip(),
+            Cell("held", "good") if c.held else Cell("broken", "bad"),
+        )
         for c in (*check.claims, *check.limits)
     ]
     falls = "" if check.falls_m is None else f" Falls {check.falls_m:.2f} m at most."
-    return table(("", "claimed", "simulated", ""), rows) + hint(
-        f"{len(check.seeds)} flights into the pillar.{falls}"
-    )
+    note = f"{len(check.seeds)} flights into the pillar.{falls}"
+    return [Table(("", "claimed", "simulated", ""), rows, note=note)]
 
 
-def _candidates(found: Design, made: Recommendation) -> str:
+def _candidate_table(design: Design, recommendation: Recommendation) -> Table:
+    styles = {"recommended": "best", "fails in flight": "muted"}
+    rows = [
+        Row(
+            [
+                words.label_of(design, index),
+                *(words.cell(design, index, column) for column in range(len(QUANTITIES))),
+                why,
+            ],
+            styles.get(why, ""),
+        )
+        for index, why in words.candidates_shown(design, recommendation)
+    ]
     head = ("candidate", *(f"{q.words} {q.unit}".strip() for q in QUANTITIES), "")
-    rows = []
-    for index, why in table_cells.shown(found, made):
-        row = "".join(
-            f"<td>{escape(table_cells.cell(found, index, k))}</td>" for k in range(len(QUANTITIES))
-        )
-        rows.append(
-            f'<tr><th scope="row">{escape(table_cells.label_of(found, index))}</th>{row}'
-            f"<td>{escape(why)}</td></tr>"
-        )
-    return table(head, rows) + hint(table_cells.KEY)
+    return Table(head, rows, note=words.KEY)
+
+
+def design_mapping(design: Design, recommendation: Recommendation) -> dict[str, Any]:
+    """Return the content of `design.json`; None for what is not known."""
+    choice, judged = design.choice, design.judged
+    index, instead = recommendation.index, recommendation.instead
+
+    def each(indices: Any) -> list[dict[str, Any]]:
+        return [_candidate(design, int(i)) for i in indices]
+
+    mapping: dict[str, Any] = plain(
+        {
+            "headline": words.headline(design, recommendation),
+            "feasible": design.feasible,
+            "flies_as_claimed": None
+            if recommendation.check is None
+            else recommendation.check.held,
+            "recommended": None if index is None else _candidate(design, index),
+            "reasons": words.reasons(design, recommendation),
+            "must_give": [
+                {
+                    "limit": limit.text,
+                    "quantity": limit.quantity.name,
+                    "asked": limit.value,
+                    "possible": value,
+                }
+                for limit, value in zip(choice.limits, choice.relief, strict=True)
+                if not design.feasible
+            ],
+            "must_give_text": words.relief_lines(design),
+            "check": _check(recommendation.check),
+            "check_at_upper_ends": _check(recommendation.upper),
+            "failed_in_flight": [
+                {"candidate": _candidate(design, i), "check": _check(c)}
+                for i, c in recommendation.failed
+            ],
+            "nearest_that_flies": None if instead is None else _candidate(design, instead),
+            "alternatives": [
+                {**_candidate(design, i), "why": why}
+                for i, why in words.alternatives(design, recommendation)
+            ],
+            "measured": each((judged.tier == 0).nonzero()[0]),
+            "pareto": each(i for i in choice.order if choice.front[i]),
+            "candidates": len(judged.configurations),
+            "candidates_feasible": int(choice.feasible.sum()),
+            "request": dataclasses.asdict(design.request),
+            "limits": [limit.text for limit in choice.limits],
+            "vehicle": dataclasses.asdict(design.vehicle),
+            "tested": dataclasses.asdict(design.tested),
+            "predictions": {name: _reading(design, name) for name in MEASURED},
+            "thrust_error": design.thrust_error,
+            "caveats": words.caveats(design, recommendation),
+            "version": tombo_version(),
+        }
+    )
+    return mapping
+
+
+def _candidate(design: Design, index: int) -> dict[str, Any]:
+    """Return a candidate with its figures and how each is known."""
+    judged = design.judged
+    configuration = judged.configurations[index]
+    nodus = configuration.nodus
+    assert nodus is not None
+    operating = judged.operating
+    limits = zip(design.choice.limits, design.choice.slack[index], strict=True)
+    return {
+        "name": words.name_of(design, index),
+        "conf": configuration.number,
+        "nodus": describe(configuration),
+        "matrix": nodus.matrix.name,
+        "fibre": nodus.fibre.name,
+        **properties(configuration),
+        "fibres": nodus.fibres,
+        "fibre_diameter_mm": nodus.fibre_diameter_mm,
+        "evidence": words.EVIDENCE[int(judged.tier[index])],
+        "outside_of_tests": list(judged.outside[index]),
+        "hover_rpm": float(operating.hover_speed[index]) / RPM,
+        "usable_rpm": float(operating.usable_speed[index]) / RPM,
+        "usable_thrust_N": float(operating.usable_thrust[index]),
+        "motor_limits_thrust": bool(operating.motor_limits[index]),
+        "twist_in_hover_deg": math.degrees(float(operating.hover_twist[index])),
+        "figures": {
+            q.name: {
+                "value": float(judged.value[index, k]),
+                "low": float(judged.low[index, k]),
+                "high": float(judged.high[index, k]),
+                "counted": float(judged.counted[index, k]),
+                "known": judged.labels[index][k],
+            }
+            for k, q in enumerate(QUANTITIES)
+        },
+        "slack": {limit.quantity.name: float(s) for limit, s in limits},
+    }
+
+
+def _check(check: Check | None) -> dict[str, Any] | None:
+    if check is None:
+        return None
+    return {
+        "held": check.held,
+        "flights": len(check.seeds),
+        "collision_force_N": check.force_N,
+        "recovery_s": check.recovery_s,
+        "largest_fall_m": check.falls_m,
+        "longest_settling_s": check.settles_s,
+        "limits": [dataclasses.asdict(limit) for limit in check.limits],
+        "claims": [dataclasses.asdict(claim) for claim in check.claims],
+    }
+
+
+def _reading(design: Design, name: str) -> dict[str, Any]:
+    reading = design.readings[name]
+    return {
+        "readings": reading.count,
+        "used": reading.regressor,
+        "mean": reading.mean,
+        "left_out_error": reading.error,
+        "left_out_error_of_mean": reading.mean_error,
+        "regressors": {t.regressor: t.error for t in reading.trials},
+        "chance": reading.chance,
+        "rank_correlation_with_stiffness": reading.rank_correlation,
+        "rank_correlation_chance": reading.rank_p_value,
+        "text": words.sources(design)[MEASURED.index(name)],
+    }

@@ -12,48 +12,44 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from tombo_flight.report import style
-from tombo_propeller.design.candidate_evaluation import costs
-from tombo_propeller.design.design import Design
-from tombo_propeller.design.pareto import nondominated
-from tombo_propeller.design.recommend import Recommendation
-from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES, Quantity
-from tombo_propeller.design.summary_text import headline
+from tombo_propeller.design.design import Design, costs, nondominated
+from tombo_propeller.design.flight_check import Recommendation
+from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES, Criterion
+from tombo_propeller.design.summary_text import asked, headline
 
 _COLOURS: Final = (style.SKY, style.BLUE, style.PURPLE, style.ORANGE, style.GREEN)
 _DPI: Final = 150
 _SHOWN: Final = QUANTITIES[1:]
 
 
-def draw_pareto(found: Design, made: Recommendation) -> Figure:
+def draw_pareto(design: Design, recommendation: Recommendation) -> Figure:
     """Draw each figure against the thrust margin: what was measured, what is predicted."""
     with mpl.rc_context(style.RC):
         sheet = Figure(figsize=(11.0, 8.0), dpi=_DPI, layout="constrained")
         FigureCanvasAgg(sheet)
         grid = sheet.subplots(2, 2, sharex=True)
         for axes, quantity in zip(grid.flat, _SHOWN, strict=True):
-            _panel(axes, found, made, quantity)
+            _panel(axes, design, recommendation, quantity)
         for axes in grid[1]:
             axes.set_xlabel("thrust margin, modelled", labelpad=2)
-        vehicle = f"{found.request.mass_kg:g} kg, arms of {1e3 * found.request.arm_m:g} mm"
-        asked = ", ".join(limit.text for limit in found.choice.limits)
         sheet.suptitle(
-            f"{headline(found, made)}\n{vehicle}: {asked}",
+            f"{headline(design, recommendation)}\n{asked(design)}",
             x=0.01, ha="left", weight="bold", size=10.5, parse_math=False, wrap=True,
         )  # fmt: skip
-        handles = _keys(found, made)
+        handles = _keys(design, recommendation)
         sheet.legend(handles=handles, loc="outside lower center", ncols=4)
     return sheet
 
 
-def draw_readings(found: Design) -> Figure:
+def draw_readings(design: Design) -> Figure:
     """Draw the error of each regressor on readings left out, and that of their mean."""
     with mpl.rc_context(style.RC):
         sheet = Figure(figsize=(11.0, 3.4), dpi=_DPI, layout="constrained")
         FigureCanvasAgg(sheet)
         quantities = [q for q in QUANTITIES if q.name in MEASURED]
-        used = [found.readings[q.name].regressor for q in quantities]
+        used = [design.readings[q.name].regressor for q in quantities]
         for axes, quantity in zip(sheet.subplots(1, 3), quantities, strict=True):
-            reading = found.readings[quantity.name]
+            reading = design.readings[quantity.name]
             trials = reading.trials[::-1]
             better = [t.error < reading.mean_error for t in trials]
             colours = [style.BLUE if b else style.MUTED for b in better]
@@ -73,11 +69,13 @@ def draw_readings(found: Design) -> Figure:
     return sheet
 
 
-def _panel(axes: Axes, found: Design, made: Recommendation, quantity: Quantity) -> None:
-    judged, column = found.judged, NAMES.index(quantity.name)
+def _panel(
+    axes: Axes, design: Design, recommendation: Recommendation, quantity: Criterion
+) -> None:
+    judged, column = design.judged, NAMES.index(quantity.name)
     x, y = judged.value[:, 0], judged.value[:, column]
     measured = judged.tier == 0
-    for k, matrix in enumerate(_matrices(found)):
+    for k, matrix in enumerate(_matrices(design)):
         colour = _COLOURS[k % len(_COLOURS)]
         here = np.array([c.nodus is not None and c.nodus.matrix.name == matrix
                          for c in judged.configurations])  # fmt: skip
@@ -91,28 +89,28 @@ def _panel(axes: Axes, found: Design, made: Recommendation, quantity: Quantity) 
         if np.isfinite(x[i]) and np.isfinite(y[i]):
             name = str(judged.configurations[i].number)
             axes.annotate(name, (x[i], y[i]), (5, 4), textcoords="offset points", fontsize=7.5)
-    _front(axes, found, quantity)
-    _interval(axes, found, quantity)
-    _limits(axes, found, quantity)
-    for index, _ in made.failed:
+    _front(axes, design, quantity)
+    _interval(axes, design, quantity)
+    _limits(axes, design, quantity)
+    for index, _ in recommendation.failed:
         axes.plot(x[index], y[index], "x", ms=11, mew=2.2, color=style.VERMILLION, zorder=5)
-    if made.index is not None:
-        axes.plot(x[made.index], y[made.index], "o", ms=15, mew=2.4, mfc="none",
-                  color=style.GREEN, zorder=6)  # fmt: skip
+    if (chosen := recommendation.index) is not None:
+        axes.plot(x[chosen], y[chosen], "o", ms=15, mew=2.4, mfc="none", color=style.GREEN,
+                  zorder=6)  # fmt: skip
     unit = f" [{quantity.unit}]" if quantity.unit else ""
     where = ", at 2000 rpm" if quantity.name in MEASURED else ", in hover, modelled"
     axes.set_ylabel(f"{quantity.words}{where}{unit}")
-    axes.set_title(_finding(found, quantity), loc="left", fontsize=9)
+    axes.set_title(_finding(design, quantity), loc="left", fontsize=9)
 
 
-def _matrices(found: Design) -> list[str]:
-    names = (c.nodus.matrix.name for c in found.judged.configurations if c.nodus)
+def _matrices(design: Design) -> list[str]:
+    names = (c.nodus.matrix.name for c in design.judged.configurations if c.nodus)
     return list(dict.fromkeys(names))
 
 
-def _front(axes: Axes, found: Design, quantity: Quantity) -> None:
+def _front(axes: Axes, design: Design, quantity: Criterion) -> None:
     """Draw the Pareto front of the two figures: of the measured ones, or of all if modelled."""
-    judged = found.judged
+    judged = design.judged
     here = np.flatnonzero((judged.tier == 0) | (quantity.name not in MEASURED))
     columns = [0, NAMES.index(quantity.name)]
     some = here[nondominated(costs(judged.value[here])[:, columns])]
@@ -120,29 +118,29 @@ def _front(axes: Axes, found: Design, quantity: Quantity) -> None:
     axes.plot(*judged.value[some][:, columns].T, color=style.INK, lw=1.0, alpha=0.6, zorder=3)
 
 
-def _interval(axes: Axes, found: Design, quantity: Quantity) -> None:
+def _interval(axes: Axes, design: Design, quantity: Criterion) -> None:
     """Draw the mean of the readings and the interval of a prediction, if the mean is used."""
-    reading = found.readings.get(quantity.name)
+    reading = design.readings.get(quantity.name)
     if reading is None or reading.regressor != "mean" or not np.isfinite(reading.error):
         return
-    reach = reading.error * reading.quantile(found.request.confidence)
+    reach = reading.error * reading.quantile(design.request.confidence)
     axes.axhspan(reading.mean - reach, reading.mean + reach, color=style.FAINT, alpha=0.55, lw=0,
                  zorder=0)  # fmt: skip
     axes.axhline(reading.mean, color=style.MUTED, lw=0.9, zorder=1)
 
 
-def _limits(axes: Axes, found: Design, quantity: Quantity) -> None:
-    for limit in found.choice.limits:
+def _limits(axes: Axes, design: Design, quantity: Criterion) -> None:
+    for limit in design.choice.limits:
         if limit.quantity.name == NAMES[0]:
             axes.axvline(limit.value, color=style.INK, lw=1.1, ls="--")
         elif limit.quantity == quantity:
             axes.axhline(limit.value, color=style.INK, lw=1.1, ls="--")
 
 
-def _finding(found: Design, quantity: Quantity) -> str:
-    reading = found.readings.get(quantity.name)
+def _finding(design: Design, quantity: Criterion) -> str:
+    reading = design.readings.get(quantity.name)
     if reading is None:
-        ratio = found.judged.value[:, NAMES.index(quantity.name)]
+        ratio = design.judged.value[:, NAMES.index(quantity.name)]
         ratio = ratio[np.isfinite(ratio)]
         span = f": {ratio.min():.2f} to {ratio.max():.2f}" if ratio.size else ""
         return f"{quantity.words.capitalize()} of all that lift the vehicle{span}"
@@ -154,24 +152,24 @@ def _finding(found: Design, quantity: Quantity) -> str:
     return f"{quantity.words.capitalize()} follows {reading.regressor}"
 
 
-def _keys(found: Design, made: Recommendation) -> list[Line2D]:
+def _keys(design: Design, recommendation: Recommendation) -> list[Line2D]:
     keys = [
         Line2D(
             [], [], ls="", marker="o", color=_COLOURS[k % len(_COLOURS)], label=f"{m}, measured"
         )
-        for k, m in enumerate(_matrices(found))
+        for k, m in enumerate(_matrices(design))
     ]
     keys.append(Line2D([], [], ls="", marker=".", color=style.MUTED, label="predicted"))
-    share = found.request.confidence
+    share = design.request.confidence
     keys.append(Line2D([], [], lw=7, color=style.FAINT, label=f"mean, {share:.0%} to each side"))
     keys.append(Line2D([], [], ls="--", color=style.INK, label="limit"))
     keys.append(Line2D([], [], lw=1.0, color=style.INK, alpha=0.6, label="Pareto front"))
-    if made.index is not None:
+    if recommendation.index is not None:
         keys.append(
             Line2D([], [], ls="", marker="o", ms=11, mew=2.2, mfc="none", color=style.GREEN,
                    label="recommended")
         )  # fmt: skip
-    if made.failed:
+    if recommendation.failed:
         keys.append(
             Line2D([], [], ls="", marker="x", ms=9, mew=2.2, color=style.VERMILLION,
                    label="fails in flight")

@@ -35,7 +35,7 @@ BOUNDS = {
 """Unit, lower and upper bound of each number of a request."""
 
 
-class Quantity(NamedTuple):
+class Criterion(NamedTuple):
     """A figure that a design is judged by."""
 
     name: str
@@ -45,11 +45,11 @@ class Quantity(NamedTuple):
 
 
 QUANTITIES = (
-    Quantity("thrust_margin", "thrust margin", "", True),
-    Quantity("collision_force_N", "collision force", "N", False),
-    Quantity("recovery_s", "recovery time", "s", False),
-    Quantity("noise_dB", "noise", "dB", False),
-    Quantity("lift_over_drag", "lift over drag", "", True),
+    Criterion("thrust_margin", "thrust margin", "", True),
+    Criterion("collision_force_N", "collision force", "N", False),
+    Criterion("recovery_s", "recovery time", "s", False),
+    Criterion("noise_dB", "noise", "dB", False),
+    Criterion("lift_over_drag", "lift over drag", "", True),
 )
 """Column by column, in every table of candidates.
 
@@ -62,10 +62,10 @@ MEASURED = ("collision_force_N", "recovery_s", "noise_dB")
 
 
 @dataclass(frozen=True)
-class Limit:
+class DesignLimit:
     """A limit on one quantity."""
 
-    quantity: Quantity
+    quantity: Criterion
     value: float
 
     @property
@@ -76,7 +76,7 @@ class Limit:
 
 
 @dataclass(frozen=True)
-class Request:
+class DesignRequest:
     """Vehicle, limits and how sure a predicted figure has to be."""
 
     mass_kg: float
@@ -122,10 +122,10 @@ class Request:
         )
 
     @property
-    def limits(self) -> tuple[Limit, ...]:
+    def limits(self) -> tuple[DesignLimit, ...]:
         """The limits that are asked for, the thrust margin first."""
         pairs = zip(QUANTITIES, self._asked, strict=True)
-        return tuple(Limit(q, float(value)) for q, value in pairs if value is not None)
+        return tuple(DesignLimit(q, float(value)) for q, value in pairs if value is not None)
 
 
 def arm_of(frame: str, blade: Blade) -> float:
@@ -153,7 +153,7 @@ def arm_of(frame: str, blade: Blade) -> float:
     return length * 1e-3
 
 
-def vehicle_for(request: Request, blade: Blade) -> VehicleParams:
+def vehicle_for(request: DesignRequest, blade: Blade) -> VehicleParams:
     """Return the vehicle: the S500 with another mass and other arms.
 
     Of the S500's inertia the drives' share grows with the square of the arm, the hub's with the

@@ -1,4 +1,4 @@
-"""A design in sentences: reasons, binding limit, sources of predictions, what is not known."""
+"""A design in words: reasons, binding limit, sources of predictions, cells of its table."""
 
 from __future__ import annotations
 
@@ -8,39 +8,54 @@ import numpy as np
 from scipy import stats
 
 from tombo_dynamics.propeller import RPM, Configuration
-from tombo_propeller.design.candidate_evaluation import slack
-from tombo_propeller.design.candidates import describe
-from tombo_propeller.design.design import Design
+from tombo_propeller.design.candidates import describe, short
+from tombo_propeller.design.design import Design, slack
+from tombo_propeller.design.flight_check import Recommendation
+from tombo_propeller.design.flight_files import is_built_in
 from tombo_propeller.design.operating_points import flight_performance
-from tombo_propeller.design.recommend import Recommendation
-from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES, Limit, Quantity
+from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES, Criterion, DesignLimit
 from tombo_propeller.design.response_regression import MEAN, ResponseModel
-from tombo_propeller.design.table_cells import EVIDENCE, broken_by, figure, name_of
 
 _BENCH_RPM = 2000.0
+EVIDENCE = ("measured", "predicted within what was tested", "extrapolated")
+"""What the figures of a candidate rest on, by tier."""
+KEY = "* measured; ≤ upper end of a prediction; ? outside of what was tested; others modelled"
+"""What the marks of `cell` mean."""
+_UNFLOWN = "keeps to all limits, not flown"
+"""A candidate that might break its claims in flight, as others do that keep to the limits."""
 
 
-def headline(found: Design, made: Recommendation) -> str:
+def headline(design: Design, recommendation: Recommendation) -> str:
     """Return the outcome in a line."""
-    if made.index is not None:
-        name, nodus = name_of(found, made.index), found.judged.configurations[made.index]
+    if recommendation.index is not None:
+        name, nodus = (
+            name_of(design, recommendation.index),
+            design.judged.configurations[recommendation.index],
+        )
         whole = describe(nodus)
         return whole if name == whole else f"{name}: {whole}"
-    if found.feasible:
+    if design.feasible:
         return "Some candidates keep to all limits, but none of those flown recovers as claimed"
     return "No candidate keeps to all limits"
 
 
-def reasons(found: Design, made: Recommendation) -> list[str]:
+def asked(design: Design) -> str:
+    """Return the vehicle and the limits."""
+    limits = ", ".join(limit.text for limit in design.choice.limits)
+    request = design.request
+    return f"{request.mass_kg:g} kg, arms of {1e3 * request.arm_m:g} mm: {limits}"
+
+
+def reasons(design: Design, recommendation: Recommendation) -> list[str]:
     """Return why this one: evidence, what binds, who else was tried."""
-    judged, choice = found.judged, found.choice
+    judged, choice = design.judged, design.choice
     counts = [int((choice.feasible & (judged.tier == k)).sum()) for k in range(3)]
     split = ", ".join(f"{n} {words}" for n, words in zip(counts, EVIDENCE, strict=True))
     lines = [
         f"{int(choice.feasible.sum())} of {len(judged.configurations)} candidates keep to all "
         f"limits ({split})."
     ]
-    for index, check in made.failed:
+    for index, check in recommendation.failed:
         reasons = [
             f"{c.text} {c.simulated:.3g} of {c.claimed:.3g}"
             for c in (*check.claims, *check.limits)
@@ -50,55 +65,57 @@ def reasons(found: Design, made: Recommendation) -> list[str]:
         more = ""
         if check.falls_m is not None and check.falls_m > 1.0:
             more = f", falls up to {check.falls_m:.1f} m"
-        lines.append(f"Passed over: {name_of(found, index)}, fails in flight ({broken}{more}).")
-    if made.failed:
+        lines.append(f"Passed over: {name_of(design, index)}, fails in flight ({broken}{more}).")
+    if recommendation.failed:
         lines.append(
             "In this flight too little thrust, too weak a push or too slow a blade lets a vehicle "
             "fall."
         )
-    if made.unflown and made.index is None:
+    if recommendation.unflown and recommendation.index is None:
         lines.append(
-            f"{made.unflown} more keep to the limits and were not flown: like those, or after too "
-            "many failures."
+            f"{recommendation.unflown} more keep to the limits and were not flown: like those, or "
+            "after too many failures."
         )
-    if made.instead is not None:
+    if recommendation.instead is not None:
         lines.append(
-            f"Nearest that flies: {name_of(found, made.instead)}, it "
-            f"{broken_by(found, made.instead)}."
+            f"Nearest that flies: {name_of(design, recommendation.instead)}, it "
+            f"{broken_by(design, recommendation.instead)}."
         )
-    if made.index is None:
+    if recommendation.index is None:
         return lines
-    lines.append(f"It is {EVIDENCE[int(judged.tier[made.index])]}; measured ones go first.")
-    k = int(choice.slack[made.index].argmin())
+    lines.append(
+        f"It is {EVIDENCE[int(judged.tier[recommendation.index])]}; measured ones go first."
+    )
+    k = int(choice.slack[recommendation.index].argmin())
     limit = choice.limits[k]
-    value = judged.counted[made.index, NAMES.index(limit.quantity.name)]
-    spare = choice.slack[made.index, k]
+    value = judged.counted[recommendation.index, NAMES.index(limit.quantity.name)]
+    spare = choice.slack[recommendation.index, k]
     lines.append(
         f"What binds: {limit.text}; it has {figure(value, limit.quantity)}, {spare:.0%} to spare."
     )
-    if judged.operating.motor_limits[made.index]:
+    if judged.operating.motor_limits[recommendation.index]:
         lines.append("The motor limits its thrust, not the nodus: a stiffer one gains little.")
     else:
-        usable = judged.operating.usable_speed[made.index] / RPM
+        usable = judged.operating.usable_speed[recommendation.index] / RPM
         lines.append(
             f"The nodus limits its thrust: 0.9 of the speed of maximum thrust is {usable:.0f} rpm."
         )
     return lines
 
 
-def relief_lines(found: Design) -> list[str]:
+def relief_lines(design: Design) -> list[str]:
     """Return which limit must give, and by how much, where nothing keeps to all of them."""
-    if found.feasible:
+    if design.feasible:
         return []
     lines = []
-    for limit, value in zip(found.choice.limits, found.choice.relief, strict=True):
+    for limit, value in zip(design.choice.limits, design.choice.relief, strict=True):
         if value is None:
-            if len(found.choice.limits) > 1:
+            if len(design.choice.limits) > 1:
                 lines.append(f"{limit.text}: giving up this one alone does not help.")
             continue
         unit = f" {limit.quantity.unit}" if limit.quantity.unit else ""
         if limit.quantity.name == NAMES[0] and value < 1.0:
-            kept = " that keeps to the other limits" if len(found.choice.limits) > 1 else ""
+            kept = " that keeps to the other limits" if len(design.choice.limits) > 1 else ""
             lines.append(
                 f"{limit.text}: the most of any candidate{kept} is {_reached(value, limit)}; "
                 "below 1 it can't take off."
@@ -110,9 +127,9 @@ def relief_lines(found: Design) -> list[str]:
             f"{limit.text}: must be {off:.3g}{unit} {side}, {_reached(value, limit)}{unit}, if "
             "the others stay."
         )
-    if not any(value is not None for value in found.choice.relief):
+    if not any(value is not None for value in design.choice.relief):
         lines.append("More than one limit has to give; see the nearest candidates.")
-    if not found.request.extrapolate and _predictions_would_do(found):
+    if not design.request.extrapolate and _predictions_would_do(design):
         lines.append(
             "Collision force, recovery time and noise outside of what was tested count as "
             "unknown; --extrapolate lets their predictions count."
@@ -120,19 +137,19 @@ def relief_lines(found: Design) -> list[str]:
     return lines
 
 
-def _predictions_would_do(found: Design) -> bool:
+def _predictions_would_do(design: Design) -> bool:
     """Return whether anything keeps to all limits once every prediction counts."""
-    judged = found.judged
+    judged = design.judged
     counted = np.where(np.isnan(judged.counted), judged.high, judged.counted)
-    return bool((slack(counted, found.choice.limits).min(axis=1) >= 0.0).any())
+    return bool((slack(counted, design.choice.limits).min(axis=1) >= 0.0).any())
 
 
-def sources(found: Design) -> list[str]:
+def sources(design: Design) -> list[str]:
     """Return how each measured figure is predicted where it was not measured."""
-    return [_source(found.readings[q.name], q) for q in QUANTITIES if q.name in MEASURED]
+    return [_source(design.readings[q.name], q) for q in QUANTITIES if q.name in MEASURED]
 
 
-def _source(reading: ResponseModel, quantity: Quantity) -> str:
+def _source(reading: ResponseModel, quantity: Criterion) -> str:
     unit = quantity.unit
     if not reading.trials:
         return f"{quantity.words}: {reading.count} readings, too few to predict any."
@@ -153,34 +170,35 @@ def _source(reading: ResponseModel, quantity: Quantity) -> str:
     return f"{quantity.words}: {reading.count} readings; {rank}; {verdict}."
 
 
-def chance_of(found: Design, limit: Limit) -> float:
+def chance_of(design: Design, limit: DesignLimit) -> float:
     """Return how likely any new soft propeller keeps to a limit, from all readings; NaN: unknown.
 
     That is what a measured one is worth if the scatter between propellers is that of readings.
     """
     name = limit.quantity.name
-    if name not in MEASURED or found.readings[name].count < 4:
+    if name not in MEASURED or design.readings[name].count < 4:
         return math.nan
-    reading = found.readings[name]
+    reading = design.readings[name]
     away = (limit.value - reading.mean) / reading.mean_error
     return float(stats.t.cdf(away, reading.count - 1))
 
 
-def caveats(found: Design, made: Recommendation) -> list[str]:
+def caveats(design: Design, recommendation: Recommendation) -> list[str]:
     """Return what is extrapolated or not known, most important first."""
     lines = []
-    index = made.index
+    index = recommendation.index
     if index is not None:
-        lines += _of_the_recommended(found, index)
-        if made.upper is not None:
-            flown = made.upper.claims[1]
+        lines += _of_the_recommended(design, index)
+        upper = recommendation.upper
+        if upper is not None:
+            flown = upper.claims[1]
             lines.append(
-                f"With {made.upper.force_N:.0f} N and {made.upper.recovery_s:.2f} s, the upper "
-                f"ends of what all readings predict, {flown.simulated:.0f} of {flown.claimed:.0f} "
-                "flights recover."
+                f"With {upper.force_N:.0f} N and {upper.recovery_s:.2f} s, the upper ends of what "
+                f"all readings predict, {flown.simulated:.0f} of {flown.claimed:.0f} flights "
+                "recover."
             )
     lines.append(
-        f"The model's thrust is off by {found.thrust_error:.1%} (RMS) at 2000 rpm, where it was "
+        f"The model's thrust is off by {design.thrust_error:.1%} (RMS) at 2000 rpm, where it was "
         "measured; measured thrust does not follow stiffness."
     )
     lines.append(
@@ -192,8 +210,8 @@ def caveats(found: Design, made: Recommendation) -> list[str]:
     return lines
 
 
-def _of_the_recommended(found: Design, index: int) -> list[str]:
-    judged = found.judged
+def _of_the_recommended(design: Design, index: int) -> list[str]:
+    judged = design.judged
     configuration = judged.configurations[index]
     hover = judged.operating.hover_speed[index] / RPM
     top = judged.operating.usable_speed[index] / RPM
@@ -201,9 +219,9 @@ def _of_the_recommended(found: Design, index: int) -> list[str]:
     if judged.outside[index]:
         lines.append(f"Outside of what was tested: {'; '.join(judged.outside[index])}.")
     others = [
-        f"{law} {_thrust_margin(found, configuration, law):.2f}"
+        f"{law} {_thrust_margin(design, configuration, law):.2f}"
         for law in ("repaired", "consistent", "published")
-        if law != found.request.law and (law != "published" or configuration.blade.published)
+        if law != design.request.law and (law != "published" or configuration.blade.published)
     ]
     lines.append(
         f"Hover at {hover:.0f} rpm and the thrust margin at {top:.0f} rpm are the model's: nobody "
@@ -215,9 +233,9 @@ def _of_the_recommended(found: Design, index: int) -> list[str]:
             f"If the force grows in proportion to speed, {force:.0f} N at 2000 rpm are "
             f"{force * hover / _BENCH_RPM:.0f} N in hover. Nobody measured how it grows."
         )
-    for limit in found.choice.limits:
+    for limit in design.choice.limits:
         label = judged.labels[index][NAMES.index(limit.quantity.name)]
-        chance = chance_of(found, limit)
+        chance = chance_of(design, limit)
         if label == "measured" and math.isfinite(chance):
             lines.append(
                 f"{limit.text}: kept by its one reading. If readings scatter as much as "
@@ -226,12 +244,12 @@ def _of_the_recommended(found: Design, index: int) -> list[str]:
     return lines
 
 
-def _thrust_margin(found: Design, configuration: Configuration, law: str) -> float:
-    usable = flight_performance([configuration], found.vehicle, law).usable_thrust[0]
-    return float(usable / found.vehicle.hover_thrust())
+def _thrust_margin(design: Design, configuration: Configuration, law: str) -> float:
+    usable = flight_performance([configuration], design.vehicle, law).usable_thrust[0]
+    return float(usable / design.vehicle.hover_thrust())
 
 
-def _reached(value: float, limit: Limit) -> str:
+def _reached(value: float, limit: DesignLimit) -> str:
     """Return a value rounded to the side that the limit still lets through."""
     digits = 1 if limit.quantity.unit in ("N", "dB") else 3
     scale = 10**digits
@@ -239,3 +257,86 @@ def _reached(value: float, limit: Limit) -> str:
         math.floor(value * scale) if limit.quantity.more_is_better else math.ceil(value * scale)
     )
     return f"{whole / scale:g}"
+
+
+def name_of(design: Design, index: int) -> str:
+    """Return a candidate's name: its number where the library has one."""
+    configuration = design.judged.configurations[index]
+    if configuration.measured is not None or is_built_in(configuration):
+        return f"Conf. {configuration.number}"
+    return describe(configuration)
+
+
+def label_of(design: Design, index: int) -> str:
+    """Return a candidate's name for a table."""
+    name, configuration = name_of(design, index), design.judged.configurations[index]
+    return short(configuration) if name == describe(configuration) else name
+
+
+def figure(value: float, quantity: Criterion) -> str:
+    """Return a figure as it is shown; a dash if unknown."""
+    if not math.isfinite(value):
+        return "-"
+    digits = {"N": 0, "dB": 1}.get(quantity.unit, 2)
+    return f"{value:.{digits}f}"
+
+
+def known(design: Design, index: int, column: int) -> str:
+    """Return how a figure is known, with the interval of a prediction."""
+    judged = design.judged
+    label = judged.labels[index][column]
+    low, high = float(judged.low[index, column]), float(judged.high[index, column])
+    if not math.isfinite(low) or not high > low:
+        return f"{label}{' in speed' if QUANTITIES[column].name not in MEASURED else ''}"
+    quantity = QUANTITIES[column]
+    return f"{label}, {figure(low, quantity)} to {figure(high, quantity)}"
+
+
+def cell(design: Design, index: int, column: int) -> str:
+    """Return a figure for a table: `*` where it is measured, the upper end where predicted."""
+    judged, quantity = design.judged, QUANTITIES[column]
+    text = figure(float(judged.value[index, column]), quantity)
+    if judged.labels[index][column] == "measured":
+        return f"{text}*"
+    high = float(judged.high[index, column])
+    if high > judged.low[index, column]:
+        doubt = "?" if judged.labels[index][column] == "extrapolated" else ""
+        return f"≤{figure(high, quantity)}{doubt}"
+    return text
+
+
+def candidates_shown(design: Design, recommendation: Recommendation) -> list[tuple[int, str]]:
+    """Return the candidates that a table shows and what is to be said of each."""
+    rows = [] if recommendation.index is None else [(recommendation.index, "recommended")]
+    rows += [(index, "fails in flight") for index, _ in recommendation.failed]
+    rows += alternatives(design, recommendation)
+    there = {index for index, _ in rows}
+    tiers = design.judged.tier
+    for index in range(len(tiers)):
+        if tiers[index] == 0 and index not in there:
+            rows.append((index, broken_by(design, index) or _UNFLOWN))
+    return rows
+
+
+def alternatives(
+    design: Design, recommendation: Recommendation, most: int = 3
+) -> list[tuple[int, str]]:
+    """Return others worth a look: index and what they break; those that fit were not flown."""
+    skip = {recommendation.index, *(i for i, _ in recommendation.failed)}
+    feasible = [i for i in design.choice.order if i not in skip][:most]
+    chosen = [(i, _UNFLOWN) for i in feasible]
+    chosen += [(i, broken_by(design, i)) for i in design.choice.nearest]
+    return chosen
+
+
+def broken_by(design: Design, index: int) -> str:
+    """Return which limits a candidate breaks, and which are unknown."""
+    pairs = [
+        (limit.quantity.words, slack)
+        for limit, slack in zip(design.choice.limits, design.choice.slack[index], strict=True)
+        if slack < 0.0
+    ]
+    broken = " and ".join(name for name, slack in pairs if math.isfinite(slack))
+    unknown = " and ".join(name for name, slack in pairs if not math.isfinite(slack))
+    parts = [f"breaks {broken}" if broken else "", f"{unknown} unknown" if unknown else ""]
+    return "; ".join(part for part in parts if part)

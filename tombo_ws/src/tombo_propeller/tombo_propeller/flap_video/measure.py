@@ -23,14 +23,14 @@ from tombo_propeller.flap_video.camera_geometry import (
 from tombo_propeller.flap_video.disc import Disc, Frames, find_disc
 from tombo_propeller.flap_video.disc_rim import Rim, find_rim
 from tombo_propeller.flap_video.scale import (
-    Scale,
+    PixelScale,
     radius_sd_px,
     refit_with_reference_profile,
     rim_radius_m,
 )
 
 
-class Source(Protocol):
+class Film(Protocol):
     """A film on disk, or a rendered one."""
 
     @property
@@ -52,7 +52,7 @@ _CHANCE = 1e-3
 
 
 @dataclass(frozen=True)
-class Window:
+class VideoWindow:
     """Some frames combined."""
 
     first: int
@@ -72,15 +72,15 @@ class Window:
 
 
 @dataclass(frozen=True)
-class Measurement:
+class FlapMeasurement:
     """The flap angle over a film."""
 
-    windows: tuple[Window, ...]
+    windows: tuple[VideoWindow, ...]
     picture: Frames
     """The first measured window's frames."""
     skipped: tuple[str, ...]
     """Why a window gave nothing."""
-    scale: Scale
+    scale: PixelScale
     span: BladeSpan
     view: CameraPose
     overall: FlapAngle
@@ -96,10 +96,10 @@ def _scaled(
     first: int,
     count: int,
     fps: float,
-    scale: Scale,
+    scale: PixelScale,
     span: BladeSpan,
     view: CameraPose,
-) -> Window:
+) -> VideoWindow:
     rim = refit_with_reference_profile(rim, scale, span, view)
     radius, sd = rim_radius_m(rim, scale)
     if not span.nodus < radius < 2.0 * span.tip:
@@ -107,7 +107,7 @@ def _scaled(
             f"a disc of {radius * 1e3:.1f} mm radius by the scale ({scale.source}); accepted: one "
             f"between nodus, {span.nodus * 1e3:g} mm, and twice the tip's {span.tip * 1e3:g} mm"
         )
-    return Window(
+    return VideoWindow(
         first, count, (first + 0.5 * (count - 1)) / fps, rim.passes.rotation_per_frame * fps, disc,
         rim,
         radius, sd, angle(radius, sd, span, view),
@@ -137,13 +137,13 @@ def spans_of(count: int, window: int, most: int, begin: int = 0) -> list[tuple[i
 
 
 def measure(
-    film: Source,
+    film: Film,
     spans: list[tuple[int, int]],
-    scale_of: Callable[[Rim], Scale],
+    scale_of: Callable[[Rim], PixelScale],
     span: BladeSpan,
     view: CameraPose,
     on_progress: ProgressCallback = no_progress,
-) -> Measurement:
+) -> FlapMeasurement:
     """Measure windows of a film.
 
     Args:
@@ -180,13 +180,13 @@ def measure(
         for first, count, disc, rim in rims
     ]
     radius, sd, steady = _together(windows, scale)
-    return Measurement(
+    return FlapMeasurement(
         tuple(windows), picture, tuple(skipped), scale, span, view,
         angle(radius, sd, span, view), radius, sd, steady,
     )  # fmt: skip
 
 
-def _together(windows: list[Window], scale: Scale) -> tuple[float, float, bool]:
+def _together(windows: list[VideoWindow], scale: PixelScale) -> tuple[float, float, bool]:
     """Return radius, standard deviation [m], and whether the windows agree."""
     own = np.array([radius_sd_px(w.rim) / scale.pixels_per_m for w in windows])
     radii = np.array([w.radius for w in windows])

@@ -13,9 +13,9 @@ from tombo_dynamics.propeller import RPM
 
 if TYPE_CHECKING:
     from tombo_propeller.flap_video.camera_geometry import FlapAngle
-    from tombo_propeller.flap_video.measure import Measurement, Window
-    from tombo_propeller.flap_video.trace import Trace
-    from tombo_propeller.recovery import Recovery
+    from tombo_propeller.flap_video.measure import FlapMeasurement, VideoWindow
+    from tombo_propeller.flap_video.trace import RotorTrace
+    from tombo_propeller.recovery import ThrustRecovery
 
 BETA_FILES = ("beta.json", "beta.csv", "beta.png", "overlay.png")
 RECOVERY_FILES = ("recovery.json", "recovery.csv", "recovery.png")
@@ -23,7 +23,7 @@ _COLUMNS = ("time_s", "rpm", "beta_deg", "beta_low_deg", "beta_high_deg", "radiu
             "radius_sd_px", "radius_mm", "hull_radius_px", "paper_beta_deg", "words")  # fmt: skip
 
 
-def beta_json(found: Measurement, notes: list[str]) -> str:
+def beta_json(found: FlapMeasurement, notes: list[str]) -> str:
     """Return the measurement as JSON; angles in degrees, null where none can be named."""
     scale, view = found.scale, found.view
     rest = {
@@ -47,7 +47,7 @@ def beta_json(found: Measurement, notes: list[str]) -> str:
     return json.dumps(rest, indent=1, allow_nan=False) + "\n"
 
 
-def beta_csv(found: Measurement) -> str:
+def beta_csv(found: FlapMeasurement) -> str:
     """Return a line a window; beta_deg is empty where the diameter does not resolve it."""
     return _table(_COLUMNS, [_row(w) for w in found.windows])
 
@@ -62,7 +62,7 @@ def _angle(a: FlapAngle) -> dict[str, Any]:
     }
 
 
-def _window(w: Window) -> dict[str, Any]:
+def _window(w: VideoWindow) -> dict[str, Any]:
     return {
         "first_frame": w.first,
         "frames": w.frames,
@@ -77,7 +77,7 @@ def _window(w: Window) -> dict[str, Any]:
     }
 
 
-def _row(w: Window) -> list[Any]:
+def _row(w: VideoWindow) -> list[Any]:
     a = w.angle
     best = math.degrees(a.best) if a.resolved and not a.inconsistent else None
     return [
@@ -88,7 +88,7 @@ def _row(w: Window) -> list[Any]:
     ]  # fmt: skip
 
 
-def recovery_json(found: tuple[Recovery, ...], trace: Trace, share: float) -> str:
+def recovery_json(found: tuple[ThrustRecovery, ...], trace: RotorTrace, share: float) -> str:
     """Return the collisions as JSON; levels in the trace's own unit.
 
     A speed trace's recovery is a lower bound: while a blade is folded, thrust is less than speed
@@ -117,7 +117,7 @@ def recovery_json(found: tuple[Recovery, ...], trace: Trace, share: float) -> st
     return json.dumps(whole, indent=1, allow_nan=False) + "\n"
 
 
-def recovery_csv(found: tuple[Recovery, ...], trace: Trace) -> str:
+def recovery_csv(found: tuple[ThrustRecovery, ...], trace: RotorTrace) -> str:
     """Return a line a collision; levels in the trace's own unit."""
     return _table(
         ("time_s", "level", "lowest", "unit", "recovery_s", "low_s", "high_s", "words"),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-from tombo_propeller.flap_video.measure import Measurement
+from tombo_propeller.flap_video.measure import FlapMeasurement
 
 Picture = NDArray[np.uint8]
 _Colour = tuple[int, int, int]
@@ -30,7 +30,7 @@ _SUB = 4
 """Bits of a pixel in what is drawn."""
 
 
-def overlay(found: Measurement) -> Picture:
+def overlay(found: FlapMeasurement) -> Picture:
     """Return the picture (height, width, 3): the disc with its circles, and a piece of the rim."""
     window = found.windows[0]
     rim = window.rim

@@ -11,12 +11,12 @@ import numpy as np
 from tombo_flight.report.style import BLUE, GREEN, MUTED, RC, SKY, VERMILLION
 
 if TYPE_CHECKING:
-    from tombo_propeller.flap_video.measure import Measurement
-    from tombo_propeller.flap_video.trace import Trace
-    from tombo_propeller.recovery import Recovery
+    from tombo_propeller.flap_video.measure import FlapMeasurement
+    from tombo_propeller.flap_video.trace import RotorTrace
+    from tombo_propeller.recovery import ThrustRecovery
 
 
-def plot_beta(found: Measurement, path: Path) -> None:
+def plot_beta(found: FlapMeasurement, path: Path) -> None:
     """Draw each window's angle with its interval, the paper's formula, and the disc's radius."""
     import matplotlib
     from matplotlib.figure import Figure
@@ -52,7 +52,9 @@ def plot_beta(found: Measurement, path: Path) -> None:
         figure.savefig(path, dpi=130)
 
 
-def plot_recovery(trace: Trace, found: tuple[Recovery, ...], share: float, path: Path) -> None:
+def plot_recovery(
+    trace: RotorTrace, found: tuple[ThrustRecovery, ...], share: float, path: Path
+) -> None:
     """Draw the trace, and for each collision the time until `share` of its level is back."""
     import matplotlib
     from matplotlib.figure import Figure

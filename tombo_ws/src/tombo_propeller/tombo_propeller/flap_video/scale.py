@@ -29,7 +29,7 @@ _BENT = 0.0002
 
 
 @dataclass(frozen=True)
-class Scale:
+class PixelScale:
     """Pixels per metre in the disc of the straight blades, or a disc of known flap."""
 
     pixels_per_m: float
@@ -49,12 +49,12 @@ class Scale:
             raise InputError(f"error of the scale {self.error:g}; accepted: a share, 0 to 0.2")
 
 
-def known_scale(pixels_per_m: float, error: float) -> Scale:
+def known_scale(pixels_per_m: float, error: float) -> PixelScale:
     """Take a scale that somebody has measured."""
-    return Scale(pixels_per_m, error, "given", False)
+    return PixelScale(pixels_per_m, error, "given", False)
 
 
-def marked_scale(a: tuple[float, float], b: tuple[float, float], distance: float) -> Scale:
+def marked_scale(a: tuple[float, float], b: tuple[float, float], distance: float) -> PixelScale:
     """Take the scale from two marks in the disc's plane, `distance` [m] apart.
 
     A mark is taken to be known to half a pixel.
@@ -68,12 +68,12 @@ def marked_scale(a: tuple[float, float], b: tuple[float, float], distance: float
             f"marks {pixels:.1f} pixels and {distance * 1e3:g} mm apart; accepted: more than 10 "
             "pixels and 0 mm"
         )
-    return Scale(pixels / distance, 0.5 * math.sqrt(2.0) / pixels, "marks", False)
+    return PixelScale(pixels / distance, 0.5 * math.sqrt(2.0) / pixels, "marks", False)
 
 
 def reference_scale(
     frames: Frames, beta: float, span: BladeSpan, view: CameraPose, spinning: Rim | None = None
-) -> Scale:
+) -> PixelScale:
     """Take the scale from frames of the same propeller, same camera, with a known flap [rad].
 
     Args:
@@ -101,10 +101,12 @@ def reference_scale(
         rim = fit_rim(passes, first, spinning.oval, round_known=True, like=profile)
         how = "reference, at rest"
     error = radius_sd_px(rim) / rim.radius
-    return Scale(rim.radius / seen, error, how, True, rim)
+    return PixelScale(rim.radius / seen, error, how, True, rim)
 
 
-def refit_with_reference_profile(rim: Rim, scale: Scale, span: BladeSpan, view: CameraPose) -> Rim:
+def refit_with_reference_profile(
+    rim: Rim, scale: PixelScale, span: BladeSpan, view: CameraPose
+) -> Rim:
     """Fit again with the reference's profile, so that what it gets wrong cancels."""
     if scale.rim is None:
         return rim
@@ -120,7 +122,7 @@ def refit_with_reference_profile(rim: Rim, scale: Scale, span: BladeSpan, view: 
     return rim
 
 
-def rim_radius_m(rim: Rim, scale: Scale) -> tuple[float, float]:
+def rim_radius_m(rim: Rim, scale: PixelScale) -> tuple[float, float]:
     """Return the disc's radius and its standard deviation [m]."""
     pixels, sd = rim.radius, radius_sd_px(rim)
     if scale.relative:  # a tilted camera shortens both alike

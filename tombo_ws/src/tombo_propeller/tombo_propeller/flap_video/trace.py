@@ -28,7 +28,7 @@ _THRUSTS, _SPEEDS = ("thrust", "force", "fz"), ("rpm", "speed", "omega")
 
 
 @dataclass(frozen=True)
-class Trace:
+class RotorTrace:
     """Time [s] and thrust or speed, less the tare, in `unit`."""
 
     time: Array
@@ -56,7 +56,7 @@ def read_trace(
     time_column: str | None = None,
     time_unit: str | None = None,
     tare: float = 0.0,
-) -> Trace:
+) -> RotorTrace:
     """Read a trace; columns that are not named are found by their names.
 
     Args:
@@ -84,7 +84,7 @@ def read_trace(
     numbers, damage = table.numbers({when, what})
     seconds = TIME_UNITS[_time_unit(when, time_unit)]
     unit = _unit(what, unit)
-    return Trace(numbers[when] * seconds, numbers[what] - tare, unit, what, damage)
+    return RotorTrace(numbers[when] * seconds, numbers[what] - tare, unit, what, damage)
 
 
 def _column(

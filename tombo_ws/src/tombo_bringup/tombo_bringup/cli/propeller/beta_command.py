@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from tombo_propeller.flap_video.camera_geometry import BladeSpan, CameraPose
     from tombo_propeller.flap_video.disc import Frames
     from tombo_propeller.flap_video.disc_rim import Rim
-    from tombo_propeller.flap_video.measure import Measurement
+    from tombo_propeller.flap_video.measure import FlapMeasurement
     from tombo_propeller.flap_video.video import Video
 
 
@@ -163,19 +163,19 @@ def beta(
             "--scale, --marks"
         )
 
-    def run(on_progress: ProgressCallback) -> tuple[Measurement, list[str]]:
+    def run(on_progress: ProgressCallback) -> tuple[FlapMeasurement, list[str]]:
         if demo:
             return _demo(on_progress, window)
         assert film is not None
         return _measured(
             film, fps, window, windows, straight, view, on_progress,
-            _Source(reference, reference_frames, math.radians(reference_beta), scale,
+            _ScaleSource(reference, reference_frames, math.radians(reference_beta), scale,
                     _share("--scale-error", scale_error), marks),
         )  # fmt: skip
 
     def write(
         folder: OutputFolder,
-        measured: tuple[Measurement, list[str]],
+        measured: tuple[FlapMeasurement, list[str]],
         on_progress: ProgressCallback,
     ) -> None:
         from tombo_propeller.flap_video.overlay import overlay, write_picture
@@ -199,7 +199,7 @@ def beta(
         print_beta(found, notes, path)
 
 
-class _Source(NamedTuple):
+class _ScaleSource(NamedTuple):
     """Where the scale comes from, as given."""
 
     reference: Path | None
@@ -218,8 +218,8 @@ def _measured(
     straight: BladeSpan,
     view: CameraPose,
     on_progress: ProgressCallback,
-    source: _Source,
-) -> tuple[Measurement, list[str]]:
+    source: _ScaleSource,
+) -> tuple[FlapMeasurement, list[str]]:
     from tombo_bringup.cli.propeller.beta_tables import notes_of
     from tombo_propeller.flap_video import measure as m
     from tombo_propeller.flap_video import scale as s
@@ -248,7 +248,7 @@ def _measured(
     elif source.marks is not None:
         fixed = s.marked_scale(*_marks(source.marks))
 
-    def scale_of(rim: Rim) -> s.Scale:
+    def scale_of(rim: Rim) -> s.PixelScale:
         if fixed is not None:
             return fixed
         assert still is not None
@@ -261,7 +261,7 @@ def _measured(
     return found, [*film.notes, *notes_of(found)]
 
 
-def _demo(on_progress: ProgressCallback, window: int) -> tuple[Measurement, list[str]]:
+def _demo(on_progress: ProgressCallback, window: int) -> tuple[FlapMeasurement, list[str]]:
     import numpy as np
 
     from tombo_bringup.cli.propeller.beta_tables import notes_of

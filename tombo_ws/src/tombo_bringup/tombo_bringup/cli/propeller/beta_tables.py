@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from tombo_propeller.flap_video.measure import Measurement
+    from tombo_propeller.flap_video.measure import FlapMeasurement
 
 _FAR = 20.0
 """Camera heights in tip radii above which perspective hides little."""
 
 
-def print_beta(found: Measurement, notes: list[str], path: Path | None) -> None:
+def print_beta(found: FlapMeasurement, notes: list[str], path: Path | None) -> None:
     """Print angles with their intervals, the scale, and notes."""
     from rich.table import Table
 
@@ -44,7 +44,7 @@ def print_beta(found: Measurement, notes: list[str], path: Path | None) -> None:
         typer.echo(f"Results: {path.resolve()}")
 
 
-def notes_of(found: Measurement) -> list[str]:
+def notes_of(found: FlapMeasurement) -> list[str]:
     """Return what a reader of the angle has to know."""
     from tombo_propeller.flap_video.camera_geometry import CameraPose, ambiguous_angle_limit, angle
 

@@ -14,7 +14,7 @@ from tombo_bringup.cli.result_files import check_output, compute_into
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import ProgressCallback
     from tombo_propeller.design.design import Design
-    from tombo_propeller.design.recommend import Recommendation
+    from tombo_propeller.design.flight_check import Recommendation
 
 INFEASIBLE = 1
 _MOST_FLIGHTS = 200
@@ -91,13 +91,14 @@ def design(
     input or output that can't be written; 130 after Ctrl-C, with nothing written.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from tombo_bringup.cli.tables import show_page
     from tombo_dynamics.errors import InputError
     from tombo_dynamics.propeller import read_library
-    from tombo_flight.json_text import as_json as to_json
+    from tombo_flight.command_line import command_line
     from tombo_propeller.design.design import blade_of
-    from tombo_propeller.design.design_json import design_mapping
-    from tombo_propeller.design.files import DESIGN_FILES, write_design
-    from tombo_propeller.design.request import Request, arm_of
+    from tombo_propeller.design.flight_files import SCENARIO
+    from tombo_propeller.design.page import DESIGN_FILES, design_page, write_design
+    from tombo_propeller.design.request import DesignRequest, arm_of
 
     if not 0 <= flights <= _MOST_FLIGHTS:
         raise InputError(f"--flights {flights}: out of bounds; accepted: 0 to {_MOST_FLIGHTS}")
@@ -109,7 +110,7 @@ def design(
         )
     known = read_library(library) if library is not None else read_library()
     chosen = blade_of(known, blade)
-    request = Request(
+    request = DesignRequest(
         mass,
         arm_of(frame, chosen),
         min_thrust_margin,
@@ -124,22 +125,19 @@ def design(
 
     def run(on_progress: ProgressCallback) -> tuple[Design, Recommendation]:
         from tombo_propeller.design.design import design as find
-        from tombo_propeller.design.recommend import recommend
+        from tombo_propeller.design.flight_check import recommend
 
         on_progress("loading the model", 0.0)
-        found = find(request, known, chosen, on_progress)
-        return found, recommend(found, range(flights), on_progress)
+        result = find(request, known, chosen, on_progress)
+        return result, recommend(result, range(flights), on_progress)
 
     path = None if output is None else Path(output)
-    (found, made), _, written = compute_into(
+    (result, recommendation), folder, written = compute_into(
         path, force, DESIGN_FILES, run,
         lambda folder, both, on_progress: write_design(folder.staging, *both, on_progress),
     )  # fmt: skip
-    if as_json:
-        typer.echo(to_json(design_mapping(found, made)), nl=False)
-    else:
-        from tombo_bringup.cli.propeller.design_tables import print_design
-
-        print_design(found, made, output, written)
-    if made.index is None:
+    show_page(design_page(result, recommendation), as_json, None if as_json else folder, written)
+    if SCENARIO in written and not as_json:
+        typer.echo(f"Fly it: {command_line(('fly', f'{output}/{SCENARIO}'))}")
+    if recommendation.index is None:
         raise typer.Exit(INFEASIBLE)

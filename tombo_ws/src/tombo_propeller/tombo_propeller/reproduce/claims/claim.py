@@ -28,7 +28,7 @@ DATA: Final = "data"
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ClaimOutcome:
     """What a claim comes to."""
 
     computed: Mapping[str, float | None]
@@ -42,7 +42,7 @@ class Outcome:
     """What the claim's texts have in braces."""
 
 
-Judge = Callable[[Paper, Numbers], Outcome]
+Judge = Callable[[Paper, Numbers], ClaimOutcome]
 JUDGES: Final[dict[str, Judge]] = {}
 """Name of a claim -> the function that judges it."""
 
@@ -143,9 +143,9 @@ def _judged(
     )
 
 
-def of_data(value: float, verdict: Verdict, evidence: str, **texts: object) -> Outcome:
+def of_data(value: float, verdict: Verdict, evidence: str, **texts: object) -> ClaimOutcome:
     """Return the outcome of a claim about measurements alone."""
-    return Outcome({DATA: value}, {DATA: verdict}, DATA, evidence, texts)
+    return ClaimOutcome({DATA: value}, {DATA: verdict}, DATA, evidence, texts)
 
 
 def of_laws(
@@ -156,7 +156,7 @@ def of_laws(
     *,
     law: str = "published",
     **texts: object,
-) -> Outcome:
+) -> ClaimOutcome:
     """Return the outcome of a claim about the laws.
 
     Args:
@@ -171,7 +171,7 @@ def of_laws(
         verdicts = accept
     else:
         verdicts = {name: holds_if(v is not None and accept(v)) for name, v in computed.items()}
-    return Outcome(computed, verdicts, judge_of(numbers, law), evidence, texts)
+    return ClaimOutcome(computed, verdicts, judge_of(numbers, law), evidence, texts)
 
 
 def holds_if(condition: bool) -> Verdict:

@@ -8,7 +8,14 @@ from itertools import pairwise
 import numpy as np
 from scipy import stats
 
-from tombo_propeller.reproduce.claims.claim import FAILS, OPEN, Outcome, holds_if, judges, of_data
+from tombo_propeller.reproduce.claims.claim import (
+    FAILS,
+    OPEN,
+    ClaimOutcome,
+    holds_if,
+    judges,
+    of_data,
+)
 from tombo_propeller.reproduce.computed_values import Numbers
 from tombo_propeller.reproduce.paper_values import Paper
 
@@ -17,7 +24,7 @@ HINGE_MM = 29.0
 
 
 @judges
-def collision_force(paper: Paper, _: Numbers) -> Outcome:
+def collision_force(paper: Paper, _: Numbers) -> ClaimOutcome:
     """Judge the abstract's claim about collision force."""
     share = paper.text("measured", "force_share_of_rigid")
     above, below = share.split("/")
@@ -39,7 +46,7 @@ def collision_force(paper: Paper, _: Numbers) -> Outcome:
 
 
 @judges
-def collision_force_over_radius(paper: Paper, _: Numbers) -> Outcome:
+def collision_force_over_radius(paper: Paper, _: Numbers) -> ClaimOutcome:
     """Compare Table II with a stiff wing on a hinge."""
     rows = sorted(paper.table_2, key=lambda row: row.r_mm.value)
     largest = max(rows, key=lambda row: row.force_N.value)
@@ -62,7 +69,7 @@ def collision_force_over_radius(paper: Paper, _: Numbers) -> Outcome:
 
 
 @judges
-def collision_force_tables(paper: Paper, _: Numbers) -> Outcome:
+def collision_force_tables(paper: Paper, _: Numbers) -> ClaimOutcome:
     """Judge whether both tables can be of the same propeller."""
     factor = paper.number("measured", "table_2_speed_rpm").value / (
         paper.number("model", "table_3_speed_rpm").value
@@ -82,7 +89,7 @@ def collision_force_tables(paper: Paper, _: Numbers) -> Outcome:
 
 
 @judges
-def mean_recovery_time(paper: Paper, _: Numbers) -> Outcome:
+def mean_recovery_time(paper: Paper, _: Numbers) -> ClaimOutcome:
     """Judge the mean of a column."""
     times = [r.recovery_s.value for r in paper.table_3.values() if r.recovery_s is not None]
     mean = math.fsum(times) / len(times)
@@ -95,7 +102,7 @@ def mean_recovery_time(paper: Paper, _: Numbers) -> Outcome:
 
 
 @judges
-def endurance(paper: Paper, _: Numbers) -> Outcome:
+def endurance(paper: Paper, _: Numbers) -> ClaimOutcome:
     """Judge how many collisions a propeller endures."""
     trials = paper.number("measured", "trials").value
     replaced = paper.number("measured", "replaced").value
@@ -114,7 +121,7 @@ def endurance(paper: Paper, _: Numbers) -> Outcome:
 
 
 @judges
-def noise(paper: Paper, _: Numbers) -> Outcome:
+def noise(paper: Paper, _: Numbers) -> ClaimOutcome:
     """Compare the noise with the rigid propeller's."""
     rigid = paper.table_3[0].noise_dB.value
     soft = np.array([r.noise_dB.value for c, r in paper.table_3.items() if c])

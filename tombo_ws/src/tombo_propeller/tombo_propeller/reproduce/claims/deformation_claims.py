@@ -6,7 +6,7 @@ import math
 
 from tombo_dynamics.propeller import configuration
 from tombo_propeller.reproduce.claims.claim import (
-    Outcome,
+    ClaimOutcome,
     by_law,
     judge_of,
     judges,
@@ -20,7 +20,7 @@ READING_DEG = 0.5
 
 
 @judges
-def beta_reading(_: Paper, numbers: Numbers) -> Outcome:
+def beta_reading(_: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge the formula with which the paper reads the flap from pictures."""
 
     def bias(law: LawNumbers) -> float:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from tombo_propeller.reproduce.claims.claim import FAILS, OPEN, Outcome, holds_if, judges, of_data
+from tombo_propeller.reproduce.claims.claim import (
+    FAILS,
+    OPEN,
+    ClaimOutcome,
+    holds_if,
+    judges,
+    of_data,
+)
 from tombo_propeller.reproduce.computed_values import Numbers
 from tombo_propeller.reproduce.paper_values import Paper, PrintedNumber
 
@@ -15,7 +22,7 @@ _CALIBRATED = "four unknowns of the simulation were calibrated on this (docs/cal
 
 
 @judges
-def response_point(paper: Paper, _: Numbers) -> Outcome:
+def response_point(paper: Paper, _: Numbers) -> ClaimOutcome:
     """Judge whether x_r lies d_r from x_c, as printed."""
     distance = paper.number("flight", "bounce_m")
     found = _apart(
@@ -30,7 +37,7 @@ def response_point(paper: Paper, _: Numbers) -> Outcome:
 
 
 @judges
-def response_equation(paper: Paper, _: Numbers) -> Outcome:
+def response_equation(paper: Paper, _: Numbers) -> ClaimOutcome:
     """Judge x_r = x_c + d_r n_r, in the numbers that were flown with."""
     flown = _apart(
         paper.point("program", "collision_point_m"), paper.point("program", "response_point_m")
@@ -46,7 +53,7 @@ def response_equation(paper: Paper, _: Numbers) -> Outcome:
 
 
 @judges
-def recovery_phases(paper: Paper, _: Numbers) -> Outcome:
+def recovery_phases(paper: Paper, _: Numbers) -> ClaimOutcome:
     """Judge whether the phases of the recovery add up."""
     unstable, after = paper.number("flight", "unstable_s"), paper.number("flight", "recovery_s")
     total = unstable.value + after.value
@@ -60,7 +67,7 @@ def recovery_phases(paper: Paper, _: Numbers) -> Outcome:
 
 
 @judges
-def falling_distance(paper: Paper, _: Numbers) -> Outcome:
+def falling_distance(paper: Paper, _: Numbers) -> ClaimOutcome:
     """Compare rate and duration of the fall with its distance."""
     rate, time = paper.number("flight", "falling_rate_m_s"), paper.number("flight", "unstable_s")
     falls = paper.number("flight", "falls_m")
@@ -75,7 +82,7 @@ def falling_distance(paper: Paper, _: Numbers) -> Outcome:
 
 
 @judges
-def recovers(paper: Paper, _: Numbers) -> Outcome:
+def recovers(paper: Paper, _: Numbers) -> ClaimOutcome:
     """Judge whether the vehicle recovers with the reaction."""
     figures = ", ".join(
         f"{word} {paper.text('campaign', key)} {unit} ({paper.text('campaign', f'{key}_range')}; "
@@ -94,7 +101,7 @@ def recovers(paper: Paper, _: Numbers) -> Outcome:
 
 
 @judges
-def crashes_without_reaction(paper: Paper, _: Numbers) -> Outcome:
+def crashes_without_reaction(paper: Paper, _: Numbers) -> ClaimOutcome:
     """Judge whether the vehicle crashes without the reaction."""
     return _campaign(
         paper,
@@ -103,7 +110,7 @@ def crashes_without_reaction(paper: Paper, _: Numbers) -> Outcome:
     )
 
 
-def _campaign(paper: Paper, name: str, but: str) -> Outcome:
+def _campaign(paper: Paper, name: str, but: str) -> ClaimOutcome:
     """Return the share of simulated flights that do: an experiment, so it never holds."""
     count, flights = paper.number("campaign", name), paper.number("campaign", "flights")
     share = 100.0 * count.value / flights.value

@@ -5,7 +5,7 @@ from __future__ import annotations
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_propeller.reproduce.claims.claim import (
     OPEN,
-    Outcome,
+    ClaimOutcome,
     by_law,
     joined,
     judges,
@@ -19,7 +19,7 @@ EXACT = 1e-9
 
 
 @judges
-def universal_curve(_: Paper, numbers: Numbers) -> Outcome:
+def universal_curve(_: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge the theorem behind what is said to be the same for every configuration."""
     return of_laws(
         numbers,
@@ -32,7 +32,7 @@ def universal_curve(_: Paper, numbers: Numbers) -> Outcome:
 
 
 @judges
-def rigid_lift_over_drag(paper: Paper, numbers: Numbers) -> Outcome:
+def rigid_lift_over_drag(paper: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge the lift over drag of the rigid propeller."""
     ratio = by_law(numbers, lambda law: law.low[0].ratio)
     return of_laws(
@@ -47,7 +47,7 @@ def rigid_lift_over_drag(paper: Paper, numbers: Numbers) -> Outcome:
 
 
 @judges
-def hover(paper: Paper, numbers: Numbers) -> Outcome:
+def hover(paper: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge whether the nine propellers can carry the vehicle at all."""
     vehicle = VehicleParams()
     needed = vehicle.hover_thrust()
@@ -68,7 +68,7 @@ def hover(paper: Paper, numbers: Numbers) -> Outcome:
 
 
 @judges
-def curves(_: Paper, numbers: Numbers) -> Outcome:
+def curves(_: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge the curves of the figures, whose values are not printed."""
     return of_laws(
         numbers,

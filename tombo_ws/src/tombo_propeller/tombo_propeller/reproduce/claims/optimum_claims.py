@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import pairwise
 
-from tombo_propeller.reproduce.claims.claim import Outcome, by_law, joined, judges, of_laws
+from tombo_propeller.reproduce.claims.claim import ClaimOutcome, by_law, joined, judges, of_laws
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers, Optimum
 from tombo_propeller.reproduce.paper_values import Paper
 
@@ -14,7 +14,7 @@ SAME_ANGLE_DEG = 0.1
 
 
 @judges
-def eps_mld(paper: Paper, numbers: Numbers) -> Outcome:
+def eps_mld(paper: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge the value of eps_mld."""
     printed = paper.number("model", "largest_lift_over_drag")
 
@@ -32,7 +32,7 @@ def eps_mld(paper: Paper, numbers: Numbers) -> Outcome:
 
 
 @judges
-def eps_mld_same(paper: Paper, numbers: Numbers) -> Outcome:
+def eps_mld_same(paper: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge whether eps_mld is one number for all."""
     digit = 2.0 * paper.number("model", "largest_lift_over_drag").half
     rising = [n for n, law in numbers.laws.items() if _spread(law.ratio, "value") is None]
@@ -49,13 +49,13 @@ def eps_mld_same(paper: Paper, numbers: Numbers) -> Outcome:
 
 
 @judges
-def gamma_mld(_: Paper, numbers: Numbers) -> Outcome:
+def gamma_mld(_: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge whether the twist at maximum lift over drag is the same for every configuration."""
     return _same_twist(numbers, "ratio")
 
 
 @judges
-def omega_mtf_order(paper: Paper, numbers: Numbers) -> Outcome:
+def omega_mtf_order(paper: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge whether omega_mtf grows with stiffness."""
     confs = [int(c) for c in paper.said["model"]["ordered_configurations"]]
 
@@ -82,12 +82,12 @@ def omega_mtf_order(paper: Paper, numbers: Numbers) -> Outcome:
 
 
 @judges
-def gamma_mtf(_: Paper, numbers: Numbers) -> Outcome:
+def gamma_mtf(_: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge whether the twist at maximum thrust is the same for every configuration."""
     return _same_twist(numbers, "thrust")
 
 
-def _same_twist(numbers: Numbers, which: str) -> Outcome:
+def _same_twist(numbers: Numbers, which: str) -> ClaimOutcome:
     optima: dict[str, Mapping[int, Optimum]] = {
         name: getattr(law, which) for name, law in numbers.laws.items()
     }

@@ -12,7 +12,7 @@ from tombo_propeller.reproduce.claims.claim import (
     FAILS,
     HOLDS,
     OPEN,
-    Outcome,
+    ClaimOutcome,
     Verdict,
     by_law,
     judge_of,
@@ -31,7 +31,7 @@ STANDARD_ERRORS = 3.0
 
 
 @judges
-def thrust_within_deviation(paper: Paper, numbers: Numbers) -> Outcome:
+def thrust_within_deviation(paper: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge whether measured scatter can explain the differences."""
     devs = [row.thrust_dev_N.value for row in paper.table_3.values()]
 
@@ -60,7 +60,7 @@ def thrust_within_deviation(paper: Paper, numbers: Numbers) -> Outcome:
 
 
 @judges
-def better_than_mean(paper: Paper, numbers: Numbers) -> Outcome:
+def better_than_mean(paper: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge whether the model tells one propeller from another."""
     measured, deviation = _measured(paper)
     rms_mean = float(_rms(_left_out(measured) - measured))
@@ -83,7 +83,7 @@ def better_than_mean(paper: Paper, numbers: Numbers) -> Outcome:
 
 
 @judges
-def thrust_follows_stiffness(paper: Paper, numbers: Numbers) -> Outcome:
+def thrust_follows_stiffness(paper: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge whether measured thrust grows with stiffness, as every law says."""
     measured, deviation = _measured(paper)
     stiffness = np.array([paper.table_1[c][1].value for c in paper.table_3 if c])

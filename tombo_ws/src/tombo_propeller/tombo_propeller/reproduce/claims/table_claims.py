@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tombo_dynamics.propeller import configuration, nodus_moduli
 from tombo_propeller.reproduce.claims.claim import (
-    Outcome,
+    ClaimOutcome,
     by_law,
     judge_of,
     judges,
@@ -16,7 +16,7 @@ from tombo_propeller.reproduce.paper_values import Paper
 
 
 @judges
-def table_1(paper: Paper, numbers: Numbers) -> Outcome:
+def table_1(paper: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge the moduli of the nodus, Eq. 2."""
     whole = 2 * len(paper.table_1)
 
@@ -43,7 +43,7 @@ def table_1(paper: Paper, numbers: Numbers) -> Outcome:
 
 
 @judges
-def table_3_lift_over_drag(paper: Paper, numbers: Numbers) -> Outcome:
+def table_3_lift_over_drag(paper: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge the simulated column of Table III."""
     whole = len(paper.table_3)
     softest = min(c for c in paper.table_3 if c)
@@ -62,7 +62,7 @@ def table_3_lift_over_drag(paper: Paper, numbers: Numbers) -> Outcome:
 
 
 @judges
-def table_3_fibres(paper: Paper, numbers: Numbers) -> Outcome:
+def table_3_fibres(paper: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge whether the propellers of Table III are those of Table I."""
     whole = len(paper.table_3)
 
@@ -82,7 +82,7 @@ def table_3_fibres(paper: Paper, numbers: Numbers) -> Outcome:
 
 
 @judges
-def soft_lift_over_drag(paper: Paper, numbers: Numbers) -> Outcome:
+def soft_lift_over_drag(paper: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge whether soft propellers are more efficient."""
     soft = [c for c in paper.table_3 if c]
     gain = by_law(

@@ -7,7 +7,7 @@ import numpy as np
 from tombo_propeller.reproduce.claims.claim import (
     FAILS,
     OPEN,
-    Outcome,
+    ClaimOutcome,
     Verdict,
     by_law,
     holds_if,
@@ -25,7 +25,7 @@ def error_percent(paper: Paper, law: LawNumbers, conf: int) -> float:
 
 
 @judges
-def thrust_error(paper: Paper, numbers: Numbers) -> Outcome:
+def thrust_error(paper: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge the bound of 8 %, where the paper claims it."""
     bound = paper.number("model", "thrust_error_percent").value
     claimed = [int(c) for c in paper.said["model"]["thrust_configurations"]]
@@ -51,7 +51,7 @@ def thrust_error(paper: Paper, numbers: Numbers) -> Outcome:
 
 
 @judges
-def thrust_error_table_3(paper: Paper, numbers: Numbers) -> Outcome:
+def thrust_error_table_3(paper: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge the same bound where thrusts are printed."""
     bound = paper.number("model", "thrust_error_percent").value
     soft = [c for c in paper.table_3 if c]
@@ -73,7 +73,7 @@ def thrust_error_table_3(paper: Paper, numbers: Numbers) -> Outcome:
 
 
 @judges
-def centrifugal_stiffening(paper: Paper, numbers: Numbers) -> Outcome:
+def centrifugal_stiffening(paper: Paper, numbers: Numbers) -> ClaimOutcome:
     """Judge the paper's remark that the spinning propeller becomes stiff."""
     soft = [c for c in paper.table_3 if c]
     rigid = paper.table_3[0].thrust_N.value
