@@ -27,7 +27,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.library import read_library
 from tombo_flight.model_file import read_model
 from tombo_flight.recorded_flight import read_flight
-from tombo_flight.replay.bag_scenario import scenario_of_bag
+from tombo_flight.replay.recorded import scenario_of_bag
 from tombo_flight.replay.run import Request, replay_bag
 from tombo_flight.scenario import load_scenario
 from tombo_flight.vehicle_file import read_vehicle

@@ -18,11 +18,10 @@ from tombo_bag.message_codec import MessageCodec, messages_of
 from tombo_bag.recording import Recording
 from tombo_bag.topics import TOPICS, TRUE_ODOMETRY, TRUE_ROTORS
 from tombo_flight.flight import fly_scenario
-from tombo_flight.run_wiring import run_wiring
+from tombo_flight.run_wiring import run_wiring, warm_up_nodes
 from tombo_flight.scenario import Scenario, load_scenario
 from tombo_flight.suite.nodes import SUITE
 from tombo_flight.suite.parameter_yaml import parameter_yaml, suite_parameters
-from tombo_flight.suite.warm_up import warm_up_nodes
 
 SETTINGS = (
     "mission.takeoff_time=0.2",

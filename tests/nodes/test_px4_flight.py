@@ -15,8 +15,7 @@ from tombo_bag.formats.reader import Bag
 from tombo_bag.topics import MISSION_STATUS, PX4_STATUS, TRUE_ODOMETRY
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
-from tombo_flight.suite.px4_connection import free_udp_port
-from tombo_flight.suite.px4_probe import find_vehicle
+from tombo_flight.suite.px4_connection import find_vehicle, free_udp_port
 from tombo_px4.bridge.pose_axes import AxesEvidence
 from tombo_px4.link.link_params import LinkParams
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tombo_flight.replay.poses import PoseTrack
 from tombo_flight.replay.prechecks import check_poses
+from tombo_flight.replay.recorded import PoseTrack
 
 
 def part(track: PoseTrack, rows: slice | np.ndarray) -> PoseTrack:

@@ -195,7 +195,7 @@ ADDITIONS = {
             ),
         ),
         "[from_('tombo_flight.suite.nodes').SUITE['altimeter'],"
-        " from_('tombo_flight.replay.plan').NODES['altimeter'].inputs,"
+        " from_('tombo_flight.replay.outputs').NODES['altimeter'].inputs,"
         " from_('tombo_flight.flight').fly_scenario(from_('tombo_flight.scenario')"
         ".load_scenario('hover', ['duration=0.1']), 0)['/altitude'].t.size > 5]",
         ["tombo_flight.suite.core_node", ["/mocap/pose"], True],

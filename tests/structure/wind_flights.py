@@ -21,7 +21,7 @@ from tombo_bag.topics import TOPICS
 from tombo_dynamics.time_base import EPOCH_NS, TICK_S
 from tombo_flight.flight import fly_scenario
 from tombo_flight.replay.cores import Inputs, replayed
-from tombo_flight.replay.poses import PoseTrack
+from tombo_flight.replay.recorded import PoseTrack
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.parameter_yaml import parameter_yaml, suite_parameters
 from tombo_flight.training import Episodes

@@ -59,10 +59,8 @@ def sweep(
     """
     import pyarrow.parquet as pq
 
-    from tombo_flight.sweep.design import Design, axis_of
-    from tombo_flight.sweep.run import fly_sweep
-    from tombo_flight.sweep.store import TABLE, open_store
-    from tombo_flight.sweep.study import new_sweep
+    from tombo_flight.sweep.run import TABLE, fly_sweep, open_store
+    from tombo_flight.sweep.study import Design, axis_of, new_sweep
 
     if seeds.step != 1:
         raise InputError(f"seeds: {seeds}; accepted: a range with step 1")
@@ -162,9 +160,15 @@ def arena(
     Raises:
         InputError: an unknown name, a policy without a network, or no seeds.
     """
-    from tombo_flight.arena.cases import GROUPS, arena_cases, chosen, chosen_reactions
-    from tombo_flight.arena.flying import fly_plan, new_plan
     from tombo_flight.arena.results import arena_results
+    from tombo_flight.arena.study import (
+        GROUPS,
+        arena_cases,
+        chosen,
+        chosen_reactions,
+        fly_plan,
+        new_plan,
+    )
     from tombo_flight.json_text import plain
 
     if not seeds or seeds.step != 1 or seeds.start < 0:

@@ -35,8 +35,8 @@ def warm_flight() -> None:
 
 def warm_nodes() -> None:
     """Go through the cores of all nodes."""
+    from tombo_flight.run_wiring import warm_up_nodes
     from tombo_flight.scenario import load_scenario
-    from tombo_flight.suite.warm_up import warm_up_nodes
 
     warm_up_nodes(load_scenario())
 

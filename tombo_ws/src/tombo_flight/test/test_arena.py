@@ -7,20 +7,20 @@ import math
 import numpy as np
 import pytest
 
-from tombo_flight.arena.cases import (
+from tombo_flight.arena.page import draw_map
+from tombo_flight.arena.results import HEAD, arena_results, table_rows
+from tombo_flight.arena.study import (
     ANGLE_RADIUS,
     COLLISIONS,
     CONFIGURATIONS,
+    ROW_KEYS,
     SPEED_OFFSET,
     Case,
     Match,
+    Plan,
     arena_cases,
     touching_pillar,
 )
-from tombo_flight.arena.flying import ROW_KEYS, Plan
-from tombo_flight.arena.pictures import draw_map
-from tombo_flight.arena.results import arena_results
-from tombo_flight.arena.table import HEAD, table_rows
 from tombo_flight.process.study import Task
 from tombo_flight.scenario import load_scenario
 

@@ -28,9 +28,8 @@ from tombo_flight.report.flight_report import write_report
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.node_flight import over_mavlink
 from tombo_flight.suite.nodes import SUITE
-from tombo_flight.suite.px4_connection import px4_connection
+from tombo_flight.suite.px4_connection import find_vehicle, px4_connection
 from tombo_flight.suite.px4_flight import READY_S, START_S, BridgeMonitor, px4_metrics
-from tombo_flight.suite.px4_probe import find_vehicle
 from tombo_px4.link.link_params import LinkParams
 
 

@@ -9,6 +9,7 @@ core depends on another, so nodes in lockstep fly the same flight to the last bi
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from tombo_dynamics.messages import Imu, Phase, Pose
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_NS
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import core_of
+from tombo_sim.failsafe import Failsafe
 from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.simulator import Simulator
 from tombo_sim.wiring import COMMAND, CORES, IMU, PHASE, POSE
@@ -95,3 +97,25 @@ def run_wiring(scenario: Scenario, seed: int, record: Record) -> int:
         FlightEndDetector(scenario.vehicle.leg_height),
         record,
     )
+
+
+_SECONDS = 0.25
+
+
+def warm_up_nodes(scenario: Scenario) -> int:
+    """Fly a quarter of a second by the wiring, and the fail-safe; return the rotor commands.
+
+    Raises:
+        InputError: as `Simulator`.
+    """
+    topics: list[str] = []
+    run_wiring(
+        replace(scenario, duration=_SECONDS), 0, lambda topic, message: topics.append(topic)
+    )
+    simulator = Simulator(world_of(scenario), 0)
+    failsafe = Failsafe(simulator, scenario.vehicle)
+    failsafe.engage(0)
+    for _ in range(2):
+        simulator.advance(failsafe.command)
+        failsafe.observe(simulator)
+    return topics.count(COMMAND)

@@ -56,7 +56,7 @@ def checked(cases: int, workers: int | None, output: Path | None) -> int:
         raise InputError(f"--cases {cases}: out of bounds; accepted: 1 to {_MOST_CASES}")
     if output is not None:
         _try_to_write(output)
-    from tombo_flight.process.process_pool import process_count
+    from tombo_flight.process.workers import process_count
 
     return process_count(workers)
 

@@ -10,7 +10,7 @@ from functools import partial
 from itertools import takewhile
 from typing import Any, TypeVar
 
-from tombo_flight.process.process_pool import run_in_processes
+from tombo_flight.process.workers import run_in_processes
 from tombo_flight.progress import ProgressCallback
 
 Row = dict[str, Any]

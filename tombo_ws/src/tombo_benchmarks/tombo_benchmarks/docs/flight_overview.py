@@ -15,7 +15,7 @@ from tombo_collision.reactions.none import NoReaction
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.milestones import FlightMilestones, Outcome, find_milestones, nearest
-from tombo_flight.report.panel import envelope
+from tombo_flight.report.panels import envelope
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight

@@ -13,8 +13,8 @@ from matplotlib.patheffects import withStroke
 
 from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
-from tombo_flight.report.airframe_shapes import Airframe, Camera, Part, circle
 from tombo_flight.report.milestones import FRONT_LEFT, FlightMilestones, Obstacle, Outcome, nearest
+from tombo_flight.report.replay_data import Airframe, Camera, Part, circle
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight

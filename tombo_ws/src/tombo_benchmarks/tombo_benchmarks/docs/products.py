@@ -247,7 +247,7 @@ def _spread(values: Mapping[str, Any]) -> str:
 
 
 def _arena(root: Path, data: Path) -> None:
-    from tombo_flight.arena.table import markdown
+    from tombo_flight.arena.results import markdown
 
     asked = ("arena", "--seeds", "5000:5030", "--groups", "collisions,free")
     with TemporaryDirectory() as folder:

@@ -19,9 +19,8 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.progress import ProgressCallback
 from tombo_flight.recorded_flight import read_flight
 from tombo_flight.scenario import Scenario, load_scenario
-from tombo_flight.suite.domain import free_domain, udp_ports
 from tombo_flight.suite.node_flight import FlightMonitor
-from tombo_flight.suite.nodes import SUITE
+from tombo_flight.suite.nodes import SUITE, free_domain, udp_ports
 from tombo_flight.suite.running import RunningSuite, SuiteConfig
 
 KINDS: Final[Mapping[str, float | None]] = {"killed": None, "restarted": 5.0, "stopped": 20.0}

@@ -11,10 +11,10 @@ from tombo_benchmarks.px4.px4_process import Px4Process
 from tombo_flight.process.output_folder import OutputFolder
 from tombo_flight.process.stop_signals import StopSignals
 from tombo_flight.progress import no_progress
+from tombo_flight.run_wiring import warm_up_nodes
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.suite.node_flight import NotFlown, fly_nodes_and_save
 from tombo_flight.suite.px4_connection import px4_connection
-from tombo_flight.suite.warm_up import warm_up_nodes
 from tombo_px4.bridge.bridge_params import SIMULATED
 from tombo_px4.hil.flight import HilFlight
 from tombo_px4.hil.hil_start_help import airframe_parameters, mocap_parameters

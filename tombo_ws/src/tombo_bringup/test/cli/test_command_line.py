@@ -6,11 +6,10 @@ import pytest
 
 from tombo_bringup.cli.flight.fly_command import over_scenario
 from tombo_bringup.cli.main import app
-from tombo_flight.arena.cases import Match, arena_cases
+from tombo_flight.arena.study import Match, arena_cases
 from tombo_flight.command_line import command_line, fly_command
 from tombo_flight.scenario import load_scenario
-from tombo_flight.sweep.design import Design, parse_axis
-from tombo_flight.sweep.study import new_sweep
+from tombo_flight.sweep.study import Design, new_sweep, parse_axis
 
 
 def parsed(line):

@@ -22,9 +22,8 @@ from tombo_flight.flight import fly_scenario
 from tombo_flight.recorded_flight import read_flight
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite import nodes, running
-from tombo_flight.suite.node_diagnostics import Loop
+from tombo_flight.suite.node_diagnostics import Loop, node_metrics, too_slow
 from tombo_flight.suite.node_flight import FlightMonitor
-from tombo_flight.suite.node_metrics import node_metrics, too_slow
 
 SHORT = ("hover", "--set", "duration=3")
 

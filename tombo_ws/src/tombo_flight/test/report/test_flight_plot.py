@@ -12,7 +12,7 @@ from matplotlib.text import Text
 
 from tombo_benchmarks.docs.flight_overview import draw_overview
 from tombo_flight.report.flight_plot import draw_flight, figure_bytes
-from tombo_flight.report.panel import envelope
+from tombo_flight.report.panels import envelope
 
 EDGES = [
     "no contact",

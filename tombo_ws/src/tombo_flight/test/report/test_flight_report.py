@@ -10,13 +10,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tombo_flight.report.airframe_shapes import Airframe
 from tombo_flight.report.flight_plot import draw_flight, figure_bytes
 from tombo_flight.report.flight_report import SCRIPTS, report_html, write_report
 from tombo_flight.report.html_page import asset
 from tombo_flight.report.milestones import find_milestones
 from tombo_flight.report.paper_comparison import comparison_rows
-from tombo_flight.report.report_data import COLUMNS, flight_block, kept_samples, script_json
+from tombo_flight.report.replay_data import (
+    COLUMNS,
+    Airframe,
+    flight_block,
+    kept_samples,
+    script_json,
+)
 from tombo_flight.report.tables import values_table
 
 NODE = shutil.which("node")

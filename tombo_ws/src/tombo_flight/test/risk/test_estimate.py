@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from tombo_flight.campaign.statistics import exact_interval
 from tombo_flight.risk.estimate import estimate, weighted_interval
-from tombo_flight.risk.influence import influence
+from tombo_flight.risk.result import influence
 
 FLIGHTS = 4000
 Limit = Callable[[np.ndarray, np.ndarray], np.ndarray]

@@ -14,10 +14,8 @@ import pytest
 
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import fly_scenario
-from tombo_flight.risk.inputs import parse_input, settings_at
-from tombo_flight.risk.margin import margin
 from tombo_flight.risk.run import fly_risk, open_risk
-from tombo_flight.risk.study import new_risk
+from tombo_flight.risk.study import margin, new_risk, parse_input, settings_at
 from tombo_flight.scenario import load_scenario
 from tombo_flight.vehicle_file import Note, vehicle_named
 

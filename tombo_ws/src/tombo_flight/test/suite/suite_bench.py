@@ -19,7 +19,7 @@ MARK = "TOMBO_TEST_MARK"
 UP = """
 import sys
 from types import ModuleType
-sys.modules["tombo_flight.suite.warm_up"] = warm_up = ModuleType("warm_up")
+sys.modules["tombo_flight.run_wiring"] = warm_up = ModuleType("warm_up")
 warm_up.warm_up_nodes = lambda scenario: None  # nothing flies: saves a second
 from tombo_flight.suite import nodes
 nodes.SUITE.clear()

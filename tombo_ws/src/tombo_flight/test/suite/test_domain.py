@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 
-from tombo_flight.suite.domain import free_domain, udp_ports
+from tombo_flight.suite.nodes import free_domain, udp_ports
 
 
 def test_every_process_gets_one_from_1_to_101():

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from tombo_dynamics.errors import InputError
+from tombo_flight.run_wiring import warm_up_nodes
 from tombo_flight.scenario import load_scenario
-from tombo_flight.suite.warm_up import warm_up_nodes
 
 
 def test_every_gyro_sample_is_answered():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tombo_dynamics.errors import InputError
-from tombo_flight.sweep.design import Design, axis_of, number_text, parse_axis
+from tombo_flight.sweep.study import Design, axis_of, number_text, parse_axis
 
 
 def levels(text):

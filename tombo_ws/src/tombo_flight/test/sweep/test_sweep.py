@@ -24,12 +24,17 @@ from tombo_flight.flight_output import flight_summary
 from tombo_flight.process.study import Task, begin_flying, fly_task
 from tombo_flight.process.study_folder import OUTCOME, read_head
 from tombo_flight.scenario import load_scenario
-from tombo_flight.sweep import store as store_module
-from tombo_flight.sweep.columns import FIGURES, LEFT_OUT, WALL_COLUMNS, row_of
-from tombo_flight.sweep.design import Design, parse_axis
-from tombo_flight.sweep.run import fly_sweep
-from tombo_flight.sweep.store import STUDY_FILE, open_store
-from tombo_flight.sweep.study import new_sweep
+from tombo_flight.sweep import run as store_module
+from tombo_flight.sweep.run import STUDY_FILE, fly_sweep, open_store
+from tombo_flight.sweep.study import (
+    FIGURES,
+    LEFT_OUT,
+    WALL_COLUMNS,
+    Design,
+    new_sweep,
+    parse_axis,
+    row_of,
+)
 
 AXES = ("vehicle.mass=1.1,1.3", "mission.height=1.5:2.5:0.5")
 SHORT = ("duration=1.5",)

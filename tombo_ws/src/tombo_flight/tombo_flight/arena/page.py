@@ -1,4 +1,4 @@
-"""The page of an arena: one HTML file that needs nothing but a browser."""
+"""The page of an arena, with its pictures: histograms, crash rates, configurations."""
 
 from __future__ import annotations
 
@@ -6,12 +6,28 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any, Final
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FormatStrFormatter, MaxNLocator, NullLocator
+
 from tombo_bag.flight import Flight
-from tombo_flight.arena.cases import ANGLE_RADIUS, COLLISIONS, CONFIGURATIONS, FREE, SPEED_OFFSET
-from tombo_flight.arena.flying import Plan, Row
-from tombo_flight.arena.pictures import draw_configurations, draw_histograms, draw_map
-from tombo_flight.arena.table import HEAD, MEANING, crashed, table_rows
+from tombo_collision.reactions.none import NoReaction
+from tombo_dynamics.arrays import Array
+from tombo_flight.arena.results import HEAD, MEANING, crashed_text, table_rows
+from tombo_flight.arena.study import (
+    ANGLE_RADIUS,
+    COLLISIONS,
+    CONFIGURATIONS,
+    FREE,
+    SPEED_OFFSET,
+    Plan,
+    Row,
+)
 from tombo_flight.flight import fly_scenario
+from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
 from tombo_flight.report.flight_plot import figure_bytes
 from tombo_flight.report.flight_report import replay_scripts, replay_stage
 from tombo_flight.report.html_page import Card, Page, hint, page_html, pictures, sentences, table
@@ -114,7 +130,7 @@ def _card(name: str, pooled: Mapping[str, Any]) -> Card:
         name,
         "–" if rate is None else f"{100.0 * rate:.1f}",
         "" if rate is None else "% crashed",
-        crashed(pooled) + beside,
+        crashed_text(pooled) + beside,
         tooltip="over all flights of the table's collisions",
     )
 
@@ -191,3 +207,179 @@ def _again(plan: Plan, one: Mapping[str, Any]) -> Flight:
         m for m in plan.matches if (m.reaction, m.case.name) == (one["reaction"], one["case"])
     )
     return fly_scenario(match.scenario(), int(one["seed"]))
+
+
+_COLOURS: Final = (style.PURPLE, style.BLUE, style.GREEN, style.SKY, style.INK)
+"""Far from the red of crashes."""
+_LEAST_FALL_M: Final = 0.01
+"""Smaller falls are drawn at the left end of the logarithmic axis."""
+_FALL_TICKS: Final = (0.01, 0.03, 0.1, 0.3, 1.0, 2.0)
+_CRASH_MAP: Final = LinearSegmentedColormap.from_list(
+    "crash rate", [style.PAPER, "#F9D9BF", "#EE9A5B", style.VERMILLION, "#7A2E00"]
+)
+Rows = Mapping[str, Sequence[Mapping[str, Any]]]
+"""Reaction → its flights."""
+
+
+def reaction_colours(reactions: Sequence[str]) -> dict[str, str]:
+    """Return a colour for each reaction; doing nothing is grey."""
+    acting = [name for name in reactions if name != NoReaction.name]
+    found = {name: _COLOURS[i % len(_COLOURS)] for i, name in enumerate(acting)}
+    return {name: found.get(name, style.MUTED) for name in reactions}
+
+
+def draw_histograms(flights: Rows) -> Figure:
+    """Draw histograms of fall and recovery time, a row a reaction; crashed flights stand out."""
+    colours = reaction_colours(list(flights))
+    times = [r["recovery_time_s"] for rows in flights.values() for r in rows]
+    longest = max([t for t in times if t is not None], default=5.0)
+    bins = {
+        "max_falling_distance_m": np.geomspace(_LEAST_FALL_M, 2.5, 41),
+        "recovery_time_s": np.linspace(0.0, max(1.0, np.ceil(longest)), 49),
+    }
+    labels = ("largest falling distance [m]", "recovery, from contact to settled at x_r [s]")
+    with new_figure(11.0, 0.9 + 1.35 * len(flights), 130, layout="constrained") as figure:
+        axes = figure.subplots(len(flights), 2, squeeze=False, sharex="col")
+        for row, (name, rows) in zip(axes, flights.items(), strict=True):
+            for panel, key, edges in zip(row, bins, bins.values(), strict=True):
+                _histogram(panel, rows, key, edges, colours[name])
+            row[0].set_ylabel(f"{name}\nflights", fontweight="bold")
+        for panel, label in zip(axes[-1], labels, strict=True):
+            panel.set_xlabel(label)
+        for panel in axes[:, 0]:
+            panel.set_xscale("log")
+            panel.set_xlim(_LEAST_FALL_M, 2.5)
+            panel.xaxis.set_major_locator(FixedLocator(_FALL_TICKS))
+            panel.xaxis.set_minor_locator(NullLocator())
+            panel.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+    return figure
+
+
+def _histogram(
+    axes: Axes, rows: Sequence[Mapping[str, Any]], key: str, edges: Array, colour: str
+) -> None:
+    values = [
+        np.clip(
+            [r[key] for r in rows if r["crashed"] is gone and r[key] is not None], *edges[[0, -1]]
+        )
+        for gone in (False, True)
+    ]
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=4))
+    if not values[0].size + values[1].size:
+        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", color=style.MUTED)
+        axes.set_yticks([])
+        return
+    axes.hist(
+        values,
+        edges.tolist(),
+        stacked=True,
+        color=[colour, style.VERMILLION],
+        label=["flights", "crashed"],
+    )
+    low, median, high = np.percentile(np.concatenate(values), (5.0, 50.0, 95.0))
+    axes.axvline(median, color=style.INK, lw=1.2)
+    crashes = f", {values[1].size} crashed" if values[1].size else ""
+    axes.set_title(
+        f"median {median:.2f}, 5 to 95 %: {low:.2f} to {high:.2f}; "
+        f"{values[0].size + values[1].size} flights{crashes}",
+        loc="left",
+        fontsize=8.0,
+        color=style.MUTED,
+    )
+
+
+def draw_map(results: Mapping[str, Any], group: str, x_label: str, y_label: str) -> Figure:
+    """Draw the crash rate over the two quantities of a map, a panel a reaction."""
+    reactions = results["reactions"]
+    columns = min(3, len(reactions))
+    lines = -(-len(reactions) // columns)
+    with new_figure(0.9 + 3.5 * columns, 0.6 + 2.9 * lines, 130, layout="constrained") as figure:
+        panels = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True)
+        for panel in panels.flat[len(reactions) :]:
+            panel.set_visible(False)
+        for panel, name in zip(panels.flat, reactions, strict=False):
+            found = [
+                r for r in results["results"] if r["group"] == group and r["reaction"] == name
+            ]
+            image = _draw_cells(panel, found)
+            crashed, flown = (sum(r[key] for r in found) for key in ("crashed", "flights"))
+            panel.set_title(f"{name}: {crashed} of {flown} crashed", loc="left", fontweight="bold")
+            panel.set_xlabel(x_label)
+        for panel in panels[:, 0]:
+            panel.set_ylabel(y_label)
+        bar = figure.colorbar(image, ax=panels, shrink=0.9, pad=0.015)
+        bar.set_label("crashed [%]")
+        bar.outline.set_visible(False)  # type: ignore[operator]
+    return figure
+
+
+def _draw_cells(axes: Axes, found: Sequence[Mapping[str, Any]]) -> Any:
+    xs, ys = (sorted({r["place"][i] for r in found}) for i in (0, 1))
+    share = np.full((len(ys), len(xs)), np.nan)
+    for r in found:
+        cell = ys.index(r["place"][1]), xs.index(r["place"][0])
+        share[cell] = 100.0 * r["crash_rate"]
+        axes.text(
+            *(cell[1], cell[0], f"{share[cell]:.0f}"),
+            ha="center",
+            va="center",
+            color=style.PAPER
+            if share[cell] > 55.0
+            else style.INK
+            if r["crashed"]
+            else style.MUTED,
+        )
+    image = axes.imshow(
+        share, origin="lower", aspect="auto", cmap=_CRASH_MAP, vmin=0.0, vmax=100.0
+    )
+    axes.set_xticks(range(len(xs)), [f"{x:g}" for x in xs])
+    axes.set_yticks(range(len(ys)), [f"{y:g}" for y in ys])
+    axes.grid(visible=False)
+    axes.set_xticks(np.arange(len(xs) + 1) - 0.5, minor=True)
+    axes.set_yticks(np.arange(len(ys) + 1) - 0.5, minor=True)
+    axes.grid(which="minor", color=style.FAINT, lw=0.8)
+    axes.tick_params(which="both", length=0)
+    return image
+
+
+def draw_configurations(results: Mapping[str, Any]) -> Figure:
+    """Draw crash rate with interval, and fall with its range, of each configuration."""
+    found = [r for r in results["results"] if r["group"] == CONFIGURATIONS]
+    colours = reaction_colours(results["reactions"])
+    names = [*dict.fromkeys(r["case"] for r in found), *results["refused"]]
+    names = sorted({n for n in names if n.startswith("Conf. ")}, key=lambda n: int(n[6:]))
+    with new_figure(11.0, 5.0, 130, layout="constrained") as figure:
+        crash, fall = figure.subplots(2, 1, sharex=True)
+        for number, (reaction, colour) in enumerate(colours.items()):
+            rows = [r for r in found if r["reaction"] == reaction]
+            shift = 0.16 * (number - 0.5 * (len(colours) - 1))
+            at = np.array([names.index(r["case"]) + shift for r in rows])
+            values = [[100.0 * v for v in (r["crash_rate"], *r["crash_rate_95"])] for r in rows]
+            _with_range(crash, at, values, colour, reaction)
+            falls = [r["max_falling_distance_m"] for r in rows]
+            spreads = [[v[key] or 0.0 for key in ("median", "p05", "p95")] for v in falls]
+            _with_range(fall, at, spreads, colour, reaction)
+        for i, name in enumerate(names):
+            if name in results["refused"]:
+                for axes in (crash, fall):
+                    axes.axvspan(i - 0.5, i + 0.5, color=style.FAINT, alpha=0.5, lw=0.0)
+                crash.text(
+                    i, 50.0, "can't lift\nthe vehicle", ha="center", va="center", color=style.MUTED
+                )
+        crash.set(ylim=(-4.0, 104.0), ylabel="crashed [%], 95 % interval")
+        fall.set(ylabel="largest fall [m]\nmedian, 5 to 95 %", xlim=(-0.5, len(names) - 0.5))
+        fall.set_ylim(bottom=0.0)
+        fall.set_xticks(range(len(names)), names)
+        for axes in (crash, fall):
+            axes.grid(visible=False, axis="x")
+        figure.legend(*crash.get_legend_handles_labels(), loc="outside upper left", ncols=6)
+    return figure
+
+
+def _with_range(
+    axes: Axes, at: Array, values: Sequence[Sequence[float]], colour: str, label: str
+) -> None:
+    """Draw points (value, low, high) with their range."""
+    value, low, high = np.array(values, dtype=np.float64).reshape(-1, 3).T
+    axes.vlines(at, low, high, color=colour, lw=2.0, alpha=0.55)
+    axes.plot(at, value, "o", color=colour, ms=5.0, label=label)

@@ -21,8 +21,7 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.command_line import fly_command
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.json_text import plain
-from tombo_flight.process.cluster import run_on_cluster
-from tombo_flight.process.process_pool import process_count, run_in_processes
+from tombo_flight.process.workers import process_count, run_in_processes, run_on_cluster
 from tombo_flight.scenario import Scenario, scenario_values, with_settings
 from tombo_flight.version import tombo_version
 

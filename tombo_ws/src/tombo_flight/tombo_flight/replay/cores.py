@@ -29,9 +29,8 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import DetectorStatus, Phase, Pose, neutral
 from tombo_dynamics.time_base import TICK_NS
 from tombo_flight.replay.merge_streams import merge_by_arrival
-from tombo_flight.replay.outputs import EVENTS, SERIES, Event, Outputs, series_of
-from tombo_flight.replay.plan import NODES
-from tombo_flight.replay.poses import PoseTrack
+from tombo_flight.replay.outputs import EVENTS, NODES, SERIES, Event, Outputs, series_of
+from tombo_flight.replay.recorded import PoseTrack
 from tombo_flight.scenario import Scenario
 from tombo_flight.wiring import core_of
 from tombo_sim.wiring import CORES

@@ -15,15 +15,18 @@ from tombo_bag.formats.rolling_sink import NOTES as RECORDER_NOTES
 from tombo_bag.recording import Recording
 from tombo_bag.topics import COLLISION_EVENT, MOCAP_POSE, TOPICS, TRUE_CONTACT
 from tombo_dynamics.errors import InputError, unknown_name
-from tombo_flight.replay.bag_scenario import scenario_of_bag
-from tombo_flight.replay.compare import Tolerances
 from tombo_flight.replay.cores import Inputs, through_cores
-from tombo_flight.replay.metrics import Context, metrics_of
-from tombo_flight.replay.outputs import SERIES, Outputs, Series, read_outputs
-from tombo_flight.replay.plan import NODES, outputs_of
-from tombo_flight.replay.poses import PoseTrack, find_pose_topic, read_poses
+from tombo_flight.replay.metrics import Context, Tolerances, metrics_of
+from tombo_flight.replay.outputs import NODES, SERIES, Outputs, Series, outputs_of, read_outputs
 from tombo_flight.replay.prechecks import check_poses
-from tombo_flight.replay.suite_clock import CLOCK_TOPICS, find_suite_clock
+from tombo_flight.replay.recorded import (
+    CLOCK_TOPICS,
+    PoseTrack,
+    find_pose_topic,
+    find_suite_clock,
+    read_poses,
+    scenario_of_bag,
+)
 
 _STATISTIC_ERROR = 1e-9
 """Largest difference of a recorded statistic from filterpy's; relative above 1."""

@@ -31,11 +31,9 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_MAP
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.replay.cores import Inputs
-from tombo_flight.replay.outputs import EVENTS, SERIES, Outputs, read_outputs
-from tombo_flight.replay.plan import NODES, outputs_of
-from tombo_flight.replay.poses import PoseTrack
-from tombo_flight.suite.domain import free_domain, udp_ports
-from tombo_flight.suite.nodes import node_environment, node_program
+from tombo_flight.replay.outputs import EVENTS, NODES, SERIES, Outputs, outputs_of, read_outputs
+from tombo_flight.replay.recorded import PoseTrack
+from tombo_flight.suite.nodes import free_domain, node_environment, node_program, udp_ports
 from tombo_flight.suite.parameter_yaml import parameter_yaml, suite_parameters
 from tombo_flight.suite.supervisor import ProcessExit, Program, Supervisor, json_object
 

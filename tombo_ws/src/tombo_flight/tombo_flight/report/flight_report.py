@@ -16,7 +16,7 @@ from tombo_flight.report.milestones import (
     reaction_words,
 )
 from tombo_flight.report.paper_comparison import Row, comparison_rows, is_paper_flight
-from tombo_flight.report.report_data import flight_block, milestones_block, script_json
+from tombo_flight.report.replay_data import flight_block, milestones_block, script_json
 from tombo_flight.report.tables import (
     Column,
     comparison_table,

@@ -20,11 +20,9 @@ from tombo_flight.process.study_folder import RESULT, Journal, open_study, write
 from tombo_flight.report.html import write_page
 from tombo_flight.report.page import Page
 from tombo_flight.risk.estimate import Estimate, Sample, estimate
-from tombo_flight.risk.influence import influence
-from tombo_flight.risk.inputs import settings_at
 from tombo_flight.risk.page import risk_page
-from tombo_flight.risk.result import result_of
-from tombo_flight.risk.study import RiskStudy
+from tombo_flight.risk.result import influence, result_of
+from tombo_flight.risk.study import RiskStudy, settings_at
 
 HEAD = "risk.json"
 TABLE = "flights.parquet"

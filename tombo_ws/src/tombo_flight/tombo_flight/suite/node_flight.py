@@ -25,9 +25,8 @@ from tombo_flight.progress import ProgressCallback
 from tombo_flight.recorded_flight import read_flight
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.scenario_file import SCENARIO_FILE, write_scenario
-from tombo_flight.suite.domain import free_domain, udp_ports
-from tombo_flight.suite.node_metrics import node_metrics
-from tombo_flight.suite.nodes import HIL_SIM, PX4_SUITE, SUITE
+from tombo_flight.suite.node_diagnostics import node_metrics
+from tombo_flight.suite.nodes import HIL_SIM, PX4_SUITE, SUITE, free_domain, udp_ports
 from tombo_flight.suite.px4_connection import Px4Connection
 from tombo_flight.suite.px4_flight import BridgeMonitor, px4_metrics
 from tombo_flight.suite.running import LOGS, RunningSuite, SuiteConfig

@@ -9,7 +9,7 @@ from tombo_bag.flight import Flight, Topic
 from tombo_bag.recording import Recording
 from tombo_bag.topics import PX4_STATUS
 from tombo_dynamics.messages import Phase
-from tombo_flight.suite.node_metrics import recorded_diagnostics
+from tombo_flight.suite.node_diagnostics import recorded_diagnostics
 
 READY_S: Final = 25.0
 """From the first word of the bridge: EKF2 converges, checks pass, the vehicle arms."""

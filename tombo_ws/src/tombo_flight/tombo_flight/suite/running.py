@@ -13,10 +13,10 @@ from typing import Any, Final
 
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_flight.scenario import Scenario
-from tombo_flight.suite.domain import HIGHEST_DOMAIN
 from tombo_flight.suite.node_diagnostics import NodeDiagnostics
 from tombo_flight.suite.nodes import (
     BRIDGE,
+    HIGHEST_DOMAIN,
     MONITOR,
     SUITE,
     monitor_program,

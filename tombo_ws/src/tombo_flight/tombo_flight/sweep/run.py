@@ -1,14 +1,165 @@
-"""Flies a sweep into its folder: what is missing, the table, the page."""
+"""The folder of a sweep: what is flown is on disk at once, and joined into one table at the end.
+
+Flights are kept in blocks. A block that is not whole is a file of JSON lines, one a flight,
+written as they come; a whole one is sorted into a Parquet file. So memory holds a block or two, a
+process that is killed loses no flight that was over, and the table does not depend on the order.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight_output import warm_up_flight
 from tombo_flight.process.study import Progress, Row, Task, fly_tasks, pace
-from tombo_flight.sweep.store import PAGE, TABLE, Store, write_outcome
+from tombo_flight.process.study_folder import Journal, open_study, write_head
+from tombo_flight.sweep.study import Sweep
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+STUDY_FILE = "sweep.json"
+TABLE = "flights.parquet"
+PAGE = "sweep.html"
+PARTS = "parts"
+BLOCK = 10_000
+"""Flights of a part."""
+
+
+class Store:
+    """The flights of a study in a folder; see `open_store`."""
+
+    def __init__(self, folder: Path, sweep: Sweep) -> None:
+        self.folder = folder
+        self.sweep = sweep
+        self._parts = folder / PARTS
+        self._open: dict[int, Journal] = {}
+        self.kept = 0
+        """Flights that are on disk."""
+        if self.finished:
+            self.kept = sweep.flights
+            return
+        self._parts.mkdir(exist_ok=True)
+        for number in range(self.blocks):
+            if self._whole(number).is_file():
+                self._journal(number).unlink(missing_ok=True)
+                self.kept += len(self._flights_of(number))
+            elif self._journal(number).is_file():
+                self.kept += len(self._block(number))
+
+    @property
+    def finished(self) -> bool:
+        """Whether the table is there."""
+        return (self.folder / TABLE).is_file()
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks."""
+        return -(-self.sweep.flights // BLOCK)
+
+    def missing(self) -> Iterator[int]:
+        """Yield the flights that are not on disk, in their order."""
+        for number in range(self.blocks):
+            if not self._whole(number).is_file():
+                there = set(self._block(number))
+                yield from (flight for flight in self._flights_of(number) if flight not in there)
+
+    def keep(self, row: Mapping[str, Any]) -> None:
+        """Put a flight on disk.
+
+        Raises:
+            OSError: it can't be written.
+        """
+        number = row["flight"] // BLOCK
+        block = self._block(number)
+        block[row["flight"]] = dict(row)
+        self.kept += 1
+        if len(block) == len(self._flights_of(number)):
+            self._seal(number)
+
+    def finish(self) -> None:
+        """Join the parts into the table, in the order of the flights.
+
+        Raises:
+            OSError: it can't be written.
+        """
+        import pyarrow.parquet as pq
+
+        unfinished = self.folder / f".{TABLE}.unfinished"
+        with pq.ParquetWriter(unfinished, self._schema()) as writer:
+            for number in range(self.blocks):
+                writer.write_table(pq.read_table(self._whole(number)))
+        os.replace(unfinished, self.folder / TABLE)
+        shutil.rmtree(self._parts)
+
+    def _seal(self, number: int) -> None:
+        """Put a whole block into its part, which takes the place of its lines."""
+        import pyarrow.parquet as pq
+
+        from tombo_flight.sweep.study import table_of
+
+        block = self._open.pop(number)
+        rows = [block[flight] for flight in sorted(block)]
+        unfinished = self._parts / f".{number:06d}.unfinished"
+        pq.write_table(table_of(rows, self.sweep.design, self._schema()), unfinished)
+        os.replace(unfinished, self._whole(number))
+        self._journal(number).unlink()
+
+    def _schema(self) -> pa.Schema:
+        from tombo_flight.sweep.study import schema_of
+
+        return schema_of(self.sweep.design, self.sweep.as_mapping())
+
+    def _block(self, number: int) -> Journal:
+        if number not in self._open:
+            self._open[number] = Journal(self._journal(number), "sweep")
+        return self._open[number]
+
+    def _flights_of(self, number: int) -> range:
+        return range(number * BLOCK, min((number + 1) * BLOCK, self.sweep.flights))
+
+    def _whole(self, number: int) -> Path:
+        return self._parts / f"{number:06d}.parquet"
+
+    def _journal(self, number: int) -> Path:
+        return self._parts / f"{number:06d}.jsonl"
+
+    def remove(self) -> None:
+        """Remove the parts."""
+        shutil.rmtree(self._parts, ignore_errors=True)
+
+
+@contextmanager
+def open_store(folder: Path, sweep: Sweep, *, numbered: bool = False) -> Iterator[Store]:
+    """Open the folder of a sweep: a new or empty one, or that of the same sweep, to go on with.
+
+    A new one is gone again where not one flight was flown.
+
+    Args:
+        folder: the folder; its parents are made as needed.
+        sweep: what is flown.
+        numbered: make a new folder, with a number behind its name where that is taken.
+
+    Raises:
+        InputError: something else is in it, or another process flies it.
+        OSError: it can't be written.
+    """
+    values = sweep.as_mapping()
+    with open_study(
+        folder, STUDY_FILE, values, lambda own: Store(own, sweep), numbered=numbered
+    ) as store:
+        yield store
+
+
+def write_outcome(folder: Path, sweep: Sweep, outcome: str) -> None:
+    """Write the study and how it stands into the folder, whole or not at all."""
+    write_head(folder, STUDY_FILE, sweep.as_mapping(), outcome)
 
 
 def fly_sweep(

@@ -16,7 +16,7 @@ from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import ProgressCallback
-    from tombo_flight.arena.flying import Plan
+    from tombo_flight.arena.study import Plan
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.process.study_folder import Journal
 
@@ -67,8 +67,7 @@ def arena(
     Writes arena.json, arena.html and flights.jsonl, a line a flight. With more seeds, reactions or
     groups the same folder flies only what is missing; so it does when it was stopped or killed.
     """
-    from tombo_flight.arena.cases import GROUPS, arena_cases, chosen, chosen_reactions
-    from tombo_flight.arena.flying import new_plan
+    from tombo_flight.arena.study import GROUPS, arena_cases, chosen, chosen_reactions, new_plan
     from tombo_flight.process.stop_signals import StopSignals
 
     range_ = parse_seeds(seeds)
@@ -138,7 +137,7 @@ def _fly(
     on_progress: ProgressCallback,
 ) -> int:
     """Fly what is missing; return the exit code of a signal, 0 without one."""
-    from tombo_flight.arena.flying import fly_plan
+    from tombo_flight.arena.study import fly_plan
 
     fly_plan(plan, kept, workers=workers, progress=_told(on_progress), stop=stop.asked)
     return stop.exit_code

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from tombo_bringup.cli.tables import console, print_line
 from tombo_flight.arena.page import headline
-from tombo_flight.arena.table import HEAD, table_rows
+from tombo_flight.arena.results import HEAD, table_rows
 
 _SHOWN: Final = (0, 1, 3, 5)
 """Columns for which a terminal has room, of ranges the median: the page has all."""

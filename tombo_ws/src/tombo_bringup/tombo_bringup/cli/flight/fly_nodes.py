@@ -14,10 +14,9 @@ from tombo_bringup.cli.progress import progress_bar
 from tombo_bringup.cli.result_files import Place
 from tombo_dynamics.errors import InputError
 from tombo_flight.process.stop_signals import Stopped, StopSignals
+from tombo_flight.run_wiring import warm_up_nodes
 from tombo_flight.suite.node_flight import NotFlown, fly_nodes_and_save
-from tombo_flight.suite.px4_connection import Px4Connection
-from tombo_flight.suite.px4_probe import find_vehicle
-from tombo_flight.suite.warm_up import warm_up_nodes
+from tombo_flight.suite.px4_connection import Px4Connection, find_vehicle
 from tombo_px4.bridge.parameter_reader import parse_assignments
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from tombo_bringup.cli.result_files import check_output
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
-    from tombo_flight.replay.compare import Tolerances
+    from tombo_flight.replay.metrics import Tolerances
     from tombo_flight.replay.run import Replay, Request
 
 app = typer.Typer()
@@ -164,7 +164,7 @@ def _through_nodes(bag: Path, request: Request, speed: float) -> Replay:
 
 def _nodes(names: list[str]) -> tuple[str, ...]:
     from tombo_dynamics.errors import unknown_name
-    from tombo_flight.replay.plan import NODES
+    from tombo_flight.replay.outputs import NODES
 
     for name in names:
         if name not in NODES:
@@ -174,7 +174,7 @@ def _nodes(names: list[str]) -> tuple[str, ...]:
 
 def _tolerances(texts: list[str]) -> Tolerances:
     from tombo_dynamics.errors import unknown_name
-    from tombo_flight.replay.compare import Tolerances
+    from tombo_flight.replay.metrics import Tolerances
 
     names = [field.name for field in dataclasses.fields(Tolerances)]
     found: dict[str, float] = {}

@@ -91,8 +91,7 @@ def sweep(
     """
     check_output(output)
     check_options(_RULES, {"workers": workers, "scheduler": scheduler})
-    from tombo_flight.sweep.design import Design, parse_axis
-    from tombo_flight.sweep.study import new_sweep
+    from tombo_flight.sweep.study import Design, new_sweep, parse_axis
 
     chosen = [*over_scenario(reaction, disturbances=disturbances), *(settings or [])]
     varied = tuple(parse_axis(text) for text in axes or [])
@@ -113,9 +112,8 @@ MOST_SEEDS = 10**9
 def _sweep(
     study: Sweep, output: str | None, workers: int | None, scheduler: str | None, as_json: bool
 ) -> None:
-    from tombo_flight.process.cluster import check_scheduler
-    from tombo_flight.sweep.run import fly_sweep
-    from tombo_flight.sweep.store import open_store
+    from tombo_flight.process.workers import check_scheduler
+    from tombo_flight.sweep.run import fly_sweep, open_store
 
     if scheduler is not None:  # before anything is written
         check_scheduler(scheduler)

@@ -95,11 +95,11 @@ def up(
     from tombo_bringup.cli.flight.fly_command import over_scenario
     from tombo_bringup.cli.flight.fly_nodes import may_arm
     from tombo_flight.process.stop_signals import Stopped, StopSignals
+    from tombo_flight.run_wiring import warm_up_nodes
     from tombo_flight.scenario import load_scenario
     from tombo_flight.suite.node_flight import over_mavlink
     from tombo_flight.suite.px4_connection import px4_connection
     from tombo_flight.suite.running import SuiteConfig
-    from tombo_flight.suite.warm_up import warm_up_nodes
 
     url = None if px4 is None else url_of(px4)
     given = {"px4": px4, "px4_url": url, "model": model, "yes": yes, "bridge": bridge}

@@ -1,17 +1,26 @@
-"""Shapes of the vehicle and a camera, for pictures: nothing here takes part in the physics."""
+"""What the 3-D replay shows: thinned columns, milestones, and the shapes of the vehicle."""
 
 from __future__ import annotations
 
+import base64
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import rotation_matrix
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, VehicleParams
-from tombo_flight.report.milestones import number
+from tombo_flight.json_text import plain
+from tombo_flight.report import style
+from tombo_flight.report.milestones import PHASE_NAMES, ROTOR_NAMES, FlightMilestones, number
+
+if TYPE_CHECKING:
+    from tombo_bag.flight import Flight
+
 
 _DEFAULT = VehicleParams()
 
@@ -129,3 +138,119 @@ class Camera:
         seen = (points - self.eye) @ self.axes.T
         flat = seen[..., :2] / np.maximum(seen[..., 2:], 1e-3)
         return np.concatenate((flat, seen[..., 2:]), axis=-1)
+
+
+COARSE_HZ: Final = 50.0
+FINE_HZ: Final = 200.0
+FINE_BEFORE_S: Final = 0.5
+FINE_AFTER_S: Final = 6.5
+MOST_COARSE_SAMPLES: Final = 6000
+"""A long flight is thinned further, so that the file stays small."""
+
+COLUMNS: Final = (
+    "position",
+    "velocity",
+    "attitude",
+    "rates",
+    "position_setpoint",
+    "est_position",
+    "rotor_thrust",
+    "rotor_speed",
+    "fold",
+    "damage",
+    "mode",
+)
+"""Columns of the log that are carried as they are, at the kept samples."""
+_MILESTONES: Final = (
+    *("duration_s", "mark_s", "contact_s", "detection_s", "switch_s", "unstable_end_s"),
+    *("recovery_end_s", "crash_s", "verdict", "x_c_m", "x_r_m", "n_r", "contact_height_m"),
+    *("lowest_m", "lowest_s"),
+)
+
+
+def kept_samples(t: Array, mark_s: float | None) -> NDArray[np.intp]:
+    """Indices of the kept samples, ascending: 50 Hz, and 200 Hz around the contact.
+
+    Args:
+        t: (N,) times of the flight, seconds, ascending.
+        mark_s: instant around which to keep more, or None.
+    """
+    if not len(t):
+        return np.zeros(0, dtype=np.intp)
+    end_s = float(t[-1])
+    step_s = max(1.0 / COARSE_HZ, end_s / MOST_COARSE_SAMPLES)
+    wanted = [np.arange(0.0, end_s, step_s), np.array([end_s])]
+    if mark_s is not None:
+        start_s = max(0.0, mark_s - FINE_BEFORE_S)
+        stop_s = min(end_s, mark_s + FINE_AFTER_S)
+        wanted += [np.arange(start_s, stop_s, 1.0 / FINE_HZ), np.array([mark_s])]
+    half_tick_s = (t[1] - t[0]) / 2.0 if len(t) > 1 else 0.0
+    index = np.searchsorted(t, np.concatenate(wanted) - half_tick_s)
+    kept: NDArray[np.intp] = np.unique(np.clip(index, 0, len(t) - 1))
+    return kept
+
+
+def flight_block(flight: Flight, milestones: FlightMilestones) -> dict[str, Any]:
+    """Thinned columns, ready for JSON.
+
+    `columns` is a list of [name, width]; `base64` is little-endian float32: for each column in
+    turn its (samples, width) rows. `contact_N` is the largest contact force since the kept
+    sample before, so that a contact of a few milliseconds is not lost.
+    """
+    index = kept_samples(flight.t, milestones.mark_s)
+    blocks: list[tuple[str, Array]] = [("t", flight.t[index].reshape(-1, 1))]
+    blocks += [(name, flight.log[name].reshape(len(flight.t), -1)[index]) for name in COLUMNS]
+    blocks.append(("contact_N", _largest_since(flight.log["contact_force"], index)))
+    raw = b"".join(np.ascontiguousarray(b, dtype="<f4").tobytes() for _, b in blocks)
+    return {
+        "samples": len(index),
+        "columns": [[name, block.shape[1]] for name, block in blocks],
+        "base64": base64.b64encode(raw).decode("ascii"),
+    }
+
+
+def milestones_block(flight: Flight, milestones: FlightMilestones) -> dict[str, Any]:
+    """Data of the scripts beside the columns, ready for JSON."""
+    obstacle, airframe = milestones.obstacle, Airframe.of(flight.scenario)
+    return {
+        **{name: getattr(milestones, name) for name in _MILESTONES},
+        "verdict": milestones.verdict.value,
+        "obstacle": None if obstacle is None else vars(obstacle),
+        "phases": [[s.start_s, s.end_s, s.phase] for s in milestones.phases],
+        "phase_names": PHASE_NAMES,
+        "phase_colours": [
+            style.PHASE_COLOURS.get(i, style.FAINT) for i in range(len(PHASE_NAMES))
+        ],
+        "rotor_names": ROTOR_NAMES,
+        "events": [
+            {
+                "time_s": event.get("time_s"),
+                "kind": str(event.get("kind", "")),
+                "text": str(event.get("text", "")),
+            }
+            for event in flight.events
+        ],
+        "shape": {
+            "rotors_m": airframe.rotors_m,
+            "disc_m": airframe.rotor_radius,
+            "nodus_m": airframe.nodus_radius,
+            "leg_m": airframe.leg_height,
+        },
+    }
+
+
+def script_json(value: Any) -> str:
+    """JSON that is safe inside a script element: no '<', '>' or '&', non-finite as null."""
+    text = json.dumps(plain(value), separators=(",", ":"), allow_nan=False, ensure_ascii=True)
+    for character in "<>&":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return text
+
+
+def _largest_since(force: Array, index: NDArray[np.intp]) -> Array:
+    if not len(index):
+        return np.zeros((0, 1))
+    size = np.linalg.norm(force, axis=1)
+    starts = np.concatenate(([0], index[:-1] + 1))
+    largest: Array = np.maximum.reduceat(size[: index[-1] + 1], starts)
+    return largest.reshape(-1, 1)

@@ -1,13 +1,23 @@
-"""The same work on many items, on the workers of a Dask cluster."""
+"""The same work on many items: on processes that end with this one, or on a Dask cluster."""
 
 from __future__ import annotations
 
 import asyncio
 import importlib.util
+import multiprocessing
+import os
+import pickle
+import signal
 import threading
 import time
-from collections.abc import Callable, Generator, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from itertools import islice
 from typing import Any, TypeVar
 
@@ -18,6 +28,102 @@ from tombo_flight.version import tombo_version
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
+_END: Any = object()
+_WAITING = 4
+"""Items handed out to each process in advance."""
+_LOOK_S = 0.1
+"""Period of the checks of `stop` [s]."""
+
+
+def process_count(workers: int | None) -> int:
+    """Return `workers`, or a process for each core that this one may use."""
+    return workers or len(os.sched_getaffinity(0))
+
+
+def run_in_processes(
+    work: Callable[[_Item], _Result],
+    items: Iterable[_Item],
+    workers: int,
+    *,
+    begin: Callable[..., None] | None = None,
+    given: tuple[Any, ...] = (),
+    stop: Callable[[], bool] | None = None,
+    copies: bool = False,
+) -> Generator[_Result, None, None]:
+    """Yield results as they come, in any order; closing the generator ends all processes.
+
+    Args:
+        work: what is done with each item; a function of a module.
+        items: the items.
+        workers: number of processes.
+        begin: called once in each process with `given`.
+        given: arguments of `begin`.
+        stop: asked ten times a second; True ends all processes.
+        copies: start the processes as copies of this one, where no other threads run in it: all
+            code is loaded already, which saves each two seconds. Not for work that needs another
+            number of threads of linear algebra than this process has.
+
+    Raises:
+        Exception: what `work` raised first; all processes are ended.
+    """
+    waiting: set[Future[_Result]] = set()
+    strangers = set(multiprocessing.active_children())
+    left = iter(items)
+    # The locks of other threads would be taken for ever in a copy.
+    start = "fork" if copies and threading.active_count() == 1 else "spawn"
+    # A new process has the user's reactions before it reads what may be made of them.
+    told = (begin, given) if start == "fork" else pickle.dumps((begin, given))
+    executor = ProcessPoolExecutor(
+        workers, multiprocessing.get_context(start), _begin, (imported_files(), told)
+    )
+    whole = False
+    try:
+        while not (stop is not None and stop()):
+            while len(waiting) < _WAITING * workers and (item := next(left, _END)) is not _END:
+                waiting.add(_submit(executor, work, item))
+            if not waiting:
+                whole = True
+                return
+            finished, waiting = wait(waiting, _LOOK_S, FIRST_COMPLETED)
+            for future in finished:
+                yield future.result()
+    finally:
+        if not whole:
+            for process in set(multiprocessing.active_children()) - strangers:
+                process.kill()
+        executor.shutdown(cancel_futures=True)
+
+
+def _submit(
+    executor: ProcessPoolExecutor, work: Callable[[_Item], _Result], item: _Item
+) -> Future[_Result]:
+    """Hand out an item. Processes started by that never see Ctrl-C: the parent handles it.
+
+    A terminal sends Ctrl-C to parent and children alike; a blocked signal is inherited.
+    """
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return executor.submit(work, item)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def _begin(files: Sequence[tuple[str, str]], told: Any) -> None:
+    """Prepare a process: it ends when its parent does, and has imported the same files."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    import_reactions(path for path, _ in files)
+    begin, given = pickle.loads(told) if isinstance(told, bytes) else told
+    if begin is not None:
+        begin(*given)
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
 _LARGEST_BATCH = 64
 """Items of a task of Dask: a task costs its scheduler several milliseconds."""
 _TASKS = 32
@@ -26,7 +132,7 @@ _AHEAD = 4
 """Tasks handed out to each thread of the cluster in advance."""
 _ANSWERS_S = 4.0
 """So long a scheduler may take to answer."""
-_LOOK_S = 0.02
+_CLUSTER_LOOK_S = 0.02
 _here = threading.local()
 
 
@@ -72,7 +178,7 @@ def run_on_cluster(
 
         hand_out()
         while waiting.count() and not (stop is not None and stop()):
-            for future in waiting.next_batch(block=False) or _after(_LOOK_S):
+            for future in waiting.next_batch(block=False) or _after(_CLUSTER_LOOK_S):
                 yield from future.result()
                 future.release()
             hand_out()

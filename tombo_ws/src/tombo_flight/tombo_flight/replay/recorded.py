@@ -1,0 +1,204 @@
+"""What a replay takes from a recording: parameters, the clock of the nodes, poses."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_bag.flight_time import FLIGHT_METADATA
+from tombo_bag.formats.bag_files import RawMessages, Stream
+from tombo_bag.message_codec import fields_of
+from tombo_bag.recording import Recording
+from tombo_bag.topics import (
+    IMU,
+    MISSION_SETPOINT,
+    MOCAP_POSE,
+    ODOMETRY,
+    POSE_TYPES,
+    SETPOINT,
+    TOPICS,
+)
+from tombo_dynamics.arrays import Array, Times
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.frames import FRAME_MAP
+from tombo_dynamics.time_base import SECOND_NS
+from tombo_flight.scenario import Scenario, scenario_from_mapping, scenario_over
+
+_SECTIONS = (
+    "vehicle", "control", "estimator", "mission", "detector", "react", "reaction", "propeller"
+)  # fmt: skip
+"""`react`: recordings of older versions have it."""
+
+
+def scenario_of_bag(
+    metadata: Mapping[str, Mapping[str, str]],
+    name: str | None = None,
+    settings: Sequence[str] = (),
+) -> tuple[Scenario, list[str]]:
+    """Return the scenario to replay with, and a line on where it comes from.
+
+    Args:
+        metadata: of the recording.
+        name: a scenario, name or path, over that of the recording.
+        settings: `key=value` over both.
+
+    Raises:
+        InputError: `name` or `settings` are bad.
+    """
+    base, label, findings = _recorded(metadata)
+    return scenario_over(base, label, name, settings), findings
+
+
+def _recorded(metadata: Mapping[str, Mapping[str, str]]) -> tuple[dict[str, Any], str, list[str]]:
+    text = metadata.get(FLIGHT_METADATA, {}).get("scenario")
+    if text is None:
+        return {}, "recording", ["no parameters in the bag: the suite's defaults are used"]
+    try:
+        flown = json.loads(text)
+        base = {key: flown[key] for key in _SECTIONS if key in flown}
+        label = str(flown.get("name", "recording"))
+        scenario_from_mapping(base, label)
+    except (
+        ValueError,
+        TypeError,
+        LookupError,
+        AttributeError,
+        RecursionError,
+    ) as error:  # ValueError: also InputError
+        why = str(error) if isinstance(error, InputError) else "no scenario"
+        return {}, "recording", [f"parameters in the bag can't be used ({why}): defaults instead"]
+    return base, label, []
+
+
+CLOCK_TOPICS = (MISSION_SETPOINT.name, SETPOINT.name)
+"""Topics whose stamps are the nodes' now."""
+_STAMP = struct.Struct("<iI")
+_SHORTEST = 12
+_SOME = 100
+_APART_NS = 250_000_000
+"""Nearer clocks are one clock."""
+
+
+def find_suite_clock(recording: Recording) -> tuple[Times, Times] | None:
+    """Return log times, rising, and the nodes' time at each; None if it is the recorder's.
+
+    A node's set points are stamped when they are said. Now is then the newest stamp that has
+    been recorded, of set points and of whatever else is stamped by the same clock.
+    """
+    topics = recording.topics
+    there = [name for name in (*CLOCK_TOPICS, ODOMETRY.name, IMU.name) if _count(topics, name)]
+    if not there or there[0] not in CLOCK_TOPICS:
+        return None
+    if abs(_clock_offset_ns(recording.messages(there[0]))) < _APART_NS:
+        return None
+    recording.load(there)
+    pairs: list[tuple[Times, Times]] = []
+    for topic in there:
+        table = recording.columns(topic)
+        if "stamp_ns" not in table or not len(table["stamp_ns"]):
+            continue
+        log, stamp = table["log_time_ns"], table["stamp_ns"]
+        reported = np.interp(log, *pairs[0]) if pairs else stamp
+        if abs(float(np.median(stamp - reported))) < _APART_NS:
+            pairs.append((log, stamp))
+    if not pairs:
+        return None
+    log, stamp = (np.concatenate(columns) for columns in zip(*pairs, strict=True))
+    order = np.argsort(log, kind="stable")
+    return log[order], np.maximum.accumulate(stamp[order])
+
+
+def _count(topics: Mapping[str, Stream], name: str) -> int:
+    return topics[name].count if name in topics else 0
+
+
+def _clock_offset_ns(raw: RawMessages) -> float:
+    """Return how far some stamps are ahead of log times; a header's stamp stands in front."""
+    some = slice(0, None, len(raw.messages) // _SOME + 1)
+    ahead = [
+        seconds * SECOND_NS + rest - log
+        for (seconds, rest), log in zip(
+            (_STAMP.unpack_from(m, 4) for m in raw.messages[some] if len(m) >= _SHORTEST),
+            raw.log_times_ns[some].tolist(),
+            strict=False,
+        )
+    ]
+    return float(np.median(ahead)) if ahead else 0.0
+
+
+@dataclass(frozen=True)
+class PoseTrack:
+    """Poses of base_link as they arrived, N of them."""
+
+    arrival_ns: Times
+    """Log times, never falling."""
+    stamp_ns: Times
+    """Capture times of the headers."""
+    frame: NDArray[np.str_]
+    position: Array
+    """(N, 3) [m]."""
+    attitude: Array
+    """(N, 4) quaternions xyzw, as recorded."""
+
+    @staticmethod
+    def none() -> PoseTrack:
+        """Return a track without poses."""
+        times = np.zeros(0, np.int64)
+        return PoseTrack(times, times, np.zeros(0, "U1"), np.zeros((0, 3)), np.zeros((0, 4)))
+
+    def renamed(self, accepted: str) -> PoseTrack:
+        """Return the track with frame `accepted` taken for map."""
+        return replace(self, frame=np.where(self.frame == accepted, FRAME_MAP, self.frame))
+
+    def shifted(self, shift_ns: int) -> PoseTrack:
+        """Return the track with all stamps moved."""
+        return replace(self, stamp_ns=self.stamp_ns + shift_ns)
+
+    def with_arrival_stamps(self) -> PoseTrack:
+        """Return the track with the arrival as stamp."""
+        return replace(self, stamp_ns=self.arrival_ns)
+
+
+def find_pose_topic(topics: Mapping[str, Stream]) -> str | None:
+    """Return the topic with the vehicle's poses; None if there is no candidate.
+
+    Raises:
+        InputError: several candidates, or `/mocap/pose` has a type that holds no pose.
+    """
+    known = topics.get(MOCAP_POSE.name)
+    if known is not None:
+        if known.typename not in POSE_TYPES:
+            raise InputError(
+                f"{MOCAP_POSE.name} has type {known.typename}; accepted: {', '.join(POSE_TYPES)}"
+            )
+        return MOCAP_POSE.name
+    found = [
+        name
+        for name, stream in topics.items()
+        if stream.typename in POSE_TYPES and stream.count and name not in TOPICS
+    ]
+    if len(found) > 1:
+        listed = ", ".join(f"{name} ({topics[name].count} messages)" for name in found)
+        raise InputError(
+            f"several topics could be the vehicle's poses: {listed}; accepted: "
+            f"--map TOPIC:={MOCAP_POSE.name} with one of them"
+        )
+    return found[0] if found else None
+
+
+def read_poses(recording: Recording, topic: str) -> PoseTrack:
+    """Read a topic of one of `POSE_TYPES`."""
+    fields = fields_of(recording.topics[topic].typename, recording.columns(topic))
+    return PoseTrack(
+        fields["log_time_ns"],
+        fields["stamp_ns"],
+        fields.get("frame_id", np.zeros(0, "U1")),
+        fields.get("position", np.zeros((0, 3))),
+        fields.get("attitude", np.zeros((0, 4))),
+    )
