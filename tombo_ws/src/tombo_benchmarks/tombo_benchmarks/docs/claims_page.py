@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from tombo_propeller.reproduce.page import computed_text, headline, verdict_text
 from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction
-from tombo_propeller.reproduce.summary_text import computed_text, headline, verdict_text
 
 START: Final = "<!-- claims: written by `make docs ARGS=reproduction` -->"
 END: Final = "<!-- end of claims -->"

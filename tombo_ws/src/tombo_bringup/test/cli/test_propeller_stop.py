@@ -10,7 +10,7 @@ import pytest
 
 from tombo_propeller.design import design
 from tombo_propeller.flap_video import measure
-from tombo_propeller.reproduce import output, reproduction
+from tombo_propeller.reproduce import page, reproduction
 
 
 def interrupted(work):
@@ -30,7 +30,7 @@ def interrupted(work):
 @pytest.mark.parametrize("where", [("-o", "out"), ("--json",)])
 def test_reproduce(tombo, tmp_path, monkeypatch, where):
     monkeypatch.setattr(reproduction, "reproduce", interrupted(lambda laws: None))
-    monkeypatch.setattr(output, "write_reproduction", lambda folder, found, tell: None)
+    monkeypatch.setattr(page, "write_reproduction", lambda folder, found, tell: None)
     result = tombo("propeller", "reproduce", *where)
     assert (result.code, result.out, result.err) == (130, "", "Error: interrupted\n")
     assert not list(tmp_path.iterdir())

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tombo_propeller.reproduce.claims.claim import DATA, FAILS, HOLDS, JUDGES, OPEN, Claim
-from tombo_propeller.reproduce.claims.scatter_claims import weighted_slope
+from tombo_propeller.reproduce.claims.model_claims import weighted_slope
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper, PrintedNumber, Row3
 from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction, judged, reproduce
@@ -124,12 +124,12 @@ def one_row(conf: int, **texts: str) -> Change:
     return change
 
 
-def said(section: str, name: str, text: Any) -> Change:
+def printed(section: str, name: str, text: Any) -> Change:
     def change(paper: Paper, numbers: Numbers) -> tuple[Paper, Numbers]:
-        entry = paper.said[section][name]
+        entry = paper.texts[section][name]
         new = {**entry, "printed": text} if isinstance(entry, dict) else text
-        inside = {**paper.said[section], name: new}
-        return replace(paper, said={**paper.said, section: inside}), numbers
+        inside = {**paper.texts[section], name: new}
+        return replace(paper, texts={**paper.texts, section: inside}), numbers
 
     return change
 
@@ -209,7 +209,7 @@ MUTATIONS: list[tuple[str, Change, str]] = [
     ("table_3_fibres", computed(lambda law: {
         "table_1_ratio": {c: p.ratio for c, p in law.low.items()}}), HOLDS),
     ("soft_lift_over_drag", computed(point(13, ratio=1.7)), FAILS),
-    ("eps_mld", said("model", "largest_lift_over_drag", "2.18"), FAILS),
+    ("eps_mld", printed("model", "largest_lift_over_drag", "2.18"), FAILS),
     ("eps_mld", optimum("ratio", 7, value=2.176), FAILS),
     ("eps_mld_same", optimum("ratio", 7, value=2.16), FAILS),
     ("gamma_mld", optimum("ratio", 7, gamma_deg=9.3), FAILS),
@@ -220,9 +220,9 @@ MUTATIONS: list[tuple[str, Change, str]] = [
     ("hover", computed(lambda law: {
         "thrust": {c: replace(o, value=5.0) for c, o in law.thrust.items()}}), HOLDS),
     ("thrust_error", one_row(0, thrust_N="0.70"), FAILS),
-    ("thrust_error", said("model", "thrust_configurations", ["0"]), HOLDS),
+    ("thrust_error", printed("model", "thrust_configurations", ["0"]), HOLDS),
     ("thrust_error_table_3", as_measured, HOLDS),
-    ("thrust_error_table_3", said("model", "thrust_error_percent", "18"), HOLDS),
+    ("thrust_error_table_3", printed("model", "thrust_error_percent", "18"), HOLDS),
     ("thrust_within_deviation", as_measured, HOLDS),
     ("better_than_mean", as_measured, HOLDS),
     ("thrust_follows_stiffness", ranked, HOLDS),
@@ -230,20 +230,21 @@ MUTATIONS: list[tuple[str, Change, str]] = [
         thrust_dev_N=lambda row: 0.001), FAILS),
     ("beta_reading", computed(no_lag), HOLDS),
     ("collision_force", one_row(12, force_N="179.5"), HOLDS),
-    ("collision_force", said("measured", "force_share_of_rigid", "3/4"), HOLDS),
+    ("collision_force", printed("measured", "force_share_of_rigid", "3/4"), HOLDS),
     ("collision_force_over_radius", force_at_50_mm("340.0"), HOLDS),
     ("collision_force_tables", one_row(13, force_N="20.0"), FAILS),
     ("mean_recovery_time", one_row(5, recovery_s="0.73"), FAILS),
-    ("mean_recovery_time", said("measured", "mean_recovery_s", "0.47"), FAILS),
-    ("endurance", said("measured", "replaced", "2"), FAILS),
+    ("mean_recovery_time", printed("measured", "mean_recovery_s", "0.47"), FAILS),
+    ("endurance", printed("measured", "replaced", "2"), FAILS),
     ("noise", in_table_3(
         noise_dB=lambda row: row.noise_dB.value + 3.0 * (row.recovery_s is not None)), FAILS),
-    ("response_point", said("flight", "response_point_m", ["0.9", "0.4", "2.0"]), FAILS),
-    ("response_equation", said("program", "response_point_m", ["0.908", "-0.011", "1.99"]), HOLDS),
-    ("recovery_phases", said("flight", "recovery_s", "3.4"), FAILS),
-    ("falling_distance", said("flight", "falls_m", "0.7"), FAILS),
-    ("recovers", said("campaign", "recovered", "40"), FAILS),
-    ("crashes_without_reaction", said("campaign", "crashed_without_reaction", "10"), FAILS),
+    ("response_point", printed("flight", "response_point_m", ["0.9", "0.4", "2.0"]), FAILS),
+    ("response_equation", printed(
+        "program", "response_point_m", ["0.908", "-0.011", "1.99"]), HOLDS),
+    ("recovery_phases", printed("flight", "recovery_s", "3.4"), FAILS),
+    ("falling_distance", printed("flight", "falls_m", "0.7"), FAILS),
+    ("recovers", printed("campaign", "recovered", "40"), FAILS),
+    ("crashes_without_reaction", printed("campaign", "crashed_without_reaction", "10"), FAILS),
 ]  # fmt: skip
 
 

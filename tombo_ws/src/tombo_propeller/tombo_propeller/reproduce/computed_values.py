@@ -146,8 +146,8 @@ def collapse(law: str, top_rpm: float = 15000.0) -> tuple[Array, Array]:
 
 def law_moduli(configuration: Configuration, law: str) -> tuple[float, float]:
     """Return E_N and G_N [MPa] that a law computes with: the authors' program has its own."""
-    found = (published_moduli if law == "published" else nodus_moduli)(configuration)
-    return found.E_N_MPa, found.G_N_MPa
+    moduli = (published_moduli if law == "published" else nodus_moduli)(configuration)
+    return moduli.E_N_MPa, moduli.G_N_MPa
 
 
 def _law(law: str, speeds_rpm: tuple[float, float]) -> LawNumbers:

@@ -1,26 +1,42 @@
-"""The reproduction as one self-contained HTML page: verdicts first, then figures."""
+"""The reproduction as a page of results: verdicts first, then figures; and its files."""
 
 from __future__ import annotations
 
+import io
 import re
-from collections.abc import Mapping
-from html import escape
-from typing import Final
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
-from tombo_flight.report.html_page import Card, Page, asset, page_html, pictures, table
+from tombo_flight.progress import ProgressCallback
+from tombo_flight.report.html import write_page
+from tombo_flight.report.page import (
+    Card,
+    Cell,
+    Item,
+    Page,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Text,
+    page_json,
+)
 from tombo_propeller.reproduce.claims.claim import DATA, FAILS, HOLDS, OPEN, Claim
 from tombo_propeller.reproduce.plots import FIGURES
 from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction
-from tombo_propeller.reproduce.summary_text import (
-    KINDS,
-    LABELS,
-    MARKS,
-    headline,
-    summary,
-    with_unit,
-)
 
-_CLASSES: Final = {HOLDS: "good", FAILS: "bad", OPEN: "open"}
+if TYPE_CHECKING:
+    from tombo_flight.process.output_folder import OutputFolder
+
+JSON: Final = "reproduction.json"
+PAGE: Final = "reproduction.html"
+REPRODUCTION_FILES: Final = (JSON, PAGE, *FIGURES)
+"""All names that a reproduction writes: those of an earlier one give way."""
+_LABELS: Final = {HOLDS: "holds", FAILS: "fails", OPEN: "can’t be checked"}
+_MARKS: Final = {HOLDS: "✓", FAILS: "✗", OPEN: "?"}
+_STYLES: Final = {HOLDS: "good", FAILS: "bad", OPEN: "warn"}
+_KINDS: Final = {"printed": "printed number", "stated": "statement", "check": "our check"}
 _KEY_CLAIMS: Final = {
     "table_1": "Table I, moduli",
     "table_3_lift_over_drag": "Table III, lift over drag",
@@ -38,98 +54,200 @@ _FOOTER: Final = (
 )
 
 
-def reproduction_html(r: Reproduction, png: Mapping[str, bytes]) -> str:
-    """Return the page as text; it loads nothing from anywhere.
-
-    Args:
-        r: the reproduction.
-        png: pictures by the names in `FIGURES`.
-    """
-    figures = [(png[name], of_paper, caption) for name, (_, caption, of_paper) in FIGURES.items()]
-    return page_html(
-        Page(
-            title=headline(r),
-            eyebrow=f"Tombo propeller · the paper against {', '.join(r.numbers.laws)}",
-            headline=headline(r),
-            summary=summary(r),
-            cards=_cards(r),
-            sections=(
-                ("Verdicts", _board(r)),
-                ("Claim by claim, with the evidence", _claims(r)),
-                ("The paper’s figures, drawn again", pictures(figures)),
-            ),
-            footer=_FOOTER,
-            css=asset("reproduction.css", __package__),
-        )
+def reproduction_page(r: Reproduction) -> Page:
+    """Return the result of a reproduction."""
+    figures = [
+        Picture(partial(draw, r), caption, of_paper)
+        for draw, caption, of_paper in FIGURES.values()
+    ]
+    return Page(
+        title=headline(r),
+        eyebrow=f"Tombo propeller · the paper against {', '.join(r.numbers.laws)}",
+        headline=headline(r),
+        summary=_summary(r),
+        cards=[_card(r.claim(name), label) for name, label in _KEY_CLAIMS.items()],
+        sections=[
+            Section("Verdicts", [_board(r, verdict) for verdict in (FAILS, HOLDS, OPEN)], "page"),
+            Section("Claim by claim, with the evidence", [_claim_table(r)], "page"),
+            *(Section(group, _in_words(r, group), "terminal") for group in GROUPS),
+            Section("The paper’s figures, drawn again", figures),
+        ],
+        data=r.mapping(),
+        footer=_FOOTER,
+        css=(Path(__file__).parent / "assets" / "reproduction.css").read_text(encoding="utf-8"),
     )
 
 
-def _cards(r: Reproduction) -> list[Card]:
-    found = []
-    for name, label in _KEY_CLAIMS.items():
-        claim = r.claim(name)
-        value = with_unit(claim.computed[claim.judge], claim.unit)
-        whole = re.search(r", (of \d+)$", claim.quantity)
-        value += f" {whole[1]}" if whole else ""
-        law = "" if claim.judge == DATA else f"law {claim.judge} · "
-        beside = f"{law}paper {claim.paper}"
-        found.append(Card(label, value, "", beside, _CLASSES[claim.verdict]))
-    return found
+def write_reproduction(
+    folder: OutputFolder, r: Reproduction, on_progress: ProgressCallback
+) -> None:
+    """Write all files into an output folder, which the caller publishes."""
+    for k, (name, (draw, _, _)) in enumerate(FIGURES.items()):
+        on_progress(f"drawing {name}", k / len(FIGURES))
+        picture = io.BytesIO()
+        draw(r).savefig(picture, format="png")
+        (folder / name).write_bytes(picture.getvalue())
+    page = reproduction_page(r)
+    (folder / JSON).write_text(page_json(page), encoding="utf-8", newline="\n")
+    write_page(folder / PAGE, page)
 
 
-def _board(r: Reproduction) -> str:
-    """Return all claims in three columns, by verdict: the paper's first, then our checks."""
-    columns = []
-    for verdict in (FAILS, HOLDS, OPEN):
-        found = [claim for claim in r.claims if claim.verdict == verdict]
-        found.sort(key=lambda claim: claim.kind == "check")
-        items = "".join(_item(claim) for claim in found)
-        chip = f'<span class="verdict {_CLASSES[verdict]}">{escape(LABELS[verdict])}</span>'
-        columns.append(f"<div><h3>{chip} {len(found)}</h3><ul>{items}</ul></div>")
-    return f'<div class="board">{"".join(columns)}</div>'
+def _card(claim: Claim, label: str) -> Card:
+    value = with_unit(claim.computed[claim.judge], claim.unit)
+    whole = re.search(r", (of \d+)$", claim.quantity)
+    value += f" {whole[1]}" if whole else ""
+    law = "" if claim.judge == DATA else f"law {claim.judge} · "
+    return Card(label, value, "", f"{law}paper {claim.paper}", _STYLES[claim.verdict])
 
 
-def _item(claim: Claim) -> str:
-    notes = [f"only {claim.law}"] if claim.disputed and claim.law else []
-    notes += ["our check"] if claim.kind == "check" else []
-    small = f" <small>{escape(', '.join(notes))}</small>" if notes else ""
-    return f'<li><a href="#{escape(claim.name)}">{escape(claim.claim)}</a>{small}</li>'
+def _board(r: Reproduction, verdict: str) -> Table:
+    """Return the claims with a verdict: the paper's first, then our checks."""
+    claims = [claim for claim in r.claims if claim.verdict == verdict]
+    claims.sort(key=lambda claim: claim.kind == "check")
+    rows = []
+    for claim in claims:
+        notes = [f"only {claim.law}"] if claim.disputed and claim.law else []
+        notes += ["our check"] if claim.kind == "check" else []
+        rows.append([Cell(claim.claim, link=f"#{claim.name}", small=", ".join(notes))])
+    return Table((), rows, "board", title=f"{_MARKS[verdict]} {len(claims)} {_LABELS[verdict]}")
 
 
-def _claims(r: Reproduction) -> str:
+def _claim_table(r: Reproduction) -> Table:
     laws = list(r.numbers.laws)
-    lines: list[str] = []
+    rows: list[Row] = []
     for group in GROUPS:
         claims = [claim for claim in r.claims if claim.group == group]
         if claims:
-            lines.append(
-                f'<tr class="group"><th colspan="{4 + len(laws)}">{escape(group)}</th></tr>'
-            )
-            lines += [_line(claim, laws) for claim in claims]
-    return table(("verdict", "claim", "paper", *laws, "evidence"), lines, "claims")
+            rows.append(Row([group], "group"))
+            rows += [_claim_row(claim, laws) for claim in claims]
+    return Table(("verdict", "claim", "paper", *laws, "evidence"), rows, "claims")
 
 
-def _line(claim: Claim, laws: list[str]) -> str:
-    chip = (
-        f'<span class="verdict {_CLASSES[claim.verdict]}">{escape(LABELS[claim.verdict])}</span>'
-    )
-    if claim.disputed and claim.law:
-        chip += f'<span class="law">only {escape(claim.law)}</span>'
+def _claim_row(claim: Claim, laws: list[str]) -> Row:
     if claim.judge == DATA:
         value = with_unit(claim.computed[DATA], claim.unit)
-        cells = f'<td colspan="{len(laws)}" class="number">{escape(value)}</td>'
+        computed = [Cell(value), *([Cell("")] * (len(laws) - 1))]
     else:
-        cells = "".join(
-            f'<td class="number {_CLASSES[claim.verdicts[law]]}">'
-            f"{escape(with_unit(claim.computed[law], claim.unit))} "
-            f"<i>{MARKS[claim.verdicts[law]]}</i></td>"
+        computed = [
+            Cell(
+                f"{with_unit(claim.computed[law], claim.unit)} {_MARKS[claim.verdicts[law]]}",
+                _STYLES[claim.verdicts[law]],
+            )
             for law in laws
-        )
-    about = f"{KINDS[claim.kind]} · {claim.source}"
-    return (
-        f'<tr id="{escape(claim.name)}"><td>{chip}</td>'
-        f'<th scope="row">{escape(claim.claim)}<small>{escape(about)}</small></th>'
-        f"<td>{escape(claim.paper)}</td>{cells}"
-        f"<td>{escape(claim.evidence)}<small>Compared: {escape(claim.quantity)}. Tolerance: "
-        f"{escape(claim.tolerance)}.</small></td></tr>"
+        ]
+    law = f"only {claim.law}" if claim.disputed and claim.law else ""
+    compared = f"Compared: {claim.quantity}. Tolerance: {claim.tolerance}."
+    return Row(
+        [
+            Cell(_LABELS[claim.verdict], _STYLES[claim.verdict], small=law, badge=True),
+            Cell(claim.claim, small=f"{_KINDS[claim.kind]} · {claim.source}"),
+            claim.paper,
+            *computed,
+            Cell(claim.evidence, small=compared),
+        ],
+        anchor=claim.name,
     )
+
+
+def _in_words(r: Reproduction, group: str) -> list[Item]:
+    """Return the claims of a group as sentences: no terminal is as wide as their table."""
+    items: list[Item] = []
+    for claim in r.claims:
+        if claim.group == group:
+            verdict = f"{_MARKS[claim.verdict]} {verdict_text(claim)}"
+            about = [
+                f"{verdict}: {claim.claim} ({claim.source}).",
+                f"  Paper: {claim.paper}. Computed: {computed_text(claim)}.",
+            ]
+            items += [
+                Text(about, style=_STYLES[claim.verdict]),
+                Text([f"  {claim.evidence}"], "hint"),
+            ]
+    return items
+
+
+def _shown(value: float | None) -> str:
+    """Return a computed number with the digits that matter."""
+    if value is None:
+        return "none"
+    if abs(value) < 1e-12:
+        return "0"  # rounding, another on each machine
+    if value == round(value) and abs(value) < 1e6:
+        return f"{value:.0f}"
+    if abs(value) < 1e-3:
+        return f"{value:.0e}"
+    return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
+
+
+def with_unit(value: float | None, unit: str) -> str:
+    """Return a computed number with its unit, that of a pure number left out."""
+    if value is None:
+        return "none"
+    sign = {"deg": "°", "1": ""}.get(unit, f" {unit}")
+    return f"{'−' if value < 0.0 else ''}{_shown(abs(value))}{sign}"
+
+
+def verdict_text(claim: Claim) -> str:
+    """Return the verdict, and under which laws it stands if another law says otherwise."""
+    text = _LABELS[claim.verdict]
+    return f"{text} ({claim.law})" if claim.disputed and claim.law else text
+
+
+def computed_text(claim: Claim) -> str:
+    """Return the computed numbers by law, or the one number where no law is concerned."""
+    if claim.judge == DATA:
+        return with_unit(claim.computed[DATA], claim.unit)
+    values = {with_unit(v, claim.unit) for v in claim.computed.values()}
+    if len(values) == 1:
+        return f"{values.pop()} in every law" if len(claim.computed) > 1 else values.pop()
+    return ", ".join(f"{law} {with_unit(v, claim.unit)}" for law, v in claim.computed.items())
+
+
+def headline(r: Reproduction) -> str:
+    """Return the outcome in one sentence."""
+    counts = r.counts()
+    some = sum(c.verdict == HOLDS and c.disputed for c in r.claims if c.kind != "check")
+    where = f" ({some} of them not in every law)" if some else ""
+    return (
+        f"Of the paper’s {sum(counts.values())} claims {_plural(counts[HOLDS], 'hold')}{where}, "
+        f"{_plural(counts[FAILS], 'fail')}, {counts[OPEN]} can’t be checked"
+    )
+
+
+def _checks_line(r: Reproduction) -> str:
+    """Return how our own checks came out."""
+    counts = r.counts(checks=True)
+    return (
+        f"Of {sum(counts.values())} checks that its figures allow "
+        f"{_plural(counts[HOLDS], 'hold')}, {_plural(counts[FAILS], 'fail')}, "
+        f"{counts[OPEN]} can’t be decided"
+    )
+
+
+def _plural(count: int, verb: str) -> str:
+    return f"{count} {verb}{'s' if count == 1 else ''}"
+
+
+def _summary(r: Reproduction) -> str:
+    """Return what a reader should take away, drawn from the claims."""
+    parts = []
+    moduli, ratio = r.claim("table_1"), r.claim("table_3_lift_over_drag")
+    if moduli.verdict == HOLDS and ratio.verdict == HOLDS:
+        parts.append("The paper’s computed tables are reproduced to the last printed digit")
+        if ratio.disputed:
+            parts[-1] += f", lift over drag by law {ratio.law} only, with its program’s defects"
+    same = [r.claim(name) for name in ("gamma_mtf", "gamma_mld", "eps_mld_same")]
+    if all(claim.verdict == HOLDS for claim in same):
+        parts.append("What is “the same for every configuration” is so by theorem")
+    verdict = r.claim("thrust_follows_stiffness").verdict
+    if verdict != HOLDS:
+        parts.append("Measured thrust shows no order by stiffness, which every law says it should")
+        parts[-1] += "" if verdict == FAILS else "; its printed scatter could hide it"
+    force = r.claim("collision_force")
+    if force.verdict == FAILS:
+        parts.append(
+            f"Collision force reaches {with_unit(force.computed[DATA], force.unit)} of the rigid "
+            f"propeller’s, where the abstract has {force.paper}"
+        )
+    missing = "Twist, torque and thrust above 3200 rpm were not measured: there the laws differ"
+    return ". ".join([_checks_line(r), *parts, missing]) + "."

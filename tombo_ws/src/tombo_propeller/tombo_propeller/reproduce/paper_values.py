@@ -67,7 +67,7 @@ class Paper:
     """E_N and G_N [MPa]."""
     table_2: tuple[Row2, ...]
     table_3: Mapping[int, Row3]
-    said: Mapping[str, Mapping[str, Any]]
+    texts: Mapping[str, Mapping[str, Any]]
     """`paper.yaml`: sections of numbers, as text; `campaign` is this suite's, `campaign.yaml`."""
 
     def number(self, section: str, name: str) -> PrintedNumber:
@@ -76,18 +76,18 @@ class Paper:
 
     def text(self, section: str, name: str) -> str:
         """Return a single number of `paper.yaml` as it is printed."""
-        entry = self.said[section][name]
+        entry = self.texts[section][name]
         return str(entry if isinstance(entry, str) else entry["printed"])
 
     def point(self, section: str, name: str) -> tuple[PrintedNumber, ...]:
         """Return a point of `paper.yaml` [m]."""
-        entry = self.said[section][name]
+        entry = self.texts[section][name]
         texts = entry["printed"] if isinstance(entry, dict) else entry
         return tuple(PrintedNumber(text) for text in texts)
 
     def source(self, section: str, name: str) -> str:
         """Return where in the paper a number of `paper.yaml` is printed."""
-        return str(self.said[section][name]["source"])
+        return str(self.texts[section][name]["source"])
 
 
 @lru_cache(maxsize=1)
@@ -108,7 +108,7 @@ def read_paper() -> Paper:
             for row in measured["collision_positions"]
         ),
         table_3={int(row["conf"]): _row_3(row) for row in measured["at_2000_rpm"]},
-        said={
+        texts={
             **_texts(Path(__file__).parent / "paper.yaml"),
             "campaign": _texts(Path(__file__).parent / "campaign.yaml"),
         },

@@ -37,8 +37,8 @@ def sheet(
     figure = Figure(figsize=size_in, dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.01, ha="left", weight="bold", size=12.5, parse_math=False)
-    found = figure.subplots(rows, columns, squeeze=False, sharey="row" if share_y else "none")
-    return figure, [axes for row in found for axes in row]
+    grid = figure.subplots(rows, columns, squeeze=False, sharey="row" if share_y else "none")
+    return figure, [axes for row in grid for axes in row]
 
 
 @lru_cache(maxsize=64)

@@ -8,16 +8,7 @@ from functools import lru_cache
 from typing import Any, Final
 
 from tombo_dynamics.propeller import LAWS
-from tombo_propeller.reproduce.claims import (  # noqa: F401  each registers the judges of its claims
-    collision_claims,
-    deformation_claims,
-    flight_claims,
-    model_claims,
-    optimum_claims,
-    scatter_claims,
-    table_claims,
-    thrust_claims,
-)
+from tombo_propeller.reproduce.claims import experiment_claims, model_claims, printed_claims  # noqa: F401  each registers the judges of its claims
 from tombo_propeller.reproduce.claims.claim import (
     FAILS,
     HOLDS,
@@ -51,8 +42,8 @@ class Reproduction:
 
     def counts(self, *, checks: bool = False) -> dict[str, int]:
         """Return how many of the paper's claims, or of our checks, have which verdict."""
-        found = [c.verdict for c in self.claims if (c.kind == "check") == checks]
-        return {verdict: found.count(verdict) for verdict in (HOLDS, FAILS, OPEN)}
+        verdicts = [c.verdict for c in self.claims if (c.kind == "check") == checks]
+        return {verdict: verdicts.count(verdict) for verdict in (HOLDS, FAILS, OPEN)}
 
     def mapping(self) -> dict[str, Any]:
         """Return the content of `reproduction.json`: the claims and the numbers behind them."""
@@ -71,7 +62,7 @@ def reproduce(laws: tuple[str, ...] = tuple(LAWS)) -> Reproduction:
         InputError: unknown law.
     """
     paper = read_paper()
-    low, high = (float(s) for s in paper.said["model"]["thrust_speeds_rpm"])
+    low, high = (float(s) for s in paper.texts["model"]["thrust_speeds_rpm"])
     return judged(paper, compute(laws, (low, high)))
 
 

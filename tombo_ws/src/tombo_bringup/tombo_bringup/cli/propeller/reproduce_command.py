@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from tombo_flight.process.output_folder import OutputFolder
     from tombo_propeller.reproduce.reproduction import Reproduction
 
-_COLOURS = {"holds": "green", "fails": "red", "can't be checked": "yellow"}
-
 
 def reproduce(
     law: Annotated[
@@ -50,7 +48,7 @@ def reproduce(
     path = None if output is None else Path(output)
     names: tuple[str, ...] = ()
     if path is not None:
-        from tombo_propeller.reproduce.output import REPRODUCTION_FILES
+        from tombo_propeller.reproduce.page import REPRODUCTION_FILES
 
         names = REPRODUCTION_FILES
 
@@ -61,17 +59,20 @@ def reproduce(
         on_progress("computing", 0.0)
         return reproduction.reproduce(laws)
 
-    def write(folder: OutputFolder, found: Reproduction, on_progress: ProgressCallback) -> None:
-        from tombo_propeller.reproduce.output import write_reproduction
+    def write(folder: OutputFolder, result: Reproduction, on_progress: ProgressCallback) -> None:
+        from tombo_propeller.reproduce.page import write_reproduction
 
-        write_reproduction(folder, found, on_progress)
+        write_reproduction(folder, result, on_progress)
 
-    found, _, _ = compute_into(path, force, names, run, write)
+    result, _, _ = compute_into(path, force, names, run, write)
     if as_json:
-        claims = [claim.mapping() for claim in found.claims]
+        claims = [claim.mapping() for claim in result.claims]
         typer.echo(json.dumps(claims, indent=1, ensure_ascii=False, allow_nan=False))
     else:
-        _print(found)
+        from tombo_bringup.cli.tables import show_page
+        from tombo_propeller.reproduce.page import reproduction_page
+
+        show_page(reproduction_page(result), as_json)
     if path is not None:
         typer.echo(f"Read {path / 'reproduction.html'}", err=as_json)
 
@@ -89,35 +90,3 @@ def _checked(given: list[str] | None) -> tuple[str, ...]:
     for law in chosen:
         law_number(law)
     return tuple(law for law in LAWS if law in chosen)
-
-
-def _print(found: Reproduction) -> None:
-    """Print the outcome, then every claim: verdict, paper beside computed, evidence."""
-    from rich.padding import Padding
-    from rich.text import Text
-
-    from tombo_bringup.cli.tables import console
-    from tombo_propeller.reproduce.reproduction import GROUPS
-    from tombo_propeller.reproduce.summary_text import (
-        MARKS,
-        computed_text,
-        headline,
-        summary,
-        verdict_text,
-    )
-
-    out = console(highlight=False)
-    out.print(Text(f"{headline(found)}.", "bold"))
-    out.print(Text(summary(found)))
-    for group in GROUPS:
-        out.print(Text(f"\n{group}", "bold"))
-        for claim in found.claims:
-            if claim.group == group:
-                verdict = f"{MARKS[claim.verdict]} {verdict_text(claim)}: "
-                lines = Text.assemble(
-                    (verdict, _COLOURS[claim.verdict]),
-                    f"{claim.claim} ({claim.source}).\n",
-                    f"Paper: {claim.paper}. Computed: {computed_text(claim)}.\n",
-                    (claim.evidence, "dim"),
-                )
-                out.print(Padding(lines, (0, 0, 0, 2), expand=False))

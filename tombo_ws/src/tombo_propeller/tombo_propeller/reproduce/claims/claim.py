@@ -124,9 +124,9 @@ def _judged(
     if "printed" in texts:
         section, key = texts["printed"]
         source = source or paper.source(section, key)
-        printed = paper.said[section][key]["printed"]
+        printed = paper.texts[section][key]["printed"]
         values["printed"] = printed
-    said = {
+    filled = {
         key: texts[key].format(**values) for key in ("claim", "paper", "quantity", "tolerance")
     }
     return Claim(
@@ -139,7 +139,7 @@ def _judged(
         verdicts=outcome.verdicts,
         judge=outcome.judge,
         evidence=outcome.evidence,
-        **said,
+        **filled,
     )
 
 
