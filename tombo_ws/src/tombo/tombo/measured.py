@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from tombo_bag.flight import Flight
     from tombo_diagnosis.diagnosis import Diagnosis
-    from tombo_diagnosis.report.diagnosis_output import NominalReference
+    from tombo_diagnosis.report.files import NominalReference
 
 Paths = str | Path | Sequence[str | Path]
 
@@ -118,7 +118,7 @@ class DiagnosisTables:
         Raises:
             InputError: the folder is not empty and may not be replaced, or it is of a stand.
         """
-        from tombo_diagnosis.report.diagnosis_output import DIAGNOSIS_FILES, write_diagnosis
+        from tombo_diagnosis.report.files import DIAGNOSIS_FILES, write_diagnosis
         from tombo_dynamics.errors import InputError
         from tombo_flight.process.output_folder import open_output
 
@@ -191,7 +191,7 @@ def diagnose(
         InputError: a log, the mapping, the vehicle or the model can't be used.
     """
     from tombo_diagnosis.flight.diagnose import diagnose_logs
-    from tombo_diagnosis.report.diagnosis_output import NominalReference
+    from tombo_diagnosis.report.files import NominalReference
 
     diagnosis, label, base = diagnose_logs(
         _paths(logs), None if model is None else Path(model), mapping, topics or {}, vehicle,

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Final
 
 from tombo_bag.flight import Finding
 from tombo_diagnosis.engine.detectable import Detectable
 from tombo_diagnosis.leftover.leftover import Leftover
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import FittedParameter, Gain
+from tombo_flight.json_text import plain
+from tombo_flight.version import tombo_version
 
+JSON: Final = "diagnosis.json"
+REPORT: Final = "report.html"
+MODEL: Final = "model.yaml"
+MISSION: Final = "separating_experiment.yaml"
+"""Files of a diagnosis."""
 VERDICTS = ("none", "named", "set", "unknown", "partly_explained")
 
 
@@ -145,3 +153,24 @@ class Diagnosis:
     """unknown, partly_explained: what is left, drawn and as a sum of terms; else None."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """effect.parameter → standard deviation within which the model's value may be off."""
+
+
+def diagnosis_mapping(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return the content of `diagnosis.json`: plain values, None for what is not finite."""
+    left = diagnosis.leftover
+    if left is not None:
+        left = replace(left, samples=())
+    values = asdict(replace(diagnosis, residuals=(), leftover=left))
+    if left is not None:
+        del values["leftover"]["samples"]
+    del values["residuals"]
+    for cause in values["causes"]:
+        del cause["signature"]
+        cause["theta"] = {theta.pop("name"): theta for theta in cause["theta"]}
+    for change in values["changed"]:
+        change["theta"] = {theta.pop("name"): theta for theta in change["theta"]}
+    experiment = values["separating_experiment"]
+    if experiment is not None:
+        experiment["mission_file"] = MISSION if experiment.pop("mission") else None
+    mapping: dict[str, Any] = plain({**values, "version": tombo_version()})
+    return mapping

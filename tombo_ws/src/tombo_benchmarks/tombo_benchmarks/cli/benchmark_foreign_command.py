@@ -55,7 +55,7 @@ def diagnose_files(arguments: Sequence[str]) -> str:
         InputError: it refuses; the message is what it says.
         KeyboardInterrupt: a signal has stopped it.
     """
-    from tombo_bringup.cli.diagnosis.diagnose_command import diagnose
+    from tombo_bringup.cli.diagnose_command import diagnose
     from tombo_bringup.cli.errors import BAD_INPUT, exit_code_of
 
     app = typer.Typer(pretty_exceptions_enable=False)

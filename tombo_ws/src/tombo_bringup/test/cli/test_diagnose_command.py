@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from diagnosis_samples import EXPERIMENT, sample
 
-from tombo_bringup.cli.diagnosis import diagnose_command
-from tombo_diagnosis.diagnosis import VERDICTS
-from tombo_diagnosis.report.diagnosis_output import NominalReference, diagnosis_mapping
+from tombo_bringup.cli import diagnose_command
+from tombo_diagnosis.diagnosis import VERDICTS, diagnosis_mapping
+from tombo_diagnosis.report.files import NominalReference
 
 
 @pytest.fixture
@@ -55,10 +55,10 @@ def test_cause_gain_faults_and_files_are_told(tombo, found, tmp_path):
     out = re.sub(r"\s+", " ", result.out)
     for words in (
         "0.283 N s/m", "0.276 to 0.290", "Next likely: quadratic body drag (1 %)",
-        "2 of 10 candidates can't be seen", "specific force x one step 0.239 → 0.0610 m/s² 74 %",
-        "Fault: circle_3 at 25.00 s: crash: accel: 2.5 g", "Note: d_z is not told from zero",
+        "2 of 10 candidates can’t be seen", "specific force x 74 % 0.239 m/s² 0.0610 m/s²",
+        "fault circle_3 25.00–28.50 s crash accel: 2.5 g", "d_z is not told from zero",
         "tombo fly --model runs/diagnosis-lab_flights/model.yaml",
-        "plots/gains.png to runs/diagnosis-lab_flights",
+        "runs/diagnosis-lab_flights: ", "plots/gains.png",
     ):  # fmt: skip
         assert words in out, words
     assert "stamps repeat" not in out  # an info is for the report
@@ -69,7 +69,7 @@ def test_cause_gain_faults_and_files_are_told(tombo, found, tmp_path):
 def test_a_set_says_what_to_fly(tombo, found, tmp_path):
     found["diagnosis"] = sample("set", flights=1, seconds=10.0)
     out = tombo("diagnose", "a.csv", "-o", "d", "--no-report").out
-    assert f"Fly next: {EXPERIMENT.text}" in out
+    assert EXPERIMENT.text in out
     assert "tombo fly d/separating_experiment.yaml" in out
     assert names(tmp_path / "d") == {"diagnosis.json", "separating_experiment.yaml"}
 

@@ -22,7 +22,7 @@ _COMMANDS: Final = (
     "flight.hil_command",
     "flight.replay_command",
     "compare_command",
-    "diagnosis.diagnose_command",
+    "diagnose_command",
     "run_command",
     "flight.sweep_command",
     "flight.risk_command",

@@ -1,206 +1,356 @@
-"""A stand diagnosis as one self-contained HTML page: verdict, what would settle it, evidence."""
+"""The page and the files of a stand diagnosis: verdict, what would settle it, evidence."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from html import escape
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import partial
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Final
 
-from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary
-from tombo_diagnosis.report import diagnosis_sections
-from tombo_diagnosis.report.diagnosis_text import CLASSES, badge, causes_title
-from tombo_diagnosis.stand.model_file import extends_model
-from tombo_diagnosis.stand.table3 import TWO_VALUES, Table3, statement
-from tombo_diagnosis.wording import DASH, counted, display_name, figure, percent, unit
-from tombo_flight.report.html_page import (
-    Card,
-    Page,
-    hint,
-    meter,
-    page_html,
-    pictures,
+import numpy as np
+
+from tombo_diagnosis.diagnosis import JSON, REPORT, Diagnosis, diagnosis_mapping
+from tombo_diagnosis.report.page import (
+    bar_length,
+    candidate_items,
+    cause_items,
+    check_items,
+    gain_items,
     sentences,
-    table,
 )
+from tombo_diagnosis.report.stand_figures import (
+    draw_residuals,
+    draw_stiffness,
+    draw_table3,
+    has_stiffness,
+)
+from tombo_diagnosis.report.words import STYLES, badge, causes_title
+from tombo_diagnosis.stand.leave_one_out import MEAN
+from tombo_diagnosis.stand.model_differences import differences_from_model
+from tombo_diagnosis.stand.model_file import extends_model, stand_model_text
+from tombo_diagnosis.stand.table3 import TWO_VALUES, statement
+from tombo_diagnosis.wording import (
+    DASH,
+    capital,
+    counted,
+    display_name,
+    figure,
+    listed,
+    percent,
+    unit,
+)
+from tombo_dynamics.propeller import RPM
+from tombo_dynamics.propeller.effects import CHANNELS
+from tombo_flight.json_text import plain
+from tombo_flight.report.flight_plot import figure_bytes
+from tombo_flight.report.html import write_page
+from tombo_flight.report.page import (
+    Card,
+    Cell,
+    Item,
+    Page,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Text,
+    page_json,
+)
+from tombo_flight.version import tombo_version
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
+    from tombo_diagnosis.stand.table3 import Table3
+    from tombo_flight.process.output_folder import OutputFolder
 
-
-CAPTIONS: Final = {
-    "table3": "Table III: laws against measurement, each extension on a configuration it has not "
+MODEL: Final = "stand_model.yaml"
+RESIDUALS, STIFFNESS, TABLE3 = "plots/residuals.png", "plots/stiffness.png", "plots/table3.png"
+STAND_FILES: Final = (REPORT, JSON, MODEL, RESIDUALS, STIFFNESS, TABLE3)
+"""All names that a stand diagnosis may write."""
+_CAPTIONS: Final = {
+    TABLE3: "Table III: laws against measurement, each extension on a configuration it has not "
     "seen, and the speeds at which they part",
-    "residuals": "Measured less model over speed, before and after",
-    "stiffness": "The same over the nodus’ stiffness",
+    RESIDUALS: "Measured less model over speed, before and after",
+    STIFFNESS: "The same over the nodus’ stiffness",
 }
-"""Figures of the page, in their order."""
+_MOST_NAMED: Final = 4
+"""Members of a set that a headline names."""
+_SLICES: Final = 8
+"""Of speed, in the table of residuals."""
+_SETTLING_SHOWN: Final = 8
 
 
-def stand_html(
-    found: StandDiagnosis, study: Table3 | None, headline: str, png: Mapping[str, bytes]
-) -> str:
-    """Return the page as text; it loads nothing from anywhere.
+def write_stand(
+    folder: OutputFolder, stand: StandDiagnosis, study: Table3 | None, date: str
+) -> None:
+    """Write the files of a stand diagnosis into an output folder, which the caller publishes.
 
-    `study` is of Table III, if that was diagnosed; `png`: pictures by the names in `CAPTIONS`.
+    Raises:
+        OSError: the files can't be written.
     """
-    d = found.diagnosis
-    shown = [(png[name], "", caption) for name, caption in CAPTIONS.items() if name in png]
-    gains = diagnosis_sections.gains(d.gain) if d.gain and d.causes else ""
-    seen = diagnosis_sections.prechecks(d.prechecks, "table") + runs(d.flights)
-    return page_html(
-        Page(
-            title=f"Thrust stand: {headline}",
-            eyebrow="Tombo thrust stand",
-            verdict=badge(d),
-            verdict_class=CLASSES[d.verdict],
-            headline=headline,
-            summary=d.summary if study is None else statement(study),
-            cards=cards(found, study),
-            sections=(
-                ("What would settle it", settle(found, study)),
-                ("The gap", pictures(shown)),
-                ("k_T and what limits it", constant(found)),
-                (causes_title(d.verdict), _causes(d)),
-                ("On points that neither named nor fitted it", gains),
-                ("Each configuration predicted by the others", predictions(study)),
-                ("All candidates", diagnosis_sections.candidates(d.candidates)),
-                ("What can’t be certified", sentences(d.notes)),
-                ("What was found in the tables", seen),
+    page = stand_page(stand, study)
+    (folder / JSON).write_text(page_json(page), encoding="utf-8", newline="\n")
+    if extends_model(stand.diagnosis):
+        tool = f"tombo propeller diagnose {tombo_version()}"
+        model = stand_model_text(stand.diagnosis, tool, date, stand.given)
+        (folder / MODEL).write_text(model, encoding="utf-8", newline="\n")
+    (folder / "plots").mkdir()
+    for name, draw in _plots(stand, study).items():
+        (folder / name).write_bytes(figure_bytes(draw()))
+    write_page(folder / REPORT, page)
+
+
+def _plots(stand: StandDiagnosis, study: Table3 | None) -> dict[str, Callable[[], Figure]]:
+    """Return the plots by their names; Table III, at one speed only, has none over speed."""
+    plots: dict[str, Callable[[], Figure]] = (
+        {RESIDUALS: partial(draw_residuals, stand, headline(stand.diagnosis))}
+        if study is None
+        else {TABLE3: partial(draw_table3, study)}
+    )
+    if has_stiffness(stand):
+        plots[STIFFNESS] = partial(draw_stiffness, stand)
+    return plots
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """Return the verdict as one sentence."""
+    causes = [display_name(c.effect) for c in diagnosis.causes]
+    differences = differences_from_model(diagnosis.causes)
+    if differences and diagnosis.verdict == "named":
+        new = [display_name(c.effect) for c in diagnosis.causes if not differences_from_model([c])]
+        parts = [*differences, *([f"it is {listed(new, 'and')}"] if new else [])]
+        return capital("; ".join(parts))
+    if diagnosis.verdict == "set" and len(diagnosis.set) > _MOST_NAMED:
+        count = len(diagnosis.set)
+        return f"One of {count} causes, {causes[0]} likeliest: these runs can’t tell"
+    return {
+        "none": "The model agrees with these runs",
+        "unknown": "Something is wrong that no known effect explains",
+        "named": f"It is {listed(causes, 'and')}",
+        "set": f"It is {listed(diagnosis.set, 'or')}: these runs can’t tell",
+        "partly_explained": f"Part of it is {listed(causes, 'and')}; something else is left",
+    }[diagnosis.verdict]
+
+
+def stand_mapping(stand: StandDiagnosis, study: Table3 | None = None) -> dict[str, Any]:
+    """Return the content of `diagnosis.json`: that of flights, `runs` for their `flights`."""
+    mapping = diagnosis_mapping(stand.diagnosis)
+    mapping["runs"] = mapping.pop("flights")
+    mapping.pop("vehicle")
+    if stand.constant is not None:
+        mapping["thrust_constant"] = plain(asdict(stand.constant))
+    if study is not None:
+        mapping["table3"] = plain(asdict(study)) | {"statement": statement(study)}
+    return mapping
+
+
+def stand_page(stand: StandDiagnosis, study: Table3 | None = None) -> Page:
+    """Return the page of a stand diagnosis; `study`: of Table III, if that was diagnosed."""
+    diagnosis = stand.diagnosis
+    title = headline(diagnosis)
+    plots = _plots(stand, study)
+    pictures = [
+        Picture(plots[name], caption, style="narrow" if name == STIFFNESS else "picture")
+        for name, caption in _CAPTIONS.items()
+        if name in plots
+    ]
+    checks = check_items(diagnosis.prechecks, "table")
+    return Page(
+        title=f"Thrust stand: {title}",
+        eyebrow="Tombo thrust stand",
+        verdict=badge(diagnosis),
+        verdict_style=STYLES[diagnosis.verdict],
+        headline=title,
+        summary=diagnosis.summary if study is None else f"{statement(study)} {diagnosis.summary}",
+        cards=_cards(stand, study),
+        sections=[
+            Section("What would settle it", _settling(stand, study)),
+            Section(
+                "The gap",
+                [*pictures, *([_residual_table(stand)] if study is None else _laws(study))],
             ),
-            footer=f"Residual: measured less model. Intervals are 95 %. Held against: {d.model}. "
-            "The same in diagnosis.json, beside this page.",
-        )
+            Section("k_T and what limits it", _constant(stand)),
+            Section(causes_title(diagnosis.verdict), cause_items(diagnosis)),
+            Section(
+                "On points that neither named nor fitted it",
+                gain_items(diagnosis.gain) if diagnosis.gain else [],
+            ),
+            Section(
+                "Each configuration predicted by the others",
+                [] if study is None else [_predictions(study)],
+            ),
+            Section("All candidates", candidate_items(diagnosis.candidates), "page"),
+            Section("What can’t be certified", sentences(diagnosis.notes)),
+            Section("What was found in the tables", [*checks, *_tables_read(diagnosis)]),
+        ],
+        data=stand_mapping(stand, study),
+        footer=f"Residual: measured less model. Intervals are 95 %. Held against: "
+        f"{diagnosis.model}. The same in diagnosis.json, beside this page.",
     )
 
 
-def _causes(diagnosis: Diagnosis) -> str:
-    content, names = diagnosis_sections.causes(diagnosis), len(diagnosis.causes)
-    if diagnosis.verdict != "set" or names < 3:
-        return content
-    return f"<details><summary>{names} members, fitted one by one</summary>{content}</details>"
-
-
-def cards(found: StandDiagnosis, study: Table3 | None) -> list[Card]:
+def _cards(stand: StandDiagnosis, study: Table3 | None) -> list[Card]:
     """Return the figures that count: k_T or the gains, what the verdict rests on."""
-    points, k = found.findings.problem.points, found.constant
-    evidence = found.findings.search.best.evidence
-    used = str(found.findings.problem.used)
-    of = f"{counted(len(points.runs), 'run')}, {counted(len(points.propellers), 'propeller')}"
+    points, k = stand.findings.problem.points, stand.constant
     if study is not None:
-        mean = study.rms["their mean"]
-        best = next(p for p in study.predictions if "mean" not in p.what)
-        other = next(p.rmse for p in study.predictions if "mean" in p.what)
-        first = [
-            Card("error of the law", f"{study.rms[study.law]:.3f}", "N", study.law),
-            Card("error of the mean", f"{mean:.3f}", "N", "of the soft configurations"),
-            Card("best left one out", f"{best.rmse:.4f}", "N", f"mean: {other:.4f} N"),
+        best = next(p for p in study.predictions if p.what != MEAN)
+        mean = next(p for p in study.predictions if p.what == MEAN)
+        law, of_mean = study.rms[study.law], study.rms["their mean"]
+        cards = [
+            Card("error of the law", f"{law:.3f}", "N", study.law),
+            Card("error of the mean", f"{of_mean:.3f}", "N", "of the soft configurations"),
+            Card("best left one out", f"{best.rmse:.4f}", "N", f"mean: {mean.rmse:.4f} N"),
         ]
     elif k is not None:
-        first = [
+        cards = [
             Card("k_T by rotor", f"{k.k_T:.3g}", "N s²", f"{k.low:.4g} to {k.high:.4g}"),
             Card("thrust grows with speed to the", f"{k.exponent:.2f}", "", "square law: 2"),
         ]
     else:
-        first = [
+        cards = [
             Card(
                 f"{display_name(g.channel)}, held out", percent(-g.reduction), "",
                 f"{figure(g.before)} → {figure(g.after)} {unit(g.unit)}",
             )
-            for g in found.diagnosis.gain
+            for g in stand.diagnosis.gain
         ]  # fmt: skip
+    evidence = figure(stand.findings.search.best.evidence, 2)
+    data = f"{counted(len(points.runs), 'run')}, {counted(len(points.propellers), 'propeller')}"
     return [
-        *first,
-        Card("log Bayes factor", figure(evidence, 2), "", "against the model as it is"),
-        Card("points", used, "", of),
+        *cards,
+        Card("log Bayes factor", evidence, "", "against the model as it is"),
+        Card("points", str(stand.findings.problem.used), "", data),
     ]
 
 
-def settle(found: StandDiagnosis, study: Table3 | None) -> str:
+def _settling(stand: StandDiagnosis, study: Table3 | None) -> list[Item]:
     """Return what to measure next; nothing if no question is open."""
-    parts = []
-    experiment = found.diagnosis.separating_experiment
-    if experiment is not None and study is None:  # of Table III more is known
+    items: list[Item] = []
+    verdict, experiment = stand.diagnosis.verdict, stand.diagnosis.separating_experiment
+    if experiment is not None:
         text = (
             f"Expected log Bayes factor {figure(experiment.separation, 2)}; these points: "
             f"{figure(experiment.present, 2)} (5 is strong)."
         )
-        parts += [f"<p><b>{escape(experiment.text)}.</b></p>", hint(text)]
+        items += [Text([f"{capital(experiment.text)}."]), Text([text], "hint")]
     if study is not None:
-        lines = [
-            f'<tr><th scope="row">{escape(s.what)}</th><td>{_sized(s.sigma, s.unit)}</td>'
-            f"<td>{percent(s.sigma / s.expected, 1)}</td><td>{_sized(s.difference, s.unit)}</td>"
-            f"<td>{escape(display_name(s.rival))}</td></tr>"
-            for s in study.settling[:6]
-        ]
+        rows = [
+            (
+                s.what, _sized(s.sigma, s.unit), percent(s.sigma / s.expected, 1),
+                _sized(s.difference, s.unit), display_name(s.rival),
+            )
+            for s in study.settling[:_SETTLING_SHOWN]
+        ]  # fmt: skip
         head = ("measure", "noise at most", "of the reading", "they differ by", "closest rival")
         text = (
             "So well that centrifugal stiffening stands out from every other candidate fitted to "
             "the table by a log Bayes factor of 4; easiest first."
         )
-        parts += [table(head, lines, "settle"), hint(text)]
+        items.append(Table(head, rows, "settle", note=text))
     steps = {
         "unknown": "Look below: over which speeds does the residual grow, in which channel? "
         "Check mount, cable and cell, then measure again with another propeller.",
         "partly_explained": "Look below at what is left: where does it still grow with speed?",
         "named": "Measure once more at speeds these runs do not have, with --model "
-        "stand_model.yaml: the verdict should be none.",
+        "stand_model.yaml: the verdict should be none."
+        if extends_model(stand.diagnosis)
+        else "Measure the same propeller again, read thermometer and barometer: does it repeat?",
     }
-    step = steps.get(found.diagnosis.verdict, "")
-    if found.diagnosis.verdict == "named" and not extends_model(found.diagnosis):
-        step = "Measure the same propeller again, read thermometer and barometer: does it repeat?"
-    if step:
-        parts.append(f"<p>{escape(step)}</p>")
-    return "".join(parts)
+    return [*items, *([Text([steps[verdict]])] if verdict in steps else [])]
 
 
 def _sized(value: float, unit_text: str) -> str:
     if unit_text == "N m":
         value, unit_text = 1e3 * value, "mN m"
-    return f"{figure(value, 2)}&nbsp;{escape(unit_text)}"
+    return f"{figure(value, 2)} {unit_text}"
 
 
-def constant(found: StandDiagnosis) -> str:
-    """Return k_T with its interval and what limits it; nothing for Tombo propellers."""
-    if found.constant is None:
-        return ""
-    k = found.constant
-    largest = max((e.share for e in k.limits), default=0.0)
+def _residual_table(stand: StandDiagnosis) -> Table:
+    """Return the mean residual of the first channel in slices of speed, before and after."""
+    problem = stand.findings.problem
+    points, c = problem.points, problem.points.measured[0]
+    speed = points.setup.speed
+    before = problem.residual(problem.final(problem.null_hypothesis))[:, c]
+    after = problem.unexplained(stand.findings.search.best.fit)[:, c]
+    rows = []
+    edges = np.linspace(0.0, float(speed.max()) * (1.0 + 1e-9), _SLICES + 1)
+    for low, high in pairwise(edges):
+        inside = problem.seen[:, c] & (speed >= low) & (speed < high)
+        if inside.any():
+            noise = float(np.median(points.sigma[inside, c]))
+            rows.append(
+                (
+                    f"{low / RPM:.0f}–{high / RPM:.0f}", str(int(inside.sum())),
+                    f"{before[inside].mean():+.2g}", f"{after[inside].mean():+.2g}",
+                    f"{noise:.1g}",
+                )
+            )  # fmt: skip
+    name = f"{display_name(CHANNELS[c])}, measured less model [{('N', 'N m', 'rad', 'rad/s')[c]}]"
+    return Table(("rpm", "points", "model", "extended", "noise"), rows, title=name)
+
+
+def _laws(study: Table3) -> list[Item]:
+    rows = [
+        (
+            str(conf), f"{study.measured[k]:.3f} ± {study.deviations[k]:.2f}",
+            *(f"{thrust[k]:.3f}" for thrust in study.laws.values()),
+        )
+        for k, conf in enumerate(study.confs)
+    ]  # fmt: skip
+    soft = len(study.confs) - 1
     lines = [
-        f'<tr><th scope="row">{escape(e.what)}</th>'
-        f"<td>{meter(e.share, largest, 'before')}{percent(e.share, 2)}</td></tr>"
+        f"{name}: RMS error {study.rms[name]:.3f} N over the soft ones, chi² "
+        f"{study.chi2[name]:.1f} of {soft}"
+        for name in study.rms
+    ]
+    rank = (
+        f"Rank correlation of measured thrust with stiffness: {study.spearman:.2f} "
+        f"(p = {study.spearman_p:.2f})"
+    )
+    head = ("conf", "measured", *study.laws)
+    return [
+        Table(head, rows, title="Table III at 2000 rpm: thrust [N]"),
+        Text([*lines, rank], "list"),
+    ]
+
+
+def _constant(stand: StandDiagnosis) -> list[Item]:
+    """Return k_T with its interval and what limits it; nothing for Tombo propellers."""
+    k = stand.constant
+    if k is None:
+        return []
+    largest = max((e.share for e in k.limits), default=0.0)
+    rows = [
+        (e.what, Cell(percent(e.share, 2), "before", bar=bar_length(e.share, largest)))
         for e in k.limits
     ]
-    return (
-        f"<p><b>k_T = {k.k_T:.4g} N s² by rotor</b>, 95 % {k.low:.4g} to {k.high:.4g}; with a "
-        f"free zero {k.with_offset:.4g} (zero at {k.offset_N:.2g} N).</p>"
-        + table(("what limits it", "of k_T"), lines, "limits")
+    text = (
+        f"k_T = {k.k_T:.4g} N s² by rotor, 95 % {k.low:.4g} to {k.high:.4g}; with a "
+        f"free zero {k.with_offset:.4g} (zero at {k.offset_N:.2g} N)."
     )
+    return [Text([text]), Table(("what limits it", "of k_T"), rows, "limits")]
 
 
-def predictions(study: Table3 | None) -> str:
+def _predictions(study: Table3) -> Table:
     """Return how well each extension predicts a configuration left out."""
-    if study is None:
-        return ""
     largest = max(p.rmse for p in study.predictions)
-    lines = []
+    rows = []
     for p in study.predictions:
-        span = f"{p.low:+.3f} to {p.high:+.3f}&nbsp;N" if p.low != p.high else DASH
-        kind = ' class="best"' if "mean" in p.what else ""
-        lines.append(
-            f'<tr{kind}><th scope="row">{escape(display_name(p.what))}</th>'
-            f"<td>{meter(p.rmse, largest, 'after')}{p.rmse:.4f}&nbsp;N</td>"
-            f"<td>{span.replace('-', '−')}</td><td>{escape(p.parameter)}</td></tr>"
-        )
+        span = f"{p.low:+.3f} to {p.high:+.3f} N" if p.low != p.high else DASH
+        error = Cell(f"{p.rmse:.4f} N", "after", bar=bar_length(p.rmse, largest))
+        cells = (display_name(p.what), error, span.replace("-", "−"), p.parameter)
+        rows.append(Row(cells, "best" if p.what == MEAN else ""))
     head = ("what", "RMS error", "against the mean, 95 %", "fitted to all")
-    return table(head, lines, "scores") + hint(TWO_VALUES)
+    return Table(head, rows, "scores", note=TWO_VALUES)
 
 
-def runs(notes: Sequence[FlightSummary]) -> str:
+def _tables_read(diagnosis: Diagnosis) -> list[Item]:
     """Return the tables that were read, and what they lack."""
-    lines = [
-        f'<tr><th scope="row">{escape(n.name)}</th>'
-        f"<td>{escape(', '.join(map(display_name, n.missing))) or 'nothing'}</td>"
-        f"<td>{escape(n.source)}</td></tr>"
-        for n in notes
+    rows = [
+        (f.name, ", ".join(map(display_name, f.missing)) or "nothing", f.source)
+        for f in diagnosis.flights
     ]
-    return table(("table", "not measured", "file"), lines, "runs") if lines else ""
+    return [Table(("table", "not measured", "file"), rows, "runs")] if rows else []

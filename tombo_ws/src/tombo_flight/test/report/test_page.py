@@ -15,6 +15,7 @@ from tombo_flight.report.page import (
     Card,
     Cell,
     Folded,
+    Group,
     Page,
     Picture,
     Row,
@@ -52,6 +53,7 @@ def page(**changed) -> Page:
         ),
         Section("Page alone", [Folded("Folded", [Text(["Inside."])])], "page"),
         Section("Terminal alone", [Text(["For the terminal."])], "terminal"),
+        Section("", [Group([Text(["In a group."], "heading")], "block")]),
         Section("Section without items", []),
     ]
     values = {
@@ -101,7 +103,7 @@ def test_browser_and_terminal_show_the_same_facts():
     for fact in (
         "Headline", "Summary.", "passed", "fall", "0.5", "paper 0.5 m", "Shown by both",
         "Group of rows", "plain", "1.25", "marked", "small text", "-3.5", "value [m]",
-        "Note of the table.", "A sentence.",
+        "Note of the table.", "A sentence.", "In a group.",
     ):  # fmt: skip
         assert fact in browser and fact in terminal, fact
     assert "Caption" in browser and "Inside." in browser and "Footer." in browser

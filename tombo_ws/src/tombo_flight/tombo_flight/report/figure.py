@@ -29,6 +29,8 @@ _PAGE_COLOURS: Final = {
 }
 """Colour of a figure → that of the page's style sheet, one for light and one for dark."""
 _DECIMAL: Final = re.compile(r"(?<=[ \"(])-?\d+\.\d{2,}(?=[ \",)])")
+_TAG: Final = re.compile(r"<[^>]*>")
+"""Coordinates are inside tags; numbers in texts stay as they are."""
 _MARKERS: Final = re.compile(
     r'(?P<group><g clip-path="[^"]*")>(?P<uses> *<use [^>]*?(?P<style> style="[^"]*")/>'
     r"(?: *<use [^>]*?(?P=style)/>)*)"
@@ -64,11 +66,15 @@ def inline_svg(figure: Figure, name: str) -> str:
     used = set(re.findall(r"#([\w-]+)", content))
     content = re.sub(r' id="([^"]*)"', lambda m: m[0] if m[1] in used else "", content)
     content = re.sub(r"font-family: [^;\"]*;? ?", "", content)
-    content = _DECIMAL.sub(lambda m: f"{float(m[0]):.1f}", content)
+    content = _TAG.sub(lambda tag: _DECIMAL.sub(_with_one_decimal, tag[0]), content)
     for colour, variable in _PAGE_COLOURS.items():
         content = re.sub(colour, f"var({variable})", content, flags=re.IGNORECASE)
     content = _MARKERS.sub(_with_one_style, content)
     return f'<svg viewBox="{size}" role="img" aria-label="{escape(name)}">{content}</svg>'
+
+
+def _with_one_decimal(number: re.Match[str]) -> str:
+    return f"{float(number[0]):.1f}"
 
 
 def _with_one_style(markers: re.Match[str]) -> str:

@@ -100,6 +100,8 @@ class Picture:
     caption: str
     name: str = ""
     """Shown in bold before the caption."""
+    style: str = "picture"
+    """picture: as wide as the page; narrow; small: one of many."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,16 @@ class Folded:
     items: Sequence[Item]
 
 
-Item = Table | Text | Picture | Markup | Folded
+@dataclass(frozen=True)
+class Group:
+    """Items that belong together: a block of the page, or pictures side by side."""
+
+    items: Sequence[Item]
+    style: str
+    """Class of the style sheet; figures, smalls: pictures side by side."""
+
+
+Item = Table | Text | Picture | Markup | Folded | Group
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,10 @@ from typing import Final
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Column
 from rich.table import Table as RichTable
 from rich.text import Text as RichText
 
-from tombo_flight.report.page import Card, Cell, Item, Page, Row, Table, Text
+from tombo_flight.report.page import Card, Cell, Folded, Group, Item, Page, Row, Table, Text
 
 _STYLES: Final = {
     "good": "bold green",
@@ -42,6 +41,8 @@ def print_page(page: Page, console: Console) -> None:
 
 
 def _silent(item: Item) -> bool:
+    if isinstance(item, Group):
+        return all(map(_silent, item.items))
     return not isinstance(item, Table | Text)
 
 
@@ -55,6 +56,11 @@ def _print_item(item: Item, console: Console) -> None:
         mark = "- " if item.kind == "list" else ""
         style = {"hint": "dim", "heading": "bold"}.get(item.kind, _STYLES.get(item.style, ""))
         _print_lines([f"{mark}{line}" for line in item.lines], style, console)
+    elif isinstance(item, Folded):
+        _print_lines([f"… {item.title}"], "dim", console)
+    elif isinstance(item, Group):
+        for part in item.items:
+            _print_item(part, console)
 
 
 def _print_lines(lines: list[str], style: str, console: Console) -> None:
@@ -76,15 +82,19 @@ def _table(table: Table) -> RichTable:
     texts = [[cell.text if isinstance(cell, Cell) else cell for cell in row.cells] for row in rows]
     width = max([len(table.head), *(len(cells) for cells in texts)])
     full = [cells for cells, row in zip(texts, rows, strict=True) if row.style != "group"]
-    columns = []
+    made = RichTable(box=SIMPLE_HEAD, show_header=bool(table.head), padding=(0, 1, 0, 0))
+    shown = []
     for place in range(width):
         values = [cells[place] for cells in full if place < len(cells)]
+        if full and not any(values):  # of drawings alone
+            continue
+        shown.append(place)
         number = place > 0 and all(_NUMBER.fullmatch(value) for value in values)
         heading = table.head[place] if place < len(table.head) else ""
-        columns.append(Column(RichText(heading), justify="right" if number else "left"))
-    made = RichTable(*columns, box=SIMPLE_HEAD, show_header=bool(table.head), padding=(0, 1, 0, 0))
+        made.add_column(RichText(heading), justify="right" if number else "left")
     for row in rows:
-        made.add_row(*(_cell_text(cell) for cell in row.cells), style=_STYLES.get(row.style, ""))
+        cells = [_cell_text(row.cells[place]) for place in shown if place < len(row.cells)]
+        made.add_row(*cells, style=_STYLES.get(row.style, ""))
     return made
 
 

@@ -19,12 +19,12 @@ from tombo_bringup.cli.options import (
     output_option,
 )
 from tombo_bringup.cli.result_files import compute_into, results_folder
+from tombo_bringup.cli.tables import show_page
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import ProgressCallback
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
     from tombo_diagnosis.stand.table3 import Table3
-    from tombo_flight.process.output_folder import OutputFolder
 
 _CONF, _LAW = 13, "repaired"
 
@@ -84,32 +84,23 @@ def diagnose(
     Writes report.html, diagnosis.json, plots, and stand_model.yaml where a cause is named.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from tombo_bringup.cli.propeller.stand_tables import print_stand, stand_headline
-    from tombo_diagnosis.report.stand_output import STAND_FILES, stand_json, write_stand
+    from tombo_diagnosis.report.stand_page import STAND_FILES, stand_page, write_stand
     from tombo_dynamics.errors import InputError
-
-    def write(
-        folder: OutputFolder, both: tuple[StandDiagnosis, Table3 | None], _: ProgressCallback
-    ) -> None:
-        headline = stand_headline(both[0].diagnosis)
-        write_stand(folder, *both, headline, datetime.date.today().isoformat())
 
     paths = tables or []
     if bool(paths) == table3:
-        given = "both" if table3 else "neither"
-        raise InputError(f"STAND.csv or --table3: {given}; accepted: one of them")
+        named = "both" if table3 else "neither"
+        raise InputError(f"STAND.csv or --table3: {named}; accepted: one of them")
     _refuse_without_effect(table3, plain, conf, law, mapping)
     first = "table3" if table3 else paths[0].name.split(".")[0]
     path = results_folder(output, "stand", first, as_json, "run")
-    (found, study), path, written = compute_into(
+    both, path, written = compute_into(
         path, force, STAND_FILES,
-        lambda on_progress: run(paths, mapping, conf, law, plain, model, on_progress), write,
+        lambda on_progress: run(paths, mapping, conf, law, plain, model, on_progress),
+        lambda folder, both, _: write_stand(folder, *both, datetime.date.today().isoformat()),
         numbered=output is None,
     )  # fmt: skip
-    if as_json:
-        typer.echo(stand_json(found, study), nl=False)
-    else:
-        print_stand(found, study, path, written)
+    show_page(stand_page(*both), as_json, None if as_json else path, written)
 
 
 def run(
@@ -143,14 +134,14 @@ def run(
         )
         on_progress("leaving one configuration out", 0.9)
         return StandDiagnosis(diagnosis, findings, None, given), study_table3(formulas)
-    found = []
+    read = []
     for k, path in enumerate(paths):
         on_progress(f"reading {path.name}", k / len(paths))
-        found.append(read_stand(path, mapping))
-    if all(t.mapping.model == "plain" for t in found):
+        read.append(read_stand(path, mapping))
+    if all(t.mapping.model == "plain" for t in read):
         _refuse_without_effect(False, True, conf, law, None, "a plain propeller (--mapping)")
     return diagnose_stand(
-        found, number, formulas, plain, on_progress, time.perf_counter, given
+        read, number, formulas, plain, on_progress, time.perf_counter, given
     ), None
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
-from html import escape
 from typing import Final
 
 import numpy as np
@@ -13,13 +12,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tombo_diagnosis.diagnosis import Diagnosis
-from tombo_diagnosis.leftover.leftover import UNITS, FittedTerm, Leftover, LeftoverSamples
-from tombo_diagnosis.report.diagnosis_text import term_texts
-from tombo_diagnosis.wording import capital, figure, percent, unit
+from tombo_diagnosis.leftover.leftover import UNITS, Leftover, LeftoverSamples
+from tombo_diagnosis.report.words import term_texts
+from tombo_diagnosis.wording import capital, figure, percent
 from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
-from tombo_flight.report.html_page import command, hint, pictures, table
 
 _FEWEST = 3
 """Blocks of time that a cell needs."""
@@ -59,16 +57,16 @@ def cells(place: Array, values: Array, across: int = 7) -> Cells:
     count = np.bincount(which)
     at = np.column_stack([np.bincount(which, p) for p in place.T]) / count[:, None]
     mean = np.column_stack([np.bincount(which, v) for v in values.T]) / count[:, None]
-    kept = count >= _FEWEST
-    return Cells(at[kept], mean[kept], count[kept].astype(np.float64))
+    enough = count >= _FEWEST
+    return Cells(at[enough], mean[enough], count[enough].astype(np.float64))
 
 
 def slices(x: Array, values: Array, number: int = 10) -> Slices:
     """Return the means of values (N, 3) in slices of x (N); NaN is left out of a mean."""
     order = np.array_split(np.argsort(x, kind="stable"), max(min(number, x.size // _FEWEST), 1))
-    at = np.array([x[own].mean() for own in order])
-    mean = np.array([_mean(values[own]) for own in order])
-    spread = np.array([values[own].std(axis=0) / np.sqrt(max(own.size, 1)) for own in order])
+    at = np.array([x[rows].mean() for rows in order])
+    mean = np.array([_mean(values[rows]) for rows in order])
+    spread = np.array([values[rows].std(axis=0) / np.sqrt(max(rows.size, 1)) for rows in order])
     return Slices(at, mean, 1.96 * spread)
 
 
@@ -118,13 +116,13 @@ _Panel = tuple[Callable[[Axes, _Pool, str], None], _Pool, str]
 
 def draw_leftover(diagnosis: Diagnosis) -> Figure:
     """Draw the leftover of all flights: arrows and colours for means, lines for the sparse fit."""
-    found = diagnosis.leftover
-    pools = [] if found is None else [_pool(found, q) for q in found.rms]
+    leftover = diagnosis.leftover
+    pools = [] if leftover is None else [_pool(leftover, q) for q in leftover.rms]
     panels = [panel for pool in pools for panel in _panels(pool)]
     rows = max(1, -(-len(panels) // _COLUMNS))
     size = (_SIZE_IN[0] * _COLUMNS, _SIZE_IN[1] * rows + 1.0)
     with new_figure(*size, _DPI, layout="constrained") as sheet:
-        title = "nothing is left over" if found is None else _title(found)
+        title = "nothing is left over" if leftover is None else _title(leftover)
         sheet.suptitle(
             title, x=0.01, ha="left", weight="bold", size=10.5, parse_math=False
         )  # fmt: skip
@@ -139,29 +137,29 @@ def draw_leftover(diagnosis: Diagnosis) -> Figure:
     return sheet
 
 
-def _title(found: Leftover) -> str:
+def _title(leftover: Leftover) -> str:
     sizes = "; ".join(
         f"{q} left over {figure(rms)} {UNITS[q]} (root mean square)"
-        + (f", terms predict {percent(found.r2[q])} of it in flights held out"
-           if found.r2[q] > 0.0 else "")
-        for q, rms in found.rms.items()
+        + (f", terms predict {percent(leftover.r2[q])} of it in flights held out"
+           if leftover.r2[q] > 0.0 else "")
+        for q, rms in leftover.rms.items()
     )  # fmt: skip
-    texts = term_texts(found) or ["no term of the dictionary predicts it in flights held out"]
+    texts = term_texts(leftover) or ["no term of the dictionary predicts it in flights held out"]
     lines = textwrap.wrap("; ".join(texts), 165, max_lines=3, placeholder=" …")
     return "\n".join([capital(sizes), *lines])
 
 
-def _pool(found: Leftover, quantity: str) -> _Pool:
-    own = [s for s in found.samples if s.quantity == quantity]
-    body = np.vstack([s.body for s in own])
-    fitted = np.vstack([np.nan_to_num(s.fitted) for s in own])
-    names = set.intersection(*(set(s.state) for s in own))
-    state = {name: np.concatenate([s.state[name] for s in own]) for name in sorted(names)}
-    state["t"] = np.concatenate([s.t for s in own])
-    state["tilt"] = np.concatenate([_tilt(s) for s in own])
+def _pool(leftover: Leftover, quantity: str) -> _Pool:
+    samples = [s for s in leftover.samples if s.quantity == quantity]
+    body = np.vstack([s.body for s in samples])
+    fitted = np.vstack([np.nan_to_num(s.fitted) for s in samples])
+    names = set.intersection(*(set(s.state) for s in samples))
+    state = {name: np.concatenate([s.state[name] for s in samples]) for name in sorted(names)}
+    state["t"] = np.concatenate([s.t for s in samples])
+    state["tilt"] = np.concatenate([_tilt(s) for s in samples])
     return _Pool(
-        quantity, state, body, np.vstack([s.in_map(s.body) for s in own]), fitted,
-        np.vstack([s.in_map(s.fitted) for s in own]),
+        quantity, state, body, np.vstack([s.in_map(s.body) for s in samples]), fitted,
+        np.vstack([s.in_map(s.fitted) for s in samples]),
     )  # fmt: skip
 
 
@@ -196,16 +194,16 @@ def _arrows(axes: Axes, pool: _Pool, what: str) -> None:
     place = np.column_stack([pool.state[x], pool.state[y]])
     values = pool.map if what == "place" else np.nan_to_num(pool.body)
     frame = "map" if what == "place" else "body"
-    found = cells(place, values)
-    longest = max(float(np.linalg.norm(found.mean[:, :2], axis=1).max(initial=0.0)), 1e-9)
+    means = cells(place, values)
+    longest = max(float(np.linalg.norm(means.mean[:, :2], axis=1).max(initial=0.0)), 1e-9)
     span = max(float(np.ptp(place, axis=0).max()), 1e-6)
-    largest = max(float(np.abs(found.mean[:, 2]).max(initial=0.0)), 0.05 * pool.limit)
+    largest = max(float(np.abs(means.mean[:, 2]).max(initial=0.0)), 0.05 * pool.limit)
     dots = axes.scatter(
-        found.at[:, 0], found.at[:, 1], c=found.mean[:, 2], cmap=_COLOUR_MAP,
+        means.at[:, 0], means.at[:, 1], c=means.mean[:, 2], cmap=_COLOUR_MAP,
         vmin=-largest, vmax=largest, s=34, edgecolors=style.MUTED, linewidths=0.4,
     )  # fmt: skip
     axes.quiver(
-        *found.at.T, *found.mean[:, :2].T, angles="xy", scale_units="xy",
+        *means.at.T, *means.mean[:, :2].T, angles="xy", scale_units="xy",
         scale=longest / (0.18 * span), color=style.INK, width=0.007,
     )  # fmt: skip
     axes.figure.colorbar(dots, ax=axes, label=f"along {frame} z [{pool.unit}]", aspect=30)
@@ -237,43 +235,3 @@ def _lines(axes: Axes, pool: _Pool, name: str) -> None:
     axes.set_ylim(-pool.limit, pool.limit)
     axes.set_xlabel(_LABELS[name])
     axes.set_ylabel(f"{pool.quantity} left over [{pool.unit}]")
-
-
-def leftover(diagnosis: Diagnosis) -> str:
-    """Return the leftover of flights that are not fully explained; empty for others."""
-    found = diagnosis.leftover
-    if found is None:
-        return ""
-    from tombo_flight.report.flight_plot import figure_bytes
-
-    caption = "What is left over against what could drive it, all flights"
-    drawn = pictures([(figure_bytes(draw_leftover(diagnosis)), "A drawn guess", caption)])
-    return f"{drawn}{_terms(found)}{_effect(found)}"
-
-
-def _terms(found: Leftover) -> str:
-    if not found.terms:
-        return hint("No term of the dictionary predicts the leftover in flights held out.")
-    lines = [_term(term, found.r2[term.quantity]) for term in found.terms]
-    head = ("term", "coefficient", "95 % interval", "times", "R², held out", "remark")
-    return table(head, lines, "leftover")
-
-
-def _term(term: FittedTerm, r2: float) -> str:
-    return (
-        f'<tr><th scope="row">{escape(f"{term.quantity}: {term.name}")}</th>'
-        f"<td><b>{figure(term.value)}</b>&nbsp;{escape(unit(term.unit))}</td>"
-        f"<td>{figure(term.low)} to {figure(term.high)}</td>"
-        f"<td><code>{escape(term.formula)}</code></td><td>{percent(r2)}</td>"
-        f"<td>{escape(term.remark)}</td></tr>"
-    )
-
-
-def _effect(found: Leftover) -> str:
-    if not found.effect:
-        return ""
-    text = (
-        "A first guess of the missing effect, ready to paste as a file under "
-        "tombo_dynamics/effects/ (CONTRIBUTING.md, Adding an effect):"
-    )
-    return f"<details><summary>as an effect</summary>{hint(text)}{command(found.effect)}</details>"

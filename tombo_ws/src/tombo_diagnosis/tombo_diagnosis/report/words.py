@@ -6,17 +6,8 @@ import math
 from typing import Final
 
 from tombo_diagnosis.diagnosis import Cause, Diagnosis
-from tombo_diagnosis.leftover.leftover import SPRINGS, UNITS, Leftover
-from tombo_diagnosis.wording import (
-    capital,
-    certainty,
-    display_name,
-    figure,
-    listed,
-    percent,
-    sized,
-    unit,
-)
+from tombo_diagnosis.leftover.leftover import SPRINGS, Leftover
+from tombo_diagnosis.wording import capital, certainty, display_name, figure, listed, sized, unit
 from tombo_dynamics.effects import REGISTRY
 from tombo_flight.extended_model import Gain
 
@@ -32,7 +23,7 @@ _BADGES: Final = {
 }
 LABELS: Final = {verdict: label for verdict, (label, _) in _BADGES.items()}
 """What is written on the badge of each verdict."""
-CLASSES: Final = {verdict: colour for verdict, (_, colour) in _BADGES.items()}
+STYLES: Final = {verdict: colour for verdict, (_, colour) in _BADGES.items()}
 """How each verdict is coloured: good, warn or bad."""
 
 
@@ -77,14 +68,14 @@ def _unit_of(label: str) -> str:
 def detectable_text(diagnosis: Diagnosis) -> str:
     """Return which changes these flights would have shown; empty where none is known."""
     sizes = {s.effect: s.detectable for s in diagnosis.candidates if s.excited and s.detectable}
-    told = [
-        f"{display_name(effect)} from {sized(found.size, found.unit)}"
+    shown = [
+        f"{display_name(effect)} from {sized(least.size, least.unit)}"
         for effect in _IMPORTANT
-        if (found := sizes.get(effect)) is not None
+        if (least := sizes.get(effect)) is not None
     ][:_MOST_TOLD]
-    if not told:
+    if not shown:
         return ""
-    return f"These flights would have shown: {', '.join(told)}. What is smaller is not seen here."
+    return f"These flights would have shown: {', '.join(shown)}. What is smaller is not seen here."
 
 
 def leading(diagnosis: Diagnosis) -> list[Cause]:
@@ -114,7 +105,7 @@ def term_texts(leftover: Leftover) -> list[str]:
 
     The constants that say where a spring is slack are not told again.
     """
-    found = []
+    texts = []
     springs = {a for t in leftover.terms if t.remark for a in SPRINGS[t.name]}
     told = {f"constant in map {a}" for a in springs}
     for term in leftover.terms:
@@ -122,23 +113,10 @@ def term_texts(leftover: Leftover) -> list[str]:
             continue
         ends = f"{figure(term.low)} to {figure(term.high)}"
         remark = f", {term.remark}" if term.remark else ""
-        found.append(
+        texts.append(
             f"{term.quantity}: {term.name} {figure(term.value)} {unit(term.unit)} ({ends}){remark}"
         )
-    return found
-
-
-def leftover_text(diagnosis: Diagnosis) -> str:
-    """Return the leftover in one line; empty where there is none."""
-    found = diagnosis.leftover
-    if found is None:
-        return ""
-    sizes = " and ".join(f"{q} {figure(rms)} {UNITS[q]}" for q, rms in found.rms.items())
-    if not found.terms:
-        return f"Left over: {sizes}; no term of the dictionary predicts it in flights held out."
-    shares = listed([f"{percent(r2)} of the {q}" for q, r2 in found.r2.items() if r2 > 0.0])
-    terms = "; ".join(term_texts(found))
-    return f"Left over: {sizes}. As a sum of terms, {shares} in flights held out: {terms}."
+    return texts
 
 
 def causes_title(verdict: str) -> str:
@@ -203,7 +181,7 @@ def next_steps(diagnosis: Diagnosis) -> list[str]:
 
 def best_gains(diagnosis: Diagnosis, most: int = 3) -> list[Gain]:
     """Return the channels that gained most, one entry each, most likely to matter first."""
-    found: dict[str, Gain] = {}
+    best_of: dict[str, Gain] = {}
 
     def certain(gain: Gain) -> tuple[bool, float]:
         """Return the lower end of the reduction; those that have one come first."""
@@ -211,5 +189,5 @@ def best_gains(diagnosis: Diagnosis, most: int = 3) -> list[Gain]:
         return math.isfinite(gain.low), best if math.isfinite(best) else -math.inf
 
     for gain in sorted(diagnosis.gain, key=certain, reverse=True):
-        found.setdefault(gain.channel, gain)
-    return [gain for gain in found.values() if gain.reduction > 0.0][:most]
+        best_of.setdefault(gain.channel, gain)
+    return [gain for gain in best_of.values() if gain.reduction > 0.0][:most]

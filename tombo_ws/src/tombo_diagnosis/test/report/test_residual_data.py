@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from diagnosis_samples import DRAG, MASS, sample
 
-from tombo_diagnosis.report import diagnosis_plot_data as view
+from tombo_diagnosis.report import residual_data as view
 from tombo_diagnosis.wording import certainty, figure, interval, percent
 from tombo_flight.extended_model import FittedParameter
 

@@ -91,11 +91,11 @@ def by_channel(residuals: Sequence[Residual]) -> dict[str, list[Residual]]:
 
     Without an extension: in the order of the residual over the noise.
     """
-    found: dict[str, list[Residual]] = {}
+    groups: dict[str, list[Residual]] = {}
     for residual in residuals:
         if np.isfinite(residual.before).any():
-            found.setdefault(residual.channel, []).append(residual)
-    return dict(sorted(found.items(), key=lambda item: -_excess(item[1])))
+            groups.setdefault(residual.channel, []).append(residual)
+    return dict(sorted(groups.items(), key=lambda item: -_excess(item[1])))
 
 
 def _excess(residuals: Sequence[Residual]) -> float:
@@ -122,9 +122,9 @@ def pairs(diagnosis: Diagnosis, most: int = 4) -> list[Pair]:
     for residuals in groups.values():
         weight = _excess(residuals)
         names = dict.fromkeys(name for r in residuals for name in r.drivers)
-        found = [p for name in names if (p := _pair(residuals, name, extended)) is not None]
-        found.sort(key=lambda p: -p.share)
-        ranked += [(weight * p.share / (3.0**i), p) for i, p in enumerate(found[:2])]
+        candidates = [p for name in names if (p := _pair(residuals, name, extended)) is not None]
+        candidates.sort(key=lambda p: -p.share)
+        ranked += [(weight * p.share / (3.0**i), p) for i, p in enumerate(candidates[:2])]
     ranked.sort(key=lambda item: -item[0])
     least = 0.01 * ranked[0][0] if ranked else 0.0
     clear = [p for value, p in ranked if value > least and p.share >= _TELLING]
@@ -150,9 +150,9 @@ def _pair(residuals: Sequence[Residual], driver: str, extended: bool) -> Pair | 
         return None
     before, after = np.concatenate(befores), np.concatenate(afters)
     share = explained(x, before - after if extended else before)
-    one = residuals[0]
-    block = np.concatenate(blocks)
-    return Pair(one.channel, one.unit, driver, x, before, after, block, noise_of(residuals), share)
+    block, sigma = np.concatenate(blocks), noise_of(residuals)
+    channel, unit = residuals[0].channel, residuals[0].unit
+    return Pair(channel, unit, driver, x, before, after, block, sigma, share)
 
 
 def explained(x: Array, y: Array) -> float:
@@ -163,8 +163,8 @@ def explained(x: Array, y: Array) -> float:
     which = _slices(x, _SLICES)
     count = np.bincount(which)
     sums = np.bincount(which, weights=y)
-    kept = count > 0
-    return float(np.sum(sums[kept] ** 2 / count[kept]) / y.size / total)
+    filled = count > 0
+    return float(np.sum(sums[filled] ** 2 / count[filled]) / y.size / total)
 
 
 def binned(x: Array, y: Array, block: NDArray[np.int64], slices: int = _SLICES) -> Bins:

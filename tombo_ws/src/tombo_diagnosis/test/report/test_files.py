@@ -9,24 +9,21 @@ import pytest
 import yaml
 from diagnosis_samples import EXPERIMENT, MISSION, leftover, sample
 
-from tombo_diagnosis.report.diagnosis_output import (
-    DIAGNOSIS_FILES,
-    NominalReference,
-    diagnosis_json,
-    write_diagnosis,
-)
+from tombo_diagnosis.report.files import DIAGNOSIS_FILES, NominalReference, write_diagnosis
+from tombo_diagnosis.report.page import diagnosis_page
 from tombo_dynamics.errors import InputError
 from tombo_flight.model_file import read_model
 from tombo_flight.process.output_folder import open_output
+from tombo_flight.report.page import page_json
 
 AGAINST = NominalReference("hover", "2031-04-05")
 
 
-def strict(text: str):
+def strict(diagnosis):
     def refuse(name: str):
         raise AssertionError(f"{name} is no JSON")
 
-    return json.loads(text, parse_constant=refuse)
+    return json.loads(page_json(diagnosis_page(diagnosis)), parse_constant=refuse)
 
 
 def short(verdict="named"):
@@ -41,13 +38,13 @@ def write(path: Path, found, *, replace: bool = False, **options) -> set[str]:
 
 
 def test_the_fields_are_exactly_those_agreed_on():
-    found = strict(diagnosis_json(sample("set")))
+    found = strict(sample("set"))
     assert list(found) == [
         "verdict", "causes", "set", "separating_experiment", "gain", "prechecks", "candidates",
         "flights", "confidence", "summary", "notes", "model", "vehicle", "seconds",
         "changed", "leftover", "tolerances", "version",
     ]  # fmt: skip
-    cause, gain = found["causes"][0], strict(diagnosis_json(sample()))["gain"][0]
+    cause, gain = found["causes"][0], strict(sample())["gain"][0]
     for fields, names in (
         (found["separating_experiment"], "effects text separation present mission_file"),
         (cause, "effect theta confidence covariance"),
@@ -64,7 +61,7 @@ def test_values_survive_the_round_trip_and_what_is_not_finite_is_null():
     found = sample()
     theta = dataclasses.replace(found.causes[0].theta[0], high=math.inf)
     cause = dataclasses.replace(found.causes[0], theta=(theta,))
-    read = strict(diagnosis_json(dataclasses.replace(found, causes=(cause,))))
+    read = strict(dataclasses.replace(found, causes=(cause,)))
     assert read["causes"][0]["theta"]["d_xy"] == {
         "value": 0.283, "unit": "N s/m", "nominal": 0.0, "low": 0.2761, "high": None,
     }  # fmt: skip
@@ -123,7 +120,7 @@ def test_an_earlier_diagnosis_gives_way_and_other_files_stay(tmp_path):
 
 @pytest.mark.slow
 def test_a_failure_half_way_leaves_the_folder_as_it_was(tmp_path, monkeypatch):
-    from tombo_diagnosis.report import diagnosis_plots
+    from tombo_diagnosis.report import figures
 
     target = tmp_path / "o"
     write(target, short("set"), pictures=False)
@@ -132,7 +129,7 @@ def test_a_failure_half_way_leaves_the_folder_as_it_was(tmp_path, monkeypatch):
     def bug(diagnosis):
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr(diagnosis_plots, "draw_gains", bug)
+    monkeypatch.setattr(figures, "draw_gains", bug)
     with pytest.raises(RuntimeError, match="a bug"):
         write(target, short(), replace=True)
     assert {p: p.read_bytes() for p in target.rglob("*")} == before
@@ -152,7 +149,7 @@ def test_a_file_where_the_plots_go_is_refused_before_anything_is_replaced(tmp_pa
 
 
 def test_what_is_left_over_is_written_without_its_samples():
-    found = strict(diagnosis_json(dataclasses.replace(sample("unknown"), leftover=leftover())))
+    found = strict(dataclasses.replace(sample("unknown"), leftover=leftover()))
     assert set(found["leftover"]) == {"terms", "r2", "rms", "effect"}
     assert found["leftover"]["terms"][0]["name"] == "spring to a point"
     assert found["tolerances"]["mass_error.fraction"] == 0.015

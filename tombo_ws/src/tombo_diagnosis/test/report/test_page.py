@@ -1,4 +1,4 @@
-"""The report of a diagnosis: whole, self-contained, small, and it says what was found."""
+"""The page of a diagnosis: whole, self-contained, small, and it says what was found."""
 
 import math
 import re
@@ -12,10 +12,15 @@ from diagnosis_samples import EXPERIMENT, SUMMARY, leftover, sample
 from tombo_bag.flight import Finding
 from tombo_diagnosis.diagnosis import VERDICTS, Diagnosis, FlightSummary, Residual
 from tombo_diagnosis.engine.detectable import Detectable
-from tombo_diagnosis.report.diagnosis_report import diagnosis_html
+from tombo_diagnosis.report.page import diagnosis_page
+from tombo_flight.report.html import page_html
 
 VOID = {"meta", "link", "img", "input", "br", "hr", "line", "circle", "path", "rect"}
 EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&{{css}}"
+
+
+def diagnosis_html(diagnosis: Diagnosis, folder: str = "") -> str:
+    return page_html(diagnosis_page(diagnosis, folder))
 
 
 class Page(HTMLParser):

@@ -10,15 +10,15 @@ from diagnosis_samples import leftover, sample
 from matplotlib.colors import to_hex
 
 from tombo_diagnosis.diagnosis import VERDICTS, Diagnosis
-from tombo_diagnosis.report.diagnosis_plots import (
+from tombo_diagnosis.report.figures import (
     AFTER,
     BEFORE,
     draw_drivers,
     draw_gains,
     draw_residuals,
+    draw_summary,
 )
-from tombo_diagnosis.report.diagnosis_poster import diagnosis_poster
-from tombo_diagnosis.report.leftover_plot import draw_leftover
+from tombo_diagnosis.report.leftover_figure import draw_leftover
 from tombo_flight.report.flight_plot import figure_bytes
 
 pytestmark = pytest.mark.slow
@@ -34,7 +34,7 @@ def lines(axes, colour):
 
 
 def test_the_poster_shows_the_gap_and_that_it_closed():
-    poster = diagnosis_poster(sample())
+    poster = draw_summary(sample())
     data = figure_bytes(poster)
     assert struct.unpack(">II", data[16:24]) == (1600, 900)
     assert len(data) < 300_000
@@ -66,12 +66,12 @@ def test_gains_are_what_is_left():
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_all_are_drawn_for_every_verdict(verdict):
     found = sample(verdict, flights=2, seconds=10.0)
-    for draw in (diagnosis_poster, draw_residuals, draw_drivers, draw_gains):
+    for draw in (draw_summary, draw_residuals, draw_drivers, draw_gains):
         assert figure_bytes(draw(found)).startswith(b"\x89PNG")
 
 
 def test_nothing_to_show_is_said():
-    for draw in (diagnosis_poster, draw_residuals, draw_drivers, draw_gains):
+    for draw in (draw_summary, draw_residuals, draw_drivers, draw_gains):
         assert figure_bytes(draw(EMPTY)).startswith(b"\x89PNG")
     assert "nothing to show" in [text.get_text() for text in draw_gains(EMPTY).texts]
 

@@ -1,0 +1,274 @@
+"""`tombo diagnose`: what the simulation gets wrong in measured flights, and why."""
+
+from __future__ import annotations
+
+import datetime
+import os
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+from typer.core import TyperCommand
+
+from tombo_bringup.cli.options import (
+    Force,
+    TopicNames,
+    UnpackLimit,
+    former_option,
+    json_option,
+    option,
+    output_option,
+    topic_names,
+)
+from tombo_bringup.cli.result_files import check_output, compute_into, results_folder, write_file
+from tombo_bringup.cli.tables import show_page
+from tombo_dynamics.errors import InputError
+
+if TYPE_CHECKING:
+    from tombo_bringup.cli.progress import ProgressCallback
+    from tombo_diagnosis.change.diagnose import ChangeData
+    from tombo_diagnosis.diagnosis import Diagnosis
+    from tombo_diagnosis.report.files import NominalReference
+
+app = typer.Typer()
+_MANY: Final = "--healthy"
+DIAGNOSE_EXIT_CODES: Final = (
+    "Exit code: 0 whatever the verdict; 2 for bad input or output that can't be written; 130 "
+    "after Ctrl-C, 143 after SIGTERM, with nothing written."
+)
+
+
+class ManyPathsCommand(TyperCommand):
+    """A command with the option --healthy OLD..., which takes all paths up to the next option."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Write --healthy before each of its paths."""
+        return super().parse_args(ctx, spread_paths(args))
+
+
+def spread_paths(args: list[str]) -> list[str]:
+    """Return `--healthy A B --json` as `--healthy A --healthy B --json`."""
+    spread: list[str] = []
+    taking = first = False
+    for k, arg in enumerate(args):
+        if arg == "--":
+            return [*spread, *args[k:]]
+        if taking and not arg.startswith("-"):
+            spread += [arg] if first else [_MANY, arg]
+            first = False
+            continue
+        taking = first = arg == _MANY
+        spread.append(arg)
+    return spread
+
+
+@app.command(epilog=DIAGNOSE_EXIT_CODES, cls=ManyPathsCommand)
+def diagnose(
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG...",
+            help="Flights of one vehicle: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV.",
+            show_default=False,
+        ),
+    ],
+    model: Annotated[
+        Path | None,
+        option(
+            "--model FILE",
+            "Hold the flights against this model, as written by an earlier diagnosis. Default: "
+            "the suite's own.",
+        ),
+    ] = None,
+    vehicle: Annotated[
+        str | None,
+        option(
+            "--vehicle NAME|FILE",
+            "The vehicle that flew: a name of `tombo vehicle list`, or a vehicle file; its "
+            "tolerances say what is no finding. Default: the suite's own.",
+        ),
+    ] = None,
+    mapping: Annotated[
+        str | None,
+        option(
+            "--mapping FILE|NAME",
+            "What the columns of a CSV are, in which units and frames (docs/logs.md).",
+        ),
+    ] = None,
+    explain: Annotated[
+        bool,
+        option(
+            "--explain-mapping",
+            "Propose a mapping file for one log and leave: YAML with a reason for each line, on "
+            "standard output or in the file of -o.",
+        ),
+    ] = False,
+    healthy: Annotated[
+        list[Path] | None,
+        option(
+            "--healthy OLD...",
+            "Flights of the same vehicle from before: say what has changed since. They are the "
+            "model; no other is used. All paths up to the next option, or once for each.",
+        ),
+    ] = None,
+    maps: TopicNames = None,
+    topics: Annotated[list[str] | None, former_option("--topic TOPIC=NAME", "--map")] = None,
+    output: Annotated[
+        str | None,
+        output_option(
+            "Folder of the results, new or empty. Default: runs/diagnosis-LOG, numbered; with "
+            "--json nothing is written."
+        ),
+    ] = None,
+    force: Force = False,
+    no_report: Annotated[
+        bool, option("--no-report", "Write no report.html and no plots.")
+    ] = False,
+    unpack_limit: UnpackLimit = None,
+    as_json: Annotated[bool, json_option("Print diagnosis.json, and nothing else.")] = False,
+) -> None:
+    """Say what the simulation gets wrong in measured flights, name the cause, measure the gain.
+
+    Writes report.html, diagnosis.json and plots; model.yaml, the extended model,
+    where a cause is named (`tombo fly --model`); separating_experiment.yaml, the
+    mission to fly, where causes can't be distinguished.
+    """
+    # One thread of linear algebra: on matrices this small more get into each other's way.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if explain:
+        _explain_mapping(logs, output, force)
+        return
+    names = topic_names("--map", [*(maps or []), *(topics or [])])
+    if healthy is not None:
+        if model is not None:
+            raise InputError("--model and --healthy: both say what to compare with; accepted: one")
+        _compare(logs, healthy, mapping, names, output, force, no_report, as_json)
+        return
+    from tombo_diagnosis.report.files import DIAGNOSIS_FILES, write_diagnosis
+    from tombo_diagnosis.report.page import diagnosis_page
+
+    path = results_folder(output, "diagnosis", logs[0].name.split(".")[0], as_json, "log")
+    (found, _), path, written = compute_into(
+        path, force, DIAGNOSIS_FILES,
+        lambda on_progress: run(logs, model, mapping, names, on_progress, vehicle),
+        lambda folder, both, on_progress: write_diagnosis(
+            folder, *both, pictures=not no_report, on_progress=on_progress
+        ),
+        numbered=output is None,
+    )  # fmt: skip
+    page = diagnosis_page(found, str(path or ""), vehicle or "")
+    show_page(page, as_json, None if as_json else path, written)
+
+
+def run(
+    logs: list[Path],
+    model: Path | None,
+    mapping: str | None,
+    names: dict[str, str],
+    on_progress: ProgressCallback,
+    vehicle: str | None = None,
+) -> tuple[Diagnosis, NominalReference]:
+    """Read, check and diagnose.
+
+    Raises:
+        InputError: a log, the mapping, the vehicle or the model can't be used.
+    """
+    from tombo_diagnosis.report.files import NominalReference
+
+    on_progress("loading the model", 0.0)  # imports compiled code
+    from tombo_diagnosis.flight.diagnose import diagnose_logs
+
+    diagnosis, label, base = diagnose_logs(
+        logs, model, mapping, names, vehicle, time.perf_counter, on_progress
+    )
+    today = datetime.date.today().isoformat()
+    return diagnosis, NominalReference(label, today, base, vehicle or "")
+
+
+def _compare(
+    new: list[Path],
+    healthy: list[Path],
+    mapping: str | None,
+    names: dict[str, str],
+    output: str | None,
+    force: bool,
+    no_report: bool,
+    as_json: bool,
+) -> None:
+    """Say what has changed on a vehicle since its healthy flights; arguments as of `diagnose`.
+
+    Raises:
+        InputError: a log or the mapping can't be used.
+    """
+    from tombo_diagnosis.report.change_page import CHANGE_FILES, change_page, write_change
+
+    path = results_folder(output, "diagnosis", new[0].name.split(".")[0], as_json, "log")
+    both, path, written = compute_into(
+        path, force, CHANGE_FILES,
+        lambda on_progress: run_change(new, healthy, mapping, names, on_progress),
+        lambda folder, both, on_progress: write_change(
+            folder, *both, pictures=not no_report, on_progress=on_progress
+        ),
+        numbered=output is None,
+    )  # fmt: skip
+    show_page(change_page(*both), as_json, None if as_json else path, written)
+
+
+def run_change(
+    new: list[Path],
+    healthy: list[Path],
+    mapping: str | None,
+    names: dict[str, str],
+    on_progress: ProgressCallback,
+) -> tuple[Diagnosis, ChangeData]:
+    """Read the flights, all of them once, check, and compare.
+
+    Raises:
+        InputError: a log or the mapping can't be used, no flight of one side can, or a flight is
+            on both sides.
+    """
+    from tombo_logs.readers.log_reader import logs_in, read_logs
+
+    on_progress(f"reading {new[0].name} and others", 0.0)
+    count = sum(len(logs_in(path)) for path in new)
+    flights = read_logs([*new, *healthy], mapping=mapping, names=names)
+
+    on_progress("loading the model", 0.5)  # imports compiled code
+    from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
+    from tombo_diagnosis.flight.diagnose import check_flights
+    from tombo_diagnosis.flight.scenario_nominal import nominal_model
+
+    nominal = nominal_model()
+    (after, faults), (before, more) = (
+        check_flights(side, needed=NEEDED, progress=on_progress)
+        for side in (flights[:count], flights[count:])
+    )
+    on_progress("comparing", 0.9)
+    return diagnose_change(after, before, nominal, time.perf_counter, [*faults, *more])
+
+
+def _explain_mapping(logs: list[Path], output: str | None, force: bool) -> None:
+    """Print a mapping file for a log that nobody has described yet, or write it to a file.
+
+    Raises:
+        InputError: more than one log, one that can't be used, or a file that exists and may not
+            be replaced.
+    """
+    if len(logs) > 1:
+        raise InputError(f"--explain-mapping: {len(logs)} logs; accepted: one")
+    check_output(output)
+    path = None if output is None else Path(output)
+    if path is not None and (path.is_dir() or (path.exists() and not force)):
+        what = "a folder" if path.is_dir() else "there already"
+        raise InputError(f"-o '{path}' is {what}; accepted: a new file, or --force to replace one")
+    from tombo_flight.command_line import command_line
+    from tombo_logs.proposal.explain import explain_mapping
+
+    text = explain_mapping(logs[0])
+    if path is None:
+        typer.echo(text, nl=False)
+        return
+    write_file(path, text)
+    again = command_line(("diagnose", str(logs[0])), [("--mapping", str(path))])
+    typer.echo(f"Wrote {path}; diagnose with: {again}")

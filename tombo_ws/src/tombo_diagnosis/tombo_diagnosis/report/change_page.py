@@ -1,0 +1,144 @@
+"""The page and the files of a comparison with healthy flights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from tombo_diagnosis.change.diagnose import ChangeData
+from tombo_diagnosis.change.features import Features
+from tombo_diagnosis.change.summary_text import headline, phrase
+from tombo_diagnosis.diagnosis import JSON, REPORT, Change, Diagnosis, diagnosis_mapping
+from tombo_diagnosis.report.page import candidate_items, check_items, flight_items, sentences
+from tombo_diagnosis.report.words import STYLES, badge
+from tombo_diagnosis.wording import certainty, counted, display_name, figure, interval, unit
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.vehicle import ROTOR_NAMES
+from tombo_flight.progress import ProgressCallback, no_progress
+from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
+from tombo_flight.report.flight_plot import figure_bytes
+from tombo_flight.report.html import write_page
+from tombo_flight.report.page import Item, Page, Picture, Section, Table, page_json
+
+if TYPE_CHECKING:
+    from tombo_flight.process.output_folder import OutputFolder
+
+PLOT: Final = "plots/changed.png"
+CHANGE_FILES: Final = (JSON, REPORT, PLOT)
+"""All names that a comparison may write."""
+
+
+def write_change(
+    folder: OutputFolder,
+    diagnosis: Diagnosis,
+    data: ChangeData,
+    *,
+    pictures: bool = True,
+    on_progress: ProgressCallback = no_progress,
+) -> None:
+    """Write the files of a comparison into an output folder, which the caller publishes.
+
+    Raises:
+        OSError: the files can't be written.
+    """
+    on_progress(f"writing {JSON}", 0.0)
+    page = change_page(diagnosis, data)
+    (folder / JSON).write_text(page_json(page), encoding="utf-8", newline="\n")
+    if not pictures:
+        return
+    on_progress(f"writing {REPORT}", 0.3)
+    (folder / "plots").mkdir()
+    (folder / PLOT).write_bytes(figure_bytes(draw_change(data)))
+    write_page(folder / REPORT, page)
+
+
+def change_page(diagnosis: Diagnosis, data: ChangeData) -> Page:
+    """Return the page of a comparison; a fault of a log leads it: it may be all that changed."""
+    faulty = sorted({f.flight for f in diagnosis.prechecks if f.severity == "fault"})
+    logs = [Section("The logs", check_items(diagnosis.prechecks, "flight"))]
+    title = headline(diagnosis.verdict, tuple(map(_label, diagnosis.changed)))
+    if faulty:
+        where = f"the log {faulty[0]}" if len(faulty) == 1 else counted(len(faulty), "log")
+        title = f"Fault in {where}; {title[:1].lower()}{title[1:]}"
+    caption = (
+        "Each dot is a flight, each bar the mean. Demand: thrust that the healthy drive curve "
+        "reads from the commands, against a quarter of the weight"
+    )
+    picture = Picture(partial(draw_change, data), caption, "Healthy and new flights")
+    return Page(
+        title=f"What has changed: {title}",
+        eyebrow="Tombo diagnosis",
+        verdict=badge(diagnosis),
+        verdict_style="bad" if faulty else STYLES[diagnosis.verdict],
+        headline=title,
+        summary=diagnosis.summary,
+        sections=[
+            *(logs if faulty else ()),
+            Section("What has changed", [picture], "page"),
+            Section("What it may be", _change_items(diagnosis.changed)),
+            Section("What can’t be certified", sentences(diagnosis.notes)),
+            Section("All candidates", candidate_items(diagnosis.candidates), "page"),
+            *(() if faulty else logs),
+            Section("Flights used", flight_items(diagnosis.flights), "page"),
+        ],
+        data=diagnosis_mapping(diagnosis),
+        footer=f"Held against: {diagnosis.model}. Intervals are 95 %. Diagnosed in "
+        f"{figure(diagnosis.seconds, 2)} s after loading. The same in diagnosis.json.",
+    )
+
+
+def _label(change: Change) -> str:
+    """Return effect and rotor, as in `set`."""
+    return f"{change.effect}.{change.rotor}" if change.rotor else change.effect
+
+
+def _change_items(changed: tuple[Change, ...]) -> list[Item]:
+    rows = []
+    for change in changed:
+        what, sure = phrase(_label(change)), certainty(change.confidence)
+        for theta in change.theta:
+            value, low, high = interval(theta)
+            size = f"{value} {unit(theta.unit)}".strip()
+            rows.append((what, sure, display_name(theta.name), size, f"{low} to {high}"))
+        if not change.theta:
+            rows.append((what, sure, "", "", ""))
+    head = ("it may be", "probability", "parameter", "value", "95 % interval")
+    return [Table(head, rows)] if rows else []
+
+
+def draw_change(data: ChangeData) -> Figure:
+    """Draw demand a rotor, shake and swing of healthy and new flights."""
+    level = np.mean([f.demand for f in data.healthy], axis=0)
+    base = np.mean([[*f.shake, f.swing] for f in data.healthy], axis=0)
+    with new_figure(9.0, 3.4, 100, layout="constrained") as sheet:
+        left, right = sheet.subplots(1, 2, width_ratios=(4, 3))
+        names = [name.replace("_", "\n") for name in ROTOR_NAMES]
+        _bars(left, names, data, lambda f: 100.0 * np.expm1(f.demand - level))
+        left.set_ylabel("demand against healthy [%]")
+        names = ["commands\n> 10 Hz", "acceleration\n> 10 Hz", "swing\n0.35 to 1.6 Hz"]
+        _bars(right, names, data, lambda f: np.exp(np.array([*f.shake, f.swing]) - base))
+        right.set_ylabel("against healthy [1]")
+        left.legend(loc="best")
+    return sheet
+
+
+def _bars(
+    axes: Axes, names: list[str], data: ChangeData, values_of: Callable[[Features], Array]
+) -> None:
+    at = np.arange(len(names))
+    for name, flights, colour, offset in (
+        ("healthy", data.healthy, style.BLUE, -0.2),
+        ("new", data.new, style.VERMILLION, 0.2),
+    ):
+        rows = np.array([values_of(f) for f in flights])
+        axes.bar(at + offset, rows.mean(axis=0), 0.36, color=colour, alpha=0.45, label=name)
+        for row in rows:
+            axes.plot(at + offset, row, "o", color=colour, markersize=3.5)
+    axes.axhline(0.0, color=style.MUTED, linewidth=0.8)
+    axes.set_xticks(at, names)
