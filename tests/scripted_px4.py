@@ -10,7 +10,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_px4.frames import enu_from_ned, ned_from_enu, px4_quaternion
-from tombo_px4.link.added_messages import COMPONENT_METADATA, ComponentMetadata, Event
+from tombo_px4.link.framing import COMPONENT_METADATA, ComponentMetadata, EventMessage
 from tombo_px4.link.timesync import TimeSync
 from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, custom_mode, mode_of
 from tombo_px4.protocol.parameter_protocol import float_of_int, int_of_float
@@ -174,7 +174,7 @@ class ScriptedPx4:
         data = b"".join(struct.pack("<" + kind, value) for kind, value in arguments)
         self.sequence += 1
         content = (0, 0, number, 0, self.sequence, severity, list(data.ljust(40, b"\0")))
-        self._out.append(Event(*content))
+        self._out.append(EventMessage(*content))
 
     def report_checks(self):
         """Send all failed checks of arming."""

@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[4] / "tombo_ws/src/tombo_px4/test"
 from mavlink_packets import encoder, heartbeat, hostile_packets
 from pymavlink.dialects.v20 import common
 
-from tombo_px4.link.framing import Findings, frames_of
+from tombo_px4.link.framing import FrameCounts, frames_of
 from tombo_px4.link.mavlink_link import Link
 
 PACKETS = 1_000_000
@@ -209,7 +209,7 @@ def costs() -> None:
     theirs = common.MAVLink(None)
     theirs.robust_parsing = True
     rows = (
-        ("frames_of", lambda: [frames_of(noise, Findings()) for _ in range(100)]),
+        ("frames_of", lambda: [frames_of(noise, FrameCounts()) for _ in range(100)]),
         ("pymavlink's parse_buffer", lambda: [theirs.parse_buffer(noise) for _ in range(100)]),
     )
     for name, action in rows:

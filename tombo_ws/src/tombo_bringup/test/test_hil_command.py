@@ -17,7 +17,7 @@ import yaml
 
 from tombo_bringup.cli.flight.hil_command import Screen
 from tombo_px4.hil.link import HilLink
-from tombo_px4.hil.lockstep import Phase
+from tombo_px4.hil.lockstep import Px4Phase
 
 COMPOSE = Path(__file__).parents[4] / "docker" / "compose.yaml"
 PEER = Path(__file__).parents[4] / "tombo_ws/src/tombo_px4/test/autopilot" / "hil_peer.py"
@@ -211,7 +211,7 @@ def test_its_speed_is_never_negative_after_px4_has_left():
             controls=SimpleNamespace(refused=0),
             simulator=SimpleNamespace(height=0.2),
         ),
-        phase=Phase.WAITING, flights=1, steps=0, missed=0, wrong_time=0,
+        phase=Px4Phase.WAITING, flights=1, steps=0, missed=0, wrong_time=0,
         motors=SimpleNamespace(armed=False),
     )  # fmt: skip
     screen = Screen(0.0, terminal=False)

@@ -4,8 +4,7 @@ import pytest
 import yaml
 
 from tombo_dynamics.errors import InputError
-from tombo_px4.axes_file import AxesFile
-from tombo_px4.bridge.pose_axes import AxesEvidence
+from tombo_px4.bridge.pose_axes import AxesEvidence, AxesFile
 
 RIGHT = AxesEvidence("2026-11-24T10:00:00+00:00", "s500", 1, tilt_rad=(0.01, 0.0))
 WRONG = AxesEvidence("2026-11-24T11:00:00+00:00", "s500", 1, "x is not the nose")

@@ -48,22 +48,20 @@ from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_msgs.msg import Px4Status
-from tombo_px4.axes_file import AxesFile
-from tombo_px4.bridge.bridge import Bridge, BridgeOutput, Status
+from tombo_px4.bridge.bridge import Bridge, BridgeOutput, BridgeStatus
 from tombo_px4.bridge.bridge_params import ATTITUDE, RATES, BridgeParams
-from tombo_px4.bridge.flight_limits import FlightLimits
-from tombo_px4.bridge.link_findings import link_faults
-from tombo_px4.bridge.parameter_reader import parse_assignments
-from tombo_px4.bridge.pose_axes import AxesEvidence
+from tombo_px4.bridge.pose_axes import AxesEvidence, AxesFile
+from tombo_px4.bridge.setpoint_stream import FlightLimits
+from tombo_px4.bridge.vehicle_parameters import parse_assignments
 from tombo_px4.link.decoded_messages import (
-    Battery,
+    BatteryReading,
     ImuSample,
     MavLandedState,
     Severity,
     VehicleOdometry,
 )
 from tombo_px4.link.link_params import LinkParams
-from tombo_px4.link.mavlink_link import Link
+from tombo_px4.link.mavlink_link import Link, link_faults
 from tombo_px4.link.signing import key_of
 from tombo_px4.modes import OFFBOARD, mode_name
 from tombo_ros.conversion import array, to_ns, to_time
@@ -110,7 +108,7 @@ class Px4BridgeNode(LoopNode):
 
     def _set_up(self) -> None:
         self._stops = 0
-        self._status = Status()
+        self._status = BridgeStatus()
         writes = self.declare(
             "px4_parameters",
             [],
@@ -343,7 +341,7 @@ class Px4BridgeNode(LoopNode):
         assert sample.stamp_ns is not None
         self._imu_out.send(Imu(sample.stamp_ns, sample.gyro, sample.accel))
 
-    def _publish_status(self, status: Status, now_ns: int) -> None:
+    def _publish_status(self, status: BridgeStatus, now_ns: int) -> None:
         plain = tuple(_NUMBER.sub("#", text) for text in status.findings)
         state = (status.connected, status.armed, status.mode, status.landed, status.stage)
         state = (*state, status.offboard, status.ready, status.firmware, status.text, plain)
@@ -432,7 +430,7 @@ class Px4BridgeNode(LoopNode):
                 break
 
 
-def _battery(battery: Battery) -> Any:
+def _battery(battery: BatteryReading) -> Any:
     message: Any = message_class(BATTERY.typename)()
     message.header.stamp, message.header.frame_id = to_time(battery.arrival_ns), FRAME_BODY
     message.voltage, message.percentage = battery.voltage, battery.remaining

@@ -8,7 +8,7 @@ import pytest
 from tombo_benchmarks.px4.wrong_axes import FARTHEST_M, WRONG_AXES, fly_wrong_axes
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vector
 from tombo_flight.scenario import load_scenario, world_of
-from tombo_px4.bridge.acceleration_check import TakeoffWatch
+from tombo_px4.bridge.flight_watch import TakeoffWatch
 from tombo_px4.bridge.hand_rotation_check import MotionCheck
 from tombo_px4.hil.hand_motion import HandMotion
 from tombo_sim.simulator import Simulator

@@ -41,8 +41,8 @@ from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import core_of
 from tombo_px4.bridge.bridge import Bridge, BridgeOutput
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
-from tombo_px4.bridge.offboard_session import Stage
-from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
+from tombo_px4.bridge.offboard_session import SessionStage
+from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
 from tombo_px4.hil.hand_motion import HandMotion
 from tombo_px4.hil.hil_start_help import MOCAP_ONLY, airframe_parameters, mocap_parameters
 from tombo_px4.hil.link import PX4_PORT, HilLink
@@ -349,7 +349,9 @@ class LockstepRun:
         """Return whether it has flown away, or was brought down by other than the mission."""
         away = float(np.abs(simulator.plant.state.position).max()) > _FARTHEST_M
         down = self._armed_once and not self.hil.motors.armed
-        return away or (down and self._bridge.session.stage in (Stage.READY, Stage.GIVEN_UP))
+        return away or (
+            down and self._bridge.session.stage in (SessionStage.READY, SessionStage.GIVEN_UP)
+        )
 
     def result(self) -> LockstepFlight:
         """Return the flight."""

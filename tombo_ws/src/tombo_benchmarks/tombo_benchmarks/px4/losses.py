@@ -26,7 +26,7 @@ from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.bridge_params import SIMULATED as OF_A_MODEL
 from tombo_px4.bridge.bridge_params import BridgeParams
-from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
+from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
 from tombo_px4.hil.hil_start_help import MOCAP_ONLY, airframe_parameters, mocap_parameters
 from tombo_px4.link.mavlink_link import Link, Received
 from tombo_px4.modes import mode_name, mode_of

@@ -2,15 +2,57 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
+from typing import Any
 
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.hil.flight import Watch
-from tombo_px4.link.memory_link import MemoryLink
+from tombo_px4.link.framing import FrameCounts, decode, encoder, frames_of
+from tombo_px4.link.mavlink_link import Received
 from tombo_px4.protocol.endpoint import Endpoint
 from tombo_sim.world import World
+
+
+class MemoryLink:
+    """One end of a MAVLink link within the process: as much of `Link` as is used, no socket."""
+
+    def __init__(self, system: int, component: int) -> None:
+        self.mav = encoder(system, component)
+        self.now_ns = EPOCH_NS
+        """Time that arrivals are stamped with; the owner sets it."""
+        self._other: MemoryLink | None = None
+        self._came: deque[Received] = deque()
+
+    @classmethod
+    def pair(cls, here: tuple[int, int], there: tuple[int, int]) -> tuple[MemoryLink, MemoryLink]:
+        """Return both ends of a link between two systems and components."""
+        ends = cls(*here), cls(*there)
+        ends[0]._other, ends[1]._other = ends[1], ends[0]
+        return ends
+
+    def send(self, message: Any, to: Any = None) -> bool:
+        """Send a message; it is there at once."""
+        assert self._other is not None
+        self._other.arrive(bytes(message.pack(self.mav)))
+        self.mav.seq = (self.mav.seq + 1) % 256
+        return True
+
+    def arrive(self, data: bytes) -> None:
+        """Take the bytes of one message."""
+        for frame in frames_of(data, FrameCounts()):
+            ids = (frame.system, frame.component)
+            self._came.append(Received(decode(frame), self.now_ns, *ids, None))
+
+    def receive(self, limit: int = 200) -> list[Received]:
+        """Return the messages that have come."""
+        return [self._came.popleft() for _ in range(min(limit, len(self._came)))]
+
+    def close(self) -> None:
+        """Forget what has come."""
+        self._came.clear()
 
 
 class SimulatedPx4:

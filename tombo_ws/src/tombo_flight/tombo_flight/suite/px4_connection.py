@@ -15,8 +15,7 @@ from tombo_dynamics.params import from_mapping
 from tombo_flight.scenario_layers import override
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.bridge.bridge_params import POSITION, SIMULATED, BridgeParams
-from tombo_px4.bridge.parameter_reader import SAFE, parse_assignments
-from tombo_px4.link.address import parse_url
+from tombo_px4.bridge.vehicle_parameters import SAFE, parse_assignments
 from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.message_encoder import MessageTarget, read_parameter

@@ -10,11 +10,11 @@ from vehicle_bench import table_with
 
 from tombo_px4 import modes
 from tombo_px4.autopilot.commander import DESCEND, TERMINATE, Commander, CommanderInput
-from tombo_px4.autopilot.offboard_setpoint import ControlLevel
-from tombo_px4.autopilot.vehicle_state import Battery
+from tombo_px4.autopilot.setpoint_controller import ControlLevel
+from tombo_px4.autopilot.vehicle_state import BatteryCharge
 from tombo_px4.link.decoded_messages import Result
 
-FULL = Battery(12.6, 1.0, 1.0, 0)
+FULL = BatteryCharge(12.6, 1.0, 1.0, 0)
 WELL = CommanderInput(
     tick=10_000,
     attitude=True,

@@ -8,10 +8,9 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_px4.events.known_events import event_number
-from tombo_px4.link.status_text import StatusTextAssembler
-from tombo_px4.protocol.event_sender import EventSender
-from tombo_px4.protocol.statustext import StatusTextSender
+from tombo_px4.link.event_definitions import event_number
+from tombo_px4.link.message_decoder import StatusTextAssembler
+from tombo_px4.protocol.statustext import EventSender, StatusTextSender
 
 MAV = mavlink.MAVLink(None, 245, 191)
 REQUEST = 512

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
+from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.frames import GeoOrigin, px4_quaternion
-from tombo_px4.protocol.offboard_decoder import decode_setpoint
+from tombo_px4.protocol.input_decoder import decode_setpoint
 
 NAN = math.nan
 MAV = mavlink.MAVLink(None, 1, 1)

@@ -6,7 +6,7 @@ import pytest
 from endpoint_bench import bench, of
 
 from in_time import in_time
-from tombo_px4.protocol.serve import BootClock, _watch, serve
+from tombo_px4.protocol.endpoint import BootClock, _watch, serve
 
 MS = 1_000_000
 

@@ -6,7 +6,7 @@ from endpoint_bench import bench, of, texts
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.frames import ned_from_enu, px4_quaternion, quaternion_of_angles
-from tombo_px4.protocol.vision_decoder import decode_vision
+from tombo_px4.protocol.input_decoder import decode_vision
 
 NAN = math.nan
 MAV = mavlink.MAVLink(None, 1, 1)

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from tombo_dynamics.plant import set_state
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
 from tombo_dynamics.records import numbers
-from tombo_px4.hil.flight import HilFlight, MotorCommands
-from tombo_px4.hil.motor_mapping import MotorMapping
+from tombo_px4.hil.flight import HilFlight, MotorCommands, MotorMapping
 from tombo_px4.hil.params import MAPPINGS, HilParams
 from tombo_sim.flight_setup import begin
 from tombo_sim.world import SpreadParams, World

@@ -20,7 +20,7 @@ from tombo_dynamics.records import numbers
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.hil.link import HilLink
-from tombo_px4.hil.lockstep import PATIENCE_NS, HilSimulator, Phase
+from tombo_px4.hil.lockstep import PATIENCE_NS, HilSimulator, Px4Phase
 from tombo_px4.hil.params import HilParams
 
 
@@ -113,17 +113,17 @@ def test_the_propeller_folds_when_px4_hits_the_obstacle_and_flies_on():
 def test_a_silent_start_never_blocks():
     with bench(silent=40) as b:
         b.until(lambda: b.hil.steps >= 38)
-        assert b.hil.phase is Phase.BOOTING
+        assert b.hil.phase is Px4Phase.BOOTING
         assert b.hil.flight.rotors.max() == 0.0
         b.until(lambda: b.hil.answered >= 100)
-        assert b.hil.phase is Phase.FLYING
+        assert b.hil.phase is Px4Phase.FLYING
         assert (b.hil.boot_steps, b.hil.missed) == (40, 0)
         assert any("after 40 steps without" in text for text in b.news)
 
 
 def test_without_px4_time_stands_still(b):
     b.peer.close()
-    b.until(lambda: b.hil.flights == 1 and b.hil.phase is Phase.WAITING)
+    b.until(lambda: b.hil.flights == 1 and b.hil.phase is Px4Phase.WAITING)
     for _ in range(100):
         b.now_ns += SECOND_NS
         assert not b.hil.advance(b.now_ns)
@@ -195,7 +195,7 @@ def test_answers_with_wrong_times_only_are_silence(b):
         b.turn()
     assert b.hil.steps == steps + 1
     b.now_ns += PATIENCE_NS
-    b.until(lambda: b.hil.phase is Phase.SILENT)
+    b.until(lambda: b.hil.phase is Px4Phase.SILENT)
     for _ in range(20):
         b.turn()
     assert b.hil.wrong_time == 2
@@ -293,14 +293,14 @@ def test_silence_in_flight_is_reported_after_1_s_and_time_slows_down(b):
         b.turn()
     b.now_ns += PATIENCE_NS - SECOND_NS // 10
     assert not b.turn()
-    assert b.hil.phase is Phase.FLYING
+    assert b.hil.phase is Px4Phase.FLYING
     for expected in (1, 2, 3):
         b.now_ns += PATIENCE_NS
         assert b.turn()
         b.now_ns += PATIENCE_NS // 2
         assert not b.turn()
         assert b.hil.missed == expected
-    assert b.hil.phase is Phase.SILENT
+    assert b.hil.phase is Px4Phase.SILENT
     told = [text for text in b.news if "has not answered for 1 s" in text]
     assert len(told) == 1
     assert told[0].endswith("time stands still but for a step a second")
@@ -309,7 +309,7 @@ def test_silence_in_flight_is_reported_after_1_s_and_time_slows_down(b):
     b.peer.answer = kept
     b.now_ns += PATIENCE_NS
     b.fly(7.0)
-    assert b.hil.phase is Phase.FLYING
+    assert b.hil.phase is Px4Phase.FLYING
     assert b.news[-1] == "PX4 answers again"
     b.hovers()
 
@@ -322,7 +322,7 @@ def test_a_silent_px4_on_the_ground_gets_its_time_and_comes_back():
         b.fly(0.5)
         kept = b.hush()
         b.now_ns += PATIENCE_NS
-        b.until(lambda: b.hil.phase is Phase.SILENT)
+        b.until(lambda: b.hil.phase is Px4Phase.SILENT)
         start_ns, start_us = b.now_ns, b.hil.flight.time_us
         b.fly(0.8)
         pace = 1e3 * (b.hil.flight.time_us - start_us) / (b.now_ns - start_ns)
@@ -332,7 +332,7 @@ def test_a_silent_px4_on_the_ground_gets_its_time_and_comes_back():
         assert "disarmed, so time goes on" in told[0]
         assert told[0].endswith("is PX4's IMU_INTEG_RATE 500, as hil.rate?")
         b.peer.answer = kept
-        b.until(lambda: b.hil.phase is Phase.FLYING)
+        b.until(lambda: b.hil.phase is Px4Phase.FLYING)
         assert b.news[-1] == "PX4 answers again"
 
 
@@ -355,7 +355,7 @@ def test_a_slow_px4_that_was_silent_on_the_ground_gets_back_into_step():
             b.turn()
             while late and late[0][0] <= b.now_ns:
                 b.peer.socket.sendall(late.pop(0)[1])
-        assert b.hil.phase is Phase.FLYING
+        assert b.hil.phase is Px4Phase.FLYING
         assert b.hil.answered - before > 40
         assert b.hil.wrong_time <= 3
 
@@ -365,7 +365,7 @@ def test_a_new_connection_begins_a_new_flight_on_the_ground(b):
     b.fly(5.0)
     assert b.position[2] > 1.5
     b.peer.close()
-    b.until(lambda: b.hil.phase is Phase.WAITING)
+    b.until(lambda: b.hil.phase is Px4Phase.WAITING)
     assert "PX4 has left at 5.0" in b.news[-1]
     assert "armed, 2." in b.news[-1]
     assert "begins a new one" in b.news[-1]
@@ -449,13 +449,13 @@ def test_a_killed_px4_is_noticed_and_its_successor_flies():
             b.news += [news.text for news in b.hil.take_notices()]
 
     try:
-        run(lambda: b.hil.flights == 1 and b.hil.phase is Phase.WAITING)
+        run(lambda: b.hil.flights == 1 and b.hil.phase is Px4Phase.WAITING)
         flights = b.hil.flights
         first = start()
         run(lambda: b.hil.flights == flights + 1 and b.seconds > 3.0)
         assert b.position[2] > 1.0
         first.send_signal(signal.SIGKILL)
-        run(lambda: b.hil.phase is Phase.WAITING)
+        run(lambda: b.hil.phase is Px4Phase.WAITING)
         assert any("PX4 has left at" in text for text in b.news)
         start()
         run(lambda: b.hil.flights == flights + 2 and b.seconds > 3.0)
@@ -509,11 +509,11 @@ def test_waiting_ends_when_something_comes(b):
     b.peer.close()
     start = time.monotonic()
     b.hil.wait(b.now_ns, 20.0)  # a connection is there
-    b.until(lambda: b.hil.flights == 1 and b.hil.phase is Phase.WAITING)
+    b.until(lambda: b.hil.flights == 1 and b.hil.phase is Px4Phase.WAITING)
     b.hil.wait(b.now_ns, 0.01)
     b.peer = Peer(b.link.port)
     b.hil.wait(b.now_ns, 20.0)
-    b.until(lambda: b.hil.phase is Phase.FLYING)
+    b.until(lambda: b.hil.phase is Px4Phase.FLYING)
     with in_time():
         assert time.monotonic() - start < 10.0
 
@@ -538,7 +538,7 @@ def test_a_watcher_sees_every_tick_and_the_vehicle_of_each_flight():
             b.peer = Peer(link.port)
             b.until(lambda: hil.answered > 10)
             b.peer.close()
-            b.until(lambda: hil.phase is Phase.WAITING)
+            b.until(lambda: hil.phase is Px4Phase.WAITING)
         first = [tick for vehicle, tick in ticks if vehicle == ticks[0][0]]
         second = [tick for vehicle, tick in ticks if vehicle != ticks[0][0]]
         assert first == list(range(1, len(first) + 1))
@@ -586,7 +586,7 @@ def test_silence_is_not_made_up_for():
             b.turn()
         b.peer.answer = kept
         b.now_ns += PATIENCE_NS
-        b.until(lambda: b.hil.phase is Phase.FLYING)
+        b.until(lambda: b.hil.phase is Px4Phase.FLYING)
         start_ns, start_us = b.now_ns, b.hil.flight.time_us
         b.fly(1.5)
         simulated_ns = 1000 * (b.hil.flight.time_us - start_us)
@@ -602,7 +602,7 @@ def test_px4_that_leaves_while_nothing_is_due_is_noticed_at_once():
         b.link.wait(5.0)
         for _ in range(3):
             b.hil.advance(b.now_ns)
-        assert b.hil.phase is Phase.WAITING
+        assert b.hil.phase is Px4Phase.WAITING
 
 
 def test_a_busy_port_is_one_line():

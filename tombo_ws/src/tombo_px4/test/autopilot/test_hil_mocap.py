@@ -12,8 +12,7 @@ from hil_peer import MAVLINK
 
 from tombo_dynamics.records import numbers
 from tombo_px4.frames import enu_from_ned, ros_quaternion
-from tombo_px4.hil.lockstep import HilSimulator
-from tombo_px4.hil.mocap import MocapFeed
+from tombo_px4.hil.lockstep import HilSimulator, MocapFeed
 from tombo_px4.hil.params import HilParams
 from tombo_px4.link.mavlink_link import Link
 

@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tombo_px4.frames import px4_quaternion
-from tombo_px4.hil.flight import HilFlight, MotorCommands
+from tombo_px4.hil.flight import HilFlight, HilSensors, MotorCommands, altitude_at, pressure_at
 from tombo_px4.hil.params import HilParams
-from tombo_px4.hil.sensors import HilSensors, altitude_at, pressure_at
 from tombo_sim.world import SpreadParams, World
 
 LEVEL_FIELD = 0.48 * math.cos(math.radians(63.1))

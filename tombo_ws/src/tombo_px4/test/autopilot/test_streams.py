@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_px4.protocol.streams import StreamTable
+from tombo_px4.protocol.mavlink_channel import StreamTable
 from tombo_px4.protocol.telemetry import _BUILDERS
 
 OFFERED = {number: name for number, (name, _) in _BUILDERS.items()}

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from vehicle_bench import NAN, motion
 
-from tombo_px4.autopilot.offboard_setpoint import (
+from tombo_px4.autopilot.setpoint_controller import (
     ControlLevel,
     OffboardSetpoint,
     ResolvedSetpoint,

@@ -14,7 +14,7 @@ from tombo_dynamics.messages import CollisionEvent, Phase
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
-from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
+from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.link.decoded_messages import Result
 from tombo_px4.modes import OFFBOARD
 

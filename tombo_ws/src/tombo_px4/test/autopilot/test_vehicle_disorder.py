@@ -10,8 +10,8 @@ from vehicle_bench import hovering, ready
 
 from tombo_dynamics.records import numbers
 from tombo_px4 import modes
-from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.autopilot.parameters import PARAMETERS
+from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.link.decoded_messages import Result
 
 odd = st.sampled_from([0.0, 1.0, -1.0, 0.3, 50.0, -1e4, 1e300, math.nan, math.inf, -math.inf])

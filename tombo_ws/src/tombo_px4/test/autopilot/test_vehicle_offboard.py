@@ -7,7 +7,7 @@ import pytest
 from vehicle_bench import GROUND, NAN, Flight, hovering, motion, ready
 
 from tombo_dynamics.rotation import quaternion_multiply, tilt, yaw_pitch_roll
-from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
+from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle_state import TakeoffState
 from tombo_px4.link.decoded_messages import MavLandedState, Result
 from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, OFFBOARD

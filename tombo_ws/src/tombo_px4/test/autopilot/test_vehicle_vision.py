@@ -7,7 +7,7 @@ import pytest
 from vehicle_bench import Flight, hovering, motion, ready
 
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vector, yaw_of, yaw_pitch_roll
-from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
+from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
 from tombo_px4.link.decoded_messages import MavLandedState, Result
 from tombo_px4.modes import ALTCTL, AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, STABILIZED
 

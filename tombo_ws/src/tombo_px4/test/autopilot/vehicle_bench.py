@@ -14,8 +14,8 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.records import numbers
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.autopilot.ekf2_model import Ekf2Model
-from tombo_px4.autopilot.offboard_setpoint import OffboardSetpoint
 from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.hil.hil_start_help import MOCAP_ONLY
 from tombo_px4.link.decoded_messages import Result

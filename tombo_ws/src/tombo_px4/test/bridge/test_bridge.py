@@ -12,8 +12,8 @@ from tombo_dynamics.messages import Phase, PositionSetpoint
 from tombo_dynamics.pose_check import PoseRefusal
 from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import BridgeParams
-from tombo_px4.bridge.offboard_session import Stage
-from tombo_px4.bridge.parameter_reader import parse_assignments
+from tombo_px4.bridge.offboard_session import SessionStage
+from tombo_px4.bridge.vehicle_parameters import parse_assignments
 from tombo_px4.link.link_params import LinkParams
 from tombo_px4.modes import ALTCTL, AUTO_HOLD, AUTO_LAND, OFFBOARD, POSCTL
 
@@ -31,7 +31,7 @@ def test_a_flight_takes_off_lands_and_disarms_without_faults():
     flight.until(lambda f: not f.px4.armed)
     flight.phase = Phase.LANDED
     flight.run(3.0)
-    assert flight.bridge.session.stage == Stage.READY
+    assert flight.bridge.session.stage == SessionStage.READY
     assert not flight.events and not flight.out.faults
     assert not flight.bridge.message_decoder.refused
     assert str(flight.out.status.firmware) == "1.17.0"
@@ -144,8 +144,8 @@ def test_poses_that_stand_still_in_flight_bring_it_down():
     last = flight.px4.place.copy(), flight.px4.attitude.copy()
     flight.as_mocap = lambda place, attitude: last
     flight.run(1.5)
-    assert flight.bridge.session.stage == Stage.FLYING, "a hitch is no reason"
-    flight.stage(Stage.LANDING, patience_s=5.0)
+    assert flight.bridge.session.stage == SessionStage.FLYING, "a hitch is no reason"
+    flight.stage(SessionStage.LANDING, patience_s=5.0)
     assert any("the body is not seen" in text for key, text in flight.events if key == "landing")
     flight.until(lambda f: not f.px4.armed, patience_s=30.0)
 
@@ -157,7 +157,7 @@ def test_poses_without_noise_at_rest_may_take_off():
     flight.run(5.0)
     assert any("frozen" in text for text in flight.out.status.findings)
     flight.take_off()
-    assert flight.bridge.session.stage == Stage.FLYING
+    assert flight.bridge.session.stage == SessionStage.FLYING
 
 
 def test_poses_that_are_no_poses_are_not_sent():
@@ -250,7 +250,7 @@ def test_attitude_and_rates_in_place_of_positions(kind):
 def test_a_mode_taken_streams_the_vehicles_own_position():
     flight = Flight().take_off()
     flight.px4.mode = POSCTL
-    flight.stage(Stage.EXTERNAL_MODE)
+    flight.stage(SessionStage.EXTERNAL_MODE)
     flight.px4.place = np.array([0.3, 0.2, 1.3])
     flight.run(1.0)
     last = flight.px4.targets[-1]
@@ -265,7 +265,7 @@ def test_a_mode_taken_streams_the_vehicles_own_position():
 def test_offboard_chosen_by_somebody_else_holds_where_it_was():
     flight = Flight().take_off()
     flight.px4.mode = POSCTL
-    flight.stage(Stage.EXTERNAL_MODE)
+    flight.stage(SessionStage.EXTERNAL_MODE)
     flight.px4.mode = OFFBOARD
     flight.goal = np.array([3.0, 0.0, 1.5])
     flight.run(1.5)
@@ -293,7 +293,7 @@ def test_news_do_not_wait_for_the_heartbeat_of_the_next_second():
     flight.px4.mute.add("HEARTBEAT")  # only those that are asked for
     flight.phase, flight.goal = Phase.TAKEOFF, np.array([0.0, 0.0, 1.5])
     began = flight.now
-    flight.stage(Stage.FLYING)
+    flight.stage(SessionStage.FLYING)
     assert flight.now - began < 1_000 * MS
     flight.run(3.0)
     assert flight.out.status.connected and not flight.events
@@ -439,7 +439,7 @@ def test_position_and_attitude_do_where_px4_sends_no_odometry():
 def test_a_clock_set_back_in_flight_does_not_end_it():
     flight = Flight().take_off()
     # the present position is streamed by the clock
-    flight.bridge.session.stage = Stage.EXTERNAL_MODE
+    flight.bridge.session.stage = SessionStage.EXTERNAL_MODE
     back = 3600 * 1000 * MS
     flight.set_clock(-back)
     flight.px4.ahead_ns += back
@@ -467,7 +467,7 @@ def test_a_clock_that_jumps_in_flight_blinds_nobody(whose, by_s):
     for _ in range(round(2.0 * 250)):
         flight.step()
         assert flight.px4.mode == OFFBOARD
-        assert flight.out.status.stage == Stage.FLYING
+        assert flight.out.status.stage == SessionStage.FLYING
         if len(flight.seen["odometry"]) > ticks:
             ticks = len(flight.seen["odometry"])
             longest_ns, last_ns = max(longest_ns, flight.now - last_ns), flight.now
@@ -485,7 +485,7 @@ def test_poses_that_stop_in_flight_land_it():
     flight = Flight().take_off()
     flight.mocap_on = False
     began = flight.now
-    flight.stage(Stage.LANDING)
+    flight.stage(SessionStage.LANDING)
     assert 0.9 < (flight.now - began) * 1e-9 < 1.3
     flight.until(lambda f: f.px4.mode == AUTO_LAND)
     sent = len(flight.px4.targets)
@@ -499,7 +499,7 @@ def test_a_pose_that_jumps_in_flight_is_not_sent_and_lands_it():
     flight = Flight().take_off()
     sent = flight.bridge.poses_sent
     flight.as_mocap = lambda place, attitude: (place + np.array([1.0, 0.0, 0.0]), attitude)
-    flight.stage(Stage.LANDING)
+    flight.stage(SessionStage.LANDING)
     assert flight.bridge.poses_sent <= sent + 1
     assert flight.bridge.poses_refused["jump"] > 5
 
@@ -516,7 +516,7 @@ def test_single_poses_that_jump_are_left_out():
 
     flight.as_mocap = as_mocap
     flight.run(3.0)
-    assert flight.bridge.session.stage == Stage.FLYING
+    assert flight.bridge.session.stage == SessionStage.FLYING
     assert flight.bridge.poses_refused["jump"] > 20
 
 
@@ -524,6 +524,6 @@ def test_single_poses_that_jump_are_left_out():
 def test_a_heartbeat_with_a_fail_safe_ends_the_flight():
     flight = Flight().take_off()
     flight.px4.mode, flight.px4.failsafe = ALTCTL, True
-    flight.stage(Stage.LANDING)
+    flight.stage(SessionStage.LANDING)
     flight.until(lambda f: f.px4.mode == AUTO_LAND)
     assert "fail-safe" in flight.out.status.why

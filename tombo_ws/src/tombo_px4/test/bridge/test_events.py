@@ -13,10 +13,15 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
 from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import BridgeParams
-from tombo_px4.bridge.offboard_session import Stage
-from tombo_px4.events.event_definitions import BadMetadata, definitions, events_file, unpacked
-from tombo_px4.events.known_events import event_number
-from tombo_px4.link.framing import Findings, decode, frames_of
+from tombo_px4.bridge.offboard_session import SessionStage
+from tombo_px4.link.event_definitions import (
+    BadMetadata,
+    definitions,
+    event_number,
+    events_file,
+    unpacked,
+)
+from tombo_px4.link.framing import FrameCounts, decode, frames_of
 from tombo_px4.link.link_params import LinkParams
 
 # numbers as in the file of events of PX4 1.17
@@ -76,7 +81,7 @@ def test_an_event_is_decoded_from_its_bytes():
     head = struct.pack("<BBBBBBBHB", 0xFD, len(payload), 0, 0, 0, 1, 1, 410, 0)
     checksum = x25crc(head[1:] + payload + bytes([160])).crc
     frame = head + payload + struct.pack("<H", checksum)
-    findings = Findings()
+    findings = FrameCounts()
     (found,) = frames_of(frame, findings)
     message = decode(found)
     assert message.get_type() == "EVENT"
@@ -106,7 +111,7 @@ def test_a_denied_arming_says_why_in_px4s_own_words(loses):
         (NO_STICKS, 0x23, MANUAL_MODES),
     ]
     flight.phase = Phase.TAKEOFF
-    flight.stage(Stage.GIVEN_UP, 20.0)
+    flight.stage(SessionStage.GIVEN_UP, 20.0)
     assert "Arming denied: see the failures" in flight.out.status.why
     assert "Preflight Fail: Navigation error: no position" in flight.out.status.why
     assert "remote control" not in flight.out.status.why, "stands in no way of OFFBOARD"

@@ -6,7 +6,7 @@ from bridge_flight import Flight
 
 from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.messages import Phase, PositionSetpoint
-from tombo_px4.bridge.flight_limits import FlightLimits
+from tombo_px4.bridge.setpoint_stream import FlightLimits
 from tombo_px4.modes import AUTO_LAND
 
 LIMITS = FlightLimits(FlightVolume(x_max=1.0, z_max=2.0, margin=0.4), SafetyParams(speed_max=3.0))

@@ -13,7 +13,7 @@ from tombo_px4.link import framing
 from tombo_px4.link.framing import (
     DATAGRAM_TRIES,
     STREAM_TRIES,
-    Findings,
+    FrameCounts,
     StreamFramer,
     decode,
     frames_of,
@@ -36,28 +36,28 @@ def test_every_message_of_the_dialect_is_found_and_decoded(old):
     numbers = [n for n in common.mavlink_map if n < 256 or not old]
     assert len(numbers) > 100
     for number in numbers:
-        findings = Findings()
+        findings = FrameCounts()
         size = common.mavlink_map[number].unpacker.size
         data = frame_with(number, b"\x01" * size, 7, 8, old)
         (frame,) = frames_of(data, findings)
         assert (frame.data, frame.system, frame.component) == (data, 7, 8)
         assert frame.message_id == decode(frame).get_msgId() == number
         assert not frame.signed
-        assert findings == Findings()
+        assert findings == FrameCounts()
 
 
 def test_a_signed_frame_is_taken_with_its_signature():
     data = heartbeat(3, encoder(key=bytes(range(32))))
-    (frame, after) = frames_of(data + heartbeat(4), Findings())
+    (frame, after) = frames_of(data + heartbeat(4), FrameCounts())
     assert frame.signed and frame.data == data
     assert not after.signed
 
 
 def test_frames_in_one_datagram_with_garbage_between():
-    findings = Findings()
+    findings = FrameCounts()
     data = b"noise" + heartbeat(1) + b"..." + heartbeat(2) + heartbeat(3) + b"end"
     assert modes(frames_of(data, findings)) == [1, 2, 3]
-    assert findings == Findings(garbage_bytes=11)
+    assert findings == FrameCounts(garbage_bytes=11)
 
 
 def test_a_flipped_bit_costs_its_own_frame_only():
@@ -66,7 +66,7 @@ def test_a_flipped_bit_costs_its_own_frame_only():
         for bit in range(8):
             bad = bytearray(heartbeat(2))
             bad[position] ^= 1 << bit
-            findings = Findings()
+            findings = FrameCounts()
             found = modes(frames_of(good + bytes(bad) + heartbeat(3), findings))
             assert found == [1, 3], (position, bit)
             assert findings.garbage_bytes + 12 * findings.unknown_message > 0
@@ -76,14 +76,14 @@ def test_a_flipped_bit_costs_its_own_frame_only():
     "lie", [b"\xfd\xff\x00\x00\x00\x01\x01\x00\x00\x00", b"\xfe\xff\x00\x01\x01\x00"]
 )
 def test_a_header_with_a_false_length_swallows_nothing(lie):
-    findings = Findings()
+    findings = FrameCounts()
     data = lie + b"".join(heartbeat(k) for k in range(1, 40))
     assert modes(frames_of(data, findings)) == list(range(1, 40))
     assert findings.bad_checksum == 1
 
 
 def test_a_frame_cut_short_ends_with_its_datagram():
-    findings = Findings()
+    findings = FrameCounts()
     whole = heartbeat(1)
     for end in range(len(whole)):
         assert frames_of(whole[:end], findings) == []
@@ -93,21 +93,21 @@ def test_a_frame_cut_short_ends_with_its_datagram():
 @pytest.mark.parametrize("signed", [False, True])
 @pytest.mark.parametrize("size", [0, 9, 255])
 def test_a_message_of_another_dialect_is_counted_and_passed_over(size, signed):
-    findings = Findings()
+    findings = FrameCounts()
     other = unknown(size, signed=signed)
     data = heartbeat(1) + other + heartbeat(2) + other
     assert modes(frames_of(data, findings)) == [1, 2]
-    assert findings == Findings(unknown_message=2, tries=2)
+    assert findings == FrameCounts(unknown_message=2, tries=2)
 
 
 def test_garbage_that_looks_like_a_message_hides_no_frame():
-    findings = Findings()
+    findings = FrameCounts()
     lie = unknown(60)[:10]
     assert modes(frames_of(lie + heartbeat(1) + bytes(90), findings)) == [1]
 
 
 def test_flags_that_nobody_has_defined_make_no_frame():
-    findings = Findings()
+    findings = FrameCounts()
     data = bytearray(heartbeat(1))
     data[2] = 0x02
     assert frames_of(bytes(data), findings) == []
@@ -115,7 +115,7 @@ def test_flags_that_nobody_has_defined_make_no_frame():
 
 @given(st.binary(max_size=700))
 def test_no_bytes_raise_and_all_of_them_are_accounted_for(data):
-    findings = Findings()
+    findings = FrameCounts()
     frames = frames_of(data, findings)
     assert sum(len(frame.data) for frame in frames) + findings.garbage_bytes <= len(data)
     assert findings.tries <= DATAGRAM_TRIES
@@ -149,7 +149,7 @@ def conversation(draw):
 def test_a_stream_in_any_pieces_gives_the_frames_of_the_whole(talk, sizes):
     data, sent = talk
     data += bytes(LONGEST)  # so that a piece of a frame at the end is known to be none
-    framer = StreamFramer(Findings())
+    framer = StreamFramer(FrameCounts())
     found, at = [], 0
     for size in [*sizes, len(data)]:
         found += framer.feed(data[at : at + size])
@@ -160,7 +160,7 @@ def test_a_stream_in_any_pieces_gives_the_frames_of_the_whole(talk, sizes):
 
 def test_a_stream_goes_on_after_a_piece_of_garbage():
     chance = random.Random(5)
-    framer = StreamFramer(Findings())
+    framer = StreamFramer(FrameCounts())
     found = []
     for k in range(300):
         found += framer.feed(chance.randbytes(chance.randrange(400)) + bytes(LONGEST))
@@ -186,12 +186,12 @@ def test_the_worst_of_garbage_is_given_up_after_some_tries(pattern, monkeypatch)
     candidate = framing._candidate
     monkeypatch.setattr(framing, "_candidate", lambda *a: looked.append(1) or candidate(*a))
     data = (pattern * 4096)[:4096]
-    findings = Findings()
+    findings = FrameCounts()
     assert frames_of(data[:2048], findings) == []
     assert len(looked) <= DATAGRAM_TRIES
     assert findings.garbage_bytes + 12 * findings.unknown_message == 2048
     looked.clear()
-    framer = StreamFramer(Findings())
+    framer = StreamFramer(FrameCounts())
     for _ in range(10):
         assert framer.feed(data) == []
         assert len(framer._rest) < LONGEST

@@ -11,11 +11,10 @@ from scripted_px4 import PARAMETERS
 from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vector
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
-from tombo_px4.bridge.hand_rotation_check import Verdict
-from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS, FindingSeverity
-from tombo_px4.bridge.parameter_reader import parse_assignments
+from tombo_px4.bridge.hand_rotation_check import HandVerdict
 from tombo_px4.bridge.pose_axes import AxesEvidence, explain_up, up_error
 from tombo_px4.bridge.preflight import Preflight
+from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS, FindingSeverity, parse_assignments
 from tombo_px4.link.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
 from tombo_px4.link.timesync import TimeSync
 
@@ -331,7 +330,7 @@ def test_a_motion_by_hand_that_shows_a_mistake_refutes_the_proof():
     lab = Lab(axes_evidence="")
     made = lab.preflight()
     made.evidence = PROOF
-    made.motion.verdict = Verdict(0.0, "x of the rigid body is not the nose")
+    made.motion.verdict = HandVerdict(0.0, "x of the rigid body is not the nose")
     found = {f.key: f for f in lab.findings(made)}
     assert "is not the nose" in found["mocap_axes"].text
     record = made.take_evidence()
@@ -342,7 +341,7 @@ def test_a_motion_by_hand_that_shows_a_mistake_refutes_the_proof():
 def test_a_proof_is_kept_with_its_date_once_the_vehicle_stands():
     lab = Lab(axes_evidence="", tracked_body="s500")
     made = lab.preflight()
-    made.motion.verdict = Verdict(0.01, "", True, (1.5, 1.2, 2.0), (1.4, 1.2, 1.1), True)
+    made.motion.verdict = HandVerdict(0.01, "", True, (1.5, 1.2, 2.0), (1.4, 1.2, 1.1), True)
     assert lab.findings(made) == []
     record = made.take_evidence()
     assert (record.body, record.mistake, record.turned_rad) == ("s500", "", (1.5, 1.2, 2.0))

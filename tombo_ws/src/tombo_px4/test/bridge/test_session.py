@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tombo_dynamics.messages import Phase
-from tombo_px4.bridge.command_transaction import (
+from tombo_px4.bridge.bridge_records import (
     ARM_COMMAND,
     SET_MODE_COMMAND,
     CommandTransaction,
@@ -15,12 +15,12 @@ from tombo_px4.bridge.command_transaction import (
     VehicleCommand,
 )
 from tombo_px4.bridge.offboard_session import (
-    Decision,
-    Request,
+    OperatorRequest,
     Session,
     SessionInput,
-    Stage,
-    Stream,
+    SessionOutput,
+    SessionStage,
+    SetpointSource,
 )
 from tombo_px4.link.decoded_messages import CommandAck, Heartbeat, MavLandedState, StatusText
 from tombo_px4.modes import (
@@ -108,7 +108,7 @@ class Flight:
             self.must_land,
             takeoff_commands=self.takeoff_commands,
         )
-        out = Decision()
+        out = SessionOutput()
         self.session.tick(view, out)
         for order in out.vehicle_commands:
             self.vehicle.command(order, self.now, self.session)
@@ -132,13 +132,13 @@ class Flight:
 
     def take_off(self):
         self.run(2.5)
-        self.until(Stage.FLYING, Phase.TAKEOFF)
+        self.until(SessionStage.FLYING, Phase.TAKEOFF)
         self.vehicle.landed = MavLandedState.IN_AIR
         self.phase = Phase.HOVER
         return self.run(1.0)
 
     def ask(self, kind):
-        self.session.request(Request(len(self.replies) + 1, kind))
+        self.session.request(OperatorRequest(len(self.replies) + 1, kind))
         for _ in range(50 * 15):
             self.step()
             if self.replies:
@@ -154,37 +154,37 @@ class Flight:
 
 def test_a_flight_arms_in_offboard_and_lands_by_px4():
     flight = Flight().run(5.0)
-    assert (flight.session.stage, flight.stream) == (Stage.READY, Stream.PRESENT)
+    assert (flight.session.stage, flight.stream) == (SessionStage.READY, SetpointSource.PRESENT)
     assert not flight.vehicle.received, "on the ground nothing is asked for"
-    flight.until(Stage.FLYING, Phase.TAKEOFF)
+    flight.until(SessionStage.FLYING, Phase.TAKEOFF)
     assert [str(o) for o in flight.vehicle.received] == ["mode offboard", "arming"]
     flight.run(0.1)
-    assert flight.stream == Stream.SETPOINT
+    assert flight.stream == SetpointSource.SETPOINT
     flight.vehicle.landed, flight.phase = MavLandedState.IN_AIR, Phase.HOVER
     flight.run(10.0)
-    flight.until(Stage.LANDING, Phase.LAND).run(2.0)
+    flight.until(SessionStage.LANDING, Phase.LAND).run(2.0)
     assert flight.modes_asked() == [OFFBOARD, AUTO_LAND]
     flight.vehicle.landed, flight.vehicle.armed = MavLandedState.ON_GROUND, False
-    flight.until(Stage.READY)
+    flight.until(SessionStage.READY)
     flight.phase = Phase.LANDED
     flight.run(10.0)
-    assert flight.session.stage == Stage.READY
+    assert flight.session.stage == SessionStage.READY
     assert flight.armings() == [True]
     assert not flight.events
 
 
 def test_after_a_flight_a_restarted_mission_arms_nothing_without_a_command():
     flight = Flight().take_off()
-    flight.until(Stage.LANDING, Phase.LAND)
+    flight.until(SessionStage.LANDING, Phase.LAND)
     flight.vehicle.landed, flight.vehicle.armed = MavLandedState.ON_GROUND, False
-    flight.until(Stage.READY, Phase.IDLE).run(2.0)
+    flight.until(SessionStage.READY, Phase.IDLE).run(2.0)
     flight.phase = Phase.TAKEOFF
     flight.run(5.0)
     assert flight.armings() == [True]
     assert "/mission/takeoff" in flight.faults["not_engaged"]
     flight.phase, flight.takeoff_commands = Phase.IDLE, 1
     flight.run(1.0)
-    flight.until(Stage.FLYING, Phase.TAKEOFF)
+    flight.until(SessionStage.FLYING, Phase.TAKEOFF)
     assert flight.armings() == [True, True]
 
 
@@ -207,14 +207,14 @@ def test_what_the_checks_forbid_is_not_armed_and_said(blockers):
     assert not flight.vehicle.received
     assert all(text in flight.faults["preflight"] for text in blockers)
     flight.blockers = ()
-    flight.until(Stage.FLYING)
+    flight.until(SessionStage.FLYING)
     assert not flight.faults
 
 
 def test_a_refused_arming_is_retried_reported_and_given_up():
     flight = Flight().run(2.0)
     flight.vehicle.refuses[ARM_COMMAND] = REJECTED
-    flight.until(Stage.GIVEN_UP, Phase.TAKEOFF)
+    flight.until(SessionStage.GIVEN_UP, Phase.TAKEOFF)
     assert flight.armings() == 5 * [True]
     text = flight.faults["given_up"]
     assert "arming temporarily rejected" in text
@@ -227,18 +227,18 @@ def test_a_refused_arming_is_retried_reported_and_given_up():
 def test_after_a_refusal_the_mission_must_have_been_on_the_ground():
     flight = Flight().run(2.0)
     flight.vehicle.refuses[ARM_COMMAND] = DENIED
-    flight.until(Stage.GIVEN_UP, Phase.TAKEOFF)
+    flight.until(SessionStage.GIVEN_UP, Phase.TAKEOFF)
     flight.vehicle.refuses.clear()
     flight.run(10.0)
-    assert flight.session.stage == Stage.GIVEN_UP
-    flight.until(Stage.READY, Phase.LANDED)
-    flight.until(Stage.FLYING, Phase.TAKEOFF)
+    assert flight.session.stage == SessionStage.GIVEN_UP
+    flight.until(SessionStage.READY, Phase.LANDED)
+    flight.until(SessionStage.FLYING, Phase.TAKEOFF)
 
 
 def test_a_refused_mode_arms_nothing():
     flight = Flight().run(2.0)
     flight.vehicle.refuses[SET_MODE_COMMAND] = REJECTED
-    flight.until(Stage.GIVEN_UP, Phase.TAKEOFF)
+    flight.until(SessionStage.GIVEN_UP, Phase.TAKEOFF)
     assert flight.armings() == []
     assert len(flight.modes_asked()) == 3
     assert "mode offboard temporarily rejected" in flight.session.why
@@ -251,7 +251,7 @@ def test_an_acknowledgement_is_no_confirmation():
     flight.run(1.0)
     for command in (SET_MODE_COMMAND, ARM_COMMAND):
         flight.session.handle_ack(CommandAck(flight.now, command, 0))
-    flight.until(Stage.GIVEN_UP)
+    flight.until(SessionStage.GIVEN_UP)
     assert "not confirmed by HEARTBEAT" in flight.session.why
     assert flight.armings() == []
 
@@ -269,22 +269,22 @@ def test_a_heartbeat_from_before_the_order_confirms_nothing():
 def test_a_mode_lost_while_arming_disarms_what_arms_late():
     flight = Flight().run(2.0)
     flight.vehicle.arms_late_ns = 1_500_000_000
-    flight.until(Stage.ARMING, Phase.TAKEOFF).run(0.3)
+    flight.until(SessionStage.ARMING, Phase.TAKEOFF).run(0.3)
     flight.vehicle.mode = POSCTL
-    flight.until(Stage.GIVEN_UP)
+    flight.until(SessionStage.GIVEN_UP)
     assert "mode changed to position while arming" in flight.session.why
     flight.vehicle.arms_late_ns = 0
     flight.run(4.0)
     assert not flight.vehicle.armed
     assert flight.armings()[-1] is False
     assert any("disarmed again" in said for _, said in flight.events)
-    assert flight.session.stage == Stage.GIVEN_UP
+    assert flight.session.stage == SessionStage.GIVEN_UP
 
 
 def test_poses_lost_while_arming_end_in_a_disarmed_vehicle():
     flight = Flight().run(2.0)
     flight.vehicle.arms_late_ns = SECOND
-    flight.until(Stage.ARMING, Phase.TAKEOFF).run(0.1)
+    flight.until(SessionStage.ARMING, Phase.TAKEOFF).run(0.1)
     flight.blockers = ("no mocap pose has come",)
     flight.run(6.0)
     assert not flight.vehicle.armed
@@ -296,25 +296,25 @@ def test_a_mode_taken_by_somebody_else_is_reported_and_never_fought():
     flight.vehicle.mode = POSCTL
     asked = len(flight.vehicle.received)
     flight.session.recent_texts.take(StatusText(flight.now, 4, "Pilot took over using sticks"))
-    flight.until(Stage.EXTERNAL_MODE).run(20.0)
+    flight.until(SessionStage.EXTERNAL_MODE).run(20.0)
     assert len(flight.vehicle.received) == asked
-    assert flight.stream == Stream.PRESENT
+    assert flight.stream == SetpointSource.PRESENT
     text = flight.faults["mode_taken"]
     assert "mode is position" in text and "Pilot took over" in text and "px4/offboard" in text
     flight.vehicle.mode = OFFBOARD  # even then: it waits to be asked
     flight.run(2.0)
-    assert flight.stream == Stream.HOLD
+    assert flight.stream == SetpointSource.HOLD
     flight.vehicle.mode = POSCTL
     reply = flight.ask("offboard")
     assert reply.success and flight.vehicle.mode == OFFBOARD
-    assert flight.run(0.1).stream == Stream.SETPOINT
+    assert flight.run(0.1).stream == SetpointSource.SETPOINT
     assert "mode_taken" not in flight.faults
 
 
 def test_landing_is_not_asked_for_in_a_mode_of_somebody_elses():
     flight = Flight().take_off()
     flight.vehicle.mode = AUTO_RTL
-    flight.until(Stage.EXTERNAL_MODE)
+    flight.until(SessionStage.EXTERNAL_MODE)
     flight.phase = Phase.LAND
     flight.run(5.0)
     assert AUTO_LAND not in flight.modes_asked()
@@ -324,11 +324,11 @@ def test_a_lost_link_is_reported_and_nothing_is_armed_on_return():
     flight = Flight().take_off()
     flight.vehicle.silent = True
     flight.run(1.3)
-    assert flight.session.stage == Stage.FLYING
+    assert flight.session.stage == SessionStage.FLYING
     flight.run(1.5)
-    assert flight.session.stage == Stage.LINK_LOST
+    assert flight.session.stage == SessionStage.LINK_LOST
     assert "nothing is armed" in flight.faults["link_lost"]
-    assert flight.stream == Stream.NONE, "PX4 must not come back to OFFBOARD by itself"
+    assert flight.stream == SetpointSource.NONE, "PX4 must not come back to OFFBOARD by itself"
     flight.vehicle.silent, flight.vehicle.armed = False, False
     flight.vehicle.landed = MavLandedState.ON_GROUND
     asked = len(flight.vehicle.received)
@@ -340,9 +340,9 @@ def test_a_lost_link_is_reported_and_nothing_is_armed_on_return():
 @pytest.mark.parametrize(
     ("mode", "failsafe", "stage"),
     [
-        (OFFBOARD, False, Stage.LANDING),
-        (AUTO_LAND, True, Stage.LANDING),
-        (AUTO_RTL, False, Stage.EXTERNAL_MODE),
+        (OFFBOARD, False, SessionStage.LANDING),
+        (AUTO_LAND, True, SessionStage.LANDING),
+        (AUTO_RTL, False, SessionStage.EXTERNAL_MODE),
     ],
 )
 def test_a_link_that_returns_in_flight(mode, failsafe, stage):
@@ -354,9 +354,9 @@ def test_a_link_that_returns_in_flight(mode, failsafe, stage):
     flight.run(1.5)
     assert flight.session.stage == stage
     assert "link_lost" not in flight.faults
-    landed = stage == Stage.LANDING
+    landed = stage == SessionStage.LANDING
     assert (flight.modes_asked()[-1] == AUTO_LAND) == landed
-    assert (flight.stream == Stream.NONE) == landed
+    assert (flight.stream == SetpointSource.NONE) == landed
 
 
 @pytest.mark.parametrize("mode", [AUTO_LAND, ALTCTL, STABILIZED, AUTO_RTL, POSCTL])
@@ -364,20 +364,20 @@ def test_px4s_own_fail_safe_is_no_pilot(mode):
     """It is landed and disarmed, and gets no set point with which it could return."""
     flight = Flight().take_off()
     flight.vehicle.mode, flight.vehicle.failsafe = mode, True
-    flight.until(Stage.LANDING).run(3.0)
+    flight.until(SessionStage.LANDING).run(3.0)
     assert flight.modes_asked()[-1] == AUTO_LAND
     flight.vehicle.mode, flight.vehicle.failsafe = OFFBOARD, False  # all is back
     for _ in range(20):
         flight.run(0.5)
-        assert flight.stream == Stream.NONE or flight.vehicle.mode == AUTO_LAND
-    assert (flight.session.stage, flight.vehicle.mode) == (Stage.LANDING, AUTO_LAND)
+        assert flight.stream == SetpointSource.NONE or flight.vehicle.mode == AUTO_LAND
+    assert (flight.session.stage, flight.vehicle.mode) == (SessionStage.LANDING, AUTO_LAND)
     flight.vehicle.landed = MavLandedState.ON_GROUND
     flight.run(6.0)
     assert not flight.vehicle.armed
     flight.run(20.0)
     assert flight.armings() == [True, False] and "not_engaged" in flight.faults
     flight.phase, flight.takeoff_commands = Phase.IDLE, 1
-    flight.run(2.0).until(Stage.FLYING, Phase.TAKEOFF)
+    flight.run(2.0).until(SessionStage.FLYING, Phase.TAKEOFF)
     assert flight.vehicle.armed, "an operator's new take-off flies"
 
 
@@ -385,8 +385,8 @@ def test_a_landing_that_px4_refuses_is_commanded_until_it_lands():
     flight = Flight().take_off()
     flight.vehicle.refused_modes = {AUTO_LAND}
     flight.must_land = "no mocap pose for 1.0 s"
-    flight.until(Stage.LANDING).run(30.0)
-    assert flight.stream == Stream.NONE and flight.session.stage == Stage.LANDING
+    flight.until(SessionStage.LANDING).run(30.0)
+    assert flight.stream == SetpointSource.NONE and flight.session.stage == SessionStage.LANDING
     flight.vehicle.refused_modes = set()
     flight.run(5.0)
     assert flight.vehicle.mode == AUTO_LAND
@@ -402,7 +402,7 @@ def test_what_must_land_lands_out_of_an_operators_mode_too(kind):
     assert flight.ask(kind).success
     flight.vehicle.landed = MavLandedState.IN_AIR
     flight.must_land = "no mocap pose for 1.0 s"
-    flight.until(Stage.LANDING).run(2.0)
+    flight.until(SessionStage.LANDING).run(2.0)
     assert flight.vehicle.mode == AUTO_LAND
     assert not flight.ask("offboard").success
 
@@ -410,7 +410,7 @@ def test_what_must_land_lands_out_of_an_operators_mode_too(kind):
 def test_what_must_land_leaves_a_pilots_mode_alone():
     flight = Flight().take_off()
     flight.vehicle.mode = POSCTL
-    flight.until(Stage.EXTERNAL_MODE)
+    flight.until(SessionStage.EXTERNAL_MODE)
     asked, flight.must_land = len(flight.vehicle.received), "no mocap pose for 1.0 s"
     flight.run(10.0)
     assert len(flight.vehicle.received) == asked
@@ -420,8 +420,8 @@ def test_a_bridge_that_was_stopped_in_flight_lands():
     flight = Flight().take_off()
     flight.now += 20 * SECOND
     flight.vehicle.beat(flight.now)
-    flight.until(Stage.LANDING).run(2.0)
-    assert flight.vehicle.mode == AUTO_LAND and flight.stream == Stream.NONE
+    flight.until(SessionStage.LANDING).run(2.0)
+    assert flight.vehicle.mode == AUTO_LAND and flight.stream == SetpointSource.NONE
 
 
 def test_a_bridge_that_finds_offboard_lands_it():
@@ -430,19 +430,19 @@ def test_a_bridge_that_finds_offboard_lands_it():
     flight.vehicle.armed, flight.vehicle.mode = True, OFFBOARD
     flight.vehicle.landed = MavLandedState.IN_AIR
     flight.run(5.0)
-    assert (flight.session.stage, flight.vehicle.mode) == (Stage.LANDING, AUTO_LAND)
+    assert (flight.session.stage, flight.vehicle.mode) == (SessionStage.LANDING, AUTO_LAND)
 
 
 def test_a_mission_whose_first_word_heard_is_take_off_is_flown():
     flight = Flight(Phase.TAKEOFF)
-    flight.until(Stage.FLYING)
+    flight.until(SessionStage.FLYING)
     assert flight.vehicle.armed and flight.vehicle.mode == OFFBOARD
 
 
 def test_take_off_asked_for_again_after_a_refusal_is_no_first_word():
     flight = Flight(Phase.TAKEOFF)
     flight.vehicle.refuses = {ARM_COMMAND: DENIED}
-    flight.until(Stage.GIVEN_UP)
+    flight.until(SessionStage.GIVEN_UP)
     flight.vehicle.refuses = {}
     sent = len(flight.vehicle.received)
     flight.run(10.0)
@@ -454,7 +454,7 @@ def test_a_bridge_started_in_flight_touches_nothing():
     flight.vehicle.armed, flight.vehicle.mode = True, AUTO_RTL
     flight.vehicle.landed = MavLandedState.IN_AIR
     flight.run(10.0)
-    assert (flight.session.stage, flight.vehicle.received) == (Stage.EXTERNAL_MODE, [])
+    assert (flight.session.stage, flight.vehicle.received) == (SessionStage.EXTERNAL_MODE, [])
     flight.vehicle.armed, flight.vehicle.landed = False, MavLandedState.ON_GROUND
     flight.run(10.0)
     assert not flight.vehicle.received, "the mission still hovers: that is no order to take off"
@@ -463,10 +463,10 @@ def test_a_bridge_started_in_flight_touches_nothing():
 
 def test_a_blind_descent_lands_and_does_not_take_off_again():
     flight = Flight().take_off()
-    flight.until(Stage.LANDING, Phase.DESCEND_BLIND).run(2.0)
+    flight.until(SessionStage.LANDING, Phase.DESCEND_BLIND).run(2.0)
     flight.phase = Phase.HOVER
     flight.run(2.0)
-    assert flight.session.stage == Stage.LANDING
+    assert flight.session.stage == SessionStage.LANDING
     flight.vehicle.landed, flight.vehicle.armed = MavLandedState.ON_GROUND, False
     flight.run(10.0)
     assert flight.armings() == [True]
@@ -475,28 +475,28 @@ def test_a_blind_descent_lands_and_does_not_take_off_again():
 def test_a_refused_landing_goes_on_in_offboard_and_disarms_on_the_ground():
     flight = Flight().take_off()
     flight.vehicle.refuses[SET_MODE_COMMAND] = REJECTED
-    flight.until(Stage.LANDING, Phase.LAND).run(6.0)
-    assert flight.session.stage == Stage.LANDING
-    assert flight.stream == Stream.SETPOINT
+    flight.until(SessionStage.LANDING, Phase.LAND).run(6.0)
+    assert flight.session.stage == SessionStage.LANDING
+    assert flight.stream == SetpointSource.SETPOINT
     flight.vehicle.landed, flight.phase = MavLandedState.ON_GROUND, Phase.LANDED
-    flight.until(Stage.READY)
+    flight.until(SessionStage.READY)
     assert flight.armings() == [True, False]
 
 
 def test_a_vehicle_that_stays_armed_on_the_ground_is_disarmed():
     flight = Flight().take_off()
-    flight.until(Stage.LANDING, Phase.LAND)
+    flight.until(SessionStage.LANDING, Phase.LAND)
     flight.vehicle.landed = MavLandedState.ON_GROUND
     flight.run(3.0)
     assert flight.armings() == [True]
-    flight.until(Stage.READY)
+    flight.until(SessionStage.READY)
     assert flight.armings() == [True, False]
 
 
 def test_a_mission_that_gives_up_on_the_ground_is_disarmed():
     flight = Flight().run(2.5)
-    flight.until(Stage.FLYING, Phase.TAKEOFF)
-    flight.until(Stage.READY, Phase.LANDED)
+    flight.until(SessionStage.FLYING, Phase.TAKEOFF)
+    flight.until(SessionStage.READY, Phase.LANDED)
     assert flight.armings() == [True, False]
 
 
@@ -506,7 +506,7 @@ def test_disarmed_in_flight_is_not_armed_again():
     flight.session.recent_texts.take(
         StatusText(flight.now, 1, "Critical failure detected: terminate")
     )
-    flight.until(Stage.GIVEN_UP).run(10.0)
+    flight.until(SessionStage.GIVEN_UP).run(10.0)
     assert "Critical failure" in flight.session.why
     assert flight.armings() == [True]
 
@@ -520,14 +520,14 @@ def test_services_are_answered_once_a_heartbeat_confirms():
     reply = flight.ask("arm")
     assert reply.success and flight.vehicle.heartbeat.armed
     assert flight.now - began < 2 * SECOND
-    assert flight.session.stage == Stage.EXTERNAL_MODE
+    assert flight.session.stage == SessionStage.EXTERNAL_MODE
 
 
 @pytest.mark.parametrize("kind", ["offboard", "hold", "land", "disarm"])
 def test_a_refused_request_is_answered_with_px4s_text(kind):
     flight = Flight().take_off()
     flight.vehicle.mode = POSCTL
-    flight.until(Stage.EXTERNAL_MODE)
+    flight.until(SessionStage.EXTERNAL_MODE)
     flight.vehicle.refuses = {SET_MODE_COMMAND: DENIED, ARM_COMMAND: DENIED}
     reply = flight.ask(kind)
     assert not reply.success
@@ -556,10 +556,10 @@ def test_hold_and_land_by_service():
     flight = Flight().take_off()
     assert flight.ask("hold").success
     flight.run(5.0)
-    assert (flight.session.stage, flight.vehicle.mode) == (Stage.EXTERNAL_MODE, AUTO_HOLD)
+    assert (flight.session.stage, flight.vehicle.mode) == (SessionStage.EXTERNAL_MODE, AUTO_HOLD)
     flight.replies.clear()
     assert flight.ask("land").success
-    assert flight.session.stage == Stage.LANDING
+    assert flight.session.stage == SessionStage.LANDING
 
 
 def test_takeoff_by_service_is_px4s_own_after_the_checks():
@@ -567,7 +567,9 @@ def test_takeoff_by_service_is_px4s_own_after_the_checks():
     assert flight.ask("takeoff").success
     assert (flight.vehicle.armed, flight.vehicle.mode) == (True, AUTO_TAKEOFF)
     flight.run(5.0)
-    assert flight.session.stage == Stage.EXTERNAL_MODE, "px4 flies, nobody asks for offboard"
+    assert flight.session.stage == SessionStage.EXTERNAL_MODE, (
+        "px4 flies, nobody asks for offboard"
+    )
     flight.replies.clear()
     reply = flight.ask("takeoff")
     assert (reply.success, reply.text) == (False, "the vehicle is armed already")
@@ -589,7 +591,7 @@ def test_kill_disarms_in_the_air_by_force_whoever_flies(mode):
 def test_kill_is_sent_without_a_link_too():
     flight = Flight().take_off()
     flight.vehicle.silent = True
-    flight.until(Stage.LINK_LOST)
+    flight.until(SessionStage.LINK_LOST)
     reply = flight.ask("kill")
     assert not reply.success and "no heartbeat" in reply.text
     assert flight.vehicle.received[-1] == VehicleCommand(armed=False, force=True)
@@ -609,27 +611,27 @@ def test_a_hold_that_px4_refuses_is_one_by_set_points():
     flight.vehicle.refused_modes = {AUTO_HOLD}
     reply = flight.ask("hold")
     assert reply.success and "set points hold it" in reply.text
-    assert (flight.session.stage, flight.vehicle.mode) == (Stage.EXTERNAL_MODE, OFFBOARD)
-    assert flight.run(20.0).stream == Stream.HOLD, "the mission is not followed"
+    assert (flight.session.stage, flight.vehicle.mode) == (SessionStage.EXTERNAL_MODE, OFFBOARD)
+    assert flight.run(20.0).stream == SetpointSource.HOLD, "the mission is not followed"
     flight.replies.clear()
     assert flight.ask("offboard").success
-    assert flight.run(0.1).stream == Stream.SETPOINT
+    assert flight.run(0.1).stream == SetpointSource.SETPOINT
 
 
 def test_a_hold_holds_before_px4_has_answered():
     flight = Flight().take_off()
     flight.vehicle.deaf = True
-    flight.session.request(Request(1, "hold"))
-    assert flight.run(0.1).stream == Stream.HOLD
+    flight.session.request(OperatorRequest(1, "hold"))
+    assert flight.run(0.1).stream == SetpointSource.HOLD
 
 
 def test_a_second_request_replaces_the_first():
     flight = Flight().take_off()
     flight.vehicle.deaf = True
-    flight.session.request(Request(7, "hold"))
+    flight.session.request(OperatorRequest(7, "hold"))
     flight.run(0.5)
     flight.vehicle.deaf = False
-    flight.session.request(Request(8, "land"))
+    flight.session.request(OperatorRequest(8, "land"))
     flight.run(2.5)
     first, second = flight.replies
     assert (first.number, first.success, second.number, second.success) == (7, False, 8, True)
@@ -639,10 +641,10 @@ def test_a_second_request_replaces_the_first():
 def test_offboard_by_service_opens_the_way_after_a_refusal():
     flight = Flight().run(2.5)
     flight.vehicle.refuses[ARM_COMMAND] = DENIED
-    flight.until(Stage.GIVEN_UP, Phase.TAKEOFF).run(6.0)
+    flight.until(SessionStage.GIVEN_UP, Phase.TAKEOFF).run(6.0)
     flight.vehicle.refuses.clear()
     assert flight.ask("offboard").success
-    flight.until(Stage.FLYING)
+    flight.until(SessionStage.FLYING)
 
 
 def test_armed_by_the_operator_it_stands_still_until_the_mission_flies():
@@ -651,18 +653,18 @@ def test_armed_by_the_operator_it_stands_still_until_the_mission_flies():
     flight.replies.clear()
     assert flight.ask("offboard").success
     flight.run(8.0)
-    assert (flight.session.stage, flight.stream) == (Stage.FLYING, Stream.HOLD)
+    assert (flight.session.stage, flight.stream) == (SessionStage.FLYING, SetpointSource.HOLD)
     assert flight.vehicle.armed, "PX4's own time-out disarms it, not the bridge"
     flight.phase = Phase.TAKEOFF
-    assert flight.run(0.1).stream == Stream.SETPOINT
+    assert flight.run(0.1).stream == SetpointSource.SETPOINT
 
 
 def test_a_clock_set_back_leaves_nobody_waiting():
     flight = Flight().run(2.5)
     flight.vehicle.deaf = True
-    flight.session.request(Request(1, "arm"))
+    flight.session.request(OperatorRequest(1, "arm"))
     flight.run(0.5)
-    out = Decision()
+    out = SessionOutput()
     flight.session.clock_set_back(out)
     assert not out.replies[0].success and "clock" in out.replies[0].text
 
@@ -678,7 +680,7 @@ def test_requests_without_a_link_are_answered_at_once():
 def test_the_operator_stops_an_arming_under_way():
     flight = Flight().run(2.5)
     flight.vehicle.arms_late_ns = 3 * SECOND
-    flight.until(Stage.ARMING, Phase.TAKEOFF)
+    flight.until(SessionStage.ARMING, Phase.TAKEOFF)
     assert flight.ask("disarm").success
     flight.vehicle.arms_late_ns = 0
     flight.run(8.0)
@@ -717,7 +719,7 @@ def test_whatever_happens_the_rules_hold(story):
             flight.vehicle.refuses = dict.fromkeys((ARM_COMMAND, SET_MODE_COMMAND), value)
         elif what == "ask":
             asked += 1
-            flight.session.request(Request(asked, value))
+            flight.session.request(OperatorRequest(asked, value))
         else:
             setattr(flight, what, value)
         for _ in range(max(1, round(seconds * 50))):

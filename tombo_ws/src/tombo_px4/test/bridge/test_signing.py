@@ -5,7 +5,7 @@ from mavlink_packets import encoder, heartbeat
 from pymavlink.dialects.v20 import common
 
 from tombo_dynamics.errors import InputError
-from tombo_px4.link.framing import Findings, frames_of
+from tombo_px4.link.framing import FrameCounts, frames_of
 from tombo_px4.link.signing import SignatureVerifier, check_key, read_key, timestamp_of
 
 KEY = bytes(range(1, 33))
@@ -18,12 +18,12 @@ def signed(timestamp, key=KEY, system=1, component=1, link_id=0):
     mav = encoder(system, component, key)
     mav.signing.timestamp = timestamp
     mav.signing.link_id = link_id
-    (frame,) = frames_of(heartbeat(1, mav), Findings())
+    (frame,) = frames_of(heartbeat(1, mav), FrameCounts())
     return frame
 
 
 def unsigned(old=False):
-    (frame,) = frames_of(heartbeat(1, old=old), Findings())
+    (frame,) = frames_of(heartbeat(1, old=old), FrameCounts())
     return frame
 
 
@@ -84,11 +84,11 @@ def test_a_partner_whose_clock_is_behind_takes_over_our_time():
     gate = SignatureVerifier(KEY, NOW_NS)
     partner = encoder(1, 1, KEY)
     partner.signing.timestamp = timestamp_of(NOW_NS - 3600 * 10**9)
-    (early,) = frames_of(heartbeat(1, partner), Findings())
+    (early,) = frames_of(heartbeat(1, partner), FrameCounts())
     assert gate.refusal(early) == "replayed"
     partner.decode(bytearray(signed(gate.next_timestamp(NOW_NS), system=245).data))
     partner.signing.timestamp += 1
-    (late,) = frames_of(heartbeat(1, partner), Findings())
+    (late,) = frames_of(heartbeat(1, partner), FrameCounts())
     assert gate.refusal(late) == ""
 
 

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from tombo_px4.bridge.acceleration_check import TakeoffWatch, accelerations_by_position
+from tombo_px4.bridge.flight_watch import TakeoffWatch, accelerations_by_position
 
 MS = 1_000_000
 GRAVITY = 9.80665

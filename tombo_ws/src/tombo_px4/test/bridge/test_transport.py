@@ -11,9 +11,8 @@ import pytest
 
 from tombo_dynamics.errors import InputError
 from tombo_px4.link import tcp, udp
-from tombo_px4.link.address import is_loopback, parse_peer, parse_url
 from tombo_px4.link.mavlink_link import COUNTED, open_transport
-from tombo_px4.link.transport import RetryTimer, SendBuffer
+from tombo_px4.link.transport import RetryTimer, SendBuffer, is_loopback, parse_peer, parse_url
 
 
 class Way:

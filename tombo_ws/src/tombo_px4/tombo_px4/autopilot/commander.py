@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from tombo_dynamics.time_base import TICK_HZ
-from tombo_px4.autopilot.offboard_setpoint import ControlLevel
 from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.autopilot.vehicle_state import Battery, Health
+from tombo_px4.autopilot.setpoint_controller import ControlLevel
+from tombo_px4.autopilot.vehicle_state import ArmingHealth, BatteryCharge
 from tombo_px4.link.decoded_messages import Result, Severity
 from tombo_px4.modes import (
     ACRO,
@@ -81,7 +81,7 @@ class CommanderInput(NamedTuple):
     """Tick of the last valid set point; negative: none ever came."""
     kind: ControlLevel
     """Of that set point."""
-    battery: Battery
+    battery: BatteryCharge
     roll: float
     pitch: float
     """[rad]."""
@@ -143,7 +143,7 @@ class Commander:
         limit = TICK_HZ * self._parameters.get("COM_OF_LOSS_T")
         return now.signal_tick < 0 or now.tick - now.signal_tick > limit
 
-    def health(self, now: CommanderInput) -> Health:
+    def health(self, now: CommanderInput) -> ArmingHealth:
         """Return what arming in the present mode would be denied for."""
         problems = [self.missing(self.user_intended_mode, now)]
         if self.user_intended_mode in _NOT_FOR_ARMING:
@@ -152,7 +152,7 @@ class Commander:
             problems.append(_BATTERY[now.battery.warning])
         if self.terminated:
             problems.append("Flight termination active")
-        return Health(
+        return ArmingHealth(
             tuple(dict.fromkeys(filter(None, problems))),
             now.attitude,
             now.local_position,

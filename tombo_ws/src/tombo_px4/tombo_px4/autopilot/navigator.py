@@ -9,8 +9,8 @@ import numpy as np
 from tombo_control.planning.leg import hold_leg, straight_leg
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
-from tombo_px4.autopilot.offboard_setpoint import ControlLevel, ResolvedSetpoint
 from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.autopilot.setpoint_controller import ControlLevel, ResolvedSetpoint
 from tombo_px4.modes import AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, Mode
 
 _BELOW = 3.0

@@ -12,7 +12,7 @@ Kind = Literal["int32", "float"]
 
 
 @dataclass(frozen=True)
-class Parameter:
+class Px4Parameter:
     """One parameter."""
 
     name: str
@@ -28,17 +28,17 @@ class Parameter:
 
 def _int(
     name: str, default: int, low: int, high: int, doc: str, unit: str = "", acts: bool = True
-) -> Parameter:
-    return Parameter(name, "int32", default, low, high, unit, doc, acts)
+) -> Px4Parameter:
+    return Px4Parameter(name, "int32", default, low, high, unit, doc, acts)
 
 
 def _float(
     name: str, default: float, low: float, high: float, unit: str, doc: str, acts: bool = True
-) -> Parameter:
-    return Parameter(name, "float", default, low, high, unit, doc, acts)
+) -> Px4Parameter:
+    return Px4Parameter(name, "float", default, low, high, unit, doc, acts)
 
 
-PARAMETERS: tuple[Parameter, ...] = (
+PARAMETERS: tuple[Px4Parameter, ...] = (
     # identity
     _int("MAV_SYS_ID", 1, 1, 250, "system id on the link; taken at the start"),
     _int("MAV_COMP_ID", 1, 1, 250, "component id on the link; taken at the start"),
@@ -224,7 +224,7 @@ class ParameterTable:
             self.version += 1
 
 
-def _kept(parameter: Parameter, value: float) -> float:
+def _kept(parameter: Px4Parameter, value: float) -> float:
     """Return the value as the autopilot stores it."""
     if parameter.kind == "int32":
         return int(value)

@@ -15,21 +15,26 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import yaw_of, yaw_pitch_roll
 from tombo_dynamics.time_base import TICK_HZ, TICK_NS, TICK_S
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_px4.autopilot.battery import BatteryMeter
 from tombo_px4.autopilot.commander import DESCEND, TERMINATE, Commander, CommanderInput
 from tombo_px4.autopilot.ekf2_model import Ekf2Model
-from tombo_px4.autopilot.land_detector import LandDetector, Motion
 from tombo_px4.autopilot.navigator import Navigator
-from tombo_px4.autopilot.offboard_setpoint import (
+from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.autopilot.setpoint_controller import (
     ControlLevel,
     OffboardSetpoint,
     ResolvedSetpoint,
+    SetpointController,
     finite_or_nan,
     resolve_setpoint,
 )
-from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.autopilot.setpoint_controller import SetpointController
-from tombo_px4.autopilot.vehicle_state import Battery, Health, TakeoffState
+from tombo_px4.autopilot.vehicle_state import (
+    ArmingHealth,
+    BatteryCharge,
+    BatteryMeter,
+    GroundMotion,
+    LandDetector,
+    TakeoffState,
+)
 from tombo_px4.link.decoded_messages import MavLandedState, Result, Severity
 from tombo_px4.modes import (
     ALTCTL,
@@ -115,7 +120,7 @@ class Px4Vehicle:
         self._was_mode: Mode | None = None
         self._force = 1.0
         self._meter = BatteryMeter(world.vehicle.battery_voltage, parameters)
-        self.battery = Battery(world.vehicle.battery_voltage, 0.0, 1.0, 0)
+        self.battery = BatteryCharge(world.vehicle.battery_voltage, 0.0, 1.0, 0)
 
     @property
     def _state(self) -> State:
@@ -186,7 +191,7 @@ class Px4Vehicle:
         )
 
     @property
-    def health(self) -> Health:
+    def health(self) -> ArmingHealth:
         """What arming would be denied for."""
         return self._commander.health(self._commander_input())
 
@@ -517,7 +522,7 @@ class Px4Vehicle:
         length = math.sqrt(float(force @ force)) / GRAVITY
         self._force += _SMOOTH * (length - self._force)
         aloft = self._had_time_to_lift_off(self.tick)
-        motion = Motion(
+        motion = GroundMotion(
             self.armed,
             aloft,
             self._begins_take_off(),

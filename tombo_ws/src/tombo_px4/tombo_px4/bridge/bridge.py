@@ -22,17 +22,28 @@ from tombo_dynamics.messages import Phase, PositionSetpoint
 from tombo_dynamics.pose_check import PoseRefusal, check_pose
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.bridge.acceleration_check import TakeoffWatch
 from tombo_px4.bridge.bridge_params import BridgeParams
-from tombo_px4.bridge.command_transaction import VehicleCommand
-from tombo_px4.bridge.flight_limits import FlightLimits
-from tombo_px4.bridge.offboard_session import Decision, Request, Session, SessionInput, Stage
-from tombo_px4.bridge.parameter_findings import HOVER, READ, Finding, FindingSeverity
-from tombo_px4.bridge.parameter_reader import ParameterReader
+from tombo_px4.bridge.bridge_records import VehicleCommand
+from tombo_px4.bridge.flight_watch import TakeoffWatch
+from tombo_px4.bridge.message_rates import MessageRates
+from tombo_px4.bridge.offboard_session import (
+    OperatorRequest,
+    Session,
+    SessionInput,
+    SessionOutput,
+    SessionStage,
+)
 from tombo_px4.bridge.pose_axes import AxesEvidence
 from tombo_px4.bridge.preflight import FROZEN, Preflight
-from tombo_px4.bridge.setpoint_stream import SetpointStream
-from tombo_px4.events.vehicle_words import VehicleWords
+from tombo_px4.bridge.setpoint_stream import FlightLimits, SetpointStream
+from tombo_px4.bridge.vehicle_parameters import (
+    HOVER,
+    READ,
+    FindingSeverity,
+    ParameterReader,
+    PreflightFinding,
+)
+from tombo_px4.bridge.vehicle_words import VehicleWords
 from tombo_px4.link import decoded_messages as decoded
 from tombo_px4.link import message_encoder
 from tombo_px4.link.decoded_messages import MavLandedState
@@ -41,7 +52,6 @@ from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.message_decoder import MessageDecoder
 from tombo_px4.link.message_encoder import MessageTarget
-from tombo_px4.link.message_rates import MessageRates
 from tombo_px4.link.timesync import TimeSync
 from tombo_px4.modes import AUTO_LAND, OFFBOARD, mode_name
 
@@ -70,14 +80,14 @@ _SET_BACK_NS = SECOND_NS // 2
 
 
 @dataclass(frozen=True)
-class Status:
+class BridgeStatus:
     """State of vehicle and bridge; published at each change."""
 
     connected: bool = False
     armed: bool = False
     mode: str = ""
     landed: MavLandedState = MavLandedState.UNDEFINED
-    stage: Stage = Stage.WAITING
+    stage: SessionStage = SessionStage.WAITING
     why: str = ""
     offboard: bool = False
     ready: bool = False
@@ -87,7 +97,7 @@ class Status:
 
 
 @dataclass
-class BridgeOutput(Decision):
+class BridgeOutput(SessionOutput):
     """Outputs of one tick, besides those of the session."""
 
     messages: list[Any] = field(default_factory=list)
@@ -95,9 +105,9 @@ class BridgeOutput(Decision):
     odometry: list[decoded.VehicleOdometry] = field(default_factory=list)
     """All with a stamp."""
     imu: list[decoded.ImuSample] = field(default_factory=list)
-    battery: list[decoded.Battery] = field(default_factory=list)
+    battery: list[decoded.BatteryReading] = field(default_factory=list)
     texts: list[decoded.StatusText] = field(default_factory=list)
-    status: Status = field(default_factory=Status)
+    status: BridgeStatus = field(default_factory=BridgeStatus)
     evidence: AxesEvidence | None = None
     """What was shown just now of the poses' axes: to be kept."""
 
@@ -144,7 +154,7 @@ class Bridge:
         self.message_rates = MessageRates()
         self.poses_sent = 0
         self.poses_refused: dict[str, int] = {}
-        self.findings: list[Finding] = []
+        self.findings: list[PreflightFinding] = []
         self.estimate_trusted = False
         """PX4's estimate may be relied on: the checks have passed, or it flies."""
         self._ready_ns: int | None = None
@@ -203,12 +213,12 @@ class Bridge:
             decoded.MavLandedState: partial(setattr, self, "_landed"),
             decoded.EstimatorStatusFlags: partial(setattr, self.preflight, "estimator"),
             decoded.ParameterValue: self.parameters.take,
-            decoded.Battery: self._take_battery,
+            decoded.BatteryReading: self._take_battery,
             decoded.SystemStatus: self._take_system_status,
             decoded.VehicleAttitude: partial(setattr, self, "_attitude"),
             decoded.LocalPosition: self._take_local_position,
             decoded.FirmwareVersion: partial(setattr, self, "_version"),
-            decoded.Event: self.words.take,
+            decoded.VehicleEvent: self.words.take,
             decoded.MetadataUri: self.words.metadata.take_uri,
             FileAnswer: self.words.metadata.take_answer,
         }
@@ -226,7 +236,7 @@ class Bridge:
         else:
             self.sync.reply(found.tc1, found.ts1, found.arrival_ns)
 
-    def _take_battery(self, found: decoded.Battery) -> None:
+    def _take_battery(self, found: decoded.BatteryReading) -> None:
         self._battery_ns = found.arrival_ns
         self._out.battery.append(found)
 
@@ -345,7 +355,7 @@ class Bridge:
         The answer comes in `BridgeOutput.replies`, within some seconds.
         """
         self._requests += 1
-        self.session.request(Request(self._requests, kind))
+        self.session.request(OperatorRequest(self._requests, kind))
         return self._requests
 
     # --- What goes out ------------------------------------------------------------------------
@@ -403,13 +413,13 @@ class Bridge:
         return out
 
     @property
-    def _blocking(self) -> list[Finding]:
+    def _blocking(self) -> list[PreflightFinding]:
         return [f for f in self.findings if f.weight == FindingSeverity.BLOCKS]
 
     def _must_land(self, now_ns: int) -> str:
         """Return why the flight must end, "" if it may go on."""
         silent_s = self.stream.silent_s(now_ns)
-        if self.session.stage == Stage.FLYING and silent_s > self.params.hold_time:
+        if self.session.stage == SessionStage.FLYING and silent_s > self.params.hold_time:
             return f"no set point for {silent_s:.0f} s"
         if not self._flying:
             self._unfit_ns = self._limit_ns = None
@@ -454,7 +464,7 @@ class Bridge:
         latest = self.preflight.latest_position
         return 0.0 if latest is None else self.stream.beside(latest)
 
-    def _update_estimate_trusted(self, status: Status, now_ns: int) -> None:
+    def _update_estimate_trusted(self, status: BridgeStatus, now_ns: int) -> None:
         self._ready_ns = (self._ready_ns or now_ns) if status.ready else None
         wait_ns = self.params.ready_time * SECOND_NS
         settled = self._ready_ns is not None and now_ns - self._ready_ns >= wait_ns
@@ -556,9 +566,13 @@ class Bridge:
         beat, stage = self._heartbeat, self.session.stage
         if beat is None:
             return None
-        if stage == Stage.ARMING and not beat.armed:
+        if stage == SessionStage.ARMING and not beat.armed:
             return self._encode_command(VehicleCommand(armed=False))  # arming may be under way
-        if not beat.armed or stage not in (Stage.ENTERING_OFFBOARD, Stage.ARMING, Stage.FLYING):
+        if not beat.armed or stage not in (
+            SessionStage.ENTERING_OFFBOARD,
+            SessionStage.ARMING,
+            SessionStage.FLYING,
+        ):
             return None
         if self._landed == MavLandedState.ON_GROUND:
             return self._encode_command(VehicleCommand(armed=False))
@@ -584,7 +598,7 @@ class Bridge:
 
     # --- What is wrong ------------------------------------------------------------------------
 
-    def _check(self, now_ns: int, linked: bool) -> list[Finding]:
+    def _check(self, now_ns: int, linked: bool) -> list[PreflightFinding]:
         if not linked or self._linked_ns is None:
             return []
         assert self._heartbeat is not None
@@ -599,7 +613,7 @@ class Bridge:
         if self.parameters.unwritten:
             pairs = ", ".join(f"{n}={v:g}" for n, v in self.parameters.unwritten.items())
             text = f"PX4 did not take: {pairs}; is the name right, the value within its bounds?"
-            found.insert(0, Finding("parameters_not_set", text))
+            found.insert(0, PreflightFinding("parameters_not_set", text))
         return found
 
     def _faults(self, now_ns: int, linked: bool, out: BridgeOutput) -> None:
@@ -607,11 +621,11 @@ class Bridge:
         if not linked or self._linked_ns is None:
             return
         settled = now_ns - self._linked_ns > _SETTLE_NS
-        flies = self.session.stage in (Stage.FLYING, Stage.LANDING)
+        flies = self.session.stage in (SessionStage.FLYING, SessionStage.LANDING)
         for finding in self.findings if settled or flies else ():
             if finding.weight != FindingSeverity.ADVICE:
                 out.faults[f"check.{finding.key}"] = finding.text
-        if self.session.stage == Stage.FLYING:
+        if self.session.stage == SessionStage.FLYING:
             out.faults.update(self.stream.faults(self.hover_thrust, now_ns))
         if settled:
             wishes = {"ODOMETRY": self.params.odometry_rate, "HIGHRES_IMU": self.params.imu_rate}
@@ -629,16 +643,16 @@ class Bridge:
             names = ", ".join(self.parameters.await_restart)
             out.faults["parameters_at_start"] = f"{names} changed: restart PX4, it uses them then"
 
-    def _status(self, linked: bool) -> Status:
+    def _status(self, linked: bool) -> BridgeStatus:
         beat = self._heartbeat
-        return Status(
+        return BridgeStatus(
             linked,
             beat is not None and beat.armed,
             "" if beat is None else mode_name(beat.mode),
             self._landed,
             self.session.stage,
             self.session.why,
-            self.session.stage == Stage.FLYING and self.stream.follows_suite,
+            self.session.stage == SessionStage.FLYING and self.stream.follows_suite,
             linked and not self._blocking,
             tuple(f.text for f in self.findings),
             self._last_text,

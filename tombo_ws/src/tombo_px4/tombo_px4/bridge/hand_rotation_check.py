@@ -20,7 +20,7 @@ import numpy as np
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import body_to_map, conjugate, quaternion_multiply, unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_px4.bridge.acceleration_check import accelerations_by_position
+from tombo_px4.bridge.flight_watch import accelerations_by_position
 
 TURN_RAD, CARRY_M = 1.0, 1.0
 """The proof needs so much in all about each axis, and along each axis."""
@@ -56,7 +56,7 @@ _UNEXPLAINED = (
 
 
 @dataclass(frozen=True)
-class Verdict:
+class HandVerdict:
     """Result of the check."""
 
     delay_s: float
@@ -87,7 +87,7 @@ class MotionCheck:
         self._poses: deque[tuple[int, Array, Array]] = deque(maxlen=4000)
         self._imu: deque[tuple[int, Array, Array]] = deque(maxlen=12000)
         self._moved = False
-        self.verdict: Verdict | None = None
+        self.verdict: HandVerdict | None = None
         """The last one; None as long as the vehicle was not turned."""
 
     def pose(self, stamp_ns: int, position: Array, attitude: Array) -> None:
@@ -114,14 +114,14 @@ class MotionCheck:
         self.forget()
         self.verdict = None
 
-    def judge(self, now_ns: int) -> Verdict | None:
+    def judge(self, now_ns: int) -> HandVerdict | None:
         """Compare the last seconds; return the newest verdict."""
         if self._moved:
             self._moved = False
             self.verdict = self._compare(now_ns) or self.verdict
         return self.verdict
 
-    def _compare(self, now_ns: int) -> Verdict | None:
+    def _compare(self, now_ns: int) -> HandVerdict | None:
         imu = [s for s in self._imu if now_ns - s[0] < _WINDOW_NS]
         poses = [p for p in self._poses if now_ns - p[0] < _WINDOW_NS]
         if len(imu) < 50 or len(poses) < 20:
@@ -141,8 +141,8 @@ class MotionCheck:
         attitudes = np.array([p[2] for p in poses])
         about: tuple[float, float, float] = tuple(turned.tolist())
         complete = bool((turned >= TURN_RAD).all())
-        unsure = Verdict(math.nan, _UNEXPLAINED, sure=False, turned=about)
-        fits: list[tuple[str, _Fit]] = []
+        unsure = HandVerdict(math.nan, _UNEXPLAINED, sure=False, turned=about)
+        fits: list[tuple[str, _AxesFit]] = []
         for mistake, meant in _QUATERNIONS:
             spans = _spans(stamps, meant(attitudes), begin_ns)
             if spans is None:
@@ -156,7 +156,7 @@ class MotionCheck:
             return unsure
         mistake, best = min(fits, key=lambda f: _angle(f[1].axes))
         if mistake:
-            return Verdict(best.delay, mistake, turned=about)
+            return HandVerdict(best.delay, mistake, turned=about)
         axes = best.axes
         if complete and _angle(axes) <= self._angle_max:
             axes = np.eye(3)
@@ -165,10 +165,10 @@ class MotionCheck:
         motion = _compare_motion(seconds, np.array([p[1] for p in poses]), attitudes, times, force)
         carried: tuple[float, float, float] = tuple(motion.carried.tolist())
         mistake = _explain(axes, motion, self._angle_max)
-        return Verdict(best.delay, mistake, True, about, carried, motion.compared)
+        return HandVerdict(best.delay, mistake, True, about, carried, motion.compared)
 
 
-class _Motion(NamedTuple):
+class _PositionMotion(NamedTuple):
     """How positions move, against the accelerometer turned by the attitudes."""
 
     up: Array
@@ -184,7 +184,7 @@ class _Motion(NamedTuple):
 
 def _compare_motion(
     times: Array, position: Array, attitude: Array, felt_times: Array, force: Array
-) -> _Motion:
+) -> _PositionMotion:
     """Compare the second differences of positions with the accelerometer.
 
     Args:
@@ -204,7 +204,7 @@ def _compare_motion(
     up = mean / max(float(np.linalg.norm(mean)), 1e-9)
     seen, wanted = accelerations_by_position(times, position, felt_times, felt - GRAVITY * up)
     carried = np.abs(np.diff(position, axis=0)).sum(axis=0)
-    nothing = _Motion(up, carried, None, False)
+    nothing = _PositionMotion(up, carried, None, False)
     total = float((wanted**2).sum())
     if len(seen) < 50 or total <= 0.0:
         return nothing
@@ -218,10 +218,10 @@ def _compare_motion(
     size = np.sqrt((seen**2).sum(axis=0) * (wanted**2).sum(axis=0))
     agree = bool((product >= _AXIS_AGREES * size).all())
     enough = bool((_moved(position) >= CARRY_M).all())
-    return _Motion(up, carried, _READINGS[k], k == 0 and agree and enough)
+    return _PositionMotion(up, carried, _READINGS[k], k == 0 and agree and enough)
 
 
-class _Fit(NamedTuple):
+class _AxesFit(NamedTuple):
     left: float
     """Share of the turning that stays unexplained."""
     delay: float
@@ -230,15 +230,15 @@ class _Fit(NamedTuple):
 
 def _best(
     times: Array, turned: Array, first: Array, last: Array, seen: Array, any_angle: bool
-) -> _Fit:
+) -> _AxesFit:
     """Return the delay and the axes that explain most."""
-    best = _Fit(math.inf, 0.0, np.eye(3))
+    best = _AxesFit(math.inf, 0.0, np.eye(3))
     delays = [*np.arange(_EARLIEST, _LATEST, _COARSE)]
     for step in (_COARSE, _FINE):
         for delay in delays:
             left, axes = _misfit(times, turned, first - delay, last - delay, seen, any_angle)
             if left < best.left:
-                best = _Fit(left, float(delay), axes)
+                best = _AxesFit(left, float(delay), axes)
         delays = [best.delay + d for d in np.arange(-step, step, _FINE)]
     return best
 
@@ -341,7 +341,7 @@ def _exchange(axes: Array) -> str:
     return ", ".join(reads)
 
 
-def _explain(axes: Array, motion: _Motion, angle_max: float) -> str:
+def _explain(axes: Array, motion: _PositionMotion, angle_max: float) -> str:
     """Return in words what is wrong with the axes of body, attitude and position."""
     reading = motion.reading
     mirrored = reading is not None and np.array_equal(reading, -np.eye(3))

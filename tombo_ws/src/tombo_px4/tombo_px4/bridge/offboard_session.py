@@ -16,11 +16,7 @@ from enum import Enum
 
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.bridge.command_transaction import (
-    CommandTransaction,
-    RecentStatusTexts,
-    VehicleCommand,
-)
+from tombo_px4.bridge.bridge_records import CommandTransaction, RecentStatusTexts, VehicleCommand
 from tombo_px4.link.decoded_messages import CommandAck, Heartbeat, MavLandedState
 from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, Mode, mode_name
 
@@ -61,7 +57,7 @@ _LAND_AGAIN_NS = 2 * SECOND_NS
 """A landing that PX4 refuses is commanded again after this time."""
 
 
-class Stage(Enum):
+class SessionStage(Enum):
     """State of the session with the vehicle."""
 
     WAITING = "waiting for the vehicle"
@@ -75,7 +71,7 @@ class Stage(Enum):
     LINK_LOST = "link lost"
 
 
-class Stream(Enum):
+class SetpointSource(Enum):
     """Which set point is sent."""
 
     PRESENT = "present"
@@ -90,8 +86,8 @@ class Stream(Enum):
 
 
 @dataclass(frozen=True)
-class Request:
-    """Request of an operator."""
+class OperatorRequest:
+    """A request of an operator."""
 
     number: int
     kind: str
@@ -131,10 +127,10 @@ class SessionInput:
 
 
 @dataclass
-class Decision:
+class SessionOutput:
     """Outputs of one tick."""
 
-    stream: Stream = Stream.PRESENT
+    stream: SetpointSource = SetpointSource.PRESENT
     vehicle_commands: list[VehicleCommand] = field(default_factory=list)
     faults: dict[str, str] = field(default_factory=dict)
     """Key -> what is wrong, for as long as it is."""
@@ -147,7 +143,7 @@ class Session:
     """The state machine; `tick` decides."""
 
     def __init__(self, link_timeout_s: float) -> None:
-        self.stage = Stage.WAITING
+        self.stage = SessionStage.WAITING
         self.why = ""
         """Why it is in this state."""
         self.recent_texts = RecentStatusTexts()
@@ -161,7 +157,7 @@ class Session:
         self._stream_since_ns: int | None = None
         self._landed_since_ns: int | None = None
         self._begun_ns: int | None = None
-        self._stage_before_loss = Stage.WAITING
+        self._stage_before_loss = SessionStage.WAITING
         self._landing_by_setpoints = False
         self._flight_lost = False
         """The flight ends here: set points are never sent again before the next take-off."""
@@ -173,8 +169,8 @@ class Session:
         self._landing_from: Mode | None = None
         """Mode that was flown when a landing was commanded, until that is confirmed."""
         self._ticked_ns: int | None = None
-        self._pending_requests: deque[Request] = deque()
-        self._request: Request | None = None
+        self._pending_requests: deque[OperatorRequest] = deque()
+        self._request: OperatorRequest | None = None
         self._request_transaction: CommandTransaction | None = None
         self._request_orders: tuple[VehicleCommand, ...] = ()
         """What follows the command under way."""
@@ -184,8 +180,8 @@ class Session:
         """A command was sent and is not yet confirmed by a heartbeat."""
         return self._transaction is not None or self._request_transaction is not None
 
-    def request(self, request: Request) -> None:
-        """Take a request; the answer is in a later `Decision.replies`."""
+    def request(self, request: OperatorRequest) -> None:
+        """Take a request; the answer is in a later `SessionOutput.replies`."""
         self._pending_requests.append(request)
 
     def handle_ack(self, ack: CommandAck) -> None:
@@ -194,18 +190,18 @@ class Session:
             if transaction is not None:
                 transaction.handle_ack(ack)
 
-    def clock_set_back(self, out: Decision) -> None:
+    def clock_set_back(self, out: SessionOutput) -> None:
         """Restart all time-outs, because the clock was set back."""
         why = "the system's clock was set back meanwhile"
         self._drop_requests(out, why)
         self._stream_since_ns = self._landed_since_ns = self._arm_request_ns = None
         self._ticked_ns, self._land_again_ns = None, 0
-        if self.stage in (Stage.ENTERING_OFFBOARD, Stage.ARMING):
+        if self.stage in (SessionStage.ENTERING_OFFBOARD, SessionStage.ARMING):
             self._give_up(why)
         elif self._transaction is not None:
             self._transaction = CommandTransaction(self._transaction.order, _MODE_TRIES)
 
-    def tick(self, view: SessionInput, out: Decision) -> None:
+    def tick(self, view: SessionInput, out: SessionOutput) -> None:
         """Decide; the result is added to `out`."""
         heartbeat = view.heartbeat
         self._stream_since_ns = (self._stream_since_ns or view.now_ns) if view.streaming else None
@@ -214,7 +210,7 @@ class Session:
         if heartbeat is None or view.now_ns - heartbeat.arrival_ns > self._timeout_ns:
             self._on_link_down(view, out)
             return
-        if self.stage in (Stage.WAITING, Stage.LINK_LOST):
+        if self.stage in (SessionStage.WAITING, SessionStage.LINK_LOST):
             self._on_link_up(view, heartbeat, out)
         if not heartbeat.armed:
             self._flight_lost = False
@@ -243,10 +239,10 @@ class Session:
 
     # --- The link -----------------------------------------------------------------------------
 
-    def _on_link_down(self, view: SessionInput, out: Decision) -> None:
-        if self.stage not in (Stage.WAITING, Stage.LINK_LOST):
+    def _on_link_down(self, view: SessionInput, out: SessionOutput) -> None:
+        if self.stage not in (SessionStage.WAITING, SessionStage.LINK_LOST):
             self._stage_before_loss = self.stage
-            self._set_stage(Stage.LINK_LOST, "")
+            self._set_stage(SessionStage.LINK_LOST, "")
         last = view.heartbeat
         if last is None:
             text = "no heartbeat of the vehicle: is it on, and does it send here?"
@@ -261,36 +257,36 @@ class Session:
         if any(request.kind == "kill" for request in self._pending_requests):
             out.vehicle_commands.append(_KILL)  # it may still arrive
         self._drop_requests(out, text)
-        out.stream = Stream.NONE
+        out.stream = SetpointSource.NONE
 
-    def _on_link_up(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+    def _on_link_up(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
         """A vehicle is there, for the first time or again."""
-        lost, self._stage_before_loss = self._stage_before_loss, Stage.WAITING
+        lost, self._stage_before_loss = self._stage_before_loss, SessionStage.WAITING
         if heartbeat.armed:
             ours = heartbeat.mode == OFFBOARD or heartbeat.failsafe
-            if lost == Stage.LANDING and heartbeat.mode == AUTO_LAND:
+            if lost == SessionStage.LANDING and heartbeat.mode == AUTO_LAND:
                 self._set_stage(lost, "link is back")
-            elif lost in (Stage.FLYING, Stage.LANDING) and ours:
+            elif lost in (SessionStage.FLYING, SessionStage.LANDING) and ours:
                 self._land(heartbeat, out, "the link was lost in flight")
-            elif lost == Stage.WAITING and heartbeat.mode == OFFBOARD:
+            elif lost == SessionStage.WAITING and heartbeat.mode == OFFBOARD:
                 why = "found armed in mode offboard, which a bridge before this one has flown"
                 self._land(heartbeat, out, why)
             else:
                 mode = mode_name(heartbeat.mode)
-                self._set_stage(Stage.EXTERNAL_MODE, f"found armed in mode {mode}")
-        elif lost in (Stage.WAITING, Stage.READY, Stage.GIVEN_UP):
-            self._set_stage(Stage.READY, "")
+                self._set_stage(SessionStage.EXTERNAL_MODE, f"found armed in mode {mode}")
+        elif lost in (SessionStage.WAITING, SessionStage.READY, SessionStage.GIVEN_UP):
+            self._set_stage(SessionStage.READY, "")
         else:
             self._give_up("disarmed while the link was lost")
 
     # --- A flight that has to end -------------------------------------------------------------
 
     def _end_lost_flight(
-        self, view: SessionInput, heartbeat: Heartbeat, stopped_s: float, out: Decision
+        self, view: SessionInput, heartbeat: Heartbeat, stopped_s: float, out: SessionOutput
     ) -> None:
         """Land a vehicle that flies by us if PX4's fail-safe, the caller or a gap asks for it."""
-        ours = self.stage in (Stage.FLYING, Stage.LANDING) or self._ours
-        by_setpoints = self.stage == Stage.EXTERNAL_MODE and heartbeat.mode == OFFBOARD
+        ours = self.stage in (SessionStage.FLYING, SessionStage.LANDING) or self._ours
+        by_setpoints = self.stage == SessionStage.EXTERNAL_MODE and heartbeat.mode == OFFBOARD
         if not heartbeat.armed or self._flight_lost or not (ours or by_setpoints):
             return
         if heartbeat.failsafe:
@@ -304,19 +300,21 @@ class Session:
         elif stopped_s * SECOND_NS > self._timeout_ns:
             self._land(heartbeat, out, f"this bridge was stopped for {stopped_s:.1f} s")
 
-    def _land(self, heartbeat: Heartbeat, out: Decision, why: str) -> None:
+    def _land(self, heartbeat: Heartbeat, out: SessionOutput, why: str) -> None:
         """End the flight: PX4 lands, and gets no set point any more."""
         if self._request is not None and self._request.kind not in ("kill", "disarm", "land"):
             self._reply(out, False, f"the flight ends: {why}")
         out.events.append(("landing", why))
-        self._set_stage(Stage.LANDING, why)
+        self._set_stage(SessionStage.LANDING, why)
         self._flight_lost, self._engage_allowed = True, False
         self._landing_from = heartbeat.mode
         self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
 
     # --- The operator -------------------------------------------------------------------------
 
-    def _handle_requests(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+    def _handle_requests(
+        self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput
+    ) -> None:
         """Begin, continue or answer the requests of the operator."""
         while self._pending_requests:
             request = self._pending_requests.popleft()
@@ -341,7 +339,11 @@ class Session:
         self._request_orders = orders[1:]
 
     def _begin_request(
-        self, request: Request, view: SessionInput, heartbeat: Heartbeat, out: Decision
+        self,
+        request: OperatorRequest,
+        view: SessionInput,
+        heartbeat: Heartbeat,
+        out: SessionOutput,
     ) -> None:
         self._request = request
         kind = request.kind
@@ -359,15 +361,17 @@ class Session:
         if why_not:
             self._reply(out, False, why_not)
             return
-        under_way = self.stage in (Stage.ENTERING_OFFBOARD, Stage.ARMING)
+        under_way = self.stage in (SessionStage.ENTERING_OFFBOARD, SessionStage.ARMING)
         if kind not in ("arm", "offboard") and under_way:
             self._give_up(f"stopped by the operator: {kind}")
         if kind == "hold":  # at once: the place where it is goes out meanwhile
-            self._set_stage(Stage.EXTERNAL_MODE, "hold, asked by the operator")
+            self._set_stage(SessionStage.EXTERNAL_MODE, "hold, asked by the operator")
             self._ours = True
         self._begin_order(_COMMANDS[kind])
 
-    def _request_confirmed(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+    def _request_confirmed(
+        self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput
+    ) -> None:
         assert self._request is not None
         kind = self._request.kind
         by_setpoints = kind == "hold" and heartbeat.mode == OFFBOARD
@@ -375,29 +379,31 @@ class Session:
         self._reply(out, True, f"{kind}: confirmed{by}")
         if kind == "offboard":
             self._engage_allowed = True
-            stage = Stage.FLYING if heartbeat.armed else Stage.READY
+            stage = SessionStage.FLYING if heartbeat.armed else SessionStage.READY
             self._set_stage(stage, "asked by the operator")
         elif kind == "land":
-            self._set_stage(Stage.LANDING, "asked by the operator")
+            self._set_stage(SessionStage.LANDING, "asked by the operator")
         elif kind == "takeoff":
-            self._set_stage(Stage.EXTERNAL_MODE, "take-off, asked by the operator")
+            self._set_stage(SessionStage.EXTERNAL_MODE, "take-off, asked by the operator")
             self._ours = True
-        elif kind == "arm" and self.stage not in (Stage.FLYING, Stage.LANDING):
+        elif kind == "arm" and self.stage not in (SessionStage.FLYING, SessionStage.LANDING):
             self._arm_request_ns = None
             self._armed_for_flight = False
-            stage = Stage.FLYING if heartbeat.mode == OFFBOARD else Stage.EXTERNAL_MODE
+            stage = (
+                SessionStage.FLYING if heartbeat.mode == OFFBOARD else SessionStage.EXTERNAL_MODE
+            )
             self._set_stage(stage, "armed by the operator")
         elif kind in ("disarm", "kill"):
             self._engage_allowed = False
-            self._set_stage(Stage.READY, "disarmed by the operator")
+            self._set_stage(SessionStage.READY, "disarmed by the operator")
 
-    def _reply(self, out: Decision, success: bool, text: str) -> None:
+    def _reply(self, out: SessionOutput, success: bool, text: str) -> None:
         assert self._request is not None
         out.replies.append(Reply(self._request.number, success, text))
         self._request = self._request_transaction = None
         self._request_orders = ()
 
-    def _drop_requests(self, out: Decision, text: str) -> None:
+    def _drop_requests(self, out: SessionOutput, text: str) -> None:
         if self._request is not None:
             self._reply(out, False, text)
         while self._pending_requests:
@@ -405,28 +411,28 @@ class Session:
 
     # --- The flight ---------------------------------------------------------------------------
 
-    def _advance(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+    def _advance(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
         steps = {
-            Stage.READY: self._ready,
-            Stage.ENTERING_OFFBOARD: self._entering,
-            Stage.ARMING: self._arming,
-            Stage.FLYING: self._flying,
-            Stage.LANDING: self._landing,
-            Stage.EXTERNAL_MODE: self._external_mode,
-            Stage.GIVEN_UP: self._given_up,
+            SessionStage.READY: self._ready,
+            SessionStage.ENTERING_OFFBOARD: self._entering,
+            SessionStage.ARMING: self._arming,
+            SessionStage.FLYING: self._flying,
+            SessionStage.LANDING: self._landing,
+            SessionStage.EXTERNAL_MODE: self._external_mode,
+            SessionStage.GIVEN_UP: self._given_up,
         }
         steps[self.stage](view, heartbeat, out)
 
     def _wants_flight(self, view: SessionInput) -> bool:
         return view.fresh and view.phase in _FLIGHT
 
-    def _ready(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+    def _ready(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
         if heartbeat.armed and self._arm_request_pending(view):
             self._give_up("armed after it was called off")
             return
         if heartbeat.armed:
             mode = mode_name(heartbeat.mode)
-            self._set_stage(Stage.EXTERNAL_MODE, f"armed by somebody else, in mode {mode}")
+            self._set_stage(SessionStage.EXTERNAL_MODE, f"armed by somebody else, in mode {mode}")
             return
         if not self._wants_flight(view):
             return
@@ -443,25 +449,25 @@ class Session:
         elif view.blockers:
             out.faults["preflight"] = "not armed: " + "; ".join(view.blockers)
         elif self._stream_since_ns and view.now_ns - self._stream_since_ns >= _STREAM_FIRST_NS:
-            self._set_stage(Stage.ENTERING_OFFBOARD, "")
+            self._set_stage(SessionStage.ENTERING_OFFBOARD, "")
             self._transaction = CommandTransaction(_OFFBOARD, _MODE_TRIES)
             self._entering(view, heartbeat, out)
 
-    def _entering(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+    def _entering(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
         if heartbeat.armed:
-            self._set_stage(Stage.EXTERNAL_MODE, "armed by somebody else")
+            self._set_stage(SessionStage.EXTERNAL_MODE, "armed by somebody else")
         elif not self._wants_flight(view):
-            self._set_stage(Stage.READY, "the mission takes it back")
+            self._set_stage(SessionStage.READY, "the mission takes it back")
         elif view.blockers:
-            self._set_stage(Stage.READY, "")
+            self._set_stage(SessionStage.READY, "")
         elif refusal := self._step_transaction(view, heartbeat, out):
             self._give_up(refusal)
         elif self._transaction is not None and self._transaction.done:
-            self._set_stage(Stage.ARMING, "")
+            self._set_stage(SessionStage.ARMING, "")
             self._transaction = CommandTransaction(_ARM, _ARM_TRIES)
             self._arming(view, heartbeat, out)
 
-    def _arming(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+    def _arming(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
         if heartbeat.mode != OFFBOARD:
             mode = mode_name(heartbeat.mode)
             self._give_up(f"mode changed to {mode} while arming{self._said(view, ': ')}")
@@ -478,21 +484,21 @@ class Session:
             self._armed_for_flight = True
             self._commands_flown = view.takeoff_commands
             self._arm_request_ns = None
-            self._set_stage(Stage.FLYING, "")
+            self._set_stage(SessionStage.FLYING, "")
 
-    def _flying(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+    def _flying(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
         if not heartbeat.armed:
             if view.phase in _FLIGHT:
                 self._give_up(f"disarmed in flight{self._said(view, ': ')}")
                 out.events.append(("disarmed", self.why))
             else:
-                self._set_stage(Stage.READY, "landed")
+                self._set_stage(SessionStage.READY, "landed")
         elif heartbeat.mode != OFFBOARD:
             self._mode_taken(view, heartbeat, "offboard")
         elif view.phase in _DOWN or (
             view.phase == Phase.LANDED and view.landed != MavLandedState.ON_GROUND
         ):
-            self._set_stage(Stage.LANDING, "")
+            self._set_stage(SessionStage.LANDING, "")
             self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
             self._landing(view, heartbeat, out)
         elif (
@@ -504,12 +510,12 @@ class Session:
             self._transaction = CommandTransaction(_DISARM, _MODE_TRIES)
         elif view.phase in _FLIGHT:
             self._transaction = None
-        if self.stage == Stage.FLYING:
+        if self.stage == SessionStage.FLYING:
             self._step_transaction(view, heartbeat, out)
 
-    def _landing(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+    def _landing(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
         if not heartbeat.armed:
-            self._set_stage(Stage.READY, "landed")
+            self._set_stage(SessionStage.READY, "landed")
             return
         if self._descends_level(view, heartbeat):
             self._disarm_on_ground(view)
@@ -541,27 +547,29 @@ class Session:
         if self._stays_on_ground(view) and self._transaction is None:
             self._transaction = CommandTransaction(_DISARM, _MODE_TRIES)
 
-    def _external_mode(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+    def _external_mode(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
         if not heartbeat.armed:
-            self._set_stage(Stage.READY, "disarmed")
+            self._set_stage(SessionStage.READY, "disarmed")
 
-    def _given_up(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> None:
+    def _given_up(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
         """Do nothing until asked again; a vehicle that our command has armed late is disarmed."""
         ours = self._arm_request_pending(view)
         if heartbeat.armed:
             if not ours and self._transaction is None:
-                self._set_stage(Stage.EXTERNAL_MODE, "armed by somebody else")
+                self._set_stage(SessionStage.EXTERNAL_MODE, "armed by somebody else")
                 return
             if view.landed not in (MavLandedState.ON_GROUND, MavLandedState.UNDEFINED):
-                self._set_stage(Stage.EXTERNAL_MODE, f"in the air after: {self.why}")
+                self._set_stage(SessionStage.EXTERNAL_MODE, f"in the air after: {self.why}")
                 return
             if self._transaction is None:
                 self._transaction = CommandTransaction(_DISARM, _ARM_TRIES)
                 out.events.append(("disarmed", f"armed halfway, disarmed again: {self.why}"))
         if refusal := self._step_transaction(view, heartbeat, out):
-            self._set_stage(Stage.EXTERNAL_MODE, f"armed, and disarming was refused: {refusal}")
+            self._set_stage(
+                SessionStage.EXTERNAL_MODE, f"armed, and disarming was refused: {refusal}"
+            )
         elif not heartbeat.armed and self._engage_allowed and not ours:
-            self._set_stage(Stage.READY, "")
+            self._set_stage(SessionStage.READY, "")
 
     # --- Helpers ------------------------------------------------------------------------------
 
@@ -572,14 +580,16 @@ class Session:
 
     def _mode_taken(self, view: SessionInput, heartbeat: Heartbeat, wanted: str) -> None:
         why = f"mode is {mode_name(heartbeat.mode)}, not {wanted}"
-        self._set_stage(Stage.EXTERNAL_MODE, why + self._said(view, ": PX4 says "))
+        self._set_stage(SessionStage.EXTERNAL_MODE, why + self._said(view, ": PX4 says "))
 
     def _arm_request_pending(self, view: SessionInput) -> bool:
         """Return whether PX4 may still carry out our command to arm."""
         own = self._arm_request_ns
         return own is not None and view.now_ns - own <= _OWN_ARMING_NS
 
-    def _step_transaction(self, view: SessionInput, heartbeat: Heartbeat, out: Decision) -> str:
+    def _step_transaction(
+        self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput
+    ) -> str:
         """Continue the command in progress; return why it is given up, "" if it is not."""
         transaction = self._transaction
         if transaction is None:
@@ -601,7 +611,7 @@ class Session:
         transaction: CommandTransaction,
         view: SessionInput,
         heartbeat: Heartbeat,
-        out: Decision,
+        out: SessionOutput,
     ) -> None:
         if transaction.tick(heartbeat, self.recent_texts, view.now_ns):
             out.vehicle_commands.append(transaction.order)
@@ -610,16 +620,16 @@ class Session:
 
     def _give_up(self, why: str) -> None:
         self._engage_allowed = False
-        self._set_stage(Stage.GIVEN_UP, why)
+        self._set_stage(SessionStage.GIVEN_UP, why)
 
-    def _set_stage(self, stage: Stage, why: str) -> None:
+    def _set_stage(self, stage: SessionStage, why: str) -> None:
         self.stage, self.why = stage, why
         self._transaction = None
         self._landing_by_setpoints = self._ours = False
         self._landing_from = self._level_descent_ns = None
-        if stage in (Stage.READY, Stage.EXTERNAL_MODE):
+        if stage in (SessionStage.READY, SessionStage.EXTERNAL_MODE):
             self._armed_for_flight = False
-        if stage == Stage.EXTERNAL_MODE:
+        if stage == SessionStage.EXTERNAL_MODE:
             self._engage_allowed = False
 
     def _update_landed_time(self, view: SessionInput, heartbeat: Heartbeat) -> None:
@@ -631,31 +641,31 @@ class Session:
         return since is not None and view.now_ns - since > _SELF_DISARM_NS
 
     def _set_stream_and_faults(
-        self, view: SessionInput, heartbeat: Heartbeat, out: Decision
+        self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput
     ) -> None:
         """Set which set point is sent, and the faults that are active."""
         mode: Mode = heartbeat.mode
-        if self.stage == Stage.FLYING:
-            out.stream = Stream.HOLD if view.phase in _GROUND else Stream.SETPOINT
-        elif self.stage == Stage.LANDING and mode == OFFBOARD:
-            out.stream = Stream.SETPOINT
+        if self.stage == SessionStage.FLYING:
+            out.stream = SetpointSource.HOLD if view.phase in _GROUND else SetpointSource.SETPOINT
+        elif self.stage == SessionStage.LANDING and mode == OFFBOARD:
+            out.stream = SetpointSource.SETPOINT
         elif mode == OFFBOARD and heartbeat.armed:
-            out.stream = Stream.HOLD
+            out.stream = SetpointSource.HOLD
         quiet = view.now_ns - heartbeat.arrival_ns > _QUIET_NS
         if heartbeat.armed and (self._flight_lost or heartbeat.failsafe or quiet):
-            out.stream = Stream.NONE
+            out.stream = SetpointSource.NONE
         if heartbeat.armed and self._descends_level(view, heartbeat):
-            out.stream = Stream.LEVEL_DESCENT
+            out.stream = SetpointSource.LEVEL_DESCENT
         if self._flight_lost:
             out.faults["flight_lost"] = (
                 f"{self.why}: PX4 lands, no set point is sent any more; nothing flies again"
                 " before /mission/takeoff"
             )
-        if self.stage == Stage.EXTERNAL_MODE and view.phase not in _GROUND:
+        if self.stage == SessionStage.EXTERNAL_MODE and view.phase not in _GROUND:
             out.faults["mode_taken"] = (
                 f"{self.why}; not fought: the stream holds the present position until px4/offboard"
             )
-        if self.stage == Stage.GIVEN_UP:
+        if self.stage == SessionStage.GIVEN_UP:
             out.faults["given_up"] = (
                 f"{self.why}; not tried again before the mission has been on the ground,"
                 " or px4/offboard is called"

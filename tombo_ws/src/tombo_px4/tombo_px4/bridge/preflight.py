@@ -1,7 +1,7 @@
 """Preflight checks: are the poses valid, does PX4 fuse them, and does its estimate follow?
 
 PX4 reports nothing about wrong axes, wrong stamps and poses that it does not fuse. Here each of
-them is a `Finding`.
+them is a `PreflightFinding`.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
-from tombo_px4.bridge.hand_rotation_check import CARRY_M, TURN_RAD, MotionCheck, Verdict
-from tombo_px4.bridge.parameter_findings import (
+from tombo_px4.bridge.hand_rotation_check import CARRY_M, TURN_RAD, HandVerdict, MotionCheck
+from tombo_px4.bridge.pose_axes import AxesEvidence, explain_place, explain_up, up_in_pose_body
+from tombo_px4.bridge.vehicle_parameters import (
     DELAY_MAX,
     EV_DELAY,
-    Finding,
     FindingSeverity,
+    PreflightFinding,
     parameter_findings,
 )
-from tombo_px4.bridge.pose_axes import AxesEvidence, explain_place, explain_up, up_in_pose_body
 from tombo_px4.link.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
 from tombo_px4.link.link_params import MOCAP
 from tombo_px4.link.timesync import TimeSync
@@ -78,14 +78,14 @@ _WARNING = FindingSeverity.WARNING
 
 
 @dataclass(frozen=True)
-class _Pose:
+class _SentPose:
     stamp_ns: int
     arrival_ns: int
     position: Array
     attitude: Array
 
 
-_Arrived = TypeVar("_Arrived", _Pose, ImuSample, VehicleOdometry)
+_Arrived = TypeVar("_Arrived", _SentPose, ImuSample, VehicleOdometry)
 
 
 class Preflight:
@@ -94,7 +94,7 @@ class Preflight:
     def __init__(self, params: BridgeParams, system: int) -> None:
         self._params = params
         self._system = system
-        self._poses: deque[_Pose] = deque(maxlen=_KEPT)
+        self._poses: deque[_SentPose] = deque(maxlen=_KEPT)
         self._refused: dict[PoseRefusal, tuple[int, float]] = {}
         self._imu: deque[ImuSample] = deque(maxlen=_KEPT)
         self.odometry: deque[VehicleOdometry] = deque(maxlen=_KEPT)
@@ -107,13 +107,13 @@ class Preflight:
         self.evidence: AxesEvidence | None = None
         """The last proof of the axes of this body; None: there is none, or it was refuted."""
         self._new_evidence: AxesEvidence | None = None
-        self._proved: Verdict | None = None
+        self._proved: HandVerdict | None = None
         self._refuted = ""
         """What was shown to be wrong, until a new proof."""
 
     def pose(self, stamp_ns: int, arrival_ns: int, position: Array, attitude: Array) -> None:
         """Take a pose that was sent to PX4."""
-        self._poses.append(_Pose(stamp_ns, arrival_ns, position, attitude))
+        self._poses.append(_SentPose(stamp_ns, arrival_ns, position, attitude))
         self.motion.pose(stamp_ns, position, attitude)
 
     def refused_pose(self, why: PoseRefusal, now_ns: int, age_s: float = 0.0) -> None:
@@ -187,7 +187,7 @@ class Preflight:
         linked_ns: int,
         answered: int,
         flying: bool,
-    ) -> list[Finding]:
+    ) -> list[PreflightFinding]:
         """Return what is wrong, the worst first.
 
         Args:
@@ -209,7 +209,7 @@ class Preflight:
                 "poses go out as ATT_POS_MOCAP, which EKF2 does not fuse:"
                 " set px4.mocap to odometry or vision"
             )
-            found.append(Finding("mocap_message", text))
+            found.append(PreflightFinding("mocap_message", text))
         fused = not any(f.key in ("not_fused", "mocap_message") for f in found)
         found += self._of_estimate(now_ns, flying, fused)
         if not flying:
@@ -219,10 +219,10 @@ class Preflight:
 
     # --- The poses themselves -----------------------------------------------------------------
 
-    def _recent(self, now_ns: int) -> list[_Pose]:
+    def _recent(self, now_ns: int) -> list[_SentPose]:
         return _newest(self._poses, now_ns)
 
-    def _of_poses(self, now_ns: int, flying: bool) -> Iterator[Finding]:
+    def _of_poses(self, now_ns: int, flying: bool) -> Iterator[PreflightFinding]:
         refused = [
             (why, age_s)
             for why, (seen_ns, age_s) in self._refused.items()
@@ -231,7 +231,7 @@ class Preflight:
         for why, age_s in refused:
             limit = self._params.pose_age_max
             text = _REFUSED[why].format(age=age_s, ahead=-age_s, limit=limit)
-            yield Finding(f"pose_{why.key}", text)
+            yield PreflightFinding(f"pose_{why.key}", text)
         last = self._poses[-1].arrival_ns if self._poses else None
         if last is None or now_ns - last > self._params.pose_timeout * SECOND_NS:
             if not refused:
@@ -240,20 +240,20 @@ class Preflight:
                     f"no mocap pose has come{age}: is the driver running, is the body tracked,"
                     " is the topic /mocap/pose?"
                 )
-                yield Finding("pose_stale", text)
+                yield PreflightFinding("pose_stale", text)
             return
         if self._frozen(self._recent(now_ns)) and self._trembles(now_ns):
             text = (
                 "mocap pose is frozen: not one bit has changed for a second; the tracker repeats"
                 " its last pose, the body is not seen (or it is simulated, without noise)"
             )
-            yield Finding(FROZEN, text, FindingSeverity.BLOCKS if flying else _WARNING)
+            yield PreflightFinding(FROZEN, text, FindingSeverity.BLOCKS if flying else _WARNING)
         rate = self.pose_rate_hz(now_ns)
         if now_ns - self._poses[0].arrival_ns > _WINDOW_NS and rate < _SLOWEST_HZ:
             text = f"mocap poses come at {rate:.0f} Hz: EKF2 wants {_SLOWEST_HZ:.0f} Hz and more"
-            yield Finding("pose_rate", text, _WARNING)
+            yield PreflightFinding("pose_rate", text, _WARNING)
 
-    def _frozen(self, recent: list[_Pose]) -> bool:
+    def _frozen(self, recent: list[_SentPose]) -> bool:
         if len(recent) < _ENOUGH or recent[-1].arrival_ns - recent[0].arrival_ns < 0.8e9:
             return False
         first = recent[0]
@@ -276,28 +276,30 @@ class Preflight:
 
     def _of_time(
         self, now_ns: int, sync: TimeSync, linked_ns: int, answered: int
-    ) -> Iterator[Finding]:
+    ) -> Iterator[PreflightFinding]:
         if not sync.converged:
             text = (
                 "TIMESYNC has not converged: PX4's answers are missing or too few; stamps can't"
                 " be compared. Does the link work both ways?"
             )
-            yield Finding("timesync", text)
+            yield PreflightFinding("timesync", text)
             return
         if sync.rtt_ns is not None and sync.rtt_ns > _LONG_ROUND_TRIP_NS:
             text = (
                 f"TIMESYNC takes {sync.rtt_ns * 1e-6:.0f} ms there and back: stamps are uncertain"
                 " by half of it; a radio link, or a busy computer?"
             )
-            yield Finding("timesync_slow", text, _WARNING)
+            yield PreflightFinding("timesync_slow", text, _WARNING)
         if answered == 0 and now_ns - linked_ns > _REQUESTS_NS:
             text = (
                 "PX4 has not asked for our time (TIMESYNC): it takes the arrival of poses for"
                 " their capture; enable TIMESYNC on its link (MAV_0_MODE onboard)"
             )
-            yield Finding("timesync_unasked", text, _WARNING)
+            yield PreflightFinding("timesync_unasked", text, _WARNING)
 
-    def _of_delay(self, now_ns: int, parameters: Mapping[str, float | int]) -> Iterator[Finding]:
+    def _of_delay(
+        self, now_ns: int, parameters: Mapping[str, float | int]
+    ) -> Iterator[PreflightFinding]:
         latency_ms = 1e3 * self.latency_s(now_ns)
         longest, extra = parameters.get(DELAY_MAX, math.inf), parameters.get(EV_DELAY, 0.0)
         if latency_ms + extra > longest:  # not so without poses: NaN
@@ -306,11 +308,11 @@ class Preflight:
                 f" EKF2_EV_DELAY {extra:.0f} ms), it keeps {longest:.0f} ms (EKF2_DELAY_MAX) and"
                 " drops older ones"
             )
-            yield Finding("pose_delay", text)
+            yield PreflightFinding("pose_delay", text)
 
     # --- PX4's use of the poses ---------------------------------------------------------------
 
-    def _of_estimate(self, now_ns: int, flying: bool, fused: bool) -> Iterator[Finding]:
+    def _of_estimate(self, now_ns: int, flying: bool, fused: bool) -> Iterator[PreflightFinding]:
         state = self.estimator
         if state is not None and now_ns - state.arrival_ns <= _ESTIMATOR_SILENT_NS:
             if fused and not (state.is_aided and state.has_position):
@@ -318,7 +320,7 @@ class Preflight:
                     "PX4 knows no position though poses are sent: nothing is fused; EKF2_EV_CTRL,"
                     " stamps, or poses that jump"
                 )
-                yield Finding("not_fused", text)
+                yield PreflightFinding("not_fused", text)
             # NaN where no source is fused; max() of it depends on the order
             ratios = (state.position_ratio, state.height_ratio)
             ratio = max((r for r in ratios if r > 1.0), default=0.0)
@@ -327,11 +329,11 @@ class Preflight:
                     f"PX4 refuses the poses: innovation test ratio {ratio:.1f}, accepted below 1;"
                     " its estimate is elsewhere: axes, stamps, or restart it"
                 )
-                yield Finding("poses_refused", text)
+                yield PreflightFinding("poses_refused", text)
         last = self.odometry[-1] if self.odometry else None
         if last is None or now_ns - last.arrival_ns > _ODOMETRY_SILENT_NS:
             text = "PX4 sends no position (ODOMETRY): it has no estimate, or the link is too slow"
-            yield Finding("no_position", text)
+            yield PreflightFinding("no_position", text)
             return
         pairs = self._pairs(now_ns)
         if pairs is None:
@@ -339,9 +341,9 @@ class Preflight:
         ours, theirs, turn = pairs
         limit = self._params.position_error_max
         if math.dist(ours, theirs) > limit * (_IN_FLIGHT if flying else 1.0):
-            yield Finding("position_differs", _explain_offset(ours, theirs, limit))
+            yield PreflightFinding("position_differs", _explain_offset(ours, theirs, limit))
         if abs(turn) > self._params.yaw_error_max:
-            yield Finding("yaw_differs", _explain_turn(math.degrees(turn)))
+            yield PreflightFinding("yaw_differs", _explain_turn(math.degrees(turn)))
 
     def _pairs(self, now_ns: int) -> tuple[Array, Array, float] | None:
         """Return position of the pose, that of PX4, and yaw of the pose against PX4's.
@@ -371,12 +373,12 @@ class Preflight:
         turn = float(np.angle(np.exp(1j * (own - yaw)).sum()))
         return np.median(ours, axis=0), np.median(theirs, axis=0), turn
 
-    def _of_up(self, now_ns: int) -> Iterator[Finding]:
+    def _of_up(self, now_ns: int) -> Iterator[PreflightFinding]:
         recent = self._recent(now_ns)
         samples = _newest(self._imu, now_ns)
         if len(samples) < _ENOUGH:
             text = "PX4 sends no HIGHRES_IMU: which way is up can't be checked"
-            yield Finding("no_imu", text)
+            yield PreflightFinding("no_imu", text)
             return
         if not recent:
             return
@@ -384,15 +386,15 @@ class Preflight:
         accel = np.mean([s.accel for s in samples], axis=0)
         push = abs(float(np.linalg.norm(accel)) - GRAVITY)
         if float(np.linalg.norm(gyro)) > _NO_TURN or push > _NO_PUSH:
-            yield Finding("moved", "the vehicle is moved: put it down", _WARNING)
+            yield PreflightFinding("moved", "the vehicle is moved: put it down", _WARNING)
             return
         verdict = self.motion.verdict
         if verdict is not None and verdict.mistake and verdict.sure:
             return  # it says what is wrong
         if why := explain_up(recent[-1].attitude, accel, self._params.tilt_error_max):
-            yield Finding("mocap_up", why)
+            yield PreflightFinding("mocap_up", why)
 
-    def _of_evidence(self, now_ns: int) -> Iterator[Finding]:
+    def _of_evidence(self, now_ns: int) -> Iterator[PreflightFinding]:
         """Yield what is missing of the proof of the axes; keep a new one, of a vehicle at rest."""
         verdict, kept = self.motion.verdict, self.evidence
         tilt = self._tilt_at_rest(now_ns)
@@ -425,7 +427,7 @@ class Preflight:
             turned = ", ".join(f"{v:.1f}" for v in verdict.turned)
             carried = ", ".join(f"{v:.1f}" for v in verdict.carried)
             text += f" (until now: turned {turned} rad, carried {carried} m)"
-        yield Finding("axes_unproven", text)
+        yield PreflightFinding("axes_unproven", text)
 
     def _tilt_at_rest(self, now_ns: int) -> tuple[float, float] | None:
         """Return how the tracked body's z is tilted in the vehicle; None: it is moved."""
@@ -442,7 +444,7 @@ class Preflight:
 
     def _of_motion(
         self, now_ns: int, parameters: Mapping[str, float | int], flying: bool
-    ) -> Iterator[Finding]:
+    ) -> Iterator[PreflightFinding]:
         """Yield findings on axes and delay from the last rotation by hand."""
         if not flying and now_ns - self._judged_ns >= _WINDOW_NS:
             self._judged_ns = now_ns
@@ -458,7 +460,7 @@ class Preflight:
             if verdict.sure and self.evidence is not None:
                 self.refute(verdict.mistake, now_ns)
             weight = FindingSeverity.BLOCKS if verdict.sure else _WARNING
-            yield Finding("mocap_axes", verdict.mistake, weight)
+            yield PreflightFinding("mocap_axes", verdict.mistake, weight)
             return
         delay_ms, told_ms = 1e3 * verdict.delay_s, parameters.get(EV_DELAY, 0.0)
         if abs(delay_ms - told_ms) > _DELAY_OFF_MS:
@@ -467,7 +469,7 @@ class Preflight:
                 f" compared), EKF2_EV_DELAY is {told_ms:.0f} ms: let the driver stamp the capture,"
                 f" or set it to {max(delay_ms, 0.0):.0f}"
             )
-            yield Finding("stamp_delay", text, _WARNING)
+            yield PreflightFinding("stamp_delay", text, _WARNING)
 
 
 def _explain_offset(ours: Array, theirs: Array, limit: float) -> str:

@@ -1,21 +1,65 @@
-"""The stream of set points to PX4: the suite's, a held one, or PX4's own position."""
+"""The stream of set points to PX4: the suite's, a held one, or its own position, within limits."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from tombo_control.safety.flight_volume import clamp_to_volume, outside_volume
+from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase, PositionSetpoint, is_finite
+from tombo_dynamics.records import parameter_record
+from tombo_dynamics.rotation import tilt
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.bridge_params import POSITION, BridgeParams
-from tombo_px4.bridge.flight_limits import FlightLimits
-from tombo_px4.bridge.offboard_session import Stream
+from tombo_px4.bridge.offboard_session import SetpointSource
 from tombo_px4.link import message_encoder
+from tombo_px4.link.decoded_messages import VehicleOdometry
 from tombo_px4.link.message_encoder import MessageTarget
+
+
+@dataclass(frozen=True)
+class FlightLimits:
+    """The flight volume, and the limits of speed and tilt."""
+
+    volume: FlightVolume = field(default_factory=FlightVolume)
+    safety: SafetyParams = field(default_factory=SafetyParams)
+
+    @cached_property
+    def _record(self) -> Any:
+        return parameter_record(self.volume)
+
+    def inside(self, setpoint: PositionSetpoint) -> tuple[PositionSetpoint, bool]:
+        """Return a set point inside of the volume, and whether it was moved."""
+        place = setpoint.position.astype(float)
+        moved = clamp_to_volume(place, self._record)
+        if not moved:
+            return setpoint, False
+        still = np.zeros(3)
+        return replace(setpoint, position=place, velocity=still, acceleration=still), True
+
+    def broken(self, odometry: VehicleOdometry) -> str:
+        """Return which limit the vehicle is beyond; "" if none."""
+        away = outside_volume(odometry.position, self._record)
+        if away > self.volume.margin:
+            return f"{away:.2f} m outside of the flight volume (volume)"
+        speed = float(np.linalg.norm(odometry.velocity))
+        if speed > self.safety.speed_max:
+            return (
+                f"{speed:.1f} m/s fast, allowed are {self.safety.speed_max:g} (safety.speed_max)"
+            )
+        lean = float(tilt(odometry.attitude[None])[0])
+        if lean > self.safety.tilt_max:
+            return (
+                f"tilted by {lean:.2f} rad, allowed are {self.safety.tilt_max:g} (safety.tilt_max)"
+            )
+        return ""
+
 
 _UNIT = 0.2
 _DESCENT_M_S = 0.8
@@ -38,7 +82,7 @@ class SetpointStream:
         self._setpoint_ns = -(10**18)
         self._attitude_or_rates: tuple[Array, float, int] | None = None
         self._new = self._attitude_or_rates_new = False
-        self._stream = Stream.PRESENT
+        self._stream = SetpointSource.PRESENT
         self._hold_setpoint: PositionSetpoint | None = None
         self._streamed_ns = 0
         self.sent = 0
@@ -93,7 +137,7 @@ class SetpointStream:
     @property
     def follows_suite(self) -> bool:
         """Whether the suite's set points are sent."""
-        return self._stream == Stream.SETPOINT
+        return self._stream == SetpointSource.SETPOINT
 
     def clock_set_back(self, now_ns: int) -> None:
         """Forget all times of the past, because the clock was set back."""
@@ -102,7 +146,7 @@ class SetpointStream:
 
     def message(
         self,
-        stream: Stream,
+        stream: SetpointSource,
         present: PositionSetpoint | None,
         hover: float,
         now_ns: int,
@@ -120,16 +164,16 @@ class SetpointStream:
         if stream != self._stream:
             self._stream, self._hold_setpoint = stream, None
             self._streamed_ns = 0
-        due = stream != Stream.NONE
+        due = stream != SetpointSource.NONE
         due = due and now_ns - self._streamed_ns >= SECOND_NS / self._params.stream_rate
         message = None
-        if stream == Stream.SETPOINT:
+        if stream == SetpointSource.SETPOINT:
             if due or self._new or self._attitude_or_rates_new:
                 message = self._wanted(now_ns, due, hover)
-        elif due and stream == Stream.LEVEL_DESCENT:
+        elif due and stream == SetpointSource.LEVEL_DESCENT:
             message = message_encoder.level_descent(_DESCENT_M_S, brake, self._target, now_ns)
         elif due:
-            if stream == Stream.HOLD:
+            if stream == SetpointSource.HOLD:
                 present = self._hold_setpoint = self._hold_setpoint or present
             message = None if present is None else self._position(present, now_ns)
         self._new = self._attitude_or_rates_new = False

@@ -5,21 +5,200 @@ No socket and no clock: `step` is one HIL_SENSOR interval; `tombo_px4.hil.lockst
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from pymavlink.dialects.v20 import common
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.plant import Plant
+from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 from tombo_dynamics.time_base import TICK_NS
-from tombo_px4.hil.motor_mapping import MotorMapping
+from tombo_dynamics.vehicle import GRAVITY, VehicleParams
+from tombo_px4.frames import (
+    PX4_ROTORS,
+    GeoOrigin,
+    enu_from_ned,
+    frd_from_flu,
+    ned_from_enu,
+    px4_quaternion,
+)
 from tombo_px4.hil.params import HilParams
-from tombo_px4.hil.sensors import HilSensors
+from tombo_px4.link.framing import encoder
 from tombo_px4.link.link_params import ODOMETRY
 from tombo_px4.link.message_encoder import pose_message
+from tombo_px4.protocol.telemetry_snapshot import fitted, globe_fields
 from tombo_sim.simulator import PoseSample, Simulator
 from tombo_sim.world import World
+
+_ROUNDING = 1e-3
+"""A control this much outside 0..1 is rounding."""
+
+
+class MotorMapping:
+    """Controls of PX4's motors 1 to 4 to speeds of our rotors.
+
+    PX4 takes thrust for linear in control (THR_MDL_FAC 0) and starts from hovering at 0.5
+    (MPC_THR_HOVER). With `thrust` it is linear here too, from the idle thrust at 0 to the highest
+    at 1, as in jMAVSim: the default propeller (13) hovers at 0.460. With `speed`, rotor speed is
+    linear from idle to the highest, as in Gazebo: hover is at 0.573. The rigid propeller is
+    stronger: 0.314 and 0.510. A roll control of 1 gives 236 rad/s^2 with `thrust`, 277 with
+    `speed`; PX4's iris has about 200, so the gains of its airframe fit.
+    """
+
+    def __init__(self, vehicle: VehicleParams, maps: RotorMaps, mapping: str) -> None:
+        self._maps = maps
+        self._by_thrust = mapping == "thrust"
+        self._lowest = float(maps.thrust_lowest)
+        self._range = float(maps.thrust_highest) - self._lowest
+        self._idle = vehicle.rotor_speed_min
+        top = float(speed_for_thrust(maps, float(maps.thrust_highest)))
+        self._span = top - self._idle
+        self._hover_thrust = vehicle.hover_thrust()
+        self.refused = 0
+        """Controls that were no number from 0 to 1; each is taken for 0."""
+
+    @property
+    def hover(self) -> float:
+        """Control in hover: what MPC_THR_HOVER should be."""
+        if self._by_thrust:
+            return (self._hover_thrust - self._lowest) / self._range
+        speed = float(speed_for_thrust(self._maps, self._hover_thrust))
+        return (speed - self._idle) / self._span
+
+    def speeds(self, controls: Sequence[float], armed: bool) -> Array:
+        """Return rotor speeds (4) [rad/s] in our order; an unarmed rotor stands still."""
+        out = np.zeros(4)
+        for rotor, value in zip(PX4_ROTORS, controls, strict=False):
+            if not -_ROUNDING <= value <= 1.0 + _ROUNDING:
+                self.refused += 1
+                value = 0.0
+            if armed:
+                out[rotor] = self._speed(min(max(value, 0.0), 1.0))
+        return out
+
+    def _speed(self, control: float) -> float:
+        if not self._by_thrust:
+            return self._idle + control * self._span
+        return float(speed_for_thrust(self._maps, self._lowest + control * self._range))
+
+
+_STREAM = 4560
+"""Key of the random generator: whatever else a seed decides stays as it is without this link."""
+_SEA_LEVEL_PA, _SEA_LEVEL_K, _LAPSE_K_M, _EXPONENT = 101_325.0, 288.15, 0.0065, 5.25588
+_SEA_LEVEL_KG_M3 = 1.225
+"""International standard atmosphere, up to 11 km."""
+_FULL_SCALE = np.array([[16.0 * GRAVITY], [math.radians(2000.0)]]) * (1.0 - 2.0**-16)
+"""PX4 keeps accelerometer and gyro in 16 bits, and beyond them the sign turns round. Here both
+reach into the last step, which PX4 takes for clipped."""
+_INT16 = (-32_768, 32_767)
+"""A strike's force is more than that."""
+_FIX_3D, _SATELLITES = 3, 14
+_EPH_CM, _EPV_CM = 70, 110
+_SLOW = 0.1
+"""[m/s] below this a course over ground means nothing."""
+
+
+def pressure_at(altitude: float) -> float:
+    """Return the pressure [Pa] of the standard atmosphere at an altitude [m]."""
+    return float(_SEA_LEVEL_PA * (1.0 - _LAPSE_K_M * altitude / _SEA_LEVEL_K) ** _EXPONENT)
+
+
+def altitude_at(pressure: float) -> float:
+    """Return the altitude [m] of a pressure [Pa] in the standard atmosphere."""
+    cooler = 1.0 - (pressure / _SEA_LEVEL_PA) ** (1.0 / _EXPONENT)
+    return float(cooler * _SEA_LEVEL_K / _LAPSE_K_M)
+
+
+class HilSensors:
+    """Reads the plant. `observe` in every tick; the others when a message is due."""
+
+    def __init__(self, params: HilParams, seed: int) -> None:
+        self._p = params
+        self._rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
+        self.origin = GeoOrigin(params.latitude, params.longitude, params.altitude)
+        down, east = math.radians(params.inclination), math.radians(params.declination)
+        level = math.cos(down)
+        direction = (level * math.cos(east), level * math.sin(east), math.sin(down))
+        self._field = params.field_strength * enu_from_ned(direction)
+        self._spread = np.array([[params.accel_noise], [params.gyro_noise]])
+        self._sum = np.zeros(6)
+        self._ticks = 0
+
+    def observe(self, imu: Array) -> None:
+        """Add the tick's gyro and accelerometer, as `Simulator.imu`."""
+        self._sum += imu
+        self._ticks += 1
+
+    def inertial(self) -> list[float]:
+        """Return force (3) [m/s^2] and rates (3) [rad/s], FRD: the mean since the last call.
+
+        A strike goes beyond 16 g; it stops there, as it does in a real sensor.
+        """
+        mean = (self._sum / max(self._ticks, 1)).reshape(2, 3)[::-1]
+        self._sum[:] = 0.0
+        self._ticks = 0
+        noisy = frd_from_flu(mean) + self._spread * self._rng.standard_normal((2, 3))
+        values: list[float] = np.clip(noisy, -_FULL_SCALE, _FULL_SCALE).ravel().tolist()
+        return values
+
+    def slow(self, plant: Plant) -> tuple[float, ...]:
+        """Return magnetometer, barometer, pitot tube and thermometer, as in HIL_SENSOR.
+
+        Field (3) FRD [gauss], pressure [hPa], that of a pitot tube forward [hPa], altitude that
+        the pressure means [m], temperature [deg C].
+        """
+        n = self._rng.standard_normal(4)
+        body = frd_from_flu(plant.rotation.T @ self._field)
+        height = self.origin.altitude_m + float(plant.state.position[2])
+        pressure = pressure_at(height) + self._p.pressure_noise * float(n[3])
+        forward = float(plant.airspeed[0])
+        return (
+            *(body + self._p.mag_noise * n[:3]).tolist(),
+            0.01 * pressure,
+            0.01 * 0.5 * _SEA_LEVEL_KG_M3 * forward * abs(forward),
+            altitude_at(pressure),
+            15.0 - _LAPSE_K_M * height,
+        )
+
+    def gps(self, mav: Any, time_us: int, plant: Plant) -> Any:
+        """Return HIL_GPS, a fix with noise."""
+        n = self._rng.standard_normal(6)
+        position = plant.state.position + self._p.gps_position_noise * n[:3]
+        velocity = ned_from_enu(plant.state.velocity + self._p.gps_velocity_noise * n[3:])
+        north, east, down = velocity.tolist()
+        speed = math.hypot(north, east)
+        course = round(math.degrees(math.atan2(east, north)) * 100.0) % 36_000
+        return mav.hil_gps_encode(
+            time_us,
+            _FIX_3D,
+            *globe_fields(self.origin.global_of(position)),
+            _EPH_CM,
+            _EPV_CM,
+            min(round(100.0 * speed), 65_534),
+            *(fitted(100.0 * v, _INT16) for v in (north, east, down)),
+            course if speed > _SLOW else 65_535,
+            _SATELLITES,
+        )
+
+    def truth(self, mav: Any, time_us: int, plant: Plant) -> Any:
+        """Return HIL_STATE_QUATERNION: ground truth."""
+        rates, force = frd_from_flu(np.stack([plant.state.rates, plant.force]))
+        to_milli_g = 1000.0 / GRAVITY / float(plant.mass)
+        flow = plant.airspeed
+        air_speed = min(round(100.0 * math.sqrt(float(flow @ flow))), 65_535)
+        return mav.hil_state_quaternion_encode(
+            time_us,
+            px4_quaternion(plant.state.attitude).tolist(),
+            *rates.tolist(),
+            *globe_fields(self.origin.global_of(plant.state.position)),
+            *(fitted(100.0 * v, _INT16) for v in ned_from_enu(plant.state.velocity).tolist()),
+            air_speed,
+            air_speed,
+            *(fitted(to_milli_g * f, _INT16) for f in force.tolist()),
+        )
+
 
 SYSTEM, COMPONENT = 1, 200
 """Who PX4's simulators say they are."""
@@ -74,7 +253,7 @@ class HilFlight:
         self.poses: list[PoseSample] = []
         self.rotors: Array = np.zeros(4)
         self.steps = 0
-        self._mav = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
+        self._mav = encoder(SYSTEM, COMPONENT)
         self._slow: tuple[float, ...] = ()
         self._gps_due = _RateTimer(params.gps_rate if params.gps else 0.0)
         self._truth_due = _RateTimer(params.truth_rate)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from tombo_dynamics.vehicle import SPIN
-from tombo_px4.bridge.parameter_findings import SAFE_PARAMETERS
+from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
 from tombo_px4.frames import PX4_ROTORS, frd_from_flu
 from tombo_px4.hil.flight import HilFlight
 from tombo_px4.hil.link import PX4_PORT

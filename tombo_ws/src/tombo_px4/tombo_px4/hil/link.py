@@ -16,7 +16,7 @@ import socket
 from typing import Any, NamedTuple
 
 from tombo_dynamics.errors import InputError
-from tombo_px4.link.framing import Findings, Frame, StreamFramer, decode
+from tombo_px4.link.framing import Frame, FrameCounts, StreamFramer, decode
 
 PX4_PORT = 4560
 """Of PX4 instance 0; instance N asks for this port plus N."""
@@ -75,7 +75,7 @@ class HilLink:
         self._peer: socket.socket | None = None
         self._peer_spoke = False
         self._waiting: list[tuple[socket.socket, StreamFramer]] = []
-        self._findings = Findings()
+        self._findings = FrameCounts()
         self._framer = StreamFramer(self._findings)
         self._unsent = b""
         self.interval_us: float | None = None

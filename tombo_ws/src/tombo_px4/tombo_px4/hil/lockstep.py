@@ -16,14 +16,57 @@ Each HIL_SENSOR waits for the HIL_ACTUATOR_CONTROLS with the same time; `time_us
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from enum import Enum
 from typing import NamedTuple
 
-from tombo_px4.hil.flight import HilFlight, MotorCommands, Watch
+from tombo_px4.hil.flight import HilFlight, MotorCommands, Watch, odometry
 from tombo_px4.hil.link import ActuatorControls, HilLink
-from tombo_px4.hil.mocap import MocapFeed
 from tombo_px4.hil.params import HilParams
+from tombo_px4.link.link_params import ONBOARD
+from tombo_px4.link.mavlink_link import Link
+from tombo_px4.link.message_encoder import heartbeat, timesync
+from tombo_px4.link.timesync import TimeSync
+from tombo_sim.simulator import PoseSample
 from tombo_sim.world import World
+
+_HEARTBEAT_US = 1_000_000
+
+
+class MocapFeed:
+    """The simulated motion capture as PX4's on-board link gets it, without the ROS bridge.
+
+    It sends poses, and answers TIMESYNC with the clock of their stamps: PX4's own, by lockstep.
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._timesync = TimeSync()
+        self._beat_us = -_HEARTBEAT_US
+        self.sent = 0
+        self.answered = 0
+        """TIMESYNC requests."""
+
+    def advance(self, poses: Sequence[PoseSample], time_us: int) -> None:
+        """Send poses that have arrived, and answer what has come; `time_us` is PX4's clock."""
+        for received in self._link.receive():
+            message = received.message
+            if message.get_type() != "TIMESYNC":
+                continue
+            now_ns = 1000 * time_us
+            times = self._timesync.answer(message.tc1, message.ts1, now_ns, now_ns)
+            if times is not None:
+                self.answered += self._link.send(timesync(times), received.peer)
+        if not 0 <= time_us - self._beat_us < _HEARTBEAT_US:  # below 0: a new flight
+            self._beat_us = time_us
+            self._link.send(heartbeat(ONBOARD))
+        for pose in poses:
+            self.sent += self._link.send(odometry(pose))
+
+    def close(self) -> None:
+        """Close the link."""
+        self._link.close()
+
 
 BOOT_PATIENCE_NS = 5_000_000
 """Wait for an answer while PX4 boots; it answered from the tenth step on."""
@@ -36,7 +79,7 @@ _SLIP_NS = 200_000_000
 _MAX_NOTICES = 200
 
 
-class Phase(Enum):
+class Px4Phase(Enum):
     """State of the connection to PX4."""
 
     WAITING = "waiting for PX4"
@@ -118,13 +161,13 @@ class HilSimulator:
         self._runs_unanswered = False  # silent and disarmed; over with any answer, a late one too
 
     @property
-    def phase(self) -> Phase:
+    def phase(self) -> Px4Phase:
         """State of the connection to PX4."""
         if not self._connection:
-            return Phase.WAITING
+            return Px4Phase.WAITING
         if self._silent:
-            return Phase.SILENT
-        return Phase.FLYING if self._heard else Phase.BOOTING
+            return Px4Phase.SILENT
+        return Px4Phase.FLYING if self._heard else Px4Phase.BOOTING
 
     def take_notices(self) -> list[Notice]:
         """Return the new messages for the user."""

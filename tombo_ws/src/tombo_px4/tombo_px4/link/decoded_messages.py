@@ -49,17 +49,17 @@ class Severity(IntEnum):
     INFO = 6
 
 
-class Refused(ValueError):
+class RefusedMessage(ValueError):
     """A message that can't be used; the text is the reason that is counted."""
 
 
 @dataclass(frozen=True)
-class Record:
+class DecodedMessage:
     """A message of PX4 with more than one field."""
 
 
 @dataclass(frozen=True)
-class StampedRecord(Record):
+class StampedMessage(DecodedMessage):
     """A message with the time of what it tells."""
 
     arrival_ns: int
@@ -70,7 +70,7 @@ class StampedRecord(Record):
 
 
 @dataclass(frozen=True)
-class Heartbeat(Record):
+class Heartbeat(DecodedMessage):
     """HEARTBEAT of the autopilot."""
 
     arrival_ns: int
@@ -81,7 +81,7 @@ class Heartbeat(Record):
 
 
 @dataclass(frozen=True)
-class VehicleOdometry(StampedRecord):
+class VehicleOdometry(StampedMessage):
     """PX4's estimate."""
 
     position: Array
@@ -99,7 +99,7 @@ class VehicleOdometry(StampedRecord):
 
 
 @dataclass(frozen=True)
-class LocalPosition(StampedRecord):
+class LocalPosition(StampedMessage):
     """PX4's position alone, used where ODOMETRY is not sent."""
 
     position: Array
@@ -107,7 +107,7 @@ class LocalPosition(StampedRecord):
 
 
 @dataclass(frozen=True)
-class VehicleAttitude(StampedRecord):
+class VehicleAttitude(StampedMessage):
     """PX4's attitude alone."""
 
     attitude: Array
@@ -115,7 +115,7 @@ class VehicleAttitude(StampedRecord):
 
 
 @dataclass(frozen=True)
-class ImuSample(StampedRecord):
+class ImuSample(StampedMessage):
     """PX4's gyro and accelerometer."""
 
     gyro: Array
@@ -125,7 +125,7 @@ class ImuSample(StampedRecord):
 
 
 @dataclass(frozen=True)
-class Battery(Record):
+class BatteryReading(DecodedMessage):
     """Voltage [V], current [A], what is left 0..1; NaN: not known."""
 
     arrival_ns: int
@@ -137,10 +137,10 @@ class Battery(Record):
 
 
 @dataclass(frozen=True)
-class SystemStatus(Record):
+class SystemStatus(DecodedMessage):
     """PX4's own checks, and the battery in short."""
 
-    battery: Battery
+    battery: BatteryReading
     checked: bool
     """PX4 reports on its pre-arm checks at all."""
     ready: bool
@@ -148,7 +148,7 @@ class SystemStatus(Record):
 
 
 @dataclass(frozen=True)
-class StatusText(Record):
+class StatusText(DecodedMessage):
     """A text of PX4 (STATUSTEXT)."""
 
     arrival_ns: int
@@ -160,7 +160,7 @@ class StatusText(Record):
 
 
 @dataclass(frozen=True)
-class Event(Record):
+class VehicleEvent(DecodedMessage):
     """An event of PX4 (EVENT)."""
 
     arrival_ns: int
@@ -172,7 +172,7 @@ class Event(Record):
 
 
 @dataclass(frozen=True)
-class CommandAck(Record):
+class CommandAck(DecodedMessage):
     """PX4's answer to a command; to DO_SET_MODE there are two, and the first says nothing."""
 
     arrival_ns: int
@@ -181,7 +181,7 @@ class CommandAck(Record):
 
 
 @dataclass(frozen=True)
-class ParameterValue(Record):
+class ParameterValue(DecodedMessage):
     """A parameter of the vehicle."""
 
     name: str
@@ -191,7 +191,7 @@ class ParameterValue(Record):
 
 
 @dataclass(frozen=True)
-class EstimatorStatusFlags(Record):
+class EstimatorStatusFlags(DecodedMessage):
     """State of PX4's estimator (ESTIMATOR_STATUS)."""
 
     arrival_ns: int
@@ -205,7 +205,7 @@ class EstimatorStatusFlags(Record):
 
 
 @dataclass(frozen=True)
-class TimesyncMessage(Record):
+class TimesyncMessage(DecodedMessage):
     """TIMESYNC: a request (tc1 = 0) or an answer."""
 
     arrival_ns: int
@@ -221,4 +221,4 @@ class MetadataUri(str):
     """Where PX4's general metadata are (COMPONENT_METADATA)."""
 
 
-Content = Record | MavLandedState | FirmwareVersion | MetadataUri
+Content = DecodedMessage | MavLandedState | FirmwareVersion | MetadataUri

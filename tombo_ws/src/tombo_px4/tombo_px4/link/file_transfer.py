@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.link.decoded_messages import Record
+from tombo_px4.link.decoded_messages import DecodedMessage
 from tombo_px4.link.message_encoder import MessageTarget
 
 HEADER = struct.Struct("<HBBBBBBI")
@@ -23,27 +22,8 @@ _AGAIN_NS = SECOND_NS // 2
 _TRIES = 6
 
 
-class Operation(IntEnum):
-    """Operations of MAVLink FTP, as far as they are used here."""
-
-    TERMINATE = 1
-    RESET = 2
-    OPEN = 4
-    READ = 5
-    ACK = 128
-    NAK = 129
-
-
-class FileError(IntEnum):
-    """First byte of a NAK."""
-
-    END_OF_FILE = 6
-    UNKNOWN_COMMAND = 7
-    NOT_FOUND = 10
-
-
 @dataclass(frozen=True)
-class FileAnswer(Record):
+class FileAnswer(DecodedMessage):
     """An answer of the vehicle."""
 
     sequence: int
@@ -61,7 +41,7 @@ def file_answer(payload: bytes) -> FileAnswer | None:
     if len(payload) < HEADER.size:
         return None
     sequence, session, operation, size, asked, _, _, offset = HEADER.unpack_from(payload)
-    if operation not in (Operation.ACK, Operation.NAK) or size > DATA:
+    if operation not in (mav.MAV_FTP_OPCODE_ACK, mav.MAV_FTP_OPCODE_NAK) or size > DATA:
         return None
     data = payload[HEADER.size : HEADER.size + size]
     return FileAnswer(sequence, session, operation, asked, offset, data)
@@ -79,7 +59,7 @@ class FileReader:
         self.content: bytes | None = None
         self.failed = ""
         self._path, self._to = path, to
-        self._operation = Operation.OPEN
+        self._operation = mav.MAV_FTP_OPCODE_OPENFILERO
         self._session = 0
         self._size = 0
         self._read = bytearray()
@@ -101,11 +81,13 @@ class FileReader:
             return
         self._sequence = (self._sequence + 2) % 65536
         self._sent_ns, self._tries = None, 0
-        refused = answer.operation == Operation.NAK
+        refused = answer.operation == mav.MAV_FTP_OPCODE_NAK
         error = answer.data[0] if answer.data else 0
-        if refused and (self._operation is Operation.OPEN or error != FileError.END_OF_FILE):
+        if refused and (
+            self._operation == mav.MAV_FTP_OPCODE_OPENFILERO or error != mav.MAV_FTP_ERR_EOF
+        ):
             self.failed = f"{self._path}: the vehicle refuses it (error {error})"
-        elif self._operation is Operation.OPEN:
+        elif self._operation == mav.MAV_FTP_OPCODE_OPENFILERO:
             self._opened(answer)
         elif refused or not answer.data:
             self.content = bytes(self._read)
@@ -119,7 +101,7 @@ class FileReader:
         if not 0 < size <= LARGEST_FILE:
             self.failed = f"{self._path}: {size} bytes; accepted: 1 to {LARGEST_FILE}"
         self._session, self._size = answer.session, size
-        self._operation = Operation.READ
+        self._operation = mav.MAV_FTP_OPCODE_READFILE
 
     def tick(self, now_ns: int) -> list[Any]:
         """Return what to send now."""
@@ -130,19 +112,19 @@ class FileReader:
             return []
         self._tries += 1
         self._sent_ns = now_ns
-        if self._operation is Operation.OPEN:
-            return [self._message(Operation.OPEN, self._path.encode()[:DATA])]
+        if self._operation == mav.MAV_FTP_OPCODE_OPENFILERO:
+            return [self._message(mav.MAV_FTP_OPCODE_OPENFILERO, self._path.encode()[:DATA])]
         rest = min(self._size - len(self._read), DATA)
-        return [self._message(Operation.READ, b"", size=rest, offset=len(self._read))]
+        return [self._message(mav.MAV_FTP_OPCODE_READFILE, b"", size=rest, offset=len(self._read))]
 
     def close(self) -> list[Any]:
         """Return the message that frees the vehicle's session; none where there is none."""
-        if self._operation is Operation.OPEN:
+        if self._operation == mav.MAV_FTP_OPCODE_OPENFILERO:
             return []
-        return [self._message(Operation.TERMINATE, b"")]
+        return [self._message(mav.MAV_FTP_OPCODE_TERMINATESESSION, b"")]
 
     def _message(
-        self, operation: Operation, data: bytes, *, size: int | None = None, offset: int = 0
+        self, operation: int, data: bytes, *, size: int | None = None, offset: int = 0
     ) -> Any:
         size = len(data) if size is None else size
         head = HEADER.pack(self._sequence, self._session, operation, size, 0, 0, 0, offset)

@@ -3,18 +3,140 @@
 pymavlink's parser reads garbage byte by byte, raises on it, and trusts the length of a frame: a
 wrong one removes the frames behind it. Here a frame is one whose checksum is right, and
 a candidate that fails costs one byte. Work and memory are bounded whatever comes.
+
+pymavlink leaves out four messages of MAVLink's common set that are marked unfinished; PX4 sends
+its words as one of them, EVENT. Importing this module adds them to pymavlink's dialect. Source:
+MAVLink's `common.xml`, from which the extra bytes of the checksums are computed.
 """
 
 from __future__ import annotations
 
 import re
+import struct
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import common
 from pymavlink.dialects.v20.common import mavlink_map, x25crc
 
-from tombo_px4.link import added_messages
+PROTOCOL_VERSION, COMPONENT_METADATA, EVENT, CURRENT_EVENT_SEQUENCE = 300, 397, 410, 411
+UNREAD = {8: 117, 290: 251, 291: 10, 380: 232, 436: 193}
+"""LINK_NODE_STATUS, ESC_INFO, ESC_STATUS, TIME_ESTIMATE_TO_TARGET, CURRENT_MODE, and the extra
+bytes of their checksums: pymavlink leaves them out too; PX4 1.17 sends them unasked, and nothing
+here reads them."""
+ARGUMENTS = 40
+"""Bytes of the arguments of an event."""
+URI = 100
+"""Bytes of the URI of a file with metadata."""
+_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "s": "char"}
+
+
+def _define(
+    number: int, name: str, extra: int, wire: dict[str, tuple[str, int]], fields: list[str]
+) -> Any:
+    """Make pymavlink's class of a message, and enter it into the dialect.
+
+    Args:
+        number: of the message.
+        name: of the message.
+        extra: last byte that its checksum counts.
+        wire: field, in the order on the wire, to its kind in `struct` and its length, 0: no array.
+        fields: names in the order of the constructor.
+    """
+    order = list(wire)
+    content = struct.Struct("<" + "".join(f"{n or ''}{kind}" for kind, n in wire.values()))
+
+    def begin(self: Any, *values: Any) -> None:
+        common.MAVLink_message.__init__(self, number, name)
+        self._fieldnames = fields
+        self._instance_field, self._instance_offset = None, -1
+        for field, value in zip(fields, values, strict=True):
+            setattr(self, field, value)
+
+    def pack(self: Any, mav: Any, force_mavlink1: bool = False) -> bytes:
+        values: list[Any] = []
+        for field, (kind, length) in wire.items():
+            value = getattr(self, field)
+            values += value if length and kind == "B" else [value]
+        frame: bytes = self._pack(mav, extra, content.pack(*values), force_mavlink1=force_mavlink1)
+        return frame
+
+    made = type(
+        f"MAVLink_{name.lower()}_message",
+        (common.MAVLink_message,),
+        {
+            "id": number,
+            "msgname": name,
+            "name": name,
+            "fieldnames": fields,
+            "ordered_fieldnames": order,
+            "fieldtypes": [_TYPES[wire[field][0]] for field in fields],
+            "orders": [order.index(field) for field in fields],
+            "lengths": [n if kind == "B" and n else 1 for kind, n in wire.values()],
+            "array_lengths": [n for _, n in wire.values()],
+            "crc_extra": extra,
+            "unpacker": content,
+            "instance_field": None,
+            "instance_offset": -1,
+            "__init__": begin,
+            "pack": pack,
+        },
+    )
+    common.mavlink_map.setdefault(number, made)
+    return made
+
+
+EventMessage: Any = _define(
+    EVENT,
+    "EVENT",
+    160,
+    {
+        "id": ("I", 0),
+        "event_time_boot_ms": ("I", 0),
+        "sequence": ("H", 0),
+        "destination_component": ("B", 0),
+        "destination_system": ("B", 0),
+        "log_levels": ("B", 0),
+        "arguments": ("B", ARGUMENTS),
+    },
+    [
+        "destination_component",
+        "destination_system",
+        "id",
+        "event_time_boot_ms",
+        "sequence",
+        "log_levels",
+        "arguments",
+    ],
+)
+CurrentEventSequence: Any = _define(
+    CURRENT_EVENT_SEQUENCE,
+    "CURRENT_EVENT_SEQUENCE",
+    106,
+    {"sequence": ("H", 0), "flags": ("B", 0)},
+    ["sequence", "flags"],
+)
+ComponentMetadata: Any = _define(
+    COMPONENT_METADATA,
+    "COMPONENT_METADATA",
+    182,
+    {"time_boot_ms": ("I", 0), "file_crc": ("I", 0), "uri": ("s", URI)},
+    ["time_boot_ms", "file_crc", "uri"],
+)
+ProtocolVersion: Any = _define(
+    PROTOCOL_VERSION,
+    "PROTOCOL_VERSION",
+    217,
+    {
+        "version": ("H", 0),
+        "min_version": ("H", 0),
+        "max_version": ("H", 0),
+        "spec_version_hash": ("B", 8),
+        "library_version_hash": ("B", 8),
+    },
+    ["version", "min_version", "max_version", "spec_version_hash", "library_version_hash"],
+)
+
 
 DATAGRAM_TRIES = 64
 """Failed candidates in one datagram after which the rest of it is garbage."""
@@ -27,9 +149,8 @@ _V1, _V2 = 0xFE, 0xFD
 _V1_FRAME, _V2_FRAME = 8, 12  # without payload
 _SIGNED = 0x01
 _SIGNATURE = 13
-assert added_messages.EVENT in mavlink_map  # its import completes the dialect
 _CRC_EXTRA = {number: bytes([message.crc_extra]) for number, message in mavlink_map.items()}
-_CRC_EXTRA |= {number: bytes([extra]) for number, extra in added_messages.UNREAD.items()}
+_CRC_EXTRA |= {number: bytes([extra]) for number, extra in UNREAD.items()}
 _DECODER = common.MAVLink(None)
 
 
@@ -46,7 +167,7 @@ class Frame(NamedTuple):
 
 
 @dataclass
-class Findings:
+class FrameCounts:
     """Counts of bytes that gave no message; `mavlink_link.COUNTED` says of which."""
 
     garbage_bytes: int = 0
@@ -64,7 +185,7 @@ class Findings:
         }
 
 
-def frames_of(datagram: bytes, findings: Findings) -> list[Frame]:
+def frames_of(datagram: bytes, findings: FrameCounts) -> list[Frame]:
     """Return the frames of a datagram; no frame continues in the next datagram."""
     return _scan(datagram, findings, True, DATAGRAM_TRIES)[0]
 
@@ -72,7 +193,7 @@ def frames_of(datagram: bytes, findings: Findings) -> list[Frame]:
 class StreamFramer:
     """Frames of a stream of bytes that comes in pieces; it keeps less than a frame of them."""
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: FrameCounts) -> None:
         self._findings = findings
         self._rest = b""
 
@@ -84,12 +205,17 @@ class StreamFramer:
         return frames
 
 
+def encoder(system: int, component: int) -> common.MAVLink:
+    """Return pymavlink's encoder of messages with these ids of the sender."""
+    return common.MAVLink(None, srcSystem=system, srcComponent=component)
+
+
 def decode(frame: Frame) -> common.MAVLink_message:
     """Return the message of a frame."""
     return _DECODER.decode(bytearray(frame.data))
 
 
-def _scan(data: bytes, findings: Findings, whole: bool, tries: int) -> tuple[list[Frame], int]:
+def _scan(data: bytes, findings: FrameCounts, whole: bool, tries: int) -> tuple[list[Frame], int]:
     """Return the frames in `data` and how many of its bytes are done with.
 
     Args:
@@ -128,7 +254,7 @@ def _scan(data: bytes, findings: Findings, whole: bool, tries: int) -> tuple[lis
     return frames, at
 
 
-def _candidate(data: bytes, at: int, findings: Findings) -> tuple[int, Frame | None]:
+def _candidate(data: bytes, at: int, findings: FrameCounts) -> tuple[int, Frame | None]:
     """Look at the magic byte `data[at]`.
 
     Returns:
@@ -165,6 +291,6 @@ def _candidate(data: bytes, at: int, findings: Findings) -> tuple[int, Frame | N
     if x25crc(data[at + 1 : crc_at] + extra).crc != data[crc_at] | data[crc_at + 1] << 8:
         findings.bad_checksum += 1
         return 0, None
-    if message_id in added_messages.UNREAD:
+    if message_id in UNREAD:
         return size, None
     return size, Frame(data[at : at + size], system, component, message_id, signed)

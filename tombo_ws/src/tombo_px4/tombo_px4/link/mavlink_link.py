@@ -10,15 +10,22 @@ import select
 from collections import deque
 from typing import Any, NamedTuple
 
-from pymavlink.dialects.v20 import common
-
 from tombo_dynamics.errors import InputError
-from tombo_px4.link.address import Address, Url, parse_peer, parse_url
-from tombo_px4.link.framing import Findings, Frame, StreamFramer, decode, frames_of
-from tombo_px4.link.serial_port import SerialPort
+from tombo_px4.link.framing import Frame, FrameCounts, StreamFramer, decode, encoder, frames_of
+from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.signing import SignatureVerifier, check_key
 from tombo_px4.link.tcp import TcpIn, TcpOut
-from tombo_px4.link.transport import Clock, Counters, Packet, Transport
+from tombo_px4.link.transport import (
+    Address,
+    Clock,
+    Counters,
+    Packet,
+    SerialPort,
+    Transport,
+    Url,
+    parse_peer,
+    parse_url,
+)
 from tombo_px4.link.udp import UdpIn, UdpOut
 
 COUNTED = {
@@ -136,7 +143,7 @@ class Link:
         self.counters = dict.fromkeys(COUNTED, 0)
         self.pack_error = ""
         self.rejected_sender: tuple[int, int] | None = None
-        self.mav = common.MAVLink(None, srcSystem=system, srcComponent=component)
+        self.mav = encoder(system, component)
         self._clock = clock
         self._accept_system = accept_system
         self._accept_component = accept_component
@@ -146,7 +153,7 @@ class Link:
             self.mav.signing.secret_key = key
             self.mav.signing.link_id = link_id
             self.mav.signing.sign_outgoing = True
-        self._findings = Findings()
+        self._findings = FrameCounts()
         self._streams: dict[Any, StreamFramer] = {}
         self._waiting: deque[tuple[Frame, int, Any]] = deque()
         self._closed = False
@@ -263,3 +270,50 @@ class Link:
                 refusal = "undecodable"
         self.counters[refusal] += 1
         return None
+
+
+def link_faults(link: Link, params: LinkParams, linked: bool) -> dict[str, str]:
+    """Return key -> fault of the link, with cause and remedy.
+
+    Args:
+        link: what came, went and was refused.
+        params: whom we wait for.
+        linked: the vehicle is heard.
+    """
+    faults: dict[str, str] = {}
+    counters, rejected_sender = link.counters, link.rejected_sender
+    if link.pack_error:
+        faults["unsendable"] = link.pack_error
+    if linked:
+        return faults
+    if rejected_sender is not None and rejected_sender[0] != params.system:
+        faults["wrong_system"] = (
+            f"system {rejected_sender[0]} speaks here, waiting for {params.system}: set "
+            "link.system, or the vehicle's MAV_SYS_ID"
+        )
+    elif rejected_sender is not None:
+        faults["wrong_component"] = (
+            f"component {rejected_sender[1]} of system {rejected_sender[0]} speaks here, "
+            f"waiting for {params.component}: set link.component"
+        )
+    if counters["unsigned"]:
+        faults["unsigned"] = (
+            f"{counters['unsigned']} messages without a signature were left out: link.key_file is"
+            " set here, but the other side does not sign"
+        )
+    if counters["bad_signature"]:
+        faults["bad_signature"] = (
+            f"{counters['bad_signature']} messages are signed with another key: compare"
+            " link.key_file with the vehicle's key"
+        )
+    if counters["foreign_address"]:
+        faults["foreign_address"] = (
+            f"{counters['foreign_address']} datagrams came from another machine: set"
+            " link.allow_remote if that is the vehicle"
+        )
+    if not counters["received"] and counters["garbage_bytes"] > 1000:
+        faults["garbage"] = (
+            f"{counters['garbage_bytes']} bytes came that are no MAVLink: baud rate, or another"
+            " program on this port"
+        )
+    return faults

@@ -1,7 +1,8 @@
 """Decodes the messages of PX4: fields checked, in our frames and units, stamped by our clock.
 
 An invalid message is dropped and counted under a reason: `not_finite`, `wrong_frame`,
-`not_unit`, `stamp`, `not_px4`, `range`, `not_for_us`, `unknown_kind`.
+`not_unit`, `stamp`, `not_px4`, `range`, `not_for_us`, `unknown_kind`. Texts of more than 50
+characters come in pieces, which are put together.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import math
 import struct
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -26,12 +28,93 @@ from tombo_px4.frames import (
     ros_quaternion,
 )
 from tombo_px4.link import decoded_messages as decoded
-from tombo_px4.link.decoded_messages import Content, Refused
+from tombo_px4.link.decoded_messages import Content, RefusedMessage, StatusText
 from tombo_px4.link.file_transfer import file_answer
 from tombo_px4.link.mavlink_link import Received
-from tombo_px4.link.status_text import StatusTextAssembler
 from tombo_px4.link.timesync import TimeSync
 from tombo_px4.modes import mode_of
+
+_FULL = 50
+"""A piece of this length is followed by another."""
+_PATIENCE_NS = 1_000_000_000
+_MOST_TEXTS, _MOST_CHUNKS = 8, 8
+_GAP = "…"
+
+
+@dataclass
+class _PartialText:
+    severity: int
+    arrival_ns: int
+    chunks: dict[int, str] = field(default_factory=dict)
+    last: int | None = None
+
+    def text(self, number: int) -> StatusText:
+        end = self.last if self.last is not None else max(self.chunks, default=0)
+        words = "".join(self.chunks.get(k, _GAP) for k in range(end + 1))
+        if self.last is None and (number or end):
+            words += _GAP
+        return _whole(self.arrival_ns, self.severity, words)
+
+
+class StatusTextAssembler:
+    """Puts pieces together in whichever order they come; a missing one becomes `…`."""
+
+    def __init__(self) -> None:
+        self._growing: dict[int, _PartialText] = {}
+
+    def take(
+        self, severity: int, text: str, number: int, chunk: int, arrival_ns: int
+    ) -> StatusText | None:
+        """Take a piece; return the text once it is whole.
+
+        Args:
+            severity: MAV_SEVERITY.
+            text: up to 50 characters.
+            number: of the text; 0: it is whole in itself, but also of PX4's first one in pieces.
+            chunk: place of the piece in it.
+            arrival_ns: when it came.
+
+        Raises:
+            RefusedMessage: out of bounds, or too many texts are incomplete.
+        """
+        if not 0 <= severity <= 7:
+            raise RefusedMessage("range")
+        if number == 0 and chunk == 0 and len(text) < _FULL:
+            return _whole(arrival_ns, severity, text)
+        if chunk >= _MOST_CHUNKS:
+            raise RefusedMessage("range")
+        if number not in self._growing and len(self._growing) >= _MOST_TEXTS:
+            raise RefusedMessage("too_many")
+        if number == 0 and chunk == 0 and 0 in self._growing:  # a sender without numbers
+            before = self._growing.pop(0).text(0)
+            self._growing[0] = _PartialText(severity, arrival_ns, {0: text})
+            return before
+        growing = self._growing.setdefault(number, _PartialText(severity, arrival_ns))
+        growing.chunks[chunk] = text
+        if len(text) < _FULL:
+            growing.last = chunk
+            for k in [k for k in growing.chunks if k > chunk]:
+                del growing.chunks[k]
+        if growing.last is None or len(growing.chunks) <= growing.last:
+            return None
+        del self._growing[number]
+        return growing.text(number)
+
+    def take_expired(self, now_ns: int) -> list[StatusText]:
+        """Return incomplete texts that have waited for a second."""
+        texts = self._growing.items()
+        late = [number for number, text in texts if now_ns - text.arrival_ns > _PATIENCE_NS]
+        return [self._growing.pop(number).text(number) for number in late]
+
+
+def _whole(arrival_ns: int, severity: int, text: str) -> StatusText:
+    """Return a text; PX4 ends those with a tabulator that it sends as an EVENT, too."""
+    return StatusText(arrival_ns, severity, _printable(text), text.endswith("\t"))
+
+
+def _printable(text: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in text).strip()
+
 
 _MICRO_NS, _MILLI_NS = 1_000, 1_000_000
 _OLDEST_NS, _SYNC_ERROR_NS = 1_000_000_000, 15_000_000
@@ -81,7 +164,7 @@ class MessageDecoder:
             return None
         try:
             return reader(self, received.message, received.arrival_ns)
-        except Refused as refused:
+        except RefusedMessage as refused:
             reason = str(refused)
         except (ValueError, TypeError, OverflowError, struct.error, AttributeError):
             reason = "unreadable"
@@ -99,7 +182,7 @@ class MessageDecoder:
         the arrival less the time that messages take; two messages prove a jump, one is refused.
         """
         if boot_ns <= 0:
-            raise Refused("stamp")
+            raise RefusedMessage("stamp")
         if not self._sync.converged:
             return arrival_ns, None, boot_ns
         stamp_ns = self._sync.to_local_time(boot_ns)
@@ -109,14 +192,14 @@ class MessageDecoder:
             return arrival_ns, stamp_ns, boot_ns
         before_ns, self._impossible_ns = self._impossible_ns, arrival_ns - boot_ns
         if before_ns is None or abs(self._impossible_ns - before_ns) > _SAME_JUMP_NS:
-            raise Refused("stamp")
+            raise RefusedMessage("stamp")
         return arrival_ns, arrival_ns - self._age_ns, boot_ns
 
     def _heartbeat(self, m: Any, arrival_ns: int) -> Content | None:
         if m.autopilot == mav.MAV_AUTOPILOT_INVALID:  # a camera, a ground station
             return None
         if m.autopilot != mav.MAV_AUTOPILOT_PX4:
-            raise Refused("not_px4")
+            raise RefusedMessage("not_px4")
         armed = bool(m.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
         failsafe = armed and m.system_status in _FAILSAFE
         return decoded.Heartbeat(arrival_ns, armed, mode_of(m.custom_mode), failsafe)
@@ -126,7 +209,7 @@ class MessageDecoder:
         if m.frame_id != mav.MAV_FRAME_LOCAL_NED or not (
             in_body or m.child_frame_id == mav.MAV_FRAME_LOCAL_NED
         ):
-            raise Refused("wrong_frame")
+            raise RefusedMessage("wrong_frame")
         place = _bounded(_FAR, m.x, m.y, m.z, m.vx, m.vy, m.vz)
         rates = _bounded(_FASTEST_TURN, m.rollspeed, m.pitchspeed, m.yawspeed)
         attitude = _attitude(m.q)
@@ -158,7 +241,7 @@ class MessageDecoder:
 
     def _imu(self, m: Any, arrival_ns: int) -> Content:
         if m.fields_updated & _BOTH_SENSORS != _BOTH_SENSORS:
-            raise Refused("incomplete")
+            raise RefusedMessage("incomplete")
         accel = _bounded(_HARDEST, m.xacc, m.yacc, m.zacc)
         gyro = _bounded(_FASTEST_TURN, m.xgyro, m.ygyro, m.zgyro)
         times = self._times(m.time_usec * _MICRO_NS, arrival_ns)
@@ -170,14 +253,14 @@ class MessageDecoder:
         cells = tuple(1e-3 * v for v in [*m.voltages, *m.voltages_ext] if 0 < v != _NO_CELL)
         voltage = sum(cells) if cells else math.nan
         current, left = _current(m.current_battery), _share(m.battery_remaining)
-        return decoded.Battery(arrival_ns, voltage, current, left, cells)
+        return decoded.BatteryReading(arrival_ns, voltage, current, left, cells)
 
     def _system(self, m: Any, arrival_ns: int) -> Content:
         voltage = math.nan if m.voltage_battery == _NO_VOLTAGE else 1e-3 * m.voltage_battery
         current, left = _current(m.current_battery), _share(m.battery_remaining)
         bit = mav.MAV_SYS_STATUS_PREARM_CHECK
         return decoded.SystemStatus(
-            decoded.Battery(arrival_ns, voltage, current, left),
+            decoded.BatteryReading(arrival_ns, voltage, current, left),
             bool(m.onboard_control_sensors_present & bit),
             bool(m.onboard_control_sensors_health & bit),
         )
@@ -189,7 +272,7 @@ class MessageDecoder:
         return self._chunks.take(m.severity, m.text, m.id, m.chunk_seq, arrival_ns)
 
     def _event(self, m: Any, arrival_ns: int) -> Content:
-        return decoded.Event(arrival_ns, m.id, m.log_levels & 0xF, bytes(m.arguments))
+        return decoded.VehicleEvent(arrival_ns, m.id, m.log_levels & 0xF, bytes(m.arguments))
 
     def _metadata(self, m: Any, arrival_ns: int) -> Content:
         uri = m.uri.decode("ascii", "replace") if isinstance(m.uri, bytes) else str(m.uri)
@@ -201,7 +284,7 @@ class MessageDecoder:
 
     def _check_target(self, m: Any) -> None:
         if m.target_system not in (0, self._own[0]) or m.target_component not in (0, self._own[1]):
-            raise Refused("not_for_us")
+            raise RefusedMessage("not_for_us")
 
     def _ack(self, m: Any, arrival_ns: int) -> Content:
         self._check_target(m)
@@ -213,9 +296,9 @@ class MessageDecoder:
         if m.param_type in _INTEGERS:
             value = int(struct.unpack(_INTEGERS[m.param_type], _value_bytes(m))[0])
         elif m.param_type != mav.MAV_PARAM_TYPE_REAL32:
-            raise Refused("unknown_kind")
+            raise RefusedMessage("unknown_kind")
         elif not math.isfinite(value):
-            raise Refused("range")
+            raise RefusedMessage("range")
         return decoded.ParameterValue(name, value, m.param_type)
 
     def _estimator(self, m: Any, arrival_ns: int) -> Content:
@@ -263,9 +346,9 @@ def _bounded(limit: float, *values: float) -> Array:
     """Return values as an array; refused if one is not finite or beyond the limit."""
     found = np.array(values)
     if not np.isfinite(found).all():
-        raise Refused("not_finite")
+        raise RefusedMessage("not_finite")
     if np.abs(found).max() > limit:
-        raise Refused("range")
+        raise RefusedMessage("range")
     return found
 
 
@@ -273,7 +356,7 @@ def _attitude(wxyz: Sequence[float]) -> Array:
     """Return an attitude (4) xyzw, map from base_link; refused if it is no rotation."""
     q = _bounded(math.inf, *wxyz)
     if abs(float(q @ q) - 1.0) > _UNIT:
-        raise Refused("not_unit")
+        raise RefusedMessage("not_unit")
     return ros_quaternion(q / np.linalg.norm(q))
 
 

@@ -8,7 +8,6 @@ import select
 import socket
 from typing import Any
 
-from tombo_px4.link.address import Url, is_loopback
 from tombo_px4.link.transport import (
     CHUNK,
     Clock,
@@ -17,6 +16,8 @@ from tombo_px4.link.transport import (
     RetryTimer,
     SendBuffer,
     Transport,
+    Url,
+    is_loopback,
     refused,
 )
 

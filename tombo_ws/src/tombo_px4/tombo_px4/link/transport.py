@@ -1,17 +1,138 @@
-"""Transport of bytes: the common interface of UDP, TCP and serial ports; none blocks."""
+"""URL of a link, and transport of bytes: interface of UDP, TCP and serial ports; none blocks."""
 
 from __future__ import annotations
 
 import contextlib
+import ipaddress
 import os
+import re
 import select
+import socket
+import termios
+import tty
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.link.address import Address, Url
+
+ACCEPTED = (
+    "udpin://HOST:PORT, udpout://HOST:PORT[?local=PORT], tcpin://HOST:PORT, tcpout://HOST:PORT, "
+    "serial:///dev/tty…:BAUD"
+)
+_NETWORK = re.compile(
+    r"(?P<kind>udpin|udpout|udp|tcpin|tcpout|tcp)://"
+    r"(?P<host>\[[0-9A-Fa-f:.]+\]|[^\s/:?\[\]]*):(?P<port>\d{1,5})(\?local=(?P<local>\d{1,5}))?"
+)
+_SERIAL = re.compile(r"serial://(?P<device>/[^\s:?]+):(?P<baud>\d{1,8})")
+_LISTENING = {"udpin", "tcpin"}
+_SHORT = {"udp": "udpin", "tcp": "tcpout"}
+
+Address = tuple[str, int]
+"""Numeric host and port."""
+
+
+@dataclass(frozen=True)
+class Url:
+    """A link's URL, and its text as it was given."""
+
+    text: str
+    kind: str
+    """`udpin`, `udpout`, `tcpin`, `tcpout` or `serial`."""
+    host: str
+    """Numeric address, or the device of a serial port."""
+    port: int
+    """Of the network, or baud rate of a serial port."""
+    local: int = 0
+    """Port to send from, 0 for any."""
+
+    @property
+    def address(self) -> Address:
+        """Host and port."""
+        return self.host, self.port
+
+    @property
+    def family(self) -> socket.AddressFamily:
+        """IPv4 or IPv6."""
+        return socket.AF_INET6 if ":" in self.host else socket.AF_INET
+
+
+def parse_url(text: str, allow_remote: bool) -> Url:
+    """Parse a URL and resolve its host.
+
+    Raises:
+        InputError: it is no URL of a link, or leads away from this machine without `allow_remote`.
+    """
+    serial = _SERIAL.fullmatch(text)
+    if serial:
+        return Url(text, "serial", serial["device"], int(serial["baud"]))
+    network = _NETWORK.fullmatch(text)
+    if not network:
+        raise InputError(f"link '{text}' is no URL of a link; accepted: {ACCEPTED}")
+    kind = _SHORT.get(network["kind"], network["kind"])
+    listening = kind in _LISTENING
+    port, local = int(network["port"]), int(network["local"] or 0)
+    lowest = 0 if listening else 1
+    if not lowest <= port <= 65535 or local > 65535:
+        raise InputError(f"link '{text}': port out of bounds; accepted: {lowest} to 65535")
+    if network["local"] is not None and kind != "udpout":
+        raise InputError(f"link '{text}': a local port belongs to udpout; accepted: {ACCEPTED}")
+    host = network["host"].strip("[]")
+    if not host:
+        if not listening:
+            raise InputError(f"link '{text}' names no host to go to; accepted: {ACCEPTED}")
+        host = "0.0.0.0" if allow_remote else "127.0.0.1"
+    return Url(text, kind, _numeric(host, f"link '{text}'", allow_remote), port, local)
+
+
+def parse_peer(text: str, allow_remote: bool) -> Address:
+    """Return the address of "HOST:PORT".
+
+    Raises:
+        InputError: it is none, or another machine's without `allow_remote`.
+    """
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
+        raise InputError(f"peer '{text}' is no address; accepted: HOST:PORT, port 1 to 65535")
+    return _numeric(host.strip("[]"), f"peer '{text}'", allow_remote), int(port)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a numeric address is this machine's loopback."""
+    if host.startswith("127.") or host == "::1":  # parsing takes longer than receiving
+        return True
+    try:
+        address = ipaddress.ip_address(host.partition("%")[0])
+    except ValueError:
+        return False
+    mapped = getattr(address, "ipv4_mapped", None)
+    return bool((mapped or address).is_loopback)
+
+
+def _numeric(host: str, what: str, allow_remote: bool) -> str:
+    if host == "localhost":
+        return "127.0.0.1"
+    try:
+        numeric = str(ipaddress.ip_address(host))
+    except ValueError:
+        numeric = ""
+    if not allow_remote and not is_loopback(numeric):
+        raise InputError(
+            f"{what} leads to '{host}', not to this machine; accepted: localhost, 127.0.0.1, ::1, "
+            "any host "
+            "when remote links are allowed (with --px4: --bridge link.allow_remote=true)"
+        )
+    if numeric:
+        return numeric
+    try:
+        found = socket.getaddrinfo(host, None, socket.AF_INET, socket.SOCK_DGRAM)
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"{what}: host '{host}' is not known; accepted: {ACCEPTED}") from error
+    return str(found[0][4][0])
+
 
 Clock = Callable[[], int]
 """Time now, CLOCK_REALTIME [ns]."""
@@ -146,3 +267,112 @@ def refused(url: Url, doing: str, error: Exception, accepted: str) -> InputError
     number = getattr(error, "errno", None)
     why = os.strerror(number).lower() if isinstance(number, int) and number > 0 else str(error)
     return InputError(f"link '{url.text}': can't {doing} ({why}); accepted: {accepted}")
+
+
+_SPEEDS = {
+    int(name[1:]): getattr(termios, name)
+    for name in dir(termios)
+    if name[0] == "B" and name[1:].isdecimal() and int(name[1:]) >= 9600
+}
+_OUTPUT_SPEED, _INPUT_SPEED, _FLAGS = 5, 4, 2
+
+
+class SerialPort(Transport):
+    """A serial port, raw, 8 bits, no parity, no flow control."""
+
+    stream = True
+
+    def __init__(self, url: Url, clock: Clock) -> None:
+        self.peer: Any = url.host
+        self._url = url
+        self._clock = clock
+        self._retry = RetryTimer(clock, 1_000_000_000)
+        self._out: SendBuffer
+        self._port: int | None = None
+        if url.port not in _SPEEDS:
+            speeds = ", ".join(str(speed) for speed in sorted(_SPEEDS))
+            raise InputError(f"link '{url.text}': no baud rate {url.port}; accepted: {speeds}")
+        self._watch = select.epoll()
+        try:
+            self._open()
+        except (OSError, termios.error) as error:
+            self.close()
+            if not isinstance(error, OSError):  # termios has number and words, but no errno
+                error = OSError(*error.args)
+            raise refused(
+                url, "open it", error, "a serial device that this user may read and write"
+            ) from error
+
+    @property
+    def connected(self) -> bool:
+        """The device is there."""
+        return self._port is not None
+
+    def fileno(self) -> int:
+        """Return what select() can wait on."""
+        return self._watch.fileno()
+
+    def read(self) -> Packet | None:
+        """Return some bytes; None: nothing more for now."""
+        if self._port is None:
+            return None
+        try:
+            self._out.flush()
+            data = os.read(self._port, CHUNK)
+        except BlockingIOError:
+            return None
+        except OSError:
+            data = b""
+        if not data:
+            self._close_and_retry()
+        return Packet(data, self._clock(), self.peer)
+
+    def write(self, data: bytes, peer: Any) -> str:
+        """Send one frame; return "" or the counter of what went wrong."""
+        if self._port is None:
+            return "no_peer"
+        try:
+            if self._out.push(data):
+                return ""
+        except OSError:
+            self._close_and_retry()
+        return "send_failed"
+
+    def maintain(self) -> None:
+        """Open the device again if it went away."""
+        if self._port is None and self._retry.due_ns() == 0:
+            with contextlib.suppress(OSError, termios.error):
+                self._open()
+
+    def due_ns(self) -> int | None:
+        """Return the time until the next try."""
+        return self._retry.due_ns() if self._port is None else None
+
+    def close(self) -> None:
+        """Close the device."""
+        self._close_and_retry()
+        self._watch.close()
+
+    def _open(self) -> None:
+        self._retry.now()
+        port = os.open(self._url.host, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            tty.setraw(port, termios.TCSANOW)
+            mode = termios.tcgetattr(port)
+            mode[_FLAGS] |= termios.CLOCAL | termios.CREAD
+            mode[_FLAGS] &= ~(termios.CRTSCTS | termios.CSTOPB | termios.PARENB)
+            mode[_INPUT_SPEED] = mode[_OUTPUT_SPEED] = _SPEEDS[self._url.port]
+            termios.tcsetattr(port, termios.TCSANOW, mode)
+            termios.tcflush(port, termios.TCIOFLUSH)
+            self._out = SendBuffer(self._watch, port, partial(os.write, port))
+        except BaseException:
+            os.close(port)
+            raise
+        self._port = port
+
+    def _close_and_retry(self) -> None:
+        if self._port is not None:
+            with contextlib.suppress(OSError, ValueError):
+                self._watch.unregister(self._port)
+            os.close(self._port)
+            self._port = None

@@ -11,8 +11,16 @@ from functools import partial
 from typing import Any
 
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.link.address import Address, Url, is_loopback
-from tombo_px4.link.transport import Clock, Counters, Packet, Transport, refused
+from tombo_px4.link.transport import (
+    Address,
+    Clock,
+    Counters,
+    Packet,
+    Transport,
+    Url,
+    is_loopback,
+    refused,
+)
 
 MAX_DATAGRAM = 2048
 """Longest datagram that is taken whole; MAVLink's fit into a packet of the network."""

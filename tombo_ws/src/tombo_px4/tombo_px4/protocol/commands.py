@@ -17,7 +17,7 @@ from tombo_px4.modes import Mode
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
-    from tombo_px4.protocol.streams import StreamTable
+    from tombo_px4.protocol.mavlink_channel import StreamTable
 
 
 _GLOBAL_FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
@@ -28,7 +28,7 @@ _AIR_SPEED, _GROUND_SPEED = 0, 1
 _LARGEST_ID = 0xFFFFFF
 
 
-class Command(NamedTuple):
+class ReceivedCommand(NamedTuple):
     """A command, whichever of the three messages carried it."""
 
     number: int
@@ -54,18 +54,20 @@ class CommandReply(NamedTuple):
     """STATUSTEXT sent as a warning."""
 
 
-def command_of(message: Any) -> Command:
+def command_of(message: Any) -> ReceivedCommand:
     """Return the command in a COMMAND_LONG, COMMAND_INT or SET_MODE."""
     kind = message.get_type()
     if kind == "SET_MODE":
         mode = modes.mode_of(message.custom_mode)
         wanted = (float(message.base_mode), float(mode.main), float(mode.sub), 0.0, 0.0, 0.0, 0.0)
-        return Command(mavlink.MAV_CMD_DO_SET_MODE, wanted, from_module=False)
+        return ReceivedCommand(mavlink.MAV_CMD_DO_SET_MODE, wanted, from_module=False)
     first = (message.param1, message.param2, message.param3, message.param4)
     if kind == "COMMAND_LONG":
-        return Command(message.command, (*first, message.param5, message.param6, message.param7))
+        return ReceivedCommand(
+            message.command, (*first, message.param5, message.param6, message.param7)
+        )
     x, y = (math.nan if v == _NO_PLACE else 1e-7 * v for v in (message.x, message.y))
-    return Command(message.command, (*first, x, y, message.z), message.frame)
+    return ReceivedCommand(message.command, (*first, x, y, message.z), message.frame)
 
 
 def whole(value: float) -> int | None:
@@ -81,7 +83,7 @@ class CommandServer:
     def __init__(self, vehicle: Px4Vehicle, origin: GeoOrigin) -> None:
         self._vehicle = vehicle
         self._origin = origin
-        self._table: dict[int, Callable[[Command, StreamTable], Result | CommandReply]] = {
+        self._table: dict[int, Callable[[ReceivedCommand, StreamTable], Result | CommandReply]] = {
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             mavlink.MAV_CMD_DO_SET_MODE: self._set_mode,
             mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
@@ -103,7 +105,7 @@ class CommandServer:
             mavlink.MAV_CMD_GET_HOME_POSITION: lambda c, s: _send(242),
         }
 
-    def execute(self, command: Command, streams: StreamTable) -> CommandReply:
+    def execute(self, command: ReceivedCommand, streams: StreamTable) -> CommandReply:
         """Carry out a command that came over a link with these streams."""
         if any(math.isinf(p) for p in command.params):
             return CommandReply(Result.DENIED, text="command refused: a parameter is infinite")
@@ -111,14 +113,14 @@ class CommandServer:
         answer = Result.UNSUPPORTED if handler is None else handler(command, streams)
         return CommandReply(answer) if isinstance(answer, Result) else answer
 
-    def _arm(self, command: Command, streams: StreamTable) -> Result | CommandReply:
+    def _arm(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
         wanted, force = whole(command.params[0]), whole(command.params[1]) == FORCE_ARMING
         if wanted not in (0, 1) or wanted != command.params[0]:
             return Result.UNSUPPORTED
         act = self._vehicle.arm if wanted else self._vehicle.disarm
         return act(force)
 
-    def _set_mode(self, command: Command, streams: StreamTable) -> Result | CommandReply:
+    def _set_mode(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
         base, main, sub = (whole(p) for p in command.params[:3])
         result = Result.ACCEPTED  # as PX4 says, too, where it changes nothing
         custom = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -127,14 +129,14 @@ class CommandServer:
             result = self._vehicle.set_mode(Mode(main, sub if main == modes.AUTO_HOLD.main else 0))
         return CommandReply(result, passed_on=command.from_module)
 
-    def _take_off(self, command: Command, streams: StreamTable) -> Result | CommandReply:
+    def _take_off(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
         if command.frame not in _GLOBAL_FRAMES:
             return Result.UNSUPPORTED_FRAME
         height = command.params[6] - self._origin.altitude_m - float(self._vehicle.home[2])
         yaw = command.params[3]
         return self._vehicle.takeoff(height, ros_yaw(math.radians(yaw)))
 
-    def _reposition(self, command: Command, streams: StreamTable) -> Result | CommandReply:
+    def _reposition(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
         if command.frame not in _GLOBAL_FRAMES:
             return Result.UNSUPPORTED_FRAME
         place = self._place(command)
@@ -145,7 +147,7 @@ class CommandServer:
             return Result.TEMPORARILY_REJECTED
         return self._vehicle.reposition(place, ros_yaw(yaw))  # rad, as PX4 reads it
 
-    def _place(self, command: Command) -> Array | None:
+    def _place(self, command: ReceivedCommand) -> Array | None:
         """Return (3) in map of parameters 5 to 7, NaN where there is none; None: nowhere."""
         latitude, longitude, altitude = command.params[4:]
         height = altitude - self._origin.altitude_m
@@ -156,7 +158,9 @@ class CommandServer:
         place = self._origin.local_of(latitude, longitude, self._origin.altitude_m)
         return np.array([place[0], place[1], height])
 
-    def _change_speed(self, command: Command, streams: StreamTable) -> Result | CommandReply:
+    def _change_speed(
+        self, command: ReceivedCommand, streams: StreamTable
+    ) -> Result | CommandReply:
         """Change the speed of AUTO modes, by its parameter: PX4 keeps it apart."""
         kind, speed = whole(command.params[0]), command.params[1]
         if kind not in (_AIR_SPEED, _GROUND_SPEED):
@@ -166,7 +170,7 @@ class CommandServer:
         refusal = self._vehicle.parameters.set("MPC_XY_CRUISE", speed)
         return Result.DENIED if refusal else Result.ACCEPTED
 
-    def _set_home(self, command: Command, streams: StreamTable) -> Result | CommandReply:
+    def _set_home(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
         if whole(command.params[0]) == 1:
             return self._vehicle.set_home()
         place = self._place(command)
@@ -174,15 +178,15 @@ class CommandServer:
             return Result.UNSUPPORTED_FRAME
         return Result.DENIED if place is None else self._vehicle.set_home(place)
 
-    def _terminate(self, command: Command, streams: StreamTable) -> Result | CommandReply:
+    def _terminate(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
         return self._vehicle.terminate() if command.params[0] > 0.5 else Result.DENIED
 
-    def _check(self, command: Command, streams: StreamTable) -> Result | CommandReply:
+    def _check(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
         if self._vehicle.armed:
             return Result.TEMPORARILY_REJECTED
         return CommandReply(Result.ACCEPTED, text="; ".join(self._vehicle.health.problems))
 
-    def _reboot(self, command: Command, streams: StreamTable) -> Result | CommandReply:
+    def _reboot(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
         if whole(command.params[0]) == 0:
             return Result.ACCEPTED
         if self._vehicle.armed:
@@ -190,7 +194,9 @@ class CommandServer:
         text = "reboot denied: start the simulation again instead"
         return CommandReply(Result.DENIED, text=text)
 
-    def _set_interval(self, command: Command, streams: StreamTable) -> Result | CommandReply:
+    def _set_interval(
+        self, command: ReceivedCommand, streams: StreamTable
+    ) -> Result | CommandReply:
         number, interval = whole(command.params[0]), command.params[1]
         done = (
             number is not None
@@ -199,13 +205,17 @@ class CommandServer:
         )
         return Result.ACCEPTED if done else Result.FAILED
 
-    def _get_interval(self, command: Command, streams: StreamTable) -> Result | CommandReply:
+    def _get_interval(
+        self, command: ReceivedCommand, streams: StreamTable
+    ) -> Result | CommandReply:
         number = whole(command.params[0])
         if number is None or not 0 <= number <= 65535:
             return Result.DENIED
         return CommandReply(Result.ACCEPTED, interval_of=number)
 
-    def _request_message(self, command: Command, streams: StreamTable) -> Result | CommandReply:
+    def _request_message(
+        self, command: ReceivedCommand, streams: StreamTable
+    ) -> Result | CommandReply:
         number = whole(command.params[0])
         return Result.DENIED if number is None else _send(number)
 

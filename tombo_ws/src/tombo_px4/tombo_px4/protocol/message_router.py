@@ -1,4 +1,4 @@
-"""Routes received messages to their handlers."""
+"""Routes received messages to their handlers, and answers those that need no state."""
 
 from __future__ import annotations
 
@@ -9,24 +9,79 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.frames import GeoOrigin
 from tombo_px4.link.decoded_messages import Result, Severity
+from tombo_px4.link.file_transfer import HEADER, PAYLOAD
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.protocol.commands import CommandReply, CommandServer, command_of
+from tombo_px4.protocol.input_decoder import decode_setpoint, decode_vision
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
-from tombo_px4.protocol.offboard_decoder import decode_setpoint
 from tombo_px4.protocol.parameter_protocol import HASH, ParameterServer, name_of
 from tombo_px4.protocol.statustext import StatusTextSender
 from tombo_px4.protocol.telemetry import Telemetry
-from tombo_px4.protocol.unsupported_protocols import (
-    MISSION_MESSAGES,
-    file_answer,
-    mission_answer,
-    no_logs,
-    ping_answer,
-)
-from tombo_px4.protocol.vision_decoder import decode_vision
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
+
+_FTP_KNOWN = range(16)
+
+
+MISSION_MESSAGES = (
+    "MISSION_REQUEST_LIST",
+    "MISSION_COUNT",
+    "MISSION_CLEAR_ALL",
+    "MISSION_REQUEST",
+    "MISSION_REQUEST_INT",
+    "MISSION_WRITE_PARTIAL_LIST",
+)
+"""Those that `mission_answer` knows; items of an upload that was refused are not answered."""
+
+
+def mission_answer(mav: Any, message: Any, system: int, component: int) -> Any:
+    """Return the answer to a mission, fence or rally message: there are none, none are taken."""
+    name = message.get_type()
+    kind = getattr(message, "mission_type", 0)
+    if name == "MISSION_REQUEST_LIST":
+        return mav.mission_count_encode(system, component, 0, kind)
+    if name == "MISSION_CLEAR_ALL" or (name == "MISSION_COUNT" and message.count == 0):
+        result = mavlink.MAV_MISSION_ACCEPTED
+    elif name in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
+        result = mavlink.MAV_MISSION_INVALID_SEQUENCE
+    else:
+        result = mavlink.MAV_MISSION_ERROR
+    return mav.mission_ack_encode(system, component, result, kind)
+
+
+def ping_answer(mav: Any, message: Any, system: int, component: int) -> Any | None:
+    """Return the answer to PING; None: it is an answer itself, or for another."""
+    if (message.target_system, message.target_component) != (0, 0):
+        return None
+    return mav.ping_encode(message.time_usec, message.seq, system, component)
+
+
+def no_logs(mav: Any, message: Any, system: int, component: int) -> Any:
+    """Return the answer to LOG_REQUEST_LIST: there are none."""
+    return mav.log_entry_encode(0, 0, 0, 0, 0)
+
+
+def file_answer(mav: Any, message: Any, system: int, component: int) -> Any | None:
+    """Return the answer to FILE_TRANSFER_PROTOCOL: no such file; None: not a request."""
+    asked = bytes(message.payload)
+    sequence, session, operation, _, _, _, _, offset = HEADER.unpack_from(asked)
+    if operation >= mavlink.MAV_FTP_OPCODE_ACK:
+        return None
+    if operation in (mavlink.MAV_FTP_OPCODE_TERMINATESESSION, mavlink.MAV_FTP_OPCODE_RESETSESSION):
+        answer, data = mavlink.MAV_FTP_OPCODE_ACK, b""
+    else:
+        error = (
+            mavlink.MAV_FTP_ERR_FILENOTFOUND
+            if operation in _FTP_KNOWN
+            else mavlink.MAV_FTP_ERR_UNKNOWNCOMMAND
+        )
+        answer, data = mavlink.MAV_FTP_OPCODE_NAK, bytes([error])
+    sequence = (sequence + 1) % 65536
+    head = HEADER.pack(sequence, session, answer, len(data), operation, 0, 0, offset)
+    payload = (head + data).ljust(PAYLOAD, b"\x00")
+    return mav.file_transfer_protocol_encode(0, system, component, list(payload))
+
 
 _EVERYBODY = 0
 _MOST_NEIGHBOURS = 64

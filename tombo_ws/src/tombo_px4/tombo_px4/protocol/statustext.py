@@ -1,16 +1,125 @@
 """STATUSTEXT where a ground station is heard, events on all links; refusals are counted.
 
-Texts come in pieces if they are long, and are limited in rate.
+Texts come in pieces if they are long, and are limited in rate. Events say the same as the texts;
+no file explains them.
 """
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from typing import Any
 
 from tombo_px4.link.decoded_messages import Severity
-from tombo_px4.protocol.event_sender import EventSender, event_of
+from tombo_px4.link.event_definitions import (
+    ARMING_DENIED,
+    CHECKS_BEGIN,
+    CHECKS_END,
+    KNOWN_EVENTS,
+    event_number,
+)
+from tombo_px4.link.framing import ARGUMENTS, EventMessage
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
+
+_ALL_MODES = 0xFFFFFFFF
+_MODES = {
+    "check_modes_global_pos": 1 << 4 | 1 << 5,  # hold and return
+    "check_modes_manual_control": 1 << 0 | 1 << 1 | 1 << 2 | 1 << 10 | 1 << 15,  # with sticks
+    "check_modes_offboard_signal": 1 << 14,
+    "check_modes_mission": 1 << 3,
+    "check_modes_home_position": 1 << 5,
+}
+"""Checks that stand in the way of some modes alone, bits of PX4's `navigation_state_t`."""
+_PROTOCOL = 8
+_REASONS = {
+    "external command": 4,
+    "landing": 6,
+    "auto preflight disarming": 7,
+    "lockdown": 9,
+    "failsafe": 14,
+    "flight termination": 14,
+}
+"""Of arming and disarming, as PX4's `arm_disarm_reason_t`."""
+_TEXTS = {
+    "Arming denied: Resolve system health failures first": ARMING_DENIED,
+    "Disarming denied: not landed": "commander_disarm_denied_not_landed",
+    "Takeoff detected": "commander_takeoff_detected",
+    "Landing detected": "commander_landing_detected",
+    "Landing at current position": "commander_landing_current_pos",
+    "Returning to launch": "commander_rtl",
+    "Unsupported auto mode": "commander_unsupported_auto_mode",
+}
+_BEGINNINGS = {
+    "Switching to ": "commander_modeswitch_not_avail",
+    "Failsafe activated: ": "commander_failsafe_enter",
+}
+_PROBLEMS = {
+    "No valid attitude estimate": "check_modes_attitude",
+    "Navigation error: No valid position estimate": "check_modes_local_pos",
+    "Navigation error: No valid global position estimate": "check_modes_global_pos",
+    "No offboard signal": "check_modes_offboard_signal",
+    "No manual control input": "check_modes_manual_control",
+    "No valid mission available": "check_modes_mission",
+    "Home position not set": "check_modes_home_position",
+    "Mode not suitable for arming": "check_modes_cannot_takeoff",
+    "Critical battery": "check_battery_critical",
+    "Emergency battery level": "check_battery_emergency",
+    "Flight termination active": "check_system_flight_term_active",
+}
+_SIZES = {"uint8_t": "B", "uint16_t": "H", "uint32_t": "I", "float": "f"}
+
+
+def event_of(text: str) -> tuple[str, int] | None:
+    """Return name and first argument of the event that says the same; None: there is none."""
+    for verb, name in (
+        ("Armed by ", "commander_armed_by"),
+        ("Disarmed by ", "commander_disarmed_by"),
+    ):
+        if text.startswith(verb):
+            return name, _REASONS.get(text.removeprefix(verb), 0)
+    for beginning, name in _BEGINNINGS.items():
+        if text.startswith(beginning):
+            return name, 0
+    named = _TEXTS.get(text)
+    return None if named is None else (named, 0)
+
+
+class EventSender:
+    """Sends events on all links, and the failed checks of arming when they change."""
+
+    def __init__(self, channels: Sequence[MavlinkChannel]) -> None:
+        self._channels = channels
+        self._sequence = 0
+        self._reported: tuple[str, ...] = ()
+
+    def say(self, severity: int, text: str, boot_us: int) -> None:
+        """Send the event that says the same as a text, if there is one."""
+        found = event_of(text)
+        if found is not None:
+            self._send(found[0], severity, boot_us, found[1])
+
+    def report(self, problems: tuple[str, ...], boot_us: int, *, asked: bool = False) -> None:
+        """Send what stands in the way of arming, if it has changed or was asked for."""
+        if problems == self._reported and not asked:
+            return
+        self._reported = problems
+        self._send(CHECKS_BEGIN, _PROTOCOL, boot_us)
+        for problem in problems:
+            if problem in _PROBLEMS:
+                name = _PROBLEMS[problem]
+                self._send(name, Severity.ERROR, boot_us, _MODES.get(name, _ALL_MODES))
+        self._send(CHECKS_END, _PROTOCOL, boot_us)
+
+    def _send(self, name: str, severity: int, boot_us: int, first: int = 0) -> None:
+        known = KNOWN_EVENTS.get(name)
+        kinds = "<" + "".join(_SIZES[kind] for kind in (known.arguments if known else ()))
+        values = [first, *([0] * 8)][: len(kinds) - 1]
+        arguments = list(struct.pack(kinds, *values).ljust(ARGUMENTS, b"\0"))
+        self._sequence = (self._sequence + 1) % 65536
+        content = (event_number(name), boot_us // 1000 % 2**32, self._sequence)
+        for port in self._channels:
+            port.send(EventMessage(0, 0, *content, severity << 4 | severity, arguments))
+
 
 PIECE = 50
 """Bytes of text that a message carries."""

@@ -22,20 +22,22 @@ from tombo_px4.frames import (
     px4_yaw_rate,
 )
 from tombo_px4.link.decoded_messages import MavLandedState
-from tombo_px4.protocol.field_scaling import (
+from tombo_px4.protocol.telemetry_snapshot import (
     INT16,
+    TelemetrySnapshot,
+    autopilot_version,
     centi,
     fitted,
     globe_fields,
     heading,
     millimetres,
+    numbers,
+    protocol_version,
 )
-from tombo_px4.protocol.identity import autopilot_version, protocol_version
-from tombo_px4.protocol.telemetry_snapshot import TelemetrySnapshot, numbers
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
-    from tombo_px4.autopilot.vehicle_state import Health
+    from tombo_px4.autopilot.vehicle_state import ArmingHealth
 
 Builder = Callable[[Any, TelemetrySnapshot], Any]
 _NAN = math.nan
@@ -132,7 +134,7 @@ def _system_status(mav: Any, p: TelemetrySnapshot) -> Any:
     )
 
 
-def _sensors(vehicle: Px4Vehicle, health: Health) -> tuple[int, int]:
+def _sensors(vehicle: Px4Vehicle, health: ArmingHealth) -> tuple[int, int]:
     """Return the bits of the sensors that are present, and of those that are healthy."""
     get = vehicle.parameters.get
     sensors = {

@@ -1,12 +1,16 @@
-"""The vehicle at one tick in NED and FRD; each quantity is computed once."""
+"""The vehicle at one tick in NED and FRD; each quantity is computed once.
+
+Also who the vehicle is (a PX4 1.17 quadrotor), and numbers scaled into MAVLink's integer fields.
+"""
 
 from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_dynamics.arrays import Array
 from tombo_px4.frames import (
@@ -17,12 +21,77 @@ from tombo_px4.frames import (
     ned_from_enu,
     px4_quaternion,
 )
+from tombo_px4.link.framing import ProtocolVersion
 from tombo_sim.ground_truth import true_state
 
 if TYPE_CHECKING:
     from tombo_control.estimate import Estimate
     from tombo_px4.autopilot.vehicle import Px4Vehicle
-    from tombo_px4.autopilot.vehicle_state import Health
+    from tombo_px4.autopilot.vehicle_state import ArmingHealth
+
+INT16 = (-32767, 32767)
+INT32 = (-(2**31) + 1, 2**31 - 1)
+
+
+def fitted(value: float, bounds: tuple[int, int], unknown: int = 0) -> int:
+    """Return the nearest whole number within bounds; `unknown` for NaN."""
+    if math.isnan(value):
+        return unknown
+    low, high = bounds
+    return round(min(max(value, low), high))
+
+
+def globe_fields(place: tuple[float, float, float]) -> tuple[int, int, int]:
+    """Return latitude, longitude [1e-7 deg] and altitude [mm] of degrees and metres."""
+    latitude, longitude, altitude = place
+    return fitted(1e7 * latitude, INT32), fitted(1e7 * longitude, INT32), millimetres(altitude)
+
+
+def millimetres(value: float) -> int:
+    """Return metres in millimetres."""
+    return fitted(1e3 * value, INT32)
+
+
+def centi(value: float) -> int:
+    """Return a value in hundredths, in 16 bits: cm/s of m/s, cA of A."""
+    return fitted(1e2 * value, INT16)
+
+
+def heading(degrees: float) -> int:
+    """Return an angle in hundredths of a degree, 0 to 35999."""
+    return fitted(100.0 * degrees, (0, 36000)) % 36000
+
+
+_VERSION = 1 << 24 | 17 << 16 | 0 << 8 | 255
+"""1.17.0; 255: a release, `FIRMWARE_VERSION_TYPE_OFFICIAL`."""
+CAPABILITIES = (
+    mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+    | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
+    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+)
+"""No missions, no file transfer: what is not simulated is not claimed."""
+_CUSTOM = list(b"tombosim")
+_UID = 0x544F4D424F
+"""Any number but 0, which clients take for "has none"."""
+
+
+def autopilot_version(mav: Any) -> Any:
+    """Return AUTOPILOT_VERSION."""
+    uid = list(_UID.to_bytes(18, "big"))
+    return mav.autopilot_version_encode(
+        CAPABILITIES, _VERSION, _VERSION, 0, 0, _CUSTOM, _CUSTOM, 8 * [0], 0, 0, _UID, uid
+    )
+
+
+def protocol_version() -> Any:
+    """Return PROTOCOL_VERSION: MAVLink 2.0, nothing older is spoken."""
+    return ProtocolVersion(200, 200, 200, 8 * [0], 8 * [0])
+
 
 Vector = list[float]
 
@@ -45,7 +114,7 @@ class TelemetrySnapshot:
         return self.vehicle.estimate
 
     @cached_property
-    def health(self) -> Health:
+    def health(self) -> ArmingHealth:
         """Reasons that deny arming, and what is known."""
         return self.vehicle.health
 

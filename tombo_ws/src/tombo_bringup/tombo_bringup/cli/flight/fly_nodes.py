@@ -17,7 +17,7 @@ from tombo_flight.process.stop_signals import Stopped, StopSignals
 from tombo_flight.run_wiring import warm_up_nodes
 from tombo_flight.suite.node_flight import NotFlown, fly_nodes_and_save
 from tombo_flight.suite.px4_connection import Px4Connection, find_vehicle
-from tombo_px4.bridge.parameter_reader import parse_assignments
+from tombo_px4.bridge.vehicle_parameters import parse_assignments
 
 if TYPE_CHECKING:
     from tombo_flight.scenario import Scenario

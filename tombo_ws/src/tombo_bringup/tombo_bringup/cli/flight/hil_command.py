@@ -22,8 +22,7 @@ from tombo_bringup.cli.options import (
 
 if TYPE_CHECKING:
     from tombo_flight.process.stop_signals import StopSignals
-    from tombo_px4.hil.lockstep import HilSimulator, Notice
-    from tombo_px4.hil.mocap import MocapFeed
+    from tombo_px4.hil.lockstep import HilSimulator, MocapFeed, Notice
     from tombo_sim.world import World
 
 app = typer.Typer()
@@ -100,7 +99,7 @@ def hil(
 
 
 def _feed(url: str) -> MocapFeed:
-    from tombo_px4.hil.mocap import MocapFeed
+    from tombo_px4.hil.lockstep import MocapFeed
     from tombo_px4.link.mavlink_link import Link
 
     return MocapFeed(Link(url, system=_SYSTEM, component=_COMPONENT, clock=time.time_ns))

@@ -87,7 +87,7 @@ def px4(
     from tombo_bringup.cli.flight.px4_screen import where_to_connect
     from tombo_flight.scenario import load_scenario
     from tombo_px4.autopilot.parameters import ParameterTable
-    from tombo_px4.link.address import parse_peer
+    from tombo_px4.link.transport import parse_peer
     from tombo_px4.protocol.endpoint import Endpoint
 
     table = ParameterTable()
@@ -192,7 +192,7 @@ def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> No
     from tombo_bringup.cli.flight.px4_screen import Screen
     from tombo_bringup.cli.tables import scroll
     from tombo_flight.process.stop_signals import StopSignals
-    from tombo_px4.protocol.serve import BootClock, serve
+    from tombo_px4.protocol.endpoint import BootClock, serve
 
     limit_ns = None if duration_s is None else round(1e9 * duration_s)
     with StopSignals(signal.SIGHUP) as stop, scroll() as lines_above:

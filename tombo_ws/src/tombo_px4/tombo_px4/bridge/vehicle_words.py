@@ -1,6 +1,7 @@
 """PX4's words: its events as texts, explained by its own file, or else by words of ours.
 
 PX4 sends STATUSTEXT only on links on which it hears a ground station; EVENT comes on every link.
+The file is read from the vehicle while it is on the ground.
 """
 
 from __future__ import annotations
@@ -8,11 +9,115 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
-from tombo_px4.events.event_definitions import EventDefinition, own_definitions
-from tombo_px4.events.known_events import ARMING_DENIED, CHECKS_BEGIN, CHECKS_END, event_number
-from tombo_px4.events.metadata_reader import MetadataReader
-from tombo_px4.link.decoded_messages import Event, Severity, StatusText
-from tombo_px4.link.message_encoder import MessageTarget, run_checks
+from tombo_dynamics.time_base import SECOND_NS
+from tombo_px4.link.decoded_messages import Severity, StatusText, VehicleEvent
+from tombo_px4.link.event_definitions import (
+    ARMING_DENIED,
+    CHECKS_BEGIN,
+    CHECKS_END,
+    BadMetadata,
+    EventDefinition,
+    definitions,
+    event_number,
+    events_file,
+    own_definitions,
+    path_of,
+    unpacked,
+)
+from tombo_px4.link.file_transfer import FileAnswer, FileReader
+from tombo_px4.link.framing import COMPONENT_METADATA
+from tombo_px4.link.message_encoder import MessageTarget, request_message, run_checks
+
+_AGAIN_NS = SECOND_NS
+_TRIES = 3
+
+
+class MetadataReader:
+    """COMPONENT_METADATA names a general file, that one the file of events.
+
+    Attributes:
+        found: the events, by number; empty where the vehicle explains none.
+        failed: why it explains none; empty as long as it may.
+        over: nothing more is read.
+    """
+
+    def __init__(self, to: MessageTarget) -> None:
+        self._to = to
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin again, with another vehicle or after its restart."""
+        self.found: dict[int, EventDefinition] = {}
+        self.failed = ""
+        self.over = False
+        self._file: FileReader | None = None
+        self._in_general = True
+        self._asked_ns: int | None = None
+        self._tries = 0
+
+    def take_uri(self, uri: str) -> None:
+        """Take COMPONENT_METADATA."""
+        if self._file is None and not self.over:
+            self._begin(path_of(uri))
+
+    def take_answer(self, answer: FileAnswer) -> None:
+        """Take an answer of the vehicle's MAVLink FTP."""
+        if self._file is not None:
+            self._file.take(answer)
+
+    def tick(self, now_ns: int, on_ground: bool) -> list[Any]:
+        """Return what to send now; off the ground nothing is read, and it begins again after."""
+        if self.over:
+            return []
+        if not on_ground:
+            closing = [] if self._file is None else self._file.close()
+            self.reset()
+            return closing
+        if self._file is None:
+            return self._ask(now_ns)
+        closing = self._finish(self._file)
+        return closing or ([] if self._file is None or self.over else self._file.tick(now_ns))
+
+    def _ask(self, now_ns: int) -> list[Any]:
+        if self._asked_ns is not None and 0 <= now_ns - self._asked_ns < _AGAIN_NS:
+            return []
+        if self._tries >= _TRIES:
+            self._give_up("it has no COMPONENT_METADATA")
+            return []
+        self._tries += 1
+        self._asked_ns = now_ns
+        return [request_message(self._to, COMPONENT_METADATA)]
+
+    def _finish(self, file: FileReader) -> list[Any]:
+        """Use a file that is read; return the message that closes it."""
+        if file.failed:
+            self._give_up(file.failed)
+        if not file.over:
+            return []
+        closing = file.close()
+        if file.content is None:
+            return closing
+        try:
+            content = unpacked(file.content)
+            if self._in_general:
+                self._in_general = False
+                self._begin(events_file(content))
+            else:
+                self.found = definitions(content)
+                self.over = True
+        except BadMetadata as error:
+            self._give_up(str(error))
+        return closing
+
+    def _begin(self, path: str) -> None:
+        if path:
+            self._file = FileReader(path, self._to)
+        else:
+            self._give_up("its metadata are not on the vehicle")
+
+    def _give_up(self, why: str) -> None:
+        self.failed, self.over = why, True
+
 
 _BEGIN, _END = event_number(CHECKS_BEGIN), event_number(CHECKS_END)
 _DENIED = event_number(ARMING_DENIED)
@@ -35,7 +140,7 @@ class VehicleWords:
         self._own = own_definitions()
         self.metadata = MetadataReader(to)
         self.checks: tuple[str, ...] = ()
-        self._waiting: deque[Event] = deque(maxlen=_MOST_WAITING)
+        self._waiting: deque[VehicleEvent] = deque(maxlen=_MOST_WAITING)
         self._report: list[StatusText] | None = None
         self._asks = self._asked = False
         self._said: set[str] = set()
@@ -48,7 +153,7 @@ class VehicleWords:
         self._asks = self._asked = False
         self._said.clear()
 
-    def take(self, event: Event) -> None:
+    def take(self, event: VehicleEvent) -> None:
         """Take an event; its text comes from `tick`."""
         self._waiting.append(event)
 
@@ -79,7 +184,7 @@ class VehicleWords:
             messages.append(run_checks(self._to))
         return messages, texts
 
-    def _texts(self, event: Event) -> list[StatusText]:
+    def _texts(self, event: VehicleEvent) -> list[StatusText]:
         if event.number == _BEGIN:
             self._report = []
             return []
@@ -112,12 +217,12 @@ class VehicleWords:
     def _definition(self, number: int) -> EventDefinition | None:
         return self.metadata.found.get(number) or self._own.get(number)
 
-    def _words(self, event: Event, definition: EventDefinition | None) -> str:
+    def _words(self, event: VehicleEvent, definition: EventDefinition | None) -> str:
         if definition is not None:
             return definition.text(event.arguments)
         arguments = event.arguments.rstrip(b"\0")[:_SHOWN_ARGUMENTS].hex(" ") or "none"
         return f"event {event.number} of component {event.number >> 24}, arguments {arguments}"
 
 
-def _stands_in_the_way(event: Event) -> bool:
+def _stands_in_the_way(event: VehicleEvent) -> bool:
     return bool(int.from_bytes(event.arguments[:4], "little") & _OFFBOARD_BIT)
