@@ -485,26 +485,6 @@ def test_a_px4_that_reads_nothing_is_dropped_when_too_much_waits(b):
     assert not b.link.connected
 
 
-def test_what_the_socket_does_not_take_at_once_goes_later_and_in_order():
-    with (
-        closing(HilLink(0)) as link,
-        socket.create_connection(("127.0.0.1", link.port), timeout=5.0) as client,
-    ):
-        while not link.connected:
-            link.receive()
-        sent, got = b"", b""
-        pieces = iter(range(10_000))
-        while not link._unsent:
-            piece = next(pieces).to_bytes(4, "big") * 50_000
-            sent += piece
-            link.send(piece)
-        while len(got) < len(sent):
-            got += client.recv(1 << 20)
-            link.receive()
-        assert got == sent
-        assert not link._unsent
-
-
 def test_waiting_ends_when_something_comes(b):
     b.peer.close()
     start = time.monotonic()

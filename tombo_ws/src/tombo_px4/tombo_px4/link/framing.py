@@ -185,22 +185,22 @@ class FrameCounts:
         }
 
 
-def frames_of(datagram: bytes, findings: FrameCounts) -> list[Frame]:
+def frames_of(datagram: bytes, counts: FrameCounts) -> list[Frame]:
     """Return the frames of a datagram; no frame continues in the next datagram."""
-    return _scan(datagram, findings, True, DATAGRAM_TRIES)[0]
+    return _scan(datagram, counts, True, DATAGRAM_TRIES)[0]
 
 
 class StreamFramer:
-    """Frames of a stream of bytes that comes in pieces; it keeps less than a frame of them."""
+    """Frames of a stream of bytes that comes in pieces; it keeps a frame of them at most."""
 
-    def __init__(self, findings: FrameCounts) -> None:
-        self._findings = findings
+    def __init__(self, counts: FrameCounts) -> None:
+        self._counts = counts
         self._rest = b""
 
     def feed(self, piece: bytes) -> list[Frame]:
         """Take some more bytes; return the frames that are complete."""
         data = self._rest + piece
-        frames, used = _scan(data, self._findings, False, STREAM_TRIES)
+        frames, used = _scan(data, self._counts, False, STREAM_TRIES)
         self._rest = data[used:]
         return frames
 
@@ -215,47 +215,47 @@ def decode(frame: Frame) -> common.MAVLink_message:
     return _DECODER.decode(bytearray(frame.data))
 
 
-def _scan(data: bytes, findings: FrameCounts, whole: bool, tries: int) -> tuple[list[Frame], int]:
+def _scan(data: bytes, counts: FrameCounts, whole: bool, tries: int) -> tuple[list[Frame], int]:
     """Return the frames in `data` and how many of its bytes are done with.
 
     Args:
         data: the bytes.
-        findings: what is counted.
+        counts: what is counted.
         whole: nothing comes behind: a frame that is not complete is none.
         tries: how many candidates may come to nothing.
     """
     frames: list[Frame] = []
     at = good = 0
-    last = findings.tries + tries
-    while findings.tries < last:
+    last = counts.tries + tries
+    while counts.tries < last:
         found = _MAGIC.search(data, at)
         if found is None:
             at = len(data)
             break
         at = found.start()
-        size, frame = _candidate(data, at, findings)
+        size, frame = _candidate(data, at, counts, whole)
         cut = at + size > len(data)
         if cut and not whole:
             break
         if cut or size == 0:
-            findings.tries += 1
+            counts.tries += 1
             at += 1
             continue
         if frame is None:
-            findings.tries += 1
+            counts.tries += 1
         else:
             frames.append(frame)
-        findings.garbage_bytes += at - good
+        counts.garbage_bytes += at - good
         at += size
         good = at
     else:
         at = len(data)
-    findings.garbage_bytes += at - good
+    counts.garbage_bytes += at - good
     return frames, at
 
 
-def _candidate(data: bytes, at: int, findings: FrameCounts) -> tuple[int, Frame | None]:
-    """Look at the magic byte `data[at]`.
+def _candidate(data: bytes, at: int, counts: FrameCounts, whole: bool) -> tuple[int, Frame | None]:
+    """Look at the magic byte `data[at]`; `whole`: nothing comes behind the data.
 
     Returns:
         Bytes from there to the end of the frame, beyond the data if it is not complete; 0 if it is
@@ -284,12 +284,14 @@ def _candidate(data: bytes, at: int, findings: FrameCounts) -> tuple[int, Frame 
     extra = _CRC_EXTRA.get(message_id)
     if extra is None:
         # The checksum can't be known; a frame is where the next one begins behind it.
+        if size == left and not whole:
+            return size + 1, None
         if size < left and data[at + size] not in (_V1, _V2):
             return 0, None
-        findings.unknown_message += 1
+        counts.unknown_message += 1
         return size, None
     if x25crc(data[at + 1 : crc_at] + extra).crc != data[crc_at] | data[crc_at + 1] << 8:
-        findings.bad_checksum += 1
+        counts.bad_checksum += 1
         return 0, None
     if message_id in UNREAD:
         return size, None

@@ -10,6 +10,7 @@ from typing import Any
 
 from tombo_px4.link.transport import (
     CHUNK,
+    ROOM,
     Clock,
     Counters,
     Packet,
@@ -28,7 +29,7 @@ _CONNECT_NS = 5_000_000_000
 class Connection:
     """A connected socket, watched by an epoll."""
 
-    def __init__(self, sock: socket.socket, peer: Any, watch: select.epoll) -> None:
+    def __init__(self, sock: socket.socket, peer: Any, watch: select.epoll, room: int) -> None:
         self.socket = sock
         self.peer = peer
         self.spoke = False
@@ -36,7 +37,7 @@ class Connection:
         self._watch = watch
         with contextlib.suppress(OSError):
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._out = SendBuffer(watch, sock.fileno(), sock.send)
+        self._out = SendBuffer(watch, sock.fileno(), sock.send, room)
 
     def read(self) -> bytes | None:
         """Return some bytes; b"": it has ended; None: nothing more for now."""
@@ -73,6 +74,8 @@ class _Streams(Transport):
     """Some connections behind one descriptor that select() can wait on."""
 
     stream = True
+    room = ROOM
+    """Most bytes that wait for one of them."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -109,7 +112,8 @@ class _Streams(Transport):
         if self._ended:
             return Packet(b"", 0, self._ended.pop())
         if not self._ready:
-            self._ready = self._watch.poll(0)
+            # connections last, so that they come first: one that has ended makes room
+            self._ready = sorted(self._watch.poll(0), key=lambda r: r[0] in self._connections)
         while self._ready:
             number, events = self._ready.pop()
             connection = self._connections.get(number)
@@ -149,7 +153,7 @@ class _Streams(Transport):
 
     def _add(self, sock: socket.socket, peer: Any) -> None:
         sock.setblocking(False)
-        self._connections[sock.fileno()] = Connection(sock, peer, self._watch)
+        self._connections[sock.fileno()] = Connection(sock, peer, self._watch, self.room)
 
     def _drop(self, number: int) -> None:
         connection = self._connections.pop(number)
@@ -194,15 +198,21 @@ class TcpIn(_Streams):
         if not self._foreign and not is_loopback(peer[0]):
             self._counters["foreign_address"] += 1
             sock.close()
-            return
-        if len(self._connections) >= MAX_CLIENTS:
-            silent = [n for n, c in self._connections.items() if not c.spoke]
-            if not silent:
-                self._counters["dropped"] += 1
-                sock.close()
-                return
-            self._drop(silent[0])
-        self._add(sock, peer)
+        elif self._refuses(peer):
+            sock.close()
+        else:
+            self._add(sock, peer)
+
+    def _refuses(self, peer: Any) -> bool:
+        """Return whether a client is turned away: a silent one makes room for it."""
+        if len(self._connections) < MAX_CLIENTS:
+            return False
+        silent = [n for n, c in self._connections.items() if not c.spoke]
+        if not silent:
+            self._counters["dropped"] += 1
+            return True
+        self._drop(silent[0])
+        return False
 
 
 class TcpOut(_Streams):

@@ -142,7 +142,8 @@ Counters = dict[str, int]
 CHUNK = 4096
 """Most bytes of a stream that are read at once."""
 
-_ROOM = 1 << 18
+ROOM = 1 << 18
+"""Most bytes that wait to be sent."""
 
 
 class Packet(NamedTuple):
@@ -218,17 +219,21 @@ class RetryTimer:
 class SendBuffer:
     """Buffer for sending on a watched file: a frame is sent whole or not at all."""
 
-    def __init__(self, watch: select.epoll, number: int, write: Callable[[bytes], int]) -> None:
+    def __init__(
+        self, watch: select.epoll, number: int, write: Callable[[bytes], int], room: int = ROOM
+    ) -> None:
         """Watch the file for what comes, and for room while something waits.
 
         Args:
             watch: where it is registered; unregistering it is up to the caller.
             number: of the file.
             write: writes to it as far as there is room.
+            room: most bytes that wait.
         """
         self._watch = watch
         self._number = number
         self._write = write
+        self._room = room
         self._waiting = bytearray()
         self._full = False
         watch.register(number, select.EPOLLIN)
@@ -239,9 +244,9 @@ class SendBuffer:
         Raises:
             OSError: the connection is broken.
         """
-        if len(self._waiting) + len(data) > _ROOM:
+        if len(self._waiting) + len(data) > self._room:
             self.flush()
-            if len(self._waiting) + len(data) > _ROOM:
+            if len(self._waiting) + len(data) > self._room:
                 return False
         self._waiting += data
         self.flush()
