@@ -48,8 +48,9 @@ from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_msgs.msg import Px4Status
-from tombo_px4.bridge.bridge import Bridge, BridgeOutput, BridgeStatus
+from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import ATTITUDE, RATES, BridgeParams
+from tombo_px4.bridge.bridge_records import BridgeOutput, BridgeStatus
 from tombo_px4.bridge.pose_axes import AxesEvidence, AxesFile
 from tombo_px4.bridge.setpoint_stream import FlightLimits
 from tombo_px4.bridge.vehicle_parameters import parse_assignments

@@ -39,9 +39,9 @@ from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import FIGURE_COLUMNS, MetricsInput, detection_of, summarize
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import core_of
-from tombo_px4.bridge.bridge import Bridge, BridgeOutput
+from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
-from tombo_px4.bridge.offboard_session import SessionStage
+from tombo_px4.bridge.bridge_records import BridgeOutput, SessionStage
 from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
 from tombo_px4.hil.hand_motion import HandMotion
 from tombo_px4.hil.hil_start_help import MOCAP_ONLY, airframe_parameters, mocap_parameters

@@ -20,6 +20,7 @@ from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.message_encoder import MessageTarget, read_parameter
 from tombo_px4.link.signing import read_key
+from tombo_px4.link.transport import parse_url
 from tombo_px4.modes import mode_name, mode_of
 
 _RECORDS: Final[dict[str, type[LinkParams] | type[BridgeParams]]] = {

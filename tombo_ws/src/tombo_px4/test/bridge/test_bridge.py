@@ -12,7 +12,7 @@ from tombo_dynamics.messages import Phase, PositionSetpoint
 from tombo_dynamics.pose_check import PoseRefusal
 from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import BridgeParams
-from tombo_px4.bridge.offboard_session import SessionStage
+from tombo_px4.bridge.bridge_records import SessionStage
 from tombo_px4.bridge.vehicle_parameters import parse_assignments
 from tombo_px4.link.link_params import LinkParams
 from tombo_px4.modes import ALTCTL, AUTO_HOLD, AUTO_LAND, OFFBOARD, POSCTL

@@ -13,7 +13,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
 from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import BridgeParams
-from tombo_px4.bridge.offboard_session import SessionStage
+from tombo_px4.bridge.bridge_records import SessionStage
 from tombo_px4.link.event_definitions import (
     BadMetadata,
     definitions,

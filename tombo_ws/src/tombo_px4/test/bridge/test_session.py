@@ -5,23 +5,19 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pymavlink.dialects.v20.common import MAV_CMD_COMPONENT_ARM_DISARM, MAV_CMD_DO_SET_MODE
 
 from tombo_dynamics.messages import Phase
 from tombo_px4.bridge.bridge_records import (
-    ARM_COMMAND,
-    SET_MODE_COMMAND,
     CommandTransaction,
     RecentStatusTexts,
-    VehicleCommand,
-)
-from tombo_px4.bridge.offboard_session import (
-    OperatorRequest,
-    Session,
     SessionInput,
     SessionOutput,
     SessionStage,
     SetpointSource,
+    VehicleCommand,
 )
+from tombo_px4.bridge.offboard_session import Session
 from tombo_px4.link.decoded_messages import CommandAck, Heartbeat, MavLandedState, StatusText
 from tombo_px4.modes import (
     ALTCTL,
@@ -59,7 +55,7 @@ class Vehicle:
         refused = order.mode in self.refused_modes
         result = REJECTED if refused else self.refuses.get(order.command, 0)
         if order.mode is not None:  # the MAVLink module's own, which says nothing
-            session.handle_ack(CommandAck(now, SET_MODE_COMMAND, 0))
+            session.handle_ack(CommandAck(now, MAV_CMD_DO_SET_MODE, 0))
         session.handle_ack(CommandAck(now, order.command, result))
         if result:
             session.recent_texts.take(
@@ -138,7 +134,7 @@ class Flight:
         return self.run(1.0)
 
     def ask(self, kind):
-        self.session.request(OperatorRequest(len(self.replies) + 1, kind))
+        self.session.request(kind)
         for _ in range(50 * 15):
             self.step()
             if self.replies:
@@ -213,7 +209,7 @@ def test_what_the_checks_forbid_is_not_armed_and_said(blockers):
 
 def test_a_refused_arming_is_retried_reported_and_given_up():
     flight = Flight().run(2.0)
-    flight.vehicle.refuses[ARM_COMMAND] = REJECTED
+    flight.vehicle.refuses[MAV_CMD_COMPONENT_ARM_DISARM] = REJECTED
     flight.until(SessionStage.GIVEN_UP, Phase.TAKEOFF)
     assert flight.armings() == 5 * [True]
     text = flight.faults["given_up"]
@@ -226,7 +222,7 @@ def test_a_refused_arming_is_retried_reported_and_given_up():
 
 def test_after_a_refusal_the_mission_must_have_been_on_the_ground():
     flight = Flight().run(2.0)
-    flight.vehicle.refuses[ARM_COMMAND] = DENIED
+    flight.vehicle.refuses[MAV_CMD_COMPONENT_ARM_DISARM] = DENIED
     flight.until(SessionStage.GIVEN_UP, Phase.TAKEOFF)
     flight.vehicle.refuses.clear()
     flight.run(10.0)
@@ -237,7 +233,7 @@ def test_after_a_refusal_the_mission_must_have_been_on_the_ground():
 
 def test_a_refused_mode_arms_nothing():
     flight = Flight().run(2.0)
-    flight.vehicle.refuses[SET_MODE_COMMAND] = REJECTED
+    flight.vehicle.refuses[MAV_CMD_DO_SET_MODE] = REJECTED
     flight.until(SessionStage.GIVEN_UP, Phase.TAKEOFF)
     assert flight.armings() == []
     assert len(flight.modes_asked()) == 3
@@ -249,7 +245,7 @@ def test_an_acknowledgement_is_no_confirmation():
     flight.vehicle.deaf = True
     flight.phase = Phase.TAKEOFF
     flight.run(1.0)
-    for command in (SET_MODE_COMMAND, ARM_COMMAND):
+    for command in (MAV_CMD_DO_SET_MODE, MAV_CMD_COMPONENT_ARM_DISARM):
         flight.session.handle_ack(CommandAck(flight.now, command, 0))
     flight.until(SessionStage.GIVEN_UP)
     assert "not confirmed by HEARTBEAT" in flight.session.why
@@ -441,7 +437,7 @@ def test_a_mission_whose_first_word_heard_is_take_off_is_flown():
 
 def test_take_off_asked_for_again_after_a_refusal_is_no_first_word():
     flight = Flight(Phase.TAKEOFF)
-    flight.vehicle.refuses = {ARM_COMMAND: DENIED}
+    flight.vehicle.refuses = {MAV_CMD_COMPONENT_ARM_DISARM: DENIED}
     flight.until(SessionStage.GIVEN_UP)
     flight.vehicle.refuses = {}
     sent = len(flight.vehicle.received)
@@ -474,7 +470,7 @@ def test_a_blind_descent_lands_and_does_not_take_off_again():
 
 def test_a_refused_landing_goes_on_in_offboard_and_disarms_on_the_ground():
     flight = Flight().take_off()
-    flight.vehicle.refuses[SET_MODE_COMMAND] = REJECTED
+    flight.vehicle.refuses[MAV_CMD_DO_SET_MODE] = REJECTED
     flight.until(SessionStage.LANDING, Phase.LAND).run(6.0)
     assert flight.session.stage == SessionStage.LANDING
     assert flight.stream == SetpointSource.SETPOINT
@@ -528,7 +524,7 @@ def test_a_refused_request_is_answered_with_px4s_text(kind):
     flight = Flight().take_off()
     flight.vehicle.mode = POSCTL
     flight.until(SessionStage.EXTERNAL_MODE)
-    flight.vehicle.refuses = {SET_MODE_COMMAND: DENIED, ARM_COMMAND: DENIED}
+    flight.vehicle.refuses = {MAV_CMD_DO_SET_MODE: DENIED, MAV_CMD_COMPONENT_ARM_DISARM: DENIED}
     reply = flight.ask(kind)
     assert not reply.success
     assert "denied" in reply.text and "Resolve system health" in reply.text
@@ -621,26 +617,31 @@ def test_a_hold_that_px4_refuses_is_one_by_set_points():
 def test_a_hold_holds_before_px4_has_answered():
     flight = Flight().take_off()
     flight.vehicle.deaf = True
-    flight.session.request(OperatorRequest(1, "hold"))
+    flight.session.request("hold")
     assert flight.run(0.1).stream == SetpointSource.HOLD
 
 
 def test_a_second_request_replaces_the_first():
     flight = Flight().take_off()
     flight.vehicle.deaf = True
-    flight.session.request(OperatorRequest(7, "hold"))
+    held = flight.session.request("hold")
     flight.run(0.5)
     flight.vehicle.deaf = False
-    flight.session.request(OperatorRequest(8, "land"))
+    landed = flight.session.request("land")
     flight.run(2.5)
     first, second = flight.replies
-    assert (first.number, first.success, second.number, second.success) == (7, False, 8, True)
+    assert (first.number, first.success, second.number, second.success) == (
+        held,
+        False,
+        landed,
+        True,
+    )
     assert "overtaken" in first.text
 
 
 def test_offboard_by_service_opens_the_way_after_a_refusal():
     flight = Flight().run(2.5)
-    flight.vehicle.refuses[ARM_COMMAND] = DENIED
+    flight.vehicle.refuses[MAV_CMD_COMPONENT_ARM_DISARM] = DENIED
     flight.until(SessionStage.GIVEN_UP, Phase.TAKEOFF).run(6.0)
     flight.vehicle.refuses.clear()
     assert flight.ask("offboard").success
@@ -662,7 +663,7 @@ def test_armed_by_the_operator_it_stands_still_until_the_mission_flies():
 def test_a_clock_set_back_leaves_nobody_waiting():
     flight = Flight().run(2.5)
     flight.vehicle.deaf = True
-    flight.session.request(OperatorRequest(1, "arm"))
+    flight.session.request("arm")
     flight.run(0.5)
     out = SessionOutput()
     flight.session.clock_set_back(out)
@@ -716,10 +717,12 @@ def test_whatever_happens_the_rules_hold(story):
         if what in ("mode", "armed", "landed", "silent", "deaf"):
             setattr(flight.vehicle, what, value)
         elif what == "refuse":
-            flight.vehicle.refuses = dict.fromkeys((ARM_COMMAND, SET_MODE_COMMAND), value)
+            flight.vehicle.refuses = dict.fromkeys(
+                (MAV_CMD_COMPONENT_ARM_DISARM, MAV_CMD_DO_SET_MODE), value
+            )
         elif what == "ask":
             asked += 1
-            flight.session.request(OperatorRequest(asked, value))
+            flight.session.request(value)
         else:
             setattr(flight, what, value)
         for _ in range(max(1, round(seconds * 50))):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -23,18 +23,18 @@ from tombo_dynamics.pose_check import PoseRefusal, check_pose
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.bridge_params import BridgeParams
-from tombo_px4.bridge.bridge_records import VehicleCommand
-from tombo_px4.bridge.flight_watch import TakeoffWatch
-from tombo_px4.bridge.message_rates import MessageRates
-from tombo_px4.bridge.offboard_session import (
-    OperatorRequest,
-    Session,
+from tombo_px4.bridge.bridge_records import (
+    BridgeOutput,
+    BridgeStatus,
     SessionInput,
-    SessionOutput,
     SessionStage,
+    VehicleCommand,
 )
+from tombo_px4.bridge.flight_watch import FlightWatch
+from tombo_px4.bridge.message_rates import MessageRates
+from tombo_px4.bridge.offboard_session import Session
 from tombo_px4.bridge.pose_axes import AxesEvidence
-from tombo_px4.bridge.preflight import FROZEN, Preflight
+from tombo_px4.bridge.preflight import Preflight
 from tombo_px4.bridge.setpoint_stream import FlightLimits, SetpointStream
 from tombo_px4.bridge.vehicle_parameters import (
     HOVER,
@@ -57,59 +57,16 @@ from tombo_px4.modes import AUTO_LAND, OFFBOARD, mode_name
 
 _HEARTBEAT_NS = SECOND_NS
 _TIMESYNC_NS = SECOND_NS // 10
-_LOOK_NS = SECOND_NS // 5
+_CHECK_NS = SECOND_NS // 5
 """Period of the checks."""
 _ASK_NS = 3 * SECOND_NS
 """Period of new requests for messages that come too seldom."""
-_TOO_SLOW, _MAX_INTERVAL_REQUESTS = 0.6, 5
-_SLOW_SHARE = 0.4
-"""Less than this share of the rate asked for is a fault."""
 _SETTLE_NS = 4 * SECOND_NS
-_STATE_HZ, _BATTERY_HZ, _ESTIMATOR_HZ = 10.0, 2.0, 5.0
 _HEARTBEAT_REQUEST_NS = SECOND_NS // 4
 """A heartbeat older than this is asked for while something is to be confirmed, and in flight: PX4
 sends one a second and refuses another interval, so that an order would be confirmed late."""
-_UNFIT = (FROZEN, "position_differs", "poses_refused", "not_fused", "no_position")
-"""Findings of the checks that end a flight."""
-_UNFIT_NS = 2 * SECOND_NS
-"""PX4 calls a vehicle airborne that still stands and spools up."""
-_JUMP_NS = SECOND_NS // 4
-"""Single poses with exchanged markers are left out; what stays away for longer has moved."""
 _REBOOT_NS = SECOND_NS
 _SET_BACK_NS = SECOND_NS // 2
-
-
-@dataclass(frozen=True)
-class BridgeStatus:
-    """State of vehicle and bridge; published at each change."""
-
-    connected: bool = False
-    armed: bool = False
-    mode: str = ""
-    landed: MavLandedState = MavLandedState.UNDEFINED
-    stage: SessionStage = SessionStage.WAITING
-    why: str = ""
-    offboard: bool = False
-    ready: bool = False
-    findings: tuple[str, ...] = ()
-    text: str = ""
-    firmware: str = ""
-
-
-@dataclass
-class BridgeOutput(SessionOutput):
-    """Outputs of one tick, besides those of the session."""
-
-    messages: list[Any] = field(default_factory=list)
-    """To be sent now."""
-    odometry: list[decoded.VehicleOdometry] = field(default_factory=list)
-    """All with a stamp."""
-    imu: list[decoded.ImuSample] = field(default_factory=list)
-    battery: list[decoded.BatteryReading] = field(default_factory=list)
-    texts: list[decoded.StatusText] = field(default_factory=list)
-    status: BridgeStatus = field(default_factory=BridgeStatus)
-    evidence: AxesEvidence | None = None
-    """What was shown just now of the poses' axes: to be kept."""
 
 
 class Bridge:
@@ -148,27 +105,20 @@ class Bridge:
         self.message_decoder = MessageDecoder(self.sync, link.own_system, link.own_component)
         self.preflight = Preflight(params, link.system)
         self.preflight.evidence = evidence
-        self.takeoff_watch = TakeoffWatch()
         self.limits = limits or FlightLimits()
+        self.watch = FlightWatch(params, self.limits)
         self.session = Session(params.link_timeout)
-        self.message_rates = MessageRates()
         self.poses_sent = 0
-        self.poses_refused: dict[str, int] = {}
+        self.poses_refused: Counter[str] = Counter()
         self.findings: list[PreflightFinding] = []
         self.estimate_trusted = False
         """PX4's estimate may be relied on: the checks have passed, or it flies."""
         self._ready_ns: int | None = None
-        self._unfit_ns: int | None = None
-        self._jump_ns: int | None = None
-        self._limit_ns: int | None = None
-        self._pose_ns = 0
         self._target = MessageTarget(link.system, link.component)
+        self.message_rates = MessageRates(params, self._target)
         self.stream = SetpointStream(params, self._target, mass, self.limits)
         self.parameters = ParameterReader(READ, self._target, writes)
         self.words = VehicleWords(self._target)
-        self._was_armed = False
-        self._beside_m = 0.0
-        """Horizontal distance from the set point at the arming [m]."""
         self._out = BridgeOutput()
         self._answers: list[decoded.TimesyncMessage] = []
         self._heartbeat: decoded.Heartbeat | None = None
@@ -185,8 +135,6 @@ class Bridge:
         """Capture of the last pose that was sent."""
         self._now_ns = self._checked_ns = self._asked_ns = 0
         self._heartbeat_sent_ns = self._timesync_request_ns = self._heartbeat_request_ns = 0
-        self._interval_requests: Counter[str] = Counter()
-        self._requests = 0
         spread = (params.position_std, params.attitude_std)
         self._covariance = message_encoder.diagonal_covariance(*spread)
 
@@ -228,7 +176,7 @@ class Bridge:
         if found.stamp_ns is not None:
             self._out.imu.append(found)
             if self._odometry is not None:
-                self.takeoff_watch.felt(found.stamp_ns, self._odometry.attitude, found.accel)
+                self.watch.takeoff.felt(found.stamp_ns, self._odometry.attitude, found.accel)
 
     def _take_timesync(self, found: decoded.TimesyncMessage) -> None:
         if found.tc1 == 0:
@@ -270,7 +218,7 @@ class Bridge:
         last, attitude = self._odometry, self._attitude
         # once made so, it stays so until ODOMETRY comes
         needed = last is None or last.resets < 0 or found.arrival_ns - last.arrival_ns > SECOND_NS
-        if not needed or attitude is None or abs(found.boot_ns - attitude.boot_ns) > _LOOK_NS:
+        if not needed or attitude is None or abs(found.boot_ns - attitude.boot_ns) > _CHECK_NS:
             return
         q, rates = attitude.attitude, attitude.rates
         self._take_odometry(
@@ -305,14 +253,14 @@ class Bridge:
         age_s = (now_ns - stamp_ns) * 1e-9
         why = self._refuse_pose(stamp_ns, now_ns, frame_id, position, attitude)
         if why:
-            self.poses_refused[why.key] = self.poses_refused.get(why.key, 0) + 1
+            self.poses_refused[why.key] += 1
             self.preflight.refused_pose(why, now_ns, age_s)
             return why
-        self.pose_stamp_ns, self._pose_ns = stamp_ns, now_ns
+        self.pose_stamp_ns, self.watch.pose_ns = stamp_ns, now_ns
         unit = attitude / np.linalg.norm(attitude)
         self.preflight.pose(stamp_ns, now_ns, position, unit)
-        self.takeoff_watch.pose(stamp_ns, position)
-        felt = self.takeoff_watch.as_px4_feels(stamp_ns, position)
+        self.watch.takeoff.pose(stamp_ns, position)
+        felt = self.watch.takeoff.as_px4_feels(stamp_ns, position)
         pose = (self.params.mocap, stamp_ns, felt, unit, self._covariance)
         self._out.messages.append(message_encoder.pose_message(*pose))
         self.poses_sent += 1
@@ -328,18 +276,18 @@ class Bridge:
         if not why and self.pose_stamp_ns - SECOND_NS < stamp_ns <= self.pose_stamp_ns:
             return PoseRefusal.OUT_OF_ORDER
         if not why and self._jumps(stamp_ns, now_ns, position):
-            self._jump_ns = self._jump_ns or now_ns
+            self.watch.jump_ns = self.watch.jump_ns or now_ns
             return PoseRefusal.JUMP
-        self._jump_ns = None
+        self.watch.jump_ns = None
         return why
 
     def _jumps(self, stamp_ns: int, now_ns: int, position: Array) -> bool:
         """Return whether a pose in flight is elsewhere than PX4, which would follow it."""
         last = self._odometry
-        turned_back = bool(self.takeoff_watch.mistake)
+        turned_back = bool(self.watch.takeoff.mistake)
         if turned_back or not self._flying or last is None or last.stamp_ns is None:
             return False
-        if now_ns - last.arrival_ns > _LOOK_NS:
+        if now_ns - last.arrival_ns > _CHECK_NS:
             return False
         there = last.position + 1e-9 * (stamp_ns - last.stamp_ns) * last.velocity
         return math.dist(there, position) > self.params.pose_jump_max
@@ -354,9 +302,7 @@ class Bridge:
 
         The answer comes in `BridgeOutput.replies`, within some seconds.
         """
-        self._requests += 1
-        self.session.request(OperatorRequest(self._requests, kind))
-        return self._requests
+        return self.session.request(kind)
 
     # --- What goes out ------------------------------------------------------------------------
 
@@ -373,13 +319,15 @@ class Bridge:
         if now_ns < self._now_ns - _SET_BACK_NS:
             self._clock_set_back(now_ns, out)
         elif now_ns > self._now_ns + _SET_BACK_NS:
-            self._pose_ns += now_ns - self._now_ns  # nobody looked, or the clock was set ahead
+            self.watch.pose_ns += (
+                now_ns - self._now_ns
+            )  # nobody looked, or the clock was set ahead
         self._now_ns = now_ns
         self._answer_timesync(now_ns, out)
         linked = self._follow_link(now_ns)
         if linked:
             out.messages += questions
-        if now_ns - self._checked_ns >= _LOOK_NS:
+        if now_ns - self._checked_ns >= _CHECK_NS:
             self._checked_ns = now_ns
             self.findings = self._check(now_ns, linked)
         self._watch_takeoff(now_ns, flies, out)
@@ -395,15 +343,14 @@ class Bridge:
                 tuple(f.text for f in self._blocking),
                 self._must_land(now_ns),
                 self.stream.takeoff_commands,
-                bool(self.takeoff_watch.mistake),
+                bool(self.watch.takeoff.mistake),
             ),
             out,
         )
-        for order in out.vehicle_commands:
-            out.messages.append(self._encode_command(order))
+        out.messages += [order.message(self._target) for order in out.vehicle_commands]
         self._housekeeping(now_ns, linked, out)
         present = self._present(now_ns)
-        brake = self.takeoff_watch.brake
+        brake = self.watch.takeoff.brake
         message = self.stream.message(out.stream, present, self.hover_thrust, now_ns, brake)
         if message is not None:
             out.messages.append(message)
@@ -422,42 +369,17 @@ class Bridge:
         if self.session.stage == SessionStage.FLYING and silent_s > self.params.hold_time:
             return f"no set point for {silent_s:.0f} s"
         if not self._flying:
-            self._unfit_ns = self._limit_ns = None
+            self.watch.rest()
             return ""
-        if self.takeoff_watch.mistake:
-            return self.takeoff_watch.mistake
-        broken = "" if self._odometry is None else self.limits.broken(self._odometry)
-        self._limit_ns = (self._limit_ns or now_ns) if broken else None
-        limit_ns = self.limits.safety.limit_time * SECOND_NS
-        if self._limit_ns is not None and now_ns - self._limit_ns > limit_ns:
-            return broken
-        pose_s = (now_ns - self._pose_ns) * 1e-9
-        if pose_s > self.params.pose_loss_time:
-            refused = next((f.text for f in self._blocking if f.key.startswith("pose_")), "")
-            return refused or f"no mocap pose for {pose_s:.1f} s"
-        if self._jump_ns is not None and now_ns - self._jump_ns > _JUMP_NS:
-            return PoseRefusal.JUMP.text
-        unfit = next((f.text for f in self._blocking if f.key in _UNFIT), "")
-        self._unfit_ns = (self._unfit_ns or now_ns) if unfit else None
-        return unfit if self._unfit_ns and now_ns - self._unfit_ns > _UNFIT_NS else ""
+        return self.watch.must_land(now_ns, self._odometry, self._blocking)
 
     def _watch_takeoff(self, now_ns: int, armed: bool, out: BridgeOutput) -> None:
         """Compare the motion since the arming with PX4's tilt."""
-        watch = self.takeoff_watch
-        if armed != self._was_armed:
-            self._was_armed = armed
-            self.takeoff_watch = watch = TakeoffWatch()
-            if armed:
-                watch.begin()
-                self._beside_m = self._beside_setpoint()
-        known = bool(watch.mistake)
-        if armed and self.stream.phase == Phase.TAKEOFF:
-            beside_m = self._beside_setpoint()
-            if beside_m - self._beside_m > self.params.takeoff_drift_max:
-                watch.drifts(beside_m)
-        if armed and watch.judge() and not known:
-            self.preflight.refute(watch.mistake, now_ns)
-            out.events.append(("axes_wrong", watch.mistake))
+        takes_off = self.stream.phase == Phase.TAKEOFF
+        mistake = self.watch.follow(armed, takes_off, self._beside_setpoint())
+        if mistake:
+            self.preflight.refute(mistake, now_ns)
+            out.events.append(("axes_wrong", mistake))
 
     def _beside_setpoint(self) -> float:
         """Return the horizontal distance of the newest pose from the set point [m]; 0: none."""
@@ -478,8 +400,9 @@ class Bridge:
         self._heartbeat_sent_ns = self._timesync_request_ns = self._heartbeat_request_ns = 0
         self._checked_ns = self._asked_ns = self.pose_stamp_ns = self._battery_ns = 0
         self.stream.clock_set_back(now_ns)
-        self._ready_ns = self._unfit_ns = self._jump_ns = self._limit_ns = None
-        self._pose_ns = now_ns
+        self._ready_ns = self.watch.jump_ns = None
+        self.watch.rest()
+        self.watch.pose_ns = now_ns
         self._linked_ns = now_ns if self._linked_ns is not None else None
         if self._heartbeat is not None:
             self._heartbeat = replace(self._heartbeat, arrival_ns=now_ns)
@@ -520,7 +443,10 @@ class Bridge:
         if now_ns - self._asked_ns >= _ASK_NS:
             begun = self._asked_ns == 0
             self._asked_ns = now_ns
-            out.messages += self._request_message_intervals(now_ns, begun)
+            out.messages += self.message_rates.requests(now_ns, begun)
+            if not self._version:
+                number = mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+                out.messages.append(message_encoder.request_message(self._target, number))
         beat = self._heartbeat
         assert beat is not None
         if (beat.armed or self.session.awaits_confirmation) and (
@@ -531,33 +457,6 @@ class Bridge:
             out.messages.append(message_encoder.request_message(self._target, number))
         out.messages += self.parameters.tick(now_ns, not beat.armed)
 
-    def _request_message_intervals(self, now_ns: int, begun: bool) -> list[Any]:
-        """Ask for what comes too seldom; `begun`: for everything."""
-        wanted = {
-            mav.MAVLINK_MSG_ID_ODOMETRY: ("ODOMETRY", self.params.odometry_rate),
-            mav.MAVLINK_MSG_ID_HIGHRES_IMU: ("HIGHRES_IMU", self.params.imu_rate),
-            mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: ("EXTENDED_SYS_STATE", _STATE_HZ),
-            mav.MAVLINK_MSG_ID_BATTERY_STATUS: ("BATTERY_STATUS", _BATTERY_HZ),
-            mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS: ("ESTIMATOR_STATUS", _ESTIMATOR_HZ),
-        }
-        messages = []
-        if begun:
-            self._interval_requests.clear()
-        for number, (name, rate) in wanted.items():
-            slow = self.message_rates.rate_hz(name, now_ns) < _TOO_SLOW * rate
-            if begun or (slow and self._interval_requests[name] < _MAX_INTERVAL_REQUESTS):
-                self._interval_requests[name] += 1
-                messages.append(message_encoder.message_interval(self._target, number, rate))
-        if not self._version:
-            number = mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION
-            messages.append(message_encoder.request_message(self._target, number))
-        return messages
-
-    def _encode_command(self, order: VehicleCommand) -> Any:
-        if order.mode is not None:
-            return message_encoder.set_mode(self._target, order.mode)
-        return message_encoder.arm(self._target, bool(order.armed), order.force)
-
     def shutdown_command(self) -> Any:
         """Return the command that lands a vehicle that flies by our set points; None: not needed.
 
@@ -567,7 +466,7 @@ class Bridge:
         if beat is None:
             return None
         if stage == SessionStage.ARMING and not beat.armed:
-            return self._encode_command(VehicleCommand(armed=False))  # arming may be under way
+            return VehicleCommand(armed=False).message(self._target)  # arming may be under way
         if not beat.armed or stage not in (
             SessionStage.ENTERING_OFFBOARD,
             SessionStage.ARMING,
@@ -575,10 +474,10 @@ class Bridge:
         ):
             return None
         if self._landed == MavLandedState.ON_GROUND:
-            return self._encode_command(VehicleCommand(armed=False))
+            return VehicleCommand(armed=False).message(self._target)
         if beat.mode != OFFBOARD:
             return None
-        return self._encode_command(VehicleCommand(mode=AUTO_LAND))
+        return VehicleCommand(mode=AUTO_LAND).message(self._target)
 
     # --- Set points ---------------------------------------------------------------------------
 
@@ -628,14 +527,7 @@ class Bridge:
         if self.session.stage == SessionStage.FLYING:
             out.faults.update(self.stream.faults(self.hover_thrust, now_ns))
         if settled:
-            wishes = {"ODOMETRY": self.params.odometry_rate, "HIGHRES_IMU": self.params.imu_rate}
-            for name, wanted in wishes.items():
-                rate = self.message_rates.rate_hz(name, now_ns)
-                if 0.0 < rate < _SLOW_SHARE * wanted:
-                    out.faults[f"slow.{name}"] = (
-                        f"{name} comes at {rate:.0f} Hz, {wanted:.0f} Hz were asked for: raise the"
-                        " rate of PX4's link (MAV_0_RATE, baud), or ask for less"
-                    )
+            out.faults.update(self.message_rates.faults(now_ns))
         if self.parameters.complete and not self.parameters.values:
             text = "PX4 sends no parameters: they can't be checked"
             out.faults["parameters_unknown"] = text

@@ -11,13 +11,21 @@ a mode that somebody has chosen.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
-from enum import Enum
 
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.bridge.bridge_records import CommandTransaction, RecentStatusTexts, VehicleCommand
-from tombo_px4.link.decoded_messages import CommandAck, Heartbeat, MavLandedState
+from tombo_px4.bridge.bridge_records import (
+    CommandTransaction,
+    OperatorRequest,
+    RecentStatusTexts,
+    Reply,
+    SessionInput,
+    SessionOutput,
+    SessionStage,
+    SetpointSource,
+    VehicleCommand,
+)
+from tombo_px4.link.decoded_messages import CommandAck, MavLandedState
 from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, Mode, mode_name
 
 _FLIGHT = range(Phase.TAKEOFF, Phase.HOLD + 1)
@@ -57,88 +65,6 @@ _LAND_AGAIN_NS = 2 * SECOND_NS
 """A landing that PX4 refuses is commanded again after this time."""
 
 
-class SessionStage(Enum):
-    """State of the session with the vehicle."""
-
-    WAITING = "waiting for the vehicle"
-    READY = "ready"
-    ENTERING_OFFBOARD = "entering offboard"
-    ARMING = "arming"
-    FLYING = "offboard"
-    LANDING = "landing"
-    EXTERNAL_MODE = "mode set by another station"
-    GIVEN_UP = "given up"
-    LINK_LOST = "link lost"
-
-
-class SetpointSource(Enum):
-    """Which set point is sent."""
-
-    PRESENT = "present"
-    """The position that PX4 reports."""
-    HOLD = "hold"
-    """Where it was when this began."""
-    SETPOINT = "setpoint"
-    LEVEL_DESCENT = "level descent"
-    """Down, level and braked, by what PX4 feels: where the motion capture has wrong axes."""
-    NONE = "none"
-    """Nothing is sent: PX4 must not return to OFFBOARD."""
-
-
-@dataclass(frozen=True)
-class OperatorRequest:
-    """A request of an operator."""
-
-    number: int
-    kind: str
-    """`arm`, `disarm`, `offboard`, `takeoff`, `land`, `hold` or `kill`."""
-
-
-@dataclass(frozen=True)
-class Reply:
-    """The answer to a request, once it is known."""
-
-    number: int
-    success: bool
-    text: str
-
-
-@dataclass(frozen=True)
-class SessionInput:
-    """Inputs of one tick."""
-
-    now_ns: int
-    heartbeat: Heartbeat | None
-    landed: MavLandedState
-    phase: int
-    """Of the mission; IDLE without one."""
-    fresh: bool
-    """A set point came lately."""
-    streaming: bool
-    """There is a position to stream."""
-    blockers: tuple[str, ...]
-    """Why arming is not allowed, as texts."""
-    must_land: str = ""
-    """Why the flight must end now, as a text."""
-    takeoff_commands: int = 0
-    """How often an operator has asked the mission to take off."""
-    axes_wrong: bool = False
-    """The poses have wrong axes: PX4's own landing would fly away by them."""
-
-
-@dataclass
-class SessionOutput:
-    """Outputs of one tick."""
-
-    stream: SetpointSource = SetpointSource.PRESENT
-    vehicle_commands: list[VehicleCommand] = field(default_factory=list)
-    faults: dict[str, str] = field(default_factory=dict)
-    """Key -> what is wrong, for as long as it is."""
-    events: list[tuple[str, str]] = field(default_factory=list)
-    """Key and text of what went wrong just now."""
-    replies: list[Reply] = field(default_factory=list)
-
-
 class Session:
     """The state machine; `tick` decides."""
 
@@ -169,6 +95,9 @@ class Session:
         self._landing_from: Mode | None = None
         """Mode that was flown when a landing was commanded, until that is confirmed."""
         self._ticked_ns: int | None = None
+        self._out = SessionOutput()
+        """Of the present tick."""
+        self._requests = 0
         self._pending_requests: deque[OperatorRequest] = deque()
         self._request: OperatorRequest | None = None
         self._request_transaction: CommandTransaction | None = None
@@ -180,9 +109,11 @@ class Session:
         """A command was sent and is not yet confirmed by a heartbeat."""
         return self._transaction is not None or self._request_transaction is not None
 
-    def request(self, request: OperatorRequest) -> None:
-        """Take a request; the answer is in a later `SessionOutput.replies`."""
-        self._pending_requests.append(request)
+    def request(self, kind: str) -> int:
+        """Take a request; the answer, with its number, is in a later `SessionOutput.replies`."""
+        self._requests += 1
+        self._pending_requests.append(OperatorRequest(self._requests, kind))
+        return self._requests
 
     def handle_ack(self, ack: CommandAck) -> None:
         """Take PX4's answer to a command."""
@@ -193,7 +124,8 @@ class Session:
     def clock_set_back(self, out: SessionOutput) -> None:
         """Restart all time-outs, because the clock was set back."""
         why = "the system's clock was set back meanwhile"
-        self._drop_requests(out, why)
+        self._out = out
+        self._drop_requests(why)
         self._stream_since_ns = self._landed_since_ns = self._arm_request_ns = None
         self._ticked_ns, self._land_again_ns = None, 0
         if self.stage in (SessionStage.ENTERING_OFFBOARD, SessionStage.ARMING):
@@ -203,27 +135,27 @@ class Session:
 
     def tick(self, view: SessionInput, out: SessionOutput) -> None:
         """Decide; the result is added to `out`."""
-        heartbeat = view.heartbeat
+        self._out = out
         self._stream_since_ns = (self._stream_since_ns or view.now_ns) if view.streaming else None
         stopped_s = (view.now_ns - (self._ticked_ns or view.now_ns)) * 1e-9
         self._ticked_ns = view.now_ns
-        if heartbeat is None or view.now_ns - heartbeat.arrival_ns > self._timeout_ns:
-            self._on_link_down(view, out)
+        if view.heartbeat is None or view.now_ns - view.beat.arrival_ns > self._timeout_ns:
+            self._on_link_down(view)
             return
         if self.stage in (SessionStage.WAITING, SessionStage.LINK_LOST):
-            self._on_link_up(view, heartbeat, out)
-        if not heartbeat.armed:
+            self._on_link_up(view)
+        if not view.beat.armed:
             self._flight_lost = False
-        self._end_lost_flight(view, heartbeat, stopped_s, out)
+        self._end_lost_flight(view, stopped_s)
         if view.fresh:
-            self._update_mission(view, heartbeat)
-        self._update_landed_time(view, heartbeat)
-        self._handle_requests(view, heartbeat, out)
+            self._update_mission(view)
+        self._update_landed_time(view)
+        self._handle_requests(view)
         if self._request is None:
-            self._advance(view, heartbeat, out)
-        self._set_stream_and_faults(view, heartbeat, out)
+            self._advance(view)
+        self._set_stream_and_faults(view)
 
-    def _update_mission(self, view: SessionInput, heartbeat: Heartbeat) -> None:
+    def _update_mission(self, view: SessionInput) -> None:
         """Allow arming when the mission is on the ground, or when it is received first.
 
         Its first messages may be lost while the nodes find each other. After a flight it takes an
@@ -234,12 +166,12 @@ class Session:
         if view.phase == Phase.IDLE:  # a mission that was restarted counts from 0
             self._commands_flown = min(self._commands_flown, view.takeoff_commands)
         told = view.takeoff_commands > self._commands_flown
-        if not heartbeat.armed and told and (begins or view.phase in _GROUND):
+        if not view.beat.armed and told and (begins or view.phase in _GROUND):
             self._engage_allowed = True
 
     # --- The link -----------------------------------------------------------------------------
 
-    def _on_link_down(self, view: SessionInput, out: SessionOutput) -> None:
+    def _on_link_down(self, view: SessionInput) -> None:
         if self.stage not in (SessionStage.WAITING, SessionStage.LINK_LOST):
             self._stage_before_loss = self.stage
             self._set_stage(SessionStage.LINK_LOST, "")
@@ -248,31 +180,31 @@ class Session:
             text = "no heartbeat of the vehicle: is it on, and does it send here?"
             self._begun_ns = self._begun_ns or view.now_ns
             if view.now_ns - self._begun_ns > _GRACE_NS:
-                out.faults["no_vehicle"] = text
+                self._out.faults["no_vehicle"] = text
         else:
             age = (view.now_ns - last.arrival_ns) * 1e-9
             armed = "armed, " if last.armed else ""
             text = f"no heartbeat for {age:.1f} s, last {armed}mode {mode_name(last.mode)}"
-            out.faults["link_lost"] = f"{text}: nothing is armed when it comes back"
+            self._out.faults["link_lost"] = f"{text}: nothing is armed when it comes back"
         if any(request.kind == "kill" for request in self._pending_requests):
-            out.vehicle_commands.append(_KILL)  # it may still arrive
-        self._drop_requests(out, text)
-        out.stream = SetpointSource.NONE
+            self._out.vehicle_commands.append(_KILL)  # it may still arrive
+        self._drop_requests(text)
+        self._out.stream = SetpointSource.NONE
 
-    def _on_link_up(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
+    def _on_link_up(self, view: SessionInput) -> None:
         """A vehicle is there, for the first time or again."""
         lost, self._stage_before_loss = self._stage_before_loss, SessionStage.WAITING
-        if heartbeat.armed:
-            ours = heartbeat.mode == OFFBOARD or heartbeat.failsafe
-            if lost == SessionStage.LANDING and heartbeat.mode == AUTO_LAND:
+        if view.beat.armed:
+            ours = view.beat.mode == OFFBOARD or view.beat.failsafe
+            if lost == SessionStage.LANDING and view.beat.mode == AUTO_LAND:
                 self._set_stage(lost, "link is back")
             elif lost in (SessionStage.FLYING, SessionStage.LANDING) and ours:
-                self._land(heartbeat, out, "the link was lost in flight")
-            elif lost == SessionStage.WAITING and heartbeat.mode == OFFBOARD:
+                self._land(view, "the link was lost in flight")
+            elif lost == SessionStage.WAITING and view.beat.mode == OFFBOARD:
                 why = "found armed in mode offboard, which a bridge before this one has flown"
-                self._land(heartbeat, out, why)
+                self._land(view, why)
             else:
-                mode = mode_name(heartbeat.mode)
+                mode = mode_name(view.beat.mode)
                 self._set_stage(SessionStage.EXTERNAL_MODE, f"found armed in mode {mode}")
         elif lost in (SessionStage.WAITING, SessionStage.READY, SessionStage.GIVEN_UP):
             self._set_stage(SessionStage.READY, "")
@@ -281,85 +213,75 @@ class Session:
 
     # --- A flight that has to end -------------------------------------------------------------
 
-    def _end_lost_flight(
-        self, view: SessionInput, heartbeat: Heartbeat, stopped_s: float, out: SessionOutput
-    ) -> None:
+    def _end_lost_flight(self, view: SessionInput, stopped_s: float) -> None:
         """Land a vehicle that flies by us if PX4's fail-safe, the caller or a gap asks for it."""
         ours = self.stage in (SessionStage.FLYING, SessionStage.LANDING) or self._ours
-        by_setpoints = self.stage == SessionStage.EXTERNAL_MODE and heartbeat.mode == OFFBOARD
-        if not heartbeat.armed or self._flight_lost or not (ours or by_setpoints):
+        by_setpoints = self.stage == SessionStage.EXTERNAL_MODE and view.beat.mode == OFFBOARD
+        if not view.beat.armed or self._flight_lost or not (ours or by_setpoints):
             return
-        if heartbeat.failsafe:
-            mode = mode_name(heartbeat.mode)
+        if view.beat.failsafe:
+            mode = mode_name(view.beat.mode)
             why = f"PX4's fail-safe has chosen mode {mode}{self._said(view, ': ')}"
-            self._land(heartbeat, out, why)
+            self._land(view, why)
         elif view.must_land:
-            self._land(heartbeat, out, view.must_land)
-            if view.axes_wrong and heartbeat.mode == OFFBOARD:
+            self._land(view, view.must_land)
+            if view.axes_wrong and view.beat.mode == OFFBOARD:
                 self._transaction, self._level_descent_ns = None, view.now_ns
         elif stopped_s * SECOND_NS > self._timeout_ns:
-            self._land(heartbeat, out, f"this bridge was stopped for {stopped_s:.1f} s")
+            self._land(view, f"this bridge was stopped for {stopped_s:.1f} s")
 
-    def _land(self, heartbeat: Heartbeat, out: SessionOutput, why: str) -> None:
+    def _land(self, view: SessionInput, why: str) -> None:
         """End the flight: PX4 lands, and gets no set point any more."""
         if self._request is not None and self._request.kind not in ("kill", "disarm", "land"):
-            self._reply(out, False, f"the flight ends: {why}")
-        out.events.append(("landing", why))
+            self._reply(False, f"the flight ends: {why}")
+        self._out.events.append(("landing", why))
         self._set_stage(SessionStage.LANDING, why)
         self._flight_lost, self._engage_allowed = True, False
-        self._landing_from = heartbeat.mode
+        self._landing_from = view.beat.mode
         self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
 
     # --- The operator -------------------------------------------------------------------------
 
-    def _handle_requests(
-        self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput
-    ) -> None:
+    def _handle_requests(self, view: SessionInput) -> None:
         """Begin, continue or answer the requests of the operator."""
         while self._pending_requests:
             request = self._pending_requests.popleft()
             if self._request is not None:
-                self._reply(out, False, f"overtaken by '{request.kind}'")
-            self._begin_request(request, view, heartbeat, out)
+                self._reply(False, f"overtaken by '{request.kind}'")
+            self._begin_request(request, view)
         transaction = self._request_transaction
         if self._request is None or transaction is None:
             return
-        self._tick_transaction(transaction, view, heartbeat, out)
+        self._tick_transaction(transaction, view)
         if transaction.failed and transaction.order == _HOLD and view.streaming:
             self._begin_order((_OFFBOARD,))  # without a global position PX4 has no hold of its own
         elif transaction.failed:
-            self._reply(out, False, transaction.refusal)
+            self._reply(False, transaction.refusal)
         elif transaction.done and self._request_orders:
             self._begin_order(self._request_orders)
         elif transaction.done:
-            self._request_confirmed(view, heartbeat, out)
+            self._request_confirmed(view)
 
     def _begin_order(self, orders: tuple[VehicleCommand, ...]) -> None:
         self._request_transaction = CommandTransaction(orders[0], _ASKED_TRIES)
         self._request_orders = orders[1:]
 
-    def _begin_request(
-        self,
-        request: OperatorRequest,
-        view: SessionInput,
-        heartbeat: Heartbeat,
-        out: SessionOutput,
-    ) -> None:
+    def _begin_request(self, request: OperatorRequest, view: SessionInput) -> None:
         self._request = request
         kind = request.kind
         why_not = ""
-        if kind == "takeoff" and heartbeat.armed:
+        if kind == "takeoff" and view.beat.armed:
             why_not = "the vehicle is armed already"
-        elif kind in ("arm", "takeoff") and not heartbeat.armed:
+        elif kind in ("arm", "takeoff") and not view.beat.armed:
             why_not = "; ".join(view.blockers)
-        elif kind in ("land", "hold") and not heartbeat.armed:
+        elif kind in ("land", "hold") and not view.beat.armed:
             why_not = "the vehicle is not armed"
         elif kind in ("hold", "offboard") and self._flight_lost:
             why_not = f"the flight ends: {self.why}"
         elif kind == "offboard" and not view.streaming:
             why_not = "PX4 gives no position: there is nothing to stream, and it would refuse"
         if why_not:
-            self._reply(out, False, why_not)
+            self._reply(False, why_not)
             return
         under_way = self.stage in (SessionStage.ENTERING_OFFBOARD, SessionStage.ARMING)
         if kind not in ("arm", "offboard") and under_way:
@@ -369,17 +291,15 @@ class Session:
             self._ours = True
         self._begin_order(_COMMANDS[kind])
 
-    def _request_confirmed(
-        self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput
-    ) -> None:
+    def _request_confirmed(self, view: SessionInput) -> None:
         assert self._request is not None
         kind = self._request.kind
-        by_setpoints = kind == "hold" and heartbeat.mode == OFFBOARD
+        by_setpoints = kind == "hold" and view.beat.mode == OFFBOARD
         by = ": PX4 refuses its own mode, set points hold it" if by_setpoints else ""
-        self._reply(out, True, f"{kind}: confirmed{by}")
+        self._reply(True, f"{kind}: confirmed{by}")
         if kind == "offboard":
             self._engage_allowed = True
-            stage = SessionStage.FLYING if heartbeat.armed else SessionStage.READY
+            stage = SessionStage.FLYING if view.beat.armed else SessionStage.READY
             self._set_stage(stage, "asked by the operator")
         elif kind == "land":
             self._set_stage(SessionStage.LANDING, "asked by the operator")
@@ -390,28 +310,28 @@ class Session:
             self._arm_request_ns = None
             self._armed_for_flight = False
             stage = (
-                SessionStage.FLYING if heartbeat.mode == OFFBOARD else SessionStage.EXTERNAL_MODE
+                SessionStage.FLYING if view.beat.mode == OFFBOARD else SessionStage.EXTERNAL_MODE
             )
             self._set_stage(stage, "armed by the operator")
         elif kind in ("disarm", "kill"):
             self._engage_allowed = False
             self._set_stage(SessionStage.READY, "disarmed by the operator")
 
-    def _reply(self, out: SessionOutput, success: bool, text: str) -> None:
+    def _reply(self, success: bool, text: str) -> None:
         assert self._request is not None
-        out.replies.append(Reply(self._request.number, success, text))
+        self._out.replies.append(Reply(self._request.number, success, text))
         self._request = self._request_transaction = None
         self._request_orders = ()
 
-    def _drop_requests(self, out: SessionOutput, text: str) -> None:
+    def _drop_requests(self, text: str) -> None:
         if self._request is not None:
-            self._reply(out, False, text)
+            self._reply(False, text)
         while self._pending_requests:
-            out.replies.append(Reply(self._pending_requests.popleft().number, False, text))
+            self._out.replies.append(Reply(self._pending_requests.popleft().number, False, text))
 
     # --- The flight ---------------------------------------------------------------------------
 
-    def _advance(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
+    def _advance(self, view: SessionInput) -> None:
         steps = {
             SessionStage.READY: self._ready,
             SessionStage.ENTERING_OFFBOARD: self._entering,
@@ -421,63 +341,63 @@ class Session:
             SessionStage.EXTERNAL_MODE: self._external_mode,
             SessionStage.GIVEN_UP: self._given_up,
         }
-        steps[self.stage](view, heartbeat, out)
+        steps[self.stage](view)
 
     def _wants_flight(self, view: SessionInput) -> bool:
         return view.fresh and view.phase in _FLIGHT
 
-    def _ready(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
-        if heartbeat.armed and self._arm_request_pending(view):
+    def _ready(self, view: SessionInput) -> None:
+        if view.beat.armed and self._arm_request_pending(view):
             self._give_up("armed after it was called off")
             return
-        if heartbeat.armed:
-            mode = mode_name(heartbeat.mode)
+        if view.beat.armed:
+            mode = mode_name(view.beat.mode)
             self._set_stage(SessionStage.EXTERNAL_MODE, f"armed by somebody else, in mode {mode}")
             return
         if not self._wants_flight(view):
             return
         if view.phase != Phase.TAKEOFF:
-            out.faults["not_engaged"] = (
+            self._out.faults["not_engaged"] = (
                 "the mission believes to be in the air: land it (/mission/land) and start it again"
             )
         elif not self._engage_allowed:
-            out.faults["not_engaged"] = (
+            self._out.faults["not_engaged"] = (
                 "the mission wants to fly, but after the last flight it was not seen on the"
                 " ground, or nobody has asked for it: start it again (/mission/takeoff), or call"
                 " px4/offboard"
             )
         elif view.blockers:
-            out.faults["preflight"] = "not armed: " + "; ".join(view.blockers)
+            self._out.faults["preflight"] = "not armed: " + "; ".join(view.blockers)
         elif self._stream_since_ns and view.now_ns - self._stream_since_ns >= _STREAM_FIRST_NS:
             self._set_stage(SessionStage.ENTERING_OFFBOARD, "")
             self._transaction = CommandTransaction(_OFFBOARD, _MODE_TRIES)
-            self._entering(view, heartbeat, out)
+            self._entering(view)
 
-    def _entering(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
-        if heartbeat.armed:
+    def _entering(self, view: SessionInput) -> None:
+        if view.beat.armed:
             self._set_stage(SessionStage.EXTERNAL_MODE, "armed by somebody else")
         elif not self._wants_flight(view):
             self._set_stage(SessionStage.READY, "the mission takes it back")
         elif view.blockers:
             self._set_stage(SessionStage.READY, "")
-        elif refusal := self._step_transaction(view, heartbeat, out):
+        elif refusal := self._step_transaction(view):
             self._give_up(refusal)
         elif self._transaction is not None and self._transaction.done:
             self._set_stage(SessionStage.ARMING, "")
             self._transaction = CommandTransaction(_ARM, _ARM_TRIES)
-            self._arming(view, heartbeat, out)
+            self._arming(view)
 
-    def _arming(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
-        if heartbeat.mode != OFFBOARD:
-            mode = mode_name(heartbeat.mode)
+    def _arming(self, view: SessionInput) -> None:
+        if view.beat.mode != OFFBOARD:
+            mode = mode_name(view.beat.mode)
             self._give_up(f"mode changed to {mode} while arming{self._said(view, ': ')}")
-            out.events.append(("refused", self.why))
-        elif not heartbeat.armed and not self._wants_flight(view):
+            self._out.events.append(("refused", self.why))
+        elif not view.beat.armed and not self._wants_flight(view):
             self._give_up("the mission took it back while arming")
-        elif not heartbeat.armed and view.blockers:
+        elif not view.beat.armed and view.blockers:
             self._give_up("while arming: " + "; ".join(view.blockers))
-            out.events.append(("refused", self.why))
-        elif refusal := self._step_transaction(view, heartbeat, out):
+            self._out.events.append(("refused", self.why))
+        elif refusal := self._step_transaction(view):
             self._give_up(refusal)
         elif self._transaction is not None and self._transaction.done:
             self._engage_allowed = False
@@ -486,21 +406,21 @@ class Session:
             self._arm_request_ns = None
             self._set_stage(SessionStage.FLYING, "")
 
-    def _flying(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
-        if not heartbeat.armed:
+    def _flying(self, view: SessionInput) -> None:
+        if not view.beat.armed:
             if view.phase in _FLIGHT:
                 self._give_up(f"disarmed in flight{self._said(view, ': ')}")
-                out.events.append(("disarmed", self.why))
+                self._out.events.append(("disarmed", self.why))
             else:
                 self._set_stage(SessionStage.READY, "landed")
-        elif heartbeat.mode != OFFBOARD:
-            self._mode_taken(view, heartbeat, "offboard")
+        elif view.beat.mode != OFFBOARD:
+            self._mode_taken(view, "offboard")
         elif view.phase in _DOWN or (
             view.phase == Phase.LANDED and view.landed != MavLandedState.ON_GROUND
         ):
             self._set_stage(SessionStage.LANDING, "")
             self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
-            self._landing(view, heartbeat, out)
+            self._landing(view)
         elif (
             view.phase in _GROUND
             and view.landed == MavLandedState.ON_GROUND
@@ -511,50 +431,50 @@ class Session:
         elif view.phase in _FLIGHT:
             self._transaction = None
         if self.stage == SessionStage.FLYING:
-            self._step_transaction(view, heartbeat, out)
+            self._step_transaction(view)
 
-    def _landing(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
-        if not heartbeat.armed:
+    def _landing(self, view: SessionInput) -> None:
+        if not view.beat.armed:
             self._set_stage(SessionStage.READY, "landed")
             return
-        if self._descends_level(view, heartbeat):
+        if self._descends_level(view):
             self._disarm_on_ground(view)
-            self._step_transaction(view, heartbeat, out)
+            self._step_transaction(view)
             return
-        if self._step_transaction(view, heartbeat, out):
+        if self._step_transaction(view):
             self._landing_by_setpoints = not self._flight_lost
             self._land_again_ns = view.now_ns + _LAND_AGAIN_NS
-        lands = heartbeat.mode == AUTO_LAND
+        lands = view.beat.mode == AUTO_LAND
         if lands:
             self._landing_by_setpoints, self._landing_from = False, None
         under_way = self._transaction is not None or self._landing_by_setpoints
-        still_ours = heartbeat.failsafe or heartbeat.mode in (OFFBOARD, self._landing_from)
+        still_ours = view.beat.failsafe or view.beat.mode in (OFFBOARD, self._landing_from)
         if not lands and not ((under_way or self._flight_lost) and still_ours):
-            self._mode_taken(view, heartbeat, "land")
+            self._mode_taken(view, "land")
         elif not lands and not under_way:
             if view.now_ns >= self._land_again_ns:
                 self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
         else:
             self._disarm_on_ground(view)
 
-    def _descends_level(self, view: SessionInput, heartbeat: Heartbeat) -> bool:
+    def _descends_level(self, view: SessionInput) -> bool:
         """Return whether the vehicle comes down without positions, and may go on with it."""
         since_ns = self._level_descent_ns
         in_time = since_ns is not None and view.now_ns - since_ns < _LEVEL_DESCENT_NS
-        return in_time and heartbeat.mode == OFFBOARD and not heartbeat.failsafe
+        return in_time and view.beat.mode == OFFBOARD and not view.beat.failsafe
 
     def _disarm_on_ground(self, view: SessionInput) -> None:
         if self._stays_on_ground(view) and self._transaction is None:
             self._transaction = CommandTransaction(_DISARM, _MODE_TRIES)
 
-    def _external_mode(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
-        if not heartbeat.armed:
+    def _external_mode(self, view: SessionInput) -> None:
+        if not view.beat.armed:
             self._set_stage(SessionStage.READY, "disarmed")
 
-    def _given_up(self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput) -> None:
+    def _given_up(self, view: SessionInput) -> None:
         """Do nothing until asked again; a vehicle that our command has armed late is disarmed."""
         ours = self._arm_request_pending(view)
-        if heartbeat.armed:
+        if view.beat.armed:
             if not ours and self._transaction is None:
                 self._set_stage(SessionStage.EXTERNAL_MODE, "armed by somebody else")
                 return
@@ -563,12 +483,12 @@ class Session:
                 return
             if self._transaction is None:
                 self._transaction = CommandTransaction(_DISARM, _ARM_TRIES)
-                out.events.append(("disarmed", f"armed halfway, disarmed again: {self.why}"))
-        if refusal := self._step_transaction(view, heartbeat, out):
+                self._out.events.append(("disarmed", f"armed halfway, disarmed again: {self.why}"))
+        if refusal := self._step_transaction(view):
             self._set_stage(
                 SessionStage.EXTERNAL_MODE, f"armed, and disarming was refused: {refusal}"
             )
-        elif not heartbeat.armed and self._engage_allowed and not ours:
+        elif not view.beat.armed and self._engage_allowed and not ours:
             self._set_stage(SessionStage.READY, "")
 
     # --- Helpers ------------------------------------------------------------------------------
@@ -578,8 +498,8 @@ class Session:
         said = self.recent_texts.since(view.now_ns - _TEXT_NS)
         return before + said if said else ""
 
-    def _mode_taken(self, view: SessionInput, heartbeat: Heartbeat, wanted: str) -> None:
-        why = f"mode is {mode_name(heartbeat.mode)}, not {wanted}"
+    def _mode_taken(self, view: SessionInput, wanted: str) -> None:
+        why = f"mode is {mode_name(view.beat.mode)}, not {wanted}"
         self._set_stage(SessionStage.EXTERNAL_MODE, why + self._said(view, ": PX4 says "))
 
     def _arm_request_pending(self, view: SessionInput) -> bool:
@@ -587,34 +507,26 @@ class Session:
         own = self._arm_request_ns
         return own is not None and view.now_ns - own <= _OWN_ARMING_NS
 
-    def _step_transaction(
-        self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput
-    ) -> str:
+    def _step_transaction(self, view: SessionInput) -> str:
         """Continue the command in progress; return why it is given up, "" if it is not."""
         transaction = self._transaction
         if transaction is None:
             return ""
         before = transaction.refusal
-        self._tick_transaction(transaction, view, heartbeat, out)
+        self._tick_transaction(transaction, view)
         if transaction.failed:
             self._transaction = None
-            out.events.append(("refused", transaction.refusal))
+            self._out.events.append(("refused", transaction.refusal))
             return transaction.refusal
         if transaction.refusal not in ("", before):
-            out.events.append(("refused", f"{transaction.refusal}; trying again"))
+            self._out.events.append(("refused", f"{transaction.refusal}; trying again"))
         if transaction.done and transaction.order not in (_ARM, _OFFBOARD):
             self._transaction = None
         return ""
 
-    def _tick_transaction(
-        self,
-        transaction: CommandTransaction,
-        view: SessionInput,
-        heartbeat: Heartbeat,
-        out: SessionOutput,
-    ) -> None:
-        if transaction.tick(heartbeat, self.recent_texts, view.now_ns):
-            out.vehicle_commands.append(transaction.order)
+    def _tick_transaction(self, transaction: CommandTransaction, view: SessionInput) -> None:
+        if transaction.tick(view.beat, self.recent_texts, view.now_ns):
+            self._out.vehicle_commands.append(transaction.order)
             if transaction.order.armed:
                 self._arm_request_ns = view.now_ns
 
@@ -632,41 +544,41 @@ class Session:
         if stage == SessionStage.EXTERNAL_MODE:
             self._engage_allowed = False
 
-    def _update_landed_time(self, view: SessionInput, heartbeat: Heartbeat) -> None:
-        stands = view.landed == MavLandedState.ON_GROUND and heartbeat.armed
+    def _update_landed_time(self, view: SessionInput) -> None:
+        stands = view.landed == MavLandedState.ON_GROUND and view.beat.armed
         self._landed_since_ns = (self._landed_since_ns or view.now_ns) if stands else None
 
     def _stays_on_ground(self, view: SessionInput) -> bool:
         since = self._landed_since_ns
         return since is not None and view.now_ns - since > _SELF_DISARM_NS
 
-    def _set_stream_and_faults(
-        self, view: SessionInput, heartbeat: Heartbeat, out: SessionOutput
-    ) -> None:
+    def _set_stream_and_faults(self, view: SessionInput) -> None:
         """Set which set point is sent, and the faults that are active."""
-        mode: Mode = heartbeat.mode
+        mode: Mode = view.beat.mode
         if self.stage == SessionStage.FLYING:
-            out.stream = SetpointSource.HOLD if view.phase in _GROUND else SetpointSource.SETPOINT
+            self._out.stream = (
+                SetpointSource.HOLD if view.phase in _GROUND else SetpointSource.SETPOINT
+            )
         elif self.stage == SessionStage.LANDING and mode == OFFBOARD:
-            out.stream = SetpointSource.SETPOINT
-        elif mode == OFFBOARD and heartbeat.armed:
-            out.stream = SetpointSource.HOLD
-        quiet = view.now_ns - heartbeat.arrival_ns > _QUIET_NS
-        if heartbeat.armed and (self._flight_lost or heartbeat.failsafe or quiet):
-            out.stream = SetpointSource.NONE
-        if heartbeat.armed and self._descends_level(view, heartbeat):
-            out.stream = SetpointSource.LEVEL_DESCENT
+            self._out.stream = SetpointSource.SETPOINT
+        elif mode == OFFBOARD and view.beat.armed:
+            self._out.stream = SetpointSource.HOLD
+        quiet = view.now_ns - view.beat.arrival_ns > _QUIET_NS
+        if view.beat.armed and (self._flight_lost or view.beat.failsafe or quiet):
+            self._out.stream = SetpointSource.NONE
+        if view.beat.armed and self._descends_level(view):
+            self._out.stream = SetpointSource.LEVEL_DESCENT
         if self._flight_lost:
-            out.faults["flight_lost"] = (
+            self._out.faults["flight_lost"] = (
                 f"{self.why}: PX4 lands, no set point is sent any more; nothing flies again"
                 " before /mission/takeoff"
             )
         if self.stage == SessionStage.EXTERNAL_MODE and view.phase not in _GROUND:
-            out.faults["mode_taken"] = (
+            self._out.faults["mode_taken"] = (
                 f"{self.why}; not fought: the stream holds the present position until px4/offboard"
             )
         if self.stage == SessionStage.GIVEN_UP:
-            out.faults["given_up"] = (
+            self._out.faults["given_up"] = (
                 f"{self.why}; not tried again before the mission has been on the ground,"
                 " or px4/offboard is called"
             )

@@ -21,6 +21,7 @@ from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
+from tombo_px4.bridge.flight_watch import FROZEN
 from tombo_px4.bridge.hand_rotation_check import CARRY_M, TURN_RAD, HandVerdict, MotionCheck
 from tombo_px4.bridge.pose_axes import AxesEvidence, explain_place, explain_up, up_in_pose_body
 from tombo_px4.bridge.vehicle_parameters import (
@@ -34,8 +35,6 @@ from tombo_px4.link.decoded_messages import EstimatorStatusFlags, ImuSample, Veh
 from tombo_px4.link.link_params import MOCAP
 from tombo_px4.link.timesync import TimeSync
 
-FROZEN = "pose_frozen"
-"""Finding: at rest it may be a simulation's; in flight nothing stands so still."""
 _WINDOW_NS = SECOND_NS
 _KEPT = 600
 _ENOUGH = 8

@@ -17,7 +17,7 @@ from tombo_dynamics.records import parameter_record
 from tombo_dynamics.rotation import tilt
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.bridge_params import POSITION, BridgeParams
-from tombo_px4.bridge.offboard_session import SetpointSource
+from tombo_px4.bridge.bridge_records import SetpointSource
 from tombo_px4.link import message_encoder
 from tombo_px4.link.decoded_messages import VehicleOdometry
 from tombo_px4.link.message_encoder import MessageTarget

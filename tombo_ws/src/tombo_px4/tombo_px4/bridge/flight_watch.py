@@ -1,5 +1,6 @@
-"""Do positions accelerate as the accelerometer says, turned by an attitude?
+"""What ends a flight: limits, poses that are lost or jump, and axes that are wrong.
 
+Axes are wrong where positions do not accelerate as the accelerometer says, turned by an attitude.
 The second difference of positions over a span is the acceleration, weighted by a triangle: no
 velocity is needed, and no integration drifts.
 """
@@ -8,13 +9,20 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.rotation import rotate_vector
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import GRAVITY
+from tombo_px4.bridge.bridge_params import BridgeParams
+from tombo_px4.bridge.setpoint_stream import FlightLimits
+from tombo_px4.bridge.vehicle_parameters import PreflightFinding
+from tombo_px4.link.decoded_messages import VehicleOdometry
 
 _GRID_S = 0.02
 _HALF = 8
@@ -40,6 +48,14 @@ _VELOCITY_NS = 150_000_000
 _LONGEST_STEP_S = 0.05
 _COHERENT = 0.6
 _WRONG, _RIGHT = math.radians(35.0), math.radians(20.0)
+FROZEN = "pose_frozen"
+"""Finding: at rest it may be a simulation's; in flight nothing stands so still."""
+_UNFIT = (FROZEN, "position_differs", "poses_refused", "not_fused", "no_position")
+"""Findings of the checks that end a flight."""
+_UNFIT_NS = 2 * SECOND_NS
+"""PX4 calls a vehicle airborne that still stands and spools up."""
+_JUMP_NS = SECOND_NS // 4
+"""Single poses with exchanged markers are left out; what stays away for longer has moved."""
 
 
 def accelerations_by_position(
@@ -280,3 +296,80 @@ class TakeoffWatch:
             )
         elif level.time_s > _CONFIRMS_S and along > _COHERENT and abs(turn) < _RIGHT:
             self.confirmed = True
+
+
+class FlightWatch:
+    """Tells why a flight must end.
+
+    Attributes:
+        takeoff: the motion since the arming against PX4's tilt.
+        pose_ns: when the last pose came that could be sent.
+        jump_ns: since when poses are elsewhere than PX4; None: they are not.
+    """
+
+    def __init__(self, params: BridgeParams, limits: FlightLimits) -> None:
+        self._params = params
+        self._limits = limits
+        self.takeoff = TakeoffWatch()
+        self.pose_ns = 0
+        self.jump_ns: int | None = None
+        self._unfit_ns: int | None = None
+        self._limit_ns: int | None = None
+        self._was_armed = False
+        self._beside_m = 0.0
+        """Horizontal distance from the set point at the arming [m]."""
+
+    def rest(self) -> None:
+        """Forget since when something is wrong: the vehicle does not fly."""
+        self._unfit_ns = self._limit_ns = None
+
+    def follow(self, armed: bool, takes_off: bool, beside_m: float) -> str:
+        """Compare the motion since the arming with PX4's tilt.
+
+        Args:
+            armed: the vehicle is.
+            takes_off: the mission says so.
+            beside_m: horizontal distance from the set point.
+
+        Returns:
+            what is wrong with the axes, when it is found; else "".
+        """
+        if armed != self._was_armed:
+            self._was_armed = armed
+            self.takeoff = TakeoffWatch()
+            if armed:
+                self.takeoff.begin()
+                self._beside_m = beside_m
+        known = bool(self.takeoff.mistake)
+        drifts = beside_m - self._beside_m > self._params.takeoff_drift_max
+        if armed and takes_off and drifts:
+            self.takeoff.drifts(beside_m)
+        mistake = self.takeoff.judge() if armed else ""
+        return "" if known else mistake
+
+    def must_land(
+        self, now_ns: int, odometry: VehicleOdometry | None, blocking: Sequence[PreflightFinding]
+    ) -> str:
+        """Return why the flight must end, "" if it may go on.
+
+        Args:
+            now_ns: the present.
+            odometry: PX4's last estimate.
+            blocking: findings with which the bridge would not arm.
+        """
+        if self.takeoff.mistake:
+            return self.takeoff.mistake
+        broken = "" if odometry is None else self._limits.broken(odometry)
+        self._limit_ns = (self._limit_ns or now_ns) if broken else None
+        limit_ns = self._limits.safety.limit_time * SECOND_NS
+        if self._limit_ns is not None and now_ns - self._limit_ns > limit_ns:
+            return broken
+        pose_s = (now_ns - self.pose_ns) * 1e-9
+        if pose_s > self._params.pose_loss_time:
+            refused = next((f.text for f in blocking if f.key.startswith("pose_")), "")
+            return refused or f"no mocap pose for {pose_s:.1f} s"
+        if self.jump_ns is not None and now_ns - self.jump_ns > _JUMP_NS:
+            return PoseRefusal.JUMP.text
+        unfit = next((f.text for f in blocking if f.key in _UNFIT), "")
+        self._unfit_ns = (self._unfit_ns or now_ns) if unfit else None
+        return unfit if self._unfit_ns and now_ns - self._unfit_ns > _UNFIT_NS else ""

@@ -1,0 +1,81 @@
+"""Rates of the messages that PX4 sends: counted, asked for, and told where they are too low."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mav
+
+from tombo_dynamics.time_base import SECOND_NS
+from tombo_px4.bridge.bridge_params import BridgeParams
+from tombo_px4.link.message_encoder import MessageTarget, message_interval
+
+_WINDOW_NS = 2 * SECOND_NS
+_TOO_SLOW, _MOST_REQUESTS = 0.6, 5
+_SLOW_SHARE = 0.4
+"""Less than this share of the rate asked for is a fault."""
+_STATE_HZ, _BATTERY_HZ, _ESTIMATOR_HZ = 10.0, 2.0, 5.0
+
+
+class MessageRates:
+    """Counts arrivals within the last two seconds, and asks for what comes too seldom."""
+
+    def __init__(self, params: BridgeParams, target: MessageTarget) -> None:
+        self._target = target
+        self._wanted = {
+            "ODOMETRY": params.odometry_rate,
+            "HIGHRES_IMU": params.imu_rate,
+            "EXTENDED_SYS_STATE": _STATE_HZ,
+            "BATTERY_STATUS": _BATTERY_HZ,
+            "ESTIMATOR_STATUS": _ESTIMATOR_HZ,
+        }
+        self._times: dict[str, deque[int]] = {}
+        self._requests: Counter[str] = Counter()
+
+    def count(self, name: str, time_ns: int) -> None:
+        """Count a message."""
+        times = self._times.setdefault(name, deque(maxlen=1000))
+        times.append(time_ns)
+
+    def rate_hz(self, name: str, now_ns: int) -> float:
+        """Return how often a message came per second, lately."""
+        times = self._times.get(name)
+        if not times:
+            return 0.0
+        while times and now_ns - times[0] > _WINDOW_NS:
+            times.popleft()
+        return len(times) / (_WINDOW_NS * 1e-9)
+
+    def rates(self, now_ns: int) -> dict[str, float]:
+        """Return all rates [Hz]."""
+        return {name: self.rate_hz(name, now_ns) for name in sorted(self._times)}
+
+    def clear(self) -> None:
+        """Forget all arrivals."""
+        self._times.clear()
+
+    def requests(self, now_ns: int, begun: bool) -> list[Any]:
+        """Return messages that ask for what comes too seldom; `begun`: for everything."""
+        messages = []
+        if begun:
+            self._requests.clear()
+        for name, rate in self._wanted.items():
+            slow = self.rate_hz(name, now_ns) < _TOO_SLOW * rate
+            if begun or (slow and self._requests[name] < _MOST_REQUESTS):
+                self._requests[name] += 1
+                number = getattr(mav, f"MAVLINK_MSG_ID_{name}")
+                messages.append(message_interval(self._target, number, rate))
+        return messages
+
+    def faults(self, now_ns: int) -> dict[str, str]:
+        """Return key -> fault of the messages that are vital and come far too seldom."""
+        faults = {}
+        for name in ("ODOMETRY", "HIGHRES_IMU"):
+            rate, wanted = self.rate_hz(name, now_ns), self._wanted[name]
+            if 0.0 < rate < _SLOW_SHARE * wanted:
+                faults[f"slow.{name}"] = (
+                    f"{name} comes at {rate:.0f} Hz, {wanted:.0f} Hz were asked for: raise the"
+                    " rate of PX4's link (MAV_0_RATE, baud), or ask for less"
+                )
+        return faults
