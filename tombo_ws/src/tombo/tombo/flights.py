@@ -110,11 +110,10 @@ class FlightTables:
         Raises:
             InputError: the file is there and may not be replaced, or can't be written.
         """
-        from tombo_flight.report.flight_plot import draw_flight, figure_bytes
         from tombo_flight.report.flight_report import write_report
 
         with new_file(path, replace=replace) as unfinished:
-            write_report(self.record, unfinished, figure_bytes(draw_flight(self.record)))
+            write_report(self.record, unfinished)
         return Path(path)
 
     def to_mcap(self, path: str | Path, *, replace: bool = False) -> Path:

@@ -19,6 +19,7 @@ from tombo_flight.version import tombo_version
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight
     from tombo_flight.process.output_folder import OutputFolder
+    from tombo_flight.report.page import Page
 
 WALL_KEYS = ("wall_time_s", "real_time_factor")
 """What differs between two flights of the same scenario and seed; all other bytes agree."""
@@ -46,6 +47,26 @@ class FlightResult:
             return None
         total = float(self.summary["wall_time_s"]) + self.recording_s
         return float(self.summary["duration_s"]) / total if total > 0.0 else None
+
+    @property
+    def page(self) -> Page:
+        """The result for a terminal, with how fast it was flown."""
+        from tombo_flight.report.flight_report import flight_page
+
+        summary = self.summary
+        line = f"Flown in {summary['wall_time_s']:.3f} s"
+        if (factor := summary["real_time_factor"]) is not None:
+            line += f", {factor:.{0 if factor >= 10 else 2}f} times real time"
+        factor = self.real_time_factor_with_recording
+        if factor is not None and self.recording_s is not None:
+            line += (
+                f"; {summary['recorded_messages']} messages recorded in {self.recording_s:.3f} s, "
+                f"together {factor:.0f} times"
+            )
+        cut = f"Interrupted after {summary['duration_s']:.3f} s of flight."
+        remarks = [cut] if summary["interrupted"] else []
+        page = flight_page(self.record, self.beside, remarks=[*remarks, f"{line}."])
+        return dataclasses.replace(page, data=summary)
 
 
 def warm_up_flight(scenario: Scenario) -> None:
@@ -183,15 +204,15 @@ def draw_pictures(
             on_progress("drawing flight.png", 0.0)
             from tombo_flight.report.flight_plot import draw_column, draw_flight, figure_bytes
 
-            png = figure_bytes(draw_flight(flight, beside))
-            pictures[0].write_bytes(png)
+            figure = draw_flight(flight, beside)
+            pictures[0].write_bytes(figure_bytes(figure))
             if column is not None:
                 pictures.append(folder / f"flight_column.{column}")
                 pictures[-1].write_bytes(figure_bytes(draw_column(flight, beside), column))
             on_progress("writing report.html", 0.0)
             from tombo_flight.report.flight_report import write_report
 
-            write_report(flight, pictures[1], png, beside)
+            write_report(flight, pictures[1], figure, beside)
     except Stopped:
         for path in pictures:
             path.unlink(missing_ok=True)

@@ -102,9 +102,11 @@ def test_the_table_shows_the_papers_figures_and_where_the_files_are(tombo):
 
     assert result.code == 0
     text = re.sub(r"\s+", " ", result.out)
-    assert "Recovery time 5.00 s" in text
-    assert "Unstable phase 1.50 s" in text
-    assert "Largest falling distance 0.50 m" in text
+    for name, printed in (
+        *(("Recovery time", "5.0 s"), ("Unstable phase", "1.5 s")),
+        ("Largest falling distance", "0.5 m"),
+    ):
+        assert re.search(rf"{name} [\d.]+ m?s? paper {printed}", text)
     assert "runs/paper_collision-0: flight.png, report.html, scenario.yaml, summary.json" in text
 
 
@@ -119,7 +121,7 @@ def test_options_reach_the_flight(tombo, tmp_path):
     label = "paper_collision-0-reaction_none-duration_2.0-conf_9-law_published-mass_0.9"
     assert folder.name.startswith(label)
     report = (folder / "report.html").read_text()
-    assert "<th scope='row'>vehicle.mass</th><td>0.9</td>" in report
+    assert re.search(r'<th scope="row">vehicle.mass</th>\s*<td>0.9</td>', report)
 
 
 def test_a_crash_is_a_result_and_no_failure(tombo):

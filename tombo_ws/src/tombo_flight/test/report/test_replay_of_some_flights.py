@@ -8,7 +8,8 @@ import subprocess
 
 import pytest
 
-from tombo_flight.report.flight_report import replay_scripts, replay_stage
+from tombo_flight.report.flight_report import replay_scripts
+from tombo_flight.report.html import asset
 
 NODE = shutil.which("node")
 WINDOW = """
@@ -62,7 +63,7 @@ console.log(JSON.stringify(found));
 def test_the_flight_that_is_asked_for_is_shown_and_the_one_before_has_left(make_flight, tmp_path):
     records = [make_flight(), make_flight(crash=True, end_s=30.0)]
     page, probe = tmp_path / "page.html", tmp_path / "probe.js"
-    page.write_text(replay_stage() + replay_scripts(records), encoding="utf-8")
+    page.write_text(asset("stage.html") + replay_scripts(records), encoding="utf-8")
     probe.write_text(WINDOW, encoding="utf-8")
     done = subprocess.run([NODE, probe, page], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr

@@ -108,7 +108,7 @@ def test_a_sweep_goes_on_where_it_was_stopped_and_flies_nothing_twice(
     with (tmp_path / "s" / "parts" / "000002.jsonl").open("a") as journal:
         journal.write('\n["sweep", 17, {"po')  # torn when the process was killed
     with open_store(tmp_path / "s", study()) as store:
-        assert fly_sweep(store, workers=1) == "0 of 18 crashed"
+        assert fly_sweep(store, workers=1).data["outcome"] == "0 of 18 crashed"
 
     assert sorted(flights) == list(range(18))
     table = pq.read_table(tmp_path / "s" / "flights.parquet").drop_columns(list(WALL_COLUMNS))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -28,9 +28,21 @@ from tombo_flight.arena.study import (
 from tombo_flight.flight import fly_scenario
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
-from tombo_flight.report.flight_plot import figure_bytes
-from tombo_flight.report.flight_report import replay_scripts, replay_stage
-from tombo_flight.report.html_page import Card, Page, hint, page_html, pictures, sentences, table
+from tombo_flight.report.flight_report import replay_scripts
+from tombo_flight.report.html import asset
+from tombo_flight.report.page import (
+    Card,
+    Cell,
+    Folded,
+    Item,
+    Markup,
+    Page,
+    Picture,
+    Section,
+    Table,
+    Text,
+)
+from tombo_flight.report.page import Row as TableRow
 
 _CSS: Final = """
 header, main, footer { max-width: 1400px; }
@@ -38,24 +50,27 @@ header, main, footer { max-width: 1400px; }
 .arena thead th { vertical-align: bottom; padding: 0.22rem 0.7rem 0.22rem 0; }
 .arena td, .arena tbody th { padding: 0.22rem 0.7rem 0.22rem 0; }
 .arena td:first-of-type, .arena tbody th { white-space: nowrap; }
-.arena tbody th { vertical-align: top; }
-.arena .first > * { border-top: 1.5px solid var(--muted); }
-.arena tr:not(.last) > td { border-bottom: 0; }
-.arena .lost { color: var(--bad); font-weight: 600; }
+.arena .group th { color: var(--muted); font-weight: 650; padding-top: 0.6rem; }
+.arena .bad { color: var(--bad); font-weight: 600; }
 .replays td { vertical-align: middle; } .replays code { font-size: 0.82em; user-select: all; }
 .stage .view .key { display: none; }
 """
+_SHORT: Final = (0, 1, 3, 5)
+"""Columns for which a terminal has room, of ranges the median: the page has all."""
+_FEW: Final = len(_SHORT)
 _FOOTER: Final = (
     "Ground truth of simulated flights. Cells of the maps fly a third of the seeds. The same "
     "figures in arena.json, each flight in flights.jsonl; the maps' exact numbers stand there too."
 )
 _MAPS: Final = (
     (
+        "Speed and lateral offset",
         *(SPEED_OFFSET, "approach speed [m/s]", "y of the pillar's axis [m]"),
         "Crash rate over approach speed and lateral place of the pillar, in percent; the paper's "
         "pillar stands at y = 0.27 m and is flown at 0.7 m/s. At y = 0 both front discs touch",
     ),
     (
+        "Angle of approach and radius",
         *(ANGLE_RADIUS, "angle from the nose to the course [°]", "radius of the obstacle [m]"),
         "Crash rate over angle of approach and radius, in percent. The disc that is foremost "
         "touches, at the paper's point and in the paper's direction off the course",
@@ -63,8 +78,8 @@ _MAPS: Final = (
 )
 
 
-def arena_html(results: Mapping[str, Any], plan: Plan, kept: Mapping[str, Row]) -> str:
-    """Return the page as text; it loads nothing from anywhere.
+def arena_page(results: Mapping[str, Any], plan: Plan, kept: Mapping[str, Row]) -> Page:
+    """Return the page of an arena.
 
     Args:
         results: of `arena_results`.
@@ -75,33 +90,28 @@ def arena_html(results: Mapping[str, Any], plan: Plan, kept: Mapping[str, Row]) 
         InputError: as `fly_scenario`.
     """
     shown = results["shown"]
-    records = [_again(plan, one) for one in shown]
-    return page_html(
-        Page(
-            title=f"Tombo arena: {', '.join(results['reactions'])}",
-            eyebrow="Tombo arena",
-            headline=headline(results),
-            summary=_summary(results),
-            cards=[_card(name, results["collisions"][name]) for name in results["reactions"]],
-            sections=(
-                ("Figures", _figures(results, (COLLISIONS, FREE))),
-                ("Fall and recovery", _histograms(results, plan, kept)),
-                *(
-                    (title, _map(results, *of))
-                    for title, of in zip(_MAP_TITLES, _MAPS, strict=True)
-                ),
-                ("Configurations 1 to 13", _configurations(results)),
-                ("Typical and worst flight of each reaction", _replays(shown)),
-                ("Not flown", sentences(f"{k}: {v}" for k, v in results["refused"].items())),
-            ),
-            footer=_FOOTER,
-            css=_CSS,
-            scripts=replay_scripts(records) if records else "",
-        )
+    records = [_again(plan, flight) for flight in shown]
+    columns = range(len(HEAD))
+    return Page(
+        title=f"Tombo arena: {', '.join(results['reactions'])}",
+        eyebrow="Tombo arena",
+        headline=headline(results),
+        summary=_summary(results),
+        cards=[_card(name, results["collisions"][name]) for name in results["reactions"]],
+        sections=[
+            Section("Figures", _figures(results, (COLLISIONS, FREE), columns), "page"),
+            Section("Figures", _figures(results, (COLLISIONS, FREE), _SHORT), "terminal"),
+            Section("Fall and recovery", _histograms(results, plan, kept)),
+            *(Section(title, _map(results, *of)) for title, *of in _MAPS),
+            Section("Configurations 1 to 13", _configurations(results), "page"),
+            Section("Typical and worst flight of each reaction", _replays(shown), "page"),
+            Section("Not flown", _refused(results["refused"])),
+        ],
+        data=results,
+        footer=_FOOTER,
+        css=_CSS,
+        scripts=replay_scripts(records) if records else "",
     )
-
-
-_MAP_TITLES: Final = ("Speed and lateral offset", "Angle of approach and radius")
 
 
 def headline(results: Mapping[str, Any]) -> str:
@@ -135,71 +145,81 @@ def _card(name: str, pooled: Mapping[str, Any]) -> Card:
     )
 
 
-def _figures(results: Mapping[str, Any], groups: Sequence[str]) -> str:
+def _figures(
+    results: Mapping[str, Any], groups: Sequence[str], columns: Sequence[int]
+) -> list[Item]:
+    """Return the table of some groups of cases with some columns of `HEAD`."""
     lines = []
     for case, rows in table_rows(results, groups):
-        for i, row in enumerate(rows):
-            place = "first" if i == 0 else ""
-            place += " last" if i == len(rows) - 1 else ""
-            name = (
-                f'<th scope="rowgroup" rowspan="{len(rows)}">{escape(case)}</th>' if i == 0 else ""
-            )
-            lost = "" if row[1].startswith("0 ") else ' class="lost"'
-            cells = "".join(
-                f"<td{lost if n == 1 else ''}>{escape(text)}</td>" for n, text in enumerate(row)
-            )
-            lines.append(f'<tr class="{place.strip()}">{name}{cells}</tr>')
-    return table(("case", *HEAD), lines, "arena") + hint(MEANING) if lines else ""
+        lines.append(TableRow([case], "group"))
+        for row in rows:
+            cells = [Cell(row[n] if len(columns) > _FEW else _middle(row[n])) for n in columns]
+            cells[1] = Cell(row[1], "" if row[1].startswith("0 ") else "bad")
+            lines.append(TableRow(cells))
+    if not lines:
+        return []
+    return [Table([HEAD[n] for n in columns], lines, "arena", note=MEANING)]
 
 
-def _histograms(results: Mapping[str, Any], plan: Plan, kept: Mapping[str, Row]) -> str:
+def _middle(text: str) -> str:
+    """Return the median of a cell without its range."""
+    return text.split(" (")[0]
+
+
+def _histograms(results: Mapping[str, Any], plan: Plan, kept: Mapping[str, Row]) -> list[Picture]:
     flights: dict[str, list[Row]] = {name: [] for name in results["reactions"]}
     for match, rows in plan.rows(kept).items():
         if match.case.group == COLLISIONS:
             flights[match.reaction] += rows
     if not any(flights.values()):
-        return ""
+        return []
     caption = "All flights of the collisions in the table; the line is the median, crashed in red"
-    return pictures([(figure_bytes(draw_histograms(flights)), "", caption)])
+    return [Picture(partial(draw_histograms, flights), caption)]
 
 
-def _map(results: Mapping[str, Any], group: str, x: str, y: str, caption: str) -> str:
-    if not any(r["group"] == group for r in results["results"]):
-        return ""
-    return pictures([(figure_bytes(draw_map(results, group, x, y)), "", caption)])
+def _has(results: Mapping[str, Any], group: str) -> bool:
+    return any(result["group"] == group for result in results["results"])
 
 
-def _configurations(results: Mapping[str, Any]) -> str:
-    if not any(r["group"] == CONFIGURATIONS for r in results["results"]):
-        return ""
+def _map(results: Mapping[str, Any], group: str, x: str, y: str, caption: str) -> list[Picture]:
+    if not _has(results, group):
+        return []
+    return [Picture(partial(draw_map, results, group, x, y), caption)]
+
+
+def _configurations(results: Mapping[str, Any]) -> list[Item]:
+    if not _has(results, CONFIGURATIONS):
+        return []
     caption = "The paper's collision with each configuration of its Table I"
-    drawn = pictures([(figure_bytes(draw_configurations(results)), "", caption)])
-    figures = _figures(results, (CONFIGURATIONS,))
-    return f"{drawn}<details><summary>In figures</summary>{figures}</details>"
+    figures = _figures(results, (CONFIGURATIONS,), range(len(HEAD)))
+    return [Picture(partial(draw_configurations, results), caption), Folded("In figures", figures)]
 
 
-def _replays(shown: Sequence[Mapping[str, Any]]) -> str:
+def _refused(reasons: Mapping[str, str]) -> list[Text]:
+    lines = [f"{case}: {reason}" for case, reason in reasons.items()]
+    return [Text(lines, "list")] if lines else []
+
+
+def _replays(shown: Sequence[Mapping[str, Any]]) -> list[Item]:
     if not shown:
-        return ""
+        return []
     lines = []
-    for number, one in enumerate(shown):
-        fate = "crashed" if one["crashed"] else "did not crash"
-        words = (
-            *(one["reaction"], one["kind"], one["case"], fate),
-            f"{one['max_falling_distance_m']:.2f}",
-            "–" if one["recovery_time_s"] is None else f"{one['recovery_time_s']:.2f}",
-        )
-        cells = "".join(f"<td>{escape(str(word))}</td>" for word in words)
-        lines.append(
-            f'<tr><td><button data-flight="{number}">Show</button></td>{cells}'
-            f"<td><code>{escape(one['command'])}</code></td></tr>"
-        )
+    for number, flight in enumerate(shown):
+        recovery_s = flight["recovery_time_s"]
+        lines.append((
+            Cell("", html=f'<button data-flight="{number}">Show</button>'),
+            *(flight["reaction"], flight["kind"], flight["case"]),
+            "crashed" if flight["crashed"] else "did not crash",
+            f"{flight['max_falling_distance_m']:.2f}",
+            "–" if recovery_s is None else f"{recovery_s:.2f}",
+            Cell(flight["command"], code=True),
+        ))  # fmt: skip
     head = ("", "reaction", "flight", "case", "", "fall [m]", "recovery [s]", "flies it again")
-    meaning = hint(
+    meaning = (
         "Of the collisions in the table: typical has the median fall, worst is a crash if there "
         "is one, and of these the one that falls farthest."
     )
-    return table(head, lines, "replays") + meaning + replay_stage()
+    return [Table(head, lines, "replays", note=meaning), Markup(asset("stage.html"))]
 
 
 def _again(plan: Plan, one: Mapping[str, Any]) -> Flight:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Final
 
@@ -32,11 +33,15 @@ def write_page(path: Path, page: Page) -> None:
     unfinished.replace(path)
 
 
+def asset(name: str) -> str:
+    """Return the text of a file beside the template."""
+    return (resources.files(__package__) / "assets" / name).read_text(encoding="utf-8")
+
+
 @cache
 def _environment() -> Environment:
-    loader = PackageLoader("tombo_flight", "report/assets")
     made = Environment(
-        loader=loader,
+        loader=PackageLoader("tombo_flight", "report/assets"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -47,7 +52,7 @@ def _environment() -> Environment:
     made.filters["cell"] = _cell
     made.filters["percent"] = _percent
     made.filters["svg"] = lambda figure, name: SafeText(inline_svg(figure, name))
-    made.globals["asset"] = lambda name: SafeText(loader.get_source(made, name)[0])
+    made.globals["asset"] = lambda name: SafeText(asset(name))
     return made
 
 

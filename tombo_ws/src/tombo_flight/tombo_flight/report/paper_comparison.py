@@ -51,7 +51,7 @@ _DEFINITIONS: Final = {
 
 
 @dataclass(frozen=True)
-class Row:
+class FigureRow:
     """One figure: what the paper prints and what this flight did; None where there is none.
 
     `paper_text` and `flight_text` stand for figures that are not one number.
@@ -82,7 +82,7 @@ def is_paper_flight(scenario: Mapping[str, Any]) -> bool:
     return scenario.get("name") in PAPER_SCENARIOS and not course
 
 
-def comparison_rows(milestones: FlightMilestones, flight: Flight) -> list[Row]:
+def comparison_rows(milestones: FlightMilestones, flight: Flight) -> list[FigureRow]:
     """Return the rows of the table, in its order; the paper's figures for its experiment alone."""
     rows = _rows(milestones, flight.summary)
     if is_paper_flight(flight.scenario):
@@ -90,7 +90,7 @@ def comparison_rows(milestones: FlightMilestones, flight: Flight) -> list[Row]:
     return [replace(row, paper=None, paper_text=row.paper_text and _NONE) for row in rows]
 
 
-def _rows(milestones: FlightMilestones, summary: Mapping[str, Any]) -> list[Row]:
+def _rows(milestones: FlightMilestones, summary: Mapping[str, Any]) -> list[FigureRow]:
     known_s = number(summary, "contact_known_s")
     latency_s = number(summary, "detection_latency_s") if known_s is None else known_s
     tilt_rad = number(summary, "max_tilt_rad")
@@ -104,20 +104,22 @@ def _rows(milestones: FlightMilestones, summary: Mapping[str, Any]) -> list[Row]
     tilt_deg = None if tilt_rad is None else math.degrees(tilt_rad)
     return [
         _words("Outcome", expected, milestones.verdict.value),
-        Row("Time of the collision", "s", paper.COLLISION_TIME_S, milestones.contact_s),
-        Row("Unstable phase", "s", paper.UNSTABLE_PHASE_S, milestones.unstable_phase_s),
-        Row("Recovery phase", "s", paper.RECOVERY_PHASE_S, milestones.recovery_phase_s),
-        Row("Recovery time", "s", paper.MEAN_RECOVERY_TIME_S, milestones.recovery_time_s),
-        Row(
+        FigureRow("Time of the collision", "s", paper.COLLISION_TIME_S, milestones.contact_s),
+        FigureRow("Unstable phase", "s", paper.UNSTABLE_PHASE_S, milestones.unstable_phase_s),
+        FigureRow("Recovery phase", "s", paper.RECOVERY_PHASE_S, milestones.recovery_phase_s),
+        FigureRow("Recovery time", "s", paper.MEAN_RECOVERY_TIME_S, milestones.recovery_time_s),
+        FigureRow(
             "Largest falling distance", "m", paper.MEAN_MAX_FALLING_DISTANCE_M, falling_distance_m
         ),
-        Row("Falling rate", "m/s", paper.OBSERVED_FALLING_RATE_M_S, milestones.falling_rate_m_s),
-        Row("Distance from x_c to x_r", "m", paper.BOUNCE_DISTANCE_M, bounce_m, 3),
+        FigureRow(
+            "Falling rate", "m/s", paper.OBSERVED_FALLING_RATE_M_S, milestones.falling_rate_m_s
+        ),
+        FigureRow("Distance from x_c to x_r", "m", paper.BOUNCE_DISTANCE_M, bounce_m, 3),
         _words("x_c, point of collision", _place(paper.COLLISION_POINT_M), _place(x_c)),
         _words("x_r, equilibrium point", _place(paper.EQUILIBRIUM_POINT_M), _place(x_r)),
-        Row("Detection latency", "ms", None, latency_ms, 0),
-        Row("Largest tilt", "°", None, tilt_deg, 1),
-        Row("Settled error", "m", None, settled_m, 3),
+        FigureRow("Detection latency", "ms", None, latency_ms, 0),
+        FigureRow("Largest tilt", "°", None, tilt_deg, 1),
+        FigureRow("Settled error", "m", None, settled_m, 3),
     ]
 
 
@@ -126,8 +128,8 @@ def fixed(value: float, digits: int) -> str:
     return f"{value:.{digits}f}".replace("-", "−")
 
 
-def _words(name: str, paper_text: str, flight_text: str) -> Row:
-    return Row(name, "", None, None, paper_text=paper_text, flight_text=flight_text)
+def _words(name: str, paper_text: str, flight_text: str) -> FigureRow:
+    return FigureRow(name, "", None, None, paper_text=paper_text, flight_text=flight_text)
 
 
 def _place(value: tuple[float, float, float] | None) -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from html import escape
-from itertools import combinations, pairwise
+from functools import partial
+from itertools import combinations, islice, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,11 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tombo_dynamics.arrays import Array
-from tombo_flight.campaign.campaign_plot import PANELS, draw_histogram
+from tombo_flight.campaign.page import PANELS, draw_histogram
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
-from tombo_flight.report.flight_plot import figure_bytes
-from tombo_flight.report.html_page import Card, Page, page_html, pictures, table
+from tombo_flight.report.page import Card, Cell, Item, Page, Picture, Section, Table, Text
 from tombo_flight.sweep.study import Axis, Sweep
 
 if TYPE_CHECKING:
@@ -39,7 +38,7 @@ Columns = Mapping[str, Array]
 """Name → (N,) floats, NaN for null."""
 
 
-class Scale:
+class AxisCells:
     """The cells of an axis: its levels, or bins of equal width."""
 
     def __init__(self, axis: Axis, values: Array) -> None:
@@ -61,17 +60,18 @@ class Scale:
         self.labels = [f"{centre:.3g}" for centre in self.centres]
 
 
-def draw_dependence(axes: Sequence[Axis], columns: Columns) -> list[tuple[Figure, str]]:
-    """Draw maps over each pair of axes, or curves over the only one; with a caption each."""
-    scales = [Scale(axis, columns[axis.key]) for axis in axes]
-    if not scales:
-        return []
+def dependence_pictures(axes: Sequence[Axis], columns: Columns) -> list[Picture]:
+    """Return maps over each pair of axes, or curves over the only one."""
+    scales = [AxisCells(axis, columns[axis.key]) for axis in axes]
     if len(scales) == 1:
-        return [(_curves(scales[0], columns), f"Over {scales[0].key}; band: 5 to 95 %")]
-    pairs = list(combinations(scales, 2))[:_MOST_MAPS]
+        words = f"Over {scales[0].key}; band: 5 to 95 %"
+        return [Picture(partial(_curves, scales[0], columns), words)]
     return [
-        (_maps(across, up, columns), f"Over {across.key} and {up.key}, all else together")
-        for up, across in pairs
+        Picture(
+            partial(_maps, across, up, columns),
+            f"Over {across.key} and {up.key}, all else together",
+        )
+        for up, across in islice(combinations(scales, 2), _MOST_MAPS)
     ]
 
 
@@ -84,7 +84,7 @@ def draw_distributions(columns: Columns) -> Figure:
     return figure
 
 
-def _curves(scale: Scale, columns: Columns) -> Figure:
+def _curves(scale: AxisCells, columns: Columns) -> Figure:
     with new_figure(12.0, 3.6, 110, layout="constrained") as figure:
         for axes, (key, label, kind) in zip(figure.subplots(1, 3), _SHOWN, strict=True):
             factor = 100.0 if kind == "mean" else 1.0
@@ -101,7 +101,7 @@ def _curves(scale: Scale, columns: Columns) -> Figure:
     return figure
 
 
-def _maps(across: Scale, up: Scale, columns: Columns) -> Figure:
+def _maps(across: AxisCells, up: AxisCells, columns: Columns) -> Figure:
     with new_figure(12.0, 4.2, 110, layout="constrained") as figure:
         for axes, (key, label, kind) in zip(figure.subplots(1, 3), _SHOWN, strict=True):
             _map(figure, axes, across, up, columns[key], label, kind)
@@ -109,7 +109,13 @@ def _maps(across: Scale, up: Scale, columns: Columns) -> Figure:
 
 
 def _map(
-    figure: Figure, axes: Axes, across: Scale, up: Scale, values: Array, label: str, kind: str
+    figure: Figure,
+    axes: Axes,
+    across: AxisCells,
+    up: AxisCells,
+    values: Array,
+    label: str,
+    kind: str,
 ) -> None:
     shape = (len(up.labels), len(across.labels))
     cells = np.full(shape, np.nan)
@@ -149,26 +155,22 @@ MOST_FAILURES = 200
 _NEEDED = ("crashed", "collided", "landed", *(key for key, _, _ in PANELS))
 
 
-def write_page(path: Path, table_file: Path, sweep: Sweep) -> str:
-    """Write the page of a sweep's table, and return the outcome in one line."""
+def sweep_page(table_file: Path, sweep: Sweep) -> Page:
+    """Return the page of a sweep's table."""
     import pyarrow.parquet as pq
 
     keys = [axis.key for axis in sweep.design.axes]
     names = dict.fromkeys(("flight", *keys, *_NEEDED, "error"))
     read = pq.read_table(table_file, columns=list(names))
     columns = {name: _numbers(read, name, sweep) for name in names if name != "error"}
-    errors = np.array(read.column("error").is_valid())
-    outcome = outcome_line(columns, errors)
-    text = page_html(_page(sweep, columns, errors, outcome, read))
-    path.write_text(text, encoding="utf-8", newline="\n")
-    return outcome
+    return _page(sweep, columns, read.column("error"))
 
 
-def outcome_line(columns: Columns, errors: Array) -> str:
+def _outcome(columns: Columns, errors: pa.ChunkedArray) -> str:
     """Return how the flights of a sweep ended, in one line."""
-    flights, crashed = errors.size, int(np.nansum(columns["crashed"]))
-    line = f"{crashed} of {flights} crashed"
-    return f"{line}, {int(errors.sum())} not flown" if errors.any() else line
+    line = f"{int(np.nansum(columns['crashed']))} of {len(errors)} crashed"
+    not_flown = len(errors) - errors.null_count
+    return f"{line}, {not_flown} not flown" if not_flown else line
 
 
 def _numbers(read: pa.Table, name: str, sweep: Sweep) -> Array:
@@ -183,10 +185,10 @@ def _numbers(read: pa.Table, name: str, sweep: Sweep) -> Array:
     return found
 
 
-def _page(sweep: Sweep, columns: Columns, errors: Array, outcome: str, read: Any) -> Page:
+def _page(sweep: Sweep, columns: Columns, errors: pa.ChunkedArray) -> Page:
     seeds = sweep.seeds[1] - sweep.seeds[0]
     kinds = {"full": "full factorial", "lhs": "Latin hypercube", "sobol": "Sobol sequence"}
-    flights = errors.size
+    flights, outcome = len(errors), _outcome(columns, errors)
     crashed, collided = (int(np.nansum(columns[name])) for name in ("crashed", "collided"))
     recovered = int(np.isfinite(columns["recovery_time_s"]).sum())
     cards = [
@@ -202,8 +204,7 @@ def _page(sweep: Sweep, columns: Columns, errors: Array, outcome: str, read: Any
         if there.size:
             low, median, high = np.percentile(there, (5.0, 50.0, 95.0))
             cards.append(Card(name, f"{median:.2f}", unit, f"5 to 95 %: {low:.2f} to {high:.2f}"))
-    maps = [(figure_bytes(f), "", text) for f, text in draw_dependence(sweep.design.axes, columns)]
-    spread = [(figure_bytes(draw_distributions(columns)), "", "All flights; line: median")]
+    spread = Picture(partial(draw_distributions, columns), "All flights; line: median")
     return Page(
         title=f"Sweep of {sweep.label}",
         eyebrow="Sweep",
@@ -215,26 +216,29 @@ def _page(sweep: Sweep, columns: Columns, errors: Array, outcome: str, read: Any
         ),
         cards=cards,
         sections=[
-            ("How it depends on what was varied", pictures(maps)),
-            ("Distributions", pictures(spread)),
-            ("Failures, and how to fly them again", _failures(sweep, columns, errors, read)),
+            Section(
+                "How it depends on what was varied",
+                dependence_pictures(sweep.design.axes, columns),
+            ),
+            Section("Distributions", [spread]),
+            Section(
+                "Failures, and how to fly them again", _failures(sweep, columns, errors), "page"
+            ),
         ],
+        data={"flights": flights, "outcome": outcome},
         footer=f"tombo {sweep.tombo_version}; all figures of all flights: flights.parquet",
     )
 
 
-def _failures(sweep: Sweep, columns: Columns, errors: Array, read: Any) -> str:
-    failed = np.flatnonzero(np.logical_or(columns["crashed"] > 0.0, errors))
+def _failures(sweep: Sweep, columns: Columns, errors: pa.ChunkedArray) -> list[Item]:
+    failed = np.flatnonzero((columns["crashed"] > 0.0) | np.array(errors.is_valid()))
     if not failed.size:
-        return "<p>None.</p>"
-    lines = []
-    for row in failed[:MOST_FAILURES]:
+        return [Text(["None."])]
+    rows = []
+    for row in failed[:MOST_FAILURES].tolist():
         flight = int(columns["flight"][row])
-        why = str(read.column("error")[int(row)].as_py()) if errors[row] else "crashed"
-        cells = (str(flight), why)
-        command = f"<td><code>{escape(sweep.command(flight))}</code></td>"
-        cell = "".join(f"<td>{escape(text)}</td>" for text in cells)
-        lines.append(f"<tr>{cell}{command}</tr>")
-    more = failed.size - len(lines)
-    rest = f"<p>And {more} more in the table.</p>" if more > 0 else ""
-    return table(("flight", "outcome", "command"), lines) + rest
+        why = errors[row].as_py() or "crashed"
+        rows.append((str(flight), why, Cell(sweep.command(flight), code=True)))
+    more = failed.size - len(rows)
+    note = f"And {more} more in the table." if more > 0 else ""
+    return [Table(("flight", "outcome", "command"), rows, note=note)]

@@ -18,7 +18,10 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.flight_output import warm_up_flight
 from tombo_flight.process.study import Progress, Row, Task, fly_tasks, pace
 from tombo_flight.process.study_folder import Journal, open_study, write_head
-from tombo_flight.sweep.study import Sweep
+from tombo_flight.report.html import write_page
+from tombo_flight.report.page import Page
+from tombo_flight.sweep.page import sweep_page
+from tombo_flight.sweep.study import Sweep, schema_of, table_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -102,8 +105,6 @@ class Store:
         """Put a whole block into its part, which takes the place of its lines."""
         import pyarrow.parquet as pq
 
-        from tombo_flight.sweep.study import table_of
-
         block = self._open.pop(number)
         rows = [block[flight] for flight in sorted(block)]
         unfinished = self._parts / f".{number:06d}.unfinished"
@@ -112,8 +113,6 @@ class Store:
         self._journal(number).unlink()
 
     def _schema(self) -> pa.Schema:
-        from tombo_flight.sweep.study import schema_of
-
         return schema_of(self.sweep.design, self.sweep.as_mapping())
 
     def _block(self, number: int) -> Journal:
@@ -157,11 +156,6 @@ def open_store(folder: Path, sweep: Sweep, *, numbered: bool = False) -> Iterato
         yield store
 
 
-def write_outcome(folder: Path, sweep: Sweep, outcome: str) -> None:
-    """Write the study and how it stands into the folder, whole or not at all."""
-    write_head(folder, STUDY_FILE, sweep.as_mapping(), outcome)
-
-
 def fly_sweep(
     store: Store,
     *,
@@ -170,7 +164,7 @@ def fly_sweep(
     progress: Progress | None = None,
     stop: Callable[[], bool] | None = None,
     page: bool = True,
-) -> str | None:
+) -> Page | None:
     """Fly the flights that the store does not have, and write table and page.
 
     Args:
@@ -182,7 +176,7 @@ def fly_sweep(
         page: write the page.
 
     Returns:
-        How the flights ended, in one line, empty without a page; None: it was stopped.
+        The page, with the outcome in a line among its data; None: it was stopped.
 
     Raises:
         InputError: the scheduler can't be reached, or has another version of the suite.
@@ -206,10 +200,8 @@ def fly_sweep(
         if store.kept < sweep.flights:
             return None
         store.finish()
-    if not page:
-        return ""
-    from tombo_flight.sweep.page import write_page
-
-    outcome = write_page(store.folder / PAGE, store.folder / TABLE, sweep)
-    write_outcome(store.folder, sweep, outcome)
-    return outcome
+    result = sweep_page(store.folder / TABLE, sweep)
+    if page:
+        write_page(store.folder / PAGE, result)
+        write_head(store.folder, STUDY_FILE, sweep.as_mapping(), result.data["outcome"])
+    return result

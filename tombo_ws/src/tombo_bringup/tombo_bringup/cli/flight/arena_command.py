@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from tombo_bringup.cli.flight.fly_command import parse_seeds
 from tombo_bringup.cli.options import Imports, Workers, json_option, option, output_option
 from tombo_bringup.cli.result_files import check_output, unwritable, write_file
+from tombo_bringup.cli.tables import show_page
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from tombo_flight.arena.study import Plan
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.process.study_folder import Journal
+    from tombo_flight.report.page import Page
 
 app = typer.Typer()
 
@@ -89,14 +91,8 @@ def arena(
             if code:
                 typer.echo(f"Error: interrupted; the same command goes on with '{path}'", err=True)
                 raise typer.Exit(code)
-            text, results = _write(path, plan, kept, range_, on_progress)
-    if as_json:
-        typer.echo(text, nl=False)
-        return
-    from tombo_bringup.cli.flight.arena_tables import print_arena
-
-    print_arena(results)
-    typer.echo(f"{path}: {_PAGE}, {_RESULTS}, {_FLIGHTS}")
+            page = _write(path, plan, kept, range_, on_progress)
+    show_page(page, as_json, None if as_json else path, (_PAGE, _RESULTS, _FLIGHTS))
 
 
 def _listed(text: str | None) -> list[str] | None:
@@ -145,31 +141,29 @@ def _fly(
 
 def _told(on_progress: ProgressCallback) -> Callable[[int, int], None]:
     """Return what shows the number of flights and the time left."""
+    from tombo_bringup.cli.progress import duration_text
+
     began = time.monotonic()
 
     def told(done: int, of: int) -> None:
         left = (time.monotonic() - began) / done * (of - done)
-        on_progress(f"{done} of {of} flights, {_minutes(left)} left", done / of)
+        on_progress(f"{done} of {of} flights, {duration_text(left)} left", done / of)
 
     return told
 
 
-def _minutes(seconds: float) -> str:
-    return f"{seconds / 60.0:.0f} min" if seconds >= 90.0 else f"{seconds:.0f} s"
-
-
 def _write(
     path: Path, plan: Plan, kept: Journal, seeds: range, on_progress: ProgressCallback
-) -> tuple[str, Mapping[str, Any]]:
-    """Write JSON and page; return the JSON and its content."""
-    from tombo_flight.arena.page import arena_html
+) -> Page:
+    """Write JSON and page, and return the page."""
+    from tombo_flight.arena.page import arena_page
     from tombo_flight.arena.results import arena_results
-    from tombo_flight.json_text import as_json, plain
+    from tombo_flight.json_text import plain
+    from tombo_flight.report.html import write_page
+    from tombo_flight.report.page import page_json
 
-    results: dict[str, Any] = plain(arena_results(plan, kept, seeds))
+    page = arena_page(plain(arena_results(plan, kept, seeds)), plan, kept)
     on_progress("writing arena.html", 1.0)
-    page = arena_html(results, plan, kept)
-    text = as_json(results)
-    write_file(path / _RESULTS, text)
-    write_file(path / _PAGE, page)
-    return text, results
+    write_file(path / _RESULTS, page_json(page))
+    write_page(path / _PAGE, page)
+    return page

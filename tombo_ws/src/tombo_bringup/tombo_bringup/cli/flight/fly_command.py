@@ -33,6 +33,7 @@ from tombo_bringup.cli.options import (
     output_option,
 )
 from tombo_bringup.cli.result_files import Place, check_output, new_run
+from tombo_bringup.cli.tables import show_page
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import SEED_LIMIT
 
@@ -262,7 +263,6 @@ def _fly_one(
     scenario: Scenario, seed: int, place: Place, record: bool, figure: str | None, as_json: bool
 ) -> int:
     from tombo_flight.flight_output import fly_into
-    from tombo_flight.json_text import as_json as to_json
 
     with _prepared(scenario, place) as (folder, stop, on_progress):
         flight = fly_into(
@@ -270,21 +270,16 @@ def _fly_one(
         )
         names = sorted(p.name for p in folder.staging.iterdir())
         folder.publish()
-    if as_json:
-        typer.echo(to_json(flight.summary), nl=False)
-    else:
-        from tombo_bringup.cli.flight.flight_tables import print_files, print_flight
-
-        print_flight(flight)
-        if stop.asked() and not flight.summary["interrupted"]:
-            typer.echo("Interrupted after the flight: the pictures are not drawn.")
-        print_files(folder.path, names)
+    if not as_json and stop.asked() and not flight.summary["interrupted"]:
+        typer.echo("Interrupted after the flight: the pictures are not drawn.")
+    show_page(flight.page, as_json, None if as_json else folder.path, names)
     return stop.exit_code
 
 
 def _fly_many(scenario: Scenario, seeds: range, place: Place, as_json: bool) -> int:
     from tombo_flight.campaign.campaign import fly_campaign
-    from tombo_flight.json_text import as_json as to_json
+    from tombo_flight.campaign.page import campaign_page, draw_campaign
+    from tombo_flight.report.page import page_json
     from tombo_flight.scenario_file import SCENARIO_FILE, write_scenario
 
     with _prepared(scenario, place) as (folder, stop, on_progress):
@@ -297,23 +292,17 @@ def _fly_many(scenario: Scenario, seeds: range, place: Place, as_json: bool) -> 
         )
         if not campaign["flights"]:  # stopped before the first landing: nothing to keep
             return stop.exit_code
-        text = to_json(campaign)
+        page = campaign_page(campaign)
+        text = page_json(page)
         (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
         write_scenario(folder / SCENARIO_FILE, scenario, f"--seeds {seeds.start}:{seeds.stop}")
         names = [SCENARIO_FILE, "summary.json"]
         if not stop.asked():
             on_progress("drawing campaign.png", 1.0)
-            from tombo_flight.campaign.campaign_plot import draw_campaign
             from tombo_flight.report.flight_plot import figure_bytes
 
             (folder / "campaign.png").write_bytes(figure_bytes(draw_campaign(campaign)))
             names.insert(0, "campaign.png")
         folder.publish()
-    if as_json:
-        typer.echo(text, nl=False)
-    else:
-        from tombo_bringup.cli.flight.flight_tables import print_campaign, print_files
-
-        print_campaign(campaign)
-        print_files(folder.path, names)
+    show_page(page, as_json, None if as_json else folder.path, names)
     return stop.exit_code

@@ -8,13 +8,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from tombo_bringup.cli.flight.flight_tables import print_files, print_flight
-from tombo_bringup.cli.tables import console, print_line, right
+from tombo_bringup.cli.tables import console, print_line, right, show_page
 from tombo_flight.suite.node_diagnostics import lateness_text
 from tombo_flight.suite.node_log import without_stamp
 
@@ -30,14 +28,10 @@ _WARNINGS: Final = 12
 
 def print_node_flight(flown: NodeFlight, path: Path, files: Sequence[str], as_json: bool) -> None:
     """Print a flight by nodes: its summary as JSON, or tables and the files in `path`."""
-    if as_json:
-        from tombo_flight.json_text import as_json as to_json
-
-        typer.echo(to_json(flown.flight.summary), nl=False)
-        return
-    print_flight(flown.flight)
-    print_nodes(flown)
-    print_files(path, files)
+    show_page(flown.flight.page, as_json)
+    if not as_json:
+        print_nodes(flown)
+        print_line(f"{path}: {', '.join(files)}")
 
 
 def print_nodes(flown: NodeFlight) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,6 +25,7 @@ from tombo_bringup.cli.options import (
     output_option,
 )
 from tombo_bringup.cli.result_files import check_output, fly_study, plain_name
+from tombo_bringup.cli.tables import show_page
 
 if TYPE_CHECKING:
     from tombo_flight.sweep.study import Sweep
@@ -113,11 +115,11 @@ def _sweep(
     study: Sweep, output: str | None, workers: int | None, scheduler: str | None, as_json: bool
 ) -> None:
     from tombo_flight.process.workers import check_scheduler
-    from tombo_flight.sweep.run import fly_sweep, open_store
+    from tombo_flight.sweep.run import PAGE, STUDY_FILE, TABLE, fly_sweep, open_store
 
     if scheduler is not None:  # before anything is written
         check_scheduler(scheduler)
-    folder, flown, outcome = fly_study(
+    folder, flown, page = fly_study(
         open_store(
             Path(output or f"runs/sweep-{plain_name(study.label, 'scenario')}"),
             study,
@@ -129,12 +131,5 @@ def _sweep(
             store, workers=workers, scheduler=scheduler, progress=tell, stop=stop
         ),
     )
-    if as_json:
-        import json
-
-        typer.echo(json.dumps({
-            "folder": str(folder), "flights": study.flights, "flown": flown, "outcome": outcome,
-        }, indent=1))  # fmt: skip
-    else:
-        typer.echo(f"{study.flights} flights: {outcome}.")
-        typer.echo(f"{folder}: flights.parquet, sweep.html, sweep.json")
+    data = {"flights": study.flights, "flown": flown, "outcome": page.data["outcome"]}
+    show_page(replace(page, data=data), as_json, folder, (TABLE, PAGE, STUDY_FILE))
