@@ -113,15 +113,15 @@ def flight_page(
     """
     milestones = find_milestones(flight)
     paper = is_paper_flight(flight.scenario)
-    names, columns = ["This flight"], [comparison_rows(milestones, flight)]
-    if beside is not None:
-        names.append(f"With {beside.summary.get('reaction')}")
-        columns.append(comparison_rows(find_milestones(beside), beside))
+    flights = [flight] if beside is None else [flight, beside]
+    names = ["This flight", *(f"With {flown.summary.get('reaction')}" for flown in flights[1:])]
+    columns = [comparison_rows(find_milestones(flown), flown) for flown in flights]
     rows = [row for row in zip(*columns, strict=True) if paper or any(r.has_figure for r in row)]
     cards = _key_figures(rows, names)
     shown = {card.name for card in cards} | {"Outcome"}
     short = [row for row in rows if row[0].name not in shown and _on_terminal(row, milestones)]
-    short += [(extra,) for extra in _errors(flight.summary)]
+    errors = zip(*(_errors(flown.summary) for flown in flights), strict=True)
+    short += [row for row in errors if row[0].flight is not None]
 
     def draw() -> Figure:
         from tombo_flight.report.flight_plot import draw_flight
@@ -188,17 +188,15 @@ def _on_terminal(row: RowOfFlights, milestones: FlightMilestones) -> bool:
 
 
 def _errors(summary: Mapping[str, Any]) -> list[FigureRow]:
-    """Return what a terminal shows besides, where the summary has it."""
+    """Return what a terminal shows besides."""
     named = (
         ("RMS error in hover", "hover_rms_m", "m", 3),
         ("RMS error in the approach", "approach_rms_m", "m", 3),
         ("False alarms", "false_alarms", "", 0),
     )
-    found = [(name, number(summary, key), unit, digits) for name, key, unit, digits in named]
     return [
-        FigureRow(name, unit, None, value, digits)
-        for name, value, unit, digits in found
-        if value is not None
+        FigureRow(name, unit, None, number(summary, key), digits)
+        for name, key, unit, digits in named
     ]
 
 
