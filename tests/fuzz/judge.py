@@ -21,7 +21,7 @@ from tombo_bag.recording import Recording
 from tombo_collision.network import read_network
 from tombo_diagnosis.stand.model_file import read_stand_model
 from tombo_diagnosis.stand.tables.assemble import assemble
-from tombo_diagnosis.stand.tables.mapping import load_mapping as load_stand_mapping
+from tombo_diagnosis.stand.tables.table_reader import load_mapping as load_stand_mapping
 from tombo_diagnosis.stand.tables.table_reader import read_stand
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.library import read_library

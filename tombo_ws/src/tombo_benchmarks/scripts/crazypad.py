@@ -16,7 +16,7 @@ from tombo_bag.flight import Flight
 from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.diagnose import check_flights
-from tombo_diagnosis.flight.scenario_nominal import nominal_model
+from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_dynamics.errors import InputError
 from tombo_logs.readers.log_reader import read_logs
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tombo_diagnosis.flight.manoeuvres import manoeuvre_catalogue, mission
+from tombo_diagnosis.flight.experiment_design import manoeuvre_catalogue, mission
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
 from tombo_flight.flight import fly_scenario

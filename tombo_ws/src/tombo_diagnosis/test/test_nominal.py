@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tombo_bag.flight import Flight, Series
-from tombo_diagnosis.flight.scenario_nominal import held_against, nominal_model
+from tombo_diagnosis.flight.nominal import held_against, nominal_model
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import hover_point
 from tombo_flight.extended_model import FittedEffect, FittedParameter, Model, Origin

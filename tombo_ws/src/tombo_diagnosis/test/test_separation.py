@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from tombo_diagnosis.flight.analyse import analyse
-from tombo_diagnosis.flight.experiment_design import as_log, separate
+from tombo_diagnosis.flight.experiment_design import as_log, manoeuvre_catalogue, separate
 from tombo_diagnosis.flight.fit.track import track_of
-from tombo_diagnosis.flight.manoeuvres import manoeuvre_catalogue
-from tombo_diagnosis.flight.scenario_nominal import nominal_model
+from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_flight.flight import fly_scenario
 from tombo_flight.progress import no_progress
 from tombo_flight.scenario import extended_scenario, scenario_over

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final
 
 from tombo_bag.flight import Finding
-from tombo_diagnosis.engine.detectable import Detectable
 from tombo_diagnosis.leftover.leftover import Leftover
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import FittedParameter, Gain
@@ -35,6 +34,15 @@ class Cause:
     """How it shows in data, from the registry."""
     covariance: tuple[tuple[float, ...], ...] = ()
     """Of theta, in its order."""
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """The smallest change of a parameter that data would have shown."""
+
+    parameter: str
+    unit: str
+    size: float
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from tombo_benchmarks.diagnosis.flight_cases import (
     observable_effects,
 )
 from tombo_benchmarks.diagnosis.flight_simulation import course, simulate_case
-from tombo_diagnosis.flight.fit.parameters import PARAMETERS
+from tombo_diagnosis.flight.nominal import PARAMETERS
 from tombo_dynamics.disturbance import DISTURBANCES
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.effects.registry import check_theta

@@ -8,7 +8,7 @@ from tombo_benchmarks.diagnosis.flight_cases import make_case
 from tombo_benchmarks.diagnosis.flight_simulation import simulate_case
 from tombo_benchmarks.diagnosis.log_faults import FAULTS, SIZES
 from tombo_diagnosis.flight.diagnose import diagnose
-from tombo_diagnosis.flight.scenario_nominal import nominal_model
+from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks import check_log
 from tombo_logs.checks.rotors.hover import hover_of

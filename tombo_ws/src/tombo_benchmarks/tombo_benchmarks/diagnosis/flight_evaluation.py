@@ -32,7 +32,7 @@ from tombo_diagnosis.flight.cause_estimates import estimate_cause
 from tombo_diagnosis.flight.cross_validation import fit_without_flight
 from tombo_diagnosis.flight.diagnose import diagnose_files
 from tombo_diagnosis.flight.fit.prediction import residuals
-from tombo_diagnosis.flight.held_out_test import final_explanation, with_parts
+from tombo_diagnosis.flight.cross_validation import final_explanation, with_parts
 from tombo_dynamics.errors import InputError
 from tombo_flight.scenario import load_scenario
 

@@ -237,7 +237,7 @@ def run_change(
     on_progress("loading the model", 0.5)  # imports compiled code
     from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
     from tombo_diagnosis.flight.diagnose import check_flights
-    from tombo_diagnosis.flight.scenario_nominal import nominal_model
+    from tombo_diagnosis.flight.nominal import nominal_model
 
     nominal = nominal_model()
     (after, faults), (before, more) = (

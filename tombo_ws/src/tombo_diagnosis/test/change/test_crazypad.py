@@ -7,7 +7,7 @@ import pytest
 
 from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
 from tombo_diagnosis.flight.diagnose import check_flights
-from tombo_diagnosis.flight.scenario_nominal import nominal_model
+from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_logs.readers.log_reader import read_logs
 
 ROOT = Path(__file__).resolve().parents[5]

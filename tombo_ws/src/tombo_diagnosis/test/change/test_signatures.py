@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tombo_diagnosis.change.signatures import candidates, effects_of, hover_thrust
-from tombo_diagnosis.flight.scenario_nominal import nominal_model
+from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES
 
 

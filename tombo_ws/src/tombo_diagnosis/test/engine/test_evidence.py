@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 
-from tombo_diagnosis.engine.evidence import NormalEquations, solve
+from tombo_diagnosis.engine.regression import NormalEquations, solve
 
 SEEDS = st.integers(0, 2**32 - 1)
 SIZES = st.floats(0.05, 3.0)

@@ -16,10 +16,9 @@ from tombo_diagnosis.flight.analyse import (
     select_noise_fits,
     weigh_remainder,
 )
-from tombo_diagnosis.flight.fit.gust_fit import GustFit
 from tombo_diagnosis.flight.fit.problem import SETTING
-from tombo_diagnosis.flight.noise.noise_statistics import NoiseFit
-from tombo_diagnosis.flight.residual_check import ResidualExcess, ScaleVariances
+from tombo_diagnosis.flight.noise import NoiseFit
+from tombo_diagnosis.flight.residual_check import GustFit, ResidualExcess, ScaleVariances
 
 STRONG = 200.0 * LOG_BF_FIRST
 PLAIN = 10.0 * LOG_BF_FIRST

@@ -7,10 +7,10 @@ import pytest
 from measured_flights import SLOW, logs, nominal, tracks
 
 from tombo_bag.flight import Series
-from tombo_diagnosis.engine.evidence import solve
-from tombo_diagnosis.flight.fit.parameters import PARAMETERS
+from tombo_diagnosis.engine.regression import solve
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import track_of
+from tombo_diagnosis.flight.nominal import PARAMETERS
 
 pytestmark = pytest.mark.slow
 

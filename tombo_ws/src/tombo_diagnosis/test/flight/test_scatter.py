@@ -7,17 +7,19 @@ import pytest
 from measured_flights import HEALTHY, logs, nominal, tracks
 
 from tombo_diagnosis.flight.analyse import analyse, select_noise_fits
-from tombo_diagnosis.flight.fit.gust_fit import fit_gusts
-from tombo_diagnosis.flight.fit.parameters import PARAMETERS
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import track_of
-from tombo_diagnosis.flight.noise.noise_statistics import (
+from tombo_diagnosis.flight.noise import (
+    SCALES_S,
+    block_variances,
     fit_noise_effects,
     imu_noise_statistics,
+    pooled,
     pose_noise_statistics,
 )
-from tombo_diagnosis.flight.noise.noise_variance import SCALES_S, block_variances, pooled
+from tombo_diagnosis.flight.nominal import PARAMETERS
 from tombo_diagnosis.flight.residual_check import (
+    fit_gusts,
     noise_variances,
     residual_excesses,
     residual_variances,

@@ -11,7 +11,7 @@ from tombo_bag.flight import Series
 from tombo_diagnosis.flight import vehicle_fit
 from tombo_diagnosis.flight.calibrate import speed_in_hover
 from tombo_diagnosis.flight.diagnose import diagnose
-from tombo_diagnosis.flight.scenario_nominal import held_against, nominal_model
+from tombo_diagnosis.flight.nominal import held_against, nominal_model
 from tombo_diagnosis.flight.vehicle_fit import fit_drive, fit_vehicle
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import speed_for_thrust

@@ -5,7 +5,7 @@ import runpy
 import numpy as np
 import pytest
 
-from tombo_diagnosis.leftover.effect_text import Contribution, effect_text
+from tombo_diagnosis.leftover.leftover import Contribution, effect_text
 from tombo_diagnosis.leftover.terms import Extent, force_terms, moment_terms
 from tombo_dynamics.effect_registry import Registry
 from tombo_dynamics.effects import registry

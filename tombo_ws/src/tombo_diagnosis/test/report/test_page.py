@@ -10,8 +10,7 @@ import pytest
 from diagnosis_samples import EXPERIMENT, SUMMARY, leftover, sample
 
 from tombo_bag.flight import Finding
-from tombo_diagnosis.diagnosis import VERDICTS, Diagnosis, FlightSummary, Residual
-from tombo_diagnosis.engine.detectable import Detectable
+from tombo_diagnosis.diagnosis import VERDICTS, Detectable, Diagnosis, FlightSummary, Residual
 from tombo_diagnosis.report.page import diagnosis_page
 from tombo_flight.report.html import page_html
 

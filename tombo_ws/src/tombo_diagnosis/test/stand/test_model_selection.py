@@ -8,13 +8,11 @@ import stands
 
 from tombo_diagnosis.engine.model import Hypothesis
 from tombo_diagnosis.engine.model_selection import fit_hypotheses
-from tombo_diagnosis.stand.analyse import LOG_BF_CURVES, analyse
-from tombo_diagnosis.stand.cause_estimates import estimate_cause, scores
-from tombo_diagnosis.stand.cross_validation import held_out
+from tombo_diagnosis.stand.analyse import LOG_BF_CURVES, analyse, fit_residual_curves
+from tombo_diagnosis.stand.cause_estimates import estimate_cause, held_out, scores
 from tombo_diagnosis.stand.experiment_design import separate
-from tombo_diagnosis.stand.model_differences import differences_from_model, model_extending_causes
+from tombo_diagnosis.stand.model_file import differences_from_model, model_extending_causes
 from tombo_diagnosis.stand.problem import StandProblem
-from tombo_diagnosis.stand.residual_check import fit_residual_curves
 from tombo_diagnosis.stand.summary_text import repeats
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws
 

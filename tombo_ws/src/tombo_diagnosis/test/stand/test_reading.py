@@ -8,9 +8,8 @@ import pytest
 from tombo_diagnosis.stand.analyse import analyse
 from tombo_diagnosis.stand.summary_text import summary
 from tombo_diagnosis.stand.tables.assemble import assemble
-from tombo_diagnosis.stand.tables.mapping import parse_mapping
 from tombo_diagnosis.stand.tables.plateaus import plateaus
-from tombo_diagnosis.stand.tables.table_reader import read_stand
+from tombo_diagnosis.stand.tables.table_reader import parse_mapping, read_stand
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, evaluate
 

@@ -35,10 +35,8 @@ from tombo_diagnosis.change.signatures import (
     candidates,
     centre_directions,
 )
-from tombo_diagnosis.change.summary_text import notes, summary
-from tombo_diagnosis.change.verdict import ChangeVerdict, judge_change
-from tombo_diagnosis.diagnosis import Change, Diagnosis, FlightSummary, Score
-from tombo_diagnosis.engine.detectable import Detectable
+from tombo_diagnosis.change.verdict import ChangeVerdict, judge_change, notes, summary
+from tombo_diagnosis.diagnosis import Change, Detectable, Diagnosis, FlightSummary, Score
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, fit_drive_curve
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.wording import counted, percent

@@ -1,19 +1,50 @@
-"""Parameters of causes with intervals, and the score of every candidate."""
+"""Causes in figures: parameters with intervals, scores, what data would show, and the gain."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
+from scipy import stats
 
-from tombo_diagnosis.diagnosis import Score
-from tombo_diagnosis.engine.detectable import Detectable
+from tombo_diagnosis.diagnosis import Detectable, Score
 from tombo_diagnosis.engine.model import Explanation, Model
-from tombo_diagnosis.engine.regression import Parameter
+from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST
+from tombo_diagnosis.engine.regression import Fit, Parameter, solve
 from tombo_dynamics.arrays import Array
-from tombo_flight.extended_model import FittedParameter
+from tombo_flight.extended_model import FittedParameter, Gain
+
+_FEW = 3
+"""Least number of held-out blocks for an interval."""
+
+
+def rms(values: Array) -> float:
+    """Return the root mean square; NaN of nothing."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
+
+
+def gain_of(
+    channel: str, unit: str, horizon: str, before: Sequence[float], after: Sequence[float]
+) -> Gain:
+    """Return a channel's gain; its interval from the logarithms of after over before.
+
+    `before` and `after`: RMS error in each block held out, of the model as it was and extended.
+    """
+    b, a = np.array(before), np.array(after)
+    total_before, total_after = rms(b), rms(a)
+    reduction = 1.0 - total_after / total_before if total_before > 0.0 else 0.0
+    low = high = math.nan
+    if b.size >= _FEW and (b > 0.0).all() and (a > 0.0).all():
+        logs = np.log(a / b)
+        half = float(stats.t.ppf(0.975, b.size - 1)) * float(logs.std(ddof=1)) / math.sqrt(b.size)
+        low = min(1.0 - math.exp(float(logs.mean()) + half), reduction)
+        high = max(1.0 - math.exp(float(logs.mean()) - half), reduction)
+    return Gain(
+        channel, unit, horizon, total_before, total_after, reduction, low, high, int(b.size)
+    )
+
 
 TWO_SIDED = 1.96
 """Standard deviations from the middle of a 95 % interval to its ends."""
@@ -84,3 +115,31 @@ def scores(
         else:
             found.append(Score(effect, share, 0.0, 0.0, False, why_not(effect)))
     return tuple(sorted(found, key=lambda s: (-s.excited, -s.evidence)))
+
+
+def detectable_changes(model: Model, fit: Fit) -> dict[str, Detectable]:
+    """Return effect -> the parameter that shows best in its scale, and how small it may be.
+
+    A change is shown if the log Bayes factor of "as wide as what matters" against "within its
+    tolerance" is expected to reach the threshold of a cause. All other parameters are within
+    their tolerances. Gaussian, about the fit given.
+    """
+    best: dict[str, tuple[float, Detectable]] = {}
+    columns = model.columns
+    for index in columns.identifiable:
+        p, (place,) = columns.parameters[index], columns.places([index])
+        deviations = columns.deviations((*fit.free, index), fit.widths, pinned=fit.pinned)
+        variance = float(solve(fit.normal, deviations, fit.prior_mean).covariance[place, place])
+        noise = 1.0 / max(1.0 / max(variance, 1e-300) - p.scale**-2, 1e-300)
+        size = _threshold(math.sqrt(noise), p.tolerance, p.scale, len(columns.variants[p.effect]))
+        share = size / p.scale
+        if p.effect not in best or share < best[p.effect][0]:
+            best[p.effect] = share, Detectable(p.name, p.unit, size)
+    return {effect: found for effect, (_, found) in best.items()}
+
+
+def _threshold(noise: float, tolerance: float, scale: float, variants: int) -> float:
+    """Return the size at which a parameter measured with this noise is accepted as a cause."""
+    healthy, wide = noise**2 + tolerance**2, noise**2 + scale**2
+    needed = LOG_BF_FIRST + math.log(max(variants, 1)) + 0.5 * math.log(wide / healthy)
+    return math.sqrt(2.0 * needed / (1.0 / healthy - 1.0 / wide))

@@ -12,9 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tombo_diagnosis.engine.evidence import solve
 from tombo_diagnosis.engine.model import Explanation, Hypothesis, Model, SearchResult
-from tombo_diagnosis.engine.regression import TIGHT, Fit
+from tombo_diagnosis.engine.regression import TIGHT, Fit, solve
 
 LOG_BF_FIRST = 3.5
 """Log Bayes factor with which a cause is accepted; see docs/diagnosis.md for what it gives."""

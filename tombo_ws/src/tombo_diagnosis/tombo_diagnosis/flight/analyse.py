@@ -10,7 +10,6 @@ from tombo_diagnosis.engine.model import Explanation, Findings, Remainder, Searc
 from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST, rank_hypotheses
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.engine.verdict import analyse_problem, logistic, p_cause
-from tombo_diagnosis.flight.fit.gust_fit import GustFit, fit_gusts
 from tombo_diagnosis.flight.fit.prediction import channel_group
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import Track
@@ -21,17 +20,19 @@ from tombo_diagnosis.flight.fit.transients import (
     find_transients,
     lost_memories,
 )
-from tombo_diagnosis.flight.noise.noise_statistics import NoiseFit, fit_noise_effects
+from tombo_diagnosis.flight.noise import NoiseFit, fit_noise_effects
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.residual_check import (
+    GustFit,
     ResidualExcess,
     ScaleVariances,
+    cross_validated_r2,
+    fit_gusts,
     noise_variances,
     residual_excesses,
     residual_variances,
     with_healthy,
 )
-from tombo_diagnosis.flight.residual_predictability import cross_validated_r2
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
 from tombo_flight.progress import ProgressCallback, no_progress

@@ -17,17 +17,24 @@ from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightSummary, Resi
 from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.flight.analyse import DOUBTS, FlightFindings, analyse
 from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
-from tombo_diagnosis.flight.cause_estimates import estimate_cause, scores
-from tombo_diagnosis.flight.cross_validation import extended, gain_by_effect, nominal_residuals
+from tombo_diagnosis.flight.cause_estimates import estimate_cause, notes, scores, summary
+from tombo_diagnosis.flight.cross_validation import (
+    extended,
+    gain_by_effect,
+    nominal_residuals,
+    refuse_contradicted,
+)
 from tombo_diagnosis.flight.experiment_design import separate
 from tombo_diagnosis.flight.fit.prediction import motion_of
 from tombo_diagnosis.flight.fit.track import Track, track_of
 from tombo_diagnosis.flight.fit.transients import excluded_findings
-from tombo_diagnosis.flight.held_out_test import refuse_contradicted
 from tombo_diagnosis.flight.leftover_samples import flight_leftover, leftover_quantities
-from tombo_diagnosis.flight.nominal import NominalModel, nominal_tolerances
-from tombo_diagnosis.flight.scenario_nominal import held_against, nominal_model
-from tombo_diagnosis.flight.summary_text import notes, summary
+from tombo_diagnosis.flight.nominal import (
+    NominalModel,
+    held_against,
+    nominal_model,
+    nominal_tolerances,
+)
 from tombo_diagnosis.leftover.leftover import Leftover
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import Model

@@ -13,16 +13,15 @@ from scipy.optimize import least_squares
 
 from tombo_bag.flight import Flight
 from tombo_diagnosis.engine.cause_estimates import TWO_SIDED, fitted_parameter
-from tombo_diagnosis.engine.evidence import solve
-from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Fit, Parameter
+from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Fit, Parameter, solve
 from tombo_diagnosis.flight.analyse import select_noise_fits
 from tombo_diagnosis.flight.calibrate import mean_of, specific_force
 from tombo_diagnosis.flight.diagnose import diagnose_flights
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import FAST_SPACING, SLOW_SPACING, track_of
-from tombo_diagnosis.flight.noise.noise_statistics import fit_noise_effects
+from tombo_diagnosis.flight.noise import fit_noise_effects
+from tombo_diagnosis.flight.nominal import held_against, nominal_model
 from tombo_diagnosis.flight.residual_check import ScaleVariances, residual_variances
-from tombo_diagnosis.flight.scenario_nominal import held_against, nominal_model
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.drive import DriveParams
 from tombo_dynamics.errors import InputError

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from tombo_diagnosis.change.diagnose import ChangeData
 from tombo_diagnosis.change.features import Features
-from tombo_diagnosis.change.summary_text import headline, phrase
+from tombo_diagnosis.change.verdict import headline, phrase
 from tombo_diagnosis.diagnosis import JSON, REPORT, Change, Diagnosis, diagnosis_mapping
 from tombo_diagnosis.report.page import candidate_items, check_items, flight_items, sentences
 from tombo_diagnosis.report.words import STYLES, badge

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from tombo_diagnosis.stand.discriminating_measurements import AS_IT_IS, predicted_readings
+from tombo_diagnosis.stand.table3 import AS_IT_IS, predicted_readings
 from tombo_diagnosis.wording import display_name
 from tombo_dynamics.propeller import RPM
 from tombo_dynamics.propeller.effects import CHANNELS

@@ -26,10 +26,12 @@ from tombo_diagnosis.report.stand_figures import (
     has_stiffness,
 )
 from tombo_diagnosis.report.words import STYLES, badge, causes_title
-from tombo_diagnosis.stand.leave_one_out import MEAN
-from tombo_diagnosis.stand.model_differences import differences_from_model
-from tombo_diagnosis.stand.model_file import extends_model, stand_model_text
-from tombo_diagnosis.stand.table3 import TWO_VALUES, statement
+from tombo_diagnosis.stand.model_file import (
+    differences_from_model,
+    extends_model,
+    stand_model_text,
+)
+from tombo_diagnosis.stand.table3 import MEAN, TWO_VALUES, statement
 from tombo_diagnosis.wording import (
     DASH,
     capital,

@@ -1,4 +1,10 @@
-"""Analysis of operating points: the engine's search, and the test with free curves."""
+"""Analysis of operating points: the engine's search, and the test against unknown causes.
+
+The test asks whether free curves over speed still explain something. A curve is added to an
+explanation, in one channel: one for all propellers, one for each, one for the way up against the
+way down, or a level and a slope for each run; or all of these at once. Which one is right is not
+known, so their evidence is averaged.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +12,139 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tombo_diagnosis.engine.model import Findings, Remainder, SearchResult
+from tombo_diagnosis.engine.regression import Fit, NormalEquations, solve
 from tombo_diagnosis.engine.verdict import analyse_problem
 from tombo_diagnosis.stand.problem import RUN, SHARE, StandProblem
-from tombo_diagnosis.stand.residual_check import ResidualCurves, fit_residual_curves
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.propeller.effects import CHANNELS, Setup
 from tombo_flight.progress import no_progress
+
+_ORDER = 10
+_ORDER_DECAY = 0.88
+"""Each higher order of a curve is this much smaller."""
+_RUN_ORDER = 1
+"""Of a run's own curve: what differs from run to run is a level or a share."""
+_FEWEST = 4
+"""Different speeds that a curve needs."""
+_PRIOR_WIDTHS = (0.003, 0.01, 0.03, 0.1)
+"""Of a curve, in shares of the channel's range."""
+
+
+@dataclass(frozen=True)
+class ResidualCurves:
+    """What free curves add to an explanation."""
+
+    evidence: float
+    """Log Bayes factor of the curves against none."""
+    channel: str
+    """Where most of it lies."""
+    size: float
+    """RMS of the curves in that channel, in its unit."""
+
+
+def fit_residual_curves(problem: StandProblem, fit: Fit, by_run: bool = True) -> ResidualCurves:
+    """Return what free curves would still explain beside a fit; `by_run`: also levels of runs."""
+    blocks = _blocks(problem, by_run and problem.repeated)
+    if not blocks:
+        return ResidualCurves(-math.inf, "", 0.0)
+    moved = fit.free or problem.columns.absorbed
+    slopes = problem.slopes_at(fit.theta) if moved else problem.slopes
+    left = problem.residual(fit.theta)
+    basis = np.concatenate([columns for columns, _ in blocks], axis=2)
+    every = np.concatenate([slopes, problem.drawn, basis], axis=2)
+    normal, _ = problem.whitened(left, every, fit.widths)
+    known = problem.columns.deviations(fit.free, fit.widths)
+    prior_mean = fit.prior_mean
+    without = solve(
+        _part(normal, np.arange(known.size)), known, prior_mean, covariance=False
+    ).evidence
+    found: list[tuple[float, Array, Array]] = []
+    ends = known.size + np.cumsum([0, *(own.size for _, own in blocks)])
+    orders = np.concatenate([own for _, own in blocks])
+    choices = [[k] for k in range(len(blocks))] + [list(range(len(blocks)))]
+    for choice in choices:
+        places = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in choice])
+        part = _part(normal, np.concatenate([np.arange(known.size), places]))
+        unit = _ORDER_DECAY ** orders[places - known.size]
+        for size in _PRIOR_WIDTHS:
+            solution = solve(
+                part,
+                np.concatenate([known, size * unit]),
+                np.concatenate([prior_mean, np.zeros(places.size)]),
+                covariance=False,
+            )
+            gain = solution.evidence - without
+            found.append((gain, places - known.size, solution.mean[known.size :]))
+    gains = np.array([gain for gain, _, _ in found])
+    _, chosen, mean = found[int(np.argmax(gains))]
+    curve = basis[:, :, chosen] @ mean
+    weights = np.sum((curve / problem.sigma) ** 2, axis=0)
+    worst = int(np.argmax(weights))
+    own = problem.seen[:, worst]
+    size = float(np.sqrt(np.mean(curve[own, worst] ** 2))) if own.any() else 0.0
+    evidence = float(np.logaddexp.reduce(gains)) - math.log(len(gains))
+    return ResidualCurves(evidence, CHANNELS[worst], size)
+
+
+def _part(normal: NormalEquations, places: NDArray[np.int64]) -> NormalEquations:
+    return NormalEquations(
+        normal.matrix[np.ix_(places, places)], normal.vector[places], normal.square
+    )
+
+
+def _blocks(problem: StandProblem, by_run: bool) -> list[tuple[Array, NDArray[np.int64]]]:
+    """Return free curves in units of their channel's range (N, 4, B), and their orders (B,)."""
+    setup = problem.points.setup
+    n = setup.speed.size
+    x = 2.0 * setup.speed / max(float(setup.speed.max()), 1e-9) - 1.0
+    different = np.unique(np.round(50.0 * x)).size
+    if different < _FEWEST:
+        return []  # a curve over speed needs speeds
+    order = min(_ORDER, different - 2)
+    legendre = np.zeros((n, _ORDER + 1))
+    legendre[:, : order + 1] = np.polynomial.legendre.legvander(x, order)
+    groups: list[tuple[list[Array], int]] = [
+        ([np.ones(n)], _ORDER),
+        ([_run_direction(setup)], _ORDER),
+    ]
+    if problem.propellers > 1:
+        groups.append((_members(setup.propeller, problem.propellers), _ORDER))
+    if by_run:
+        groups.append((_members(setup.run, problem.runs), _RUN_ORDER))
+    blocks: list[tuple[Array, NDArray[np.int64]]] = []
+    for c in problem.points.measured:
+        own = problem.seen[:, c]
+        if own.sum() < 3:
+            continue
+        largest = float(np.max(np.abs(problem.points.readings[own, c])))
+        for group, highest in groups:
+            own_orders = np.tile(np.arange(highest + 1), len(group))
+            block = np.zeros((n, len(CHANNELS), own_orders.size))
+            block[:, c, :] = np.concatenate(
+                [largest * legendre[:, : highest + 1] * g[:, None] for g in group], axis=1
+            )
+            blocks.append((block, own_orders))
+    return blocks
+
+
+def _members(number: NDArray[np.int64], count: int) -> list[Array]:
+    return [(number == k).astype(float) for k in range(count)]
+
+
+def _run_direction(setup: Setup) -> Array:
+    """Return -1 up to the highest speed of each run and 1 after it."""
+    way = np.full(setup.speed.size, -1.0)
+    for run in np.unique(setup.run):
+        own = np.flatnonzero(setup.run == run)
+        top = own[int(np.argmax(setup.speed[own]))]
+        way[own[setup.elapsed[own] > setup.elapsed[top]]] = 1.0
+    return way
+
 
 LOG_BF_CURVES = 3.0
 """Log Bayes factor above which free curves show that something is unexplained."""

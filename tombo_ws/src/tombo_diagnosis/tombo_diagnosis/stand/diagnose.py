@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary
 from tombo_diagnosis.stand.analyse import StandFindings, analyse
-from tombo_diagnosis.stand.cause_estimates import estimate_cause, scores
-from tombo_diagnosis.stand.cross_validation import held_out
+from tombo_diagnosis.stand.cause_estimates import estimate_cause, held_out, scores
 from tombo_diagnosis.stand.experiment_design import separate
 from tombo_diagnosis.stand.model_file import StandModel
 from tombo_diagnosis.stand.summary_text import notes, summary

@@ -7,9 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from tombo_diagnosis.engine.evidence import NormalEquations, solve
 from tombo_diagnosis.engine.model import Setting
-from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Columns, Fit, Parameter
+from tombo_diagnosis.engine.regression import (
+    NOMINAL_WIDTHS,
+    Columns,
+    Fit,
+    NormalEquations,
+    Parameter,
+    solve,
+)
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError

@@ -9,7 +9,7 @@ import numpy as np
 from tombo_diagnosis.diagnosis import Cause
 from tombo_diagnosis.extend_model import EXTENDING_VERDICTS
 from tombo_diagnosis.stand.analyse import LOG_BF_CURVES, StandFindings
-from tombo_diagnosis.stand.model_differences import differences_from_model, model_extending_causes
+from tombo_diagnosis.stand.model_file import differences_from_model, model_extending_causes
 from tombo_diagnosis.stand.problem import RUN, SHARE, StandProblem
 from tombo_diagnosis.stand.tables.operating_points import UNITS
 from tombo_diagnosis.stand.thrust_constant import ThrustConstant

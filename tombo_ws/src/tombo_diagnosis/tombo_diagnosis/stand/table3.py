@@ -1,22 +1,188 @@
-"""The paper's Table III as a stand run: errors of the model, and what to measure to decide."""
+"""The paper's Table III as a stand run: errors of the model, and what to measure to decide.
+
+Each configuration is predicted by the others under each physical extension; the measurements that
+would decide are those in which the fitted candidates differ most.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tombo_diagnosis.stand.discriminating_measurements import (
-    DiscriminatingMeasurement,
-    least_squares_fits,
-    settling,
-)
-from tombo_diagnosis.stand.leave_one_out import MEAN, PHYSICAL, Prediction, predictions
+from tombo_diagnosis.engine.verdict import LOG_BF_DISTINCT
 from tombo_diagnosis.stand.tables.assemble import StandData, stiffness
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_diagnosis.wording import display_name
-from tombo_dynamics.propeller import RPM, configurations, evaluate, parameter_row
-from tombo_dynamics.propeller.effects import CHANNELS, Setup
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.propeller import (
+    RPM,
+    SPEED_LIMIT,
+    configuration,
+    configurations,
+    evaluate,
+    parameter_row,
+    valid_speed,
+)
+from tombo_dynamics.propeller.effects import CHANNELS, STAND_EFFECTS, Param, Setup, predict
+
+MEAN = "mean of the others"
+PHYSICAL = (
+    *("centrifugal_stiffening", "torsion_constant", "load_sharing", "in_plane_term"),
+    *("thrust_coefficient", "inflow", "air_density", "rpm_scale", "thrust_tare", "thrust_gain"),
+)
+"""What may be tried on thrust at one speed."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """How well something predicts the thrust of a configuration left out."""
+
+    what: str
+    rmse: float
+    """Over the soft configurations, each predicted by the others [N]."""
+    low: float
+    """End of the 95 % interval of the difference of the squared errors to those of the mean, as a
+    root with its sign [N]: above 0 is worse than the mean."""
+    high: float
+    parameter: str
+    """Fitted to all, with unit; empty: none."""
+
+
+def predictions(
+    points: OperatingPoints, soft: NDArray[np.bool_], law: str
+) -> tuple[Prediction, ...]:
+    """Leave one soft configuration out after the other; least squares, each counts alike."""
+    y = points.readings[:, 0]
+    places = np.flatnonzero(soft)
+    means = np.array([y[[k for k in places if k != out]].mean() for out in places]) - y[places]
+    found = [_compared(MEAN, means, means, "")]
+    bare = predict(points.setup, {})[places, 0] - y[places]
+    found.append(_compared(f"law {law} as it is", bare, means, ""))
+    for effect in PHYSICAL:
+        parameter = STAND_EFFECTS[effect].theta[0]
+        values, errors = errors_by_value(points, soft, effect)
+        left = []
+        for k in range(places.size):
+            left.append(float(errors[_least_squares(np.delete(errors, k, axis=1)), k]))
+        unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+        shown = f"{parameter.name} = {values[_least_squares(errors)]:.3g}{unit}"
+        found.append(_compared(effect, np.array(left), means, shown))
+    return tuple(sorted(found, key=lambda e: e.rmse))
+
+
+def errors_by_value(
+    points: OperatingPoints, soft: NDArray[np.bool_], effect: str
+) -> tuple[Array, Array]:
+    """Return values (V,) of an effect's first parameter, and errors of thrust (V, soft) [N]."""
+    values = values_of(STAND_EFFECTS[effect].theta[0])
+    table = np.stack([predict(points.setup, {effect: (v,)})[soft, 0] for v in values])
+    return values, np.where(np.isfinite(table), table - points.readings[soft, 0], np.inf)
+
+
+def least_squares_fit(points: OperatingPoints, soft: NDArray[np.bool_], effect: str) -> float:
+    """Return an effect's parameter that fits the soft configurations' thrust best."""
+    values, errors = errors_by_value(points, soft, effect)
+    return float(values[_least_squares(errors)])
+
+
+def _least_squares(errors: Array) -> int:
+    return int(np.argmin((errors**2).sum(axis=1)))
+
+
+def _compared(what: str, errors: Array, means: Array, parameter: str) -> Prediction:
+    """Return the error left out, and how its square differs from the mean's (t interval)."""
+    gap = errors**2 - means**2
+    low = high = 0.0
+    if np.ptp(gap) > 0.0:
+        half = 2.306 * float(gap.std(ddof=1)) / math.sqrt(gap.size)  # t, 8 degrees of freedom
+        ends = (float(gap.mean()) + s * half for s in (-1.0, 1.0))
+        low, high = (math.copysign(math.sqrt(abs(end)), end) for end in ends)
+    return Prediction(what, float(np.sqrt(np.mean(errors**2))), low, high, parameter)
+
+
+def values_of(p: Param) -> Array:
+    """Return values of a parameter within its bounds, its null among them, dense near it."""
+    span = abs(p.typical - p.null)
+    steps = span * np.sinh(np.linspace(-6.0, 6.0, 1201)) / 10.0
+    return np.asarray(np.unique(np.clip(p.null + steps, *p.bounds)))
+
+
+AS_IT_IS = "the law as it is"
+_SEPARABLE = ("centrifugal_stiffening", "torsion_constant", "load_sharing", "in_plane_term",
+         "thrust_coefficient")  # fmt: skip
+"""Those that change how thrust depends on the nodus, and the plainest that does not."""
+
+
+@dataclass(frozen=True)
+class DiscriminatingMeasurement:
+    """A measurement, and how precise it must be to tell stiffening from all other candidates."""
+
+    what: str
+    rival: str
+    """The candidate that comes closest."""
+    difference: float
+    """Between what the two predict [unit]."""
+    sigma: float
+    """Largest standard deviation that still gives a log Bayes factor of 4 [unit]."""
+    unit: str
+    expected: float
+    """What stiffening predicts [unit]."""
+
+
+def least_squares_fits(points: OperatingPoints) -> dict[str, float]:
+    """Return candidate -> parameter that fits the soft configurations' thrust best."""
+    soft = np.isfinite(points.stiffness)
+    return {effect: least_squares_fit(points, soft, effect) for effect in _SEPARABLE}
+
+
+def predicted_readings(
+    fits: dict[str, float], conf: int, rpm: Array, law: str
+) -> dict[str, Array]:
+    """Return candidate, or AS_IT_IS -> readings (N, 4) of a configuration; NaN: no root."""
+    n = rpm.size
+    row = np.tile(parameter_row(configuration(conf), law), (n, 1))
+    zero = np.zeros(n, np.int64)
+    setup = Setup(rpm * RPM, row, zero, zero, np.zeros(n), law)
+    found = {effect: predict(setup, {effect: (value,)}) for effect, value in fits.items()}
+    return {AS_IT_IS: predict(setup, {})} | found
+
+
+def settling(fits: dict[str, float], law: str) -> tuple[DiscriminatingMeasurement, ...]:
+    """Simulate the candidates where they differ, and ask how well to look; easiest first.
+
+    With one reading of noise sigma, the log Bayes factor between two candidates as fitted is
+    their difference squared over 2 sigma^2 on average; sigma is what makes it 4.
+    """
+    found = []
+    for conf, channel, rpm, unit in _experiments(law):
+        c = CHANNELS.index(channel)
+        scale = math.degrees(1.0) if unit == "deg" else 1.0
+        every = predicted_readings(fits, conf, np.array([rpm]), law)
+        shown = {name: scale * float(values[0, c]) for name, values in every.items()}
+        true = shown.pop("centrifugal_stiffening")
+        gaps = {name: abs(true - other) for name, other in shown.items() if math.isfinite(other)}
+        rival = min(gaps, key=lambda name: gaps[name])
+        found.append(
+            DiscriminatingMeasurement(
+                f"{channel} of Conf. {conf} at {rpm:.0f} rpm", rival, gaps[rival],
+                gaps[rival] / math.sqrt(2.0 * LOG_BF_DISTINCT), unit, true,
+            )
+        )  # fmt: skip
+    return tuple(sorted(found, key=lambda s: -s.sigma / max(abs(s.expected), 1e-9)))
+
+
+def _experiments(law: str) -> list[tuple[int, str, float, str]]:
+    return [
+        (conf, channel, rpm, unit)
+        for conf in (5, 13)
+        for rpm in (3200.0, 4500.0, 6000.0)
+        if rpm < min(valid_speed(configuration(conf), law), SPEED_LIMIT) / RPM
+        for channel, unit in (("thrust", "N"), ("torque", "N m"), ("beta", "deg"))
+    ]
+
 
 SPEED = 2000.0 * RPM
 """rad/s of the table."""

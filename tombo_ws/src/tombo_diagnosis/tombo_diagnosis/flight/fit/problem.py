@@ -10,17 +10,19 @@ from functools import reduce
 
 import numpy as np
 
-from tombo_diagnosis.engine.evidence import NormalEquations, solve
 from tombo_diagnosis.engine.model import Setting
-from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, TIGHT, Columns, Fit
+from tombo_diagnosis.engine.regression import (
+    NOMINAL_WIDTHS,
+    TIGHT,
+    Columns,
+    Fit,
+    NormalEquations,
+    solve,
+)
 from tombo_diagnosis.flight.fit.prediction import channels_of
 from tombo_diagnosis.flight.fit.sensitivity import SCATTER, Linearization, linearize, map_flights
 from tombo_diagnosis.flight.fit.track import FAST_SPACING, SLOW_SPACING, Track
-from tombo_diagnosis.flight.noise.noise_variance import (
-    floors_of,
-    long_run_of_scales,
-    long_run_variance,
-)
+from tombo_diagnosis.flight.noise import floors_of, long_run_of_scales, long_run_variance
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY

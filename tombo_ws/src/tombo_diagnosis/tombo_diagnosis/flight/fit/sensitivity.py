@@ -21,7 +21,7 @@ from tombo_diagnosis.flight.fit.prediction import (
     simulate_along_motion,
 )
 from tombo_diagnosis.flight.fit.track import TICK, Track
-from tombo_diagnosis.flight.noise.noise_variance import with_pose_noise
+from tombo_diagnosis.flight.noise import with_pose_noise
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage

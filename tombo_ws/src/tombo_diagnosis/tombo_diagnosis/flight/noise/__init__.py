@@ -1,1 +1,0 @@
-"""What the noise of the sensors makes of each channel."""
