@@ -87,8 +87,8 @@ def _merged(base: tuple[FittedEffect, ...], fitted: list[FittedEffect]) -> list[
     for new in fitted:
         old = result.get(new.effect)
         names = {f.name for f in new.theta}
-        kept = tuple(f for f in old.theta if f.name not in names) if old is not None else ()
-        if kept:
-            new = replace(new, theta=(*kept, *new.theta), covariance=())
+        unchanged = tuple(f for f in old.theta if f.name not in names) if old is not None else ()
+        if unchanged:
+            new = replace(new, theta=(*unchanged, *new.theta), covariance=())
         result[new.effect] = new
     return list(result.values())

@@ -8,8 +8,8 @@ from typing import Any
 
 from tombo_benchmarks.diagnosis.cases import Case
 from tombo_diagnosis.diagnosis import Cause
-from tombo_diagnosis.engine.model import Findings, Model
-from tombo_diagnosis.engine.regression import Parameter
+from tombo_diagnosis.engine.model import Analysis, RegressionModel
+from tombo_diagnosis.engine.regression import FreeParameter
 
 _RIVALS = 3
 """Number of other explanations that are reported."""
@@ -27,7 +27,7 @@ def case_row(case: Case) -> dict[str, Any]:
     }
 
 
-def answer_row(findings: Findings[Any, Any], seconds: float) -> dict[str, Any]:
+def answer_row(findings: Analysis[Any, Any], seconds: float) -> dict[str, Any]:
     """Return what was answered, and what the verdict rests on."""
     judgement, found = findings.judgement, findings.search
     return {
@@ -48,7 +48,7 @@ def answer_row(findings: Findings[Any, Any], seconds: float) -> dict[str, Any]:
     }
 
 
-def exactly_right(case: Case, findings: Findings[Any, Any]) -> bool:
+def exactly_right(case: Case, findings: Analysis[Any, Any]) -> bool:
     """Return whether just what is hidden was named."""
     judgement = findings.judgement
     named = judgement.verdict == "named" and not judgement.members
@@ -56,7 +56,7 @@ def exactly_right(case: Case, findings: Findings[Any, Any]) -> bool:
 
 
 def compare_parameters(
-    case: Case, problem: Model, cause: Cause, true_value: Callable[[Parameter, float], float]
+    case: Case, problem: RegressionModel, cause: Cause, true_value: Callable[[FreeParameter, float], float]
 ) -> dict[str, Any]:
     """Return the relative error of a cause's change, and which intervals cover the truth.
 

@@ -21,7 +21,7 @@ from tombo_benchmarks.diagnosis.cases import (
     draw_name,
     draw_size,
 )
-from tombo_diagnosis.engine.regression import Parameter
+from tombo_diagnosis.engine.regression import FreeParameter
 from tombo_diagnosis.flight.nominal import PARAMETERS
 from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_dynamics.disturbance import DISTURBANCES
@@ -154,7 +154,7 @@ def observable_effects(formulation: str) -> list[str]:
     return [n for n in names if n not in EXCLUDED_EFFECTS and not n.startswith(blind)]
 
 
-def nominal_value(parameter: Parameter) -> float:
+def nominal_value(parameter: FreeParameter) -> float:
     """Return a parameter's value in the nominal model."""
     return NOMINAL.get(parameter.effect, {}).get(parameter.name, parameter.null)
 
@@ -173,7 +173,7 @@ def _perturb_within_tolerances(effects: Effects, rng: np.random.Generator) -> No
         effects.setdefault(p.effect, {})[p.name] = float(np.clip(base + off, p.low, p.high))
 
 
-def _shift(name: str, factor: float, rng: np.random.Generator) -> dict[Parameter, float]:
+def _shift(name: str, factor: float, rng: np.random.Generator) -> dict[FreeParameter, float]:
     """Return how far the hidden effect's parameters are moved: `factor` of what matters."""
     own = [p for p in PARAMETERS if p.effect == name and p.label not in UNOBSERVABLE_PARAMETERS]
     if name == "gusts":

@@ -27,7 +27,7 @@ from tombo_benchmarks.diagnosis.flight_cases import (
 from tombo_benchmarks.diagnosis.flight_simulation import fly_case, true_draws
 from tombo_benchmarks.diagnosis.runner import BenchmarkResult, run_benchmark
 from tombo_benchmarks.diagnosis.score import score_of_flights
-from tombo_diagnosis.flight.analyse import FlightFindings
+from tombo_diagnosis.flight.analyse import FlightAnalysis
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
 from tombo_diagnosis.flight.cross_validation import fit_without_flight
 from tombo_diagnosis.flight.diagnose import diagnose_files
@@ -71,7 +71,7 @@ def _examined(case: FlightCase) -> dict[str, Any]:
     return row
 
 
-def _compared(case: FlightCase, findings: FlightFindings, effect: str) -> dict[str, Any]:
+def _compared(case: FlightCase, findings: FlightAnalysis, effect: str) -> dict[str, Any]:
     """Return how well an effect's parameters were found.
 
     What tolerances put on an axis that was not shifted is there to be measured, too.
@@ -83,7 +83,7 @@ def _compared(case: FlightCase, findings: FlightFindings, effect: str) -> dict[s
     )
 
 
-def _gain_share(case: FlightCase, findings: FlightFindings) -> float | None:
+def _gain_share(case: FlightCase, findings: FlightAnalysis) -> float | None:
     """Return what the extension removes of what the true model removes, in held-out flights."""
     problem = findings.problem
     final = final_explanation(findings)

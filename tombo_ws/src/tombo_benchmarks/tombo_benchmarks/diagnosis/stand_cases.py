@@ -22,7 +22,7 @@ from tombo_benchmarks.diagnosis.cases import (
     draw_size,
 )
 from tombo_benchmarks.diagnosis.unmodelled_effects import UNMODELLED_EFFECTS
-from tombo_diagnosis.engine.regression import Parameter
+from tombo_diagnosis.engine.regression import FreeParameter
 from tombo_diagnosis.stand.problem import HEALTHY_SHARE, parameters
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_dynamics.arrays import Array
@@ -169,7 +169,7 @@ def _read(
     return OperatingPoints(setup, readings, sigma, names[0], names[1], stiffness)
 
 
-def _healthy(p: Parameter, rng: np.random.Generator) -> float:
+def _healthy(p: FreeParameter, rng: np.random.Generator) -> float:
     """Return how far a parameter is off its null on a healthy stand."""
     if p.stochastic:
         return HEALTHY_SHARE[p.effect] * p.scale
@@ -177,7 +177,7 @@ def _healthy(p: Parameter, rng: np.random.Generator) -> float:
     return abs(off) if p.null <= p.low else off
 
 
-def _moved(p: Parameter, base: float, factor: float, name: str, rng: np.random.Generator) -> float:
+def _moved(p: FreeParameter, base: float, factor: float, name: str, rng: np.random.Generator) -> float:
     """Return a parameter's hidden value: `factor` of what matters from its null, either way."""
     if p.stochastic or p.null <= p.low:
         return float(min(p.null + factor * p.scale + (base - p.null) * (not p.stochastic), p.high))

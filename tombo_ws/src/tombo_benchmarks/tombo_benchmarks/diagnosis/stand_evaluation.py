@@ -15,7 +15,7 @@ from tombo_benchmarks.diagnosis.evaluation import (
 from tombo_benchmarks.diagnosis.runner import run_benchmark
 from tombo_benchmarks.diagnosis.score import score_of_stands
 from tombo_benchmarks.diagnosis.stand_cases import make_case
-from tombo_diagnosis.engine.regression import Parameter
+from tombo_diagnosis.engine.regression import FreeParameter
 from tombo_diagnosis.stand.analyse import analyse
 from tombo_diagnosis.stand.cause_estimates import estimate_cause
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
@@ -31,7 +31,7 @@ def examine(seed: int, number: int) -> dict[str, Any]:
     row["free"] = findings.remainder.curves_without_causes.evidence
     if exactly_right(case, findings):
 
-        def true_value(p: Parameter, nominal: float) -> float:
+        def true_value(p: FreeParameter, nominal: float) -> float:
             return nominal + case.shift.get(p.label, 0.0)
 
         causes = [

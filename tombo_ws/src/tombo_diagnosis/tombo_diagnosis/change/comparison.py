@@ -25,7 +25,7 @@ from tombo_diagnosis.change.signatures import (
     MASS,
     UNBALANCE,
     WEAK_PROPELLER,
-    Candidate,
+    ChangeCandidate,
 )
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES
@@ -87,10 +87,10 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class Finding:
+class CandidateResult:
     """A candidate after the data."""
 
-    candidate: Candidate
+    candidate: ChangeCandidate
     probability: float
     size: float
     """The most probable one."""
@@ -102,14 +102,14 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class HealthyComparison:
     """What new flights say."""
 
     none: float
     """Probability that nothing has changed."""
     surprise: float
     """Probability of a difference as large as this among healthy flights, in any direction."""
-    found: tuple[Finding, ...]
+    found: tuple[CandidateResult, ...]
     """All candidates, most probable first."""
     shift: Features
     """New minus healthy."""
@@ -166,11 +166,11 @@ def difference(new: Features, healthy: Features) -> Features:
 def compare(
     spread: Spread,
     new: Sequence[Features],
-    tried: Sequence[Candidate],
+    tried: Sequence[ChangeCandidate],
     centre: Array,
     supply_doubt: float = 0.0,
     exponent_doubt: float = 0.0,
-) -> Comparison:
+) -> HealthyComparison:
     """Weigh all candidates by the probability of the new flights' mean under each.
 
     Args:
@@ -199,19 +199,19 @@ def compare(
     top = max(float(logs.max()), nothing)
     weights, empty = np.exp(logs - top), math.exp(nothing - top)
     whole = float(weights.sum()) + empty
-    found = [
-        Finding(c, float(w) / whole, size, *wider, weigher.rest(c, size))
+    results = [
+        CandidateResult(c, float(w) / whole, size, *wider, weigher.rest(c, size))
         for (c, _, size, low, high, _), w in zip(entries, weights, strict=True)
         for wider in (_wider(size, low, high, exponent_doubt),)
     ]
-    found.sort(key=lambda f: -f.probability)
-    return Comparison(empty / whole, weigher.surprise(), tuple(found), shift)
+    results.sort(key=lambda f: -f.probability)
+    return HealthyComparison(empty / whole, weigher.surprise(), tuple(results), shift)
 
 
 def smallest_seen(
     spread: Spread,
     new: Sequence[Features],
-    tried: Sequence[Candidate],
+    tried: Sequence[ChangeCandidate],
     centre: Array,
     supply_doubt: float,
     asked: Sequence[str],
@@ -227,14 +227,14 @@ def smallest_seen(
         shown = replace(spread.mean, demand=spread.mean.demand + demand, supply=supply)
         return compare(spread, [shown] * len(new), tried, centre, supply_doubt).none <= CHANGED
 
-    found = {}
+    sizes = {}
     for candidate in tried:
         if candidate.label not in asked:
             continue
         rows = np.flatnonzero(candidate.sizes > 0.0)
         k = bisect_left(rows, True, key=lambda row: is_seen(candidate.demand[row]))
-        found[candidate.label] = float(candidate.sizes[rows[k]]) if k < rows.size else math.inf
-    return found
+        sizes[candidate.label] = float(candidate.sizes[rows[k]]) if k < rows.size else math.inf
+    return sizes
 
 
 def _wider(size: float, low: float, high: float, share: float) -> tuple[float, float]:
@@ -243,7 +243,7 @@ def _wider(size: float, low: float, high: float, share: float) -> tuple[float, f
     return size - math.hypot(size - low, more), size + math.hypot(high - size, more)
 
 
-def _prior(candidate: Candidate) -> float:
+def _prior(candidate: ChangeCandidate) -> float:
     """Return the weight of a candidate before the data: effects alike, then rotors."""
     if "+" in candidate.rotor:
         return _PAIR_PRIOR / 6.0
@@ -256,7 +256,7 @@ class _Weigher:
     scale: Array
     shift: Features
 
-    def of(self, candidate: Candidate) -> tuple[float, float, float, float]:
+    def of(self, candidate: ChangeCandidate) -> tuple[float, float, float, float]:
         """Return log density over all sizes; the best size and its 95 % interval."""
         size = candidate.sizes
         extra, rough, swung = _nuisance(candidate)
@@ -294,7 +294,7 @@ class _Weigher:
             log = log + _log_t(self.shift.swing - swung, self.spread.swing, loose, nu)
         return np.asarray(log)
 
-    def log_trail(self, candidate: Candidate | None) -> float:
+    def log_trail(self, candidate: ChangeCandidate | None) -> float:
         """Return the log density of the trail: only a hanging load drags."""
         mean, loose = _dragged(candidate)
         log = 0.0
@@ -303,7 +303,7 @@ class _Weigher:
                 log += float(_log_t(gap - m, scale, loose, self.spread.degrees))
         return log
 
-    def rest(self, candidate: Candidate, size: float) -> float:
+    def rest(self, candidate: ChangeCandidate, size: float) -> float:
         """Return the surprise at what a candidate of that size leaves."""
         if candidate.effect == CENTRE:
             return self.surprise(candidate.demand[0])
@@ -331,7 +331,7 @@ class _Weigher:
         return min(1.0, len(values) * min(values))
 
 
-def _dragged(candidate: Candidate | None) -> tuple[Array, float]:
+def _dragged(candidate: ChangeCandidate | None) -> tuple[Array, float]:
     """Return the trail of a candidate: mean (2,) and spread."""
     if candidate is None or candidate.effect != HANGING_LOAD:
         return np.zeros(2), 0.0
@@ -339,7 +339,7 @@ def _dragged(candidate: Candidate | None) -> tuple[Array, float]:
     return _DRAGGED * np.sign([ARM_Y[k], -ARM_X[k]]), _DRAGGED
 
 
-def _nuisance(candidate: Candidate) -> tuple[Array, float, tuple[float, Array]]:
+def _nuisance(candidate: ChangeCandidate) -> tuple[Array, float, tuple[float, Array]]:
     """Return what a candidate leaves open: of demand, shake and swing."""
     size, effect = np.abs(candidate.sizes), candidate.effect
     yaw = np.outer(MODES[3], MODES[3])  # the torque of one rotor, shared by all
@@ -347,8 +347,8 @@ def _nuisance(candidate: Candidate) -> tuple[Array, float, tuple[float, Array]]:
     if effect == WEAK_PROPELLER:
         extra += (_YAW_SHARE * size)[:, None, None] ** 2 * yaw
     if effect == ADDED_WEIGHT:
-        own = np.diag((candidate.demand[0] == candidate.demand[0].max()).astype(float))
-        extra += _WASH**2 * (own + yaw)
+        rotors = np.diag((candidate.demand[0] == candidate.demand[0].max()).astype(float))
+        extra += _WASH**2 * (rotors + yaw)
     if effect == HANGING_LOAD:
         return extra, _ROUGH, (0.0, np.full(size.size, _SWUNG))
     if effect == UNBALANCE:
@@ -361,7 +361,7 @@ def _nuisance(candidate: Candidate) -> tuple[Array, float, tuple[float, Array]]:
 
 def _centre_candidate(
     weigher: _Weigher, centre: Array
-) -> tuple[Candidate, float, float, float, float]:
+) -> tuple[ChangeCandidate, float, float, float, float]:
     """Return the moved centre of gravity in any direction; its size is a share of the arm."""
     scales = np.array(_CENTRE_SIZES)
     spread = centre.T @ centre
@@ -377,8 +377,8 @@ def _centre_candidate(
         float(np.linalg.eigvalsh(centre @ np.linalg.solve(weigher.scale, centre.T))[0])
     )
     size = float(np.linalg.norm(gain))
-    found = Candidate(CENTRE, "", gain, (gain @ centre)[None])
-    return found, density, size, max(size - error, 0.0), size + error
+    candidate = ChangeCandidate(CENTRE, "", gain, (gain @ centre)[None])
+    return candidate, density, size, max(size - error, 0.0), size + error
 
 
 def _summed(log: Array, prior: Array, size: Array) -> tuple[float, float, float, float]:

@@ -9,11 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tombo_bag.channels import DRIVES
-from tombo_bag.flight import Finding as LogFinding
-from tombo_bag.flight import Flight, why_left_out
+from tombo_bag.flight import Finding, Flight, why_left_out
 from tombo_diagnosis.change.comparison import (
-    Comparison,
-    Finding,
+    CandidateResult,
+    HealthyComparison,
     compare,
     mean_of,
     smallest_seen,
@@ -72,7 +71,7 @@ def diagnose_change(
     healthy: Sequence[Flight],
     nominal: NominalModel,
     clock: Callable[[], float] = lambda: 0.0,
-    left_out: Sequence[LogFinding] = (),
+    left_out: Sequence[Finding] = (),
 ) -> tuple[Diagnosis, ChangeData]:
     """Say what is different now on a vehicle.
 
@@ -118,11 +117,11 @@ def diagnose_change(
         mass, arm = airframe.mass, airframe.arm_length
     changed = tuple(c for m in shown for c in _changes(m, verdict, mass, arm))
     # a named mass is a set with what no flight tells from it
-    said = "set" if any(c.effect == _EQUAL for c in changed) else verdict.verdict
+    stated = "set" if any(c.effect == _EQUAL for c in changed) else verdict.verdict
     diagnosis = Diagnosis(
-        verdict=said,
+        verdict=stated,
         causes=(),
-        set=tuple(dict.fromkeys(_label(c) for c in changed)) if said == "set" else (),
+        set=tuple(dict.fromkeys(_label(c) for c in changed)) if stated == "set" else (),
         separating_experiment=None,
         gain=(),
         prechecks=findings,
@@ -157,7 +156,7 @@ def _common_drive(flights: Sequence[AirborneFlight]) -> str:
     )
 
 
-def _usable(logs: Sequence[Flight]) -> tuple[list[AirborneFlight], list[LogFinding]]:
+def _usable(logs: Sequence[Flight]) -> tuple[list[AirborneFlight], list[Finding]]:
     """Return the flights that can be compared, and why others can't.
 
     Raises:
@@ -168,19 +167,19 @@ def _usable(logs: Sequence[Flight]) -> tuple[list[AirborneFlight], list[LogFindi
         try:
             usable.append(airborne(log))
         except InputError as error:
-            refused.append(LogFinding("refused", "fault", log.name, str(error)))
+            refused.append(Finding("refused", "fault", log.name, str(error)))
     if not usable:
         raise InputError(refused[0].message if refused else "no flights given; accepted: some")
     return usable, refused
 
 
-def _check_fly(flights: Sequence[AirborneFlight], said: Sequence[Features]) -> None:
+def _check_fly(flights: Sequence[AirborneFlight], features: Sequence[Features]) -> None:
     """Refuse flights that stay where they are with rotors that can't carry the vehicle.
 
     Raises:
         InputError: names the flight.
     """
-    for flight, each in zip(flights, said, strict=True):
+    for flight, each in zip(flights, features, strict=True):
         share = float(np.mean(np.exp(each.demand)))
         if share < _CARRIES and not rises(flight.log.series["position"]):
             raise InputError(
@@ -189,7 +188,9 @@ def _check_fly(flights: Sequence[AirborneFlight], said: Sequence[Features]) -> N
             )
 
 
-def _changes(member: Finding, verdict: ChangeVerdict, mass: float, arm: float) -> list[Change]:
+def _changes(
+    member: CandidateResult, verdict: ChangeVerdict, mass: float, arm: float
+) -> list[Change]:
     """Return a member as it is reported; of a named pair one entry each."""
     candidate = member.candidate
     whole = sum(m.probability for m in verdict.members)
@@ -200,20 +201,20 @@ def _changes(member: Finding, verdict: ChangeVerdict, mass: float, arm: float) -
             Change(candidate.effect, rotor, (part,), sure)
             for rotor, part in zip(candidate.rotor.split("+"), theta, strict=True)
         ]
-    found = [Change(candidate.effect, candidate.rotor, theta, sure)]
+    changes = [Change(candidate.effect, candidate.rotor, theta, sure)]
     if candidate.effect == MASS:
         share = FittedParameter("fraction", "1", 0.0, *_inverse(member))
-        found.append(Change(_EQUAL, "", (share,), sure))
-    return found
+        changes.append(Change(_EQUAL, "", (share,), sure))
+    return changes
 
 
-def _inverse(member: Finding) -> tuple[float, float, float]:
+def _inverse(member: CandidateResult) -> tuple[float, float, float]:
     """Return the change of thrust that asks for the same commands as one of mass."""
     value, low, high = (1.0 / (1.0 + x) - 1.0 for x in (member.size, member.low, member.high))
     return value, high, low
 
 
-def _theta(member: Finding, mass: float, arm: float) -> tuple[FittedParameter, ...]:
+def _theta(member: CandidateResult, mass: float, arm: float) -> tuple[FittedParameter, ...]:
     candidate = member.candidate
     size = member.size, member.low, member.high
     if candidate.effect == UNBALANCE:
@@ -233,7 +234,7 @@ def _theta(member: Finding, mass: float, arm: float) -> tuple[FittedParameter, .
     return (FittedParameter("mass", "kg", 0.0, *(mass * x for x in size)),)
 
 
-def _scores(comparison: Comparison, seen: Mapping[str, float]) -> tuple[Score, ...]:
+def _scores(comparison: HealthyComparison, seen: Mapping[str, float]) -> tuple[Score, ...]:
     none = max(comparison.none, 1e-300)
     return tuple(
         Score(

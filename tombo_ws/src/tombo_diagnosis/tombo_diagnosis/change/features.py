@@ -165,16 +165,16 @@ def _supply(flight: AirborneFlight, t: Array) -> Array | None:
     raw = flight.log.series.get("voltage")
     if raw is None or not (raw.values > 0.0).all():
         return None
-    found = np.zeros(t.size)
+    voltage = np.zeros(t.size)
     for begin, end in flight.spans:
-        own = (raw.t >= begin) & (raw.t <= end)
-        if not own.any():
+        inside = (raw.t >= begin) & (raw.t <= end)
+        if not inside.any():
             return None
         width = max(1, round(_SUPPLY_S / max(sample_interval(raw.t), 1e-3)))
-        slow = uniform_filter1d(raw.values[own, 0], width, mode="reflect")
+        slow = uniform_filter1d(raw.values[inside, 0], width, mode="reflect")
         rows = (t >= begin) & (t <= end)
-        found[rows] = np.interp(t[rows], raw.t[own], slow)
-    return found
+        voltage[rows] = np.interp(t[rows], raw.t[inside], slow)
+    return voltage
 
 
 def features(flight: AirborneFlight, curve: DriveCurve) -> Features:

@@ -27,7 +27,7 @@ Effects = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True)
-class Candidate:
+class ChangeCandidate:
     """One thing that may have changed, of unknown size."""
 
     effect: str
@@ -66,7 +66,7 @@ def effects_of(
     return {MASS: {"fraction": size}, CENTRE: {"x": share * x, "y": share * y}}
 
 
-def candidates(vehicle: VehicleParams, maps: RotorMaps, sizes: Array) -> list[Candidate]:
+def candidates(vehicle: VehicleParams, maps: RotorMaps, sizes: Array) -> list[ChangeCandidate]:
     """Return all candidates with their demand in hover, from the simulated vehicle.
 
     Args:
@@ -78,29 +78,29 @@ def candidates(vehicle: VehicleParams, maps: RotorMaps, sizes: Array) -> list[Ca
     pairs = ["+".join(pair) for pair in combinations(ROTOR_NAMES, 2)]
     asked = [(WEAK_PROPELLER, r) for r in (*ROTOR_NAMES, *pairs)]
     asked += [(e, r) for e in (ADDED_WEIGHT, HANGING_LOAD) for r in ROTOR_NAMES]
-    found = []
+    candidates = []
     for effect, rotor in asked:
-        found.append(_candidate(effect, rotor, sizes, vehicle, maps, healthy))
+        candidates.append(_candidate(effect, rotor, sizes, vehicle, maps, healthy))
     both = np.concatenate([-sizes[::-1], sizes])
     both = both[both > -0.4]
-    found.append(_candidate(MASS, "", both, vehicle, maps, healthy))
+    candidates.append(_candidate(MASS, "", both, vehicle, maps, healthy))
     still = np.zeros((1, 4))
-    found += [Candidate(UNBALANCE, r, np.zeros(1), still) for r in ROTOR_NAMES]
-    return found
+    candidates += [ChangeCandidate(UNBALANCE, r, np.zeros(1), still) for r in ROTOR_NAMES]
+    return candidates
 
 
 def _candidate(
     effect: str, rotor: str, sizes: Array, vehicle: VehicleParams, maps: RotorMaps, healthy: Array
-) -> Candidate:
-    kept, rows = [], []
+) -> ChangeCandidate:
+    possible, rows = [], []
     for size in sizes:
         try:
             now = hover_thrust(vehicle, maps, effects_of(effect, rotor, size, vehicle))
         except InputError:
             continue  # so large that it would not hover
-        kept.append(size)
+        possible.append(size)
         rows.append(np.log(now / healthy))
-    return Candidate(effect, rotor, np.array(kept), np.array(rows))
+    return ChangeCandidate(effect, rotor, np.array(possible), np.array(rows))
 
 
 def centre_directions(vehicle: VehicleParams, maps: RotorMaps) -> Array:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tombo_diagnosis.change.comparison import CHANGED, Comparison, Finding, Spread
+from tombo_diagnosis.change.comparison import CHANGED, CandidateResult, HealthyComparison, Spread
 from tombo_diagnosis.change.features import Features
 from tombo_diagnosis.change.signatures import ADDED_WEIGHT, HANGING_LOAD, UNBALANCE, WEAK_PROPELLER
 from tombo_diagnosis.engine.verdict import LOG_BF_DISTINCT
@@ -33,12 +33,12 @@ class ChangeVerdict:
 
     verdict: str
     """none, named, set or unknown."""
-    members: tuple[Finding, ...]
+    members: tuple[CandidateResult, ...]
     """Most probable first; of `unknown`: those that would be needed to cover it."""
     confidence: float
 
 
-def judge_change(comparison: Comparison, healthy: int) -> ChangeVerdict:
+def judge_change(comparison: HealthyComparison, healthy: int) -> ChangeVerdict:
     """Return the verdict; `healthy` flights bound its confidence.
 
     Of n healthy flights and one more, any is the oddest with probability 1 / (n + 1): no rule can
@@ -59,14 +59,14 @@ def judge_change(comparison: Comparison, healthy: int) -> ChangeVerdict:
     return ChangeVerdict("named" if len(members) == 1 else "set", members, sure)
 
 
-def _members(comparison: Comparison) -> tuple[Finding, ...]:
+def _members(comparison: HealthyComparison) -> tuple[CandidateResult, ...]:
     """Return the fewest candidates that cover a change, and what equals the first of them.
 
     One that leaves too much is left out, and so are two rotors where one of them does as well.
     """
     whole, covered = 1.0 - comparison.none, 0.0
     first = comparison.found[0]
-    members: list[Finding] = []
+    members: list[CandidateResult] = []
     for finding in comparison.found:
         if members and finding.surprise < _UNEXPLAINED:
             continue
@@ -77,7 +77,7 @@ def _members(comparison: Comparison) -> tuple[Finding, ...]:
     return tuple(members)
 
 
-def _alike(finding: Finding, first: Finding) -> bool:
+def _alike(finding: CandidateResult, first: CandidateResult) -> bool:
     effects = {finding.candidate.effect, first.candidate.effect}
     return (
         finding.candidate.rotor == first.candidate.rotor
@@ -86,7 +86,7 @@ def _alike(finding: Finding, first: Finding) -> bool:
     )
 
 
-def _extends(finding: Finding, member: Finding) -> bool:
+def _extends(finding: CandidateResult, member: CandidateResult) -> bool:
     rotors, fewer = (f.candidate.rotor.split("+") for f in (finding, member))
     same = finding.candidate.effect == member.candidate.effect
     return same and len(rotors) > len(fewer) and set(fewer) < set(rotors)
@@ -117,12 +117,15 @@ def headline(verdict: str, labels: tuple[str, ...]) -> str:
         return "Nothing has changed that these flights show"
     if verdict == "unknown":
         return "Something has changed; these flights do not tell what"
-    said = [phrase(label) for label in labels]
-    return f"What has changed: {listed(said, 'or')}"
+    phrases = [phrase(label) for label in labels]
+    return f"What has changed: {listed(phrases, 'or')}"
 
 
 def summary(
-    verdict: ChangeVerdict, spread: Spread, comparison: Comparison, seen: Mapping[str, float]
+    verdict: ChangeVerdict,
+    spread: Spread,
+    comparison: HealthyComparison,
+    seen: Mapping[str, float],
 ) -> str:
     """Return the verdict in a sentence or two, with figures.
 
@@ -132,21 +135,21 @@ def summary(
     k = int(np.abs(comparison.shift.demand / day).argmax())
     share, usual = np.expm1([comparison.shift.demand[k], day[k]])  # of logarithms
     more = "more" if share > 0.0 else "less"
-    told = (
+    text = (
         f"Rotor {ROTOR_NAMES[k].replace('_', ' ')} is asked for {percent(abs(share), 1)} "
         f"{more} thrust than in {counted(spread.flights, 'healthy flight')}, which spread by "
         f"{percent(usual, 1)}; swing {percent(np.expm1(comparison.shift.swing))}."
     )
     if verdict.verdict == "none":
-        return f"{told} Healthy flights differ as much. {_would_show(seen)}"
+        return f"{text} Healthy flights differ as much. {_would_show(seen)}"
     if verdict.verdict == "unknown":
         first = [
             f"{phrase(f.candidate.label)} ({percent(f.probability)})" for f in verdict.members
         ]
         most = f" Most probable: {listed(first[:4])}." if first else " No candidate explains it."
-        return f"{told}{most}"
-    said = listed([phrase(m.candidate.label) for m in verdict.members], "or")
-    return f"{told} That is what {said} asks for."
+        return f"{text}{most}"
+    members = listed([phrase(m.candidate.label) for m in verdict.members], "or")
+    return f"{text} That is what {members} asks for."
 
 
 def _would_show(seen: Mapping[str, float]) -> str:
@@ -168,7 +171,7 @@ def _would_show(seen: Mapping[str, float]) -> str:
 def notes(spread: Spread, new: Features) -> tuple[str, ...]:
     """Return what can't be certified."""
     n = spread.flights
-    found = [
+    lines = [
         f"With {counted(n, 'healthy flight')} a false alarm below {percent(1.0 / (n + 1.0))} "
         f"can't be certified, so no confidence is above {percent(n / (n + 1.0))}; fly healthy "
         "flights on more days.",
@@ -178,5 +181,5 @@ def notes(spread: Spread, new: Features) -> tuple[str, ...]:
         "another centre of gravity.",
     ]
     if not np.isfinite(new.shake).all() or not np.isfinite(spread.shake).all():
-        found.append("Commands or accelerations are sampled too slowly to show unbalance.")
-    return tuple(found)
+        lines.append("Commands or accelerations are sampled too slowly to show unbalance.")
+    return tuple(lines)

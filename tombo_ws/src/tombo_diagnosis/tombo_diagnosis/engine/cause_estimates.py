@@ -10,9 +10,9 @@ import numpy as np
 from scipy import stats
 
 from tombo_diagnosis.diagnosis import Detectable, Score
-from tombo_diagnosis.engine.model import Explanation, Model
+from tombo_diagnosis.engine.model import Explanation, RegressionModel
 from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST
-from tombo_diagnosis.engine.regression import Fit, Parameter, solve
+from tombo_diagnosis.engine.regression import Fit, FreeParameter, solve
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import FittedParameter, Gain
 
@@ -53,12 +53,12 @@ _MODEL_ERROR = 0.015
 _MAX_LOG_BF = 700.0
 
 Covariance = tuple[tuple[float, ...], ...]
-Estimate = tuple[tuple[FittedParameter, ...], Covariance]
+ParameterEstimate = tuple[tuple[FittedParameter, ...], Covariance]
 """Parameters of a cause, and their covariance."""
 
 
 def fitted_parameter(
-    p: Parameter, nominal: float, value: float, deviation: float
+    p: FreeParameter, nominal: float, value: float, deviation: float
 ) -> FittedParameter:
     """Return a parameter with its 95 % interval, in its bounds."""
     half = TWO_SIDED * math.hypot(deviation, _MODEL_ERROR * abs(value - nominal))
@@ -71,20 +71,22 @@ def as_tuples(covariance: Array) -> Covariance:
     return tuple(tuple(float(v) for v in row) for row in covariance)
 
 
-def fitted_parameters(model: Model, explanation: Explanation, effect: str) -> Estimate:
+def fitted_parameters(
+    model: RegressionModel, explanation: Explanation, effect: str
+) -> ParameterEstimate:
     """Return the parameters of a cause with a mean, and their covariance."""
     free = sorted(i for h in explanation.hypotheses if h.effect == effect for i in h.free)
     places = model.columns.places(free)
     theta = model.final(explanation.fit)
     spread = explanation.fit.solution.covariance[np.ix_(places, places)]
     deviations = np.sqrt(np.maximum(np.diag(spread), 0.0))
-    found = tuple(
+    parameters = tuple(
         fitted_parameter(
             model.columns.parameters[i], float(model.theta[i]), float(theta[i]), float(d)
         )
         for i, d in zip(free, deviations, strict=True)
     )
-    return found, as_tuples(spread)
+    return parameters, as_tuples(spread)
 
 
 def scores(
@@ -105,19 +107,19 @@ def scores(
     """
     finite = {e: max(min(float(v), _MAX_LOG_BF), -_MAX_LOG_BF) for e, v in log_bf.items()}
     total = float(np.logaddexp.reduce([0.0, *finite.values()]))
-    found = []
+    candidates = []
     for effect in effects:
         share = shares.get(effect, math.nan)
         if effect in finite:
             evidence = finite[effect]
             probability, least = math.exp(evidence - total), detectable.get(effect)
-            found.append(Score(effect, share, evidence, probability, True, "", least))
+            candidates.append(Score(effect, share, evidence, probability, True, "", least))
         else:
-            found.append(Score(effect, share, 0.0, 0.0, False, why_not(effect)))
-    return tuple(sorted(found, key=lambda s: (-s.excited, -s.evidence)))
+            candidates.append(Score(effect, share, 0.0, 0.0, False, why_not(effect)))
+    return tuple(sorted(candidates, key=lambda s: (-s.excited, -s.evidence)))
 
 
-def detectable_changes(model: Model, fit: Fit) -> dict[str, Detectable]:
+def detectable_changes(model: RegressionModel, fit: Fit) -> dict[str, Detectable]:
     """Return effect -> the parameter that shows best in its scale, and how small it may be.
 
     A change is shown if the log Bayes factor of "as wide as what matters" against "within its
@@ -135,7 +137,7 @@ def detectable_changes(model: Model, fit: Fit) -> dict[str, Detectable]:
         share = size / p.scale
         if p.effect not in best or share < best[p.effect][0]:
             best[p.effect] = share, Detectable(p.name, p.unit, size)
-    return {effect: found for effect, (_, found) in best.items()}
+    return {effect: change for effect, (_, change) in best.items()}
 
 
 def _threshold(noise: float, tolerance: float, scale: float, variants: int) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
-from tombo_diagnosis.engine.regression import Columns, Fit
+from tombo_diagnosis.engine.regression import Fit, Unknowns
 from tombo_dynamics.arrays import Array
 
 Calibration = Sequence[tuple[float, float]]
@@ -33,13 +33,13 @@ class Setting:
     """Highest confidence that is stated."""
 
 
-class Model(Protocol):
+class RegressionModel(Protocol):
     """The regression of some data about a nominal model; all fits are made from it.
 
     Flights and thrust stands implement it; search and verdict use nothing else.
     """
 
-    columns: Columns
+    columns: Unknowns
     theta: Array
     """Parameters of the nominal model."""
     null_hypothesis: Fit
@@ -170,7 +170,7 @@ R = TypeVar("R", bound=Remainder)
 
 
 @dataclass(frozen=True, eq=False)
-class Findings(Generic[P, R]):
+class Analysis(Generic[P, R]):
     """Result of an analysis, before it is written as text."""
 
     problem: P

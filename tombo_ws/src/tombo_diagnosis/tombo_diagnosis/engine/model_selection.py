@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tombo_diagnosis.engine.model import Explanation, Hypothesis, Model, SearchResult
+from tombo_diagnosis.engine.model import Explanation, Hypothesis, RegressionModel, SearchResult
 from tombo_diagnosis.engine.regression import TIGHT, Fit, solve
 
 LOG_BF_FIRST = 3.5
@@ -36,7 +36,9 @@ _WIDTHS = np.geomspace(1.5, 40.0, 10)
 
 
 def search(
-    model: Model, progress: Callable[[float], None] | None = None, most: int = _MAX_CAUSES
+    model: RegressionModel,
+    progress: Callable[[float], None] | None = None,
+    most: int = _MAX_CAUSES,
 ) -> SearchResult:
     """Return the best explanation of the data and its alternatives."""
     null = Explanation((), model.null_hypothesis, 0.0)
@@ -47,27 +49,27 @@ def search(
         grown: dict[frozenset[str], Explanation] = {}
         for explanation in beam:
             for hypothesis in _worth_fitting(model, explanation):
-                found = _with_hypothesis(model, explanation, hypothesis)
-                key = frozenset(found.effects)
-                if key not in grown or grown[key].evidence < found.evidence:
-                    grown[key] = found
+                fitted = _with_hypothesis(model, explanation, hypothesis)
+                key = frozenset(fitted.effects)
+                if key not in grown or grown[key].evidence < fitted.evidence:
+                    grown[key] = fitted
         if progress is not None:
             progress(size / most)
         evaluated.update(grown)
         least = beam[0].evidence + (LOG_BF_FIRST if size == 1 else LOG_BF_ADDITIONAL)
-        kept = [e for e in _likeliest_first(grown.values()) if e.evidence > least]
-        if not kept:
+        promising = [e for e in _likeliest_first(grown.values()) if e.evidence > least]
+        if not promising:
             break
         beam = [
             _relinearized(model, e) if e.evidence >= _RELINEARIZE_LOG_BF else e
-            for e in kept[:_BEAM_WIDTH]
+            for e in promising[:_BEAM_WIDTH]
         ]
     best = beam[0]
     for explanation in evaluated.values():
         if len(explanation.effects) == 1 and math.isfinite(explanation.evidence):
             single_log_bf[explanation.effects[0]] = explanation.evidence
-    own = frozenset(best.effects)
-    alternatives = [e for k, e in evaluated.items() if len(k) == len(own) and k != own]
+    members = frozenset(best.effects)
+    alternatives = [e for k, e in evaluated.items() if len(k) == len(members) and k != members]
     if best.hypotheses:
         best, *alternatives = _relinearize_near_best(model, [best, *alternatives])
     known = {key: e.evidence for key, e in evaluated.items()}
@@ -80,7 +82,7 @@ def _likeliest_first(explanations: Iterable[Explanation]) -> list[Explanation]:
     return sorted(explanations, key=lambda e: -e.evidence)
 
 
-def _worth_fitting(model: Model, explanation: Explanation) -> list[Hypothesis]:
+def _worth_fitting(model: RegressionModel, explanation: Explanation) -> list[Hypothesis]:
     """Return the hypotheses to add to an explanation: the best two ways of each effect.
 
     At most `Setting.max_fitted` effects, best first; then those that are best with tight priors.
@@ -100,16 +102,16 @@ def _worth_fitting(model: Model, explanation: Explanation) -> list[Hypothesis]:
     return chosen + _with_tight_priors(model, explanation)
 
 
-def _with_tight_priors(model: Model, explanation: Explanation) -> list[Hypothesis]:
+def _with_tight_priors(model: RegressionModel, explanation: Explanation) -> list[Hypothesis]:
     """Return what looks best with tolerances held, where some are far outside their tolerance."""
     fit = explanation.fit
     columns = model.columns
     limits = columns.deviations(fit.free, fit.widths)
     stretched = np.abs(fit.solution.mean - fit.prior_mean) / limits
-    own = [
+    places = [
         k for k, i in enumerate(columns.indices) if i in columns.identifiable and i not in fit.free
     ]
-    if not own or float(stretched[own].max()) < _STRETCHED_SIGMAS:
+    if not places or float(stretched[places].max()) < _STRETCHED_SIGMAS:
         return []
     best: dict[str, Hypothesis] = {}
     for gain, hypothesis in rank_hypotheses(model, explanation, TIGHT):
@@ -119,7 +121,7 @@ def _with_tight_priors(model: Model, explanation: Explanation) -> list[Hypothesi
 
 
 def rank_hypotheses(
-    model: Model, explanation: Explanation, tight: float = 1.0
+    model: RegressionModel, explanation: Explanation, tight: float = 1.0
 ) -> list[tuple[float, Hypothesis]]:
     """Return every hypothesis of every effect with what it adds to an explanation, by the tangent.
 
@@ -130,7 +132,7 @@ def rank_hypotheses(
     base = solve(fit.normal, held, fit.prior_mean, covariance=False).evidence
     confounded = model.setting.confounded_with
     excluded = {*explanation.effects}.union(*(confounded.get(e, ()) for e in explanation.effects))
-    found = []
+    ranked = []
     for effect in columns.effects:
         for free in columns.variants[effect] if effect not in excluded else ():
             pinned = [place for place in fit.pinned if columns.indices[place] not in free]
@@ -140,17 +142,17 @@ def rank_hypotheses(
             if gain > _MIN_TANGENT_LOG_BF and columns.outside(fit.theta, free, solution.mean):
                 solution = solve(fit.normal, deviations, fit.prior_mean)
                 gain -= columns.bounds_penalty(fit.theta, free, solution)
-            found.append((gain - _multiplicity_penalty(model, effect), Hypothesis(effect, free)))
-    found += [
+            ranked.append((gain - _multiplicity_penalty(model, effect), Hypothesis(effect, free)))
+    ranked += [
         _widest(model, explanation, effect, price, tight)
         for effect, price in model.noise_effects().items()
         if effect not in excluded
     ]
-    return sorted(found, key=lambda each: -each[0])
+    return sorted(ranked, key=lambda each: -each[0])
 
 
 def _widest(
-    model: Model, explanation: Explanation, effect: str, price: float, tight: float
+    model: RegressionModel, explanation: Explanation, effect: str, price: float, tight: float
 ) -> tuple[float, Hypothesis]:
     """Return a stochastic effect by its most probable width, and what it adds.
 
@@ -167,14 +169,14 @@ def _widest(
 
 
 def _with_hypothesis(
-    model: Model, explanation: Explanation, hypothesis: Hypothesis
+    model: RegressionModel, explanation: Explanation, hypothesis: Hypothesis
 ) -> Explanation:
     """Return an explanation with one more cause, everything in it fitted again."""
     return fit_hypotheses(model, (*explanation.hypotheses, hypothesis), explanation.fit)
 
 
 def fit_hypotheses(
-    model: Model, hypotheses: tuple[Hypothesis, ...], start: Fit | None = None
+    model: RegressionModel, hypotheses: tuple[Hypothesis, ...], start: Fit | None = None
 ) -> Explanation:
     """Fit a set of causes with the model itself, from `start` (None: the nominal model)."""
     null = model.null_hypothesis
@@ -190,7 +192,7 @@ def fit_hypotheses(
     return Explanation(hypotheses, fit, evidence)
 
 
-def _within_bounds(model: Model, fit: Fit) -> float:
+def _within_bounds(model: RegressionModel, fit: Fit) -> float:
     """Return the log evidence of a fit, less what it costs to lie beyond a bound."""
     return fit.evidence - model.columns.bounds_penalty(
         fit.theta, fit.free, fit.solution, fitted=True
@@ -198,19 +200,19 @@ def _within_bounds(model: Model, fit: Fit) -> float:
 
 
 def restrict_to(
-    model: Model, explanation: Explanation, effects_kept: Sequence[str]
+    model: RegressionModel, explanation: Explanation, effects_kept: Sequence[str]
 ) -> Explanation:
     """Return an explanation with some of its causes only, fitted again."""
-    kept = [each for each in explanation.hypotheses if each.effect in effects_kept]
-    if len(kept) == len(explanation.hypotheses):
+    remaining = [each for each in explanation.hypotheses if each.effect in effects_kept]
+    if len(remaining) == len(explanation.hypotheses):
         return explanation
     result = Explanation((), model.null_hypothesis, 0.0)
-    for hypothesis in kept:
+    for hypothesis in remaining:
         result = _with_hypothesis(model, result, hypothesis)
     return result
 
 
-def _relinearized(model: Model, explanation: Explanation) -> Explanation:
+def _relinearized(model: RegressionModel, explanation: Explanation) -> Explanation:
     """Return an explanation with all slopes taken where it is, and its evidence then."""
     if explanation.relinearized or not math.isfinite(explanation.evidence):
         return explanation
@@ -220,7 +222,9 @@ def _relinearized(model: Model, explanation: Explanation) -> Explanation:
     return replace(explanation, fit=fit, evidence=evidence, relinearized=True)
 
 
-def _relinearize_near_best(model: Model, explanations: list[Explanation]) -> list[Explanation]:
+def _relinearize_near_best(
+    model: RegressionModel, explanations: list[Explanation]
+) -> list[Explanation]:
     """Return explanations, most probable first; those close to the first are relinearized.
 
     With slopes of its own one may fall far behind others; then these get their own, too.
@@ -235,7 +239,7 @@ def _relinearize_near_best(model: Model, explanations: list[Explanation]) -> lis
         rough = [e for e in rough if e not in near]
 
 
-def free_all_axes(model: Model, explanation: Explanation) -> Explanation:
+def free_all_axes(model: RegressionModel, explanation: Explanation) -> Explanation:
     """Return an explanation with every parameter of a named unit free: all axes of a bias or wind.
 
     What was too small on one axis to be accepted is measured there all the same.
@@ -243,10 +247,10 @@ def free_all_axes(model: Model, explanation: Explanation) -> Explanation:
     columns = model.columns
     hypotheses = []
     for hypothesis in explanation.hypotheses:
-        own = [columns.parameters[i] for i in hypothesis.free]
+        freed = [columns.parameters[i] for i in hypothesis.free]
         free = hypothesis.free
-        if own and own[0].low < own[0].null < own[0].high:
-            units = {p.unit for p in own}
+        if freed and freed[0].low < freed[0].null < freed[0].high:
+            units = {p.unit for p in freed}
             free = tuple(
                 p.index
                 for p in columns.parameters
@@ -262,6 +266,6 @@ def free_all_axes(model: Model, explanation: Explanation) -> Explanation:
     return replace(explanation, hypotheses=tuple(hypotheses), fit=fit)
 
 
-def _multiplicity_penalty(model: Model, effect: str) -> float:
+def _multiplicity_penalty(model: RegressionModel, effect: str) -> float:
     """Return the log of an effect's number of hypotheses: many don't make it more probable."""
     return math.log(max(1, len(model.columns.variants.get(effect, ()))))

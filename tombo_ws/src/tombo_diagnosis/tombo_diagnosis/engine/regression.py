@@ -97,7 +97,7 @@ _MAX_BOUND_EXCESS_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)
-class Parameter:
+class FreeParameter:
     """One parameter of an effect."""
 
     index: int
@@ -132,10 +132,10 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Columns:
+class Unknowns:
     """What the unknowns are: parameters of theta, then random draws."""
 
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[FreeParameter, ...]
     """All of theta."""
     indices: tuple[int, ...]
     """Places in theta of the parameters that these data can show."""
@@ -180,12 +180,14 @@ class Columns:
         """
         table: dict[str, list[tuple[int, ...]]] = {}
         for effect in self.effects:
-            own = [self.parameters[i] for i in self.identifiable]
-            own = sorted((p for p in own if p.effect == effect), key=lambda p: p.index)
-            units = dict.fromkeys(p.unit for p in own)
-            ways: list[tuple[int, ...]] = [(p.index,) for p in own]
-            ways += [tuple(p.index for p in own if p.unit == unit) for unit in units]
-            ways.append(tuple(p.index for p in own))
+            parameters = [self.parameters[i] for i in self.identifiable]
+            parameters = sorted(
+                (p for p in parameters if p.effect == effect), key=lambda p: p.index
+            )
+            units = dict.fromkeys(p.unit for p in parameters)
+            ways: list[tuple[int, ...]] = [(p.index,) for p in parameters]
+            ways += [tuple(p.index for p in parameters if p.unit == unit) for unit in units]
+            ways.append(tuple(p.index for p in parameters))
             table[effect] = list(dict.fromkeys(way for way in ways if way))
         return table
 
@@ -204,14 +206,14 @@ class Columns:
             tight: factor on the tolerances of everything else.
             pinned: columns that stay at a bound of their parameter.
         """
-        own = [
+        values = [
             self.parameters[i].scale
             if i in free or i in self.absorbed
             else tight * self.parameters[i].tolerance
             for i in self.indices
         ]
-        own += [self.draw_width * widths.get(effect, 1.0) for effect in self.draws]
-        deviations = np.array(own)
+        values += [self.draw_width * widths.get(effect, 1.0) for effect in self.draws]
+        deviations = np.array(values)
         deviations[list(pinned)] *= _PINNED
         return deviations
 

@@ -16,11 +16,11 @@ from typing import TypeVar
 import numpy as np
 
 from tombo_diagnosis.engine.model import (
+    Analysis,
     Calibration,
     Explanation,
-    Findings,
     Judgement,
-    Model,
+    RegressionModel,
     Remainder,
     SearchResult,
     Setting,
@@ -28,7 +28,7 @@ from tombo_diagnosis.engine.model import (
 from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST, search
 from tombo_flight.progress import ProgressCallback
 
-P = TypeVar("P", bound=Model)
+P = TypeVar("P", bound=RegressionModel)
 R = TypeVar("R", bound=Remainder)
 
 LOG_BF_DISTINCT = 4.0
@@ -123,21 +123,23 @@ RULES: Sequence[Rule] = (
 """The first rule that holds gives the verdict."""
 
 
-def judge(setting: Setting, found: SearchResult, remainder: Remainder) -> Judgement:
+def judge(setting: Setting, result: SearchResult, remainder: Remainder) -> Judgement:
     """Return the verdict on a search for causes and what its best explanation leaves."""
-    weights = dict.fromkeys(found.best.effects, found.best.evidence)
+    weights = dict.fromkeys(result.best.effects, result.best.evidence)
     for effect, log_bf in remainder.noise_log_bf.items():
         weights[effect] = max(weights.get(effect, 0.0), log_bf)
     weights = _above_additional_threshold(weights)
-    kept = bool(found.best.effects) and all(e in weights for e in found.best.effects)
+    all_causes = bool(result.best.effects) and all(e in weights for e in result.best.effects)
     share = setting.model_error_share
     rivals = [
-        r for r in found.alternatives if kept and _deficit(r, found, share) < LOG_BF_DISTINCT
+        r
+        for r in result.alternatives
+        if all_causes and _deficit(r, result, share) < LOG_BF_DISTINCT
     ]
-    facts = _facts(setting, found, remainder, weights, rivals)
+    facts = _facts(setting, result, remainder, weights, rivals)
     rule = next(rule for rule in RULES if rule.holds(facts))
     causes = rule.causes(facts)
-    each = _confidences(setting, found, facts, rivals) if causes else {}
+    each = _confidences(setting, result, facts, rivals) if causes else {}
     if rule.verdict == "set":
         causes = tuple(sorted(causes, key=lambda e: -each.get(e, 0.0)))
     table = setting.calibration.get(rule.verdict, ())
@@ -149,7 +151,7 @@ def judge(setting: Setting, found: SearchResult, remainder: Remainder) -> Judgem
 
 def _facts(
     setting: Setting,
-    found: SearchResult,
+    result: SearchResult,
     remainder: Remainder,
     weights: dict[str, float],
     rivals: Sequence[Explanation],
@@ -158,28 +160,28 @@ def _facts(
     causes = tuple(sorted(weights, key=lambda e: -weights[e]))[:_MAX_CAUSES]
     random = [e for e in remainder.imitated if e in causes]
     forces = {e for r in random for e in causes if e in remainder.imitated[r]}
-    lead = max(found.single_log_bf.values(), default=0.0)
+    lead = max(result.single_log_bf.values(), default=0.0)
     return Facts(
         causes=causes,
         members=_with_equivalents(
-            _interchangeable_effects(found.best, rivals), causes, setting.equivalent
+            _interchangeable_effects(result.best, rivals), causes, setting.equivalent
         ),
         clean=remainder.clean,
         clean_where_explained=remainder.clean_where_explained
-        and found.best.evidence > _SURE_LOG_BF,
+        and result.best.evidence > _SURE_LOG_BF,
         strong=remainder.mostly_explained
-        and found.best.evidence > _STRONG_LOG_BF
+        and result.best.evidence > _STRONG_LOG_BF
         and len(causes) == 1,
         imitated=frozenset(e for e in causes if forces and e not in random),
         p_none=logistic(_NONE_SLOPE * (_NONE_EVEN_LOG_BF - lead)),
         p_unexplained=remainder.p_unexplained,
         p_cause=p_cause(min(weights.values(), default=0.0)),
-        p_best=1.0 / (1.0 + sum(_relative_odds(r, found, share) for r in found.alternatives)),
+        p_best=1.0 / (1.0 + sum(_relative_odds(r, result, share) for r in result.alternatives)),
     )
 
 
 def _confidences(
-    setting: Setting, found: SearchResult, facts: Facts, rivals: Sequence[Explanation]
+    setting: Setting, result: SearchResult, facts: Facts, rivals: Sequence[Explanation]
 ) -> dict[str, float]:
     """Return the confidence in each cause and in each member of the set."""
     most = setting.max_confidence
@@ -188,7 +190,7 @@ def _confidences(
         for e in facts.causes
     }
     for rival in rivals:
-        odds = _relative_odds(rival, found, setting.model_error_share) * facts.p_best
+        odds = _relative_odds(rival, result, setting.model_error_share) * facts.p_best
         for e in rival.effects:
             if e in facts.members:
                 each.setdefault(e, _clipped(facts.p_cause * odds, most))
@@ -227,22 +229,22 @@ def _with_equivalents(
     return tuple(dict.fromkeys((*members, *named, *alike)))
 
 
-def _deficit(rival: Explanation, found: SearchResult, share: float) -> float:
+def _deficit(rival: Explanation, result: SearchResult, share: float) -> float:
     """Return how far a rival is behind the best: a log Bayes factor, less where much is at stake.
 
     Where a cause is strong, small errors of the model weigh more than noise does: they make a
     `share` of what is in dispute.
     """
-    ahead = found.best.evidence - rival.evidence
-    disputed = found.log_bf_of_difference(rival)
+    ahead = result.best.evidence - rival.evidence
+    disputed = result.log_bf_of_difference(rival)
     if not math.isfinite(disputed):
         return ahead
     return ahead / max(1.0, share * disputed / LOG_BF_DISTINCT)
 
 
-def _relative_odds(rival: Explanation, found: SearchResult, share: float) -> float:
+def _relative_odds(rival: Explanation, result: SearchResult, share: float) -> float:
     """Return how likely a rival is against the best; of tangents it may look the more probable."""
-    return math.exp(min(-_deficit(rival, found, share), _MAX_EXPONENT))
+    return math.exp(min(-_deficit(rival, result, share), _MAX_EXPONENT))
 
 
 def p_cause(log_bf: float) -> float:
@@ -269,14 +271,14 @@ def _clipped(probability: float, most: float) -> float:
 
 def analyse_problem(
     problem: P, test_residual: Callable[[P, SearchResult], R], progress: ProgressCallback
-) -> Findings[P, R]:
+) -> Analysis[P, R]:
     """Select the causes.
 
     `test_residual` compares the residual of the best explanation with noise; `progress` is called
     with a stage and the share done, from 0.3 on.
     """
     progress("selecting causes", 0.3)
-    found = search(problem, lambda share: progress("selecting causes", 0.3 + 0.3 * share))
+    result = search(problem, lambda share: progress("selecting causes", 0.3 + 0.3 * share))
     progress("testing the residual", 0.6)
-    remainder = test_residual(problem, found)
-    return Findings(problem, found, remainder, judge(problem.setting, found, remainder))
+    remainder = test_residual(problem, result)
+    return Analysis(problem, result, remainder, judge(problem.setting, result, remainder))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from tombo_diagnosis.engine.model import Explanation, Findings, Remainder, SearchResult
+from tombo_diagnosis.engine.model import Analysis, Explanation, Remainder, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST, rank_hypotheses
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.engine.verdict import analyse_problem, logistic, p_cause
@@ -89,12 +89,12 @@ class FlightRemainder(Remainder):
     """Short disturbances, and where an effect's memory is lost: they were excluded."""
 
 
-FlightFindings = Findings[FlightProblem, FlightRemainder]
+FlightAnalysis = Analysis[FlightProblem, FlightRemainder]
 
 
 def analyse(
     tracks: Sequence[Track], nominal: NominalModel, progress: ProgressCallback = no_progress
-) -> FlightFindings:
+) -> FlightAnalysis:
     """Diagnose flights.
 
     If the result is in doubt, again without what a memory that was lost may have done, and without
@@ -114,9 +114,9 @@ def analyse(
 def _where_followed(
     tracks: Sequence[Track],
     nominal: NominalModel,
-    findings: FlightFindings,
+    findings: FlightAnalysis,
     progress: ProgressCallback,
-) -> FlightFindings:
+) -> FlightAnalysis:
     """Return the findings of what can be followed, where an effect with a memory is at work.
 
     What is explained without it needs no second look.
@@ -142,21 +142,21 @@ def _where_followed(
 
 
 def _with_excluded(
-    findings: FlightFindings, events: Sequence[Transient | LostMemory]
-) -> FlightFindings:
+    findings: FlightAnalysis, events: Sequence[Transient | LostMemory]
+) -> FlightAnalysis:
     return replace(findings, remainder=replace(findings.remainder, excluded=tuple(events)))
 
 
 def _analysed(
     tracks: Sequence[Track], nominal: NominalModel, progress: ProgressCallback
-) -> FlightFindings:
+) -> FlightAnalysis:
     progress("predicting", 0.0)
     return analyse_problem(FlightProblem(tracks, nominal), check_residual, progress)
 
 
-def check_residual(problem: FlightProblem, found: SearchResult) -> FlightRemainder:
+def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemainder:
     """Return the remainder of the best explanation, tested against known noise and gusts."""
-    nominal, best = problem.nominal, found.best.fit
+    nominal, best = problem.nominal, result.best.fit
     # Of a vehicle that the suite does not know, healthy noise is not known either.
     fits = [] if nominal.calibrated else fit_noise_effects(problem.tracks, nominal, problem.theta)
     noise_fits = select_noise_fits(fits)
@@ -207,30 +207,32 @@ def _share_of_one_flight(problem: FlightProblem, fit: Fit, expected: ScaleVarian
         return 0.0
     excess = []
     for f in range(len(problem.tracks)):
-        own = residual_variances(problem, fit, (f,))
-        each = [e for e in residual_excesses(own, expected) if e.channel.startswith(_FORCES)]
+        variances = residual_variances(problem, fit, (f,))
+        each = [e for e in residual_excesses(variances, expected) if e.channel.startswith(_FORCES)]
         excess.append(sum(max((e.measured / e.expected) ** 2 - 1.0, 0.0) for e in each))
     return max(excess) / sum(excess) if sum(excess) > 0.0 else 0.0
 
 
 def weigh_remainder(
-    found: FlightRemainder, explanation: ExplainedExcess, thrust_fitted: bool
+    remainder: FlightRemainder, explanation: ExplainedExcess, thrust_fitted: bool
 ) -> FlightRemainder:
     """Return a remainder with its meaning filled in.
 
     `explanation` is what the best explanation takes away of the excess. `thrust_fitted`: thrust
     was fitted to the same flights, so healthy noise is not known.
     """
-    gusts, explained = found.gusts, found.explained
-    accepted = gusts is not None and found.residual_r2 < _MAX_GUST_R2 and not gusts.at_edge
-    excess = max((each.excess for each in found.residual_excesses), default=-math.inf)
-    unexplained = [e for e in found.residual_excesses if not e.excess <= MAX_LOG_VARIANCE_EXCESS]
+    gusts, explained = remainder.gusts, remainder.explained
+    accepted = gusts is not None and remainder.residual_r2 < _MAX_GUST_R2 and not gusts.at_edge
+    excess = max((each.excess for each in remainder.residual_excesses), default=-math.inf)
+    unexplained = [
+        e for e in remainder.residual_excesses if not e.excess <= MAX_LOG_VARIANCE_EXCESS
+    ]
     groups = tuple(dict.fromkeys(channel_group(e.channel) for e in unexplained))
     if thrust_fitted:
         clean = (
             explained > _MIN_EXPLAINED_CALIBRATED
             and explanation.of_forces > _MIN_REMOVED_CALIBRATED
-            and found.residual_r2 < _MAX_R2_CALIBRATED
+            and remainder.residual_r2 < _MAX_R2_CALIBRATED
         )
         mostly = min(explained, explanation.of_forces) > _MIN_PARTIAL_SHARE_CALIBRATED
         clean_where_explained = clean
@@ -244,14 +246,14 @@ def weigh_remainder(
         clean_where_explained = not (concerned | doubted) & {*groups}
     odds = _UNEXPLAINED_SLOPE * (excess - _UNEXPLAINED_EVEN_EXCESS)
     p_left = logistic(odds) if math.isfinite(excess) else 0.5
-    noise = {fit.effect: fit.evidence for fit in found.scatter}
+    noise = {fit.effect: fit.evidence for fit in remainder.scatter}
     if gusts is not None and accepted:
         noise["gusts"] = gusts.evidence
     elif gusts is not None:
         clean = clean_where_explained = False
         p_left = max(p_left, p_cause(gusts.evidence))
     return replace(
-        found, clean=clean, p_unexplained=p_left, mostly_explained=mostly, noise_log_bf=noise,
+        remainder, clean=clean, p_unexplained=p_left, mostly_explained=mostly, noise_log_bf=noise,
         imitated={"gusts": _FORCE_EFFECTS - {"gusts"}} if accepted else {},
         clean_where_explained=clean_where_explained, unexplained_groups=groups,
     )  # fmt: skip

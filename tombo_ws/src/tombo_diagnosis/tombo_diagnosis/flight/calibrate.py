@@ -156,9 +156,9 @@ def _with_asked_speeds(log: Flight) -> Flight:
     asked = np.column_stack(
         [np.interp(command.t, speed.t[good], speed.values[good, i]) for i in range(4)]
     )
-    kept = np.isfinite(command.values).all(axis=1)
-    x = command.values[kept].ravel()
-    slope, offset = np.polyfit(x, asked[kept].ravel(), 1) if np.ptp(x) > 0.0 else (0.0, 0.0)
+    finite = np.isfinite(command.values).all(axis=1)
+    x = command.values[finite].ravel()
+    slope, offset = np.polyfit(x, asked[finite].ravel(), 1) if np.ptp(x) > 0.0 else (0.0, 0.0)
     if slope <= 0.0:
         return log
     values = np.maximum(offset + slope * command.values, 0.0)

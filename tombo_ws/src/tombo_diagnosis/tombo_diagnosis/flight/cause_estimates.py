@@ -12,14 +12,14 @@ from tombo_diagnosis.diagnosis import Cause, Score
 from tombo_diagnosis.engine import cause_estimates
 from tombo_diagnosis.engine.cause_estimates import (
     TWO_SIDED,
-    Estimate,
+    ParameterEstimate,
     as_tuples,
     detectable_changes,
     fitted_parameter,
     fitted_parameters,
 )
 from tombo_diagnosis.engine.model import Explanation
-from tombo_diagnosis.flight.analyse import MAX_LOG_VARIANCE_EXCESS, FlightFindings
+from tombo_diagnosis.flight.analyse import MAX_LOG_VARIANCE_EXCESS, FlightAnalysis
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.sensitivity import DRAW_SCALE_LABEL, SCATTER
 from tombo_diagnosis.wording import capital, counted, display_name, listed
@@ -27,7 +27,7 @@ from tombo_dynamics.effects import REGISTRY
 from tombo_flight.extended_model import FittedParameter, Gain
 
 
-def estimate_cause(effect: str, findings: FlightFindings, explanation: Explanation) -> Cause:
+def estimate_cause(effect: str, findings: FlightAnalysis, explanation: Explanation) -> Cause:
     """Return a cause with its parameters, from the fit of an explanation or of random effects."""
     theta, covariance = fitted_parameters(findings.problem, explanation, effect)
     noise = _noise_estimate(effect, findings)
@@ -39,7 +39,7 @@ def estimate_cause(effect: str, findings: FlightFindings, explanation: Explanati
     return Cause(effect, theta, confidence, REGISTRY[effect].signature, covariance)
 
 
-def _noise_estimate(effect: str, findings: FlightFindings) -> Estimate:
+def _noise_estimate(effect: str, findings: FlightAnalysis) -> ParameterEstimate:
     """Return the parameters of a stochastic effect that what is left unexplained shows."""
     parameters = findings.problem.nominal.parameters
     rows: dict[int, tuple[float, float]] = {}
@@ -48,28 +48,28 @@ def _noise_estimate(effect: str, findings: FlightFindings) -> Estimate:
             rows |= dict(zip(fit.free, zip(fit.value, fit.deviation, strict=True), strict=True))
     gusts = findings.remainder.gusts
     if effect == "gusts" and gusts is not None:
-        own = {p.name: p.index for p in parameters if p.effect == effect}
-        rows[own["deviation"]] = gusts.deviation, gusts.deviation_error
-        rows[own["time"]] = gusts.time, gusts.time_error
+        places = {p.name: p.index for p in parameters if p.effect == effect}
+        rows[places["deviation"]] = gusts.deviation, gusts.deviation_error
+        rows[places["time"]] = gusts.time, gusts.time_error
     theta = findings.problem.theta
     rows = dict(sorted(rows.items()))
-    found = tuple(fitted_parameter(parameters[i], float(theta[i]), *r) for i, r in rows.items())
-    return found, as_tuples(np.diag([error**2 for _, error in rows.values()]))
+    fitted = tuple(fitted_parameter(parameters[i], float(theta[i]), *r) for i, r in rows.items())
+    return fitted, as_tuples(np.diag([error**2 for _, error in rows.values()]))
 
 
-def _together(a: Estimate, b: Estimate) -> Estimate:
+def _together(a: ParameterEstimate, b: ParameterEstimate) -> ParameterEstimate:
     """Return both estimates of one effect; where both have a parameter, the second one."""
     names = {f.name for f in b[0]}
-    kept = [k for k, f in enumerate(a[0]) if f.name not in names]
-    size = len(kept)
+    first_only = [k for k, f in enumerate(a[0]) if f.name not in names]
+    size = len(first_only)
     spread = np.zeros((size + len(b[0]), size + len(b[0])))
-    if kept:
-        spread[:size, :size] = np.array(a[1])[np.ix_(kept, kept)]
+    if first_only:
+        spread[:size, :size] = np.array(a[1])[np.ix_(first_only, first_only)]
     spread[size:, size:] = np.array(b[1])
-    return (*(a[0][k] for k in kept), *b[0]), as_tuples(spread)
+    return (*(a[0][k] for k in first_only), *b[0]), as_tuples(spread)
 
 
-def _scatter_estimate(findings: FlightFindings, explanation: Explanation) -> Estimate:
+def _scatter_estimate(findings: FlightAnalysis, explanation: Explanation) -> ParameterEstimate:
     """Return the scatter of the draws: their root mean square, with a chi-square interval."""
     problem = findings.problem
     p = next(p for p in problem.nominal.parameters if p.label == DRAW_SCALE_LABEL)
@@ -85,7 +85,7 @@ def _scatter_estimate(findings: FlightFindings, explanation: Explanation) -> Est
 
 
 def scores(
-    findings: FlightFindings, gains: dict[str, float], refused: Mapping[str, str]
+    findings: FlightAnalysis, gains: dict[str, float], refused: Mapping[str, str]
 ) -> tuple[Score, ...]:
     """Return all effects of the registry, most probable first.
 
@@ -116,7 +116,7 @@ def scores(
     return cause_estimates.scores(log_bf, gains, REGISTRY, why_not, least)
 
 
-def summary(findings: FlightFindings, causes: Sequence[Cause], gains: Sequence[Gain]) -> str:
+def summary(findings: FlightAnalysis, causes: Sequence[Cause], gains: Sequence[Gain]) -> str:
     """Return the verdict in a sentence or two."""
     judgement = findings.judgement
     remains = ""
@@ -173,17 +173,17 @@ def _cause_text(cause: Cause) -> str:
     return f"{display_name(cause.effect)}: {values}"
 
 
-def notes(findings: FlightFindings) -> list[str]:
+def notes(findings: FlightAnalysis) -> list[str]:
     """Return what can't be certified, and why."""
     problem = findings.problem
-    said = []
+    lines = []
     if len(problem.tracks) < 3:
-        said.append(
+        lines.append(
             f"{counted(len(problem.tracks), 'flight')}: held-out figures come from blocks or "
             "single flights, and have no interval; three flights or more certify."
         )
     if problem.nominal.calibrated:
-        said.append(
+        lines.append(
             "The vehicle is not the suite's own: thrust was fitted to these flights, so errors of "
             "mass, thrust and level can't be seen, moments are not compared, and what healthy "
             "flights leave over is not known; the level of false alarms can't be certified."
@@ -191,19 +191,19 @@ def notes(findings: FlightFindings) -> list[str]:
         unexplained = [each for each in findings.remainder.residual_excesses if each.excess > 3.0]
         if unexplained and findings.judgement.effects:
             rest = "; ".join(f"{e.channel} {e.measured:.2g} {e.unit}" for e in unexplained[:4])
-            said.append(f"What is left beyond the causes named: {rest} (root mean square).")
+            lines.append(f"What is left beyond the causes named: {rest} (root mean square).")
     if not problem.nominal.moments and not problem.nominal.calibrated:
-        said.append(
+        lines.append(
             "Poses alone: thrust is taken from the track, so nothing along it (mass, thrust, "
             "ground effect) and no moments can be seen; rotor commands or an IMU show them."
         )
     if any(track.formulation == "mocap" for track in problem.tracks):
-        said.append(
+        lines.append(
             f"Without an IMU accelerations come from {_pose_rate_hz(problem):.0f} Hz poses: "
             "faults of the IMU can't be seen, and quick effects only in part."
         )
     if findings.problem.vehicles > 1 and len(problem.tracks) > 1:
-        said.append(
+        lines.append(
             "The rotors differ from flight to flight: other propellers, or other vehicles."
         )
-    return said
+    return lines

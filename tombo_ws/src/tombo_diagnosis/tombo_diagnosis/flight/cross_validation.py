@@ -14,9 +14,9 @@ from scipy.ndimage import gaussian_filter1d
 from tombo_diagnosis.engine.cause_estimates import gain_of, rms
 from tombo_diagnosis.engine.model import Explanation, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST, restrict_to
-from tombo_diagnosis.engine.regression import Fit, Parameter, solve
+from tombo_diagnosis.engine.regression import Fit, FreeParameter, solve
 from tombo_diagnosis.engine.verdict import analyse_problem
-from tombo_diagnosis.flight.analyse import FlightFindings, check_residual
+from tombo_diagnosis.flight.analyse import FlightAnalysis, check_residual
 from tombo_diagnosis.flight.fit.prediction import motion_of, residuals, simulate_along_motion
 from tombo_diagnosis.flight.fit.problem import FlightProblem, sum_of, tangent_of
 from tombo_diagnosis.flight.fit.sensitivity import DRAW_SCALE_LABEL, SCATTER, with_scatter
@@ -37,7 +37,7 @@ _HELD = 1e-4
 
 
 @dataclass(frozen=True)
-class Prediction:
+class HeldOutPrediction:
     """A flight as a fit of other flights predicts it."""
 
     theta: Array
@@ -53,9 +53,9 @@ class HeldOut:
     """A flight that was held out, predicted by two models that the other flights calibrated."""
 
     flight: int
-    before: Prediction
+    before: HeldOutPrediction
     """By the nominal model, with its parameters within their tolerances."""
-    after: Prediction
+    after: HeldOutPrediction
     """By the extended model, with its other parameters within theirs."""
 
 
@@ -77,7 +77,7 @@ def fit_without_flight(
     return HeldOut(flight, before, after)
 
 
-def _predicted(problem: FlightProblem, fit: Fit, flight: int, mean: Array) -> Prediction:
+def _predicted(problem: FlightProblem, fit: Fit, flight: int, mean: Array) -> HeldOutPrediction:
     """Return a flight as a fit predicts it whose unknowns are those of other flights.
 
     The draws of a vehicle are those that the fit finds, in this flight where each flight has its
@@ -87,11 +87,11 @@ def _predicted(problem: FlightProblem, fit: Fit, flight: int, mean: Array) -> Pr
     columns, limits = problem.columns, problem.columns.deviations(fit.free, fit.widths)
     mean = np.clip(mean, fit.prior_mean - 3.0 * limits, fit.prior_mean + 3.0 * limits)
     if columns.absorbed:
-        own = columns.places(sorted(columns.absorbed))
+        calibrated = columns.places(sorted(columns.absorbed))
         deviations = _HELD * limits
-        deviations[own] = limits[own]
+        deviations[calibrated] = limits[calibrated]
         centre = mean.copy()
-        centre[own] = fit.prior_mean[own]
+        centre[calibrated] = fit.prior_mean[calibrated]
         mean = solve(tangent_of(fit).normals[flight], deviations, centre, covariance=False).mean
     theta = fit.theta.copy()
     for place, index in enumerate(columns.indices):
@@ -100,14 +100,14 @@ def _predicted(problem: FlightProblem, fit: Fit, flight: int, mean: Array) -> Pr
     draws = np.zeros(8)
     if problem.drawn:
         first = problem.first_draw(flight)
-        found = mean if problem.vehicles == 1 else fit.solution.mean
-        draws[problem.drawn] = found[first : first + len(problem.drawn)]
+        draw_means = mean if problem.vehicles == 1 else fit.solution.mean
+        draws[problem.drawn] = draw_means[first : first + len(problem.drawn)]
         # Draws are in units of the nominal scatter, whatever a fit has made of its size.
         scale = next(p.index for p in columns.parameters if p.label == DRAW_SCALE_LABEL)
         theta[scale] = problem.theta[scale]
         theta, _ = with_scatter(theta, problem.nominal)
     residual = residuals(problem.tracks[flight], problem.nominal, theta, draws=draws)
-    return Prediction(theta, draws, residual)
+    return HeldOutPrediction(theta, draws, residual)
 
 
 def nominal_theta(problem: FlightProblem) -> Array:
@@ -149,7 +149,7 @@ def _solved(problem: FlightProblem, fit: Fit, flights: Sequence[int]) -> tuple[f
         pinned += over
 
 
-def _in_bounds(p: Parameter, value: float) -> bool:
+def _in_bounds(p: FreeParameter, value: float) -> bool:
     slack = 1e-3 * p.tolerance
     return p.low - slack <= value <= p.high + slack
 
@@ -261,13 +261,13 @@ def _smooth(state: Array, rates_measured: bool) -> Array:
     return smooth
 
 
-def gain_by_effect(problem: FlightProblem, found: SearchResult) -> dict[str, float]:
+def gain_by_effect(problem: FlightProblem, result: SearchResult) -> dict[str, float]:
     """Return effect -> share of what the best explanation removes, in flights not fitted on."""
-    result = {}
-    best = found.best.fit
+    shares = {}
+    best = result.best.fit
     flights = range(len(problem.tracks))
     whole = sum(_removed(problem, best, best.solution.mean, f) for f in flights)
-    for explanation in (found.best, *found.alternatives):
+    for explanation in (result.best, *result.alternatives):
         if len(explanation.hypotheses) != 1 or whole <= 0.0:
             continue
         removed = 0.0
@@ -275,8 +275,8 @@ def gain_by_effect(problem: FlightProblem, found: SearchResult) -> dict[str, flo
             others = [k for k in flights if k != f] or [f]
             mean = _solved(problem, explanation.fit, others)[1]
             removed += _removed(problem, explanation.fit, mean, f)
-        result[explanation.effects[0]] = float(np.clip(removed / whole, 0.0, 1.0))
-    return result
+        shares[explanation.effects[0]] = float(np.clip(removed / whole, 0.0, 1.0))
+    return shares
 
 
 def _removed(problem: FlightProblem, fit: Fit, mean: Array, flight: int) -> float:
@@ -298,7 +298,7 @@ state of the battery first, whatever the cause."""
 _MAX_REFUSED = 3
 
 
-def final_explanation(findings: FlightFindings) -> Explanation:
+def final_explanation(findings: FlightAnalysis) -> Explanation:
     """Return the explanation that goes into the model: of what is sure, or the most probable."""
     judgement = findings.judgement
     best = findings.search.best
@@ -316,7 +316,7 @@ def with_parts(problem: FlightProblem, final: Explanation) -> list[Explanation]:
     return [final, *(restrict_to(problem, final, (e,)) for e in final.effects)]
 
 
-def held_out_gains(findings: FlightFindings, final: Explanation) -> list[Gain]:
+def held_out_gains(findings: FlightAnalysis, final: Explanation) -> list[Gain]:
     """Return how much better each channel of each flight is predicted by what others taught."""
     if not final.hypotheses:
         return []
@@ -338,7 +338,7 @@ def surely_worse(gains: Sequence[Gain]) -> list[Gain]:
 class HeldOutTest:
     """What is left of the findings when flights that were held out have been asked."""
 
-    findings: FlightFindings
+    findings: FlightAnalysis
     final: Explanation
     """What goes into the model."""
     gains: list[Gain]
@@ -347,7 +347,7 @@ class HeldOutTest:
     """Effect -> what speaks against it, of causes that these flights contradict."""
 
 
-def refuse_contradicted(findings: FlightFindings) -> HeldOutTest:
+def refuse_contradicted(findings: FlightAnalysis) -> HeldOutTest:
     """Take away causes that held-out flights contradict.
 
     A cause that makes the prediction of a channel surely worse goes, of several the least that
@@ -370,7 +370,7 @@ def refuse_contradicted(findings: FlightFindings) -> HeldOutTest:
         )
 
 
-def _culprit(findings: FlightFindings, final: Explanation, worst: Gain) -> str:
+def _culprit(findings: FlightAnalysis, final: Explanation, worst: Gain) -> str:
     """Return the least of the causes without which a channel is not surely predicted worse.
 
     If there is none, the cause that the evidence misses least.

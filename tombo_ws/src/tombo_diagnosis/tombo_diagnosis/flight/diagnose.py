@@ -15,7 +15,7 @@ from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Finding, Flight
 from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightSummary, Residual
 from tombo_diagnosis.engine.model import Explanation
-from tombo_diagnosis.flight.analyse import DOUBTS, FlightFindings, analyse
+from tombo_diagnosis.flight.analyse import DOUBTS, FlightAnalysis, analyse
 from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
 from tombo_diagnosis.flight.cause_estimates import estimate_cause, notes, scores, summary
 from tombo_diagnosis.flight.cross_validation import (
@@ -47,7 +47,7 @@ from tombo_logs.checks.rotors.hover import Hover, hover_of
 from tombo_logs.readers.log_reader import read_logs
 from tombo_logs.readers.vehicle_airframe import vehicle_of
 
-Separate = Callable[[FlightFindings, ProgressCallback], Experiment | None]
+Separate = Callable[[FlightAnalysis, ProgressCallback], Experiment | None]
 
 _BLOCK_S = 8.0
 """A single flight is cut into blocks of about this length, which stand for flights."""
@@ -69,7 +69,7 @@ def diagnose_flights(
     separate: Separate | None = None,
     clock: Callable[[], float] = lambda: 0.0,
     left_out: Sequence[Finding] = (),
-) -> tuple[Diagnosis, FlightFindings]:
+) -> tuple[Diagnosis, FlightAnalysis]:
     """Report what the model gets wrong in measured flights, and what the report rests on.
 
     Args:
@@ -141,7 +141,7 @@ def diagnose_flights(
     return diagnosis, findings
 
 
-def _leftover(findings: FlightFindings, final: Explanation) -> Leftover | None:
+def _leftover(findings: FlightAnalysis, final: Explanation) -> Leftover | None:
     if findings.judgement.verdict not in DOUBTS:
         return None
     groups = findings.remainder.unexplained_groups
@@ -191,7 +191,7 @@ def _blocks(tracks: list[Track]) -> list[Track]:
     return parts
 
 
-def _residuals(findings: FlightFindings, final: Explanation) -> list[Residual]:
+def _residuals(findings: FlightAnalysis, final: Explanation) -> list[Residual]:
     """Return what is left before and after, with what could drive it."""
     problem = findings.problem
     sigma = _noise(findings)
@@ -223,7 +223,7 @@ def _residuals(findings: FlightFindings, final: Explanation) -> list[Residual]:
     return shown
 
 
-def _noise(findings: FlightFindings) -> dict[str, float]:
+def _noise(findings: FlightAnalysis) -> dict[str, float]:
     """Return channel -> standard deviation that noise alone gives it, where it is known.
 
     Of a vehicle whose healthy flights are not known it is not; nor of a channel that the
@@ -232,11 +232,11 @@ def _noise(findings: FlightFindings) -> dict[str, float]:
     expected = findings.remainder.expected
     if findings.problem.nominal.calibrated:
         return {}
-    found = {
+    deviations = {
         name: math.sqrt(2.0 * float(expected.variances[0, j]))
         for j, name in enumerate(expected.names)
     }
-    return {name: sigma for name, sigma in found.items() if sigma > _NO_NOISE}
+    return {name: sigma for name, sigma in deviations.items() if sigma > _NO_NOISE}
 
 
 def read_and_check(
@@ -298,7 +298,7 @@ def diagnose_files(
     progress: ProgressCallback = no_progress,
     separate: Separate | None = None,
     clock: Callable[[], float] = lambda: 0.0,
-) -> tuple[Diagnosis, FlightFindings]:
+) -> tuple[Diagnosis, FlightAnalysis]:
     """Read, check and diagnose flights: see `read_and_check` and `diagnose_flights`.
 
     Raises:
@@ -337,5 +337,7 @@ def diagnose_logs(
     base = None if model is None else read_model(model)
     nominal = nominal_model(model, vehicle)
     file = None if vehicle is None else read_vehicle(vehicle)
-    found, _ = diagnose_files(logs, nominal, mapping, names, file, on_progress, separate, clock)
-    return found, nominal.label, base
+    diagnosis, _ = diagnose_files(
+        logs, nominal, mapping, names, file, on_progress, separate, clock
+    )
+    return diagnosis, nominal.label, base

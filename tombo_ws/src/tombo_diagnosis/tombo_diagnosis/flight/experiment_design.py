@@ -18,7 +18,7 @@ import numpy as np
 from tombo_bag.flight import Flight, Series
 from tombo_diagnosis.diagnosis import Experiment
 from tombo_diagnosis.engine.regression import NormalEquations, solve
-from tombo_diagnosis.flight.analyse import FlightFindings
+from tombo_diagnosis.flight.analyse import FlightAnalysis
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.sensitivity import SCATTER
@@ -184,7 +184,7 @@ class _DesignInput:
     rpm: bool
 
 
-def separate(findings: FlightFindings, progress: ProgressCallback) -> Experiment | None:
+def separate(findings: FlightAnalysis, progress: ProgressCallback) -> Experiment | None:
     """Return the manoeuvre that separates the members of a set best, or None without a set."""
     members = findings.judgement.members[:_MEMBERS]
     if len(members) < 2:
@@ -220,11 +220,11 @@ def separate(findings: FlightFindings, progress: ProgressCallback) -> Experiment
     return Experiment(members, text, worst, present, chosen.scenario)
 
 
-def _present_log_bf(findings: FlightFindings, members: Sequence[str]) -> float:
+def _present_log_bf(findings: FlightAnalysis, members: Sequence[str]) -> float:
     """Return the log Bayes factor between the two closest members in the flights at hand."""
     every = [findings.search.best, *findings.search.alternatives]
-    own = [[e.evidence for e in every if m in e.effects] for m in members]
-    evidence = sorted((max(values) for values in own if values), reverse=True)
+    by_member = [[e.evidence for e in every if m in e.effects] for m in members]
+    evidence = sorted((max(values) for values in by_member if values), reverse=True)
     return float(evidence[0] - evidence[1]) if len(evidence) > 1 else 0.0
 
 
@@ -296,8 +296,8 @@ def _lead(
 
 
 def _evidence(problem: FlightProblem, normal: NormalEquations, effect: str) -> float:
-    own = tuple(p.index for p in problem.columns.parameters if p.effect == effect)
-    free = [i for i in own if i in problem.columns.identifiable]
+    places = tuple(p.index for p in problem.columns.parameters if p.effect == effect)
+    free = [i for i in places if i in problem.columns.identifiable]
     ways = [problem.columns.deviations(way) for way in [*((i,) for i in free), free] if way]
     ways = ways or [problem.columns.deviations(widths={SCATTER: 8.0})]
     return max(solve(normal, deviations, covariance=False).evidence for deviations in ways)

@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from tombo_diagnosis.engine.regression import Fit
-from tombo_diagnosis.flight.fit.prediction import Motion, simulate_along_motion
+from tombo_diagnosis.flight.fit.prediction import MotionOfPoses, simulate_along_motion
 from tombo_diagnosis.flight.fit.problem import FlightProblem, tangent_of
 from tombo_diagnosis.leftover.leftover import Leftover, Measured, leftover_of
 from tombo_diagnosis.leftover.terms import Extent, Term, force_terms, moment_terms
@@ -33,11 +33,13 @@ def flight_leftover(
     terms = {"force": force_terms(_extent(problem, fit)), "moment": moment_terms()}
     measured = {}
     for quantity in quantities:
-        own = terms[quantity]
-        flights = [_measured(problem, fit, f, quantity, own) for f in range(len(problem.tracks))]
-        found = [one for one in flights if one is not None]
-        if found:
-            measured[quantity] = found
+        dictionary = terms[quantity]
+        flights = [
+            _measured(problem, fit, f, quantity, dictionary) for f in range(len(problem.tracks))
+        ]
+        samples = [each for each in flights if each is not None]
+        if samples:
+            measured[quantity] = samples
     return leftover_of(measured, terms)
 
 
@@ -62,10 +64,10 @@ def _measured(
 ) -> Measured | None:
     """Return one flight's leftover; None where its channels do not show the quantity."""
     track, linear = problem.tracks[flight], tangent_of(fit).linears[flight]
-    found = _channels(problem, flight, quantity)
-    if found is None:
+    shown = _channels(problem, flight, quantity)
+    if shown is None:
         return None
-    group, chosen, axes = found
+    group, chosen, axes = shown
     names = problem.channels[flight][group]
     frame = "map" if names[chosen[0]].name.startswith("acceleration") else "body"
     kernel = track.fast_kernel if group == "fast" else track.slow_kernel
@@ -129,18 +131,18 @@ def _state(problem: FlightProblem, fit: Fit, flight: int) -> dict[str, Array]:
     track, motion = problem.tracks[flight], tangent_of(fit).linears[flight].motion
     values = motion.state
     body = np.einsum("nji,nj->ni", motion.rotation, values[:, 3:6])
-    found = dict(zip(("x", "y", "z", "vx", "vy", "vz"), values[:, :6].T, strict=True))
-    found |= dict(zip("uvw", body.T, strict=True))
-    found |= dict(zip("pqr", values[:, 10:13].T, strict=True))
-    found["yaw"] = yaw_pitch_roll(values[:, 6:10])[:, 0]
-    found["t"] = track.t - track.t[0]
-    found["thrust"] = _thrust(problem, fit, flight, motion)
+    state = dict(zip(("x", "y", "z", "vx", "vy", "vz"), values[:, :6].T, strict=True))
+    state |= dict(zip("uvw", body.T, strict=True))
+    state |= dict(zip("pqr", values[:, 10:13].T, strict=True))
+    state["yaw"] = yaw_pitch_roll(values[:, 6:10])[:, 0]
+    state["t"] = track.t - track.t[0]
+    state["thrust"] = _thrust(problem, fit, flight, motion)
     if track.voltage.size:
-        found["voltage"] = track.voltage[:, 0]
-    return found
+        state["voltage"] = track.voltage[:, 0]
+    return state
 
 
-def _thrust(problem: FlightProblem, fit: Fit, flight: int, motion: Motion) -> Array:
+def _thrust(problem: FlightProblem, fit: Fit, flight: int, motion: MotionOfPoses) -> Array:
     """Return the thrust of all rotors as the model has it [N]; drag along the axis is small."""
     out = simulate_along_motion(problem.tracks[flight], problem.nominal, fit.theta, motion)
     return np.asarray(problem.nominal.vehicle.mass * out["force"][:, 2])

@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.engine.regression import Parameter
+from tombo_diagnosis.engine.regression import FreeParameter
 from tombo_diagnosis.flight.fit.prediction import NO_NOISE, residuals
 from tombo_diagnosis.flight.fit.track import TICK, Track
 from tombo_diagnosis.flight.nominal import PARAMETERS, NominalModel
@@ -48,11 +48,11 @@ def block_variances(residual: Array, spacing: float) -> tuple[Array, Array]:
     return variances, counts
 
 
-def pooled(found: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+def pooled(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
     """Return variances and counts over flights, weighed by the counts."""
-    counts = np.sum([c for _, c in found], axis=0)
-    total = np.zeros_like(found[0][0])
-    for variances, count in found:
+    counts = np.sum([c for _, c in parts], axis=0)
+    total = np.zeros_like(parts[0][0])
+    for variances, count in parts:
         total += np.where(count[:, None] > 0, np.nan_to_num(variances) * count[:, None], 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = total / counts[:, None]
@@ -171,7 +171,7 @@ class NoiseFit:
 
 def imu_noise_statistics(tracks: Sequence[Track]) -> Statistics:
     """Return the white noise of gyro and accelerometer, as logarithms of standard deviations."""
-    found = {}
+    statistics = {}
     for channel in ("gyro", "accel"):
         sums, count = 0.0, 0
         for track in tracks:
@@ -189,8 +189,8 @@ def imu_noise_statistics(tracks: Sequence[Track]) -> Statistics:
             sums += float(_robust_variance(third)) * third.size
             count += third.size
         if sums > 0.0:  # of values rounded coarsely it is 0, and says nothing
-            found[channel] = 0.5 * math.log(sums / count / 20.0), _sigma(count)
-    return found
+            statistics[channel] = 0.5 * math.log(sums / count / 20.0), _sigma(count)
+    return statistics
 
 
 def predicted_imu_statistics(nominal: NominalModel, theta: Array) -> dict[str, float]:
@@ -223,25 +223,28 @@ def pose_noise_statistics(tracks: Sequence[Track]) -> Statistics:
         attitude.append(2.0 * fifth[:, 3:])
         if track.arrival.size:
             jitter.append(np.diff(track.arrival)[track.pose_rows[1:]])
-    found = {}
+    statistics = {}
     every = np.vstack(position)
     if every.shape[0] > 50:
-        found["position"] = 0.5 * math.log(_robust_variance(every) / 252.0), _sigma(every.size)
+        statistics["position"] = (
+            0.5 * math.log(_robust_variance(every) / 252.0),
+            _sigma(every.size),
+        )
         turned = np.vstack(attitude)
         # Of four components of a unit quaternion three are free.
         variance = _robust_variance(turned) * 4.0 / 3.0 / 252.0
-        found["attitude"] = 0.5 * math.log(variance), _sigma(turned.size)
+        statistics["attitude"] = 0.5 * math.log(variance), _sigma(turned.size)
     late = np.concatenate(jitter) if jitter else np.zeros(0)
     if late.size > 50 and late.std() > 0.0:
-        found["jitter"] = 0.5 * math.log(float(np.mean(late**2)) / 2.0), _sigma(late.size)
+        statistics["jitter"] = 0.5 * math.log(float(np.mean(late**2)) / 2.0), _sigma(late.size)
     if samples > 100:
-        found["gaps"] = 2.0 * math.sqrt(gaps), 1.0
-        found["samples"] = float(samples), math.inf
+        statistics["gaps"] = 2.0 * math.sqrt(gaps), 1.0
+        statistics["samples"] = float(samples), math.inf
         if gaps >= 5:
             mean = float(np.mean(lengths))
             spread = max(float(np.std(lengths)), 0.3) / mean / math.sqrt(gaps)
-            found["gap length"] = math.log(mean), spread
-    return found
+            statistics["gap length"] = math.log(mean), spread
+    return statistics
 
 
 def predicted_pose_statistics(
@@ -290,11 +293,11 @@ def _fit_all(statistics: Statistics, predict: Predict, theta: Array) -> list[Noi
     base = predict(theta)
     fits = []
     for effect in dict.fromkeys(p.effect for p in PARAMETERS):
-        own = [p for p in PARAMETERS if p.effect == effect]
+        parameters = [p for p in PARAMETERS if p.effect == effect]
         moving = []
-        for p in own:
+        for p in parameters:
             there = theta.copy()
-            for other in own:
+            for other in parameters:
                 if theta[other.index] == other.null and other is not p:
                     there[other.index] += 0.5 * other.scale
             near = predict(there)
@@ -309,7 +312,7 @@ def _fit_all(statistics: Statistics, predict: Predict, theta: Array) -> list[Noi
 
 def _fit(
     effect: str,
-    free: Sequence[Parameter],
+    free: Sequence[FreeParameter],
     statistics: Statistics,
     predict: Predict,
     theta: Array,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tombo_bag.flight import Flight
-from tombo_diagnosis.engine.regression import Parameter
+from tombo_diagnosis.engine.regression import FreeParameter
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.effects.compose import SimulatedPlant, layout, new_plant, pack_theta
@@ -27,14 +27,14 @@ _OWN = VehicleParams()
 """The vehicle that the registry's typical sizes are for."""
 
 
-def parameters(mass: float = _OWN.mass, arm: float = _OWN.arm_length) -> tuple[Parameter, ...]:
+def parameters(mass: float = _OWN.mass, arm: float = _OWN.arm_length) -> tuple[FreeParameter, ...]:
     """Return all parameters of the registry, in the order of theta.
 
     What clearly matters is given for the suite's own vehicle: forces grow with the mass [kg],
     lengths with the arm, centre to rotor axis [m].
     """
     sizes = size_factors(mass, arm)
-    found = []
+    every = []
     places = layout()
     for name, effect in REGISTRY.items():
         for p in effect.theta:
@@ -43,8 +43,8 @@ def parameters(mass: float = _OWN.mass, arm: float = _OWN.arm_length) -> tuple[P
             place = places[name][p.name]
             if not name.startswith(("mocap_noise", "contact")):
                 scale *= sizes.get(p.unit, 1.0)
-            found.append(Parameter(place, name, p.name, p.unit, p.null, *p.bounds, scale))
-    return tuple(sorted(found, key=lambda p: p.index))
+            every.append(FreeParameter(place, name, p.name, p.unit, p.null, *p.bounds, scale))
+    return tuple(sorted(every, key=lambda p: p.index))
 
 
 PARAMETERS = parameters()
@@ -84,7 +84,7 @@ class NominalModel:
         return pack_theta(self.effects)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[FreeParameter, ...]:
         """All parameters of theta, with sizes that matter for this vehicle."""
         return tuple(
             _known_to(p, self.tolerances.get(p.label))
@@ -105,16 +105,16 @@ def nominal_tolerances(nominal: NominalModel) -> dict[str, float]:
     Of effects without contact; what was fitted to the flights has none. The scatter of the
     propellers is the nominal one, where there is some.
     """
-    found = {
+    tolerances = {
         p.label: p.tolerance
         for p in nominal.parameters
         if not REGISTRY[p.effect].contact and p.label not in nominal.fitted
     }
     scatter = nominal.effects.get("thrust_scatter", {}).get("deviation", 0.0)
-    return found | ({"thrust_scatter.deviation": scatter} if scatter > 0.0 else {})
+    return tolerances | ({"thrust_scatter.deviation": scatter} if scatter > 0.0 else {})
 
 
-def _known_to(p: Parameter, tolerance: float | None) -> Parameter:
+def _known_to(p: FreeParameter, tolerance: float | None) -> FreeParameter:
     """Return a parameter with this vehicle's own tolerance; what matters is well beyond it."""
     if tolerance is None:
         return p
@@ -157,26 +157,26 @@ def tolerances_of(file: VehicleFile) -> dict[str, float]:
 
     A tolerance of arms, rotor inertia or drag torque has no effect that stands for it.
     """
-    found = {}
+    tolerances = {}
     for key, (label, share) in EFFECT_OF.items():
         tolerance = file.tolerance(key)
         if tolerance is None:
             continue
         section, _, name = key.partition(".")
         value = getattr(getattr(file, section), name) if share else 1.0
-        found[label] = tolerance / value
-    return found
+        tolerances[label] = tolerance / value
+    return tolerances
 
 
 def _with_spread(tolerances: Mapping[str, float], file: VehicleFile) -> dict[str, float]:
     """Return tolerances, none below what differs from one healthy flight to the next."""
     spread = {} if file.healthy is None else file.healthy.spread
     usual = parameters(file.vehicle.mass, file.vehicle.arm_length)
-    own = {p.label: p.tolerance for p in usual}
-    found = dict(tolerances)
+    usual_tolerances = {p.label: p.tolerance for p in usual}
+    widened = dict(tolerances)
     for label, deviation in spread.items():
-        found[label] = max(deviation, found.get(label, own.get(label, 0.0)))
-    return found
+        widened[label] = max(deviation, widened.get(label, usual_tolerances.get(label, 0.0)))
+    return widened
 
 
 def held_against(logs: Sequence[Flight], file: VehicleFile) -> list[Flight]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tombo_diagnosis.engine.regression import Fit
-from tombo_diagnosis.flight.fit.prediction import Motion
+from tombo_diagnosis.flight.fit.prediction import MotionOfPoses
 from tombo_diagnosis.flight.fit.problem import FlightProblem, tangent_of
 from tombo_diagnosis.flight.fit.sensitivity import map_flights
 from tombo_diagnosis.flight.noise import (
@@ -42,7 +42,7 @@ _FOLDS = 3
 """Blocks of a single flight that stand for flights."""
 
 
-def features(motion: Motion, t: Array, low: Array, high: Array) -> Array:
+def features(motion: MotionOfPoses, t: Array, low: Array, high: Array) -> Array:
     """Return (N, k): smooth functions of place, speed, heading, turning and time (N) of a flight.
 
     `low` and `high` (3) bound the places of all flights: spots are the same for all of them.
@@ -85,8 +85,8 @@ def cross_validated_r2(problem: FlightProblem, fit: Fit, start: tuple[str, ...])
     for f, (track, motion) in enumerate(zip(problem.tracks, motions, strict=True)):
         every = features(motion, track.t, low, high)
         for group, rows in problem.residual(fit, f).items():
-            own = problem.channels[f][group]
-            chosen = [j for j, c in enumerate(own) if c.name.startswith(start)]
+            channels = problem.channels[f][group]
+            chosen = [j for j, c in enumerate(channels) if c.name.startswith(start)]
             if not chosen:
                 continue
             kernel = track.fast_kernel if group == "fast" else track.slow_kernel
@@ -95,9 +95,9 @@ def cross_validated_r2(problem: FlightProblem, fit: Fit, start: tuple[str, ...])
             # At rest a force against the motion has the direction of the pose's noise.
             moving = block_means(kernel.smooth @ motion.state[:, 3:6], step)
             fast = np.linalg.norm(moving, axis=1) > _MIN_SPEED
-            kept = fast if np.count_nonzero(fast) > _MIN_BLOCKS else np.ones(fast.size, np.bool_)
-            xs.append(block_means(x, step)[kept])
-            ys.append(block_means(rows[:, chosen], step)[kept])
+            used = fast if np.count_nonzero(fast) > _MIN_BLOCKS else np.ones(fast.size, np.bool_)
+            xs.append(block_means(x, step)[used])
+            ys.append(block_means(rows[:, chosen], step)[used])
     if len(xs) == 1:
         xs = np.array_split(xs[0], _FOLDS)
         ys = np.array_split(ys[0], _FOLDS)
@@ -182,21 +182,21 @@ def with_healthy(expected: ScaleVariances, healthy: HealthyFlights | None) -> Sc
 
 def _powers(problem: FlightProblem, rows: Mapping[int, dict[str, Array]]) -> ScaleVariances:
     """Return the variances of flights, number of the flight -> group -> rows."""
-    found: dict[str, list[tuple[Array, Array]]] = {}
+    by_channel: dict[str, list[tuple[Array, Array]]] = {}
     units: dict[str, str] = {}
     for f, groups in rows.items():
         for group, residual in groups.items():
             variances, counts = block_variances(residual, 1.0 / problem.per_second(group))
             for j, c in enumerate(problem.channels[f][group]):
-                found.setdefault(c.name, []).append((variances[:, j : j + 1], counts))
+                by_channel.setdefault(c.name, []).append((variances[:, j : j + 1], counts))
                 units[c.name] = c.unit
     means, numbers = [], []
-    for parts in found.values():
+    for parts in by_channel.values():
         mean, count = pooled(parts)
         means.append(mean[:, 0])
         numbers.append(count)
     return ScaleVariances(
-        tuple(found), tuple(units.values()), np.column_stack(means), np.column_stack(numbers)
+        tuple(by_channel), tuple(units.values()), np.column_stack(means), np.column_stack(numbers)
     )
 
 
@@ -212,11 +212,11 @@ def residual_excesses(measured: ScaleVariances, expected: ScaleVariances) -> lis
         excess = ratio - _STANDARD_ERRORS * error
         excess[~np.isfinite(excess)] = -np.inf
         worst = int(np.argmax(excess))
-        found = float(np.sqrt(max(measured.variances[worst, j], 0.0)))
+        size = float(np.sqrt(max(measured.variances[worst, j], 0.0)))
         usual = float(np.sqrt(expected.variances[worst, j] + floor))
         result.append(
             ResidualExcess(
-                name, measured.units[j], SCALES_S[worst], found, usual, float(excess[worst])
+                name, measured.units[j], SCALES_S[worst], size, usual, float(excess[worst])
             )
         )
     return sorted(result, key=lambda each: -each.excess)
@@ -287,8 +287,8 @@ def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> Gus
     deviation, time = (float(v) for v in np.exp(mean))
     theta = fit.theta.copy()
     theta[places["deviation"]], theta[places["time"]] = deviation, time
-    own = next(p for p in PARAMETERS if p.index == places["deviation"])
-    off = (grid[:, 0] - problem.theta[own.index]) / own.tolerance
+    deviation_parameter = next(p for p in PARAMETERS if p.index == places["deviation"])
+    off = (grid[:, 0] - problem.theta[deviation_parameter.index]) / deviation_parameter.tolerance
     slow = np.log(grid[:, 1] / problem.theta[places["time"]]) / _TIME_TOLERANCE
     healthy = np.exp(-0.5 * (off**2 + slow**2)) * grid[:, 0]
     healthy /= healthy.sum()

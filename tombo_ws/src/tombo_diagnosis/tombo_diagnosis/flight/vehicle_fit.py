@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 
 from tombo_bag.flight import Flight
 from tombo_diagnosis.engine.cause_estimates import TWO_SIDED, fitted_parameter
-from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Fit, Parameter, solve
+from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Fit, FreeParameter, solve
 from tombo_diagnosis.flight.analyse import select_noise_fits
 from tombo_diagnosis.flight.calibrate import mean_of, specific_force
 from tombo_diagnosis.flight.diagnose import diagnose_flights
@@ -123,11 +123,11 @@ def fit_vehicle(
     differences: dict[int, _Difference] = {}
     fits: dict[int, VehicleFit] = {}
     for fold in range(folds):
-        own = range(fold, count, folds)
-        names = ", ".join(logs[k].name for k in own)
+        left_out = range(fold, count, folds)
+        names = ", ".join(logs[k].name for k in left_out)
         progress(f"fitting without {names}", (1.0 + fold + len(differences)) / steps)
-        fit = _fit([log for k, log in enumerate(logs) if k not in own], base)
-        for k in own:
+        fit = _fit([log for k, log in enumerate(logs) if k not in left_out], base)
+        for k in left_out:
             fits[k] = fit
             differences[k] = _difference(logs[k], fit.file)
     accused = {}
@@ -135,9 +135,9 @@ def fit_vehicle(
         progress(f"diagnosing {logs[k].name} by the others", (1.0 + folds + count + k) / steps)
         others = [each for j, each in differences.items() if j != k]
         file = dataclasses.replace(fit.file, healthy=_healthy(fit.file, others))
-        said, _ = diagnose_flights(held_against([logs[k]], file), nominal_model(vehicle=file))
-        if said.verdict != "none":
-            accused[logs[k].name] = said.summary
+        diagnosis, _ = diagnose_flights(held_against([logs[k]], file), nominal_model(vehicle=file))
+        if diagnosis.verdict != "none":
+            accused[logs[k].name] = diagnosis.summary
     healthy = dataclasses.replace(
         _healthy(whole.file, list(differences.values())), left_out=count, accused=len(accused)
     )
@@ -153,10 +153,10 @@ def _fit(logs: Sequence[Flight], base: VehicleFile) -> VehicleFit:
     file = _with_supply(logs, file)
     held = held_against(logs, file)
     problem = FlightProblem([track_of(log) for log in held], nominal_model(vehicle=file))
-    own = {p.label: p for p in problem.nominal.parameters if p.label in FITTED}
+    free = {p.label: p for p in problem.nominal.parameters if p.label in FITTED}
     if file.drive.known:
-        own.pop("thrust_coefficient_error.fraction")  # the drive has taken it up
-    fit = _fit_of_shown(problem, [p.index for p in own.values()])
+        free.pop("thrust_coefficient_error.fraction")  # the drive has taken it up
+    fit = _fit_of_shown(problem, [p.index for p in free.values()])
     seen = {
         p.label: fitted_parameter(
             p,
@@ -164,19 +164,19 @@ def _fit(logs: Sequence[Flight], base: VehicleFile) -> VehicleFit:
             float(fit.theta[p.index]),
             _deviation(problem, fit, p),
         )
-        for p in own.values()
+        for p in free.values()
         if p.index in fit.free
     }
     left = residual_variances(problem, fit)
     spread = {
         p.label: _alone_deviation(problem, fit, p)
-        for p in own.values()
+        for p in free.values()
         if p.label in seen or not _is_known(base, p.label)
     }
     healthy = HealthyFlights(len(logs), _by_channel(left), spread)
     file = dataclasses.replace(file, healthy=healthy, effects=_with_noise(problem, fit, file))
     count = len(logs)
-    unseen = tuple(text for label, text in FITTED.items() if label in own and label not in seen)
+    unseen = tuple(text for label, text in FITTED.items() if label in free and label not in seen)
     return VehicleFit(_with_fitted(file, seen, count), seen, unseen)
 
 
@@ -192,10 +192,10 @@ def _fit_of_shown(problem: FlightProblem, wanted: Sequence[int]) -> Fit:
 
     def shares(some: Sequence[int]) -> Array:
         """Return the deviations of parameters over their sizes, if just these are free."""
-        deviations = columns.deviations(some, NOMINAL_WIDTHS, pinned=fit.pinned)
-        covariance = solve(fit.normal, deviations, fit.prior_mean).covariance
-        found = np.sqrt(np.maximum(np.diag(covariance), 0.0))[columns.places(some)]
-        return np.asarray(found / [columns.parameters[i].scale for i in some])
+        priors = columns.deviations(some, NOMINAL_WIDTHS, pinned=fit.pinned)
+        covariance = solve(fit.normal, priors, fit.prior_mean).covariance
+        deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))[columns.places(some)]
+        return np.asarray(deviations / [columns.parameters[i].scale for i in some])
 
     while free:
         dropped: list[int] = []
@@ -205,25 +205,25 @@ def _fit_of_shown(problem: FlightProblem, wanted: Sequence[int]) -> Fit:
             if shares([*free, index]).max() < _SEEN:
                 free.append(index)
         fit = problem.fit(free, NOMINAL_WIDTHS, fit, slopes=False)
-        kept = [i for i in free if _inside(problem, fit, columns.parameters[i])]
-        if kept == free:
+        shown = [i for i in free if _inside(problem, fit, columns.parameters[i])]
+        if shown == free:
             break
-        free = kept
+        free = shown
     return fit if free else problem.null_hypothesis
 
 
-def _deviation(problem: FlightProblem, fit: Fit, p: Parameter) -> float:
+def _deviation(problem: FlightProblem, fit: Fit, p: FreeParameter) -> float:
     (place,) = problem.columns.places([p.index])
     return math.sqrt(max(float(fit.solution.covariance[place, place]), 0.0))
 
 
-def _inside(problem: FlightProblem, fit: Fit, p: Parameter) -> bool:
+def _inside(problem: FlightProblem, fit: Fit, p: FreeParameter) -> bool:
     """Return whether a fitted value is clear of its bounds, or at what is no effect at all."""
     value, deviation = float(fit.theta[p.index]), _deviation(problem, fit, p)
     return p.low + deviation < value < p.high - deviation or value == p.null
 
 
-def _alone_deviation(problem: FlightProblem, fit: Fit, p: Parameter) -> float:
+def _alone_deviation(problem: FlightProblem, fit: Fit, p: FreeParameter) -> float:
     """Return how well flights know one parameter, all others within their tolerances.
 
     What they don't show may have any usual size: flights that do show it are not to be blamed.
@@ -308,8 +308,8 @@ def _spread(flights: Sequence[FlightProblem]) -> dict[str, float]:
     """
     usual: dict[str, float] = {}
     for flight in flights:
-        own = [flight.columns.parameters[i] for i in flight.columns.indices]
-        usual |= {p.label: p.tolerance for p in own}
+        parameters = [flight.columns.parameters[i] for i in flight.columns.indices]
+        usual |= {p.label: p.tolerance for p in parameters}
     normals = [flight.normal() for flight in flights]
     variance = {label: tolerance**2 for label, tolerance in usual.items()}
     for _ in range(_EM_STEPS):
@@ -319,8 +319,8 @@ def _spread(flights: Sequence[FlightProblem]) -> dict[str, float]:
             labels = [columns.parameters[i].label for i in columns.indices]
             deviations = columns.deviations()
             deviations[: len(labels)] = [math.sqrt(variance[label]) for label in labels]
-            found = solve(normal, deviations)
-            each = found.mean**2 + np.diag(found.covariance)
+            solution = solve(normal, deviations)
+            each = solution.mean**2 + np.diag(solution.covariance)
             for label, square in zip(labels, each, strict=False):  # draws come last
                 squares.setdefault(label, []).append(float(square))
         variance = {n: max(float(np.mean(v)), usual[n] ** 2) for n, v in squares.items()}
@@ -339,8 +339,8 @@ def _with_supply(logs: Sequence[Flight], file: VehicleFile) -> VehicleFile:
         VehicleParams, {**dataclasses.asdict(file.vehicle), "battery_voltage": full}, "vehicle"
     )
     notes = {**file.notes, "vehicle.battery_voltage": Note(None, "highest in these flights")}
-    given = file.given | {"vehicle.battery_voltage"}
-    return dataclasses.replace(file, vehicle=vehicle, notes=notes, given=given)
+    known = file.given | {"vehicle.battery_voltage"}
+    return dataclasses.replace(file, vehicle=vehicle, notes=notes, given=known)
 
 
 def _with_noise(
@@ -349,9 +349,11 @@ def _with_noise(
     """Return a vehicle's effects with the noise that its flights show, where it is another."""
     effects = {name: dict(values) for name, values in file.effects.items()}
     parameters = problem.nominal.parameters
-    for found in select_noise_fits(fit_noise_effects(problem.tracks, problem.nominal, fit.theta)):
-        for index, value in zip(found.free, found.value, strict=True):
-            effects.setdefault(found.effect, {})[parameters[index].name] = float(value)
+    for noise_fit in select_noise_fits(
+        fit_noise_effects(problem.tracks, problem.nominal, fit.theta)
+    ):
+        for index, value in zip(noise_fit.free, noise_fit.value, strict=True):
+            effects.setdefault(noise_fit.effect, {})[parameters[index].name] = float(value)
     return effects
 
 
@@ -394,8 +396,8 @@ def fit_drive(logs: Sequence[Flight], mass: float) -> tuple[DriveParams, float]:
 
     def solved(rows: Array) -> Array:
         start = [float(rows[:, 2].mean() / rows[:, 0].mean()), 0.0, 0.0]
-        found = least_squares(lambda x: predicted(x, rows) - rows[:, 2], start, loss="soft_l1")
-        return np.asarray(found.x)
+        solution = least_squares(lambda x: predicted(x, rows) - rows[:, 2], start, loss="soft_l1")
+        return np.asarray(solution.x)
 
     x = solved(every)
     ratio = [float(np.mean(s[:, 2]) / np.mean(predicted(x, s))) for s in samples]
@@ -440,33 +442,33 @@ def _with_fitted(
 ) -> VehicleFile:
     """Return a vehicle with the values that were seen."""
     vehicle, propeller = file.vehicle, file.propeller
-    notes, given = dict(file.notes), set(file.given)
+    notes, known = dict(file.notes), set(file.given)
     effects = {name: dict(values) for name, values in file.effects.items()}
     source = f"fitted to {flights} flights"
 
     def noted(key: str, tolerance: float) -> None:
         notes[key] = Note(max(tolerance, 1e-12), source)
-        given.add(key)
+        known.add(key)
 
-    for label, found in seen.items():
+    for label, fitted in seen.items():
         effect, _, name = label.partition(".")
-        deviation = (found.high - found.low) / (2.0 * TWO_SIDED)
+        deviation = (fitted.high - fitted.low) / (2.0 * TWO_SIDED)
         if effect == "inertia_error":
             old = getattr(vehicle, f"inertia_{name}")
-            new = old * (1.0 + found.value)
+            new = old * (1.0 + fitted.value)
             vehicle = dataclasses.replace(vehicle, **{f"inertia_{name}": new})
             noted(f"vehicle.inertia_{name}", old * deviation)
         elif effect == "motor_lag":
-            new = max(vehicle.motor_time_constant + found.value, 1e-3)
+            new = max(vehicle.motor_time_constant + fitted.value, 1e-3)
             vehicle = dataclasses.replace(vehicle, motor_time_constant=new)
             noted("vehicle.motor_time_constant", deviation)
         elif effect == "thrust_coefficient_error" and propeller.k_thrust > 0.0:
             old = propeller.k_thrust
-            propeller = dataclasses.replace(propeller, k_thrust=old * (1.0 + found.value))
+            propeller = dataclasses.replace(propeller, k_thrust=old * (1.0 + fitted.value))
             noted("propeller.k_thrust", old * deviation)
         else:
-            effects.setdefault(effect, {})[name] = found.value
+            effects.setdefault(effect, {})[name] = fitted.value
     return dataclasses.replace(
         file, vehicle=vehicle, propeller=propeller, effects=effects, notes=notes,
-        given=frozenset(given), about=file.about or f"fitted to {flights} flights",
+        given=frozenset(known), about=file.about or f"fitted to {flights} flights",
     )  # fmt: skip

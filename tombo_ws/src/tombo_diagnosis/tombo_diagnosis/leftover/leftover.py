@@ -112,12 +112,12 @@ def _sums(quantity: str, parts: Sequence[tuple[str, Contribution]]) -> list[str]
     """Return the lines that add terms to one quantity of the plant."""
     lines = []
     for frame in ("map", "body"):
-        own = [(name, part.term) for name, part in parts if part.term.frame == frame]
-        if not own:
+        in_frame = [(name, part.term) for name, part in parts if part.term.frame == frame]
+        if not in_frame:
             continue
         added = [
             (i, name if text == "1.0" else f"{name} * ({text})")
-            for name, term in own
+            for name, term in in_frame
             for i, text in enumerate(term.components)
             if text != "0.0"
         ]
@@ -234,7 +234,9 @@ def leftover_of(
         dictionaries: quantity → its terms, in the order of the designs.
     """
     fits = {q: _fit(flights, dictionaries[q]) for q, flights in measured.items()}
-    samples = [_samples(q, one, fits[q]) for q, flights in measured.items() for one in flights]
+    samples = [
+        _samples(q, flight, fits[q]) for q, flights in measured.items() for flight in flights
+    ]
     parts = [
         Contribution(q, dictionaries[q][k], float(value))
         for q, fit in fits.items()
@@ -252,38 +254,44 @@ def leftover_of(
 def _fit(flights: Sequence[Measured], terms: Sequence[Term]) -> SparseFit:
     places = named(terms)
     partners = [tuple(places[name] for name in term.partners) for term in terms]
-    return sparse_fit([_rows(one) for one in flights], partners)
+    return sparse_fit([_rows(flight) for flight in flights], partners)
 
 
-def _rows(one: Measured) -> Rows:
+def _rows(flight: Measured) -> Rows:
     """Return a flight's equations with unit noise, a row for each block and axis."""
-    count, axes, terms = one.design.shape
-    weight = 1.0 / one.deviation[:, None]
-    design = (one.design * weight).reshape(count * axes, terms)
-    nuisance = (one.nuisance * weight).reshape(count * axes, -1)
-    target = (one.target * weight[:, 0]).reshape(-1)
+    count, axes, terms = flight.design.shape
+    weight = 1.0 / flight.deviation[:, None]
+    design = (flight.design * weight).reshape(count * axes, terms)
+    nuisance = (flight.nuisance * weight).reshape(count * axes, -1)
+    target = (flight.target * weight[:, 0]).reshape(-1)
     free = without_tolerances(design, target, nuisance)
-    return Rows(*free, np.repeat(one.second, axes))
+    return Rows(*free, np.repeat(flight.second, axes))
 
 
-def _samples(quantity: str, one: Measured, fit: SparseFit) -> LeftoverSamples:
+def _samples(quantity: str, flight: Measured, fit: SparseFit) -> LeftoverSamples:
     """Return a flight's leftover without the part that tolerances most probably have."""
-    fitted = one.design[:, :, list(fit.chosen)] @ fit.value
-    weight = 1.0 / one.deviation[:, None]
-    count, axes, unknowns = one.nuisance.shape
-    nuisance = (one.nuisance * weight).reshape(count * axes, unknowns)
-    rest = ((one.target - fitted) * weight[:, 0]).reshape(-1)
+    fitted = flight.design[:, :, list(fit.chosen)] @ fit.value
+    weight = 1.0 / flight.deviation[:, None]
+    count, axes, unknowns = flight.nuisance.shape
+    nuisance = (flight.nuisance * weight).reshape(count * axes, unknowns)
+    rest = ((flight.target - fitted) * weight[:, 0]).reshape(-1)
     known = np.eye(unknowns) + nuisance.T @ nuisance
     off = np.linalg.solve(known, nuisance.T @ rest)
-    left = one.target - one.nuisance @ off
+    left = flight.target - flight.nuisance @ off
 
     def in_body(values: Array) -> Array:
         full = np.full((count, 3), np.nan)
-        full[:, list(one.axes)] = values
-        return full if one.frame == "body" else np.einsum("nji,nj->ni", one.rotation, full)
+        full[:, list(flight.axes)] = values
+        return full if flight.frame == "body" else np.einsum("nji,nj->ni", flight.rotation, full)
 
     return LeftoverSamples(
-        one.flight, quantity, one.t, one.state, one.rotation, in_body(left), in_body(fitted)
+        flight.flight,
+        quantity,
+        flight.t,
+        flight.state,
+        flight.rotation,
+        in_body(left),
+        in_body(fitted),
     )
 
 
@@ -294,17 +302,17 @@ def _rms(values: Sequence[Array]) -> float:
 
 
 def _terms(quantity: str, fit: SparseFit, terms: Sequence[Term]) -> list[FittedTerm]:
-    found = []
+    fitted = []
     value = {terms[k].name: float(v) for k, v in zip(fit.chosen, fit.value, strict=True)}
     for k, middle, low, high in zip(fit.chosen, fit.value, *interval_of(fit), strict=True):
         term = terms[k]
-        found.append(
+        fitted.append(
             FittedTerm(
                 quantity, term.name, term.formula, term.unit, float(middle), float(low),
                 float(high), _slack(term.name, value),
             )
         )  # fmt: skip
-    return found
+    return fitted
 
 
 def _slack(name: str, value: Mapping[str, float]) -> str:

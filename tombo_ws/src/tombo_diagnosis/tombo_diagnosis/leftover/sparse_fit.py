@@ -66,9 +66,9 @@ def lasso_path(gram: Array, moment: Array, shares: Array, most: int) -> list[tup
     for share in shares:
         if not full:
             c = lasso(unit_gram, unit_moment, float(share) * largest, c)
-            found = tuple(int(k) for k in np.flatnonzero(c))
-            full = len(found) > most
-        supports.append(supports[-1] if full and supports else () if full else found)
+            support = tuple(int(k) for k in np.flatnonzero(c))
+            full = len(support) > most
+        supports.append(supports[-1] if full and supports else () if full else support)
     return supports
 
 
@@ -159,8 +159,8 @@ def sparse_fit(flights: Sequence[Rows], partners: Sequence[tuple[int, ...]]) -> 
     left = 0.0
     for f, rows in enumerate(flights):
         others = gram - grams[f], moment - moments[f]
-        own = _best_support(*others, step, partners)
-        left += _error(rows, _solved(*others, with_partners(own, partners)))
+        of_others = _best_support(*others, step, partners)
+        left += _error(rows, _solved(*others, with_partners(of_others, partners)))
     r2 = 1.0 - left / float(squares.sum())
     if not support or r2 <= 0.0:
         return nothing
@@ -189,10 +189,10 @@ def _best_support(
             if k not in support
             for other in ((*support[:i], k, *support[i + 1 :]),)
         ]
-        found, other = max(tried, default=(best, support))
-        if found <= best * (1.0 + _LEAST_EXCHANGE):
+        error, other = max(tried, default=(best, support))
+        if error <= best * (1.0 + _LEAST_EXCHANGE):
             break
-        best, support = found, other
+        best, support = error, other
     return support
 
 
@@ -213,10 +213,10 @@ def _solved(gram: Array, moment: Array, support: Sequence[int]) -> Array:
     """Return the coefficients (K,) of least squares on a support."""
     c = np.zeros(moment.size)
     if support:
-        own = list(support)
-        part = gram[np.ix_(own, own)]
+        places = list(support)
+        part = gram[np.ix_(places, places)]
         ridge = _RIDGE * np.diag(np.maximum(np.diag(part), 1e-12))
-        c[own] = np.linalg.solve(part + ridge, moment[own])
+        c[places] = np.linalg.solve(part + ridge, moment[places])
     return c
 
 
@@ -267,23 +267,25 @@ def _with_errors(flights: Sequence[Rows], chosen: tuple[int, ...]) -> tuple[Arra
     Rows of one block of time are one sample. Where flights differ by more (jackknife), that
     counts.
     """
-    own = list(chosen)
+    places = list(chosen)
     gram, moment = _sums(flights)
     c = _solved(gram, moment, chosen)
-    inverse = np.linalg.pinv(gram[np.ix_(own, own)], hermitian=True)
-    meat = np.zeros((len(own), len(own)))
+    inverse = np.linalg.pinv(gram[np.ix_(places, places)], hermitian=True)
+    meat = np.zeros((len(places), len(places)))
     blocks = 0
     for rows in flights:
-        scores = rows.design[:, own] * (rows.target - rows.design @ c)[:, None]
-        sums = np.zeros((int(rows.block.max()) + 1, len(own)))
+        scores = rows.design[:, places] * (rows.target - rows.design @ c)[:, None]
+        sums = np.zeros((int(rows.block.max()) + 1, len(places)))
         np.add.at(sums, rows.block, scores)
         meat += sums.T @ sums
         blocks += len(np.unique(rows.block))
-    few = blocks / max(blocks - len(own), 1)
+    few = blocks / max(blocks - len(places), 1)
     spread = np.diag(few * inverse @ meat @ inverse)
-    without = np.array([_solved(gram - r.gram, moment - r.moment, chosen)[own] for r in flights])
+    without = np.array(
+        [_solved(gram - r.gram, moment - r.moment, chosen)[places] for r in flights]
+    )
     jackknife = (len(flights) - 1) * without.var(axis=0)
-    return c[own], np.sqrt(np.maximum(np.maximum(spread, jackknife), 1e-30))
+    return c[places], np.sqrt(np.maximum(np.maximum(spread, jackknife), 1e-30))
 
 
 def interval_of(fit: SparseFit) -> tuple[Array, Array]:

@@ -72,13 +72,13 @@ class Term:
         # Only texts of the table below are evaluated, with nothing but these names.
         names = {name: getattr(np, name) for name in FUNCTIONS} | dict(state)
         count = rotation.shape[0]
-        own = np.column_stack(
+        vectors = np.column_stack(
             [
                 np.broadcast_to(np.asarray(eval(code, {"__builtins__": {}}, names)), (count,))
                 for code in self._codes
             ]
         ).astype(np.float64)
-        return own if self.frame == "body" else np.einsum("nji,nj->ni", rotation, own)
+        return vectors if self.frame == "body" else np.einsum("nji,nj->ni", rotation, vectors)
 
 
 def force_terms(extent: Extent) -> tuple[Term, ...]:

@@ -107,9 +107,9 @@ def term_texts(leftover: Leftover) -> list[str]:
     """
     texts = []
     springs = {a for t in leftover.terms if t.remark for a in SPRINGS[t.name]}
-    told = {f"constant in map {a}" for a in springs}
+    with_spring = {f"constant in map {a}" for a in springs}
     for term in leftover.terms:
-        if term.quantity == "force" and term.name in told:
+        if term.quantity == "force" and term.name in with_spring:
             continue
         ends = f"{figure(term.low)} to {figure(term.high)}"
         remark = f", {term.remark}" if term.remark else ""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.engine.model import Findings, Remainder, SearchResult
+from tombo_diagnosis.engine.model import Analysis, Remainder, SearchResult
 from tombo_diagnosis.engine.regression import Fit, NormalEquations, solve
 from tombo_diagnosis.engine.verdict import analyse_problem
 from tombo_diagnosis.stand.problem import RUN, SHARE, StandProblem
@@ -63,9 +63,9 @@ def fit_residual_curves(problem: StandProblem, fit: Fit, by_run: bool = True) ->
     without = solve(
         _part(normal, np.arange(known.size)), known, prior_mean, covariance=False
     ).evidence
-    found: list[tuple[float, Array, Array]] = []
-    ends = known.size + np.cumsum([0, *(own.size for _, own in blocks)])
-    orders = np.concatenate([own for _, own in blocks])
+    tried: list[tuple[float, Array, Array]] = []
+    ends = known.size + np.cumsum([0, *(orders.size for _, orders in blocks)])
+    orders = np.concatenate([block_orders for _, block_orders in blocks])
     choices = [[k] for k in range(len(blocks))] + [list(range(len(blocks)))]
     for choice in choices:
         places = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in choice])
@@ -79,14 +79,14 @@ def fit_residual_curves(problem: StandProblem, fit: Fit, by_run: bool = True) ->
                 covariance=False,
             )
             gain = solution.evidence - without
-            found.append((gain, places - known.size, solution.mean[known.size :]))
-    gains = np.array([gain for gain, _, _ in found])
-    _, chosen, mean = found[int(np.argmax(gains))]
+            tried.append((gain, places - known.size, solution.mean[known.size :]))
+    gains = np.array([gain for gain, _, _ in tried])
+    _, chosen, mean = tried[int(np.argmax(gains))]
     curve = basis[:, :, chosen] @ mean
     weights = np.sum((curve / problem.sigma) ** 2, axis=0)
     worst = int(np.argmax(weights))
-    own = problem.seen[:, worst]
-    size = float(np.sqrt(np.mean(curve[own, worst] ** 2))) if own.any() else 0.0
+    rows = problem.seen[:, worst]
+    size = float(np.sqrt(np.mean(curve[rows, worst] ** 2))) if rows.any() else 0.0
     evidence = float(np.logaddexp.reduce(gains)) - math.log(len(gains))
     return ResidualCurves(evidence, CHANNELS[worst], size)
 
@@ -118,10 +118,10 @@ def _blocks(problem: StandProblem, by_run: bool) -> list[tuple[Array, NDArray[np
         groups.append((_members(setup.run, problem.runs), _RUN_ORDER))
     blocks: list[tuple[Array, NDArray[np.int64]]] = []
     for c in problem.points.measured:
-        own = problem.seen[:, c]
-        if own.sum() < 3:
+        rows = problem.seen[:, c]
+        if rows.sum() < 3:
             continue
-        largest = float(np.max(np.abs(problem.points.readings[own, c])))
+        largest = float(np.max(np.abs(problem.points.readings[rows, c])))
         for group, highest in groups:
             own_orders = np.tile(np.arange(highest + 1), len(group))
             block = np.zeros((n, len(CHANNELS), own_orders.size))
@@ -140,9 +140,9 @@ def _run_direction(setup: Setup) -> Array:
     """Return -1 up to the highest speed of each run and 1 after it."""
     way = np.full(setup.speed.size, -1.0)
     for run in np.unique(setup.run):
-        own = np.flatnonzero(setup.run == run)
-        top = own[int(np.argmax(setup.speed[own]))]
-        way[own[setup.elapsed[own] > setup.elapsed[top]]] = 1.0
+        rows = np.flatnonzero(setup.run == run)
+        top = rows[int(np.argmax(setup.speed[rows]))]
+        way[rows[setup.elapsed[rows] > setup.elapsed[top]]] = 1.0
     return way
 
 
@@ -164,14 +164,14 @@ class StandRemainder(Remainder):
     curves_without_causes: ResidualCurves
 
 
-StandFindings = Findings[StandProblem, StandRemainder]
+StandAnalysis = Analysis[StandProblem, StandRemainder]
 
 
 def analyse(
     points: OperatingPoints,
     absorbed: Sequence[str] = (),
     base: Mapping[str, tuple[float, ...]] | None = None,
-) -> StandFindings:
+) -> StandAnalysis:
     """Diagnose operating points.
 
     Args:
@@ -186,9 +186,9 @@ def analyse(
     return analyse_problem(problem, check_residual, no_progress)
 
 
-def check_residual(problem: StandProblem, found: SearchResult) -> StandRemainder:
+def check_residual(problem: StandProblem, result: SearchResult) -> StandRemainder:
     """Return the remainder of the best explanation, tested with free curves over speed."""
-    best = found.best
+    best = result.best
     curves = fit_residual_curves(problem, best.fit)
     alone = curves
     ahead = -math.inf

@@ -10,7 +10,7 @@ from tombo_diagnosis.diagnosis import Cause, Score
 from tombo_diagnosis.engine import cause_estimates
 from tombo_diagnosis.engine.cause_estimates import (
     TWO_SIDED,
-    Estimate,
+    ParameterEstimate,
     fitted_parameters,
     gain_of,
     rms,
@@ -18,7 +18,7 @@ from tombo_diagnosis.engine.cause_estimates import (
 from tombo_diagnosis.engine.model import Explanation, Hypothesis
 from tombo_diagnosis.engine.model_selection import fit_hypotheses
 from tombo_diagnosis.engine.regression import Fit
-from tombo_diagnosis.stand.analyse import StandFindings
+from tombo_diagnosis.stand.analyse import StandAnalysis
 from tombo_diagnosis.stand.problem import PROPELLER, SHARE, SPEED, StandProblem
 from tombo_diagnosis.stand.tables.operating_points import UNITS, Mask
 from tombo_dynamics.arrays import Array
@@ -26,7 +26,7 @@ from tombo_dynamics.propeller.effects import CHANNELS, STAND_EFFECTS
 from tombo_flight.extended_model import FittedParameter, Gain
 
 
-def fitted(problem: StandProblem, explanation: Explanation, effect: str) -> Estimate:
+def fitted(problem: StandProblem, explanation: Explanation, effect: str) -> ParameterEstimate:
     """Return an effect's parameters with 95 % intervals, and their covariance."""
     hypothesis = next(h for h in explanation.hypotheses if h.effect == effect)
     if hypothesis.width is not None:
@@ -40,7 +40,7 @@ def _widths(
     """Return the widths of a stochastic effect; the interval is what so few draws leave open."""
     count = {PROPELLER: problem.propellers, SPEED: problem.used}.get(effect, problem.runs)
     spread = math.exp(TWO_SIDED / math.sqrt(2.0 * max(count - 1, 1)))
-    found = []
+    fitted = []
     # Thrust may differ from run to run and torque not: the draws say it, the common width not.
     drawn = explanation.fit.solution.mean[-2 * problem.runs :].reshape(2, -1)
     for j, p in enumerate(STAND_EFFECTS[effect].theta):
@@ -50,13 +50,13 @@ def _widths(
             if j not in problem.points.measured:
                 continue
             value = healthy * float(np.sqrt(np.mean(drawn[j] ** 2)))
-        found.append(
+        fitted.append(
             FittedParameter(p.name, p.unit, healthy, value, value / spread, value * spread)
         )
-    return tuple(found)
+    return tuple(fitted)
 
 
-def estimate_cause(effect: str, findings: StandFindings) -> Cause:
+def estimate_cause(effect: str, findings: StandAnalysis) -> Cause:
     """Return a cause with its parameters, from the most probable explanation that has it."""
     explanation = findings.search.explaining(effect)
     theta, covariance = fitted(findings.problem, explanation, effect)
@@ -64,7 +64,7 @@ def estimate_cause(effect: str, findings: StandFindings) -> Cause:
     return Cause(effect, theta, confidence, STAND_EFFECTS[effect].signature, covariance)
 
 
-def scores(findings: StandFindings, shares: dict[str, float]) -> tuple[Score, ...]:
+def scores(findings: StandAnalysis, shares: dict[str, float]) -> tuple[Score, ...]:
     """Return all candidates, most probable first.
 
     `shares`: effect -> share of the excess that it removes in held-out data.
@@ -85,7 +85,7 @@ def scores(findings: StandFindings, shares: dict[str, float]) -> tuple[Score, ..
     return cause_estimates.scores(findings.search.single_log_bf, shares, effects, why_not)
 
 
-def held_out(findings: StandFindings) -> tuple[list[Gain], dict[str, float]]:
+def held_out(findings: StandAnalysis) -> tuple[list[Gain], dict[str, float]]:
     """Return the gain of every channel, and each effect's share of the excess that it removes.
 
     One configuration (else run, else fifth of the speeds) after the other is left out; the causes
@@ -93,7 +93,7 @@ def held_out(findings: StandFindings) -> tuple[list[Gain], dict[str, float]]:
     """
     problem, points = findings.problem, findings.problem.points
     single_log_bf = findings.search.single_log_bf
-    own = tuple(w for w in findings.search.best.hypotheses if w.free)
+    hypotheses_of_best = tuple(w for w in findings.search.best.hypotheses if w.free)
     tried = {e: (Hypothesis(e, free),) for e in single_log_bf if (free := problem.identifiable(e))}
     before: dict[int, list[float]] = {c: [] for c in points.measured}
     after: dict[int, list[float]] = {c: [] for c in points.measured}
@@ -111,17 +111,17 @@ def held_out(findings: StandFindings) -> tuple[list[Gain], dict[str, float]]:
             return np.asarray(problem.residual(part.final(fit))[out])
 
         base = left(part.null_hypothesis)
-        best = left(fit_hypotheses(part, own).fit) if own else base
+        best = left(fit_hypotheses(part, hypotheses_of_best).fit) if hypotheses_of_best else base
         for c in points.measured:
             seen = problem.seen[out, c]
             if seen.any():
                 before[c].append(rms(base[seen, c]))
                 after[c].append(rms(best[seen, c]))
         cost = _cost(problem, base, out)
-        whole += max(cost - _cost(problem, best, out), 0.0) if own else cost
+        whole += max(cost - _cost(problem, best, out), 0.0) if hypotheses_of_best else cost
         for effect, hypotheses in tried.items():
-            one = left(fit_hypotheses(part, hypotheses).fit)
-            removed[effect] += cost - _cost(problem, one, out)
+            alone = left(fit_hypotheses(part, hypotheses).fit)
+            removed[effect] += cost - _cost(problem, alone, out)
     gains = [
         gain_of(CHANNELS[c], UNITS[CHANNELS[c]], "held out", values, after[c])
         for c, values in before.items()

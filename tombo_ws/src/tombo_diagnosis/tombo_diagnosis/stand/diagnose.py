@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary
-from tombo_diagnosis.stand.analyse import StandFindings, analyse
+from tombo_diagnosis.stand.analyse import StandAnalysis, analyse
 from tombo_diagnosis.stand.cause_estimates import estimate_cause, held_out, scores
 from tombo_diagnosis.stand.experiment_design import separate
 from tombo_diagnosis.stand.model_file import StandModel
@@ -28,7 +28,7 @@ class StandDiagnosis:
     """A diagnosis of stand runs with its analysis."""
 
     diagnosis: Diagnosis
-    findings: StandFindings
+    findings: StandAnalysis
     constant: ThrustConstant | None
     """Of a plain propeller."""
     given: StandModel | None = None
@@ -60,25 +60,25 @@ def diagnose_stand(
     """
     began = clock()
     on_progress("finding plateaus", 0.0)
-    found = assemble(tables, conf, law, plain)
+    data = assemble(tables, conf, law, plain)
     constant = None
-    if found.points.setup.plain and 0 in found.points.measured:
-        constant = thrust_constant(found, {t.name: t.rotor_speed for t in tables})
+    if data.points.setup.plain and 0 in data.points.measured:
+        constant = thrust_constant(data, {t.name: t.rotor_speed for t in tables})
     base = None if given is None else given.theta
     runs = [_note(table) for table in tables]
-    diagnosis, findings = diagnose_points(found, runs, on_progress, constant, base)
+    diagnosis, findings = diagnose_points(data, runs, on_progress, constant, base)
     return StandDiagnosis(replace(diagnosis, seconds=clock() - began), findings, constant, given)
 
 
 def diagnose_points(
-    found: StandData,
+    data: StandData,
     flights: Sequence[FlightSummary],
     on_progress: ProgressCallback,
     constant: ThrustConstant | None = None,
     base: Mapping[str, tuple[float, ...]] | None = None,
-) -> tuple[Diagnosis, StandFindings]:
+) -> tuple[Diagnosis, StandAnalysis]:
     """Diagnose operating points."""
-    points = found.points
+    points = data.points
     on_progress("looking for causes", 0.1)
     findings = analyse(points, ABSORBED_EFFECTS if points.setup.plain else (), base)
     on_progress("leaving out one block after the other", 0.4)
@@ -93,7 +93,7 @@ def diagnose_points(
         set=judgement.members,
         separating_experiment=experiment,
         gain=tuple(gains),
-        prechecks=found.findings,
+        prechecks=data.findings,
         candidates=scores(findings, shares),
         flights=tuple(flights),
         residuals=(),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tombo_diagnosis.diagnosis import Experiment
 from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.engine.model_selection import fit_hypotheses
-from tombo_diagnosis.stand.analyse import StandFindings
+from tombo_diagnosis.stand.analyse import StandAnalysis
 from tombo_diagnosis.stand.problem import StandProblem
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_diagnosis.wording import display_name
@@ -28,7 +28,7 @@ Option = tuple[str, Callable[[OperatingPoints], OperatingPoints]]
 """Something to measure, and the points with it."""
 
 
-def separate(findings: StandFindings) -> Experiment | None:
+def separate(findings: StandAnalysis) -> Experiment | None:
     """Return the measurement that separates the members of a set best, or None.
 
     Each member in turn is taken for true; its readings are predicted without noise, the old points
@@ -42,11 +42,11 @@ def separate(findings: StandFindings) -> Experiment | None:
         return None
     points = findings.problem.points
     present = _separation(findings, points, alternatives)
-    found = [
+    expected = [
         (_separation(findings, extend(points), alternatives), text)
         for text, extend in options(points)
     ]
-    best, option = max(found, key=lambda each: each[0])
+    best, option = max(expected, key=lambda each: each[0])
     text = f"{option}: it separates {', '.join(map(display_name, members))}"
     if best < 4.0:
         text = f"no single measurement separates them surely; most comes from this: {option}"
@@ -55,7 +55,7 @@ def separate(findings: StandFindings) -> Experiment | None:
 
 def options(points: OperatingPoints) -> list[Option]:
     """Return what could be measured besides."""
-    found: list[Option] = []
+    possible: list[Option] = []
     have = {CHANNELS[c] for c in points.measured}
     besides = {
         "torque": "measure torque at the same speeds, to 0.5 % of its range",
@@ -64,43 +64,45 @@ def options(points: OperatingPoints) -> list[Option]:
     }
     for name, text in besides.items():
         if name not in have and not (name == "beta" and points.setup.plain):
-            found.append((text, partial(with_channel, name=name)))
+            possible.append((text, partial(with_channel, name=name)))
     weights = partial(with_loads, which=0)
-    found.append(("hang known weights on the thrust cell at standstill", weights))
+    possible.append(("hang known weights on the thrust cell at standstill", weights))
     if "torque" in have:
         torques = partial(with_loads, which=1)
-        found.append(("apply known torques at standstill, arm and weight", torques))
+        possible.append(("apply known torques at standstill, arm and weight", torques))
     text = "the same, and with a second tachometer and torque to 0.5 %"
-    found.append(
+    possible.append(
         (text, lambda p: with_channel(with_channel(weights(p), "reference_speed"), "torque"))
     )
     if not points.setup.plain:
-        found.append(("the same propellers at speeds half as high again", with_higher_speeds))
-    return found
+        possible.append(("the same propellers at speeds half as high again", with_higher_speeds))
+    return possible
 
 
-def _explanations(findings: StandFindings, members: Sequence[str]) -> list[Explanation]:
+def _explanations(findings: StandAnalysis, members: Sequence[str]) -> list[Explanation]:
     """Return the best explanation with each member, in the order of members."""
     every = (findings.search.best, *findings.search.alternatives)
-    found: dict[int, Explanation] = {}
+    chosen: dict[int, Explanation] = {}
     for member in members:
-        for own in [e for e in every if member in e.effects and np.isfinite(e.evidence)][:1]:
-            found[id(own)] = own
-    return list(found.values())[:_MOST_RIVALS]
+        for explanation in [e for e in every if member in e.effects and np.isfinite(e.evidence)][
+            :1
+        ]:
+            chosen[id(explanation)] = explanation
+    return list(chosen.values())[:_MOST_RIVALS]
 
 
 def _separation(
-    findings: StandFindings, points: OperatingPoints, alternatives: Sequence[Explanation]
+    findings: StandAnalysis, points: OperatingPoints, alternatives: Sequence[Explanation]
 ) -> float:
     """Return the expected log Bayes factor between the two that are closest."""
     worst = np.inf
     for true in alternatives[:2]:
         extended = with_predicted_readings(findings.problem, points, true)
         problem = StandProblem(extended)
-        own = fit_hypotheses(problem, true.hypotheses).evidence
+        evidence = fit_hypotheses(problem, true.hypotheses).evidence
         for other in alternatives:
             if other is not true:
-                worst = min(worst, own - fit_hypotheses(problem, other.hypotheses).evidence)
+                worst = min(worst, evidence - fit_hypotheses(problem, other.hypotheses).evidence)
     return float(worst)
 
 

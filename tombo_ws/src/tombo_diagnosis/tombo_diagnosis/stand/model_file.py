@@ -41,8 +41,8 @@ def _given(cause: Cause) -> list[FittedParameter]:
 def _absent(cause: Cause) -> bool:
     """Return whether the model has it and these runs have not."""
     nulls = {p.name: p.null for p in STAND_EFFECTS[cause.effect].theta}
-    given = _given(cause)
-    return bool(given) and all(f.low <= nulls[f.name] <= f.high for f in cause.theta)
+    parameters = _given(cause)
+    return bool(parameters) and all(f.low <= nulls[f.name] <= f.high for f in cause.theta)
 
 
 def _told(cause: Cause, f: FittedParameter) -> str:
@@ -85,11 +85,11 @@ def stand_model_text(
     `given` is the model that the runs were compared with. What it adds stays; an effect that was
     found again gets the new parameters.
     """
-    found = {cause.effect for cause in diagnosis.causes}
-    kept = {} if given is None else {e: c for e, c in given.written.items() if e not in found}
+    new = {cause.effect for cause in diagnosis.causes}
+    unchanged = {} if given is None else {e: c for e, c in given.written.items() if e not in new}
     values = {
         "tombo_stand_model": FORMAT,
-        "effects": kept | {
+        "effects": unchanged | {
             cause.effect: {
                 "confidence": cause.confidence,
                 "parameters": {
@@ -134,17 +134,17 @@ def read_stand_model(path: Path) -> StandModel:
     effects = values.get("effects")
     if not isinstance(effects, Mapping) or not effects:
         raise InputError(f"{what}: effects: none; accepted: at least one")
-    given: dict[str, dict[str, Any]] = {}
+    parameters_of: dict[str, dict[str, Any]] = {}
     for name, content in effects.items():
         parameters = content.get("parameters") if isinstance(content, Mapping) else None
         if not isinstance(parameters, Mapping):
             raise InputError(f"{what}: {name}: no parameters; accepted: a mapping of them")
-        given[str(name)] = {
+        parameters_of[str(name)] = {
             str(k): v.get("value") if isinstance(v, Mapping) else v for k, v in parameters.items()
         }
-    checked = check_stand_theta(given, what)
+    checked = check_stand_theta(parameters_of, what)
     theta = {
-        name: tuple(own.get(p.name, p.null) for p in STAND_EFFECTS[name].theta)
-        for name, own in checked.items()
+        name: tuple(values_of_effect.get(p.name, p.null) for p in STAND_EFFECTS[name].theta)
+        for name, values_of_effect in checked.items()
     }
     return StandModel(theta, {str(name): content for name, content in effects.items()})

@@ -10,10 +10,10 @@ import numpy as np
 from tombo_diagnosis.engine.model import Setting
 from tombo_diagnosis.engine.regression import (
     NOMINAL_WIDTHS,
-    Columns,
     Fit,
+    FreeParameter,
     NormalEquations,
-    Parameter,
+    Unknowns,
     solve,
 )
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
@@ -25,7 +25,7 @@ _OWN_THRUST, _OWN_TORQUE = 3.0, 0.12
 """N and N m: the largest loads of the stand that the registry's typical sizes are for."""
 
 
-def parameters(setup: Setup) -> tuple[Parameter, ...]:
+def parameters(setup: Setup) -> tuple[FreeParameter, ...]:
     """Return the parameters of all effects that make sense for a setup's model."""
     model = "plain" if setup.plain else "tombo"
     scales_with = {
@@ -33,15 +33,17 @@ def parameters(setup: Setup) -> tuple[Parameter, ...]:
         "thrust": setup.largest_thrust / _OWN_THRUST,
         "torque": setup.largest_torque / _OWN_TORQUE,
     }
-    found: list[Parameter] = []
+    every: list[FreeParameter] = []
     for name, effect in STAND_EFFECTS.items():
         for p in effect.theta if effect.suits(model) else ():
             scale = abs(p.typical - p.null) * scales_with[p.scales_with]
-            place = -1 if effect.stochastic else sum(not q.stochastic for q in found)
-            found.append(
-                Parameter(place, name, p.name, p.unit, p.null, *p.bounds, scale, effect.stochastic)
+            place = -1 if effect.stochastic else sum(not q.stochastic for q in every)
+            every.append(
+                FreeParameter(
+                    place, name, p.name, p.unit, p.null, *p.bounds, scale, effect.stochastic
+                )
             )
-    return tuple(found)
+    return tuple(every)
 
 
 HEALTHY_SHARE = {
@@ -96,11 +98,11 @@ class StandProblem:
         setup = points.setup
         self.points = points
         every = parameters(setup)
-        own = tuple(p for p in every if not p.stochastic)
+        with_mean = tuple(p for p in every if not p.stochastic)
         self.healthy = {p.label: HEALTHY_SHARE[p.effect] * p.scale for p in every if p.stochastic}
-        self.theta = np.array([p.null for p in own])
+        self.theta = np.array([p.null for p in with_mean])
         for name, values in (base or {}).items():
-            places = [p.index for p in own if p.effect == name]
+            places = [p.index for p in with_mean if p.effect == name]
             self.theta[places] = values[: len(places)]
         self.propellers = len(points.propellers)
         self.runs = len(points.runs)
@@ -110,7 +112,7 @@ class StandProblem:
         # In the order of `_draw_slopes`.
         drawn = (PROPELLER,) * (2 * self.propellers * self.scatters)
         drawn += (RUN,) * (2 * self.runs) + (SHARE,) * (2 * self.runs)
-        self.columns = Columns(own, tuple(range(len(own))), drawn)
+        self.columns = Unknowns(with_mean, tuple(range(len(with_mean))), drawn)
 
         self.left = self.residual(self.theta)
         """(N, 4) measured minus nominal model; 0 where not measured."""
@@ -128,9 +130,9 @@ class StandProblem:
         size = np.sqrt(np.sum((self.slopes / self.sigma[:, :, None]) ** 2, axis=(0, 1)))
         self.columns = replace(
             self.columns,
-            absorbed=frozenset(p.index for p in own if p.effect in absorbed),
+            absorbed=frozenset(p.index for p in with_mean if p.effect in absorbed),
             # Of the size that matters it does not stand out of the noise.
-            unobservable=frozenset(p.index for p in own if size[p.index] * p.scale <= 1.0),
+            unobservable=frozenset(p.index for p in with_mean if size[p.index] * p.scale <= 1.0),
         )
         self.setting = Setting(
             max_fitted=99,
@@ -167,8 +169,8 @@ class StandProblem:
 
     def identifiable(self, effect: str) -> tuple[int, ...]:
         """Return the places of an effect's parameters that can be its cause."""
-        own = self.columns.parameters
-        return tuple(k for k in self.columns.identifiable if own[k].effect == effect)
+        parameters = self.columns.parameters
+        return tuple(k for k in self.columns.identifiable if parameters[k].effect == effect)
 
     def values(self, theta: Array) -> dict[str, tuple[float, ...]]:
         """Return effect -> parameters, as `predict` takes them."""
@@ -234,9 +236,9 @@ class StandProblem:
             prior_mean[: theta.size] = self.theta - theta
             solution = solve(normal, deviations, prior_mean)
             evidence = solution.evidence - half
-            found = Fit(tuple(free), widths, theta, prior_mean, solution, normal, evidence, slopes)
+            fit = Fit(tuple(free), widths, theta, prior_mean, solution, normal, evidence, slopes)
             if not moving:
-                return found
+                return fit
             inside = evidence - self.columns.bounds_penalty(theta, moving, solution)
             if best is not None and inside < best[0] - _WORSE:
                 # Too far, where the model bends: halfway back, and try again from there.
@@ -244,7 +246,7 @@ class StandProblem:
                     break
                 theta = 0.5 * (theta + best[1].theta)
                 continue
-            best = inside, found
+            best = inside, fit
             moved = self._moved(theta, moving, solution.mean)
             scales = np.array([self.columns.parameters[k].scale for k in moving])
             change = np.abs(moved - theta)[list(moving)] / scales

@@ -8,7 +8,7 @@ import numpy as np
 
 from tombo_diagnosis.diagnosis import Cause
 from tombo_diagnosis.extend_model import EXTENDING_VERDICTS
-from tombo_diagnosis.stand.analyse import LOG_BF_CURVES, StandFindings
+from tombo_diagnosis.stand.analyse import LOG_BF_CURVES, StandAnalysis
 from tombo_diagnosis.stand.model_file import differences_from_model, model_extending_causes
 from tombo_diagnosis.stand.problem import RUN, SHARE, StandProblem
 from tombo_diagnosis.stand.tables.operating_points import UNITS
@@ -18,8 +18,8 @@ from tombo_flight.extended_model import Gain
 
 
 def summary(
-    findings: StandFindings,
-    found: Sequence[Cause],
+    findings: StandAnalysis,
+    causes: Sequence[Cause],
     gains: Sequence[Gain],
     constant: ThrustConstant | None = None,
 ) -> str:
@@ -52,7 +52,7 @@ def summary(
     if judgement.verdict == "named" and judgement.members:
         members = ", ".join(map(display_name, judgement.members))
         text += f" Besides it is one of {members}."
-    differences = differences_from_model(found)
+    differences = differences_from_model(causes)
     if differences:
         text += f" {'; '.join(differences)}."
     if {RUN, SHARE} & set(judgement.effects):
@@ -67,46 +67,46 @@ def summary(
 
 
 def notes(
-    findings: StandFindings,
+    findings: StandAnalysis,
     causes: Sequence[Cause],
     gains: Sequence[Gain],
     constant: ThrustConstant | None = None,
 ) -> tuple[str, ...]:
     """Return what can't be certified and why."""
     problem, points = findings.problem, findings.problem.points
-    found: list[str] = []
+    lines: list[str] = []
     if constant is not None:
-        found.append(
+        lines.append(
             "k_T takes up everything that is a share of thrust at all speeds: coefficient, air "
             "density, the cell's gain, a wrong rpm scale can't be told from it with this file"
         )
-        found += [
+        lines += [
             f"k_T is limited by {e.what}: {100.0 * e.share:.2g} %" for e in constant.limits[:4]
         ]
     if problem.repeated:
-        found += repeats(problem)
+        lines += repeats(problem)
     else:
-        found.append("no propeller has two runs: what differs from day to day is not seen")
+        lines.append("no propeller has two runs: what differs from day to day is not seen")
     if findings.judgement.verdict in EXTENDING_VERDICTS and not model_extending_causes(causes):
-        found.append("no stand_model.yaml: nothing was found that other runs would share")
+        lines.append("no stand_model.yaml: nothing was found that other runs would share")
     if len(points.propellers) < 3 and not points.setup.plain:
-        found.append(
+        lines.append(
             "fewer than three propellers: scatter of fabrication looks like a coefficient"
         )
     left = findings.remainder.curves.evidence
     if left > LOG_BF_CURVES and findings.judgement.verdict == "named":
-        found.append("something small is left over")
+        lines.append("something small is left over")
     if any(g.low < 0.0 < g.after for g in gains) and findings.judgement.effects:
-        found.append("the gain on held-out points is not sure: its interval reaches below zero")
+        lines.append("the gain on held-out points is not sure: its interval reaches below zero")
     lacking = [c for k, c in enumerate(UNITS) if k not in points.measured and c != "beta"]
     if "torque" in lacking:
-        found.append(
+        lines.append(
             "no torque: coefficient, density, gain and rpm scale look alike in thrust alone"
         )
     lost = int(np.count_nonzero(np.isfinite(points.readings) & ~problem.seen))
     if lost:
-        found.append(f"{lost} readings lie where the law has no valid root; they are not used")
-    return tuple(found)
+        lines.append(f"{lost} readings lie where the law has no valid root; they are not used")
+    return tuple(lines)
 
 
 _MIN_SIGMAS = 3.0
@@ -121,21 +121,21 @@ def repeats(problem: StandProblem) -> list[str]:
     """
     points, setup = problem.points, problem.points.setup
     model = problem.prediction(problem.theta)
-    found = []
+    lines = []
     for p, name in enumerate(points.propellers):
         for c, channel in enumerate(_CHANNELS):
             shares: dict[str, tuple[float, float]] = {}
             for r in np.unique(setup.run[setup.propeller == p]):
-                own = problem.seen[:, c] & (setup.run == r) & (setup.propeller == p)
-                own &= setup.speed > 0.0
-                m = np.where(own, model[:, c], 0.0) / problem.sigma[:, c]
+                rows = problem.seen[:, c] & (setup.run == r) & (setup.propeller == p)
+                rows &= setup.speed > 0.0
+                m = np.where(rows, model[:, c], 0.0) / problem.sigma[:, c]
                 square = float(m @ m)
                 if square > 0.0:
-                    left = np.where(own, problem.left[:, c], 0.0) / problem.sigma[:, c]
+                    left = np.where(rows, problem.left[:, c], 0.0) / problem.sigma[:, c]
                     shares[points.runs[int(r)]] = float(m @ left) / square, square**-0.5
             if len(shares) > 1:
-                found.append(_told(name, channel, shares))
-    return found
+                lines.append(_told(name, channel, shares))
+    return lines
 
 
 def _told(propeller: str, channel: str, shares: dict[str, tuple[float, float]]) -> str:

@@ -37,7 +37,7 @@ PHYSICAL = (
 
 
 @dataclass(frozen=True)
-class Prediction:
+class LeftOutPrediction:
     """How well something predicts the thrust of a configuration left out."""
 
     what: str
@@ -53,14 +53,14 @@ class Prediction:
 
 def predictions(
     points: OperatingPoints, soft: NDArray[np.bool_], law: str
-) -> tuple[Prediction, ...]:
+) -> tuple[LeftOutPrediction, ...]:
     """Leave one soft configuration out after the other; least squares, each counts alike."""
     y = points.readings[:, 0]
     places = np.flatnonzero(soft)
     means = np.array([y[[k for k in places if k != out]].mean() for out in places]) - y[places]
-    found = [_compared(MEAN, means, means, "")]
+    compared = [_compared(MEAN, means, means, "")]
     bare = predict(points.setup, {})[places, 0] - y[places]
-    found.append(_compared(f"law {law} as it is", bare, means, ""))
+    compared.append(_compared(f"law {law} as it is", bare, means, ""))
     for effect in PHYSICAL:
         parameter = STAND_EFFECTS[effect].theta[0]
         values, errors = errors_by_value(points, soft, effect)
@@ -69,8 +69,8 @@ def predictions(
             left.append(float(errors[_least_squares(np.delete(errors, k, axis=1)), k]))
         unit = "" if parameter.unit == "1" else f" {parameter.unit}"
         shown = f"{parameter.name} = {values[_least_squares(errors)]:.3g}{unit}"
-        found.append(_compared(effect, np.array(left), means, shown))
-    return tuple(sorted(found, key=lambda e: e.rmse))
+        compared.append(_compared(effect, np.array(left), means, shown))
+    return tuple(sorted(compared, key=lambda e: e.rmse))
 
 
 def errors_by_value(
@@ -92,7 +92,7 @@ def _least_squares(errors: Array) -> int:
     return int(np.argmin((errors**2).sum(axis=1)))
 
 
-def _compared(what: str, errors: Array, means: Array, parameter: str) -> Prediction:
+def _compared(what: str, errors: Array, means: Array, parameter: str) -> LeftOutPrediction:
     """Return the error left out, and how its square differs from the mean's (t interval)."""
     gap = errors**2 - means**2
     low = high = 0.0
@@ -100,7 +100,7 @@ def _compared(what: str, errors: Array, means: Array, parameter: str) -> Predict
         half = 2.306 * float(gap.std(ddof=1)) / math.sqrt(gap.size)  # t, 8 degrees of freedom
         ends = (float(gap.mean()) + s * half for s in (-1.0, 1.0))
         low, high = (math.copysign(math.sqrt(abs(end)), end) for end in ends)
-    return Prediction(what, float(np.sqrt(np.mean(errors**2))), low, high, parameter)
+    return LeftOutPrediction(what, float(np.sqrt(np.mean(errors**2))), low, high, parameter)
 
 
 def values_of(p: Param) -> Array:
@@ -146,8 +146,8 @@ def predicted_readings(
     row = np.tile(parameter_row(configuration(conf), law), (n, 1))
     zero = np.zeros(n, np.int64)
     setup = Setup(rpm * RPM, row, zero, zero, np.zeros(n), law)
-    found = {effect: predict(setup, {effect: (value,)}) for effect, value in fits.items()}
-    return {AS_IT_IS: predict(setup, {})} | found
+    readings = {effect: predict(setup, {effect: (value,)}) for effect, value in fits.items()}
+    return {AS_IT_IS: predict(setup, {})} | readings
 
 
 def settling(fits: dict[str, float], law: str) -> tuple[DiscriminatingMeasurement, ...]:
@@ -156,7 +156,7 @@ def settling(fits: dict[str, float], law: str) -> tuple[DiscriminatingMeasuremen
     With one reading of noise sigma, the log Bayes factor between two candidates as fitted is
     their difference squared over 2 sigma^2 on average; sigma is what makes it 4.
     """
-    found = []
+    measurements = []
     for conf, channel, rpm, unit in _experiments(law):
         c = CHANNELS.index(channel)
         scale = math.degrees(1.0) if unit == "deg" else 1.0
@@ -165,13 +165,13 @@ def settling(fits: dict[str, float], law: str) -> tuple[DiscriminatingMeasuremen
         true = shown.pop("centrifugal_stiffening")
         gaps = {name: abs(true - other) for name, other in shown.items() if math.isfinite(other)}
         rival = min(gaps, key=lambda name: gaps[name])
-        found.append(
+        measurements.append(
             DiscriminatingMeasurement(
                 f"{channel} of Conf. {conf} at {rpm:.0f} rpm", rival, gaps[rival],
                 gaps[rival] / math.sqrt(2.0 * LOG_BF_DISTINCT), unit, true,
             )
         )  # fmt: skip
-    return tuple(sorted(found, key=lambda s: -s.sigma / max(abs(s.expected), 1e-9)))
+    return tuple(sorted(measurements, key=lambda s: -s.sigma / max(abs(s.expected), 1e-9)))
 
 
 def _experiments(law: str) -> list[tuple[int, str, float, str]]:
@@ -211,7 +211,7 @@ class Table3:
     spearman: float
     """Rank correlation of measured thrust with the shear modulus."""
     spearman_p: float
-    predictions: tuple[Prediction, ...]
+    predictions: tuple[LeftOutPrediction, ...]
     """Leaving one configuration out, best first."""
     settling: tuple[DiscriminatingMeasurement, ...]
     """Measurements that would settle it, easiest first."""
@@ -225,24 +225,24 @@ class Table3:
 
 def table3_points(law: str = "repaired") -> OperatingPoints:
     """Return Table III as operating points; the noise is the printed deviation."""
-    own = [c for c in configurations() if c.measured is not None]
-    n = len(own)
+    measured = [c for c in configurations() if c.measured is not None]
+    n = len(measured)
     readings = np.full((n, len(CHANNELS)), np.nan)
     sigma = np.ones((n, len(CHANNELS)))
-    for k, c in enumerate(own):
+    for k, c in enumerate(measured):
         assert c.measured is not None
         readings[k, 0], sigma[k, 0] = c.measured.thrust_N, c.measured.thrust_dev_N
     setup = Setup(
         speed=np.full(n, SPEED),
-        rows=np.stack([parameter_row(c, law) for c in own]),
+        rows=np.stack([parameter_row(c, law) for c in measured]),
         propeller=np.arange(n),
         run=np.arange(n),
         elapsed=np.zeros(n),
         law=law,
         largest_thrust=float(readings[:, 0].max()),
     )
-    names = tuple(f"Conf. {c.number}" for c in own)
-    stiff = np.array([stiffness(c) for c in own])
+    names = tuple(f"Conf. {c.number}" for c in measured)
+    stiff = np.array([stiffness(c) for c in measured])
     return OperatingPoints(setup, readings, sigma, ("Table III",) * n, names, stiff)
 
 
@@ -256,11 +256,11 @@ def study_table3(law: str = "repaired") -> Table3:
     from scipy import stats
 
     points = table3_points(law)
-    own = [c for c in configurations() if c.measured is not None]
-    soft = np.array([not c.rigid for c in own])
+    measured = [c for c in configurations() if c.measured is not None]
+    soft = np.array([not c.rigid for c in measured])
     y, dev = points.readings[:, 0], points.sigma[:, 0]
     laws = {
-        name: tuple(float(evaluate(c, SPEED, name).thrust_N) for c in own)
+        name: tuple(float(evaluate(c, SPEED, name).thrust_N) for c in measured)
         for name in ("published", "repaired", "consistent")
     }
     mean = float(y[soft].mean())
@@ -270,7 +270,7 @@ def study_table3(law: str = "repaired") -> Table3:
     fits = least_squares_fits(points)
     rank = stats.spearmanr(points.stiffness[soft], y[soft])
     return Table3(
-        tuple(c.number for c in own), tuple(map(float, y)), tuple(map(float, dev)), laws, rms,
+        tuple(c.number for c in measured), tuple(map(float, y)), tuple(map(float, dev)), laws, rms,
         chi2, float(rank.statistic), float(rank.pvalue), predictions(points, soft, law),
         settling(fits, law), fits, tuple(map(float, points.stiffness)), law,
     )  # fmt: skip

@@ -46,13 +46,13 @@ class ThrustConstant:
     """What limits it, the largest first."""
 
 
-def thrust_constant(found: StandData, rotor_speeds: dict[str, Array]) -> ThrustConstant:
+def thrust_constant(data: StandData, rotor_speeds: dict[str, Array]) -> ThrustConstant:
     """Return k_T of a plain propeller's points.
 
     `rotor_speeds`: run -> (N, rotors) [rad/s] as recorded.
     """
-    setup = found.points.setup
-    y = found.points.readings[:, 0]
+    setup = data.points.setup
+    y = data.points.readings[:, 0]
     known = np.isfinite(y) & (setup.speed > 0.0)
     x, y, run = setup.speed[known] ** 2, y[known], setup.run[known]
     elapsed = setup.elapsed[known]
@@ -63,7 +63,7 @@ def thrust_constant(found: StandData, rotor_speeds: dict[str, Array]) -> ThrustC
     exponent = _exponent(np.sqrt(x), y)
     runs = {
         name: float(x[run == n] @ y[run == n]) / float(x[run == n] @ x[run == n])
-        for n, name in enumerate(found.points.runs)
+        for n, name in enumerate(data.points.runs)
         if (run == n).any()
     }
     limits = [
@@ -73,7 +73,7 @@ def thrust_constant(found: StandData, rotor_speeds: dict[str, Array]) -> ThrustC
     up = _by_direction(x, y, run, elapsed)
     if up is not None:
         limits.append(Limit("way up against way down (half), after the lag is undone", up / k))
-    drift = [abs(p.standstill[1]) for p in found.runs if np.isfinite(p.standstill).all()]
+    drift = [abs(p.standstill[1]) for p in data.runs if np.isfinite(p.standstill).all()]
     if drift:
         share = 0.5 * max(drift) / float(y.max())
         limits.append(Limit("drift of the zero over the run (half)", share))
@@ -114,8 +114,8 @@ def _by_direction(x: Array, y: Array, run: Numbers, elapsed: Array) -> float | N
     """Return half the difference of k between the ways to and from the highest speed."""
     rising = np.zeros(x.size, bool)
     for n in np.unique(run):
-        own = run == n
-        rising |= own & (elapsed <= elapsed[own][np.argmax(x[own])])
+        of_run = run == n
+        rising |= of_run & (elapsed <= elapsed[of_run][np.argmax(x[of_run])])
     if min(rising.sum(), (~rising).sum()) < 3:
         return None
     k = [float(x[m] @ y[m]) / float(x[m] @ x[m]) for m in (rising, ~rising)]

@@ -81,14 +81,16 @@ def fit_drive_curve(
     rows, load = np.vstack([r for r, _ in blocks]), np.concatenate([t for _, t in blocks])
     command, supply = rows.T
     counts = [len(t) for _, t in blocks]
-    own = np.repeat(np.eye(len(flights)), counts, axis=0)
-    found, deviation = _command_exponent(command, load, np.column_stack([own, supply]), counts)
+    flight_offsets = np.repeat(np.eye(len(flights)), counts, axis=0)
+    measured_exponent, deviation = _command_exponent(
+        command, load, np.column_stack([flight_offsets, supply]), counts
+    )
     weights = np.array([(trusted / exponent) ** -2, deviation**-2])
-    log = float(weights @ [np.log(exponent), np.log(found)] / weights.sum())
+    log = float(weights @ [np.log(exponent), np.log(measured_exponent)] / weights.sum())
     slope, slope_deviation = float(np.exp(log)), float(np.exp(log) / np.sqrt(weights.sum()))
 
     middle = float(supply.mean())
-    every = np.column_stack([np.ones(len(load)), supply - middle, own])
+    every = np.column_stack([np.ones(len(load)), supply - middle, flight_offsets])
     both = np.column_stack([load - slope * command, command])
     offsets = np.diag([0.0, 0.0, *np.full(len(flights), _OFFSET**-2)])
     free, _ = _solved(every, both[:, 0], 1e-6, offsets)

@@ -59,7 +59,7 @@ def channel_group(channel: str) -> str:
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionOfPoses:
     """The motion behind measured poses, at the ticks."""
 
     state: Array
@@ -84,22 +84,22 @@ def channels_of(track: Track, nominal: NominalModel) -> dict[str, list[ChannelId
         rotors += [ChannelId(f"turning {a}", "rad/s^2") for a in _AXES]
     if track.speed.size and track.command.size:
         rotors += [ChannelId(f"rotor speed {i}", "rad/s") for i in range(1, 5)]
-    found: dict[str, list[ChannelId]] = {}
+    groups: dict[str, list[ChannelId]] = {}
     if imu:
         force = _AXES if driven else _AXES[:2]
-        found["fast"] = [*(ChannelId(f"force {a}", "m/s^2") for a in force), *rotors]
-        found["slow"] = [ChannelId(f"mocap against accel {a}", "m/s^2") for a in _AXES]
-        found["slow"] += [ChannelId(f"gyro against mocap {a}", "rad/s") for a in _AXES]
+        groups["fast"] = [*(ChannelId(f"force {a}", "m/s^2") for a in force), *rotors]
+        groups["slow"] = [ChannelId(f"mocap against accel {a}", "m/s^2") for a in _AXES]
+        groups["slow"] += [ChannelId(f"gyro against mocap {a}", "rad/s") for a in _AXES]
     else:
-        found["slow"] = [*(ChannelId(f"acceleration {a}", "m/s^2") for a in _AXES), *rotors]
+        groups["slow"] = [*(ChannelId(f"acceleration {a}", "m/s^2") for a in _AXES), *rotors]
     if track.voltage.size and not nominal.calibrated:
-        found["slow"].append(ChannelId("voltage", "V"))
+        groups["slow"].append(ChannelId("voltage", "V"))
     if track.arrival.size:
-        found["pose"] = [ChannelId("latency", "s")]
-    return found
+        groups["pose"] = [ChannelId("latency", "s")]
+    return groups
 
 
-def motion_of(track: Track, nominal: NominalModel, theta: Array) -> Motion:
+def motion_of(track: Track, nominal: NominalModel, theta: Array) -> MotionOfPoses:
     """Return the motion that, seen by this motion capture, gives the measured poses."""
     plant = nominal.plant()
     spacing = float(np.median(np.diff(track.pose_t)))
@@ -131,7 +131,7 @@ def motion_of(track: Track, nominal: NominalModel, theta: Array) -> Motion:
     tick = float(track.t[1] - track.t[0])
     turning = gaussian_filter1d(body, FAST_WIDTH / tick, axis=0, order=1) / tick
     state = np.column_stack([*_smooth_path(track, value[:, :3], rotation), q, body, turning])
-    return Motion(state, value[:, :3], rates, rotation, seen[:, 7] - seen[:, 9])
+    return MotionOfPoses(state, value[:, :3], rates, rotation, seen[:, 7] - seen[:, 9])
 
 
 def _smooth_path(track: Track, position: Array, rotation: Array) -> tuple[Array, Array]:
@@ -163,7 +163,7 @@ def simulate_along_motion(
     track: Track,
     nominal: NominalModel,
     theta: Array,
-    motion: Motion,
+    motion: MotionOfPoses,
     draws: Array | None = None,
     noise: Array = NO_NOISE,
 ) -> Any:
@@ -185,7 +185,7 @@ def residuals(
     track: Track,
     nominal: NominalModel,
     theta: Array,
-    motion: Motion | None = None,
+    motion: MotionOfPoses | None = None,
     draws: Array | None = None,
     noise: Array = NO_NOISE,
 ) -> dict[str, Array]:

@@ -14,9 +14,9 @@ from tombo_diagnosis.engine.model import Setting
 from tombo_diagnosis.engine.regression import (
     NOMINAL_WIDTHS,
     TIGHT,
-    Columns,
     Fit,
     NormalEquations,
+    Unknowns,
     solve,
 )
 from tombo_diagnosis.flight.fit.prediction import channels_of
@@ -127,21 +127,21 @@ class FlightProblem:
         absorbed = frozenset(p.index for p in nominal.parameters if p.label in nominal.fitted)
         width = self.linears[0].draw_width
         each = (SCATTER,) * len(self.drawn)
-        own = Columns(nominal.parameters, tuple(seen), each * self.vehicles, width, absorbed)
-        self.columns = own
+        unknowns = Unknowns(nominal.parameters, tuple(seen), each * self.vehicles, width, absorbed)
+        self.columns = unknowns
         self._parts: list[Parts] = []
         self.variances: list[dict[str, Array]] = []
         """Noise of each flight's channels by group, correlation included."""
         self._prepare()
         if each and self.vehicles > 1:
-            every = solve(self.normal(), own.deviations(seen)).evidence
-            kept = self._parts
-            self.columns, self.vehicles = replace(own, draws=each), 1
+            every = solve(self.normal(), unknowns.deviations(seen)).evidence
+            parts_of_flights = self._parts
+            self.columns, self.vehicles = replace(unknowns, draws=each), 1
             # With the same noise as before: what does not fit would else pass for noise.
             self._parts = self._all_parts()
             if solve(self.normal(), self.columns.deviations(seen)).evidence < every:
-                self.columns, self.vehicles = own, len(self.tracks)
-                self._parts = kept
+                self.columns, self.vehicles = unknowns, len(self.tracks)
+                self._parts = parts_of_flights
             else:
                 self._prepare()
         self.columns = replace(self.columns, unobservable=self._find_unobservable())
@@ -203,15 +203,15 @@ class FlightProblem:
         for f, linear in enumerate(self.linears):
             for group, rows in linear.residual.items():
                 rest = rows - self._explained(linear, group, f, every)
-                own = [(group, c.name) for c in self.channels[f][group]]
-                for place, value in zip(own, np.mean(rest**2, axis=0), strict=True):
+                names = [(group, c.name) for c in self.channels[f][group]]
+                for place, value in zip(names, np.mean(rest**2, axis=0), strict=True):
                     noise.setdefault(place, []).append(float(value))
                 for index, change in linear.slopes.items():
                     window = round(_VISIBILITY_WINDOW_S * self.per_second(group))
                     squares = change[group] ** 2
                     sizes = block_means(squares, min(window, len(squares))).max(axis=0)
                     table = shown.setdefault(index, {})
-                    for place, value in zip(own, sizes, strict=True):
+                    for place, value in zip(names, sizes, strict=True):
                         table.setdefault(place, []).append(float(value))
         unobservable = set()
         for index, table in shown.items():
@@ -433,7 +433,7 @@ class FlightProblem:
                     residual.setdefault((group, c.name), []).append(left)
         healthy = self.nominal.healthy
         usual: Mapping[str, Sequence[float]] = {} if healthy is None else healthy.residuals
-        found = {
+        variances = {
             (group, name): max(
                 long_run_variance(rows, self.per_second(group), floors_of(name)[0]),
                 long_run_of_scales(usual.get(name, ()), self.per_second(group)),
@@ -441,7 +441,10 @@ class FlightProblem:
             for (group, name), rows in residual.items()
         }
         return [
-            {group: np.array([found[group, c.name] for c in own]) for group, own in each.items()}
+            {
+                group: np.array([variances[group, c.name] for c in ids])
+                for group, ids in each.items()
+            }
             for each in self.channels
         ]
 
@@ -455,9 +458,9 @@ class FlightProblem:
             {
                 group: np.array([
                     max(v, long_run_of_scales(residuals.get(c.name, ()), self.per_second(group)))
-                    for c, v in zip(channels[group], own, strict=True)
+                    for c, v in zip(channels[group], sizes, strict=True)
                 ])
-                for group, own in each.items()
+                for group, sizes in each.items()
             }
             for channels, each in zip(self.channels, self.variances, strict=True)
         ]  # fmt: skip

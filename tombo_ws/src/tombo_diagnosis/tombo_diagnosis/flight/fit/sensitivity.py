@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from tombo_diagnosis.engine.regression import Parameter
+from tombo_diagnosis.engine.regression import FreeParameter
 from tombo_diagnosis.flight.fit.prediction import (
-    Motion,
+    MotionOfPoses,
     affects_poses,
     motion_of,
     residuals,
@@ -62,7 +62,7 @@ class Linearization:
     """The flight with the rotor speeds along which steps and slopes are taken."""
     start_along: Groups
     """What the start of the fit leaves along them: group -> (rows, channels)."""
-    motion: Motion
+    motion: MotionOfPoses
     """Behind the measured poses, of these parameters."""
     residual: Groups
     """group -> (rows, channels)."""
@@ -80,16 +80,16 @@ class Linearization:
 
 
 @dataclass(frozen=True)
-class _Predicted:
+class _PredictedFlight:
     """A flight compared with a model at one theta."""
 
     track: Track
     nominal: NominalModel
     theta: Array
-    motion: Motion
+    motion: MotionOfPoses
     residual: Groups
 
-    def slope(self, p: Parameter) -> Groups | None:
+    def slope(self, p: FreeParameter) -> Groups | None:
         """Return the change of what is predicted per unit of a parameter; None: none."""
         moved = self.theta.copy()
         # Within the parameter's bounds.
@@ -99,8 +99,12 @@ class _Predicted:
         return _change(self.residual, residuals(self.track, self.nominal, moved, motion), step)
 
 
-def _predicted(track: Track, nominal: NominalModel, theta: Array, motion: Motion) -> _Predicted:
-    return _Predicted(track, nominal, theta, motion, residuals(track, nominal, theta, motion))
+def _predicted(
+    track: Track, nominal: NominalModel, theta: Array, motion: MotionOfPoses
+) -> _PredictedFlight:
+    return _PredictedFlight(
+        track, nominal, theta, motion, residuals(track, nominal, theta, motion)
+    )
 
 
 def _change(before: Groups, after: Groups, step: float) -> Groups | None:
@@ -172,13 +176,13 @@ def linearize(
     )
 
 
-def _replica(track: Track, nominal: NominalModel, theta: Array, seed: int) -> _Predicted:
+def _replica(track: Track, nominal: NominalModel, theta: Array, seed: int) -> _PredictedFlight:
     """Return the flight with the noise of its poses once more."""
     again = with_pose_noise(track, nominal, theta, seed)
     return _predicted(again, nominal, theta, motion_of(again, nominal, theta))
 
 
-def _lost_memories(here: _Predicted, slopes: Mapping[int, Groups]) -> dict[str, float]:
+def _lost_memories(here: _PredictedFlight, slopes: Mapping[int, Groups]) -> dict[str, float]:
     """Return effect -> from when on the noise of the poses decides what it does [s].
 
     A load that was thrown up by a quick flight falls back into its thread, and the smallest error
@@ -206,7 +210,7 @@ def _lost_memories(here: _Predicted, slopes: Mapping[int, Groups]) -> dict[str, 
 
 
 def _with_commanded_speeds(
-    track: Track, nominal: NominalModel, theta: Array, motion: Motion
+    track: Track, nominal: NominalModel, theta: Array, motion: MotionOfPoses
 ) -> Track:
     """Return the flight with the rotor speeds that its commands ask for in place of measured ones.
 
@@ -221,7 +225,7 @@ def _with_commanded_speeds(
     return replace(track, speed=np.column_stack([speed, np.gradient(speed, TICK, axis=0)]))
 
 
-def _where_noise(replica: _Predicted, p: Parameter, change: Groups) -> NDArray[np.bool_]:
+def _where_noise(replica: _PredictedFlight, p: FreeParameter, change: Groups) -> NDArray[np.bool_]:
     """Return in which channels of the group slow a slope is noise of the poses to a good part.
 
     Where a flight hardly turns, what an offset of the markers would do is the attitude's noise,

@@ -312,5 +312,5 @@ def _good(log: Flight, name: str, width: int) -> tuple[Array, Array]:
 
 
 def _gaps(stamps: Array, longest: float) -> list[Span]:
-    found = np.flatnonzero(np.diff(stamps) > longest)
-    return [(float(stamps[i]), float(stamps[i + 1])) for i in found]
+    starts = np.flatnonzero(np.diff(stamps) > longest)
+    return [(float(stamps[i]), float(stamps[i + 1])) for i in starts]

@@ -48,14 +48,14 @@ class Transient:
 
 def find_transients(problem: FlightProblem, fit: Fit) -> list[Transient]:
     """Return the moments at which a fit leaves far more than at all other times."""
-    found: list[Transient] = []
+    transients: list[Transient] = []
     for f, track in enumerate(problem.tracks):
-        own = _of_flight(problem, fit, f)
-        lasted = sum(event.end_s - event.start_s for event in own)
-        if len(own) > _MOMENTS or lasted > _SHARE * track.used_s:
+        of_flight = _of_flight(problem, fit, f)
+        lasted = sum(event.end_s - event.start_s for event in of_flight)
+        if len(of_flight) > _MOMENTS or lasted > _SHARE * track.used_s:
             return []
-        found += own
-    return found
+        transients += of_flight
+    return transients
 
 
 def _of_flight(problem: FlightProblem, fit: Fit, flight: int) -> list[Transient]:
@@ -66,9 +66,9 @@ def _of_flight(problem: FlightProblem, fit: Fit, flight: int) -> list[Transient]
         times = problem.tracks[flight].times(group)
         off = np.abs(rows - np.median(rows, axis=0))
         ratio = off / np.maximum(_NORMAL * np.median(off, axis=0), 1e-12)
-        own = problem.channels[flight][group]
+        channels = problem.channels[flight][group]
         for k, j in zip(*np.nonzero(ratio > _BURST), strict=True):
-            moments.append((float(times[k]), float(ratio[k, j]), own[j].name))
+            moments.append((float(times[k]), float(ratio[k, j]), channels[j].name))
     moments.sort()
     flight_name = problem.tracks[flight].name
     events: list[Transient] = []
@@ -113,11 +113,11 @@ def exclude_spans(
     """Return the flights without these spans, those with nearly nothing left not at all."""
     result = []
     for f, track in enumerate(tracks):
-        own = [(e.start_s, e.end_s) for e in events if e.flight == f]
-        invalid = inside(track.t, own)
+        spans = [(e.start_s, e.end_s) for e in events if e.flight == f]
+        invalid = inside(track.t, spans)
         counted = np.interp(track.pose_t, track.t, invalid.astype(np.float64)) < 0.5
         fast, slow = clear_rows(track.fast, invalid), clear_rows(track.slow, invalid)
-        left = track.only(fast, slow, counted) if own else track
+        left = track.only(fast, slow, counted) if spans else track
         if left.used_s >= SHORTEST_S:
             result.append(left)
     return result

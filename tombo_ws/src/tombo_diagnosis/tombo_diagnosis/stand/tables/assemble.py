@@ -57,8 +57,8 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
         raise InputError("runs of plain and of Tombo propellers; accepted: one kind at a time")
     plain = plains.pop()
     _refuse_twice(tables)
-    found = [plateaus(t) for t in tables]
-    findings = [f for t in tables for f in t.findings] + [f for p in found for f in p.findings]
+    parts = [plateaus(t) for t in tables]
+    findings = [f for t in tables for f in t.findings] + [f for p in parts for f in p.findings]
     runs: list[str] = []
     propellers: list[str] = []
     rows: list[Array] = []
@@ -66,7 +66,7 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
     prop: list[Array] = []
     run: list[Array] = []
     loads: dict[str, list[Array]] = {"applied_thrust": [], "applied_torque": []}
-    for table, part in zip(tables, found, strict=True):
+    for table, part in zip(tables, parts, strict=True):
         n = part.speed.size
         first = part.first_row.astype(int)
         own_run = table.channels.get("run")
@@ -87,8 +87,8 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
         propellers += [x for x in dict.fromkeys(wings) if x not in propellers]
         run.append(np.array([runs.index(x) for x in names]))
         prop.append(np.array([propellers.index(x) for x in wings]))
-        for name, parts in loads.items():
-            parts.append(np.nan_to_num(table.channels.get(name, np.zeros(table.rows))[first]))
+        for name, load in loads.items():
+            load.append(np.nan_to_num(table.channels.get(name, np.zeros(table.rows))[first]))
         if own_conf is not None and not plain:
             _check_configurations(numbers, table)
         for c, wing in zip(numbers, wings, strict=True):
@@ -96,8 +96,8 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
         if not plain:
             rows.append(np.stack([parameter_row(configuration(int(c)), law) for c in numbers]))
             findings += _above_valid_speed(table.name, part.speed, numbers, law)
-    speed = np.concatenate([p.speed for p in found])
-    readings = np.concatenate([p.readings for p in found])
+    speed = np.concatenate([p.speed for p in parts])
+    readings = np.concatenate([p.readings for p in parts])
     if plain:
         readings[:, 2] = np.nan
     number = np.concatenate(prop).astype(np.int64)
@@ -106,7 +106,7 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
         rows=np.concatenate(rows) if rows else _constants(speed, readings, number),
         propeller=number,
         run=np.concatenate(run).astype(np.int64),
-        elapsed=np.concatenate([p.elapsed for p in found]),
+        elapsed=np.concatenate([p.elapsed for p in parts]),
         law=law,
         plain=plain,
         applied_thrust=np.concatenate(loads["applied_thrust"]),
@@ -115,24 +115,24 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
         largest_torque=_largest(readings[:, 1], 0.03),
     )
     points = OperatingPoints(
-        setup, readings, np.concatenate([p.sigma for p in found]), tuple(runs), tuple(propellers),
+        setup, readings, np.concatenate([p.sigma for p in parts]), tuple(runs), tuple(propellers),
         np.array([moduli[p] for p in propellers]),
     )  # fmt: skip
     if not plain:
-        check_scale(points, tables, [p.speed.size for p in found])
+        check_scale(points, tables, [p.speed.size for p in parts])
         _check_enough(points, tables)
-    return StandData(points, tuple(found), tuple(findings))
+    return StandData(points, tuple(parts), tuple(findings))
 
 
 def _refuse_twice(tables: Sequence[StandTable]) -> None:
-    for k, one in enumerate(tables):
+    for k, table in enumerate(tables):
         for other in tables[:k]:
-            if one.channels.keys() == other.channels.keys() and all(
+            if table.channels.keys() == other.channels.keys() and all(
                 np.array_equal(v, other.channels[c], equal_nan=True)
-                for c, v in one.channels.items()
+                for c, v in table.channels.items()
             ):
                 raise InputError(
-                    f"{one.source} holds the same numbers as {other.source}: counted twice they "
+                    f"{table.source} holds the same numbers as {other.source}: counted twice they "
                     "look surer than they are; accepted: each run once"
                 )
 
@@ -207,7 +207,7 @@ def _constants(speed: Array, readings: Array, number: NDArray[np.int64]) -> Arra
 def _above_valid_speed(
     name: str, speed: Array, numbers: NDArray[np.int64], law: str
 ) -> list[Finding]:
-    found = []
+    findings = []
     for c in np.unique(numbers):
         limit = valid_speed(configuration(int(c)), law)
         over = int(np.count_nonzero(speed[numbers == c] > limit))
@@ -216,8 +216,8 @@ def _above_valid_speed(
                 f"{over} points of Conf. {c} above {limit / RPM:.0f} rpm, where law {law} ends: "
                 "set apart"
             )
-            found.append(Finding("speed", "fault", name, text, channel="speed"))
-    return found
+            findings.append(Finding("speed", "fault", name, text, channel="speed"))
+    return findings
 
 
 _RATIO = 3.0

@@ -56,12 +56,12 @@ class OperatingPoints:
     def only(self, keep: Mask) -> OperatingPoints:
         """Return some of the points; propellers and runs keep their numbers."""
         arrays = {f.name: getattr(self.setup, f.name) for f in fields(self.setup)}
-        kept: dict[str, Any] = {
+        chosen: dict[str, Any] = {
             k: v[keep] for k, v in arrays.items() if isinstance(v, np.ndarray) and v.size
         }
         return replace(
             self,
-            setup=replace(self.setup, **kept),
+            setup=replace(self.setup, **chosen),
             readings=self.readings[keep],
             sigma=self.sigma[keep],
         )

@@ -83,8 +83,8 @@ def plateaus(table: StandTable) -> Plateaus:
     at, readings, sigma, first = (each[keep] for each in (at, readings, sigma, first))
     sigma = _with_noise(at, readings, sigma, table, raw)
     elapsed = first / max(speed.size - 1, 1)
-    found = (*findings, *outliers, *changed)
-    return Plateaus(at, readings, sigma, elapsed, first, (ends[0], ends[1]), found)
+    all_findings = (*findings, *outliers, *changed)
+    return Plateaus(at, readings, sigma, elapsed, first, (ends[0], ends[1]), all_findings)
 
 
 def _leading(still: NDArray[np.bool_]) -> int:
@@ -102,9 +102,9 @@ def _lag(channels: dict[str, Array], speed: Array) -> int:
     left = []
     for lag in range(most + 1):
         square = speed[: speed.size - most] ** 2
-        own = load[lag : lag + square.size]
+        shifted = load[lag : lag + square.size]
         design = np.column_stack([square, np.ones(square.size)])
-        rest = own - design @ np.linalg.lstsq(design, own, rcond=None)[0]
+        rest = shifted - design @ np.linalg.lstsq(design, shifted, rcond=None)[0]
         left.append(float(np.mean(rest**2)))
     best = int(np.argmin(left))
     return best if left[best] < 0.9 * left[0] else 0
@@ -141,12 +141,12 @@ def _averages(
         if name not in channels:
             continue
         for k, p in enumerate(parts):
-            own = channels[name][p]
-            own = own[np.isfinite(own)]
-            if own.size:
-                readings[k, c] = own.mean()
-                fresh = 1 + int(np.count_nonzero(np.diff(own)))
-                sigma[k, c] = float(own.std()) / math.sqrt(fresh)
+            values = channels[name][p]
+            values = values[np.isfinite(values)]
+            if values.size:
+                readings[k, c] = values.mean()
+                fresh = 1 + int(np.count_nonzero(np.diff(values)))
+                sigma[k, c] = float(values.std()) / math.sqrt(fresh)
     return at, readings, sigma, np.array([float(p.start) for p in parts])
 
 
@@ -207,9 +207,9 @@ def _with_noise(
         y = readings[:, c]
         known = np.isfinite(y) & turning
         largest = float(np.abs(y[np.isfinite(y)]).max(initial=0.0))
-        said = table.channels.get(f"{name}_sigma")
-        if said is not None and not raw and said.size == y.size and np.all(said > 0.0):
-            out[:, c] = said
+        stated = table.channels.get(f"{name}_sigma")
+        if stated is not None and not raw and stated.size == y.size and np.all(stated > 0.0):
+            out[:, c] = stated
             continue
         usual = _PAR * largest
         if known.sum() >= 8:
@@ -261,26 +261,26 @@ def find_step(speed: Array, load: Array, elapsed: Array) -> Step | None:
     base = _without_step(w, 2.0 * (t - t[0]) / span - 1.0)
     q, _ = np.linalg.qr(base)
     left = y - q @ (q.T @ y)
-    best, found = 0.0, None
+    best, step_of_best = 0.0, None
     free = known.size - base.shape[1] - 1
     before = float(left @ left)
     for at in range(_SIDE, known.size - _SIDE + 1):
         if not _comparable(w, at):
             continue
         step = np.where(np.arange(known.size) >= at, w**2, 0.0)
-        own = step - q @ (q.T @ step)
-        square = float(own @ own)
+        unexplained = step - q @ (q.T @ step)
+        square = float(unexplained @ unexplained)
         if square < _INDEPENDENT**2 * float(step @ step):
             continue
-        size = float(own @ left) / square
+        size = float(unexplained @ left) / square
         after = before - size**2 * square
         sure = abs(size) * np.sqrt(square / max(after / free, 1e-300))
         # As a share of the load at equal speed before it.
         first = float(np.sum(y[:at] * w[:at] ** 2) / np.sum(w[:at] ** 4))
         share = size / first if first > 0.0 else 0.0
         if sure > max(best, _MIN_SIGMAS) and after < _EXPLAINS * before and abs(share) > _LEAST:
-            best, found = sure, Step(int(known[at]), share)
-    return found
+            best, step_of_best = sure, Step(int(known[at]), share)
+    return step_of_best
 
 
 def _without_step(w: Array, t: Array) -> Array:
@@ -317,15 +317,15 @@ def without_changed(
     if keys and speed.size:
         group = np.unique(np.column_stack(keys), axis=0, return_inverse=True)[1].reshape(-1)
     for g in np.unique(group):
-        own = np.flatnonzero(group == g)
+        members = np.flatnonzero(group == g)
         for c, name in enumerate(("thrust", "torque")):
-            step = find_step(speed[own], readings[own, c], first[own])
+            step = find_step(speed[members], readings[members, c], first[members])
             if step is None:
                 continue
-            after = np.arange(own.size) >= step.at
-            lost = after if after.sum() <= own.size / 2 else ~after
-            keep[own[lost]] = False
-            k = own[step.at]
+            after = np.arange(members.size) >= step.at
+            lost = after if after.sum() <= members.size / 2 else ~after
+            keep[members[lost]] = False
+            k = members[step.at]
             side = "higher" if step.size > 0.0 else "lower"
             text = (
                 f"from row {rows[k] + 1} on ({speed[k] / RPM:.0f} rpm) {name} is "

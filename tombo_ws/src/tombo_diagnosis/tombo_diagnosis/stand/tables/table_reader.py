@@ -122,9 +122,9 @@ def parse_mapping(text: str, name: str) -> StandMapping:
     values = table_of(parse_yaml(text, what), what, [f.name for f in fields(StandMapping)])
     model, tare = str(values.get("model", "tombo")), str(values.get("tare", "start"))
     choices = {"model": (model, ("tombo", "plain")), "tare": (tare, ("start", "none"))}
-    for key, (given, accepted) in choices.items():
-        if given not in accepted:
-            raise unknown_name(f"{what}: {key}", given, accepted)
+    for key, (choice, accepted) in choices.items():
+        if choice not in accepted:
+            raise unknown_name(f"{what}: {key}", choice, accepted)
     channels = table_of(values.get("channels"), f"{what}: channels", CHANNELS)
     header = values.get("header") or ()
     if isinstance(header, str) or not isinstance(header, Sequence):
@@ -171,11 +171,11 @@ def infer_mapping(columns: Sequence[str], path: Path) -> StandMapping:
     Raises:
         InputError: no speed, or neither thrust nor torque; or a unit that is not known.
     """
-    found: dict[str, ChannelMap] = {}
+    channels: dict[str, ChannelMap] = {}
     for column in columns:
         name, unit = _split(column)
         channel = next((c for c, names in _NAMES.items() if name in names), None)
-        if channel is None or channel in found:
+        if channel is None or channel in channels:
             continue
         if not unit:
             unit = "rpm" if name.endswith("rpm") else CHANNELS[channel]
@@ -185,15 +185,15 @@ def infer_mapping(columns: Sequence[str], path: Path) -> StandMapping:
                     f"{name}[{CHANNELS[channel]}] ({_units(channel)}), or --mapping"
                 )
         factor(unit, CHANNELS[channel], f"column '{column}' of '{path}'")
-        found[channel] = ChannelMap((column,), unit)
-    if "speed" not in found or not {"thrust", "torque"} & set(found):
-        lacking = "speed" if "speed" not in found else "thrust or torque"
+        channels[channel] = ChannelMap((column,), unit)
+    if "speed" not in channels or not {"thrust", "torque"} & set(channels):
+        lacking = "speed" if "speed" not in channels else "thrust or torque"
         raise InputError(
             f"'{path}': no column for {lacking} among {', '.join(columns)[:200]}; accepted: names "
             f"as rpm, thrust_N, torque_Nm, beta_deg (thrust in {', '.join(UNITS['N'])}; torque in "
             f"{', '.join(u.replace(' ', '') for u in UNITS['N m'])}), or --mapping"
         )
-    return StandMapping("names of the columns", channels=found)
+    return StandMapping("names of the columns", channels=channels)
 
 
 def _units(channel: str) -> str:
@@ -250,9 +250,9 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
         InputError: empty, no header, columns missing, or values that can't be what they are said
             to be; column, value and what is expected are named.
     """
-    given = None if mapping is None else load_mapping(mapping)
+    loaded = None if mapping is None else load_mapping(mapping)
     table = open_table(path)
-    chosen = given or mapping_for_header(table.columns) or infer_mapping(table.columns, path)
+    chosen = loaded or mapping_for_header(table.columns) or infer_mapping(table.columns, path)
     wanted = [c for channel in chosen.channels.values() for c in channel.columns]
     missing = [c for c in wanted if c not in table.columns]
     if missing or "speed" not in chosen.channels:
@@ -272,8 +272,8 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
         columns = np.column_stack([scale * numbers[c] for c in where.columns])
         if key in ("speed", "reference_speed"):
             if key == "speed":
-                columns, found = _without_glitches(columns, name, where.columns)
-                findings += found
+                columns, glitches = _without_glitches(columns, name, where.columns)
+                findings += glitches
                 rotor_speed = columns
             channels[key] = np.sqrt(np.mean(columns**2, axis=1))
         else:
