@@ -177,7 +177,9 @@ def _healthy(p: FreeParameter, rng: np.random.Generator) -> float:
     return abs(off) if p.null <= p.low else off
 
 
-def _moved(p: FreeParameter, base: float, factor: float, name: str, rng: np.random.Generator) -> float:
+def _moved(
+    p: FreeParameter, base: float, factor: float, name: str, rng: np.random.Generator
+) -> float:
     """Return a parameter's hidden value: `factor` of what matters from its null, either way."""
     if p.stochastic or p.null <= p.low:
         return float(min(p.null + factor * p.scale + (base - p.null) * (not p.stochastic), p.high))
