@@ -35,8 +35,8 @@ from tombo_logs.checks.pipeline import check_log
 from tombo_logs.proposal.explain import explain_mapping
 from tombo_logs.readers.csv_mapping import load_mapping
 from tombo_logs.readers.log_reader import read_log
-from tombo_propeller.flap_video.trace import read_trace
 from tombo_propeller.flap_video.video import open_video
+from tombo_propeller.rotor_trace import read_trace
 
 from .mutate import mutated
 from .samples import FLIGHT, Sample

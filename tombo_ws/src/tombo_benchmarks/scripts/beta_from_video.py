@@ -25,8 +25,7 @@ from tombo_propeller.flap_video.camera_geometry import (
     ambiguous_angle_limit,
     apparent_radius,
 )
-from tombo_propeller.flap_video.measure import measure, spans_of
-from tombo_propeller.flap_video.scale import reference_scale
+from tombo_propeller.flap_video.measure import measure, reference_scale, spans_of
 from tombo_propeller.flap_video.synthetic_video import Scene, SyntheticVideo
 
 SPAN = BladeSpan(0.1111, 0.035)

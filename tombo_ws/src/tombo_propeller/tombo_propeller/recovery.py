@@ -139,7 +139,7 @@ def _drops(value: Array, step: float, noise: float) -> list[tuple[int, float]]:
     n = max(1, round(_SMOOTH / step))
     before = max(_LEAST_BEFORE, round(_BEFORE / step))
     smooth = _smooth(value, n)
-    found: list[tuple[int, float]] = []
+    drops: list[tuple[int, float]] = []
     recovering, risen, lowest, level, since = False, False, math.inf, 0.0, 0
     for k in range(before, len(value), max(1, n // 4)):
         if not recovering and k - since >= before // 2:
@@ -153,18 +153,20 @@ def _drops(value: Array, step: float, noise: float) -> list[tuple[int, float]]:
             top = float(latest.max()) if risen else -math.inf
             begin = max(k - 3 * n, 0) + int(np.argmax(latest))
         if level > 0.0 and top - smooth[k] > least:
-            found.append((_begin(value[: k + 2 * n], begin, k, top, noise), level))
+            start = _begin(value[: k + 2 * n], begin, k, top, noise)
+            if not drops or start > drops[-1][0]:  # else it is the same drop, seen again
+                drops.append((start, level))
             recovering, risen, lowest = True, False, math.inf
         elif recovering and smooth[k] > level - 0.4 * least:
             recovering, since = False, k
-    return found
+    return drops
 
 
 def _begin(value: Array, first: int, k: int, top: float, noise: float) -> int:
     """Return where the drop seen at `k` begins: from `first` on, three samples that are below."""
     below = value < top - max(3.0 * noise, 0.03 * abs(top))
-    there = np.flatnonzero(below[first:-2] & below[first + 1 : -1] & below[first + 2 :])
-    return first + int(there[0]) if len(there) else k
+    starts = np.flatnonzero(below[first:-2] & below[first + 1 : -1] & below[first + 2 :])
+    return first + int(starts[0]) if len(starts) else k
 
 
 def _recovery(

@@ -6,8 +6,7 @@ from functools import cache
 import numpy as np
 
 from tombo_propeller.flap_video.camera_geometry import BladeSpan, CameraPose
-from tombo_propeller.flap_video.measure import measure, spans_of
-from tombo_propeller.flap_video.scale import reference_scale
+from tombo_propeller.flap_video.measure import measure, reference_scale, spans_of
 from tombo_propeller.flap_video.synthetic_video import Scene, SyntheticVideo, reference_scene
 
 SPAN = BladeSpan(0.1111, 0.035)

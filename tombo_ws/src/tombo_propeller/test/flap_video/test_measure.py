@@ -11,8 +11,13 @@ from tombo_dynamics.errors import InputError
 from tombo_propeller.flap_video.camera_geometry import CameraPose
 from tombo_propeller.flap_video.disc import find_disc
 from tombo_propeller.flap_video.disc_rim import find_rim
-from tombo_propeller.flap_video.measure import measure, spans_of
-from tombo_propeller.flap_video.scale import known_scale, marked_scale, reference_scale
+from tombo_propeller.flap_video.measure import (
+    known_scale,
+    marked_scale,
+    measure,
+    reference_scale,
+    spans_of,
+)
 
 HARD = [
     {"beta": 8.0, "speed": 210.0, "exposure": 0.15, "gradient": 0.4, "clutter": 0.2},

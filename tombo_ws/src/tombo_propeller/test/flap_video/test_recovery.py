@@ -142,3 +142,13 @@ def test_a_reversed_sign_is_named():
     folded = np.where(t < 0.5, 0.0, np.exp(-(t - 0.5) / 0.15))
     with pytest.raises(InputError, match=r"level of -4.* sign reversed.*accepted"):
         recoveries(t, -5.0 * (1.0 - folded))
+
+
+def test_a_drop_that_is_seen_again_while_it_lasts_is_one_collision():
+    t = np.arange(6000) * 1e-3
+    folded = np.where(t < 1.0, 0.0, np.exp(-(t - 1.0) / 0.15))
+    folded = np.where((t >= 3.0) & (t < 3.02), 1.0, folded)
+    folded = np.where(t >= 3.02, np.exp(-(t - 3.02) / 0.1), folded)
+    noise = np.random.default_rng(0).normal(size=t.size)
+    collisions = recoveries(t, 6.0 * (1.0 - folded) + 0.018 * noise)
+    assert [r.time for r in collisions] == pytest.approx([1.0, 3.0], abs=0.01)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tombo_dynamics.errors import InputError
-from tombo_propeller.flap_video.trace import read_trace
+from tombo_propeller.rotor_trace import read_trace
 
 
 def write(path, heading, value=5.0, step=1e-3):

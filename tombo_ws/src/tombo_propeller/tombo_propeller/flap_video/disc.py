@@ -131,7 +131,7 @@ def circle_of(hull: Array) -> Disc:
     outline = _outline(hull)
     if len(hull) >= 3:
         for _ in range(_TRIES):
-            x, y, r = _through(hull[rng.choice(len(hull), 3, replace=False)])
+            x, y, r = _least_squares(hull[rng.choice(len(hull), 3, replace=False)])
             if not 0.25 * size < r < 1.5 * size:
                 continue
             score = _filled(outline, x, y, r)
@@ -168,17 +168,6 @@ def _outline(hull: Array) -> Array:
     """Return points along the hull's sides, closer together than a direction's share."""
     steps = np.linspace(0.0, 1.0, 64, endpoint=False)[:, None, None]
     return np.asarray((hull + steps * (np.roll(hull, -1, axis=0) - hull)).reshape(-1, 2))
-
-
-def _through(p: Array) -> tuple[float, float, float]:
-    (ax, ay), (bx, by), (cx, cy) = p
-    d = 2.0 * (ax * (by - cy) + bx * (cy - ay) + cx * (ay - by))
-    if abs(d) < 1e-9:
-        return 0.0, 0.0, 0.0
-    a, b, c = ax * ax + ay * ay, bx * bx + by * by, cx * cx + cy * cy
-    x = (a * (by - cy) + b * (cy - ay) + c * (ay - by)) / d
-    y = (a * (cx - bx) + b * (ax - cx) + c * (bx - ax)) / d
-    return float(x), float(y), math.hypot(ax - x, ay - y)
 
 
 def _least_squares(p: Array) -> tuple[float, float, float]:

@@ -47,38 +47,35 @@ class Video:
     def _of_folder(self, spans: list[tuple[int, int]]) -> Iterator[tuple[int, Frames]]:
         size: tuple[int, ...] | None = None
         for first, behind in spans:
-            found = []
+            frames = []
             for path in self.pictures[first:behind]:
                 frame = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
                 if frame is None:
                     raise InputError(f"can't read '{path}'; accepted: whole pictures")
                 size = _checked(frame, size, path)
-                found.append(np.asarray(frame, dtype=np.uint8))
-            if found:
-                yield first, np.stack(found)
+                frames.append(np.asarray(frame, dtype=np.uint8))
+            if frames:
+                yield first, np.stack(frames)
 
     def _of_video(self, spans: list[tuple[int, int]]) -> Iterator[tuple[int, Frames]]:
         video = _opened(self.path)
-        at = 0
+        position = 0
         size: tuple[int, ...] | None = None
         try:
             for first, behind in spans:
-                found = []
-                while at < behind:
-                    if at < first:
-                        if not video.grab():
-                            break
-                        at += 1
-                        continue
-                    there, frame = video.read()
-                    if not there:
+                frames = []
+                while position < first and video.grab():
+                    position += 1
+                while first <= position < behind:
+                    is_read, frame = video.read()
+                    if not is_read:
                         break
-                    at += 1
+                    position += 1
                     size = _checked(frame, size, self.path)
-                    found.append(_grey(frame))
-                if found:
-                    yield first, np.stack(found)
-                if at < behind:
+                    frames.append(_grey(frame))
+                if frames:
+                    yield first, np.stack(frames)
+                if position < behind:
                     return
         finally:
             video.release()
@@ -136,17 +133,17 @@ def _grey(frame: Any) -> NDArray[np.uint8]:
 def _checked(
     frame: NDArray[np.generic], size: tuple[int, ...] | None, path: Path
 ) -> tuple[int, ...]:
-    found = frame.shape[:2]
-    if min(found) < _LEAST_SIDE:
+    shape = frame.shape[:2]
+    if min(shape) < _LEAST_SIDE:
         raise InputError(
-            f"'{path}' is {found[1]} x {found[0]} pixels; accepted: {_LEAST_SIDE} or more a side"
+            f"'{path}' is {shape[1]} x {shape[0]} pixels; accepted: {_LEAST_SIDE} or more a side"
         )
-    if size is not None and found != size:
+    if size is not None and shape != size:
         raise InputError(
-            f"'{path}' is {found[1]} x {found[0]} pixels, frames before it {size[1]} x {size[0]}; "
+            f"'{path}' is {shape[1]} x {shape[0]} pixels, frames before it {size[1]} x {size[0]}; "
             "accepted: frames of one size"
         )
-    return found
+    return shape
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

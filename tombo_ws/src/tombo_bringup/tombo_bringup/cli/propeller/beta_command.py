@@ -133,9 +133,10 @@ def beta(
     as "at most". Writes beta.json, beta.csv, beta.png and overlay.png. See docs/beta.md.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from tombo_bringup.cli.tables import show_page
     from tombo_dynamics.propeller import configuration
     from tombo_propeller.flap_video.camera_geometry import BladeSpan, CameraPose
-    from tombo_propeller.flap_video.output import BETA_FILES, beta_csv, beta_json, write_text
+    from tombo_propeller.flap_video.page import BETA_FILES, beta_page, write_beta
 
     blade = configuration(13).blade
     straight = BladeSpan(
@@ -178,25 +179,14 @@ def beta(
         measured: tuple[FlapMeasurement, list[str]],
         on_progress: ProgressCallback,
     ) -> None:
-        from tombo_propeller.flap_video.overlay import overlay, write_picture
-        from tombo_propeller.flap_video.plots import plot_beta
-
         on_progress("drawing", 0.99)
-        write_picture(overlay(measured[0]), folder / "overlay.png")
-        plot_beta(measured[0], folder / "beta.png")
-        write_text(folder / "beta.json", beta_json(*measured))
-        write_text(folder / "beta.csv", beta_csv(measured[0]))
+        write_beta(folder.staging, measured[0], beta_page(*measured))
 
     path = results_folder(output, "beta", film.stem if film else "demo", as_json, "film")
-    (found, notes), path, _ = compute_into(
+    measured, path, written = compute_into(
         path, force, BETA_FILES, run, write, numbered=output is None
     )
-    if as_json:
-        typer.echo(beta_json(found, notes), nl=False)
-    else:
-        from tombo_bringup.cli.propeller.beta_tables import print_beta
-
-        print_beta(found, notes, path)
+    show_page(beta_page(*measured), as_json, None if as_json else path, written)
 
 
 class _ScaleSource(NamedTuple):
@@ -220,9 +210,7 @@ def _measured(
     on_progress: ProgressCallback,
     source: _ScaleSource,
 ) -> tuple[FlapMeasurement, list[str]]:
-    from tombo_bringup.cli.propeller.beta_tables import notes_of
     from tombo_propeller.flap_video import measure as m
-    from tombo_propeller.flap_video import scale as s
     from tombo_propeller.flap_video.video import open_video
 
     film = open_video(path, fps)
@@ -244,41 +232,40 @@ def _measured(
             still = _frames(other, 0, min(other.count, 120))
     fixed = None
     if source.scale is not None:
-        fixed = s.known_scale(source.scale * 1e3, source.error)
+        fixed = m.known_scale(source.scale * 1e3, source.error)
     elif source.marks is not None:
-        fixed = s.marked_scale(*_marks(source.marks))
+        fixed = m.marked_scale(*_marks(source.marks))
 
-    def scale_of(rim: Rim) -> s.PixelScale:
+    def scale_of(rim: Rim) -> m.PixelScale:
         if fixed is not None:
             return fixed
         assert still is not None
         with _naming(source.reference or path, "reference"):
-            return s.reference_scale(still, source.beta, straight, view, rim)
+            return m.reference_scale(still, source.beta, straight, view, rim)
 
     with _naming(path):
         spans = m.spans_of(film.count, window, windows, begin)
-        found = m.measure(film, spans, scale_of, straight, view, on_progress)
-    return found, [*film.notes, *notes_of(found)]
+        measurement = m.measure(film, spans, scale_of, straight, view, on_progress)
+    return measurement, list(film.notes)
 
 
 def _demo(on_progress: ProgressCallback, window: int) -> tuple[FlapMeasurement, list[str]]:
     import numpy as np
 
-    from tombo_bringup.cli.propeller.beta_tables import notes_of
     from tombo_propeller.flap_video import measure as m
     from tombo_propeller.flap_video.camera_geometry import BladeSpan, CameraPose
-    from tombo_propeller.flap_video.scale import reference_scale
     from tombo_propeller.flap_video.synthetic_video import Scene, SyntheticVideo, reference_scene
 
     scene = Scene(beta=math.radians(12.0), camera_height=3.0, off_centre=(14.0, -9.0), tilt=0.04)
     straight, view = BladeSpan(scene.tip, scene.nodus), CameraPose(scene.camera_height)
     frames = np.stack(list(SyntheticVideo(reference_scene(scene)).frames(32)))
     film = SyntheticVideo(scene)
-    found = m.measure(
+    measurement = m.measure(
         film, m.spans_of(4 * window, window, 4),
-        lambda rim: reference_scale(frames, 0.0, straight, view, rim), straight, view, on_progress,
+        lambda rim: m.reference_scale(frames, 0.0, straight, view, rim), straight, view,
+        on_progress,
     )  # fmt: skip
-    return found, ["rendered with a flap of 12 deg, camera at 3 m", *notes_of(found)]
+    return measurement, ["rendered with a flap of 12 deg, camera at 3 m"]
 
 
 def _frames(film: Video, first: int, behind: int) -> Frames:

@@ -70,57 +70,28 @@ def recovery(
     than". A speed trace gives a lower bound, "at least": a folded blade has less thrust than its
     speed says. Writes recovery.json, recovery.csv and recovery.png. See docs/beta.md.
     """
+    from tombo_bringup.cli.tables import show_page
     from tombo_dynamics.errors import InputError
     from tombo_flight.process.output_folder import open_output
-    from tombo_propeller.flap_video.output import (
-        RECOVERY_FILES,
-        recovery_csv,
-        recovery_json,
-        write_text,
-    )
-    from tombo_propeller.flap_video.trace import read_trace
     from tombo_propeller.recovery import LEAST_SHARE, MOST_SHARE, SHARE, recoveries
+    from tombo_propeller.recovery_page import RECOVERY_FILES, recovery_page, write_recovery
+    from tombo_propeller.rotor_trace import read_trace
 
     if share is not None and not LEAST_SHARE <= share <= MOST_SHARE:
         raise InputError(f"--share {share:g}; accepted: {LEAST_SHARE:g} to {MOST_SHARE:g}")
     read = read_trace(trace, column, unit, time_column, time_unit, tare)
     goal = share if share is not None else math.sqrt(SHARE) if read.is_speed else SHARE
     try:
-        found = recoveries(read.time, read.value, goal)
+        collisions = recoveries(read.time, read.value, goal)
     except InputError as error:
         raise InputError(f"'{trace}': {error}") from None
-    text = recovery_json(found, read, goal)
+    page = recovery_page(read, collisions, goal)
     path = results_folder(output, "recovery", trace.name.split(".")[0], as_json, "trace")
     if path is not None:
-        from tombo_propeller.flap_video.plots import plot_recovery
-
         with open_output(
             path, replace=force, results=RECOVERY_FILES, numbered=output is None
         ) as folder:
-            write_text(folder / "recovery.json", text)
-            write_text(folder / "recovery.csv", recovery_csv(found, read))
-            plot_recovery(read, found, goal, folder / "recovery.png")
+            write_recovery(folder.staging, read, collisions, page)
             folder.publish()
         path = folder.path
-    if as_json:
-        typer.echo(text, nl=False)
-        return
-    for r in found:
-        level = f"{r.level:.0f}" if r.level >= 1000.0 else f"{r.level:.3g}"
-        words = r.as_text(lower_bound=read.is_speed)
-        typer.echo(
-            f"Collision at {r.time:.3f} s, from {level} {read.unit}: recovered after {words}"
-        )
-    whole = [r.recovered for r in found if not r.why]
-    if len(whole) > 1:
-        least = "at least " if read.is_speed else ""
-        typer.echo(f"Mean of {len(whole)}: {least}{sum(whole) / len(whole):.3f} s")
-    if read.is_speed:
-        typer.echo(
-            "Note: a lower bound, as it is a speed: while a blade is folded, thrust is less than "
-            "its speed says."
-        )
-    for note in read.notes:
-        typer.echo(f"Note: {note}.")
-    if path is not None:
-        typer.echo(f"Results: {path.resolve()}")
+    show_page(page, as_json, None if as_json else path, RECOVERY_FILES)

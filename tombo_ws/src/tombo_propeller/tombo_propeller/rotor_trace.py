@@ -95,10 +95,10 @@ def _column(
             raise unknown_name(f"column in '{path}'", name, columns)
         return name
     for word in usual:
-        found = [c for c in columns if c.lower() == word or c.lower().startswith(f"{word}_")
+        named = [c for c in columns if c.lower() == word or c.lower().startswith(f"{word}_")
                  or c.lower().startswith((f"{word} ", f"{word}["))]  # fmt: skip
-        if len(found) == 1:
-            return found[0]
+        if len(named) == 1:
+            return named[0]
     option = "--time-column" if what == "time" else "--column"
     raise InputError(
         f"'{path}' has no one column of {what}; accepted: {option} with one of "
