@@ -30,8 +30,7 @@ from tombo_benchmarks.diagnosis.second_simulator.vehicles import (
     SPINS,
     X500,
 )
-from tombo_diagnosis.flight.nominal import parameters
-from tombo_diagnosis.flight.nominal import nominal_model, tolerances_of
+from tombo_diagnosis.flight.nominal import nominal_model, parameters, tolerances_of
 from tombo_dynamics.rotor_maps import rotor_thrust, rotor_torque
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, SPIN
 from tombo_flight.vehicle_file import vehicle_from_text

@@ -56,7 +56,10 @@ def exactly_right(case: Case, findings: Analysis[Any, Any]) -> bool:
 
 
 def compare_parameters(
-    case: Case, problem: RegressionModel, cause: Cause, true_value: Callable[[FreeParameter, float], float]
+    case: Case,
+    problem: RegressionModel,
+    cause: Cause,
+    true_value: Callable[[FreeParameter, float], float],
 ) -> dict[str, Any]:
     """Return the relative error of a cause's change, and which intervals cover the truth.
 

@@ -22,8 +22,7 @@ from tombo_benchmarks.diagnosis.cases import (
     draw_size,
 )
 from tombo_diagnosis.engine.regression import FreeParameter
-from tombo_diagnosis.flight.nominal import PARAMETERS
-from tombo_diagnosis.flight.nominal import nominal_model
+from tombo_diagnosis.flight.nominal import PARAMETERS, nominal_model
 from tombo_dynamics.disturbance import DISTURBANCES
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError

@@ -29,10 +29,13 @@ from tombo_benchmarks.diagnosis.runner import BenchmarkResult, run_benchmark
 from tombo_benchmarks.diagnosis.score import score_of_flights
 from tombo_diagnosis.flight.analyse import FlightAnalysis
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
-from tombo_diagnosis.flight.cross_validation import fit_without_flight
+from tombo_diagnosis.flight.cross_validation import (
+    final_explanation,
+    fit_without_flight,
+    with_parts,
+)
 from tombo_diagnosis.flight.diagnose import diagnose_files
 from tombo_diagnosis.flight.fit.prediction import residuals
-from tombo_diagnosis.flight.cross_validation import final_explanation, with_parts
 from tombo_dynamics.errors import InputError
 from tombo_flight.scenario import load_scenario
 
