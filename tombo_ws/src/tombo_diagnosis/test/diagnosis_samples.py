@@ -33,7 +33,7 @@ def residuals(flights: int, seconds: float, extended: bool, clock: float) -> tup
     rng, rate = np.random.default_rng(5), 100.0
     low_pass = butter(2, 8.0, fs=rate, output="sos")
     t = np.arange(0.0, seconds, 1.0 / rate)
-    found = []
+    result = []
     for i in range(flights):
         ease = np.clip(t / 4.0, 0.0, 1.0) * np.clip((t[-1] - t) / 3, 0, 1)
         speed = SPEEDS[i % len(SPEEDS)] * ease
@@ -49,10 +49,10 @@ def residuals(flights: int, seconds: float, extended: bool, clock: float) -> tup
             gap = -DRAG / MASS * velocity[k] if k < 2 else 0.02 * velocity[2] * (k == 2)
             before = after + gap
             left = after if extended else before
-            found.append(
+            result.append(
                 Residual(f"circle_{i + 1}", channel, unit, t + clock, before, left, sigma, drivers)
             )
-    return tuple(found)
+    return tuple(result)
 
 
 CAUSE = Cause(

@@ -66,8 +66,8 @@ def test_what_is_proposed_promises_more_than_the_flights_at_hand(proposed):
 
 @pytest.mark.parametrize("true", DOUBT)
 def test_flown_it_tells_them_apart(proposed, true):
-    said = analysed(proposed.mission, true, seed=50).judgement
-    assert said.verdict == "named" and said.effects[0] == true
+    words = analysed(proposed.mission, true, seed=50).judgement
+    assert words.verdict == "named" and words.effects[0] == true
 
 
 def test_it_flies_and_lands(proposed):
@@ -84,10 +84,10 @@ def test_for_an_unknown_vehicle_the_experiment_is_given_in_words(doubtful):
     other = replace(nominal_model(), calibrated=True)
     doubtful.problem.nominal, own = other, doubtful.problem.nominal
     try:
-        said = separate(doubtful, no_progress)
+        words = separate(doubtful, no_progress)
     finally:
         doubtful.problem.nominal = own
-    assert not said.mission and np.isnan(said.separation) and "wind" in said.text
+    assert not words.mission and np.isnan(words.separation) and "wind" in words.text
 
 
 def test_on_the_ground_is_no_flight():

@@ -37,56 +37,56 @@ def members(diagnosis):
 
 @pytest.mark.parametrize("rotor", ["rear_left", "front_right"])
 def test_a_weak_propeller_is_found_with_its_rotor_and_size(rotor):
-    found = now({"weak_propeller": {rotor: 0.1}})
-    assert found.verdict in ("named", "set") and {c.rotor for c in found.changed} == {rotor}
-    weak = members(found)["weak_propeller", rotor].theta[0]
-    assert found.changed[0].effect == "weak_propeller"
+    result = now({"weak_propeller": {rotor: 0.1}})
+    assert result.verdict in ("named", "set") and {c.rotor for c in result.changed} == {rotor}
+    weak = members(result)["weak_propeller", rotor].theta[0]
+    assert result.changed[0].effect == "weak_propeller"
     assert weak.low < 0.1 < weak.high and weak.value == pytest.approx(0.1, abs=0.03)
 
 
 def test_two_weak_propellers_are_found():
-    found = now({"weak_propeller": {"rear_left": 0.1, "front_right": 0.1}})
-    assert found.verdict == "named"
-    assert set(members(found)) == {("weak_propeller", r) for r in ("rear_left", "front_right")}
+    result = now({"weak_propeller": {"rear_left": 0.1, "front_right": 0.1}})
+    assert result.verdict == "named"
+    assert set(members(result)) == {("weak_propeller", r) for r in ("rear_left", "front_right")}
 
 
 @pytest.mark.parametrize("share", [0.05, 0.1])
 def test_a_weight_at_a_rotor_is_found_with_its_mass(share):
     """A small one may be a day's air or battery with another centre of gravity."""
     at = 0.24 * share / (1.0 + share) / 2.0**0.5
-    found = now({"mass_error": {"fraction": share}, "cog_offset": {"x": at, "y": -at}})
+    result = now({"mass_error": {"fraction": share}, "cog_offset": {"x": at, "y": -at}})
     beside = {("cog_offset", "")} if share < 0.1 else set()
-    assert {c.rotor for k, c in members(found).items() if k not in beside} == {"front_right"}
-    weight = members(found)["added_weight", "front_right"].theta[0]
+    assert {c.rotor for k, c in members(result).items() if k not in beside} == {"front_right"}
+    weight = members(result)["added_weight", "front_right"].theta[0]
     assert weight.low < share * 1.3 < weight.high
 
 
 def test_a_load_on_a_thread_at_a_rotor_is_a_set_with_its_rotor_and_mass():
     at = 0.24 / 2.0**0.5
-    found = now({"hanging_load": {"mass": 0.065, "length": 0.5, "x": at, "y": -at}})
-    assert {c.rotor for c in found.changed} == {"front_right"} and len(found.changed) <= 3
-    load = members(found)["hanging_load", "front_right"].theta[0]
+    result = now({"hanging_load": {"mass": 0.065, "length": 0.5, "x": at, "y": -at}})
+    assert {c.rotor for c in result.changed} == {"front_right"} and len(result.changed) <= 3
+    load = members(result)["hanging_load", "front_right"].theta[0]
     assert load.low < 0.065 < load.high
 
 
 def test_another_mass_is_a_set_with_another_thrust():
-    found = now({"mass_error": {"fraction": 0.06}})
-    assert found.verdict == "set"
-    assert set(found.set) == {"mass_error", "thrust_coefficient_error"}
-    assert members(found)["mass_error", ""].theta[0].value == pytest.approx(0.06, abs=0.02)
+    result = now({"mass_error": {"fraction": 0.06}})
+    assert result.verdict == "set"
+    assert set(result.set) == {"mass_error", "thrust_coefficient_error"}
+    assert members(result)["mass_error", ""].theta[0].value == pytest.approx(0.06, abs=0.02)
 
 
 def test_another_centre_of_gravity_is_found_with_its_place():
-    found = now({"cog_offset": {"x": 0.01}})
-    assert found.verdict == "named"
-    x, y = members(found)["cog_offset", ""].theta
+    result = now({"cog_offset": {"x": 0.01}})
+    assert result.verdict == "named"
+    x, y = members(result)["cog_offset", ""].theta
     assert (x.value, y.value) == pytest.approx((0.01, 0.0), abs=0.003)
 
 
 def test_a_healthy_flight_has_not_changed():
-    found = now()
-    assert found.verdict == "none" and not found.changed
-    assert found.confidence <= 0.75  # three healthy flights certify no more
+    result = now()
+    assert result.verdict == "none" and not result.changed
+    assert result.confidence <= 0.75  # three healthy flights certify no more
 
 
 POSES = {"position", "attitude"}
@@ -119,9 +119,9 @@ def test_more_demand_is_found_without_an_imu(share, channels):
         logs({"mass_error": {"fraction": share}}, seed=7, count=2, courses=COURSE),
         POSES | channels,
     )
-    found = diagnose_change(new, healthy, nominal())[0]
-    assert set(found.set) == {"mass_error", "thrust_coefficient_error"}
-    mass = members(found)["mass_error", ""].theta[0]
+    result = diagnose_change(new, healthy, nominal())[0]
+    assert set(result.set) == {"mass_error", "thrust_coefficient_error"}
+    mass = members(result)["mass_error", ""].theta[0]
     assert mass.low < share < mass.high and mass.value == pytest.approx(share, rel=0.25)
 
 
@@ -130,8 +130,8 @@ def test_a_third_more_demand_is_found_from_position_and_speeds_alone():
     healthy = only(before(), {"position", "rotor_speed"})
     new = only(logs(seed=7, count=2, courses=COURSE), {"position", "rotor_speed"})
     faster = [at_speeds_times(log, 1.33 ** (1.0 / propeller_exponent())) for log in new]
-    found = diagnose_change(faster, healthy, nominal())[0]
-    mass = members(found)["mass_error", ""].theta[0]
+    result = diagnose_change(faster, healthy, nominal())[0]
+    mass = members(result)["mass_error", ""].theta[0]
     assert mass.low < 0.33 < mass.high and mass.value == pytest.approx(0.33, rel=0.25)
 
 
@@ -146,9 +146,9 @@ def test_the_exponent_of_measured_speeds_is_that_of_the_propeller(course, channe
 def test_none_states_the_smallest_change_that_would_have_been_seen():
     healthy = only(before(), POSES | {"rotor_command"})
     new = only(logs(seed=7, count=2, courses=COURSE), POSES | {"rotor_command"})
-    found, data = diagnose_change(new, healthy, nominal())
-    assert found.verdict == "none" and "would have shown" in found.summary
-    size = next(s.detectable.size for s in found.candidates if s.effect == "mass_error")
+    result, data = diagnose_change(new, healthy, nominal())
+    assert result.verdict == "none" and "would have shown" in result.summary
+    size = next(s.detectable.size for s in result.candidates if s.effect == "mass_error")
     assert 0.02 < size < 0.1
     for times, verdict in ((0.3, "none"), (2.0, "set")):
         more = (1.0 + times * size) ** (1.0 / data.curve.exponent)
@@ -162,15 +162,15 @@ def _times(log, factor):
     return Series(command.t, factor * command.values)
 
 
-def test_less_demand_is_told_as_a_share_and_not_as_a_logarithm():
+def test_less_demand_is_reported_as_a_share_and_not_as_a_logarithm():
     new = [at_speeds_times(log, 0.5) for log in only(before(), POSES | {"rotor_speed"})[:1]]
     new = [replace(new[0], name="slow")]
-    found, data = diagnose_change(new, only(before()[1:], POSES | {"rotor_speed"}), nominal())
-    less = float(found.summary.split(" % less")[0].split()[-1])
+    result, data = diagnose_change(new, only(before()[1:], POSES | {"rotor_speed"}), nominal())
+    less = float(result.summary.split(" % less")[0].split()[-1])
     assert less == pytest.approx(100.0 * (1.0 - 0.5**data.curve.exponent), abs=8.0)
 
 
-def test_a_flight_that_never_leaves_the_ground_is_said_not_to_fly():
+def test_a_flight_that_never_leaves_the_ground_is_reported_not_to_fly():
     log = at_speeds_times(before()[0], 0.3)
     position = log.series["position"]
     rng = np.random.default_rng(0)
@@ -193,8 +193,8 @@ def test_flights_are_checked_as_in_a_diagnosis_against_the_model():
     new = [replace(log.with_series(s), name=n) for n, s in (("ice", frozen), ("deg", degrees))]
     checked, left_out = check_flights(new, needed=NEEDED)
     healthy = check_flights(before()[1:], needed=NEEDED)[0]
-    found = diagnose_change(checked, healthy, nominal(), left_out=left_out)[0]
-    faults = {(f.flight, f.check) for f in found.prechecks if f.severity == "fault"}
+    result = diagnose_change(checked, healthy, nominal(), left_out=left_out)[0]
+    faults = {(f.flight, f.check) for f in result.prechecks if f.severity == "fault"}
     assert {("ice", "frozen"), ("deg", "unit")} <= faults
 
 

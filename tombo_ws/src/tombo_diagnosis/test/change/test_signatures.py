@@ -33,13 +33,13 @@ def test_a_weak_propeller_asks_for_more_of_its_own_rotor_alone(nominal, rotor):
     assert np.delete(ratio, k) == pytest.approx(np.ones(3), abs=2e-3)
 
 
-def test_every_candidate_hovers_and_asks_for_something_of_its_own(nominal):
-    found = {
+def test_every_candidate_hovers_and_asks_for_its_own_command(nominal):
+    result = {
         c.label: c.demand[-1]
         for c in candidates(nominal.vehicle, nominal.maps, np.array([0.05]))
         if not c.effect.endswith(("unbalance", "load"))
     }
-    assert len(found) == 15  # a rotor or two weak, a weight at each, the mass
-    for one, demand in found.items():
-        for other, another in found.items():
+    assert len(result) == 15  # a rotor or two weak, a weight at each, the mass
+    for one, demand in result.items():
+        for other, another in result.items():
             assert one == other or np.abs(demand - another).max() > 0.005

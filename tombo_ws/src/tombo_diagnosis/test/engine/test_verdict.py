@@ -61,34 +61,34 @@ def remainder(rest, noisy=(), gusts=None, residual_r2=0.0, explained=0.0):
     return weigh_remainder(figures, share, thrust_fitted=False)
 
 
-def judged(found, excess=NO_NOISE, noisy=(), gusts=None, residual_r2=0.0, explained=1.0):
-    return judge(SETTING, found, remainder(left(excess), noisy, gusts, residual_r2, explained))
+def judged(result, excess=NO_NOISE, noisy=(), gusts=None, residual_r2=0.0, explained=1.0):
+    return judge(SETTING, result, remainder(left(excess), noisy, gusts, residual_r2, explained))
 
 
 @pytest.mark.parametrize(("excess", "verdict", "least"), [(NO_NOISE, "none", 0.8),
                                                           (LOUD, "unknown", 0.9)])  # fmt: skip
 def test_without_a_cause_the_remainder_decides(excess, verdict, least):
-    said = judged(searched(), excess, explained=0.0)
-    assert said.verdict == verdict and not said.effects and said.confidence > least
+    judgement = judged(searched(), excess, explained=0.0)
+    assert judgement.verdict == verdict and not judgement.effects and judgement.confidence > least
 
 
 def test_a_cause_that_leaves_only_chance_is_named():
-    said = judged(searched(explanation("wind")))
-    assert (said.verdict, said.effects, said.members) == ("named", ("wind",), ())
-    assert said.confidence > 0.9 and said.each["wind"] > 0.9
+    judgement = judged(searched(explanation("wind")))
+    assert (judgement.verdict, judgement.effects, judgement.members) == ("named", ("wind",), ())
+    assert judgement.confidence > 0.9 and judgement.each["wind"] > 0.9
 
 
 @pytest.mark.parametrize("evidence", [2 * LOG_BF_FIRST, STRONG, 1000 * LOG_BF_FIRST])
 @pytest.mark.parametrize("explained", [0.0, 0.4])
 def test_nothing_is_named_beside_a_large_remainder(evidence, explained):
     """However high its evidence is: without this test an unknown force gets a name."""
-    said = judged(searched(explanation("wind", evidence=evidence)), LOUD, explained=explained)
-    assert said.verdict == "unknown" and not said.effects and not said.members
+    judgement = judged(searched(explanation("wind", evidence=evidence)), LOUD, explained=explained)
+    assert judgement.verdict == "unknown" and not judgement.effects and not judgement.members
 
 
 def test_what_explains_most_but_not_all_is_part_of_it():
-    said = judged(searched(explanation("wind")), LOUD, explained=0.95)
-    assert (said.verdict, said.effects) == ("partly_explained", ("wind",))
+    judgement = judged(searched(explanation("wind")), LOUD, explained=0.95)
+    assert (judgement.verdict, judgement.effects) == ("partly_explained", ("wind",))
     weak = judged(searched(explanation("wind", evidence=2 * LOG_BF_FIRST)), LOUD, explained=0.95)
     assert weak.verdict == "unknown"
 
@@ -97,30 +97,33 @@ def test_what_is_left_where_no_cause_acts_is_no_veto():
     """Drag is not lost over a noisy gyro; it is not the whole story either."""
     rest = [ResidualExcess("gyro against mocap x", "rad/s", 0.5, 0.1, 0.05, LOUD), *left(NO_NOISE)]
     for evidence, verdict in ((STRONG, "partly_explained"), (1.2 * LOG_BF_FIRST, "unknown")):
-        found = searched(explanation("wind", evidence=evidence))
-        said = judge(SETTING, found, remainder(rest, explained=0.1))
-        assert said.verdict == verdict
-        assert said.effects == (("wind",) if verdict == "partly_explained" else ())
+        result = searched(explanation("wind", evidence=evidence))
+        judgement = judge(SETTING, result, remainder(rest, explained=0.1))
+        assert judgement.verdict == verdict
+        assert judgement.effects == (("wind",) if verdict == "partly_explained" else ())
 
 
 def test_effects_that_no_data_here_distinguish_are_one_set_whatever_their_evidence():
     pair = replace(SETTING, equivalent=(frozenset({"lever", "marker"}),), max_confidence=0.8)
-    found = searched(explanation("wind", "lever"), explanation("wind", "marker", evidence=PLAIN))
-    said = judge(pair, found, remainder(left(NO_NOISE), explained=1.0))
-    assert (said.verdict, said.effects) == ("named", ("wind",))
-    assert set(said.members) == {"lever", "marker"}
+    result = searched(explanation("wind", "lever"), explanation("wind", "marker", evidence=PLAIN))
+    judgement = judge(pair, result, remainder(left(NO_NOISE), explained=1.0))
+    assert (judgement.verdict, judgement.effects) == ("named", ("wind",))
+    assert set(judgement.members) == {"lever", "marker"}
     alone = judge(pair, searched(explanation("marker")), remainder(left(NO_NOISE), explained=1.0))
     assert alone.verdict == "set" and set(alone.effects) == {"lever", "marker"}
-    for each in (said, alone):
+    for each in (judgement, alone):
         assert max(each.confidence, *each.each.values()) <= 0.8
 
 
 def test_causes_as_likely_as_each_other_are_a_set():
     close = explanation("tilt", evidence=PLAIN - 0.5 * LOG_BF_DISTINCT)
     far = explanation("drag", evidence=PLAIN - 3 * LOG_BF_DISTINCT)
-    said = judged(searched(explanation("wind", evidence=PLAIN), close, far))
-    assert said.verdict == "set" and said.effects == said.members == ("wind", "tilt")
-    assert said.each["wind"] > said.each["tilt"] > 0.0
+    judgement = judged(searched(explanation("wind", evidence=PLAIN), close, far))
+    assert judgement.verdict == "set" and judgement.effects == judgement.members == (
+        "wind",
+        "tilt",
+    )
+    assert judgement.each["wind"] > judgement.each["tilt"] > 0.0
 
 
 @pytest.mark.parametrize("ahead,verdict", [(0.03, "set"), (0.3, "named")])
@@ -133,25 +136,29 @@ def test_strong_causes_are_distinguished_by_a_share_of_their_evidence(ahead, ver
 def test_what_rivals_share_does_not_make_them_alike():
     """Two that both need the wind, which is strong, are distinguished by what they add to it."""
     best = explanation("wind", "bias", evidence=STRONG + PLAIN)
-    found = searched(best, explanation("wind", "tilt", evidence=STRONG + PLAIN / 2))
-    assert judged(found).members
-    said = judged(replace(found, evaluated={frozenset({"wind"}): STRONG}))
-    assert (said.effects, said.members) == (("wind", "bias"), ())
+    result = searched(best, explanation("wind", "tilt", evidence=STRONG + PLAIN / 2))
+    assert judged(result).members
+    judgement = judged(replace(result, evaluated={frozenset({"wind"}): STRONG}))
+    assert (judgement.effects, judgement.members) == (("wind", "bias"), ())
 
 
 def test_one_certain_cause_beside_two_that_can_not_be_distinguished():
     best = explanation("wind", "bias")
-    said = judged(searched(best, explanation("wind", "tilt", evidence=STRONG - 0.1)))
-    assert said.verdict == "named" and said.effects == ("wind",)
-    assert set(said.members) == {"bias", "tilt"}
+    judgement = judged(searched(best, explanation("wind", "tilt", evidence=STRONG - 0.1)))
+    assert judgement.verdict == "named" and judgement.effects == ("wind",)
+    assert set(judgement.members) == {"bias", "tilt"}
 
 
 def test_confidence_of_the_set_and_its_members_are_probabilities():
     close = explanation("tilt", evidence=STRONG)
-    said = judged(searched(explanation("wind"), close))
-    assert said.each["wind"] == pytest.approx(0.5, abs=0.02) == pytest.approx(said.each["tilt"])
+    judgement = judged(searched(explanation("wind"), close))
+    assert (
+        judgement.each["wind"]
+        == pytest.approx(0.5, abs=0.02)
+        == pytest.approx(judgement.each["tilt"])
+    )
     faint = judged(searched(explanation("wind", evidence=LOG_BF_FIRST + 0.1)))
-    for each in (said, faint):
+    for each in (judgement, faint):
         assert all(0.0 <= v < 1.0 for v in (each.confidence, *each.each.values()))
 
 
@@ -161,16 +168,16 @@ def test_a_cause_that_was_just_accepted_has_less_confidence():
 
 
 def test_noise_is_a_cause_beside_others():
-    said = judged(searched(explanation("wind")), noisy=[noise(evidence=STRONG / 2)])
-    assert (said.verdict, said.effects) == ("named", ("wind", "imu_noise"))
+    judgement = judged(searched(explanation("wind")), noisy=[noise(evidence=STRONG / 2)])
+    assert (judgement.verdict, judgement.effects) == ("named", ("wind", "imu_noise"))
     assert judged(searched(), noisy=[noise()], explained=0.0).effects == ("imu_noise",)
 
 
 @pytest.mark.parametrize("gusts,residual_r2", [(blown(), 0.6), (blown(at_edge=True), 0.0)])
 def test_gusts_are_named_unless_they_repeat_or_are_at_the_edge(gusts, residual_r2):
     assert judged(searched(), gusts=blown()).effects == ("gusts",)
-    said = judged(searched(), gusts=gusts, residual_r2=residual_r2, explained=0.0)
-    assert said.verdict == "unknown" and not said.effects
+    judgement = judged(searched(), gusts=gusts, residual_r2=residual_r2, explained=0.0)
+    assert judgement.verdict == "unknown" and not judgement.effects
 
 
 def test_at_most_three_causes_are_named():
@@ -182,24 +189,24 @@ def test_at_most_three_causes_are_named():
 @pytest.mark.parametrize("excess", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("found", [searched(), searched(explanation("wind"))])
 def test_figures_that_are_not_finite_give_a_verdict_and_probabilities(excess, found):
-    said = judged(found, excess)
-    assert said.verdict in ("none", "named", "unknown", "partly_explained")
-    assert all(0.0 <= v <= 1.0 for v in (said.confidence, *said.each.values()))
-    assert excess == -math.inf or not said.effects or said.verdict == "partly_explained"
+    judgement = judged(found, excess)
+    assert judgement.verdict in ("none", "named", "unknown", "partly_explained")
+    assert all(0.0 <= v <= 1.0 for v in (judgement.confidence, *judgement.each.values()))
+    assert excess == -math.inf or not judgement.effects or judgement.verdict == "partly_explained"
 
 
 @pytest.mark.parametrize("evidence", [math.inf, 1e300, 1e5])
 def test_evidence_without_bounds_gives_probabilities(evidence):
     rival = explanation("tilt", evidence=-math.inf)
-    said = judged(searched(explanation("wind", evidence=evidence), rival))
-    assert said.effects == ("wind",)
-    assert all(0.0 <= v < 1.0 for v in (said.confidence, *said.each.values()))
+    judgement = judged(searched(explanation("wind", evidence=evidence), rival))
+    assert judgement.effects == ("wind",)
+    assert all(0.0 <= v < 1.0 for v in (judgement.confidence, *judgement.each.values()))
 
 
 @pytest.mark.parametrize("tangent", [5e4, math.inf])
 def test_a_gain_of_the_tangent_without_one_of_the_model_is_no_cause(tangent):
-    said = judged(SearchResult(NOTHING, {"wind": tangent}, ()), explained=0.0)
-    assert said.verdict == "none" and 0.0 <= said.confidence <= 1.0
+    judgement = judged(SearchResult(NOTHING, {"wind": tangent}, ()), explained=0.0)
+    assert judgement.verdict == "none" and 0.0 <= judgement.confidence <= 1.0
 
 
 def test_an_empty_remainder_is_no_excess():
@@ -221,20 +228,20 @@ def test_of_a_stochastic_effect_the_best_fit_counts():
 def test_beside_a_strong_cause_a_weak_one_needs_more():
     # Alone either would do; by chance some effect nearly always looks a little likely.
     weak = 0.5 * (LOG_BF_FIRST + LOG_BF_ADDITIONAL)
-    said = judged(searched(explanation("mass_error", evidence=weak)), noisy=[noise()])
-    assert said.verdict == "named" and said.effects == ("imu_noise",)
-    said = judged(searched(explanation("mass_error")), noisy=[noise(evidence=weak)])
-    assert said.effects == ("mass_error",)
+    judgement = judged(searched(explanation("mass_error", evidence=weak)), noisy=[noise()])
+    assert judgement.verdict == "named" and judgement.effects == ("imu_noise",)
+    judgement = judged(searched(explanation("mass_error")), noisy=[noise(evidence=weak)])
+    assert judgement.effects == ("mass_error",)
     enough = explanation("mass_error", evidence=LOG_BF_ADDITIONAL + 1.0)
-    said = judged(searched(enough), noisy=[noise()])
-    assert set(said.effects) == {"mass_error", "imu_noise"}
+    judgement = judged(searched(enough), noisy=[noise()])
+    assert set(judgement.effects) == {"mass_error", "imu_noise"}
 
 
 def test_alternatives_of_a_cause_that_was_not_accepted_are_no_set():
     weak = 0.5 * (LOG_BF_FIRST + LOG_BF_ADDITIONAL)
     rival = explanation("thrust", evidence=weak - 1.0)
-    said = judged(searched(explanation("mass_error", evidence=weak), rival), noisy=[noise()])
-    assert said.effects == ("imu_noise",) and not said.members
+    judgement = judged(searched(explanation("mass_error", evidence=weak), rival), noisy=[noise()])
+    assert judgement.effects == ("imu_noise",) and not judgement.members
 
 
 def facts(**told):

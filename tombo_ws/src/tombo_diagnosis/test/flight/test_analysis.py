@@ -20,9 +20,9 @@ def judged(*args, **more):
 
 @pytest.mark.parametrize("seed", [11, 14])
 def test_healthy_flights_have_none(seed):
-    said = judged(seed=seed, sensors=("imu_rpm", "mocap")[seed % 2])
-    assert said.verdict == "none" and not said.effects and not said.members
-    assert said.confidence > 0.8
+    words = judged(seed=seed, sensors=("imu_rpm", "mocap")[seed % 2])
+    assert words.verdict == "none" and not words.effects and not words.members
+    assert words.confidence > 0.8
 
 
 @pytest.mark.parametrize("sensors", ["mocap", "imu"])
@@ -42,33 +42,33 @@ def test_healthy_vehicles_with_scattered_propellers_give_no_cause(sensors):
 
 @pytest.mark.parametrize("unknown,sensors", [("tether", "imu_rpm"), ("thrust_fade", "mocap_rpm")])
 def test_forces_of_no_effect_get_no_name(unknown, sensors):
-    said = judged(disturbance=(unknown,), sensors=sensors, seed=2)
-    assert said.verdict == "unknown" and not said.effects and not said.members
+    words = judged(disturbance=(unknown,), sensors=sensors, seed=2)
+    assert words.verdict == "unknown" and not words.effects and not words.members
 
 
 @pytest.mark.parametrize("true", DOUBT)
 def test_what_can_not_be_distinguished_is_a_set(true):
-    said = judged({true: DOUBT[true]}, courses=SLOW, sensors="mocap")
-    assert said.verdict == "set"
-    assert set(said.members) == set(DOUBT) == set(said.effects)
-    assert said.each[true] > 0.1
+    words = judged({true: DOUBT[true]}, courses=SLOW, sensors="mocap")
+    assert words.verdict == "set"
+    assert set(words.members) == set(DOUBT) == set(words.effects)
+    assert words.each[true] > 0.1
 
 
 def test_an_accelerometer_tells_them_apart():
-    said = judged({"steady_wind": DOUBT["steady_wind"]}, courses=SLOW, sensors="imu")
-    assert said.verdict == "named" and said.effects == ("steady_wind",)
+    words = judged({"steady_wind": DOUBT["steady_wind"]}, courses=SLOW, sensors="imu")
+    assert words.verdict == "named" and words.effects == ("steady_wind",)
 
 
 def test_two_effects_at_once_are_both_named():
     hidden = {"mass_error": {"fraction": 0.1}, "imu_bias": {"gyro_z": 0.03}}
-    said = judged(hidden)
-    assert said.verdict == "named" and set(said.effects) == set(hidden)
+    words = judged(hidden)
+    assert words.verdict == "named" and set(words.effects) == set(hidden)
 
 
 def test_a_cause_beside_an_unknown_force_is_not_all_of_it():
     """The gate: the wind is there, but the flights are not explained by it."""
-    said = judged({"steady_wind": {"east": 1.5}}, disturbance=("yaw_spring",))
-    assert said.verdict in ("partly_explained", "unknown")
+    words = judged({"steady_wind": {"east": 1.5}}, disturbance=("yaw_spring",))
+    assert words.verdict in ("partly_explained", "unknown")
 
 
 def test_the_analysis_is_the_same_each_time_and_tells_how_far_it_is():

@@ -91,29 +91,29 @@ def test_a_diagnosis_can_be_written_down(named):
 
 
 def test_with_nothing_hidden_nothing_is_added():
-    said = diagnose(logs(seed=5, count=3), nominal())
-    assert said.verdict == "none" and said.causes == () and said.gain == ()
-    for r in said.residuals:
+    diagnosis = diagnose(logs(seed=5, count=3), nominal())
+    assert diagnosis.verdict == "none" and diagnosis.causes == () and diagnosis.gain == ()
+    for r in diagnosis.residuals:
         assert np.array_equal(r.before, r.after)
-    assert "chance" in said.summary
+    assert "chance" in diagnosis.summary
 
 
 def test_a_single_short_flight_says_what_it_can_not_certify():
-    said = diagnose(logs(WIND, count=1, length=13.0), nominal())
-    assert said.verdict == "named" and said.causes[0].effect == "steady_wind"
-    assert any("certify" in note and "flight" in note for note in said.notes)
-    assert all(math.isnan(g.low) for g in said.gain)
-    assert said.flights[0].used_s < 10.0
+    diagnosis = diagnose(logs(WIND, count=1, length=13.0), nominal())
+    assert diagnosis.verdict == "named" and diagnosis.causes[0].effect == "steady_wind"
+    assert any("certify" in note and "flight" in note for note in diagnosis.notes)
+    assert all(math.isnan(g.low) for g in diagnosis.gain)
+    assert diagnosis.flights[0].used_s < 10.0
 
 
 def test_a_single_flight_is_cut_into_parts_that_are_held_out_in_turn():
     (log,) = logs(WIND, count=1)
-    said = diagnose([log], nominal())
-    assert len(said.flights) >= 2
-    assert all(flight.name.startswith(log.name) for flight in said.flights)
-    shown = [r for r in said.residuals if r.channel == "force x"]
+    diagnosis = diagnose([log], nominal())
+    assert len(diagnosis.flights) >= 2
+    assert all(flight.name.startswith(log.name) for flight in diagnosis.flights)
+    shown = [r for r in diagnosis.residuals if r.channel == "force x"]
     assert all(a.t[-1] < b.t[0] for a, b in pairwise(shown))
-    assert any(g.reduction > 0.5 for g in said.gain)
+    assert any(g.reduction > 0.5 for g in diagnosis.gain)
 
 
 def test_a_set_asks_for_an_experiment():
@@ -124,11 +124,16 @@ def test_a_set_asks_for_an_experiment():
         return Experiment(findings.judgement.members, "Turn in hover.", 9.0, 1.0)
 
     flights = logs({"steady_wind": {"east": 1.0}}, courses=SLOW, sensors="mocap")
-    said = diagnose(flights, nominal(), separate=separate)
-    assert said.verdict == "set" and set(said.set) == {"steady_wind", "mocap_misalignment"}
-    assert asked == [said.set] and said.separating_experiment.text == "Turn in hover."
-    assert [c.effect for c in said.causes] == list(said.set) and all(c.theta for c in said.causes)
-    assert any("IMU" in note for note in said.notes)
+    diagnosis = diagnose(flights, nominal(), separate=separate)
+    assert diagnosis.verdict == "set" and set(diagnosis.set) == {
+        "steady_wind",
+        "mocap_misalignment",
+    }
+    assert asked == [diagnosis.set] and diagnosis.separating_experiment.text == "Turn in hover."
+    assert [c.effect for c in diagnosis.causes] == list(diagnosis.set) and all(
+        c.theta for c in diagnosis.causes
+    )
+    assert any("IMU" in note for note in diagnosis.notes)
 
 
 def test_flights_of_different_vehicles_are_refused():
@@ -152,14 +157,16 @@ def test_no_flight_that_can_be_used_says_why():
         diagnose([], nominal())
 
 
-def test_a_flight_that_can_not_be_used_is_left_out_and_said():
+def test_a_flight_that_can_not_be_used_is_left_out_and_reported():
     good, bad = logs(WIND, count=2)
     note = Finding("gap", "warning", good.name, "position: a gap")
     bad = bad.with_series({k: v for k, v in bad.series.items() if k != "position"})
-    said = diagnose([replace(good, findings=(note,)), bad], nominal())
-    assert {f.name for f in said.flights} and not [f for f in said.flights if "2" in f.name[:8]]
-    assert note in said.prechecks
-    assert any(f.flight == bad.name and f.severity == "fault" for f in said.prechecks)
+    diagnosis = diagnose([replace(good, findings=(note,)), bad], nominal())
+    assert {f.name for f in diagnosis.flights} and not [
+        f for f in diagnosis.flights if "2" in f.name[:8]
+    ]
+    assert note in diagnosis.prechecks
+    assert any(f.flight == bad.name and f.severity == "fault" for f in diagnosis.prechecks)
 
 
 def in_mm(log):
@@ -174,10 +181,10 @@ def test_a_flight_that_contradicts_itself_costs_only_itself(monkeypatch):
     monkeypatch.setattr(
         diagnose_module, "read_logs", lambda paths, **more: [one, in_mm(two), three]
     )
-    said, _ = diagnose_module.diagnose_files([Path("flights")], nominal())
-    assert [f.name for f in said.flights] == [one.name, three.name]
-    assert said.verdict == "named" and {c.effect for c in said.causes} == set(WIND)
-    (why,) = [f for f in said.prechecks if f.flight == two.name]
+    diagnosis, _ = diagnose_module.diagnose_files([Path("flights")], nominal())
+    assert [f.name for f in diagnosis.flights] == [one.name, three.name]
+    assert diagnosis.verdict == "named" and {c.effect for c in diagnosis.causes} == set(WIND)
+    (why,) = [f for f in diagnosis.prechecks if f.flight == two.name]
     assert (why.check, why.severity) == ("refused", "fault") and "mm declared as m" in why.message
 
 
@@ -188,12 +195,12 @@ def test_what_all_flights_have_is_an_error(monkeypatch):
         diagnose_module.read_and_check([Path("flights")])
 
 
-def test_a_flight_without_an_imu_among_others_is_left_out_and_said():
+def test_a_flight_without_an_imu_among_others_is_left_out_and_reported():
     one, two = logs(count=2)
     bare = {k: v for k, v in two.series.items() if k not in ("gyro", "accel")}
-    said = diagnose([one, two.with_series(bare)], nominal())
-    assert all(f.formulation == "imu" for f in said.flights)
-    assert any("no IMU" in f.message for f in said.prechecks)
+    diagnosis = diagnose([one, two.with_series(bare)], nominal())
+    assert all(f.formulation == "imu" for f in diagnosis.flights)
+    assert any("no IMU" in f.message for f in diagnosis.prechecks)
 
 
 def test_poses_that_repeat_stumble_or_are_not_finite_do_no_harm():
@@ -206,5 +213,5 @@ def test_poses_that_repeat_stumble_or_are_not_finite_do_no_harm():
     t[400] = t[399]
     series = {**log.series, "position": Series(t, values, place.arrival),
               "attitude": Series(t, flipped, turn.arrival)}  # fmt: skip
-    said = diagnose([log.with_series(series)], nominal())
-    assert said.verdict == "named" and said.causes[0].effect == "steady_wind"
+    diagnosis = diagnose([log.with_series(series)], nominal())
+    assert diagnosis.verdict == "named" and diagnosis.causes[0].effect == "steady_wind"

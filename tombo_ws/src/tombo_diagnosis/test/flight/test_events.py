@@ -26,20 +26,20 @@ def knocked(log, times=(KNOCK_S,)):
     return log.with_series({**log.series, "accel": Series(series.t, values)})
 
 
-def test_a_cause_is_named_through_a_knock_that_is_said():
+def test_a_cause_is_named_through_a_knock_that_is_reported():
     first, second = logs(HEAVY, sensors="imu")
-    said = diagnose([knocked(first), second], nominal())
-    assert said.verdict == "named" and [c.effect for c in said.causes] == ["mass_error"]
-    (moment,) = [f for f in said.prechecks if f.check == "moment"]
+    diagnosis = diagnose([knocked(first), second], nominal())
+    assert diagnosis.verdict == "named" and [c.effect for c in diagnosis.causes] == ["mass_error"]
+    (moment,) = [f for f in diagnosis.prechecks if f.check == "moment"]
     assert moment.flight == first.name and moment.start_s < KNOCK_S < moment.end_s
     assert moment.end_s - moment.start_s < 2.0
 
 
 def test_a_healthy_flight_with_a_knock_has_no_cause():
     first, second = logs(sensors="imu")
-    found = analyse([track_of(knocked(first)), track_of(second)], nominal())
-    assert found.judgement.verdict == "none"
-    assert len(found.remainder.excluded) == 1 and found.remainder.excluded[0].flight == 0
+    result = analyse([track_of(knocked(first)), track_of(second)], nominal())
+    assert result.judgement.verdict == "none"
+    assert len(result.remainder.excluded) == 1 and result.remainder.excluded[0].flight == 0
 
 
 @pytest.mark.parametrize("sensors", ["imu_rpm", "mocap"])
@@ -50,5 +50,5 @@ def test_quiet_flights_have_no_moments(sensors):
 
 def test_knocks_all_the_time_are_an_unknown_cause():
     times = np.arange(4.0, LENGTH - 2.0, 1.0)
-    found = analyse([track_of(knocked(log, times)) for log in logs(sensors="imu")], nominal())
-    assert found.remainder.excluded == () and found.judgement.verdict == "unknown"
+    result = analyse([track_of(knocked(log, times)) for log in logs(sensors="imu")], nominal())
+    assert result.remainder.excluded == () and result.judgement.verdict == "unknown"

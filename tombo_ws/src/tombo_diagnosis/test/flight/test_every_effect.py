@@ -59,7 +59,7 @@ def is_seen(effect, name, value):
     return not (same and np.array_equal(*arrivals))
 
 
-def found(flights, p):
+def analysed(flights, p):
     """Return the causes, and a parameter's value and deviation."""
     tracks = [track_of(log) for log in flights]
     if p.index not in healthy_problem().columns.indices:
@@ -87,7 +87,7 @@ def test_a_hidden_effect_is_found_with_its_size(effect):
     if not is_seen(effect, p.name, true):
         assert p.index not in healthy_problem().columns.indices
         return
-    causes, value, deviation = found(logs({effect: {p.name: true}}), p)
+    causes, value, deviation = analysed(logs({effect: {p.name: true}}), p)
     assert causes[:1] == (effect,)
     change = abs(true - float(nominal().theta[p.index]))
     assert abs(value - true) < max(0.1 * change, 3.0 * deviation)

@@ -24,14 +24,14 @@ BALANCED = np.zeros(8)
 
 
 @cache
-def found(hidden, count=3):
+def searched(hidden, count=3):
     problem = FlightProblem(tracks(DRAG if hidden else {}, count=count, draws=BALANCED), nominal())
     return problem, search(problem)
 
 
 def gains(hidden, count=3):
-    problem, said = found(hidden, count)
-    tried = [e for e in (said.best, *said.alternatives) if e.hypotheses]
+    problem, outcome = searched(hidden, count)
+    tried = [e for e in (outcome.best, *outcome.alternatives) if e.hypotheses]
     held = [fit_without_flight(problem, f, tried) for f in range(count)]
     return problem, held, one_step_gains(problem, held), open_loop_gains(problem, held)
 
@@ -96,7 +96,7 @@ def test_a_flight_that_is_held_out_teaches_nothing():
 
 
 def test_the_share_of_an_effect_is_one_where_it_is_all():
-    problem, said = found(True)
-    shares = gain_by_effect(problem, said)
+    problem, outcome = searched(True)
+    shares = gain_by_effect(problem, outcome)
     assert shares["linear_rotor_drag"] > 0.8
     assert all(0.0 <= share <= 1.0 for share in shares.values())

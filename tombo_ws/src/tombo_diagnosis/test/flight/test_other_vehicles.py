@@ -54,7 +54,7 @@ def test_the_error_in_flights_held_out_falls(diagnosis):
 
 
 @real_data
-def test_the_crash_is_set_apart_and_said(real, diagnosis):
+def test_the_crash_is_excluded_and_reported(real, diagnosis):
     assert any(f.check == "crash" and f.flight == CRASH for f in diagnosis.prechecks)
     track = track_of(next(log for log in real if log.name == CRASH))
     crash = next(f for log in real for f in log.findings if f.check == "crash")
@@ -63,7 +63,7 @@ def test_the_crash_is_set_apart_and_said(real, diagnosis):
 
 
 @real_data
-def test_what_a_vehicle_of_ones_own_can_not_show_is_said(diagnosis):
+def test_what_a_vehicle_file_can_not_show_is_reported(diagnosis):
     assert any("certified" in note for note in diagnosis.notes)
     fitted = {c.effect: c for c in diagnosis.candidates}
     assert not fitted["mass_error"].excited and "fit" in fitted["mass_error"].remark
@@ -103,14 +103,14 @@ def test_measured_speeds_are_no_commands():
     assert "rotor_command" not in changed[0].series
     assert changed[0].series["rotor_speed"] is flights[0].series["rotor_speed"]
     assert 400.0 < float(speed_for_thrust(model.maps, model.vehicle.hover_thrust())) < 600.0
-    said = diagnose(flights, nominal())
-    assert "motor_lag" not in {c.effect for c in said.causes}
+    diagnosis = diagnose(flights, nominal())
+    assert "motor_lag" not in {c.effect for c in diagnosis.causes}
 
 
-def test_drag_of_a_vehicle_that_no_one_knows_is_found_with_its_size():
+def test_drag_of_a_vehicle_without_a_file_is_found_with_its_size():
     """The nominal model of such a vehicle knows no drag: all is found, 0.3 N s/m."""
-    said = diagnose([as_other(log) for log in logs()], nominal())
-    drag = next(c for c in said.causes if c.effect == "linear_rotor_drag")
+    diagnosis = diagnose([as_other(log) for log in logs()], nominal())
+    drag = next(c for c in diagnosis.causes if c.effect == "linear_rotor_drag")
     assert next(f.value for f in drag.theta if f.name == "d_xy") == pytest.approx(0.3, rel=0.15)
 
 

@@ -37,14 +37,14 @@ def frozen(hidden):
 def rows_of(track, theta):
     """Return channel → (rows,) what is left, all formulations alike."""
     left = residuals(track, nominal(silent=True), theta, draws=ROTOR_DRAWS)
-    found = {}
+    result = {}
     channels = channels_of(track, nominal(silent=True))
     assert set(channels) == set(left)
     for group, rows in left.items():
         own = channels[group]
         assert rows.shape[1] == len(own)
-        found |= {c.name: rows[:, j] for j, c in enumerate(own)}
-    return found
+        result |= {c.name: rows[:, j] for j, c in enumerate(own)}
+    return result
 
 
 def names_of(log, **changes):
@@ -154,6 +154,6 @@ def test_a_frame_turned_by_any_angle_is_undone(turned):
     frame = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ tilt
     place = replace(log.series["position"], values=flight.log["position"] @ frame.T)
     track = track_of(log.with_series({**log.series, "position": place}))
-    found = motion_of(track, nominal(silent=True), theta_of(hidden)).position
+    result = motion_of(track, nominal(silent=True), theta_of(hidden)).position
     at = np.round(track.t * 1000).astype(int)
-    assert found == pytest.approx(flight.log["position"][at], abs=1e-4)
+    assert result == pytest.approx(flight.log["position"][at], abs=1e-4)

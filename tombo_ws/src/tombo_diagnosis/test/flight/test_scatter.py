@@ -46,7 +46,7 @@ def gusts_in(flights):
     return fit_gusts(problem, problem.null_hypothesis, left)
 
 
-def found(flights):
+def noise_fits_of(flights):
     return select_noise_fits(fit_noise_effects(flights, nominal(), nominal().theta))
 
 
@@ -55,13 +55,13 @@ def by_label(fit):
 
 
 def test_healthy_noise_is_no_finding(healthy):
-    assert found(healthy) == []
-    assert found(tracks(seed=4, sensors="mocap")) == []
+    assert noise_fits_of(healthy) == []
+    assert noise_fits_of(tracks(seed=4, sensors="mocap")) == []
 
 
 @pytest.mark.parametrize("effect", DOUBLED)
 def test_twice_the_noise_is_found_with_its_size(effect):
-    best = found(tracks({effect: DOUBLED[effect]}, seed=2))
+    best = noise_fits_of(tracks({effect: DOUBLED[effect]}, seed=2))
     assert [fit.effect for fit in best] == [effect]
     fitted = by_label(best[0])
     for name, value in DOUBLED[effect].items():
@@ -71,7 +71,7 @@ def test_twice_the_noise_is_found_with_its_size(effect):
 
 def test_gaps_are_found_and_their_length():
     hidden = {"mocap_dropouts": {"probability": 0.04, "duration": 0.1}}
-    best = found(tracks(hidden, seed=2))
+    best = noise_fits_of(tracks(hidden, seed=2))
     assert best[0].effect == "mocap_dropouts"
     fitted = by_label(best[0])
     assert fitted["mocap_dropouts.probability"] == pytest.approx(0.04, rel=0.5)
@@ -137,14 +137,14 @@ def test_healthy_air_is_no_finding(healthy):
 
 
 def test_gusts_are_named_by_the_whole_analysis():
-    said = analyse(tracks({"gusts": {"deviation": 0.9, "time": 0.8}}, seed=6), nominal())
-    assert said.judgement.verdict == "named" and said.judgement.effects == ("gusts",)
-    assert said.remainder.residual_r2 < 0.1
+    words = analyse(tracks({"gusts": {"deviation": 0.9, "time": 0.8}}, seed=6), nominal())
+    assert words.judgement.verdict == "named" and words.judgement.effects == ("gusts",)
+    assert words.remainder.residual_r2 < 0.1
 
 
 @pytest.mark.parametrize("unknown", ["tether", "thrust_hysteresis", "yaw_spring"])
 def test_a_force_that_no_effect_describes_is_not_called_gusts(unknown):
     flights = logs(disturbance=(unknown,), seed=1)
-    said = analyse([track_of(log) for log in flights], nominal()).judgement
-    assert said.verdict in ("unknown", "partly_explained")
-    assert "gusts" not in said.effects
+    words = analyse([track_of(log) for log in flights], nominal()).judgement
+    assert words.verdict in ("unknown", "partly_explained")
+    assert "gusts" not in words.effects

@@ -52,8 +52,8 @@ def test_lag_inertia_and_drag_are_found(fitted, base):
     assert vehicle.inertia_zz == pytest.approx(base.vehicle.inertia_zz * (1 + INERTIA), rel=0.04)
     assert vehicle.inertia_xx == pytest.approx(base.vehicle.inertia_xx, rel=0.03)
     assert fitted.file.effects["linear_rotor_drag"]["d_xy"] == pytest.approx(DRAG, rel=0.05)
-    found = fitted.seen["motor_lag.extra_tau"]
-    assert found.low < LAG < found.high
+    result = fitted.seen["motor_lag.extra_tau"]
+    assert result.low < LAG < result.high
 
 
 def test_how_imu_and_markers_are_turned_is_found(fitted):
@@ -71,32 +71,32 @@ def test_accused_healthy_flights_lower_the_confidence(flights, fitted):
     def most(accused):
         healthy = replace(fitted.file.healthy, accused=accused)
         file = replace(fitted.file, healthy=healthy)
-        said = diagnose(held_against(flights[:1], file), nominal_model(vehicle=file))
-        return said.confidence
+        diagnosis = diagnose(held_against(flights[:1], file), nominal_model(vehicle=file))
+        return diagnosis.confidence
 
     assert most(0) <= 4.0 / 5.0 and most(3) <= 1.0 / 5.0
 
 
-def test_an_accused_flight_is_counted_and_told(flights, base, monkeypatch):
+def test_an_accused_flight_is_counted_and_reported(flights, base, monkeypatch):
     def diagnosed(logs, nominal):
-        said = types.SimpleNamespace(verdict="none", summary="")
+        diagnosis = types.SimpleNamespace(verdict="none", summary="")
         if logs[0].name == "flight 2":
-            said = types.SimpleNamespace(verdict="named", summary="mass error")
+            diagnosis = types.SimpleNamespace(verdict="named", summary="mass error")
         assert nominal.healthy.flights == 1  # it has seen the other flight alone
-        return said, None
+        return diagnosis, None
 
     monkeypatch.setattr(vehicle_fit, "diagnose_flights", diagnosed)
-    found = fit_vehicle(flights[:2], base)
-    assert dict(found.accused) == {"flight 2": "mass error"}
-    assert (found.file.healthy.left_out, found.file.healthy.accused) == (2, 1)
+    result = fit_vehicle(flights[:2], base)
+    assert dict(result.accused) == {"flight 2": "mass error"}
+    assert (result.file.healthy.left_out, result.file.healthy.accused) == (2, 1)
 
 
 def test_a_change_of_a_fitted_vehicle_is_still_found(fitted):
     """What is usual of healthy flights does not swallow a tenth more mass."""
     laden = logs(HIDDEN | {"mass_error": {"fraction": 0.12}}, seed=2, count=2)
     file = fitted.file
-    said = diagnose(held_against(laden, file), nominal_model(vehicle=file))
-    assert said.verdict != "none"
+    diagnosis = diagnose(held_against(laden, file), nominal_model(vehicle=file))
+    assert diagnosis.verdict != "none"
 
 
 def test_a_propeller_of_a_radius_gets_the_thrust_that_carries_the_airframe():
@@ -128,8 +128,8 @@ def test_poses_alone_are_accepted_with_an_own_vehicle(file):
     bare = log.with_series({k: log.series[k] for k in ("position", "attitude")})
     vehicle = read_vehicle(file)
     for each in held_against([bare], vehicle)[0], replace(bare, airframe=airframe_of(vehicle)):
-        said = diagnose([each], nominal_model(vehicle=vehicle))
-        assert said.vehicle == vehicle.name and "thrust from the track" in said.model
+        diagnosis = diagnose([each], nominal_model(vehicle=vehicle))
+        assert diagnosis.vehicle == vehicle.name and "thrust from the track" in diagnosis.model
 
 
 def test_the_file_holds_what_was_fitted_and_what_healthy_flights_leave(fitted):
@@ -142,9 +142,9 @@ def test_the_file_holds_what_was_fitted_and_what_healthy_flights_leave(fitted):
 
 def test_with_the_fitted_vehicle_nothing_is_wrong_any_more(flights, fitted):
     file = fitted.file
-    said = diagnose(held_against(flights, file), nominal_model(vehicle=file))
-    assert said.verdict == "none"
-    assert said.confidence <= 4.0 / 5.0  # three flights certify no more
+    diagnosis = diagnose(held_against(flights, file), nominal_model(vehicle=file))
+    assert diagnosis.verdict == "none"
+    assert diagnosis.confidence <= 4.0 / 5.0  # three flights certify no more
 
 
 def commanded(log, gain=0.5, offset=0.1, exponent=1.2, full=12.0):
@@ -167,8 +167,8 @@ def test_thrust_by_command_and_supply_is_found(base):
     command = np.linspace(0.5, 0.8, 20)[:, None] * np.ones(4)
     for volts in (11.4, 12.2):
         true = (0.1 + 5.0 * command) * (volts / 12.0) ** 1.2
-        found = drive.thrust(command, np.full(20, volts))
-        assert found == pytest.approx(true, rel=0.05)
+        result = drive.thrust(command, np.full(20, volts))
+        assert result == pytest.approx(true, rel=0.05)
     assert drive.supply_exponent == pytest.approx(1.2, abs=0.4)
     assert 0.0 < error < 0.05
 

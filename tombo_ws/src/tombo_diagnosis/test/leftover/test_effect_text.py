@@ -49,10 +49,10 @@ def run(text, tmp_path, monkeypatch, **theta):
     path = tmp_path / "leftover.py"
     path.write_text(text)
     function = runpy.run_path(str(path))["leftover"]
-    (found,) = own.values()
+    (result,) = own.values()
     plant, _, _ = plant_and_state()
-    function(plant, np.zeros(9), *(theta.get(p.name, p.typical) for p in found.theta))
-    return np.array(plant.force), np.array(plant.moment), found
+    function(plant, np.zeros(9), *(theta.get(p.name, p.typical) for p in result.theta))
+    return np.array(plant.force), np.array(plant.moment), result
 
 
 @pytest.mark.slow
@@ -81,12 +81,12 @@ def test_a_sum_of_terms_is_one_effect_that_is_nothing_at_its_null(tmp_path, monk
     ]
     text = effect_text(parts)
     _, state, rotation = plant_and_state()
-    force, moment, found = run(text, tmp_path, monkeypatch)
+    force, moment, result = run(text, tmp_path, monkeypatch)
     for quantity, got in (("force", force), ("moment", moment)):
         own = [p for p in parts if p.quantity == quantity]
         expected = sum(p.value * p.term.values(state, rotation)[0] for p in own)
         assert got == pytest.approx(expected, rel=1e-3)
-    null = {p.name: p.null for p in found.theta}
+    null = {p.name: p.null for p in result.theta}
     force, moment, _ = run(text, tmp_path, monkeypatch, **null)
     assert not force.any() and not moment.any()
     assert max(map(len, text.splitlines())) <= 120

@@ -46,20 +46,20 @@ def test_the_path_begins_with_nothing_and_ends_before_there_are_too_many():
 def flights(hidden, seed, count=3):
     """Regressors as slow as a flight's place, noise as slow as gusts."""
     rng = np.random.default_rng(seed)
-    found = []
+    result = []
     for _ in range(count):
         x = np.cumsum(rng.standard_normal((300, 40)), axis=0) / 10.0
         x -= x.mean(axis=0)
         gusts = lfilter([1.0], [1.0, -0.8], rng.standard_normal(300))
-        found.append(Rows(x, x @ hidden + gusts, np.arange(300) // 10))
-    return found
+        result.append(Rows(x, x @ hidden + gusts, np.arange(300) // 10))
+    return result
 
 
 @pytest.mark.slow
 def test_slow_noise_has_no_terms():
     alone = [()] * 40
-    found = [sparse_fit(flights(np.zeros(40), seed), alone) for seed in range(20)]
-    assert sum(bool(f.chosen) for f in found) <= 1
+    result = [sparse_fit(flights(np.zeros(40), seed), alone) for seed in range(20)]
+    assert sum(bool(f.chosen) for f in result) <= 1
 
 
 @pytest.mark.slow
@@ -67,12 +67,12 @@ def test_two_of_forty_terms_are_found_with_their_size_and_their_partner():
     hidden = np.zeros(40)
     hidden[[7, 31]] = 2.0, -3.0
     partners = [(12,) if k == 7 else () for k in range(40)]
-    found = sparse_fit(flights(hidden, 1), partners)
-    assert found.chosen == (7, 12, 31)
-    off = np.abs(found.value - hidden[list(found.chosen)])
-    assert (off < 3.0 * found.deviation).all()
-    assert (np.abs(found.value) > 4.0 * found.deviation).tolist() == [True, False, True]
-    assert 0.5 < found.r2 < 1.0
+    result = sparse_fit(flights(hidden, 1), partners)
+    assert result.chosen == (7, 12, 31)
+    off = np.abs(result.value - hidden[list(result.chosen)])
+    assert (off < 3.0 * result.deviation).all()
+    assert (np.abs(result.value) > 4.0 * result.deviation).tolist() == [True, False, True]
+    assert 0.5 < result.r2 < 1.0
 
 
 def test_what_a_tolerance_may_be_is_no_leftover():

@@ -19,8 +19,8 @@ def leftover(sensors="imu_rpm", seed=1, **hidden):
 @pytest.mark.parametrize("sensors", ["imu_rpm", "mocap_rpm"])
 def test_a_tether_is_a_spring_that_pulls_to_its_fixed_end(sensors):
     at, stiffness = (0.4, -0.3), 1.5
-    found = leftover(sensors, disturbance=("tether", *at, 1.0, 0.0, stiffness))
-    terms = {t.name: t for t in found.terms}
+    result = leftover(sensors, disturbance=("tether", *at, 1.0, 0.0, stiffness))
+    terms = {t.name: t for t in result.terms}
     name = next(n for n in ("spring to a point", "spring to a vertical line") if n in terms)
     spring = terms[name]
     assert spring.value == pytest.approx(-stiffness, rel=0.15)
@@ -29,25 +29,25 @@ def test_a_tether_is_a_spring_that_pulls_to_its_fixed_end(sensors):
         slack = -terms[f"constant in map {axis}"].value / spring.value
         assert slack == pytest.approx(place, abs=0.1)
         assert f"{axis} {slack:.2f} m" in spring.remark
-    assert found.r2["force"] > 0.6
-    assert "def leftover(" in found.effect and "Stage.WRENCH" in found.effect
+    assert result.r2["force"] > 0.6
+    assert "def leftover(" in result.effect and "Stage.WRENCH" in result.effect
 
 
-def test_thrust_that_fades_is_told_by_time():
-    found = leftover(disturbance=("thrust_fade", 0.006))
-    (term,) = [t for t in found.terms if t.quantity == "force"]
+def test_thrust_that_fades_is_described_by_time():
+    result = leftover(disturbance=("thrust_fade", 0.006))
+    (term,) = [t for t in result.terms if t.quantity == "force"]
     assert term.name == "thrust with time"
     assert term.value == pytest.approx(-0.006, rel=0.1)
 
 
-def test_a_stiff_cable_is_told_by_yaw():
-    found = leftover(disturbance=("yaw_spring", 0.05, 0.0))
-    terms = {t.name: t for t in found.terms if t.quantity == "moment"}
+def test_a_stiff_cable_is_described_by_yaw():
+    result = leftover(disturbance=("yaw_spring", 0.05, 0.0))
+    terms = {t.name: t for t in result.terms if t.quantity == "moment"}
     assert terms["sine of yaw"].value == pytest.approx(-0.05, rel=0.15)
 
 
 @pytest.mark.parametrize("seed", [3, 4])
 def test_healthy_flights_have_no_term(seed):
-    found = leftover(seed=seed)
-    assert found.terms == () and found.effect == ""
-    assert set(found.r2.values()) == {0.0}
+    result = leftover(seed=seed)
+    assert result.terms == () and result.effect == ""
+    assert set(result.r2.values()) == {0.0}

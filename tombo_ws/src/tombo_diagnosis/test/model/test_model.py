@@ -52,8 +52,8 @@ def diagnosis(*causes, verdict="named"):
 
 
 def model(*causes, base=None, **more):
-    found = diagnosis(*(causes or (DRAG,)), **more)
-    return model_of(found, tool="tombo 0.1", date="2025-01-02", scenario="no_obstacle", base=base)
+    result = diagnosis(*(causes or (DRAG,)), **more)
+    return model_of(result, tool="tombo 0.1", date="2025-01-02", scenario="no_obstacle", base=base)
 
 
 def test_what_was_named_stands_in_the_file_with_its_origin(tmp_path):
@@ -221,7 +221,7 @@ def test_what_is_no_model_is_refused(text, tmp_path):
         read_model(path)
 
 
-def test_files_that_can_t_be_read_or_written_are_said(tmp_path):
+def test_files_that_can_t_be_read_or_written_are_reported(tmp_path):
     with pytest.raises(InputError, match=r"none\.yaml' can't be read"):
         read_model(tmp_path / "none.yaml")
     with pytest.raises(InputError, match="can't be read"):

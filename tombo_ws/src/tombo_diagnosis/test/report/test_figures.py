@@ -65,12 +65,12 @@ def test_gains_are_what_is_left():
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_all_are_drawn_for_every_verdict(verdict):
-    found = sample(verdict, flights=2, seconds=10.0)
+    result = sample(verdict, flights=2, seconds=10.0)
     for draw in (draw_summary, draw_residuals, draw_drivers, draw_gains):
-        assert figure_bytes(draw(found)).startswith(b"\x89PNG")
+        assert figure_bytes(draw(result)).startswith(b"\x89PNG")
 
 
-def test_nothing_to_show_is_said():
+def test_nothing_to_show_is_reported():
     for draw in (draw_summary, draw_residuals, draw_drivers, draw_gains):
         assert figure_bytes(draw(EMPTY)).startswith(b"\x89PNG")
     assert "nothing to show" in [text.get_text() for text in draw_gains(EMPTY).texts]

@@ -30,38 +30,38 @@ def short(verdict="named"):
     return sample(verdict, flights=1, seconds=10.0)
 
 
-def write(path: Path, found, *, replace: bool = False, **options) -> set[str]:
+def write(path: Path, result, *, replace: bool = False, **options) -> set[str]:
     with open_output(path, replace=replace, results=DIAGNOSIS_FILES) as folder:
-        write_diagnosis(folder, found, AGAINST, **options)
+        write_diagnosis(folder, result, AGAINST, **options)
         folder.publish()
     return {str(p.relative_to(path)) for p in path.rglob("*") if p.is_file()}
 
 
 def test_the_fields_are_exactly_those_agreed_on():
-    found = strict(sample("set"))
-    assert list(found) == [
+    result = strict(sample("set"))
+    assert list(result) == [
         "verdict", "causes", "set", "separating_experiment", "gain", "prechecks", "candidates",
         "flights", "confidence", "summary", "notes", "model", "vehicle", "seconds",
         "changed", "leftover", "tolerances", "version",
     ]  # fmt: skip
-    cause, gain = found["causes"][0], strict(sample())["gain"][0]
+    cause, gain = result["causes"][0], strict(sample())["gain"][0]
     for fields, names in (
-        (found["separating_experiment"], "effects text separation present mission_file"),
+        (result["separating_experiment"], "effects text separation present mission_file"),
         (cause, "effect theta confidence covariance"),
         (cause["theta"]["fraction"], "value unit nominal low high"),
         (gain, "channel unit horizon before after reduction low high flights"),
-        (found["prechecks"][0], "check severity flight channel message start_s end_s"),
+        (result["prechecks"][0], "check severity flight channel message start_s end_s"),
     ):
         assert set(fields) == set(names.split())
-    assert found["set"] == ["mass_error", "thrust_coefficient_error"]
-    assert found["separating_experiment"]["mission_file"] == "separating_experiment.yaml"
+    assert result["set"] == ["mass_error", "thrust_coefficient_error"]
+    assert result["separating_experiment"]["mission_file"] == "separating_experiment.yaml"
 
 
 def test_values_survive_the_round_trip_and_what_is_not_finite_is_null():
-    found = sample()
-    theta = dataclasses.replace(found.causes[0].theta[0], high=math.inf)
-    cause = dataclasses.replace(found.causes[0], theta=(theta,))
-    read = strict(dataclasses.replace(found, causes=(cause,)))
+    result = sample()
+    theta = dataclasses.replace(result.causes[0].theta[0], high=math.inf)
+    cause = dataclasses.replace(result.causes[0], theta=(theta,))
+    read = strict(dataclasses.replace(result, causes=(cause,)))
     assert read["causes"][0]["theta"]["d_xy"] == {
         "value": 0.283, "unit": "N s/m", "nominal": 0.0, "low": 0.2761, "high": None,
     }  # fmt: skip
@@ -100,8 +100,8 @@ def test_a_set_leaves_the_mission_and_no_model(tmp_path):
 
 @pytest.mark.parametrize("verdict", ["none", "unknown"])
 def test_without_a_cause_there_is_neither(tmp_path, verdict):
-    found = short(verdict)
-    assert write(tmp_path / "o", found, pictures=False) == {"diagnosis.json"}
+    result = short(verdict)
+    assert write(tmp_path / "o", result, pictures=False) == {"diagnosis.json"}
 
 
 @pytest.mark.slow
@@ -149,7 +149,7 @@ def test_a_file_where_the_plots_go_is_refused_before_anything_is_replaced(tmp_pa
 
 
 def test_what_is_left_over_is_written_without_its_samples():
-    found = strict(dataclasses.replace(sample("unknown"), leftover=leftover()))
-    assert set(found["leftover"]) == {"terms", "r2", "rms", "effect"}
-    assert found["leftover"]["terms"][0]["name"] == "spring to a point"
-    assert found["tolerances"]["mass_error.fraction"] == 0.015
+    result = strict(dataclasses.replace(sample("unknown"), leftover=leftover()))
+    assert set(result["leftover"]) == {"terms", "r2", "rms", "effect"}
+    assert result["leftover"]["terms"][0]["name"] == "spring to a point"
+    assert result["tolerances"]["mass_error.fraction"] == 0.015

@@ -133,7 +133,7 @@ def test_several_causes_are_all_named():
     assert "The causes are linear rotor drag and battery sag" in page.text
 
 
-def test_the_experiment_is_told_with_its_command_and_what_it_is_worth():
+def test_the_experiment_is_shown_with_its_command_and_what_it_is_worth():
     text = Page(diagnosis_html(sample("set"), "my runs/a b")).text
     assert EXPERIMENT.text in text
     assert "tombo fly 'my runs/a b/separating_experiment.yaml'" in text
@@ -278,7 +278,7 @@ def test_without_a_cause_the_page_says_what_would_have_been_seen():
     assert "would show from" in text and "fraction 1.2 %" in text
 
 
-def test_what_is_not_known_is_not_made_up():
+def test_what_is_not_known_is_not_invented():
     one = sample(flights=1)
     fitted = [replace(s, gain=math.nan) for s in one.candidates]
     blind = [replace(r, sigma=math.nan) for r in one.residuals]
@@ -310,7 +310,7 @@ def test_channels_that_do_not_change_are_folded():
     assert html.index("1 channel without a change") < html.index('scope="row">still')
 
 
-def test_what_is_left_over_is_drawn_and_told_with_its_effect():
+def test_what_is_left_over_is_drawn_and_described_with_its_effect():
     text = Page(diagnosis_html(replace(sample("unknown"), leftover=leftover()))).text
     assert "force: spring to a point" in text and "−0.550 to −0.450" in text
     assert "pulls to x 0.00 m" in text and "90 %" in text

@@ -18,17 +18,17 @@ def named():
 
 
 def test_the_driver_of_drag_is_the_velocity_along_the_same_axis(named):
-    found = [(p.channel, p.driver) for p in view.pairs(named)]
-    assert found == [
+    result = [(p.channel, p.driver) for p in view.pairs(named)]
+    assert result == [
         ("specific_force_y", "body_velocity_y [m/s]"),
         ("specific_force_x", "body_velocity_x [m/s]"),
     ]
 
 
 def test_without_a_correction_the_residual_itself_finds_its_driver():
-    found = view.pairs(sample("unknown"))[0]
-    assert found.driver == f"body_velocity_{found.channel[-1]} [m/s]"
-    assert np.array_equal(found.before, found.after)
+    result = view.pairs(sample("unknown"))[0]
+    assert result.driver == f"body_velocity_{result.channel[-1]} [m/s]"
+    assert np.array_equal(result.before, result.after)
 
 
 def test_means_in_slices_have_the_slope_of_the_drag_before_and_none_after(named):

@@ -19,8 +19,8 @@ from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws
 pytestmark = pytest.mark.slow
 
 
-def causes(found):
-    return [estimate_cause(e, found) for e in found.judgement.effects]
+def causes(result):
+    return [estimate_cause(e, result) for e in result.judgement.effects]
 
 
 SETUP = stands.setup()
@@ -29,8 +29,8 @@ HAS_MEAN = [n for n, e in STAND_EFFECTS.items() if not e.stochastic and e.suits(
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_healthy_stand_has_no_cause(seed):
-    found = analyse(stands.read(SETUP, {}, seed=seed))
-    assert found.judgement.verdict == "none"
+    result = analyse(stands.read(SETUP, {}, seed=seed))
+    assert result.judgement.verdict == "none"
 
 
 @pytest.mark.parametrize("name", HAS_MEAN)
@@ -40,13 +40,13 @@ def test_every_effect_is_named_on_a_calibrated_stand(name):
     theta = tuple(p.null + (p.scale if p.null + p.scale <= p.high else -p.scale) for p in own)
     if name in ("torsion_constant", "load_sharing"):
         theta = (0.6,)
-    found = analyse(stands.read(SETUP, {name: theta}, seed=3))
-    assert found.judgement.verdict in ("named", "set")
+    result = analyse(stands.read(SETUP, {name: theta}, seed=3))
+    assert result.judgement.verdict in ("named", "set")
     if name == "in_plane_term":  # at these speeds it saturates the twist as stiffening does
-        assert set(found.judgement.members) == {"centrifugal_stiffening", "in_plane_term"}
+        assert set(result.judgement.members) == {"centrifugal_stiffening", "in_plane_term"}
     else:
-        assert found.judgement.effects[:1] == (name,)
-    [fitted] = next(c for c in causes(found) if c.effect == name).theta
+        assert result.judgement.effects[:1] == (name,)
+    [fitted] = next(c for c in causes(result) if c.effect == name).theta
     assert fitted.value == pytest.approx(theta[0], abs=0.25 * own[0].scale)
     assert fitted.low <= fitted.value <= fitted.high
 
@@ -60,18 +60,18 @@ def test_speed_noise_and_scatter_are_found_by_their_spread():
         rng.standard_normal(s.speed.size),
     )
     for name, theta in (("speed_noise", (0.02,)), ("fabrication_scatter", (0.08, 0.08))):
-        found = analyse(stands.read(s, {name: theta}, draws=wide, seed=1))
-        assert found.judgement.effects == (name,)
+        result = analyse(stands.read(s, {name: theta}, draws=wide, seed=1))
+        assert result.judgement.effects == (name,)
 
 
 def test_thrust_alone_gives_a_set_and_says_what_separates():
     s = stands.setup(confs=(13,), runs=3, loads=False)
     points = stands.read(s, {"thrust_gain": (0.12,)}, channels=1, seed=2)
-    found = analyse(points)
-    assert found.judgement.verdict == "set"
+    result = analyse(points)
+    assert result.judgement.verdict == "set"
     expected = {"thrust_gain", "thrust_coefficient", "air_density", "rpm_scale"}
-    assert expected <= set(found.judgement.members)
-    experiment = separate(found)
+    assert expected <= set(result.judgement.members)
+    experiment = separate(result)
     assert experiment is not None
     assert experiment.separation > experiment.present + 3.0
     assert "weights" in experiment.text or "torque" in experiment.text
@@ -79,15 +79,15 @@ def test_thrust_alone_gives_a_set_and_says_what_separates():
 
 def test_known_weights_end_that_confusion():
     points = stands.read(stands.setup(confs=(13,), runs=3), {"thrust_gain": (0.12,)}, 1, 2)
-    found = analyse(points)
-    assert found.judgement.verdict == "named"
-    assert found.judgement.effects == ("thrust_gain",)
+    result = analyse(points)
+    assert result.judgement.verdict == "named"
+    assert result.judgement.effects == ("thrust_gain",)
 
 
 def test_torque_parts_a_coefficient_from_the_density():
     s = stands.setup(loads=False)
-    found = analyse(stands.read(s, {"air_density": (0.12,)}, channels=2, seed=2))
-    named = {*found.judgement.effects, *found.judgement.members}
+    result = analyse(stands.read(s, {"air_density": (0.12,)}, channels=2, seed=2))
+    named = {*result.judgement.effects, *result.judgement.members}
     assert "thrust_coefficient" not in named
     assert "air_density" in named
 
@@ -105,10 +105,10 @@ def more_thrust(share):
 
 def test_a_shape_that_nobody_named_gets_no_name():
     wavy = more_thrust(lambda x: 0.06 * np.sin(14.0 * x))
-    found = analyse(stands.read(SETUP, {}, change=wavy))
-    assert found.judgement.verdict == "unknown"
-    assert found.remainder.curves.channel == "thrust"
-    assert found.remainder.curves.size > 0.01
+    result = analyse(stands.read(SETUP, {}, change=wavy))
+    assert result.judgement.verdict == "unknown"
+    assert result.remainder.curves.channel == "thrust"
+    assert result.remainder.curves.size > 0.01
 
 
 def test_residual_curves_find_an_unmodelled_rest_but_none_when_healthy():
@@ -136,25 +136,25 @@ def again(share):
 @pytest.mark.parametrize("share", [0.02, 0.03, 0.05, 0.10])
 @pytest.mark.parametrize("channels", [1, 2])
 def test_runs_that_differ_by_a_share_are_no_speed_noise(share, channels):
-    found = analyse(again(share)(channels, 1))
-    judgement = found.judgement
+    result = analyse(again(share)(channels, 1))
+    judgement = result.judgement
     assert "speed_noise" not in {*judgement.effects, *judgement.members}
     if share >= 0.05:
         assert judgement.effects == ("run_scatter",)
-        thrust, *torque = causes(found)[0].theta
+        thrust, *torque = causes(result)[0].theta
         assert thrust.value == pytest.approx(share / 2.0, rel=0.6)
         assert len(torque) == channels - 1 and all(t.value < 0.005 for t in torque)
-    [told, *_] = repeats(found.problem)
+    [told, *_] = repeats(result.problem)
     assert "differ" in told
     percent = float(told.split("differ by ")[1].split(" %")[0])
     assert percent == pytest.approx(100.0 * share, abs=0.4)
-    assert not model_extending_causes(causes(found))  # nothing that other runs would share
+    assert not model_extending_causes(causes(result))  # nothing that other runs would share
 
 
-def test_runs_that_agree_are_said_to():
-    found = analyse(again(0.0)(1, 0))
-    assert found.judgement.verdict == "none"
-    assert "agree within" in repeats(found.problem)[0]
+def test_runs_that_agree_are_reported_to():
+    result = analyse(again(0.0)(1, 0))
+    assert result.judgement.verdict == "none"
+    assert "agree within" in repeats(result.problem)[0]
 
 
 def test_levels_of_runs_keep_speed_noise_from_taking_their_place():
@@ -169,8 +169,8 @@ def test_speed_noise_stays_speed_noise_with_two_runs():
     s = stands.setup(confs=(13,), runs=2, loads=False)
     rng = np.random.default_rng(4)
     drawn = replace(Draws.none(s), point=rng.standard_normal(s.speed.size))
-    found = analyse(stands.read(s, {"speed_noise": (0.02,)}, 2, 1, draws=drawn))
-    assert found.judgement.effects == ("speed_noise",)
+    result = analyse(stands.read(s, {"speed_noise": (0.02,)}, 2, 1, draws=drawn))
+    assert result.judgement.effects == ("speed_noise",)
 
 
 def test_what_the_model_has_and_these_runs_have_not_is_a_departure():
@@ -189,13 +189,13 @@ def test_what_the_model_has_and_these_runs_have_not_is_a_departure():
 
 def test_two_causes_are_both_found():
     theta = {"thrust_tare": (0.25,), "torque_gain": (0.12,)}
-    found = analyse(stands.read(SETUP, theta, seed=4))
-    assert set(found.judgement.effects) == set(theta)
+    result = analyse(stands.read(SETUP, theta, seed=4))
+    assert set(result.judgement.effects) == set(theta)
 
 
 def test_held_out_points_confirm_a_cause_and_not_a_wrong_one():
-    found = analyse(stands.read(SETUP, {"thrust_coefficient": (0.12,)}, seed=6))
-    gains, shares = held_out(found)
+    result = analyse(stands.read(SETUP, {"thrust_coefficient": (0.12,)}, seed=6))
+    gains, shares = held_out(result)
     thrust = next(g for g in gains if g.channel == "thrust")
     assert thrust.reduction > 0.7 and thrust.low > 0.0
     assert shares["thrust_coefficient"] > 0.9 > 0.2 > shares["torque_tare"]
@@ -204,14 +204,14 @@ def test_held_out_points_confirm_a_cause_and_not_a_wrong_one():
 def test_what_is_known_already_is_no_finding():
     points = stands.read(SETUP, {"thrust_gain": (0.12,)}, seed=7)
     assert analyse(points).judgement.verdict == "named"
-    found = analyse(points, base={"thrust_gain": (0.12,)})
-    assert found.judgement.verdict == "none"
+    result = analyse(points, base={"thrust_gain": (0.12,)})
+    assert result.judgement.verdict == "none"
 
 
 def test_an_effect_that_no_channel_shows_is_not_excited():
     s = stands.setup(loads=False)
-    found = analyse(stands.read(s, {}, channels=1))
-    blind = {c.effect for c in scores(found, {}) if not c.excited}
+    result = analyse(stands.read(s, {}, channels=1))
+    blind = {c.effect for c in scores(result, {}) if not c.excited}
     assert {"torque_gain", "torque_tare", "angle_offset"} <= blind
     assert "thrust_gain" not in blind
 
@@ -231,10 +231,10 @@ def test_a_name_is_withheld_where_free_curves_find_more_beside_it():
     clean = analyse(stands.read(SETUP, {"thrust_gain": (0.1,)}, seed=9))
     assert clean.judgement.verdict == "named"
     assert clean.remainder.curves.evidence < LOG_BF_CURVES
-    found = analyse(stands.read(SETUP, {"thrust_gain": (0.1,)}, seed=9, change=resonant))
-    remainder, best = found.remainder, found.search.best
+    result = analyse(stands.read(SETUP, {"thrust_gain": (0.1,)}, seed=9, change=resonant))
+    remainder, best = result.remainder, result.search.best
     assert best.effects == ("thrust_gain",)
     # Only what is left can tell.
     assert best.evidence > remainder.curves_without_causes.evidence + 10.0
     assert remainder.curves.evidence > LOG_BF_CURVES
-    assert found.judgement.verdict == "partly_explained"
+    assert result.judgement.verdict == "partly_explained"

@@ -79,24 +79,24 @@ def recording(lag=20, seed=0):
 def test_lag_and_tare_of_a_recording_are_found(tmp_path):
     rpm, thrust, command = recording()
     path = write(tmp_path / "a.csv", "rpm,thrust_N,pwm", np.maximum(rpm, 0.0), thrust, command)
-    found = plateaus(read_stand(path))
-    (lag,) = (f for f in found.findings if f.check == "lag")
+    result = plateaus(read_stand(path))
+    (lag,) = (f for f in result.findings if f.check == "lag")
     assert abs(int(lag.message.split(" rows")[0].split()[-1]) - 20) <= 2
-    assert found.standstill[0] == pytest.approx(0.3, abs=0.003)
-    turning = found.speed > 10.0
-    k = found.readings[turning, 0] / found.speed[turning] ** 2
+    assert result.standstill[0] == pytest.approx(0.3, abs=0.003)
+    turning = result.speed > 10.0
+    k = result.readings[turning, 0] / result.speed[turning] ** 2
     assert np.allclose(k, 2e-5, rtol=0.01)
-    assert {f.check for f in found.findings} >= {"lag", "tare"}
+    assert {f.check for f in result.findings} >= {"lag", "tare"}
 
 
-def test_an_outlier_is_set_apart_and_said(tmp_path):
+def test_an_outlier_is_excluded_and_reported(tmp_path):
     rng = np.random.default_rng(1)
     thrust = POINT.thrust_N * (1.0 + 1e-3 * rng.standard_normal(12))
     rpm, thrust = np.repeat(RPM, 2), np.repeat(thrust, 2)
     thrust[9] *= 1.5
-    found = plateaus(read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", rpm, thrust)))
-    assert found.speed.size == 23
-    [finding] = [f for f in found.findings if f.check == "outlier"]
+    result = plateaus(read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", rpm, thrust)))
+    assert result.speed.size == 23
+    [finding] = [f for f in result.findings if f.check == "outlier"]
     assert f"{rpm[9]:.0f}" in finding.message
 
 
@@ -136,7 +136,7 @@ BAD = {
 }
 
 
-def test_decimal_commas_give_the_same_run_and_are_said(tmp_path):
+def test_decimal_commas_give_the_same_run_and_are_reported(tmp_path):
     path = write(tmp_path / "a.csv", "rpm,thrust_N", RPM, POINT.thrust_N)
     plain = read_stand(path).channels["thrust"]
     path.write_text(path.read_text().replace(",", ";").replace(".", ","))
@@ -157,7 +157,7 @@ def test_bad_tables_are_refused_with_a_reason(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "words"),
     [
         ("[1, 2]", "accepted"),
         ("channels: {thrust: {columns: t}}", "no unit"),
@@ -171,19 +171,19 @@ def test_bad_tables_are_refused_with_a_reason(tmp_path, text):
         ("{", "YAML"),
     ],
 )
-def test_bad_mappings_are_refused_with_a_reason(text, said):
-    with pytest.raises(InputError, match=said):
+def test_bad_mappings_are_refused_with_a_reason(text, words):
+    with pytest.raises(InputError, match=words):
         parse_mapping(text, "m")
 
 
 @pytest.mark.slow
-def test_speeds_beyond_the_law_are_set_apart_and_said(tmp_path):
+def test_speeds_beyond_the_law_are_excluded_and_reported(tmp_path):
     rpm = np.linspace(2000.0, 12000.0, 9)
     thrust = 1e-7 * rpm**2
     table = read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", rpm, thrust))
-    found = assemble([table], 5, "repaired")
-    assert any("6635 rpm" in f.message for f in found.findings if f.check == "speed")
-    words = summary(analyse(found.points), (), ())
+    result = assemble([table], 5, "repaired")
+    assert any("6635 rpm" in f.message for f in result.findings if f.check == "speed")
+    words = summary(analyse(result.points), (), ())
     assert words.startswith("4 points")  # of nine: those beyond do not count
 
 
@@ -194,7 +194,7 @@ def test_too_few_points_within_the_law_are_refused(tmp_path):
         assemble([table], 5, "repaired")
 
 
-def test_a_cell_mounted_the_other_way_round_can_be_told(tmp_path):
+def test_a_cell_mounted_the_other_way_round_can_be_read(tmp_path):
     mapping = (
         "channels: {speed: {columns: rpm, unit: rpm}, thrust: {columns: t, unit: N, sign: -1}}"
     )
@@ -215,9 +215,9 @@ def test_a_run_cut_off_before_it_lifts_is_refused(tmp_path):
 @pytest.mark.slow
 def test_one_speed_is_never_enough_for_a_name(tmp_path):
     path = write(tmp_path / "a.csv", "rpm,thrust_N", np.full(4, 5000.0), np.full(4, 4.6))
-    found = analyse(assemble([read_stand(path)], 13, "repaired").points)
-    assert found.judgement.verdict == "set"
-    assert {"thrust_gain", "thrust_coefficient"} <= set(found.judgement.members)
+    result = analyse(assemble([read_stand(path)], 13, "repaired").points)
+    assert result.judgement.verdict == "set"
+    assert {"thrust_gain", "thrust_coefficient"} <= set(result.judgement.members)
 
 
 def test_the_same_run_twice_is_refused(tmp_path):
@@ -236,13 +236,13 @@ def test_every_known_unit_may_stand_in_a_name(tmp_path, heading):
     assert np.allclose(read_stand(path).channels["thrust"], POINT.thrust_N, rtol=1e-6)
 
 
-@pytest.mark.parametrize(("conf", "said"), [(13.5, "13.5"), (99, "99")])
-def test_an_unknown_configuration_says_where_it_stands(tmp_path, conf, said):
+@pytest.mark.parametrize(("conf", "words"), [(13.5, "13.5"), (99, "99")])
+def test_an_unknown_configuration_says_where_it_stands(tmp_path, conf, words):
     path = write(tmp_path / "a.csv", "kind,rpm,thrust_N", np.full(12, conf), RPM, POINT.thrust_N)
     path.write_text(path.read_text().replace("kind", "conf"))
     with pytest.raises(InputError) as error:
         assemble([read_stand(path)], 13, "repaired")
-    assert all(x in str(error.value) for x in ("a.csv", "'conf'", said))
+    assert all(x in str(error.value) for x in ("a.csv", "'conf'", words))
 
 
 def test_a_large_tare_is_no_wrong_unit(tmp_path):
@@ -252,7 +252,7 @@ def test_a_large_tare_is_no_wrong_unit(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("speed", "thrust", "said"),
+    ("speed", "thrust", "words"),
     [
         (1.0, 1e3 / 9.80665, "grams read as newtons"),
         (math.pi / 30.0, 1.0, "rad/s read as rpm"),
@@ -260,15 +260,15 @@ def test_a_large_tare_is_no_wrong_unit(tmp_path):
         (1.0, 1.5, ""),
     ],
 )
-def test_thrust_in_a_wrong_unit_is_said(tmp_path, speed, thrust, said):
+def test_thrust_in_a_wrong_unit_is_reported(tmp_path, speed, thrust, words):
     rpm = np.linspace(4500.0, 6000.0, 12)
     newton = evaluate(configuration(13), rpm * math.pi / 30.0).thrust_N
     path = write(tmp_path / "a.csv", "rpm,thrust_N", rpm * speed, newton * thrust)
-    if not said:
+    if not words:
         assert assemble([read_stand(path)], 13, "repaired").points.count == 12
         return
     right = read_stand(write(tmp_path / "b.csv", "rpm,thrust_N", rpm, newton))
     for tables in ([read_stand(path)], [right, read_stand(path)]):
         with pytest.raises(InputError) as error:
             assemble(tables, 13, "repaired")
-        assert all(x in str(error.value) for x in ("a.csv", "'thrust_N' as N", "times", said))
+        assert all(x in str(error.value) for x in ("a.csv", "'thrust_N' as N", "times", words))

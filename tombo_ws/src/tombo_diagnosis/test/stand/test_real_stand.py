@@ -16,16 +16,16 @@ FILE = FOLDER / "bitcraze2021_cf21_stock_prop.csv"
 
 @pytest.mark.skipif(not FILE.is_file(), reason=f"real data absent: {FILE}")
 def test_a_whole_quadcopter_on_a_scale_gives_its_thrust_constant():
-    found = diagnose_stand(
+    result = diagnose_stand(
         [read_stand(FILE)], 13, "repaired", False, lambda stage, share: None, time.perf_counter
     )
-    k = found.constant
+    k = result.constant
     assert k is not None
     # about 50 g of four rotors at 23 200 rpm by hand: 2.07e-8 N s^2
     assert k.low < k.k_T < k.high
     assert k.k_T == pytest.approx(0.0098 * 51.0 / 4.0 / 2430.0**2, rel=0.03)
     assert 0.002 < (k.high - k.low) / k.k_T < 0.1
     assert k.limits[0].share > 0.01
-    assert found.diagnosis.verdict in ("partly_explained", "unknown", "named")
-    assert any("k_T takes up" in note for note in found.diagnosis.notes)
-    assert any(f.check == "lag" for f in found.diagnosis.prechecks)
+    assert result.diagnosis.verdict in ("partly_explained", "unknown", "named")
+    assert any("k_T takes up" in note for note in result.diagnosis.notes)
+    assert any(f.check == "lag" for f in result.diagnosis.prechecks)

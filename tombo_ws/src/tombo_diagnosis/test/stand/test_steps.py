@@ -44,15 +44,15 @@ def test_clean_drifting_and_bent_runs_have_no_step(way, drift):
 def test_a_chipped_blade_is_found_where_it_chipped(size):
     w = np.tile(WAYS["at random"], 2)
     e = np.linspace(0.0, 1.0, w.size)
-    found = 0
+    result = 0
     for seed, at in enumerate(range(22, 60, 3)):
         load = thrust(w, seed) * np.where(np.arange(w.size) >= at, 1.0 + size, 1.0)
         step = find_step(800.0 * w, load, e)
         if step is not None:
-            found += 1
+            result += 1
             assert abs(step.at - at) <= 1
             assert step.size == pytest.approx(size, abs=0.03)
-    assert found >= 11
+    assert result >= 11
 
 
 def test_one_sweep_can_not_tell_a_step_from_a_stall():
@@ -61,12 +61,12 @@ def test_one_sweep_can_not_tell_a_step_from_a_stall():
     assert find_step(800.0 * w, load, np.arange(w.size)) is None
 
 
-def test_the_shorter_part_is_set_apart_and_said(tmp_path):
+def test_the_shorter_part_is_excluded_and_reported(tmp_path):
     w = np.tile(WAYS["twice"], 2)
     load = thrust(w, 3) * np.where(np.arange(w.size) >= 80, 0.88, 1.0)
     rows = [f"{7000.0 * x:.1f},{y:.5f}" for x, y in zip(w, load, strict=True)]
     (tmp_path / "a.csv").write_text("\n".join(["rpm,thrust_N", *rows]) + "\n")
-    found = plateaus(read_stand(tmp_path / "a.csv"))
-    [said] = [f for f in found.findings if f.check == "change"]
-    assert "from row 81 on" in said.message and "lower" in said.message
-    assert 72 <= found.speed.size <= 80
+    result = plateaus(read_stand(tmp_path / "a.csv"))
+    [words] = [f for f in result.findings if f.check == "change"]
+    assert "from row 81 on" in words.message and "lower" in words.message
+    assert 72 <= result.speed.size <= 80

@@ -186,10 +186,10 @@ def features(flight: AirborneFlight, curve: DriveCurve) -> Features:
         for s in flight.cut(series[flight.drive])
     ]
     level = float(np.mean(samples.command**curve.exponent))
-    felt = next((series[n] for n in ("accel", "acceleration") if n in series), None)
+    acceleration = next((series[n] for n in ("accel", "acceleration") if n in series), None)
     shake = [
         _band(asked, _SHAKE_HZ, 1.0 / level),
-        _band(flight.cut(felt), _SHAKE_HZ, 1.0) if felt is not None else np.nan,
+        _band(flight.cut(acceleration), _SHAKE_HZ, 1.0) if acceleration is not None else np.nan,
     ]
     track = [Series(s.t, s.values[:, :2]) for s in flight.cut(series["position"])]
     supply = float("nan") if samples.voltage is None else float(np.log(samples.voltage).mean())

@@ -14,9 +14,15 @@ from tombo_diagnosis.change.diagnose import ChangeData
 from tombo_diagnosis.change.features import Features
 from tombo_diagnosis.change.verdict import headline, phrase
 from tombo_diagnosis.diagnosis import JSON, REPORT, Change, Diagnosis, diagnosis_mapping
-from tombo_diagnosis.report.page import candidate_items, check_items, flight_items, sentences
+from tombo_diagnosis.report.page import (
+    candidate_items,
+    check_items,
+    flight_items,
+    possibility_table,
+    sentences,
+)
 from tombo_diagnosis.report.words import STYLES, badge
-from tombo_diagnosis.wording import certainty, counted, display_name, figure, interval, unit
+from tombo_diagnosis.wording import counted, figure
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ROTOR_NAMES
 from tombo_flight.progress import ProgressCallback, no_progress
@@ -24,7 +30,7 @@ from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.flight_plot import figure_bytes
 from tombo_flight.report.html import write_page
-from tombo_flight.report.page import Item, Page, Picture, Section, Table, page_json
+from tombo_flight.report.page import Page, Picture, Section, page_json
 
 if TYPE_CHECKING:
     from tombo_flight.process.output_folder import OutputFolder
@@ -70,6 +76,7 @@ def change_page(diagnosis: Diagnosis, data: ChangeData) -> Page:
         "Each dot is a flight, each bar the mean. Demand: thrust that the healthy drive curve "
         "reads from the commands, against a quarter of the weight"
     )
+    possible = [(phrase(_label(c)), c.confidence, c.theta) for c in diagnosis.changed]
     picture = Picture(partial(draw_change, data), caption, "Healthy and new flights")
     return Page(
         title=f"What has changed: {title}",
@@ -81,7 +88,7 @@ def change_page(diagnosis: Diagnosis, data: ChangeData) -> Page:
         sections=[
             *(logs if faulty else ()),
             Section("What has changed", [picture], "page"),
-            Section("What it may be", _change_items(diagnosis.changed)),
+            Section("What it may be", [possibility_table(possible)] if possible else []),
             Section("What can’t be certified", sentences(diagnosis.notes)),
             Section("All candidates", candidate_items(diagnosis.candidates), "page"),
             *(() if faulty else logs),
@@ -96,20 +103,6 @@ def change_page(diagnosis: Diagnosis, data: ChangeData) -> Page:
 def _label(change: Change) -> str:
     """Return effect and rotor, as in `set`."""
     return f"{change.effect}.{change.rotor}" if change.rotor else change.effect
-
-
-def _change_items(changed: tuple[Change, ...]) -> list[Item]:
-    rows = []
-    for change in changed:
-        what, sure = phrase(_label(change)), certainty(change.confidence)
-        for theta in change.theta:
-            value, low, high = interval(theta)
-            size = f"{value} {unit(theta.unit)}".strip()
-            rows.append((what, sure, display_name(theta.name), size, f"{low} to {high}"))
-        if not change.theta:
-            rows.append((what, sure, "", "", ""))
-    head = ("it may be", "probability", "parameter", "value", "95 % interval")
-    return [Table(head, rows)] if rows else []
 
 
 def draw_change(data: ChangeData) -> Figure:

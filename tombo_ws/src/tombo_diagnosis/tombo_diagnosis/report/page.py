@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from html import escape
@@ -312,14 +312,24 @@ def cause_items(diagnosis: Diagnosis) -> list[Item]:
     items: list[Item] = [_cause(cause) for cause in causes]
     if diagnosis.verdict != "set" or len(causes) < _LARGE_SET:
         return items
+    table = possibility_table(
+        [(display_name(c.effect), c.confidence, c.theta) for c in diagnosis.causes]
+    )
+    return [table, Folded(f"{len(causes)} members, fitted one by one", items)]
+
+
+def possibility_table(possible: Iterable[tuple[str, float, Sequence[FittedParameter]]]) -> Table:
+    """Return what may be the cause: of each its name, probability and parameters."""
     rows = []
-    for cause in diagnosis.causes:
-        for theta in cause.theta:
+    for what, probability, parameters in possible:
+        sure = certainty(probability)
+        for theta in parameters:
             value, low, high = interval(theta)
-            sure, size = certainty(cause.confidence), f"{value} {unit(theta.unit)}".strip()
-            rows.append((display_name(cause.effect), sure, theta.name, size, f"{low} to {high}"))
-    head = ("it may be", "probability", "parameter", "value", "95 % interval")
-    return [Table(head, rows), Folded(f"{len(causes)} members, fitted one by one", items)]
+            size = f"{value} {unit(theta.unit)}".strip()
+            rows.append((what, sure, display_name(theta.name), size, f"{low} to {high}"))
+        if not parameters:
+            rows.append((what, sure, "", "", ""))
+    return Table(("it may be", "probability", "parameter", "value", "95 % interval"), rows)
 
 
 def _cause(cause: Cause) -> Group:
