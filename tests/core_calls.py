@@ -14,6 +14,7 @@ from tombo_control.estimate import Estimate
 from tombo_control.estimator_core import EstimatorCore
 from tombo_control.mission_core import MissionCore
 from tombo_dynamics.core import Core
+from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.messages import (
     EstimatorStatus,
     Imu,
@@ -24,7 +25,6 @@ from tombo_dynamics.messages import (
     ReactionStatus,
     Trigger,
 )
-from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.records import parameter_record
 from tombo_dynamics.vehicle import GRAVITY
 

@@ -69,8 +69,11 @@ LARGEST_SHARE = 0.22
 """No package holds more of the lines than this."""
 COMPILED = {*MATHS, "tombo_sim"}
 """Packages whose sources are in the key of the compile cache."""
-COMPILED_ALONE = {("tombo_benchmarks", "faults", "fault_model.py")}
-"""Calls compiled code of these packages and of its file only, which the cache looks at, too."""
+COMPILED_ALONE = {
+    ("tombo_benchmarks", "faults", "fault_model.py"),
+    ("tombo_benchmarks", "speed", "kernel_flight.py"),
+}
+"""Call compiled code of these packages and of their file only, which the cache looks at, too."""
 NED_FRD = {("tombo_px4",), ("tombo_logs", "readers", "ulog.py")}
 """Where names of PX4's frames may be: everywhere else the world is ENU and the body FLU."""
 CLOCKLESS = {*LIBRARIES, "tombo_px4"}

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tombo_dynamics.core import Compiled, Core, Output
-from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.message_records import OdometryRecord
 from tombo_dynamics.messages import Odometry
 from tombo_dynamics.params import param
@@ -39,13 +39,13 @@ class WindMemory(Record):
     due = field("1", "it is to be published", kind=bool)
 
 
-@compiled_call
+@compiled(inline=False)
 def take_odometry(memory, vehicle, params, odometry, now_ns):
     memory.known = True
     memory.odometry = odometry
 
 
-@compiled_call
+@compiled(inline=False)
 def take_imu(memory, vehicle, params, imu, now_ns):
     if not memory.known:
         return
@@ -57,7 +57,7 @@ def take_imu(memory, vehicle, params, imu, now_ns):
     memory.wind[1] += gain * (y - memory.wind[1])
 
 
-@compiled_call
+@compiled(inline=False)
 def step(memory, vehicle, params, now_ns):
     if memory.known:
         memory.message.stamp_ns = now_ns

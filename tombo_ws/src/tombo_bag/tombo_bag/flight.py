@@ -129,7 +129,7 @@ class Flight:
     """(N,) time of each tick [s], from 0 in steps of 1 ms."""
     log: Mapping[str, Array] = field(default_factory=dict)
     """Truth and what the autopilot wanted, tick by tick: the columns (N, k) of
-    `tombo_sim.log_columns`."""
+    `tombo_sim.kernel`."""
     events: list[dict[str, Any]] = field(default_factory=list)
     """What happened: time_s, kind, text and more, in order of time."""
     scenario: dict[str, Any] = field(default_factory=dict)

@@ -61,7 +61,7 @@ _POINT_DIAMETER_M = 0.12
 """How large x_c and x_r are drawn."""
 
 Log = Mapping[str, Array]
-"""Columns (N, k) of `tombo_sim.log_columns` by name."""
+"""Columns (N, k) of `tombo_sim.kernel` by name."""
 
 
 class FlownTopics(Mapping[str, Topic]):

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from core_calls import CollisionDetector
 from tombo_collision.params import DetectorParams
-from tombo_dynamics.pose_check import PoseRefusal
+from tombo_dynamics.input_check import PoseRefusal
 
 SWAPPED = 75
 """Index of the first sample that is displaced."""

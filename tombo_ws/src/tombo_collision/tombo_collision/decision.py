@@ -9,7 +9,7 @@ import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, shown
-from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import yaw_of
 from tombo_dynamics.vectors import AnyVector
 
@@ -60,13 +60,13 @@ _NEAR, _SLOW, _CALM = 0.15, 0.2, 0.5
 """m, m/s, rad/s: nearer to x_r, slower and turning slower than that, the vehicle has arrived."""
 
 
-@compiled_call
+@compiled(inline=False)
 def turns(rates: Array) -> bool:
     """Return whether a vehicle with body rates (3) [rad/s] turns about its z axis."""
     return bool(abs(rates[2]) > _CALM)
 
 
-@compiled_call
+@compiled(inline=False)
 def at_rest(position: Array, velocity: AnyVector, rates: Array, x_r: Array) -> bool:
     """Return whether a vehicle has arrived at x_r; all (3), map, the rates base_link."""
     off = speed = turning = 0.0

@@ -16,8 +16,8 @@ from typing import Any
 
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.jit import compiled_call
-from tombo_dynamics.pose_check import PoseRefusal
+from tombo_dynamics.input_check import PoseRefusal
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotation_vector
 from tombo_dynamics.vehicle import GRAVITY
@@ -99,7 +99,7 @@ def set_triggers(memory: DetectorMemory, params: DetectorParams) -> None:
     memory.region = params.trigger in ("region", "both")
 
 
-@compiled_call
+@compiled(inline=False)
 def begin_detector(memory: DetectorMemory) -> None:
     """Begin before the first pose."""
     memory.ground = math.nan
@@ -107,7 +107,7 @@ def begin_detector(memory: DetectorMemory) -> None:
     memory.holdoff_until = -math.inf
 
 
-@compiled_call
+@compiled(inline=False)
 def _track_index(memory: DetectorMemory, i: int) -> int:
     """Return where sample `i` of the track is in the ring; -1: the last."""
     if i < 0:
@@ -115,7 +115,7 @@ def _track_index(memory: DetectorMemory, i: int) -> int:
     return int((memory.track_begin + i) % _TRACK_LENGTH)
 
 
-@compiled_call
+@compiled(inline=False)
 def _append_to_track(memory: DetectorMemory, stamp_s: float, position: Array, step: float) -> None:
     """Append a sample and forget those of more than half a second ago."""
     if memory.track_length == _TRACK_LENGTH:
@@ -132,7 +132,7 @@ def _append_to_track(memory: DetectorMemory, stamp_s: float, position: Array, st
         memory.track_length -= 1
 
 
-@compiled_call
+@compiled(inline=False)
 def detect(
     memory: DetectorMemory,
     params: DetectorParams,
@@ -214,13 +214,13 @@ def detect(
     return PoseRefusal.NONE
 
 
-@compiled_call
+@compiled(inline=False)
 def _refuse(memory: DetectorMemory, reason: PoseRefusal) -> PoseRefusal:
     memory.statistic = 0.0
     return reason
 
 
-@compiled_call
+@compiled(inline=False)
 def _keep_pose(pose: Any, stamp_s: float, position: Array, attitude: Array) -> None:
     pose.stamp_s = stamp_s
     for i in range(3):
@@ -229,7 +229,7 @@ def _keep_pose(pose: Any, stamp_s: float, position: Array, attitude: Array) -> N
         pose.attitude[i] = attitude[i]
 
 
-@compiled_call
+@compiled(inline=False)
 def _has_jumped(
     memory: DetectorMemory,
     params: DetectorParams,
@@ -269,7 +269,7 @@ def _has_jumped(
     return True
 
 
-@compiled_call
+@compiled(inline=False)
 def _is_reachable(
     memory: DetectorMemory,
     params: DetectorParams,
@@ -312,7 +312,7 @@ def _is_reachable(
     return near, distance / params.jump_distance + angle / params.jump_angle
 
 
-@compiled_call
+@compiled(inline=False)
 def _distance_off(memory: DetectorMemory, place: Array, position: Array, step: float) -> float:
     """Return how far a position is from where the filter's velocity leads from a place [m]."""
     dx = position[0] - place[0] - memory.velocity[0] * step
@@ -321,7 +321,7 @@ def _distance_off(memory: DetectorMemory, place: Array, position: Array, step: f
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@compiled_call
+@compiled(inline=False)
 def _restart(memory: DetectorMemory, position: Array) -> None:
     """Begin the filter at a position."""
     _put_filter(memory, position, 1.0)
@@ -333,7 +333,7 @@ def _restart(memory: DetectorMemory, position: Array) -> None:
     memory.track_length = 0
 
 
-@compiled_call
+@compiled(inline=False)
 def _put_filter(memory: DetectorMemory, position: Array, speed_deviation: float) -> None:
     """Put the filter to a position; velocity and rates stay, but are not known so well."""
     for i in range(3):
@@ -345,7 +345,7 @@ def _put_filter(memory: DetectorMemory, position: Array, speed_deviation: float)
     memory.statistic = 0.0
 
 
-@compiled_call
+@compiled(inline=False)
 def _continues(
     memory: DetectorMemory, params: DetectorParams, position: Array, attitude: Array
 ) -> bool:
@@ -358,7 +358,7 @@ def _continues(
     return near
 
 
-@compiled_call
+@compiled(inline=False)
 def _took_whole_periods(memory: DetectorMemory, position: Array, step: float) -> bool:
     """Return whether the way since the last sample is that of some periods, and `step` another."""
     if abs(step - memory.period) < _SAME_STEP * memory.period:
@@ -371,7 +371,7 @@ def _took_whole_periods(memory: DetectorMemory, position: Array, step: float) ->
     return False
 
 
-@compiled_call
+@compiled(inline=False)
 def _shift_times(memory: DetectorMemory, by_s: float) -> None:
     """Move all that was seen to another time, as if the clock had always been set so."""
     memory.last.stamp_s += by_s
@@ -380,7 +380,7 @@ def _shift_times(memory: DetectorMemory, by_s: float) -> None:
         memory.track[_track_index(memory, i)].stamp_s += by_s
 
 
-@compiled_call
+@compiled(inline=False)
 def _predict_and_update(
     memory: DetectorMemory, params: DetectorParams, step: float, position: Array, attitude: Array
 ) -> None:
@@ -424,7 +424,7 @@ def _predict_and_update(
     memory.statistic = statistic if memory.samples > WARM_UP_SAMPLES else 0.0
 
 
-@compiled_call
+@compiled(inline=False)
 def free_acceleration(before: Array, after: Array) -> tuple[float, float]:
     """Return the acceleration in map x and y [m/s^2] of a free flight with the mean attitude.
 
@@ -443,7 +443,7 @@ def free_acceleration(before: Array, after: Array) -> tuple[float, float]:
     return ax, GRAVITY * 2.0 * (my * mz - mw * mx) / upright
 
 
-@compiled_call
+@compiled(inline=False)
 def _evaluate_triggers(
     memory: DetectorMemory, params: DetectorParams, stamp_s: float, position: Array
 ) -> bool:
@@ -461,7 +461,7 @@ def _evaluate_triggers(
     return False
 
 
-@compiled_call
+@compiled(inline=False)
 def _in_region(memory: DetectorMemory, params: DetectorParams, position: Array) -> bool:
     dx, dy, dz = _direction(memory)
     x, y, z = (
@@ -477,7 +477,7 @@ def _in_region(memory: DetectorMemory, params: DetectorParams, position: Array) 
     )
 
 
-@compiled_call
+@compiled(inline=False)
 def _direction(memory: DetectorMemory) -> tuple[float, float, float]:
     """Unit vector of the flight over the last half second before now, or zero."""
     if memory.track_length > 0:
@@ -490,7 +490,7 @@ def _direction(memory: DetectorMemory) -> tuple[float, float, float]:
     return 0.0, 0.0, 0.0
 
 
-@compiled_call
+@compiled(inline=False)
 def _fill_event(
     memory: DetectorMemory, params: DetectorParams, stamp_s: float, position: Array, trigger: int
 ) -> None:

@@ -17,12 +17,11 @@ from tombo_collision.params import DetectorParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Compiled, Core, Output
 from tombo_dynamics.frames import is_map
-from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.input_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose, is_future
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.message_records import CollisionEventRecord, DetectorStatusRecord
 from tombo_dynamics.messages import ROTOR_UNKNOWN, CollisionEvent, DetectorStatus, Pose
-from tombo_dynamics.pose_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose
 from tombo_dynamics.records import Record, field, parameter_record
-from tombo_dynamics.stamp_check import is_future
 
 _SILENT_NS = 120_000_000
 """3.5 samples at 30 Hz."""
@@ -47,14 +46,14 @@ class DetectorCoreMemory(Record):
     event_due = field("1", "it is to be published", kind=bool)
 
 
-@compiled_call
+@compiled(inline=False)
 def begin_detector_core(memory: DetectorCoreMemory) -> None:
     """Begin before the first pose."""
     begin_detector(memory.detector)
     memory.origin_ns = _NONE
 
 
-@compiled_call
+@compiled(inline=False)
 def take_pose(
     memory: DetectorCoreMemory,
     params: DetectorParams,
@@ -92,7 +91,7 @@ def take_pose(
     return result
 
 
-@compiled_call
+@compiled(inline=False)
 def fill_status(
     memory: DetectorCoreMemory, params: DetectorParams, stamp_ns: int, result: PoseRefusal
 ) -> None:
@@ -113,7 +112,7 @@ def fill_status(
     memory.status_due = True
 
 
-@compiled_call
+@compiled(inline=False)
 def _detect(
     memory: DetectorCoreMemory,
     params: DetectorParams,
@@ -142,7 +141,7 @@ def _detect(
     return result
 
 
-@compiled_call
+@compiled(inline=False)
 def take_pose_message(
     memory: DetectorCoreMemory, params: DetectorParams, pose: Pose, now_ns: int
 ) -> None:

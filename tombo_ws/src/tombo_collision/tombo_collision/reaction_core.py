@@ -20,7 +20,8 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Compiled, Core, Output
 from tombo_dynamics.errors import InputError, problem_in, unknown_name
 from tombo_dynamics.frames import is_map
-from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.input_check import is_future
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.message_records import (
     CollisionEventRecord,
     OdometryRecord,
@@ -41,7 +42,6 @@ from tombo_dynamics.messages import (
 )
 from tombo_dynamics.records import Record, field, fill_record, parameter_record
 from tombo_dynamics.rotation import rotate_vector
-from tombo_dynamics.stamp_check import is_future
 
 
 class HoldReason(Reason):
@@ -127,7 +127,7 @@ class ReactionMemory(Record):
     status_due = field("1", "it is of the last step", kind=bool)
 
 
-@compiled_call
+@compiled(inline=False)
 def begin_reaction(memory: ReactionMemory) -> None:
     """Forget everything but what was published."""
     memory.active = False
@@ -153,7 +153,7 @@ def begin_reaction(memory: ReactionMemory) -> None:
     memory.pending = 0
 
 
-@compiled_call
+@compiled(inline=False)
 def take_mission_setpoint(memory: ReactionMemory, setpoint: Any, now_ns: int) -> bool:
     """Take the mission's set point; False: not finite or of no known phase, not taken."""
     total = setpoint.yaw
@@ -168,7 +168,7 @@ def take_mission_setpoint(memory: ReactionMemory, setpoint: Any, now_ns: int) ->
     return True
 
 
-@compiled_call
+@compiled(inline=False)
 def take_estimate(memory: ReactionMemory, odometry: Any, now_ns: int) -> bool:
     """Take an estimate; False: its position is not finite, not taken."""
     position = odometry.position
@@ -183,7 +183,7 @@ def take_estimate(memory: ReactionMemory, odometry: Any, now_ns: int) -> bool:
     return True
 
 
-@compiled_call
+@compiled(inline=False)
 def note_mocap(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -> None:
     """Take note of a pose: the detector has something to look at."""
     if now_ns - memory.mocap_ns > limits.pose_timeout * 1e9:
@@ -191,7 +191,7 @@ def note_mocap(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -> N
     memory.mocap_ns = now_ns
 
 
-@compiled_call
+@compiled(inline=False)
 def check_event(
     memory: ReactionMemory, limits: ReactionLimits, event: Any, now_ns: int
 ) -> EventRefusal:
@@ -227,7 +227,7 @@ def check_event(
     return EventRefusal.NONE
 
 
-@compiled_call
+@compiled(inline=False)
 def reaction_step(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -> None:
     """Decide; `publishes` and `status_due` say whether `setpoint` and `status` are new.
 
@@ -293,13 +293,13 @@ def reaction_step(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -
         memory.said = True
 
 
-@compiled_call
+@compiled(inline=False)
 def reference_due(memory: ReactionMemory, now_ns: int) -> bool:
     """Return whether the decision is to be asked for its reference before the next step."""
     return bool(memory.active and memory.guides and now_ns - memory.reference_ns >= _PERIOD_NS)
 
 
-@compiled_call
+@compiled(inline=False)
 def _recovery_mode(memory: ReactionMemory) -> RecoveryMode:
     """Return what the controller is asked to do, a `RecoveryMode`."""
     phase = memory.mission.phase
@@ -310,7 +310,7 @@ def _recovery_mode(memory: ReactionMemory) -> RecoveryMode:
     return RecoveryMode.ON_CONTACT
 
 
-@compiled_call
+@compiled(inline=False)
 def _hold_at(out: Any, place: Array, yaw: float, phase: int) -> None:
     """Write the set point that rests at a place (3) [m]."""
     for i in range(3):
@@ -321,12 +321,12 @@ def _hold_at(out: Any, place: Array, yaw: float, phase: int) -> None:
     out.phase = phase
 
 
-@compiled_call
+@compiled(inline=False)
 def _on_ground(phase: int) -> bool:
     return phase <= Phase.IDLE or phase >= Phase.LANDED
 
 
-@compiled_call
+@compiled(inline=False)
 def _holds_x_r(memory: ReactionMemory, mission_timed_out: bool) -> bool:
     """Return whether x_r is the set point: the mission does not fly there yet, or is silent."""
     phase = memory.mission.phase
@@ -341,7 +341,7 @@ def _holds_x_r(memory: ReactionMemory, mission_timed_out: bool) -> bool:
     return planned or not memory.mission_at_x_r or (unsure and phase != Phase.LAND)
 
 
-@compiled_call
+@compiled(inline=False)
 def _reason_to_hold(
     memory: ReactionMemory, limits: ReactionLimits, mission_timed_out: bool, now_ns: int
 ) -> int:
@@ -356,7 +356,7 @@ def _reason_to_hold(
     return HoldReason.DETECTOR_SILENT if silent else HoldReason.NONE
 
 
-@compiled_call
+@compiled(inline=False)
 def _report(memory: ReactionMemory, limits: ReactionLimits, why: int, now_ns: int) -> None:
     old = limits.pose_timeout * 1e9
     stale = now_ns - memory.odometry_ns > old or now_ns - memory.mocap_ns > old
@@ -378,7 +378,7 @@ def _report(memory: ReactionMemory, limits: ReactionLimits, why: int, now_ns: in
         _fill_status(memory, state, now_ns)
 
 
-@compiled_call
+@compiled(inline=False)
 def _fill_status(memory: ReactionMemory, state: int, now_ns: int) -> None:
     status = memory.status
     status.stamp_ns = now_ns
@@ -392,7 +392,7 @@ def _fill_status(memory: ReactionMemory, state: int, now_ns: int) -> None:
     memory.status_due = True
 
 
-@compiled_call
+@compiled(inline=False)
 def take_pose_message(
     memory: ReactionMemory, limits: ReactionLimits, pose: Pose, now_ns: int
 ) -> None:
@@ -400,7 +400,7 @@ def take_pose_message(
     note_mocap(memory, limits, now_ns)
 
 
-@compiled_call
+@compiled(inline=False)
 def take_detector_status(
     memory: ReactionMemory, limits: ReactionLimits, status: DetectorStatus, now_ns: int
 ) -> None:
@@ -408,7 +408,7 @@ def take_detector_status(
     memory.detector_ns = now_ns
 
 
-@compiled_call
+@compiled(inline=False)
 def take_odometry_message(
     memory: ReactionMemory, limits: ReactionLimits, odometry: Odometry, now_ns: int
 ) -> None:
@@ -416,7 +416,7 @@ def take_odometry_message(
     take_estimate(memory, odometry, now_ns)
 
 
-@compiled_call
+@compiled(inline=False)
 def take_setpoint_message(
     memory: ReactionMemory, limits: ReactionLimits, setpoint: PositionSetpoint, now_ns: int
 ) -> None:
@@ -424,7 +424,7 @@ def take_setpoint_message(
     take_mission_setpoint(memory, setpoint, now_ns)
 
 
-@compiled_call
+@compiled(inline=False)
 def decides_in_python(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -> bool:
     """Return whether a decision is to be asked in the next step: it may be anybody's Python."""
     return memory.pending > 0 or reference_due(memory, now_ns)

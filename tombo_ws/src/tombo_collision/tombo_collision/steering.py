@@ -14,7 +14,7 @@ import numpy as np
 
 from tombo_collision.decision import at_rest, turns
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.vectors import AnyVector
@@ -51,7 +51,7 @@ class Steering(Record):
     decided_ns = field("ns", "when it was decided", kind=int)
 
 
-@compiled_call
+@compiled(inline=False)
 def observe(
     steering: Steering,
     time_s: float,
@@ -88,7 +88,7 @@ def observe(
         out[i] = min(max(seen[i], LOW[i]), HIGH[i])
 
 
-@compiled_call
+@compiled(inline=False)
 def _turn_in(steering: Steering, to: AnyVector, since: Array, out: Array, first: int) -> None:
     """Write the vector from `since` (3) to `to` (3), both in map, in the policy's frame."""
     x, y = to[0] - since[0], to[1] - since[1]
@@ -98,7 +98,7 @@ def _turn_in(steering: Steering, to: AnyVector, since: Array, out: Array, first:
     out[first + 2] = to[2] - since[2]
 
 
-@compiled_call
+@compiled(inline=False)
 def steer(steering: Steering, action: Array, attitude: Array, rates: Array, out: Any) -> None:
     """Write the set point that an action asks for; no action (zeros) asks for rest at x_r.
 
@@ -129,7 +129,7 @@ def steer(steering: Steering, action: Array, attitude: Array, rates: Array, out:
     out.yaw = steering.yaw
 
 
-@compiled_call
+@compiled(inline=False)
 def steering_over(
     steering: Steering, time_s: float, position: Array, velocity: AnyVector, rates: Array
 ) -> bool:

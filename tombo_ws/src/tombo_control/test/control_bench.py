@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tombo_benchmarks.speed.kernel_flight import fly_with_true_state
 from tombo_control.autopilot import Autopilot, new_autopilot
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_dynamics.arrays import Array
@@ -20,7 +21,6 @@ from tombo_dynamics.records import numbers
 from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_sim.kernel import fly_with_true_state
 
 VEHICLE = VehicleParams()
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])

@@ -13,8 +13,8 @@ from core_calls import Estimator
 from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering
 from tombo_control.params import EstimatorParams
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.messages import Phase
-from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.time_base import TICK_NS
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 

@@ -40,7 +40,8 @@ from tombo_control.safety.watch import (
 )
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, START_GRACE_NS, Compiled, Core, Output
-from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.input_check import is_future
+from tombo_dynamics.jit import compiled, taking_rows
 from tombo_dynamics.message_records import (
     AttitudeSetpointRecord,
     CollisionEventRecord,
@@ -61,12 +62,14 @@ from tombo_dynamics.messages import (
     RecoveryMode,
     RotorSpeeds,
 )
-from tombo_dynamics.propeller.impact import recovery_time
-from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_rotors
+from tombo_dynamics.propeller.mounted_propeller import (
+    PropellerChoice,
+    mounted_rotors,
+    recovery_time,
+)
 from tombo_dynamics.records import Record, field, fill_record, parameter_record
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.rotor_maps import RotorMaps
-from tombo_dynamics.stamp_check import is_future
 from tombo_dynamics.time_base import SECOND_NS, TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 
@@ -107,7 +110,7 @@ class ControllerMemory(Record):
     attitude_due = field("1", "it is to be published", kind=bool)
 
 
-@compiled_call
+@compiled(inline=False)
 def reset_inputs(memory: ControllerMemory) -> None:
     """Discard all inputs of the previous flight: no set point, so no rotor turns."""
     memory.watch.asked |= 1 << Condition.NEW_FLIGHT
@@ -118,7 +121,7 @@ def reset_inputs(memory: ControllerMemory) -> None:
     memory.blind = False
 
 
-@compiled_call
+@compiled(inline=False)
 def begin_controller(memory: ControllerMemory) -> None:
     """Begin before the first gyro sample."""
     memory.tick = _NEVER
@@ -128,7 +131,7 @@ def begin_controller(memory: ControllerMemory) -> None:
     begin_watch(memory.watch)
 
 
-@compiled_call
+@compiled(inline=False)
 def take_odometry(memory: ControllerMemory, autopilot: Autopilot, odometry: Any) -> bool:
     """Take an estimate; False: not finite, not a rotation, or old."""
     q = odometry.attitude
@@ -152,7 +155,7 @@ def take_odometry(memory: ControllerMemory, autopilot: Autopilot, odometry: Any)
     return True
 
 
-@compiled_call
+@compiled(inline=False)
 def take_biases(
     memory: ControllerMemory,
     autopilot: Autopilot,
@@ -173,7 +176,7 @@ def take_biases(
     return True
 
 
-@compiled_call
+@compiled(inline=False)
 def take_setpoint(
     memory: ControllerMemory, autopilot: Autopilot, setpoint: Any, now_ns: int
 ) -> bool:
@@ -383,22 +386,11 @@ def command_rotors(
         memory.attitude_due = True
 
 
-@compiled_call
-def command_rotors_from_python(
-    memory: Any,
-    autopilot: Any,
-    maps: RotorMaps,
-    limits: InputLimits,
-    now_ns: int,
-    stamp_ns: int,
-    gyro: Array,
-    accel: Array,
-) -> None:
-    """Answer a gyro sample as `command_rotors` does; both memories are arrays (1)."""
-    command_rotors(memory[0], autopilot[0], maps, limits, now_ns, stamp_ns, gyro, accel)
+_command_rotors = taking_rows(command_rotors, 2)
+"""`command_rotors` for Python: both memories are arrays (1)."""
 
 
-@compiled_call
+@compiled(inline=False)
 def take_odometry_message(
     memory: ControllerMemory,
     autopilot: Autopilot,
@@ -411,7 +403,7 @@ def take_odometry_message(
     take_odometry(memory, autopilot, odometry)
 
 
-@compiled_call
+@compiled(inline=False)
 def take_status_message(
     memory: ControllerMemory,
     autopilot: Autopilot,
@@ -424,7 +416,7 @@ def take_status_message(
     take_biases(memory, autopilot, status.gyro_bias, status.accel_bias, status.pose_stamp_ns)
 
 
-@compiled_call
+@compiled(inline=False)
 def take_setpoint_message(
     memory: ControllerMemory,
     autopilot: Autopilot,
@@ -561,7 +553,7 @@ class ControllerCore(Core):
         if self.clock_slack_ns and stamp < self._gyro_stamp_ns - CLOCK_SET_BACK_NS:
             reset_inputs(self.memory)  # the last flight's set point would lift the vehicle off
         self._gyro_stamp_ns = stamp
-        command_rotors_from_python(
+        _command_rotors(
             *self._arrays, self.maps, self.limits, now_ns, stamp, sample.gyro, sample.accel
         )
         self._outputs += self.take_due()

@@ -10,7 +10,7 @@ import math
 
 from tombo_control.autopilot import HISTORY_TICKS, Autopilot, State
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import rotate_by_vector, rotated, rotated_back, rotation_vector
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vectors import scale, subtract
@@ -97,7 +97,7 @@ def correction_step(period: float) -> float:
     return min(max(period, TICK_S), 0.2)
 
 
-@compiled_call
+@compiled(inline=False)
 def correct(
     autopilot: Autopilot,
     position: Array,

@@ -41,9 +41,9 @@ from tombo_control.uncertainty import (
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, START_GRACE_NS, Compiled, Core, Output
 from tombo_dynamics.frames import is_map
-from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.input_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose
+from tombo_dynamics.jit import compiled, taking_rows
 from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometry, Phase, Pose
-from tombo_dynamics.pose_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose
 from tombo_dynamics.records import Record, field, fill_record
 from tombo_dynamics.rotation import rotated_back, rotation_vector
 from tombo_dynamics.time_base import TICK_NS, TICK_S
@@ -98,7 +98,7 @@ class EstimatorMemory(Record):
     status_due = field("1", "so is a status", kind=bool)
 
 
-@compiled_call
+@compiled(inline=False)
 def reset_estimator(memory: EstimatorMemory) -> None:
     """Reset the state; the next poses begin it again."""
     memory.running = False
@@ -110,7 +110,7 @@ def reset_estimator(memory: EstimatorMemory) -> None:
     memory.stamp_ns = _NO_STAMP
 
 
-@compiled_call
+@compiled(inline=False)
 def take_pose(
     memory: EstimatorMemory,
     autopilot: Autopilot,
@@ -152,7 +152,7 @@ def take_pose(
     return why
 
 
-@compiled_call
+@compiled(inline=False)
 def _append_pending(memory: EstimatorMemory, tick: int, position: Array, attitude: Array) -> None:
     """Keep a pose for its IMU sample; of too many the oldest is dropped."""
     if memory.pending == _PENDING:
@@ -166,14 +166,14 @@ def _append_pending(memory: EstimatorMemory, tick: int, position: Array, attitud
     memory.pending += 1
 
 
-@compiled_call
+@compiled(inline=False)
 def _drop_first_pending(memory: EstimatorMemory) -> None:
     memory.pending -= 1
     for k in range(memory.pending):
         memory.pending_poses[k] = memory.pending_poses[k + 1]
 
 
-@compiled_call
+@compiled(inline=False)
 def _initialize(
     memory: EstimatorMemory, autopilot: Autopilot, stamp_ns: int, position: Array, attitude: Array
 ) -> None:
@@ -209,13 +209,13 @@ def _initialize(
     memory.initial = 0
 
 
-@compiled_call
+@compiled(inline=False)
 def _distance(position: Array, x: float, y: float, z: float) -> float:
     x, y, z = position[0] - x, position[1] - y, position[2] - z
     return math.sqrt(x * x + y * y + z * z)
 
 
-@compiled_call
+@compiled(inline=False)
 def _check_jump(
     memory: EstimatorMemory, autopilot: Autopilot, stamp_ns: int, position: Array
 ) -> PoseRefusal:
@@ -347,27 +347,23 @@ def answer_imu(
         memory.status_due = status_due(stamp_ns)
 
 
-@compiled_call
-def answer_imu_from_python(
-    memory: Any, autopilot: Any, stamp_ns: int, gyro: Array, accel: Array
-) -> None:
-    """Take an IMU sample as `answer_imu` does; both memories are arrays (1)."""
-    answer_imu(memory[0], autopilot[0], stamp_ns, gyro, accel)
+_answer_imu = taking_rows(answer_imu, 2)
+"""`answer_imu` for Python: both memories are arrays (1)."""
 
 
-@compiled_call
+@compiled(inline=False)
 def odometry_due(stamp_ns: int) -> bool:
     """Return whether an estimate goes out as odometry."""
     return nearest_tick(stamp_ns) % _ODOMETRY_TICKS == 0
 
 
-@compiled_call
+@compiled(inline=False)
 def status_due(stamp_ns: int) -> bool:
     """Return whether a status goes out with an estimate."""
     return nearest_tick(stamp_ns) % _STATUS_TICKS == 0
 
 
-@compiled_call
+@compiled(inline=False)
 def fill_odometry(memory: EstimatorMemory, out: Any) -> None:
     """Write the newest estimate as odometry: velocity in base_link."""
     estimate = memory.estimate
@@ -380,7 +376,7 @@ def fill_odometry(memory: EstimatorMemory, out: Any) -> None:
     fill_covariance(memory.uncertainty, age, memory.airborne, out)
 
 
-@compiled_call
+@compiled(inline=False)
 def fill_status(memory: EstimatorMemory, out: Any) -> None:
     """Write the status that goes with the newest estimate."""
     out.stamp_ns = memory.stamp_ns
@@ -392,7 +388,7 @@ def fill_status(memory: EstimatorMemory, out: Any) -> None:
     out.rejected = memory.rejected
 
 
-@compiled_call
+@compiled(inline=False)
 def take_phase(
     memory: EstimatorMemory, autopilot: Autopilot, status: MissionStatus, now_ns: int
 ) -> None:
@@ -400,7 +396,7 @@ def take_phase(
     memory.airborne = status.phase != Phase.IDLE and status.phase != Phase.LANDED
 
 
-@compiled_call
+@compiled(inline=False)
 def take_pose_message(
     memory: EstimatorMemory, autopilot: Autopilot, pose: Pose, now_ns: int
 ) -> None:
@@ -490,7 +486,7 @@ class EstimatorCore(Core):
     def _take_imu(self, sample: Imu) -> None:
         if not np.isfinite(sample.gyro.sum() + sample.accel.sum()):
             self.health.report_event("imu_not_finite", "imu sample with NaN or infinity")
-        answer_imu_from_python(*self._arrays, sample.stamp_ns, sample.gyro, sample.accel)
+        _answer_imu(*self._arrays, sample.stamp_ns, sample.gyro, sample.accel)
         self._outputs += self.take_due()
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:

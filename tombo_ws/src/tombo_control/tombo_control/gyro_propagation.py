@@ -13,7 +13,7 @@ from tombo_control.autopilot import HISTORY_TICKS, Autopilot, State
 from tombo_control.estimator import store_history, update_body_rates
 from tombo_control.loops.cascade import run_control_loops
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import rotate_by_vector, rotated, rotation_vector
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.time_base import TICK_S
@@ -55,7 +55,7 @@ def integrate_force(state: State, accel: Array, ticks: int) -> bool:
     return True
 
 
-@compiled_call
+@compiled(inline=False)
 def correct_with_estimate(
     state: State,
     history: Array,

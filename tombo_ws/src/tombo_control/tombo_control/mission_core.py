@@ -45,7 +45,7 @@ from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, Compiled, Core, Output
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.message_records import MissionStatusRecord, PositionSetpointRecord
 from tombo_dynamics.messages import (
     PHASE_NAMES,
@@ -187,7 +187,7 @@ def status_texts(status: Any) -> dict[str, str]:
     return {"text": text}
 
 
-@compiled_call
+@compiled(inline=False)
 def begin_mission(memory: MissionMemory, started: bool) -> None:
     """Forget everything but what was published."""
     memory.begun = False
@@ -211,7 +211,7 @@ def begin_mission(memory: MissionMemory, started: bool) -> None:
     memory.has_lifted = False
 
 
-@compiled_call
+@compiled(inline=False)
 def mission_state(memory: MissionMemory) -> MissionState:
     """Return where the plan stands."""
     home = (memory.home[0], memory.home[1], memory.home[2])
@@ -225,7 +225,7 @@ def mission_state(memory: MissionMemory) -> MissionState:
     )
 
 
-@compiled_call
+@compiled(inline=False)
 def store_state(memory: MissionMemory, state: MissionState) -> None:
     """Keep where the plan stands."""
     store_leg(memory.leg, state.leg)
@@ -237,7 +237,7 @@ def store_state(memory: MissionMemory, state: MissionState) -> None:
     memory.settled_s = state.settled_s
 
 
-@compiled_call
+@compiled(inline=False)
 def take_estimate(
     memory: MissionMemory, position: Array, velocity: AnyVector, now_ns: int
 ) -> bool:
@@ -254,7 +254,7 @@ def take_estimate(
     return True
 
 
-@compiled_call
+@compiled(inline=False)
 def take_reaction(
     memory: MissionMemory,
     limits: MissionLimits,
@@ -293,7 +293,7 @@ def take_reaction(
             memory.escape[i] = x_r[i]
 
 
-@compiled_call
+@compiled(inline=False)
 def mission_step(memory: MissionMemory, plan: Plan, limits: MissionLimits, now_ns: int) -> bool:
     """Go on to `now_ns`; write `setpoint` and return True, False before the first estimate."""
     if memory.now_ns != _NEVER and now_ns < memory.now_ns - CLOCK_SET_BACK_NS:
@@ -331,12 +331,12 @@ def mission_step(memory: MissionMemory, plan: Plan, limits: MissionLimits, now_n
     return True
 
 
-@compiled_call
+@compiled(inline=False)
 def _is_planned(mode: int) -> bool:
     return mode == Phase.IDLE or Phase.TAKEOFF <= mode <= Phase.APPROACH
 
 
-@compiled_call
+@compiled(inline=False)
 def _reason_to_wait(memory: MissionMemory, limits: MissionLimits, now_ns: int) -> int:
     if memory.two_estimators:
         return WaitReason.TWO_ESTIMATORS
@@ -355,7 +355,7 @@ def _reason_to_wait(memory: MissionMemory, limits: MissionLimits, now_ns: int) -
     return WaitReason.NONE
 
 
-@compiled_call
+@compiled(inline=False)
 def _advance(memory: MissionMemory, plan: Plan, limits: MissionLimits, waited: int) -> None:
     """Take the plan's next step, with a fresh estimate."""
     state, now, here = mission_state(memory), memory.time_ns * 1e-9, memory.position
@@ -389,7 +389,7 @@ def _advance(memory: MissionMemory, plan: Plan, limits: MissionLimits, waited: i
     store_state(memory, state)
 
 
-@compiled_call
+@compiled(inline=False)
 def _tracking_error(state: MissionState, now: float, here: Array) -> float:
     """Return how far the vehicle is from the reference [m]."""
     x, y, z = leg_position(state.leg, now)
@@ -397,13 +397,13 @@ def _tracking_error(state: MissionState, now: float, here: Array) -> float:
     return math.sqrt(x * x + y * y + z * z)
 
 
-@compiled_call
+@compiled(inline=False)
 def _reference_moves(state: MissionState, now: float) -> bool:
     x, y, z = state.leg.velocity
     return (x != 0.0 or y != 0.0 or z != 0.0) and now < state.leg.end_s
 
 
-@compiled_call
+@compiled(inline=False)
 def _is_on_ground(memory: MissionMemory, state: MissionState, now: float) -> bool:
     """Say whether the vehicle stands on the ground though it is to fly.
 
@@ -432,7 +432,7 @@ def _is_on_ground(memory: MissionMemory, state: MissionState, now: float) -> boo
     return bool(rests_s >= (_REST_S if memory.has_flown else _NO_LIFT_S))
 
 
-@compiled_call
+@compiled(inline=False)
 def _set_point(memory: MissionMemory, now_ns: int, still: bool) -> None:
     """Write the reference at the present flight time; `still`: held where it is."""
     leg, now = stored_leg(memory.leg), memory.time_ns * 1e-9
@@ -452,7 +452,7 @@ def _set_point(memory: MissionMemory, now_ns: int, still: bool) -> None:
     out.stamp_ns = now_ns
 
 
-@compiled_call
+@compiled(inline=False)
 def _was_put_down(memory: MissionMemory) -> bool:
     """Say whether a vehicle that has flown stands on the ground, whatever the plan believes.
 
@@ -465,7 +465,7 @@ def _was_put_down(memory: MissionMemory) -> bool:
     return bool(slow and memory.position[2] < memory.home[2] + _LOW)
 
 
-@compiled_call
+@compiled(inline=False)
 def take_off(memory: MissionMemory) -> bool:
     """Begin the plan on the ground, or go on with one that an operator holds; False: it flies."""
     flies = memory.begun and memory.mode != Phase.IDLE and memory.mode != Phase.LANDED
@@ -490,7 +490,7 @@ def take_off(memory: MissionMemory) -> bool:
     return True
 
 
-@compiled_call
+@compiled(inline=False)
 def land_now(memory: MissionMemory, plan: Plan) -> bool:
     """Land where the vehicle is; a plan that has not begun does not begin. False: it is down."""
     memory.held = False
@@ -504,7 +504,7 @@ def land_now(memory: MissionMemory, plan: Plan) -> bool:
     return True
 
 
-@compiled_call
+@compiled(inline=False)
 def take_odometry(
     memory: MissionMemory,
     params: Any,
@@ -518,7 +518,7 @@ def take_odometry(
     return take_estimate(memory, odometry.position, velocity, now_ns)
 
 
-@compiled_call
+@compiled(inline=False)
 def take_reaction_status(
     memory: MissionMemory,
     params: Any,
@@ -532,7 +532,7 @@ def take_reaction_status(
     take_reaction(memory, limits, s.state, s.x_r, s.collisions, s.stamp_ns, now_ns)
 
 
-@compiled_call
+@compiled(inline=False)
 def take_answer(
     memory: MissionMemory,
     params: Any,
@@ -545,7 +545,7 @@ def take_answer(
     memory.answer_ns = now_ns
 
 
-@compiled_call
+@compiled(inline=False)
 def step_mission(
     memory: MissionMemory, params: Any, waypoints: Array, limits: MissionLimits, now_ns: int
 ) -> None:

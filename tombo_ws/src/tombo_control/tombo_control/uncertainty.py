@@ -18,7 +18,7 @@ import math
 from typing import Any
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.time_base import TICK_S
 
@@ -43,7 +43,7 @@ class Uncertainty(Record):
     gyro_noise = field("rad^2/s^2", "variance of a sample")
 
 
-@compiled_call
+@compiled(inline=False)
 def begin_uncertainty(memory: Uncertainty, period: float) -> None:
     """Begin with an estimate from one pose, its velocity from two, `period` [s] apart."""
     for i in range(3):
@@ -61,7 +61,7 @@ def begin_uncertainty(memory: Uncertainty, period: float) -> None:
     memory.turn_noise = 0.0
 
 
-@compiled_call
+@compiled(inline=False)
 def take_innovation(
     memory: Uncertainty,
     place_gains: tuple[float, float, float],
@@ -155,7 +155,7 @@ def _transpose(m: Array) -> None:
             m[i, k], m[k, i] = m[k, i], m[i, k]
 
 
-@compiled_call
+@compiled(inline=False)
 def fill_covariance(memory: Uncertainty, age: float, airborne: bool, out: Any) -> None:
     """Write the covariances of an odometry, `age` [s] after the newest pose.
 

@@ -8,7 +8,7 @@ from one_vehicle import Vehicle, hover_speed
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.propeller import configuration, configurations
-from tombo_dynamics.propeller.impact import propeller_performance
+from tombo_dynamics.propeller.mounted_propeller import propeller_performance
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, SPIN, VehicleParams
 
 TOMBO = {"peak_force": 145.5, "recovery_time": 0.42, "slant": 0.4, "duration": 0.014}

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from one_vehicle import Vehicle, hover_speed, random_attitude
 from scipy.spatial.transform import Rotation
 
-from tombo_dynamics.disturbance import DISTURBANCES, set_disturbance
+from tombo_benchmarks.diagnosis.disturbances import DISTURBANCES, set_disturbance
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
 

@@ -12,8 +12,8 @@ import pytest
 import tombo_dynamics
 
 CALL = """
-from tombo_dynamics import stamp_check
-print(stamp_check.__file__, stamp_check.is_future(6_000_000, 0), stamp_check.is_future(5, 0))
+from tombo_dynamics import input_check
+print(input_check.__file__, input_check.is_future(6_000_000, 0), input_check.is_future(5, 0))
 """
 
 
@@ -35,7 +35,7 @@ def test_the_same_sources_under_another_path_are_not_compiled_again(tmp_path: Pa
         )
         assert done.returncode == 0, done.stderr
         assert done.stdout.split() == [
-            str(tmp_path / name / "tombo_dynamics" / "stamp_check.py"), "True", "False"
+            str(tmp_path / name / "tombo_dynamics" / "input_check.py"), "True", "False"
         ]  # fmt: skip
         said.append(done.stderr.count("tombo: compiling"))
 

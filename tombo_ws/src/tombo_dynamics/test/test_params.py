@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_number, from_mapping, param, validate
 from tombo_dynamics.propeller import configuration
-from tombo_dynamics.propeller.rotor_inertia import rotor_inertia
+from tombo_dynamics.propeller.blade import rotor_inertia
 from tombo_dynamics.records import parameter_record
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, ROTOR_NAMES, SPIN, VehicleParams
 

@@ -55,8 +55,8 @@ class CoreHealth:
 
     def take_events(self) -> list[tuple[str, str]]:
         """Return the events since the last call."""
-        taken, self.events = self.events, []
-        return taken
+        events, self.events = self.events, []
+        return events
 
 
 def no_texts(record: Any) -> Mapping[str, str]:
@@ -208,14 +208,14 @@ class Core(ABC):
         """Return (topic, message) of all that compiled code has said is due, each once."""
         if self.compiled is None:
             return []
-        memory, found = getattr(self, self.compiled.memories[0]), []
+        memory, messages = getattr(self, self.compiled.memories[0]), []
         for topic, output in self.outputs.items():
             above, _, flag = output.due.rpartition(".")
             holder = field_of(memory, above) if above else memory
             if holder[flag]:
                 holder[flag] = False
-                found.append((topic, output.message_of(output.record_in(memory))))
-        return found
+                messages.append((topic, output.message_of(output.record_in(memory))))
+        return messages
 
     def set_params(self, section: str, params: Any) -> None:  # noqa: B027 - a hook
         """Take another record of a section, or another value of an option; the state stays."""

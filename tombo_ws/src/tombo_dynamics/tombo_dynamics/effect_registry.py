@@ -149,16 +149,16 @@ class Registry(dict[str, Effect]):
             InputError: an unknown effect or parameter, no mapping, or a value out of bounds.
         """
         checked: dict[str, dict[str, float]] = {}
-        for name, given in values.items():
+        for name, parameters in values.items():
             if name not in self:
                 raise unknown_name(f"{self._what} in {where}", name, self)
-            if not isinstance(given, Mapping):
+            if not isinstance(parameters, Mapping):
                 raise InputError(
-                    f"{where}.{name}: {shown(given)}; accepted: a mapping of parameters"
+                    f"{where}.{name}: {shown(parameters)}; accepted: a mapping of parameters"
                 )
             declared = {p.name: p for p in self[name].theta}
             checked[name] = {}
-            for key, value in given.items():
+            for key, value in parameters.items():
                 if key not in declared:
                     of = f"parameter of {self._what} '{name}' in {where}"
                     raise unknown_name(of, key, declared)

@@ -59,21 +59,21 @@ def shown(value: object, limit: int = 60) -> str:
 
 def shown_names(names: Iterable[object], most: int = _MOST_NAMES) -> str:
     """Return names parted by commas; of many the first, of long ones the start."""
-    found = [_cut(str(name), _NAME) for name in itertools.islice(names, most + 1)]
-    return ", ".join(found[:most] + ["…"] * (len(found) > most))
+    cut_names = [_cut(str(name), _NAME) for name in itertools.islice(names, most + 1)]
+    return ", ".join(cut_names[:most] + ["…"] * (len(cut_names) > most))
 
 
 def unknown_name(what: str, value: object, accepted: Iterable[object]) -> InputError:
     """Build the error for a name that is not in a list, with the closest match if there is one."""
     names = sorted(map(str, accepted))
-    given = value if isinstance(value, str) else shown(value, _NAME)
-    given = _cut(given, _NAME)
+    text = value if isinstance(value, str) else shown(value, _NAME)
+    text = _cut(text, _NAME)
     short = (name for name in names if len(name) <= _NAME)
-    close = difflib.get_close_matches(given, itertools.islice(short, _MOST_NAMES), n=1)
-    if _OTHER_WORDS.get(given) in names:
-        close = [_OTHER_WORDS[given]]
+    close = difflib.get_close_matches(text, itertools.islice(short, _MOST_NAMES), n=1)
+    if _OTHER_WORDS.get(text) in names:
+        close = [_OTHER_WORDS[text]]
     hint = f" (did you mean '{close[0]}'?)" if close else ""
-    return InputError(f"unknown {what} '{given}'{hint}; accepted: {shown_names(names)}")
+    return InputError(f"unknown {what} '{text}'{hint}; accepted: {shown_names(names)}")
 
 
 def _cut(text: str, limit: int) -> str:

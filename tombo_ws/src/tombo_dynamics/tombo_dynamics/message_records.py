@@ -26,11 +26,11 @@ def record_of(message: type[Any]) -> type[Record]:
 @cache
 def _record_of(message: Any) -> type[Record]:
     named: dict[str, Any] = {}
-    for one in fields(message):
-        unit, length = one.metadata.get("unit", "1"), one.metadata.get("length", ())
-        if one.type != "str":
-            kind = _TYPES.get(str(one.type), float)
-            named[one.name] = field(unit, f"as in {message.__name__}", length, kind)
+    for declared in fields(message):
+        unit, length = declared.metadata.get("unit", "1"), declared.metadata.get("length", ())
+        if declared.type != "str":
+            kind = _TYPES.get(str(declared.type), float)
+            named[declared.name] = field(unit, f"as in {message.__name__}", length, kind)
     return type(f"{message.__name__}Record", (Record,), named)
 
 
@@ -63,5 +63,5 @@ def message_of(kind: type[_Message], record: Any, **texts: str) -> _Message:
 
 @cache
 def _texts_of(kind: Any) -> dict[str, str]:
-    texts = [one.name for one in fields(kind) if one.type == "str"]
+    texts = [declared.name for declared in fields(kind) if declared.type == "str"]
     return {name: FRAME_MAP if name == "frame_id" else "" for name in texts}

@@ -91,14 +91,18 @@ class Record(np.void):
     layout: ClassVar[np.dtype[Any]]
 
     def __init_subclass__(cls) -> None:
-        own = {n: f for n, f in vars(cls).items() if isinstance(f, Field)}
-        cls.fields = {**getattr(cls, "fields", {}), **own}
-        taken = [name for name in own if hasattr(np.void, name)]
-        if taken:
-            raise ValueError(f"{cls.__name__}: numpy has its own meaning for {', '.join(taken)}")
-        formats = [np.dtype((one.layout(), one.shape)) for one in cls.fields.values()]
+        new_fields = {n: f for n, f in vars(cls).items() if isinstance(f, Field)}
+        cls.fields = {**getattr(cls, "fields", {}), **new_fields}
+        reserved = [name for name in new_fields if hasattr(np.void, name)]
+        if reserved:
+            raise ValueError(
+                f"{cls.__name__}: numpy has its own meaning for {', '.join(reserved)}"
+            )
+        formats = [
+            np.dtype((declared.layout(), declared.shape)) for declared in cls.fields.values()
+        ]
         # Whole words: numpy does not know how a record inside a record is to be aligned.
-        ends = np.cumsum([-(-one.itemsize // _WORD) * _WORD for one in formats]).tolist()
+        ends = np.cumsum([-(-part.itemsize // _WORD) * _WORD for part in formats]).tolist()
         placed = {
             "names": list(cls.fields),
             "formats": formats,
@@ -106,8 +110,8 @@ class Record(np.void):
             "itemsize": ends[-1],
         }
         cls.layout = np.dtype((cls, np.dtype(placed, align=True)))  # type: ignore[call-overload]
-        for name, one in own.items():
-            setattr(cls, name, property(itemgetter(name), doc=f"{one.doc} [{one.unit}]"))
+        for name, declared in new_fields.items():
+            setattr(cls, name, property(itemgetter(name), doc=f"{declared.doc} [{declared.unit}]"))
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Set a field; raises ValueError for another name."""
@@ -136,7 +140,9 @@ class Record(np.void):
 @cache
 def parameter_kind(params: Any) -> type[Record]:
     """Return the record that holds the numeric fields of a class of parameters, as floats."""
-    declared = {one.name: one.metadata for one in dataclasses.fields(params)}
+    declared = {
+        declaration.name: declaration.metadata for declaration in dataclasses.fields(params)
+    }
     numeric = {
         name: field(declared[name]["unit"], declared[name]["doc"])
         for name in numeric_fields(params)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.body_point import ground_clearance, ground_contact
 from tombo_dynamics.disturbance import disturb, prepare_disturbance
 from tombo_dynamics.effects.compose import (
     apply_air,
@@ -13,7 +14,6 @@ from tombo_dynamics.effects.compose import (
     apply_rotor,
     apply_wrench,
 )
-from tombo_dynamics.ground_contact import ground_clearance, ground_contact
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import DELAY_TICKS, Plant, State, add_slope
 from tombo_dynamics.rotation import (

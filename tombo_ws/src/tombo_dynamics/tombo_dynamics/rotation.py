@@ -174,8 +174,8 @@ def unwrap_quaternions(q: Array) -> Array:
         norm = np.linalg.norm(out, axis=1)
     good = np.flatnonzero(np.isfinite(norm) & (norm > 1e-6))
     if good.size > 1:
-        kept = out[good]
-        flips = np.where(np.einsum("ij,ij->i", kept[1:], kept[:-1]) < 0.0, -1.0, 1.0)
+        rotations = out[good]
+        flips = np.where(np.einsum("ij,ij->i", rotations[1:], rotations[:-1]) < 0.0, -1.0, 1.0)
         out[good[1:]] *= np.cumprod(flips)[:, None]
     return out
 

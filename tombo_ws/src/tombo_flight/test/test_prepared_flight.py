@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from tombo_benchmarks.diagnosis.disturbances import set_disturbance
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.disturbance import set_disturbance
 from tombo_dynamics.plant import Plant
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario

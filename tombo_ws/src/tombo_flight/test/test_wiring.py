@@ -14,7 +14,7 @@ from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_flight.run_wiring import run_cores
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_flight.wiring import core_of
-from tombo_sim.flight_end import FlightEndDetector
+from tombo_sim.ground_truth import FlightEndDetector
 from tombo_sim.simulator import Simulator
 from tombo_sim.wiring import CORES, OPERATOR, SENSORS
 

@@ -37,7 +37,7 @@ from tombo_sim.flight_loop import (
     step_in_python,
 )
 from tombo_sim.flight_setup import NOISE, FlightSetup, begin, capture_ticks
-from tombo_sim.log_columns import new_log, part_of
+from tombo_sim.kernel import new_log, part_of
 from tombo_sim.sensing import in_order_of_arrival
 from tombo_sim.wiring import CORES
 

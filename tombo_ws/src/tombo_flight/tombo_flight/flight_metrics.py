@@ -48,7 +48,7 @@ FIGURE_COLUMNS = (
     *("position", "attitude", "velocity", "rates", "fold", "damage"),
     *("contact", "contact_force", "position_setpoint", "mode"),
 )
-"""Columns of the log, as in `tombo_sim.log_columns`, that `summarize` reads."""
+"""Columns of the log, as in `tombo_sim.kernel`, that `summarize` reads."""
 
 
 @dataclass(frozen=True)

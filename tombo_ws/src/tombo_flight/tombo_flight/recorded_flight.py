@@ -52,7 +52,7 @@ from tombo_dynamics.time_base import SECOND_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import phase_event, with_figures
 from tombo_flight.scenario import Scenario, as_mapping, scenario_from_mapping
 from tombo_px4.modes import landing_phases
-from tombo_sim.log_columns import LogRow
+from tombo_sim.kernel import LogRow
 
 _FIRST_POSES = 3
 """The estimator begins from so many poses of the motion capture."""

@@ -22,7 +22,7 @@ from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_NS
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import core_of
 from tombo_sim.failsafe import Failsafe
-from tombo_sim.flight_end import FlightEndDetector
+from tombo_sim.ground_truth import FlightEndDetector
 from tombo_sim.simulator import Simulator
 from tombo_sim.wiring import COMMAND, CORES, IMU, PHASE, POSE
 

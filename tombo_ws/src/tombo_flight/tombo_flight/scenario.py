@@ -21,7 +21,7 @@ from tombo_control.recovery.params import ContactParams, RecoveryParams
 from tombo_control.safety.flight_volume import check_volume
 from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.effects import check_theta
-from tombo_dynamics.effects.vehicle_size import effects_for
+from tombo_dynamics.effects.registry import effects_for
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number, from_mapping, param
 from tombo_dynamics.propeller import LAWS

@@ -17,11 +17,11 @@ from typing import Any
 
 from tombo_control.loops.loop_design import gains_for
 from tombo_control.params import ControlParams
-from tombo_dynamics.drive import DriveParams
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number, from_mapping
 from tombo_dynamics.propeller.mounted_propeller import (
+    PlainPropeller,
     PropellerChoice,
     check_choice,
     mounted_configuration,
@@ -29,9 +29,8 @@ from tombo_dynamics.propeller.mounted_propeller import (
     mounted_vehicle,
     thrust_map_of,
 )
-from tombo_dynamics.propeller.plain_propeller import PlainPropeller
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
-from tombo_dynamics.vehicle import VehicleParams, similar_vehicle
+from tombo_dynamics.vehicle import DriveParams, VehicleParams, similar_vehicle
 from tombo_dynamics.yaml_text import parse_yaml, read_text
 from tombo_flight.yaml_file import (
     END,

@@ -36,6 +36,7 @@ from tombo_control.safety.flight_volume import check_volume
 from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
+from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.messages import (
     EstimatorStatus,
     Imu,
@@ -43,7 +44,6 @@ from tombo_dynamics.messages import (
     PositionSetpoint,
     unknown_covariance,
 )
-from tombo_dynamics.pose_check import PoseRefusal
 from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import VehicleParams

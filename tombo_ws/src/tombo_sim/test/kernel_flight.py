@@ -34,7 +34,7 @@ from tombo_sim.flight_loop import (
     shared_by,
     step_in_python,
 )
-from tombo_sim.log_columns import new_log
+from tombo_sim.kernel import new_log
 from tombo_sim.sensing import in_order_of_arrival
 
 VEHICLE = VehicleParams()

@@ -4,12 +4,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from kernel_flight import IN_THE_WAY, NOISE, NOISY, TICK, fly_kernel, maps, memories
+from kernel_flight import IN_THE_WAY, NOISE, NOISY, TICK, fly_kernel
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.records import numbers
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
-from tombo_sim.kernel import fly_with_true_state
 
 TRUTH = ("position", "velocity", "attitude", "rates", "rotor_speed")
 
@@ -153,41 +152,17 @@ def test_the_force_of_a_contact_is_in_the_log_while_it_lasts():
     assert gained[:2] == pytest.approx(impulse[:2], abs=0.1)
 
 
-# --- bare loop and batches ------------------------------------------------------------------
-
-
-def hop(seed):
-    plant, a, theta = memories({"linear_rotor_drag": {"d_xy": 0.3}}, yaw=0.1 * seed)
-    fly_with_true_state(plant, a, maps(), theta, np.zeros(NOISE), 0, 4000)
-    return plant, a
-
-
-def test_flying_on_the_truth_reaches_the_set_point():
-    plant, _ = hop(1)
-    assert plant.state.position == pytest.approx([0.5, 0.1, 1.4], abs=0.1)
-    assert np.abs(plant.state.velocity).max() < 0.2
-
-
-def test_the_bare_loop_in_pieces_is_the_loop_in_one():
-    whole, _ = hop(2)
-    plant, a, theta = memories({"linear_rotor_drag": {"d_xy": 0.3}}, yaw=0.2)
-    for start in range(0, 4000, 500):
-        fly_with_true_state(plant, a, maps(), theta, np.zeros(NOISE), start, start + 500)
-    assert plant == whole
-
-
-def test_vehicles_on_threads_fly_as_they_do_alone():
-    alone = [hop(seed) for seed in range(8)]
-    with ThreadPoolExecutor(4) as pool:
-        together = list(pool.map(hop, range(8)))
-    for (plant, autopilot), (plant_b, autopilot_b) in zip(alone, together, strict=True):
-        assert plant == plant_b
-        assert autopilot.tobytes() == autopilot_b.tobytes()
-
-
 def test_whole_flights_on_threads_are_the_same():
     alone = [fly_kernel(NOISY, seed=seed) for seed in range(4)]
     with ThreadPoolExecutor(4) as pool:
         together = list(pool.map(lambda seed: fly_kernel(NOISY, seed=seed), range(4)))
     for one, other in zip(alone, together, strict=True):
         same(one, other)
+
+
+def test_every_column_of_the_log_is_written_in_every_tick():
+    flight = fly_kernel(NOISY, seconds=0.5, **IN_THE_WAY)
+    assert all(np.isfinite(values).all() for values in flight.columns.values())
+    constant = {n for n, values in flight.columns.items() if not np.ptp(values, axis=0).any()}
+    resting = {f"{name}_setpoint" for name in ("position", "velocity", "acceleration")}
+    assert constant <= {*resting, "mode", "damage", "fold", "contact", "contact_force"}

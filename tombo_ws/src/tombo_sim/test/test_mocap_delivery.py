@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from kernel_flight import IN_THE_WAY, NOISE, NOISY, RATE, TICK, capture_ticks, fly_kernel
+from kernel_flight import NOISE, RATE, TICK, capture_ticks, fly_kernel
 
 RAGGED = {"mocap_latency": {"delay": 0.05, "jitter": 0.03}}
 """Jitter as long as the period: samples overtake each other."""
@@ -98,10 +98,3 @@ def test_the_estimate_does_not_lag_behind_late_poses():
         )
         errors.append(np.abs(f["est_position"] - f["position"]).max())
     assert errors[1] < 0.01
-
-
-def test_gap_state_carries_over_between_calls():
-    whole = fly_kernel(NOISY, seconds=2.0, seed=9, **IN_THE_WAY)
-    pieces = fly_kernel(NOISY, seconds=2.0, seed=9, chunk=5, **IN_THE_WAY)
-    assert whole.delivered == pieces.delivered
-    assert whole.plant.memories.mocap_dropouts == pieces.plant.memories.mocap_dropouts

@@ -6,8 +6,7 @@ from kernel_flight import NOISE, TICK, VEHICLE, fly_kernel, maps
 
 from tombo_dynamics.effects.compose import new_plant, pack_theta
 from tombo_dynamics.plant import State
-from tombo_sim.inverse_simulation import ImposedTick, run_along_motion
-from tombo_sim.open_loop import open_loop
+from tombo_sim.inverse_simulation import ImposedTick, open_loop, run_along_motion
 
 SEED = 6
 EFFECTS = {

@@ -16,7 +16,7 @@ from tombo_collision.steering import ACTIONS, HIGH, Steering, observe, steer, st
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
@@ -82,7 +82,7 @@ def row_of(batch: Any, i: int) -> Any:
     return batch[i : i + 1]
 
 
-@compiled_call
+@compiled(inline=False)
 def fly_batch(batch: Batch, shared: Shared, first: int, last: int) -> None:
     """Fly vehicles `first` to `last` - 1 until each waits, is over, ends, or needs random numbers.
 
@@ -116,7 +116,7 @@ def fly_batch(batch: Batch, shared: Shared, first: int, last: int) -> None:
         batch.status[i] = status
 
 
-@compiled_call
+@compiled(inline=False)
 def _take_action(steering: Any, reaction: Any, action: Array, tick: int) -> None:
     """Make the set point of an action the reaction's reference; as `ReactionCore` asks for it."""
     out = reaction.reference
@@ -126,7 +126,7 @@ def _take_action(steering: Any, reaction: Any, action: Array, tick: int) -> None
     reaction.publish_due = True
 
 
-@compiled_call
+@compiled(inline=False)
 def _decide(batch: Batch, shared: Shared, i: int, reaction: Any) -> int:
     """Observe if an action is due, else step the reaction; return what the vehicle does now."""
     now = EPOCH_NS + (batch.flights.progress[i].tick - 1) * TICK_NS

@@ -16,17 +16,18 @@ from tombo_control.planning.leg import store_leg, straight_leg
 from tombo_control.tick_calls import predict, run_cascade, store_history, update_body_rates
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase
+from tombo_dynamics.rotation import yaw_of
 from tombo_dynamics.time_base import TICK_HZ, TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.simulator import Simulator
 
 _DESCENT = 0.4
 """[m/s], estimated: as the mission lands."""
-_BELOW = 0.6
-"""[m] the descent's goal is below the ground, so that it is reached for sure."""
-_LOW = 0.05
+_GOAL_DEPTH = 0.6
+"""[m] of the descent's goal below the ground, so that the ground is reached for sure."""
+_LANDED_HEIGHT = 0.05
 """[m] above the ground: landed, if at rest."""
-_LOW_TICKS = TICK_HZ
+_LANDED_TICKS = TICK_HZ
 """After so long this low it has landed: without mocap it can float on the ground's cushion."""
 
 
@@ -51,7 +52,7 @@ class Failsafe:
         state = autopilot.state
         height = simulator.height - self._ground
         airborne = height > 0.02
-        self._low_ticks = self._low_ticks + 1 if height < _LOW else 0
+        self._low_ticks = self._low_ticks + 1 if height < _LANDED_HEIGHT else 0
         store_history(self._autopilots, tick)
         for sample in simulator.arrived:
             captured = sample.captured * TICK_S
@@ -62,9 +63,9 @@ class Failsafe:
         update_body_rates(self._autopilots, simulator.gyro)
         if self.engaged:
             run_cascade(self._autopilots, self._maps, tick)
-            low = state.position[2] < self._ground + _LOW
+            low = state.position[2] < self._ground + _LANDED_HEIGHT
             still = float(np.abs(state.velocity).max()) < 0.2
-            if (low and still) or self._low_ticks > _LOW_TICKS:
+            if (low and still) or self._low_ticks > _LANDED_TICKS:
                 autopilot.mode_asked = Phase.LANDED
         predict(self._autopilots, simulator.accel, airborne)
 
@@ -73,17 +74,12 @@ class Failsafe:
         autopilot = self._autopilot
         state, setpoint = autopilot.state, autopilot.setpoint
         x, y, z = (float(v) for v in state.position)
-        forward = state.attitude
-        yaw = np.arctan2(
-            2.0 * (forward[3] * forward[2] + forward[0] * forward[1]),
-            1.0 - 2.0 * (forward[1] ** 2 + forward[2] ** 2),
-        )
-        below = (x, y, self._ground - _BELOW)
-        leg = straight_leg((x, y, z), below, _DESCENT, tick * TICK_S, float(yaw))
+        goal, yaw = (x, y, self._ground - _GOAL_DEPTH), yaw_of(state.attitude)
+        leg = straight_leg((x, y, z), goal, _DESCENT, tick * TICK_S, yaw)
         store_leg(autopilot.leg, leg)
         stop_rotors(state, setpoint, autopilot.loops)
         setpoint.yaw = leg.yaw
-        setpoint.attitude = forward
+        setpoint.attitude = state.attitude
         setpoint.thrust = self._hover
         autopilot.mode_asked = Phase.LAND
         self.engaged = True

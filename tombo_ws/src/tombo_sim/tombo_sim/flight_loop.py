@@ -25,8 +25,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.jit import load_generated
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
-from tombo_sim.kernel import FlightProgress, Flights, Shared
-from tombo_sim.log_columns import new_log
+from tombo_sim.kernel import FlightProgress, Flights, Shared, new_log
 from tombo_sim.sensing import Captures, MocapEntry
 from tombo_sim.wiring import COMMAND, CORES, IMU, PHASE, POSE, SENSORS
 
@@ -43,19 +42,19 @@ def _reads_table(core: type[Core], topic: str) -> bool:
 
 def _tables(cores: Sequence[type[Core]]) -> dict[str, Output]:
     """Return the topics of which a flight keeps the messages."""
-    taken = {t for core in cores for t in core.inputs if _reads_table(core, t)}
+    needed = {t for core in cores for t in core.inputs if _reads_table(core, t)}
     outputs = {t: output for core in cores for t, output in core.outputs.items()}
     return {
         topic: output
         for topic, output in {**SENSORS, **outputs}.items()
-        if topic in taken or not (output.logged or topic in SENSORS)
+        if topic in needed or not (output.logged or topic in SENSORS)
     }
 
 
 def _readers(cores: Sequence[type[Core]], tables: Mapping[str, Output]) -> list[tuple[str, str]]:
     """Return who takes from which table: name of the core, topic."""
-    found = [(_SIMULATOR, PHASE)] if PHASE in tables else []
-    return found + [
+    simulator = [(_SIMULATOR, PHASE)] if PHASE in tables else []
+    return simulator + [
         (core.name, topic)
         for core in cores
         for topic in core.inputs
@@ -159,8 +158,8 @@ class _Source:
         """Return a core's turn in a tick."""
         compiled = core.compiled
         period = f"now % {core.period_ns} == 0"
-        there = [t for t in core.inputs if t in SENSORS or t in TABLES]
-        in_python = [t for t in there if compiled is None or t not in compiled.takes]
+        inputs = [t for t in core.inputs if t in SENSORS or t in TABLES]
+        in_python = [t for t in inputs if compiled is None or t not in compiled.takes]
         unread = " or ".join(_unread(core.name, topic) for topic in in_python)
         if compiled is None:
             messages = core.steps_on_messages and in_python
@@ -168,8 +167,8 @@ class _Source:
                 f"if {period} or {unread}:" if messages else f"if {period}:",
                 f"    flight.to_step |= {1 << c}",
             ]
-        takes = [t for t in there if t in compiled.takes]
-        if [*takes, *in_python] != there:
+        takes = [t for t in inputs if t in compiled.takes]
+        if [*takes, *in_python] != inputs:
             raise TypeError(f"{core.__name__}: topics without a function are the last of inputs")
         if compiled.step is None:
             published = self.publish(core)
@@ -183,10 +182,12 @@ class _Source:
         if not core.steps_on_messages:
             hand = [line for topic in takes for line in self.take(core, topic, [])]
             return [f"if {period}:", *_indented([*hand, *step])]
-        has = f"{core.name}_has"
-        hand = [line for topic in takes for line in self.take(core, topic, [f"{has} = True"])]
-        due = " or ".join([has, period, *([unread] if unread else [])])
-        return [f"{has} = False", *hand, f"if {due}:", *_indented(step)]
+        has_messages = f"{core.name}_has_messages"
+        hand = [
+            line for topic in takes for line in self.take(core, topic, [f"{has_messages} = True"])
+        ]
+        due = " or ".join([has_messages, period, *([unread] if unread else [])])
+        return [f"{has_messages} = False", *hand, f"if {due}:", *_indented(step)]
 
     @staticmethod
     def _to_python(c: int, unread: str, otherwise: list[str]) -> list[str]:
@@ -254,10 +255,11 @@ class _Source:
         head = ['"""Generated from the wiring. Do not edit."""', *_stamps(self.cores), ""]
         return "\n".join([
             *head, *_IMPORTS, *self.imports.values(), *self.publishers,
-            "", "", "@compiled_loop_call", f'def fly_ticks({names}, stop) -> "bool":',
+            "", "", "@compiled(inline=False, counted=False)",
+            f'def fly_ticks({names}, stop) -> "bool":',
             *_indented([*_BEGIN, "while flight.tick < min(stop, flight.end):"]),
             *_indented(_indented(loop)), "    return False",
-            "", "", "@compiled_loop", 'def fly(flights, shared, i, stop) -> "bool":',
+            "", "", "@compiled(counted=False)", 'def fly(flights, shared, i, stop) -> "bool":',
             *_indented([*_assigned(views), f"return fly_ticks({names}, stop)"]),
             *steps, *_forget(), "",
         ])  # fmt: skip
@@ -281,8 +283,7 @@ class _Source:
             self.call(core, compiled.step, "step"),
             *self.publish(core),
         ]
-        return ["", "", "@compiled_call", f"def step_{core.name}(flights, shared, i):",
-                *_indented(body)]  # fmt: skip
+        return _function(f"step_{core.name}(flights, shared, i)", body)
 
 
 def _name(core: type[Core], path: str) -> str:
@@ -297,6 +298,10 @@ def _indented(lines: Sequence[str]) -> list[str]:
     return [f"    {line}" for line in lines]
 
 
+def _function(head: str, body: Sequence[str]) -> list[str]:
+    return ["", "", "@compiled(inline=False)", f"def {head}:", *_indented(body)]
+
+
 def _unread(name: str, topic: str) -> str:
     """Return the condition that there is a message to take: of a sensor that of this tick, too."""
     row, k = f"read[{READERS.index((name, topic))}]", _INDEX[topic]
@@ -306,7 +311,7 @@ def _unread(name: str, topic: str) -> str:
 
 def _publisher(name: str, topic: str, due: str, write: str) -> list[str]:
     k = _INDEX[topic]
-    return ["", "", "@compiled_call", f"def {name}(memory, table, counts, tick):", *_indented([
+    return _function(f"{name}(memory, table, counts, tick)", [
         f"row = counts[{k}]",
         "if row < table.shape[0]:",
         "    entry = table[row]",
@@ -314,7 +319,7 @@ def _publisher(name: str, topic: str, due: str, write: str) -> list[str]:
         f"    {write}",
         f"    counts[{k}] = row + 1",
         f"memory.{due} = False",
-    ])]  # fmt: skip
+    ])  # fmt: skip
 
 
 def _published_sample() -> list[str]:
@@ -342,14 +347,13 @@ def _phase() -> list[str]:
 
 def _forget() -> list[str]:
     """Return the function that drops the messages that all have taken."""
-    lines = ["", "", "@compiled_call", "def forget_messages(flights, i):"]
     body = ["counts, read = flights.counts[i], flights.read[i]"]
     for topic, k in _INDEX.items():
-        rows = [f"read[{r}]" for r, (_, taken) in enumerate(READERS) if taken == topic]
+        rows = [f"read[{r}]" for r, (_, read_topic) in enumerate(READERS) if read_topic == topic]
         first = f"min({', '.join([f'counts[{k}]', *rows])})" if rows else f"counts[{k}]"
         body += [f"gone = {first}", f"drop_rows(flights.published[{k}][i], counts, {k}, gone)"]
         body += [f"{row} -= gone" for row in rows]
-    return lines + _indented(body)
+    return _function("forget_messages(flights, i)", body)
 
 
 def _stamps(cores: Sequence[type[Core]]) -> Iterator[str]:
@@ -362,7 +366,7 @@ def _stamps(cores: Sequence[type[Core]]) -> Iterator[str]:
 
 
 _IMPORTS = [
-    "from tombo_dynamics.jit import compiled_call, compiled_loop, compiled_loop_call",
+    "from tombo_dynamics.jit import compiled",
     "from tombo_dynamics.rigid_body import finish_tick",
     "from tombo_dynamics.time_base import EPOCH_NS, TICK_NS",
     "from tombo_sim.kernel import Sample, drop_rows, publish_pose, publish_sample",
@@ -479,12 +483,12 @@ def new_flights(
     count: int, plant: Any, theta: Array, cores: Sequence[Core], captures: int, block: int
 ) -> Flights:
     """Return room for N flights of so many poses, with normals for `block` ticks."""
-    one = one_flight(
+    template = one_flight(
         plant, theta, (np.zeros(captures, np.int64), np.zeros((captures, 9))), cores, ()
     )
-    noise = np.zeros((1, block, one.noise.shape[2]))
-    wide = _repeated(one._replace(noise=noise), count)
-    flights: Flights = wide._replace(published=new_published(count, block))
+    noise = np.zeros((1, block, template.noise.shape[2]))
+    repeated = _repeated(template._replace(noise=noise), count)
+    flights: Flights = repeated._replace(published=new_published(count, block))
     return flights
 
 
@@ -552,11 +556,11 @@ def published_by(flights: Flights, i: int) -> dict[str, Any]:
     Raises:
         InputError: a table was full.
     """
-    found = {}
+    published = {}
     for k, (topic, output) in enumerate(TABLES.items()):
         table, rows = flights.published[k][i], int(flights.counts[i, k])
         if rows >= table.size:
             raise InputError(f"{topic}: more than {rows} messages; accepted: one in each tick")
         if topic not in SENSORS and not output.logged:
-            found[topic] = table[:rows]
-    return found
+            published[topic] = table[:rows]
+    return published

@@ -60,9 +60,9 @@ def begin(world: World, seed: int) -> FlightSetup:
     vehicle = mounted_vehicle(world.vehicle, world.propeller)
     maps = mounted_rotors(world.propeller, vehicle)
     draw_seed, tick_seed, mocap_seed, spread_seed = np.random.SeedSequence(seed).spawn(4)
-    given = vehicle_effects(world.propeller, vehicle, world.effects)
+    nominal = vehicle_effects(world.propeller, vehicle, world.effects)
     uniform = np.random.default_rng(spread_seed).uniform(-1.0, 1.0, 4).tolist()
-    effects = _spread_effects(given, world.spread, vehicle, uniform)
+    effects = _spread_effects(nominal, world.spread, vehicle, uniform)
     theta = pack_theta(effects)
     draws = np.random.default_rng(draw_seed).standard_normal(16)
     plant = new_plant(vehicle)
@@ -107,18 +107,18 @@ def _spread_effects(
     draws: Sequence[float],
 ) -> dict[str, dict[str, float]]:
     """Return effects with what differs from flight to flight; `draws` (4) within -1 and 1."""
-    found = {name: dict(values) for name, values in effects.items()}
+    drawn = {name: dict(values) for name, values in effects.items()}
     if spread.recovery_time:
-        found["blade_strike"]["recovery_time"] *= 1.0 + spread.recovery_time * draws[0]
+        drawn["blade_strike"]["recovery_time"] *= 1.0 + spread.recovery_time * draws[0]
     if spread.motor_lag:
-        lag = found.setdefault("motor_lag", {})
+        lag = drawn.setdefault("motor_lag", {})
         change = vehicle.motor_time_constant * spread.motor_lag * draws[1]
         lag["extra_tau"] = lag.get("extra_tau", 0.0) + change
     if spread.wind:
-        wind = found.setdefault("steady_wind", {})
+        wind = drawn.setdefault("steady_wind", {})
         wind["east"] = wind.get("east", 0.0) + spread.wind * math.cos(math.pi * draws[2])
         wind["north"] = wind.get("north", 0.0) + spread.wind * math.sin(math.pi * draws[2])
-    return found
+    return drawn
 
 
 def _check_start(vehicle: VehicleParams, start: Array, obstacle: Sequence[float]) -> None:

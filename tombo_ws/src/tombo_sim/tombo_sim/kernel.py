@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,20 +14,76 @@ import numpy as np
 from tombo_control.autopilot import Autopilot
 from tombo_control.controller_core import ControllerMemory
 from tombo_control.estimator_core import EstimatorMemory
-from tombo_control.loops.cascade import cascade
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.jit import compiled, compiled_call, compiled_loop
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
-from tombo_dynamics.rigid_body import begin_tick, finish_tick
 from tombo_dynamics.rotation import upright
-from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_dynamics.vectors import ZERO, store
-from tombo_sim.flight_end import UNDECIDED, FlightEnd, watch_end
-from tombo_sim.ground_truth import contact_force
+from tombo_sim.ground_truth import UNDECIDED, FlightEnd, contact_force, watch_end
 from tombo_sim.sensing import MocapEntry
+
+
+class LogRow(Record):
+    """Truth, then what the autopilot knew and wanted. Map is ENU, body FLU."""
+
+    position = field("m", "map", 3)
+    velocity = field("m/s", "map", 3)
+    attitude = field("1", "quaternion xyzw, map from body", 4)
+    rates = field("rad/s", "body", 3)
+    rotor_speed = field("rad/s", "of each rotor", 4)
+    rotor_thrust = field("N", "of each rotor", 4)
+    fold = field("1", "0: blade straight, 1: folded back", 4)
+    damage = field("1", "0: new, 1: torn off", 4)
+    contact_force = field("N", "of the obstacle on blades and frame, map", 3)
+    contact = field("", "touching (0/1), rotor (-1: frame), point in map [m] (3)", 5)
+    gyro = field("rad/s", "as measured, body", 3)
+    accel = field("m/s^2", "specific force as measured, body", 3)
+    est_position = field("m", "estimated, map", 3)
+    est_velocity = field("m/s", "estimated, map", 3)
+    est_attitude = field("1", "estimated quaternion xyzw", 4)
+    position_setpoint = field("m", "map", 3)
+    velocity_setpoint = field("m/s", "what the reference feeds forward, map", 3)
+    acceleration_setpoint = field("m/s^2", "what the reference feeds forward, map", 3)
+    attitude_setpoint = field("1", "quaternion xyzw", 4)
+    rates_setpoint = field("rad/s", "body", 3)
+    thrust_setpoint = field("N", "collective", 1)
+    rotor_command = field("rad/s", "of each rotor", 4)
+    mode = field("1", "phase of the set point, or blind", 1)
+    wind = field("m/s", "velocity of the air, map", 3)
+    battery = field("", "charge used [A h], current [A], voltage [V]", 3)
+
+
+Log = namedtuple("Log", list(LogRow.fields))  # type: ignore[misc]
+"""One array a column of `LogRow`, a row a tick."""
+
+
+_STAGGER = 8
+"""Numbers, of 8 bytes: a line of cache."""
+
+
+def new_log(ticks: int) -> Any:
+    """Return an empty `Log`: each column lies in one piece, since it is read as one.
+
+    All are written in every tick, so they start at different places of their memory pages: a
+    processor's first cache has room for few lines of the same place.
+    """
+    shapes = [column.shape for column in LogRow.fields.values()]
+    sizes = [-(-ticks * math.prod(shape) // 512) * 512 + _STAGGER for shape in shapes]
+    pieces = np.split(np.zeros(sum(sizes)), np.cumsum(sizes)[:-1])
+    return Log(
+        *(
+            piece[: ticks * math.prod(shape)].reshape(ticks, *shape)
+            for piece, shape in zip(pieces, shapes, strict=True)
+        )
+    )
+
+
+def part_of(log: Any, ticks: int) -> Any:
+    """Return the first rows of a `Log`: views."""
+    return Log(*(column[:ticks] for column in log))
 
 
 class FlightProgress(Record):
@@ -88,10 +145,10 @@ class Shared(NamedTuple):
     params: tuple[tuple[Any, ...], ...]
     """Of each core, each (1, ...)."""
     log: Any
-    """`log_columns.Log`, a row is written for every tick that it has room for: of one flight."""
+    """`Log`, a row is written for every tick that it has room for: of one flight."""
 
 
-@compiled_call
+@compiled(inline=False)
 def publish_pose(sample: MocapEntry, table: Any, counts: Any, topic: int, tick: int) -> None:
     """Publish a pose that has arrived."""
     row = counts[topic]
@@ -104,7 +161,7 @@ def publish_pose(sample: MocapEntry, table: Any, counts: Any, topic: int, tick: 
         counts[topic] = row + 1
 
 
-@compiled_call
+@compiled(inline=False)
 def publish_sample(sample: Sample, table: Any, counts: Any, topic: int, tick: int) -> None:
     """Publish the IMU's sample of a tick, for cores that take it from a table."""
     row = counts[topic]
@@ -117,7 +174,7 @@ def publish_sample(sample: Sample, table: Any, counts: Any, topic: int, tick: in
         counts[topic] = row + 1
 
 
-@compiled_loop
+@compiled(counted=False)
 def watch_flight(plant: Plant, flight: FlightProgress) -> None:
     """Decide whether the flight is to end."""
     state = plant.state
@@ -135,34 +192,7 @@ def drop_rows(table: Any, counts: Any, topic: int, gone: int) -> None:
             table[row] = table[gone + row]
 
 
-@compiled
-def fly_with_true_state(
-    plant: Plant,
-    autopilot: Autopilot,
-    maps: RotorMaps,
-    theta: Array,
-    noise: Array,
-    start: int,
-    stop: int,
-) -> None:
-    """Fly the plant and the cascade alone, the true state in place of the estimate; no log.
-
-    The bare loop for benchmarks and for studies of many vehicles.
-    """
-    state, setpoint = autopilot.state, autopilot.setpoint
-    for k in range(start, stop):
-        begin_tick(plant, maps, noise, theta)
-        state.position = plant.state.position
-        state.velocity = plant.state.velocity
-        state.rates = plant.state.rates
-        state.attitude = plant.state.attitude
-        autopilot.mocap_time = k * TICK_S
-        cascade(autopilot, maps, k)
-        plant.rotor_command = setpoint.rotor_speed
-        finish_tick(plant, noise, theta)
-
-
-@compiled_loop
+@compiled(counted=False)
 def write_row(
     plant: Plant,
     estimator: EstimatorMemory,
@@ -171,9 +201,9 @@ def write_row(
     log: Any,
     tick: int,
 ) -> None:
-    """Write the tick into its row of the `log_columns.Log`; `autopilot` is the controller's."""
+    """Write the tick into its row of the `Log`; `autopilot` is the controller's."""
     contact, supply, state = plant.contact, plant.supply, plant.state
-    estimate, setpoint, wanted = estimator.estimate, autopilot.setpoint, controller.setpoint
+    estimate, setpoint, reference = estimator.estimate, autopilot.setpoint, controller.setpoint
     store(log.position[tick], state.position)
     store(log.velocity[tick], state.velocity)
     store(log.attitude[tick], state.attitude)
@@ -186,9 +216,9 @@ def write_row(
     store(log.rotor_command[tick], plant.rotor_command)
     store(log.fold[tick], plant.fold)
     store(log.damage[tick], plant.damage)
-    store(log.position_setpoint[tick], wanted.position)
-    store(log.velocity_setpoint[tick], wanted.velocity)
-    store(log.acceleration_setpoint[tick], wanted.acceleration)
+    store(log.position_setpoint[tick], reference.position)
+    store(log.velocity_setpoint[tick], reference.velocity)
+    store(log.acceleration_setpoint[tick], reference.acceleration)
     store(log.attitude_setpoint[tick], setpoint.attitude)
     store(log.rates_setpoint[tick], setpoint.rates)
     store(log.contact_force[tick], contact_force(plant) if contact.touching else ZERO)
@@ -207,5 +237,5 @@ def write_row(
     log.battery[tick, 2] = supply.voltage
     log.thrust_setpoint[tick, 0] = setpoint.thrust
     log.mode[tick, 0] = (
-        Phase.DESCEND_BLIND if autopilot.mode_flown == Phase.DESCEND_BLIND else wanted.phase
+        Phase.DESCEND_BLIND if autopilot.mode_flown == Phase.DESCEND_BLIND else reference.phase
     )

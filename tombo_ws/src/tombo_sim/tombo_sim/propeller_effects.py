@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from tombo_dynamics.effects import REGISTRY, check_theta
-from tombo_dynamics.propeller.impact import propeller_performance
 from tombo_dynamics.propeller.mounted_propeller import (
     PropellerChoice,
     library_of,
     mounted_configuration,
     mounted_rotors,
+    propeller_performance,
 )
 from tombo_dynamics.rotor_maps import hover_point
 from tombo_dynamics.vehicle import VehicleParams

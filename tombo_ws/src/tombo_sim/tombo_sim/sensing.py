@@ -8,7 +8,7 @@ import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import apply_imu, apply_mocap
-from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rigid_body import begin_tick
@@ -50,7 +50,7 @@ def read_imu(plant: Plant, maps: RotorMaps, noise: Array, theta: Array) -> None:
     apply_imu(plant, noise, theta)
 
 
-@compiled_call
+@compiled(inline=False)
 def capture_pose(
     plant: Plant, mocap_noise: Array, theta: Array, entries: Any, captures: Captures, tick: int
 ) -> None:
@@ -74,7 +74,7 @@ def capture_pose(
     captures.latest_tick = tick
 
 
-@compiled_call
+@compiled(inline=False)
 def next_arrival(entries: Any, captures: Captures, tick: int) -> int:
     """Return the index of a sample that has arrived by `tick`, each once, or -1."""
     head = captures.oldest_undelivered

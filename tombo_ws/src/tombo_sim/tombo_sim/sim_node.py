@@ -19,8 +19,8 @@ from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import BATTERY, CLOCK, IMU, MISSION_STATUS, ROTOR_COMMAND, TopicSpec
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_BODY
+from tombo_dynamics.input_check import is_future
 from tombo_dynamics.messages import Imu, Phase, RotorSpeeds
-from tombo_dynamics.stamp_check import is_future
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_HZ, TICK_NS
 from tombo_ros.conversion import to_time
 from tombo_ros.health import ERROR
@@ -29,7 +29,7 @@ from tombo_ros.loop_statistics import LatenessHistogram
 from tombo_ros.node_loop import LockstepError, run
 from tombo_ros.topic import PolledSubscription
 from tombo_sim.failsafe import Failsafe
-from tombo_sim.flight_end import FlightEndDetector
+from tombo_sim.ground_truth import FlightEndDetector
 from tombo_sim.simulator import Simulator
 from tombo_sim.vehicle_node import VehicleNode
 
@@ -277,16 +277,16 @@ class SimNode(VehicleNode):
         if count == source.taken:
             return []
         codec = self._codecs[spec.name]
-        taken = take_until(self, "sim", spec.name, source, count, self.stamp_ns)
-        return [codec.decode(received.message) for received in taken]
+        answers = take_until(self, "sim", spec.name, source, count, self.stamp_ns)
+        return [codec.decode(received.message) for received in answers]
 
     def _idle(self) -> None:
         self.periodic_tasks(time.time_ns(), self.stamp_ns)
 
     def _take_commands(self, now_ns: int) -> None:
-        for taken in self._commands.take_raw():
+        for sample in self._commands.take_raw():
             try:
-                command: RotorSpeeds = self._codecs[ROTOR_COMMAND.name].decode(taken.message)
+                command: RotorSpeeds = self._codecs[ROTOR_COMMAND.name].decode(sample.message)
             except InputError:
                 self._refuse("rotor_command has another shape or frame than base_link")
                 continue
@@ -298,13 +298,13 @@ class SimNode(VehicleNode):
                 self._refuse("two nodes command the rotors")
                 continue
             if not self.sim_time:
-                self._latency.add(taken.received_ns - stamp)
+                self._latency.add(sample.received_ns - stamp)
             elif is_future(stamp, self.stamp_ns):
                 self._refuse("rotor_command is stamped in the future")
                 continue
-            if taken.received_ns - self._command_ns > self._timeout_ns:
-                self._resumed_ns = taken.received_ns
-            self._command, self._command_ns = speed, taken.received_ns
+            if sample.received_ns - self._command_ns > self._timeout_ns:
+                self._resumed_ns = sample.received_ns
+            self._command, self._command_ns = speed, sample.received_ns
             if stamp > self._answered_ns:  # an old stamp must not make us wait again
                 self._answered_ns, self._asked_ns = stamp, now_ns
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.rigid_body import finish_tick
 from tombo_dynamics.rotation import upright
 from tombo_dynamics.time_base import TICK_NS, TICK_S
@@ -35,13 +35,13 @@ class PoseSample:
     """(7) position in map [m], quaternion xyzw."""
 
 
-@compiled_call
+@compiled(inline=False)
 def sense(plants: Any, maps: Any, theta: Array, noise: Array) -> None:
     """Begin the tick and read the IMU; plant and rotor table are arrays (1)."""
     read_imu(plants[0], maps[0], noise, theta)
 
 
-@compiled_call
+@compiled(inline=False)
 def finish(plants: Any, maps: Any, theta: Array, noise: Array, command: Array) -> None:
     """Finish the tick with rotor speeds (4) [rad/s] asked for."""
     plant = plants[0]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tombo_benchmarks.diagnosis.cases import KINDS, SIZES
+from tombo_benchmarks.diagnosis.disturbances import DISTURBANCES
 from tombo_benchmarks.diagnosis.flight_cases import (
     EXCLUDED_EFFECTS,
     FORMULATIONS,
@@ -17,7 +18,6 @@ from tombo_benchmarks.diagnosis.flight_cases import (
 )
 from tombo_benchmarks.diagnosis.flight_simulation import course, simulate_case
 from tombo_diagnosis.flight.nominal import PARAMETERS
-from tombo_dynamics.disturbance import DISTURBANCES
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.effects.registry import check_theta
 

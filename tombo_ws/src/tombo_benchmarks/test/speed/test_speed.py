@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from tombo_benchmarks.speed import __main__ as command
-from tombo_benchmarks.speed.kernel_flight import contact_time, fly_whole, new_flight, stretches
+from tombo_benchmarks.speed.kernel_flight import (
+    contact_time,
+    fly_whole,
+    fly_with_true_state,
+    new_flight,
+    stretches,
+)
 from tombo_benchmarks.speed.numpy_step import hovering
 from tombo_benchmarks.speed.speed_measurements import batch_steps, kernel_steps, numpy_steps
 from tombo_control.planning.leg import store_leg, straight_leg
@@ -17,7 +23,6 @@ from tombo_dynamics.plant import set_state
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import tilt
 from tombo_flight.scenario import load_scenario
-from tombo_sim.kernel import fly_with_true_state
 
 
 @pytest.mark.slow

@@ -21,9 +21,9 @@ from tombo_benchmarks.diagnosis.cases import (
     draw_name,
     draw_size,
 )
+from tombo_benchmarks.diagnosis.disturbances import DISTURBANCES
 from tombo_diagnosis.engine.regression import FreeParameter
 from tombo_diagnosis.flight.nominal import PARAMETERS, nominal_model
-from tombo_dynamics.disturbance import DISTURBANCES
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
 from tombo_flight.scenario import load_scenario

@@ -10,11 +10,11 @@ import numpy as np
 from scipy.signal import lfilter
 
 from tombo_bag.flight import Flight, Series
+from tombo_benchmarks.diagnosis.disturbances import set_disturbance
 from tombo_benchmarks.diagnosis.flight_cases import FlightCase
 from tombo_benchmarks.diagnosis.log_recording import record_log
 from tombo_diagnosis.flight.experiment_design import sensor_series
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.disturbance import set_disturbance
 from tombo_dynamics.plant import Plant
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import write_mcap

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tombo_benchmarks.faults.direct_delivery import direct_delivery
 from tombo_collision.params import ReactionLimits
 from tombo_collision.reaction_core import ReactionCore, begin_reaction
 from tombo_collision.reactions import DEFAULT, REGISTRY
@@ -30,7 +31,7 @@ from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_control.safety.state_machine import Condition, SafetyState
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS
-from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.message_records import (
     DetectorStatusRecord,
     EstimatorStatusRecord,
@@ -45,7 +46,6 @@ from tombo_dynamics.rotation import rotated, rotated_back
 from tombo_dynamics.rotor_maps import rotor_maps
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_NS
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
-from tombo_sim.direct_delivery import direct_delivery
 
 
 class Fault(IntEnum):
@@ -230,7 +230,7 @@ def _active(faults: Array, kind: int, step: int) -> bool:
     return False
 
 
-@compiled_call
+@compiled(inline=False)
 def _living(faults: Array, step: int) -> int:
     """Return the bits of the cores that are not dead."""
     living = 0
@@ -243,7 +243,7 @@ def _living(faults: Array, step: int) -> int:
     return living
 
 
-@compiled_call
+@compiled(inline=False)
 def _sense(s: Suite, world: World, faults: Array, living: int, step: int, now: int) -> None:
     """Poses, estimate and status, unless they are lost."""
     odometry = world.odometry
@@ -266,7 +266,7 @@ def _sense(s: Suite, world: World, faults: Array, living: int, step: int, now: i
         _delivery.deliver_estimator_status(s.arguments, living, world.estimator, now)
 
 
-@compiled_call
+@compiled(inline=False)
 def _happen(s: Suite, world: World, faults: Array, step: int, verdict: Verdict) -> None:
     """What happens once: restarts, jumps, commands."""
     for i in range(faults.shape[0]):
@@ -330,7 +330,7 @@ def _happen(s: Suite, world: World, faults: Array, step: int, verdict: Verdict) 
                 s.reaction.x_r[0] -= 0.8
 
 
-@compiled_call
+@compiled(inline=False)
 def _plan_and_react(s: Suite, faults: Array, living: int, step: int, now: int) -> None:
     if living & _MISSION:
         _delivery.step_mission(s.arguments, now)
@@ -344,7 +344,7 @@ def _plan_and_react(s: Suite, faults: Array, living: int, step: int, now: int) -
         _delivery.publish_reaction(s.arguments, living, now)
 
 
-@compiled_call
+@compiled(inline=False)
 def _fly_on(world: World, attitude: Array, lift: float, failsafe: bool) -> None:
     """Move the point by one step; on the ground it stands, and friction stops it."""
     v, p = world.velocity, world.position
@@ -378,7 +378,7 @@ def _fly_on(world: World, attitude: Array, lift: float, failsafe: bool) -> None:
     world.force = rotated_back(attitude, (ax, ay, az + GRAVITY + hit))
 
 
-@compiled_call
+@compiled(inline=False)
 def fly_faults(s: Suite, world: World, faults: Any, steps: int, verdict: Verdict) -> None:
     """Fly `steps` steps of 5 ms with faults: rows of kind, first step, end; write `verdict`."""
     verdict.commands = 1
@@ -431,7 +431,7 @@ def fly_faults(s: Suite, world: World, faults: Any, steps: int, verdict: Verdict
     verdict.phase = s.mission.mode
 
 
-@compiled_call
+@compiled(inline=False)
 def _judge(
     s: Suite, world: World, verdict: Verdict, lift: float, volume: Any, allowed: float
 ) -> None:

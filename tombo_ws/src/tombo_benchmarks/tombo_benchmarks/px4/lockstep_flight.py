@@ -51,8 +51,7 @@ from tombo_px4.hil.params import HilParams
 from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.transport import Clock
-from tombo_sim.flight_end import FlightEndDetector
-from tombo_sim.ground_truth import contact_force
+from tombo_sim.ground_truth import FlightEndDetector, contact_force
 from tombo_sim.simulator import Simulator
 from tombo_sim.wiring import CORES, PX4_REPLACES
 from tombo_sim.world import World

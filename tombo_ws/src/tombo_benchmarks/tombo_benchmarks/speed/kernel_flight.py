@@ -9,16 +9,18 @@ import numpy as np
 
 from tombo_collision.reactions.bounce import Bounce
 from tombo_control.autopilot import Autopilot, new_autopilot
+from tombo_control.loops.cascade import cascade
 from tombo_control.planning.leg import Leg, hold_leg, store_leg, straight_leg
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import Phase
+from tombo_dynamics.plant import Plant
 from tombo_dynamics.propeller.mounted_propeller import mounted_rotors
-from tombo_dynamics.rigid_body import begin_flight
+from tombo_dynamics.rigid_body import begin_flight, begin_tick, finish_tick
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.time_base import TICK_S
 from tombo_flight.scenario import Scenario
-from tombo_sim.kernel import fly_with_true_state
 from tombo_sim.propeller_effects import vehicle_effects
 
 Stretch = tuple[Leg, int, int, int]
@@ -28,6 +30,33 @@ _REACTION_S = 0.04
 """How long after the contact the set point moves: the detector's usual latency."""
 _LENGTH_S = 36.0
 """As long as the paper's flight takes until the landing begins."""
+
+
+@compiled
+def fly_with_true_state(
+    plant: Plant,
+    autopilot: Autopilot,
+    maps: RotorMaps,
+    theta: Array,
+    noise: Array,
+    start: int,
+    stop: int,
+) -> None:
+    """Fly the plant and the cascade alone, the true state in place of the estimate; no log.
+
+    The bare loop of benchmarks and tests.
+    """
+    state, setpoint = autopilot.state, autopilot.setpoint
+    for k in range(start, stop):
+        begin_tick(plant, maps, noise, theta)
+        state.position = plant.state.position
+        state.velocity = plant.state.velocity
+        state.rates = plant.state.rates
+        state.attitude = plant.state.attitude
+        autopilot.mocap_time = k * TICK_S
+        cascade(autopilot, maps, k)
+        plant.rotor_command = setpoint.rotor_speed
+        finish_tick(plant, noise, theta)
 
 
 @dataclass

@@ -19,8 +19,8 @@ from tombo_control.planning.mission import MissionParams, MissionState, Plan, co
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_MAP, is_map
+from tombo_dynamics.input_check import check_pose
 from tombo_dynamics.messages import PHASE_NAMES, Phase, Pose
-from tombo_dynamics.pose_check import check_pose
 from tombo_dynamics.rotation import yaw_of
 
 _HOLD_S = 1e9

@@ -13,7 +13,7 @@ import numpy as np
 from tombo_control.planning.leg import ACCELERATION, Leg, Point, turning_leg
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, shown, unknown_name
-from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.params import check_number, param
 
 MOST_WAYPOINTS = 500
@@ -112,7 +112,7 @@ def waypoint_table(course: Sequence[Waypoint] | None) -> Array:
     return np.array(rows, dtype=np.float64).reshape(-1, len(ResolvedWaypoint._fields))
 
 
-@compiled_call
+@compiled(inline=False)
 def resolved_waypoint(table: Array, row: int, hover: Point, speed: float) -> ResolvedWaypoint:
     """Return a waypoint of a `waypoint_table`, what it leaves out as in `resolved_waypoints`."""
     x, y, z = hover
@@ -126,7 +126,7 @@ def resolved_waypoint(table: Array, row: int, hover: Point, speed: float) -> Res
     )
 
 
-@compiled_call
+@compiled(inline=False)
 def leg_to(target: ResolvedWaypoint, start: Point, yaw: float, now_s: float) -> Leg:
     """Return the leg from `start`, heading `yaw`, to a waypoint."""
     return turning_leg(

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
-from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.records import Record, field
 
 Point = tuple[float, float, float]
@@ -73,7 +73,7 @@ class LegRecord(Record):
     hold_s = field("s", "how long it is held before the next leg of a course")
 
 
-@compiled_call
+@compiled(inline=False)
 def store_leg(record: LegRecord, leg: Leg) -> None:
     """Write a leg into a record."""
     for i in range(3):
@@ -85,7 +85,7 @@ def store_leg(record: LegRecord, leg: Leg) -> None:
     record.hold_s = leg.hold_s
 
 
-@compiled_call
+@compiled(inline=False)
 def stored_leg(record: LegRecord) -> Leg:
     """Return the leg that a record holds."""
     return Leg(
@@ -102,7 +102,7 @@ def stored_leg(record: LegRecord) -> Leg:
     )
 
 
-@compiled_call
+@compiled(inline=False)
 def leg_position(leg: Leg, time_s: float) -> Point:
     """Return the reference position at `time_s` [s]."""
     way, _, _ = trapezoidal_profile(time_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s)
@@ -111,26 +111,26 @@ def leg_position(leg: Leg, time_s: float) -> Point:
     return x + vx * way, y + vy * way, z + vz * way
 
 
-@compiled_call
+@compiled(inline=False)
 def leg_yaw(leg: Leg, time_s: float) -> float:
     """Return the reference yaw [rad] at `time_s` [s]."""
     way, _, _ = trapezoidal_profile(time_s - leg.begin_s, leg.turn_s, leg.turn_ramp_s)
     return leg.yaw + leg.yaw_rate * way
 
 
-@compiled_call
+@compiled(inline=False)
 def motion_end(leg: Leg) -> float:
     """Return when way and turn are over [s]."""
     return max(leg.end_s, leg.begin_s + leg.turn_s)
 
 
-@compiled_call
+@compiled(inline=False)
 def hold_leg(point: Point, now_s: float, yaw: float = 0.0) -> Leg:
     """Return the leg that holds a point."""
     return Leg(point, (0.0, 0.0, 0.0), now_s, _FOREVER, 0.0, float(yaw), 0.0, 0.0, 0.0, 0.0)
 
 
-@compiled_call
+@compiled(inline=False)
 def straight_leg(start: Point, goal: Point, speed: float, now_s: float, yaw: float = 0.0) -> Leg:
     """Return the leg from `start` to `goal` at `speed` [m/s], with ramps of 0.8 m/s^2."""
     if _distance(start, goal) < _SAME:
@@ -138,7 +138,7 @@ def straight_leg(start: Point, goal: Point, speed: float, now_s: float, yaw: flo
     return turning_leg(start, goal, (float(yaw), float(yaw)), now_s, speed, ACCELERATION, 1.0)
 
 
-@compiled_call
+@compiled(inline=False)
 def turning_leg(
     start: Point,
     goal: Point,
@@ -180,13 +180,13 @@ def turning_leg(
     )
 
 
-@compiled_call
+@compiled(inline=False)
 def _distance(a: Point, b: Point) -> float:
     x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     return math.sqrt(x * x + y * y + z * z)
 
 
-@compiled_call
+@compiled(inline=False)
 def _trapezoid(length: float, speed: float, acceleration: float) -> tuple[float, float, float]:
     """Return the speed reached, the whole time and that of a ramp."""
     ramp = min(speed / acceleration, math.sqrt(length / acceleration))

@@ -27,7 +27,7 @@ from tombo_control.planning.leg import (
     straight_leg,
 )
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.params import param, structure
 from tombo_dynamics.records import parameter_record
@@ -107,25 +107,25 @@ class MissionState(NamedTuple):
     """When the vehicle was first settled at x_r [s]; NaN before."""
 
 
-@compiled_call
+@compiled(inline=False)
 def _point(place: Array) -> Point:
     return place[0], place[1], place[2]
 
 
-@compiled_call
+@compiled(inline=False)
 def _with(state: MissionState, mode: int, leg: Leg, steps: int) -> MissionState:
     """Return the state with another phase, leg and number of steps."""
     return MissionState(mode, leg, state.home, steps, state.settled_since_s, state.settled_s)
 
 
-@compiled_call
+@compiled(inline=False)
 def begin(home: Array) -> MissionState:
     """Return the state on the ground at `home` (3)."""
     here = _point(home)
     return MissionState(Phase.IDLE.value, hold_leg(here, 0.0), here, 0, math.inf, math.nan)
 
 
-@compiled_call
+@compiled(inline=False)
 def initial_state_in_flight(position: Array, ground: float) -> MissionState:
     """Return the state of a mission that begins in the air: hold at `position` (3), then land.
 
@@ -139,21 +139,21 @@ def initial_state_in_flight(position: Array, ground: float) -> MissionState:
     )
 
 
-@compiled_call
+@compiled(inline=False)
 def wait(state: MissionState, now_s: float, position: Array) -> MissionState:
     """Stay at `position` (3) in the plan's present phase."""
     leg = hold_leg(_point(position), now_s, leg_yaw(state.leg, now_s))
     return _with(state, state.mode, leg, state.steps)
 
 
-@compiled_call
+@compiled(inline=False)
 def set_landed(state: MissionState, now_s: float, position: Array) -> MissionState:
     """End the flight at `position` (3): the vehicle stands on the ground."""
     waiting = wait(state, now_s, position)
     return _with(waiting, Phase.LANDED.value, waiting.leg, waiting.steps)
 
 
-@compiled_call
+@compiled(inline=False)
 def resume(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
     """Go on with the plan's present phase from `position` (3), at rest there."""
     here = _point(position)
@@ -171,7 +171,7 @@ def resume(state: MissionState, plan: Plan, now_s: float, position: Array) -> Mi
     return _with(state, state.mode, leg, state.steps)
 
 
-@compiled_call
+@compiled(inline=False)
 def start_reaction(state: MissionState, x_r: Array, now_s: float) -> MissionState:
     """Leave the plan for the safe point x_r (3); a point that is not finite changes nothing."""
     if not math.isfinite(x_r[0] + x_r[1] + x_r[2]):
@@ -180,7 +180,7 @@ def start_reaction(state: MissionState, x_r: Array, now_s: float) -> MissionStat
     return MissionState(Phase.REACT.value, leg, state.home, state.steps, math.inf, math.nan)
 
 
-@compiled_call
+@compiled(inline=False)
 def advance_mission(
     state: MissionState, plan: Plan, now_s: float, position: Array, velocity: Array
 ) -> MissionState:
@@ -216,25 +216,25 @@ def advance_mission(
     return state
 
 
-@compiled_call
+@compiled(inline=False)
 def _top(state: MissionState, plan: Plan) -> Point:
     """Return where it hovers."""
     return state.home[0], state.home[1], plan.params.height
 
 
-@compiled_call
+@compiled(inline=False)
 def _goal(plan: Plan) -> Point:
     return plan.params.goal_x, plan.params.goal_y, plan.params.height
 
 
-@compiled_call
+@compiled(inline=False)
 def _target(state: MissionState, plan: Plan, row: int) -> ResolvedWaypoint:
     """Return a waypoint; the plan may have been changed in flight, and be shorter."""
     row = min(max(row, 0), plan.waypoints.shape[0] - 1)
     return resolved_waypoint(plan.waypoints, row, _top(state, plan), plan.params.approach_speed)
 
 
-@compiled_call
+@compiled(inline=False)
 def _along_course(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
     """Begin the leg to the next waypoint when the last one is over; after the last, land."""
     while True:
@@ -251,14 +251,14 @@ def _along_course(state: MissionState, plan: Plan, now_s: float, position: Array
         state = _with(state, Phase.APPROACH.value, leg, state.steps + 1)
 
 
-@compiled_call
+@compiled(inline=False)
 def _next_step(state: MissionState, plan: Plan, now_s: float) -> MissionState:
     """Jump to the next corner of a square with a change of height: a hard test for a detector."""
     corner = _corner(state, plan, state.steps)
     return _with(state, Phase.APPROACH.value, hold_leg(corner, now_s), state.steps + 1)
 
 
-@compiled_call
+@compiled(inline=False)
 def _corner(state: MissionState, plan: Plan, step: int) -> Point:
     corner = step % 4
     dx = 1.0 if corner < 2 else 0.0
@@ -268,7 +268,7 @@ def _corner(state: MissionState, plan: Plan, step: int) -> Point:
     return state.home[0] + size * dx, state.home[1] + size * dy, plan.params.height + size * dz
 
 
-@compiled_call
+@compiled(inline=False)
 def _settling(
     state: MissionState, plan: Plan, now_s: float, position: Array, velocity: Array
 ) -> MissionState:
@@ -282,7 +282,7 @@ def _settling(
     return MissionState(mode, state.leg, state.home, state.steps, since, settled)
 
 
-@compiled_call
+@compiled(inline=False)
 def land(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
     """Land from `position` (3) at the place of the reference."""
     x, y, _ = leg_position(state.leg, now_s)
@@ -292,7 +292,7 @@ def land(state: MissionState, plan: Plan, now_s: float, position: Array) -> Miss
     return _with(state, Phase.LAND.value, leg, state.steps)
 
 
-@compiled_call
+@compiled(inline=False)
 def _landing(state: MissionState, now_s: float, position: Array, velocity: Array) -> MissionState:
     wanted = leg_position(state.leg, now_s)
     height = position[2]
@@ -303,13 +303,13 @@ def _landing(state: MissionState, now_s: float, position: Array, velocity: Array
     return state
 
 
-@compiled_call
+@compiled(inline=False)
 def _near(position: Array, point: Point, radius: float) -> bool:
     dx, dy, dz = position[0] - point[0], position[1] - point[1], position[2] - point[2]
     return bool(dx * dx + dy * dy + dz * dz < radius * radius)
 
 
-@compiled_call
+@compiled(inline=False)
 def _speed(velocity: Array) -> float:
     x, y, z = velocity[0], velocity[1], velocity[2]
     return math.sqrt(x * x + y * y + z * z)

@@ -8,7 +8,7 @@ from typing import Any
 from tombo_control.autopilot import State
 from tombo_control.recovery.params import ContactParams
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import Trigger
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotated
@@ -97,7 +97,7 @@ def watch_contact(
         contact.above = 0
 
 
-@compiled_call
+@compiled(inline=False)
 def _begin(contact: ContactWatch, state: State, tick: int) -> None:
     contact.touch_tick = tick
     contact.push[0] = 0.0
@@ -115,7 +115,7 @@ def _gather(contact: ContactWatch, ax: float, ay: float, square: float) -> None:
     contact.strength = max(contact.strength, math.sqrt(square))
 
 
-@compiled_call
+@compiled(inline=False)
 def _decide(
     contact: ContactWatch, state: State, nominal: VehicleParams, yaw_rate: float, tick: int
 ) -> None:
@@ -146,7 +146,7 @@ def _decide(
     contact.direction[2] = 0.0
 
 
-@compiled_call
+@compiled(inline=False)
 def fill_event(contact: ContactWatch, stamp_ns: int, event: Any) -> None:
     """Write the contact that is due as a collision; `stamp_ns` is of the sample that decided."""
     event.stamp_ns = stamp_ns

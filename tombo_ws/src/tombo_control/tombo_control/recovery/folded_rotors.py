@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from tombo_control.autopilot import LoopMemory, Recovery, Setpoint
-from tombo_dynamics.fold import straightened, thrust_share
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotor_maps import RotorMaps
+from tombo_dynamics.rotors import straightened, thrust_share
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, SPIN, VehicleParams
 

@@ -28,7 +28,7 @@ from tombo_control.safety.touchdown import (
     observe_ground,
 )
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.jit import compiled, compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotated
@@ -84,7 +84,7 @@ class Watch(Record):
     touchdown = field("", "the test for the ground", kind=Touchdown)
 
 
-@compiled_call
+@compiled(inline=False)
 def begin_watch(watch: Watch) -> None:
     """Begin as a controller that has just started."""
     watch.state = SafetyState.OFF
@@ -107,7 +107,7 @@ def begin_watch(watch: Watch) -> None:
     begin_touchdown(watch.touchdown)
 
 
-@compiled_call
+@compiled(inline=False)
 def begin_in_flight(watch: Watch) -> None:
     """Be in command of a vehicle that flies already: in recordings and tests."""
     watch.state = SafetyState.FLY
@@ -282,7 +282,7 @@ def _conditions_on_ground(
     return found
 
 
-@compiled_call
+@compiled(inline=False)
 def _enter(watch: Watch, autopilot: Autopilot, commands: int, row: int, tick: int) -> None:
     """Begin the next state."""
     state, loops = autopilot.state, autopilot.loops

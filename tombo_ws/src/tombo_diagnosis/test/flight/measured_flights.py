@@ -5,10 +5,10 @@ from functools import cache
 import numpy as np
 
 from tombo_bag.flight import Flight, Series
+from tombo_benchmarks.diagnosis.disturbances import set_disturbance
 from tombo_diagnosis.flight.experiment_design import as_log as simulated_log
 from tombo_diagnosis.flight.fit.track import track_of
 from tombo_diagnosis.flight.nominal import nominal_model, nominal_of
-from tombo_dynamics.disturbance import set_disturbance
 from tombo_dynamics.effects import REGISTRY
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import scenario_over

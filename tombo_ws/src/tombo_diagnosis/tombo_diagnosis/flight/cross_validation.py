@@ -26,7 +26,7 @@ from tombo_dynamics.plant import State
 from tombo_dynamics.rotation import conjugate, quaternion_multiply
 from tombo_flight.extended_model import Gain
 from tombo_flight.progress import no_progress
-from tombo_sim.open_loop import open_loop
+from tombo_sim.inverse_simulation import open_loop
 
 HORIZONS_S = (0.5, 1.0)
 _VELOCITY_WIDTH = 0.05

@@ -14,7 +14,7 @@ from tombo_diagnosis.engine.regression import FreeParameter
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.effects.compose import SimulatedPlant, layout, new_plant, pack_theta
-from tombo_dynamics.effects.vehicle_size import size_factors
+from tombo_dynamics.effects.registry import size_factors
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_rotors
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams

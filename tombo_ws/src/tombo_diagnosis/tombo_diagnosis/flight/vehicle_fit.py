@@ -23,10 +23,9 @@ from tombo_diagnosis.flight.noise import fit_noise_effects
 from tombo_diagnosis.flight.nominal import held_against, nominal_model
 from tombo_diagnosis.flight.residual_check import ScaleVariances, residual_variances
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.drive import DriveParams
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import from_mapping
-from tombo_dynamics.vehicle import VehicleParams
+from tombo_dynamics.vehicle import DriveParams, VehicleParams
 from tombo_flight.extended_model import FittedParameter
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.vehicle_file import EFFECT_OF, HealthyFlights, Note, VehicleFile

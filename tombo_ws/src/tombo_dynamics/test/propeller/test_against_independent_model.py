@@ -8,8 +8,7 @@ import pytest
 
 from tombo_dynamics.propeller import configuration, evaluate, parameter_row, valid_speed
 from tombo_dynamics.propeller.laws.equilibrium import newton
-from tombo_dynamics.propeller.laws.names import LAWS
-from tombo_dynamics.propeller.laws.parameters import unpack
+from tombo_dynamics.propeller.laws.parameters import LAWS, unpack
 
 RPM = math.pi / 30.0
 REFERENCE = Path(__file__).parents[6] / "shared" / "reference" / "propeller_reference.csv"

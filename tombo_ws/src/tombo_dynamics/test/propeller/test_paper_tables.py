@@ -5,7 +5,7 @@ import math
 import pytest
 
 from tombo_dynamics.propeller import configuration, configurations, evaluate, nodus_moduli
-from tombo_dynamics.propeller.moduli import matrix_modulus
+from tombo_dynamics.propeller.quantities import matrix_modulus
 
 AT_2000_RPM = 2000.0 * math.pi / 30.0
 # Thrust [N] of published, repaired, consistent; L/D of the paper and of the law repaired. The

@@ -14,9 +14,8 @@ from tombo_dynamics.propeller import (
     parameter_row,
     parameter_rows,
 )
-from tombo_dynamics.propeller.laws.equilibrium import equilibrium, newton
+from tombo_dynamics.propeller.laws.equilibrium import equilibrium, newton, spring_angle
 from tombo_dynamics.propeller.laws.parameters import unpack
-from tombo_dynamics.propeller.laws.spring import spring_angle
 
 VARIED = ("flap_compliance", "lag_compliance", "twist_compliance", "wing_weight", "centrifugal")
 VARIED += ("lift_arm", "drag_arm", "air_density", "flap_offset", "lag_offset")

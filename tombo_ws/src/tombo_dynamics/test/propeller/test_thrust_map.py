@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import LAWS, SPEED_LIMIT, configuration, evaluate, thrust_map
-from tombo_dynamics.propeller.cubic import cubic_table, cubic_values
+from tombo_dynamics.propeller.thrust_map import cubic_table, cubic_values
 
 EACH = pytest.mark.parametrize(("conf", "law"), [(c, law) for law in LAWS for c in range(14)])
 

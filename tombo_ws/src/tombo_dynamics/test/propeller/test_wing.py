@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from independent_propeller import span_load
 
 from tombo_dynamics.propeller import configuration
-from tombo_dynamics.propeller.laws.wing_loads import twisted
-from tombo_dynamics.propeller.wing import rigid_integrals, wing, wing_integrals
+from tombo_dynamics.propeller.blade import rigid_integrals, wing, wing_integrals
+from tombo_dynamics.propeller.laws.equilibrium import twisted
 
 BLADE = configuration(13).blade
 ANGLE = st.floats(-0.2, 1.0)

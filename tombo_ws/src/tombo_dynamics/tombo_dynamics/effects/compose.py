@@ -42,8 +42,8 @@ def pack_theta(values: Mapping[str, Mapping[str, float]]) -> Array:
     """Return theta with the given parameters (checked before) and null values elsewhere."""
     theta = null_theta()
     table = layout()
-    for name, given in values.items():
-        for key, value in given.items():
+    for name, parameters in values.items():
+        for key, value in parameters.items():
             theta[table[name][key]] = value
     return theta
 

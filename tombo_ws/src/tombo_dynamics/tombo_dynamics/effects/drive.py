@@ -40,11 +40,11 @@ def command_delay(plant: Plant, noise: Array, delay: float) -> None:
     """Hand the drives the command of `delay` seconds ago (between ticks: interpolated)."""
     ticks = delay / plant.tick_length
     whole = int(ticks)
-    rest = ticks - whole
+    fraction = ticks - whole
     newer = plant.past_commands[(plant.ticks - whole) % DELAY_TICKS]
     older = plant.past_commands[(plant.ticks - whole - 1) % DELAY_TICKS]
     for i in range(4):
-        plant.rotor_target[i] = (1.0 - rest) * newer[i] + rest * older[i]
+        plant.rotor_target[i] = (1.0 - fraction) * newer[i] + fraction * older[i]
 
 
 @effect(

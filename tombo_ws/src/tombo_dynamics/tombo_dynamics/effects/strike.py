@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.body_point import hub
-from tombo_dynamics.disc_geometry import FAR, disc_to_obstacle
+from tombo_dynamics.body_point import FAR, disc_to_obstacle, hub
 from tombo_dynamics.effects.registry import Param, Stage, effect
-from tombo_dynamics.fold import straightened
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
+from tombo_dynamics.rotors import straightened
 from tombo_dynamics.vectors import Vector, add, cross
 from tombo_dynamics.vehicle import SPIN
 
@@ -114,7 +113,7 @@ def blade_strike(
 
     The folded share f lowers the speed that the drive reaches to (1 - f) of the command, and
     thrust at a given speed to (1 - f); it decays so that 90 % of the thrust are back after the
-    recovery time (`tombo_dynamics.fold`). A straightening blade that reaches the obstacle is
+    recovery time (`tombo_dynamics.rotors`). A straightening blade that reaches the obstacle is
     struck again. A blade whose damage has reached 1 is gone.
     """
     tick = plant.tick_length

@@ -11,16 +11,20 @@
 """
 
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.propeller.blade import RotorInertia, rotor_inertia
 from tombo_dynamics.propeller.derive import with_joint, with_nodus, with_section
-from tombo_dynamics.propeller.evaluate import SPEED_LIMIT, evaluate, evaluate_rows, valid_speed
-from tombo_dynamics.propeller.laws.names import DEFAULT_LAW, LAWS
-from tombo_dynamics.propeller.laws.parameters import SCALARS, parameter_row
+from tombo_dynamics.propeller.evaluate import (
+    RPM,
+    SPEED_LIMIT,
+    Operation,
+    evaluate,
+    evaluate_rows,
+    valid_speed,
+)
+from tombo_dynamics.propeller.laws.parameters import DEFAULT_LAW, LAWS, SCALARS, parameter_row
 from tombo_dynamics.propeller.library import Library, configuration, configurations, read_library
-from tombo_dynamics.propeller.maximum_thrust import Peak, speed_for_thrust, thrust_peak
-from tombo_dynamics.propeller.moduli import Moduli, nodus_moduli
-from tombo_dynamics.propeller.operation import RPM, Operation
 from tombo_dynamics.propeller.parameter_rows import parameter_rows
-from tombo_dynamics.propeller.quantities import QUANTITIES
+from tombo_dynamics.propeller.quantities import QUANTITIES, Moduli, nodus_moduli
 from tombo_dynamics.propeller.records import (
     STANDARD,
     Blade,
@@ -32,9 +36,15 @@ from tombo_dynamics.propeller.records import (
     Nodus,
     Surroundings,
 )
-from tombo_dynamics.propeller.rotor_inertia import RotorInertia, rotor_inertia
 from tombo_dynamics.propeller.sweep import Sweep, sweep
-from tombo_dynamics.propeller.thrust_map import ThrustMap, speed_of_maximum_thrust, thrust_map
+from tombo_dynamics.propeller.thrust_map import (
+    Peak,
+    ThrustMap,
+    speed_for_thrust,
+    speed_of_maximum_thrust,
+    thrust_map,
+    thrust_peak,
+)
 
 __all__ = [
     "DEFAULT_LAW",

@@ -9,9 +9,9 @@ import numpy as np
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import validate
+from tombo_dynamics.propeller.blade import wing_mass_from
 from tombo_dynamics.propeller.library import Library, known_configuration, read_library
 from tombo_dynamics.propeller.records import Blade, Configuration, Fibre, Matrix, Nodus
-from tombo_dynamics.propeller.wing_mass import wing_mass_from
 
 _NODUS = ("matrix", "fibre", "fibres", "fibre_diameter_mm", "length_mm")
 
@@ -55,14 +55,14 @@ def with_nodus(
         raise unknown_name("value of a nodus", key, (*_NODUS, "outer_radius_m"))
     configuration = known_configuration(configuration)
     known = library or read_library()
-    given: dict[str, Any] = {
+    values: dict[str, Any] = {
         "matrix": _looked_up(matrix, known.matrices, "matrix"),
         "fibre": _looked_up(fibre, known.fibres, "fibre"),
         "fibres": fibres,
         "fibre_diameter_mm": fibre_diameter_mm,
         "length_mm": length_mm,
     }
-    changes = {key: _plain(value) for key, value in given.items() if value is not None}
+    changes = {key: _plain(value) for key, value in values.items() if value is not None}
     outer_radius_m = _plain(outer_radius_m)
     blade = configuration.blade
     if outer_radius_m is not None:
@@ -80,9 +80,9 @@ def with_nodus(
         nodus = Nodus(**changes)
     if nodus is not None:
         validate(nodus, "nodus")
-    said = {key: getattr(value, "name", value) for key, value in changes.items()}
-    said |= {} if outer_radius_m is None else {"outer_radius_m": outer_radius_m}
-    return _derived(configuration, blade, nodus, said, name)
+    described = {key: getattr(value, "name", value) for key, value in changes.items()}
+    described |= {} if outer_radius_m is None else {"outer_radius_m": outer_radius_m}
+    return _derived(configuration, blade, nodus, described, name)
 
 
 def with_joint(
@@ -148,7 +148,7 @@ def _derived(
     origin: Configuration,
     blade: Blade,
     nodus: Nodus | None,
-    said: dict[str, Any],
+    changes: dict[str, Any],
     name: str | None,
 ) -> Configuration:
     if nodus is not None and nodus.length_mm * 1e-3 > blade.joint.outer_radius_m:
@@ -156,9 +156,9 @@ def _derived(
             f"length_mm: {nodus.length_mm} starts behind the hub's centre; accepted: at most "
             f"{blade.joint.outer_radius_m * 1e3:g} mm"
         )
-    if not said and name is None:
+    if not changes and name is None:
         return origin
-    words = ", ".join(f"{key} {value}" for key, value in said.items())
+    words = ", ".join(f"{key} {value}" for key, value in changes.items())
     return dataclasses.replace(
         origin,
         blade=blade,

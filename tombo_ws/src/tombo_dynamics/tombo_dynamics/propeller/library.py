@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
-from tombo_dynamics.propeller.record_reader import record
+from tombo_dynamics.params import check_number
 from tombo_dynamics.propeller.records import (
     Blade,
     BladeSegment,
@@ -26,6 +27,45 @@ from tombo_dynamics.propeller.records import (
     Section,
 )
 from tombo_dynamics.yaml_text import read_yaml
+
+_Record = TypeVar("_Record")
+
+
+def record(cls: type[_Record], values: object, where: str, **known: Any) -> _Record:
+    """Build the record `cls` from a mapping; `known` holds fields that are already read.
+
+    Raises:
+        InputError: names a key that is unknown or missing, or a number that is out of bounds.
+    """
+    if not isinstance(values, Mapping):
+        raise InputError(f"{where}: {shown(values)}; accepted: a mapping of keys to values")
+    fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    accepted = [name for name, f in fields.items() if f.metadata]
+    for key in values:
+        if key not in accepted:
+            raise unknown_name(f"key in {where}", key, accepted)
+    built = dict(known)
+    for name in accepted:
+        optional = fields[name].default is not dataclasses.MISSING
+        if values.get(name) is None and optional:
+            continue
+        if name not in values:
+            unit = fields[name].metadata["unit"]
+            raise InputError(f"{where}: no {name} [{unit}]; accepted: one is needed")
+        built[name] = _field(fields[name], values[name], f"{where}.{name}")
+    return cls(**built)
+
+
+def _field(field: Any, value: object, where: str) -> float | int | tuple[float, ...]:
+    unit, bounds = field.metadata["unit"], field.metadata["bounds"]
+    if field.type.startswith("tuple"):
+        if not isinstance(value, list):
+            raise InputError(f"{where}: {shown(value)}; accepted: a list of numbers [{unit}]")
+        return tuple(check_number(f"{where}[{i}]", v, unit, bounds) for i, v in enumerate(value))
+    if field.type == "int":
+        return int(check_number(where, value, unit, bounds, integer=True))
+    return check_number(where, value, unit, bounds)
+
 
 DATA = Path(__file__).parent / "data"
 FILES = ("materials.yaml", "blades.yaml", "configurations.yaml", "measurements.yaml")
@@ -113,8 +153,8 @@ def _read(folders: tuple[Path, ...]) -> Library:
         tables = _mapping(folder / "measurements.yaml", ("at_2000_rpm", "collision_positions"))
         for values in _list(tables, "at_2000_rpm"):
             number = _number(values, "at_2000_rpm")
-            rest = {key: value for key, value in values.items() if key != "conf"}
-            measured[number] = record(Measurement, rest, f"at_2000_rpm, conf {number}")
+            figures = {key: value for key, value in values.items() if key != "conf"}
+            measured[number] = record(Measurement, figures, f"at_2000_rpm, conf {number}")
         if "collision_positions" in tables:
             positions = tuple(
                 record(CollisionPosition, values, f"collision_positions[{i}]")
@@ -136,15 +176,15 @@ def configuration(number: int) -> Configuration:
     return read_library().configuration(number)
 
 
-def known_configuration(given: Any) -> Configuration:
+def known_configuration(choice: Any) -> Configuration:
     """Return a configuration as it is, or the one of the paper's Table I that a number means.
 
     Raises:
         InputError: neither, or there is no such configuration.
     """
-    if isinstance(given, Configuration):
-        return given
-    return read_library().configuration(given)
+    if isinstance(choice, Configuration):
+        return choice
+    return read_library().configuration(choice)
 
 
 def configurations() -> tuple[Configuration, ...]:
@@ -165,17 +205,17 @@ def _mapping(path: Path, accepted: tuple[str, ...] | None) -> Mapping[str, Any]:
 
 
 def _items(values: Mapping[str, Any], key: str) -> list[tuple[str, Any]]:
-    found = values.get(key, {})
-    if not isinstance(found, Mapping) or not all(isinstance(name, str) for name in found):
-        raise InputError(f"{key}: {shown(found)}; accepted: names with their values")
-    return list(found.items())
+    items = values.get(key, {})
+    if not isinstance(items, Mapping) or not all(isinstance(name, str) for name in items):
+        raise InputError(f"{key}: {shown(items)}; accepted: names with their values")
+    return list(items.items())
 
 
 def _list(values: Mapping[str, Any], key: str) -> list[Any]:
-    found = values.get(key, [])
-    if not isinstance(found, list):
-        raise InputError(f"{key}: {shown(found)}; accepted: a list")
-    return found
+    items = values.get(key, [])
+    if not isinstance(items, list):
+        raise InputError(f"{key}: {shown(items)}; accepted: a list")
+    return items
 
 
 def _rows(path: Path) -> list[Mapping[str, Any]]:
@@ -198,21 +238,21 @@ def _blade(name: str, values: object) -> Blade:
     where = f"blades.{name}"
     if not isinstance(values, Mapping):
         raise InputError(f"{where}: {shown(values)}; accepted: a mapping of keys to values")
-    rest = dict(values)
-    pieces = rest.pop("pieces", [])
+    plain = dict(values)
+    pieces = plain.pop("pieces", [])
     if not isinstance(pieces, list):
         raise InputError(f"{where}.pieces: {shown(pieces)}; accepted: a list of pieces")
-    published = rest.pop("published", None)
+    published = plain.pop("published", None)
     return record(
         Blade,
-        {key: value for key, value in rest.items() if key not in ("section", "joint")},
+        {key: value for key, value in plain.items() if key not in ("section", "joint")},
         where,
         name=name,
         pieces=tuple(
             record(BladeSegment, piece, f"{where}.pieces[{i}]") for i, piece in enumerate(pieces)
         ),
-        section=record(Section, rest.get("section"), f"{where}.section"),
-        joint=record(Joint, rest.get("joint"), f"{where}.joint"),
+        section=record(Section, plain.get("section"), f"{where}.section"),
+        joint=record(Joint, plain.get("joint"), f"{where}.joint"),
         published=None
         if published is None
         else record(PublishedTorsion, published, f"{where}.published"),

@@ -1,4 +1,4 @@
-"""Which propeller is mounted: the parameters of whoever needs its thrust map.
+"""Which propeller is mounted: the parameters of whoever needs its thrust map, or its impact.
 
 A Tombo propeller is a configuration of a library, whose model gives thrust and torque. A plain one
 is any other: two coefficients, or a measured curve.
@@ -6,6 +6,7 @@ is any other: two coefficients, or a measured curve.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
 from copy import deepcopy
@@ -13,14 +14,106 @@ from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import PchipInterpolator
+
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, shown, unknown_name
-from tombo_dynamics.params import param, structure
+from tombo_dynamics.params import check_number, param, structure
 from tombo_dynamics.propeller.library import Library, read_library
-from tombo_dynamics.propeller.plain_propeller import PlainPropeller, read_curve
 from tombo_dynamics.propeller.records import Configuration
 from tombo_dynamics.propeller.thrust_map import ThrustMap, thrust_map
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_dynamics.vehicle import VehicleParams
+
+Curve = tuple[tuple[float, float, float], ...]
+"""Rows of speed [rad/s], thrust [N], drag torque [N m]; all of them rise."""
+_COLUMNS = (
+    ("speed", "rad/s", (1.0, 10_000.0)),
+    ("thrust", "N", (1e-6, 1000.0)),
+    ("torque", "N m", (1e-9, 100.0)),
+)
+_FEWEST, _MOST = 2, 10_000
+
+
+def read_curve(name: str, value: object) -> Curve | None:
+    """Return a curve from plain lists; the row at rest, all zeros, may be there.
+
+    Raises:
+        InputError: no rows of three numbers, too few, or not rising.
+    """
+    if value is None or value == "":
+        return None
+    accepted = f"accepted: at least {_FEWEST} rows of [rad/s, N, N m], all rising"
+    if not isinstance(value, list | tuple) or len(value) > _MOST:
+        raise InputError(f"{name}: {shown(value)}; {accepted}")
+    rows: list[tuple[float, float, float]] = []
+    for i, row in enumerate(value):
+        if not isinstance(row, list | tuple) or len(row) != len(_COLUMNS):
+            raise InputError(f"{name}[{i}]: {shown(row)}; {accepted}")
+        if i == 0 and all(x == 0 for x in row):
+            continue
+        speed, thrust, torque = (
+            check_number(f"{name}[{i}].{column}", x, unit, bounds)
+            for x, (column, unit, bounds) in zip(row, _COLUMNS, strict=True)
+        )
+        rows.append((speed, thrust, torque))
+    if len(rows) < _FEWEST:
+        raise InputError(f"{name}: {len(rows)} rows; {accepted}")
+    for i, (last, row) in enumerate(itertools.pairwise(rows)):
+        if not all(after > before for before, after in zip(last, row, strict=True)):
+            raise InputError(
+                f"{name}[{i + 1}]: {shown(list(row))} after {shown(list(last))}; {accepted}"
+            )
+    return tuple(rows)
+
+
+@dataclass(frozen=True)
+class PlainPropeller:
+    """Thrust k_T omega^2 and drag torque k_Q omega^2, or both from a curve."""
+
+    k_thrust: float
+    """[N s^2/rad^2]"""
+    k_torque: float
+    """[N m s^2/rad^2]"""
+    curve: Curve | None = None
+
+    @property
+    def omega_max(self) -> float:
+        """Highest speed that is known [rad/s]: the curve's last, else without limit."""
+        return math.inf if self.curve is None else self.curve[-1][0]
+
+    @property
+    def source(self) -> str:
+        """The parameter that its thrust is from, as errors name it."""
+        return "propeller.k_thrust" if self.curve is None else "propeller.curve"
+
+    def thrust(self, omega: ArrayLike) -> Array:
+        """Return thrust [N] at speeds [rad/s] from 0 to omega_max."""
+        return self._of(omega, self.k_thrust, 1)
+
+    def torque(self, omega: ArrayLike) -> Array:
+        """Return drag torque [N m] at speeds [rad/s] from 0 to omega_max."""
+        return self._of(omega, self.k_torque, 2)
+
+    def speed_for(self, thrust: float) -> float:
+        """Return the speed [rad/s] that gives a thrust [N]; beyond the curve, as at its end."""
+        if self.curve is None:
+            return math.sqrt(thrust / self.k_thrust)
+        table = np.array(self.curve)
+        roots = np.sqrt(table[:, 1])
+        return float(np.interp(math.sqrt(thrust), roots, table[:, 0]))
+
+    def _of(self, omega: ArrayLike, coefficient: float, column: int) -> Array:
+        speed = np.asarray(omega, dtype=float)
+        if self.curve is None:
+            return np.asarray(coefficient * speed**2)
+        table = np.array(self.curve)
+        # The coefficient changes slowly with speed: it is interpolated, and held below the curve.
+        shares = PchipInterpolator(table[:, 0], table[:, column] / table[:, 0] ** 2)
+        return np.asarray(shares(np.clip(speed, table[0, 0], table[-1, 0])) * speed**2)
+
 
 IMPACTS = ("rigid", "breaks", "folds")
 """What a plain propeller does when it strikes: it stays whole, breaks, or folds as a nodus."""
@@ -203,14 +296,14 @@ def mounted_vehicle(vehicle: VehicleParams, choice: PropellerChoice) -> VehicleP
     """
     check_choice(choice)
     default = next(f.default for f in fields(VehicleParams) if f.name == "rotor_radius")
-    given = {"vehicle.rotor_radius": vehicle.rotor_radius, "propeller.radius": choice.radius}
-    given = {name: r for name, r in given.items() if r not in (0.0, default)}
+    radii = {"vehicle.rotor_radius": vehicle.rotor_radius, "propeller.radius": choice.radius}
+    radii = {name: r for name, r in radii.items() if r not in (0.0, default)}
     true = choice.radius or vehicle.rotor_radius
     source = "propeller.radius"
     if not choice.plain:
         configuration = mounted_configuration(choice)
         true, source = configuration.blade.tip_radius_m, f"the blade of {configuration.label}"
-    for name, radius in given.items():
+    for name, radius in radii.items():
         if abs(radius - true) > _SAME_LENGTH:
             raise InputError(
                 f"{name}: {radius:g} m, but {source} has {true:g} m; accepted: the same radius, "
@@ -230,3 +323,50 @@ def mounted_vehicle(vehicle: VehicleParams, choice: PropellerChoice) -> VehicleP
             f"radius, {vehicle.rotor_radius:g} m"
         )
     return vehicle
+
+
+def recovery_time(propeller: PropellerChoice) -> float:
+    """Return how long a folded propeller needs for 90 % of its thrust [s]; 0: it does not fold."""
+    if not propeller.folds:
+        return 0.0
+    known = library_of(propeller).configurations.values()
+    return propeller_performance(mounted_configuration(propeller), known)["recovery_s"]
+
+
+def propeller_performance(
+    chosen: Configuration, known: Iterable[Configuration]
+) -> dict[str, float]:
+    """Return Table III's figures that the simulation uses for a configuration.
+
+    A configuration that was not measured, such as 1 to 4, gets the mean over the measured ones
+    with the same silicone, or over all where there is none. The rigid propeller has no recovery.
+
+    Args:
+        chosen: the configuration.
+        known: those whose measurements may stand in.
+
+    Returns:
+        collision_force_N, recovery_s (0 for the rigid one).
+    """
+    others = tuple(known)
+    performance = {}
+    for name in ("collision_force_N", "recovery_s"):
+        value = getattr(chosen.measured, name) if chosen.measured is not None else None
+        if value is None:
+            value = 0.0 if chosen.nodus is None else _same_matrix_mean(chosen, others, name)
+        performance[name] = float(value)
+    return performance
+
+
+def _same_matrix_mean(chosen: Configuration, known: Iterable[Configuration], name: str) -> float:
+    """Return the mean of a measured figure over the same silicone, else over every nodus."""
+    same, every = [], []
+    for other in known:
+        value = getattr(other.measured, name) if other.measured is not None else None
+        if other.nodus is None or chosen.nodus is None or value is None:
+            continue
+        every.append(float(value))
+        if other.nodus.matrix.name == chosen.nodus.matrix.name:
+            same.append(float(value))
+    values = same or every
+    return sum(values) / len(values)

@@ -15,20 +15,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, shown, unknown_name
-from tombo_dynamics.propeller.laws.names import DEFAULT_LAW, law_number
+from tombo_dynamics.propeller.blade import wing_from, wing_mass_from
 from tombo_dynamics.propeller.laws.parameters import (
+    DEFAULT_LAW,
     OF_THE_WING,
     ROW_SIZE,
     SCALARS,
+    law_number,
     parameter_row,
     put_wing,
 )
 from tombo_dynamics.propeller.library import configuration, read_library
-from tombo_dynamics.propeller.moduli import matrix_modulus
-from tombo_dynamics.propeller.quantities import COMPLIANCES, QUANTITIES, derive, inputs_of, reached
+from tombo_dynamics.propeller.quantities import (
+    COMPLIANCES,
+    QUANTITIES,
+    derive,
+    inputs_of,
+    matrix_modulus,
+    reached,
+)
 from tombo_dynamics.propeller.records import STANDARD, Configuration, Fibre, Matrix, Surroundings
-from tombo_dynamics.propeller.wing import wing_from
-from tombo_dynamics.propeller.wing_mass import wing_mass_from
 
 MATERIALS = ("matrix", "fibre")
 _WING_FOLLOWS = ("wing_mass_kg", "wing_centroid_m")
@@ -56,14 +62,14 @@ def family(configurations: Any) -> Family:
     if isinstance(configurations, Iterable) and not isinstance(configurations, str | np.ndarray):
         configurations = list(configurations)
     try:
-        given = np.array(configurations, dtype=object)
+        items = np.array(configurations, dtype=object)
     except ValueError:
         raise InputError(
             f"configurations {shown(configurations)}; accepted: lists of equal length"
         ) from None
     members: dict[Configuration, int] = {}
-    index = np.empty(given.shape, dtype=np.int64)
-    for place, item in np.ndenumerate(given):
+    index = np.empty(items.shape, dtype=np.int64)
+    for place, item in np.ndenumerate(items):
         chosen = item if isinstance(item, Configuration) else configuration(item)
         index[place] = members.setdefault(chosen, len(members))
     if not members:
@@ -77,19 +83,19 @@ def checked_changes(changes: Mapping[str, Any]) -> dict[str, dict[str, Array]]:
     Raises:
         InputError: an unknown name, no number, or one out of its bounds.
     """
-    found: dict[str, dict[str, Array]] = {}
+    quantities: dict[str, dict[str, Array]] = {}
     for name, value in changes.items():
         if name in MATERIALS:
-            found[name] = _material(name, value)
+            quantities[name] = _material(name, value)
         elif name in QUANTITIES:
-            found[name] = {name: _numbers(name, value)}
+            quantities[name] = {name: _numbers(name, value)}
         else:
             raise unknown_name("quantity", name, (*QUANTITIES, *MATERIALS))
     for name in MATERIALS:
-        for part in found.get(name, {}):
-            if part in found:
+        for part in quantities.get(name, {}):
+            if part in quantities:
                 raise InputError(f"{name} and {part}: a {name} has one; accepted: one of them")
-    return found
+    return quantities
 
 
 def parameter_rows(
@@ -117,32 +123,32 @@ def parameter_rows(
     chosen = family(configurations)
     groups = checked_changes(changes)
     _check_effect(chosen, law, groups)
-    given = {name: value for group in groups.values() for name, value in group.items()}
-    shape = _common_shape(chosen, given)
+    values = {name: value for group in groups.values() for name, value in group.items()}
+    shape = _common_shape(chosen, values)
     base = np.stack([parameter_row(c, law, surroundings) for c in chosen.members])
     index = np.broadcast_to(chosen.index, shape)
     rows = base[index]
-    if not given:
+    if not values:
         return rows
     inputs = [inputs_of(c, law, surroundings) for c in chosen.members]
-    names = set.intersection(*(set(one) for one in inputs))
+    names = set.intersection(*(set(row_inputs) for row_inputs in inputs))
     known: dict[str, Any] = {
-        name: np.array([one[name] for one in inputs])[chosen.index] for name in names
+        name: np.array([row_inputs[name] for row_inputs in inputs])[chosen.index] for name in names
     }
-    moved = given.get("outer_radius_m")
-    if "length_mm" in given or moved is not None:
-        _check_length(known | given)
+    moved = values.get("outer_radius_m")
+    if "length_mm" in values or moved is not None:
+        _check_length(known | values)
     if moved is not None:
         _move(rows, chosen, index, np.broadcast_to(moved, shape), known)
-    for name in given:
-        known[name] = given[name]
-    changed = (*given, *(_WING_FOLLOWS if moved is not None else ()))
+    for name in values:
+        known[name] = values[name]
+    changed = (*values, *(_WING_FOLLOWS if moved is not None else ()))
     for name, sources in reached(law, changed, tuple(SCALARS)).items():
         if sources:
             rows[..., SCALARS[name]] = derive(name, known, law)
     if not np.isfinite(rows).all():
         raise InputError(
-            f"{', '.join(given)}: so far from each other that a law's parameter is not finite; "
+            f"{', '.join(values)}: so far from each other that a law's parameter is not finite; "
             "accepted: a propeller"
         )
     return rows
@@ -154,8 +160,8 @@ def _move(
     """Let the wings begin at other radii [m]: integrals, mass and centroid."""
     mass, centroid = np.empty(rows.shape[:-1]), np.empty(rows.shape[:-1])
     for number, member in enumerate(chosen.members):
-        here, blade = index == number, member.blade
-        radii, back = np.unique(radius[here], return_inverse=True)
+        members, blade = index == number, member.blade
+        radii, back = np.unique(radius[members], return_inverse=True)
         low, high = blade.pieces[0].start_m, blade.pieces[-1].end_m
         outside = ~((radii > low) & (radii < high))
         if outside.any():
@@ -163,14 +169,14 @@ def _move(
                 f"outer_radius_m {radii[outside][0]:g} is outside of blade {blade.name}; "
                 f"accepted: between {low} and {high} m"
             )
-        own = np.empty((radii.size, ROW_SIZE))
+        moved = np.empty((radii.size, ROW_SIZE))
         weights, centres = np.empty(radii.size), np.empty(radii.size)
         for start in range(0, radii.size, _RADII_AT_ONCE):
             part = slice(start, start + _RADII_AT_ONCE)
-            put_wing(own[part], wing_from(blade, radii[part]))
+            put_wing(moved[part], wing_from(blade, radii[part]))
             weights[part], centres[part] = wing_mass_from(blade, radii[part])
-        rows[here] = np.where(OF_THE_WING, own[back], rows[here])
-        mass[here], centroid[here] = weights[back], centres[back]
+        rows[members] = np.where(OF_THE_WING, moved[back], rows[members])
+        mass[members], centroid[members] = weights[back], centres[back]
     known["wing_mass_kg"], known["wing_centroid_m"] = mass, centroid
 
 
@@ -212,11 +218,11 @@ def _check_effect(chosen: Family, law: str, groups: Mapping[str, Mapping[str, Ar
             )
 
 
-def _common_shape(chosen: Family, given: Mapping[str, Any]) -> tuple[int, ...]:
+def _common_shape(chosen: Family, values: Mapping[str, Any]) -> tuple[int, ...]:
     try:
-        return np.broadcast_shapes(chosen.index.shape, *(v.shape for v in given.values()))
+        return np.broadcast_shapes(chosen.index.shape, *(v.shape for v in values.values()))
     except ValueError:
-        raise broadcast_error(chosen, given) from None
+        raise broadcast_error(chosen, values) from None
 
 
 def broadcast_error(chosen: Family, values: Mapping[str, Any]) -> InputError:
@@ -273,11 +279,11 @@ def _material(name: str, value: Any) -> dict[str, Array]:
     library = read_library()
     known: Mapping[str, Any] = library.matrices if name == "matrix" else library.fibres
     kind = Matrix if name == "matrix" else Fibre
-    given = np.array(value, dtype=object)
-    if not given.size:
+    items = np.array(value, dtype=object)
+    if not items.size:
         raise InputError(f"{name} is empty; accepted: {', '.join(known)} or records")
-    records = np.empty(given.shape, dtype=object)
-    for place, item in np.ndenumerate(given):
+    records = np.empty(items.shape, dtype=object)
+    for place, item in np.ndenumerate(items):
         if not isinstance(item, kind) and not (isinstance(item, str) and item in known):
             raise unknown_name(name, item, known)
         records[place] = known[item] if isinstance(item, str) else item

@@ -1,21 +1,25 @@
 """The quantities a propeller is described by, and how the laws' numbers follow from them.
 
 A formula is written once, elementwise: for one propeller and for a million at a time. Which
-quantity has an effect under which law follows from the formulas, too.
+quantity has an effect under which law follows from the formulas, too. The elastic moduli of the
+nodus are Chamis' rule of mixtures, the paper's Eq. 2.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.propeller.moduli import chamis, matrix_modulus, shear_modulus, volume_fraction
+from tombo_dynamics.propeller.library import known_configuration
 from tombo_dynamics.propeller.records import (
+    STANDARD,
     Configuration,
     Fibre,
     Joint,
@@ -24,6 +28,59 @@ from tombo_dynamics.propeller.records import (
     PublishedTorsion,
     Surroundings,
 )
+
+
+@dataclass(frozen=True)
+class Moduli:
+    """Moduli of the nodus across its fibres."""
+
+    E_N_MPa: float
+    G_N_MPa: float
+
+
+@lru_cache(maxsize=64)
+def matrix_modulus(matrix: Matrix) -> float:
+    """Return Young's modulus of a matrix at zero strain [MPa].
+
+    The least-squares cubic through the secant moduli, read at zero strain (authors' program).
+    """
+    powers = np.vander(np.asarray(matrix.strain_percent, dtype=float), 4, increasing=True)
+    fit = np.linalg.lstsq(powers, np.asarray(matrix.secant_modulus_MPa, dtype=float), rcond=None)
+    return float(fit[0][0])
+
+
+def chamis(matrix: Any, fibre: Any, volume_fraction: Any) -> Any:
+    """Mix two moduli, paper's Eq. 2: E = E_m / (1 - sqrt(v_f) (1 - E_m / E_f)).
+
+    Args:
+        matrix: modulus of the matrix, any unit, any shape; the three broadcast.
+        fibre: modulus of the fibres, same unit.
+        volume_fraction: share of the section that is fibre, 0 to below 1.
+    """
+    return matrix / (1.0 - np.sqrt(volume_fraction) * (1.0 - matrix / fibre))
+
+
+def volume_fraction(fibres: ArrayLike, diameter_mm: ArrayLike, area_mm2: ArrayLike) -> Any:
+    """Return the share of the nodus' section that is fibre, n pi d^2 / 4 / A_N; all broadcast.
+
+    Raises:
+        InputError: the fibres fill the section.
+    """
+    n, d, area = np.broadcast_arrays(fibres, diameter_mm, area_mm2)
+    share = n * np.pi * d**2 / 4.0 / area
+    if (share >= 1.0).any():
+        i = int(np.argmax(share))
+        raise InputError(
+            f"{n.flat[i]:g} fibres of {d.flat[i]:g} mm fill the nodus' section of "
+            f"{area.flat[i]:g} mm^2; accepted: less fibre than section"
+        )
+    return share
+
+
+def shear_modulus(youngs_modulus: Any, poisson_ratio: Any) -> Any:
+    """Return the shear modulus of an isotropic matrix, E / (2 (1 + nu)); both broadcast."""
+    return youngs_modulus / (2.0 * (1.0 + poisson_ratio))
+
 
 Formula = tuple[Callable[..., Any], tuple[str, ...]]
 """A function of quantities, and which ones."""
@@ -154,7 +211,7 @@ def formulas(law: str) -> Mapping[str, Formula]:
     return _PUBLISHED if law == "published" else _FORMULAS
 
 
-def reached(law: str, changed: tuple[str, ...], wanted: tuple[str, ...]) -> dict[str, set[str]]:
+def reached(law: str, changed: tuple[str, ...], targets: tuple[str, ...]) -> dict[str, set[str]]:
     """Return by wanted quantity which of the changed ones it depends on.
 
     What is changed is given, so the formulas behind it no longer count.
@@ -167,7 +224,7 @@ def reached(law: str, changed: tuple[str, ...], wanted: tuple[str, ...]) -> dict
         behind = table[name][1] if name in table else ()
         return set().union(*(sources(other) for other in behind))
 
-    return {name: sources(name) for name in wanted}
+    return {name: sources(name) for name in targets}
 
 
 def derive(name: str, known: dict[str, Any], law: str) -> Any:
@@ -187,14 +244,14 @@ def inputs_of(
     Raises:
         InputError: law published, and a blade without the data of the authors' program.
     """
-    found: dict[str, float] = {}
+    inputs: dict[str, float] = {}
     nodus, published = configuration.nodus, configuration.blade.published
     records: list[tuple[str, Any]] = [("", configuration.blade.joint), ("", surroundings)]
     if nodus is None:
-        found.update(dict.fromkeys(COMPLIANCES, 0.0))
+        inputs.update(dict.fromkeys(COMPLIANCES, 0.0))
     else:
         records += [("", nodus), ("", nodus.matrix), ("fibre_", nodus.fibre)]
-        found["matrix_modulus_MPa"] = matrix_modulus(nodus.matrix)
+        inputs["matrix_modulus_MPa"] = matrix_modulus(nodus.matrix)
         if law == "published" and published is None:
             raise InputError(
                 f"law published: blade {configuration.blade.name} of {configuration.label} has no "
@@ -204,5 +261,26 @@ def inputs_of(
         records.append(("", published))
     for prefix, record in records:
         for name in _fields(record, prefix):
-            found[name] = float(getattr(record, name.removeprefix(prefix)))
-    return found
+            inputs[name] = float(getattr(record, name.removeprefix(prefix)))
+    return inputs
+
+
+def nodus_moduli(configuration: Configuration | int, law: str = "repaired") -> Moduli:
+    """Return E_N and G_N of a configuration [MPa], as Table I prints them.
+
+    Args:
+        configuration: a Configuration, or a number of Table I.
+        law: "published" has the moduli that the authors' program computes with: it overwrites the
+            number of fibres (by 6) and takes G_f = E_f / 2.7. Table III was computed so.
+
+    Raises:
+        InputError: the configuration is rigid, a number that is not in Table I, or a blade without
+            the data of the authors' program.
+    """
+    chosen = known_configuration(configuration)
+    if chosen.rigid:
+        raise InputError(
+            f"{chosen.label} is rigid, it has no nodus; accepted: a configuration with a nodus"
+        )
+    known = dict(inputs_of(chosen, law, STANDARD))
+    return Moduli(float(derive("E_N_MPa", known, law)), float(derive("G_N_MPa", known, law)))

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.propeller.evaluate import evaluate
-from tombo_dynamics.propeller.laws.names import DEFAULT_LAW
-from tombo_dynamics.propeller.operation import Operation
+from tombo_dynamics.propeller.evaluate import Operation, evaluate
+from tombo_dynamics.propeller.laws.parameters import DEFAULT_LAW
 from tombo_dynamics.propeller.parameter_rows import MATERIALS, family
 from tombo_dynamics.propeller.records import STANDARD, Surroundings
 
@@ -29,8 +28,8 @@ class Sweep(Operation):
         """Return the points as columns (n,), those of the axes first; see `Operation.table`."""
         varied = [name for name in self.axes if name != "speed_rad_s"]
         grid = np.meshgrid(*self.axes.values(), indexing="ij")
-        own: dict[str, Any] = dict(zip(varied, grid, strict=False))
-        return super().table(**own, **columns)
+        axes: dict[str, Any] = dict(zip(varied, grid, strict=False))
+        return super().table(**axes, **columns)
 
 
 def sweep(
@@ -59,11 +58,11 @@ def sweep(
         InputError: what is not accepted, see `evaluate`; a list of lists.
     """
     chosen = family(configurations)
-    given: dict[str, NDArray[Any]] = {"configuration": chosen.index}
+    arguments: dict[str, NDArray[Any]] = {"configuration": chosen.index}
     for name, value in changes.items():
-        given[name] = np.array(value, dtype=object if name in MATERIALS else None)
-    given["speed_rad_s"] = np.asarray(speed_rad_s)
-    for name, values in given.items():
+        arguments[name] = np.array(value, dtype=object if name in MATERIALS else None)
+    arguments["speed_rad_s"] = np.asarray(speed_rad_s)
+    for name, values in arguments.items():
         if values.ndim > 1:
             raise InputError(
                 f"{name} of shape {values.shape}; accepted: one value or a list, each list is an "
@@ -71,24 +70,24 @@ def sweep(
             )
         if not values.size:
             raise InputError(f"{name} is empty; accepted: one or more values")
-    varied = [name for name, values in given.items() if values.ndim]
+    varied = [name for name, values in arguments.items() if values.ndim]
     for i, name in enumerate(varied):
-        given[name] = given[name].reshape((-1,) + (1,) * (len(varied) - 1 - i))
+        arguments[name] = arguments[name].reshape((-1,) + (1,) * (len(varied) - 1 - i))
     members = np.empty(len(chosen.members), dtype=object)
     members[:] = chosen.members
     labels = [m.name or m.number for m in chosen.members]
     points = evaluate(
-        members[given.pop("configuration")],
-        given.pop("speed_rad_s"),
+        members[arguments.pop("configuration")],
+        arguments.pop("speed_rad_s"),
         law,
         surroundings,
         outside,
-        **given,
+        **arguments,
     )
     named = {"configuration": np.asarray(labels)[chosen.index], "speed_rad_s": speed_rad_s}
     axes = {name: _axis(named.get(name, changes.get(name))) for name in varied}
-    found = {f.name: getattr(points, f.name) for f in dataclasses.fields(Operation)}
-    return Sweep(**found, axes=axes)
+    columns = {f.name: getattr(points, f.name) for f in dataclasses.fields(Operation)}
+    return Sweep(**columns, axes=axes)
 
 
 def _axis(values: Any) -> NDArray[Any]:

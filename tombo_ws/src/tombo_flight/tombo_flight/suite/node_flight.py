@@ -32,8 +32,8 @@ from tombo_flight.suite.px4_flight import BridgeMonitor, px4_metrics
 from tombo_flight.suite.running import LOGS, RunningSuite, SuiteConfig
 from tombo_flight.suite.supervisor import ProcessExit
 from tombo_px4.bridge.bridge_params import POSITION
-from tombo_sim.flight_end import FlightEndDetector
 from tombo_sim.flight_setup import begin
+from tombo_sim.ground_truth import FlightEndDetector
 
 if TYPE_CHECKING:
     from tombo_flight.process.output_folder import OutputFolder

@@ -19,8 +19,8 @@ from tombo_dynamics.propeller import (
     parameter_row,
     speed_of_maximum_thrust,
 )
+from tombo_dynamics.propeller.laws.equilibrium import twisted
 from tombo_dynamics.propeller.laws.parameters import SCALARS, unpack
-from tombo_dynamics.propeller.laws.wing_loads import twisted
 from tombo_propeller.reproduce.claims.model_claims import draws, weighted_slope
 from tombo_propeller.reproduce.claims.printed_claims import reading_deg
 from tombo_propeller.reproduce.computed_values import collapse, maximum

@@ -19,7 +19,7 @@ import numpy as np
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import Blade, Configuration, Library, Nodus, nodus_moduli
 from tombo_dynamics.propeller.blade import shape, span_quadrature
-from tombo_dynamics.propeller.moduli import volume_fraction
+from tombo_dynamics.propeller.quantities import volume_fraction
 
 FIBRE_COUNTS = tuple(range(2, 11))
 DIAMETERS_MM = (0.38, 0.5, 0.75, 0.9, 0.94, 1.2)

@@ -25,7 +25,6 @@ from tombo_dynamics.propeller import (
     valid_speed,
 )
 from tombo_dynamics.propeller.laws.parameters import SCALARS
-from tombo_dynamics.propeller.moduli import published_moduli
 
 _GRID = 161
 
@@ -94,7 +93,7 @@ def compute(laws: Sequence[str], speeds_rpm: tuple[float, float]) -> Numbers:
         speeds_rpm: ends of the measured range: that of Table III, and the highest.
     """
     soft = [c for c in configurations() if c.nodus is not None]
-    shear = {c.number: published_moduli(_with_own_fibres(c)).G_N_MPa for c in soft}
+    shear = {c.number: nodus_moduli(_with_own_fibres(c), "published").G_N_MPa for c in soft}
     fibre_shear = {c.nodus.fibre.shear_modulus_MPa for c in soft if c.nodus is not None}
     return Numbers({law: _law(law, speeds_rpm) for law in laws}, shear, min(fibre_shear))
 
@@ -146,7 +145,7 @@ def collapse(law: str, top_rpm: float = 15000.0) -> tuple[Array, Array]:
 
 def law_moduli(configuration: Configuration, law: str) -> tuple[float, float]:
     """Return E_N and G_N [MPa] that a law computes with: the authors' program has its own."""
-    moduli = (published_moduli if law == "published" else nodus_moduli)(configuration)
+    moduli = nodus_moduli(configuration, law)
     return moduli.E_N_MPa, moduli.G_N_MPa
 
 

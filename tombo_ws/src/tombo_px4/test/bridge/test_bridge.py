@@ -8,8 +8,8 @@ from bridge_flight import MS, NOW, STEP, ZERO, Flight
 
 from scripted_px4 import GROUND
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.messages import Phase, PositionSetpoint
-from tombo_dynamics.pose_check import PoseRefusal
 from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import BridgeParams
 from tombo_px4.bridge.bridge_records import SessionStage

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scripted_px4 import PARAMETERS
-from tombo_dynamics.pose_check import PoseRefusal
+from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vector
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.bridge.hand_rotation_check import HandVerdict

@@ -18,8 +18,8 @@ from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.frames import is_map
+from tombo_dynamics.input_check import PoseRefusal, check_pose
 from tombo_dynamics.messages import Phase, PositionSetpoint
-from tombo_dynamics.pose_check import PoseRefusal, check_pose
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.bridge_params import BridgeParams

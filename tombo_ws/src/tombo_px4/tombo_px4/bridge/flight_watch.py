@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.pose_check import PoseRefusal
+from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.rotation import rotate_vector
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import GRAVITY

@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.pose_check import PoseRefusal
+from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import GRAVITY

@@ -18,8 +18,8 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.input_check import is_future
 from tombo_dynamics.rotation import rotate_vector
-from tombo_dynamics.stamp_check import is_future
 from tombo_px4.frames import (
     UPPER_DIAGONAL,
     enu_from_ned,

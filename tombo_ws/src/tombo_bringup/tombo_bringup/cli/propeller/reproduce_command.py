@@ -84,7 +84,7 @@ def _checked(given: list[str] | None) -> tuple[str, ...]:
         InputError: unknown law.
     """
     from tombo_dynamics.propeller import LAWS
-    from tombo_dynamics.propeller.laws.names import law_number
+    from tombo_dynamics.propeller.laws.parameters import law_number
 
     chosen = given or list(LAWS)
     for law in chosen:

@@ -1,29 +1,29 @@
 """What can be wrong in a thrust-stand run, each as one function; and what the stand then reads."""
 
-from tombo_dynamics.propeller.effects import air, nodus, readings
+from tombo_dynamics.propeller.effects import readings, rotor
 from tombo_dynamics.propeller.effects.predict import Draws, Setup, nulls, predict
 from tombo_dynamics.propeller.effects.registry import (
+    CHANNELS,
     STAND_EFFECTS,
     Param,
-    Stage,
+    StandRun,
+    StandStage,
     check_stand_theta,
     stand_effect,
 )
-from tombo_dynamics.propeller.effects.run_state import CHANNELS, Run
 
 __all__ = [
     "CHANNELS",
     "STAND_EFFECTS",
     "Draws",
     "Param",
-    "Run",
     "Setup",
-    "Stage",
-    "air",
+    "StandRun",
+    "StandStage",
     "check_stand_theta",
-    "nodus",
     "nulls",
     "predict",
     "readings",
+    "rotor",
     "stand_effect",
 ]

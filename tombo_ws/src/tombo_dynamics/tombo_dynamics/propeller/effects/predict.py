@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.propeller.effects.air import turn_inflow
-from tombo_dynamics.propeller.effects.registry import STAND_EFFECTS, Stage
-from tombo_dynamics.propeller.effects.run_state import CHANNELS, Run
+from tombo_dynamics.propeller.effects.registry import CHANNELS, STAND_EFFECTS, StandRun, StandStage
+from tombo_dynamics.propeller.effects.rotor import turn_inflow
 from tombo_dynamics.propeller.evaluate import SPEED_LIMIT, evaluate_rows
-from tombo_dynamics.propeller.laws.names import DEFAULT_LAW
-from tombo_dynamics.propeller.laws.parameters import SCALARS
+from tombo_dynamics.propeller.laws.parameters import DEFAULT_LAW, SCALARS
 
 _INFLOW_RADIUS = 0.7
 """Of the tip radius: where the inflow's angle is taken."""
@@ -89,21 +87,21 @@ def predict(
     """
     drawn = draws or Draws.none(setup)
     m = _begin(setup, drawn)
-    _apply(Stage.SPEED, m, theta)
-    _apply(Stage.PROPELLER, m, theta)
+    _apply(StandStage.SPEED, m, theta)
+    _apply(StandStage.PROPELLER, m, theta)
     _solve(setup, m)
-    _apply(Stage.LOAD, m, theta)
+    _apply(StandStage.LOAD, m, theta)
     m.thrust = m.thrust + m.applied_thrust
     m.torque = m.torque + m.applied_torque
     m.reference_speed = m.speed.copy()
-    _apply(Stage.READING, m, theta)
+    _apply(StandStage.READING, m, theta)
     return np.column_stack([getattr(m, name) for name in CHANNELS])
 
 
-def _begin(setup: Setup, draws: Draws) -> Run:
+def _begin(setup: Setup, draws: Draws) -> StandRun:
     n = setup.speed.size
     zero = np.zeros(n)
-    return Run(
+    return StandRun(
         speed=setup.speed.copy(),
         rows=setup.rows.copy(),
         plain=setup.plain,
@@ -127,7 +125,7 @@ def _begin(setup: Setup, draws: Draws) -> Run:
     )
 
 
-def _apply(stage: Stage, m: Run, theta: Mapping[str, tuple[float, ...]]) -> None:
+def _apply(stage: StandStage, m: StandRun, theta: Mapping[str, tuple[float, ...]]) -> None:
     for name, effect in STAND_EFFECTS.items():
         if effect.stage == stage and name in theta:
             values = theta[name]
@@ -135,7 +133,7 @@ def _apply(stage: Stage, m: Run, theta: Mapping[str, tuple[float, ...]]) -> None
                 effect.function(m, *values)
 
 
-def _solve(setup: Setup, m: Run) -> None:
+def _solve(setup: Setup, m: StandRun) -> None:
     if m.plain:
         middle = float(np.median(m.speed[m.speed > 0.0])) if (m.speed > 0.0).any() else 1.0
         ratio = np.where(m.speed > 0.0, m.speed / middle, 1.0) ** m.exponent
@@ -158,17 +156,17 @@ def _solve(setup: Setup, m: Run) -> None:
     m.thrust, m.torque, m.beta = thrust, torque, beta
 
 
-def _both_laws(setup: Setup, m: Run) -> tuple[Array, Array, Array]:
-    own = _loads(setup.law, m)
+def _both_laws(setup: Setup, m: StandRun) -> tuple[Array, Array, Array]:
+    loads = _loads(setup.law, m)
     if not m.other_law.any():
-        return own
-    other = _loads(_OTHER_LAW[setup.law], m)
+        return loads
+    other_loads = _loads(_OTHER_LAW[setup.law], m)
     b = m.other_law
-    first, second, third = ((1.0 - b) * x + b * y for x, y in zip(own, other, strict=True))
+    first, second, third = ((1.0 - b) * x + b * y for x, y in zip(loads, other_loads, strict=True))
     return first, second, third
 
 
-def _loads(law: str, m: Run) -> tuple[Array, Array, Array]:
+def _loads(law: str, m: StandRun) -> tuple[Array, Array, Array]:
     """Return thrust [N], torque [N m] and flap angle [rad], with the shared load undone."""
     speed = np.where(m.speed <= SPEED_LIMIT, m.speed, np.nan)
     points = evaluate_rows(m.rows, np.nan_to_num(speed), law, "mask")

@@ -1,5 +1,18 @@
 """The equilibrium of the laws `repaired` and `consistent`, followed up from rest by Newton steps.
 
+Law `repaired`: the published load model with its program's defects mended.
+
+    beta  = K_b [T_w - W - F_c tan(beta - 0.1221)],   K_b = (r_N / x_c) L^2 / (2 E_N I_f)
+    alpha = K_a [D_w + F_c tan(0.1418 - alpha)],      K_a = (x_c / r_N) L^2 / (2 E_N I_l)
+    gamma = L / (G_N J) {[T_w - W - F_c tan(beta - 0.1221)] dy + [D_w + F_c tan(alpha)] dz}
+
+In the twist, F_c pulls in plane with tan(alpha), as in the paper, where the equation of alpha has
+tan(0.1418 - alpha). The thrust's maximum comes from this one term.
+
+Law `consistent`: both equations have the same in-plane force, F_c tan(0.1418 - alpha). The pull
+then fades as the wing lags, the twist saturates, and there is no maximum of thrust below
+18 000 rpm.
+
 The physical root is the one that continues the equilibrium at rest. Newton's method alone finds
 some root; for very soft or far offset wings that can be one beyond a turning point, which no
 propeller that spins up reaches. So every root is reached from rest along its path: the equations
@@ -10,15 +23,87 @@ from __future__ import annotations
 
 import math
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.propeller.laws import consistent, repaired
-from tombo_dynamics.propeller.laws.names import LAWS, NO_EQUILIBRIUM, OK, TWIST_OUT_OF_RANGE
-from tombo_dynamics.propeller.laws.parameters import Parameters
-from tombo_dynamics.propeller.laws.wing_loads import twisted
+from tombo_dynamics.propeller.laws.parameters import (
+    LAWS,
+    NO_EQUILIBRIUM,
+    OK,
+    TWIST_OUT_OF_RANGE,
+    Parameters,
+)
+
+_EDGE = 0.5 * math.pi
+_CLOSE = 1e-14
+
+
+@compiled
+def spring_angle(m: float, r: float) -> float:
+    """Return y in (-pi/2, pi/2) with y + m tan(y) = r, for m >= 0.
+
+    The left side rises steadily, so there is one root; Newton's method, kept inside of a bracket
+    that every step narrows. Without pull (m = 0) it is r itself.
+    """
+    if m <= 0.0:
+        return r
+    low, high = -_EDGE, _EDGE
+    y = math.atan(r / (1.0 + m))
+    for _ in range(200):
+        tangent = math.tan(y)
+        excess = y + m * tangent - r
+        if excess > 0.0:
+            high = y
+        else:
+            low = y
+        step = excess / (1.0 + m * (1.0 + tangent * tangent))
+        if abs(step) < _CLOSE:
+            return y - step
+        y -= step
+        if not low < y < high:
+            y = 0.5 * (low + high)
+    return y
+
+
+@compiled
+def twisted(
+    weights: Array, rate: float, gamma: float, sine: float, cosine: float
+) -> tuple[float, float]:
+    """Return f(gamma) and f'(gamma) of the closed form in `wing`.
+
+    Args:
+        weights: the six weights, in the unit of f.
+        rate: n, 1.
+        gamma: twist [rad].
+        sine: of gamma.
+        cosine: of gamma.
+    """
+    s, c = math.sin(rate * gamma), math.cos(rate * gamma)
+    even = weights[0] + weights[1] * c + weights[2] * s
+    odd = weights[3] + weights[4] * c + weights[5] * s
+    even_slope = rate * (weights[2] * c - weights[1] * s)
+    odd_slope = rate * (weights[5] * c - weights[4] * s)
+    value = cosine * even + sine * odd
+    slope = cosine * (odd + even_slope) + sine * (odd_slope - even)
+    return value, slope
+
+
+@compiled
+def _repaired_pull(alpha: float) -> tuple[float, float]:
+    """Return the in-plane pull over F_c that twists the nodus, and its slope over alpha."""
+    tangent = math.tan(alpha)
+    return tangent, 1.0 + tangent * tangent
+
+
+@compiled
+def _consistent_pull(alpha: float, lag_offset: float) -> tuple[float, float]:
+    """Return the in-plane pull over F_c that twists the nodus, and its slope over alpha."""
+    tangent = math.tan(lag_offset - alpha)
+    return tangent, -1.0 - tangent * tangent
+
 
 _STEPS = 15
 _STEP_LIMIT = 0.3
-_CLOSE = 1e-9
+_ROOT_CLOSE = 1e-9
 """Newton's steps shrink quadratically: one below this leaves an error below rounding."""
 _NEAR = 1e-3
 """Accuracy of the points on the way [rad]; only the last one counts."""
@@ -31,8 +116,6 @@ _WIDEST_GAP = 0.005
 _SHORTEST_STEP = 1e-8
 _MOST_FOLLOWED = 200
 _CONSISTENT = LAWS["consistent"]
-_repaired_pull = repaired.in_plane_pull
-_consistent_pull = consistent.in_plane_pull
 
 
 @compiled
@@ -65,7 +148,7 @@ def newton(
         if law == _CONSISTENT:
             tan_t, slope_t = _consistent_pull(alpha, p.lag_offset)
         else:
-            tan_t, slope_t = _repaired_pull(alpha, p.lag_offset)
+            tan_t, slope_t = _repaired_pull(alpha)
         up = c * lift - p.wing_weight - pull * tan_b
         back = c * drag + pull * tan_a
         twist_back = c * drag + pull * tan_t
@@ -131,27 +214,29 @@ def equilibrium(law: int, p: Parameters, square: float) -> tuple[float, float, f
     alpha, beta = 0.0, -kb * p.wing_weight
     gamma = -p.twist_compliance * p.wing_weight * p.lift_arm
     t_a, t_b, t_g = 0.0, 0.0, 0.0
-    here, step = 0.0, _FIRST_STEP * square
+    reached, step = 0.0, _FIRST_STEP * square
     for _ in range(_MOST_FOLLOWED):
-        there = min(square, here + step)
-        last = there >= square
+        target = min(square, reached + step)
+        last = target >= square
         # Angles grow with omega^2 at first and level off later: linear in omega is in between.
-        ahead = 2.0 * (math.sqrt(there / here) - 1.0) if here > 0.0 else 0.0
+        ahead = 2.0 * (math.sqrt(target / reached) - 1.0) if reached > 0.0 else 0.0
         p_a, p_b, p_g = alpha + ahead * t_a, beta + ahead * t_b, gamma + ahead * t_g
-        close = _CLOSE if last else _NEAR
-        a, b, g, determinant, found, n_a, n_b, n_g = newton(law, p, there, p_a, p_b, p_g, close)
+        close = _ROOT_CLOSE if last else _NEAR
+        a, b, g, determinant, converged, n_a, n_b, n_g = newton(
+            law, p, target, p_a, p_b, p_g, close
+        )
         miss = max(abs(a - p_a), abs(b - p_b), abs(g - p_g))
         # The trapezoid of both ends' slopes: it closes on a smooth path, not across a fold of it.
-        back = 1.0 - math.sqrt(here / there) if there > 0.0 else 0.0
+        back = 1.0 - math.sqrt(reached / target) if target > 0.0 else 0.0
         gap = max(
             abs(a - alpha - 0.5 * ahead * t_a - back * n_a),
             abs(b - beta - 0.5 * ahead * t_b - back * n_b),
             abs(g - gamma - 0.5 * ahead * t_g - back * n_g),
         )
-        if found and determinant > 0.0 and miss < _LONGEST_MISS and gap < _WIDEST_GAP:
+        if converged and determinant > 0.0 and miss < _LONGEST_MISS and gap < _WIDEST_GAP:
             if last:
                 return a, b, g, (OK if g <= p.twist_limit else TWIST_OUT_OF_RANGE)
-            alpha, beta, gamma, here = a, b, g, there
+            alpha, beta, gamma, reached = a, b, g, target
             t_a, t_b, t_g = n_a, n_b, n_g
             step *= 4.0
         else:

@@ -1,7 +1,7 @@
-"""Everything a law needs to know about a propeller, as one flat row of SI numbers.
+"""The laws by name, and everything that one needs to know about a propeller, as one flat row.
 
-A row is what compiled code takes: rows of many configurations, or of many variations of one, stack
-into one array that a single call evaluates.
+A row of SI numbers is what compiled code takes: rows of many configurations, or of many variations
+of one, stack into one array that a single call evaluates.
 """
 
 from __future__ import annotations
@@ -12,13 +12,34 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError, shown
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.propeller.laws.names import law_number
+from tombo_dynamics.propeller.blade import Wing, rigid_integrals, wing
 from tombo_dynamics.propeller.library import known_configuration
 from tombo_dynamics.propeller.quantities import derive, inputs_of
 from tombo_dynamics.propeller.records import STANDARD, Blade, Configuration, Surroundings
-from tombo_dynamics.propeller.wing import Wing, rigid_integrals, wing
+
+LAWS = {"published": 0, "repaired": 1, "consistent": 2}
+"""Law by name, with its number in compiled code."""
+DEFAULT_LAW = "repaired"
+
+OK = 0
+TWIST_OUT_OF_RANGE = 1
+NO_EQUILIBRIUM = 2
+"""Verdicts on a point: physical root found; some section beyond the coefficients' range; no root
+that continues the one at rest."""
+
+
+def law_number(law: str) -> int:
+    """Return the number of a law.
+
+    Raises:
+        InputError: there is no such law.
+    """
+    if not isinstance(law, str) or law not in LAWS:
+        raise unknown_name("law", law, LAWS)
+    return LAWS[law]
+
 
 ROW_SIZE = 65
 

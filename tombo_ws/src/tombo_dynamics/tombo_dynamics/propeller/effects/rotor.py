@@ -1,12 +1,19 @@
-"""What can be wrong with the air and the blade's coefficients."""
+"""What can be wrong with air, blade and nodus: coefficients, stiffness, load."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.propeller.effects.registry import Param, Stage, stand_effect
-from tombo_dynamics.propeller.effects.run_state import DRAG, LIFT, TORQUE, Run
+from tombo_dynamics.propeller.effects.registry import (
+    DRAG,
+    LIFT,
+    TORQUE,
+    Param,
+    StandRun,
+    StandStage,
+    stand_effect,
+)
 from tombo_dynamics.propeller.laws.parameters import SCALARS
 
 _RELATIVE = (-0.6, 1.5)
@@ -14,7 +21,7 @@ _RELATIVE = (-0.6, 1.5)
 
 @stand_effect(
     "thrust_coefficient",
-    Stage.PROPELLER,
+    StandStage.PROPELLER,
     [Param("error", "1", 0.0, _RELATIVE, "true over model, less 1", 0.10)],
     signature="thrust is off by a share at every speed, torque is not",
     separates_from={
@@ -23,7 +30,7 @@ _RELATIVE = (-0.6, 1.5)
         "rpm_scale": "torque, or a second tachometer",
     },
 )
-def thrust_coefficient(m: Run, error: float) -> None:
+def thrust_coefficient(m: StandRun, error: float) -> None:
     """Multiply the lift of every section, and what it bends and twists."""
     if m.plain:
         m.rows[:, 0] *= 1.0 + error
@@ -34,12 +41,12 @@ def thrust_coefficient(m: Run, error: float) -> None:
 
 @stand_effect(
     "drag_coefficient",
-    Stage.PROPELLER,
+    StandStage.PROPELLER,
     [Param("error", "1", 0.0, _RELATIVE, "true over model, less 1", 0.15)],
     signature="torque is off by a share at every speed, thrust is nearly not",
     separates_from={"torque_gain": "apply a known torque with arm and weight"},
 )
-def drag_coefficient(m: Run, error: float) -> None:
+def drag_coefficient(m: StandRun, error: float) -> None:
     """Multiply the drag of every section, and with it the torque."""
     if m.plain:
         m.rows[:, 1] *= 1.0 + error
@@ -52,7 +59,7 @@ def drag_coefficient(m: Run, error: float) -> None:
 
 @stand_effect(
     "air_density",
-    Stage.PROPELLER,
+    StandStage.PROPELLER,
     [Param("error", "1", 0.0, (-0.5, 0.5), "true over model, less 1", 0.08)],
     signature="thrust and torque are off by the same share at every speed",
     separates_from={
@@ -60,7 +67,7 @@ def drag_coefficient(m: Run, error: float) -> None:
         "thrust_coefficient": "torque, or a barometer",
     },
 )
-def air_density(m: Run, error: float) -> None:
+def air_density(m: StandRun, error: float) -> None:
     """Multiply the density of the air."""
     if m.plain:
         m.rows *= 1.0 + error
@@ -70,7 +77,7 @@ def air_density(m: Run, error: float) -> None:
 
 @stand_effect(
     "inflow",
-    Stage.PROPELLER,
+    StandStage.PROPELLER,
     [Param("coefficient", "1", 0.0, (0.0, 2.0), "of momentum theory's induced speed", 0.4)],
     signature="less thrust by a share, more torque than the thrust's loss would leave",
     separates_from={
@@ -79,27 +86,27 @@ def air_density(m: Run, error: float) -> None:
     },
     models=("tombo",),
 )
-def inflow(m: Run, coefficient: float) -> None:
+def inflow(m: StandRun, coefficient: float) -> None:
     """Turn the air down by the induced velocity of a uniform actuator disc."""
     m.inflow += coefficient
 
 
 @stand_effect(
     "speed_exponent",
-    Stage.PROPELLER,
+    StandStage.PROPELLER,
     [Param("change", "1", 0.0, (-1.0, 1.0), "added to 2 in T = k omega^2", 0.1)],
     signature="thrust over omega^2 rises or falls steadily with speed",
     separates_from={"thrust_tare": "readings at standstill before and after"},
     models=("plain",),
 )
-def speed_exponent(m: Run, change: float) -> None:
+def speed_exponent(m: StandRun, change: float) -> None:
     """Let thrust and torque grow with another power than the square: Reynolds number, flexing."""
     m.exponent += change
 
 
 @stand_effect(
     "fabrication_scatter",
-    Stage.PROPELLER,
+    StandStage.PROPELLER,
     [
         Param("thrust", "1", 0.0, (0.0, 0.5), "standard deviation of the lift", 0.08),
         Param("torque", "1", 0.0, (0.0, 0.5), "standard deviation of the drag", 0.08),
@@ -109,7 +116,7 @@ def speed_exponent(m: Run, change: float) -> None:
     models=("tombo",),
     stochastic=True,
 )
-def fabrication_scatter(m: Run, thrust: float, torque: float) -> None:
+def fabrication_scatter(m: StandRun, thrust: float, torque: float) -> None:
     """Make each propeller's lift and drag differ by chance."""
     lift = 1.0 + thrust * m.propeller_draws[:, 0]
     drag = 1.0 + torque * m.propeller_draws[:, 1]
@@ -122,7 +129,7 @@ def fabrication_scatter(m: Run, thrust: float, torque: float) -> None:
 
 @stand_effect(
     "run_scatter",
-    Stage.LOAD,
+    StandStage.LOAD,
     [
         Param("thrust", "1", 0.0, (0.0, 0.5), "standard deviation of thrust", 0.04),
         Param("torque", "1", 0.0, (0.0, 0.5), "standard deviation of torque", 0.04),
@@ -134,7 +141,7 @@ def fabrication_scatter(m: Run, thrust: float, torque: float) -> None:
     },
     stochastic=True,
 )
-def run_scatter(m: Run, thrust: float, torque: float) -> None:
+def run_scatter(m: StandRun, thrust: float, torque: float) -> None:
     """Let each run be off by its own share: air of the day, mount, warmth of the motor."""
     m.thrust *= 1.0 + thrust * m.share_draws[:, 0]
     m.torque *= 1.0 + torque * m.share_draws[:, 1]
@@ -156,7 +163,7 @@ def turned(weights: Array, rate: float, angle: Array) -> Array:
     return np.column_stack([even, odd])
 
 
-def turn_inflow(m: Run, thrust: Array, tip: float, radius: float) -> Array:
+def turn_inflow(m: StandRun, thrust: Array, tip: float, radius: float) -> Array:
     """Turn the rows' weights by the inflow of a thrust; return the induced velocity [m/s].
 
     The angle is that at `radius`, uniform along the wing; the part inside of the nodus' end,
@@ -169,3 +176,74 @@ def turn_inflow(m: Run, thrust: Array, tip: float, radius: float) -> Array:
     for part, rate in ((LIFT, "lift_rate"), (DRAG, "drag_rate"), (TORQUE, "drag_rate")):
         m.rows[:, part] = turned(m.rows[:, part], float(m.rows[0, SCALARS[rate]]), angle)
     return np.asarray(velocity)
+
+
+_TOMBO = ("tombo",)
+
+
+@stand_effect(
+    "centrifugal_stiffening",
+    StandStage.PROPELLER,
+    [
+        Param(
+            "moment",
+            "kg m^2",
+            0.0,
+            (0.0, 2e-5),
+            "twist stiffness per omega^2: the wing's propeller moment and the fibres' tension",
+            4e-7,
+        )
+    ],
+    signature="soft propellers keep their thrust at speed: the loss by twist stops growing",
+    separates_from={
+        "torsion_constant": "two speeds far apart: a constant acts at all of them alike",
+        "in_plane_term": "a soft and a stiff nodus at high speed, with the flap angle",
+    },
+    models=_TOMBO,
+    saturates=True,
+)
+def centrifugal_stiffening(m: StandRun, moment: float) -> None:
+    """Stiffen the twist with omega^2: 1 / C = 1 / C_0 + moment omega^2."""
+    compliance = m.rows[:, SCALARS["twist_compliance"]]
+    m.scale("twist_compliance", 1.0 / (1.0 + compliance * moment * m.speed**2))
+
+
+@stand_effect(
+    "torsion_constant",
+    StandStage.PROPELLER,
+    [Param("factor", "1", 1.0, (0.02, 10.0), "true J over that of the model", 0.6)],
+    signature="thrust falls short (or not) by twist, at every speed, most with soft nodi",
+    separates_from={"load_sharing": "the flap angle: the load bends, the torsion constant not"},
+    models=_TOMBO,
+)
+def torsion_constant(m: StandRun, factor: float) -> None:
+    """Multiply the section's torsion constant J; the drawn camber line may be 13 times off."""
+    m.scale("twist_compliance", 1.0 / factor)
+
+
+@stand_effect(
+    "load_sharing",
+    StandStage.PROPELLER,
+    [Param("share", "1", 1.0, (0.1, 2.0), "of both wings' load that a nodus carries", 0.5)],
+    signature="flap, lag and twist are all smaller than the model's, thrust of soft ones higher",
+    separates_from={"torsion_constant": "the flap angle"},
+    models=_TOMBO,
+)
+def load_sharing(m: StandRun, share: float) -> None:
+    """Let a nodus carry a share of the propeller's load: one of two wings carries half."""
+    m.rows[:, LIFT] *= share
+    m.rows[:, DRAG] *= share
+    m.share *= share
+
+
+@stand_effect(
+    "in_plane_term",
+    StandStage.PROPELLER,
+    [Param("blend", "1", 0.0, (0.0, 1.0), "0: the law's own term, 1: the other law's", 1.0)],
+    signature="no maximum of thrust: at high speed soft propellers gain against the law",
+    separates_from={"centrifugal_stiffening": "thrust of a soft nodus towards its maximum"},
+    models=_TOMBO,
+)
+def in_plane_term(m: StandRun, blend: float) -> None:
+    """Move from one law's in-plane force in the twist to the other's (repaired, consistent)."""
+    m.other_law += blend

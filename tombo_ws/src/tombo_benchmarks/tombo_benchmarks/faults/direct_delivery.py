@@ -31,7 +31,7 @@ def direct_delivery(cores: Sequence[type[Core]]) -> Any:
 
 
 def _source(cores: Sequence[type[Core]]) -> str:
-    imports = ["from tombo_dynamics.jit import compiled_call"]
+    imports = ["from tombo_dynamics.jit import compiled"]
     takers: dict[str, list[str]] = {}
     for c, core in enumerate(cores):
         for k, (topic, function) in enumerate(core.compiled_form().takes.items()):
@@ -64,4 +64,4 @@ def _suffix(topic: str) -> str:
 
 
 def _function(head: str, body: Sequence[str]) -> list[str]:
-    return ["", "", "@compiled_call", f"def {head}:", *(f"    {line}" for line in body)]
+    return ["", "", "@compiled(inline=False)", f"def {head}:", *(f"    {line}" for line in body)]

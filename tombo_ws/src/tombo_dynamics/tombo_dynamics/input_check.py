@@ -1,4 +1,4 @@
-"""Whether a pose of the motion capture can be one at all, whoever takes it."""
+"""Whether a stamp, or a pose of the motion capture, can be right at all, whoever takes it."""
 
 from __future__ import annotations
 
@@ -6,9 +6,24 @@ import math
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.frames import FRAME_MAP
-from tombo_dynamics.jit import compiled_call
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import Reason
-from tombo_dynamics.stamp_check import is_future
+
+MAX_FUTURE_NS = 5_000_000
+"""A stamp may be this far ahead: two clocks of one machine agree better."""
+
+
+@compiled(inline=False)
+def is_future(stamp_ns: int, now_ns: int) -> bool:
+    """Return whether a stamp can't be right, because that time is yet to come.
+
+    Args:
+        stamp_ns: time of capture.
+        now_ns: when the message was received, by the same clock. Whose clock is less sure than
+            that adds what it may be behind: `Core.clock_slack_ns`, the error of a synchronisation.
+    """
+    return bool(stamp_ns > now_ns + MAX_FUTURE_NS)
+
 
 MAX_POSE_AGE_NS = 500_000_000
 """An older pose says nothing about the vehicle any more."""
@@ -30,7 +45,7 @@ class PoseRefusal(Reason):
     TWO_PUBLISHERS = 8, "two nodes publish poses: which is true is unknown"
 
 
-@compiled_call
+@compiled(inline=False)
 def check_pose(
     stamp_ns: int, now_ns: int, max_age_ns: float, position: Array, attitude: Array
 ) -> PoseRefusal:
