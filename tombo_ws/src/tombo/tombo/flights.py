@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import dataclasses
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -143,10 +144,10 @@ class FlightTables:
     def _repr_html_(self) -> str:
         """Return the figures of a flight and its picture, for notebooks."""
         from tombo_flight.report.flight_plot import figure_bytes
-        from tombo_flight.report.html_page import data_url
 
         shown = {key: value for key, value in self.summary.items() if value is not None}
-        picture = f'<img style="max-width:100%" src="{data_url(figure_bytes(self.plot()))}">'
+        png = base64.b64encode(figure_bytes(self.plot())).decode("ascii")
+        picture = f'<img style="max-width:100%" src="data:image/png;base64,{png}">'
         return html_table(repr(self), shown) + picture
 
 

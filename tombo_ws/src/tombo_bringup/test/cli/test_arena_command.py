@@ -73,8 +73,8 @@ def test_what_was_killed_goes_on_and_ends_as_if_it_had_not_been(tombo, tmp_path)
         "Figures", "Fall and recovery", "Configurations 1 to 13",
         "Typical and worst flight of each reaction", "Not flown",
     ]  # fmt: skip
-    assert page.index("<table") < page.index("<img")
-    assert page.count('<img alt="') == 2
+    assert page.index("<table") < page.index('<figure class="picture"')
+    assert page.count('<figure class="picture"') == 2
     for number, shown in enumerate(again.json["shown"]):
         assert f'id="flight-{number}"' in page
         assert f"<code>{shown['command']}</code>" in page

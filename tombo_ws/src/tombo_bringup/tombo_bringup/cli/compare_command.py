@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tombo_bringup.cli.options import UnpackLimit, json_option, option, output_option
+from tombo_bringup.cli.tables import show_page
 
 if TYPE_CHECKING:
     from tombo_bag.comparison import Comparison
@@ -64,17 +65,16 @@ def compare(
     if as_json:
         typer.echo(text, nl=False)
     else:
-        from tombo_bringup.cli.compare_tables import print_comparison
+        from tombo_flight.report.comparison import comparison_page
 
-        print_comparison(found, a, b)
-        if output is not None:
-            typer.echo(f"{output}: {', '.join(FILES[: 1 if found.equal else 2])}")
+        place = None if output is None else Path(output)
+        show_page(comparison_page(found, a, b), False, place, FILES[: 1 if found.equal else 2])
     raise typer.Exit(0 if found.equal else 1)
 
 
 def _write(found: Comparison, text: str, folder: Path, a: str, b: str) -> None:
     from tombo_flight.process.output_folder import open_output
-    from tombo_flight.report.comparison_plot import draw_comparison
+    from tombo_flight.report.comparison import draw_comparison
     from tombo_flight.report.flight_plot import figure_bytes
 
     with open_output(folder, replace=True, results=FILES) as staged:

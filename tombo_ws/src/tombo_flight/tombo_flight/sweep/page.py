@@ -212,7 +212,7 @@ def _page(sweep: Sweep, columns: Columns, errors: pa.ChunkedArray) -> Page:
         summary=(
             f"{kinds[sweep.design.kind]}: {sweep.design.points} points over "
             f"{', '.join(axis.key for axis in sweep.design.axes) or 'no axis'}, {seeds} "
-            f"seeds each. {outcome}."
+            f"seeds each; {flights} flights: {outcome}."
         ),
         cards=cards,
         sections=[

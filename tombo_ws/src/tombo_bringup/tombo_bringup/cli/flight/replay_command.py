@@ -20,6 +20,7 @@ from tombo_bringup.cli.options import (
     topic_names,
 )
 from tombo_bringup.cli.result_files import check_output
+from tombo_bringup.cli.tables import show_page
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -100,9 +101,11 @@ def replay(
     Inputs are fed in the order and at the times of their arrival, with the stamps of their
     headers. Parameters are those of the recorded flight if the bag has them.
     """
-    from tombo_flight.json_text import as_json as to_json
     from tombo_flight.process.output_folder import open_output
+    from tombo_flight.replay.page import draw_replay, replay_page
     from tombo_flight.replay.run import Request, replay_bag
+    from tombo_flight.report.flight_plot import figure_bytes
+    from tombo_flight.report.page import page_json
 
     request = Request(
         nodes=_nodes(nodes or []),
@@ -121,22 +124,12 @@ def replay(
         if output is not None:
             folder = stack.enter_context(open_output(Path(output), replace=True, results=FILES))
         result = _through_nodes(bag, request, speed) if dds else replay_bag(bag, request)
-        text = to_json(result.as_mapping())
+        page = replay_page(result)
         if folder is not None:
-            from tombo_flight.replay.plot import draw_replay
-            from tombo_flight.report.flight_plot import figure_bytes
-
-            (folder / FILES[0]).write_text(text, encoding="utf-8", newline="\n")
+            (folder / FILES[0]).write_text(page_json(page), encoding="utf-8", newline="\n")
             (folder / FILES[1]).write_bytes(figure_bytes(draw_replay(result)))
             folder.publish()
-    if as_json:
-        typer.echo(text, nl=False)
-    else:
-        from tombo_bringup.cli.flight.replay_tables import print_replay
-
-        print_replay(result)
-        if output is not None:
-            typer.echo(f"Wrote {', '.join(FILES)} to {output}")
+    show_page(page, as_json, None if as_json or output is None else Path(output), FILES)
     raise typer.Exit(1 if strict and result.differences else 0)
 
 

@@ -1,4 +1,4 @@
-"""Two recordings that differ, drawn: a row for each differing topic, values and difference."""
+"""Two recordings compared: the result as a page, and a picture of the topics that differ."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from tombo_bag.comparison import Comparison, TopicComparison, Trace
 from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
+from tombo_flight.report.page import Cell, Item, Page, Row, Section, Table, Text
 
 WIDTH_IN: Final = 12.0
 ROW_IN: Final = 1.7
@@ -20,6 +21,59 @@ DPI: Final = 120
 _MOST_ROWS: Final = 60
 _FEW: Final = 30
 """Below this number of points each is marked."""
+
+
+def comparison_page(comparison: Comparison, name_a: str, name_b: str) -> Page:
+    """Return the page of a comparison: a row for each topic, and for each field that differs."""
+    differing = sum(not topic.equal for topic in comparison.topics)
+    total = len(comparison.topics)
+    left_out = f"Not compared without --topic: {', '.join(comparison.left_out)}."
+    items: list[Item] = [_topics(comparison)]
+    if any(topic.fields for topic in comparison.topics):
+        items.append(_fields(comparison))
+    return Page(
+        title="Comparison of two recordings",
+        eyebrow="Comparison",
+        headline=f"A: {name_a}, B: {name_b}",
+        verdict="differs" if differing else "equal",
+        verdict_style="bad" if differing else "good",
+        summary=f"{differing} of {total} topics differ."
+        if differing
+        else f"Nothing differs on {total} topics.",
+        sections=[
+            Section("", items),
+            Section("", [Text([left_out])] if comparison.left_out else []),
+        ],
+    )
+
+
+def _topics(comparison: Comparison) -> Table:
+    rows = []
+    for topic in comparison.topics:
+        stamp_ns, difference = topic.first or (None, "")
+        rows.append((
+            *(topic.topic, str(topic.messages_a), str(topic.messages_b)),
+            Cell("equal", "good") if topic.equal else Cell("differs", "bad"),
+            "" if stamp_ns is None else _time(comparison, stamp_ns),
+            difference,
+        ))  # fmt: skip
+    return Table(("topic", "in A", "in B", "", "first [s]", "first difference"), rows)
+
+
+def _fields(comparison: Comparison) -> Table:
+    rows: list[Row] = []
+    for topic in comparison.topics:
+        if topic.fields:
+            rows.append(Row([topic.topic], "group"))
+        for field in topic.fields:
+            largest = "–" if field.largest is None else f"{field.largest:.6g}"
+            first_s = _time(comparison, field.first_ns)
+            rows.append(Row([field.field, str(field.messages), first_s, largest]))
+    return Table(("field", "messages", "first [s]", "largest difference"), rows)
+
+
+def _time(comparison: Comparison, stamp_ns: int) -> str:
+    return f"{comparison.seconds(stamp_ns):.6f}".rstrip("0").rstrip(".")
 
 
 def draw_comparison(comparison: Comparison, name_a: str, name_b: str) -> Figure:
