@@ -117,7 +117,7 @@ def topic_names(option_name: str, texts: Sequence[str]) -> dict[str, str]:
     Raises:
         InputError: not of this form, or a topic given twice.
     """
-    found: dict[str, str] = {}
+    names: dict[str, str] = {}
     for text in texts:
         source, sign, name = text.partition("=")
         source = source.removesuffix(":").strip()
@@ -125,10 +125,10 @@ def topic_names(option_name: str, texts: Sequence[str]) -> dict[str, str]:
             raise InputError(
                 f"{option_name} {text}: accepted: TOPIC:=NAME, as in /lab/pose:=/mocap/pose"
             )
-        if source in found:
+        if source in names:
             raise InputError(f"{option_name} {text}: {source} is given twice; accepted: once")
-        found[source] = name.strip()
-    return found
+        names[source] = name.strip()
+    return names
 
 
 def _check_workers(workers: int | None) -> int | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,6 +16,7 @@ from tombo_bringup.cli.vehicle_fit_command import from_flights
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
+    from tombo_flight.report.page import Page
     from tombo_flight.vehicle_file import VehicleFile
 
 app = typer.Typer(
@@ -47,36 +47,10 @@ def show(
     as_json: JsonOnly = False,
 ) -> None:
     """Show each value of a vehicle, where it is from, and its hover."""
+    from tombo_bringup.cli.tables import show_page
     from tombo_flight.vehicle_file import read_vehicle
 
-    file = read_vehicle(name)
-    if as_json:
-        typer.echo(json.dumps(_as_object(file), indent=1))
-        return
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Column, Table
-    from rich.text import Text
-
-    from tombo_bringup.cli.tables import console, print_line, right
-
-    print_line(f"{file.name}{f': {file.about}' if file.about else ''}", "bold")
-    table = Table(
-        Column("", no_wrap=True), *right("value", no_wrap=True), "unit", *right("tolerance"),
-        "from", box=SIMPLE_HEAD, padding=(0, 1, 0, 0),
-    )  # fmt: skip
-    for section in ("vehicle", "propeller", "control"):
-        table.add_row(Text(section, "bold"))
-        for name, *cells in _rows(file, section):
-            table.add_row(*(Text(cell) for cell in (f"  {name}", *cells)))
-    console().print(table)
-    for i, source in enumerate(file.sources):
-        print_line(f"[{i + 1}] {source}")
-    hover = _hover(file)
-    print_line(
-        f"Hover: {hover['thrust_N']:.4g} N and {hover['speed_rad_s']:.4g} rad/s a rotor "
-        f"({hover['speed_rpm']:.0f} rpm), {hover['power_W']:.4g} W of shaft power for all four, "
-        f"thrust to weight {hover['thrust_to_weight']:.2f}"
-    )
+    show_page(_page(read_vehicle(name)), as_json)
 
 
 @app.command()
@@ -128,17 +102,17 @@ def new(
     for setting in settings or []:
         given = override(given, setting, example="vehicle.mass=1.4")
     label = name if name is not None else _ask("--name", "Name", file.stem)
-    said = _Told(given)
-    said.put("vehicle.mass", mass, "--mass", "Mass at take-off [kg]")
-    said.put("vehicle.arm_length", arm, "--arm-length", "Centre to rotor axis [m]")
-    _propeller(said, conf, k_thrust, k_torque, radius, on_impact)
+    values = _FileValues(given)
+    values.put("vehicle.mass", mass, "--mass", "Mass at take-off [kg]")
+    values.put("vehicle.arm_length", arm, "--arm-length", "Centre to rotor axis [m]")
+    _propeller(values, conf, k_thrust, k_torque, radius, on_impact)
     while True:
-        values = {"tombo_vehicle": FORMAT, "name": label, **said.values}
+        content = {"tombo_vehicle": FORMAT, "name": label, **values.content}
         try:
-            vehicle = vehicle_from_mapping(values, f"'{file}'")
+            vehicle = vehicle_from_mapping(content, f"'{file}'")
             break
         except InputError as error:
-            if not said.ask_again(str(error)):
+            if not values.ask_again(str(error)):
                 raise
     write_vehicle(file, vehicle)
     hover = _hover(vehicle)
@@ -148,18 +122,18 @@ def new(
     )
 
 
-class _Told:
+class _FileValues:
     """The values of a new file: settings, then options, then answers."""
 
     def __init__(self, settings: dict[str, Any]) -> None:
-        self.values = settings
+        self.content = settings
         self._asked: dict[str, tuple[str, str]] = {}
         """Key → option and question of what was answered."""
 
     def has(self, key: str) -> bool:
         section, _, name = key.partition(".")
-        content = self.values.get(section)
-        return isinstance(content, dict) and name in content
+        entries = self.content.get(section)
+        return isinstance(entries, dict) and name in entries
 
     def put(
         self, key: str, value: Any, flag: str, question: str = "", default: Any = None
@@ -171,9 +145,9 @@ class _Told:
             value = _ask(flag, question, default)
             self.answered(key, flag, question)
         section, _, name = key.partition(".")
-        content = self.values.setdefault(section, {})
-        if isinstance(content, dict):
-            content[name] = value
+        entries = self.content.setdefault(section, {})
+        if isinstance(entries, dict):
+            entries[name] = value
 
     def answered(self, key: str, flag: str, question: str) -> None:
         """Note that a value is an answer, which may be asked for again."""
@@ -190,12 +164,12 @@ class _Told:
         print_error(problem)
         for key in named:
             section, _, name = key.partition(".")
-            self.values[section][name] = _ask(*self._asked[key], self.values[section][name])
+            self.content[section][name] = _ask(*self._asked[key], self.content[section][name])
         return True
 
 
 def _propeller(
-    said: _Told,
+    values: _FileValues,
     conf: int | None,
     k_thrust: float | None,
     k_torque: float | None,
@@ -203,36 +177,38 @@ def _propeller(
     on_impact: str | None,
 ) -> None:
     """Take the propeller, or ask for it."""
-    plain = said.has("propeller.curve") or said.has("propeller.k_thrust") or k_thrust is not None
+    plain = (
+        values.has("propeller.curve") or values.has("propeller.k_thrust") or k_thrust is not None
+    )
     asks = not plain
     if plain and conf is not None and on_impact != "folds":
         raise InputError(f"--conf {conf}: accepted: without --k-thrust, or with --on-impact folds")
-    if conf is None and not plain and not said.has("propeller.conf"):
+    if conf is None and not plain and not values.has("propeller.conf"):
         answer = _ask(
             "--conf or --k-thrust", "Propeller: a Tombo configuration (0 to 13), or plain", "plain"
         )
         plain = str(answer).strip().lower() == "plain"
         if not plain:
             conf = _whole(str(answer))
-            said.answered("propeller.conf", "--conf", "A Tombo configuration (0 to 13)")
-    said.put("propeller.conf", conf, "--conf")
+            values.answered("propeller.conf", "--conf", "A Tombo configuration (0 to 13)")
+    values.put("propeller.conf", conf, "--conf")
     if not plain:
         given = {"--k-torque": k_torque, "--radius": radius, "--on-impact": on_impact}
         for flag, value in given.items():
             if value is not None:
                 raise InputError(f"{flag} {value}: accepted: with --k-thrust only")
         return
-    if not said.has("propeller.curve"):
+    if not values.has("propeller.curve"):
         question = "Thrust over speed squared [N s^2/rad^2]"
-        said.put("propeller.k_thrust", k_thrust, "--k-thrust", question)
-        k = said.values["propeller"]["k_thrust"]
+        values.put("propeller.k_thrust", k_thrust, "--k-thrust", question)
+        k = values.content["propeller"]["k_thrust"]
         k = k["value"] if isinstance(k, dict) else k
         usual = float(f"{_TORQUE_RATIO * k:.4g}") if isinstance(k, float) else None
         question = "Drag torque over speed squared [N m s^2/rad^2]"
-        said.put("propeller.k_torque", k_torque, "--k-torque", question, usual)
-    said.put("propeller.radius", radius, "--radius", "Tip radius [m]")
+        values.put("propeller.k_torque", k_torque, "--k-torque", question, usual)
+    values.put("propeller.radius", radius, "--radius", "Tip radius [m]")
     question = "When it strikes: rigid, breaks or folds"
-    said.put("propeller.on_impact", on_impact, "--on-impact", question if asks else "", "breaks")
+    values.put("propeller.on_impact", on_impact, "--on-impact", question if asks else "", "breaks")
 
 
 def _ask(flag: str, question: str, default: Any = None) -> Any:
@@ -277,6 +253,43 @@ def _hover(file: VehicleFile) -> dict[str, float]:
     }
 
 
+def _page(file: VehicleFile) -> Page:
+    """Return each value of a vehicle, where it is from, and its hover."""
+    from tombo_flight.report.page import Page, Row, Section, Table, Text
+
+    rows: list[Row | tuple[str, ...]] = []
+    for section in ("vehicle", "propeller", "control"):
+        rows += [Row([section], "group"), *_rows(file, section)]
+    hover = _hover(file)
+    words = (
+        f"Hover: {hover['thrust_N']:.4g} N and {hover['speed_rad_s']:.4g} rad/s a rotor "
+        f"({hover['speed_rpm']:.0f} rpm), {hover['power_W']:.4g} W of shaft power for all four, "
+        f"thrust to weight {hover['thrust_to_weight']:.2f}"
+    )
+    sources = [f"[{i + 1}] {source}" for i, source in enumerate(file.sources)]
+    return Page(
+        title=file.name,
+        eyebrow="vehicle",
+        headline=file.name,
+        summary=file.about,
+        sections=[
+            Section("", [Table(("", "value", "unit", "tolerance", "from"), rows), Text(sources)]),
+            Section("", [Text([words])]),
+        ],
+        data={
+            "name": file.name,
+            "about": file.about,
+            "vehicle": dataclasses.asdict(file.vehicle),
+            "propeller": dataclasses.asdict(file.propeller),
+            "control": dataclasses.asdict(file.control),
+            "effects": {name: dict(theta) for name, theta in file.effects.items()},
+            "sources": list(file.sources),
+            "notes": {key: dataclasses.asdict(note) for key, note in file.notes.items()},
+            "hover": hover,
+        },
+    )
+
+
 def _rows(file: VehicleFile, section: str) -> list[tuple[str, ...]]:
     """Return name, value, unit, tolerance and source of the values of a section."""
     record = getattr(file, section)
@@ -308,20 +321,6 @@ def _source(file: VehicleFile, key: str) -> str:
     if key == "vehicle.rotor_radius":
         return "the propeller"
     return "rule" if key.startswith("control.") else "as the S500, in this size"
-
-
-def _as_object(file: VehicleFile) -> dict[str, Any]:
-    return {
-        "name": file.name,
-        "about": file.about,
-        "vehicle": dataclasses.asdict(file.vehicle),
-        "propeller": dataclasses.asdict(file.propeller),
-        "control": dataclasses.asdict(file.control),
-        "effects": {name: dict(theta) for name, theta in file.effects.items()},
-        "sources": list(file.sources),
-        "notes": {key: dataclasses.asdict(note) for key, note in file.notes.items()},
-        "hover": _hover(file),
-    }
 
 
 app.command("from-flights")(from_flights)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,6 +17,7 @@ from tombo_dynamics.errors import InputError
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight
     from tombo_diagnosis.flight.vehicle_fit import VehicleFit
+    from tombo_flight.report.page import Page
     from tombo_flight.vehicle_file import VehicleFile
 
 
@@ -66,18 +66,17 @@ def from_flights(
     with progress_bar() as on_progress:
         from tombo_diagnosis.flight.diagnose import read_and_check
         from tombo_diagnosis.flight.vehicle_fit import fit_vehicle
-        from tombo_flight.vehicle_file import vehicle_text, write_vehicle
+        from tombo_flight.vehicle_file import write_vehicle
 
         flights, refused = read_and_check(logs, mapping, progress=on_progress)
         if refused:  # healthy flights are all to be fit for use
             raise InputError(refused[0].message)
         base = _base(flights, vehicle, mass)
-        found = fit_vehicle(flights, base, on_progress)
-        write_vehicle(output, found.file)
-    if as_json:
-        typer.echo(json.dumps(_as_object(found, vehicle_text(found.file)), indent=1))
-        return
-    _print(found, output)
+        fit = fit_vehicle(flights, base, on_progress)
+        write_vehicle(output, fit.file)
+    from tombo_bringup.cli.tables import show_page
+
+    show_page(_page(fit, output), as_json)
 
 
 def _base(flights: list[Flight], vehicle: str | None, mass: float | None) -> VehicleFile:
@@ -104,63 +103,65 @@ def _base(flights: list[Flight], vehicle: str | None, mass: float | None) -> Veh
     )
 
 
-def _as_object(found: VehicleFit, text: str) -> dict[str, object]:
-    return {
-        "name": found.file.name,
-        "fitted": {label: dataclasses.asdict(value) for label, value in found.seen.items()},
-        "unseen": list(found.unseen),
-        "accused": dict(found.accused),
-        "file": text,
-    }
-
-
-def _print(found: VehicleFit, output: Path) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Column, Table
-    from rich.text import Text
-
-    from tombo_bringup.cli.tables import console, print_line, right
+def _page(fit: VehicleFit, output: Path) -> Page:
+    from tombo_diagnosis.flight.fit.problem import healthy_confidence
     from tombo_diagnosis.flight.vehicle_fit import FITTED
     from tombo_diagnosis.wording import figure, unit
     from tombo_flight.command_line import command_line
+    from tombo_flight.report.page import Page, Section, Table, Text
+    from tombo_flight.vehicle_file import vehicle_text
 
-    print_line(f"{found.file.name}, as its flights show it", "bold")
-    table = Table(
-        Column("fitted"), *right("change"), "95 % interval",
-        box=SIMPLE_HEAD, padding=(0, 1, 0, 0),
-    )  # fmt: skip
-    for label, value in found.seen.items():
-        change = f"{figure(value.value)} {unit(value.unit)}".strip()
-        interval = f"{figure(value.low)} to {figure(value.high)}"
-        table.add_row(Text(FITTED[label]), change, interval)
-    console().print(table)
-    drive = found.file.drive
+    rows = [
+        (
+            FITTED[label],
+            f"{figure(value.value)} {unit(value.unit)}".strip(),
+            f"{figure(value.low)} to {figure(value.high)}",
+        )
+        for label, value in fit.seen.items()
+    ]
+    drive, lines = fit.file.drive, []
     if drive.known:
-        print_line(
+        lines.append(
             f"Drive: a rotor's thrust is ({figure(drive.offset)} + {figure(drive.gain)} command) "
             f"(V / {figure(drive.supply)})^{figure(drive.supply_exponent)} N"
         )
-    for text in found.unseen:
-        print_line(f"Not shown by these flights, as before: {text}.", "yellow")
-    _print_accused(found)
-    print_line(f"Wrote {output}. Next, with other flights in place of NEW...:")
-    print_line(f"  {command_line(('diagnose', 'NEW...'), [('--vehicle', str(output))])}")
-
-
-def _print_accused(found: VehicleFit) -> None:
-    """Print how the vehicle did on its own flights, each against the others."""
-    from tombo_bringup.cli.tables import print_line
-    from tombo_diagnosis.flight.fit.problem import healthy_confidence
-
-    healthy = found.file.healthy
+    doubts = [f"Not shown by these flights, as before: {text}." for text in fit.unseen]
+    healthy = fit.file.healthy
     assert healthy is not None
     most = f"A diagnosis with this vehicle is at most {healthy_confidence(healthy):.0%} confident."
-    if not healthy.left_out:
-        print_line(f"A single flight can't be held against others. {most}", "yellow")
-        return
-    for name, text in found.accused.items():
-        print_line(f"{name}, diagnosed by the others, is accused: {text}", "yellow")
-    print_line(
-        f"Diagnosed by the others, {healthy.accused} of {healthy.left_out} healthy flights are "
-        f"accused. {most}"
+    if healthy.left_out:
+        doubts += [
+            f"{name}, diagnosed by the others, is accused: {text}"
+            for name, text in fit.accused.items()
+        ]
+        doubts.append(
+            f"Diagnosed by the others, {healthy.accused} of {healthy.left_out} healthy flights "
+            f"are accused. {most}"
+        )
+    else:
+        doubts.append(f"A single flight can't be held against others. {most}")
+    diagnose = command_line(("diagnose", "NEW..."), [("--vehicle", str(output))])
+    return Page(
+        title=fit.file.name,
+        eyebrow="vehicle from flights",
+        headline=f"{fit.file.name}, as its flights show it",
+        summary="",
+        sections=[
+            Section("", [Table(("fitted", "change", "95 % interval"), rows), Text(lines)]),
+            Section("", [Text(doubts, style="warn")]),
+            Section(
+                "",
+                [
+                    Text([f"Wrote {output}. Next, with other flights in place of NEW...:"]),
+                    Text([f"  {diagnose}"], "command"),
+                ],
+            ),
+        ],
+        data={
+            "name": fit.file.name,
+            "fitted": {label: dataclasses.asdict(value) for label, value in fit.seen.items()},
+            "unseen": list(fit.unseen),
+            "accused": dict(fit.accused),
+            "file": vehicle_text(fit.file),
+        },
     )
