@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
 from tombo_bringup.cli.options import HELP_OPTIONS, JsonOnly, integer_option, json_option, option
 from tombo_bringup.cli.propeller.beta_command import beta
@@ -19,10 +18,10 @@ from tombo_bringup.cli.propeller.design_command import design
 from tombo_bringup.cli.propeller.diagnose_command import diagnose
 from tombo_bringup.cli.propeller.recovery_command import recovery
 from tombo_bringup.cli.propeller.reproduce_command import reproduce
-from tombo_bringup.cli.tables import console
 
 if TYPE_CHECKING:
     from tombo_dynamics.propeller import Configuration, Operation
+    from tombo_flight.report.page import Page
 
 app = typer.Typer(
     name="propeller",
@@ -33,6 +32,10 @@ app = typer.Typer(
 _MOST_ROWS = 100_000
 _CURVE_POINTS = 400
 _FIELDS = ("thrust_N", "drag_N", "torque_Nm", "alpha_rad", "beta_rad", "gamma_rad")
+_HEADINGS = (
+    *("rpm", "thrust N", "drag N", "torque mN m"),
+    *("alpha deg", "beta deg", "gamma deg", "L/D", "valid"),
+)
 _FORMATS = (".png", ".svg", ".pdf")
 _RPM = 30.0 / math.pi
 
@@ -85,7 +88,9 @@ def propeller(
     if as_json:
         typer.echo(json.dumps(rows(points, speeds, conf, law), indent=1))
     else:
-        _print_table(points, speeds, chosen, law, limit)
+        from tombo_bringup.cli.tables import show_page
+
+        show_page(_page(points, speeds, chosen, law, limit), False)
     if output is not None:
         _plot(output, chosen, law, limit)
         typer.echo(f"Plot: {output.resolve()}", err=as_json)
@@ -101,10 +106,10 @@ def _refuse_options_before(ctx: typer.Context, command: str) -> None:
             continue
         group: Any = ctx.command
         option = next(name for name in parameter.opts if name.startswith("--"))
-        taken = {name for own in group.commands[command].params for name in own.opts}
+        known = {name for p in group.commands[command].params for name in p.opts}
         accepted = (
             f"it after {command}, tombo propeller {command} {option} ..."
-            if option in taken
+            if option in known
             else f"options of {command}, after it: {option} is not one"
         )
         raise InputError(f"{option} before {command} has no effect; accepted: {accepted}")
@@ -121,27 +126,36 @@ def moduli(
     soft = [c for c in known.values() if not c.rigid]
     computed = [(c, nodus_moduli(c)) for c in soft]
     if as_json:
-        found = [
+        values = [
             {"conf": c.number, "E_N_MPa": m.E_N_MPa, "G_N_MPa": m.G_N_MPa} for c, m in computed
         ]
-        typer.echo(json.dumps(found, indent=1))
+        typer.echo(json.dumps(values, indent=1))
         return
-    table = Table(title="Moduli of the nodus [MPa], paper's Table I")
-    for heading in ("conf", "E_N", "printed", "", "G_N", "printed", ""):
-        table.add_column(heading, justify="right")
+    from tombo_bringup.cli.tables import show_page
+    from tombo_flight.report.page import Cell, Page, Section, Table
+
+    rows = []
     same: list[bool] = []
     for c, m in computed:
-        cells = [str(c.number)]
+        cells: list[str | Cell] = [str(c.number)]
         for value, printed in ((m.E_N_MPa, c.printed_E_N_MPa), (m.G_N_MPa, c.printed_G_N_MPa)):
-            shown, tick = "-", ""
+            shown, tick = "-", Cell("")
             if printed is not None:
                 shown = f"{printed:.4f}"
                 same.append(f"{value:.4f}" == shown)
-                tick = "[green]✓[/green]" if same[-1] else "[red]✗[/red]"
+                tick = Cell("✓", "good") if same[-1] else Cell("✗", "bad")
             cells += [f"{value:.6f}", shown, tick]
-        table.add_row(*cells)
-    console().print(table)
-    typer.echo(f"{sum(same)} of {len(same)} values agree with the paper to the last digit.")
+        rows.append(cells)
+    page = Page(
+        title="Moduli of the nodus",
+        eyebrow="Tombo propeller",
+        headline="Moduli of the nodus [MPa], paper's Table I",
+        summary=f"{sum(same)} of {len(same)} values agree with the paper to the last digit.",
+        sections=[
+            Section("", [Table(("conf", "E_N", "printed", "", "G_N", "printed", ""), rows)])
+        ],
+    )
+    show_page(page, False)
 
 
 def parse_rpm(text: str) -> list[float]:
@@ -177,15 +191,15 @@ def parse_rpm(text: str) -> list[float]:
 
 def rows(points: Operation, speeds: list[float], conf: int, law: str) -> list[dict[str, Any]]:
     """Return one JSON object a speed; SI units and radians, null where the law is not valid."""
-    found = []
+    objects = []
     for i, speed in enumerate(speeds):
         valid = bool(points.valid[i])
         values = {
             name: float(getattr(points, name)[i]) if valid else None
             for name in (*_FIELDS, "lift_over_drag")
         }
-        found.append({"law": law, "conf": conf, "rpm": speed, **values, "valid": valid})
-    return found
+        objects.append({"law": law, "conf": conf, "rpm": speed, **values, "valid": valid})
+    return objects
 
 
 def _default_speeds(limit: float) -> list[float]:
@@ -207,39 +221,43 @@ def _check_writable(path: Path) -> None:
         raise InputError(f"-o {path}: not writable; accepted: a file that can be written")
 
 
-def _print_table(
+def _page(
     points: Operation, speeds: list[float], chosen: Configuration, law: str, limit: float
-) -> None:
+) -> Page:
     from tombo_dynamics.propeller import speed_of_maximum_thrust
+    from tombo_flight.report.page import Cell, Page, Section, Table, Text
 
-    rigid = ", rigid" if chosen.rigid else ""
-    table = Table(title=f"Conf. {chosen.number}{rigid}, law {law}")
-    for heading in ("rpm", "thrust", "drag", "torque", "alpha", "beta", "gamma", "L/D", "valid"):
-        unit = {"thrust": "N", "drag": "N", "torque": "mN m"}.get(heading, "")
-        unit = "deg" if heading in ("alpha", "beta", "gamma") else unit
-        table.add_column(f"{heading}\n[dim]{unit}[/dim]" if unit else heading, justify="right")
+    table: list[list[str | Cell]] = []
     for i, speed in enumerate(speeds):
         if not points.valid[i]:
-            table.add_row(f"{speed:g}", *7 * ["-"], "[red]no[/red]")
+            table.append([f"{speed:g}", *7 * ["-"], Cell("no", "bad")])
             continue
-        table.add_row(
-            f"{speed:g}",
-            f"{points.thrust_N[i]:.3f}",
-            f"{points.drag_N[i]:.3f}",
-            f"{points.torque_Nm[i] * 1e3:.1f}",
-            *(f"{math.degrees(getattr(points, name)[i]):.2f}" for name in _FIELDS[3:]),
-            f"{points.lift_over_drag[i]:.4f}",
-            "[green]yes[/green]",
+        table.append(
+            [
+                f"{speed:g}",
+                f"{points.thrust_N[i]:.3f}",
+                f"{points.drag_N[i]:.3f}",
+                f"{points.torque_Nm[i] * 1e3:.1f}",
+                *(f"{math.degrees(getattr(points, name)[i]):.2f}" for name in _FIELDS[3:]),
+                f"{points.lift_over_drag[i]:.4f}",
+                Cell("yes", "good"),
+            ]
         )
-    console().print(table)
     top, exists = speed_of_maximum_thrust(chosen, law)
     most = f"Maximum of thrust at {top * _RPM:.0f} rpm." if exists else "No maximum of thrust."
-    typer.echo(f"Valid up to {limit:.0f} rpm. {most}")
+    lines = [f"Valid up to {limit:.0f} rpm. {most}"]
     if chosen.measured is not None:
-        typer.echo(
+        lines.append(
             f"Measured at 2000 rpm (Table III): {chosen.measured.thrust_N:.3f} "
             f"+- {chosen.measured.thrust_dev_N:.2f} N."
         )
+    return Page(
+        title="Operating points",
+        eyebrow="Tombo propeller",
+        headline=f"Conf. {chosen.number}{', rigid' if chosen.rigid else ''}, law {law}",
+        summary="",
+        sections=[Section("", [Table(_HEADINGS, table), Text(lines)])],
+    )
 
 
 def _plot(path: Path, chosen: Configuration, law: str, limit: float) -> None:
