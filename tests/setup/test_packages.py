@@ -47,7 +47,6 @@ ROSDEP_KEY = {
 }
 TEST_KEYS = {"python3-hypothesis", "python3-pytest"}
 WITHOUT_KEY = {
-    "SALib",
     "daqp",
     "distributed",
     "gymnasium",

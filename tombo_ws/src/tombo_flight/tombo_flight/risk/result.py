@@ -3,62 +3,84 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
+from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
 from tombo_flight.campaign.statistics import exact_interval
 from tombo_flight.risk.estimate import Estimate, Sample
-from tombo_flight.risk.study import RiskStudy, settings_at
+from tombo_flight.risk.study import RiskStudy, openturns, settings_at
 
 _DEGREES = (1, 2, 3)
 _FOLDS = 10
-_BASE = 1024
-"""Points of the Sobol sequence; SALib evaluates (inputs + 2) times as many."""
 
 
 def influence(keys: Sequence[str], sample: Sample) -> dict[str, Any] | None:
-    """Return first-order and total indices of the margin, for inputs as given; None: no inputs.
+    """Return first-order and total Sobol indices of the margin, for inputs as given; None: none.
 
-    The degree of the polynomial is the one that predicts flights best that it was not fitted to;
-    `r2` is the share of the margin's variance that it predicts of these. The rest comes from the
-    flights' own draws (sensor noise, gusts, scatter) and from what no such polynomial shows.
+    A polynomial chaos expansion is fitted to the flights; its indices are exact sums of squared
+    coefficients (Sudret 2008). The degree is the one that predicts flights best that it was not
+    fitted to; `r2` is the share of the margin's variance that it predicts of these. The rest comes
+    from the flights' own draws (sensor noise, gusts, scatter) and from what no such polynomial
+    shows.
     """
     if not keys:
         return None
     y, weights = sample.margins, np.sqrt(sample.weights)
     fits = []
     for degree in _DEGREES:
-        x = _terms(sample.points, degree)
-        if degree == 1 or x.shape[1] * _FOLDS <= y.size:
-            fits.append((_r2(x, y, weights), degree))
-    r2, degree = max(fits)
-    found = {
+        terms, orders = _chaos_terms(sample.points, degree)
+        if degree == 1 or terms.shape[1] * _FOLDS <= y.size:
+            fits.append((_r2(terms, y, weights), degree, terms, orders))
+    r2, degree, terms, orders = max(fits, key=lambda fit: fit[:2])
+    known = {
         "of": "margin of a flight, inputs as given",
-        "by": f"SALib, on a polynomial of degree {degree} in the normalised inputs",
+        "by": f"OpenTURNS, polynomial chaos of degree {degree} in the normalised inputs",
         "r2": r2,
     }
     if r2 <= 0.0:
-        return {**found, "indices": []}
-    solution = _fit(_terms(sample.points, degree), y, weights)
-    first, total = _indices(keys, lambda points: _terms(points, degree) @ solution)
+        return {**known, "indices": []}
+    first, total = sobol_indices(_fit(terms, y, weights), orders)
     rows = [
         {"key": key, "first": float(a), "total": float(b)}
         for key, a, b in zip(keys, first, total, strict=True)
     ]
-    return {**found, "indices": sorted(rows, key=lambda row: -row["total"])}
+    return {**known, "indices": sorted(rows, key=lambda row: -row["total"])}
 
 
-def _terms(points: Array, degree: int) -> Array:
-    """Return all products of inputs up to a degree (N, terms)."""
-    columns: list[Array] = [np.ones(len(points))]
-    for order in range(1, degree + 1):
-        for chosen in combinations_with_replacement(range(points.shape[1]), order):
-            columns.append(points[:, chosen].prod(axis=1))
-    return np.column_stack(columns)
+def _chaos_terms(points: Array, degree: int) -> tuple[Array, NDArray[np.int64]]:
+    """Return products of orthonormal Hermite polynomials of the inputs up to a degree.
+
+    Args:
+        points: (N, d) standard normal numbers.
+        degree: of the products.
+
+    Returns:
+        their values (N, terms), and the order in each input (terms, d).
+    """
+    ot = openturns()
+    count = points.shape[1]
+    basis = ot.OrthogonalProductPolynomialFactory([ot.HermiteFactory()] * count)
+    numbering = basis.getEnumerateFunction()
+    terms = range(numbering.getBasisSizeFromTotalDegree(degree))
+    sample = ot.Sample(points)
+    values = [np.asarray(basis.build(term)(sample))[:, 0] for term in terms]
+    return np.column_stack(values), np.array([list(numbering(term)) for term in terms])
+
+
+def sobol_indices(coefficients: Array, orders: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return first-order and total Sobol indices (d,) of a polynomial chaos expansion.
+
+    Args:
+        coefficients: (terms,).
+        orders: of each term in each input (terms, d).
+    """
+    variances = coefficients**2 * orders.any(axis=1)
+    active = orders > 0
+    alone = active & (active.sum(axis=1) == 1)[:, None]
+    return variances @ alone / variances.sum(), variances @ active / variances.sum()
 
 
 def _fit(x: Array, y: Array, weights: Array) -> Array:
@@ -70,23 +92,12 @@ def _r2(x: Array, y: Array, weights: Array) -> float:
     """Return the share of the variance that is predicted, by cross-validation."""
     fold = np.arange(y.size) % _FOLDS
     error = np.zeros(y.size)
-    for one in range(_FOLDS):
-        out = fold == one
+    for left_out in range(_FOLDS):
+        out = fold == left_out
         error[out] = y[out] - x[out] @ _fit(x[~out], y[~out], weights[~out])
     share = weights**2 / (weights**2).sum()
     variance = share @ (y - share @ y) ** 2
     return float(1.0 - share @ error**2 / variance) if variance > 0.0 else 0.0
-
-
-def _indices(keys: Sequence[str], model: Any) -> tuple[Array, Array]:
-    from SALib.analyze import sobol as analysis
-    from SALib.sample import sobol as sampling
-
-    problem = {"num_vars": len(keys), "names": list(keys), "bounds": [[0.0, 1.0]] * len(keys)}
-    shares = sampling.sample(problem, _BASE, calc_second_order=False, seed=0)
-    values = model(ndtri(np.clip(shares, 1e-9, 1.0 - 1e-9)))
-    found = analysis.analyze(problem, values, calc_second_order=False, seed=0)
-    return found["S1"], found["ST"]
 
 
 CONFIDENCE = 0.95

@@ -111,11 +111,10 @@ def openturns() -> Any:
     """Return the module.
 
     Raises:
-        InputError: it or SALib is not installed.
+        InputError: it is not installed.
     """
     try:
         import openturns as ot
-        import SALib  # noqa: F401
     except ImportError as error:
         raise InputError(
             f"tombo risk: {error.name} is not installed; accepted: after "
