@@ -82,7 +82,7 @@ def test_the_push_leans_from_away_towards_against_the_blade(rotor, bearing, head
 
 
 @pytest.mark.parametrize("rotor, bearing", SPOTS)
-def test_the_rotor_loses_what_the_tangential_push_takes(rotor, bearing):
+def test_rotor_loses_the_angular_momentum_of_the_tangential_push(rotor, bearing):
     v = struck(rotor, bearing)
     v.begin()
     tangential = np.linalg.norm(np.cross(v.plant.strike_force, outward(v, rotor)))

@@ -37,7 +37,7 @@ def added(name, *values, ticks=0, **where):
 
 
 @every_shape
-def test_it_is_no_candidate_and_says_what_it_is(name):
+def test_disturbance_is_no_candidate_and_is_documented(name):
     assert name not in REGISTRY
     shape = DISTURBANCES[name]
     assert shape.doc.endswith(".") and shape.params
@@ -48,7 +48,7 @@ def test_it_is_no_candidate_and_says_what_it_is(name):
 
 
 @every_shape
-def test_with_typical_values_it_shows_and_stays_finite(name):
+def test_typical_disturbance_shows_and_stays_finite(name):
     ends = []
     for v in (Vehicle(speed=hover_speed()), disturbed(name, speed=hover_speed())):
         v.plant.state.velocity = [1.0, 0.5, 0.2]
@@ -58,14 +58,14 @@ def test_with_typical_values_it_shows_and_stays_finite(name):
     assert np.abs(ends[1] - ends[0]).max() > 1e-3
 
 
-def test_without_one_nothing_is_kept_or_changed():
+def test_plant_without_disturbance_is_unchanged():
     v = Vehicle(speed=hover_speed(), velocity=(1.0, 0.0, 0.0))
     v.fly(0.05)
     assert v.plant.disturbance == np.zeros((), v.plant.disturbance.dtype)
 
 
 @every_shape
-def test_it_can_be_exchanged_and_leaves_nothing_behind(name):
+def test_disturbance_can_be_replaced(name):
     v = disturbed(name)
     v.fly(0.01)
     set_disturbance(v.plant, "body_push", 0.0, 0.0, 0.0)
@@ -74,7 +74,7 @@ def test_it_can_be_exchanged_and_leaves_nothing_behind(name):
     assert kept == np.zeros((), kept.dtype)
 
 
-def test_what_cannot_be_set_is_refused():
+def test_invalid_disturbance_is_refused():
     v = Vehicle()
     with pytest.raises(InputError, match=r"'tethr' \(did you mean 'tether'\?\)"):
         set_disturbance(v.plant, "tethr")

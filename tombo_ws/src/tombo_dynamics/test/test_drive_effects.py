@@ -99,7 +99,7 @@ def test_current_feeds_the_mechanical_power_at_the_drives_efficiency():
     assert mechanical / (current * voltage) == pytest.approx(0.7, rel=1e-3)
 
 
-def test_speed_and_with_it_thrust_fall_with_the_voltage(vehicle):
+def test_speed_and_thrust_fall_with_the_voltage(vehicle):
     v = sagging(resistance=0.1)
     share = v.plant.supply.voltage / vehicle.battery_voltage
     assert 0.5 < share < 0.99

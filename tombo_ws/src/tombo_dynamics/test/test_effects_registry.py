@@ -63,7 +63,7 @@ def test_values_by_name_reach_their_place(name):
 
 
 @every_effect
-def test_called_with_null_parameters_it_adds_nothing(name):
+def test_effect_function_at_null_adds_nothing(name):
     """The effect itself, without the comparison that the chain makes before it calls."""
     v = busy_memory()
     v.plant.supply.charge = v.plant.supply.current = 0.0
@@ -76,7 +76,7 @@ def test_called_with_null_parameters_it_adds_nothing(name):
 
 
 @every_effect
-def test_its_trace_vanishes_with_its_parameters(name):
+def test_effect_vanishes_with_its_parameters(name):
     """A millionth of the size leaves a millionth of the trace; what acts at once has a step."""
     tiny = {k: nulls(name)[k] + 1e-6 * (v - nulls(name)[k]) for k, v in typical(name).items()}
     nothing, something = observe(name, nulls(name)), observe(name, typical(name))
@@ -144,7 +144,7 @@ def test_fit_recovers_the_parameters_of_simulated_data(name):
         ({"gust": {"deviation": 1.0}}, r"'gust' \(did you mean 'gusts'\?\)"),
     ],
 )
-def test_parameters_that_are_none_are_refused(values, message):
+def test_invalid_parameters_are_refused(values, message):
     with pytest.raises(InputError, match=message):
         check_theta(values, "effects")
 

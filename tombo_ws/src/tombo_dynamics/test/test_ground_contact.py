@@ -95,7 +95,7 @@ def test_the_floor_only_pushes():
     assert v.plant.force[2] > 4 * 0.003 * v.params.ground_stiffness
 
 
-def test_the_floor_is_not_felt_above_it():
+def test_floor_does_not_push_above_contact():
     v = standing()
     v.position[2] += 1e-6
     v.begin()
@@ -126,7 +126,7 @@ def test_a_fall_ends_with_less_energy_than_it_began(seed, params):
 
 
 @pytest.mark.parametrize("lean", [0.5, 1.0, 1.4])
-def test_the_floor_is_felt_as_soon_as_the_lowest_leg_is_there(lean):
+def test_floor_pushes_as_soon_as_the_lowest_leg_touches(lean):
     """Whatever the proportions of the airframe."""
     wide = VehicleParams(leg_spread=0.5, arm_length=0.05, leg_height=0.02)
     tilt = Rotation.from_rotvec(np.array([1.0, -1.0, 0.0]) * lean / math.sqrt(2.0))

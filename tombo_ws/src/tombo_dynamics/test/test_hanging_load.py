@@ -19,7 +19,7 @@ def load_of(v):
     return v.plant.memories.hanging_load
 
 
-def test_it_hangs_with_its_weight_and_pulls_where_it_is_tied():
+def test_load_pulls_with_its_weight_at_its_tie():
     """In a hover that carries both, held in place."""
     load, tied = 0.2, (0.1, -0.05)
     v = loaded(load, 0.5, *tied)
@@ -35,7 +35,7 @@ def test_it_hangs_with_its_weight_and_pulls_where_it_is_tied():
     assert v.wrench - empty.wrench == pytest.approx(expected, rel=0.01, abs=1e-4)
 
 
-def test_it_swings_with_the_period_of_a_pendulum(no_air):
+def test_load_swings_with_the_period_of_a_pendulum(no_air):
     """Below a vehicle that is held in place."""
     length = 1.0
     v = loaded(0.1, length, maps=no_air, position=(0.0, 0.0, 50.0))
@@ -75,7 +75,7 @@ def test_vehicle_and_load_keep_their_momentum(seed):
     assert momentum() == pytest.approx(before + fallen, abs=2e-3)
 
 
-def test_it_lies_on_the_floor_until_the_thread_is_taut():
+def test_load_lies_on_the_floor_until_the_thread_is_taut():
     v = loaded(0.2, 0.7, position=(0.0, 0.0, 0.18))
     for height in (0.3, 0.69):
         v.plant.state.position[2] = height
@@ -89,7 +89,7 @@ def test_it_lies_on_the_floor_until_the_thread_is_taut():
     assert load_of(v).pull[2] < 0.0
 
 
-def test_an_unbalanced_propeller_pulls_with_the_square_of_its_speed_and_turns_with_it():
+def test_unbalance_force_has_the_square_of_the_speed_and_rotates():
     size, speed = 5e-6, 400.0
     v = Vehicle({"propeller_unbalance": {"rear_left": size}}, maps=vacuum_maps(), speed=speed)
     pulls = []

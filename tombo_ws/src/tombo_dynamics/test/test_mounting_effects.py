@@ -28,7 +28,7 @@ def read_imu(v):
 ARM = {"x": 0.1, "y": -0.05, "z": 0.07}
 
 
-def test_off_centre_it_feels_what_its_own_place_feels():
+def test_imu_off_centre_measures_the_acceleration_of_its_place():
     """The second difference of the path of that place, less gravity, in body axes."""
     v = Vehicle(
         {"imu_lever_arm": ARM}, rates=(2.0, -3.0, 1.0), velocity=(1.0, 0.0, 0.0), speed=450.0
@@ -81,7 +81,7 @@ def test_scale_multiplies_the_force_and_not_the_bias():
 
 
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
-def test_an_imu_askew_reads_the_same_vectors_in_its_own_axes(roll, pitch, yaw):
+def test_misaligned_imu_reads_the_same_vectors_in_its_axes(roll, pitch, yaw):
     v = Vehicle({"imu_misalignment": {"roll": roll, "pitch": pitch, "yaw": yaw}})
     rates, force = [0.4, -1.2, 2.0], [1.0, -3.0, 12.0]
     v.imu = [*rates, *force]
@@ -90,7 +90,7 @@ def test_an_imu_askew_reads_the_same_vectors_in_its_own_axes(roll, pitch, yaw):
     assert v.imu == pytest.approx([*(axes.T @ rates), *(axes.T @ force)], abs=1e-12)
 
 
-def test_an_imu_pitched_down_reads_hover_forward_and_its_scale_is_that_of_its_own_axis():
+def test_pitched_imu_reads_hover_forward_and_scales_its_axis():
     """Its x axis then has a part of the thrust's reading, downwards: -sin(pitch)."""
     effects = {"imu_misalignment": {"pitch": 0.1}, "accel_scale": {"x": 0.2}}
     v = Vehicle(effects)
@@ -156,7 +156,7 @@ def test_a_world_turned_in_yaw_equals_a_flight_with_another_heading(yaw, seed):
 
 
 @given(SEEDS)
-def test_an_offset_point_is_tracked_where_it_is(seed):
+def test_offset_marker_is_tracked_at_its_place(seed):
     rng = np.random.default_rng(seed)
     position, attitude, offset = (
         rng.normal(0, 3, 3),

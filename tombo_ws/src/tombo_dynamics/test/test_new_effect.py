@@ -128,23 +128,23 @@ def with_rope(run, without):
     return run(ROPE)
 
 
-def test_it_is_registered_with_two_more_places_in_theta(without, with_rope):
+def test_new_effect_is_registered_with_its_parameters(without, with_rope):
     assert set(with_rope["effects"]) == {*without["effects"], "rope"}
     assert with_rope["size"] == without["size"] + 2
     assert set(with_rope["place"]) == {"stiffness", "length"}
 
 
-def test_it_acts_and_is_absent_at_null(without, with_rope):
+def test_new_effect_acts_and_is_absent_at_null(without, with_rope):
     assert with_rope["free"] == without["free"] == pytest.approx(-0.0980665)
     pull = 65.0 * 2.0 / 1.3  # N/m times m of stretch over mass
     assert with_rope["held"] - with_rope["free"] == pytest.approx(-pull * 0.01, rel=1e-3)
 
 
-def test_what_it_remembers_is_kept_from_tick_to_tick(with_rope):
+def test_memory_of_a_new_effect_persists(with_rope):
     assert with_rope["tightenings"] == [1]
 
 
-def test_its_parameters_are_checked(with_rope):
+def test_parameters_of_a_new_effect_are_checked(with_rope):
     bounds, name = with_rope["errors"]
     assert bounds == (
         "effects.rope.stiffness: -1.0 is out of bounds; accepted: a number from 0 to 10000 [N/m]"

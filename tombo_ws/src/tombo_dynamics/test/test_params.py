@@ -65,7 +65,7 @@ def test_everything_beyond_bounds_is_refused_in_one_line(name, beyond):
 
 
 @pytest.mark.parametrize("value", ["1.3", None, True, [1.3], {"kg": 1.3}, 1j])
-def test_what_is_no_number_is_refused(value):
+def test_non_numeric_parameter_is_refused(value):
     with pytest.raises(InputError, match=r"vehicle\.mass"):
         from_mapping(VehicleParams, {"mass": value}, "vehicle")
 
@@ -81,7 +81,7 @@ def test_unknown_key_is_refused_with_the_closest_one():
     assert "did you mean" not in str(unknown_name("key", "zzz", ["mass"]))
 
 
-def test_the_word_that_others_use_is_answered_with_the_name_here():
+def test_common_synonym_is_answered_with_the_accepted_name():
     accepted = ["course", "land_time", "way"]
     assert "did you mean 'course'" in str(unknown_name("key", "waypoints", accepted))
     assert "'course'" not in str(unknown_name("key", "waypoints", ["land_time"]))

@@ -86,7 +86,7 @@ def test_matrix_is_a_proper_rotation_and_scipys(q):
 
 
 @given(quaternions(), vectors, st.floats(-9.0, 0.0))
-def test_turning_by_a_vector_is_the_exponential_in_the_own_frame(q, v, exponent):
+def test_rotation_by_a_vector_is_the_exponential_in_the_body_frame(q, v, exponent):
     v = v * 10.0**exponent
     after = Rotation.from_quat(turned(q, v))
     expected = Rotation.from_quat(q) * Rotation.from_rotvec(v)
@@ -121,7 +121,7 @@ def test_relative_rotation_is_in_the_frame_of_q():
     assert (x, y, z) == pytest.approx((math.sin(0.1), 0.0, 0.0), abs=1e-15)
 
 
-def test_turning_a_view_leaves_what_is_beside_it():
+def test_turning_a_view_leaves_the_array_beside_it():
     rng = np.random.default_rng(2)
     memory = rng.standard_normal(20)
     before = memory.copy()

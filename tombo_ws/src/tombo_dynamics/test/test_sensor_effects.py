@@ -68,7 +68,7 @@ def test_a_low_pass_lets_half_of_the_power_through_at_its_bandwidth(bandwidth):
     assert power[3:] == pytest.approx(0.2, rel=0.02)
 
 
-def test_each_rotor_shakes_the_imu_at_its_speed_by_the_motion_that_is_said():
+def test_imu_vibration_has_the_frequency_and_amplitude_of_each_rotor():
     v = Vehicle({"imu_vibration": {"displacement": 1e-5, "angle": 1e-3}})
     rows = []
     for _ in range(4000):

@@ -26,7 +26,7 @@ def test_thrust_coefficient_error_scales_all_thrusts_and_torques(fraction):
 
 
 @pytest.mark.parametrize("i, name", enumerate(ROTOR_NAMES))
-def test_a_weak_propeller_is_the_one_that_is_named(i, name):
+def test_weak_propeller_is_the_named_one(i, name):
     v = hovering({"weak_propeller": {name: 0.25}})
     share = v.plant.rotor_thrust / WHOLE
     expected = np.ones(4)

@@ -43,7 +43,7 @@ def nine_levels(width=9):
     ],
     ids=lambda value: value[:20],
 )
-def test_what_no_file_of_the_suite_asks_for_is_refused_at_once(text, why):
+def test_oversized_yaml_is_refused_at_once(text, why):
     began = time.process_time()
     with pytest.raises(InputError, match=why) as caught:
         parse_yaml(text, "file")

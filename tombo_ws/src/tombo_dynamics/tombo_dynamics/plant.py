@@ -29,7 +29,7 @@ class RotorSum(Record):
     spin_momentum = field("N m s", "angular momentum of the rotors, along body z")
 
 
-class Contact(Record):
+class ObstacleContact(Record):
     """Where the obstacle is touched in this tick."""
 
     touching = field("1", "a blade or the frame touches the obstacle", kind=bool)
@@ -110,7 +110,7 @@ class Plant(Record):
     strike_force = field("N", "of blade strikes in this tick, body", 3)
     strike_moment = field("N m", "of blade strikes in this tick, body", 3)
     strike_energy = field("J", "kinetic energy that each rotor lost to strikes in this tick", 4)
-    contact = field("", "with the obstacle", kind=Contact)
+    contact = field("", "with the obstacle", kind=ObstacleContact)
     wind = field("m/s", "velocity of the air in this tick, map", 3)
     supply = field("", "battery", kind=Supply)
     gyro = field("rad/s", "as measured, body", 3)

@@ -33,7 +33,7 @@ _TYPES = {float: np.float64, int: np.int64, bool: np.bool_}
 
 
 @dataclass(frozen=True)
-class Field:
+class RecordField:
     """One field of a record."""
 
     unit: str
@@ -61,9 +61,9 @@ def field(unit: str, doc: str, shape: int | tuple[int, ...] = (), kind: Any = fl
         unit: SI unit as text ("1" for none; "" for a record, which has its own).
         doc: what it is; vectors also say their frame.
         shape: length, or shape, of an array; empty: one element.
-        kind: see `Field`.
+        kind: see `RecordField`.
     """
-    return Field(unit, doc, (shape,) if isinstance(shape, int) else shape, kind)
+    return RecordField(unit, doc, (shape,) if isinstance(shape, int) else shape, kind)
 
 
 def fill_record(record: Any, source: Any) -> None:
@@ -87,11 +87,11 @@ def numbers(record: Any) -> Array:
 class Record(np.void):
     """Base of all records; `layout` is its numpy type, `fields` what was declared."""
 
-    fields: ClassVar[dict[str, Field]]
+    fields: ClassVar[dict[str, RecordField]]
     layout: ClassVar[np.dtype[Any]]
 
     def __init_subclass__(cls) -> None:
-        new_fields = {n: f for n, f in vars(cls).items() if isinstance(f, Field)}
+        new_fields = {n: f for n, f in vars(cls).items() if isinstance(f, RecordField)}
         cls.fields = {**getattr(cls, "fields", {}), **new_fields}
         reserved = [name for name in new_fields if hasattr(np.void, name)]
         if reserved:

@@ -30,11 +30,11 @@ _C_OR_PYTHON_TEXT: Any = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 _TAG = "tag:yaml.org,2002:"
 
 
-class _Loader(_C_OR_PYTHON):  # type: ignore[misc]
+class _BoundedLoader(_C_OR_PYTHON):  # type: ignore[misc]
     """Reads 6e-05 as a number, as YAML 1.2 does; PyYAML alone takes it for text."""
 
 
-_Loader.add_implicit_resolver(
+_BoundedLoader.add_implicit_resolver(
     f"{_TAG}float",
     re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)$"),
     list("-+.0123456789"),
@@ -95,7 +95,7 @@ def parse_yaml(text: str, what: str, *, as_text: bool = False) -> Any:
         raise InputError(f"{what}: too large; accepted: YAML of up to {LARGEST} bytes")
     try:
         _check_size(text)
-        loader = (_C_OR_PYTHON_TEXT if as_text else _Loader)(text)
+        loader = (_C_OR_PYTHON_TEXT if as_text else _BoundedLoader)(text)
         try:
             node = loader.get_single_node()
             if node is None:

@@ -101,7 +101,7 @@ def flight() -> _Flight:
 
 
 @pytest.mark.slow
-def test_from_hover_it_lands_where_it_is(flight: _Flight) -> None:
+def test_failsafe_lands_below_a_hover(flight: _Flight) -> None:
     landing = flight.land()
     assert 3.5 < landing.time_s < 6.0  # 1.8 m at 0.4 m/s
     assert landing.touch_speed < _UNHURT
@@ -117,7 +117,7 @@ def test_taking_over_neither_drops_nor_tilts_a_hovering_vehicle(flight: _Flight)
 
 
 @pytest.mark.slow
-def test_moving_at_1_m_s_it_brakes_and_lands(flight: _Flight) -> None:
+def test_failsafe_brakes_from_1_m_s_and_lands(flight: _Flight) -> None:
     flight.move_ahead()
     landing = flight.land()
     assert landing.touch_speed < _UNHURT
@@ -137,7 +137,7 @@ def test_taking_over_a_moving_vehicle_begins_to_brake_without_a_kick(flight: _Fl
 
 
 @pytest.mark.slow
-def test_it_keeps_the_heading(flight: _Flight) -> None:
+def test_failsafe_keeps_the_heading(flight: _Flight) -> None:
     turned = replace(hover_at(0.0, 0.0, 2.0), yaw=1.2)
     flight.lockstep.steer = lambda _: turned
     flight.fly(3.0)
@@ -146,7 +146,7 @@ def test_it_keeps_the_heading(flight: _Flight) -> None:
     assert abs(heading[0] - 1.2) < 0.1
 
 
-def test_tilted_by_20_degrees_it_levels_and_lands(flight: _Flight) -> None:
+def test_failsafe_levels_a_tilt_of_20_degrees_and_lands(flight: _Flight) -> None:
     flight.topple()
     landing = flight.land()
     assert np.rad2deg(landing.tilt) < 40.0
@@ -157,7 +157,7 @@ def test_tilted_by_20_degrees_it_levels_and_lands(flight: _Flight) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 3])  # 3: strong rotors, it floats on the ground's cushion
-def test_without_mocap_it_comes_down_level_and_stops_the_rotors(seed: int) -> None:
+def test_failsafe_without_mocap_lands_level_and_stops_the_rotors(seed: int) -> None:
     flight = copy.deepcopy(_hovering(seed))
     flight.mocap_on = False
     landing = flight.land()
@@ -191,7 +191,7 @@ def test_handed_back_in_the_air_the_flight_goes_on(flight: _Flight) -> None:
     assert not flight.failsafe.engaged
 
 
-def test_on_the_ground_it_commands_nothing() -> None:
+def test_failsafe_on_the_ground_commands_nothing() -> None:
     flight = _Flight(1)
     flight.failsafe.engage(0)
     for _ in range(1500):
@@ -201,7 +201,7 @@ def test_on_the_ground_it_commands_nothing() -> None:
 
 
 @pytest.mark.slow
-def test_it_can_land_twice(flight: _Flight) -> None:
+def test_failsafe_can_land_twice(flight: _Flight) -> None:
     first = flight.land()
     flight.failsafe.release()
     reset_estimator(flight.lockstep.observer.memory)

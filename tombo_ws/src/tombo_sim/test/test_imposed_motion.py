@@ -93,7 +93,7 @@ def test_rotor_speeds_and_voltage_are_the_simulators(flight):
     assert model["current"][:, 0] == pytest.approx(flight["battery"][SETTLED:, 1], rel=0.01)
 
 
-def test_accelerations_add_up_to_what_rates_and_velocity_gain(flight):
+def test_accelerations_integrate_to_rates_and_velocity(flight):
     """Over spans of 20 ms, in which the slope is taken to be straight from tick to tick."""
     model = along(flight, EFFECTS)
     span = 20
@@ -148,7 +148,7 @@ def test_the_floor_does_not_push_on_a_motion_that_noise_carries_into_it(flight):
     assert np.array_equal(*outs)
 
 
-def test_what_was_drawn_comes_back(flight):
+def test_imu_noise_rows_are_used_in_turn(flight):
     """Noise of the IMU, a row a tick, in turn."""
     noise = np.random.default_rng(1).standard_normal((50, NOISE))
     quiet = along(flight, {})
@@ -168,7 +168,7 @@ CAPTURE = {
 
 
 @pytest.mark.slow
-def test_what_is_captured_is_what_the_simulators_capture_gives():
+def test_imposed_capture_equals_the_simulators_capture():
     flown = fly_kernel(CAPTURE, seconds=1.5, seed=3)
     rows = [row for _, row in flown.delivered]
     ticks = flown.mocap["stamp"][rows].astype(int)

@@ -108,7 +108,7 @@ def test_the_log_obeys_newton():
     assert way == pytest.approx(0.5 * (f["velocity"][1:] + f["velocity"][:-1]), abs=1e-4)
 
 
-def test_what_a_tick_leaves_in_memory_is_in_its_row():
+def test_state_after_a_tick_is_in_its_log_row():
     f = fly_kernel(NOISY | {"steady_wind": {"east": 2.0}}, seconds=3.0, seed=8, **IN_THE_WAY)
     for name in ("rotor_thrust", "fold", "damage", "wind", "rotor_command", "gyro", "accel"):
         assert (f[name][-1] == f.plant[name]).all()

@@ -75,7 +75,7 @@ def test_a_dropped_sample_never_arrives():
     assert (np.diff(missing) == 1).any()  # gaps, not single samples only
 
 
-def test_a_gap_lasts_as_long_as_it_was_drawn():
+def test_gap_has_the_drawn_duration():
     noise = np.zeros((61, NOISE))
     noise[:, 7] = -9.0  # no chance
     noise[5, 7] = 9.0  # but here

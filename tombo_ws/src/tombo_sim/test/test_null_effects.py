@@ -38,7 +38,7 @@ def test_nearly_null_the_flight_is_nearly_the_same(name):
 
 
 @every_effect
-def test_at_its_typical_size_it_shows_in_flight(name):
+def test_effect_of_typical_size_shows_in_flight(name):
     if REGISTRY[name].contact:
         pole = {"obstacle": (0.6, 0.3, 0.1, 3.0)}
         size, seconds = at(name, 1.0), 2.5

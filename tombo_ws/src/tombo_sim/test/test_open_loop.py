@@ -50,7 +50,7 @@ def let_go(flight, effects, hold=False, speed=None, ticks=HALF_A_SECOND):
 
 
 @pytest.mark.slow
-def test_the_true_model_flies_what_was_flown(flight):
+def test_true_model_reproduces_the_flight(flight):
     off = let_go(flight, EFFECTS)
     assert np.abs(off[:, :3]).max() < 1e-3
     assert np.abs(off[:, 3:6]).max() < 5e-3
@@ -65,7 +65,7 @@ def test_a_vehicle_taken_for_too_heavy_sinks(flight):
     assert off[:, 2] == pytest.approx(-fall, rel=0.2)
 
 
-def test_a_delay_that_is_not_known_turns_it_away(flight):
+def test_unknown_delay_is_refused(flight):
     late = {**EFFECTS, "command_delay": {"delay": 0.025}}
     assert np.abs(let_go(flight, late)).max() > 20.0 * np.abs(let_go(flight, EFFECTS)).max()
 

@@ -27,7 +27,7 @@ def uniform(values, half_width):
     return float(np.abs(shares - even).max()) < 1.63 / math.sqrt(len(values))  # Kolmogorov, 1 %
 
 
-def test_recovery_and_motor_lag_are_uniform_about_what_they_are(setups):
+def test_recovery_and_motor_lag_are_uniform_about_their_nominal_values(setups):
     nominal = setups[0][0].effects["blade_strike"]["recovery_time"]
     recovery = [s.effects["blade_strike"]["recovery_time"] / nominal - 1.0 for _, s in setups]
     lag = [s.plant.motor_time_constant - p.plant.motor_time_constant for p, s in setups]
@@ -36,7 +36,7 @@ def test_recovery_and_motor_lag_are_uniform_about_what_they_are(setups):
     assert abs(np.corrcoef(recovery, lag)[0, 1]) < 0.15
 
 
-def test_wind_of_one_speed_comes_from_anywhere_on_top_of_the_wind_there_is(setups):
+def test_spread_wind_of_one_speed_is_added_in_any_direction(setups):
     wind = np.array([(s.effects["steady_wind"]["east"], s.effects["steady_wind"]["north"])
                      for _, s in setups]) - [2.0, 0.0]  # fmt: skip
     assert np.hypot(*wind.T) == pytest.approx(1.5)

@@ -229,7 +229,7 @@ class _Source:
             "now = EPOCH_NS + tick * TICK_NS",
             "noise = tick_noise[tick - base]",
             "read_imu(plant, maps, noise, theta)",
-            "imu = Sample(now, plant.gyro, plant.accel)",
+            "imu = ImuSample(now, plant.gyro, plant.accel)",
             *_published_sample(),
             "if tick == capture_ticks[captures.next]:",
             "    capture_pose(plant, mocap_noise, theta, entries, captures, tick)",
@@ -369,7 +369,7 @@ _IMPORTS = [
     "from tombo_dynamics.jit import compiled",
     "from tombo_dynamics.rigid_body import finish_tick",
     "from tombo_dynamics.time_base import EPOCH_NS, TICK_NS",
-    "from tombo_sim.kernel import Sample, drop_rows, publish_pose, publish_sample",
+    "from tombo_sim.kernel import ImuSample, drop_rows, publish_pose, publish_sample",
     "from tombo_sim.kernel import watch_flight, write_row",
     "from tombo_sim.sensing import capture_pose, next_arrival, read_imu",
 ]

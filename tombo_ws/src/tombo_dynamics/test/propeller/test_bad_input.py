@@ -192,6 +192,6 @@ def test_a_number_stands_for_a_configuration_everywhere() -> None:
          r"thrust_N \(2,\), length_mm \(3,\); accepted: shapes that broadcast"),
     ],
 )  # fmt: skip
-def test_what_python_would_trip_over_is_bad_input(call: Callable[[], object], words: str) -> None:
+def test_python_type_errors_are_input_errors(call: Callable[[], object], words: str) -> None:
     with pytest.raises(InputError, match=words):
         call()

@@ -206,7 +206,7 @@ def test_changes_that_are_not_accepted(changes: dict, message: str) -> None:
     assert "accepted" in str(error.value)
 
 
-def test_what_a_law_does_not_know_is_refused() -> None:
+def test_quantity_without_effect_under_a_law_is_refused() -> None:
     with pytest.raises(InputError, match="fibres has no effect under law published"):
         evaluate(13, 100.0, "published", fibres=5)
     with pytest.raises(InputError, match="35 mm"):

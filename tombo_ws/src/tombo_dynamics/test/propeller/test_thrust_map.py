@@ -31,7 +31,7 @@ def test_thrust_and_torque_rise_all_the_way(conf: int, law: str) -> None:
     assert float(m.thrust(m.omega_max)) == pytest.approx(m.thrust_max, rel=1e-12)
 
 
-def test_no_maximum_is_said() -> None:
+def test_missing_maximum_is_reported() -> None:
     for conf, law in ((0, "repaired"), (13, "consistent")):
         m = thrust_map(configuration(conf), law)
         assert not m.has_maximum

@@ -36,7 +36,7 @@ from tombo_dynamics.propeller.records import (
     Nodus,
     Surroundings,
 )
-from tombo_dynamics.propeller.sweep import Sweep, sweep
+from tombo_dynamics.propeller.sweep import OperationGrid, sweep
 from tombo_dynamics.propeller.thrust_map import (
     Peak,
     ThrustMap,
@@ -65,10 +65,10 @@ __all__ = [
     "Moduli",
     "Nodus",
     "Operation",
+    "OperationGrid",
     "Peak",
     "RotorInertia",
     "Surroundings",
-    "Sweep",
     "ThrustMap",
     "configuration",
     "configurations",

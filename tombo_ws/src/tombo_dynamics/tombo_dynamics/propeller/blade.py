@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, shown
-from tombo_dynamics.propeller.records import Blade, Section
+from tombo_dynamics.propeller.records import Blade, BladeSection
 
 
 def shape(blade: Blade, x: Array) -> tuple[Array, Array]:
@@ -43,13 +43,13 @@ def shape(blade: Blade, x: Array) -> tuple[Array, Array]:
     return depth, np.radians(pitch)
 
 
-def lift_coefficient(section: Section, attack_rad: Array) -> Array:
+def lift_coefficient(section: BladeSection, attack_rad: Array) -> Array:
     """Return C_L at angles of attack [rad]."""
     angle = section.lift_rate * attack_rad + np.radians(section.lift_phase_deg)
     return np.asarray(section.lift_mean + section.lift_swing * np.sin(angle))
 
 
-def drag_coefficient(section: Section, attack_rad: Array) -> Array:
+def drag_coefficient(section: BladeSection, attack_rad: Array) -> Array:
     """Return C_D at angles of attack [rad]."""
     angle = section.drag_rate * attack_rad + np.radians(section.drag_phase_deg)
     return np.asarray(section.drag_mean + section.drag_swing * np.cos(angle))
@@ -157,13 +157,13 @@ def wing_integrals(blade: Blade, power: int, start: ArrayLike, end: ArrayLike) -
     return np.asarray(np.einsum("k...m,...m->...k", both, weights * depth * x**power))
 
 
-def lift_weights(section: Section, k: Array) -> Array:
+def lift_weights(section: BladeSection, k: Array) -> Array:
     """Return the weights (..., 6) of lift-like integrals from the ten constants (..., 10)."""
     a, b = section.lift_mean, section.lift_swing
     return np.asarray(k[..., [0, 1, 2, 5, 6, 7]] * np.array([a, b, -b, a, b, -b]))
 
 
-def drag_weights(section: Section, k: Array) -> Array:
+def drag_weights(section: BladeSection, k: Array) -> Array:
     """Return the weights (..., 6) of drag-like integrals from the ten constants (..., 10)."""
     a, b = section.drag_mean, section.drag_swing
     return np.asarray(k[..., [0, 3, 4, 5, 8, 9]] * np.array([a, b, b, a, b, b]))

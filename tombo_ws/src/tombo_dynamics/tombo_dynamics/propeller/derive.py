@@ -102,7 +102,7 @@ def with_joint(
 def with_section(
     configuration: Configuration | int, *, name: str | None = None, **changes: float
 ) -> Configuration:
-    """Return a configuration with other force coefficients, by name of `Section`'s fields.
+    """Return a configuration with other force coefficients, by name of `BladeSection`'s fields.
 
     Raises:
         InputError: an unknown name, or a number out of its bounds.

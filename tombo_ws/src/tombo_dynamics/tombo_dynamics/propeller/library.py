@@ -15,6 +15,7 @@ from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number
 from tombo_dynamics.propeller.records import (
     Blade,
+    BladeSection,
     BladeSegment,
     CollisionPosition,
     Configuration,
@@ -24,7 +25,6 @@ from tombo_dynamics.propeller.records import (
     Measurement,
     Nodus,
     PublishedTorsion,
-    Section,
 )
 from tombo_dynamics.yaml_text import read_yaml
 
@@ -251,7 +251,7 @@ def _blade(name: str, values: object) -> Blade:
         pieces=tuple(
             record(BladeSegment, piece, f"{where}.pieces[{i}]") for i, piece in enumerate(pieces)
         ),
-        section=record(Section, plain.get("section"), f"{where}.section"),
+        section=record(BladeSection, plain.get("section"), f"{where}.section"),
         joint=record(Joint, plain.get("joint"), f"{where}.joint"),
         published=None
         if published is None

@@ -72,7 +72,7 @@ class BladeSegment:
 
 
 @dataclass(frozen=True)
-class Section:
+class BladeSection:
     """Force coefficients of every section over its angle of attack theta [deg].
 
     C_L = lift_mean + lift_swing sin(lift_rate theta + lift_phase) and
@@ -127,7 +127,7 @@ class Blade:
 
     name: str
     pieces: tuple[BladeSegment, ...]
-    section: Section
+    section: BladeSection
     joint: Joint
     published: PublishedTorsion | None = None
     tip_radius_m: float = quantity("m", 0.001, 2.0, default=0.1111)

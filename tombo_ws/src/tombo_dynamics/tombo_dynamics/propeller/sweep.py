@@ -18,7 +18,7 @@ from tombo_dynamics.propeller.records import STANDARD, Surroundings
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sweep(Operation):
+class OperationGrid(Operation):
     """Operating points on a grid: the arrays' dimensions are `axes`, in their order."""
 
     axes: Mapping[str, NDArray[np.generic]]
@@ -39,7 +39,7 @@ def sweep(
     surroundings: Surroundings = STANDARD,
     outside: str = "mask",
     **changes: Any,
-) -> Sweep:
+) -> OperationGrid:
     """Return the operating points of every configuration with every change at every speed.
 
     `sweep([5, 13], speeds, length_mm=[8, 12, 16]).thrust_N` has the shape (2, 3, n).
@@ -87,7 +87,7 @@ def sweep(
     named = {"configuration": np.asarray(labels)[chosen.index], "speed_rad_s": speed_rad_s}
     axes = {name: _axis(named.get(name, changes.get(name))) for name in varied}
     columns = {f.name: getattr(points, f.name) for f in dataclasses.fields(Operation)}
-    return Sweep(**columns, axes=axes)
+    return OperationGrid(**columns, axes=axes)
 
 
 def _axis(values: Any) -> NDArray[Any]:
