@@ -28,7 +28,7 @@ from tombo_dynamics.propeller.library import read_library
 from tombo_flight.model_file import read_model
 from tombo_flight.recorded_flight import read_flight
 from tombo_flight.replay.recorded import scenario_of_bag
-from tombo_flight.replay.run import Request, replay_bag
+from tombo_flight.replay.run import ReplayRequest, replay_bag
 from tombo_flight.scenario import load_scenario
 from tombo_flight.vehicle_file import read_vehicle
 from tombo_logs.checks.pipeline import check_log
@@ -64,7 +64,7 @@ def _recording(path: Path, original: Path) -> Counts:
     _tried(lambda: explain_mapping(path))
     _tried(lambda: read_flight(path))
     _tried(lambda: compare_recordings(path, original))
-    _tried(lambda: replay_bag(path, Request()))
+    _tried(lambda: replay_bag(path, ReplayRequest()))
     return counts
 
 
@@ -173,7 +173,9 @@ def main(folder: Path) -> None:
     """Answer one line for each line that comes."""
     warnings.simplefilter("ignore")
     answers, sys.stdout = sys.stdout, sys.stderr
-    replay_bag(FLIGHT, Request())  # what is imported or compiled late is no part of a reading
+    replay_bag(
+        FLIGHT, ReplayRequest()
+    )  # what is imported or compiled late is no part of a reading
     read_vehicle("px4_x500")
     _warm()
     resource.setrlimit(resource.RLIMIT_AS, (_used() + MEMORY, resource.RLIM_INFINITY))

@@ -9,7 +9,7 @@ import pytest
 
 from tombo_bag.recording import Recording
 from tombo_flight.replay.recorded import PoseTrack, read_poses
-from tombo_flight.replay.run import Replay, Request, replay_bag
+from tombo_flight.replay.run import Replay, ReplayRequest, replay_bag
 
 BAGS = Path(__file__).parents[2] / "tests" / "bags"
 
@@ -35,6 +35,6 @@ def replayed() -> Callable[..., Replay]:
     """Replay a flight of tests/bags: `replayed("aggressive_2", "detector.threshold=5")`."""
 
     def replay(name: str, *settings: str, **request: object) -> Replay:
-        return replay_bag(BAGS / f"{name}.mcap", Request(settings=settings, **request))
+        return replay_bag(BAGS / f"{name}.mcap", ReplayRequest(settings=settings, **request))
 
     return replay

@@ -16,7 +16,7 @@ from tombo_bag.recording import Recording
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.replay.recorded import PoseTrack
-from tombo_flight.replay.run import Request, replay_bag
+from tombo_flight.replay.run import ReplayRequest, replay_bag
 
 POSE = "geometry_msgs/msg/PoseStamped"
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
@@ -54,7 +54,7 @@ def write(path: Path, track: PoseTrack, typename: str = POSE, topic: str = "/moc
 
 
 def events(path: Path, **request: object) -> list[float]:
-    result = replay_bag(path, Request(nodes=("detector",), **request))
+    result = replay_bag(path, ReplayRequest(nodes=("detector",), **request))
     return [round(event.stamp_ns / 1e9, 3) for event in result.replayed.events]
 
 
@@ -69,7 +69,7 @@ def events(path: Path, **request: object) -> list[float]:
 )
 def test_every_type_of_pose_under_any_name(tmp_path, flight, typename):
     path = write(tmp_path / "lab.mcap", flight, typename, "/vicon/quad/quad")
-    result = replay_bag(path, Request())
+    result = replay_bag(path, ReplayRequest())
     assert [round(event.stamp_ns / 1e9, 3) for event in result.replayed.events] == [24.233]
     assert "poses are taken from /vicon/quad/quad, the only candidate" in result.findings
     assert any("defaults" in finding for finding in result.findings)
@@ -106,7 +106,7 @@ def write_ros1(path: Path, track: PoseTrack) -> Path:
 
 def test_a_ros_1_bag_with_another_frame(tmp_path, flight):
     path = write_ros1(tmp_path / "2016-05-01.bag", flight)
-    refused = replay_bag(path, Request())
+    refused = replay_bag(path, ReplayRequest())
     assert refused.replayed.events == []
     assert refused.nodes["detector"]["poses_refused"] == {"wrong_frame": 1198}
     assert any("--frame-ok 'world'" in finding for finding in refused.findings)
@@ -122,15 +122,15 @@ def test_several_candidates_are_listed_and_one_can_be_chosen(tmp_path, flight):
             if topic != "/vrpn/empty":
                 sink.write_columns(Columns(channel, np.arange(3), [message] * 3))
     with pytest.raises(InputError) as caught:
-        replay_bag(path, Request())
+        replay_bag(path, ReplayRequest())
     assert "/vrpn/quad (3 messages), /vrpn/wand (3 messages); accepted: --map" in str(caught.value)
-    result = replay_bag(path, Request(names={"/vrpn/quad": "/mocap/pose"}))
+    result = replay_bag(path, ReplayRequest(names={"/vrpn/quad": "/mocap/pose"}))
     assert list(result.nodes) == ["detector"]
 
 
 def test_two_clocks_made_one(tmp_path, flight):
     path = write(tmp_path / "lab.mcap", flight.shifted(3_200_000_000))
-    late = replay_bag(path, Request(nodes=("detector",)))
+    late = replay_bag(path, ReplayRequest(nodes=("detector",)))
     assert late.nodes["detector"]["poses_refused"] == {"future": 1198}
     assert any("3.2 s ahead of arrival" in finding for finding in late.findings)
     assert events(path, shift_stamps_s=-3.2) == [24.233]
@@ -149,7 +149,7 @@ def test_poses_that_are_not_numbers_are_refused_and_the_rest_is_used(tmp_path, f
     track = copy.deepcopy(flight)
     track.position[600, 0] = np.nan
     track.attitude[601] = np.nan
-    result = replay_bag(write(tmp_path / "lab.mcap", track), Request())
+    result = replay_bag(write(tmp_path / "lab.mcap", track), ReplayRequest())
     assert result.nodes["detector"]["poses_refused"] == {"not_finite": 2}
     assert len(result.replayed.events) == 1
     assert any("2 of 1198 poses are not finite" in finding for finding in result.findings)
@@ -157,11 +157,11 @@ def test_poses_that_are_not_numbers_are_refused_and_the_rest_is_used(tmp_path, f
 
 def test_a_flight_of_no_length_and_one_of_a_single_pose(tmp_path, flight):
     one = PoseTrack(*(column[:1] for column in vars(flight).values()))
-    result = replay_bag(write(tmp_path / "one.mcap", one), Request())
+    result = replay_bag(write(tmp_path / "one.mcap", one), ReplayRequest())
     assert (result.duration_s, result.replayed.events) == (0.0, [])
     none = write(tmp_path / "none.mcap", PoseTrack.none())
     with pytest.raises(InputError, match=r"nothing to replay.*no /mocap/pose in the bag"):
-        replay_bag(none, Request())
+        replay_bag(none, ReplayRequest())
 
 
 @pytest.fixture
@@ -175,16 +175,16 @@ def chatter(tmp_path):
 
 def test_a_recording_without_poses(chatter):
     with pytest.raises(InputError) as caught:
-        replay_bag(chatter, Request())
+        replay_bag(chatter, ReplayRequest())
     assert "/chatter (std_msgs/msg/String)" in str(caught.value)
     assert "--map" in str(caught.value)
 
 
 def test_a_mapped_topic_of_another_type_is_refused(chatter):
     with pytest.raises(InputError, match=r"/mocap/pose has type std_msgs/msg/String; accepted"):
-        replay_bag(chatter, Request(names={"/chatter": "/mocap/pose"}))
+        replay_bag(chatter, ReplayRequest(names={"/chatter": "/mocap/pose"}))
     with pytest.raises(InputError, match="did you mean '/mocap/pose'"):
-        replay_bag(chatter, Request(names={"/chatter": "/mocap/poses"}))
+        replay_bag(chatter, ReplayRequest(names={"/chatter": "/mocap/poses"}))
 
 
 @pytest.mark.slow
@@ -215,7 +215,7 @@ def test_a_recorder_on_another_clock_than_the_nodes(tmp_path, flight):
         clocked = sink.add_channel("/mission/setpoint", setpoint)
         spoken = 1_700_000_000 * SECOND_NS + 3 * (ticks - began)
         sink.write_columns(Columns(channel, wall, raw.messages), Columns(clocked, spoken, said))
-    result = replay_bag(path, Request(nodes=("detector",)))
+    result = replay_bag(path, ReplayRequest(nodes=("detector",)))
     (event,) = result.replayed.events
     assert round(event.stamp_ns / 1e9, 3) == 24.233
     assert event.known_ns / 1e9 == pytest.approx(24.244, abs=0.006)

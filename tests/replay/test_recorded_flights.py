@@ -19,7 +19,7 @@ from tombo_dynamics.messages import Pose
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import write_mcap
-from tombo_flight.replay.run import Request, replay_bag
+from tombo_flight.replay.run import ReplayRequest, replay_bag
 from tombo_flight.scenario import load_scenario
 
 EVENTS = {
@@ -118,7 +118,7 @@ def test_false_alarms_are_counted_against_the_true_contact(replayed):
 def test_a_headless_flight_is_replayed_to_the_last_bit(tmp_path):
     short = ["mission.takeoff_time=0.1", "mission.approach_time=5.0", "duration=16.0"]
     write_mcap(fly_scenario(load_scenario(settings=short), 3), tmp_path / "flight.mcap")
-    result = replay_bag(tmp_path / "flight.mcap", Request())
+    result = replay_bag(tmp_path / "flight.mcap", ReplayRequest())
     assert set(result.nodes) == {"detector", "mission", "reaction", "estimator", "controller"}
     series = (one for node in result.nodes.values() for one in node.values())
     compared = [one for one in series if isinstance(one, dict) and "compared" in one]
@@ -144,7 +144,7 @@ def short_flight(tmp_path_factory):
 
 @pytest.mark.slow
 def test_filterpy_confirms_the_recorded_statistic(short_flight):
-    result = replay_bag(short_flight, Request(nodes=("detector",)))
+    result = replay_bag(short_flight, ReplayRequest(nodes=("detector",)))
     assert result.nodes["detector"]["matched"] == 1
     assert result.nodes["detector"]["filterpy"]["compared"] > 400
     assert result.nodes["detector"]["filterpy"]["differing"] == 0
@@ -168,7 +168,7 @@ def test_a_statistic_that_is_not_the_filters_is_a_finding(short_flight, tmp_path
     with Recording(short_flight) as recording:
         metadata = dict(recording.metadata[FLIGHT_METADATA])
     path = rewrite(short_flight, tmp_path / "off.mcap", metadata=metadata, edit=off)
-    result = replay_bag(path, Request(nodes=("detector",)))
+    result = replay_bag(path, ReplayRequest(nodes=("detector",)))
     (line,) = [line for line in result.findings if "filterpy" in line]
     assert f"of {result.nodes['detector']['filterpy']['compared']} poses" in line
     assert result.nodes["detector"]["filterpy"]["differing"] > 200
@@ -238,7 +238,7 @@ def test_a_recording_begun_in_flight_moves_the_controller(tmp_path):
     short = ["mission.takeoff_time=0.1", "mission.approach_time=5.0", "duration=9.0"]
     write_mcap(fly_scenario(load_scenario(settings=short), 3), tmp_path / "whole.mcap")
     without_beginning(tmp_path / "whole.mcap", tmp_path / "flight.mcap", 6.0)
-    controller = replay_bag(tmp_path / "flight.mcap", Request(nodes=("controller",))).nodes
+    controller = replay_bag(tmp_path / "flight.mcap", ReplayRequest(nodes=("controller",))).nodes
     speed = controller["controller"]["rotor_command"]
     assert speed["compared"] == 3000
     assert 0.0 < speed["rms_rad_s"] < 60.0, "its integrators begin anew, but it flies"

@@ -13,7 +13,7 @@ import pytest
 
 from in_time import in_time
 from tombo_dynamics.errors import InputError
-from tombo_flight.replay.run import Request, replay_bag
+from tombo_flight.replay.run import ReplayRequest, replay_bag
 from tombo_flight.replay.through_nodes import ThroughNodes
 
 pytestmark = pytest.mark.slow
@@ -34,7 +34,7 @@ def processes(word: str) -> set[int]:
 
 @pytest.mark.real_time
 def test_the_real_detector_says_what_was_recorded():
-    result = replay_bag(BAG, Request(nodes=("detector",)), ThroughNodes(60.0))
+    result = replay_bag(BAG, ReplayRequest(nodes=("detector",)), ThroughNodes(60.0))
     metrics = result.nodes["detector"]
     assert (metrics["matched"], metrics["missed"], metrics["extra"]) == (1, 0, 0)
     assert metrics["detection_time_difference_ms"] == [0.0]
@@ -52,7 +52,7 @@ def test_a_node_that_will_not_start_is_named_with_its_last_words(monkeypatch):
 
     monkeypatch.setitem(nodes.SUITE, "detector", "tombo_collision.no_such_node")
     with pytest.raises(InputError, match=r"detector ended before the replay did .*no_such_node"):
-        replay_bag(BAG, Request(nodes=("detector",)), ThroughNodes(60.0))
+        replay_bag(BAG, ReplayRequest(nodes=("detector",)), ThroughNodes(60.0))
     assert not processes("/tombo-replay-")
 
 

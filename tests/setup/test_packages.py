@@ -46,15 +46,7 @@ ROSDEP_KEY = {
     "zstandard": "mcap-ros2-support",
 }
 TEST_KEYS = {"python3-hypothesis", "python3-pytest"}
-WITHOUT_KEY = {
-    "daqp",
-    "distributed",
-    "gymnasium",
-    "openturns",
-    "pyarrow",
-    "pyulog",
-    "ruptures",
-}
+WITHOUT_KEY = {"daqp", "distributed", "gymnasium", "openturns", "pyarrow", "pyulog", "ruptures"}
 """Imports for which rosdep has no key: from pip, which docs/nodes.md says."""
 
 

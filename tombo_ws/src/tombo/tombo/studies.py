@@ -60,7 +60,7 @@ def sweep(
     import pyarrow.parquet as pq
 
     from tombo_flight.sweep.run import TABLE, fly_sweep, open_store
-    from tombo_flight.sweep.study import Design, axis_of, new_sweep
+    from tombo_flight.sweep.study import SweepDesign, axis_of, new_sweep
 
     if seeds.step != 1:
         raise InputError(f"seeds: {seeds}; accepted: a range with step 1")
@@ -68,7 +68,7 @@ def sweep(
     fixed = [f"reaction={{name: {reaction}}}"] if reaction else []
     fixed += texts_of(dict(settings or {}))
     study = new_sweep(
-        scenario, Design(varied, design, samples), seeds, tuple(fixed), model, vehicle
+        scenario, SweepDesign(varied, design, samples), seeds, tuple(fixed), model, vehicle
     )
     with ExitStack() as stack:
         folder = Path(output or stack.enter_context(TemporaryDirectory(prefix="tombo-")))

@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
-from tombo_bringup.cli.flight.hil_command import Screen
+from tombo_bringup.cli.flight.hil_command import HilScreen
 from tombo_px4.hil.link import HilLink
 from tombo_px4.hil.lockstep import Px4Phase
 
@@ -214,7 +214,7 @@ def test_its_speed_is_never_negative_after_px4_has_left():
         phase=Px4Phase.WAITING, flights=1, steps=0, missed=0, wrong_time=0,
         motors=SimpleNamespace(armed=False),
     )  # fmt: skip
-    screen = Screen(0.0, terminal=False)
+    screen = HilScreen(0.0, terminal=False)
     assert "20.0 times real time" in screen._status(one, 1.0)
     one.flight.time_us = 0  # the vehicle that waits for the next PX4
     assert ", 0.0 times real time" in screen._status(one, 2.0)

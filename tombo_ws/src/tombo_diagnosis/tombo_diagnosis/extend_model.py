@@ -8,7 +8,7 @@ from dataclasses import replace
 from tombo_diagnosis.diagnosis import Cause, Diagnosis
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
-from tombo_flight.extended_model import FittedEffect, Model, Origin, Source
+from tombo_flight.extended_model import FittedEffect, Model, ModelSource, Origin
 
 EXTENDING_VERDICTS = ("named", "partly_explained")
 """Verdicts with causes that extend the model."""
@@ -51,7 +51,7 @@ def model_of(
         vehicle=diagnosis.vehicle,
         extends=diagnosis.model if base is not None else "",
         flights=tuple(
-            Source(f.name, f.source, f.used_s, f.formulation) for f in diagnosis.flights
+            ModelSource(f.name, f.source, f.used_s, f.formulation) for f in diagnosis.flights
         ),
     )
     if base is not None:

@@ -15,9 +15,9 @@ from tombo_flight.arena.study import (
     CONFIGURATIONS,
     ROW_KEYS,
     SPEED_OFFSET,
-    Case,
+    ArenaCase,
+    ArenaPlan,
     Match,
-    Plan,
     arena_cases,
     touching_pillar,
 )
@@ -83,11 +83,11 @@ def row(seed, fall, **changes):
 
 def made(falls):
     """A plan of one case with a flight of each fall, and its rows."""
-    case = Case("paper_collision", COLLISIONS, "paper_collision")
+    case = ArenaCase("paper_collision", COLLISIONS, "paper_collision")
     match = Match("bounce", case, False)
     tasks = tuple(Task(str(seed), match, seed) for seed in range(len(falls)))
     rows = {task.key: row(task.seed, fall) for task, fall in zip(tasks, falls, strict=True)}
-    return Plan((match,), tasks, {}), rows
+    return ArenaPlan((match,), tasks, {}), rows
 
 
 def test_figures_are_those_of_the_rows_by_hand():
@@ -141,7 +141,7 @@ def test_a_map_shows_the_crash_rate_of_each_cell_at_its_place(group):
         task.key: row(task.seed, 0.3, crashed=task.seed < crashes.get(task.point.case.name, 0))
         for task in tasks
     }
-    results = arena_results(Plan(matches, tasks, {}), kept, range(2))
+    results = arena_results(ArenaPlan(matches, tasks, {}), kept, range(2))
     panel = draw_map(results, group, "across", "up").axes[0]
     (image,) = panel.images
     xs, ys = (

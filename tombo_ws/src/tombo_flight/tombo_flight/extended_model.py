@@ -50,7 +50,7 @@ class FittedEffect:
 
 
 @dataclass(frozen=True)
-class Source:
+class ModelSource:
     """A flight that the model was fitted on."""
 
     name: str
@@ -73,7 +73,7 @@ class Origin:
     """Name of the nominal scenario, with the effects before the fit."""
     extends: str = ""
     """The model that it was made from, if any."""
-    flights: tuple[Source, ...] = ()
+    flights: tuple[ModelSource, ...] = ()
     vehicle: str = ""
     """Whose flights they were; empty: the suite's own vehicle."""
 

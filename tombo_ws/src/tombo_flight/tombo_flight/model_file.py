@@ -12,7 +12,14 @@ from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number
 from tombo_dynamics.yaml_text import parse_yaml, read_text
-from tombo_flight.extended_model import FittedEffect, FittedParameter, Gain, Model, Origin, Source
+from tombo_flight.extended_model import (
+    FittedEffect,
+    FittedParameter,
+    Gain,
+    Model,
+    ModelSource,
+    Origin,
+)
 from tombo_flight.yaml_file import (
     END,
     check_end,
@@ -162,7 +169,7 @@ def _read_origin(given: Any, where: str) -> Origin:
         **texts,
         confidence=_number(values, "confidence", where, "1", _SHARE),
         flights=tuple(
-            Source(
+            ModelSource(
                 str(flight.get("name", "")),
                 str(flight.get("source", "")),
                 _number(flight, "used_s", where, "s"),

@@ -14,7 +14,12 @@ from tombo_benchmarks.docs.overview_scene import SIZE_IN, draw_scene, phase_colo
 from tombo_collision.reactions.none import NoReaction
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
-from tombo_flight.report.milestones import FlightMilestones, Outcome, find_milestones, nearest
+from tombo_flight.report.milestones import (
+    FlightMilestones,
+    FlightOutcome,
+    find_milestones,
+    nearest,
+)
 from tombo_flight.report.panels import envelope
 
 if TYPE_CHECKING:
@@ -65,7 +70,7 @@ def _instants(milestones: FlightMilestones) -> list[float]:
     if zero is None:
         return [float(t) for t in np.linspace(start_s, end_s, 4)]
     wanted = [zero - APPROACH_S, zero]
-    if milestones.verdict is Outcome.CRASHED:
+    if milestones.verdict is FlightOutcome.CRASHED:
         wanted.append(end_s if milestones.crash_s is None else milestones.crash_s)
     elif (
         milestones.lowest_s is not None
@@ -145,14 +150,14 @@ def _title(milestones: FlightMilestones) -> str:
     who = {0: "A quadrotor with rigid propellers", None: "A quadrotor"}.get(
         milestones.conf, "A Tombo quadrotor"
     )
-    if milestones.verdict is Outcome.RECOVERED:
+    if milestones.verdict is FlightOutcome.RECOVERED:
         return f"{who} collides,\nfolds a propeller and recovers"
-    if milestones.verdict is Outcome.CRASHED:
+    if milestones.verdict is FlightOutcome.CRASHED:
         how = "collides" if milestones.reaction != NoReaction.name else "collides, does not react"
         return (
             f"{who} {how}\nand crashes" if milestones.contact_s is not None else f"{who} crashes"
         )
-    if milestones.verdict is Outcome.NO_CONTACT:
+    if milestones.verdict is FlightOutcome.NO_CONTACT:
         return f"{who} flies without contact"
     return f"{who} collides"
 

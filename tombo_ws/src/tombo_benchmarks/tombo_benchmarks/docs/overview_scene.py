@@ -13,8 +13,14 @@ from matplotlib.patheffects import withStroke
 
 from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
-from tombo_flight.report.milestones import FRONT_LEFT, FlightMilestones, Obstacle, Outcome, nearest
-from tombo_flight.report.replay_data import Airframe, Camera, Part, circle
+from tombo_flight.report.milestones import (
+    FRONT_LEFT,
+    DrawnObstacle,
+    FlightMilestones,
+    FlightOutcome,
+    nearest,
+)
+from tombo_flight.report.replay_data import Camera, DrawnAirframe, VehiclePart, circle
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight
@@ -37,7 +43,7 @@ def phase_colour(milestones: FlightMilestones, time_s: float) -> str:
     """The phase's colour, the same in space and in the strip."""
     if milestones.contact_s is None or time_s < milestones.contact_s - 1e-6:
         return style.BLUE
-    if milestones.verdict is Outcome.CRASHED:
+    if milestones.verdict is FlightOutcome.CRASHED:
         return style.VERMILLION
     if milestones.unstable_end_s is not None and time_s <= milestones.unstable_end_s:
         return style.VERMILLION
@@ -56,7 +62,7 @@ def _camera(path: Array) -> Camera:
 
 
 def _in_sight(
-    milestones: FlightMilestones, path: Array, vehicles: Sequence[Sequence[Part]]
+    milestones: FlightMilestones, path: Array, vehicles: Sequence[Sequence[VehiclePart]]
 ) -> Array:
     """Points that the picture must hold: path, vehicles with their names, obstacle, x_c, x_r."""
     seen = [path]
@@ -128,9 +134,9 @@ def draw_scene(
 
 def _vehicles(
     flight: Flight, milestones: FlightMilestones, instants: Mapping[float, str]
-) -> dict[float, list[Part]]:
+) -> dict[float, list[VehiclePart]]:
     """The vehicle's pieces at each instant; at contact folded as it is just after."""
-    airframe = Airframe.of(flight.scenario)
+    airframe = DrawnAirframe.of(flight.scenario)
     positions, attitudes, folds = (flight.log[k] for k in ("position", "attitude", "fold"))
     vehicles = {}
     for t in instants:
@@ -140,11 +146,13 @@ def _vehicles(
     return vehicles
 
 
-def _depth(camera: Camera, parts: Sequence[Part]) -> float:
+def _depth(camera: Camera, parts: Sequence[VehiclePart]) -> float:
     return float(np.mean([camera.project(part.points_m)[:, 2].mean() for part in parts]))
 
 
-def _name_below(axes: Axes, camera: Camera, parts: Sequence[Part], name: str, colour: str) -> None:
+def _name_below(
+    axes: Axes, camera: Camera, parts: Sequence[VehiclePart], name: str, colour: str
+) -> None:
     seen = np.vstack([camera.project(part.points_m)[:, :2] for part in parts])
     left, right = axes.get_xlim()
     axes.text(
@@ -206,7 +214,7 @@ def _ground(axes: Axes, camera: Camera) -> None:
     axes.add_collection(LineCollection(pieces, colors=colours, linewidths=widths, zorder=1))
 
 
-def _cylinder(axes: Axes, camera: Camera, obstacle: Obstacle) -> None:
+def _cylinder(axes: Axes, camera: Camera, obstacle: DrawnObstacle) -> None:
     foot = circle(obstacle.radius_m, 0.0, 73) + np.array((obstacle.x_m, obstacle.y_m, 0.0))
     head = foot + np.array((0.0, 0.0, obstacle.top_m))
     normals = circle(1.0, 0.0, 145)[1::2]
@@ -264,13 +272,13 @@ def _burst(axes: Axes, camera: Camera, milestones: FlightMilestones) -> None:
         )  # fmt: skip
 
 
-def _vehicle(axes: Axes, camera: Camera, parts: Sequence[Part]) -> None:
+def _vehicle(axes: Axes, camera: Camera, parts: Sequence[VehiclePart]) -> None:
     for part in parts:
         if part.kind == "disc":
             shadow = _flat(camera, part.points_m * (1.0, 1.0, 0.0))
             axes.fill(*shadow, color=style.INK, alpha=0.08, lw=0, zorder=2)
 
-    def depth(part: Part) -> float:
+    def depth(part: VehiclePart) -> float:
         nearer = {"disc": 0.02, "deck": 0.03, "nose": 0.04}.get(part.kind, 0.0)
         return float(camera.project(part.points_m)[:, 2].mean()) - nearer
 

@@ -8,8 +8,7 @@ import math
 import pytest
 from suite_bench import names
 
-from tombo_flight.campaign.campaign import fly_campaign
-from tombo_flight.campaign.page import draw_campaign
+from tombo_flight.campaign.campaign import draw_campaign, fly_campaign
 from tombo_flight.campaign.statistics import SPREAD_METRICS, aggregate, spread
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import WALL_KEYS, flight_summary

@@ -9,7 +9,7 @@ from tombo_bringup.cli.main import app
 from tombo_flight.arena.study import Match, arena_cases
 from tombo_flight.command_line import command_line, fly_command
 from tombo_flight.scenario import load_scenario
-from tombo_flight.sweep.study import Design, new_sweep, parse_axis
+from tombo_flight.sweep.study import SweepDesign, new_sweep, parse_axis
 
 
 def parsed(line):
@@ -47,7 +47,7 @@ def test_the_command_of_an_arenas_flight_flies_its_scenario(case):
 @pytest.mark.slow
 def test_the_command_of_a_sweeps_flight_flies_its_scenario():
     axes = (parse_axis("vehicle.mass=1.2,1.3"), parse_axis("reaction.name=none,reflex"))
-    study = new_sweep("pole", Design(axes), range(2, 4), ("disturbances=true",))
+    study = new_sweep("pole", SweepDesign(axes), range(2, 4), ("disturbances=true",))
     for flight in range(study.flights):
         found = parsed(study.command(flight))
         point, seed = study.place(flight)

@@ -18,8 +18,8 @@ from tombo_flight.extended_model import (
     FittedParameter,
     Gain,
     Model,
+    ModelSource,
     Origin,
-    Source,
     merge_effects,
 )
 from tombo_flight.model_file import model_from_text, model_text, read_model, write_model
@@ -147,7 +147,7 @@ def models(draw):
         )
         matrix = [tuple(draw(numbers) for _ in theta) for _ in theta]
         additions.append(FittedEffect(name, theta, draw(st.floats(0.0, 1.0)), tuple(matrix)))
-    flights = tuple(Source(draw(texts), draw(texts), draw(numbers), "imu") for _ in range(2))
+    flights = tuple(ModelSource(draw(texts), draw(texts), draw(numbers), "imu") for _ in range(2))
     origin = Origin(*[draw(texts) for _ in range(3)], 0.5, draw(texts), draw(texts), "", flights)
     gain = (Gain(draw(texts), "N", "1 s", *[draw(numbers) for _ in range(5)], 3),)
     return Model(tuple(additions), origin, gain, tuple(draw(st.lists(texts, max_size=3))))

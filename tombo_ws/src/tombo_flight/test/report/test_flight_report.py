@@ -16,7 +16,7 @@ from tombo_flight.report.milestones import find_milestones
 from tombo_flight.report.paper_comparison import comparison_rows
 from tombo_flight.report.replay_data import (
     COLUMNS,
-    Airframe,
+    DrawnAirframe,
     flight_block,
     kept_samples,
     script_json,
@@ -346,7 +346,7 @@ console.log(JSON.stringify(parts));
     found = json.loads(run_node(tmp_path / "probe.js", source))
     i = round(t * 1000)
     log = flight.log
-    wanted = Airframe.of(flight.scenario).parts(
+    wanted = DrawnAirframe.of(flight.scenario).parts(
         log["position"][i], log["attitude"][i], log["fold"][i]
     )
     seen = [part for part in found if part["kind"] not in ("blade", "thrust")]

@@ -6,7 +6,7 @@ import pytest
 
 from tombo_flight.report.milestones import (
     PHASE_NAMES,
-    Outcome,
+    FlightOutcome,
     find_milestones,
     nearest,
     phase_spans,
@@ -16,7 +16,7 @@ from tombo_flight.report.milestones import (
 
 def test_tells_the_recovery_in_the_papers_words(flight):
     milestones = find_milestones(flight)
-    assert milestones.verdict is Outcome.RECOVERED
+    assert milestones.verdict is FlightOutcome.RECOVERED
     assert milestones.contact_s == 23.0
     assert milestones.unstable_end_s == 24.5
     assert milestones.recovery_end_s == 28.0
@@ -35,12 +35,12 @@ def test_fall_is_measured_until_settled_and_not_in_the_landing(flight):
 @pytest.mark.parametrize(
     ("name", "verdict"),
     [
-        ("no contact", Outcome.NO_CONTACT),
-        ("crashed", Outcome.CRASHED),
-        ("cut short at 0.3 s", Outcome.NO_CONTACT),
-        ("one sample", Outcome.NO_CONTACT),
-        ("nothing but the log", Outcome.NO_CONTACT),
-        ("detected before contact", Outcome.RECOVERED),
+        ("no contact", FlightOutcome.NO_CONTACT),
+        ("crashed", FlightOutcome.CRASHED),
+        ("cut short at 0.3 s", FlightOutcome.NO_CONTACT),
+        ("one sample", FlightOutcome.NO_CONTACT),
+        ("nothing but the log", FlightOutcome.NO_CONTACT),
+        ("detected before contact", FlightOutcome.RECOVERED),
     ],
 )
 def test_verdict(edge_flights, name, verdict):
@@ -49,12 +49,12 @@ def test_verdict(edge_flights, name, verdict):
 
 def test_contact_without_settling_is_no_recovery(flight):
     summary = dict(flight.summary, recovery_time_s=None)
-    assert find_milestones(replace(flight, summary=summary)).verdict is Outcome.NOT_SETTLED
+    assert find_milestones(replace(flight, summary=summary)).verdict is FlightOutcome.NOT_SETTLED
 
 
 def test_no_contact_is_no_success_even_if_the_summary_has_a_recovery_time(flight):
     summary = dict(flight.summary, collided=False)
-    assert find_milestones(replace(flight, summary=summary)).verdict is Outcome.NO_CONTACT
+    assert find_milestones(replace(flight, summary=summary)).verdict is FlightOutcome.NO_CONTACT
 
 
 def test_a_false_alarm_is_not_the_detection_of_the_contact(flight):

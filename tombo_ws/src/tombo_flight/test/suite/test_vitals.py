@@ -9,7 +9,7 @@ from rich.console import Console
 
 from tombo_dynamics.messages import Phase
 from tombo_flight.suite.node_diagnostics import NodeDiagnostics
-from tombo_flight.suite.status_table import Suite, status_line, status_object, status_table
+from tombo_flight.suite.status_table import SuiteState, status_line, status_object, status_table
 from tombo_flight.suite.supervisor import ProcessExit
 
 LOOP = {"rate_hz": "250.0", "jitter_p50_us": "2", "jitter_p99_us": "60.5", "missed": "3"}
@@ -33,8 +33,8 @@ def node_diagnostics() -> NodeDiagnostics:
     return found
 
 
-def suite(now_s: float = 10.5) -> Suite:
-    return Suite(
+def suite(now_s: float = 10.5) -> SuiteState:
+    return SuiteState(
         ("controller", "estimator", "mission", "sim"),
         {"controller": 11, "estimator": 12, "mission": 13},
         {"sim": ProcessExit("sim", -9, ())},
@@ -44,7 +44,7 @@ def suite(now_s: float = 10.5) -> Suite:
     )
 
 
-def shown(of: Suite) -> str:
+def shown(of: SuiteState) -> str:
     console = Console(width=140, force_terminal=False)
     with console.capture() as capture:
         console.print(status_table(of))

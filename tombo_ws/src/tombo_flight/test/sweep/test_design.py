@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tombo_dynamics.errors import InputError
-from tombo_flight.sweep.study import Design, axis_of, number_text, parse_axis
+from tombo_flight.sweep.study import SweepDesign, axis_of, number_text, parse_axis
 
 
 def levels(text):
@@ -29,7 +29,7 @@ def test_what_is_no_axis_is_refused(text):
 
 
 def test_a_full_design_has_each_combination_once_the_last_axis_fastest():
-    design = Design((parse_axis("a=1,2,3"), parse_axis("b=x,y")))
+    design = SweepDesign((parse_axis("a=1,2,3"), parse_axis("b=x,y")))
     points = [design.settings()[n] for n in range(design.points)]
     assert points[:3] == [{"a": "1", "b": "x"}, {"a": "1", "b": "y"}, {"a": "2", "b": "x"}]
     assert len({tuple(point.items()) for point in points}) == design.points == 6
@@ -37,7 +37,7 @@ def test_a_full_design_has_each_combination_once_the_last_axis_fastest():
 
 @pytest.mark.parametrize("kind", ["lhs", "sobol"])
 def test_a_drawn_design_fills_its_ranges_evenly(kind):
-    design = Design((parse_axis("a=10:20"), parse_axis("b=x,y")), kind, 64)
+    design = SweepDesign((parse_axis("a=10:20"), parse_axis("b=x,y")), kind, 64)
     points = [design.settings()[n] for n in range(64)]
     a = np.array([float(point["a"]) for point in points])
     # one in each of 64 cells: what both promise, and random numbers do not
@@ -58,7 +58,7 @@ def test_a_number_is_read_back_to_the_last_digit():
 )  # fmt: skip
 def test_a_design_that_does_not_fit_is_refused(kind, samples, axes):
     with pytest.raises(InputError, match="accepted"):
-        Design(tuple(parse_axis(text) for text in axes), kind, samples)
+        SweepDesign(tuple(parse_axis(text) for text in axes), kind, samples)
 
 
 def test_values_of_python_are_values_of_settings():

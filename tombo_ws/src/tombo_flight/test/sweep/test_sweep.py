@@ -30,7 +30,7 @@ from tombo_flight.sweep.study import (
     FIGURES,
     LEFT_OUT,
     WALL_COLUMNS,
-    Design,
+    SweepDesign,
     new_sweep,
     parse_axis,
     row_of,
@@ -41,7 +41,7 @@ SHORT = ("duration=1.5",)
 
 
 def study(seeds=range(3), axes=AXES, settings=SHORT, name="hover"):
-    return new_sweep(name, Design(tuple(parse_axis(text) for text in axes)), seeds, settings)
+    return new_sweep(name, SweepDesign(tuple(parse_axis(text) for text in axes)), seeds, settings)
 
 
 def flown(folder, what=None, **options):
@@ -98,8 +98,8 @@ def test_a_sweep_goes_on_where_it_was_stopped_and_flies_nothing_twice(
         flights.append(row["flight"])
         keep(self, row)
 
-    keep = store_module.Store.keep
-    monkeypatch.setattr(store_module.Store, "keep", count)
+    keep = store_module.SweepFolder.keep
+    monkeypatch.setattr(store_module.SweepFolder, "keep", count)
     for limit in (5, 9, 16):
         with open_store(tmp_path / "s", study()) as store:
             assert store.kept == len(flights)

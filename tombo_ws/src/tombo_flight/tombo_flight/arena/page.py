@@ -22,7 +22,7 @@ from tombo_flight.arena.study import (
     CONFIGURATIONS,
     FREE,
     SPEED_OFFSET,
-    Plan,
+    ArenaPlan,
     Row,
 )
 from tombo_flight.flight import fly_scenario
@@ -78,7 +78,7 @@ _MAPS: Final = (
 )
 
 
-def arena_page(results: Mapping[str, Any], plan: Plan, kept: Mapping[str, Row]) -> Page:
+def arena_page(results: Mapping[str, Any], plan: ArenaPlan, kept: Mapping[str, Row]) -> Page:
     """Return the page of an arena.
 
     Args:
@@ -166,7 +166,9 @@ def _middle(text: str) -> str:
     return text.split(" (")[0]
 
 
-def _histograms(results: Mapping[str, Any], plan: Plan, kept: Mapping[str, Row]) -> list[Picture]:
+def _histograms(
+    results: Mapping[str, Any], plan: ArenaPlan, kept: Mapping[str, Row]
+) -> list[Picture]:
     flights: dict[str, list[Row]] = {name: [] for name in results["reactions"]}
     for match, rows in plan.rows(kept).items():
         if match.case.group == COLLISIONS:
@@ -222,7 +224,7 @@ def _replays(shown: Sequence[Mapping[str, Any]]) -> list[Item]:
     return [Table(head, lines, "replays", note=meaning), Markup(asset("stage.html"))]
 
 
-def _again(plan: Plan, one: Mapping[str, Any]) -> Flight:
+def _again(plan: ArenaPlan, one: Mapping[str, Any]) -> Flight:
     match = next(
         m for m in plan.matches if (m.reaction, m.case.name) == (one["reaction"], one["case"])
     )

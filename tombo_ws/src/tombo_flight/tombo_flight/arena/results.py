@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from tombo_flight.arena.study import COLLISIONS, FREE, GROUPS, Match, Plan, Row
+from tombo_flight.arena.study import COLLISIONS, FREE, GROUPS, ArenaPlan, Match, Row
 from tombo_flight.campaign.statistics import flight_statistics
 from tombo_flight.version import tombo_version
 
@@ -13,7 +13,7 @@ TYPICAL: Final = "typical"
 WORST: Final = "worst"
 
 
-def arena_results(plan: Plan, kept: Mapping[str, Row], seeds: range) -> dict[str, Any]:
+def arena_results(plan: ArenaPlan, kept: Mapping[str, Row], seeds: range) -> dict[str, Any]:
     """Return the content of `arena.json`.
 
     Args:

@@ -55,7 +55,7 @@ _MAP_SHARE: Final = 3
 
 
 @dataclass(frozen=True)
-class Case:
+class ArenaCase:
     """One collision: a scenario, with settings."""
 
     name: str
@@ -78,7 +78,7 @@ class Match:
 
     reaction: str
     """Its name; `policy:FILE` is `policy` with the network of a file."""
-    case: Case
+    case: ArenaCase
     disturbed: bool
 
     def scenario(self) -> Scenario:
@@ -137,24 +137,25 @@ def chosen(names: Sequence[str] | None, given: str, known: Iterable[str]) -> lis
 
 
 @cache
-def arena_cases() -> tuple[Case, ...]:
+def arena_cases() -> tuple[ArenaCase, ...]:
     """Return all cases, group by group."""
     paper = load_scenario(_BASE)
-    cases = [Case(name, COLLISIONS, name) for name in _SCENARIOS]
-    cases += [Case(f"{v:g} m/s", COLLISIONS, _BASE, (_speed(v),)) for v in _SPEEDS]
-    cases.append(Case("aggressive", FREE, "aggressive"))
+    cases = [ArenaCase(name, COLLISIONS, name) for name in _SCENARIOS]
+    cases += [ArenaCase(f"{v:g} m/s", COLLISIONS, _BASE, (_speed(v),)) for v in _SPEEDS]
+    cases.append(ArenaCase("aggressive", FREE, "aggressive"))
     cases += [
-        Case(f"Conf. {n}", CONFIGURATIONS, _BASE, (f"propeller.conf={n}",)) for n in range(1, 14)
+        ArenaCase(f"Conf. {n}", CONFIGURATIONS, _BASE, (f"propeller.conf={n}",))
+        for n in range(1, 14)
     ]
     for y in _MAP_OFFSETS:
         for v in _MAP_SPEEDS:
             name, settings = f"{v:g} m/s, y = {y:g} m", (_speed(v), f"obstacle.y={y:g}")
-            cases.append(Case(name, SPEED_OFFSET, _BASE, settings, _MAP_SHARE, (v, y)))
+            cases.append(ArenaCase(name, SPEED_OFFSET, _BASE, settings, _MAP_SHARE, (v, y)))
     for radius in _MAP_RADII:
         for angle in _MAP_ANGLES:
             name = f"{angle}°, radius {radius:g} m"
             turned = _turned(paper, math.radians(angle), radius)
-            cases.append(Case(name, ANGLE_RADIUS, _BASE, turned, _MAP_SHARE, (angle, radius)))
+            cases.append(ArenaCase(name, ANGLE_RADIUS, _BASE, turned, _MAP_SHARE, (angle, radius)))
     return tuple(cases)
 
 
@@ -218,7 +219,7 @@ Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Plan:
+class ArenaPlan:
     """What an arena flies: the study whose points are matches."""
 
     matches: tuple[Match, ...]
@@ -262,8 +263,8 @@ class Plan:
 
 
 def new_plan(
-    reactions: Sequence[str], cases: Iterable[Case], seeds: range, *, disturbed: bool
-) -> Plan:
+    reactions: Sequence[str], cases: Iterable[ArenaCase], seeds: range, *, disturbed: bool
+) -> ArenaPlan:
     """Return the flights of an arena; a case whose vehicle can't lift off is left out."""
     flown, refused = [], {}
     for case in cases:
@@ -281,11 +282,11 @@ def new_plan(
         for m in matches
         if seed in m.case.seeds(seeds)
     )
-    return Plan(matches, tasks, refused)
+    return ArenaPlan(matches, tasks, refused)
 
 
 def fly_plan(
-    plan: Plan,
+    plan: ArenaPlan,
     kept: MutableMapping[str, dict[str, Any]],
     *,
     workers: int | None = None,

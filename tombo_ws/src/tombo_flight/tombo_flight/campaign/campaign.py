@@ -1,15 +1,26 @@
-"""One scenario flown with many seeds, on all cores; each flight as if it were alone."""
+"""One scenario flown with many seeds, on all cores; the result as a page, with its picture."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from tombo_dynamics.errors import InputError
 from tombo_flight.campaign.statistics import aggregate
 from tombo_flight.flight_output import flight_summary
 from tombo_flight.process.study import fly_seeds
+from tombo_flight.report import paper_values as paper
+from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
+from tombo_flight.report.milestones import reaction_words
+from tombo_flight.report.page import Page, Section, Table, Text
+from tombo_flight.report.paper_comparison import PAPER_SCENARIOS, fixed
 from tombo_flight.scenario import Scenario
 from tombo_flight.version import tombo_version
 
@@ -66,3 +77,137 @@ def fly_campaign(
         "not_flown": not_flown,
         "aggregate": aggregate(flights, wall),
     }
+
+
+PANELS: Final = (
+    ("max_falling_distance_m", "largest falling distance [m]", paper.MEAN_MAX_FALLING_DISTANCE_M),
+    ("unstable_phase_s", "unstable phase [s]", paper.UNSTABLE_PHASE_S),
+    ("recovery_time_s", "recovery time [s]", paper.MEAN_RECOVERY_TIME_S),
+    ("contact_known_s", "detection latency [s]", None),
+    ("max_tilt_rad", "largest tilt [rad]", None),
+    ("approach_rms_m", "RMS error in the approach [m]", None),
+)
+"""Figure, label of its axis, the paper's value."""
+_ROWS: Final = (
+    ("max_falling_distance_m", "fall [m]", 1.0, 2, paper.MEAN_MAX_FALLING_DISTANCE_M),
+    ("unstable_phase_s", "unstable [s]", 1.0, 2, paper.UNSTABLE_PHASE_S),
+    ("recovery_time_s", "recovery [s]", 1.0, 2, paper.MEAN_RECOVERY_TIME_S),
+    ("strikes", "strikes", 1.0, 1, None),
+    ("contact_known_s", "latency [ms]", 1e3, 0, None),
+    ("settled_error_m", "settled [m]", 1.0, 3, None),
+    ("max_tilt_rad", "tilt [rad]", 1.0, 2, None),
+    ("hover_rms_m", "hover RMS [m]", 1.0, 3, None),
+    ("approach_rms_m", "approach RMS [m]", 1.0, 3, None),
+)
+"""Key of the aggregate, words, factor to the unit shown, decimals, the paper's value."""
+
+
+def campaign_page(campaign: Mapping[str, Any]) -> Page:
+    """Return the page of a campaign: of each figure median and 5 to 95 % range."""
+    total = campaign["aggregate"]
+    crashes = 2 * total["crashed"] > total["flights"]
+    return Page(
+        title=f"Campaign of {campaign['scenario']}",
+        eyebrow="Campaign",
+        headline=_title(campaign),
+        summary=_outcome(total),
+        verdict_style="bad" if crashes else "good",
+        sections=[Section("", [_figures(campaign)]), Section("", [Text(_remarks(campaign))])],
+        data=campaign,
+    )
+
+
+def _figures(campaign: Mapping[str, Any]) -> Table:
+    of_paper = campaign["scenario"] in PAPER_SCENARIOS
+    lines = []
+    for key, name, scale, digits, printed in _ROWS:
+        values = campaign["aggregate"][key]
+        cells = [name, "–" if printed is None else f"{printed:g}"] if of_paper else [name]
+        for part in ("median", "p05", "p95", "max"):
+            value = values[part]
+            cells.append("–" if value is None else fixed(scale * value, digits))
+        lines.append([*cells, str(values["count"])])
+    head = ["", *(["paper"] if of_paper else []), "median", "5 %", "95 %", "max", "of"]
+    return Table(head, lines)
+
+
+def _outcome(total: Mapping[str, Any]) -> str:
+    low, high = total["crash_rate_95"]
+    more = {"crashed": f" ({100.0 * low:.1f} to {100.0 * high:.1f} %)"}
+    counts = ("collided", "detected", "recovered", "crashed", "landed")
+    line = ", ".join(f"{total[name]} {name}{more.get(name, '')}" for name in counts)
+    return f"{total['flights']} flights: {line}; {total['false_alarms']} false alarms."
+
+
+def _remarks(campaign: Mapping[str, Any]) -> list[str]:
+    total, lines = campaign["aggregate"], []
+    for flight in campaign["not_flown"][:1]:
+        count, seed = len(campaign["not_flown"]), flight["seed"]
+        lines.append(f"{count} not flown; the first: seed {seed}: {flight['error']}")
+    if campaign["interrupted"]:
+        asked = campaign["last_seed"] - campaign["first_seed"] + 1
+        done = total["flights"] + len(campaign["not_flown"])
+        lines.append(f"Interrupted: {done} of {asked} flights are done.")
+    factor = total["real_time_factor"]
+    if factor is not None:
+        lines.append(f"Flown in {total['wall_time_s']:.1f} s, {factor:.0f} times real time.")
+    return lines
+
+
+def _title(campaign: Mapping[str, Any]) -> str:
+    reaction = reaction_words(campaign["reaction"])
+    propeller = f"Conf. {campaign['conf']}, law {campaign['law']}"
+    parts = [
+        "plain propellers" if campaign["conf"] is None else propeller,
+        campaign["model"] and f"model {campaign['model']}",
+        reaction,
+        campaign["disturbances"] and "with disturbances",
+    ]
+    seeds = f"seeds {campaign['first_seed']} to {campaign['last_seed']}"
+    return f"{campaign['scenario']}, {seeds} ({', '.join(str(part) for part in parts if part)})"
+
+
+def draw_campaign(campaign: Mapping[str, Any]) -> Figure:
+    """Draw histograms of a campaign's figures, 1800 x 1050 px; marked are median, range, paper.
+
+    Largest falling distances have two modes: the vehicle catches itself at once, or only after it
+    has tilted. A mean would lie between them.
+    """
+    flights, total = campaign["flights"], campaign["aggregate"]
+    reaction = reaction_words(campaign["reaction"])
+    with new_figure(12.0, 7.0, 150, layout="constrained") as figure:
+        for axes, (key, label, printed) in zip(figure.subplots(2, 3).flat, PANELS, strict=True):
+            values = [flight[key] for flight in flights if flight[key] is not None]
+            of_paper = printed if campaign["scenario"] in PAPER_SCENARIOS else None
+            draw_histogram(axes, np.array(values, dtype=np.float64), label, of_paper)
+        figure.suptitle(
+            f"{campaign['scenario']}, seeds {campaign['first_seed']} to {campaign['last_seed']}, "
+            + ("plain propellers" if campaign["conf"] is None else f"Conf. {campaign['conf']}")
+            + ("" if reaction is None else f", {reaction}")
+            + (", with disturbances" if campaign["disturbances"] else "")
+            + f": {total['flights']} flights, {total['collided']} collided, "
+            f"{total['crashed']} crashed, {total['recovered']} recovered",
+            parse_math=False,
+        )
+    return figure
+
+
+def draw_histogram(
+    axes: Axes, values: np.ndarray[Any, np.dtype[np.float64]], label: str, printed: float | None
+) -> None:
+    """Draw a histogram with median, 5 to 95 % range, and the value that the paper prints."""
+    axes.set_xlabel(label)
+    axes.set_ylabel("flights")
+    if not values.size:
+        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", color=style.MUTED)
+        axes.set(xticks=[], yticks=[])
+        return
+    bins = max(5, min(30, round(2.0 * values.size**0.5)))
+    low, median, high = np.percentile(values, (5.0, 50.0, 95.0))
+    axes.axvspan(low, high, color=style.FAINT, lw=0.0, label=f"5 to 95 %: {low:.3g} to {high:.3g}")
+    axes.hist(values, bins=bins, color=style.SKY)
+    axes.axvline(median, color=style.INK, lw=1.4, label=f"median {median:.3g}")
+    if printed is not None:
+        axes.axvline(printed, color=style.VERMILLION, lw=1.8, ls="--", label=f"paper {printed:g}")
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.legend(frameon=False)

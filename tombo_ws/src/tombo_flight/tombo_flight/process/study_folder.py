@@ -71,7 +71,7 @@ def _number(value: Any) -> Any:
     return value.tolist()
 
 
-class Store(Protocol):
+class KeptFlights(Protocol):
     """The flights of a study that are on disk, in its folder."""
 
     @property
@@ -84,7 +84,7 @@ class Store(Protocol):
         ...
 
 
-_Store = TypeVar("_Store", bound=Store)
+_KeptFlights = TypeVar("_KeptFlights", bound=KeptFlights)
 
 
 @contextmanager
@@ -92,10 +92,10 @@ def open_study(
     folder: Path,
     head: str,
     values: Mapping[str, Any],
-    opened: Callable[[Path], _Store],
+    opened: Callable[[Path], _KeptFlights],
     *,
     numbered: bool = False,
-) -> Iterator[_Store]:
+) -> Iterator[_KeptFlights]:
     """Open the folder of a study: a new or empty one, or that of the same study, to go on with.
 
     A new one is gone again where not one flight was flown.

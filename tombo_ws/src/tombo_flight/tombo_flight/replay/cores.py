@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from operator import itemgetter
@@ -28,8 +28,7 @@ from tombo_dynamics.core import Core, CoreRunner
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import DetectorStatus, Phase, Pose, neutral
 from tombo_dynamics.time_base import TICK_NS
-from tombo_flight.replay.merge_streams import merge_by_arrival
-from tombo_flight.replay.outputs import EVENTS, NODES, SERIES, Event, Outputs, series_of
+from tombo_flight.replay.outputs import EVENTS, NODES, SERIES, DetectedEvent, Outputs, series_of
 from tombo_flight.replay.recorded import PoseTrack
 from tombo_flight.scenario import Scenario
 from tombo_flight.wiring import core_of
@@ -168,6 +167,19 @@ def replay_core(
     return published, reported
 
 
+def merge_by_arrival(*streams: Times) -> Iterator[tuple[int, int, int]]:
+    """Yield (time [ns], stream, row) of all messages; of equal times the earlier stream's first.
+
+    Args:
+        streams: log times of each stream.
+    """
+    times = np.concatenate(streams)
+    owner = np.repeat(np.arange(len(streams)), [len(stream) for stream in streams])
+    rows = np.concatenate([np.arange(len(stream)) for stream in streams])
+    order = np.lexsort((owner, times))
+    yield from zip(times[order].tolist(), owner[order].tolist(), rows[order].tolist(), strict=True)
+
+
 def _steps(core: Core, inputs: Inputs, streams: dict[str, Stream]) -> Times:
     """Return when a core is stepped besides: as recorded where that tells, else by its period.
 
@@ -215,8 +227,8 @@ def _stream(inputs: Inputs, topic: str) -> Stream:
     return inputs.stream(topic)
 
 
-def _events(published: Published) -> list[Event]:
-    return [Event.of(message, now) for now, topic, message in published if topic == EVENTS]
+def _events(published: Published) -> list[DetectedEvent]:
+    return [DetectedEvent.of(message, now) for now, topic, message in published if topic == EVENTS]
 
 
 def _figures(core: Core, reported: Counter[str]) -> dict[str, Any]:

@@ -11,8 +11,7 @@ import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import PHASE_NAMES
-from tombo_flight.replay.merge_streams import last_before
-from tombo_flight.replay.outputs import Event, Outputs, Series
+from tombo_flight.replay.outputs import DetectedEvent, Outputs, OutputSeries
 
 STEP_NS = 25_000_000
 """A set point may change this much earlier or later: a period of the mission, and a bit."""
@@ -34,8 +33,8 @@ class Tolerances:
 
 
 def pairs(
-    recorded: Sequence[Event], replayed: Sequence[Event]
-) -> tuple[list[tuple[Event, Event]], list[Event], list[Event]]:
+    recorded: Sequence[DetectedEvent], replayed: Sequence[DetectedEvent]
+) -> tuple[list[tuple[DetectedEvent, DetectedEvent]], list[DetectedEvent], list[DetectedEvent]]:
     """Match events by the nearest stamp; return the pairs, those missed, those extra."""
     distances = sorted(
         (abs(a.stamp_ns - b.stamp_ns), i, j)
@@ -56,7 +55,7 @@ def pairs(
 
 
 def compare_events(
-    recorded: Sequence[Event], replayed: Sequence[Event], begin_ns: int
+    recorded: Sequence[DetectedEvent], replayed: Sequence[DetectedEvent], begin_ns: int
 ) -> dict[str, Any]:
     """Return the figures of two lists of events; times in seconds after `begin_ns`."""
     matched, missed, extra = pairs(recorded, replayed)
@@ -72,7 +71,7 @@ def compare_events(
     }
 
 
-def event_metrics(event: Event, begin_ns: int) -> dict[str, Any]:
+def event_metrics(event: DetectedEvent, begin_ns: int) -> dict[str, Any]:
     """Return an event as plain values."""
     return {
         "stamp_s": (event.stamp_ns - begin_ns) / 1e9,
@@ -85,7 +84,7 @@ def event_metrics(event: Event, begin_ns: int) -> dict[str, Any]:
     }
 
 
-def aligned(recorded: Series, replayed: Series) -> tuple[Array, Array, Array]:
+def aligned(recorded: OutputSeries, replayed: OutputSeries) -> tuple[Array, Array, Array]:
     """Return rows of both series with the nearest stamps, and how far these are apart [s].
 
     A recorded sample without a replayed one within 0.6 of the usual step has no partner.
@@ -106,7 +105,7 @@ def aligned(recorded: Series, replayed: Series) -> tuple[Array, Array, Array]:
     return recorded.values[near], values[partner][near], apart[near]
 
 
-def compare_series(recorded: Series, replayed: Series, unit: str) -> dict[str, Any]:
+def compare_series(recorded: OutputSeries, replayed: OutputSeries, unit: str) -> dict[str, Any]:
     """Return RMS and largest difference (length of the difference of rows)."""
     a, b, _ = aligned(recorded, replayed)
     return {
@@ -117,7 +116,7 @@ def compare_series(recorded: Series, replayed: Series, unit: str) -> dict[str, A
     }
 
 
-def compare_steps(recorded: Series, replayed: Series, unit: str) -> dict[str, Any]:
+def compare_steps(recorded: OutputSeries, replayed: OutputSeries, unit: str) -> dict[str, Any]:
     """Compare what holds until the next message: as `compare_series`, but a step may come early.
 
     Or late, by up to `STEP_NS`: that much lies between two clocks' readings of one moment.
@@ -126,7 +125,7 @@ def compare_steps(recorded: Series, replayed: Series, unit: str) -> dict[str, An
     stamps, values = replayed.stamp_ns[order], replayed.values[order]
     sizes: Array = np.full((3, len(recorded.stamp_ns)), np.nan)
     for size, shift in zip(sizes, (0, -STEP_NS, STEP_NS), strict=True):
-        row = last_before(stamps, recorded.stamp_ns + shift)
+        row = np.searchsorted(stamps, recorded.stamp_ns + shift, side="right") - 1
         there = row >= 0
         size[there] = np.linalg.norm(values[row[there]] - recorded.values[there], axis=1)
     known = ~np.isnan(sizes[0])
@@ -138,7 +137,7 @@ def compare_steps(recorded: Series, replayed: Series, unit: str) -> dict[str, An
     }
 
 
-def compare_attitudes(recorded: Series, replayed: Series) -> dict[str, Any]:
+def compare_attitudes(recorded: OutputSeries, replayed: OutputSeries) -> dict[str, Any]:
     """Return RMS and largest angle between quaternions [rad]."""
     a, b, _ = aligned(recorded, replayed)
     cosine = np.abs(np.sum(a * b, axis=1))
@@ -309,7 +308,7 @@ def _over(metrics: Metrics, unit: str, tolerance: float, what: str) -> list[str]
     return []
 
 
-def _false_alarms(events: Sequence[Event], contacts_ns: Sequence[int]) -> int:
+def _false_alarms(events: Sequence[DetectedEvent], contacts_ns: Sequence[int]) -> int:
     """Count innovation events before the first true contact; a region may rightly be early."""
     first = min(contacts_ns, default=None)
     return sum(
@@ -317,7 +316,9 @@ def _false_alarms(events: Sequence[Event], contacts_ns: Sequence[int]) -> int:
     )
 
 
-def _latencies_ms(events: Sequence[Event], contacts_ns: list[int] | None) -> list[float | None]:
+def _latencies_ms(
+    events: Sequence[DetectedEvent], contacts_ns: list[int] | None
+) -> list[float | None]:
     """Return for each event the time from the newest true contact before it until it was known."""
     found: list[float | None] = []
     for event in events:

@@ -35,7 +35,7 @@ from tombo_sim.wiring import CORES
 
 
 @dataclass(frozen=True)
-class Event:
+class DetectedEvent:
     """A detected collision."""
 
     stamp_ns: int
@@ -50,11 +50,11 @@ class Event:
     confidence: float = math.nan
 
     @staticmethod
-    def of(message: CollisionEvent, known_ns: int) -> Event:
+    def of(message: CollisionEvent, known_ns: int) -> DetectedEvent:
         """Return a message as an event that is known at a time."""
         number = int(message.trigger)
         known = [trigger.name.lower() for trigger in Trigger if trigger == number]
-        return Event(
+        return DetectedEvent(
             message.stamp_ns,
             known_ns,
             known[0] if known else str(number),
@@ -67,7 +67,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Series:
+class OutputSeries:
     """A quantity over time, by the header's stamp: N stamps and (N, k) values."""
 
     stamp_ns: Times
@@ -78,35 +78,35 @@ class Series:
 class Outputs:
     """Outputs: events in order of time, series by name."""
 
-    events: list[Event] | None = None
+    events: list[DetectedEvent] | None = None
     """None: nobody recorded events (no topic); a list without elements: there were none."""
-    series: dict[str, Series] = field(default_factory=dict)
+    series: dict[str, OutputSeries] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class Source:
+class SeriesField:
     """Where a series comes from: a topic, a field of its dataclass, numbers of that field."""
 
     topic: str
     field: str
     width: int
 
-    def empty(self) -> Series:
+    def empty(self) -> OutputSeries:
         """Return a series without samples."""
-        return Series(np.zeros(0, np.int64), np.zeros((0, self.width)))
+        return OutputSeries(np.zeros(0, np.int64), np.zeros((0, self.width)))
 
 
-SERIES: dict[str, Source] = {
-    "statistic": Source("/detector/status", "statistic", 1),
-    "setpoint": Source("/setpoint", "position", 3),
-    "mission_setpoint": Source("/mission/setpoint", "position", 3),
-    "phase": Source("/mission/status", "phase", 1),
-    "reaction_state": Source("/reaction/status", "state", 1),
-    "x_r": Source("/reaction/status", "x_r", 3),
-    "odometry_position": Source("/odometry", "position", 3),
-    "odometry_attitude": Source("/odometry", "attitude", 4),
-    "odometry_velocity": Source("/odometry", "velocity", 3),
-    "rotor_command": Source("/rotor_command", "speed", 4),
+SERIES: dict[str, SeriesField] = {
+    "statistic": SeriesField("/detector/status", "statistic", 1),
+    "setpoint": SeriesField("/setpoint", "position", 3),
+    "mission_setpoint": SeriesField("/mission/setpoint", "position", 3),
+    "phase": SeriesField("/mission/status", "phase", 1),
+    "reaction_state": SeriesField("/reaction/status", "state", 1),
+    "x_r": SeriesField("/reaction/status", "x_r", 3),
+    "odometry_position": SeriesField("/odometry", "position", 3),
+    "odometry_attitude": SeriesField("/odometry", "attitude", 4),
+    "odometry_velocity": SeriesField("/odometry", "velocity", 3),
+    "rotor_command": SeriesField("/rotor_command", "speed", 4),
 }
 """Series by name."""
 EVENTS = "/collision_event"
@@ -125,23 +125,27 @@ def read_outputs(recording: Recording, names: Sequence[str]) -> Outputs:
             if topics[source.topic].typename == typename:
                 fields = fields_of(typename, recording.columns(source.topic))
                 values = fields[source.field].astype(np.float64)
-                found.series[name] = Series(fields["stamp_ns"], values.reshape(-1, source.width))
+                found.series[name] = OutputSeries(
+                    fields["stamp_ns"], values.reshape(-1, source.width)
+                )
     return found
 
 
-def read_events(table: ColumnTable) -> list[Event]:
+def read_events(table: ColumnTable) -> list[DetectedEvent]:
     """Read messages of tombo_msgs/CollisionEvent."""
     if "trigger" not in table:
         return []
     messages = messages_of(TOPICS[EVENTS].typename, table)
-    return [Event.of(*row) for row in zip(messages, table["log_time_ns"].tolist(), strict=True)]
+    return [
+        DetectedEvent.of(*row) for row in zip(messages, table["log_time_ns"].tolist(), strict=True)
+    ]
 
 
-def series_of(messages: Sequence[Any], source: Source) -> Series:
+def series_of(messages: Sequence[Any], source: SeriesField) -> OutputSeries:
     """Return a series from the messages of its topic."""
     values = np.array([getattr(m, source.field) for m in messages], np.float64)
     stamps = np.array([m.stamp_ns for m in messages], np.int64)
-    return Series(stamps, values.reshape(-1, source.width))
+    return OutputSeries(stamps, values.reshape(-1, source.width))
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,14 @@ from tombo_bag.topics import COLLISION_EVENT, MOCAP_POSE, TOPICS, TRUE_CONTACT
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_flight.replay.cores import Inputs, through_cores
 from tombo_flight.replay.metrics import Context, Tolerances, metrics_of
-from tombo_flight.replay.outputs import NODES, SERIES, Outputs, Series, outputs_of, read_outputs
+from tombo_flight.replay.outputs import (
+    NODES,
+    SERIES,
+    Outputs,
+    OutputSeries,
+    outputs_of,
+    read_outputs,
+)
 from tombo_flight.replay.prechecks import check_poses
 from tombo_flight.replay.recorded import (
     CLOCK_TOPICS,
@@ -33,7 +40,7 @@ _STATISTIC_ERROR = 1e-9
 
 
 @dataclass(frozen=True)
-class Request:
+class ReplayRequest:
     """What to replay, and how."""
 
     nodes: tuple[str, ...] = ()
@@ -87,7 +94,7 @@ Feeder = Callable[[Inputs, Outputs], tuple[Outputs, dict[str, dict[str, Any]]]]
 """Feeds the nodes of the inputs; returns what they say, and figures by node."""
 
 
-def replay_bag(path: Path, request: Request, feed: Feeder = through_cores) -> Replay:
+def replay_bag(path: Path, request: ReplayRequest, feed: Feeder = through_cores) -> Replay:
     """Replay a recording and compare.
 
     Args:
@@ -126,7 +133,7 @@ def replay_bag(path: Path, request: Request, feed: Feeder = through_cores) -> Re
     return result
 
 
-def _prepare(recording: Recording, request: Request, result: Replay) -> Inputs:
+def _prepare(recording: Recording, request: ReplayRequest, result: Replay) -> Inputs:
     topics = recording.topics
     scenario, findings = scenario_of_bag(recording.metadata, request.scenario, request.settings)
     result.threshold = scenario.detector.threshold
@@ -175,7 +182,7 @@ def _prepare(recording: Recording, request: Request, result: Replay) -> Inputs:
     return Inputs(recording, scenario, tuple(nodes), poses, findings)
 
 
-def _check_statistic(inputs: Inputs, recorded: Series, result: Replay) -> None:
+def _check_statistic(inputs: Inputs, recorded: OutputSeries, result: Replay) -> None:
     """Compare the recorded statistic with that of filterpy's own filter; add what differs."""
     from tombo_collision.reference_filter import reference_statistics  # filterpy takes 0.5 s
 
@@ -213,7 +220,7 @@ def _losses(metadata: Mapping[str, Mapping[str, str]]) -> list[str]:
     return [f"the recorder lost {lost} messages: nodes that got them are replayed without"]
 
 
-def _arranged(poses: PoseTrack, request: Request) -> PoseTrack:
+def _arranged(poses: PoseTrack, request: ReplayRequest) -> PoseTrack:
     if request.frame_ok is not None:
         poses = poses.renamed(request.frame_ok)
     if request.stamp_on_arrival:

@@ -85,7 +85,7 @@ class ThroughNodes:
             Interrupted: `stop` said so; all nodes have ended.
         """
         began = time.perf_counter()
-        plan = _Plan(inputs)
+        plan = _PlayedTopics(inputs)
         with tempfile.TemporaryDirectory(prefix="tombo-replay-") as name:
             folder = Path(name)
             plan.write_inputs(folder / "inputs.mcap")
@@ -143,7 +143,7 @@ def _exit_text(ended: Sequence[ProcessExit]) -> str:
     return f"--dds: {one.name} ended before the replay did ({one.exit_text}){words}"
 
 
-class _Plan:
+class _PlayedTopics:
     """Which topics are played to the nodes, and the topics of their answers."""
 
     def __init__(self, inputs: Inputs) -> None:

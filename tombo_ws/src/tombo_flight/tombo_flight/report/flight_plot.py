@@ -20,12 +20,12 @@ from tombo_flight.report import panels, style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.milestones import (
     FlightMilestones,
-    Outcome,
+    FlightOutcome,
     find_milestones,
     reaction_words,
     roll_pitch_yaw_deg,
 )
-from tombo_flight.report.panels import SMALL, Panel, Window, zoom_around
+from tombo_flight.report.panels import SMALL, Panel, TimeWindow, zoom_around
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight
@@ -183,7 +183,7 @@ _PANELS: Final = (
 
 
 @dataclass(frozen=True)
-class _Place:
+class _PanelColumn:
     """Where a column of panels is, in parts of the figure; its size in inches."""
 
     left: float
@@ -213,16 +213,20 @@ class _Place:
         return stack
 
 
-_WHOLE, _ZOOMED, _WIDE = _Place(_LEFT, 0.445), _Place(0.505, _RIGHT), _Place(_LEFT, _RIGHT)
-_IN_PRINT = _Place(
+_WHOLE, _ZOOMED, _WIDE = (
+    _PanelColumn(_LEFT, 0.445),
+    _PanelColumn(0.505, _RIGHT),
+    _PanelColumn(_LEFT, _RIGHT),
+)
+_IN_PRINT = _PanelColumn(
     0.15, 0.985, (88.0 / 25.4, 4.6), top=0.965, bottom=0.075, gap=0.048, strip=0.0, label_in=0.38
 )
 """As wide as a column of a journal, 88 mm."""
 _VERDICT_COLOURS: Final = {
-    Outcome.RECOVERED: style.GREEN,
-    Outcome.CRASHED: style.VERMILLION,
-    Outcome.NO_CONTACT: style.MUTED,
-    Outcome.NOT_SETTLED: "#B07A00",
+    FlightOutcome.RECOVERED: style.GREEN,
+    FlightOutcome.CRASHED: style.VERMILLION,
+    FlightOutcome.NO_CONTACT: style.MUTED,
+    FlightOutcome.NOT_SETTLED: "#B07A00",
 }
 
 
@@ -239,10 +243,10 @@ def draw_flight(flight: Flight, beside: Flight | None = None) -> Figure:
     with new_figure(*SIZE_IN, DPI) as figure:
         _title(figure, milestones)
         if milestones.mark_s is None:
-            columns = [(Window(0.0, end_s, 0.0, 1500, zoomed=False), _WIDE)]
+            columns = [(TimeWindow(0.0, end_s, 0.0, 1500, zoomed=False), _WIDE)]
         else:
-            zoom = Window(*zoom_around(milestones.mark_s), milestones.mark_s, 900, zoomed=True)
-            columns = [(Window(0.0, end_s, 0.0, 700, zoomed=False), _WHOLE), (zoom, _ZOOMED)]
+            zoom = TimeWindow(*zoom_around(milestones.mark_s), milestones.mark_s, 900, zoomed=True)
+            columns = [(TimeWindow(0.0, end_s, 0.0, 700, zoomed=False), _WHOLE), (zoom, _ZOOMED)]
         for window, place in columns:
             _column(figure, flight, beside, milestones, angles_deg, window, place)
     return figure
@@ -258,7 +262,7 @@ def draw_column(flight: Flight, beside: Flight | None = None) -> Figure:
     start_s, end_s = 0.0, max(milestones.duration_s, 1e-3)
     if mark_s is not None:
         start_s, end_s = zoom_around(mark_s)
-    window = Window(start_s, end_s, mark_s or 0.0, 400, zoomed=False)
+    window = TimeWindow(start_s, end_s, mark_s or 0.0, 400, zoomed=False)
     angles_deg = roll_pitch_yaw_deg(flight.log["attitude"])
     with new_figure(*_IN_PRINT.size_in, 2 * DPI, font_size=6.2) as figure:
         _column(figure, flight, beside, milestones, angles_deg, window, _IN_PRINT)
@@ -279,8 +283,8 @@ def _column(
     beside: Flight | None,
     milestones: FlightMilestones,
     angles_deg: Array,
-    window: Window,
-    place: _Place,
+    window: TimeWindow,
+    place: _PanelColumn,
 ) -> None:
     cut = _samples(flight.t, window)
     rows = {
@@ -305,7 +309,7 @@ def _column(
     rows["thrust"].axes.set_xlabel(words, labelpad=2)
 
 
-def _samples(t: Array, window: Window) -> slice:
+def _samples(t: Array, window: TimeWindow) -> slice:
     """The samples inside the window; at least one."""
     first = int(np.searchsorted(t, window.start_s - 1e-9))
     last = int(np.searchsorted(t, window.end_s + 1e-9))

@@ -13,7 +13,7 @@ import numpy as np
 from tombo_flight.report.html import asset, page_html, write_page
 from tombo_flight.report.milestones import (
     FlightMilestones,
-    Outcome,
+    FlightOutcome,
     find_milestones,
     number,
     reaction_words,
@@ -45,10 +45,10 @@ SCRIPTS: Final = (
 """Scripts that show flights, in the order in which they are joined."""
 
 _STYLES: Final = {
-    Outcome.RECOVERED: "good",
-    Outcome.CRASHED: "bad",
-    Outcome.NO_CONTACT: "plain",
-    Outcome.NOT_SETTLED: "warn",
+    FlightOutcome.RECOVERED: "good",
+    FlightOutcome.CRASHED: "bad",
+    FlightOutcome.NO_CONTACT: "plain",
+    FlightOutcome.NOT_SETTLED: "warn",
 }
 _CARDS: Final = (
     "Largest falling distance",

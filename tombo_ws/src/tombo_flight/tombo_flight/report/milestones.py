@@ -31,7 +31,7 @@ UPRIGHT_RAD: Final = 0.17
 """Tilt below which the unstable phase can end."""
 
 
-class Outcome(Enum):
+class FlightOutcome(Enum):
     """How a flight ended, as one word for the header."""
 
     RECOVERED = "recovered"
@@ -41,7 +41,7 @@ class Outcome(Enum):
 
 
 @dataclass(frozen=True)
-class Obstacle:
+class DrawnObstacle:
     """A vertical cylinder that stands on the ground; metres, map ENU."""
 
     x_m: float
@@ -76,7 +76,7 @@ class FlightMilestones:
     seed: int | None
     conf: int | None
     reaction: str | None
-    verdict: Outcome
+    verdict: FlightOutcome
     duration_s: float
     contact_s: float | None
     detection_s: float | None
@@ -92,7 +92,7 @@ class FlightMilestones:
     lowest_s: float | None
     lowest_m: float | None
     phases: tuple[Span, ...]
-    obstacle: Obstacle | None
+    obstacle: DrawnObstacle | None
 
     @property
     def falling_distance_m(self) -> float | None:
@@ -274,15 +274,15 @@ def _fall(flight: Flight, contact_s: float, end_s: float) -> tuple[float, float,
     return float(heights[0]), float(flight.t[first + lowest]), float(heights[lowest])
 
 
-def _verdict(crashed: bool, collided: bool, recovery_s: float | None) -> Outcome:
+def _verdict(crashed: bool, collided: bool, recovery_s: float | None) -> FlightOutcome:
     if crashed:
-        return Outcome.CRASHED
+        return FlightOutcome.CRASHED
     if not collided:
-        return Outcome.NO_CONTACT
-    return Outcome.RECOVERED if recovery_s is not None else Outcome.NOT_SETTLED
+        return FlightOutcome.NO_CONTACT
+    return FlightOutcome.RECOVERED if recovery_s is not None else FlightOutcome.NOT_SETTLED
 
 
-def _obstacle(scenario: Mapping[str, Any]) -> Obstacle | None:
+def _obstacle(scenario: Mapping[str, Any]) -> DrawnObstacle | None:
     values = scenario.get("obstacle")
     if not isinstance(values, Mapping):
         return None
@@ -290,7 +290,7 @@ def _obstacle(scenario: Mapping[str, Any]) -> Obstacle | None:
     radius_m, top_m = number(values, "radius_m"), number(values, "top_m")
     if x_m is None or y_m is None or not radius_m or not top_m:
         return None
-    return Obstacle(x_m, y_m, radius_m, top_m)
+    return DrawnObstacle(x_m, y_m, radius_m, top_m)
 
 
 def _between(start_s: float | None, end_s: float | None) -> float | None:

@@ -28,7 +28,7 @@ _DASHES: Final[Any] = (0, (4, 2))
 
 
 @dataclass(frozen=True)
-class Window:
+class TimeWindow:
     """A column of the figure: its stretch of time and how many points a line may have.
 
     `zero_s` is the instant from which the time axis counts.
@@ -48,7 +48,7 @@ class Panel:
     axes: Axes
     flight: Flight
     milestones: FlightMilestones
-    window: Window
+    window: TimeWindow
     cut: slice
 
     def trace(

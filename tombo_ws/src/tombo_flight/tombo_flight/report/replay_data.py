@@ -26,7 +26,7 @@ _DEFAULT = VehicleParams()
 
 
 @dataclass(frozen=True)
-class Part:
+class VehiclePart:
     """A piece of the vehicle: a filled outline, or a line with a thickness; map frame, metres."""
 
     kind: str
@@ -36,7 +36,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Airframe:
+class DrawnAirframe:
     """The lengths [m] that a picture of the vehicle needs, by their names in `VehicleParams`."""
 
     arm_length: float = _DEFAULT.arm_length
@@ -46,7 +46,7 @@ class Airframe:
     leg_height: float = _DEFAULT.leg_height
 
     @classmethod
-    def of(cls, scenario: Mapping[str, Any]) -> Airframe:
+    def of(cls, scenario: Mapping[str, Any]) -> DrawnAirframe:
         """The airframe of a scenario as flown; what it does not say is the default vehicle's."""
         given = scenario.get("vehicle")
         lengths = {f.name: number(given, f.name) for f in fields(cls)} if given else {}
@@ -69,7 +69,7 @@ class Airframe:
         sink = wing * float(np.sqrt(1.0 - stretched**2))
         return circle(self.nodus_radius + wing * stretched, -sink)
 
-    def parts(self, position: Array, attitude: Array, fold: Array) -> list[Part]:
+    def parts(self, position: Array, attitude: Array, fold: Array) -> list[VehiclePart]:
         """Pieces of the vehicle at a pose.
 
         Args:
@@ -86,20 +86,26 @@ class Airframe:
         low = -self.leg_height
         parts = []
         for y in (-0.11, 0.11):
-            parts.append(Part("leg", put(((0.0, y / 2, 0.0), (0.0, y, low))), 0.010))
-            parts.append(Part("leg", put(((-0.12, y, low), (0.13, y, low))), 0.012))
+            parts.append(VehiclePart("leg", put(((0.0, y / 2, 0.0), (0.0, y, low))), 0.010))
+            parts.append(VehiclePart("leg", put(((-0.12, y, low), (0.13, y, low))), 0.012))
         for rotor, hub in enumerate(self.rotors_m):
             x, y, z = hub
-            parts.append(Part("arm", put(((0.2 * x, 0.2 * y, 0.0), (x, y, 0.0))), 0.020, rotor))
-            parts.append(Part("motor", put(((x, y, -0.004), (x, y, z - 0.006))), 0.028, rotor))
+            parts.append(
+                VehiclePart("arm", put(((0.2 * x, 0.2 * y, 0.0), (x, y, 0.0))), 0.020, rotor)
+            )
+            parts.append(
+                VehiclePart("motor", put(((x, y, -0.004), (x, y, z - 0.006))), 0.028, rotor)
+            )
             if fold[rotor] > 0.02:
-                parts.append(Part("ghost", put(hub + self.disc(0.0)), 0.002, rotor))
-            parts.append(Part("disc", put(hub + self.disc(float(fold[rotor]))), 0.006, rotor))
+                parts.append(VehiclePart("ghost", put(hub + self.disc(0.0)), 0.002, rotor))
+            parts.append(
+                VehiclePart("disc", put(hub + self.disc(float(fold[rotor]))), 0.006, rotor)
+            )
         bottom, top = circle(0.07, -0.02, 9), circle(0.07, 0.022, 9)
         for k in range(8):
-            parts.append(Part("side", put((bottom[k], bottom[k + 1], top[k + 1], top[k]))))
-        parts.append(Part("deck", put(top)))
-        parts.append(Part("nose", put(((0.02, 0.0, 0.024), (0.06, 0.0, 0.024))), 0.014))
+            parts.append(VehiclePart("side", put((bottom[k], bottom[k + 1], top[k + 1], top[k]))))
+        parts.append(VehiclePart("deck", put(top)))
+        parts.append(VehiclePart("nose", put(((0.02, 0.0, 0.024), (0.06, 0.0, 0.024))), 0.014))
         return parts
 
 
@@ -211,7 +217,7 @@ def flight_block(flight: Flight, milestones: FlightMilestones) -> dict[str, Any]
 
 def milestones_block(flight: Flight, milestones: FlightMilestones) -> dict[str, Any]:
     """Data of the scripts beside the columns, ready for JSON."""
-    obstacle, airframe = milestones.obstacle, Airframe.of(flight.scenario)
+    obstacle, airframe = milestones.obstacle, DrawnAirframe.of(flight.scenario)
     return {
         **{name: getattr(milestones, name) for name in _MILESTONES},
         "verdict": milestones.verdict.value,

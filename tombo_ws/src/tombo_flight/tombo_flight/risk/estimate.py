@@ -53,7 +53,7 @@ class Kernels:
 
 
 @dataclass(frozen=True)
-class Proposal:
+class DrawProposal:
     """A mixture of the inputs as given and of others."""
 
     as_given: float = 1.0
@@ -89,13 +89,13 @@ def normal_density(points: Array) -> Array:
     return found
 
 
-def first_proposal(dimension: int) -> Proposal:
+def first_proposal(dimension: int) -> DrawProposal:
     """Return the one of the first search: half as given, half wide on all sides."""
     kernels = Kernels(np.zeros((1, dimension)), np.ones(1), _WIDE * np.eye(dimension))
-    return Proposal(0.5, ((0.5, kernels),))
+    return DrawProposal(0.5, ((0.5, kernels),))
 
 
-def fitted_proposal(points: Array, weights: Array, as_given: float) -> Proposal:
+def fitted_proposal(points: Array, weights: Array, as_given: float) -> DrawProposal:
     """Return the mixture for flights (N, d) that are to be seen more often.
 
     Args:
@@ -118,7 +118,7 @@ def fitted_proposal(points: Array, weights: Array, as_given: float) -> Proposal:
     near = Kernels(centres, kept, np.linalg.cholesky(_INFLATION * width * covariance))
     half = Kernels(0.5 * centres, kept, np.eye(dimension))
     rest = 1.0 - as_given
-    return Proposal(as_given, ((rest * (1.0 - HALFWAY), near), (rest * HALFWAY, half)))
+    return DrawProposal(as_given, ((rest * (1.0 - HALFWAY), near), (rest * HALFWAY, half)))
 
 
 METHODS = ("adaptive", "monte-carlo")
@@ -142,7 +142,7 @@ Fly = Callable[[int, Array, Array], Array]
 
 
 @dataclass(frozen=True)
-class Sample:
+class FlightSample:
     """Flights, one a row, in their order."""
 
     points: Array
@@ -160,7 +160,7 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class RiskEstimate:
     """The probability of a crash."""
 
     probability: float | None
@@ -175,7 +175,7 @@ class Estimate:
 
 
 def flight_draw(
-    seed: int, flight: int, proposal: Proposal, dimension: int
+    seed: int, flight: int, proposal: DrawProposal, dimension: int
 ) -> tuple[Array, bool, int]:
     """Return inputs (d,), whether they are drawn as given, and the seed of a flight."""
     rng = np.random.default_rng((seed, flight))
@@ -186,7 +186,7 @@ def flight_draw(
 
 def estimate(
     dimension: int, flights: int, method: str, seed: int, fly: Fly
-) -> tuple[Estimate, Sample]:
+) -> tuple[RiskEstimate, FlightSample]:
     """Fly, and return the probability of a crash with the flights that it is from.
 
     Args:
@@ -196,8 +196,8 @@ def estimate(
         seed: all draws follow from it, so that the same flights give the same figures.
         fly: flies the flights of one stage.
     """
-    flown = _Flown(dimension, seed, fly)
-    proposal = Proposal()
+    flown = _FlownStages(dimension, seed, fly)
+    proposal = DrawProposal()
     if method == "adaptive" and dimension:
         proposal = _search(flown, flights // 10)
     first = flown.count
@@ -206,12 +206,12 @@ def estimate(
     return _estimate(sample, proposal, flown.stages), sample
 
 
-class _Flown:
+class _FlownStages:
     """The stages that are flown so far."""
 
     def __init__(self, dimension: int, seed: int, fly: Fly) -> None:
         self._dimension, self._seed, self._fly = dimension, seed, fly
-        self.stages: list[tuple[Proposal, int]] = []
+        self.stages: list[tuple[DrawProposal, int]] = []
         self.points: Array = np.zeros((0, dimension))
         self.seeds: Array = np.zeros(0, dtype=np.int64)
         self.as_given: NDArray[np.bool_] = np.zeros(0, dtype=bool)
@@ -221,7 +221,7 @@ class _Flown:
     def count(self) -> int:
         return self.margins.size
 
-    def fly(self, proposal: Proposal, count: int) -> None:
+    def fly(self, proposal: DrawProposal, count: int) -> None:
         """Fly a stage."""
         first = self.count
         points, as_given, seeds = zip(
@@ -242,19 +242,21 @@ class _Flown:
         found: Array = normal_density(self.points) * self.count / drawn
         return found
 
-    def sample(self, first: int) -> Sample:
+    def sample(self, first: int) -> FlightSample:
         """Return all flights."""
-        return Sample(self.points, self.seeds, self.margins, self.weights(), self.as_given, first)
+        return FlightSample(
+            self.points, self.seeds, self.margins, self.weights(), self.as_given, first
+        )
 
 
-def _search(flown: _Flown, count: int) -> Proposal:
+def _search(flown: _FlownStages, count: int) -> DrawProposal:
     """Search crashes, level by level, and return the proposal for the estimate."""
     proposal = first_proposal(flown.points.shape[1])
     for number in range(_SEARCHES):
         flown.fly(proposal, count)
         weights, crashed = flown.weights(), flown.margins < 0.0
         if number == 0 and (weights * crashed).mean() >= _OFTEN:
-            return Proposal()
+            return DrawProposal()
         found = weights[crashed]
         effective = found.sum() ** 2 / (found**2).sum() if found.size else 0.0
         level = max(0.0, float(np.quantile(flown.margins[-count:], _WORST)))
@@ -266,21 +268,23 @@ def _search(flown: _Flown, count: int) -> Proposal:
     return proposal
 
 
-def _estimate(sample: Sample, proposal: Proposal, stages: list[tuple[Proposal, int]]) -> Estimate:
+def _estimate(
+    sample: FlightSample, proposal: DrawProposal, stages: list[tuple[DrawProposal, int]]
+) -> RiskEstimate:
     points, crashed = sample.points[sample.first :], sample.margins[sample.first :] < 0.0
     number, flights = int(crashed.sum()), crashed.size
     method = METHODS[0] if proposal.others else METHODS[1]
     if not number:
         unseen = stages if not (sample.margins < 0.0).any() else stages[-1:]
         high = _unseen([(one.as_given, count) for one, count in unseen])
-        return Estimate(None, 0.0, high, method, 0.0)
+        return RiskEstimate(None, 0.0, high, method, 0.0)
     if not proposal.others:
         low, high = exact_interval(number, flights)
-        return Estimate(number / flights, low, high, method, number / flights)
+        return RiskEstimate(number / flights, low, high, method, number / flights)
     hits = points[crashed]
     weights = normal_density(hits) / proposal.density(hits) / flights
     low, high = weighted_interval(weights)
-    return Estimate(float(weights.sum()), low, min(high, 1.0), method, number / flights)
+    return RiskEstimate(float(weights.sum()), low, min(high, 1.0), method, number / flights)
 
 
 def weighted_interval(weights: Array) -> tuple[float, float]:

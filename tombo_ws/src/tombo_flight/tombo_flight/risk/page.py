@@ -14,7 +14,7 @@ from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.flight_plot import draw_flight
 from tombo_flight.report.page import Card, Item, Page, Picture, Section, Table, Text
-from tombo_flight.risk.estimate import Sample
+from tombo_flight.risk.estimate import FlightSample
 from tombo_flight.risk.study import RiskStudy, settings_at
 
 Result = Mapping[str, Any]
@@ -109,7 +109,7 @@ _MOST_PANELS = 3
 _MOST_POINTS = 5000
 
 
-def risk_page(study: RiskStudy, result: Result, sample: Sample) -> Page:
+def risk_page(study: RiskStudy, result: Result, sample: FlightSample) -> Page:
     """Return the page of a risk.
 
     Args:
@@ -147,7 +147,7 @@ def risk_page(study: RiskStudy, result: Result, sample: Sample) -> Page:
     )
 
 
-def _deciding_inputs(study: RiskStudy, result: Result, sample: Sample) -> list[Item]:
+def _deciding_inputs(study: RiskStudy, result: Result, sample: FlightSample) -> list[Item]:
     items: list[Item] = [Text(decision_words(result), "list")]
     rows = [
         (row["key"], f"{row['first']:.2f}", f"{row['total']:.2f}")
@@ -161,7 +161,7 @@ def _deciding_inputs(study: RiskStudy, result: Result, sample: Sample) -> list[I
     return items
 
 
-def _most_likely_crash(study: RiskStudy, result: Result, sample: Sample) -> list[Item]:
+def _most_likely_crash(study: RiskStudy, result: Result, sample: FlightSample) -> list[Item]:
     crash = result["most_likely_crash"]
     if crash is None:
         return [Text(["No crash was found."])]
@@ -182,7 +182,7 @@ def _most_likely_crash(study: RiskStudy, result: Result, sample: Sample) -> list
     ]
 
 
-def _draw_margins(study: RiskStudy, sample: Sample) -> Figure:
+def _draw_margins(study: RiskStudy, sample: FlightSample) -> Figure:
     """Draw the margin over the first inputs."""
     shown = study.inputs[:_MOST_PANELS]
     every = -(-sample.margins.size // _MOST_POINTS)

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
 from tombo_flight.campaign.statistics import exact_interval
-from tombo_flight.risk.estimate import Estimate, Sample
+from tombo_flight.risk.estimate import FlightSample, RiskEstimate
 from tombo_flight.risk.study import RiskStudy, openturns, settings_at
 
 _DEGREES = (1, 2, 3)
 _FOLDS = 10
 
 
-def influence(keys: Sequence[str], sample: Sample) -> dict[str, Any] | None:
+def influence(keys: Sequence[str], sample: FlightSample) -> dict[str, Any] | None:
     """Return first-order and total Sobol indices of the margin, for inputs as given; None: none.
 
     A polynomial chaos expansion is fitted to the flights; its indices are exact sums of squared
@@ -105,8 +105,8 @@ CONFIDENCE = 0.95
 
 def result_of(
     study: RiskStudy,
-    answer: Estimate,
-    sample: Sample,
+    answer: RiskEstimate,
+    sample: FlightSample,
     errors: Sequence[str],
     decides: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
@@ -145,7 +145,7 @@ def result_of(
     }
 
 
-def outcome_of(answer: Estimate) -> str:
+def outcome_of(answer: RiskEstimate) -> str:
     """Return the answer in a line."""
     if answer.probability is None:
         return f"no crash found, probability below {answer.high:.2g}"
@@ -156,7 +156,7 @@ def _high(crashed: int, of: int) -> float:
     return exact_interval(crashed, of)[1] if of else 1.0
 
 
-def _most_likely(study: RiskStudy, sample: Sample) -> dict[str, Any] | None:
+def _most_likely(study: RiskStudy, sample: FlightSample) -> dict[str, Any] | None:
     """Return the crash whose inputs are nearest to the usual ones; None: there is none."""
     crashed = np.flatnonzero(sample.margins < 0.0)
     if not crashed.size:
@@ -176,7 +176,7 @@ def _most_likely(study: RiskStudy, sample: Sample) -> dict[str, Any] | None:
     }
 
 
-def _crashes(study: RiskStudy, sample: Sample) -> list[dict[str, Any]]:
+def _crashes(study: RiskStudy, sample: FlightSample) -> list[dict[str, Any]]:
     """Return where the crashes are: each input's mean over them, as often as they occur."""
     crashed = sample.margins < 0.0
     if not crashed.any():

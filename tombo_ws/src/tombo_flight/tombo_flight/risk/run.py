@@ -19,7 +19,7 @@ from tombo_flight.process.study import Progress, Row, Task, fly_tasks, pace
 from tombo_flight.process.study_folder import RESULT, Journal, open_study, write_head
 from tombo_flight.report.html import write_page
 from tombo_flight.report.page import Page
-from tombo_flight.risk.estimate import Estimate, Sample, estimate
+from tombo_flight.risk.estimate import FlightSample, RiskEstimate, estimate
 from tombo_flight.risk.page import risk_page
 from tombo_flight.risk.result import influence, result_of
 from tombo_flight.risk.study import RiskStudy, settings_at
@@ -109,7 +109,7 @@ def fly_risk(
     return _finish(folder, answer, sample)
 
 
-def _finish(folder: RiskFolder, answer: Estimate, sample: Sample) -> Page:
+def _finish(folder: RiskFolder, answer: RiskEstimate, sample: FlightSample) -> Page:
     study = folder.study
     errors = [row["error"] for _, row in sorted(folder.rows.items()) if "error" in row]
     keys = [one.key for one in study.inputs]
@@ -122,7 +122,7 @@ def _finish(folder: RiskFolder, answer: Estimate, sample: Sample) -> Page:
     return page
 
 
-def _write_table(path: Path, study: RiskStudy, sample: Sample) -> None:
+def _write_table(path: Path, study: RiskStudy, sample: FlightSample) -> None:
     """Write one row a flight: its inputs, seed, margin and weight."""
     import pyarrow as pa
     import pyarrow.parquet as pq

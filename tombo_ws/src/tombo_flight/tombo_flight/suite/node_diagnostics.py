@@ -39,7 +39,7 @@ class Loop:
 
 
 @dataclass(frozen=True)
-class Status:
+class NodeStatus:
     """The last report of a node.
 
     Attributes:
@@ -68,7 +68,7 @@ class NodeDiagnostics:
     """Collects reports; `nodes` has the last one of each node."""
 
     def __init__(self) -> None:
-        self.nodes: dict[str, Status] = {}
+        self.nodes: dict[str, NodeStatus] = {}
 
     def take(self, report: Iterable[Mapping[str, Any]], heard_s: float) -> None:
         """Take in one report: the statuses of a DiagnosticArray.
@@ -88,7 +88,7 @@ class NodeDiagnostics:
         for node in {**heads, **loops}:
             head = heads.get(node, {})
             level = int(head.get("level", 0))
-            self.nodes[node] = Status(
+            self.nodes[node] = NodeStatus(
                 level,
                 str(head.get("message", "")) if level else "",
                 _numbers(head.get("values", {})),

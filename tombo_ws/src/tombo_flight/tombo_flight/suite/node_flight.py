@@ -213,7 +213,7 @@ def _monitor_arguments(px4: Px4Connection | None) -> tuple[str, ...]:
 
 
 @dataclasses.dataclass
-class _Flown:
+class _FlownByNodes:
     """What happened to the processes of a flight."""
 
     wall_s: float = 0.0
@@ -241,9 +241,9 @@ def _fly(
     stop: StopSignals,
     on_progress: ProgressCallback,
     notice: Callable[[str], None],
-) -> _Flown:
+) -> _FlownByNodes:
     """Run the suite until the flight is over."""
-    flown = _Flown()
+    flown = _FlownByNodes()
     watch = FlightMonitor(config.scenario)
     needed = [name for name in config.nodes if config.lockstep or name in _NEEDED]
     bridge = BridgeMonitor() if "px4_bridge" in config.nodes else None
@@ -329,7 +329,7 @@ def _collect_logs(logs: Path, target: Path) -> None:
     target.write_text("\n".join(parts), encoding="utf-8")
 
 
-def _summarize(flown: _Flown, bag: Path, mode: str) -> FlightResult:
+def _summarize(flown: _FlownByNodes, bag: Path, mode: str) -> FlightResult:
     """Make record and summary from the recording.
 
     Raises:

@@ -29,7 +29,7 @@ from tombo_flight.suite.parameter_yaml import (
     parameter_yaml,
     suite_parameters,
 )
-from tombo_flight.suite.status_table import Suite
+from tombo_flight.suite.status_table import SuiteState
 from tombo_flight.suite.supervisor import (
     ProcessExit,
     ProcessUpdate,
@@ -191,10 +191,10 @@ class RunningSuite:
                 warnings.append((MONITOR, f"ended, {end.exit_text}: no status any more{words}"))
         return SuiteUpdate(ended, warnings, flight, px4, answers)
 
-    def status(self) -> Suite:
+    def status(self) -> SuiteState:
         """Return the suite as it is now."""
         now = time.monotonic()
-        return Suite(
+        return SuiteState(
             self.nodes,
             self._supervisor.running,
             self.ended,

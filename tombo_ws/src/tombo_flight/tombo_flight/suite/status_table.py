@@ -16,7 +16,7 @@ from tombo_flight.suite.node_diagnostics import (
     SILENT_S,
     Loop,
     NodeDiagnostics,
-    Status,
+    NodeStatus,
     lateness_text,
 )
 from tombo_flight.suite.supervisor import ProcessExit
@@ -28,7 +28,7 @@ _FAULT_STYLES = ("", "yellow", "bold red")
 
 
 @dataclass(frozen=True)
-class Suite:
+class SuiteState:
     """What there is to know about a running suite.
 
     Attributes:
@@ -71,7 +71,7 @@ class Suite:
         return "silent" if self.now_s - status.heard_s > SILENT_S else "running"
 
 
-def status_table(suite: Suite) -> Table:
+def status_table(suite: SuiteState) -> Table:
     """Return the table: a row a loop, the node's own beside its first one."""
     age = suite.node_diagnostics.mocap_age_s
     mocap = "mocap: no message" if math.isnan(age) else f"mocap: {1e3 * age:.0f} ms old"
@@ -85,7 +85,7 @@ def status_table(suite: Suite) -> Table:
     table.add_column("faults")
     for name in suite.names:
         state = suite.state(name)
-        status = suite.node_diagnostics.nodes.get(name, Status())
+        status = suite.node_diagnostics.nodes.get(name, NodeStatus())
         loops = status.loops if name in suite.pids else ()
         style = _STYLES.get(state, "bold red")
         pid = str(suite.pids.get(name, ""))
@@ -102,7 +102,7 @@ def status_table(suite: Suite) -> Table:
     return table
 
 
-def status_line(suite: Suite) -> str:
+def status_line(suite: SuiteState) -> str:
     """Return the suite in one line: how many run, what is wrong."""
     troubles = []
     for name in suite.names:
@@ -115,7 +115,7 @@ def status_line(suite: Suite) -> str:
     missed = sum(
         int(loop.number("missed"))
         for name in suite.pids
-        for loop in suite.node_diagnostics.nodes.get(name, Status()).loops
+        for loop in suite.node_diagnostics.nodes.get(name, NodeStatus()).loops
         if not math.isnan(loop.number("missed"))
     )
     running = sum(name in suite.pids for name in suite.names)
@@ -123,11 +123,11 @@ def status_line(suite: Suite) -> str:
     return "; ".join([line, *([suite.flight_text] if suite.flight else []), *troubles])
 
 
-def status_object(suite: Suite) -> dict[str, Any]:
+def status_object(suite: SuiteState) -> dict[str, Any]:
     """Return the suite as plain values."""
     nodes = {}
     for name in suite.names:
-        status = suite.node_diagnostics.nodes.get(name, Status())
+        status = suite.node_diagnostics.nodes.get(name, NodeStatus())
         nodes[name] = {
             "pid": suite.pids.get(name),
             "state": suite.state(name),

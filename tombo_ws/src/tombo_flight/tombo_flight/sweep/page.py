@@ -13,11 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tombo_dynamics.arrays import Array
-from tombo_flight.campaign.page import PANELS, draw_histogram
+from tombo_flight.campaign.campaign import PANELS, draw_histogram
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.page import Card, Cell, Item, Page, Picture, Section, Table, Text
-from tombo_flight.sweep.study import Axis, Sweep
+from tombo_flight.sweep.study import Axis, SweepStudy
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -155,7 +155,7 @@ MOST_FAILURES = 200
 _NEEDED = ("crashed", "collided", "landed", *(key for key, _, _ in PANELS))
 
 
-def sweep_page(table_file: Path, sweep: Sweep) -> Page:
+def sweep_page(table_file: Path, sweep: SweepStudy) -> Page:
     """Return the page of a sweep's table."""
     import pyarrow.parquet as pq
 
@@ -173,7 +173,7 @@ def _outcome(columns: Columns, errors: pa.ChunkedArray) -> str:
     return f"{line}, {not_flown} not flown" if not_flown else line
 
 
-def _numbers(read: pa.Table, name: str, sweep: Sweep) -> Array:
+def _numbers(read: pa.Table, name: str, sweep: SweepStudy) -> Array:
     """Return a column as floats: NaN for null, a level's number for text."""
     import pyarrow as pa
 
@@ -185,7 +185,7 @@ def _numbers(read: pa.Table, name: str, sweep: Sweep) -> Array:
     return found
 
 
-def _page(sweep: Sweep, columns: Columns, errors: pa.ChunkedArray) -> Page:
+def _page(sweep: SweepStudy, columns: Columns, errors: pa.ChunkedArray) -> Page:
     seeds = sweep.seeds[1] - sweep.seeds[0]
     kinds = {"full": "full factorial", "lhs": "Latin hypercube", "sobol": "Sobol sequence"}
     flights, outcome = len(errors), _outcome(columns, errors)
@@ -230,7 +230,7 @@ def _page(sweep: Sweep, columns: Columns, errors: pa.ChunkedArray) -> Page:
     )
 
 
-def _failures(sweep: Sweep, columns: Columns, errors: pa.ChunkedArray) -> list[Item]:
+def _failures(sweep: SweepStudy, columns: Columns, errors: pa.ChunkedArray) -> list[Item]:
     failed = np.flatnonzero((columns["crashed"] > 0.0) | np.array(errors.is_valid()))
     if not failed.size:
         return [Text(["None."])]

@@ -21,7 +21,7 @@ from tombo_flight.process.study_folder import Journal, open_study, write_head
 from tombo_flight.report.html import write_page
 from tombo_flight.report.page import Page
 from tombo_flight.sweep.page import sweep_page
-from tombo_flight.sweep.study import Sweep, schema_of, table_of
+from tombo_flight.sweep.study import SweepStudy, schema_of, table_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -35,10 +35,10 @@ BLOCK = 10_000
 """Flights of a part."""
 
 
-class Store:
+class SweepFolder:
     """The flights of a study in a folder; see `open_store`."""
 
-    def __init__(self, folder: Path, sweep: Sweep) -> None:
+    def __init__(self, folder: Path, sweep: SweepStudy) -> None:
         self.folder = folder
         self.sweep = sweep
         self._parts = folder / PARTS
@@ -135,7 +135,9 @@ class Store:
 
 
 @contextmanager
-def open_store(folder: Path, sweep: Sweep, *, numbered: bool = False) -> Iterator[Store]:
+def open_store(
+    folder: Path, sweep: SweepStudy, *, numbered: bool = False
+) -> Iterator[SweepFolder]:
     """Open the folder of a sweep: a new or empty one, or that of the same sweep, to go on with.
 
     A new one is gone again where not one flight was flown.
@@ -151,13 +153,13 @@ def open_store(folder: Path, sweep: Sweep, *, numbered: bool = False) -> Iterato
     """
     values = sweep.as_mapping()
     with open_study(
-        folder, STUDY_FILE, values, lambda own: Store(own, sweep), numbered=numbered
+        folder, STUDY_FILE, values, lambda own: SweepFolder(own, sweep), numbered=numbered
     ) as store:
         yield store
 
 
 def fly_sweep(
-    store: Store,
+    store: SweepFolder,
     *,
     workers: int | None = None,
     scheduler: str | None = None,

@@ -61,7 +61,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Design:
+class SweepDesign:
     """The points of a sweep."""
 
     axes: tuple[Axis, ...]
@@ -115,7 +115,7 @@ class Design:
 class Points:
     """Settings of each point of a design; nothing but the drawn numbers is kept."""
 
-    def __init__(self, design: Design) -> None:
+    def __init__(self, design: SweepDesign) -> None:
         self._design = design
         self._drawn = _drawn(design) if design.samples else None
 
@@ -132,7 +132,7 @@ class Points:
         return {axis.key: found[axis.key] for axis in axes}
 
 
-def _drawn(design: Design) -> Any:
+def _drawn(design: SweepDesign) -> Any:
     """Return an (samples, axes) array of shares from 0 to 1."""
     from scipy.stats import qmc
 
@@ -260,7 +260,7 @@ def unit_of(name: str) -> str:
     return _UNITS.get(name.rpartition("_")[2], "")
 
 
-def schema_of(design: Design, study: Mapping[str, Any]) -> pa.Schema:
+def schema_of(design: SweepDesign, study: Mapping[str, Any]) -> pa.Schema:
     """Return the schema of the table, with units, and the whole study in its metadata."""
     import json
 
@@ -281,7 +281,9 @@ def schema_of(design: Design, study: Mapping[str, Any]) -> pa.Schema:
     return pa.schema(fields, metadata={"tombo": text})
 
 
-def table_of(rows: Sequence[Mapping[str, Any]], design: Design, schema: pa.Schema) -> pa.Table:
+def table_of(
+    rows: Sequence[Mapping[str, Any]], design: SweepDesign, schema: pa.Schema
+) -> pa.Table:
     """Return rows as a table; axes of numbers become numbers, what a row lacks is null."""
     import pyarrow as pa
 
@@ -304,13 +306,13 @@ _KEYS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sweep(StudiedScenario):
+class SweepStudy(StudiedScenario):
     """A scenario, what is varied, and the seeds that each point is flown with.
 
     Flight n has point n // seeds and seed first + n % seeds.
     """
 
-    design: Design
+    design: SweepDesign
     seeds: tuple[int, int]
     """First, and the one after the last."""
 
@@ -357,12 +359,12 @@ class Sweep(StudiedScenario):
 
 def new_sweep(
     scenario: str,
-    design: Design,
+    design: SweepDesign,
     seeds: range,
     settings: tuple[str, ...] = (),
     model: str | None = None,
     vehicle: str | None = None,
-) -> Sweep:
+) -> SweepStudy:
     """Read and check a sweep: the scenario, and each value of an axis by itself.
 
     Raises:
@@ -371,7 +373,7 @@ def new_sweep(
     for seed in (seeds.start, seeds.stop - 1) if seeds else ():
         check_seed("seed", seed)
     base = read_scenario(scenario, settings, model, vehicle)
-    sweep = Sweep(**base, design=design, seeds=(seeds.start, seeds.stop))
+    sweep = SweepStudy(**base, design=design, seeds=(seeds.start, seeds.stop))
     if not 1 <= sweep.flights <= MOST_FLIGHTS:
         raise InputError(f"{sweep.flights} flights; accepted: 1 to {MOST_FLIGHTS}")
     sweep.scenario_at(0)

@@ -17,7 +17,7 @@ from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import ProgressCallback
-    from tombo_flight.arena.study import Plan
+    from tombo_flight.arena.study import ArenaPlan
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.process.study_folder import Journal
     from tombo_flight.report.page import Page
@@ -126,7 +126,7 @@ def _kept(path: Path, force: bool) -> Journal:
 
 
 def _fly(
-    plan: Plan,
+    plan: ArenaPlan,
     kept: Journal,
     workers: int | None,
     stop: StopSignals,
@@ -153,7 +153,7 @@ def _told(on_progress: ProgressCallback) -> Callable[[int, int], None]:
 
 
 def _write(
-    path: Path, plan: Plan, kept: Journal, seeds: range, on_progress: ProgressCallback
+    path: Path, plan: ArenaPlan, kept: Journal, seeds: range, on_progress: ProgressCallback
 ) -> Page:
     """Write JSON and page, and return the page."""
     from tombo_flight.arena.page import arena_page

@@ -277,8 +277,7 @@ def _fly_one(
 
 
 def _fly_many(scenario: Scenario, seeds: range, place: Place, as_json: bool) -> int:
-    from tombo_flight.campaign.campaign import fly_campaign
-    from tombo_flight.campaign.page import campaign_page, draw_campaign
+    from tombo_flight.campaign.campaign import campaign_page, draw_campaign, fly_campaign
     from tombo_flight.report.page import page_json
     from tombo_flight.scenario_file import SCENARIO_FILE, write_scenario
 

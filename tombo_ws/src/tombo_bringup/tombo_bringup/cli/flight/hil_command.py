@@ -152,7 +152,7 @@ def _introduction(
 def _serve(one: HilSimulator, stop: StopSignals, duration_s: float | None) -> None:
     """Run until it is stopped."""
     began = time.monotonic()
-    screen = Screen(began, sys.stdout.isatty())
+    screen = HilScreen(began, sys.stdout.isatty())
     while not stop.asked():
         now_ns = time.monotonic_ns()
         if not one.advance(now_ns):
@@ -164,7 +164,7 @@ def _serve(one: HilSimulator, stop: StopSignals, duration_s: float | None) -> No
     screen.close(one)
 
 
-class Screen:
+class HilScreen:
     """One line of how it is, renewed on a terminal, now and then elsewhere; news above it."""
 
     def __init__(self, now: float, terminal: bool) -> None:

@@ -25,7 +25,7 @@ from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
     from tombo_flight.replay.metrics import Tolerances
-    from tombo_flight.replay.run import Replay, Request
+    from tombo_flight.replay.run import Replay, ReplayRequest
 
 app = typer.Typer()
 
@@ -103,11 +103,11 @@ def replay(
     """
     from tombo_flight.process.output_folder import open_output
     from tombo_flight.replay.page import draw_replay, replay_page
-    from tombo_flight.replay.run import Request, replay_bag
+    from tombo_flight.replay.run import ReplayRequest, replay_bag
     from tombo_flight.report.flight_plot import figure_bytes
     from tombo_flight.report.page import page_json
 
-    request = Request(
+    request = ReplayRequest(
         nodes=_nodes(nodes or []),
         names=topic_names("--map", maps or []),
         frame_ok=frame_ok,
@@ -140,7 +140,7 @@ def _check_speed(dds: bool, speed: float) -> None:
         raise InputError(f"--speed {speed:g}: out of bounds; accepted: 0.05 to 20")
 
 
-def _through_nodes(bag: Path, request: Request, speed: float) -> Replay:
+def _through_nodes(bag: Path, request: ReplayRequest, speed: float) -> Replay:
     """Replay through live nodes; a signal ends them before this process."""
     from tombo_bringup.cli.progress import progress_bar
     from tombo_flight.process.stop_signals import StopSignals

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from tombo_bringup.cli.tables import Scroll, scroll
 
 if TYPE_CHECKING:
-    from tombo_flight.suite.status_table import Suite
+    from tombo_flight.suite.status_table import SuiteState
     from tombo_flight.suite.supervisor import ProcessExit
 
 _LINE_S = 5.0
@@ -49,7 +49,7 @@ class JsonScreen:
     def __init__(self) -> None:
         self._clock = _Clock(_LINE_S)
 
-    def status(self, suite: Suite) -> None:
+    def status(self, suite: SuiteState) -> None:
         """Print the status now and then."""
         from tombo_flight.suite.status_table import status_object
 
@@ -90,7 +90,7 @@ class TextScreen:
         self._put = scroll.put
         self._clock = _Clock(_LINE_S if scroll.live is None else _TABLE_S)
 
-    def status(self, suite: Suite) -> None:
+    def status(self, suite: SuiteState) -> None:
         """Print a line now and then, or draw the table a few times a second; called often."""
         from tombo_flight.suite.status_table import status_line, status_table
 

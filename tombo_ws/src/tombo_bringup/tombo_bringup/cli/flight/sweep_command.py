@@ -28,7 +28,7 @@ from tombo_bringup.cli.result_files import check_output, fly_study, plain_name
 from tombo_bringup.cli.tables import show_page
 
 if TYPE_CHECKING:
-    from tombo_flight.sweep.study import Sweep
+    from tombo_flight.sweep.study import SweepStudy
 
 app = typer.Typer()
 
@@ -93,13 +93,13 @@ def sweep(
     """
     check_output(output)
     check_options(_RULES, {"workers": workers, "scheduler": scheduler})
-    from tombo_flight.sweep.study import Design, new_sweep, parse_axis
+    from tombo_flight.sweep.study import SweepDesign, new_sweep, parse_axis
 
     chosen = [*over_scenario(reaction, disturbances=disturbances), *(settings or [])]
     varied = tuple(parse_axis(text) for text in axes or [])
     study = new_sweep(
         scenario,
-        Design(varied, design, samples),
+        SweepDesign(varied, design, samples),
         parse_seeds(seeds, MOST_SEEDS),
         tuple(chosen),
         model,
@@ -112,7 +112,11 @@ MOST_SEEDS = 10**9
 
 
 def _sweep(
-    study: Sweep, output: str | None, workers: int | None, scheduler: str | None, as_json: bool
+    study: SweepStudy,
+    output: str | None,
+    workers: int | None,
+    scheduler: str | None,
+    as_json: bool,
 ) -> None:
     from tombo_flight.process.workers import check_scheduler
     from tombo_flight.sweep.run import PAGE, STUDY_FILE, TABLE, fly_sweep, open_store
