@@ -106,7 +106,7 @@ def test_points_of_a_propeller_are_those_of_the_model():
 @pytest.mark.slow
 def test_a_risk_is_that_of_a_folder(tmp_path):
     asked = {"flights": 100, "method": "monte-carlo", "settings": {"duration": 0.3}, "workers": 1}
-    found = tombo.risk("hover", ["vehicle.mass"], **asked)
-    assert found["probability"] is None and found["flights"] == 100
-    assert tombo.risk("hover", ["vehicle.mass"], **asked, output=tmp_path / "r") == found
+    result = tombo.risk("hover", ["vehicle.mass"], **asked)
+    assert result["probability"] is None and result["flights"] == 100
+    assert tombo.risk("hover", ["vehicle.mass"], **asked, output=tmp_path / "r") == result
     assert (tmp_path / "r" / "risk.html").is_file()

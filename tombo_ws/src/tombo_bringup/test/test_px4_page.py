@@ -40,9 +40,9 @@ def test_the_parameters_for_mocap_are_those_that_are_set():
     rows = re.findall(r"^\| (`[A-Z].*?) \| ([^|]+) \|", PAGE, re.M)
     told = {}
     for names, values in rows:
-        found = re.findall(r"`(\w+)`", names)
+        columns = re.findall(r"`(\w+)`", names)
         given = [int(value) for value in re.findall(r"-?\d+", values)]
-        told |= dict(zip(found, given if len(given) == len(found) else len(found) * given))  # noqa: B905
+        told |= dict(zip(columns, given if len(given) == len(columns) else len(columns) * given))  # noqa: B905
     assert told.items() >= MOCAP_ONLY.items()
     known = {p.name for p in PARAMETERS}
     assert set(told) <= known

@@ -28,10 +28,10 @@ def test_every_value_comes_back_as_it_was():
         "my flight.yaml", 3, settings=["reaction={name: mine}"], model="a b/model.yaml",
         vehicle="fit's.yaml",
     )  # fmt: skip
-    found = parsed(line)
-    assert (found["scenario"], found["seed"]) == ("my flight.yaml", 3)
-    assert (found["model"], found["vehicle"]) == ("a b/model.yaml", "fit's.yaml")
-    assert found["settings"] == ["reaction={name: mine}"]
+    values = parsed(line)
+    assert (values["scenario"], values["seed"]) == ("my flight.yaml", 3)
+    assert (values["model"], values["vehicle"]) == ("a b/model.yaml", "fit's.yaml")
+    assert values["settings"] == ["reaction={name: mine}"]
     assert command_line(("fly",), [("--vehicle", ""), ("--model", None)]) == "tombo fly"
 
 
@@ -39,9 +39,9 @@ def test_every_value_comes_back_as_it_was():
 @pytest.mark.parametrize("case", arena_cases(), ids=lambda case: case.name)
 def test_the_command_of_an_arenas_flight_flies_its_scenario(case):
     match = Match("reflex", case, disturbed=True)
-    found = parsed(match.command(5))
-    over = over_scenario(found["reaction"], disturbances=found["disturbances"])
-    assert load_scenario(found["scenario"], [*over, *found["settings"]]) == match.scenario()
+    values = parsed(match.command(5))
+    over = over_scenario(values["reaction"], disturbances=values["disturbances"])
+    assert load_scenario(values["scenario"], [*over, *values["settings"]]) == match.scenario()
 
 
 @pytest.mark.slow
@@ -49,8 +49,8 @@ def test_the_command_of_a_sweeps_flight_flies_its_scenario():
     axes = (parse_axis("vehicle.mass=1.2,1.3"), parse_axis("reaction.name=none,reflex"))
     study = new_sweep("pole", SweepDesign(axes), range(2, 4), ("disturbances=true",))
     for flight in range(study.flights):
-        found = parsed(study.command(flight))
+        values = parsed(study.command(flight))
         point, seed = study.place(flight)
-        assert found["seed"] == seed
-        flown = load_scenario(found["scenario"], found["settings"])
+        assert values["seed"] == seed
+        flown = load_scenario(values["scenario"], values["settings"])
         assert flown == study.scenario_at(point)

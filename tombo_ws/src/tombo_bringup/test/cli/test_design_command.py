@@ -16,12 +16,12 @@ def design(tombo, *arguments):
 def test_a_design_leaves_everything_to_fly_it(tombo, tmp_path):
     result = design(tombo, *EASY, "--flights", "3", "-o", "out", "--json")
     assert result.code == 0
-    found = result.json
-    assert found["recommended"]["conf"] == 11
-    assert found["flies_as_claimed"] is True
-    assert found["recommended"]["figures"]["recovery_s"]["known"] == "measured"
-    assert found["recommended"]["figures"]["thrust_margin"]["known"] == "extrapolated"
-    assert found["check"]["flights"] == 3
+    values = result.json
+    assert values["recommended"]["conf"] == 11
+    assert values["flies_as_claimed"] is True
+    assert values["recommended"]["figures"]["recovery_s"]["known"] == "measured"
+    assert values["recommended"]["figures"]["thrust_margin"]["known"] == "extrapolated"
+    assert values["check"]["flights"] == 3
     written = {p.name for p in (tmp_path / "out").iterdir()}
     assert written == {"design.json", "report.html", "design.yaml", "pareto.png", "readings.png"}
     assert (tmp_path / "out" / "design.json").read_text() == result.out
@@ -70,10 +70,10 @@ def test_a_broken_library_is_one_line_and_leaves_no_folder(refused, tmp_path):
 
 
 def test_what_cannot_take_off_is_told_so_and_no_option_that_cannot_help(tombo):
-    said = design(tombo, "--mass", "9", "--flights", "0").out
-    assert "below 1 it can't take off" in said
-    assert "if the others stay" not in said
-    assert "--extrapolate" not in said
+    text = design(tombo, "--mass", "9", "--flights", "0").out
+    assert "below 1 it can't take off" in text
+    assert "if the others stay" not in text
+    assert "--extrapolate" not in text
     could = design(tombo, "--mass", "1.3", "--max-recovery", "0.3", "--flights", "0").out
     assert "--extrapolate" not in could  # the predictions are above that, too
     helps = ("--min-thrust-margin", "2.125", "--max-collision-force", "190", "--flights", "0")
@@ -82,6 +82,6 @@ def test_what_cannot_take_off_is_told_so_and_no_option_that_cannot_help(tombo):
 
 
 def test_what_was_not_flown_is_marked(tombo):
-    said = design(tombo, *EASY, "--flights", "1").out
-    assert "not flown" in said
-    assert not [x for x in said.splitlines() if x.rstrip().endswith("fits")]
+    text = design(tombo, *EASY, "--flights", "1").out
+    assert "not flown" in text
+    assert not [x for x in text.splitlines() if x.rstrip().endswith("fits")]

@@ -17,12 +17,12 @@ from tombo_flight.scenario import load_scenario
 def test_scenarios_are_listed_and_each_can_be_loaded(tombo):
     listed = tombo("scenarios", "--json").json
 
-    found = [entry["name"] for entry in listed]
-    assert {"paper_collision", "hover", "no_obstacle", "aggressive"} <= set(found)
+    values = [entry["name"] for entry in listed]
+    assert {"paper_collision", "hover", "no_obstacle", "aggressive"} <= set(values)
     for entry in listed:
         assert load_scenario(entry["name"]).description == entry["description"] != ""
     text = tombo("scenarios").out
-    assert all(name in text for name in found)
+    assert all(name in text for name in values)
 
 
 def test_effects_are_those_of_the_registry(tombo):

@@ -9,15 +9,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from films import write_folder, write_video
 from suite_bench import names
 
-from tombo_propeller.flap_video.synthetic_video import (
-    Scene,
-    SyntheticVideo,
-    reference_scene,
-    write_folder,
-    write_video,
-)
+from tombo_propeller.flap_video.synthetic_video import Scene, SyntheticVideo, reference_scene
 
 SCENE = Scene(beta=math.radians(18.0), width=400, height=400, scale=1650.0, camera_height=6.0)
 SCALE = ("--scale", "1.65")
@@ -51,10 +46,10 @@ def test_a_film_gives_the_angle_with_its_interval_and_four_files(tombo, films, t
 
 @pytest.mark.slow
 def test_json_alone_has_no_bare_number(tombo, films):
-    found = beta(tombo, films / "fast", "--reference", films / "slow.avi", "--json").json
-    assert found["beta"]["low_deg"] < found["beta"]["deg"] < found["beta"]["high_deg"]
-    assert any("camera-height" in note for note in found["notes"])
-    assert found["scale"]["source"] == "reference, spinning"
+    values = beta(tombo, films / "fast", "--reference", films / "slow.avi", "--json").json
+    assert values["beta"]["low_deg"] < values["beta"]["deg"] < values["beta"]["high_deg"]
+    assert any("camera-height" in note for note in values["notes"])
+    assert values["scale"]["source"] == "reference, spinning"
     straight = beta(tombo, films / "slow.avi", *SCALE, "--window", "32", "--json").json
     assert straight["beta"]["deg"] is None
     assert "at most" in straight["beta"]["words"]
@@ -62,8 +57,8 @@ def test_json_alone_has_no_bare_number(tombo, films):
 
 @pytest.mark.slow
 def test_the_speed_is_seen(tombo, films):
-    found = beta(tombo, films / "fast", *SCALE, "--fps", "1920", "--json").json
-    rpm = [w["rpm"] for w in found["windows"]]
+    values = beta(tombo, films / "fast", *SCALE, "--fps", "1920", "--json").json
+    rpm = [w["rpm"] for w in values["windows"]]
     assert rpm == pytest.approx([2 * SCENE.speed * 30.0 / math.pi] * 2, rel=0.02)
 
 
@@ -95,8 +90,8 @@ def test_the_speed_is_seen(tombo, films):
     ids=lambda v: " ".join(v) if isinstance(v, list) else "",
 )
 def test_bad_input_is_one_line_and_exit_code_two(refused, films, arguments, why):
-    given = [str(films / a) if a in ("fast", "none") else a for a in arguments]
-    refused(("propeller", "beta", *given, "-o", "out"), why)
+    words = [str(films / a) if a in ("fast", "none") else a for a in arguments]
+    refused(("propeller", "beta", *words, "-o", "out"), why)
 
 
 @pytest.mark.slow
@@ -151,16 +146,16 @@ def test_a_trace_gives_its_recovery_time(tombo, tmp_path):
     assert result.code == 0, result.err
     assert "1 collision" not in result.err
     assert names(tmp_path / "out") == {"recovery.json", "recovery.csv", "recovery.png"}
-    (found,) = tombo("propeller", "recovery", "t.csv", "--json").json["collisions"]
-    assert found["low_s"] <= truth <= found["high_s"]
-    assert found["time_s"] == pytest.approx(1.0, abs=0.003)
+    (values,) = tombo("propeller", "recovery", "t.csv", "--json").json["collisions"]
+    assert values["low_s"] <= truth <= values["high_s"]
+    assert values["time_s"] == pytest.approx(1.0, abs=0.003)
 
 
 def test_speed_recovers_at_the_root_of_the_share(tombo, tmp_path):
     write_trace(tmp_path / "t.csv", level=4000.0, unit="rpm")
-    found = tombo("propeller", "recovery", "t.csv", "--json").json
-    assert found["recovered_at_share"] == pytest.approx(math.sqrt(0.9))
-    (hit,) = found["collisions"]
+    values = tombo("propeller", "recovery", "t.csv", "--json").json
+    assert values["recovered_at_share"] == pytest.approx(math.sqrt(0.9))
+    (hit,) = values["collisions"]
     assert hit["recovery_s"] == pytest.approx(-0.15 * math.log(1.0 - math.sqrt(0.9)), rel=0.02)
 
 
@@ -185,23 +180,23 @@ def test_bad_traces_are_refused(refused, tmp_path, arguments, why):
 @pytest.mark.slow
 def test_thrust_is_named_in_its_unit(tombo, tmp_path):
     write_trace(tmp_path / "t.csv", level=600.0, unit="thrust [gf]")
-    said = tombo("propeller", "recovery", "t.csv").out
-    assert "from 600 gf: recovered after 0." in said
-    assert "at least" not in said
-    found = tombo("propeller", "recovery", "t.csv", "--json").json
-    assert (found["kind"], found["unit"], found["lower_bound"]) == ("thrust", "gf", False)
-    assert found["collisions"][0]["level"] == pytest.approx(600.0, rel=0.01)
+    text = tombo("propeller", "recovery", "t.csv").out
+    assert "from 600 gf: recovered after 0." in text
+    assert "at least" not in text
+    values = tombo("propeller", "recovery", "t.csv", "--json").json
+    assert (values["kind"], values["unit"], values["lower_bound"]) == ("thrust", "gf", False)
+    assert values["collisions"][0]["level"] == pytest.approx(600.0, rel=0.01)
 
 
 @pytest.mark.slow
 def test_a_speed_trace_says_at_least(tombo, tmp_path):
     write_trace(tmp_path / "t.csv", level=4507.0, unit="rpm")
-    said = tombo("propeller", "recovery", "t.csv", "-o", "out").out
-    assert "from 4507 rpm: recovered after at least 0.4" in said
-    assert "lower bound" in said
-    found = tombo("propeller", "recovery", "t.csv", "--json").json
-    assert (found["kind"], found["unit"], found["lower_bound"]) == ("speed", "rpm", True)
-    (hit,) = found["collisions"]
+    text = tombo("propeller", "recovery", "t.csv", "-o", "out").out
+    assert "from 4507 rpm: recovered after at least 0.4" in text
+    assert "lower bound" in text
+    values = tombo("propeller", "recovery", "t.csv", "--json").json
+    assert (values["kind"], values["unit"], values["lower_bound"]) == ("speed", "rpm", True)
+    (hit,) = values["collisions"]
     assert hit["level"] == pytest.approx(4507.0, rel=0.01)
     assert hit["words"].startswith("at least")
     (row,) = csv.DictReader((tmp_path / "out" / "recovery.csv").open())

@@ -44,13 +44,13 @@ def write_model(folder, effects):
 def test_json_has_the_form_of_a_diagnosis_of_flights(run, tmp_path):
     result = run(table(tmp_path / "a.csv"), "--json")
     assert result.code == 0, result.out
-    found = result.json
+    diagnosis = result.json
     keys = {
         *("verdict", "causes", "set", "separating_experiment", "gain", "prechecks"),
         *("candidates", "runs", "confidence", "summary", "notes", "model", "seconds", "version"),
     }
-    assert keys <= set(found)
-    assert found["verdict"] == "none"
+    assert keys <= set(diagnosis)
+    assert diagnosis["verdict"] == "none"
     assert "NaN" not in result.out
 
 
@@ -59,19 +59,19 @@ def test_a_gain_is_found_written_and_then_no_finding_any_more(run, tmp_path):
     path = table(tmp_path / "a.csv", gain=1.15)
     result = run(path, "-o", tmp_path / "out")
     assert result.code == 0, result.out
-    found = json.loads((tmp_path / "out/diagnosis.json").read_text())
-    assert found["verdict"] in ("named", "set")
-    assert found["causes"][0]["effect"] in ("thrust_gain", "thrust_coefficient")
+    diagnosis = json.loads((tmp_path / "out/diagnosis.json").read_text())
+    assert diagnosis["verdict"] in ("named", "set")
+    assert diagnosis["causes"][0]["effect"] in ("thrust_gain", "thrust_coefficient")
     assert (tmp_path / "out/plots/residuals.png").stat().st_size > 10_000
     page = (tmp_path / "out/report.html").read_text()
     places = [page.index(t) for t in ("What would settle it", "The gap", "All candidates")]
     assert places == sorted(places)
     assert page.count("<figure ") == 2  # over speed and over stiffness
     assert "http:" not in page and "https:" not in page and "{{" not in page
-    if found["verdict"] == "named":
+    if diagnosis["verdict"] == "named":
         model = yaml.safe_load((tmp_path / "out/stand_model.yaml").read_text())
         assert model["origin"]["runs"][0].startswith(str(path))
-    (cause, *_) = found["causes"]
+    (cause, *_) = diagnosis["causes"]
     model = write_model(tmp_path, {cause["effect"]: {"parameters": cause["theta"]}})
     again = run(path, "--model", model, "--json")
     assert again.json["verdict"] == "none"
@@ -96,10 +96,10 @@ def test_a_new_finding_is_added_to_the_model_that_was_given(run, tmp_path):
 @pytest.mark.slow
 def test_table_3_says_what_is_certified(run):
     result = run("--table3", "--json")
-    found = result.json
-    assert found["verdict"] == "set"
-    assert {"centrifugal_stiffening", "torsion_constant"} <= set(found["set"])
-    assert "no extension predicts" in found["table3"]["statement"]
+    diagnosis = result.json
+    assert diagnosis["verdict"] == "set"
+    assert {"centrifugal_stiffening", "torsion_constant"} <= set(diagnosis["set"])
+    assert "no extension predicts" in diagnosis["table3"]["statement"]
 
 
 def test_a_thousandfold_thrust_is_refused_first_thing(refused, tmp_path):
@@ -143,7 +143,7 @@ def test_a_stop_signal_ends_it_with_nothing_written(run, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "text"),
     [
         ((), "STAND.csv or --table3"),
         (("absent.csv",), "can't read"),
@@ -158,8 +158,8 @@ def test_a_stop_signal_ends_it_with_nothing_written(run, tmp_path, monkeypatch):
         (("--table3", "--model", "absent.yaml"), "can't be read"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(refused, arguments, said):
-    refused(("propeller", "diagnose", *arguments), said)
+def test_bad_input_is_one_line_and_exit_code_2(refused, arguments, text):
+    refused(("propeller", "diagnose", *arguments), text)
 
 
 def test_a_folder_with_other_things_is_left_alone(refused, tmp_path):

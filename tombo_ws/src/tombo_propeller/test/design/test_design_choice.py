@@ -20,15 +20,17 @@ def limits(**values) -> tuple[DesignLimit, ...]:
     return tuple(DesignLimit(q, values[q.name]) for q in QUANTITIES if q.name in values)
 
 
-def best(found) -> int:
-    return found.choice.order[0]
+def best(design) -> int:
+    return design.choice.order[0]
 
 
 def test_measured_propellers_go_first(made):
-    found = made(mass_kg=1.3, min_thrust_margin=1.7, max_collision_force_N=150.0)
-    names = {found.judged.configurations[i].number for i in found.choice.order}
+    design = made(mass_kg=1.3, min_thrust_margin=1.7, max_collision_force_N=150.0)
+    names = {design.judged.configurations[i].number for i in design.choice.order}
     assert names == {8, 10, 11, 13}  # 9 and 12 strike harder, 5 to 7 can't lift
-    assert found.judged.configurations[best(found)].number == 11  # most to spare in the worse one
+    assert (
+        design.judged.configurations[best(design)].number == 11
+    )  # most to spare in the worse one
 
 
 def test_dragonskin_10_cannot_lift_an_s500(made):
@@ -46,10 +48,10 @@ def test_dragonskin_10_cannot_lift_an_s500(made):
 def test_a_heavier_vehicle_gets_a_stiffer_nodus_or_none(made):
     stiffness = []
     for mass in (0.35, 0.8, 1.3, 1.55):
-        found = made(mass_kg=mass, min_thrust_margin=1.5, max_collision_force_N=130.0)
+        design = made(mass_kg=mass, min_thrust_margin=1.5, max_collision_force_N=130.0)
         able = [
-            nodus_moduli(found.judged.configurations[i]).G_N_MPa
-            for i in np.flatnonzero(found.choice.feasible & (found.judged.tier == 0))
+            nodus_moduli(design.judged.configurations[i]).G_N_MPa
+            for i in np.flatnonzero(design.choice.feasible & (design.judged.tier == 0))
         ]
         stiffness.append(min(able))
     assert stiffness == sorted(stiffness)
@@ -76,27 +78,29 @@ def test_tighter_limits_never_let_more_pass(made, margin, force, recovery, up, d
 @pytest.mark.slow
 def test_the_recommended_one_is_not_beaten_by_another_of_as_good_evidence(made):
     for force in (100.0, 150.0, 185.0):
-        found = made(mass_kg=1.0, min_thrust_margin=1.7, max_collision_force_N=force)
-        first = best(found)
-        assert found.choice.front[first]
-        here = found.choice.feasible & (found.judged.tier == found.judged.tier[first])
+        design = made(mass_kg=1.0, min_thrust_margin=1.7, max_collision_force_N=force)
+        first = best(design)
+        assert design.choice.front[first]
+        here = design.choice.feasible & (design.judged.tier == design.judged.tier[first])
         inside = np.flatnonzero(here)
-        kept = nondominated(costs(found.judged.counted[inside]))
+        kept = nondominated(costs(design.judged.counted[inside]))
         assert kept[list(inside).index(first)]
 
 
 def test_what_was_not_measured_counts_at_the_worse_end(made):
-    found = made(mass_kg=1.3, min_thrust_margin=1.5)
+    design = made(mass_kg=1.3, min_thrust_margin=1.5)
     column = NAMES.index("collision_force_N")
-    conf_3 = next(i for i, c in enumerate(found.judged.configurations) if c.number == 3)
-    conf_13 = next(i for i, c in enumerate(found.judged.configurations) if c.number == 13)
-    assert found.judged.counted[conf_13, column] == 145.5
-    assert found.judged.labels[conf_13][column] == "measured"
-    within = np.flatnonzero(found.judged.tier == 1)
+    conf_3 = next(i for i, c in enumerate(design.judged.configurations) if c.number == 3)
+    conf_13 = next(i for i, c in enumerate(design.judged.configurations) if c.number == 13)
+    assert design.judged.counted[conf_13, column] == 145.5
+    assert design.judged.labels[conf_13][column] == "measured"
+    within = np.flatnonzero(design.judged.tier == 1)
     assert within.size
-    assert (found.judged.counted[within, column] > found.judged.value[within, column] + 40.0).all()
-    assert found.judged.labels[conf_3][column] == "extrapolated"  # more fibre than any measured
-    assert np.isnan(found.judged.counted[conf_3, column])
+    assert (
+        design.judged.counted[within, column] > design.judged.value[within, column] + 40.0
+    ).all()
+    assert design.judged.labels[conf_3][column] == "extrapolated"  # more fibre than any measured
+    assert np.isnan(design.judged.counted[conf_3, column])
 
 
 @pytest.mark.slow
@@ -112,10 +116,10 @@ def test_outside_of_the_tests_only_what_is_asked_for_counts(made):
 
 
 def test_the_least_extrapolated_one_goes_first(made):
-    found = made(mass_kg=1.4, min_thrust_margin=2.0)
-    assert found.judged.tier[best(found)] == 2
-    distances = found.judged.distance[found.choice.feasible]
-    assert found.judged.distance[best(found)] == distances.min()
+    design = made(mass_kg=1.4, min_thrust_margin=2.0)
+    assert design.judged.tier[best(design)] == 2
+    distances = design.judged.distance[design.choice.feasible]
+    assert design.judged.distance[best(design)] == distances.min()
 
 
 @pytest.mark.parametrize(
@@ -152,33 +156,33 @@ def test_a_users_material_is_considered(made, stiff_library):
     assert own.choice.relief[0] > plain.choice.relief[0]
     between = 0.5 * (own.choice.relief[0] + plain.choice.relief[0])
     assert not made(mass_kg=2.2, min_thrust_margin=between).feasible
-    found = made(library=stiff_library, mass_kg=2.2, min_thrust_margin=between)
-    nodi = [found.judged.configurations[i].nodus for i in found.choice.order]
+    design = made(library=stiff_library, mass_kg=2.2, min_thrust_margin=between)
+    nodi = [design.judged.configurations[i].nodus for i in design.choice.order]
     assert {nodus.matrix.name for nodus in nodi} == {"Stiff50"}
 
 
 def test_a_users_measured_propeller_is_recommended_for_what_it_measured(made, measured_library):
-    found = made(
+    design = made(
         library=measured_library, mass_kg=1.3, min_thrust_margin=2.2, max_collision_force_N=130.0
     )
-    assert found.judged.configurations[best(found)].number == 20
-    assert found.readings["recovery_s"].count == 10
-    assert found.tested.G_N_MPa[1] > 0.4
+    assert design.judged.configurations[best(design)].number == 20
+    assert design.readings["recovery_s"].count == 10
+    assert design.tested.G_N_MPa[1] > 0.4
 
 
 def test_a_prediction_must_gain_more_than_the_model_is_wrong_by(made):
-    found = made(mass_kg=1.3, min_thrust_margin=1.5)
-    worst = found.choice.slack.min(axis=1)
-    measured = worst[found.judged.tier == 0].max()
-    rival = int(np.flatnonzero((found.judged.tier == 2) & (worst > measured + 0.02))[0])
-    tier = found.judged.tier.copy()
+    design = made(mass_kg=1.3, min_thrust_margin=1.5)
+    worst = design.choice.slack.min(axis=1)
+    measured = worst[design.judged.tier == 0].max()
+    rival = int(np.flatnonzero((design.judged.tier == 2) & (worst > measured + 0.02))[0])
+    tier = design.judged.tier.copy()
     tier[tier == 1] = 2
     tier[rival] = 1
-    trusted = dataclasses.replace(found.judged, tier=tier)
+    trusted = dataclasses.replace(design.judged, tier=tier)
     more = float(worst[rival] - measured)
-    assert choose(trusted, found.choice.limits, 0.9 * more).order[0] == rival
-    assert choose(trusted, found.choice.limits, 1.1 * more).order[0] == best(found)
-    assert found.judged.tier[best(found)] == 0  # what is extrapolated never overtakes
+    assert choose(trusted, design.choice.limits, 0.9 * more).order[0] == rival
+    assert choose(trusted, design.choice.limits, 1.1 * more).order[0] == best(design)
+    assert design.judged.tier[best(design)] == 0  # what is extrapolated never overtakes
 
 
 @pytest.mark.parametrize(

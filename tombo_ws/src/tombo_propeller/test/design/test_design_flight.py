@@ -23,16 +23,16 @@ pytestmark = pytest.mark.slow
 SEEDS = range(6)
 
 
-def index_of(found, number: int) -> int:
-    return next(i for i, c in enumerate(found.judged.configurations) if c.number == number)
+def index_of(design, number: int) -> int:
+    return next(i for i, c in enumerate(design.judged.configurations) if c.number == number)
 
 
 def test_the_recommended_one_flies_as_claimed(made):
-    found = made(mass_kg=1.3, min_thrust_margin=1.7, max_collision_force_N=150.0)
-    made_up = recommend(found, SEEDS)
-    assert found.judged.configurations[made_up.index].number == 11
-    assert made_up.check.held
-    claims = {c.text: c for c in (*made_up.check.claims, *made_up.check.limits)}
+    design = made(mass_kg=1.3, min_thrust_margin=1.7, max_collision_force_N=150.0)
+    recommendation = recommend(design, SEEDS)
+    assert design.judged.configurations[recommendation.index].number == 11
+    assert recommendation.check.held
+    claims = {c.text: c for c in (*recommendation.check.claims, *recommendation.check.limits)}
     assert claims["flights that recover after it"].simulated == len(SEEDS)
     assert claims["thrust margin"].simulated == pytest.approx(2.04, abs=0.01)
     assert claims["first strike's highest force"].simulated == pytest.approx(123.0, abs=0.1)
@@ -41,37 +41,37 @@ def test_the_recommended_one_flies_as_claimed(made):
 
 
 def test_a_designed_nodus_flies_from_its_library(made):
-    found = made(mass_kg=1.2, min_thrust_margin=2.5)
-    made_up = recommend(found, range(2))
-    chosen = found.judged.configurations[made_up.index]
+    design = made(mass_kg=1.2, min_thrust_margin=2.5)
+    recommendation = recommend(design, range(2))
+    chosen = design.judged.configurations[recommendation.index]
     assert not is_built_in(chosen)
-    assert made_up.check.held
+    assert recommendation.check.held
 
 
 def test_blades_with_too_weak_a_push_let_it_fall_and_are_rejected(made):
-    found = made(mass_kg=1.3, min_thrust_margin=1.5, max_collision_force_N=100.0)
-    assert [found.judged.configurations[i].number for i in found.choice.order] == [8]
-    made_up = recommend(found, SEEDS)
-    assert made_up.index is None
-    ((failed, check),) = made_up.failed
-    assert found.judged.configurations[failed].number == 8
+    design = made(mass_kg=1.3, min_thrust_margin=1.5, max_collision_force_N=100.0)
+    assert [design.judged.configurations[i].number for i in design.choice.order] == [8]
+    recommendation = recommend(design, SEEDS)
+    assert recommendation.index is None
+    ((failed, check),) = recommendation.failed
+    assert design.judged.configurations[failed].number == 8
     assert not check.held
     assert check.falls_m > 1.0
-    assert found.judged.configurations[made_up.instead].number == 11
+    assert design.judged.configurations[recommendation.instead].number == 11
 
 
 def test_a_false_claim_is_seen(made):
-    found = made(mass_kg=1.3, min_thrust_margin=1.7, max_collision_force_N=150.0)
-    index = index_of(found, 13)
-    honest = found.judged.value[index, 0]
-    hover = found.judged.operating.hover_speed[index]
+    design = made(mass_kg=1.3, min_thrust_margin=1.7, max_collision_force_N=150.0)
+    index = index_of(design, 13)
+    honest = design.judged.value[index, 0]
+    hover = design.judged.operating.hover_speed[index]
     try:
-        found.judged.value[index, 0] = 1.1 * honest
-        found.judged.operating.hover_speed[index] = 1.3 * hover
-        broken = {c.text for c in check_design(found, index, range(2)).claims if not c.held}
+        design.judged.value[index, 0] = 1.1 * honest
+        design.judged.operating.hover_speed[index] = 1.3 * hover
+        broken = {c.text for c in check_design(design, index, range(2)).claims if not c.held}
     finally:
-        found.judged.value[index, 0] = honest
-        found.judged.operating.hover_speed[index] = hover
+        design.judged.value[index, 0] = honest
+        design.judged.operating.hover_speed[index] = hover
     assert broken == {"thrust margin", "rotor speed in hover"}
 
 
@@ -106,16 +106,16 @@ def test_another_vehicle_touches_the_pillar_at_the_same_place(mass, arm, tmp_pat
 
 
 def test_files_of_a_design_can_be_moved_and_flown(made, tmp_path: Path):
-    found = made(mass_kg=1.2, min_thrust_margin=2.5)
-    made_up = recommend(found, ())
+    design = made(mass_kg=1.2, min_thrust_margin=2.5)
+    recommendation = recommend(design, ())
     (tmp_path / "a").mkdir()
-    write_design(tmp_path / "a", found, made_up)
+    write_design(tmp_path / "a", design, recommendation)
     moved = (tmp_path / "a").rename(tmp_path / "b")
     files = {str(p.relative_to(moved)) for p in moved.rglob("*") if p.is_file()}
     assert files <= set(DESIGN_FILES)
     assert {"design.json", "design.yaml", "pareto.png", "library/configurations.yaml"} <= files
     scenario = load_scenario(str(moved / "design.yaml"))
-    chosen = found.judged.configurations[made_up.index]
+    chosen = design.judged.configurations[recommendation.index]
     assert mounted_configuration(scenario.propeller) == chosen
     top = float(thrust_map_of(scenario.propeller).thrust(500.0))
     assert top == pytest.approx(float(thrust_map(chosen).thrust(500.0)))

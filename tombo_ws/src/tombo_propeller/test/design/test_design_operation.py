@@ -19,23 +19,23 @@ VEHICLE = VehicleParams()
 @pytest.mark.parametrize("law", ["repaired", "consistent"])
 def test_limits_and_hover_are_those_of_the_thrust_map(law):
     vehicle = dataclasses.replace(VEHICLE, mass=0.6)
-    found = flight_performance(SOFT, vehicle, law)
+    performance = flight_performance(SOFT, vehicle, law)
     for i, soft in enumerate(SOFT):
         chart = thrust_map(soft, law)
         top = min(chart.omega_max, vehicle.rotor_speed_max)
-        assert found.usable_speed[i] == pytest.approx(top, rel=2e-5)
-        assert found.usable_thrust[i] == pytest.approx(float(chart.thrust(top)), rel=1e-4)
-        assert found.motor_limits[i] == (chart.omega_max > vehicle.rotor_speed_max)
+        assert performance.usable_speed[i] == pytest.approx(top, rel=2e-5)
+        assert performance.usable_thrust[i] == pytest.approx(float(chart.thrust(top)), rel=1e-4)
+        assert performance.motor_limits[i] == (chart.omega_max > vehicle.rotor_speed_max)
         hover = float(speed_for_thrust(soft, vehicle.hover_thrust(), law))
-        assert found.hover_speed[i] == pytest.approx(hover, rel=1e-5)
+        assert performance.hover_speed[i] == pytest.approx(hover, rel=1e-5)
 
 
 def test_what_cannot_lift_has_no_hover():
-    found = flight_performance(SOFT, VEHICLE, "repaired")
-    too_soft = found.usable_thrust < VEHICLE.hover_thrust()
+    performance = flight_performance(SOFT, VEHICLE, "repaired")
+    too_soft = performance.usable_thrust < VEHICLE.hover_thrust()
     assert too_soft.any()
-    assert np.array_equal(np.isnan(found.hover_speed), too_soft)
-    assert np.array_equal(np.isnan(found.hover_lift_over_drag), too_soft)
+    assert np.array_equal(np.isnan(performance.hover_speed), too_soft)
+    assert np.array_equal(np.isnan(performance.hover_lift_over_drag), too_soft)
 
 
 def test_the_blades_own_place_changes_nothing():

@@ -63,14 +63,14 @@ def test_a_law_in_the_readings_is_found_and_used():
 @pytest.mark.slow
 def test_readings_without_a_law_seldom_get_one_and_bounds_hold():
     rng = np.random.default_rng(3)
-    found, kept = 0, 0
+    accepted, within = 0, 0
     for _ in range(150):
         reading = read("collision_force_N", with_forces(rng.normal(120.0, 30.0, 9)))
-        found += reading.regressor != MEAN
+        accepted += reading.regressor != MEAN
         value, error = reading.predict(configuration(2))
-        kept += rng.normal(120.0, 30.0) <= value + error * reading.quantile(0.9)
-    assert found <= 16  # 5 % of 150, and three standard errors
-    assert 0.82 <= kept / 150 <= 0.97
+        within += rng.normal(120.0, 30.0) <= value + error * reading.quantile(0.9)
+    assert accepted <= 16  # 5 % of 150, and three standard errors
+    assert 0.82 <= within / 150 <= 0.97
 
 
 def test_too_few_readings_predict_nothing():

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 
 from tombo_propeller.flap_video.camera_geometry import BladeSpan, CameraPose
@@ -31,3 +32,21 @@ def measured(scene, seed=0, windows=1, view=None, scale=None):
     give = lambda rim: scale or reference_scale(reference(scene, seed), 0.0, SPAN, view, rim)  # noqa: E731
     spans = spans_of(10 * windows, 10, windows)
     return measure(SyntheticVideo(scene, seed), spans, give, SPAN, view)
+
+
+def write_folder(film, count, folder):
+    """Write frames as PNG files, without loss."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for k, frame in enumerate(film.frames(count)):
+        assert cv2.imwrite(str(folder / f"frame_{k:05d}.png"), frame)
+
+
+def write_video(film, count, path):
+    """Write frames as Motion JPEG (.avi)."""
+    size = (film.scene.width, film.scene.height)
+    code = cv2.VideoWriter.fourcc(*"MJPG")
+    video = cv2.VideoWriter(str(path), code, film.scene.fps, size, isColor=False)
+    assert video.isOpened()
+    for frame in film.frames(count):
+        video.write(frame)
+    video.release()

@@ -23,8 +23,8 @@ def ring(n=90, x=100.0, y=80.0, r=50.0, noise=0.3, seed=0):
 def test_the_circle_is_found_though_a_part_bulges():
     points = ring()
     points[10:22] += 0.2 * (points[10:22] - [100.0, 80.0])
-    found = circle_of(cv2.convexHull(points.astype(np.float32))[:, 0].astype(float))
-    assert (found.x, found.y, found.radius) == pytest.approx((100.0, 80.0, 50.0), abs=0.7)
+    disc = circle_of(cv2.convexHull(points.astype(np.float32))[:, 0].astype(float))
+    assert (disc.x, disc.y, disc.radius) == pytest.approx((100.0, 80.0, 50.0), abs=0.7)
 
 
 SQUARE = np.array([[0, 0], [100, 0], [100, 60], [0, 60.0]])
@@ -41,9 +41,9 @@ def test_what_is_not_round_is_refused(points):
 @pytest.mark.parametrize("speed, exposure", [(210.0, 0.1), (400.0, 1.0), (520.0, 0.5)])
 def test_the_disc_is_found_to_some_pixels(speed, exposure):
     scene = replace(SMALL, speed=speed, exposure=exposure)
-    found = find_disc(shots(scene))
-    assert found.radius == pytest.approx(0.1111 * math.cos(0.0) * scene.scale, rel=0.03)
-    assert (found.x, found.y) == pytest.approx((199.5 + 6.0, 199.5 - 4.0), abs=2.0)
+    disc = find_disc(shots(scene))
+    assert disc.radius == pytest.approx(0.1111 * math.cos(0.0) * scene.scale, rel=0.03)
+    assert (disc.x, disc.y) == pytest.approx((199.5 + 6.0, 199.5 - 4.0), abs=2.0)
 
 
 @pytest.mark.slow

@@ -3,10 +3,10 @@
 import cv2
 import numpy as np
 import pytest
-from films import SMALL, shots
+from films import SMALL, shots, write_folder, write_video
 
 from tombo_dynamics.errors import InputError
-from tombo_propeller.flap_video.synthetic_video import SyntheticVideo, write_folder, write_video
+from tombo_propeller.flap_video.synthetic_video import SyntheticVideo
 from tombo_propeller.flap_video.video import open_video
 
 

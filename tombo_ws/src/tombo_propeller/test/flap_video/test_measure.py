@@ -49,25 +49,25 @@ def degrees(angle):
 @pytest.mark.parametrize("changes", HARD, ids=str)
 def test_the_flap_comes_out_within_half_a_degree(changes):
     truth = changes["beta"]
-    found = measured(replace(SMALL, **changes | {"beta": math.radians(truth)}), windows=2)
-    assert degrees(found.overall.best) == pytest.approx(truth, abs=0.5)
-    assert found.overall.resolved and found.steady
-    assert found.overall.low <= math.radians(truth) <= found.overall.high
-    assert all(w.speed == pytest.approx(changes["speed"], rel=0.02) for w in found.windows)
+    measurement = measured(replace(SMALL, **changes | {"beta": math.radians(truth)}), windows=2)
+    assert degrees(measurement.overall.best) == pytest.approx(truth, abs=0.5)
+    assert measurement.overall.resolved and measurement.steady
+    assert measurement.overall.low <= math.radians(truth) <= measurement.overall.high
+    assert all(w.speed == pytest.approx(changes["speed"], rel=0.02) for w in measurement.windows)
 
 
 @pytest.mark.slow
 def test_four_degrees_within_one_and_a_half():
-    found = measured(replace(SMALL, beta=math.radians(4.0), camera_height=10.0), windows=2)
-    assert degrees(found.overall.best) == pytest.approx(4.0, abs=1.5)
-    assert found.overall.low <= math.radians(4.0) <= found.overall.high
+    measurement = measured(replace(SMALL, beta=math.radians(4.0), camera_height=10.0), windows=2)
+    assert degrees(measurement.overall.best) == pytest.approx(4.0, abs=1.5)
+    assert measurement.overall.low <= math.radians(4.0) <= measurement.overall.high
 
 
 @pytest.mark.slow
 def test_a_straight_propeller_is_at_most_some_degrees():
-    found = measured(replace(SMALL, beta=0.0))
-    assert not found.overall.resolved
-    assert found.overall.low == 0.0 and 1.0 < degrees(found.overall.high) < 6.0
+    measurement = measured(replace(SMALL, beta=0.0))
+    assert not measurement.overall.resolved
+    assert measurement.overall.low == 0.0 and 1.0 < degrees(measurement.overall.high) < 6.0
 
 
 @pytest.mark.slow
@@ -117,9 +117,9 @@ def test_a_tilted_camera_is_noticed():
 @pytest.mark.slow
 def test_a_given_scale_knows_its_limits():
     scene = replace(SMALL, beta=math.radians(25.0))
-    found = measured(scene, scale=known_scale(scene.scale, 0.002)).overall
-    assert found.low <= scene.beta <= found.high
-    assert degrees(found.best) == pytest.approx(25.0, abs=1.0)
+    measurement = measured(scene, scale=known_scale(scene.scale, 0.002)).overall
+    assert measurement.low <= scene.beta <= measurement.high
+    assert degrees(measurement.best) == pytest.approx(25.0, abs=1.0)
     small = measured(replace(scene, beta=math.radians(3.0)), scale=known_scale(scene.scale, 0.002))
     assert not small.overall.resolved
 
@@ -153,9 +153,11 @@ def test_a_flap_that_changes_is_not_averaged():
                 yield first, shots(replace(SMALL, beta=math.radians(10.0 + 8.0 * k)))
 
     scale = reference_scale(reference(SMALL), 0.0, SPAN, CameraPose(8.0))
-    found = measure(Video(), [(0, 10), (10, 20)], lambda rim: scale, SPAN, CameraPose(8.0))
-    assert not found.steady
-    assert [degrees(w.angle.best) for w in found.windows] == pytest.approx([10.0, 18.0], abs=0.5)
+    measurement = measure(Video(), [(0, 10), (10, 20)], lambda rim: scale, SPAN, CameraPose(8.0))
+    assert not measurement.steady
+    assert [degrees(w.angle.best) for w in measurement.windows] == pytest.approx(
+        [10.0, 18.0], abs=0.5
+    )
 
 
 def test_windows_lie_evenly_over_the_film():

@@ -64,24 +64,24 @@ def test_seen_from_one_metre_a_flap_of_twelve_degrees_keeps_the_disc_size():
 def test_the_interval_holds_the_truth_for_usual_noise(beta, sd, z, height):
     b, view = math.radians(beta), CameraPose(height)
     radius = float(apparent_radius(b, SPAN, view)) + z * sd
-    found = angle(radius, sd, SPAN, view)
-    assert any(low - 2e-4 <= b <= high + 2e-4 for low, high in found.pieces)
-    assert found.low <= found.best <= found.high
+    flap = angle(radius, sd, SPAN, view)
+    assert any(low - 2e-4 <= b <= high + 2e-4 for low, high in flap.pieces)
+    assert flap.low <= flap.best <= flap.high
 
 
 def test_the_interval_grows_as_one_over_the_sine():
     sd = 5e-6
     for beta in (10.0, 20.0, 40.0):
         b = math.radians(beta)
-        found = angle(float(apparent_radius(b, SPAN, CameraPose())), sd, SPAN, CameraPose())
+        flap = angle(float(apparent_radius(b, SPAN, CameraPose())), sd, SPAN, CameraPose())
         wanted = 2.0 * 1.96 * sd / ((SPAN.tip - SPAN.nodus) * math.sin(b))
-        assert found.high - found.low == pytest.approx(wanted, rel=0.08, abs=3e-4)
+        assert flap.high - flap.low == pytest.approx(wanted, rel=0.08, abs=3e-4)
 
 
 def test_what_the_diameter_cannot_resolve_is_no_number():
-    found = angle(SPAN.tip, 5e-5, SPAN, CameraPose())
-    assert not found.resolved and found.low == 0.0
-    assert "at most" in found.as_text() and "2.9 deg" in found.as_text()
+    flap = angle(SPAN.tip, 5e-5, SPAN, CameraPose())
+    assert not flap.resolved and flap.low == 0.0
+    assert "at most" in flap.as_text() and "2.9 deg" in flap.as_text()
     twins = angle(
         float(apparent_radius(math.radians(10.0), SPAN, CameraPose(1.0))),
         1e-5,
@@ -93,8 +93,8 @@ def test_what_the_diameter_cannot_resolve_is_no_number():
 
 
 def test_a_disc_too_large_for_any_flap_is_strange():
-    found = angle(SPAN.tip + 1e-3, 5e-5, SPAN, CameraPose())
-    assert found.inconsistent and "no angle" in found.as_text()
+    flap = angle(SPAN.tip + 1e-3, 5e-5, SPAN, CameraPose())
+    assert flap.inconsistent and "no angle" in flap.as_text()
 
 
 def test_a_height_that_is_hardly_known_widens_the_interval():

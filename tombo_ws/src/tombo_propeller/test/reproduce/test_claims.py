@@ -161,9 +161,9 @@ def force_at_50_mm(text: str) -> Change:
 
 def optimum(which: str, conf: int, **fields: float) -> Change:
     def edit(law: LawNumbers) -> dict[str, Any]:
-        found = dict(getattr(law, which))
-        found[conf] = replace(found[conf], **fields)
-        return {which: found}
+        reproduction = dict(getattr(law, which))
+        reproduction[conf] = replace(reproduction[conf], **fields)
+        return {which: reproduction}
 
     return computed(edit)
 
@@ -262,9 +262,12 @@ def test_only_two_verdicts_do_not_depend_on_numbers() -> None:
 
 
 def test_a_claim_about_the_model_is_judged_by_the_law_that_was_asked_for() -> None:
-    found = reproduce(("repaired",))
-    assert (found.claim("eps_mld").verdict, found.claim("eps_mld").law) == (FAILS, "repaired")
-    assert found.claim("gamma_mtf").verdict == HOLDS
+    reproduction = reproduce(("repaired",))
+    assert (reproduction.claim("eps_mld").verdict, reproduction.claim("eps_mld").law) == (
+        FAILS,
+        "repaired",
+    )
+    assert reproduction.claim("gamma_mtf").verdict == HOLDS
     none = reproduce(("consistent",))
     for name in ("omega_mtf_order", "gamma_mtf", "gamma_mld", "eps_mld_same"):
         assert none.claim(name).verdict == FAILS

@@ -45,10 +45,10 @@ def test_a_printed_zero_counts_as_a_digit() -> None:
 @pytest.mark.parametrize("law", ["published", "repaired"])
 @pytest.mark.parametrize("conf", [1, 8, 13])
 def test_maximum_of_thrust_is_where_the_library_has_it(conf: int, law: str) -> None:
-    found = maximum(configuration(conf), law, "thrust_N")
-    assert found.inside
+    computed = maximum(configuration(conf), law, "thrust_N")
+    assert computed.inside
     expected, _ = speed_of_maximum_thrust(configuration(conf), law)
-    assert found.speed_rpm == pytest.approx(expected / RPM, rel=1e-6)
+    assert computed.speed_rpm == pytest.approx(expected / RPM, rel=1e-6)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -82,7 +82,7 @@ def test_gravity_breaks_the_collapse() -> None:
 
 def test_drags_mirrored_weight_makes_most_of_the_largest_lift_over_drag() -> None:
     """The evidence of eps_mld: with Eq. 8's weight the authors' program gives 1.91, not 2.17."""
-    found = reproduce().numbers
+    computed = reproduce().numbers
     row = parameter_row(configuration(13), "published")
     p, best = unpack(row), 0.0
     for point in (evaluate(configuration(13), w, "published") for w in np.linspace(400, 900, 26)):
@@ -92,7 +92,7 @@ def test_drags_mirrored_weight_makes_most_of_the_largest_lift_over_drag() -> Non
         q = p.air_density * float(point.speed_rad_s) ** 2
         drag = q * (row[SCALARS["inner_drag"]] + bend * float(wing))
         best = max(best, float(point.thrust_N) / drag)
-    printed, mended = (found.laws[law].ratio[13].value for law in ("published", "repaired"))
+    printed, mended = (computed.laws[law].ratio[13].value for law in ("published", "repaired"))
     assert (printed - best) / (printed - mended) > 0.7
 
 
@@ -114,7 +114,7 @@ def test_reading_of_the_flap_is_exact_without_lag_and_never_low_with_it(
 
 def test_weighted_slope_knows_its_error() -> None:
     x, deviation = np.linspace(0.5, 0.7, 9), np.linspace(0.03, 0.2, 9)
-    found = [weighted_slope(x, y, deviation) for y in draws(2.0 * x, deviation)[:4000]]
-    slopes, error = np.array([s for s, _ in found]), found[0][1]
+    computed = [weighted_slope(x, y, deviation) for y in draws(2.0 * x, deviation)[:4000]]
+    slopes, error = np.array([s for s, _ in computed]), computed[0][1]
     assert slopes.mean() == pytest.approx(2.0, abs=4.0 * error / math.sqrt(4000))
     assert slopes.std() == pytest.approx(error, rel=0.05)

@@ -44,13 +44,13 @@ def test_folder_holds_page_json_and_figures(
     folder = tmp_path / "out"
     assert tombo("-o", str(folder), "--law", "published", "--law", "consistent") == 0
     assert {p.name for p in folder.iterdir()} == set(REPRODUCTION_FILES)
-    found = json.loads((folder / "reproduction.json").read_text())
-    assert list(found["computed"]["laws"]) == ["published", "consistent"]
+    content = json.loads((folder / "reproduction.json").read_text())
+    assert list(content["computed"]["laws"]) == ["published", "consistent"]
     page = (folder / "reproduction.html").read_text()
     assert page.count("<figure ") == len(FIGURES)
     assert not re.search(r"(src|href)=\"(?!data:|#)", page), "the page needs nothing else"
     assert not re.search(r"\{\{|\{\w+[:.]", page.split("</style>")[1])
-    for claim in found["claims"]:
+    for claim in content["claims"]:
         assert f'id="{claim["name"]}"' in page
     for name in FIGURES:
         assert (folder / name).read_bytes().startswith(b"\x89PNG")

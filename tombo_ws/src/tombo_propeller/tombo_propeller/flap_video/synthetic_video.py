@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration
 from tombo_dynamics.propeller.blade import shape
 from tombo_propeller.flap_video.disc import Frames
@@ -227,26 +226,6 @@ class SyntheticVideo:
         s = self.scene
         along = 1.0 + 0.2 * (self._points[0] / np.float32(s.tip) - 0.6)
         return np.asarray(s.blade_light * along * self._lamp, dtype=np.float32)
-
-
-def write_folder(film: SyntheticVideo, count: int, folder: Path) -> None:
-    """Write frames as PNG files, without loss."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for k, frame in enumerate(film.frames(count)):
-        if not cv2.imwrite(str(folder / f"frame_{k:05d}.png"), frame):
-            raise InputError(f"can't write to '{folder}'; accepted: a folder that can be written")
-
-
-def write_video(film: SyntheticVideo, count: int, path: Path) -> None:
-    """Write frames as Motion JPEG (.avi)."""
-    s = film.scene
-    code = cv2.VideoWriter.fourcc(*"MJPG")
-    video = cv2.VideoWriter(str(path), code, s.fps, (s.width, s.height), isColor=False)
-    if not video.isOpened():
-        raise InputError(f"can't write '{path}'; accepted: an .avi in a folder that exists")
-    for frame in film.frames(count):
-        video.write(frame)
-    video.release()
 
 
 def reference_scene(scene: Scene, speed: float = 80.0) -> Scene:
