@@ -236,23 +236,23 @@ class Px4BridgeNode(LoopNode):
         """Add what was shown of the axes to the file, and say so."""
         logger, shown = self.ros.get_logger(), evidence.mistake or "the axes are right"
         try:
-            kept = self._proofs.add(evidence)
+            place = self._proofs.add(evidence)
         except InputError as error:
             self.health.fault("axes_file", True, str(error), WARN)
             return
-        logger.info(f"axes of the poses: {shown}{kept}")
+        logger.info(f"axes of the poses: {shown}{place}")
 
     def _take_poses(self, now_ns: int) -> None:
         multiple_publishers = self._pose_in.multiple_publishers(now_ns)
         if multiple_publishers:
             self._bridge.preflight.refused_pose(PoseRefusal.TWO_PUBLISHERS, now_ns)
-        for taken in self._pose_in.take():
+        for arrival in self._pose_in.take():
             if multiple_publishers:
                 continue
-            message = taken.message
+            message = arrival.message
             why = self._bridge.pose(
                 to_ns(message.header.stamp),
-                taken.received_ns,
+                arrival.received_ns,
                 message.header.frame_id,
                 array(message.pose.position),
                 array(message.pose.orientation),
@@ -262,10 +262,10 @@ class Px4BridgeNode(LoopNode):
 
     def _take_setpoints(self, now_ns: int) -> None:
         multiple_publishers = self._setpoint_in.multiple_publishers(now_ns)
-        for taken in self._setpoint_in.take_raw():
+        for arrival in self._setpoint_in.take_raw():
             text = ""
             try:
-                setpoint: PositionSetpoint = self._setpoint_codec.decode(taken.message)
+                setpoint: PositionSetpoint = self._setpoint_codec.decode(arrival.message)
                 if not multiple_publishers and not self._bridge.stream.setpoint(setpoint, now_ns):
                     text = "set point with NaN or infinity: the last one stands"
             except InputError as error:
@@ -274,8 +274,8 @@ class Px4BridgeNode(LoopNode):
                 self.health.report_event("setpoint_refused", text)
         if self._attitude_or_rates_in is None:
             return
-        for taken in self._attitude_or_rates_in.take():
-            message = taken.message
+        for arrival in self._attitude_or_rates_in.take():
+            message = arrival.message
             attitude = hasattr(message, "orientation")
             wanted = array(message.orientation if attitude else message.rates)
             if not self._bridge.stream.rotation(wanted, float(message.thrust), now_ns):
@@ -292,8 +292,8 @@ class Px4BridgeNode(LoopNode):
                 logger.warning(f"PX4: {text.text}")
             else:
                 logger.info(f"PX4: {text.text}")
-        for key, said in bridge_output.events:
-            self.health.report_event(key, said)
+        for key, text in bridge_output.events:
+            self.health.report_event(key, text)
         for text in bridge_output.texts[:-1]:  # a status carries one text
             status = replace(bridge_output.status, text=text.text)
             self._publish_status(status, now_ns)
@@ -302,8 +302,8 @@ class Px4BridgeNode(LoopNode):
         faults |= link_faults(self._link, self.records["link"], connected)
         for key in self._active - faults.keys():
             self.health.fault(key, False)
-        for key, said in faults.items():
-            self.health.fault(key, True, said, ERROR if key in _ERROR_FAULTS else WARN)
+        for key, text in faults.items():
+            self.health.fault(key, True, text, ERROR if key in _ERROR_FAULTS else WARN)
         self._active = set(faults)
         self._publish_status(bridge_output.status, now_ns)
 

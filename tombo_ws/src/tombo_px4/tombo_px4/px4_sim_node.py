@@ -151,12 +151,12 @@ class Px4SimNode(VehicleNode):
     def _log_status_texts(self) -> None:
         """Put the autopilot's texts into the log."""
         logger = self.ros.get_logger()
-        for severity, text in self._endpoint.statustext.said:
+        for severity, text in self._endpoint.statustext.sent_texts:
             if severity <= Severity.WARNING:  # rclpy: one severity for each line of code
                 logger.warning(f"PX4 says: {text}")
             else:
                 logger.info(f"PX4 says: {text}")
-        self._endpoint.statustext.said.clear()
+        self._endpoint.statustext.sent_texts.clear()
 
     def report(self, now_ns: int) -> None:
         """Add the state of autopilot and links."""

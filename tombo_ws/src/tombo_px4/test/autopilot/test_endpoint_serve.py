@@ -73,7 +73,7 @@ def test_a_machine_that_is_too_slow_is_told_and_time_slips(fresh):
     fast = FakeTime(300 * MS)
     clock = serve(fresh.endpoint, fast, time.time_ns, lambda: fast.reads > 40)
     assert clock.slipped_ns > 1_000 * MS
-    assert any("too slow" in text for _, text in fresh.endpoint.statustext.said)
+    assert any("too slow" in text for _, text in fresh.endpoint.statustext.sent_texts)
     asked_for_ns = clock.boot_ns(fast.now_ns)
     assert asked_for_ns - fresh.vehicle.tick * MS < 1_000 * MS
 

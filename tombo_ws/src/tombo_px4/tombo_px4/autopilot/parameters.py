@@ -25,6 +25,13 @@ class Px4Parameter:
     acts: bool = True
     """False: the value is stored and reported, but has no effect in this simulation."""
 
+    def rounded(self, value: float) -> float:
+        """Return a value as the autopilot stores it."""
+        if self.kind == "int32":
+            return int(value)
+        with np.errstate(over="ignore"):
+            return float(np.float32(value))
+
 
 def _int(
     name: str, default: int, low: int, high: int, doc: str, unit: str = "", acts: bool = True
@@ -150,7 +157,7 @@ class ParameterTable:
 
     def __init__(self) -> None:
         self._table = {p.name: p for p in PARAMETERS}
-        self._values = {p.name: _kept(p, p.default) for p in PARAMETERS}
+        self._values = {p.name: p.rounded(p.default) for p in PARAMETERS}
         self._set_by_user: set[str] = set()
         self.version = 0
         """Grows with every change."""
@@ -168,8 +175,8 @@ class ParameterTable:
         """
         value, parameter = self._values[name], self._table[name]
         if math.isnan(value):
-            return _kept(parameter, parameter.default)
-        return min(max(value, _kept(parameter, parameter.low)), _kept(parameter, parameter.high))
+            return parameter.rounded(parameter.default)
+        return min(max(value, parameter.rounded(parameter.low)), parameter.rounded(parameter.high))
 
     def stored(self, name: str) -> float:
         """Return a value as a client has set it, which may be out of bounds.
@@ -186,7 +193,7 @@ class ParameterTable:
             KeyError: there is no such parameter.
         """
         self._set_by_user.add(name)
-        self._change(name, _kept(self._table[name], value))
+        self._change(name, self._table[name].rounded(value))
 
     def type_of(self, name: str) -> Kind:
         """Return `int32` or `float`.
@@ -205,28 +212,20 @@ class ParameterTable:
             return f"{name}: {value} is no number"
         if parameter.kind == "int32" and value != int(value):
             return f"{name}: {value:g} is not a whole number"
-        kept = _kept(parameter, value)
-        if not _kept(parameter, parameter.low) <= kept <= _kept(parameter, parameter.high):
+        rounded = parameter.rounded(value)
+        if not parameter.rounded(parameter.low) <= rounded <= parameter.rounded(parameter.high):
             return f"{name}: {value:g} is out of bounds {parameter.low:g} to {parameter.high:g}"
         self._set_by_user.add(name)
-        self._change(name, kept)
+        self._change(name, rounded)
         return ""
 
     def set_vehicle_default(self, name: str, value: float) -> None:
         """Set the default of this vehicle, unless a client has set another value."""
         if name not in self._set_by_user:
             parameter = self._table[name]
-            self._change(name, _kept(parameter, min(max(value, parameter.low), parameter.high)))
+            self._change(name, parameter.rounded(min(max(value, parameter.low), parameter.high)))
 
     def _change(self, name: str, value: float) -> None:
         if value != self._values[name]:
             self._values[name] = value
             self.version += 1
-
-
-def _kept(parameter: Px4Parameter, value: float) -> float:
-    """Return the value as the autopilot stores it."""
-    if parameter.kind == "int32":
-        return int(value)
-    with np.errstate(over="ignore"):
-        return float(np.float32(value))

@@ -231,8 +231,8 @@ class Px4Vehicle:
 
     def take_status_texts(self) -> list[tuple[Severity, str]]:
         """Return severity and words of the messages to the operator since the last call."""
-        taken, self._status_texts = self._status_texts, []
-        return taken
+        texts, self._status_texts = self._status_texts, []
+        return texts
 
     # --- what it is told
 

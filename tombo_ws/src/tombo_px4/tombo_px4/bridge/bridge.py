@@ -142,11 +142,11 @@ class Bridge:
 
     def take(self, received: Received) -> None:
         """Handle a message of the vehicle."""
-        found = self.message_decoder.read(received)
+        content = self.message_decoder.read(received)
         self.message_rates.count(received.message.get_type(), received.arrival_ns)
-        handle = self._handlers.get(type(found))
+        handle = self._handlers.get(type(content))
         if handle is not None:
-            handle(found)
+            handle(content)
 
     @cached_property
     def _handlers(self) -> dict[type, Callable[[Any], None]]:
@@ -171,27 +171,27 @@ class Bridge:
             FileAnswer: self.words.metadata.take_answer,
         }
 
-    def _take_imu(self, found: decoded.ImuSample) -> None:
-        self.preflight.imu(found)
-        if found.stamp_ns is not None:
-            self._out.imu.append(found)
+    def _take_imu(self, message: decoded.ImuSample) -> None:
+        self.preflight.imu(message)
+        if message.stamp_ns is not None:
+            self._out.imu.append(message)
             if self._odometry is not None:
-                self.watch.takeoff.felt(found.stamp_ns, self._odometry.attitude, found.accel)
+                self.watch.takeoff.felt(message.stamp_ns, self._odometry.attitude, message.accel)
 
-    def _take_timesync(self, found: decoded.TimesyncMessage) -> None:
-        if found.tc1 == 0:
-            self._answers.append(found)
+    def _take_timesync(self, message: decoded.TimesyncMessage) -> None:
+        if message.tc1 == 0:
+            self._answers.append(message)
         else:
-            self.sync.reply(found.tc1, found.ts1, found.arrival_ns)
+            self.sync.reply(message.tc1, message.ts1, message.arrival_ns)
 
-    def _take_battery(self, found: decoded.BatteryReading) -> None:
-        self._battery_ns = found.arrival_ns
-        self._out.battery.append(found)
+    def _take_battery(self, message: decoded.BatteryReading) -> None:
+        self._battery_ns = message.arrival_ns
+        self._out.battery.append(message)
 
-    def _take_system_status(self, found: decoded.SystemStatus) -> None:
-        self._system = found
-        if found.battery.arrival_ns - self._battery_ns > 2 * SECOND_NS:
-            self._out.battery.append(found.battery)
+    def _take_system_status(self, message: decoded.SystemStatus) -> None:
+        self._system = message
+        if message.battery.arrival_ns - self._battery_ns > 2 * SECOND_NS:
+            self._out.battery.append(message.battery)
 
     def _take_status_text(self, text: decoded.StatusText) -> None:
         if not (text.also_event and self.words.explained):
@@ -202,28 +202,29 @@ class Bridge:
         self.session.recent_texts.take(text)
         self._out.texts.append(text)
 
-    def _take_odometry(self, found: decoded.VehicleOdometry) -> None:
-        if found.boot_ns < self._boot_ns - _REBOOT_NS:
-            self._rebooted(found.arrival_ns)
-        elif found.boot_ns <= self._boot_ns:
+    def _take_odometry(self, message: decoded.VehicleOdometry) -> None:
+        if message.boot_ns < self._boot_ns - _REBOOT_NS:
+            self._rebooted(message.arrival_ns)
+        elif message.boot_ns <= self._boot_ns:
             return
-        self._boot_ns = found.boot_ns
-        self._odometry = found
-        self.preflight.odometry.append(found)
-        if found.stamp_ns is not None:
-            self._out.odometry.append(found)
+        self._boot_ns = message.boot_ns
+        self._odometry = message
+        self.preflight.odometry.append(message)
+        if message.stamp_ns is not None:
+            self._out.odometry.append(message)
 
-    def _take_local_position(self, found: decoded.LocalPosition) -> None:
+    def _take_local_position(self, message: decoded.LocalPosition) -> None:
         """Make odometry of position and attitude where PX4 sends no ODOMETRY."""
         last, attitude = self._odometry, self._attitude
         # once made so, it stays so until ODOMETRY comes
-        needed = last is None or last.resets < 0 or found.arrival_ns - last.arrival_ns > SECOND_NS
-        if not needed or attitude is None or abs(found.boot_ns - attitude.boot_ns) > _CHECK_NS:
+        late = last is not None and message.arrival_ns - last.arrival_ns > SECOND_NS
+        needed = last is None or last.resets < 0 or late
+        if not needed or attitude is None or abs(message.boot_ns - attitude.boot_ns) > _CHECK_NS:
             return
         q, rates = attitude.attitude, attitude.rates
         self._take_odometry(
             decoded.VehicleOdometry(
-                **vars(found), attitude=q, rates=rates, pose_covariance=None, resets=-1
+                **vars(message), attitude=q, rates=rates, pose_covariance=None, resets=-1
             )
         )
 
@@ -289,8 +290,8 @@ class Bridge:
             return False
         if now_ns - last.arrival_ns > _CHECK_NS:
             return False
-        there = last.position + 1e-9 * (stamp_ns - last.stamp_ns) * last.velocity
-        return math.dist(there, position) > self.params.pose_jump_max
+        expected = last.position + 1e-9 * (stamp_ns - last.stamp_ns) * last.velocity
+        return math.dist(expected, position) > self.params.pose_jump_max
 
     @property
     def _flying(self) -> bool:
@@ -501,7 +502,7 @@ class Bridge:
         if not linked or self._linked_ns is None:
             return []
         assert self._heartbeat is not None
-        found = self.preflight.findings(
+        findings = self.preflight.findings(
             now_ns,
             self.sync,
             self.parameters.values,
@@ -512,8 +513,8 @@ class Bridge:
         if self.parameters.unwritten:
             pairs = ", ".join(f"{n}={v:g}" for n, v in self.parameters.unwritten.items())
             text = f"PX4 did not take: {pairs}; is the name right, the value within its bounds?"
-            found.insert(0, PreflightFinding("parameters_not_set", text))
-        return found
+            findings.insert(0, PreflightFinding("parameters_not_set", text))
+        return findings
 
     def _faults(self, now_ns: int, linked: bool, out: BridgeOutput) -> None:
         """Return the faults of a link that seems to work."""
@@ -580,8 +581,8 @@ class Bridge:
             metrics[f"rate_hz.{name}"] = rate
         for name, value in self.parameters.values.items():
             metrics[f"parameter.{name}"] = value
-        kept, verdict = self.preflight.evidence, self.preflight.motion.verdict
-        metrics["axes_proven"] = self.params.axes_evidence if kept is None else kept.date
+        evidence, verdict = self.preflight.evidence, self.preflight.motion.verdict
+        metrics["axes_proven"] = self.params.axes_evidence if evidence is None else evidence.date
         metrics["mocap_turned_by_hand"] = (
             "not yet: axes and delay of the poses are proven by turning it for some seconds"
             if verdict is None

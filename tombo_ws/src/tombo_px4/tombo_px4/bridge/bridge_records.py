@@ -242,8 +242,8 @@ class CommandTransaction:
             return False
         else:
             why = f"not confirmed by HEARTBEAT within {CONFIRM_NS * 1e-9:.0f} s"
-        said = recent_texts.since(self._sent_ns)
-        self.refusal = f"{self.order} {why}" + (f": {said}" if said else "")
+        texts = recent_texts.since(self._sent_ns)
+        self.refusal = f"{self.order} {why}" + (f": {texts}" if texts else "")
         if self._tries <= 0:
             self.failed = True
             return False

@@ -197,12 +197,12 @@ class TakeoffWatch:
         x, y, z = (float(v) for v in position - place)
         level = turn * (complex(x, -y) if mirrored else complex(x, y))
         way: Array = np.array([level.real, level.imag, up * z])
-        found: Array = np.add(shown, way)
+        place_felt: Array = np.add(shown, way)
         wanted = self._wanted_back()
         if self._pivot is None or self._back != wanted:
-            self._pivot, self._back = (position, found), wanted
-        self._turned_back.append((stamp_ns, found))
-        return found
+            self._pivot, self._back = (position, place_felt), wanted
+        self._turned_back.append((stamp_ns, place_felt))
+        return place_felt
 
     def _wanted_back(self) -> tuple[complex, bool, float]:
         """Return what turns a motion of the poses into what PX4 feels: turn, mirror, sign of z."""

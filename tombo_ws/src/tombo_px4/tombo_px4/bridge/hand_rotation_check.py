@@ -300,13 +300,13 @@ def _misfit(
 
 def _readings() -> list[Array]:
     """Return all 48 signed exchanges of axes, the plain one first, then the likeliest."""
-    found = [
+    readings = [
         np.eye(3)[list(order)] * np.array(signs)[:, None]
         for order in itertools.permutations(range(3))
         for signs in itertools.product((1.0, -1.0), repeat=3)
     ]
     # few changes before many, turns before mirrors
-    return sorted(found, key=lambda a: (-float(np.trace(a)), -round(float(np.linalg.det(a)))))
+    return sorted(readings, key=lambda a: (-float(np.trace(a)), -round(float(np.linalg.det(a)))))
 
 
 _READINGS = _readings()

@@ -48,7 +48,7 @@ _COMMANDS = {
 _MODE_TRIES, _ARM_TRIES, _ASKED_TRIES = 3, 5, 2
 _STREAM_FIRST_NS = SECOND_NS
 """PX4 must have received set points for this time before it accepts OFFBOARD."""
-_OWN_ARMING_NS = 5 * SECOND_NS
+_LATE_ARMING_NS = 5 * SECOND_NS
 """A vehicle that arms within this time after our command was armed by it."""
 _SELF_DISARM_NS = 4 * SECOND_NS
 """PX4 disarms 2 s after landing (COM_DISARM_LAND); after this the bridge disarms it."""
@@ -221,7 +221,7 @@ class Session:
             return
         if view.beat.failsafe:
             mode = mode_name(view.beat.mode)
-            why = f"PX4's fail-safe has chosen mode {mode}{self._said(view, ': ')}"
+            why = f"PX4's fail-safe has chosen mode {mode}{self._px4_texts(view, ': ')}"
             self._land(view, why)
         elif view.must_land:
             self._land(view, view.must_land)
@@ -390,7 +390,7 @@ class Session:
     def _arming(self, view: SessionInput) -> None:
         if view.beat.mode != OFFBOARD:
             mode = mode_name(view.beat.mode)
-            self._give_up(f"mode changed to {mode} while arming{self._said(view, ': ')}")
+            self._give_up(f"mode changed to {mode} while arming{self._px4_texts(view, ': ')}")
             self._out.events.append(("refused", self.why))
         elif not view.beat.armed and not self._wants_flight(view):
             self._give_up("the mission took it back while arming")
@@ -409,7 +409,7 @@ class Session:
     def _flying(self, view: SessionInput) -> None:
         if not view.beat.armed:
             if view.phase in _FLIGHT:
-                self._give_up(f"disarmed in flight{self._said(view, ': ')}")
+                self._give_up(f"disarmed in flight{self._px4_texts(view, ': ')}")
                 self._out.events.append(("disarmed", self.why))
             else:
                 self._set_stage(SessionStage.READY, "landed")
@@ -493,19 +493,19 @@ class Session:
 
     # --- Helpers ------------------------------------------------------------------------------
 
-    def _said(self, view: SessionInput, before: str) -> str:
+    def _px4_texts(self, view: SessionInput, before: str) -> str:
         """Return PX4's last texts behind `before`; "" without any."""
-        said = self.recent_texts.since(view.now_ns - _TEXT_NS)
-        return before + said if said else ""
+        texts = self.recent_texts.since(view.now_ns - _TEXT_NS)
+        return before + texts if texts else ""
 
     def _mode_taken(self, view: SessionInput, wanted: str) -> None:
         why = f"mode is {mode_name(view.beat.mode)}, not {wanted}"
-        self._set_stage(SessionStage.EXTERNAL_MODE, why + self._said(view, ": PX4 says "))
+        self._set_stage(SessionStage.EXTERNAL_MODE, why + self._px4_texts(view, ": PX4 says "))
 
     def _arm_request_pending(self, view: SessionInput) -> bool:
         """Return whether PX4 may still carry out our command to arm."""
-        own = self._arm_request_ns
-        return own is not None and view.now_ns - own <= _OWN_ARMING_NS
+        asked_ns = self._arm_request_ns
+        return asked_ns is not None and view.now_ns - asked_ns <= _LATE_ARMING_NS
 
     def _step_transaction(self, view: SessionInput) -> str:
         """Continue the command in progress; return why it is given up, "" if it is not."""

@@ -204,8 +204,8 @@ class AxesFile:
         if self._path is None or not self._path.is_file():
             return []
         try:
-            found = yaml.safe_load(self._path.read_text(encoding="utf-8")) or []
-            return [AxesEvidence.of_mapping(values) for values in found]
+            entries = yaml.safe_load(self._path.read_text(encoding="utf-8")) or []
+            return [AxesEvidence.of_mapping(values) for values in entries]
         except (OSError, UnicodeDecodeError, yaml.YAMLError, InputError, TypeError, ValueError):
             raise InputError(
                 f"px4.axes_evidence '{self._path}': no list of proofs of axes; accepted: the file"

@@ -137,8 +137,8 @@ class Preflight:
 
     def take_evidence(self) -> AxesEvidence | None:
         """Return what has been shown since the last call, to be kept; None: nothing new."""
-        taken, self._new_evidence = self._new_evidence, None
-        return taken
+        evidence, self._new_evidence = self._new_evidence, None
+        return evidence
 
     def refute(self, mistake: str, now_ns: int) -> None:
         """Record that the axes are wrong, whatever was proven before."""
@@ -197,7 +197,7 @@ class Preflight:
             answered: how many of its TIMESYNC requests were answered.
             flying: it is in the air; what can be judged at rest only is left out.
         """
-        found = [
+        findings = [
             *self._of_poses(now_ns, flying),
             *self._of_time(now_ns, sync, linked_ns, answered),
             *self._of_delay(now_ns, parameters),
@@ -208,13 +208,13 @@ class Preflight:
                 "poses go out as ATT_POS_MOCAP, which EKF2 does not fuse:"
                 " set px4.mocap to odometry or vision"
             )
-            found.append(PreflightFinding("mocap_message", text))
-        fused = not any(f.key in ("not_fused", "mocap_message") for f in found)
-        found += self._of_estimate(now_ns, flying, fused)
+            findings.append(PreflightFinding("mocap_message", text))
+        fused = not any(f.key in ("not_fused", "mocap_message") for f in findings)
+        findings += self._of_estimate(now_ns, flying, fused)
         if not flying:
-            found += self._of_up(now_ns)
-        found += self._of_motion(now_ns, parameters, flying)
-        return sorted(found, key=lambda finding: -finding.weight)
+            findings += self._of_up(now_ns)
+        findings += self._of_motion(now_ns, parameters, flying)
+        return sorted(findings, key=lambda finding: -finding.weight)
 
     # --- The poses themselves -----------------------------------------------------------------
 
@@ -368,8 +368,8 @@ class Preflight:
         theirs += 1e-9 * away[:, None] * np.array([o.velocity for o in lately])[near]
         ours = np.array([p.position for p in recent])[nearest]
         yaw = yaw_pitch_roll(np.array([o.attitude for o in lately])[near])[:, 0]
-        own = yaw_pitch_roll(np.array([p.attitude for p in recent])[nearest])[:, 0]
-        turn = float(np.angle(np.exp(1j * (own - yaw)).sum()))
+        our_yaw = yaw_pitch_roll(np.array([p.attitude for p in recent])[nearest])[:, 0]
+        turn = float(np.angle(np.exp(1j * (our_yaw - yaw)).sum()))
         return np.median(ours, axis=0), np.median(theirs, axis=0), turn
 
     def _of_up(self, now_ns: int) -> Iterator[PreflightFinding]:
@@ -395,27 +395,27 @@ class Preflight:
 
     def _of_evidence(self, now_ns: int) -> Iterator[PreflightFinding]:
         """Yield what is missing of the proof of the axes; keep a new one, of a vehicle at rest."""
-        verdict, kept = self.motion.verdict, self.evidence
+        verdict, evidence = self.motion.verdict, self.evidence
         tilt = self._tilt_at_rest(now_ns)
         new = verdict is not None and verdict.proven and verdict is not self._proved
         if new and tilt is not None:
             self._proved = verdict
-            kept = self.evidence = self._new_evidence = self._evidence(now_ns, tilt=tilt)
+            evidence = self.evidence = self._new_evidence = self._evidence(now_ns, tilt=tilt)
             self._refuted = ""
         if self._params.axes_evidence == SIMULATED and not self._refuted:
             return
         because = f" ({self._refuted})" if self._refuted else ""
         if (
-            kept is not None
+            evidence is not None
             and tilt is not None
-            and (math.dist(kept.tilt_rad, tilt) > _OTHER_BODY_RAD)
+            and (math.dist(evidence.tilt_rad, tilt) > _OTHER_BODY_RAD)
         ):
-            degrees = math.degrees(math.dist(kept.tilt_rad, tilt))
+            degrees = math.degrees(math.dist(evidence.tilt_rad, tilt))
             because = (
-                f" (the proof of {kept.date} was of another body: it lay {degrees:.1f} deg"
+                f" (the proof of {evidence.date} was of another body: it lay {degrees:.1f} deg"
                 " differently in the vehicle)"
             )
-        elif kept is not None:
+        elif evidence is not None:
             return
         text = (
             f"the axes of the poses are not proven{because}: propellers off, turn the vehicle by"
@@ -509,7 +509,7 @@ def _explain_turn(degrees: float) -> str:
     )
 
 
-def _newest(kept: deque[_Arrived], now_ns: int) -> list[_Arrived]:
+def _newest(records: deque[_Arrived], now_ns: int) -> list[_Arrived]:
     """Return those of the last second, oldest first, without looking at the older ones."""
-    found = list(takewhile(lambda r: now_ns - r.arrival_ns < _WINDOW_NS, reversed(kept)))
-    return found[::-1]
+    recent = list(takewhile(lambda r: now_ns - r.arrival_ns < _WINDOW_NS, reversed(records)))
+    return recent[::-1]

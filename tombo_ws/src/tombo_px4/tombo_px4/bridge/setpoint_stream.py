@@ -208,24 +208,24 @@ class SetpointStream:
 
     def faults(self, hover: float, now_ns: int) -> dict[str, str]:
         """Return what is wrong with the set points while the vehicle flies by them."""
-        found = {}
+        faults = {}
         if not self.fresh(now_ns):
-            found["setpoint_silent"] = (
+            faults["setpoint_silent"] = (
                 f"no set point for {self.silent_s(now_ns):.1f} s: the last position is held"
             )
         if self._moved_inside:
-            found["setpoint_outside"] = (
+            faults["setpoint_outside"] = (
                 "set point outside of the flight volume: moved to its border (volume)"
             )
         if self._params.setpoint == POSITION:
-            return found
+            return faults
         if hover <= 0.0:
-            found["hover_thrust"] = (
+            faults["hover_thrust"] = (
                 "MPC_THR_HOVER is not known: position set points are flown; set px4.hover_thrust"
             )
         last = self._attitude_or_rates
         if last is None or now_ns - last[2] > self._timeout_ns:
-            found["rotation_silent"] = (
+            faults["rotation_silent"] = (
                 f"no {self._params.setpoint} set points come: position set points are flown"
             )
-        return found
+        return faults

@@ -289,17 +289,19 @@ class ParameterReader:
         self._changed.clear()
         self._begun_ns = None
 
-    def take(self, found: ParameterValue) -> None:
+    def take(self, parameter: ParameterValue) -> None:
         """Take a value, asked for or not: PX4 tells when one is changed."""
-        if found.name not in self._names:
+        if parameter.name not in self._names:
             return
-        self.values[found.name] = found.value
-        self._kinds[found.name] = found.kind
-        wanted = self._writes.get(found.name)
-        if wanted is not None and math.isclose(found.value, wanted, rel_tol=1e-5, abs_tol=1e-5):
-            if self._write_tries[found.name]:
-                self._changed.add(found.name)
-            del self._writes[found.name]
+        self.values[parameter.name] = parameter.value
+        self._kinds[parameter.name] = parameter.kind
+        wanted = self._writes.get(parameter.name)
+        if wanted is not None and math.isclose(
+            parameter.value, wanted, rel_tol=1e-5, abs_tol=1e-5
+        ):
+            if self._write_tries[parameter.name]:
+                self._changed.add(parameter.name)
+            del self._writes[parameter.name]
 
     def tick(self, now_ns: int, on_ground: bool) -> list[Any]:
         """Return what to send now."""

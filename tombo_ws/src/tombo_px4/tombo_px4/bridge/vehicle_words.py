@@ -20,7 +20,7 @@ from tombo_px4.link.event_definitions import (
     definitions,
     event_number,
     events_file,
-    own_definitions,
+    known_definitions,
     path_of,
     unpacked,
 )
@@ -36,7 +36,7 @@ class MetadataReader:
     """COMPONENT_METADATA names a general file, that one the file of events.
 
     Attributes:
-        found: the events, by number; empty where the vehicle explains none.
+        events: read from the file, by number; empty where the vehicle explains none.
         failed: why it explains none; empty as long as it may.
         over: nothing more is read.
     """
@@ -47,7 +47,7 @@ class MetadataReader:
 
     def reset(self) -> None:
         """Begin again, with another vehicle or after its restart."""
-        self.found: dict[int, EventDefinition] = {}
+        self.events: dict[int, EventDefinition] = {}
         self.failed = ""
         self.over = False
         self._file: FileReader | None = None
@@ -103,7 +103,7 @@ class MetadataReader:
                 self._in_general = False
                 self._begin(events_file(content))
             else:
-                self.found = definitions(content)
+                self.events = definitions(content)
                 self.over = True
         except BadMetadata as error:
             self._give_up(str(error))
@@ -137,13 +137,13 @@ class VehicleWords:
 
     def __init__(self, to: MessageTarget) -> None:
         self._to = to
-        self._own = own_definitions()
+        self._known = known_definitions()
         self.metadata = MetadataReader(to)
         self.checks: tuple[str, ...] = ()
         self._waiting: deque[VehicleEvent] = deque(maxlen=_MOST_WAITING)
         self._report: list[StatusText] | None = None
         self._asks = self._asked = False
-        self._said: set[str] = set()
+        self._reported_texts: set[str] = set()
 
     def reset(self) -> None:
         """Begin again after a restart of the vehicle."""
@@ -151,7 +151,7 @@ class VehicleWords:
         self._waiting.clear()
         self._report, self.checks = None, ()
         self._asks = self._asked = False
-        self._said.clear()
+        self._reported_texts.clear()
 
     def take(self, event: VehicleEvent) -> None:
         """Take an event; its text comes from `tick`."""
@@ -160,7 +160,7 @@ class VehicleWords:
     @property
     def explained(self) -> bool:
         """PX4's file has been read: texts that are events too need not be said twice."""
-        return bool(self.metadata.found)
+        return bool(self.metadata.events)
 
     def tick(
         self, now_ns: int, on_ground: bool, flies: bool
@@ -195,27 +195,27 @@ class VehicleWords:
         if event.severity > Severity.INFO:
             return []
         definition = self._definition(event.number)
-        said = StatusText(event.arrival_ns, event.severity, self._words(event, definition))
+        text = StatusText(event.arrival_ns, event.severity, self._words(event, definition))
         if self._report is None:
-            return [said]
+            return [text]
         if definition is None or not definition.names_modes or _stands_in_the_way(event):
-            self._report.append(said)
+            self._report.append(text)
         return []
 
     def _reported(self) -> list[StatusText]:
         """Return the failed checks that are new, or all if they were asked for."""
         report, self._report = self._report or [], None
-        self.checks = tuple(said.text for said in report if said.severity <= Severity.ERROR)
-        new = [said for said in report if self._asked or said.text not in self._said]
-        self._said = {said.text for said in report}
+        self.checks = tuple(text.text for text in report if text.severity <= Severity.ERROR)
+        new = [text for text in report if self._asked or text.text not in self._reported_texts]
+        self._reported_texts = {text.text for text in report}
         self._asked = False
         return [
-            StatusText(said.arrival_ns, said.severity, f"Preflight Fail: {said.text}")
-            for said in new
+            StatusText(text.arrival_ns, text.severity, f"Preflight Fail: {text.text}")
+            for text in new
         ]
 
     def _definition(self, number: int) -> EventDefinition | None:
-        return self.metadata.found.get(number) or self._own.get(number)
+        return self.metadata.events.get(number) or self._known.get(number)
 
     def _words(self, event: VehicleEvent, definition: EventDefinition | None) -> str:
         if definition is not None:

@@ -77,9 +77,9 @@ def start_commands(port: int, parameters: Mapping[str, float]) -> tuple[str, str
     """
     number = port - PX4_PORT
     instance = f" -i {number}" if 0 < number < _MOST_INSTANCES else ""
-    given = "$(env | grep -o '^PX4_[A-Z0-9_]*' | sed 's/^/-e /')"
+    variables = "$(env | grep -o '^PX4_[A-Z0-9_]*' | sed 's/^/-e /')"
     return (
         exported(parameters, AIRFRAME),
         f"./build/px4_sitl_default/bin/px4{instance}",
-        f"docker run --rm -it --network host {given} {_IMAGE}{instance}",
+        f"docker run --rm -it --network host {variables} {_IMAGE}{instance}",
     )

@@ -208,16 +208,16 @@ class EventDefinition:
         return _ESCAPED.sub(r"\1", words)[:_LONGEST]
 
 
-def own_definitions() -> dict[int, EventDefinition]:
+def known_definitions() -> dict[int, EventDefinition]:
     """Return the events known by name, by number."""
-    found = {}
+    events = {}
     for name, (words, arguments, names) in KNOWN_EVENTS.items():
         kinds = "<" + "".join(_KINDS[kind] for kind in arguments)
         enums = {0: ArgumentEnum(arguments[0], names, False)} if names else {}
-        found[event_number(name)] = EventDefinition(
+        events[event_number(name)] = EventDefinition(
             words, kinds, enums, names_modes=name.startswith("check_")
         )
-    return found
+    return events
 
 
 def unpacked(content: bytes) -> bytes:
@@ -230,12 +230,12 @@ def unpacked(content: bytes) -> bytes:
         return content
     unpacker = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=_MEMORY)
     try:
-        found = unpacker.decompress(content, LARGEST_UNPACKED)
+        data = unpacker.decompress(content, LARGEST_UNPACKED)
     except (lzma.LZMAError, MemoryError) as error:
         raise BadMetadata(f"damaged: {error}") from error
     if not unpacker.eof:
         raise BadMetadata(f"more than {LARGEST_UNPACKED} bytes, or not complete")
-    return found
+    return data
 
 
 def events_file(general: bytes) -> str:
@@ -273,14 +273,14 @@ def definitions(content: bytes) -> dict[int, EventDefinition]:
             if made is not None:
                 enums[f"{space}::{name}"] = made
                 enums.setdefault(str(name), made)
-    found: dict[int, EventDefinition] = {}
+    events: dict[int, EventDefinition] = {}
     for number, component in components.items():
         for group in _mapping(_mapping(component).get("event_groups")).values():
             for sub, event in _mapping(_mapping(group).get("events")).items():
                 if _is_number(number) and _is_number(sub):
                     key = int(number) << 24 | int(sub)
-                    found[key] = _definition(_mapping(event), enums)
-    return found
+                    events[key] = _definition(_mapping(event), enums)
+    return events
 
 
 def _definition(event: Mapping[str, Any], enums: Mapping[str, ArgumentEnum]) -> EventDefinition:
@@ -304,9 +304,9 @@ def _enum(entry: Mapping[str, Any]) -> ArgumentEnum | None:
     if kind not in _KINDS:
         return None
     names = {}
-    for value, said in _mapping(entry.get("entries")).items():
+    for value, fields in _mapping(entry.get("entries")).items():
         if _is_number(value):
-            words = _mapping(said)
+            words = _mapping(fields)
             names[int(value)] = str(words.get("description") or words.get("name"))
     return ArgumentEnum(kind, names, bool(entry.get("is_bitfield")))
 
@@ -322,9 +322,9 @@ def _parsed(content: bytes) -> Any:
         raise BadMetadata(f"no JSON: {error}") from error
 
 
-def _mapping(found: Any) -> Mapping[str, Any]:
-    return found if isinstance(found, dict) else {}
+def _mapping(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, dict) else {}
 
 
-def _list(found: Any) -> list[Any]:
-    return found if isinstance(found, list) else []
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []

@@ -228,11 +228,11 @@ def _scan(data: bytes, counts: FrameCounts, whole: bool, tries: int) -> tuple[li
     at = good = 0
     last = counts.tries + tries
     while counts.tries < last:
-        found = _MAGIC.search(data, at)
-        if found is None:
+        magic = _MAGIC.search(data, at)
+        if magic is None:
             at = len(data)
             break
-        at = found.start()
+        at = magic.start()
         size, frame = _candidate(data, at, counts, whole)
         cut = at + size > len(data)
         if cut and not whole:

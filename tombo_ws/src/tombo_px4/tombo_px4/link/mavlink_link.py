@@ -127,10 +127,10 @@ class Link:
         Raises:
             InputError: URL, busy port, unreachable host, another machine, ids, key.
         """
-        own = {"system": system, "component": component}
+        ours = {"system": system, "component": component}
         others = {"accept_system": accept_system, "accept_component": accept_component}
-        for name, number in {**own, **others, "link_id": link_id}.items():
-            lowest = 1 if name in own else 0
+        for name, number in {**ours, **others, "link_id": link_id}.items():
+            lowest = 1 if name in ours else 0
             if not lowest <= number <= 255:
                 raise InputError(f"{name} {number} is out of bounds; accepted: {lowest} to 255")
         parsed = parse_url(url, allow_remote)

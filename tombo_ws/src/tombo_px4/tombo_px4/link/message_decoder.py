@@ -215,8 +215,8 @@ class MessageDecoder:
         attitude = _attitude(m.q)
         velocity = place[3:]
         upper = np.array(m.pose_covariance)
-        own = upper[UPPER_DIAGONAL]
-        known = np.isfinite(own).all() and (own > 0.0).all()
+        diagonal = upper[UPPER_DIAGONAL]
+        known = np.isfinite(diagonal).all() and (diagonal > 0.0).all()
         upper[~np.isfinite(upper)] = 0.0  # PX4 leaves out how they hang together
         return decoded.VehicleOdometry(
             *self._times(m.time_usec * _MICRO_NS, arrival_ns),
@@ -344,12 +344,12 @@ _READERS: dict[str, _Reader] = {
 
 def _bounded(limit: float, *values: float) -> Array:
     """Return values as an array; refused if one is not finite or beyond the limit."""
-    found = np.array(values)
-    if not np.isfinite(found).all():
+    array = np.array(values)
+    if not np.isfinite(array).all():
         raise RefusedMessage("not_finite")
-    if np.abs(found).max() > limit:
+    if np.abs(array).max() > limit:
         raise RefusedMessage("range")
-    return found
+    return array
 
 
 def _attitude(wxyz: Sequence[float]) -> Array:

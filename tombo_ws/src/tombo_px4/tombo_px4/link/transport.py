@@ -128,10 +128,10 @@ def _numeric(host: str, what: str, allow_remote: bool) -> str:
     if numeric:
         return numeric
     try:
-        found = socket.getaddrinfo(host, None, socket.AF_INET, socket.SOCK_DGRAM)
+        addresses = socket.getaddrinfo(host, None, socket.AF_INET, socket.SOCK_DGRAM)
     except (OSError, UnicodeError) as error:
         raise InputError(f"{what}: host '{host}' is not known; accepted: {ACCEPTED}") from error
-    return str(found[0][4][0])
+    return str(addresses[0][4][0])
 
 
 Clock = Callable[[], int]

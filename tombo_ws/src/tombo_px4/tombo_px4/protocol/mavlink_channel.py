@@ -100,15 +100,15 @@ class StreamTable:
         """Return the messages that are due now; each is due again after its interval."""
         if boot_us < self.next_us:
             return []
-        taken = []
+        numbers = []
         for number, due in self._due.items():
             if due <= boot_us:
                 interval = self._interval[number]
                 # what was missed is not made up for
                 self._due[number] = (due if due + interval > boot_us else boot_us) + interval
-                taken.append(number)
+                numbers.append(number)
         self._find_next()
-        return taken
+        return numbers
 
     def set_interval(self, number: int, interval_us: float, boot_us: int) -> bool:
         """Change how often a message is sent.

@@ -94,9 +94,9 @@ class EventSender:
 
     def say(self, severity: int, text: str, boot_us: int) -> None:
         """Send the event that says the same as a text, if there is one."""
-        found = event_of(text)
-        if found is not None:
-            self._send(found[0], severity, boot_us, found[1])
+        event = event_of(text)
+        if event is not None:
+            self._send(event[0], severity, boot_us, event[1])
 
     def report(self, problems: tuple[str, ...], boot_us: int, *, asked: bool = False) -> None:
         """Send what stands in the way of arming, if it has changed or was asked for."""
@@ -125,7 +125,7 @@ PIECE = 50
 """Bytes of text that a message carries."""
 _MOST_PIECES = 6
 _BURST, _PER_SECOND = 40.0, 10.0
-_KEPT = 256
+_MOST_UNREAD = 256
 _AGAIN_US = 30_000_000
 """A refusal for the same reason is sent again after this time."""
 _MOST_REASONS = 256
@@ -141,10 +141,10 @@ class StatusTextSender:
         """Of the last text. PX4 counts from 0."""
         self.counts: dict[str, int] = {}
         """How often something was refused, by reason."""
-        self._said_us: dict[str, int] = {}
+        self._refusal_sent_us: dict[str, int] = {}
         self._rate_tokens = _BURST
         self._refilled_us = 0
-        self.said: list[tuple[int, str]] = []
+        self.sent_texts: list[tuple[int, str]] = []
         """Severity and text of what was sent; the reader empties the list."""
 
     def say(self, severity: int, text: str, boot_us: int) -> None:
@@ -155,8 +155,8 @@ class StatusTextSender:
         if self._rate_tokens < 1.0:
             return
         self._rate_tokens -= 1.0
-        if len(self.said) < _KEPT:
-            self.said.append((severity, text))
+        if len(self.sent_texts) < _MOST_UNREAD:
+            self.sent_texts.append((severity, text))
         self.events.say(severity, text, boot_us)
         also_event = event_of(text) is not None
         self._number = (self._number + 1) % 65536
@@ -186,8 +186,8 @@ class StatusTextSender:
         if reason not in self.counts and len(self.counts) >= _MOST_REASONS:
             reason = "other"
         self.counts[reason] = self.counts.get(reason, 0) + 1
-        said_us = self._said_us.get(reason)
+        said_us = self._refusal_sent_us.get(reason)
         if said_us is not None and boot_us - said_us < _AGAIN_US:
             return False
-        self._said_us[reason] = boot_us
+        self._refusal_sent_us[reason] = boot_us
         return True

@@ -88,14 +88,14 @@ class Telemetry:
 
         None: there is no such message, or no value: an unknown position is not sent.
         """
-        found = _BUILDERS.get(number)
-        if found is None:
+        builder = _BUILDERS.get(number)
+        if builder is None:
             return None
         if self._tick != self._vehicle.tick:
             self._tick = self._vehicle.tick
             self._snapshot = TelemetrySnapshot(self._vehicle, self._origin)
         self._snapshot.load, self._snapshot.unix_us = self.load, self.unix_us
-        return found[1](mav, self._snapshot)
+        return builder[1](mav, self._snapshot)
 
     def reset(self) -> None:
         """Drop the snapshot: a command has changed the vehicle within the tick."""

@@ -67,10 +67,10 @@ class Screen:
 
     def redraw(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
         """Print new texts, draw the state now and then; called hundreds of times a second."""
-        for severity, text in endpoint.statustext.said:
+        for severity, text in endpoint.statustext.sent_texts:
             style = "yellow" if severity <= _SEVERITY_COLOURED else ""
             self._scroll.put(f"{boot_ns * 1e-9:8.2f} s  {text}", style)
-        endpoint.statustext.said.clear()
+        endpoint.statustext.sent_texts.clear()
         if self._scroll.live is not None and boot_ns >= self._next_ns:
             self._next_ns = boot_ns + _LIVE_NS
             line = state_line(endpoint, boot_ns, slipped_ns)
