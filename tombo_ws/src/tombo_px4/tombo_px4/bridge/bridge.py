@@ -55,7 +55,7 @@ from tombo_px4.link.message_encoder import MessageTarget
 from tombo_px4.link.timesync import TimeSync
 from tombo_px4.modes import AUTO_LAND, OFFBOARD, mode_name
 
-_HEARTBEAT_NS = SECOND_NS
+_HEARTBEAT_NS = _REBOOT_NS = SECOND_NS
 _TIMESYNC_NS = SECOND_NS // 10
 _CHECK_NS = SECOND_NS // 5
 """Period of the checks."""
@@ -65,7 +65,6 @@ _SETTLE_NS = 4 * SECOND_NS
 _HEARTBEAT_REQUEST_NS = SECOND_NS // 4
 """A heartbeat older than this is asked for while something is to be confirmed, and in flight: PX4
 sends one a second and refuses another interval, so that an order would be confirmed late."""
-_REBOOT_NS = SECOND_NS
 _SET_BACK_NS = SECOND_NS // 2
 
 
@@ -285,8 +284,8 @@ class Bridge:
     def _jumps(self, stamp_ns: int, now_ns: int, position: Array) -> bool:
         """Return whether a pose in flight is elsewhere than PX4, which would follow it."""
         last = self._odometry
-        turned_back = bool(self.watch.takeoff.mistake)
-        if turned_back or not self._flying or last is None or last.stamp_ns is None:
+        corrected = bool(self.watch.takeoff.mistake)
+        if corrected or not self._flying or last is None or last.stamp_ns is None:
             return False
         if now_ns - last.arrival_ns > _CHECK_NS:
             return False

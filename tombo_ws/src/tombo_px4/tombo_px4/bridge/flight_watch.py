@@ -163,8 +163,8 @@ class TakeoffWatch:
         """The motion has shown that the axes are right."""
         self.mistake = ""
         """What is wrong; "" as long as nothing is known to be."""
-        self._back: tuple[complex, bool, float] = (1.0, False, 1.0)
-        self._turned_back: deque[tuple[int, Array]] = deque(maxlen=200)
+        self._correction: tuple[complex, bool, float] = (1.0, False, 1.0)
+        self._corrected: deque[tuple[int, Array]] = deque(maxlen=200)
         """Positions in the axes that PX4 feels, since a mistake is known."""
         self._pivot: tuple[Array, Array] | None = None
         """A place of the poses, and what was made of it."""
@@ -193,18 +193,18 @@ class TakeoffWatch:
         if not self.mistake:
             return position
         place, shown = (position, position) if self._pivot is None else self._pivot
-        turn, mirrored, up = self._back
+        turn, mirrored, up = self._correction
         x, y, z = (float(v) for v in position - place)
         level = turn * (complex(x, -y) if mirrored else complex(x, y))
         way: Array = np.array([level.real, level.imag, up * z])
         place_felt: Array = np.add(shown, way)
-        wanted = self._wanted_back()
-        if self._pivot is None or self._back != wanted:
-            self._pivot, self._back = (position, place_felt), wanted
-        self._turned_back.append((stamp_ns, place_felt))
+        wanted = self._new_correction()
+        if self._pivot is None or self._correction != wanted:
+            self._pivot, self._correction = (position, place_felt), wanted
+        self._corrected.append((stamp_ns, place_felt))
         return place_felt
 
-    def _wanted_back(self) -> tuple[complex, bool, float]:
+    def _new_correction(self) -> tuple[complex, bool, float]:
         """Return what turns a motion of the poses into what PX4 feels: turn, mirror, sign of z."""
         level, height = self._level, self._height
         up = -1.0 if height.decides and height.product.real < 0.0 else 1.0
@@ -217,10 +217,10 @@ class TakeoffWatch:
     @property
     def brake(self) -> complex:
         """Horizontal acceleration that ends the present motion, x + i y in PX4's map [m/s^2]."""
-        if not self._turned_back or not self._level.shows_turn:
+        if not self._corrected or not self._level.shows_turn:
             return 0.0
-        now_ns, (x, y, _) = self._turned_back[-1]
-        before = next(b for b in self._turned_back if now_ns - b[0] <= _VELOCITY_NS)
+        now_ns, (x, y, _) = self._corrected[-1]
+        before = next(b for b in self._corrected if now_ns - b[0] <= _VELOCITY_NS)
         step_s = (now_ns - before[0]) * 1e-9
         if step_s <= 0.0:
             return 0.0

@@ -36,7 +36,7 @@ _WANDER_NS2_PER_S = 6.25e7
 """A clock's own wandering: with it the filter follows within about 2 s at 10 Hz."""
 _LONGEST_S = 10.0
 _LEANS_NS = 200_000.0
-"""Left by more than this, three times on end to one side: the clocks run at different rates."""
+"""Left by more than this, three times in a row to one side: the clocks run at different rates."""
 _FASTEST = 0.9
 _FORGETS, _SMALL_DRIFT, _NO_DRIFT = 0.98, 5e-3, 1e-5
 _AHEAD_NS = SECOND_NS
@@ -70,10 +70,10 @@ class TimeSync:
         self._base = 0
         self._variance = 0.0
         self._last_ns = 0
-        self._slow_on_end = 0
+        self._slow_in_a_row = 0
         self._impossible: list[tuple[int, int, int]] = []  # arrival, sample, round trip
         self._drift = 0.0  # of the offset, per time of ours
-        self._leans = 0  # how often on end the bound was left; negative: downwards
+        self._leans = 0  # how often in a row the bound was left; negative: downwards
 
     def request(self, now_ns: int) -> tuple[int, int]:
         """Return (tc1, ts1) of a request that leaves now."""
@@ -126,11 +126,11 @@ class TimeSync:
         excess = rtt - min(self._round_trips)
         if excess > _SLOW_NS and self._samples >= CONVERGED:
             self.slow += 1
-            self._slow_on_end += 1
-            if self._slow_on_end >= _PATIENCE:  # the way itself has become slow
+            self._slow_in_a_row += 1
+            if self._slow_in_a_row >= _PATIENCE:  # the way itself has become slow
                 self._round_trips.clear()
             return
-        self._slow_on_end = 0
+        self._slow_in_a_row = 0
         self._correct(error, beyond, float(excess), received_ns)
         self._samples += 1
         self.converged = self.converged or self._samples >= CONVERGED
@@ -157,7 +157,7 @@ class TimeSync:
         self._offset = 0.0
         self._variance = (0.5 * rtt + _NOISE_NS) ** 2
         self._last_ns = now_ns
-        self._slow_on_end = self._leans = 0
+        self._slow_in_a_row = self._leans = 0
         self._impossible.clear()
         self._drift = 0.0
 

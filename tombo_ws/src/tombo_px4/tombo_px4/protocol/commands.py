@@ -13,6 +13,7 @@ from tombo_dynamics.arrays import Array
 from tombo_px4 import modes
 from tombo_px4.frames import GeoOrigin, ros_yaw
 from tombo_px4.link.decoded_messages import FORCE_ARMING, Result
+from tombo_px4.link.framing import PROTOCOL_VERSION
 from tombo_px4.modes import Mode
 
 if TYPE_CHECKING:
@@ -100,9 +101,13 @@ class CommandServer:
             mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
             mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
             mavlink.MAV_CMD_REQUEST_MESSAGE: self._request_message,
-            mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda c, s: _send(148),
-            mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION: lambda c, s: _send(300),
-            mavlink.MAV_CMD_GET_HOME_POSITION: lambda c, s: _send(242),
+            mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda c, s: _send(
+                mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+            ),
+            mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION: lambda c, s: _send(PROTOCOL_VERSION),
+            mavlink.MAV_CMD_GET_HOME_POSITION: lambda c, s: _send(
+                mavlink.MAVLINK_MSG_ID_HOME_POSITION
+            ),
         }
 
     def execute(self, command: ReceivedCommand, streams: StreamTable) -> CommandReply:
