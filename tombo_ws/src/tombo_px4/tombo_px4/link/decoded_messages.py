@@ -54,12 +54,7 @@ class RefusedMessage(ValueError):
 
 
 @dataclass(frozen=True)
-class DecodedMessage:
-    """A message of PX4 with more than one field."""
-
-
-@dataclass(frozen=True)
-class StampedMessage(DecodedMessage):
+class StampedMessage:
     """A message with the time of what it tells."""
 
     arrival_ns: int
@@ -70,7 +65,7 @@ class StampedMessage(DecodedMessage):
 
 
 @dataclass(frozen=True)
-class Heartbeat(DecodedMessage):
+class Heartbeat:
     """HEARTBEAT of the autopilot."""
 
     arrival_ns: int
@@ -125,7 +120,7 @@ class ImuSample(StampedMessage):
 
 
 @dataclass(frozen=True)
-class BatteryReading(DecodedMessage):
+class BatteryReading:
     """Voltage [V], current [A], what is left 0..1; NaN: not known."""
 
     arrival_ns: int
@@ -137,7 +132,7 @@ class BatteryReading(DecodedMessage):
 
 
 @dataclass(frozen=True)
-class SystemStatus(DecodedMessage):
+class SystemStatus:
     """PX4's own checks, and the battery in short."""
 
     battery: BatteryReading
@@ -148,7 +143,7 @@ class SystemStatus(DecodedMessage):
 
 
 @dataclass(frozen=True)
-class StatusText(DecodedMessage):
+class StatusText:
     """A text of PX4 (STATUSTEXT)."""
 
     arrival_ns: int
@@ -160,7 +155,7 @@ class StatusText(DecodedMessage):
 
 
 @dataclass(frozen=True)
-class VehicleEvent(DecodedMessage):
+class VehicleEvent:
     """An event of PX4 (EVENT)."""
 
     arrival_ns: int
@@ -172,7 +167,7 @@ class VehicleEvent(DecodedMessage):
 
 
 @dataclass(frozen=True)
-class CommandAck(DecodedMessage):
+class CommandAck:
     """PX4's answer to a command; to DO_SET_MODE there are two, and the first says nothing."""
 
     arrival_ns: int
@@ -181,7 +176,7 @@ class CommandAck(DecodedMessage):
 
 
 @dataclass(frozen=True)
-class ParameterValue(DecodedMessage):
+class ParameterValue:
     """A parameter of the vehicle."""
 
     name: str
@@ -191,7 +186,7 @@ class ParameterValue(DecodedMessage):
 
 
 @dataclass(frozen=True)
-class EstimatorStatusFlags(DecodedMessage):
+class EstimatorStatusFlags:
     """State of PX4's estimator (ESTIMATOR_STATUS)."""
 
     arrival_ns: int
@@ -205,7 +200,7 @@ class EstimatorStatusFlags(DecodedMessage):
 
 
 @dataclass(frozen=True)
-class TimesyncMessage(DecodedMessage):
+class TimesyncMessage:
     """TIMESYNC: a request (tc1 = 0) or an answer."""
 
     arrival_ns: int
@@ -219,6 +214,3 @@ class FirmwareVersion(str):
 
 class MetadataUri(str):
     """Where PX4's general metadata are (COMPONENT_METADATA)."""
-
-
-Content = DecodedMessage | MavLandedState | FirmwareVersion | MetadataUri

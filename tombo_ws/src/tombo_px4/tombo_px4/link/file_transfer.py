@@ -9,7 +9,6 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.link.decoded_messages import DecodedMessage
 from tombo_px4.link.message_encoder import MessageTarget
 
 HEADER = struct.Struct("<HBBBBBBI")
@@ -23,7 +22,7 @@ _TRIES = 6
 
 
 @dataclass(frozen=True)
-class FileAnswer(DecodedMessage):
+class FileAnswer:
     """An answer of the vehicle."""
 
     sequence: int

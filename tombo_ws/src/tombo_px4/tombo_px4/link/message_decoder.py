@@ -28,7 +28,7 @@ from tombo_px4.frames import (
     ros_quaternion,
 )
 from tombo_px4.link import decoded_messages as decoded
-from tombo_px4.link.decoded_messages import Content, RefusedMessage, StatusText
+from tombo_px4.link.decoded_messages import RefusedMessage, StatusText
 from tombo_px4.link.file_transfer import file_answer
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.timesync import TimeSync
@@ -156,7 +156,7 @@ class MessageDecoder:
         """Arrival less time since boot of the last message, where its stamp was impossible."""
         self._chunks = StatusTextAssembler()
 
-    def read(self, received: Received) -> Content | None:
+    def read(self, received: Received) -> object:
         """Return the record of a message; None if it has none, or was refused."""
         kind = str(received.message.get_type())
         reader = _READERS.get(kind)
@@ -195,7 +195,7 @@ class MessageDecoder:
             raise RefusedMessage("stamp")
         return arrival_ns, arrival_ns - self._age_ns, boot_ns
 
-    def _heartbeat(self, m: Any, arrival_ns: int) -> Content | None:
+    def _heartbeat(self, m: Any, arrival_ns: int) -> object:
         if m.autopilot == mav.MAV_AUTOPILOT_INVALID:  # a camera, a ground station
             return None
         if m.autopilot != mav.MAV_AUTOPILOT_PX4:
@@ -204,7 +204,7 @@ class MessageDecoder:
         failsafe = armed and m.system_status in _FAILSAFE
         return decoded.Heartbeat(arrival_ns, armed, mode_of(m.custom_mode), failsafe)
 
-    def _odometry(self, m: Any, arrival_ns: int) -> Content:
+    def _odometry(self, m: Any, arrival_ns: int) -> object:
         in_body = m.child_frame_id == mav.MAV_FRAME_BODY_FRD
         if m.frame_id != mav.MAV_FRAME_LOCAL_NED or not (
             in_body or m.child_frame_id == mav.MAV_FRAME_LOCAL_NED
@@ -228,18 +228,18 @@ class MessageDecoder:
             int(m.reset_counter),
         )
 
-    def _local_position(self, m: Any, arrival_ns: int) -> Content:
+    def _local_position(self, m: Any, arrival_ns: int) -> object:
         place = _bounded(_FAR, m.x, m.y, m.z, m.vx, m.vy, m.vz)
         times = self._times(m.time_boot_ms * _MILLI_NS, arrival_ns)
         return decoded.LocalPosition(*times, enu_from_ned(place[:3]), enu_from_ned(place[3:]))
 
-    def _attitude(self, m: Any, arrival_ns: int) -> Content:
+    def _attitude(self, m: Any, arrival_ns: int) -> object:
         rates = _bounded(_FASTEST_TURN, m.rollspeed, m.pitchspeed, m.yawspeed)
         attitude = _attitude([m.q1, m.q2, m.q3, m.q4])
         times = self._times(m.time_boot_ms * _MILLI_NS, arrival_ns)
         return decoded.VehicleAttitude(*times, attitude, flu_from_frd(rates))
 
-    def _imu(self, m: Any, arrival_ns: int) -> Content:
+    def _imu(self, m: Any, arrival_ns: int) -> object:
         if m.fields_updated & _BOTH_SENSORS != _BOTH_SENSORS:
             raise RefusedMessage("incomplete")
         accel = _bounded(_HARDEST, m.xacc, m.yacc, m.zacc)
@@ -247,7 +247,7 @@ class MessageDecoder:
         times = self._times(m.time_usec * _MICRO_NS, arrival_ns)
         return decoded.ImuSample(*times, flu_from_frd(gyro), flu_from_frd(accel))
 
-    def _battery(self, m: Any, arrival_ns: int) -> Content | None:
+    def _battery(self, m: Any, arrival_ns: int) -> object:
         if m.id != 0:  # a second one: PX4 counts on the first
             return None
         cells = tuple(1e-3 * v for v in [*m.voltages, *m.voltages_ext] if 0 < v != _NO_CELL)
@@ -255,7 +255,7 @@ class MessageDecoder:
         current, left = _current(m.current_battery), _share(m.battery_remaining)
         return decoded.BatteryReading(arrival_ns, voltage, current, left, cells)
 
-    def _system(self, m: Any, arrival_ns: int) -> Content:
+    def _system(self, m: Any, arrival_ns: int) -> object:
         voltage = math.nan if m.voltage_battery == _NO_VOLTAGE else 1e-3 * m.voltage_battery
         current, left = _current(m.current_battery), _share(m.battery_remaining)
         bit = mav.MAV_SYS_STATUS_PREARM_CHECK
@@ -265,20 +265,20 @@ class MessageDecoder:
             bool(m.onboard_control_sensors_health & bit),
         )
 
-    def _landed(self, m: Any, arrival_ns: int) -> Content:
+    def _landed(self, m: Any, arrival_ns: int) -> object:
         return decoded.MavLandedState(m.landed_state)
 
-    def _text(self, m: Any, arrival_ns: int) -> Content | None:
+    def _text(self, m: Any, arrival_ns: int) -> object:
         return self._chunks.take(m.severity, m.text, m.id, m.chunk_seq, arrival_ns)
 
-    def _event(self, m: Any, arrival_ns: int) -> Content:
+    def _event(self, m: Any, arrival_ns: int) -> object:
         return decoded.VehicleEvent(arrival_ns, m.id, m.log_levels & 0xF, bytes(m.arguments))
 
-    def _metadata(self, m: Any, arrival_ns: int) -> Content:
+    def _metadata(self, m: Any, arrival_ns: int) -> object:
         uri = m.uri.decode("ascii", "replace") if isinstance(m.uri, bytes) else str(m.uri)
         return decoded.MetadataUri(uri.split("\0")[0])
 
-    def _file(self, m: Any, arrival_ns: int) -> Content | None:
+    def _file(self, m: Any, arrival_ns: int) -> object:
         self._check_target(m)
         return file_answer(bytes(m.payload))
 
@@ -286,11 +286,11 @@ class MessageDecoder:
         if m.target_system not in (0, self._own[0]) or m.target_component not in (0, self._own[1]):
             raise RefusedMessage("not_for_us")
 
-    def _ack(self, m: Any, arrival_ns: int) -> Content:
+    def _ack(self, m: Any, arrival_ns: int) -> object:
         self._check_target(m)
         return decoded.CommandAck(arrival_ns, int(m.command), int(m.result))
 
-    def _parameter(self, m: Any, arrival_ns: int) -> Content:
+    def _parameter(self, m: Any, arrival_ns: int) -> object:
         name = str(m.param_id)
         value: float | int = float(m.param_value)
         if m.param_type in _INTEGERS:
@@ -301,7 +301,7 @@ class MessageDecoder:
             raise RefusedMessage("range")
         return decoded.ParameterValue(name, value, m.param_type)
 
-    def _estimator(self, m: Any, arrival_ns: int) -> Content:
+    def _estimator(self, m: Any, arrival_ns: int) -> object:
         flags = m.flags
         horizontal = mav.ESTIMATOR_POS_HORIZ_REL | mav.ESTIMATOR_POS_HORIZ_ABS
         return decoded.EstimatorStatusFlags(
@@ -312,15 +312,15 @@ class MessageDecoder:
             float(m.pos_vert_ratio),
         )
 
-    def _time(self, m: Any, arrival_ns: int) -> Content:
+    def _time(self, m: Any, arrival_ns: int) -> object:
         return decoded.TimesyncMessage(arrival_ns, int(m.tc1), int(m.ts1))
 
-    def _version(self, m: Any, arrival_ns: int) -> Content:
+    def _version(self, m: Any, arrival_ns: int) -> object:
         major, minor, patch, _ = m.flight_sw_version.to_bytes(4, "big")
         return decoded.FirmwareVersion(f"{major}.{minor}.{patch}")
 
 
-_Reader = Callable[[MessageDecoder, Any, int], "Content | None"]
+_Reader = Callable[[MessageDecoder, Any, int], object]
 _READERS: dict[str, _Reader] = {
     "HEARTBEAT": MessageDecoder._heartbeat,
     "ODOMETRY": MessageDecoder._odometry,
