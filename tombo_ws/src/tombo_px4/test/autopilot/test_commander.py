@@ -39,9 +39,9 @@ class Desk:
     """A commander, the situation it is told of, and what it said."""
 
     def __init__(self, mode: modes.Mode = modes.AUTO_HOLD, **parameters: float) -> None:
-        self.said: list[str] = []
+        self.texts: list[str] = []
         self.commander = Commander(
-            table_with(**parameters), lambda severity, text: self.said.append(text)
+            table_with(**parameters), lambda severity, text: self.texts.append(text)
         )
         self.now = WELL
         assert self.commander.set_mode(mode, self.now) == Result.ACCEPTED
@@ -57,13 +57,13 @@ class Desk:
             self.see(tick=tick, **changes)
 
     def fly(self) -> Desk:
-        assert self.commander.arm(self.now) == Result.ACCEPTED, self.said
+        assert self.commander.arm(self.now) == Result.ACCEPTED, self.texts
         self.wait(10.0, landed=False, maybe_landed=False, taken_off=True)
-        self.said.clear()
+        self.texts.clear()
         return self
 
     def heard(self, text: str) -> bool:
-        return any(text in said for said in self.said)
+        return any(text in sent for sent in self.texts)
 
 
 # --- Arming ----------------------------------------------------------------------------------
@@ -109,10 +109,10 @@ def test_who_may_arm(mode, changes, why):
         assert desk.heard("Armed by")
 
 
-def test_arming_twice_is_accepted_and_said_once():
+def test_arming_twice_is_accepted_and_reported_once():
     desk = Desk()
     assert desk.commander.arm(desk.now) == desk.commander.arm(desk.now) == Result.ACCEPTED
-    assert sum("Armed" in text for text in desk.said) == 1
+    assert sum("Armed" in text for text in desk.texts) == 1
 
 
 def test_disarming_in_the_air_needs_force():
@@ -179,7 +179,7 @@ def test_a_stream_of_two_set_points_a_second_suffices():
     for _ in range(20):
         desk.wait(0.5, stream=False)
         desk.see(signal_tick=desk.now.tick)
-    assert desk.commander.mode == modes.OFFBOARD and not desk.said
+    assert desk.commander.mode == modes.OFFBOARD and not desk.texts
 
 
 def test_the_stream_is_lost_after_the_time_that_is_set():

@@ -154,10 +154,10 @@ def test_there_are_no_files(operation, answer, data):
     with bench() as b:
         payload = list(request.ljust(251, b"\x00"))
         b.client.send(MAV.file_transfer_protocol_encode(0, 1, 1, payload))
-        got = b.wait("FILE_TRANSFER_PROTOCOL")
-    sequence, _, opcode, size, asked = struct.unpack_from("<HBBBB", bytes(got.payload))
+        reply = b.wait("FILE_TRANSFER_PROTOCOL")
+    sequence, _, opcode, size, asked = struct.unpack_from("<HBBBB", bytes(reply.payload))
     assert (sequence, opcode, asked) == (0, answer, operation)
-    assert bytes(got.payload)[12 : 12 + size] == data
+    assert bytes(reply.payload)[12 : 12 + size] == data
 
 
 def test_an_answer_of_a_file_server_is_not_answered(fresh):
@@ -284,18 +284,18 @@ def test_texts_are_no_more_than_people_can_read(fresh):
 @example("x" * 300)
 def test_a_long_text_comes_in_pieces_that_fit_together(text):
     joiner = StatusTextAssembler()
-    got = None
+    reply = None
     for message in StatusTextSender([]).messages(MAV, 4, text):
         (sent,) = mavlink.MAVLink(None).parse_buffer(message.pack(MAV))
-        assert got is None
-        got = joiner.take(sent.severity, sent.text, sent.id, sent.chunk_seq, 0)
-    if got is None:  # PX4 does not end a text that fills its last piece
-        (got,) = joiner.take_expired(2 * 10**9)
+        assert reply is None
+        reply = joiner.take(sent.severity, sent.text, sent.id, sent.chunk_seq, 0)
+    if reply is None:  # PX4 does not end a text that fills its last piece
+        (reply,) = joiner.take_expired(2 * 10**9)
     plain = text.encode("ascii", "replace")[:300].decode().split("\x00")[0]
     if "\x00" not in text:
-        assert got is not None
+        assert reply is not None
         whole = "".join(c if c.isprintable() else " " for c in plain).strip()
-        assert got.text.removesuffix("…").strip() == whole
+        assert reply.text.removesuffix("…").strip() == whole
 
 
 def test_texts_come_where_a_ground_station_is_heard_and_events_everywhere():
@@ -308,8 +308,10 @@ def test_texts_come_where_a_ground_station_is_heard_and_events_everywhere():
         b.run(0.1)
         assert b.acks(ARM, 1.0) == [1]
         assert not of(onboard.seen, "STATUSTEXT")
-        (said,) = [m for m in of(ground.seen, "STATUSTEXT") if "Arming denied" in m.text]
-        assert said.chunk_seq == 0 and len(said.text) == 50, "its tabulator is in the next piece"
+        (denial,) = [m for m in of(ground.seen, "STATUSTEXT") if "Arming denied" in m.text]
+        assert denial.chunk_seq == 0 and len(denial.text) == 50, (
+            "its tabulator is in the next piece"
+        )
         denied = 16910493  # as in the file of events of PX4 1.17
         for client in b.clients:
             assert denied in [m.id for m in of(client.seen, "EVENT")]

@@ -74,12 +74,12 @@ def test_each_axis_is_commanded_alone(mask, missing):
         return
     for k, name in enumerate(("position", "velocity", "acceleration")):
         north, east, down = left[3 * k : 3 * k + 3]
-        got = getattr(target, name)
+        axis = getattr(target, name)
         axes = [east, north, -down]
         if all(math.isnan(a) for a in axes):
-            assert got is None
+            assert axis is None
         else:
-            assert got == pytest.approx(axes, nan_ok=True)
+            assert axis == pytest.approx(axes, nan_ok=True)
 
 
 def test_a_velocity_in_the_body_is_front_left_up():
@@ -199,7 +199,7 @@ def test_set_points_for_another_vehicle_are_ignored(target, b):
     assert b.acks(ARM, 1.0) == [1]
 
 
-def test_a_bad_set_point_is_no_sign_of_life_and_is_said_once(b):
+def test_a_bad_set_point_is_no_sign_of_life_and_is_reported_once(b):
     b.acks(SET_MODE, *OFFBOARD)
     b.each_round = lambda: b.client.send(local(POSITION, place=(math.inf, 0, 0)))
     heard = b.run(1.0)

@@ -142,12 +142,12 @@ def test_without_a_clock_of_the_client_arrival_counts():
         lambda b: b.client.mav.att_pos_mocap_encode(0, [1, 0, 0, 0], 0, 0, 0, NOTHING),
     ],
 )
-def test_poses_of_a_motion_capture_are_not_fused_and_it_is_said_once(make):
+def test_poses_of_a_motion_capture_are_not_fused_and_it_is_reported_once(make):
     with bench(**LAB) as b:
         b.each_round = lambda: b.client.send(make(b))
-        said = [t for t in texts(b.run(3.0)) if "is not fused" in t]
-        assert len(said) == 1
-        assert "VISION" in said[0]
+        refusals = [t for t in texts(b.run(3.0)) if "is not fused" in t]
+        assert len(refusals) == 1
+        assert "VISION" in refusals[0]
         assert not b.vehicle.health.local_position
         assert max(b.endpoint.statustext.counts.values()) > 500
 
@@ -155,6 +155,6 @@ def test_poses_of_a_motion_capture_are_not_fused_and_it_is_said_once(make):
 def test_a_refusal_of_the_estimator_is_counted_by_its_reason():
     with bench(**{**LAB, "EKF2_EV_CTRL": 0}) as b:
         b.each_round = lambda: b.client.send(odometry(b.client.mav))
-        said = texts(b.run(0.5))
-        assert said == ["ODOMETRY refused: not fused"]
+        refusals = texts(b.run(0.5))
+        assert refusals == ["ODOMETRY refused: not fused"]
         assert b.endpoint.statustext.counts["ODOMETRY refused"] > 100

@@ -35,13 +35,13 @@ class Onboard:
     def read(self) -> list[Any]:
         """All that is there."""
         self.socket.setblocking(False)
-        found = []
+        arrived = []
         while True:
             try:
                 data, self.peer = self.socket.recvfrom(2048)
             except BlockingIOError:
-                return found
-            found += self._parser.parse_buffer(data) or []
+                return arrived
+            arrived += self._parser.parse_buffer(data) or []
 
     def ask(self, ts1: int, tc1: int = 0) -> None:
         message = self._mav.timesync_encode(tc1, ts1)

@@ -29,8 +29,8 @@ class Shown:
     def step(self, *controls: float) -> dict[str, Any]:
         """The messages of one step, by name."""
         motors = MotorCommands(controls, armed=True) if controls else MotorCommands()
-        found = self.parser.parse_buffer(self.flight.step(motors))
-        return {message.get_type(): message for message in found or []}
+        arrived = self.parser.parse_buffer(self.flight.step(motors))
+        return {message.get_type(): message for message in arrived or []}
 
     def sensor(self) -> Any:
         return self.step()["HIL_SENSOR"]
@@ -132,8 +132,8 @@ def test_a_strike_stops_at_what_px4_can_hold_and_keeps_its_sign(sign):
     sensors.observe(np.array([sign * 50.0] * 3 + [sign * 400.0] * 3))
     values = np.array(sensors.inertial(), np.float32)
     step = np.repeat(np.array([9.80665 / 2048, np.radians(2000 / 32768)], np.float32), 3)
-    kept = (values / step).astype(np.int32)
-    assert kept.tolist() == [sign * 32_767, -sign * 32_767, -sign * 32_767] * 2
+    counts = (values / step).astype(np.int32)
+    assert counts.tolist() == [sign * 32_767, -sign * 32_767, -sign * 32_767] * 2
 
 
 def test_free_fall_is_no_force():

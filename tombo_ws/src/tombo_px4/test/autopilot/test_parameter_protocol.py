@@ -76,8 +76,8 @@ def test_the_list_is_complete_in_the_order_of_the_names_after_the_hash(fresh):
         known = fresh.vehicle.parameters
         whole = known.type_of(value.param_id) == "int32"
         assert value.param_type == (INT32 if whole else REAL32)
-        got = int_of_float(value.param_value) if whole else value.param_value
-        assert got == known.get(value.param_id)
+        stored = int_of_float(value.param_value) if whole else value.param_value
+        assert stored == known.get(value.param_id)
 
 
 def test_the_list_does_not_leave_in_one_burst(fresh):
@@ -158,8 +158,8 @@ def test_a_new_value_acts_and_is_told_on_every_link():
 def test_what_is_out_of_bounds_is_taken_but_acts_within_them(name, value, kind, acts, fresh):
     fresh.client.send(set_message(fresh.client, name, value, kind))
     (answer,) = of(fresh.run(0.1), "PARAM_VALUE")
-    got = int_of_float(answer.param_value) if kind == INT32 else answer.param_value
-    assert got == value or (math.isnan(value) and math.isnan(got))
+    stored = int_of_float(answer.param_value) if kind == INT32 else answer.param_value
+    assert stored == value or (math.isnan(value) and math.isnan(stored))
     assert fresh.vehicle.parameters.get(name) == acts
 
 

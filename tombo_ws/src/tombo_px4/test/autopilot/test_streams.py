@@ -121,7 +121,7 @@ def test_each_message_keeps_its_interval_whatever_is_asked_for(wishes):
         last.pop(number, None)
         due = streams.take_due(now)
         assert len(due) == len(set(due))
-        for taken in due:
-            assert now >= last.get(taken, -(10**12)) + 4000
-            last[taken] = now
+        for numbers in due:
+            assert now >= last.get(numbers, -(10**12)) + 4000
+            last[numbers] = now
         assert streams.next_us > now

@@ -165,7 +165,7 @@ def run(seed: int) -> bytes:
     rows = flight.fly(3.0)
     flight.fly(0.2, motion(velocity=[0.5, 0, 0]))
     flight.vehicle.set_mode(OFFBOARD)
-    return rows.tobytes() + flight.fly(1.0).tobytes() + "".join(flight.said).encode()
+    return rows.tobytes() + flight.fly(1.0).tobytes() + "".join(flight.texts).encode()
 
 
 def test_the_same_calls_give_the_same_bytes():

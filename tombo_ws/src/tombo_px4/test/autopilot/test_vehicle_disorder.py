@@ -106,4 +106,4 @@ def test_a_flood_of_set_points_in_flight(flood):
     check(flight)
     flight.fly(2.0)
     check(flight)
-    assert len(flight.said) < 400
+    assert len(flight.texts) < 400

@@ -238,10 +238,10 @@ def test_with_the_origin_given_vision_is_a_global_position():
 
 def test_refused_set_points_are_no_sign_of_life_and_told_once():
     flight = hovering(vision=True)
-    flight.said.clear()
+    flight.texts.clear()
     flight.fly(1.2, motion([1.0, NAN, NAN]))
     assert flight.vehicle.failsafe
-    assert sum("invalid set point" in text for text in flight.said) == 1
+    assert sum("invalid set point" in text for text in flight.texts) == 1
 
 
 def test_what_is_followed_can_be_seen():
@@ -276,4 +276,4 @@ def test_two_seconds_after_arming_for_a_take_off_it_is_not_disarmed():
     assert flight.vehicle.landed == MavLandedState.ON_GROUND
     flight.fly(1.0)
     assert flight.vehicle.disarm() == Result.TEMPORARILY_REJECTED
-    assert "Takeoff detected" in flight.said and flight.height < 0.01
+    assert "Takeoff detected" in flight.texts and flight.height < 0.01

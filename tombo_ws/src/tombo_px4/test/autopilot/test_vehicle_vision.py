@@ -55,8 +55,8 @@ def test_the_estimate_is_as_good_as_the_motion_capture():
 def test_gps_has_noise_of_its_own():
     flight, well = hovering(), hovering(vision=True)
     assert 0.008 < np.mean(errors_of(flight)) < 0.06
-    own, better = (f.ekf2.variances(f.vehicle.tick)[0][0] for f in (flight, well))
-    assert own > better
+    by_gps, by_vision = (f.ekf2.variances(f.vehicle.tick)[0][0] for f in (flight, well))
+    assert by_gps > by_vision
 
 
 @pytest.mark.slow
@@ -304,12 +304,12 @@ def test_take_off_without_a_global_position_stays_at_the_top():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("length", "fused"), [(1.0, True), (1.000009, True), (1.00002, False)])
-def test_an_attitude_whose_length_is_not_one_is_dropped_and_nothing_is_said(length, fused):
+def test_an_attitude_whose_length_is_not_one_is_dropped_and_nothing_is_reported(length, fused):
     flight = Flight(vision=True)
     turned = np.array([0.0, 0.0, math.sin(0.4), math.cos(0.4)])
     flight.mangle = lambda position, attitude: (position, length * turned)
     flight.fly(4.0)
-    assert flight.words == {"": flight.words[""]} and not flight.said
+    assert flight.words == {"": flight.words[""]} and not flight.texts
     assert flight.ekf2.source == "vision" and error(flight) < 0.01
     assert (abs(yaw_of(flight.vehicle.estimate.attitude) - 0.8) < 0.02) == fused
 

@@ -67,7 +67,7 @@ class Flight:
         """What is wrong with the frame of the vision."""
         self.words: dict[str, int] = {}
         """What was answered to poses."""
-        self.said: list[str] = []
+        self.texts: list[str] = []
         self._under_way: list[tuple[int, Any]] = []
 
     @property
@@ -97,7 +97,7 @@ class Flight:
         if self.target is not None and vehicle.tick % self.period == 0:
             vehicle.target(self.target)
         vehicle.step()
-        self.said += [text for _, text in vehicle.take_status_texts()]
+        self.texts += [text for _, text in vehicle.take_status_texts()]
 
     def _send_vision(self) -> None:
         vehicle = self.vehicle
@@ -127,7 +127,7 @@ class Flight:
             if done():
                 return tick * 1e-3
             self.step()
-        raise AssertionError(f"not within {seconds} s; said: {self.said}")
+        raise AssertionError(f"not within {seconds} s; said: {self.texts}")
 
     def arm_offboard(self, target: OffboardSetpoint) -> None:
         """Begin to stream, change the mode and arm."""
@@ -148,7 +148,7 @@ class Flight:
 
     def heard(self, text: str) -> bool:
         """Whether a message with this text was said."""
-        return any(text in said for said in self.said)
+        return any(text in sent for sent in self.texts)
 
 
 @lru_cache

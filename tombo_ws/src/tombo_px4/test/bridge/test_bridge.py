@@ -386,7 +386,7 @@ def test_parameters_px4_does_not_know_are_asked_for_a_few_times():
 
 
 @pytest.mark.slow
-def test_telemetry_too_slow_is_said():
+def test_telemetry_too_slow_is_reported():
     flight = Flight(odometry_rate=200.0).run(8.0)
     assert "ODOMETRY comes at 50 Hz, 200 Hz were asked for" in flight.out.faults["slow.ODOMETRY"]
     asked = [m for m in flight.px4.received if m.get_type() == "COMMAND_LONG"]
@@ -425,9 +425,9 @@ def test_position_and_attitude_do_where_px4_sends_no_odometry():
     flight = Flight()
     flight.px4.mute = {"ODOMETRY"}
     flight.run(5.0)
-    found = flight.seen["odometry"]
-    assert len(found) > 60
-    assert found[-1].position == pytest.approx([0, 0, GROUND], abs=0.01)
+    estimates = flight.seen["odometry"]
+    assert len(estimates) > 60
+    assert estimates[-1].position == pytest.approx([0, 0, GROUND], abs=0.01)
     flight.px4.mute = set()
     flight.run(2.0)
     stamps = [o.stamp_ns for o in flight.seen["odometry"]]

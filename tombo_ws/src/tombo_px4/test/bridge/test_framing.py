@@ -67,8 +67,8 @@ def test_a_flipped_bit_costs_its_own_frame_only():
             bad = bytearray(heartbeat(2))
             bad[position] ^= 1 << bit
             counts = FrameCounts()
-            found = modes(frames_of(good + bytes(bad) + heartbeat(3), counts))
-            assert found == [1, 3], (position, bit)
+            delivered = modes(frames_of(good + bytes(bad) + heartbeat(3), counts))
+            assert delivered == [1, 3], (position, bit)
             assert counts.garbage_bytes + 12 * counts.unknown_message > 0
 
 
@@ -151,23 +151,23 @@ def test_a_stream_in_any_pieces_gives_the_frames_of_the_whole(talk, sizes):
     data, sent = talk
     data += bytes(LONGEST)  # so that a piece of a frame at the end is known to be none
     framer = StreamFramer(FrameCounts())
-    found, at = [], 0
+    delivered, at = [], 0
     for size in [*sizes, len(data)]:
-        found += framer.feed(data[at : at + size])
+        delivered += framer.feed(data[at : at + size])
         at += size
         assert len(framer._rest) <= LONGEST
-    assert modes(found) == sent
+    assert modes(delivered) == sent
 
 
 def test_a_stream_goes_on_after_a_piece_of_garbage():
     chance = random.Random(5)
     framer = StreamFramer(FrameCounts())
-    found = []
+    delivered = []
     for k in range(300):
-        found += framer.feed(chance.randbytes(chance.randrange(400)) + bytes(LONGEST))
-        found += framer.feed(heartbeat(k))
+        delivered += framer.feed(chance.randbytes(chance.randrange(400)) + bytes(LONGEST))
+        delivered += framer.feed(heartbeat(k))
     # Only what a false header just before a frame claims as its own may get lost.
-    assert len(set(modes(found))) >= 299
+    assert len(set(modes(delivered))) >= 299
 
 
 @pytest.mark.parametrize(

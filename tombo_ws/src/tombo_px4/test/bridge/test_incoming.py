@@ -58,36 +58,36 @@ def odometry(**fields):
 
 
 def test_odometry_comes_in_our_axes_with_our_stamp(decoder):
-    found = read(decoder, odometry(), NOW + 3_000_000)
-    assert found.position == pytest.approx([1.0, 2.0, 3.0])
+    record = read(decoder, odometry(), NOW + 3_000_000)
+    assert record.position == pytest.approx([1.0, 2.0, 3.0])
     # level, nose north: yaw 90 deg from east; its velocity forward is north
-    assert found.attitude == pytest.approx([0, 0, math.sqrt(0.5), math.sqrt(0.5)])
-    assert found.velocity == pytest.approx([2.0, 1.0, -3.0])
-    assert found.rates == pytest.approx([0.1, -0.2, -0.3])
-    assert abs(found.stamp_ns - NOW) < 200_000
-    assert found.pose_covariance is None
+    assert record.attitude == pytest.approx([0, 0, math.sqrt(0.5), math.sqrt(0.5)])
+    assert record.velocity == pytest.approx([2.0, 1.0, -3.0])
+    assert record.rates == pytest.approx([0.1, -0.2, -0.3])
+    assert abs(record.stamp_ns - NOW) < 200_000
+    assert record.pose_covariance is None
 
 
 def test_velocity_in_the_world_is_not_turned(decoder):
     q = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]  # nose east
-    found = read(decoder, odometry(child_frame_id=mav.MAV_FRAME_LOCAL_NED, q=q))
-    assert found.velocity == pytest.approx([2.0, 1.0, -3.0])
-    found = read(decoder, odometry(q=q))
-    assert found.velocity == pytest.approx([1.0, -2.0, -3.0], abs=1e-6)
+    record = read(decoder, odometry(child_frame_id=mav.MAV_FRAME_LOCAL_NED, q=q))
+    assert record.velocity == pytest.approx([2.0, 1.0, -3.0])
+    record = read(decoder, odometry(q=q))
+    assert record.velocity == pytest.approx([1.0, -2.0, -3.0], abs=1e-6)
 
 
 def test_a_known_covariance_comes_in_axes_of_map(decoder):
     upper = [0.0] * 21
     for place, value in zip((0, 6, 11, 15, 18, 20), (1, 2, 3, 4, 5, 6), strict=True):
         upper[place] = value
-    found = read(decoder, odometry(pose_covariance=upper))
-    assert np.diag(found.pose_covariance) == pytest.approx([2, 1, 3, 5, 4, 6])
+    record = read(decoder, odometry(pose_covariance=upper))
+    assert np.diag(record.pose_covariance) == pytest.approx([2, 1, 3, 5, 4, 6])
     upper = [value or NAN for value in upper]  # PX4 does not tell the rest
-    told = read(decoder, odometry(time_usec=BOOT // 1000 + 1, pose_covariance=upper))
-    assert np.array_equal(told.pose_covariance, found.pose_covariance)
+    partial = read(decoder, odometry(time_usec=BOOT // 1000 + 1, pose_covariance=upper))
+    assert np.array_equal(partial.pose_covariance, record.pose_covariance)
     upper[11] = NAN
-    told = read(decoder, odometry(time_usec=BOOT // 1000 + 2, pose_covariance=upper))
-    assert told.pose_covariance is None
+    partial = read(decoder, odometry(time_usec=BOOT // 1000 + 2, pose_covariance=upper))
+    assert partial.pose_covariance is None
 
 
 @pytest.mark.parametrize(
@@ -116,9 +116,9 @@ def test_odometry_that_cant_be_right_is_refused_by_word(decoder, fields, word):
 
 
 def test_without_a_common_clock_there_is_no_stamp():
-    found = read(MessageDecoder(TimeSync(), 245, 191), odometry())
-    assert found.stamp_ns is None
-    assert found.position == pytest.approx([1.0, 2.0, 3.0])
+    record = read(MessageDecoder(TimeSync(), 245, 191), odometry())
+    assert record.stamp_ns is None
+    assert record.position == pytest.approx([1.0, 2.0, 3.0])
 
 
 @pytest.mark.slow
@@ -131,19 +131,19 @@ def test_without_a_common_clock_there_is_no_stamp():
 def test_odometry_of_anything_is_finite_or_refused(values, frame, child, stamp):
     decoder = MessageDecoder(synced(), 245, 191)
     x, y, z, *q, vx, vy, vz, p, r, w = values
-    found = read(
+    record = read(
         decoder,
         odometry(
             x=x, y=y, z=z, q=q, vx=vx, vy=vy, vz=vz, rollspeed=p, pitchspeed=r, yawspeed=w,
             frame_id=frame, child_frame_id=child, time_usec=stamp,
         ),
     )  # fmt: skip
-    if found is None:
+    if record is None:
         assert sum(decoder.refused.values()) == 1
     else:
-        for value in (found.position, found.velocity, found.attitude, found.rates):
+        for value in (record.position, record.velocity, record.attitude, record.rates):
             assert np.isfinite(value).all()
-        assert np.linalg.norm(found.attitude) == pytest.approx(1.0)
+        assert np.linalg.norm(record.attitude) == pytest.approx(1.0)
 
 
 def heartbeat(autopilot=mav.MAV_AUTOPILOT_PX4, base_mode=0x81, mode=OFFBOARD):
@@ -151,8 +151,8 @@ def heartbeat(autopilot=mav.MAV_AUTOPILOT_PX4, base_mode=0x81, mode=OFFBOARD):
 
 
 def test_a_heartbeat_tells_armed_and_mode(decoder):
-    found = read(decoder, heartbeat())
-    assert (found.armed, found.mode, found.arrival_ns) == (True, OFFBOARD, NOW)
+    record = read(decoder, heartbeat())
+    assert (record.armed, record.mode, record.arrival_ns) == (True, OFFBOARD, NOW)
     assert not read(decoder, heartbeat(base_mode=0x01)).armed
     assert read(decoder, heartbeat(autopilot=mav.MAV_AUTOPILOT_INVALID)) is None
     assert not decoder.refused
@@ -169,9 +169,9 @@ def imu(**fields):
 
 
 def test_the_imu_comes_forward_left_up(decoder):
-    found = read(decoder, imu())
-    assert found.accel == pytest.approx([0.1, -0.2, 9.8])
-    assert found.gyro == pytest.approx([0.1, -0.2, -0.3])
+    record = read(decoder, imu())
+    assert record.accel == pytest.approx([0.1, -0.2, 9.8])
+    assert record.gyro == pytest.approx([0.1, -0.2, -0.3])
     for fields, word in (
         ({"xacc": NAN}, "not_finite"),
         ({"zgyro": math.inf}, "not_finite"),
@@ -183,14 +183,14 @@ def test_the_imu_comes_forward_left_up(decoder):
 
 
 def test_position_and_attitude_alone(decoder):
-    found = read(decoder, mav.MAVLink_local_position_ned_message(20_000, 2, 1, -3, 5, 4, -6))
-    assert found.position == pytest.approx([1, 2, 3])
-    assert found.velocity == pytest.approx([4, 5, 6])
-    assert found.stamp_ns is not None
+    record = read(decoder, mav.MAVLink_local_position_ned_message(20_000, 2, 1, -3, 5, 4, -6))
+    assert record.position == pytest.approx([1, 2, 3])
+    assert record.velocity == pytest.approx([4, 5, 6])
+    assert record.stamp_ns is not None
     m = mav.MAVLink_attitude_quaternion_message(20_000, 1, 0, 0, 0, 0.1, 0.2, 0.3)
-    found = read(decoder, m)
-    assert found.attitude == pytest.approx([0, 0, math.sqrt(0.5), math.sqrt(0.5)])
-    assert found.rates == pytest.approx([0.1, -0.2, -0.3])
+    record = read(decoder, m)
+    assert record.attitude == pytest.approx([0, 0, math.sqrt(0.5), math.sqrt(0.5)])
+    assert record.rates == pytest.approx([0.1, -0.2, -0.3])
     bad = mav.MAVLink_attitude_quaternion_message(20_000, 0, 0, 0, 0, 0.1, 0.2, 0.3)
     assert read(decoder, bad) is None
 
@@ -201,11 +201,11 @@ def battery(voltages, current=1234, left=71, number=0):
 
 
 def test_batteries(decoder):
-    found = read(decoder, battery([4100, 4000, 3900]))
-    assert found.voltage == pytest.approx(12.0)
-    assert found.current == pytest.approx(12.34)
-    assert found.remaining == pytest.approx(0.71)
-    assert found.cells == pytest.approx((4.1, 4.0, 3.9))
+    record = read(decoder, battery([4100, 4000, 3900]))
+    assert record.voltage == pytest.approx(12.0)
+    assert record.current == pytest.approx(12.34)
+    assert record.remaining == pytest.approx(0.71)
+    assert record.cells == pytest.approx((4.1, 4.0, 3.9))
     unknown = read(decoder, battery([], -1, -1))
     assert all(math.isnan(v) for v in (unknown.voltage, unknown.current, unknown.remaining))
     assert read(decoder, battery([4100], number=1)) is None
@@ -214,13 +214,13 @@ def test_batteries(decoder):
 def test_system_status_tells_px4s_own_checks(decoder):
     bit = mav.MAV_SYS_STATUS_PREARM_CHECK
     m = mav.MAVLink_sys_status_message(bit, bit, 0, 0, 11_800, 560, 80, 0, 0, 0, 0, 0, 0)
-    found = read(decoder, m)
-    assert (found.checked, found.ready) == (True, False)
-    assert found.battery.voltage == pytest.approx(11.8)
+    record = read(decoder, m)
+    assert (record.checked, record.ready) == (True, False)
+    assert record.battery.voltage == pytest.approx(11.8)
     m = mav.MAVLink_sys_status_message(0, 0, bit, 0, 0xFFFF, -1, -1, 0, 0, 0, 0, 0, 0)
-    found = read(decoder, m)
-    assert (found.checked, found.ready) == (False, True)
-    assert math.isnan(found.battery.voltage)
+    record = read(decoder, m)
+    assert (record.checked, record.ready) == (False, True)
+    assert math.isnan(record.battery.voltage)
 
 
 def test_landed_states(decoder):
@@ -233,8 +233,8 @@ def test_acks_for_others_are_not_ours(decoder):
     def ack(*target):
         return read(decoder, mav.MAVLink_command_ack_message(176, 1, 0, 0, *target))
 
-    found = ack()
-    assert (found.command, found.result) == (176, 1)
+    record = ack()
+    assert (record.command, record.result) == (176, 1)
     assert ack(245, 191) is not None
     assert ack(255, 191) is ack(245, 190) is None
     assert decoder.refused["COMMAND_ACK.not_for_us"] == 2
@@ -246,10 +246,10 @@ def test_whole_numbers_travel_by_their_bytes(value):
     m = mav.MAVLink_param_value_message(b"EKF2_EV_CTRL", 0.0, mav.MAV_PARAM_TYPE_INT32, 900, 7)
     frame = bytearray(m.pack(mav.MAVLink(None, 1, 1)))
     frame[10:14] = data  # param_value is the first field on the wire
-    found = MessageDecoder(TimeSync(), 245, 191).read(
+    record = MessageDecoder(TimeSync(), 245, 191).read(
         Received(mav.MAVLink(None).decode(_sealed(frame)), NOW, 1, 1, None)
     )
-    assert (found.name, found.value) == ("EKF2_EV_CTRL", value)
+    assert (record.name, record.value) == ("EKF2_EV_CTRL", value)
 
 
 def _sealed(frame):
@@ -274,14 +274,14 @@ def test_estimator_status(decoder):
     flags = mav.ESTIMATOR_ATTITUDE | mav.ESTIMATOR_POS_HORIZ_REL | mav.ESTIMATOR_POS_VERT_ABS
     flags |= mav.ESTIMATOR_PRED_POS_HORIZ_REL | mav.ESTIMATOR_CONST_POS_MODE  # as PX4 at rest
     m = mav.MAVLink_estimator_status_message(1, flags, 0, 0.3, 0.2, 0, 0, 0, 0, 0)
-    found = read(decoder, m)
-    assert found.has_position and found.is_aided
-    assert found.position_ratio == pytest.approx(0.3)
+    record = read(decoder, m)
+    assert record.has_position and record.is_aided
+    assert record.position_ratio == pytest.approx(0.3)
     m = mav.MAVLink_estimator_status_message(
         1, mav.ESTIMATOR_CONST_POS_MODE, 0, 0, 0, 0, 0, 0, 0, 0
     )
-    found = read(decoder, m)
-    assert not found.is_aided and not found.has_position
+    record = read(decoder, m)
+    assert not record.is_aided and not record.has_position
 
 
 def test_firmware(decoder):
@@ -313,8 +313,8 @@ def test_a_text_with_a_lost_piece_comes_with_a_gap_and_in_time(decoder):
     read(decoder, text("a" * 50, 9, 0))
     read(decoder, text("end", 9, 2))
     assert decoder.take_expired(NOW + 500_000_000) == []
-    (found,) = decoder.take_expired(NOW + 2_000_000_000)
-    assert found.text == "a" * 50 + "…end"
+    (record,) = decoder.take_expired(NOW + 2_000_000_000)
+    assert record.text == "a" * 50 + "…end"
     assert decoder.take_expired(NOW + 3_000_000_000) == []
 
 
@@ -331,8 +331,8 @@ def test_no_text_upsets_the_joiner(pieces):
     decoder = MessageDecoder(TimeSync(), 245, 191)
     for severity, words, number, chunk in pieces:
         m = mav.MAVLink_statustext_message(severity, words.encode()[:50], number, chunk)
-        found = read(decoder, m)
-        assert found is None or found.text.isprintable()
+        record = read(decoder, m)
+        assert record is None or record.text.isprintable()
     assert len(decoder.take_expired(NOW + 10**10)) <= 8
 
 

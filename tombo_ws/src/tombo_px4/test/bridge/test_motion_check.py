@@ -63,9 +63,9 @@ def judged(motion, as_mocap=lambda q: q, delay_s=0.0, noise=0.002, rate=50):
 @settings(max_examples=15)
 @given(st.floats(-0.04, 0.25), st.sampled_from([30, 50, 100]))
 def test_the_delay_of_the_stamps_is_measured(delay, rate):
-    found = judged(hand(), delay_s=delay, rate=1000 // (1000 // rate))
-    assert found.mistake == ""
-    assert found.delay_s == pytest.approx(delay, abs=0.008)
+    verdict = judged(hand(), delay_s=delay, rate=1000 // (1000 // rate))
+    assert verdict.mistake == ""
+    assert verdict.delay_s == pytest.approx(delay, abs=0.008)
 
 
 @pytest.mark.slow
@@ -105,8 +105,8 @@ def test_wrong_axes_are_named(mistake, words):
 
 
 def test_a_yaw_turned_the_wrong_way_shows_by_yawing_alone():
-    found = judged(hand((0, 0, 1.0)), lambda q: q * [1, 1, -1, 1])
-    assert "z as -z" in found.mistake
+    verdict = judged(hand((0, 0, 1.0)), lambda q: q * [1, 1, -1, 1])
+    assert "z as -z" in verdict.mistake
 
 
 @pytest.mark.parametrize("motion", [hand(speed=0.02), hand(seconds=0.6)])
@@ -118,8 +118,8 @@ def test_without_turning_there_is_no_verdict(motion):
 def test_poses_of_something_else_are_named_without_certainty():
     other, _ = hand((0.3, 1.0, -0.5))
     _, rates = hand()
-    found = judged((other[::-1], rates))
-    assert "otherwise than PX4's gyro" in found.mistake and not found.sure
+    verdict = judged((other[::-1], rates))
+    assert "otherwise than PX4's gyro" in verdict.mistake and not verdict.sure
 
 
 def test_the_verdict_stays_when_the_vehicle_is_put_down():

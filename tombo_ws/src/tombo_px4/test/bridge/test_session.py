@@ -196,7 +196,7 @@ def test_px4_has_seen_the_stream_for_a_second_before_offboard():
 
 
 @pytest.mark.parametrize("blockers", [("stamps are 1.2 s in the future",), ("a", "b")])
-def test_what_the_checks_forbid_is_not_armed_and_said(blockers):
+def test_what_the_checks_forbid_is_not_armed_and_reported(blockers):
     flight = Flight().run(2.0)
     flight.blockers, flight.phase = blockers, Phase.TAKEOFF
     flight.run(5.0)
@@ -215,7 +215,7 @@ def test_a_refused_arming_is_retried_reported_and_given_up():
     text = flight.faults["given_up"]
     assert "arming temporarily rejected" in text
     assert "Resolve system health failures first" in text
-    assert all("Resolve" in said for _, said in flight.events)
+    assert all("Resolve" in text for _, text in flight.events)
     flight.run(20.0)
     assert flight.armings() == 5 * [True], "bounded"
 
@@ -253,12 +253,12 @@ def test_an_acknowledgement_is_no_confirmation():
 
 
 def test_a_heartbeat_from_before_the_order_confirms_nothing():
-    transaction, said = CommandTransaction(VehicleCommand(mode=OFFBOARD), 2), RecentStatusTexts()
+    transaction, texts = CommandTransaction(VehicleCommand(mode=OFFBOARD), 2), RecentStatusTexts()
     old = Heartbeat(SECOND, False, OFFBOARD)
-    assert transaction.tick(old, said, SECOND + STEP), "it is sent even if it looks met"
-    transaction.tick(old, said, SECOND + 2 * STEP)
+    assert transaction.tick(old, texts, SECOND + STEP), "it is sent even if it looks met"
+    transaction.tick(old, texts, SECOND + 2 * STEP)
     assert not transaction.done
-    transaction.tick(replace(old, arrival_ns=SECOND + 2 * STEP), said, SECOND + 3 * STEP)
+    transaction.tick(replace(old, arrival_ns=SECOND + 2 * STEP), texts, SECOND + 3 * STEP)
     assert transaction.done
 
 
@@ -273,7 +273,7 @@ def test_a_mode_lost_while_arming_disarms_what_arms_late():
     flight.run(4.0)
     assert not flight.vehicle.armed
     assert flight.armings()[-1] is False
-    assert any("disarmed again" in said for _, said in flight.events)
+    assert any("disarmed again" in text for _, text in flight.events)
     assert flight.session.stage == SessionStage.GIVEN_UP
 
 

@@ -66,8 +66,8 @@ def test_right_axes_are_confirmed(degrees, rate_hz):
 def test_a_turned_body_is_found_within_the_first_metre(degrees):
     watch, away, height = fly(turned(degrees))
     assert "is not the nose" in watch.mistake
-    said = int(re.search(r"move ([+-]\d+) deg", watch.mistake)[1])
-    assert abs((said - degrees + 180) % 360 - 180) < 25
+    named_degrees = int(re.search(r"move ([+-]\d+) deg", watch.mistake)[1])
+    assert abs((named_degrees - degrees + 180) % 360 - 180) < 25
     assert away < 0.3 and height < 1.2
 
 

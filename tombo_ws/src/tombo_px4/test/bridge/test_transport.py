@@ -159,21 +159,21 @@ def test_which_addresses_are_this_machines():
 
 
 @pytest.mark.parametrize("kind", ["udpin", "tcpin"])
-def test_a_busy_port_is_said_in_one_line(way, kind):
+def test_a_busy_port_is_reported_in_one_line(way, kind):
     port = way(f"{kind}://127.0.0.1:0").transport.address[1]
     with pytest.raises(InputError, match=r"address already in use.*; accepted: a free port") as e:
         way(f"{kind}://127.0.0.1:{port}")
     assert f"{kind}://127.0.0.1:{port}" in str(e.value) and "\n" not in str(e.value)
 
 
-def test_a_busy_local_port_is_said_too(way):
+def test_a_busy_local_port_is_reported_too(way):
     port = way("udpin://127.0.0.1:0").transport.address[1]
     with pytest.raises(InputError, match="in use"):
         way(f"udpout://127.0.0.1:{free_port()}?local={port}")
 
 
 @pytest.mark.parametrize("kind", ["udpout", "tcpout"])
-def test_a_host_that_cant_be_reached_is_said(way, kind):
+def test_a_host_that_cant_be_reached_is_reported(way, kind):
     """The broadcast address: UDP to it is forbidden, and TCP has no such thing."""
     with pytest.raises(InputError, match=r"can't (send there|connect) \(.*\); accepted: a host"):
         way(f"{kind}://255.255.255.255:9", allow_remote=True)
@@ -222,12 +222,12 @@ def test_what_the_kernel_had_no_room_for_is_counted(way, sockets):
     sent = 4000
     for _ in range(sent):
         sender.sendto(bytes(1000), receiver.transport.address)
-    got = 0
+    arrived = 0
     while receiver.transport.read() is not None:
-        got += 1
+        arrived += 1
     sender.sendto(b"the next one tells of it", receiver.transport.address)
     assert receiver.read().startswith(b"the next")
-    assert receiver.counters["dropped"] == sent - got > 0
+    assert receiver.counters["dropped"] == sent - arrived > 0
 
 
 def partner_of(listener, sock):
@@ -390,15 +390,15 @@ def test_a_tcp_client_that_does_not_read_costs_whole_frames_only(way, sockets):
     frame = bytes(range(250))
     results = [server.transport.write(frame, None) for _ in range(40_000)]
     assert set(results) == {"", "send_failed"}
-    taken = results.count("")
+    accepted = results.count("")
     client.settimeout(0.02)
     data = bytearray()
     end = time.monotonic() + 60.0
-    while len(data) < taken * len(frame) and time.monotonic() < end:
+    while len(data) < accepted * len(frame) and time.monotonic() < end:
         with contextlib.suppress(TimeoutError):
             data += client.recv(1 << 20)
         server.transport.read()  # what waits goes out here
-    assert data == frame * taken
+    assert data == frame * accepted
 
 
 def test_a_lost_client_is_no_error(way, sockets):
@@ -485,11 +485,11 @@ def test_an_outbox_takes_frames_whole_or_not_at_all():
     reader, writer = socket.socketpair()
     with select.epoll() as watch, reader, writer:
         out = SendBuffer(watch, writer.fileno(), write)
-        taken = sum(out.push(frame) for _ in range(3000))
-        assert 1000 < taken < 3000 and watch.poll(0)  # it waits for room
+        accepted = sum(out.push(frame) for _ in range(3000))
+        assert 1000 < accepted < 3000 and watch.poll(0)  # it waits for room
         room[0] = 10**9
         out.flush()
-        assert went == frame * taken and not watch.poll(0)
+        assert went == frame * accepted and not watch.poll(0)
 
 
 def test_a_retry_is_not_put_off_by_a_clock_that_is_set_back():
