@@ -22,7 +22,7 @@ def test_the_last_record_of_a_body_counts_and_none_is_lost(tmp_path):
     assert len(yaml.safe_load(path.read_text())) == 2
 
 
-def test_where_nothing_is_reported_it_is_in_the_users_configuration(tmp_path, monkeypatch):
+def test_where_nothing_is_named_it_is_in_the_users_configuration(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     AxesFile("").add(RIGHT)
     assert (tmp_path / "tombo" / "px4_axes.yaml").is_file()

@@ -26,7 +26,7 @@ def test_every_parameter_has_a_default_within_its_bounds_and_a_meaning():
         assert p.kind == "float" or all(v == int(v) for v in (p.default, p.low, p.high)), p.name
 
 
-def test_what_is_reported_to_act_is_looked_at_and_nothing_else():
+def test_what_is_documented_to_act_is_looked_at_and_nothing_else():
     folder = Path(tombo_px4.autopilot.__file__).parent
     sources = [*folder.glob("*.py"), *folder.parent.glob("protocol/*.py")]
     sources.append(folder.parent / "px4_sim_node.py")

@@ -82,8 +82,8 @@ def test_an_event_is_decoded_from_its_bytes():
     checksum = x25crc(head[1:] + payload + bytes([160])).crc
     frame = head + payload + struct.pack("<H", checksum)
     findings = FrameCounts()
-    (reader,) = frames_of(frame, findings)
-    message = decode(reader)
+    (received,) = frames_of(frame, findings)
+    message = decode(received)
     assert message.get_type() == "EVENT"
     assert (message.id, message.sequence, message.log_levels) == (DENIED, 7, 0x22)
     assert bytes(message.arguments) == b"\x01".ljust(40, b"\0")
@@ -154,11 +154,11 @@ def test_a_type_of_heartbeat_that_means_nothing_is_refused():
 
 
 def test_arguments_stand_in_their_places():
-    reader = definitions(json.dumps(events_json()).encode())
-    assert reader[DISARMED_BY].text(b"\x06") == "Disarmed by landing"
-    assert reader[DISARMED_BY].text(b"\x09") == "Disarmed by 9"
-    assert reader[CPU].text(struct.pack("<IBf", 0, 0, 97.26)) == "load 97.3<%"
-    assert reader[CPU].names_modes and not reader[DISARMED_BY].names_modes
+    events = definitions(json.dumps(events_json()).encode())
+    assert events[DISARMED_BY].text(b"\x06") == "Disarmed by landing"
+    assert events[DISARMED_BY].text(b"\x09") == "Disarmed by 9"
+    assert events[CPU].text(struct.pack("<IBf", 0, 0, 97.26)) == "load 97.3<%"
+    assert events[CPU].names_modes and not events[DISARMED_BY].names_modes
 
 
 @pytest.mark.slow
@@ -181,7 +181,7 @@ def test_metadata_that_are_none_are_given_up(content):
     flight.run(8.0)
     words = flight.bridge.words
     assert words.metadata.over
-    assert not any(number >> 24 == 1 and number != 1 << 24 | 9 for number in words.metadata.reader)
+    assert not any(number >> 24 == 1 and number != 1 << 24 | 9 for number in words.metadata.events)
     flight.px4.tell(DENIED, 0x22)
     flight.run(0.1)
     assert texts(flight)[-1] == "arming denied: a check fails"

@@ -398,7 +398,7 @@ def test_a_flood_from_elsewhere_costs_a_partner_no_message(links, sender):
     assert link.counters["dropped"] > 0
 
 
-def test_what_a_partner_reported_stays_in_order_when_it_gets_its_own_queue(links, sender):
+def test_what_a_partner_sent_stays_in_order_when_it_gets_its_own_queue(links, sender):
     link = links("udpin://127.0.0.1:0", COMPUTER)
     arrived, mode = [], 0
     for _ in range(100):
