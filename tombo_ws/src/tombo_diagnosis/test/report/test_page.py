@@ -11,7 +11,7 @@ from diagnosis_samples import EXPERIMENT, SUMMARY, leftover, sample
 
 from tombo_bag.flight import Finding
 from tombo_diagnosis.diagnosis import VERDICTS, Detectable, Diagnosis, FlightSummary, Residual
-from tombo_diagnosis.report.page import diagnosis_page
+from tombo_diagnosis.report.page import check_items, diagnosis_page
 from tombo_flight.report.html import page_html
 
 VOID = {"meta", "link", "img", "input", "br", "hr", "line", "circle", "path", "rect"}
@@ -318,3 +318,28 @@ def test_what_is_left_over_is_drawn_and_described_with_its_effect():
     nothing = replace(leftover(), terms=(), r2={"force": 0.0}, effect="")
     text = Page(diagnosis_html(replace(sample("unknown"), leftover=nothing))).text
     assert "No term of the dictionary" in text and "as an effect" not in text
+
+
+def test_a_large_set_is_one_table_and_its_members_are_folded():
+    base = sample("set", flights=1, seconds=10.0)
+    third = replace(base.causes[0], effect="air_density", confidence=0.02)
+    html = diagnosis_html(replace(base, causes=(*base.causes, third)))
+    table, folded = html.split("3 members, fitted one by one")
+    assert "air density" in table and "Shows as" not in table
+    assert folded.count("Shows as") == 3
+
+
+def test_what_several_flights_have_alike_is_one_line():
+    flights = [f"circle_{k}" for k in range(1, 6)]
+    alike = [Finding("gap", "warning", name, "position: silent") for name in flights]
+    apart = Finding("crash", "fault", "circle_2", "accel: 2.5 g", 25.0, 28.5)
+    info = Finding("stamps", "info", "circle_1", "stamps repeat")
+    head, *rest = check_items([*alike, info, apart], "flight", {"circle_2": 20.0})
+    assert [row[1].text for row in head.rows] == [
+        "circle_2", "circle_1, circle_2, circle_3, 2 others",
+    ]  # fmt: skip
+    assert head.rows[0][2] == "5.00–8.50 s" and head.rows[1][2] == "whole flight"
+    assert head.rows[1][1].tooltip == ", ".join(flights)
+    assert [folded.title for folded in rest] == ["1 more"]
+    (table,) = check_items([*alike, info, apart], "table")
+    assert len(table.rows) == 3
