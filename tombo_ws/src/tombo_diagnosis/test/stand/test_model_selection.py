@@ -238,3 +238,10 @@ def test_a_name_is_withheld_where_free_curves_find_more_beside_it():
     assert best.evidence > remainder.curves_without_causes.evidence + 10.0
     assert remainder.curves.evidence > LOG_BF_CURVES
     assert result.judgement.verdict == "partly_explained"
+
+
+def test_the_registry_begins_with_the_rotor_and_ends_with_what_the_stand_reads():
+    """Candidates without evidence are listed in its order, and sums are rounded in it."""
+    names = list(STAND_EFFECTS)
+    assert names[0] == "thrust_coefficient" and names[-1] == "tare_scatter"
+    assert names.index("speed_noise") < names.index("thrust_tare")

@@ -1,6 +1,7 @@
 """What can be wrong in a thrust-stand run, each as one function; and what the stand then reads."""
 
-from tombo_dynamics.propeller.effects import readings, rotor
+# The registry keeps this order: what the rotor does, then what the stand reads of it.
+from tombo_dynamics.propeller.effects import rotor, readings  # isort: skip
 from tombo_dynamics.propeller.effects.predict import Draws, Setup, nulls, predict
 from tombo_dynamics.propeller.effects.registry import (
     CHANNELS,
