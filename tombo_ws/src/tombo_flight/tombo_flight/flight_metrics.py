@@ -140,7 +140,7 @@ def with_figures(
         MetricsInput(scenario, seed, flight.t, flight.log, detections, decisions, wall_time_s)
     )
     events = [*collision_events(detections, decisions, decided_s), *phases, *seen]
-    events.sort(key=lambda one: float(one["time_s"]))
+    events.sort(key=lambda event: float(event["time_s"]))
     return replace(flight, summary=summary, events=events)
 
 
@@ -150,12 +150,12 @@ def _detections(flight: Flight, scenario: Scenario) -> list[Detection]:
     found = []
     for name in (COLLISION_EVENT.name, CONTACT_EVENT.name):
         if name in topics and (topic := flight.topics.get(name)) is not None:
-            columns = {field: one.values for field, one in topic.items()}
+            columns = {field: series.values for field, series in topic.items()}
             columns.setdefault("frame_id", np.full(topic.t.size, FRAME_MAP))
             events = as_messages(CollisionEvent, columns)
             found += [
-                detection_of(one, float(at_s), flight.epoch_ns)
-                for at_s, one in zip(topic.arrival, events, strict=True)
+                detection_of(event, float(at_s), flight.epoch_ns)
+                for at_s, event in zip(topic.arrival, events, strict=True)
             ]
     return sorted(found, key=attrgetter("known_s"))
 

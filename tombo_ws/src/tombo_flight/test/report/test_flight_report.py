@@ -373,5 +373,7 @@ def test_a_browser_runs_the_page_without_a_complaint(flight, edge_flights, name,
         done = subprocess.run([BROWSER, *options], capture_output=True, text=True, timeout=60)
     except subprocess.TimeoutExpired:
         pytest.skip("the browser does not end on this machine")
-    assert ":CONSOLE" not in done.stderr, done.stderr
+    logged = [line for line in done.stderr.splitlines() if ":CONSOLE" in line]
+    complaints = [line for line in logged if "source: chrome://" not in line]  # the browser's own
+    assert not complaints
     assert 'data-ready="yes"' in done.stdout

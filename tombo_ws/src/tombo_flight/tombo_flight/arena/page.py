@@ -224,11 +224,11 @@ def _replays(shown: Sequence[Mapping[str, Any]]) -> list[Item]:
     return [Table(head, lines, "replays", note=meaning), Markup(asset("stage.html"))]
 
 
-def _again(plan: ArenaPlan, one: Mapping[str, Any]) -> Flight:
+def _again(plan: ArenaPlan, shown: Mapping[str, Any]) -> Flight:
     match = next(
-        m for m in plan.matches if (m.reaction, m.case.name) == (one["reaction"], one["case"])
+        m for m in plan.matches if (m.reaction, m.case.name) == (shown["reaction"], shown["case"])
     )
-    return fly_scenario(match.scenario(), int(one["seed"]))
+    return fly_scenario(match.scenario(), int(shown["seed"]))
 
 
 _COLOURS: Final = (style.PURPLE, style.BLUE, style.GREEN, style.SKY, style.INK)

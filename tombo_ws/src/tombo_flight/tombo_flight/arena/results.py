@@ -42,7 +42,7 @@ def arena_results(plan: ArenaPlan, kept: Mapping[str, Row], seeds: range) -> dic
         ],
         "collisions": {name: _pooled(name, rows, (COLLISIONS,)) for name in reactions},
         "all_cases": {name: _pooled(name, rows, GROUPS) for name in reactions},
-        "shown": [one for name in reactions for one in shown_flights(name, rows)],
+        "shown": [flight for name in reactions for flight in shown_flights(name, rows)],
     }
 
 
@@ -91,10 +91,12 @@ def shown_flights(reaction: str, rows: Mapping[Match, Sequence[Row]]) -> list[di
     ]
     if not flown:
         return []
-    by_fall = sorted(flown, key=lambda one: float(one[1]["max_falling_distance_m"]))
+    by_fall = sorted(flown, key=lambda flight: float(flight[1]["max_falling_distance_m"]))
     chosen = {
         TYPICAL: by_fall[(len(by_fall) - 1) // 2],
-        WORST: max(by_fall, key=lambda one: (one[1]["crashed"], one[1]["max_falling_distance_m"])),
+        WORST: max(
+            by_fall, key=lambda flight: (flight[1]["crashed"], flight[1]["max_falling_distance_m"])
+        ),
     }
     return [
         {

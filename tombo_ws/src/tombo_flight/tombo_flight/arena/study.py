@@ -114,12 +114,12 @@ def chosen_reactions(names: Sequence[str] | None, given: str) -> list[str]:
     """
     if names is None:
         return [name for name, kind in REGISTRY.items() if kind.compared]
-    trained = [one for one in dict.fromkeys(names) if one.startswith(f"policy{POLICY_FILE}")]
-    for one in dict.fromkeys(names):
-        file = one.partition(POLICY_FILE)[2]
-        if one in ("policy", *trained) and read_network(f"{given} {one}", file) is None:
-            raise InputError(f"{given} {one}: no network; accepted: policy:FILE (docs/gym.md)")
-    named = [one for one in names if one not in trained]
+    trained = [name for name in dict.fromkeys(names) if name.startswith(f"policy{POLICY_FILE}")]
+    for name in dict.fromkeys(names):
+        file = name.partition(POLICY_FILE)[2]
+        if name in ("policy", *trained) and read_network(f"{given} {name}", file) is None:
+            raise InputError(f"{given} {name}: no network; accepted: policy:FILE (docs/gym.md)")
+    named = [name for name in names if name not in trained]
     return [*(chosen(named, given, REGISTRY) if named else []), *trained]
 
 
@@ -130,10 +130,10 @@ def chosen(names: Sequence[str] | None, given: str, known: Iterable[str]) -> lis
         InputError: one is unknown; `given` names the list.
     """
     accepted = list(known)
-    for one in names or ():
-        if one not in accepted:
-            raise unknown_name(given, one, accepted)
-    return [one for one in accepted if names is None or one in names]
+    for name in names or ():
+        if name not in accepted:
+            raise unknown_name(given, name, accepted)
+    return [name for name in accepted if names is None or name in names]
 
 
 @cache

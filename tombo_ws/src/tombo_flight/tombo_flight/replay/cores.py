@@ -223,7 +223,7 @@ def _stream(inputs: Inputs, topic: str) -> Stream:
         poses = {MOCAP_POSE.name: inputs.stream(MOCAP_POSE.name)}
         published, _ = replay_core(detector, poses, np.zeros(0, np.int64))
         events = [(now, message) for now, name, message in published if name == topic]
-        return np.array([now for now, _ in events], np.int64), [one for _, one in events]
+        return np.array([now for now, _ in events], np.int64), [event for _, event in events]
     return inputs.stream(topic)
 
 

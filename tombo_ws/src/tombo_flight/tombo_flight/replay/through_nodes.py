@@ -138,9 +138,9 @@ class ThroughNodes:
 
 
 def _exit_text(ended: Sequence[ProcessExit]) -> str:
-    one = ended[0]
-    words = f": {one.last_log_lines[-1]}" if one.last_log_lines else ""
-    return f"--dds: {one.name} ended before the replay did ({one.exit_text}){words}"
+    first = ended[0]
+    words = f": {first.last_log_lines[-1]}" if first.last_log_lines else ""
+    return f"--dds: {first.name} ended before the replay did ({first.exit_text}){words}"
 
 
 class _PlayedTopics:

@@ -276,7 +276,7 @@ def _estimate(
     method = METHODS[0] if proposal.others else METHODS[1]
     if not number:
         unseen = stages if not (sample.margins < 0.0).any() else stages[-1:]
-        high = _unseen([(one.as_given, count) for one, count in unseen])
+        high = _unseen([(stage.as_given, count) for stage, count in unseen])
         return RiskEstimate(None, 0.0, high, method, 0.0)
     if not proposal.others:
         low, high = exact_interval(number, flights)

@@ -134,8 +134,8 @@ def result_of(
         "drawn_as_given": {"flights": given, "crashed": hits, "high": _high(hits, given)},
         "not_flown": {"flights": len(errors), "first": errors[0] if errors else None},
         "inputs": [
-            {"key": one.key, "distribution": one.distribution, "source": one.source}
-            for one in study.inputs
+            {"key": setting.key, "distribution": setting.distribution, "source": setting.source}
+            for setting in study.inputs
         ],
         "most_likely_crash": _most_likely(study, sample),
         "crashes": _crashes(study, sample),
@@ -169,7 +169,9 @@ def _most_likely(study: RiskStudy, sample: FlightSample) -> dict[str, Any] | Non
         "flight": row,
         "seed": seed,
         "inputs": {key: float(value) for key, _, value in (t.partition("=") for t in texts)},
-        "deviations": {one.key: float(u) for one, u in zip(study.inputs, point, strict=True)},
+        "deviations": {
+            setting.key: float(u) for setting, u in zip(study.inputs, point, strict=True)
+        },
         "distance": float(distance.min()),
         "margin": float(sample.margins[row]),
         "command": study.command(point, seed),
@@ -185,7 +187,7 @@ def _crashes(study: RiskStudy, sample: FlightSample) -> list[dict[str, Any]]:
     mean = weights @ sample.points[crashed]
     texts = settings_at(study.inputs, mean)
     rows = [
-        {"key": one.key, "value": float(text.partition("=")[2]), "deviations": float(u)}
-        for one, text, u in zip(study.inputs, texts, mean, strict=True)
+        {"key": setting.key, "value": float(text.partition("=")[2]), "deviations": float(u)}
+        for setting, text, u in zip(study.inputs, texts, mean, strict=True)
     ]
     return sorted(rows, key=lambda row: -abs(float(str(row["deviations"]))))

@@ -112,7 +112,7 @@ def fly_risk(
 def _finish(folder: RiskFolder, answer: RiskEstimate, sample: FlightSample) -> Page:
     study = folder.study
     errors = [row["error"] for _, row in sorted(folder.rows.items()) if "error" in row]
-    keys = [one.key for one in study.inputs]
+    keys = [setting.key for setting in study.inputs]
     result = plain(result_of(study, answer, sample, errors, influence(keys, sample)))
     _write_table(folder.folder / TABLE, study, sample)
     page = risk_page(study, result, sample)
@@ -129,8 +129,8 @@ def _write_table(path: Path, study: RiskStudy, sample: FlightSample) -> None:
 
     values = [settings_at(study.inputs, point) for point in sample.points]
     columns: dict[str, Any] = {"flight": np.arange(len(values)), "seed": sample.seeds}
-    for i, one in enumerate(study.inputs):
-        columns[one.key] = np.array([float(row[i].partition("=")[2]) for row in values])
+    for i, setting in enumerate(study.inputs):
+        columns[setting.key] = np.array([float(row[i].partition("=")[2]) for row in values])
     columns |= {
         "margin": sample.margins, "crashed": sample.margins < 0.0, "weight": sample.weights,
         "drawn_as_given": sample.as_given, "search": np.arange(len(values)) < sample.first,

@@ -104,7 +104,10 @@ class Input:
 
 def settings_at(inputs: Sequence[Input], point: Array) -> list[str]:
     """Return the settings of a point (d,) of standard normal numbers, as texts of --set."""
-    return [f"{one.key}={one.text_at(float(u))}" for one, u in zip(inputs, point, strict=True)]
+    return [
+        f"{setting.key}={setting.text_at(float(u))}"
+        for setting, u in zip(inputs, point, strict=True)
+    ]
 
 
 def openturns() -> Any:
@@ -166,7 +169,7 @@ def _number_at(scenario: Scenario, key: str) -> tuple[tuple[float, float], float
     fields = dataclasses.fields(record) if dataclasses.is_dataclass(record) else ()
     numbers = {f.name: f for f in fields if "bounds" in f.metadata}
     if name not in numbers or getattr(record, name) is None:
-        inside = [f"{'.'.join(path)}.{one}".lstrip(".") for one in numbers]
+        inside = [f"{'.'.join(path)}.{field}".lstrip(".") for field in numbers]
         sections = [
             f.name for f in dataclasses.fields(scenario)
             if dataclasses.is_dataclass(getattr(scenario, f.name))
@@ -302,12 +305,12 @@ def new_risk(
     as_given = StudiedScenario(**base).scenario_with(())
     file = vehicle_named(vehicle or _OWN_VEHICLE)
     inputs = tuple(parse_input(text, as_given, file) for text in given)
-    keys = [one.key for one in inputs]
+    keys = [setting.key for setting in inputs]
     for key in keys:
         if keys.count(key) > 1:
             raise InputError(f"--given {key}: given twice; accepted: once")
     study = RiskStudy(**base, inputs=inputs, flights=flights, method=method, seed=seed)
-    for one in inputs:
+    for setting in inputs:
         for u in (-2.0, 0.0, 2.0):
-            study.scenario_at([f"{one.key}={one.text_at(u)}"])
+            study.scenario_at([f"{setting.key}={setting.text_at(u)}"])
     return study
