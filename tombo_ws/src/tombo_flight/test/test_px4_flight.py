@@ -172,10 +172,9 @@ def test_what_only_the_truth_tells_is_not_made_up(flown, real):
 @pytest.mark.slow
 def test_a_flight_without_truth_is_drawn_and_reported(real, tmp_path):
     record = read_flight(real)
-    png = figure_bytes(draw_flight(record))
-    write_report(record, tmp_path / "report.html", png)
-
-    assert png.startswith(b"\x89PNG")
+    figure = draw_flight(record)
+    assert figure_bytes(figure).startswith(b"\x89PNG")
+    write_report(record, tmp_path / "report.html", figure)
     assert "contact, as the detector has it" in (tmp_path / "report.html").read_text()
     contact = next(event for event in record.events if event["kind"] == "contact")
     assert contact["text"] == "contact, as the detector has it"

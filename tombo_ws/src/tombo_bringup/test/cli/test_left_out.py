@@ -101,5 +101,5 @@ def test_why_commands_were_taken_out_is_said(tombo, tmp_path):
     result = tombo("diagnose", "flight.csv", "--mapping", "lab.yaml")
     assert result.code == 0, result.err
     text = " ".join(result.out.split())
-    for words in ("Fault: ", "turns the vehicle otherwise", "rear_left, front_right"):
+    for words in ("fault", "turns the vehicle otherwise", "rear_left, front_right"):
         assert words in text, text
