@@ -26,7 +26,7 @@ from tombo_flight.yaml_file import (
     check_keys,
     list_of,
     mapping_of,
-    write_whole,
+    write_yaml,
     yaml_of,
 )
 
@@ -46,7 +46,7 @@ def write_model(path: Path, model: Model) -> None:
     Raises:
         InputError: the file can't be written.
     """
-    write_whole(path, model_text(model), f"model file '{path}'")
+    write_yaml(path, model_text(model), f"model file '{path}'")
 
 
 def model_text(model: Model) -> str:

@@ -38,7 +38,7 @@ from tombo_flight.yaml_file import (
     check_keys,
     list_of,
     mapping_of,
-    write_whole,
+    write_yaml,
     yaml_of,
 )
 
@@ -375,4 +375,4 @@ def write_vehicle(path: Path, file: VehicleFile) -> None:
     Raises:
         InputError: the file can't be written.
     """
-    write_whole(path, vehicle_text(file), f"vehicle file '{path}'")
+    write_yaml(path, vehicle_text(file), f"vehicle file '{path}'")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,23 +10,21 @@ import yaml
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_flight.json_text import plain
+from tombo_flight.whole_file import write_whole
 
 END = "..."
 """YAML's end of a document: a file that the suite wrote has it as its last line."""
 
 
-def write_whole(path: Path, text: str, what: str) -> None:
+def write_yaml(path: Path, text: str, what: str) -> None:
     """Write a text file, whole or not at all.
 
     Raises:
         InputError: it can't be written; `what` names it.
     """
-    unfinished = path.with_name(f".{path.name}.unfinished")
     try:
-        unfinished.write_text(text, encoding="utf-8", newline="\n")
-        os.replace(unfinished, path)
+        write_whole(path, text)
     except OSError as error:
-        unfinished.unlink(missing_ok=True)
         raise InputError(f"{what} can't be written: {error.strerror}") from error
 
 

@@ -202,14 +202,12 @@ def write_file(path: Path, text: str) -> None:
     Raises:
         InputError: it can't be written.
     """
-    staged = path.with_name(f".{path.name}.unfinished")
+    from tombo_flight.whole_file import write_whole
+
     try:
-        staged.write_text(text, encoding="utf-8", newline="\n")
-        staged.replace(path)
+        write_whole(path, text)
     except OSError as error:
         raise unwritable(path, error) from error
-    finally:
-        staged.unlink(missing_ok=True)
 
 
 def unwritable(path: Path, error: OSError) -> Exception:

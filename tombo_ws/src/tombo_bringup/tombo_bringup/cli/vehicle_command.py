@@ -255,11 +255,11 @@ def _hover(file: VehicleFile) -> dict[str, float]:
 
 def _page(file: VehicleFile) -> Page:
     """Return each value of a vehicle, where it is from, and its hover."""
-    from tombo_flight.report.page import Page, Row, Section, Table, Text
+    from tombo_flight.report.page import Page, Section, Table, TableRow, Text
 
-    rows: list[Row | tuple[str, ...]] = []
+    rows: list[TableRow | tuple[str, ...]] = []
     for section in ("vehicle", "propeller", "control"):
-        rows += [Row([section], "group"), *_rows(file, section)]
+        rows += [TableRow([section], "group"), *_rows(file, section)]
     hover = _hover(file)
     words = (
         f"Hover: {hover['thrust_N']:.4g} N and {hover['speed_rad_s']:.4g} rad/s a rotor "

@@ -63,9 +63,9 @@ from tombo_flight.report.page import (
     Markup,
     Page,
     Picture,
-    Row,
     Section,
     Table,
+    TableRow,
     Text,
 )
 
@@ -401,11 +401,11 @@ def gain_items(gains: Sequence[Gain]) -> list[Item]:
 
 def _gain_table(gains: Sequence[Gain]) -> Table:
     names = {"one step": "one step: force and torque", "held out": "points held out"}
-    rows: list[Row | Sequence[str | Cell]] = []
+    rows: list[TableRow | Sequence[str | Cell]] = []
     for horizon in dict.fromkeys(g.horizon for g in gains):
         group = [g for g in gains if g.horizon == horizon]
         name = names.get(horizon, f"simulated {horizon} ahead from a measured state")
-        rows.append(Row([name], "group"))
+        rows.append(TableRow([name], "group"))
         rows += [_gain_row(gain, group) for gain in group]
     return Table(("channel", "reduction", "before", "after", "95 % interval"), rows, "gains")
 
@@ -485,7 +485,7 @@ def candidate_items(scores: Sequence[Score], several: bool = False) -> list[Item
     return [Text([text], "hint"), *_folded(head, rows, _CANDIDATES_SHOWN, "scores", "others")]
 
 
-def _score(score: Score, several: bool) -> Row:
+def _score(score: Score, several: bool) -> TableRow:
     known = score.probability if math.isfinite(score.probability) else 0.0
     remark = score.remark if score.excited else f"not shown by these data: {score.remark}"
     least = score.detectable
@@ -499,7 +499,7 @@ def _score(score: Score, several: bool) -> Row:
     ]
     if several:
         del cells[1]
-    return Row(cells, "" if score.excited else "blind")
+    return TableRow(cells, "" if score.excited else "blind")
 
 
 def check_items(
@@ -558,7 +558,7 @@ def _time_text(finding: Finding) -> str:
 
 def _folded(
     head: Sequence[str],
-    rows: Sequence[Row | Sequence[str | Cell]],
+    rows: Sequence[TableRow | Sequence[str | Cell]],
     shown: int,
     style: str,
     others: str,

@@ -53,9 +53,9 @@ from tombo_flight.report.page import (
     Item,
     Page,
     Picture,
-    Row,
     Section,
     Table,
+    TableRow,
     Text,
     page_json,
 )
@@ -344,7 +344,7 @@ def _predictions(study: Table3) -> Table:
         span = f"{p.low:+.3f} to {p.high:+.3f} N" if p.low != p.high else DASH
         error = Cell(f"{p.rmse:.4f} N", "after", bar=bar_length(p.rmse, largest))
         cells = (display_name(p.what), error, span.replace("-", "−"), p.parameter)
-        rows.append(Row(cells, "best" if p.what == MEAN else ""))
+        rows.append(TableRow(cells, "best" if p.what == MEAN else ""))
     head = ("what", "RMS error", "against the mean, 95 %", "fitted to all")
     return Table(head, rows, "scores", note=TWO_VALUES)
 

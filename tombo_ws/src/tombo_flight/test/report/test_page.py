@@ -18,9 +18,9 @@ from tombo_flight.report.page import (
     Group,
     Page,
     Picture,
-    Row,
     Section,
     Table,
+    TableRow,
     Text,
     page_json,
 )
@@ -39,9 +39,9 @@ def page(**changed) -> Page:
     table = Table(
         ("name", "value [m]"),
         [
-            Row(["Group of rows"], "group"),
+            TableRow(["Group of rows"], "group"),
             ("plain", "1.25"),
-            Row(
+            TableRow(
                 [Cell("marked", "bad", small="small text"), Cell("-3.5", bar=0.5)], anchor="place"
             ),
         ],

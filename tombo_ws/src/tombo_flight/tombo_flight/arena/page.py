@@ -40,9 +40,9 @@ from tombo_flight.report.page import (
     Picture,
     Section,
     Table,
+    TableRow,
     Text,
 )
-from tombo_flight.report.page import Row as TableRow
 
 _CSS: Final = """
 header, main, footer { max-width: 1400px; }

@@ -13,6 +13,7 @@ from typing import Any, Protocol, TypeVar
 
 from tombo_dynamics.errors import InputError, shown
 from tombo_flight.process.output_folder import make_numbered
+from tombo_flight.whole_file import write_whole
 
 OUTCOME = "outcome"
 """Key of the study's file that is no part of the study, as is `RESULT`."""
@@ -163,9 +164,7 @@ def read_head(folder: Path, head: str) -> dict[str, Any]:
 def write_head(folder: Path, head: str, values: Mapping[str, Any], outcome: str) -> None:
     """Write the study and how it stands into the folder, whole or not at all."""
     text = json.dumps({**values, OUTCOME: outcome}, indent=1, ensure_ascii=False)
-    unfinished = folder / f".{head}.unfinished"
-    unfinished.write_text(text + "\n", encoding="utf-8", newline="\n")
-    os.replace(unfinished, folder / head)
+    write_whole(folder / head, text + "\n")
 
 
 def _check_same(folder: Path, head: str, kind: str, values: Mapping[str, Any]) -> None:

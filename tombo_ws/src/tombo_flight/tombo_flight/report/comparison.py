@@ -13,7 +13,7 @@ from tombo_bag.comparison import Comparison, TopicComparison, Trace
 from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
-from tombo_flight.report.page import Cell, Item, Page, Row, Section, Table, Text
+from tombo_flight.report.page import Cell, Item, Page, Section, Table, TableRow, Text
 
 WIDTH_IN: Final = 12.0
 ROW_IN: Final = 1.7
@@ -61,14 +61,14 @@ def _topics(comparison: Comparison) -> Table:
 
 
 def _fields(comparison: Comparison) -> Table:
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for topic in comparison.topics:
         if topic.fields:
-            rows.append(Row([topic.topic], "group"))
+            rows.append(TableRow([topic.topic], "group"))
         for field in topic.fields:
             largest = "–" if field.largest is None else f"{field.largest:.6g}"
             first_s = _time(comparison, field.first_ns)
-            rows.append(Row([field.field, str(field.messages), first_s, largest]))
+            rows.append(TableRow([field.field, str(field.messages), first_s, largest]))
     return Table(("field", "messages", "first [s]", "largest difference"), rows)
 
 

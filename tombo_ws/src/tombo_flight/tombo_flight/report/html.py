@@ -12,7 +12,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup as SafeText
 
 from tombo_flight.report.figure import inline_svg
-from tombo_flight.report.page import Cell, Item, Page, Row
+from tombo_flight.report.page import Item, Page, cell_of, row_of
+from tombo_flight.whole_file import write_whole
 
 _TEMPLATE: Final = "results.html.j2"
 
@@ -28,9 +29,7 @@ def write_page(path: Path, page: Page) -> None:
     Raises:
         OSError: the file can't be written.
     """
-    unfinished = path.with_name(f".{path.name}.unfinished")
-    unfinished.write_text(page_html(page), encoding="utf-8", newline="\n")
-    unfinished.replace(path)
+    write_whole(path, page_html(page))
 
 
 def asset(name: str) -> str:
@@ -48,8 +47,8 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     made.filters["kind"] = _kind
-    made.filters["row"] = _row
-    made.filters["cell"] = _cell
+    made.filters["row"] = row_of
+    made.filters["cell"] = cell_of
     made.filters["percent"] = _percent
     made.filters["svg"] = lambda figure, name: SafeText(inline_svg(figure, name))
     made.globals["asset"] = lambda name: SafeText(asset(name))
@@ -58,14 +57,6 @@ def _environment() -> Environment:
 
 def _kind(item: Item) -> str:
     return type(item).__name__.lower()
-
-
-def _row(row: Row | list[str | Cell]) -> Row:
-    return row if isinstance(row, Row) else Row(row)
-
-
-def _cell(cell: str | Cell) -> Cell:
-    return cell if isinstance(cell, Cell) else Cell(cell)
 
 
 def _percent(share: float) -> str:

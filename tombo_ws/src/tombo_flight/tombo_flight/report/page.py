@@ -56,7 +56,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """A row of a table, where its cells alone are not enough."""
 
     cells: Sequence[str | Cell]
@@ -67,13 +67,23 @@ class Row:
     """Name of its place in the page."""
 
 
+def cell_of(cell: str | Cell) -> Cell:
+    """Return a cell of a table, of which a text may stand for one."""
+    return cell if isinstance(cell, Cell) else Cell(cell)
+
+
+def row_of(row: TableRow | Sequence[str | Cell]) -> TableRow:
+    """Return a row of a table, of which its cells may stand for one."""
+    return row if isinstance(row, TableRow) else TableRow(row)
+
+
 @dataclass(frozen=True)
 class Table:
     """A table; the first cell of a row is its heading."""
 
     head: Sequence[str]
     """Column headings; none: no line of headings."""
-    rows: Sequence[Row | Sequence[str | Cell]]
+    rows: Sequence[TableRow | Sequence[str | Cell]]
     style: str = ""
     """Class of the style sheet."""
     title: str = ""

@@ -11,7 +11,18 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text as RichText
 
-from tombo_flight.report.page import Card, Cell, Folded, Group, Item, Page, Row, Table, Text
+from tombo_flight.report.page import (
+    Card,
+    Cell,
+    Folded,
+    Group,
+    Item,
+    Page,
+    Table,
+    Text,
+    cell_of,
+    row_of,
+)
 
 _STYLES: Final = {
     "good": "bold green",
@@ -78,8 +89,8 @@ def _card_table(cards: Sequence[Card]) -> RichTable:
 
 
 def _table(table: Table) -> RichTable:
-    rows = [row if isinstance(row, Row) else Row(row) for row in table.rows]
-    texts = [[cell.text if isinstance(cell, Cell) else cell for cell in row.cells] for row in rows]
+    rows = [row_of(row) for row in table.rows]
+    texts = [[cell_of(cell).text for cell in row.cells] for row in rows]
     width = max([len(table.head), *(len(cells) for cells in texts)])
     full = [cells for cells, row in zip(texts, rows, strict=True) if row.style != "group"]
     made = RichTable(box=SIMPLE_HEAD, show_header=bool(table.head), padding=(0, 1, 0, 0))
@@ -98,9 +109,8 @@ def _table(table: Table) -> RichTable:
     return made
 
 
-def _cell_text(cell: str | Cell) -> RichText:
-    if isinstance(cell, str):
-        return RichText(cell)
+def _cell_text(shown: str | Cell) -> RichText:
+    cell = cell_of(shown)
     text = RichText(cell.text, _STYLES.get(cell.style, ""))
     if cell.small:
         text.append(f"  {cell.small}", "dim")

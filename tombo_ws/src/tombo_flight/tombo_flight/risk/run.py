@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -23,6 +22,7 @@ from tombo_flight.risk.estimate import FlightSample, RiskEstimate, estimate
 from tombo_flight.risk.page import risk_page
 from tombo_flight.risk.result import influence, result_of
 from tombo_flight.risk.study import RiskStudy, settings_at
+from tombo_flight.whole_file import whole_file
 
 HEAD = "risk.json"
 TABLE = "flights.parquet"
@@ -135,6 +135,5 @@ def _write_table(path: Path, study: RiskStudy, sample: FlightSample) -> None:
         "margin": sample.margins, "crashed": sample.margins < 0.0, "weight": sample.weights,
         "drawn_as_given": sample.as_given, "search": np.arange(len(values)) < sample.first,
     }  # fmt: skip
-    unfinished = path.with_name(f".{path.name}.unfinished")
-    pq.write_table(pa.table(columns), unfinished)
-    os.replace(unfinished, path)
+    with whole_file(path) as unfinished:
+        pq.write_table(pa.table(columns), unfinished)

@@ -7,7 +7,6 @@ process that is killed loses no flight that was over, and the table does not dep
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -22,6 +21,7 @@ from tombo_flight.report.html import write_page
 from tombo_flight.report.page import Page
 from tombo_flight.sweep.page import sweep_page
 from tombo_flight.sweep.study import SweepStudy, schema_of, table_of
+from tombo_flight.whole_file import whole_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -94,11 +94,12 @@ class SweepFolder:
         """
         import pyarrow.parquet as pq
 
-        unfinished = self.folder / f".{TABLE}.unfinished"
-        with pq.ParquetWriter(unfinished, self._schema()) as writer:
+        with (
+            whole_file(self.folder / TABLE) as unfinished,
+            pq.ParquetWriter(unfinished, self._schema()) as writer,
+        ):
             for number in range(self.blocks):
                 writer.write_table(pq.read_table(self._whole(number)))
-        os.replace(unfinished, self.folder / TABLE)
         shutil.rmtree(self._parts)
 
     def _seal(self, number: int) -> None:
@@ -107,9 +108,8 @@ class SweepFolder:
 
         block = self._open.pop(number)
         rows = [block[flight] for flight in sorted(block)]
-        unfinished = self._parts / f".{number:06d}.unfinished"
-        pq.write_table(table_of(rows, self.sweep.design, self._schema()), unfinished)
-        os.replace(unfinished, self._whole(number))
+        with whole_file(self._whole(number)) as unfinished:
+            pq.write_table(table_of(rows, self.sweep.design, self._schema()), unfinished)
         self._journal(number).unlink()
 
     def _schema(self) -> pa.Schema:

@@ -18,9 +18,9 @@ from tombo_flight.report.page import (
     Item,
     Page,
     Picture,
-    Row,
     Section,
     Table,
+    TableRow,
     Text,
     page_json,
 )
@@ -142,7 +142,7 @@ def _check_table(check: Check | None) -> list[Item]:
 def _candidate_table(design: Design, recommendation: Recommendation) -> Table:
     styles = {"recommended": "best", "fails in flight": "muted"}
     rows = [
-        Row(
+        TableRow(
             [
                 words.label_of(design, index),
                 *(words.cell(design, index, column) for column in range(len(QUANTITIES))),

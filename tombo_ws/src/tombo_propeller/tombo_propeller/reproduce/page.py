@@ -16,9 +16,9 @@ from tombo_flight.report.page import (
     Item,
     Page,
     Picture,
-    Row,
     Section,
     Table,
+    TableRow,
     Text,
     page_json,
 )
@@ -114,16 +114,16 @@ def _board(r: Reproduction, verdict: str) -> Table:
 
 def _claim_table(r: Reproduction) -> Table:
     laws = list(r.numbers.laws)
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for group in GROUPS:
         claims = [claim for claim in r.claims if claim.group == group]
         if claims:
-            rows.append(Row([group], "group"))
+            rows.append(TableRow([group], "group"))
             rows += [_claim_row(claim, laws) for claim in claims]
     return Table(("verdict", "claim", "paper", *laws, "evidence"), rows, "claims")
 
 
-def _claim_row(claim: Claim, laws: list[str]) -> Row:
+def _claim_row(claim: Claim, laws: list[str]) -> TableRow:
     if claim.judge == DATA:
         value = with_unit(claim.computed[DATA], claim.unit)
         computed = [Cell(value), *([Cell("")] * (len(laws) - 1))]
@@ -137,7 +137,7 @@ def _claim_row(claim: Claim, laws: list[str]) -> Row:
         ]
     law = f"only {claim.law}" if claim.disputed and claim.law else ""
     compared = f"Compared: {claim.quantity}. Tolerance: {claim.tolerance}."
-    return Row(
+    return TableRow(
         [
             Cell(_LABELS[claim.verdict], _STYLES[claim.verdict], small=law, badge=True),
             Cell(claim.claim, small=f"{_KINDS[claim.kind]} · {claim.source}"),
