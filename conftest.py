@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,8 @@ settings.register_profile("few", settings.get_profile("ci"), max_examples=25)  #
 FAST = "not slow and not nodes and not real_time"
 """`-m` of `make check`."""
 
+# The matrices are small: a second thread of BLAS doubles what a fit takes and ends it no sooner.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Modules stay: looking through them for garbage, again and again, takes a third of the collection.
 gc.disable()
 
