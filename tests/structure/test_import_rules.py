@@ -62,7 +62,7 @@ LIBRARIES = {
     "tombo_control": {"numpy", "scipy", "numba"},
     "tombo_collision": {"numpy", "scipy", "numba", "filterpy", "daqp"},
     "tombo_sim": {"numpy", "scipy", "numba"},
-    "tombo_logs": {"numpy", "scipy", "yaml", "pyulog", "ruptures"},
+    "tombo_logs": {"numpy", "scipy", "yaml", "pyulog", "ruptures", "filterpy"},
     "tombo_diagnosis": {"numpy", "scipy", "yaml", "ruptures"},
 }
 LARGEST_SHARE = 0.22

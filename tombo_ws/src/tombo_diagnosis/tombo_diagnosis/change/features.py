@@ -18,8 +18,8 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.motion import RATE, accelerations
-from tombo_logs.checks.spans import check_extent, merged, sample_interval
+from tombo_logs.checks.spans import merged, sample_interval
+from tombo_logs.checks.track_smoothing import smooth_track
 
 EXPONENT = {"rotor_speed": (2.0, 0.15), "rotor_command": (2.0, 0.15), "motor_command": (1.0, 0.3)}
 """Of thrust in each of them before the fit, and its standard deviation: of speeds the square law,
@@ -129,7 +129,7 @@ def drive_samples(flight: AirborneFlight) -> DriveSamples:
 
 
 def _load_factor(series: Mapping[str, Series], t: Array) -> Array:
-    """Return thrust over weight at `t`: of the accelerometer, an estimator, or the track.
+    """Return thrust over weight at `t`: of the accelerometer, an estimator, or the smoothed track.
 
     Of the latter two it is the part along the body's z; without an attitude their size.
     """
@@ -138,10 +138,7 @@ def _load_factor(series: Mapping[str, Series], t: Array) -> Array:
     if "acceleration" in series:
         pushed = _at(series["acceleration"], t)
     else:
-        position = series["position"]
-        check_extent(position.t[0], position.t[-1], RATE)
-        clock = np.arange(position.t[0], position.t[-1], 1.0 / RATE)
-        pushed = _at(Series(clock, accelerations(position, clock)), t)
+        pushed = smooth_track(series["position"]).acceleration_at(t)
     force = pushed / GRAVITY + np.array([0.0, 0.0, 1.0])
     if "attitude" in series:
         return np.asarray(_attitude(series["attitude"], t).inv().apply(force)[:, 2])
