@@ -9,16 +9,13 @@ from mcap.reader import make_reader
 from mcap.summary import Summary
 from mcap.writer import CompressionType, IndexType, Writer
 from random_messages import examples
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as Rosbag2Writer
 
 from tombo_bag.columnar_cdr import encode, layout
 from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.formats.reader import Bag
 from tombo_bag.recording import Recording
-from tombo_bag.schemas import schema_text, type_store
+from tombo_bag.schemas import schema_text
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.time_base import SECOND_NS
 
 POSE = "geometry_msgs/msg/PoseStamped"
 STRING = "std_msgs/msg/String"
@@ -205,21 +202,6 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path):
         Bag(tmp_path)
 
 
-def test_an_unknown_topic_is_named_with_those_that_are_there(tmp_path):
-    write_sample(tmp_path / "a.mcap", "zstd")
-    with pytest.raises(InputError, match=r"'/posse'.*did you mean '/pose'"):
-        Recording(tmp_path / "a.mcap").columns("/posse")
-
-
-def test_topics_say_type_count_and_times(tmp_path):
-    write_sample(tmp_path / "a.mcap", "zstd")
-    table = Bag(tmp_path / "a.mcap").topics
-    assert list(table) == ["/pose", "/word"]
-    assert table["/pose"].typename == POSE
-    assert table["/pose"].count == LAST_MS
-    assert (table["/pose"].first_ns, table["/pose"].last_ns) == (0, (LAST_MS - 1) * MS)
-
-
 def library_file(path, **options):
     """A file as other programs write it."""
     with path.open("wb") as file:
@@ -287,17 +269,6 @@ def test_messages_of_equal_size_can_differ_in_shape(tmp_path):
         sink.write_columns(Columns(channel, np.arange(3), messages))
     table = Recording(tmp_path / "a.mcap").columns("/status")
     assert list(zip(table["name"], table["message"], strict=True)) == pairs
-
-
-def test_a_bag_of_rosbags(tmp_path):
-    store = type_store()
-    with Rosbag2Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection("/word", STRING, typestore=store)
-        for i in range(10):
-            writer.write(connection, i * SECOND_NS, encode(STRING, {"data": "é" * i}))
-    (path,) = (tmp_path / "bag").glob("*.mcap")
-    table = Recording(path).columns("/word")
-    assert table["data"].tolist() == ["é" * i for i in range(10)]
 
 
 def test_messages_of_another_encoding_are_listed_but_not_read(tmp_path):

@@ -214,15 +214,6 @@ def test_a_ros_1_chunk_that_is_corrupt_is_left_out(tmp_path):
         assert any("corrupt" in line for line in recording.damage)
 
 
-def test_a_cut_mcap_file_gives_what_is_whole(tmp_path):
-    path = write_mcap(tmp_path / "run.mcap")
-    data = path.read_bytes()
-    path.write_bytes(data[: len(data) // 2])
-    with Recording(path) as recording:
-        assert 0 < len(recording.columns("/mocap/pose")["stamp_ns"]) < 40
-        assert "cut off" in recording.damage[0]
-
-
 def test_a_damaged_sqlite_file_gives_the_rows_before_the_damage(tmp_path):
     folder = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3, UNPACKED)
     (file,) = folder.glob("*.db3")
@@ -319,13 +310,3 @@ def test_folders_without_a_recording_and_missing_files_are_refused(tmp_path):
     write_mcap(tmp_path / "b.mcap")
     recording = check_whole(tmp_path, damage=2)
     assert any("a.mcap' is empty" in line for line in recording.damage)
-
-
-def test_another_database_is_refused(tmp_path):
-    path = tmp_path / "phone.db3"
-    database = sqlite3.connect(path)
-    database.execute("CREATE TABLE contacts (name TEXT)")
-    database.commit()
-    database.close()
-    with pytest.raises(InputError, match=r"no such table: topics.*accepted"):
-        Recording(path)

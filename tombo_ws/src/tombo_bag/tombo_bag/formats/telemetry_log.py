@@ -1,19 +1,20 @@
 """Telemetry logs (`.tlog`): MAVLink frames, each behind its time of reception, as columns.
 
 QGroundControl, Mission Planner and MAVProxy write them: 8 bytes with the time [us since 1970, big
-endian], then a frame of MAVLink 1 or 2 (mavlink.io, "Serialization"). Layouts and checksums are
-those of `common.xml` and, for ESC_TELEMETRY_1_TO_4, `ardupilotmega.xml`.
+endian], then a frame of MAVLink 1 or 2 (mavlink.io, "Serialization"). Layouts are those of
+`common.xml` and, for ESC_TELEMETRY_1_TO_4, `ardupilotmega.xml`; checksums are pymavlink's.
 """
 
 from __future__ import annotations
 
-import binascii
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
+from pymavlink.generator.mavcrc import x25crc
 
 from tombo_bag.columns import ColumnTable
 
@@ -22,14 +23,15 @@ _AUTOPILOT = 1
 """Component that is the autopilot itself."""
 _EARLIEST_US, _LATEST_US = 946_684_800_000_000, 4_102_444_800_000_000
 """2000 to 2100."""
-_MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+_ESC_STATUS = 291
+_ESC_STATUS_EXTRA = 10
+"""Extra byte of its checksum; pymavlink leaves this message out."""
 
 
 @dataclass(frozen=True)
 class _Message:
-    """One message: checksum seed, and the fields from its start that are of use."""
+    """One message: the fields from its start that are of use."""
 
-    seed: int
     fields: str
     """As numpy has them: `name type` or `name type shape`, parted by commas."""
     time_us: float = 1.0
@@ -42,20 +44,20 @@ class _Message:
 
 
 _MESSAGES: Mapping[int, _Message] = {
-    138: _Message(109, "t u8, q f4 4, position f4 3"),  # ATT_POS_MOCAP
-    104: _Message(56, "t u8, position f4 3, rpy f4 3"),  # VICON_POSITION_ESTIMATE
-    102: _Message(158, "t u8, position f4 3, rpy f4 3"),  # VISION_POSITION_ESTIMATE
-    32: _Message(185, "t u4, position f4 3", 1e3),  # LOCAL_POSITION_NED
-    31: _Message(246, "t u4, q f4 4", 1e3),  # ATTITUDE_QUATERNION
-    30: _Message(39, "t u4, rpy f4 3", 1e3),  # ATTITUDE
-    105: _Message(93, "t u8, acc f4 3, gyro f4 3"),  # HIGHRES_IMU
-    26: _Message(170, "t u4, acc i2 3, gyro i2 3", 1e3),  # SCALED_IMU
-    27: _Message(144, "t u8, acc i2 3, gyro i2 3"),  # RAW_IMU
-    93: _Message(47, "t u8, flags u8, control f4 16"),  # HIL_ACTUATOR_CONTROLS
-    36: _Message(222, "t u4, output u2 8, port u1"),  # SERVO_OUTPUT_RAW
-    291: _Message(10, "t u8, rpm i4 4, voltage f4 4, current f4 4, index u1"),  # ESC_STATUS
-    11030: _Message(144, "volt u2 4, current u2 4, total u2 4, rpm u2 4", 0.0),  # ESC_TELEMETRY
-    1: _Message(124, "sensors u4 3, load u2, voltage u2, current i2", 0.0),  # SYS_STATUS
+    138: _Message("t u8, q f4 4, position f4 3"),  # ATT_POS_MOCAP
+    104: _Message("t u8, position f4 3, rpy f4 3"),  # VICON_POSITION_ESTIMATE
+    102: _Message("t u8, position f4 3, rpy f4 3"),  # VISION_POSITION_ESTIMATE
+    32: _Message("t u4, position f4 3", 1e3),  # LOCAL_POSITION_NED
+    31: _Message("t u4, q f4 4", 1e3),  # ATTITUDE_QUATERNION
+    30: _Message("t u4, rpy f4 3", 1e3),  # ATTITUDE
+    105: _Message("t u8, acc f4 3, gyro f4 3"),  # HIGHRES_IMU
+    26: _Message("t u4, acc i2 3, gyro i2 3", 1e3),  # SCALED_IMU
+    27: _Message("t u8, acc i2 3, gyro i2 3"),  # RAW_IMU
+    93: _Message("t u8, flags u8, control f4 16"),  # HIL_ACTUATOR_CONTROLS
+    36: _Message("t u4, output u2 8, port u1"),  # SERVO_OUTPUT_RAW
+    _ESC_STATUS: _Message("t u8, rpm i4 4, voltage f4 4, current f4 4, index u1"),
+    11030: _Message("volt u2 4, current u2 4, total u2 4, rpm u2 4", 0.0),  # ESC_TELEMETRY
+    1: _Message("sensors u4 3, load u2, voltage u2, current i2", 0.0),  # SYS_STATUS
 }
 """By number, best first where several hold the same."""
 MOCAP = (138, 104, 102)
@@ -117,7 +119,7 @@ def _frames(raw: bytes) -> tuple[dict[tuple[int, int, int], _Stream], list[str]]
             break
         number = int.from_bytes(raw[begin + (5 if head == 6 else 7) : begin + head], "little")
         message = _MESSAGES.get(number)
-        if message is not None and not _is_whole(raw[begin:end], message.seed):
+        if message is not None and not _is_whole(raw[begin:end], number):
             at, bad = at + 1, bad + 1
             continue
         if message is not None:
@@ -135,11 +137,19 @@ def _frames(raw: bytes) -> tuple[dict[tuple[int, int, int], _Stream], list[str]]
     return streams, damage
 
 
-def _is_whole(frame: bytes, seed: int) -> bool:
-    """Return whether a frame's checksum is right (CRC-16/MCRF4XX, with the seed at the end)."""
-    mirrored = (frame[1:-2] + bytes([seed])).translate(_MIRRORED)
-    crc = int(f"{binascii.crc_hqx(mirrored, 0xFFFF):016b}"[::-1], 2)
-    return crc == int.from_bytes(frame[-2:], "little")
+def _is_whole(frame: bytes, number: int) -> bool:
+    """Return whether a frame of a message has the right checksum."""
+    crc = x25crc(frame[1:-2] + _extra_bytes()[number]).crc
+    return bool(crc == int.from_bytes(frame[-2:], "little"))
+
+
+@cache
+def _extra_bytes() -> dict[int, bytes]:
+    """Return number of a message → the extra byte of its checksum."""
+    from pymavlink.dialects.v20 import ardupilotmega  # takes time, which other logs need not
+
+    known = {number: m.crc_extra for number, m in ardupilotmega.mavlink_map.items()}
+    return {n: bytes([known.get(n, _ESC_STATUS_EXTRA)]) for n in _MESSAGES}
 
 
 def _table(message: _Message, stream: _Stream) -> ColumnTable:

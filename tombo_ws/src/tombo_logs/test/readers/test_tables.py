@@ -172,16 +172,6 @@ channels:
     same_turns(read(path, mapping).series["attitude"].values, Q)
 
 
-def test_y_up_is_an_order_of_axes(tmp_path):
-    """Motive's axes: x, y up, z towards the viewer."""
-    up = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]])  # ours from the file's
-    theirs = Rotation.from_matrix(up.T @ Rotation.from_quat(Q).as_matrix() @ up).as_quat()
-    path = posed(tmp_path / "a.csv", P @ up, theirs)
-    log = read(path, f"time: t\nworld: [x, -z, y]\nbody: [x, -z, y]\nchannels:{COLUMNS}")
-    close(log.series["position"].values, P)
-    same_turns(log.series["attitude"].values, Q)
-
-
 def test_mirrored_axes_turn_the_gyro_the_other_way(tmp_path):
     """A left-handed engine: y to the right in world and body alike."""
     mirror = np.diag([1.0, -1.0, 1.0])

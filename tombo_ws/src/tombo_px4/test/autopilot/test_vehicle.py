@@ -1,7 +1,5 @@
 """The vehicle on its own: arms, takes off, holds, goes, returns, lands, disarms."""
 
-import copy
-
 import numpy as np
 import pytest
 from vehicle_bench import GROUND, NAN, Flight, hovering, motion, ready
@@ -89,15 +87,6 @@ def test_lands_and_disarms():
     assert flight.rotors.max() < 20.0
 
 
-def test_flies_again_after_a_landing():
-    flight = taken_off()
-    flight.vehicle.land()
-    flight.fly_until(lambda: not flight.vehicle.armed, 12.0)
-    flight.take_off(1.0)
-    flight.fly(7.0)
-    assert flight.height == pytest.approx(1.0, abs=0.1)
-
-
 def test_takes_off_again_without_disarming():
     flight = hovering(vision=True)
     flight.vehicle.parameters.set("COM_DISARM_LAND", -1.0)
@@ -136,16 +125,6 @@ def test_home_is_where_it_was_armed_and_may_be_moved():
     assert flight.vehicle.set_home(np.array([NAN, 1.0, 0.2])) == Result.DENIED
 
 
-def test_disarmed_by_force_in_the_air_it_falls():
-    flight = hovering(vision=True)
-    assert flight.vehicle.disarm() == Result.TEMPORARILY_REJECTED
-    assert flight.vehicle.armed
-    assert flight.vehicle.disarm(force=True) == Result.ACCEPTED
-    rows = flight.fly(1.5)
-    assert rows[-1, 2] < 0.4 and flight.vehicle.normalized_rotor_speeds.max() == 0.0
-    assert rows[:, 5].min() < -3.0
-
-
 def test_battery_runs_down_in_flight_and_sends_it_home():
     flight = ready()
     table = flight.vehicle.parameters
@@ -170,15 +149,6 @@ def run(seed: int) -> bytes:
 
 def test_the_same_calls_give_the_same_bytes():
     assert run(3) == run(3) != run(4)
-
-
-def test_a_copy_flies_on_alone():
-    flight = hovering(vision=True)
-    copied = copy.deepcopy(flight)
-    before = copied.body
-    first = flight.fly(1.0)
-    np.testing.assert_array_equal(copied.body, before)
-    np.testing.assert_array_equal(copied.fly(1.0), first)
 
 
 def test_motion_capture_does_not_leak_into_the_estimate():

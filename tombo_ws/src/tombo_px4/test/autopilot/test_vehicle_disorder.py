@@ -92,18 +92,3 @@ def test_any_sequence_of_commands(vision, aloft, sequence):
     for call in sequence:
         obey(flight, call)
         check(flight)
-
-
-@pytest.mark.slow
-@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
-@given(st.lists(targets, min_size=50, max_size=120))
-def test_a_flood_of_set_points_in_flight(flood):
-    flight = hovering(vision=True)
-    flight.target = None
-    for target in flood:
-        flight.vehicle.target(target)
-        flight.fly(0.01)
-    check(flight)
-    flight.fly(2.0)
-    check(flight)
-    assert len(flight.texts) < 400

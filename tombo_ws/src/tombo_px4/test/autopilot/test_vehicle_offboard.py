@@ -10,7 +10,7 @@ from tombo_dynamics.rotation import quaternion_multiply, tilt, yaw_pitch_roll
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle_state import TakeoffState
 from tombo_px4.link.decoded_messages import MavLandedState, Result
-from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, OFFBOARD
+from tombo_px4.modes import AUTO_LAND, OFFBOARD
 
 
 def tilted(pitch_deg: float = 0.0, roll_deg: float = 0.0) -> np.ndarray:
@@ -131,15 +131,6 @@ def test_rates_are_followed():
     assert flight.fly(0.2)[:, 10].mean() == pytest.approx(0.4, abs=0.08)
 
 
-def test_thrust_climbs_and_sinks():
-    for factor, sign in ((1.15, 1.0), (0.85, -1.0)):
-        flight = hovering(vision=True)
-        hover = flight.vehicle.parameters.get("MPC_THR_HOVER")
-        flight.target = OffboardSetpoint(attitude=tilted(), thrust=factor * hover)
-        flight.fly(0.8)
-        assert sign * flight.body[5] > 0.5
-
-
 def test_limits_of_speed():
     flight = hovering(vision=True)
     table = flight.vehicle.parameters
@@ -183,15 +174,6 @@ def test_the_takeoff_ramp_goes_on_without_setpoints():
     assert flight.vehicle.takeoff_state == TakeoffState.RAMPUP
 
 
-def test_armed_it_waits_on_the_ground_until_it_is_wanted_in_the_air():
-    flight = ready(vision=True)
-    flight.arm_offboard(motion([*flight.body[:3]]))
-    flight.fly(3.0)
-    assert flight.vehicle.takeoff_state == TakeoffState.READY and flight.body[2] < GROUND
-    flight.fly(4.0, motion(velocity=[0.0, 0.0, 0.4]))
-    assert flight.height > 0.3
-
-
 @pytest.mark.slow
 def test_set_points_are_followed_only_while_the_mode_is_flown():
     flight = hovering()
@@ -209,31 +191,12 @@ def test_set_points_are_followed_only_while_the_mode_is_flown():
     assert flight.body[0] > 0.8
 
 
-@pytest.mark.slow
-def test_stream_lost_with_gps_it_returns_and_lands():
-    flight = hovering()
-    flight.fly(5.0, motion([2.0, 0.0, 2.0]))
-    flight.target = None
-    lost = flight.fly_until(lambda: flight.vehicle.failsafe, 2.0)
-    assert lost == pytest.approx(1.0, abs=0.1)
-    assert flight.vehicle.mode == AUTO_RTL and flight.heard("Failsafe activated")
-    flight.fly_until(lambda: not flight.vehicle.armed, 30.0)
-    assert np.linalg.norm(flight.body[:2] - flight.vehicle.home[:2]) < 0.3
-
-
 def test_stream_lost_without_a_global_position_it_lands():
     flight = hovering(vision=True)
     flight.target = None
     flight.fly(1.1)
     assert flight.vehicle.mode == AUTO_LAND and flight.vehicle.failsafe
     flight.fly_until(lambda: not flight.vehicle.armed, 12.0)
-
-
-def test_with_the_origin_given_vision_is_a_global_position():
-    flight = hovering(vision=True)
-    flight.ekf2.origin_known = True
-    assert flight.vehicle.health.global_position
-    assert flight.vehicle.hold() == Result.ACCEPTED and flight.vehicle.mode == AUTO_HOLD
 
 
 def test_refused_set_points_are_no_sign_of_life_and_told_once():

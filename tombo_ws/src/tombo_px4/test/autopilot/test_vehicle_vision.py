@@ -196,14 +196,6 @@ def test_a_body_that_is_tracked_elsewhere_is_made_up_for():
     assert error(flight) < 0.02
 
 
-def test_told_not_to_fuse_it_does_not():
-    flight = ready()
-    flight.vehicle.parameters.set("EKF2_EV_CTRL", 0)
-    flight.see = True
-    flight.fly(0.5)
-    assert set(flight.words) == {"not_fused"} and flight.ekf2.source == "gps"
-
-
 @pytest.mark.parametrize(("control", "known"), [(1, False), (3, True), (8, False), (11, True)])
 def test_position_needs_horizontal_and_vertical_aiding(control, known):
     flight = Flight(vision=True, EKF2_HGT_REF=0, EKF2_EV_CTRL=control, EKF2_BARO_CTRL=0)
@@ -276,18 +268,6 @@ def test_after_the_time_that_is_set_it_descends_level_and_stops():
     down = np.array(rows)
     assert down[:, 5].min() > -2.0 and np.linalg.norm(down[-1, :2]) < 1.0
     assert flight.vehicle.landed == MavLandedState.ON_GROUND
-
-
-def test_found_again_it_goes_on():
-    flight = hovering(vision=True)
-    flight.vehicle.parameters.set("EKF2_NOAID_TOUT", 500_000)
-    flight.see = False
-    flight.fly(1.2)
-    assert flight.vehicle.failsafe
-    flight.see = True
-    flight.fly(5.0)
-    assert not flight.vehicle.failsafe and flight.vehicle.mode == OFFBOARD
-    np.testing.assert_allclose(flight.body[:3], [0.0, 0.0, 2.0], atol=0.15)
 
 
 def test_take_off_without_a_global_position_stays_at_the_top():

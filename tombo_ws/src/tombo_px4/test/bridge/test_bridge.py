@@ -15,7 +15,7 @@ from tombo_px4.bridge.bridge_params import BridgeParams
 from tombo_px4.bridge.bridge_records import SessionStage
 from tombo_px4.bridge.vehicle_parameters import parse_assignments
 from tombo_px4.link.link_params import LinkParams
-from tombo_px4.modes import ALTCTL, AUTO_HOLD, AUTO_LAND, OFFBOARD, POSCTL
+from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, POSCTL
 
 
 @pytest.mark.slow
@@ -247,21 +247,6 @@ def test_attitude_and_rates_in_place_of_positions(kind):
 
 
 @pytest.mark.slow
-def test_a_mode_taken_streams_the_vehicles_own_position():
-    flight = Flight().take_off()
-    flight.px4.mode = POSCTL
-    flight.stage(SessionStage.EXTERNAL_MODE)
-    flight.px4.place = np.array([0.3, 0.2, 1.3])
-    flight.run(1.0)
-    last = flight.px4.targets[-1]
-    assert (last.x, last.y, last.z) == pytest.approx((0.2, 0.3, -1.3), abs=0.01)
-    assert flight.px4.mode == POSCTL
-    assert "mode_taken" in flight.out.faults
-    reply = flight.ask("offboard")
-    assert reply.success and flight.px4.mode == OFFBOARD
-
-
-@pytest.mark.slow
 def test_offboard_chosen_by_somebody_else_holds_where_it_was():
     flight = Flight().take_off()
     flight.px4.mode = POSCTL
@@ -274,17 +259,6 @@ def test_offboard_chosen_by_somebody_else_holds_where_it_was():
     last = flight.px4.targets[-1]
     assert (last.x, last.y, last.z) == pytest.approx((0.0, 0.0, -1.5), abs=0.02)
     assert flight.px4.place == pytest.approx([0.0, 0.0, 1.5], abs=0.02)
-
-
-@pytest.mark.slow
-def test_one_missing_heartbeat_is_no_lost_link():
-    """PX4 sends one a second and lets nobody change that."""
-    flight = Flight().run(3.0)
-    flight.px4.mute.add("HEARTBEAT")
-    flight.run(1.3)
-    assert flight.out.status.connected
-    flight.run(1.5)
-    assert not flight.out.status.connected
 
 
 @pytest.mark.slow
@@ -303,17 +277,6 @@ def test_news_do_not_wait_for_the_heartbeat_of_the_next_second():
     flight.px4.mode = POSCTL
     flight.run(0.4)
     assert flight.out.status.mode == "position"
-
-
-@pytest.mark.slow
-def test_a_px4_whose_time_is_slower_than_time_is_flown():
-    """A simulator in lockstep on a slow machine."""
-    flight = Flight()
-    flight.px4.boot_ns = lambda now: 20 * 1000 * MS + (now - NOW) * 9 // 10
-    flight.run(6.0)
-    assert flight.out.status.ready, flight.out.status.findings
-    for odometry in flight.seen["odometry"][-50:]:
-        assert abs(odometry.arrival_ns - odometry.stamp_ns) < 8 * MS
 
 
 @pytest.mark.slow
@@ -350,18 +313,6 @@ def test_parameters_for_a_loss_are_set_with_consent_and_the_vehicle_flies():
     assert flight.out.status.ready, flight.out.status.findings
     assert flight.px4.parameters["COM_OBL_RC_ACT"] == 4
     flight.take_off()
-
-
-@pytest.mark.slow
-def test_parameters_are_written_if_asked_and_confirmed():
-    flight = Flight({"EKF2_EV_CTRL": 15.0, "EKF2_EV_DELAY": 12.5})
-    flight.px4.parameters["EKF2_EV_CTRL"] = 0
-    flight.run(5.0)
-    assert flight.px4.parameters["EKF2_EV_CTRL"] == 15
-    assert flight.px4.parameters["EKF2_EV_DELAY"] == pytest.approx(12.5)
-    assert not flight.bridge.parameters.unwritten
-    writes = [m for m in flight.px4.received if m.get_type() == "PARAM_SET"]
-    assert len(writes) == 2
 
 
 @pytest.mark.slow
@@ -518,12 +469,3 @@ def test_single_poses_that_jump_are_left_out():
     flight.run(3.0)
     assert flight.bridge.session.stage == SessionStage.FLYING
     assert flight.bridge.poses_refused["jump"] > 20
-
-
-@pytest.mark.slow
-def test_a_heartbeat_with_a_fail_safe_ends_the_flight():
-    flight = Flight().take_off()
-    flight.px4.mode, flight.px4.failsafe = ALTCTL, True
-    flight.stage(SessionStage.LANDING)
-    flight.until(lambda f: f.px4.mode == AUTO_LAND)
-    assert "fail-safe" in flight.out.status.why

@@ -307,15 +307,6 @@ def test_a_mode_taken_by_somebody_else_is_reported_and_never_fought():
     assert "mode_taken" not in flight.faults
 
 
-def test_landing_is_not_asked_for_in_a_mode_of_somebody_elses():
-    flight = Flight().take_off()
-    flight.vehicle.mode = AUTO_RTL
-    flight.until(SessionStage.EXTERNAL_MODE)
-    flight.phase = Phase.LAND
-    flight.run(5.0)
-    assert AUTO_LAND not in flight.modes_asked()
-
-
 def test_a_lost_link_is_reported_and_nothing_is_armed_on_return():
     flight = Flight().take_off()
     flight.vehicle.silent = True
@@ -475,16 +466,6 @@ def test_a_refused_landing_goes_on_in_offboard_and_disarms_on_the_ground():
     assert flight.session.stage == SessionStage.LANDING
     assert flight.stream == SetpointSource.SETPOINT
     flight.vehicle.landed, flight.phase = MavLandedState.ON_GROUND, Phase.LANDED
-    flight.until(SessionStage.READY)
-    assert flight.armings() == [True, False]
-
-
-def test_a_vehicle_that_stays_armed_on_the_ground_is_disarmed():
-    flight = Flight().take_off()
-    flight.until(SessionStage.LANDING, Phase.LAND)
-    flight.vehicle.landed = MavLandedState.ON_GROUND
-    flight.run(3.0)
-    assert flight.armings() == [True]
     flight.until(SessionStage.READY)
     assert flight.armings() == [True, False]
 

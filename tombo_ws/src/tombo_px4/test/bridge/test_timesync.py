@@ -96,13 +96,6 @@ def test_a_request_that_waited_for_a_polled_loop_biases_nothing():
     assert abs(plain.offset_ns - TODAY) > 100 * US  # what the middle is for
 
 
-def test_a_late_answer_with_wrong_times_costs_less_than_a_tenth():
-    chance = random.Random(2)
-    exchange = Exchange(Clock(TODAY), Clock(), wait=lambda: chance.randrange(4 * MS), middle=False)
-    errors = exchange.run(600)
-    assert max(errors[50:]) < 400 * US
-
-
 @pytest.mark.slow
 @given(
     seed=st.integers(0, 10_000),
@@ -172,23 +165,11 @@ def test_one_answer_beyond_belief_changes_nothing():
     assert sync.offset_ns == offset and sync.jumps == 0
 
 
-def test_a_restart_of_the_other_side_is_a_jump():
-    exchange, sync = begun(Clock(500 * S), 40)
-    exchange.theirs = Clock(-exchange.true_ns + S)
-    assert exchange.run(5)[-1] < 10 * US
-    assert sync.jumps == 1
-
-
 def test_a_small_step_is_followed_at_once():
     exchange, sync = begun(Clock(S), 100)
     exchange.theirs.set_by(3 * MS)
     assert exchange.run(1)[-1] <= 31 * US
     assert sync.jumps == 0
-
-
-def test_a_clock_of_a_slow_crystal_is_followed():
-    exchange = Exchange(Clock(TODAY), Clock(S, 200e-6))
-    assert max(exchange.run(600)) < 500 * US
 
 
 def test_a_drift_is_followed_where_the_way_is_long_too():
