@@ -8,8 +8,11 @@ a sign or a frame were wrong it would fall. Polled; run as a program it is a pee
 
 from __future__ import annotations
 
+import contextlib
 import math
+import select
 import socket
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -254,3 +257,19 @@ class Peer:
 
     def close(self) -> None:
         self.socket.close()
+
+
+def main() -> None:
+    """Fly until the simulator has gone, or the time is over."""
+    port, seconds = int(sys.argv[1]), float(sys.argv[2])
+    peer = Peer(port)
+    with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+        while peer.pilot.last_us < 1e6 * seconds:
+            select.select([peer.socket], [], [], 1.0)
+            if not peer.pump():
+                break
+    peer.close()
+
+
+if __name__ == "__main__":
+    main()
