@@ -19,7 +19,9 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 
 POSE, IMU = ("position", "attitude"), ("gyro", "accel")
-SPEEDS, ROTORS = ("rotor_speed",), ("rotor_speed", "rotor_command")
+SPEEDS, ROTORS = ("rotor_speed",), ("rotor_speed", "rotor_command", "motor_command")
+_COMPARED = ("position", "gyro")
+"""Stamps and frames of poses and IMU: what is wrong is told by both."""
 SIZES = ("small", "medium", "large")
 
 Change = Callable[[Series, Any, np.random.Generator], Series]
@@ -32,7 +34,7 @@ class LogFault:
     name: str
     channels: tuple[str, ...]
     """Channels that it changes."""
-    sizes: tuple[Any, Any, Any]
+    sizes: tuple[Any, ...]
     change: Change
     """(series, size, generator) to the series of the faulty log; the generator starts the same for
     each channel."""
@@ -42,7 +44,7 @@ class LogFault:
     """Effects of the registry that describe it: to name one of them is right, too."""
 
     def applied(self, log: Flight, size: int, seed: Sequence[int]) -> Flight:
-        """Return the log with this fault, `size` 0 (small) to 2 (large)."""
+        """Return the log with this fault; `size` counts `sizes` from 0."""
         changed = {
             name: self.change(log.series[name], self.sizes[size], np.random.default_rng(seed))
             for name in self.channels
@@ -64,14 +66,20 @@ class LogFault:
 
     def concerns(self, channel: str) -> bool:
         """Return whether the channel is changed, or compared with one that is."""
-        return any(channel in kin for kin in (POSE, IMU, ROTORS) if set(kin) & set(self.channels))
+        return any(
+            channel in kin
+            for kin in (POSE, IMU, ROTORS, _COMPARED)
+            if set(kin) & set(self.channels)
+        )
 
 
-def _values(change: Callable[[Array, Any], Array]) -> Change:
+def of_values(change: Callable[[Array, Any], Array]) -> Change:
+    """Return the change of a series that changes its values, by (values, size)."""
     return lambda s, size, rng: replace(s, values=change(s.values, size))
 
 
-def _stamps(change: Callable[[Array, Any], Array]) -> Change:
+def of_stamps(change: Callable[[Array, Any], Array]) -> Change:
+    """Return the change of a series that changes its stamps, by (stamps, size)."""
     return lambda s, size, rng: replace(s, t=change(s.t, size), arrival=None)
 
 
@@ -118,7 +126,8 @@ def _no_numbers(series: Series, share: float, rng: np.random.Generator) -> Serie
     return replace(series, values=values)
 
 
-def _frozen(series: Series, seconds: float, rng: np.random.Generator) -> Series:
+def frozen(series: Series, seconds: float, rng: np.random.Generator) -> Series:
+    """Return a series that stands still for some seconds."""
     begin = float(rng.uniform(6.0, 12.0))
     rows = np.arange(series.t.size)
     held = (series.t > begin) & (series.t < begin + seconds)
@@ -149,7 +158,8 @@ def _swaps(series: Series, size: float, rng: np.random.Generator) -> Series:
     return replace(series, values=values)
 
 
-def _columns(*ways: tuple[Sequence[int], Sequence[float]]) -> tuple[Any, ...]:
+def columns_of(*ways: tuple[Sequence[int], Sequence[float]]) -> tuple[Any, ...]:
+    """Return sizes for `MIXED`: the order of the columns, and their signs."""
     return tuple((list(order), np.array(signs)) for order, signs in ways)
 
 
@@ -162,82 +172,82 @@ def _turn_over(q: Array) -> Array:
     return np.asarray(over.as_quat())
 
 
-def _fault(
+def log_fault(
     name: str, channels: Sequence[str], sizes: tuple[Any, ...], change: Change, checks: str,
     effects: str = "",
 ) -> LogFault:  # fmt: skip
-    one, two, three = sizes
+    """Return a kind of fault; names of checks and effects are parted by spaces."""
     return LogFault(
-        name, tuple(channels), (one, two, three), change, frozenset(checks.split()),
+        name, tuple(channels), sizes, change, frozenset(checks.split()),
         frozenset(effects.split()),
     )  # fmt: skip
 
 
-_SCALE = _values(lambda v, factor: v * factor)
-_MIXED = _values(_mixed)
-_TIMES = _stamps(lambda t, factor: t * factor)
+SCALED = of_values(lambda v, factor: v * factor)
+MIXED = of_values(_mixed)
+_TIMES = of_stamps(lambda t, factor: t * factor)
 
 FAULTS: tuple[LogFault, ...] = (
-    _fault("one rotor's scale", SPEEDS, (0.85, 0.7, 0.536), _one_rotor, "rpm"),
-    _fault("one rotor reads zero", SPEEDS, (0.05, 0.2, 0.8), _zeros, "rpm"),
-    _fault("one rotor stuck", SPEEDS, (1.0, 4.0, 60.0), _stuck_rotor, "rpm frozen"),
-    _fault("scale of all rotors", SPEEDS, (2.0, 7.0, 9.5493), _SCALE, "rpm unit"),
-    _fault(
+    log_fault("one rotor's scale", SPEEDS, (0.85, 0.7, 0.536), _one_rotor, "rpm"),
+    log_fault("one rotor reads zero", SPEEDS, (0.05, 0.2, 0.8), _zeros, "rpm"),
+    log_fault("one rotor stuck", SPEEDS, (1.0, 4.0, 60.0), _stuck_rotor, "rpm frozen"),
+    log_fault("scale of all rotors", SPEEDS, (2.0, 7.0, 9.5493), SCALED, "rpm unit"),
+    log_fault(
         "order of rotors", SPEEDS,
-        _columns(([1, 0, 2, 3], [1]), ([0, 2, 1, 3], [1]), ([3, 2, 0, 1], [1])), _MIXED, "rpm",
+        columns_of(([1, 0, 2, 3], [1]), ([0, 2, 1, 3], [1]), ([3, 2, 0, 1], [1])), MIXED, "rpm",
     ),
-    _fault("another vehicle", ROTORS, (0.7, 1.5, 4.0), _SCALE, "vehicle"),
-    _fault("IMU clock rate", IMU, (1.0005, 1.001, 1.01), _TIMES, "stamps"),
-    _fault("rotor clock rate", ROTORS, (0.995, 1.01, 1.03), _TIMES, "stamps"),
-    _fault("IMU clock set back", IMU, (0.1, 0.6, 5.0), _stepped_back, "stamps"),
-    _fault("poses' clock set back", POSE, (0.1, 0.6, 5.0), _stepped_back, "stamps"),
-    _fault("IMU time unit", IMU, (1e3, 1e6, 1e9), _TIMES, "stamps unit"),
-    _fault(
+    log_fault("another vehicle", ROTORS, (0.7, 1.5, 4.0), SCALED, "vehicle"),
+    log_fault("IMU clock rate", IMU, (1.0005, 1.001, 1.01), _TIMES, "stamps"),
+    log_fault("rotor clock rate", ROTORS, (0.995, 1.01, 1.03), _TIMES, "stamps"),
+    log_fault("IMU clock set back", IMU, (0.1, 0.6, 5.0), _stepped_back, "stamps"),
+    log_fault("poses' clock set back", POSE, (0.1, 0.6, 5.0), _stepped_back, "stamps"),
+    log_fault("IMU time unit", IMU, (1e3, 1e6, 1e9), _TIMES, "stamps unit"),
+    log_fault(
         "log's time unit", (*POSE, *IMU, *ROTORS, "voltage"), (1e-3, 1e3, 1e6), _TIMES,
         "stamps unit",
     ),
-    _fault(
-        "delay of the poses", POSE, (0.025, 0.06, 0.2), _stamps(lambda t, late: t + late),
+    log_fault(
+        "delay of the poses", POSE, (0.025, 0.06, 0.2), of_stamps(lambda t, late: t + late),
         "stamps", "mocap_stamp_error mocap_latency",
     ),
-    _fault("IMU starts late", IMU, (3.0, 8.0, 20.0), _only(lambda t, late: t > late), "gap"),
-    _fault("rotors end early", ROTORS, (24.0, 18.0, 6.0), _only(lambda t, end: t < end), "gap"),
-    _fault("gyro no numbers", ("gyro",), (0.1, 0.5, 1.0), _no_numbers, "missing gap"),
-    _fault("poses lost in bursts", POSE, (0.1, 0.3, 0.6), _bursts, "gap", "mocap_dropouts"),
-    _fault("poses frozen", POSE, (0.4, 1.5, 5.0), _frozen, "frozen"),
-    _fault("poses held", POSE, (2, 4, 8), _held, "duplicate"),
-    _fault("markers swapped", ("position",), (0.05, 0.15, 0.5), _swaps, "jump"),
-    _fault("gyro unit", ("gyro",), (9.5493, 57.296, 57296.0), _SCALE, "unit"),
-    _fault("accel unit", ("accel",), (1.0 / GRAVITY, 3.2808, 1e3 / GRAVITY), _SCALE, "unit"),
-    _fault(
+    log_fault("IMU starts late", IMU, (3.0, 8.0, 20.0), _only(lambda t, late: t > late), "gap"),
+    log_fault("rotors end early", ROTORS, (24.0, 18.0, 6.0), _only(lambda t, end: t < end), "gap"),
+    log_fault("gyro no numbers", ("gyro",), (0.1, 0.5, 1.0), _no_numbers, "missing gap"),
+    log_fault("poses lost in bursts", POSE, (0.1, 0.3, 0.6), _bursts, "gap", "mocap_dropouts"),
+    log_fault("poses frozen", POSE, (0.4, 1.5, 5.0), frozen, "frozen"),
+    log_fault("poses held", POSE, (2, 4, 8), _held, "duplicate"),
+    log_fault("markers swapped", ("position",), (0.05, 0.15, 0.5), _swaps, "jump"),
+    log_fault("gyro unit", ("gyro",), (9.5493, 57.296, 57296.0), SCALED, "unit"),
+    log_fault("accel unit", ("accel",), (1.0 / GRAVITY, 3.2808, 1e3 / GRAVITY), SCALED, "unit"),
+    log_fault(
         "gyro axes", ("gyro",),
-        _columns(([0, 1, 2], [1, 1, -1]), ([1, 0, 2], [1]), ([1, 0, 2], [1, -1, 1])), _MIXED,
+        columns_of(([0, 1, 2], [1, 1, -1]), ([1, 0, 2], [1]), ([1, 0, 2], [1, -1, 1])), MIXED,
         "frame",
     ),
-    _fault(
+    log_fault(
         "accel axes", ("accel",),
-        _columns(([0, 1, 2], [-1, 1, 1]), ([1, 0, 2], [1]), ([0, 1, 2], [1, -1, -1])), _MIXED,
+        columns_of(([0, 1, 2], [-1, 1, 1]), ([1, 0, 2], [1]), ([0, 1, 2], [1, -1, -1])), MIXED,
         "frame",
     ),
-    _fault("gyro saturated", ("gyro",), (0.7, 0.5, 0.3), _values(_clipped), "saturation"),
-    _fault(
+    log_fault("gyro saturated", ("gyro",), (0.7, 0.5, 0.3), of_values(_clipped), "saturation"),
+    log_fault(
         "gyro quantised", ("gyro",), (0.05, 0.2, 1.0),
-        _values(lambda v, step: np.round(v / step) * step), "resolution",
+        of_values(lambda v, step: np.round(v / step) * step), "resolution",
     ),
-    _fault(
+    log_fault(
         "position quantised", ("position",), (0.01, 0.03, 0.1),
-        _values(lambda v, step: np.round(v / step) * step), "resolution duplicate",
+        of_values(lambda v, step: np.round(v / step) * step), "resolution duplicate",
     ),
-    _fault("unit of length", ("position",), (3.2808, 100.0, 1000.0), _SCALE, "unit"),
-    _fault(
+    log_fault("unit of length", ("position",), (3.2808, 100.0, 1000.0), SCALED, "unit"),
+    log_fault(
         "world axes", ("position",),
-        _columns(([0, 1, 2], [1, -1, 1]), ([1, 0, 2], [1]), ([1, 0, 2], [1, 1, -1])), _MIXED,
+        columns_of(([0, 1, 2], [1, -1, 1]), ([1, 0, 2], [1]), ([1, 0, 2], [1, 1, -1])), MIXED,
         "frame",
     ),
-    _fault(
+    log_fault(
         "quaternion", ("attitude",),
         (lambda q: q * [-1, -1, -1, 1], lambda q: q[:, [3, 0, 1, 2]], _turn_over),
-        _values(lambda q, change: change(q)), "frame",
+        of_values(lambda q, change: change(q)), "frame",
     ),
 )  # fmt: skip
 """Kinds of faults, each with three sizes."""

@@ -94,11 +94,12 @@ def test_a_turned_rigid_body_is_a_fault_with_its_correction():
     assert not [f for f in back.findings if f.check == "frame"]
 
 
-def test_a_slightly_turned_one_is_left_to_the_diagnosis():
-    checked = check_log(with_values(FLIGHT, "attitude", turned(0.0, 0.0, 8.0)))
+@pytest.mark.parametrize(("yaw", "severity"), [(3.0, "info"), (8.0, "warning")])
+def test_a_slightly_turned_one_is_left_to_the_diagnosis(yaw, severity):
+    checked = check_log(with_values(FLIGHT, "attitude", turned(0.0, 0.0, yaw)))
     assert set(checked.series) == set(FLIGHT.series)
     (note,) = [f for f in checked.findings if f.check == "frame"]
-    assert note.severity == "info" and "yaw 8.0 deg" in note.message
+    assert note.severity == severity and f"yaw {yaw}" in note.message
 
 
 @pytest.mark.parametrize("only_poses", [False, True])
@@ -202,4 +203,6 @@ def test_effects_of_the_registry_are_no_contradictions():
     flight = with_values(flight, "position", lambda p: p + np.array([0.0, 0.0, 0.1]))
     checked = check_log(flight)
     assert set(checked.series) == set(FLIGHT.series)
-    assert not [f for f in checked.findings if f.severity != "info"]
+    said = {(f.check, f.severity, f.channel) for f in checked.findings if f.severity != "info"}
+    imu = {("offset", "warning", channel) for channel in ("gyro", "accel")}
+    assert said == {*imu, ("frame", "warning", "attitude")}

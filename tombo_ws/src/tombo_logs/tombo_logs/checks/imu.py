@@ -19,6 +19,7 @@ from tombo_logs.checks.pose_imu_consistency import (
     drag_correlations,
     time_offset,
 )
+from tombo_logs.checks.scales import gyro_scales
 from tombo_logs.checks.spans import Mask
 from tombo_logs.checks.unit_mistakes import guess
 
@@ -28,6 +29,8 @@ _DRAG_CLEAR = 0.5
 """By how much the correlations of other axes of the accelerometer must be higher than ours."""
 TURNED = np.radians(20.0)
 """Turn between motion capture and IMU that is a fault; the diagnosis fits smaller ones."""
+_YAWED = np.radians(5.0)
+"""Turn from which on a warning says so: few define a rigid body so badly."""
 _LATE_S = 0.005
 """Smaller differences of stamps are not reported [s]."""
 
@@ -99,6 +102,8 @@ def check_gyro(flight: str, motion: Motion) -> tuple[list[Finding], float | None
         )
         return [Finding("unit", "fault", flight, text, channel="gyro")], together.scale
     findings = _turned(flight, together)
+    if not any(f.severity == "fault" for f in findings):
+        findings += gyro_scales(flight, motion, late.lag if late else 0.0)
     if late is not None and abs(late.lag) >= max(_LATE_S, 3.0 * late.sigma):
         text = (
             f"position: stamps are {1e3 * abs(late.lag):.0f} ± {1e3 * late.sigma:.0f} ms "
@@ -152,7 +157,8 @@ def _turned(flight: str, together: Alignment) -> list[Finding]:
             f"attitude: its body is turned by roll {roll:.1f}, pitch {pitch:.1f}, yaw {yaw:.1f} "
             f"deg (± {np.degrees(together.sigma):.1f}) against the gyro's; the diagnosis fits that"
         )
-        return [Finding("frame", "info", flight, text, channel="attitude")]
+        severity = "warning" if together.angle > max(_YAWED, 3.0 * together.sigma) else "info"
+        return [Finding("frame", severity, flight, text, channel="attitude")]
     text += f"; in a mapping: {remedy}" if remedy else ""
     text += "; gyro and accel are left out"
     return [Finding("frame", "fault", flight, text, channel="gyro")]

@@ -23,6 +23,7 @@ from tombo_logs.checks.rotors import motors, rotor_order
 from tombo_logs.checks.rotors.change_points import changes
 from tombo_logs.checks.rotors.hover import Hover, check_vehicle
 from tombo_logs.checks.rotors.rotor_sensors import sensor_faults
+from tombo_logs.checks.scales import accel_offsets, rotor_scales, track_scales
 from tombo_logs.checks.series_cleaning import clean_series, nothing_left, without_wrong_poses
 from tombo_logs.checks.spans import Mask, Span, block_means, inside, merged, sample_interval
 
@@ -250,8 +251,8 @@ def _held_together(
     poses.check_up(flight, motion)
     if not wrong:
         found = imu.check_accel_axes(flight, motion)
-        findings += found
         wrong = bool(found)
+        findings += found or (accel_offsets(flight, motion) or track_scales(flight, motion))
     if wrong:
         series = {name: s for name, s in series.items() if name not in _IMU}
     return series, findings
@@ -290,6 +291,7 @@ def _motors(
         if name in series:
             flying = _flying(series[name], apart)
             findings += motors.saturation(flight, name, series[name], flying)
+            findings += rotor_scales(flight, name, series[name], flying)
     if "motor_command" in series:
         command = series["motor_command"]
         found = motors.range_of(flight, command, _flying(command, apart))
@@ -297,6 +299,9 @@ def _motors(
     for name in DRIVES:
         if name in series and "gyro" in series:
             found = rotor_order.rotor_order(flight, name, series[name], series["gyro"], apart)
+            found = found or rotor_order.command_delay(
+                flight, name, series[name], series["gyro"], apart
+            )
             findings += _without(series, found)
     if "rotor_speed" in series and "rotor_command" in series:
         speed = series["rotor_speed"]

@@ -1,0 +1,53 @@
+"""`tombo benchmark mutations`: honest damage to a real log, and whether it is named."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tombo_bringup.cli.options import JsonOnly, option
+
+
+def benchmark_mutations(
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="A sound flight.", show_default=False)
+    ],
+    healthy: Annotated[
+        list[Path] | None,
+        option(
+            "--healthy OLD",
+            "Another flight of the vehicle: what has changed since is asked, too. Once for each.",
+        ),
+    ] = None,
+    vehicle: Annotated[
+        str | None,
+        option(
+            "--vehicle NAME|FILE", "A vehicle file from other flights: it is asked with it, too."
+        ),
+    ] = None,
+    mapping: Annotated[
+        str | None, option("--mapping FILE|NAME", "What the columns of a CSV are (docs/logs.md).")
+    ] = None,
+    as_json: JsonOnly = False,
+) -> None:
+    """Damage a log in 22 ways, one at a time, and count how often `tombo diagnose` names it.
+
+    Axes swapped, reversed, scaled, offset; units; motors swapped; samples late, frozen,
+    dropped; a body defined turned; commands scaled. The log alone is asked, and with
+    --vehicle and --healthy in these ways as well.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from tombo_benchmarks.diagnosis.mutations import Reference, ask_all, mutation_page
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_bringup.cli.tables import show_page
+    from tombo_flight.vehicle_file import read_vehicle
+    from tombo_logs.readers.log_reader import read_logs
+
+    with progress_bar() as on_progress:
+        flight, *others = read_logs([log, *(healthy or [])], mapping=mapping)
+        file = None if vehicle is None else read_vehicle(vehicle)
+        answers = ask_all(flight, Reference(file, others), on_progress)
+    show_page(mutation_page(flight.name, answers), as_json)

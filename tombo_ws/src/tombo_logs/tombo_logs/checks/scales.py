@@ -1,0 +1,158 @@
+"""Scale and offset of each axis: gyro and accelerometer against poses, rotors against each other.
+
+Both sides of a comparison are noisy. The slope of one on the other and the inverse of the slope
+the other way round bracket the ratio of the two (Frisch, 1934): a ratio is only reported where 1
+is outside of that bracket.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tombo_bag.flight import Finding, Series
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES
+from tombo_logs.checks.motion import INDEPENDENT, Motion
+from tombo_logs.checks.spans import Mask
+
+_SIGMAS = 3.0
+_FEWEST = 100
+"""Rows that are compared at least."""
+_TOGETHER = 0.6
+"""Correlation from which on two signals are the same quantity."""
+_TURNS, _ACCELERATES = 0.04, 0.3
+"""rad/s and m/s^2: standard deviation of an axis that is compared."""
+_GYRO_SCALE, _TRACK_SCALE = 1.15, 1.2
+"""Ratio, or its inverse, that is reported. Smoothing of poses, drag of the vehicle and the time
+between both streams change it by less."""
+_GYRO_OFFSET = 0.06
+"""rad/s that is reported."""
+_ACROSS_OFFSET, _ALONG_OFFSET = 0.6, 0.5
+"""m/s^2 across and along the thrust: markers may define a body that is turned by 3.5 deg."""
+_ROTOR_SCALE = 1.18
+"""Ratio of one rotor's command to the mean of the others: a centre of gravity beside the middle,
+and the scatter of small motors, stay within."""
+
+
+def gyro_scales(flight: str, motion: Motion, late_s: float) -> list[Finding]:
+    """Report axes of the gyro that read another rate than the attitude has.
+
+    Args:
+        flight: name.
+        motion: of poses and IMU.
+        late_s: delay of the poses' stamps against the gyro's.
+    """
+    good = motion.good
+    if not motion.gyro.size or np.count_nonzero(good) < _FEWEST:
+        return []
+    rates = np.column_stack([np.interp(motion.t + late_s, motion.t, c) for c in motion.rates.T])
+    findings = []
+    for k, axis in enumerate("xyz"):
+        expected, found = rates[good, k], motion.gyro[good, k]
+        bracket = _ratio(expected, found, _TURNS)
+        if bracket is not None and _is_beyond(bracket, _GYRO_SCALE):
+            findings.append(_scale(flight, "gyro", axis, bracket, "the attitude's rate"))
+        left = found - expected
+        offset, sigma = float(left.mean()), _deviation_of_mean(left)
+        if abs(offset) > max(_GYRO_OFFSET, _SIGMAS * sigma):
+            text = (
+                f"gyro: its {axis} reads {offset:+.3f} ± {sigma:.3f} rad/s beside the attitude's "
+                "rate throughout; expected: 0"
+            )
+            findings.append(Finding("offset", "warning", flight, text, channel="gyro"))
+    return findings
+
+
+def accel_offsets(flight: str, motion: Motion) -> list[Finding]:
+    """Report axes of the accelerometer that on average read another force than the poses give."""
+    good = motion.good
+    if not motion.accel.size or np.count_nonzero(good) < _FEWEST:
+        return []
+    force = motion.acceleration[good] + np.array([0.0, 0.0, GRAVITY])
+    expected = Rotation.from_quat(motion.attitude[good]).inv().apply(force)
+    left = motion.accel[good] - expected
+    findings = []
+    for k, axis in enumerate("xyz"):
+        offset, sigma = float(left[:, k].mean()), _deviation_of_mean(left[:, k])
+        least = _ALONG_OFFSET if axis == "z" else _ACROSS_OFFSET
+        if abs(offset) <= max(least, _SIGMAS * sigma):
+            continue
+        text = f"accel: its {axis} reads {offset:+.2f} ± {sigma:.2f} m/s^2 beside what poses give"
+        if axis == "z":
+            scale = 1.0 + offset / float(expected[:, k].mean())
+            text += f": an offset, or {scale:.2f} times the force; expected: 0, or 1"
+        else:
+            text += ": an offset, or a rigid body that was defined turned; expected: 0"
+        findings.append(Finding("offset", "warning", flight, text, channel="accel"))
+    return findings
+
+
+def track_scales(flight: str, motion: Motion) -> list[Finding]:
+    """Report axes of the map along which the track accelerates otherwise than the IMU says."""
+    good = motion.good
+    if not motion.accel.size or np.count_nonzero(good) < _FEWEST:
+        return []
+    expected = Rotation.from_quat(motion.attitude[good]).apply(motion.accel[good])
+    findings = []
+    for k, axis in enumerate("xyz"):
+        bracket = _ratio(expected[:, k], motion.acceleration[good, k], _ACCELERATES)
+        if bracket is not None and _is_beyond(bracket, _TRACK_SCALE):
+            what = "the accelerometer's, turned by the attitude"
+            findings.append(_scale(flight, "position", axis, bracket, what))
+    return findings
+
+
+def rotor_scales(flight: str, channel: str, command: Series, flying: Mask) -> list[Finding]:
+    """Report a rotor that is asked for much more or less than the others."""
+    values = command.values[flying]
+    if len(values) < _FEWEST or channel == "rotor_speed":
+        return []
+    if channel == "rotor_command":
+        values = values**2
+    usual = np.maximum(np.median(values, axis=0), 1e-9)
+    ratio = np.array([usual[k] / np.delete(usual, k).mean() for k in range(4)])
+    k = int(np.argmax(np.abs(np.log(ratio))))
+    if not _is_beyond((float(ratio[k]), float(ratio[k])), _ROTOR_SCALE):
+        return []
+    text = (
+        f"{channel}: {ROTOR_NAMES[k]} is asked for {ratio[k]:.2f} times the others' thrust; "
+        "expected: about 1; the scale of its column, another propeller or motor there, or weight "
+        "beside the centre"
+    )
+    return [Finding("scale", "warning", flight, text, channel=channel)]
+
+
+def _ratio(expected: Array, found: Array, least: float) -> tuple[float, float] | None:
+    """Return the lowest and the highest ratio of `found` to `expected`, both (N,).
+
+    None: they are not the same quantity, or change by less than `least`.
+    """
+    x, y = expected - expected.mean(), found - found.mean()
+    sizes = float(x.std()), float(y.std())
+    if sizes[0] < least or sizes[1] < 1e-9:
+        return None
+    together = float(np.mean(x * y)) / (sizes[0] * sizes[1])
+    if together < _TOGETHER:
+        return None
+    ratio = sizes[1] / sizes[0]
+    noise = np.sqrt((1.0 - together**2) * INDEPENDENT / x.size) / together
+    return ratio * together * (1.0 - _SIGMAS * noise), ratio / together * (1.0 + _SIGMAS * noise)
+
+
+def _is_beyond(bracket: tuple[float, float], limit: float) -> bool:
+    return bracket[0] > limit or bracket[1] < 1.0 / limit
+
+
+def _deviation_of_mean(values: Array) -> float:
+    return float(values.std() * np.sqrt(INDEPENDENT / values.size))
+
+
+def _scale(
+    flight: str, channel: str, axis: str, bracket: tuple[float, float], against: str
+) -> Finding:
+    text = (
+        f"{channel}: its {axis} moves {bracket[0]:.2f} to {bracket[1]:.2f} times as much as "
+        f"{against}; expected: 1, one scale for all axes"
+    )
+    return Finding("scale", "warning", flight, text, channel=channel)
