@@ -23,7 +23,7 @@ unexport PYTHONDONTWRITEBYTECODE
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly check test test-px4 lint format bench docs messages clean
+.PHONY: help setup fly check fast-tests test test-px4 lint format bench docs messages clean
 
 help:
 	@sed -n 's/^# make /make /p' Makefile
@@ -41,9 +41,12 @@ LOADFILE := --dist loadfile --no-loadscope-reorder
 # One more than cores: who waits for nodes leaves its core to others.
 WORKERS := $(shell echo $$(($$(nproc) + 1)))
 
-check: lint
+check:
 	$(SETUP)
-	$(PYTEST) -n auto $(LOADFILE) -m "not slow and not nodes and not real_time" --hypothesis-profile=few
+	@$(MAKE) --no-print-directory --jobs=2 --keep-going lint fast-tests
+
+fast-tests:
+	@$(PYTEST) -n auto $(LOADFILE) -m "not slow and not nodes and not real_time" --hypothesis-profile=few
 
 # Both parts run, whatever the first says; 5: PYTEST_ARGS leave no test in that part.
 test: lint

@@ -357,6 +357,7 @@ def test_the_row_names_every_file(name):
         assert covered(path, not exists, ROWS[name]), path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ADDITIONS)
 def test_the_addition_is_picked_up(name, used):
     assert used[name] == ADDITIONS[name].expected

@@ -248,6 +248,7 @@ def test_elements_without_bytes_are_refused_in_ros_1(tmp_path):
         extended_store("a/msg/A", "std_msgs/Empty[] c\n")
 
 
+@pytest.mark.slow
 def test_a_sequence_of_many_messages_takes_time_in_proportion(tmp_path):
     text = f"C[] c\n{SEPARATOR}\nMSG: a/C\nuint8 x\nuint8 y\n"
     number = 10_000

@@ -75,6 +75,7 @@ def started() -> Iterator[Started]:
         process.communicate(timeout=60)
 
 
+@pytest.mark.slow
 def test_px4_flies_and_ctrl_c_ends_it_with_0(started):
     process = started.hil("--speed", "0")
     started.px4(60.0)
@@ -85,6 +86,7 @@ def test_px4_flies_and_ctrl_c_ends_it_with_0(started):
     assert any("PX4 has connected: flight 1 begins" in line for line in started.lines)
 
 
+@pytest.mark.slow
 def test_a_px4_that_left_is_told(started):
     process = started.hil("--speed", "0", "hover")
     started.px4(1.0)

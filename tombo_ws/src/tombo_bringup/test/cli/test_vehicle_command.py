@@ -12,6 +12,7 @@ NEW = ("--name", "Mine", "--mass", "1.5", "--arm-length", "0.24", "--k-thrust", 
        "--k-torque", "2.4e-7", "--radius", "0.127")  # fmt: skip
 
 
+@pytest.mark.slow
 def test_every_listed_vehicle_is_shown(tombo):
     names = [row["name"] for row in tombo("vehicle", "list", "--json").json]
     assert {"tombo_s500", "crazyflie_2_1", "crazyflie_2_1_brushless", "px4_x500",

@@ -18,9 +18,8 @@ def judged(*args, **more):
     return analyse(tracks(*args, **more), nominal()).judgement
 
 
-@pytest.mark.parametrize("seed", [11, 14])
-def test_healthy_flights_have_none(seed):
-    words = judged(seed=seed, sensors=("imu_rpm", "mocap")[seed % 2])
+def test_healthy_flights_have_none():
+    words = judged(seed=11, sensors="mocap")
     assert words.verdict == "none" and not words.effects and not words.members
     assert words.confidence > 0.8
 
@@ -57,12 +56,6 @@ def test_what_can_not_be_distinguished_is_a_set(true):
 def test_an_accelerometer_tells_them_apart():
     words = judged({"steady_wind": DOUBT["steady_wind"]}, courses=SLOW, sensors="imu")
     assert words.verdict == "named" and words.effects == ("steady_wind",)
-
-
-def test_two_effects_at_once_are_both_named():
-    hidden = {"mass_error": {"fraction": 0.1}, "imu_bias": {"gyro_z": 0.03}}
-    words = judged(hidden)
-    assert words.verdict == "named" and set(words.effects) == set(hidden)
 
 
 def test_a_cause_beside_an_unknown_force_is_not_all_of_it():

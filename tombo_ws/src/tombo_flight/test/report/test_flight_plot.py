@@ -67,9 +67,8 @@ def drawn_texts(figure):
     return [(t.get_text(), t.get_window_extent(renderer)) for t in texts if t not in hidden]
 
 
-@pytest.mark.parametrize(
-    "name", ["whole", *(pytest.param(name, marks=pytest.mark.slow) for name in EDGES)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["whole", *EDGES])
 @pytest.mark.parametrize(("draw", "shades"), [(draw_flight, 0.002), (draw_overview, 1e-4)])
 def test_every_flight_is_drawn_and_no_text_covers_another(
     flight, edge_flights, name, draw, shades

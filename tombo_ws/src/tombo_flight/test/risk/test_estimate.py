@@ -122,6 +122,7 @@ def test_the_same_flights_follow_from_the_seed_alone():
     assert other[0] != once[0]
 
 
+@pytest.mark.slow
 def test_sobol_indices_of_a_linear_margin_are_the_shares_of_variance():
     def fly(_: int, u: np.ndarray, seeds: np.ndarray) -> np.ndarray:
         own = [np.random.default_rng(int(seed)).standard_normal() for seed in seeds]

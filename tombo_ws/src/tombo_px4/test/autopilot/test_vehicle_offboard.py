@@ -39,6 +39,7 @@ def test_velocity_is_reached(velocity):
     np.testing.assert_allclose(flight.fly(1.0)[:, 3:6].mean(axis=0), velocity, atol=0.06)
 
 
+@pytest.mark.slow
 def test_height_is_held_while_only_the_velocity_across_is_commanded():
     flight = hovering(vision=True)
     flight.fly(3.0, motion([NAN, NAN, 2.0], [0.8, 0.4, NAN], yaw=0.0))
