@@ -11,19 +11,18 @@ What `__all__` lists is public; docs/python.md says what that promises.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from tombo.flights import FlightTables as Flight
-from tombo.flights import fly
-from tombo.measured import DiagnosisTables as Diagnosis
-from tombo.measured import LogTables as Log
-from tombo.measured import diagnose, read, stand
-from tombo.propellers import propeller
-from tombo.studies import arena, risk, sweep
-from tombo_dynamics.errors import InputError
-
 if TYPE_CHECKING:
+    from tombo.flights import FlightTables as Flight
+    from tombo.flights import fly
+    from tombo.measured import DiagnosisTables as Diagnosis
+    from tombo.measured import LogTables as Log
+    from tombo.measured import diagnose, read, stand
+    from tombo.propellers import propeller
+    from tombo.studies import arena, risk, sweep
     from tombo_collision.decision import Decision, Estimate
     from tombo_collision.own_reactions import import_reactions
     from tombo_collision.reactions import Reaction
+    from tombo_dynamics.errors import InputError
     from tombo_dynamics.messages import CollisionEvent
     from tombo_dynamics.params import param
 
@@ -49,18 +48,35 @@ __all__ = [
 ]
 
 _WHERE = {
-    "CollisionEvent": "tombo_dynamics.messages",
-    "Decision": "tombo_collision.decision",
-    "Estimate": "tombo_collision.decision",
-    "Reaction": "tombo_collision.reactions",
-    "import_reactions": "tombo_collision.own_reactions",
-    "param": "tombo_dynamics.params",
+    "tombo.flights": {"Flight": "FlightTables", "fly": "fly"},
+    "tombo.measured": {
+        "Diagnosis": "DiagnosisTables",
+        "Log": "LogTables",
+        "diagnose": "diagnose",
+        "read": "read",
+        "stand": "stand",
+    },
+    "tombo.propellers": {"propeller": "propeller"},
+    "tombo.studies": {"arena": "arena", "risk": "risk", "sweep": "sweep"},
+    "tombo_collision.decision": {"Decision": "Decision", "Estimate": "Estimate"},
+    "tombo_collision.own_reactions": {"import_reactions": "import_reactions"},
+    "tombo_collision.reactions": {"Reaction": "Reaction"},
+    "tombo_dynamics.errors": {"InputError": "InputError"},
+    "tombo_dynamics.messages": {"CollisionEvent": "CollisionEvent"},
+    "tombo_dynamics.params": {"param": "param"},
 }
-"""What only own reactions need, and what loads compiled code."""
+"""Module → public name → its name there. A module is imported when a name of it is asked for."""
 
 
 def __getattr__(name: str) -> Any:
-    """Import a name of `_WHERE` when it is first asked for."""
-    if name not in _WHERE:
-        raise AttributeError(f"module 'tombo' has no attribute {name!r}")
-    return getattr(import_module(_WHERE[name]), name)
+    """Import a public name when it is first asked for."""
+    for module, names in _WHERE.items():
+        if name in names:
+            value = globals()[name] = getattr(import_module(module), names[name])
+            return value
+    raise AttributeError(f"module 'tombo' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """Return the public names, and those of any module."""
+    return sorted({*globals(), *__all__})

@@ -27,6 +27,7 @@ from numba import types
 from numba.core import cgutils, event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.dispatcher import Dispatcher
+from numba.core.runtime.nrt import rtsys
 from numba.extending import lower_cast
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -105,9 +106,11 @@ class _ModuleLocator(_CacheLocator):  # type: ignore[misc]
     @classmethod
     def from_function(cls, function: Any, path: str) -> _ModuleLocator:
         """Return the place of a function's machine code."""
-        locator = cls(function, path)
-        locator.ensure_cache_path()
-        return locator
+        return cls(function, path)
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder, when machine code is kept: `_open_cache` has tried to write."""
+        os.makedirs(self.get_cache_path(), exist_ok=True)
 
     def get_cache_path(self) -> str:
         """Return the folder."""
@@ -128,6 +131,16 @@ class _CacheImpl(CompileResultCacheImpl):  # type: ignore[misc]
 
 class _FunctionCache(FunctionCache):  # type: ignore[misc]
     _impl_class = _CacheImpl
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """Return machine code that was kept, or None.
+
+        Numba would import all that it can compile first: a third of a second. It does so when
+        there is something to compile, too.
+        """
+        rtsys.initialize(target)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(signature, target)
 
 
 def load_generated(name: str, source: str) -> ModuleType:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.jit import compiled
+from tombo_dynamics.monotone_cubic import MonotoneCubic
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.vehicle import VehicleParams
 
@@ -73,9 +73,9 @@ def rotor_maps(thrust_map: Any, vehicle: VehicleParams) -> RotorMaps:
         InputError: the propeller cannot lift the vehicle with 10 % to spare, or idling does.
     """
     top = min(vehicle.rotor_speed_max, float(thrust_map.omega_max))
-    knots = np.linspace(0.0, top, _PIECES + 1)
-    thrust = PchipInterpolator(knots, thrust_map.thrust(knots))
-    torque = PchipInterpolator(knots, thrust_map.torque(knots))
+    knots: Array = np.linspace(0.0, top, _PIECES + 1, dtype=np.float64)
+    thrust = MonotoneCubic(knots, thrust_map.thrust(knots))
+    torque = MonotoneCubic(knots, thrust_map.torque(knots))
     highest = float(thrust(top))
     hover = vehicle.hover_thrust()
     if highest < 1.1 * hover:
@@ -89,11 +89,11 @@ def rotor_maps(thrust_map: Any, vehicle: VehicleParams) -> RotorMaps:
     if idle >= top or float(thrust(idle)) >= hover:
         raise InputError(
             f"vehicle.rotor_speed_min: {idle:g} rad/s already lifts the vehicle; accepted: below "
-            f"{float(thrust.solve(hover, extrapolate=False)[0]):.0f} rad/s, the speed in hover"
+            f"{thrust.where(hover):.0f} rad/s, the speed in hover"
         )
-    fine = np.linspace(0.0, top, 2049)
-    roots = np.linspace(0.0, math.sqrt(highest), _INVERSE_PIECES + 1)
-    speed = PchipInterpolator(roots, PchipInterpolator(np.sqrt(thrust(fine)), fine)(roots))
+    fine: Array = np.linspace(0.0, top, 2049, dtype=np.float64)
+    roots: Array = np.linspace(0.0, math.sqrt(highest), _INVERSE_PIECES + 1, dtype=np.float64)
+    speed = MonotoneCubic(roots, MonotoneCubic(np.sqrt(thrust(fine)), fine)(roots))
     table = RotorMaps.new()
     table.step = knots[1]
     table.root_step = roots[1]
@@ -103,7 +103,7 @@ def rotor_maps(thrust_map: Any, vehicle: VehicleParams) -> RotorMaps:
     table.thrust_highest = highest
     table.torque_ratio = float(torque(speed(math.sqrt(hover)))) / hover
     for name, curve in (("thrust", thrust), ("torque", torque), ("speed", speed)):
-        table[name] = curve.c[::-1].T
+        table[name] = curve.coefficients.T
     return table
 
 

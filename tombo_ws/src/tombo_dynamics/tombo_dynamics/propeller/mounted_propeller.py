@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import PchipInterpolator
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, shown, unknown_name
+from tombo_dynamics.monotone_cubic import MonotoneCubic
 from tombo_dynamics.params import check_number, param, structure
 from tombo_dynamics.propeller.library import Library, read_library
 from tombo_dynamics.propeller.records import Configuration
@@ -111,7 +111,7 @@ class PlainPropeller:
             return np.asarray(coefficient * speed**2)
         table = np.array(self.curve)
         # The coefficient changes slowly with speed: it is interpolated, and held below the curve.
-        shares = PchipInterpolator(table[:, 0], table[:, column] / table[:, 0] ** 2)
+        shares = MonotoneCubic(table[:, 0], table[:, column] / table[:, 0] ** 2)
         return np.asarray(shares(np.clip(speed, table[0, 0], table[-1, 0])) * speed**2)
 
 
