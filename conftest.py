@@ -23,7 +23,7 @@ from in_time import NotInTime
 from ros_bench import FAILED
 
 SRC = "tombo_ws/src/"
-ORDER = (  # the mathematics first: it is fast, and the rest is built on it
+ORDER = (  # the mathematics first: the rest is built on it
     "tests/structure",
     f"{SRC}tombo_dynamics",
     f"{SRC}tombo_control",
@@ -55,14 +55,24 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark every test, and sort by `ORDER`; those in real time come last."""
-    rank = {}
+    """Mark every test, and sort by `ORDER`; those in real time come last.
+
+    Files without a fast test come first: no worker is left alone with one at the end.
+    """
     for item in items:
         if "domain" in getattr(item, "fixturenames", ()):
             item.add_marker("nodes")
+    have_fast = {item.path for item in items if not _marks(item) & {"slow", "nodes"}}
+
+    def rank(item: pytest.Item) -> tuple[bool, bool, int]:
         order = next((i for i, f in enumerate(ORDER) if item.nodeid.startswith(f)), len(ORDER))
-        rank[item] = (item.get_closest_marker("real_time") is not None, order)
-    items.sort(key=rank.__getitem__)
+        return "real_time" in _marks(item), item.path in have_fast, order
+
+    items.sort(key=rank)
+
+
+def _marks(item: pytest.Item) -> set[str]:
+    return {mark.name for mark in item.iter_markers()}
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
