@@ -3,6 +3,7 @@
 import pytest
 
 from tombo_bringup.cli.propeller.design_command import INFEASIBLE
+from tombo_propeller.design import candidates
 
 pytestmark = pytest.mark.slow
 
@@ -32,7 +33,16 @@ def test_a_design_leaves_everything_to_fly_it(tombo, tmp_path):
     assert not flown.json["crashed"]
 
 
-def test_nothing_feasible_says_what_must_give(tombo):
+@pytest.fixture
+def few_candidates(monkeypatch):
+    """A grid as coarse as words need it."""
+    monkeypatch.setattr(candidates, "FIBRE_COUNTS", (3, 5, 8))
+    monkeypatch.setattr(candidates, "DIAMETERS_MM", (0.5, 0.9))
+    monkeypatch.setattr(candidates, "LENGTHS_MM", (8.0, 12.0, 16.0))
+    monkeypatch.setattr(candidates, "OUTER_RADII_MM", (35.0, 45.0))
+
+
+def test_nothing_feasible_says_what_must_give(tombo, few_candidates):
     result = design(tombo, "--mass", "2.5", "--max-collision-force", "150")
     assert result.code == INFEASIBLE
     assert "No candidate keeps to all limits" in result.out
@@ -69,7 +79,7 @@ def test_a_broken_library_is_one_line_and_leaves_no_folder(refused, tmp_path):
     refused(("propeller", "design", "--mass", "1.3", "--library", "own", "-o", "out"))
 
 
-def test_what_cannot_take_off_is_told_so_and_no_option_that_cannot_help(tombo):
+def test_what_cannot_take_off_is_told_so_and_no_option_that_cannot_help(tombo, few_candidates):
     text = design(tombo, "--mass", "9", "--flights", "0").out
     assert "below 1 it can't take off" in text
     assert "if the others stay" not in text
@@ -81,7 +91,7 @@ def test_what_cannot_take_off_is_told_so_and_no_option_that_cannot_help(tombo):
     assert design(tombo, "--mass", "1.3", *helps, "--extrapolate").code == 0
 
 
-def test_what_was_not_flown_is_marked(tombo):
+def test_what_was_not_flown_is_marked(tombo, few_candidates):
     text = design(tombo, *EASY, "--flights", "1").out
     assert "not flown" in text
     assert not [x for x in text.splitlines() if x.rstrip().endswith("fits")]
