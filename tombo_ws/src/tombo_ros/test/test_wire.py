@@ -110,3 +110,10 @@ def test_big_endian_and_other_encodings_are_refused(head: bytes) -> None:
 def test_any_bytes_are_refused_with_a_reason(data: bytes) -> None:
     with pytest.raises(InputError):
         MessageCodec("tombo_msgs/msg/RotorSpeeds").decode(data)
+
+
+@pytest.mark.parametrize(
+    ("time_ns", "held_ns"), [(-1, 0), (1, 1), (2**31 * 10**9, (2**31 - 1) * 10**9)]
+)
+def test_a_stamp_stays_within_what_its_fields_hold(time_ns, held_ns):
+    assert to_ns(to_time(time_ns)) == held_ns
