@@ -121,8 +121,8 @@ def _mcap(source: Path, target: Path, rng: random.Random) -> bool:
                 }
             writer.add_metadata(name, dict(values))
         for topic, raw in bag.messages(list(bag.topics)).items():
-            found = next(c for c in bag._found.channels.values() if c.topic == topic)
-            schema = bag._found.schemas[found.schema_id]
+            found = next(c for c in bag._map.channels.values() if c.topic == topic)
+            schema = bag._map.schemas[found.schema_id]
             text, name = schema.data, topic
             if kind == "schema" and topic == chosen:
                 text = _text(text, rng)

@@ -184,8 +184,10 @@ def layout_of(typename: str, message: bytes, types: Types) -> Layout:
         InputError: the bytes are no message of this type.
     """
     if message[:4] != ENCAPSULATION:
-        found = message[:4].hex(" ")
-        raise InputError(f"message of {typename} starts with {found}; accepted: 00 01 00 00 (CDR)")
+        header = message[:4].hex(" ")
+        raise InputError(
+            f"message of {typename} starts with {header}; accepted: 00 01 00 00 (CDR)"
+        )
     reader = _Reader(types, message)
     try:
         reader.message(typename, "")

@@ -75,8 +75,8 @@ def columns_of(typename: str, messages: list[bytes], types: Types) -> ColumnTabl
             texts.setdefault(text.path, {})[i] = text
     for path, numbers in leaves.items():
         table[path] = _numbers(path, numbers, groups, len(messages))
-    for path, found in texts.items():
-        table[path] = _strings(found, groups, len(messages))
+    for path, by_group in texts.items():
+        table[path] = _strings(by_group, groups, len(messages))
     if "header.stamp.sec" in table and "header.stamp.nanosec" in table:
         seconds = table["header.stamp.sec"].astype(np.int64)
         table["stamp_ns"] = seconds * SECOND_NS + table["header.stamp.nanosec"]
@@ -121,30 +121,30 @@ def _groups(
 
 
 def _numbers(
-    path: str, found: Mapping[int, Leaf], groups: list[_Group], number: int
+    path: str, leaves: Mapping[int, Leaf], groups: list[_Group], number: int
 ) -> NDArray[Any]:
-    leaf = next(iter(found.values()))
-    counts = {leaf.count for leaf in found.values()}
-    complete = len(found) == len(groups)
+    leaf = next(iter(leaves.values()))
+    counts = {leaf.count for leaf in leaves.values()}
+    complete = len(leaves) == len(groups)
     if len(counts) == 1 and (complete or leaf.count is None):
         shape = (number,) if leaf.count is None else (number, leaf.count)
         column = np.zeros(shape, leaf.dtype) if complete else np.full(shape, np.nan)
         if leaf.count != 0:
-            for i in found:
+            for i in leaves:
                 column[groups[i].rows] = groups[i].records[path]
         return column
     ragged = np.empty(number, object)
     for i, group in enumerate(groups):
-        filled = i in found and found[i].count
+        filled = i in leaves and leaves[i].count
         values = group.records[path] if filled else np.zeros((len(group.rows), 0), leaf.dtype)
         for row, value in zip(group.rows, values, strict=True):
             ragged[row] = value
     return ragged
 
 
-def _strings(found: Mapping[int, Text], groups: list[_Group], number: int) -> NDArray[Any]:
+def _strings(texts: Mapping[int, Text], groups: list[_Group], number: int) -> NDArray[Any]:
     column = np.full(number, "", object)
-    for i, text in found.items():
+    for i, text in texts.items():
         column[groups[i].rows] = _decoded(text, groups[i].block)
     return column.astype(np.str_)
 
@@ -190,12 +190,12 @@ def number_columns(table: Mapping[str, NDArray[Any]]) -> Iterator[tuple[str, NDA
 def _column(table: Mapping[str, NDArray[Any]], name: str, what: str) -> NDArray[np.float64]:
     if name not in table and name.startswith("-"):
         return -_column(table, name[1:], what)
-    found = table.get(name)
+    column = table.get(name)
     element = _ELEMENT.fullmatch(name)
-    if found is None and element is not None:
+    if column is None and element is not None:
         array = table.get(element[1])
         if array is not None and array.ndim == 2 and int(element[2]) < array.shape[1]:
-            found = array[:, int(element[2])]
-    if found is None or found.ndim != 1 or found.dtype.kind not in "fiub":
+            column = array[:, int(element[2])]
+    if column is None or column.ndim != 1 or column.dtype.kind not in "fiub":
         raise unknown_name(f"column of {what}", name, [n for n, _ in number_columns(table)])
-    return np.asarray(found, np.float64)
+    return np.asarray(column, np.float64)

@@ -101,14 +101,14 @@ class TopicComparison:
     @cached_property
     def first(self) -> tuple[int, str] | None:
         """Stamp [ns] of the first difference, and what differs there."""
-        found = [(field.first_ns, field.field) for field in self.fields]
+        firsts = [(field.first_ns, field.field) for field in self.fields]
         if len(set(self.types) - {None}) > 1:
             stamps = np.concatenate([self.only_a_ns, self.only_b_ns])
             return int(stamps.min()), f"type: {self.types[0]} in A, {self.types[1]} in B"
         for name, stamps in (("A", self.only_a_ns), ("B", self.only_b_ns)):
             if len(stamps):
-                found.append((int(stamps.min()), f"message in {name} only"))
-        return min(found, key=lambda item: item[0], default=None)
+                firsts.append((int(stamps.min()), f"message in {name} only"))
+        return min(firsts, key=lambda item: item[0], default=None)
 
     @property
     def largest(self) -> FieldDifference | None:
@@ -182,20 +182,23 @@ def compare_recordings(a: str | Path, b: str | Path, topics: Sequence[str] = ())
     Raises:
         InputError: a recording can't be read, or neither has one of the topics.
     """
-    with Recording(_bag(a)) as one, Recording(_bag(b)) as two:
-        recorded = sorted({*one.topics, *two.topics})
+    with Recording(_bag(a)) as first, Recording(_bag(b)) as second:
+        recorded = sorted({*first.topics, *second.topics})
         for name in topics:
             if name not in recorded:
                 raise unknown_name(f"topic in '{a}' and '{b}'", name, recorded)
         chosen = [n for n in recorded if n in topics or (not topics and n not in PROCESS_TOPICS)]
-        one.load(chosen)
-        two.load(chosen)
-        compared = tuple(_compare(one, two, name) for name in chosen)
+        first.load(chosen)
+        second.load(chosen)
+        compared = tuple(_compare(first, second, name) for name in chosen)
         return Comparison(
             compared,
             tuple(n for n in recorded if n in PROCESS_TOPICS and n not in chosen),
-            _epoch(one, two, chosen),
-            (*(f"{a}: {line}" for line in one.damage), *(f"{b}: {line}" for line in two.damage)),
+            _epoch(first, second, chosen),
+            (
+                *(f"{a}: {line}" for line in first.damage),
+                *(f"{b}: {line}" for line in second.damage),
+            ),
         )
 
 
@@ -204,22 +207,22 @@ def _bag(path: str | Path) -> Path:
     return flight if flight.is_file() else Path(path)
 
 
-def _epoch(one: Recording, two: Recording, topics: Iterable[str]) -> int:
-    for recording in (one, two):
+def _epoch(first: Recording, second: Recording, topics: Iterable[str]) -> int:
+    for recording in (first, second):
         text = recording.metadata.get(FLIGHT_METADATA, {}).get("epoch_ns", "")
         if text.isdecimal():
             return int(text)
-    tables = [r.columns(n) for r in (one, two) for n in topics if n in r.topics]
+    tables = [r.columns(n) for r in (first, second) for n in topics if n in r.topics]
     return min((int(_stamps(t).min()) for t in tables if len(t["log_time_ns"])), default=0)
 
 
-def _compare(one: Recording, two: Recording, topic: str) -> TopicComparison:
-    types = (_type(one, topic), _type(two, topic))
-    tables = _tables(one, two, topic)
+def _compare(first: Recording, second: Recording, topic: str) -> TopicComparison:
+    types = (_type(first, topic), _type(second, topic))
+    tables = _tables(first, second, topic)
     stamps = [_stamps(table) for table in tables]
-    found = TopicComparison(topic, types, len(stamps[0]), len(stamps[1]), stamps[0], stamps[1])
+    result = TopicComparison(topic, types, len(stamps[0]), len(stamps[1]), stamps[0], stamps[1])
     if None in types or types[0] != types[1]:
-        return found
+        return result
     (rows_a, rows_b), (left_a, left_b) = _pair(tables, stamps)
     at = stamps[0][rows_a]
     fields: list[FieldDifference] = []
@@ -244,7 +247,7 @@ def _compare(one: Recording, two: Recording, topic: str) -> TopicComparison:
             first_ns = field.first_ns
             trace = _trace(path, whole, stamps, values, at)
     return replace(
-        found,
+        result,
         only_a_ns=stamps[0][left_a],
         only_b_ns=stamps[1][left_b],
         fields=tuple(fields),
@@ -257,13 +260,13 @@ def _type(recording: Recording, topic: str) -> str | None:
     return None if stream is None or not stream.count else stream.typename
 
 
-def _tables(one: Recording, two: Recording, topic: str) -> list[ColumnTable]:
+def _tables(first: Recording, second: Recording, topic: str) -> list[ColumnTable]:
     """Return a topic of both as columns; of a type that can't be read, as bytes."""
     none = np.zeros(0, np.int64)
     nothing: ColumnTable = {"log_time_ns": none, "publish_time_ns": none}
 
     def both(read: Callable[[Recording, str], ColumnTable]) -> list[ColumnTable]:
-        return [read(r, topic) if topic in r.topics else nothing for r in (one, two)]
+        return [read(r, topic) if topic in r.topics else nothing for r in (first, second)]
 
     try:
         return both(Recording.columns)
@@ -377,12 +380,12 @@ def _trace(
     with np.errstate(invalid="ignore", over="ignore"):
         difference = b - a
     i = int(np.nan_to_num(np.abs(difference)).max(axis=0).argmax())
-    one, two = (
+    first, second = (
         _against_time(stamp, column.reshape(len(column), -1)[:, i])
         for column, stamp in zip(whole, stamps, strict=True)
     )
     name = path if values[0].ndim == 1 else f"{path}[{i}]"
-    return Trace(name, one, two, _against_time(at, difference[:, i]))
+    return Trace(name, first, second, _against_time(at, difference[:, i]))
 
 
 def _against_time(stamps: Times, values: NDArray[Any]) -> Array:

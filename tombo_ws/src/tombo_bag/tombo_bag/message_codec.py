@@ -101,8 +101,9 @@ def form_of(typename: str) -> Form:
 def _parts(typename: str) -> tuple[_Part, ...]:
     """Return a part for each field of a type's dataclass, in their order."""
     paths = {
-        one.name: one.metadata.get("path") or _HEADER.get(one.name, one.name.removesuffix("_ns"))
-        for one in fields(form_of(typename).kind)
+        field.name: field.metadata.get("path")
+        or _HEADER.get(field.name, field.name.removesuffix("_ns"))
+        for field in fields(form_of(typename).kind)
     }
     return tuple(_part(typename, path) for path in paths.values())
 
@@ -141,8 +142,8 @@ class _Shape:
         values: list[Any] = []
         for part, place in zip(self._parts, self._places, strict=True):
             if isinstance(place, Field):
-                found = place.of(data)
-                values.append(found[0] if part.count == 1 else np.array(found))
+                numbers = place.of(data)
+                values.append(numbers[0] if part.count == 1 else np.array(numbers))
             else:
                 values.append(place if isinstance(place, str) else place.of(data))
         return self._kind(*values)
@@ -167,7 +168,7 @@ class MessageCodec:
         """
         self.typename = typename
         self._form = form_of(typename)
-        self._names = [one.name for one in fields(self._form.kind)]
+        self._names = [field.name for field in fields(self._form.kind)]
         self._texts = [(i, part.path) for i, part in enumerate(_parts(typename)) if part.is_text]
         self._read: list[_Shape] = []
         self._written: dict[tuple[str, ...], _Shape] = {}
@@ -184,9 +185,9 @@ class MessageCodec:
         template = MessageTemplate.of_bytes(self.typename, data)
         frames = {} if self._form.any_frame else self._form.frames
         for path, frame in frames.items():
-            found = template.texts[path]
-            if found.lstrip("/") != frame:
-                raise InputError(f"{path} is '{found}'; accepted: '{frame}'")
+            text = template.texts[path]
+            if text.lstrip("/") != frame:
+                raise InputError(f"{path} is '{text}'; accepted: '{frame}'")
         shape = _Shape(self.typename, template)
         self._read = [shape, *self._read[: _SHAPES - 1]]
         return shape.read(data)
@@ -214,23 +215,23 @@ def fields_of(typename: str, table: ColumnTable) -> TopicColumns:
     has x, y, z (and w) is one column (N, 3) or (N, 4); a time is one of nanoseconds.
     """
     form = FORMS.get(typename)
-    told = () if form is None else fields(form.kind)
-    names = {one.metadata["path"]: one.name for one in told if "path" in one.metadata}
+    known = () if form is None else fields(form.kind)
+    names = {field.metadata["path"]: field.name for field in known if "path" in field.metadata}
     names |= dict(zip(POSE_TYPES.get(typename, ()), ("position", "attitude"), strict=False))
-    found = TopicColumns(getattr(table, "topic", typename), {}, names)
+    columns = TopicColumns(getattr(table, "topic", typename), {}, names)
     for path, column in table.items():
         outer, _, last = path.rpartition(".")
         axes = _axes(outer, table) if last in tuple("xyzw") else ""
         if last in ("sec", "nanosec") and {f"{outer}.sec", f"{outer}.nanosec"} <= table.keys():
             seconds = table[f"{outer}.sec"].astype(np.int64)
             name = outer.removeprefix("header.")
-            found[f"{name}_ns"] = seconds * SECOND_NS + table[f"{outer}.nanosec"]
+            columns[f"{name}_ns"] = seconds * SECOND_NS + table[f"{outer}.nanosec"]
         elif not axes:
-            found[names.get(path, path.removeprefix("header."))] = column
+            columns[names.get(path, path.removeprefix("header."))] = column
         elif last == "x":
             parts = [table[f"{outer}.{axis}"].astype(np.float64) for axis in axes]
-            found[names.get(outer, outer)] = np.stack(parts, axis=1)
-    return found
+            columns[names.get(outer, outer)] = np.stack(parts, axis=1)
+    return columns
 
 
 def _axes(outer: str, table: ColumnTable) -> str:
@@ -251,16 +252,16 @@ def as_messages(kind: type[_Kind], columns: Mapping[str, NDArray[Any]]) -> list[
     A field that has a default may be missing: recordings are older than it.
     """
     given = {
-        one.name: _values(columns[one.name])
-        for one in fields(kind)  # type: ignore[arg-type]
-        if not _has_default(one) or one.name in columns
+        field.name: _values(columns[field.name])
+        for field in fields(kind)  # type: ignore[arg-type]
+        if not _has_default(field) or field.name in columns
     }
     rows = zip(*given.values(), strict=True)
     return [kind(**dict(zip(given, values, strict=True))) for values in rows]
 
 
-def _has_default(one: Any) -> bool:
-    return one.default is not MISSING or one.default_factory is not MISSING
+def _has_default(field: Any) -> bool:
+    return field.default is not MISSING or field.default_factory is not MISSING
 
 
 def encoded(typename: str, columns: Mapping[str, NDArray[Any]]) -> Any:
@@ -279,8 +280,8 @@ def encoded(typename: str, columns: Mapping[str, NDArray[Any]]) -> Any:
     carried = {part.path: FRAME_MAP for part in _parts(typename) if part.path == _FRAME_ID}
     template = _nested({**carried, **form.frames}, form.values)
     records = layout(typename, template).records(count)
-    for part, one in zip(_parts(typename), fields(form.kind), strict=True):
-        values = columns.get(one.name)
+    for part, field in zip(_parts(typename), fields(form.kind), strict=True):
+        values = columns.get(field.name)
         if part.is_text or values is None:
             continue
         if part.is_time:

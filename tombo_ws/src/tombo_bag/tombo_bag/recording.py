@@ -86,11 +86,11 @@ class Recording:
     def damage(self) -> list[str]:
         """What could not be read so far, a line each; complete after all topics are read."""
         several = len(self.files) > 1
-        found = list(self._notes)
+        lines = list(self._notes)
         for file in self.files:
             where = f"{file.path.name}: " if several else ""
-            found += [f"{where}{line}" for line in file.damage_lines()]
-        return list(dict.fromkeys(found))
+            lines += [f"{where}{line}" for line in file.damage_lines()]
+        return list(dict.fromkeys(lines))
 
     @property
     def metadata(self) -> dict[str, dict[str, str]]:
@@ -193,13 +193,13 @@ class Recording:
         try:
             return {**times, **columns_of(typename, raw.messages, types)}
         except InputError:
-            good = rows_that_fit(typename, raw.messages, types)
-            if not good:
+            fitting = rows_that_fit(typename, raw.messages, types)
+            if not fitting:
                 raise
-        lost = len(raw.messages) - len(good)
+        lost = len(raw.messages) - len(fitting)
         self._note(f"{lost} of {len(raw.messages)} messages of {topic} don't fit {typename}")
-        table = columns_of(typename, [raw.messages[i] for i in good], types)
-        return {**{key: column[good] for key, column in times.items()}, **table}
+        table = columns_of(typename, [raw.messages[i] for i in fitting], types)
+        return {**{key: column[fitting] for key, column in times.items()}, **table}
 
     def _parts(self, topic: str) -> list[tuple[BagFile, str, RawMessages]]:
         if topic not in self._recorded_name:

@@ -137,22 +137,22 @@ def schema_text(typename: str) -> str:
 
 
 def _definition(typename: str) -> str:
-    own = own_definitions().get(typename)
-    if own is not None:
-        return own.rstrip("\n") + "\n"
+    text = own_definitions().get(typename)
+    if text is not None:
+        return text.rstrip("\n") + "\n"
     return type_store().gendefhash(typename, {}, ros_version=2)[0]
 
 
 def _dependencies(typename: str, types: Types) -> list[str]:
     """List the types used by a type, directly or not, in order of first use."""
-    found: dict[str, None] = {}
+    names: dict[str, None] = {}
     queue = [typename]
     while queue:
         for used in _direct(types[queue.pop(0)][1]):
-            if used not in found:
-                found[used] = None
+            if used not in names:
+                names[used] = None
                 queue.append(used)
-    return list(found)
+    return list(names)
 
 
 def _direct(fields: list[tuple[str, Any]]) -> list[str]:
@@ -223,8 +223,8 @@ def _check_types(typename: str, types: Types, empty: int) -> None:
             raise refuse(f"{shown(name)} contains itself, or too much")
         if name not in sizes:
             fields = types[name][1] if name in types else [(name, (Nodetype.BASE, ""))]
-            own = [field for field in fields if field[0] != _PLACEHOLDER]
-            sizes[name] = sum(least(field, (*outer, name)) for field in own) or empty
+            declared = [field for field in fields if field[0] != _PLACEHOLDER]
+            sizes[name] = sum(least(field, (*outer, name)) for field in declared) or empty
             if sizes[name] > _LARGEST_TYPE:
                 raise refuse(f"{shown(name)} has more than {_LARGEST_TYPE} values")
         return sizes[name]
@@ -263,10 +263,10 @@ def check_like_known(typename: str, types: Types) -> None:
         if name in seen or name not in known or name not in types:
             continue
         seen.add(name)
-        there = dict(types[name][1])
+        file_fields = dict(types[name][1])
         for field, descriptor in known[name][1]:
-            found = there.get(field)
-            if found is not None and _shape(found) != _shape(descriptor):
+            in_file = file_fields.get(field)
+            if in_file is not None and _shape(in_file) != _shape(descriptor):
                 raise InputError(
                     f"type {name} has a field '{field}' in this file that is not that of ROS 2; "
                     "accepted: the standard definition"
@@ -297,10 +297,12 @@ def extended_store(typename: str, text: str) -> Typestore:
     from rosbags.typesys import Stores, TypesysError, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
-    own = parse_schema(typename, text)
-    _check_types(typename, {**own, **store.fielddefs}, empty=0)
+    definitions = parse_schema(typename, text)
+    _check_types(typename, {**definitions, **store.fielddefs}, empty=0)
     try:
-        store.register({name: fields for name, fields in own.items() if name not in store.types})
+        store.register(
+            {name: fields for name, fields in definitions.items() if name not in store.types}
+        )
     except TypesysError as error:
         raise _not_readable(typename, error, "schema") from error
     except (SyntaxError, ValueError, LookupError, TypeError, NameError) as error:

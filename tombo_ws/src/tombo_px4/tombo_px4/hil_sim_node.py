@@ -71,11 +71,11 @@ class HilSimNode(VehicleNode):
             if not self._hil.advance(time.monotonic_ns()):
                 break
         logger = self.ros.get_logger()
-        for news in self._hil.take_notices():
-            if news.severe:  # rclpy: one severity for each line of code
-                logger.warning(news.text)
+        for notice in self._hil.take_notices():
+            if notice.severe:  # rclpy: one severity for each line of code
+                logger.warning(notice.text)
             else:
-                logger.info(news.text)
+                logger.info(notice.text)
 
     def _watch(self, simulator: Simulator) -> None:
         """Show a tick. Its time is the system's, as smooth as PX4's own clock."""

@@ -415,13 +415,13 @@ class Px4BridgeNode(LoopNode):
     def _send_shutdown_command(self) -> None:
         """Send a last command, so that nothing arms late or is left to the fail-safe."""
         end_ns = time.monotonic_ns() + _SHUTDOWN_NS
-        said_ns = 0
+        sent_ns = 0
         while time.monotonic_ns() < end_ns:
             message = self._bridge.shutdown_command()
             if message is None:
                 break
-            if time.monotonic_ns() - said_ns > _SHUTDOWN_NS // 6:
-                said_ns = time.monotonic_ns()
+            if time.monotonic_ns() - sent_ns > _SHUTDOWN_NS // 6:
+                sent_ns = time.monotonic_ns()
                 self.ros.get_logger().warning("ending in flight: PX4 is asked to come down")
                 self._link.send(message)
             self._link.wait(0.02)

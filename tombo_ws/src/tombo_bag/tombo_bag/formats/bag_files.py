@@ -64,7 +64,7 @@ class BagFile(ABC):
 
     def damage_lines(self) -> list[str]:
         """Say what could not be read so far, a line each."""
-        return [str(found) for found in self.damage]
+        return [str(damage) for damage in self.damage]
 
     @abstractmethod
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:

@@ -44,22 +44,22 @@ class Bag(BagFile):
         """
         self.path = Path(path)
         contents = _contents(self.path)
-        self._found = walk(contents)
+        self._map = walk(contents)
         self._largest = plausible_size(len(contents))
         allowance = Allowance(self.path, self._largest)
-        for place in self._found.chunks:
+        for place in self._map.chunks:
             if place.compression and not implausible(place.size, len(contents)):
                 allowance.take(place.size)
-        unannounced = not self._found.finished or not self._found.channels
-        for place in self._found.chunks:
+        unannounced = not self._map.finished or not self._map.channels
+        for place in self._map.chunks:
             if place.offset and (check or unannounced or place.index is None):
-                place.index = index_chunk(self._open(place), self._found)
+                place.index = index_chunk(self._open(place), self._map)
                 if not place.whole:
-                    refine_truncation(self._found, place)
-        self.damage: list[Damage] = self._found.damage
-        self.metadata = {record.name: record.metadata for record in self._found.metadata}
+                    refine_truncation(self._map, place)
+        self.damage: list[Damage] = self._map.damage
+        self.metadata = {record.name: record.metadata for record in self._map.metadata}
         self._numbers: dict[str, list[int]] = {}
-        for number, channel in self._found.channels.items():
+        for number, channel in self._map.channels.items():
             self._numbers.setdefault(channel.topic, []).append(number)
         self.topics = self._streams()
 
@@ -74,35 +74,36 @@ class Bag(BagFile):
             allowance.take(int(head["length"].sum()))
             heads[topic_of[number]].append(head)
             messages[topic_of[number]] += part
-        joined = {t: np.concatenate([np.empty(0, HEAD), *found]) for t, found in heads.items()}
+        joined = {t: np.concatenate([np.empty(0, HEAD), *parts]) for t, parts in heads.items()}
         return {topic: self._in_order(topic, joined[topic], messages[topic]) for topic in here}
 
     def damage_lines(self) -> list[str]:
         """Say what could not be read so far; of several damaged chunks how many, and the first."""
-        chunks = {place.offset for place in self._found.chunks} - {0}
+        chunks = {place.offset for place in self._map.chunks} - {0}
         broken = [d for d in self.damage if d.kind == "corrupt" and d.offset in chunks]
         if len(broken) < 2:
             return super().damage_lines()
-        first = min(broken, key=lambda found: found.offset)
-        lines = [str(found) for found in self.damage if found not in broken]
+        first = min(broken, key=lambda damage: damage.offset)
+        lines = [str(damage) for damage in self.damage if damage not in broken]
         return [f"{len(broken)} of {len(chunks)} chunks damaged, first the {first}", *lines]
 
     def _in_order(self, topic: str, heads: NDArray[np.void], messages: list[bytes]) -> RawMessages:
         """Return messages in order of log time; without those of no time that there is."""
-        good = heads["log_time"] < LATEST_NS
-        if not good.all():
-            lost = int((~good).sum())
+        possible = heads["log_time"] < LATEST_NS
+        if not possible.all():
+            lost = int((~possible).sum())
             text = f"{lost} messages of {topic} have a log time after the year 2116: left out"
-            if all(known.text != text for known in self._found.damage):
-                self._found.damage.append(Damage("corrupt", 0, 0, None, None, text))
-            heads, messages = heads[good], [messages[i] for i in np.flatnonzero(good).tolist()]
+            if all(known.text != text for known in self._map.damage):
+                self._map.damage.append(Damage("corrupt", 0, 0, None, None, text))
+            heads = heads[possible]
+            messages = [messages[i] for i in np.flatnonzero(possible).tolist()]
         log, publish = heads["log_time"], heads["publish_time"]
         return in_log_order(log, np.where(publish < LATEST_NS, publish, log), messages)
 
     def types(self, topic: str) -> Types:
         """Return a topic's type as the file itself describes it, else as ROS 2 Jazzy does."""
-        channel = self._found.channels[self._channels_of(topic)[0]]
-        schema = self._found.schemas.get(channel.schema_id)
+        channel = self._map.channels[self._channels_of(topic)[0]]
+        schema = self._map.schemas.get(channel.schema_id)
         if channel.message_encoding != "cdr" or schema is None:
             raise InputError(
                 f"'{self.path}': topic {topic} has messages in '{channel.message_encoding}'; "
@@ -115,14 +116,14 @@ class Bag(BagFile):
     def _streams(self) -> dict[str, Stream]:
         table: dict[str, Stream] = {}
         rows_of: dict[int, list[NDArray[np.uint64]]] = {}
-        for place in self._found.chunks:
+        for place in self._map.chunks:
             for number, found in (place.index or {}).items():
                 times = found[found[:, 0] < LATEST_NS, 0]
                 if len(times):
                     rows_of.setdefault(number, []).append(times)
         for name, numbers in sorted(self._numbers.items()):
             rows = [times for number in numbers for times in rows_of.get(number, ())]
-            schema = self._found.schemas.get(self._found.channels[numbers[0]].schema_id)
+            schema = self._map.schemas.get(self._map.channels[numbers[0]].schema_id)
             table[name] = Stream(
                 schema.name if schema else "",
                 sum(map(len, rows)),
@@ -134,7 +135,7 @@ class Bag(BagFile):
     def _pieces(
         self, channels: tuple[int, ...]
     ) -> Iterator[tuple[int, NDArray[np.void], list[bytes]]]:
-        for place in self._found.chunks:
+        for place in self._map.chunks:
             wanted = [number for number in channels if number in (place.index or {})]
             data = self._open(place) if wanted else b""
             for number in wanted:
@@ -143,7 +144,7 @@ class Bag(BagFile):
                     continue
                 piece = extract_messages(data, number, rows[:, 1])
                 if piece is None:
-                    place.index = index_chunk(data, self._found)
+                    place.index = index_chunk(data, self._map)
                     piece = extract_messages(data, number, place.index.get(number, rows[:0])[:, 1])
                 if piece is not None:
                     yield number, *piece
@@ -152,8 +153,8 @@ class Bag(BagFile):
         data, damage = open_chunk(place, self._largest)
         if damage is not None:
             place.index = {}
-            if all(known.offset != damage.offset for known in self._found.damage):
-                self._found.damage.append(damage)
+            if all(known.offset != damage.offset for known in self._map.damage):
+                self._map.damage.append(damage)
         return data
 
     def _channels_of(self, topic: str) -> list[int]:
@@ -172,8 +173,10 @@ def _contents(path: Path) -> memoryview:
             if not start:
                 raise InputError(f"'{path}' is empty; accepted: an MCAP file")
             if start != MAGIC[: len(start)]:
-                found = start.hex(" ")
-                raise InputError(f"'{path}' starts with bytes {found}; accepted: an MCAP file")
+                first_bytes = start.hex(" ")
+                raise InputError(
+                    f"'{path}' starts with bytes {first_bytes}; accepted: an MCAP file"
+                )
             file.seek(0, os.SEEK_END)
             if file.tell() > MAPPED_FROM:
                 return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))

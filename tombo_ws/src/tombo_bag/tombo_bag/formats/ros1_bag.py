@@ -57,7 +57,7 @@ class Ros1Bag(BagFile):
 
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
         """Read the messages of some topics, turned into CDR."""
-        found: dict[str, RawMessages] = {}
+        by_topic: dict[str, RawMessages] = {}
         for topic in (name for name in topics if name in self.topics):
             typename, store = self.topics[topic].typename, self._store(topic)
             recorded = self._messages.get(topic, [])
@@ -72,8 +72,8 @@ class Ros1Bag(BagFile):
             lost = len(recorded) - len(messages)
             if lost:
                 self.damage.append(f"{lost} messages of topic {topic} don't fit their type")
-            found[topic] = in_log_order(times, times, messages)
-        return found
+            by_topic[topic] = in_log_order(times, times, messages)
+        return by_topic
 
     def types(self, topic: str) -> Types:
         """Return a topic's type in the form of ROS 2, where that has none as the file does."""
@@ -185,7 +185,7 @@ def _fields(data: memoryview) -> dict[str, bytes]:
     Raises:
         struct.error: a length that does not fit.
     """
-    found: dict[str, bytes] = {}
+    fields: dict[str, bytes] = {}
     at = 0
     if not data:
         raise struct.error("no fields")
@@ -194,9 +194,9 @@ def _fields(data: memoryview) -> dict[str, bytes]:
         if end > len(data):
             raise struct.error("a field is longer than what holds it")
         name, _, value = bytes(data[at + 4 : end]).partition(b"=")
-        found[name.decode("ascii", "replace")] = value
+        fields[name.decode("ascii", "replace")] = value
         at = end
-    return found
+    return fields
 
 
 def _stream(typename: str, times_ns: list[int]) -> Stream:

@@ -91,11 +91,11 @@ class FileMap:
 
 def walk(file: memoryview) -> FileMap:
     """Walk through a whole file that begins with the MCAP magic, or with a part of it."""
-    found = FileMap()
+    file_map = FileMap()
     loose: dict[int, list[tuple[int, int]]] = {}
     indexed: dict[int, NDArray[np.uint64]] = {}
     at = len(MAGIC)
-    while not found.finished:
+    while not file_map.finished:
         if at + PREFIX_SIZE > len(file):
             break
         opcode, length = _RECORD.unpack_from(file, at)
@@ -103,16 +103,16 @@ def walk(file: memoryview) -> FileMap:
         if opcode == 0 or Opcode.DATA_END < opcode < FIRST_PRIVATE_OPCODE:
             break
         if opcode != Opcode.MESSAGE_INDEX:
-            if indexed and found.chunks and found.chunks[-1].index is None:
-                found.chunks[-1].index = indexed
+            if indexed and file_map.chunks and file_map.chunks[-1].index is None:
+                file_map.chunks[-1].index = indexed
             indexed = {}
         if body + length > len(file):
             if opcode == Opcode.CHUNK:
-                _chunk(found, file, at, len(file) - body, length)
+                _chunk(file_map, file, at, len(file) - body, length)
             break
         try:
             if opcode == Opcode.CHUNK:
-                _chunk(found, file, at, length, length)
+                _chunk(file_map, file, at, length, length)
             elif opcode == Opcode.MESSAGE_INDEX:
                 channel, size = struct.unpack_from("<HI", file, body)
                 rows = np.frombuffer(file, "<u8", size // 8, body + 6).reshape(-1, 2)
@@ -121,37 +121,37 @@ def walk(file: memoryview) -> FileMap:
                 channel, _, log_time, _ = _MESSAGE.unpack_from(file, body)
                 loose.setdefault(channel, []).append((log_time, at))
             else:
-                note(found, opcode, file[body : body + length])
+                note(file_map, opcode, file[body : body + length])
         except (struct.error, ValueError, EndOfFile):
             break
-        found.data_ended |= opcode == Opcode.DATA_END
-        found.finished = opcode == Opcode.FOOTER
+        file_map.data_ended |= opcode == Opcode.DATA_END
+        file_map.finished = opcode == Opcode.FOOTER
         at = body + length
     if loose:
         index = {channel: np.array(places, np.uint64) for channel, places in loose.items()}
         times = np.concatenate([of[:, 0] for of in index.values()])
-        found.chunks.append(
+        file_map.chunks.append(
             ChunkPlace(0, int(times.min()), int(times.max()), len(file), 0, "", file, index=index)
         )
-    if not found.finished or file[at:] != MAGIC:
-        found.damage.append(_stopped(found, file, at))
-    return found
+    if not file_map.finished or file[at:] != MAGIC:
+        file_map.damage.append(_stopped(file_map, file, at))
+    return file_map
 
 
-def note(found: FileMap, opcode: int, body: memoryview) -> None:
+def note(file_map: FileMap, opcode: int, body: memoryview) -> None:
     """Note a schema, channel or metadata record; others need no noting."""
     stream = ReadDataStream(BytesIO(body))
     if opcode == Opcode.SCHEMA:
         schema = Schema.read(stream)
-        found.schemas[schema.id] = schema
+        file_map.schemas[schema.id] = schema
     elif opcode == Opcode.CHANNEL:
         channel = Channel.read(stream)
-        found.channels[channel.id] = channel
+        file_map.channels[channel.id] = channel
     elif opcode == Opcode.METADATA:
-        found.metadata.append(Metadata.read(stream))
+        file_map.metadata.append(Metadata.read(stream))
 
 
-def _chunk(found: FileMap, file: memoryview, at: int, there: int, length: int) -> None:
+def _chunk(file_map: FileMap, file: memoryview, at: int, there: int, length: int) -> None:
     body = file[at + PREFIX_SIZE : at + PREFIX_SIZE + there]
     if len(body) < _CHUNK.size + 4:
         return
@@ -161,18 +161,18 @@ def _chunk(found: FileMap, file: memoryview, at: int, there: int, length: int) -
     compression = bytes(body[_CHUNK.size + 4 : data - 8]).decode("ascii", "replace")
     if len(body) < data:
         return
-    found.chunks.append(
+    file_map.chunks.append(
         ChunkPlace(at, start, end, size, checksum, compression, body[data:], there == length)
     )
 
 
-def _stopped(found: FileMap, file: memoryview, at: int) -> Damage:
+def _stopped(file_map: FileMap, file: memoryview, at: int) -> Damage:
     """Describe why the walk did not end with footer and magic."""
     lost = max(len(file) - at, 0)
-    if found.data_ended:
+    if file_map.data_ended:
         text = f"all messages are there, but the summary is damaged from byte {at}"
         return Damage("cut off", at, lost, None, None, text)
-    last = found.chunks[-1] if found.chunks else None
+    last = file_map.chunks[-1] if file_map.chunks else None
     if last is not None and not last.whole:
         text = f"file cut off at byte {len(file)}, inside {last}"
         return Damage("cut off", at, lost, last.start_ns, last.end_ns, text)
@@ -214,18 +214,18 @@ def open_chunk(place: ChunkPlace, largest: int) -> tuple[bytes | memoryview, Dam
     return data, None
 
 
-def refine_truncation(found: FileMap, place: ChunkPlace) -> None:
+def refine_truncation(file_map: FileMap, place: ChunkPlace) -> None:
     """Say in the damage of a chunk that was cut off how far its messages could be read."""
     times = [int(rows[:, 0].max()) for rows in (place.index or {}).values()]
     if not times:
         return
-    for i, damage in enumerate(found.damage):
+    for i, damage in enumerate(file_map.damage):
         if damage.offset == place.offset and damage.kind == "cut off":
             text = f"{damage.text}; its messages up to {max(times)} ns are read, unchecked"
-            found.damage[i] = replace(damage, from_ns=max(times), text=text)
+            file_map.damage[i] = replace(damage, from_ns=max(times), text=text)
 
 
-def index_chunk(data: bytes | memoryview, found: FileMap) -> dict[int, NDArray[np.uint64]]:
+def index_chunk(data: bytes | memoryview, file_map: FileMap) -> dict[int, NDArray[np.uint64]]:
     """List a chunk's messages and note its schemas and channels."""
     view = memoryview(data)
     places: dict[int, list[tuple[int, int]]] = {}
@@ -242,7 +242,7 @@ def index_chunk(data: bytes | memoryview, found: FileMap) -> dict[int, NDArray[n
             places.setdefault(channel, []).append((log_time, at))
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             try:
-                note(found, opcode, view[body : body + length])
+                note(file_map, opcode, view[body : body + length])
             except (struct.error, ValueError, EndOfFile):
                 break
         at = body + length

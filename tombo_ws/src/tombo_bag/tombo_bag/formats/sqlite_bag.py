@@ -98,7 +98,7 @@ class SqliteBag(BagFile):
 
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
         """Read the messages of some topics."""
-        found: dict[str, RawMessages] = {}
+        by_topic: dict[str, RawMessages] = {}
         for topic in (name for name in topics if name in self.topics):
             times: list[int] = []
             messages: list[bytes] = []
@@ -115,8 +115,8 @@ class SqliteBag(BagFile):
                 self._note(
                     f"{error}; of topic {topic} the first {len(messages)} messages are read"
                 )
-            found[topic] = in_log_order(times, times, messages)
-        return found
+            by_topic[topic] = in_log_order(times, times, messages)
+        return by_topic
 
     def types(self, topic: str) -> Types:
         """Return a topic's type as the file describes it, else as ROS 2 Jazzy does."""
@@ -136,14 +136,14 @@ class SqliteBag(BagFile):
             "max(iif(good, timestamp, NULL)) FROM (SELECT topic_id, timestamp, "
             f"{_TYPED} AS good FROM messages) GROUP BY topic_id"
         )
-        found: dict[int, tuple[int, int, int]] = {}
-        other = 0
-        for number, good, bad, first, last in self._run(query):
-            found[number] = good, first or 0, last or 0
-            other += bad
-        if other:
-            self._note(f"{other} rows are no messages: time or data of another type; left out")
-        return found
+        extents: dict[int, tuple[int, int, int]] = {}
+        lost = 0
+        for number, count, rejected, first, last in self._run(query):
+            extents[number] = count, first or 0, last or 0
+            lost += rejected
+        if lost:
+            self._note(f"{lost} rows are no messages: time or data of another type; left out")
+        return extents
 
     def _read_definitions(self) -> None:
         """Read the definitions that Iron and later put beside the messages; others have none."""
@@ -204,8 +204,8 @@ def _check_table(connection: sqlite3.Connection, name: str, columns: Sequence[st
         sqlite3.Error: it is no plain table with these columns.
     """
     query = "SELECT type, rootpage FROM sqlite_master WHERE name = ?"
-    found = connection.execute(query, (name,)).fetchall()
-    if len(found) != 1 or found[0][0] != "table" or not found[0][1]:
+    rows = connection.execute(query, (name,)).fetchall()
+    if len(rows) != 1 or rows[0][0] != "table" or not rows[0][1]:
         raise sqlite3.DatabaseError(f"no such table: {name}")
     there = {row[1]: row[6] for row in connection.execute(f"PRAGMA table_xinfo({name})")}
     for column in columns:

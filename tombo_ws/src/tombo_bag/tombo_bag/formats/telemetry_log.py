@@ -107,7 +107,7 @@ def telemetry_messages(raw: bytes) -> tuple[dict[int, ColumnTable], list[str]]:
 def _frames(raw: bytes) -> tuple[dict[tuple[int, int, int], _Stream], list[str]]:
     """Return (message, system, component) → its payloads, and what could not be read."""
     streams: dict[tuple[int, int, int], _Stream] = {}
-    at, bad, skipped = 0, 0, 0
+    at, rejected, skipped = 0, 0, 0
     while at + 8 + 8 <= len(raw):
         begin = at + 8
         head = 10 if raw[begin] == _V2 else 6
@@ -120,7 +120,7 @@ def _frames(raw: bytes) -> tuple[dict[tuple[int, int, int], _Stream], list[str]]
         number = int.from_bytes(raw[begin + (5 if head == 6 else 7) : begin + head], "little")
         message = _MESSAGES.get(number)
         if message is not None and not _is_whole(raw[begin:end], number):
-            at, bad = at + 1, bad + 1
+            at, rejected = at + 1, rejected + 1
             continue
         if message is not None:
             sender = begin + (3 if head == 6 else 5)
@@ -130,8 +130,8 @@ def _frames(raw: bytes) -> tuple[dict[tuple[int, int, int], _Stream], list[str]]
         signed = head == 10 and raw[begin + 2] & 1
         at = end + (13 if signed else 0)
     damage = []
-    if bad or skipped:
-        damage.append(f"damaged: {bad} frames and {skipped} bytes are left out")
+    if rejected or skipped:
+        damage.append(f"damaged: {rejected} frames and {skipped} bytes are left out")
     if at < len(raw):
         damage.append("cut off within a frame; read up to there")
     return streams, damage
@@ -166,7 +166,7 @@ def _table(message: _Message, stream: _Stream) -> ColumnTable:
     received = np.array(stream.received, np.float64)[first]
     table["timestamp"] = table["timestamp_sample"] = received
     if message.time_us:
-        own = table["t"] * message.time_us
+        vehicle_us = table["t"] * message.time_us
         # the clock of the vehicle, at the mean delay of the link
-        table["timestamp_sample"] = own + np.median(received - own)
+        table["timestamp_sample"] = vehicle_us + np.median(received - vehicle_us)
     return table

@@ -58,22 +58,22 @@ def whole_messages(raw: bytes, what: str) -> tuple[bytes, UlogMessages]:
     Raises:
         InputError: its definitions ask for more than any log has; `what` names it.
     """
-    found, formats, fields = UlogMessages(), _Formats(what), 0
+    messages, formats, fields = UlogMessages(), _Formats(what), 0
     ends = [*_appended(raw), len(raw)]
     at = _HEADER
     for end in ends:
-        at, fields = _walk(raw, at, end, found, formats, fields)
+        at, fields = _walk(raw, at, end, messages, formats, fields)
         if at != end and end != len(raw):
-            found.damaged, at = True, end
-    found.cut = at != len(raw)
-    if not found.damaged:
-        return raw, found
-    parts = [raw[:_HEADER]] + [raw[start:end] for start, end in found.spans]
-    return _without_offsets(b"".join(parts)), found
+            messages.damaged, at = True, end
+    messages.cut = at != len(raw)
+    if not messages.damaged:
+        return raw, messages
+    parts = [raw[:_HEADER]] + [raw[start:end] for start, end in messages.spans]
+    return _without_offsets(b"".join(parts)), messages
 
 
 def _walk(
-    raw: bytes, at: int, end: int, found: UlogMessages, formats: _Formats, fields: int
+    raw: bytes, at: int, end: int, messages: UlogMessages, formats: _Formats, fields: int
 ) -> tuple[int, int]:
     """Take messages up to an end; return where they stop, and the fields of topics so far."""
     begun = at
@@ -85,9 +85,9 @@ def _walk(
                 next_sync = raw.find(_SYNC, at + 1, end)
                 if next_sync < 0:
                     break
-                found.take(begun, at)
+                messages.take(begun, at)
                 at = begun = next_sync
-                found.damaged = True
+                messages.damaged = True
                 continue
             if kind == _FORMAT:
                 formats.add(raw[at + 3 : after])
@@ -97,15 +97,15 @@ def _walk(
             at = after
             continue
         if at > begun:
-            found.take(begun, at)
-        found.damaged = True
+            messages.take(begun, at)
+        messages.damaged = True
         unknown = kind != 0 and 0 < size <= _LARGEST_UNKNOWN and after <= end
         next_sync = raw.find(_SYNC, at + 1, after if unknown else end)
         if next_sync < 0 and not unknown:
             return end, fields  # nothing says where the next message begins
         at = begun = after if next_sync < 0 else next_sync
     if at > begun:
-        found.take(begun, at)
+        messages.take(begun, at)
     return at, fields
 
 

@@ -98,7 +98,9 @@ def share_set_apart(
     for f in findings:
         if np.isfinite(f.start_s) and np.isfinite(f.end_s):
             spans.setdefault(f.check, []).append((f.start_s, f.end_s))
-    shares = {check: float(step[inside(t, own)].sum()) for check, own in spans.items()}
+    shares = {
+        check: float(step[inside(t, check_spans)].sum()) for check, check_spans in spans.items()
+    }
     why = ", ".join(f"{check} {s:.1f} s" for check, s in shares.items() if s > _LATE_S)
     text = (
         f"{lost:.1f} of {air:.1f} s in the air are set apart{f' ({why})' if why else ''}: the "

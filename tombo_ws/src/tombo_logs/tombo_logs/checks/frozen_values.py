@@ -27,13 +27,13 @@ def frozen_spans(t: Array, values: Array) -> list[Span]:
     if not moving.size:
         return []
     usual, least = float(np.median(moving)), max(_FROZEN_S, 4.0 * sample_interval(t))
-    found = []
+    spans = []
     for begin, end in runs(same):
         jump = steps[end] if end < steps.size else 0.0
         # a vehicle at rest in made-up data stands still, too, but starts softly
         if t[end] - t[begin] >= least and jump > 3.0 * usual:
-            found.append((float(t[begin]), float(t[end])))
-    return found
+            spans.append((float(t[begin]), float(t[end])))
+    return spans
 
 
 def frozen(flight: str, channel: str, t: Array, values: Array) -> list[Finding]:
@@ -64,12 +64,12 @@ def interpolated_spans(t: Array, values: Array) -> list[Span]:
     if not curved.size or np.median(curved) < _NOISY:
         return []  # made without noise, not measured
     least = max(_SHORT_S, 4.0 * sample_interval(t))
-    found = []
+    lines = []
     for begin, end in runs(straight):
         # sample i of `straight` is the middle one of i, i + 1, i + 2
         if t[end + 1] - t[begin] >= least and rising[begin:end].any():
-            found.append((float(t[begin]), float(t[end + 1])))
-    return found
+            lines.append((float(t[begin]), float(t[end + 1])))
+    return lines
 
 
 def drawn(flight: str, channel: str, t: Array, values: Array) -> list[Finding]:

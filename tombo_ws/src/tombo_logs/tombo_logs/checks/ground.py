@@ -109,7 +109,7 @@ def ground_spans(position: Series, series: Mapping[str, Series]) -> list[Span]:
 
 def ground(flight: str, position: Series, series: Mapping[str, Series]) -> list[Finding]:
     """Report where the vehicle stands on the ground, and whether it flies at all."""
-    found = [
+    findings = [
         Finding("ground", "info", flight, "on the ground or landing: set apart", b, e, "position")
         for b, e in ground_spans(position, series)
     ]
@@ -121,8 +121,8 @@ def ground(flight: str, position: Series, series: Mapping[str, Series]) -> list[
                 f"position: z stays at {np.median(z):.2f} m to within its noise of "
                 f"{1e3 * spread:.1f} mm for the whole log; expected: a flight; does it stand?"
             )
-            found.append(Finding("ground", "warning", flight, text, channel="position"))
-    return found
+            findings.append(Finding("ground", "warning", flight, text, channel="position"))
+    return findings
 
 
 def _noise(values: Array) -> Array:

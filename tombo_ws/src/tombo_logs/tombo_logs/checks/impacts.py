@@ -60,7 +60,7 @@ def impacts(
         else:
             check, text = "contact", "a contact, set apart with the recovery from it"
             until = min(last + _RECOVERY_S, end)
-        message = f"at {first:.2f} s {_told(members)}: {text}"
+        message = f"at {first:.2f} s {_described(members)}: {text}"
         span = max(first - _BEFORE_S, begin), until
         findings.append(Finding(check, "fault", flight, message, *span, members[0].channel))
     return findings
@@ -84,13 +84,13 @@ def _pose_jumps(flight: str, members: list[Event], has_gyro: bool) -> list[Findi
     for first, last in merged([(e.t, e.t) for e in jumps], apart=2.0 * _JUMP_S):
         there = [e for e in jumps if first <= e.t <= last]
         why = "the IMU does not" if has_gyro else "the track goes on"
-        text = f"at {first:.2f} s {_told(there)}, {why}: markers swapped? Set apart"
+        text = f"at {first:.2f} s {_described(there)}, {why}: markers swapped? Set apart"
         span = first - _JUMP_S, last + _JUMP_S
         findings.append(Finding("jump", "warning", flight, text, *span, there[0].channel))
     return findings
 
 
-def _told(members: list[Event]) -> str:
+def _described(members: list[Event]) -> str:
     texts = list(dict.fromkeys(e.text for e in members))
     return ", ".join(texts[:3]) + (f" and {len(texts) - 3} more" if len(texts) > 3 else "")
 

@@ -54,12 +54,12 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
         InputError: a channel that is needed is missing or can't be used, the vehicle does not fly,
             or another vehicle flew.
     """
-    series, findings = _tidy(log)
+    series, findings = _cleaned(log)
     _check_poses(log.name, series, findings, needed)
     begin, end = series["position"].t[0], series["position"].t[-1]
-    findings += _without(series, other_times(log.name, series))
+    findings += _drop_faulty(series, other_times(log.name, series))
     _check_there(log.name, series, findings, needed)
-    stood_still = _stuck(log.name, series)
+    stood_still = _frozen(log.name, series)
     lost = _spans(f for f in stood_still if f.channel in POSE)
     position = series["position"]
     keep = ~inside(position.t, lost)
@@ -80,16 +80,16 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
     findings += _rotor_sensors(log.name, series, known)
     set_back = {f.channel for f in findings if f.check == "stamps" and f.severity == "fault"}
     if motion is not None:
-        series, found = common_clock(log.name, series, motion, frozenset(set_back))
-        findings += found
-    uncovered, found = _whole(log.name, series, (begin, end), down)
-    findings += found
+        series, more = common_clock(log.name, series, motion, frozenset(set_back))
+        findings += more
+    uncovered, more = _limit_spans(log.name, series, (begin, end), down)
+    findings += more
     excluded = [*log.exclude, *uncovered]
     motion = _motion(series, [*excluded, *_spans(findings)])
     findings += _impacts(log.name, series, motion, findings)
     apart = merged([*excluded, *_spans(findings)])
-    series, found = _held_together(log.name, series, apart)
-    findings += found
+    series, more = _consistent(log.name, series, apart)
+    findings += more
     findings += _motors(log.name, series, apart, None if log.airframe is not None else hover)
     findings += _changes(log.name, series, apart)
     position = series["position"]
@@ -105,22 +105,22 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
     )
 
 
-def _tidy(log: Flight) -> tuple[dict[str, Series], list[Finding]]:
+def _cleaned(log: Flight) -> tuple[dict[str, Series], list[Finding]]:
     series: dict[str, Series] = {}
     findings: list[Finding] = []
     for name, raw in log.series.items():
-        clean, found = clean_series(log.name, name, raw)
-        findings += found
+        clean, more = clean_series(log.name, name, raw)
+        findings += more
         if nothing_left(clean):
             text = f"{name}: {raw.t.size} samples, {clean.t.size} of them usable; left out"
             findings.append(Finding("missing", "fault", log.name, text, channel=name))
         else:
             series[name] = clean
     if "position" in series:
-        series["position"], found = without_wrong_poses(log.name, series["position"])
-        findings += found
+        series["position"], more = without_wrong_poses(log.name, series["position"])
+        findings += more
     for name in tuple(series):
-        findings += _without(series, sensor_range.resolution(log.name, name, series[name]))
+        findings += _drop_faulty(series, sensor_range.resolution(log.name, name, series[name]))
     return series, findings
 
 
@@ -150,7 +150,7 @@ def _check_poses(
     poses.check_position(flight, series["position"])
 
 
-def _without(series: dict[str, Series], findings: list[Finding]) -> list[Finding]:
+def _drop_faulty(series: dict[str, Series], findings: list[Finding]) -> list[Finding]:
     """Take channels with a fault out of `series`; returns the findings."""
     for f in findings:
         if f.severity == "fault":
@@ -158,7 +158,7 @@ def _without(series: dict[str, Series], findings: list[Finding]) -> list[Finding
     return findings
 
 
-def _whole(
+def _limit_spans(
     flight: str, series: dict[str, Series], flown: Span, down: list[Span]
 ) -> tuple[list[Span], list[Finding]]:
     """Return the spans in which a channel is not there or at its limit, and findings.
@@ -171,23 +171,23 @@ def _whole(
     for name in _IMU:
         if name in series:
             flying = _flying(series[name], down)
-            at, found = sensor_range.clipped(flight, name, series[name], flying)
-            findings += found
+            at, limited = sensor_range.clipped(flight, name, series[name], flying)
+            findings += limited
             if sensor_range.is_mostly_clipped(at, flying):
                 del series[name]
-            elif found:
+            elif limited:
                 apart += sensor_range.spans_at_limit(series[name].t, at)
     return apart, findings
 
 
-def _stuck(flight: str, series: dict[str, Series]) -> list[Finding]:
-    found: list[Finding] = []
+def _frozen(flight: str, series: dict[str, Series]) -> list[Finding]:
+    findings: list[Finding] = []
     for name in _MOVING:
         if name in series:
             values = series[name].t, series[name].values
-            found += frozen_values.frozen(flight, name, *values)
-            found += frozen_values.drawn(flight, name, *values)
-    return found
+            findings += frozen_values.frozen(flight, name, *values)
+            findings += frozen_values.drawn(flight, name, *values)
+    return findings
 
 
 def _spans(findings: Iterable[Finding]) -> list[Span]:
@@ -212,32 +212,32 @@ def _impacts(
 ) -> list[Finding]:
     down = [(f.start_s, f.end_s) for f in findings if f.check == "ground"]
     times = series["position"].t
-    found = events.pose_events(series["position"], series.get("attitude"))
+    candidates = events.pose_events(series["position"], series.get("attitude"))
     if "attitude" in series:
-        found += events.tilt_events(series["attitude"])
+        candidates += events.tilt_events(series["attitude"])
     gravity = np.array([0.0, 0.0, GRAVITY])
     seen: Array = np.zeros(0)
     force: Array = np.zeros(0)
     if motion is not None:
         seen, force = motion.t, np.linalg.norm(motion.acceleration + gravity, axis=1)
     if "accel" in series:
-        found += events.accel_events(series["accel"], seen, force)
+        candidates += events.accel_events(series["accel"], seen, force)
     elif "acceleration" in series:
         felt = series["acceleration"]
-        found += events.accel_events(Series(felt.t, felt.values + gravity), seen, force)
+        candidates += events.accel_events(Series(felt.t, felt.values + gravity), seen, force)
     if "gyro" in series:
-        found += events.gyro_events(series["gyro"])
+        candidates += events.gyro_events(series["gyro"])
     lines = [f for f in findings if f.check == "frozen" and f.channel in _IMU]
-    drawn = inside(np.array([e.t for e in found]), [(f.start_s, f.end_s) for f in lines])
-    on_lines = [e for e, d in zip(found, drawn, strict=True) if d]
-    real = [e for e, d in zip(found, drawn, strict=True) if not d]
+    drawn = inside(np.array([e.t for e in candidates]), [(f.start_s, f.end_s) for f in lines])
+    on_lines = [e for e, d in zip(candidates, drawn, strict=True) if d]
+    real = [e for e, d in zip(candidates, drawn, strict=True) if not d]
     return [
         *impacts.unmeasured(flight, on_lines, lines),
         *impacts.impacts(flight, real, down, (times[0], times[-1]), series),
     ]
 
 
-def _held_together(
+def _consistent(
     flight: str, series: dict[str, Series], apart: list[Span]
 ) -> tuple[dict[str, Series], list[Finding]]:
     """Compare poses, gyro and accelerometer; leave out what contradicts."""
@@ -250,9 +250,9 @@ def _held_together(
     poses.check_lean(flight, motion)
     poses.check_up(flight, motion)
     if not wrong:
-        found = imu.check_accel_axes(flight, motion)
-        wrong = bool(found)
-        findings += found or (accel_offsets(flight, motion) or track_scales(flight, motion))
+        axes = imu.check_accel_axes(flight, motion)
+        wrong = bool(axes)
+        findings += axes or (accel_offsets(flight, motion) or track_scales(flight, motion))
     if wrong:
         series = {name: s for name, s in series.items() if name not in _IMU}
     return series, findings
@@ -263,11 +263,11 @@ def _accel_unit(flight: str, series: dict[str, Series], down: list[Span]) -> lis
     if "accel" not in series:
         return []
     accel = series["accel"]
-    found = imu.check_accel(flight, accel, _flying(accel, down))
-    if found:
+    findings = imu.check_accel(flight, accel, _flying(accel, down))
+    if findings:
         for name in _IMU:
             series.pop(name, None)
-    return found
+    return findings
 
 
 def _rotor_sensors(flight: str, series: dict[str, Series], apart: list[Span]) -> list[Finding]:
@@ -277,10 +277,12 @@ def _rotor_sensors(flight: str, series: dict[str, Series], apart: list[Span]) ->
     speed = series.pop("rotor_speed")
     # its clock and that of the poses may differ: not close to take-off and landing
     wide = [(b - _NEAR_GROUND_S, e + _NEAR_GROUND_S) for b, e in apart]
-    kept, found = sensor_faults(flight, speed, series.get("rotor_command"), _flying(speed, wide))
+    kept, findings = sensor_faults(
+        flight, speed, series.get("rotor_command"), _flying(speed, wide)
+    )
     if kept is not None:
         series["rotor_speed"] = kept
-    return found
+    return findings
 
 
 def _motors(
@@ -294,27 +296,27 @@ def _motors(
             findings += rotor_scales(flight, name, series[name], flying)
     if "motor_command" in series:
         command = series["motor_command"]
-        found = motors.range_of(flight, command, _flying(command, apart))
-        findings += _without(series, found)
+        faults = motors.range_of(flight, command, _flying(command, apart))
+        findings += _drop_faulty(series, faults)
     for name in DRIVES:
         if name in series and "gyro" in series:
-            found = rotor_order.rotor_order(flight, name, series[name], series["gyro"], apart)
-            found = found or rotor_order.command_delay(
+            faults = rotor_order.rotor_order(flight, name, series[name], series["gyro"], apart)
+            faults = faults or rotor_order.command_delay(
                 flight, name, series[name], series["gyro"], apart
             )
-            findings += _without(series, found)
+            findings += _drop_faulty(series, faults)
     if "rotor_speed" in series and "rotor_command" in series:
         speed = series["rotor_speed"]
         flying = _flying(speed, apart)
-        found = motors.speed_against_command(flight, speed, series["rotor_command"], flying)
-        findings += _without(series, found)
+        faults = motors.speed_against_command(flight, speed, series["rotor_command"], flying)
+        findings += _drop_faulty(series, faults)
     if hover is not None:
         drives: dict[str, tuple[Series, Mask]] = {
             name: (series[name], _flying(series[name], apart))
             for name in ROTOR_SPEEDS
             if name in series
         }
-        findings += _without(
+        findings += _drop_faulty(
             series, check_vehicle(flight, drives, hover, rises(series["position"]))
         )
     return findings

@@ -57,14 +57,14 @@ def time_offset(motion: Motion) -> TimeOffset | None:
     """
     if not motion.gyro.size or np.count_nonzero(motion.good) < 100:
         return None
-    good = motion.good
-    rates = motion.rates - motion.rates[good].mean(axis=0)
-    gyro = motion.gyro - motion.gyro[good].mean(axis=0)
-    if _rms(rates[good]) < _EXCITED:
+    usable = motion.good
+    rates = motion.rates - motion.rates[usable].mean(axis=0)
+    gyro = motion.gyro - motion.gyro[usable].mean(axis=0)
+    if _rms(rates[usable]) < _EXCITED:
         return None
     reach = int(_MAX_LAG_S * RATE)
     shifts = np.arange(-reach, reach + 1)
-    match = np.array([_matched(rates, gyro, good, int(s)) for s in shifts])
+    match = np.array([_matched(rates, gyro, usable, int(s)) for s in shifts])
     best = int(np.argmax(match))
     if best in (0, match.size - 1) or match[best] < 0.5:
         return None
@@ -72,8 +72,8 @@ def time_offset(motion: Motion) -> TimeOffset | None:
     offset = 0.5 * (left - right) / min(left - 2.0 * top + right, -1e-12)
     lag = (shifts[best] + offset) / RATE
     # how sharply a shift shows, against what no shift explains
-    fitted = _fit(np.roll(rates, -int(shifts[best]), axis=0)[good], gyro[good])
-    slope = np.gradient(gyro, 1.0 / RATE, axis=0)[good]
+    fitted = _fit(np.roll(rates, -int(shifts[best]), axis=0)[usable], gyro[usable])
+    slope = np.gradient(gyro, 1.0 / RATE, axis=0)[usable]
     noise = _rms(fitted)
     sharp = np.sqrt(np.sum(slope**2) / INDEPENDENT)
     return TimeOffset(float(lag), float(noise / max(sharp, 1e-9)))
@@ -83,10 +83,10 @@ def alignment(motion: Motion, lag: float) -> Alignment | None:
     """Return how gyro and rates of the attitude go together once the lag is taken out."""
     if not motion.gyro.size or np.count_nonzero(motion.good) < 100:
         return None
-    good = motion.good
+    usable = motion.good
     t = motion.t
     shifted = np.column_stack([np.interp(t + lag, t, c) for c in motion.rates.T])
-    w, g = _centred(shifted[good]), _centred(motion.gyro[good])
+    w, g = _centred(shifted[usable]), _centred(motion.gyro[usable])
     if _rms(w) < _EXCITED:
         return None
     covariance = g.T @ w / len(w)
@@ -113,15 +113,15 @@ def tilt_response(motion: Motion) -> tuple[Array, float] | None:
 
     A multirotor is pushed along its body z: the identity is expected. None without excitation.
     """
-    up, found = motion.up[motion.good], motion.acceleration[motion.good, :2]
-    if len(found) < 100:
+    up, acceleration = motion.up[motion.good], motion.acceleration[motion.good, :2]
+    if len(acceleration) < 100:
         return None
     expected = _centred(_lean(up) * GRAVITY)
-    found = _centred(found)
-    if max(_rms(expected), _rms(found)) < 0.2 or _rms(expected) < 2e-3:
+    acceleration = _centred(acceleration)
+    if max(_rms(expected), _rms(acceleration)) < 0.2 or _rms(expected) < 2e-3:
         return None
-    response, _, _, _ = np.linalg.lstsq(expected, found, rcond=None)
-    return np.asarray(response.T), _explained(found - expected @ response, found)
+    response, _, _, _ = np.linalg.lstsq(expected, acceleration, rcond=None)
+    return np.asarray(response.T), _explained(acceleration - expected @ response, acceleration)
 
 
 def lean_explains(
@@ -133,10 +133,10 @@ def lean_explains(
     """
     turn = Rotation.from_quat(motion.attitude[rows])
     expected = _centred(_lean((turn.inv() if inverse else turn).apply([0.0, 0.0, 1.0])) * GRAVITY)
-    found = _centred(motion.acceleration[rows, :2])
+    acceleration = _centred(motion.acceleration[rows, :2])
     if axes is not None:
-        found = found @ axes.T
-    return _explained(found - expected, found)
+        acceleration = acceleration @ axes.T
+    return _explained(acceleration - expected, acceleration)
 
 
 def vertical_response(motion: Motion) -> tuple[float, float] | None:
@@ -145,18 +145,21 @@ def vertical_response(motion: Motion) -> tuple[float, float] | None:
     1 is expected. Thrust is told by the accelerometer, or else by the horizontal acceleration: a
     lean of l (2,) gives (g + z'') l. None where nothing accelerates.
     """
-    good = motion.good
-    if np.count_nonzero(good) < 100:
+    usable = motion.good
+    if np.count_nonzero(usable) < 100:
         return None
-    besides: Array = np.ones((np.count_nonzero(good), 1))
+    besides: Array = np.ones((np.count_nonzero(usable), 1))
     if motion.accel.size:
-        force = Rotation.from_quat(motion.attitude[good]).apply(motion.accel[good])
-        expected, found = force[:, 2:], motion.acceleration[good, 2:]
+        force = Rotation.from_quat(motion.attitude[usable]).apply(motion.accel[usable])
+        expected, acceleration = force[:, 2:], motion.acceleration[usable, 2:]
     else:
-        lean = _lean(motion.up[good])
-        expected, found = motion.acceleration[good, 2:] * lean, motion.acceleration[good, :2]
+        lean = _lean(motion.up[usable])
+        expected, acceleration = (
+            motion.acceleration[usable, 2:] * lean,
+            motion.acceleration[usable, :2],
+        )
         besides = np.hstack([besides, lean])
-    given, seen = _fit(besides, expected), _fit(besides, found)
+    given, seen = _fit(besides, expected), _fit(besides, acceleration)
     size = float(np.sum(given**2))
     if size == 0.0:
         return None
@@ -175,11 +178,11 @@ def drag_correlations(motion: Motion) -> Array | None:
         return None
     force = motion.acceleration + np.array([0.0, 0.0, GRAVITY])
     poses = Rotation.from_quat(motion.attitude).inv().apply(force)[:, :2]
-    good = gaussian_filter1d((~motion.good).astype(np.float64), _DRAG_WIDTH) < 0.01
+    usable = gaussian_filter1d((~motion.good).astype(np.float64), _DRAG_WIDTH) < 0.01
     slow = [gaussian_filter1d(v, _DRAG_WIDTH, axis=0) for v in (motion.accel[:, :2], poses)]
-    if np.count_nonzero(good) < 100 or min(v[good].std(axis=0).min() for v in slow) < _DRAG:
+    if np.count_nonzero(usable) < 100 or min(v[usable].std(axis=0).min() for v in slow) < _DRAG:
         return None
-    accel, expected = (_centred(v[good]) / np.maximum(v[good].std(axis=0), 1e-6) for v in slow)
+    accel, expected = (_centred(v[usable]) / np.maximum(v[usable].std(axis=0), 1e-6) for v in slow)
     return np.asarray(accel.T @ expected / len(accel))
 
 
@@ -191,12 +194,12 @@ def force_response(motion: Motion) -> tuple[Array, float] | None:
     """
     if not motion.accel.size or np.count_nonzero(motion.good) < 100:
         return None
-    good = motion.good
-    expected = _centred(Rotation.from_quat(motion.attitude[good]).apply(motion.accel[good]))
-    found = _centred(motion.acceleration[good])
-    if max(_rms(expected), _rms(found)) < 0.2:
+    usable = motion.good
+    expected = _centred(Rotation.from_quat(motion.attitude[usable]).apply(motion.accel[usable]))
+    acceleration = _centred(motion.acceleration[usable])
+    if max(_rms(expected), _rms(acceleration)) < 0.2:
         return None
-    u, s, vt = np.linalg.svd(found.T @ expected / len(found))
+    u, s, vt = np.linalg.svd(acceleration.T @ expected / len(acceleration))
     if s[1] < 0.2 * s[0]:
         return None
     turn = u @ vt
@@ -205,12 +208,12 @@ def force_response(motion: Motion) -> tuple[Array, float] | None:
         other = u @ np.diag([1.0, 1.0, -1.0]) @ vt
         proper, mirror = (turn, other) if np.linalg.det(turn) > 0.0 else (other, turn)
         turn = mirror if np.trace(mirror) > np.trace(proper) + 1.0 else proper
-    return turn, _explained(found - expected @ turn.T, found)
+    return turn, _explained(acceleration - expected @ turn.T, acceleration)
 
 
-def _matched(rates: Array, gyro: Array, good: Mask, shift: int) -> float:
+def _matched(rates: Array, gyro: Array, usable: Mask, shift: int) -> float:
     """Return the share of the gyro's variance that rates `shift` steps later explain."""
-    both = good & np.roll(good, -shift)
+    both = usable & np.roll(usable, -shift)
     if shift > 0:
         both[-shift:] = False
     elif shift < 0:

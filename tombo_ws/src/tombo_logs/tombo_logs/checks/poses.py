@@ -55,10 +55,10 @@ def check_position(flight: str, position: Series) -> None:
 
 def check_tilt(flight: str, motion: Motion) -> None:
     """Refuse attitudes that lean far for long while the track is calm."""
-    good = motion.good
-    if np.count_nonzero(good) < 50:
+    usable = motion.good
+    if np.count_nonzero(usable) < 50:
         return
-    up = motion.up[good]
+    up = motion.up[usable]
     mean = up.mean(axis=0)
     if mean[2] < 0.5 and np.linalg.norm(mean) > 0.7:
         raise InputError(
@@ -66,7 +66,7 @@ def check_tilt(flight: str, motion: Motion) -> None:
             "flight; expected: up, (0 0 1); is it wxyz read as xyzw, y up, NED or FRD?"
         )
     share = float(np.mean(up[:, 2] < 0.5))
-    push = float(np.median(np.linalg.norm(motion.acceleration[good], axis=1)))
+    push = float(np.median(np.linalg.norm(motion.acceleration[usable], axis=1)))
     if share > 0.15 and push < 0.5 * GRAVITY:
         raise InputError(
             f"flight '{flight}': attitude: leans by more than 60 deg for {100 * share:.0f} % of "
@@ -84,7 +84,7 @@ def check_lean(flight: str, motion: Motion) -> None:
     rows = np.flatnonzero(motion.good)
     if rows.size < 100:
         return
-    own = lean_explains(motion, rows)
+    share = lean_explains(motion, rows)
     others: dict[str, tuple[Array | None, bool]] = {
         "attitude: its inverse does; is it base_link from map? Expected: map from base_link": (
             None,
@@ -100,17 +100,17 @@ def check_lean(flight: str, motion: Motion) -> None:
             others[text] = np.eye(2)[list(order)] * np.array(signs)[:, None], False
     shares = {text: lean_explains(motion, rows, *way) for text, way in others.items()}
     best = max(shares, key=lambda text: shares[text])
-    if _are_right(own, shares[best]) and _right_throughout(motion, *others[best]):
+    if _are_right(share, shares[best]) and _right_throughout(motion, *others[best]):
         raise InputError(
             f"flight '{flight}': the lean of the attitude does not give the acceleration of the "
-            f"position ({100 * max(own, 0.0):.0f} % explained, else {100 * shares[best]:.0f} %); "
-            f"{best}"
+            f"position ({100 * max(share, 0.0):.0f} % explained, else "
+            f"{100 * shares[best]:.0f} %); {best}"
         )
 
 
-def _are_right(own: float, other: float) -> bool:
+def _are_right(share: float, other: float) -> bool:
     """Return whether other axes explain so much more than ours that they are the right ones."""
-    return other > _EXPLAINED and 1.0 - other < _CONTRADICTED * (1.0 - own)
+    return other > _EXPLAINED and 1.0 - other < _CONTRADICTED * (1.0 - share)
 
 
 def _right_throughout(motion: Motion, axes: Array | None = None, inverse: bool = False) -> bool:
@@ -159,10 +159,10 @@ def _size(motion: Motion) -> float:
 
 
 def _check_size(flight: str, motion: Motion, size: float) -> None:
-    good = motion.good
-    if np.count_nonzero(good) < 50 or _SIZES[0] < size < _SIZES[1]:
+    usable = motion.good
+    if np.count_nonzero(usable) < 50 or _SIZES[0] < size < _SIZES[1]:
         return
-    usual = float(np.median(np.linalg.norm(motion.acceleration[good], axis=1)))
+    usual = float(np.median(np.linalg.norm(motion.acceleration[usable], axis=1)))
     among: tuple[str, ...] = ("m declared", "ft declared")
     seen, times, given = f"position: accelerates by {usual:.3g} m/s^2,", size, "lean"
     if size > _LEANS and usual < 2.0 * GRAVITY:

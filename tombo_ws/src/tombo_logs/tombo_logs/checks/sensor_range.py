@@ -51,8 +51,8 @@ def clipped(flight: str, name: str, series: Series, flying: Mask) -> tuple[Mask,
 
 def spans_at_limit(t: Array, at: Mask) -> list[Span]:
     """Return the spans around samples at a limit."""
-    found = [(float(t[b]) - _AROUND_S, float(t[e - 1]) + _AROUND_S) for b, e in runs(at)]
-    return merged(found, apart=_AROUND_S)
+    spans = [(float(t[b]) - _AROUND_S, float(t[e - 1]) + _AROUND_S) for b, e in runs(at)]
+    return merged(spans, apart=_AROUND_S)
 
 
 def is_mostly_clipped(at: Mask, flying: Mask) -> bool:

@@ -29,12 +29,12 @@ def resets(series: Series) -> list[int]:
     """
     t = series.t
     step = sample_interval(t)
-    found = []
+    places = []
     for i in np.flatnonzero(np.diff(t) < 0.0).tolist():
         back = float(t[i] - t[i + 1])
         if back > _RESET_S or (back > _STEPS * step > 0.0 and _twice(series, i, back / step)):
-            found.append(i + 1)
-    return found
+            places.append(i + 1)
+    return places
 
 
 def _twice(series: Series, last: int, usual: float) -> bool:
@@ -130,10 +130,10 @@ def _part(series: Series, rows: NDArray[Any] | slice) -> Series:
 def _ordered(series: Series, note: Callable[[str, str, str], None]) -> Series:
     """Return a channel with finite, rising stamps; `note` is told check, severity and text."""
     size = min(series.t.size, len(series.values))
-    good = np.isfinite(series.t[:size])
-    if not good.all() or size < series.t.size:
-        note("stamps", "warning", f"{int(size - good.sum())} stamps are no numbers")
-    series = _part(series, np.flatnonzero(good))
+    usable = np.isfinite(series.t[:size])
+    if not usable.all() or size < series.t.size:
+        note("stamps", "warning", f"{int(size - usable.sum())} stamps are no numbers")
+    series = _part(series, np.flatnonzero(usable))
     set_back = resets(series)
     if set_back:
         steps = [float(series.t[i - 1] - series.t[i]) for i in set_back]

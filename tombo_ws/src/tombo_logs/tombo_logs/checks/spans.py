@@ -48,10 +48,10 @@ def merged(spans: Iterable[Span], apart: float = 0.0) -> list[Span]:
 
 def inside(t: Array, spans: Iterable[Span]) -> Mask:
     """Return which times are in one of the spans."""
-    found = np.zeros(t.shape, np.bool_)
+    mask = np.zeros(t.shape, np.bool_)
     for begin, end in spans:
-        found |= (t >= begin) & (t <= end)
-    return found
+        mask |= (t >= begin) & (t <= end)
+    return mask
 
 
 def block_means(values: Array, length: int) -> Array:

@@ -17,7 +17,7 @@ from tombo_logs.readers.csv_mapping import LogMapping, parse_mapping, shipped
 from tombo_logs.readers.csv_table import open_table
 from tombo_logs.readers.log_reader import kind_of, read_log
 
-_TOLD = {"unit", "frame", "rpm", "stamps", "missing", "frozen", "gap", "duplicate", "damage"}
+_SHOWN = {"unit", "frame", "rpm", "stamps", "missing", "frozen", "gap", "duplicate", "damage"}
 """Checks that say whether a mapping is right."""
 _MOST = 8
 _SAMPLES = 60_000
@@ -90,8 +90,8 @@ def _text(proposal: Proposal, path: Path, remarks: list[str], airframe: Airframe
     """Return the mapping, after reading the log with it: what the checks say stands in it."""
     log, why = _tried(path, _parsed(mapping_text(proposal, path.name, [], airframe)))
     findings = () if log is None else log.findings
-    said = [f.message for f in findings if f.check in _TOLD and f.severity != "info"]
-    checked = [f"The checks say: {text}" for text in dict.fromkeys([why] if why else said)]
+    messages = [f.message for f in findings if f.check in _SHOWN and f.severity != "info"]
+    checked = [f"The checks say: {text}" for text in dict.fromkeys([why] if why else messages)]
     if log is not None and not checked:
         checked = ["Read with this mapping, the checks find no contradiction in the log."]
     return mapping_text(proposal, path.name, [*remarks, *checked[:_MOST]], airframe)
@@ -128,10 +128,10 @@ def _until(series: Series, end: float) -> Series:
 
 def _as_read(log: Flight) -> list[str]:
     """Return where the channels are from, as read without a mapping."""
-    told = [f"As read without a mapping: {log.source}."]
-    told += [f.message for f in log.findings if f.check == "rpm" and f.severity == "info"]
+    lines = [f"As read without a mapping: {log.source}."]
+    lines += [f.message for f in log.findings if f.check == "rpm" and f.severity == "info"]
     for key, series in log.series.items():
         if series.t.size > 1:
             rate = 1.0 / max(float(np.median(np.diff(series.t))), 1e-9)
-            told.append(f"{key}: {series.t.size} samples, {rate:.4g} a second")
-    return told
+            lines.append(f"{key}: {series.t.size} samples, {rate:.4g} a second")
+    return lines

@@ -79,7 +79,7 @@ def readings(
         gyro: (N, 3) in the file's axes and unit.
         accel: (N, 3) in the file's axes, any unit.
     """
-    found = []
+    candidates = []
     for form, attitude in attitudes.items():
         ends = [s for s in (position, attitude, gyro) if s is not None]
         t = _even(ends)
@@ -92,17 +92,17 @@ def readings(
         acceleration = curve * _RATE**2
         for world, axes in WORLD_AXES.items():
             in_world = axes_matrix(axes, world)
-            for body, own in BODY_AXES.items():
-                up = axes_matrix(own, body)[2]
+            for body, body_axes in BODY_AXES.items():
+                up = axes_matrix(body_axes, body)[2]
                 if accel is not None and not _points_up(accel.values, up):
                     continue
                 thrust = turn.apply(up) @ in_world.T
                 if np.median(thrust[:, 2]) < 0.5:
                     continue
                 lean, slope = _lean(thrust, acceleration @ in_world.T)
-                found.append(Reading(form, world, body, lean, slope, rates, scale))
+                candidates.append(Reading(form, world, body, lean, slope, rates, scale))
     ranked = sorted(
-        found, key=lambda r: (-round(r.score, 2), _USUAL_AXES.get((r.world, r.body), 9))
+        candidates, key=lambda r: (-round(r.score, 2), _USUAL_AXES.get((r.world, r.body), 9))
     )
     usual = next((r for r in ranked if (r.world, r.body) in _USUAL_AXES), None)
     if usual is not None and not _is_clear(ranked[0], usual):
@@ -168,14 +168,14 @@ def _rates(turn: Rotation, gyro: Array | None) -> tuple[float, float]:
     if gyro is None:
         return float("nan"), float("nan")
     step = (turn[:-1].inv() * turn[1:]).as_rotvec() * _RATE
-    own = gaussian_filter1d(step, _WIDTH * _RATE, axis=0)
+    smoothed = gaussian_filter1d(step, _WIDTH * _RATE, axis=0)
     other = gaussian_filter1d(0.5 * (gyro[1:] + gyro[:-1]), _WIDTH * _RATE, axis=0)
-    speed = np.linalg.norm(own, axis=1)
+    speed = np.linalg.norm(smoothed, axis=1)
     calm = (speed > 0.0) & (speed < 10.0)
-    if calm.sum() < 100 or own[calm].std() < _SHOWN_RATE:
+    if calm.sum() < 100 or smoothed[calm].std() < _SHOWN_RATE:
         return float("nan"), float("nan")
     size = np.median(np.linalg.norm(other[calm], axis=1) / speed[calm])
-    return _correlation(own[calm], other[calm]), float(size)
+    return _correlation(smoothed[calm], other[calm]), float(size)
 
 
 def _correlation(a: Array, b: Array) -> float:
@@ -190,8 +190,8 @@ def _points_up(accel: Array, up: Array) -> bool:
 
 
 def _sampled(series: Series, t: Array) -> Array:
-    good = np.isfinite(series.values).all(axis=1)
-    return np.column_stack([np.interp(t, series.t[good], c) for c in series.values[good].T])
+    usable = np.isfinite(series.values).all(axis=1)
+    return np.column_stack([np.interp(t, series.t[usable], c) for c in series.values[usable].T])
 
 
 def _nearest(attitude: Series, usable: NDArray[np.bool_], t: Array) -> Array:

@@ -41,7 +41,7 @@ _BITCRAZE, _PX4 = (0, 2, 3, 1), (0, 1, 2, 3)
 _CRAZYFLIE = {"stabilizer", "ctrltarget"}
 _ENOUGH = 20
 """Rows that a channel must have."""
-_WHOLE = 10.0
+_LARGEST_METRES = 10.0
 """Steps that a position in whole numbers moves by at least."""
 _FASTEST = 40.0
 """m/s that a vehicle under motion capture does not fly most of the time."""
@@ -139,16 +139,16 @@ class _Proposer:
         accel, unit = self._accelerometer(None if place is None else _metres(place))
         if place is None:
             self._note("no columns of a position (x, y, z): needed for a diagnosis")
-        found: list[Reading] = []
+        candidates: list[Reading] = []
         if place is not None and forms:
-            found = readings(
+            candidates = readings(
                 _metres(place), {name: form.series for name, form in forms.items()},
                 None if gyro is None else gyro[1], accel,
             )  # fmt: skip
-            if not found:
+            if not candidates:
                 self._note("no reading of position and attitude agrees with gravity")
-        self._best = found[0] if found else None
-        self._axes(found)
+        self._best = candidates[0] if candidates else None
+        self._axes(candidates)
         if place is not None:
             self._position(*place)
         if forms:
@@ -237,13 +237,13 @@ class _Proposer:
             unit=unit,
         )
 
-    def _axes(self, found: Sequence[Reading]) -> None:
+    def _axes(self, candidates: Sequence[Reading]) -> None:
         best = self._best
         if best is None:
             why, doubt = "not to be told here", "ENU and FLU are assumed"
         else:
             why = _evidence(best)
-            rivals = [r for r in found[1:] if (r.world, r.body) != (best.world, best.body)]
+            rivals = [r for r in candidates[1:] if (r.world, r.body) != (best.world, best.body)]
             close = [r for r in rivals if r.score > best.score - CLOSE_SCORE]
             doubt = ""
             if not best.score > 0.5:
@@ -267,7 +267,7 @@ class _Proposer:
             if slope > 0.0 and self._best is not None and self._best.lean > 0.5:
                 unit = min(("m", "cm", "mm"), key=lambda u: abs(np.log(slope / UNITS["m"][u])))
                 why += f", and lean calls for {slope:.3g} times the acceleration"
-            elif extent > _WHOLE and not np.any(series.values % 1.0):
+            elif extent > _LARGEST_METRES and not np.any(series.values % 1.0):
                 unit, why = "mm", f"{why} in whole numbers, too coarse for metres"
             elif (speed := _usual_speed(series)) > _FASTEST:
                 unit, why = "mm", f"{why} at {speed:.3g} a second, too fast for metres"

@@ -56,8 +56,8 @@ class Candidate:
         return f"{self.columns[0]} …" if len(self.columns) > 1 else self.columns[0]
 
 
-def _ranked(found: Iterable[Candidate]) -> list[Candidate]:
-    return sorted(found, key=lambda c: -c.score)
+def _ranked(candidates: Iterable[Candidate]) -> list[Candidate]:
+    return sorted(candidates, key=lambda c: -c.score)
 
 
 def _bonus(group: Group, likes: Mapping[str, float]) -> float:
@@ -121,18 +121,18 @@ def _vectors(
 
 def quaternions(groups: Sequence[Group]) -> list[Candidate]:
     """Return what could be quaternions, best first: as x, y, z, w, or as four numbers."""
-    found = []
+    candidates = []
     for group in groups:
         if (_ASKED | _SPREAD | _LOAD) & set(group.words):
             continue
         likes = _bonus(group, {"mocap": 2.0, "estimate": -2.0, "truth": -1.0})
         if {"w", "x", "y", "z"} <= set(group.by_axis):
             columns = tuple(group.by_axis[a] for a in "xyzw")
-            found.append(Candidate(columns, group, 3.0 + likes))
+            candidates.append(Candidate(columns, group, 3.0 + likes))
         elif set(group.by_number) == {0, 1, 2, 3} and _QUATERNION & set(group.words):
             columns = tuple(group.by_number[i] for i in range(4))
-            found.append(Candidate(columns, group, 2.0 + likes))
-    return _ranked(found)
+            candidates.append(Candidate(columns, group, 2.0 + likes))
+    return _ranked(candidates)
 
 
 def angles(groups: Sequence[Group]) -> list[Candidate]:
@@ -151,7 +151,7 @@ def angles(groups: Sequence[Group]) -> list[Candidate]:
 
 def rotors(groups: Sequence[Group]) -> list[Candidate]:
     """Return columns of four rotors or more, best first, from the lowest number."""
-    found = []
+    candidates = []
     for group in groups:
         numbers = sorted(group.by_number)
         first = numbers[0] if numbers else -1
@@ -161,8 +161,8 @@ def rotors(groups: Sequence[Group]) -> list[Candidate]:
         if not words & (_MOTOR | _SPEED) or words & (_QUATERNION | _ACCEL | _GYRO | _SPREAD):
             continue
         columns = tuple(group.by_number[i] for i in numbers[:4])
-        found.append(Candidate(columns, group, float(bool(words & _COMMAND))))
-    return _ranked(found)
+        candidates.append(Candidate(columns, group, float(bool(words & _COMMAND))))
+    return _ranked(candidates)
 
 
 def is_speed(group: Group) -> bool:

@@ -89,15 +89,15 @@ def motor_scale(values: Array) -> tuple[float, float] | None:
 
     Nearly all values must lie in between, or at least most: the end of a log may be damaged.
     """
-    good = values[np.isfinite(values)]
-    running = good[good > 1e-3 * np.max(good, initial=0.0)]
+    finite = values[np.isfinite(values)]
+    running = finite[finite > 1e-3 * np.max(finite, initial=0.0)]
     if not running.size:
         return None
     middle = float(np.median(running))
     for share in (0.985, 0.7):
         for bottom, top in _FULL_SCALES:
             span = top - bottom
-            inside = (good > bottom - 0.12 * span) & (good < bottom + 1.05 * span)
+            inside = (finite > bottom - 0.12 * span) & (finite < bottom + 1.05 * span)
             if inside.mean() >= share and 0.1 < (middle - bottom) / span <= 1.0:
                 return bottom, top
     return None

@@ -73,7 +73,7 @@ def read_bag(
     used = {key for key, _ in foreign.channels.values()} | ({PX4} if foreign.px4 else set())
     others = {key: foreign.tables[key] for key in used}
     clock = _Clock(name, min(starts, default=0), {**tables, **others})
-    series = {key: clock.shifted(PX4, one) for key, one in foreign.px4.items()}
+    series = {key: clock.shifted(PX4, px4_series) for key, px4_series in foreign.px4.items()}
     for channel, (key, values) in foreign.channels.items():
         series[channel] = clock.series(key, others[key], values)
     for key, table in tables.items():
@@ -98,8 +98,8 @@ class _Clock:
         }
         limit = _OTHER_CLOCK_S * 1e9
         # simulated or boot time against the recorder's: one shift for all keeps delays as they are
-        own = [gap for gap in apart.values() if abs(gap) > limit]
-        shift = int(np.median(own)) if len(own) == len(apart) and own else 0
+        beyond = [gap for gap in apart.values() if abs(gap) > limit]
+        shift = int(np.median(beyond)) if len(beyond) == len(apart) and beyond else 0
         for key, gap in apart.items():
             far = abs(gap - shift) > limit
             self._zero[key] = start_ns - int(gap if far else shift)
@@ -115,28 +115,28 @@ class _Clock:
         arrival = (table["log_time_ns"] - self._arrival_zero) * 1e-9
         return Series((stamps - zero) * 1e-9, values, np.asarray(arrival))
 
-    def shifted(self, key: str, one: Series) -> Series:
+    def shifted(self, key: str, series: Series) -> Series:
         """Return a series with stamps [s] of a clock as one on the recording's."""
-        return Series(one.t - self._zero[key] * 1e-9, one.values)
+        return Series(series.t - self._zero[key] * 1e-9, series.values)
 
 
 def _topics(recording: Recording, skip: Collection[str]) -> dict[str, str]:
     """Return our topic → the recorded one: by name, or under a namespace if there is just one."""
-    found: dict[str, str] = {}
+    topics: dict[str, str] = {}
     for key, types in _TYPES.items():
         if key in skip:
             continue
         fitting = [topic for topic in usable_topics(recording, types) if topic.endswith(key)]
         if key in fitting:
-            found[key] = key
+            topics[key] = key
         elif len(fitting) == 1:
-            found[key] = fitting[0]
+            topics[key] = fitting[0]
         elif fitting:
             raise InputError(
                 f"'{recording.path}': {' and '.join(fitting)} could be {key}; accepted: one, "
                 f"named with {fitting[0]}:={key}"
             )
-    return found
+    return topics
 
 
 def usable_topics(recording: Recording, types: Collection[str]) -> list[str]:

@@ -160,9 +160,9 @@ def _quaternions(channel: ChannelMap, values: Array) -> Array:
     if channel.order == "rpy":
         angles = angles[:, ::-1]
     out = np.full((len(angles), 4), np.nan)
-    good = np.isfinite(angles).all(axis=1)
-    if good.any():
-        out[good] = Rotation.from_euler("ZYX", angles[good]).as_quat()
+    usable = np.isfinite(angles).all(axis=1)
+    if usable.any():
+        out[usable] = Rotation.from_euler("ZYX", angles[usable]).as_quat()
     return out
 
 

@@ -57,7 +57,9 @@ class ForeignTopics:
         if not len(table["log_time_ns"]):
             return None
         if "stamp_ns" not in table:
-            sample, sent = (_whole(table, name) for name in ("timestamp_sample", "timestamp"))
+            sample, sent = (
+                _integer_column(table, name) for name in ("timestamp_sample", "timestamp")
+            )
             if sent is None:
                 text = f"{topic}: messages have no stamps; times of recording are taken instead"
                 self._say("warning", text, topic, "stamps")
@@ -73,18 +75,20 @@ class ForeignTopics:
         return [(t, s.typename) for t, s in topics if s.count and _TRUTH not in t.split("/")]
 
     def _read_rotors(self) -> None:
-        found: dict[str, list[tuple[int, str, Array]]] = {}
+        by_channel: dict[str, list[tuple[int, str, Array]]] = {}
         for topic, typename in self._streams():
             table = self._table(topic) if is_rotor_type(typename) else None
             reading = None if table is None else rotor_reading(typename, topic, table)
             if table is None or reading is None:
                 continue
             self.tables[topic] = table
-            found.setdefault(reading.channel, []).append((RANKS[typename], topic, reading.values))
+            by_channel.setdefault(reading.channel, []).append(
+                (RANKS[typename], topic, reading.values)
+            )
             text = f"{reading.channel}: from {topic} ({typename}), as PX4 orders a quad-X"
             doubt = f"; {reading.doubt}" if reading.doubt else ""
             self._say("info", text + doubt, reading.channel)
-        for channel, readings in found.items():
+        for channel, readings in by_channel.items():
             best = min(rank for rank, _, _ in readings)
             first = [(topic, values) for rank, topic, values in readings if rank == best]
             if len(first) == 1:
@@ -119,19 +123,20 @@ class ForeignTopics:
                 if table is None:
                     continue
                 values = stacked_columns(table, channel.columns, topic)
-                own = TopicColumns(topic, table)
+                columns = TopicColumns(topic, table)
                 if channel.time is not None:
                     unit = factor(channel.time.unit, "s", "time") * 1e9
                     times = stacked_columns(table, [channel.time.column], topic)[:, 0]
-                    own["stamp_ns"] = (times * unit).astype(int)
-                self.tables[f"{topic} {key}"] = own
+                    columns["stamp_ns"] = (times * unit).astype(int)
+                self.tables[f"{topic} {key}"] = columns
                 self.channels[key] = f"{topic} {key}", converted(key, channel, mapping, values)
 
     def _say(self, severity: str, text: str, channel: str, check: str = "rpm") -> None:
         self.findings.append(Finding(check, severity, self._flight, text, channel=channel))
 
 
-def _whole(table: ColumnTable, name: str) -> NDArray[Any] | None:
+def _integer_column(table: ColumnTable, name: str) -> NDArray[Any] | None:
     """Return a column of whole numbers, or None."""
-    found = table.get(name)
-    return found if found is not None and found.ndim == 1 and found.dtype.kind in "iu" else None
+    column = table.get(name)
+    whole = column is not None and column.ndim == 1 and column.dtype.kind in "iu"
+    return column if whole else None

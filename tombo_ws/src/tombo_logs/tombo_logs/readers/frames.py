@@ -62,9 +62,9 @@ def turn_attitude(quaternions: Array, world: Array, body: Array, turn: Rotation)
     Norms stay: one that is not 1 says that the columns hold something else.
     """
     out = np.full(quaternions.shape, np.nan)
-    good = is_usable(quaternions)
-    if good.any():
-        matrices = world @ Rotation.from_quat(quaternions[good]).as_matrix() @ body.T
-        norms = np.linalg.norm(quaternions[good], axis=1, keepdims=True)
-        out[good] = (Rotation.from_matrix(matrices) * turn).as_quat() * norms
+    usable = is_usable(quaternions)
+    if usable.any():
+        matrices = world @ Rotation.from_quat(quaternions[usable]).as_matrix() @ body.T
+        norms = np.linalg.norm(quaternions[usable], axis=1, keepdims=True)
+        out[usable] = (Rotation.from_matrix(matrices) * turn).as_quat() * norms
     return out

@@ -44,16 +44,16 @@ def read_logs(
         InputError: a path that can't be read, or a flight given twice.
     """
     use = None if mapping is None else load_mapping(mapping)
-    found = [log for path in paths for log in logs_in(Path(path))]
-    if not found:
+    files = [log for path in paths for log in logs_in(Path(path))]
+    if not files:
         raise InputError(f"no logs given; accepted: {READABLE}")
-    named = zip(found, flight_names(found), strict=True)
+    named = zip(files, flight_names(files), strict=True)
     logs = [read_log(path, name, use, names) for path, name in named]
-    for one, other in combinations(logs, 2):
-        if _same(one, other):
+    for first, second in combinations(logs, 2):
+        if _same(first, second):
             raise InputError(
-                f"'{one.source}' and '{other.source}' are the same flight; accepted: each flight "
-                "once, else its errors count as confirmed by another"
+                f"'{first.source}' and '{second.source}' are the same flight; accepted: each "
+                "flight once, else its errors count as confirmed by another"
             )
     return logs
 
@@ -152,8 +152,8 @@ def _adapted(log: Flight, mapping: LogMapping | None) -> Flight:
     return replace(log.with_series(series), airframe=mapping.airframe or log.airframe)
 
 
-def _same(one: Flight, other: Flight) -> bool:
-    a, b = one.series.get("position"), other.series.get("position")
+def _same(first: Flight, second: Flight) -> bool:
+    a, b = first.series.get("position"), second.series.get("position")
     return (
         a is not None
         and b is not None

@@ -61,9 +61,9 @@ def read_ulog(path: Path, name: str, mapping: LogMapping | None = None) -> Fligh
         InputError: no ULog, one without position and attitude, or without a topic of the mapping.
     """
     mapped = {} if mapping is None else mapping.by_topic
-    log, found = _opened(path, [*PX4_TOPICS, *(topic.strip("/") for topic in mapped)])
+    log, messages = _opened(path, [*PX4_TOPICS, *(topic.strip("/") for topic in mapped)])
     topics = _first_instances(log)
-    findings = damage_findings(name, path, _damage(log, found))
+    findings = damage_findings(name, path, _damage(log, messages))
     start = float(log.start_timestamp)
     series, source = px4_series(topics, start, log.initial_parameters)
     for topic, channels in mapped.items():
@@ -143,9 +143,9 @@ def _number(value: object) -> float:
 
 def _opened(path: Path, topics: list[str]) -> tuple[Any, UlogMessages]:
     try:
-        raw, found = whole_messages(path.read_bytes(), f"'{path}'")
+        raw, messages = whole_messages(path.read_bytes(), f"'{path}'")
         with contextlib.redirect_stdout(io.StringIO()):
-            return ULog(io.BytesIO(raw), message_name_filter_list=topics), found
+            return ULog(io.BytesIO(raw), message_name_filter_list=topics), messages
     except OSError as error:
         raise InputError(f"can't read '{path}': {error.strerror}") from error
     except InputError:
@@ -156,15 +156,15 @@ def _opened(path: Path, topics: list[str]) -> tuple[Any, UlogMessages]:
 
 
 def _damage(log: Any, messages: UlogMessages) -> list[str]:
-    found = []
+    lines = []
     if log.file_corruption or messages.damaged:
-        found.append("damaged; what is whole is read")
+        lines.append("damaged; what is whole is read")
     elif messages.cut:
-        found.append("cut off within a message; read up to there")
+        lines.append("cut off within a message; read up to there")
     lost = sum(d.duration for d in log.dropouts)
     if lost:
-        found.append(f"{len(log.dropouts)} dropouts of the logger, {lost / 1e3:.1f} s together")
-    return found
+        lines.append(f"{len(log.dropouts)} dropouts of the logger, {lost / 1e3:.1f} s together")
+    return lines
 
 
 def _first_instances(log: Any) -> Topics:

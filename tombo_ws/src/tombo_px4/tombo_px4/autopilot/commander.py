@@ -105,8 +105,8 @@ class Commander:
         self._armed_tick = 0
         self._landed_tick = -1
         self._tilted_tick = -1
-        self._tilt_told = False
-        self._battery_told = 0
+        self._tilt_reported = False
+        self._battery_reported = 0
         self._battery_action: Mode | None = None
         self._after_disarming: Mode = AUTO_HOLD
 
@@ -312,14 +312,14 @@ class Commander:
         rolled = 0 < get("FD_FAIL_R") < math.degrees(abs(now.roll))
         pitched = 0 < get("FD_FAIL_P") < math.degrees(abs(now.pitch))
         if not (rolled or pitched):
-            self._tilted_tick, self._tilt_told = -1, False
+            self._tilted_tick, self._tilt_reported = -1, False
             return
         if self._tilted_tick < 0:
             self._tilted_tick = now.tick
         wait = get("FD_FAIL_R_TTRI") if rolled else get("FD_FAIL_P_TTRI")
-        if now.tick - self._tilted_tick < TICK_HZ * wait or self._tilt_told:
+        if now.tick - self._tilted_tick < TICK_HZ * wait or self._tilt_reported:
             return
-        self._tilt_told = True
+        self._tilt_reported = True
         self._say(Severity.EMERGENCY, "Critical failure detected: attitude")
         early = TICK_HZ * (get("COM_SPOOLUP_TIME") + get("COM_LKDOWN_TKO"))
         if now.tick - self._armed_tick < early:
@@ -329,9 +329,9 @@ class Commander:
 
     def _watch_battery(self, now: CommanderInput) -> None:
         warning = now.battery.warning
-        if warning <= self._battery_told:
+        if warning <= self._battery_reported:
             return
-        self._battery_told = warning
+        self._battery_reported = warning
         self._say(
             Severity.WARNING if warning == 1 else Severity.CRITICAL,
             f"{_BATTERY[warning]}: {100.0 * now.battery.remaining:.0f} %",

@@ -51,25 +51,25 @@ from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 
 _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
-_ABOVE = 0.1
+_CLIMB_WANTED = 0.1
 """[m]: a set point this far above a standing vehicle means that it shall take off."""
-_LIFTS_TICKS = 500
+_TAKEOFF_TICKS = 500
 """A take-off that has begun so long ago is one."""
-_SINKS = -0.1
+_DESCENT_SPEED = -0.1
 """[m/s]: a set point that sinks faster may be meant to land."""
-_SMOOTH = 0.065
+_FORCE_GAIN = 0.065
 """Share of a new specific force: 0.3 s at 50 Hz."""
-_SINK = GRAVITY / 4.0
+_RAMP_BELOW = GRAVITY / 4.0
 """[m/s]: the ramp of a take-off begins so far below 0 (PX4: with MPC_Z_VEL_P_ACC of 4): a standing
 vehicle is held down for the first part of it."""
-_LEAVES = 0.45
+_DETECTED_SHARE = 0.45
 """Share of that part after which PX4 1.17 said "Takeoff detected": 1.9 s after arming."""
 _MAX_STATUS_TEXTS = 64
 _FARTHEST = 1e5
 """[m]: a farther position is refused as a mistake."""
 _CLIMB_DAMPING = 0.3
 """[s/m]: share of the hover thrust against each m/s, in altitude mode."""
-_SETTLES_TICKS = 2000
+_FALL_TICKS = 2000
 """A vehicle whose rotors were stopped in the air is down after this."""
 
 
@@ -365,11 +365,13 @@ class Px4Vehicle:
         if self.takeoff_state >= TakeoffState.RAMPUP:
             self._airborne_tick = tick
             return True
-        return tick - self._airborne_tick < _SETTLES_TICKS and not self.armed
+        return tick - self._airborne_tick < _FALL_TICKS and not self.armed
 
     def _had_time_to_lift_off(self, tick: int) -> bool:
         """Return whether it has had the time to lift off."""
-        return self.takeoff_state >= TakeoffState.RAMPUP and tick - self._ramp_tick > _LIFTS_TICKS
+        return (
+            self.takeoff_state >= TakeoffState.RAMPUP and tick - self._ramp_tick > _TAKEOFF_TICKS
+        )
 
     def _commander_input(self) -> CommanderInput:
         tick = self.tick
@@ -487,7 +489,7 @@ class Px4Vehicle:
         if self._commander.mode == AUTO_TAKEOFF:
             return True
         return bool(
-            height > self._state.position[2] + _ABOVE
+            height > self._state.position[2] + _CLIMB_WANTED
             or (not math.isfinite(height) and climb > 0.05)
             or (not math.isfinite(height) and not math.isfinite(climb) and push > 0.0)
         )
@@ -496,7 +498,9 @@ class Px4Vehicle:
         """Return whether more thrust than that of a standing vehicle is asked for already."""
         wanted = self._wanted_tick
         begun = self.takeoff_state in (TakeoffState.READY, TakeoffState.RAMPUP)
-        return begun and wanted is not None and self.tick - wanted > _LEAVES * self._ramp()[1]
+        return (
+            begun and wanted is not None and self.tick - wanted > _DETECTED_SHARE * self._ramp()[1]
+        )
 
     def _climb_max(self, tick: int) -> float:
         if self.takeoff_state != TakeoffState.RAMPUP:
@@ -508,7 +512,7 @@ class Px4Vehicle:
         """Return where the ramp ends [m/s], how long it holds it down and lasts in all [ticks]."""
         get = self.parameters.get
         fastest, whole = get("MPC_TKO_SPEED"), TICK_HZ * get("MPC_TKO_RAMP_T")
-        return fastest, whole * _SINK / (_SINK + fastest), whole
+        return fastest, whole * _RAMP_BELOW / (_RAMP_BELOW + fastest), whole
 
     def _update_land_detector(self) -> None:
         """Ask the land detector; a landing ends the flight, though not the armed state."""
@@ -517,10 +521,10 @@ class Px4Vehicle:
         vx, vy, vz = (float(v) for v in self._state.velocity)
         descending = self._descend_mode
         if flown is not None and flown.kind <= ControlLevel.ACCELERATION:
-            descending = float(setpoint.velocity[2]) < _SINKS
+            descending = float(setpoint.velocity[2]) < _DESCENT_SPEED
         force = self.simulator.accel - state.accel_bias
         length = math.sqrt(float(force @ force)) / GRAVITY
-        self._force += _SMOOTH * (length - self._force)
+        self._force += _FORCE_GAIN * (length - self._force)
         aloft = self._had_time_to_lift_off(self.tick)
         motion = GroundMotion(
             self.armed,

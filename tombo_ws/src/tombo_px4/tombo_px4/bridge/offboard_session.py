@@ -165,8 +165,8 @@ class Session:
         self._mission_seen = True
         if view.phase == Phase.IDLE:  # a mission that was restarted counts from 0
             self._commands_flown = min(self._commands_flown, view.takeoff_commands)
-        told = view.takeoff_commands > self._commands_flown
-        if not view.beat.armed and told and (begins or view.phase in _GROUND):
+        commanded = view.takeoff_commands > self._commands_flown
+        if not view.beat.armed and commanded and (begins or view.phase in _GROUND):
             self._engage_allowed = True
 
     # --- The link -----------------------------------------------------------------------------

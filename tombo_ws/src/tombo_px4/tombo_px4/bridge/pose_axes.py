@@ -84,8 +84,8 @@ def up_in_pose_body(attitude: Array, accel: Array) -> tuple[float, float]:
         accel: (3) specific force at rest, base_link.
     """
     up = accel / float(np.linalg.norm(accel))
-    told = rotate_vector(conjugate(attitude), np.array([0.0, 0.0, 1.0]))
-    return float(told[0] - up[0]), float(told[1] - up[1])
+    pose_up = rotate_vector(conjugate(attitude), np.array([0.0, 0.0, 1.0]))
+    return float(pose_up[0] - up[0]), float(pose_up[1] - up[1])
 
 
 @dataclass(frozen=True)

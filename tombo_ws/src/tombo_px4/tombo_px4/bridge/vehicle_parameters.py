@@ -198,7 +198,7 @@ _TRIES = 4
 _AFRESH_NS = 15 * SECOND_NS
 """Period of reading all parameters again on the ground, where they may be changed."""
 _AT_ONCE = 3
-_WHOLE = mav.MAV_PARAM_TYPE_INT32
+_INT32 = mav.MAV_PARAM_TYPE_INT32
 _AT_START = (
     "EKF2_HGT_REF",
     "EKF2_MAG_TYPE",
@@ -329,6 +329,6 @@ class ParameterReader:
 
     def _write(self, name: str) -> Any:
         value, kind = self._writes[name], self._kinds[name]
-        if kind == _WHOLE:  # PX4 takes whole numbers by their bytes
+        if kind == _INT32:  # PX4 takes whole numbers by their bytes
             value = struct.unpack("<f", struct.pack("<i", round(value)))[0]
         return mav.MAVLink_param_set_message(*self._to, name.encode(), value, kind)

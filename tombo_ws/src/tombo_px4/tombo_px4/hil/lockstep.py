@@ -171,9 +171,9 @@ class HilSimulator:
 
     def take_notices(self) -> list[Notice]:
         """Return the new messages for the user."""
-        news = list(self._news)
+        notices = list(self._news)
         self._news.clear()
-        return news
+        return notices
 
     def advance(self, now_ns: int) -> bool:
         """Take what PX4 has sent, and fly one step if it is answered and due.

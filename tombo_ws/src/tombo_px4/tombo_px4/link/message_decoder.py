@@ -53,7 +53,7 @@ class _PartialText:
         words = "".join(self.chunks.get(k, _GAP) for k in range(end + 1))
         if self.last is None and (number or end):
             words += _GAP
-        return _whole(self.arrival_ns, self.severity, words)
+        return _status_text(self.arrival_ns, self.severity, words)
 
 
 class StatusTextAssembler:
@@ -80,7 +80,7 @@ class StatusTextAssembler:
         if not 0 <= severity <= 7:
             raise RefusedMessage("range")
         if number == 0 and chunk == 0 and len(text) < _FULL:
-            return _whole(arrival_ns, severity, text)
+            return _status_text(arrival_ns, severity, text)
         if chunk >= _MOST_CHUNKS:
             raise RefusedMessage("range")
         if number not in self._growing and len(self._growing) >= _MOST_TEXTS:
@@ -107,7 +107,7 @@ class StatusTextAssembler:
         return [self._growing.pop(number).text(number) for number in late]
 
 
-def _whole(arrival_ns: int, severity: int, text: str) -> StatusText:
+def _status_text(arrival_ns: int, severity: int, text: str) -> StatusText:
     """Return a text; PX4 ends those with a tabulator that it sends as an EVENT, too."""
     return StatusText(arrival_ns, severity, _printable(text), text.endswith("\t"))
 

@@ -30,15 +30,15 @@ _SLOW_NS = 10_000_000
 """An answer this much slower than the quickest round trip is ignored."""
 _PATIENCE = 10
 _JUMP_NS = 5_000_000
-_SURE_OF_JUMP = 3
+_PROOFS = 3
 _NOISE_NS = 50_000.0
 _WANDER_NS2_PER_S = 6.25e7
 """A clock's own wandering: with it the filter follows within about 2 s at 10 Hz."""
 _LONGEST_S = 10.0
-_LEANS_NS = 200_000.0
+_DRIFT_PROOF_NS = 200_000.0
 """Left by more than this, three times in a row to one side: the clocks run at different rates."""
 _FASTEST = 0.9
-_FORGETS, _SMALL_DRIFT, _NO_DRIFT = 0.98, 5e-3, 1e-5
+_DRIFT_DECAY, _SMALL_DRIFT, _NO_DRIFT = 0.98, 5e-3, 1e-5
 _AHEAD_NS = SECOND_NS
 """Without an answer a rate is used for no longer than this."""
 
@@ -73,7 +73,7 @@ class TimeSync:
         self._slow_in_a_row = 0
         self._impossible: list[tuple[int, int, int]] = []  # arrival, sample, round trip
         self._drift = 0.0  # of the offset, per time of ours
-        self._leans = 0  # how often in a row the bound was left; negative: downwards
+        self._drift_votes = 0  # how often in a row the bound was left; negative: downwards
 
     def request(self, now_ns: int) -> tuple[int, int]:
         """Return (tc1, ts1) of a request that leaves now."""
@@ -115,7 +115,7 @@ class TimeSync:
         beyond = abs(error) - 0.5 * rtt
         if beyond > _JUMP_NS:
             self._impossible.append((received_ns, sample, rtt))
-            if len(self._impossible) >= _SURE_OF_JUMP:
+            if len(self._impossible) >= _PROOFS:
                 self.jumps += 1
                 drift = _slope(self._impossible)
                 self._begin(sample, rtt, received_ns)
@@ -157,7 +157,7 @@ class TimeSync:
         self._offset = 0.0
         self._variance = (0.5 * rtt + _NOISE_NS) ** 2
         self._last_ns = now_ns
-        self._slow_in_a_row = self._leans = 0
+        self._slow_in_a_row = self._drift_votes = 0
         self._impossible.clear()
         self._drift = 0.0
 
@@ -178,15 +178,15 @@ class TimeSync:
 
     def _learn_drift(self, error: float, beyond: float, passed_s: float) -> None:
         """Use a rate once it is proven; drop a small one that is not proven again."""
-        if beyond <= _LEANS_NS or passed_s <= 0.0:
-            self._leans = 0
+        if beyond <= _DRIFT_PROOF_NS or passed_s <= 0.0:
+            self._drift_votes = 0
             if abs(self._drift) < _SMALL_DRIFT:
-                self._drift = self._drift * _FORGETS if abs(self._drift) > _NO_DRIFT else 0.0
+                self._drift = self._drift * _DRIFT_DECAY if abs(self._drift) > _NO_DRIFT else 0.0
             return
         side = 1 if error > 0.0 else -1
-        self._leans = self._leans + side if self._leans * side >= 0 else side
-        if abs(self._leans) >= _SURE_OF_JUMP:
-            self._leans = 0
+        self._drift_votes = self._drift_votes + side if self._drift_votes * side >= 0 else side
+        if abs(self._drift_votes) >= _PROOFS:
+            self._drift_votes = 0
             drift = self._drift + side * beyond / (SECOND_NS * passed_s)
             self._drift = min(max(drift, -_FASTEST), _FASTEST)
 
@@ -195,6 +195,6 @@ def _slope(samples: list[tuple[int, int, int]]) -> float:
     """Return the rate that samples (arrival, offset, round trip) [ns] prove; 0: none."""
     (begin, first, rtt), (end, last, back) = samples[0], samples[-1]
     passed, changed = end - begin, last - first
-    if passed <= 0 or abs(changed) <= 0.5 * (rtt + back) + _LEANS_NS:
+    if passed <= 0 or abs(changed) <= 0.5 * (rtt + back) + _DRIFT_PROOF_NS:
         return 0.0
     return min(max(changed / passed, -_FASTEST), _FASTEST)

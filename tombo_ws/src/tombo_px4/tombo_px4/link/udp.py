@@ -225,7 +225,7 @@ class UdpIn(Transport):
         """
         queue = self._make()
         queues = (self._listener, *self._partners.values(), queue)
-        sockets = [one.socket for one in queues]
+        sockets = [entry.socket for entry in queues]
         try:
             # Only now may another socket have this port: busy means busy to everybody else.
             for sock in sockets:

@@ -75,12 +75,12 @@ class Endpoint:
         """
         self._boot_ns = boot_ns
         self.telemetry.unix_us = wall_ns // 1000
-        came = self._receive(boot_ns, wall_ns)
+        received = self._receive(boot_ns, wall_ns)
         for port in self.channels:
             port.maintain(self.vehicle.boot_us)
             port.request_timesync(boot_ns)
         self._fly(boot_ns)
-        for routed in came:
+        for routed in received:
             self.message_router.take(routed)
         self._report_changes()
         for port in self.channels:
@@ -102,7 +102,7 @@ class Endpoint:
 
     def _receive(self, boot_ns: int, wall_ns: int) -> list[RoutedMessage]:
         """Return what has come; TIMESYNC is answered before anything else is done."""
-        came = []
+        messages = []
         for port in self.channels:
             for received in port.link.receive(_MOST_MESSAGES):
                 arrival_ns = received.arrival_ns + boot_ns - wall_ns
@@ -110,8 +110,8 @@ class Endpoint:
                 if received.message.get_type() == "TIMESYNC":
                     port.time(received.message, received.peer, arrival_ns, boot_ns)
                 else:
-                    came.append(RoutedMessage(port, received, arrival_ns // 1000))
-        return came
+                    messages.append(RoutedMessage(port, received, arrival_ns // 1000))
+        return messages
 
     def _fly(self, boot_ns: int) -> None:
         """Fly up to now, sending at each tick what is due there."""

@@ -62,7 +62,7 @@ def no_logs(mav: Any, message: Any, system: int, component: int) -> Any:
     return mav.log_entry_encode(0, 0, 0, 0, 0)
 
 
-def file_answer(mav: Any, message: Any, system: int, component: int) -> Any | None:
+def no_files(mav: Any, message: Any, system: int, component: int) -> Any | None:
     """Return the answer to FILE_TRANSFER_PROTOCOL: no such file; None: not a request."""
     asked = bytes(message.payload)
     sequence, session, operation, _, _, _, _, offset = HEADER.unpack_from(asked)
@@ -114,7 +114,7 @@ class MessageRouter:
         origin: GeoOrigin,
         telemetry: Telemetry,
         parameters: ParameterServer,
-        voice: StatusTextSender,
+        statustext: StatusTextSender,
         channels: Sequence[MavlinkChannel],
     ) -> None:
         self._vehicle = vehicle
@@ -122,7 +122,7 @@ class MessageRouter:
         self._telemetry = telemetry
         self._parameters = parameters
         self._commands = CommandServer(vehicle, origin)
-        self._voice = voice
+        self._statustext = statustext
         self._channels = channels
         self.system = int(vehicle.parameters.get("MAV_SYS_ID"))
         self.component = int(vehicle.parameters.get("MAV_COMP_ID"))
@@ -147,7 +147,7 @@ class MessageRouter:
             "MANUAL_CONTROL": (self._manual_control, False),
             "RC_CHANNELS_OVERRIDE": (self._manual_control, True),
             "LOG_REQUEST_LIST": (self._reply_with(no_logs), True),
-            "FILE_TRANSFER_PROTOCOL": (self._reply_with(file_answer), True),
+            "FILE_TRANSFER_PROTOCOL": (self._reply_with(no_files), True),
             "PING": (self._reply_with(ping_answer), False),
             **dict.fromkeys(MISSION_MESSAGES, (self._reply_with(mission_answer), True)),
         }
@@ -169,10 +169,10 @@ class MessageRouter:
             handler(routed)
 
     def _report_refusal(self, reason: str, detail: str = "") -> None:
-        self._voice.report_refusal(reason, self._vehicle.boot_us, detail)
+        self._statustext.report_refusal(reason, self._vehicle.boot_us, detail)
 
     def _note(self, reason: str) -> None:
-        self._voice.note(reason, self._vehicle.boot_us)
+        self._statustext.note(reason, self._vehicle.boot_us)
 
     def _for_us(self, message: Any, or_all: bool = False) -> bool:
         """Return whether it is for this vehicle: its system, and its component or all of them."""
@@ -200,7 +200,7 @@ class MessageRouter:
         self._telemetry.reset()
         result = self._send_requested(routed, answer)
         for severity, text in self._vehicle.take_status_texts():
-            self._voice.say(severity, text, self._vehicle.boot_us)
+            self._statustext.say(severity, text, self._vehicle.boot_us)
         for acknowledged in [Result.ACCEPTED, result] if answer.passed_on else [result]:
             sender = (received.system, received.component)
             content = (command.number, int(acknowledged), _NO_PROGRESS, 0)
@@ -208,10 +208,10 @@ class MessageRouter:
             port.link.send(ack, received.peer)
         if command.number == mavlink.MAV_CMD_RUN_PREARM_CHECKS:
             problems = self._vehicle.health.problems
-            self._voice.events.report(problems, self._vehicle.boot_us, asked=True)
+            self._statustext.events.report(problems, self._vehicle.boot_us, asked=True)
         if answer.text:
             severity = Severity.INFO if result == Result.ACCEPTED else Severity.WARNING
-            self._voice.say(severity, answer.text, self._vehicle.boot_us)
+            self._statustext.say(severity, answer.text, self._vehicle.boot_us)
         if result == Result.UNSUPPORTED:
             self._note(f"command {command.number} is not supported")
 

@@ -186,8 +186,8 @@ class StatusTextSender:
         if reason not in self.counts and len(self.counts) >= _MOST_REASONS:
             reason = "other"
         self.counts[reason] = self.counts.get(reason, 0) + 1
-        said_us = self._refusal_sent_us.get(reason)
-        if said_us is not None and boot_us - said_us < _AGAIN_US:
+        last_us = self._refusal_sent_us.get(reason)
+        if last_us is not None and boot_us - last_us < _AGAIN_US:
             return False
         self._refusal_sent_us[reason] = boot_us
         return True

@@ -159,7 +159,7 @@ def _sensors(vehicle: Px4Vehicle, health: ArmingHealth) -> tuple[int, int]:
     if vehicle.ekf2_model.source == "vision":
         sensors[mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION] = health.local_position
     present = sum(sensors)
-    return present, sum(bit for bit, well in sensors.items() if well)
+    return present, sum(bit for bit, is_healthy in sensors.items() if is_healthy)
 
 
 def _heartbeat(mav: Any, p: TelemetrySnapshot) -> Any:

@@ -67,7 +67,7 @@ class LagCourse:
     """Median correlation of the windows."""
 
 
-def lag_course(t: Array, seen: Array, other: Array, good: Mask) -> LagCourse | None:
+def lag_course(t: Array, seen: Array, other: Array, usable: Mask) -> LagCourse | None:
     """Return how the lag of `seen` (N, k) behind `other` (N, k) changes; None: it can't be told.
 
     Rows are on an even clock `t` (N,) of `motion.RATE`; only those with `good` count.
@@ -75,16 +75,16 @@ def lag_course(t: Array, seen: Array, other: Array, good: Mask) -> LagCourse | N
     times, lags, sigmas, matches = [], [], [], []
     for begin in range(_REACH, t.size - _WINDOW - _REACH + 1, _HOP):
         rows = slice(begin, begin + _WINDOW)
-        if np.count_nonzero(good[begin - _REACH : begin + _WINDOW + _REACH]) < 0.8 * (
+        if np.count_nonzero(usable[begin - _REACH : begin + _WINDOW + _REACH]) < 0.8 * (
             _WINDOW + 2 * _REACH
         ):
             continue
-        found = _window_lag(seen, other[rows], begin)
-        if found is not None:
+        measured = _window_lag(seen, other[rows], begin)
+        if measured is not None:
             times.append(float(t[rows].mean()))
-            lags.append(found[0])
-            sigmas.append(found[1])
-            matches.append(found[2])
+            lags.append(measured[0])
+            sigmas.append(measured[1])
+            matches.append(measured[2])
     if len(times) < _LEAST_WINDOWS:
         return None
     at, lag, weight = np.array(times), np.array(lags), 1.0 / np.array(sigmas) ** 2
@@ -94,7 +94,7 @@ def lag_course(t: Array, seen: Array, other: Array, good: Mask) -> LagCourse | N
     return LagCourse(
         rate,
         sigma,
-        min(abs(one[0]) / one[2] for one in fewer),
+        min(abs(fit[0]) / fit[2] for fit in fewer),
         rate * length,
         1.4826 * float(np.median(np.abs(lag - first - rate * (at - at[0])))),
         first,
@@ -198,10 +198,10 @@ def _on_poses_clock(
     reset: frozenset[str],
 ) -> list[Finding]:  # fmt: skip
     """Correct the stamps of these channels, or leave them out, where the lag is not constant."""
-    found = _first_course(motion, channel, series[channel])
-    if found is None:
+    first = _first_course(motion, channel, series[channel])
+    if first is None:
         return []
-    stretch, course = found
+    stretch, course = first
     changed = ", ".join(names)
     if set(names) & reset and abs(course.first) > 2.0 * _GROWTH_S:
         text = (
@@ -265,6 +265,6 @@ def _left_out(
     return [Finding("stamps", "fault", flight, text, channel=channel)]
 
 
-def _same_stamps(one: Series, other: Series) -> bool:
+def _same_stamps(series: Series, other: Series) -> bool:
     """Return whether two channels are stamped by one clock: sample by sample alike."""
-    return one.t.size == other.t.size and bool(np.abs(one.t - other.t).max() < 1e-6)
+    return series.t.size == other.t.size and bool(np.abs(series.t - other.t).max() < 1e-6)

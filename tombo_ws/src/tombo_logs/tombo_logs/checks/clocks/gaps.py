@@ -19,8 +19,8 @@ that do not: else stamps jitter, and no sample is lost."""
 def gap_spans(t: Array) -> list[Span]:
     """Return where stamps are further apart than three usual steps, and 50 ms."""
     limit = max(_LEAST_S, 3.5 * sample_interval(t))
-    found = np.flatnonzero(np.diff(t) > limit)
-    return [(float(t[i]), float(t[i + 1])) for i in found]
+    rows = np.flatnonzero(np.diff(t) > limit)
+    return [(float(t[i]), float(t[i + 1])) for i in rows]
 
 
 def gaps(flight: str, channel: str, t: Array) -> list[Finding]:

@@ -37,7 +37,7 @@ def find_steps(t: Array, ratio: Array) -> list[tuple[float, float]]:
     if used.size < 2 * _SIDE + 2:
         return []
     noise = 1.4826 * float(np.median(np.abs(np.diff(middles)))) / np.sqrt(2.0)
-    found = []
+    steps = []
     for at in _change_points(middles / max(noise, 1e-6)):
         if used[min(at + _SIDE, used.size) - 1] - used[max(at - _SIDE, 0)] > 3 * _SIDE:
             continue  # the samples between were excluded
@@ -47,8 +47,8 @@ def find_steps(t: Array, ratio: Array) -> list[tuple[float, float]]:
         step = float(np.median(after) - np.median(before))
         spread = float(np.sqrt((np.var(before) + np.var(after)) / 2.0 / _SIDE)) + noise / 3.0
         if abs(step) > max(_STEP, _SIGMAS * spread) and _lasts(middles, at, step):
-            found.append((float(t[0] + used[at] * _BIN_S), float(np.expm1(step))))
-    return found
+            steps.append((float(t[0] + used[at] * _BIN_S), float(np.expm1(step))))
+    return steps
 
 
 def changes(flight: str, t: Array, force: Array, drive: Array) -> list[Finding]:

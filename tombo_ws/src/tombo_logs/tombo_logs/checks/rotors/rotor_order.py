@@ -99,13 +99,13 @@ def order_scores(
     sigma = _WIDTH * _RATE
     thrust = gaussian_filter1d(_sampled(drive, t) ** 2, sigma, axis=0)
     turning = gaussian_filter1d(_sampled(gyro, t), sigma, axis=0, order=1) * _RATE
-    good = gaussian_filter1d(inside(t, exclude).astype(np.float64), sigma) < 1e-9
-    good[: max(*lags, 0)] = False
-    good[t.size + min(*lags, 0) :] = False
-    if np.count_nonzero(good) < 300:
+    usable = gaussian_filter1d(inside(t, exclude).astype(np.float64), sigma) < 1e-9
+    usable[: max(*lags, 0)] = False
+    usable[t.size + min(*lags, 0) :] = False
+    if np.count_nonzero(usable) < 300:
         return np.zeros((0, 0))
     return np.array(
-        [_scores(np.roll(thrust, lag, 0)[good], turning[good], orders) for lag in lags]
+        [_scores(np.roll(thrust, lag, 0)[usable], turning[usable], orders) for lag in lags]
     )
 
 
@@ -113,13 +113,13 @@ def _scores(thrust: Array, turning: Array, orders: Sequence[tuple[int, ...]]) ->
     """Return (orders,): how well the three axes go together with the turning."""
     u = thrust - thrust.mean(axis=0)
     a = turning - turning.mean(axis=0)
-    own, cross = u.T @ u, u.T @ a
+    auto, cross = u.T @ u, u.T @ a
     size = np.sqrt(np.maximum(np.sum(a**2, axis=0), 1e-12))
     result = np.zeros(len(orders))
     for i, order in enumerate(orders):
         rows = list(order)
         spread = np.sqrt(
-            np.maximum(np.einsum("ki,ij,kj->k", _MIX, own[np.ix_(rows, rows)], _MIX), 1e-12)
+            np.maximum(np.einsum("ki,ij,kj->k", _MIX, auto[np.ix_(rows, rows)], _MIX), 1e-12)
         )
         result[i] = float(np.sum(np.einsum("ki,ik->k", _MIX, cross[rows]) / spread / size))
     return result

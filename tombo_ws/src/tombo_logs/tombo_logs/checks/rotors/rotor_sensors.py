@@ -121,9 +121,9 @@ def _scales(speed: Series, command: Series | None, flying: Mask, zeros: Mask) ->
     for i, name in enumerate(ROTOR_NAMES):
         relative = ratio[i] / np.nanmedian(np.delete(ratio, i))
         if not low <= relative <= high and np.isfinite(relative):
-            own = f"{speed.values[flying][:, i].mean():.0f} rad/s on average"
+            mean_speed = f"{speed.values[flying][:, i].mean():.0f} rad/s on average"
             texts.append(
                 f"{name} reads {relative:.3g} times {against}, measured by the other rotors "
-                f"({own}): its sensor's scale"
+                f"({mean_speed}): its sensor's scale"
             )
     return texts
