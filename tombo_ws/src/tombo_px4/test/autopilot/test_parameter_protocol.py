@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.link.message_encoder import float_of_int
 from tombo_px4.protocol.parameter_protocol import (
     ParameterList,
     ParameterServer,
-    float_of_int,
     int_of_float,
     name_of,
 )

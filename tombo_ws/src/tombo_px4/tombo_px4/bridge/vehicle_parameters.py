@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from pymavlink.dialects.v20 import common as mav
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.link.decoded_messages import ParameterValue
-from tombo_px4.link.message_encoder import MessageTarget, read_parameter
+from tombo_px4.link.message_encoder import MessageTarget, float_of_int, read_parameter
 
 EV_CTRL, EV_DELAY, HGT_REF = "EKF2_EV_CTRL", "EKF2_EV_DELAY", "EKF2_HGT_REF"
 DELAY_MAX, HOVER = "EKF2_DELAY_MAX", "MPC_THR_HOVER"
@@ -329,6 +328,6 @@ class ParameterReader:
 
     def _write(self, name: str) -> Any:
         value, kind = self._writes[name], self._kinds[name]
-        if kind == _INT32:  # PX4 takes whole numbers by their bytes
-            value = struct.unpack("<f", struct.pack("<i", round(value)))[0]
+        if kind == _INT32:
+            value = float_of_int(round(value))
         return mav.MAVLink_param_set_message(*self._to, name.encode(), value, kind)

@@ -127,7 +127,7 @@ _EVENTS = 4
 _ON_VEHICLE = "mftp://"
 _COMPONENT = re.compile(r"^\[;comp=\d+\]")
 _XZ_MAGIC = b"\xfd7zXZ\x00"
-_KINDS = {
+ARGUMENT_KINDS = {
     "uint8_t": "B",
     "int8_t": "b",
     "uint16_t": "H",
@@ -138,6 +138,7 @@ _KINDS = {
     "int64_t": "q",
     "float": "f",
 }
+"""Type of an argument → its letter in `struct`."""
 _PLACE = re.compile(r"\{(\d{1,2})(?::\.(\d))?([a-zA-Z][\w/^]*)?\}")
 _TAG = re.compile(r"(?<!\\)<[^<>]{0,100}>")
 _ESCAPED = re.compile(r"\\(.)")
@@ -212,7 +213,7 @@ def known_definitions() -> dict[int, EventDefinition]:
     """Return the events known by name, by number."""
     events = {}
     for name, (words, arguments, names) in KNOWN_EVENTS.items():
-        kinds = "<" + "".join(_KINDS[kind] for kind in arguments)
+        kinds = "<" + "".join(ARGUMENT_KINDS[kind] for kind in arguments)
         enums = {0: ArgumentEnum(arguments[0], names, False)} if names else {}
         events[event_number(name)] = EventDefinition(
             words, kinds, enums, names_modes=name.startswith("check_")
@@ -291,9 +292,9 @@ def _definition(event: Mapping[str, Any], enums: Mapping[str, ArgumentEnum]) -> 
         if kind in enums:
             named[at] = enums[kind]
             kind = enums[kind].kind
-        if kind not in _KINDS:
+        if kind not in ARGUMENT_KINDS:
             break  # nothing behind it can be found
-        kinds += _KINDS[kind]
+        kinds += ARGUMENT_KINDS[kind]
     first = str(arguments[0].get("name")) if arguments else ""
     words = str(event.get("message") or event.get("name") or "")
     return EventDefinition(words, kinds, named, first == _FIRST_MODES)
@@ -301,7 +302,7 @@ def _definition(event: Mapping[str, Any], enums: Mapping[str, ArgumentEnum]) -> 
 
 def _enum(entry: Mapping[str, Any]) -> ArgumentEnum | None:
     kind = str(entry.get("type"))
-    if kind not in _KINDS:
+    if kind not in ARGUMENT_KINDS:
         return None
     names = {}
     for value, fields in _mapping(entry.get("entries")).items():

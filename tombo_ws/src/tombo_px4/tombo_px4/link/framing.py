@@ -32,7 +32,11 @@ _TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "s": "char"}
 
 
 def _define(
-    number: int, name: str, extra: int, wire: dict[str, tuple[str, int]], fields: list[str]
+    number: int,
+    name: str,
+    extra: int,
+    wire: dict[str, tuple[str, int]],
+    names: list[str] | None = None,
 ) -> Any:
     """Make pymavlink's class of a message, and enter it into the dialect.
 
@@ -41,9 +45,10 @@ def _define(
         name: of the message.
         extra: last byte that its checksum counts.
         wire: field, in the order on the wire, to its kind in `struct` and its length, 0: no array.
-        fields: names in the order of the constructor.
+        names: fields in the order of the constructor; None: that on the wire.
     """
     order = list(wire)
+    fields = names or order
     content = struct.Struct("<" + "".join(f"{n or ''}{kind}" for kind, n in wire.values()))
 
     def begin(self: Any, *values: Any) -> None:
@@ -114,14 +119,12 @@ CurrentEventSequence: Any = _define(
     "CURRENT_EVENT_SEQUENCE",
     106,
     {"sequence": ("H", 0), "flags": ("B", 0)},
-    ["sequence", "flags"],
 )
 ComponentMetadata: Any = _define(
     COMPONENT_METADATA,
     "COMPONENT_METADATA",
     182,
     {"time_boot_ms": ("I", 0), "file_crc": ("I", 0), "uri": ("s", URI)},
-    ["time_boot_ms", "file_crc", "uri"],
 )
 ProtocolVersion: Any = _define(
     PROTOCOL_VERSION,
@@ -134,7 +137,6 @@ ProtocolVersion: Any = _define(
         "spec_version_hash": ("B", 8),
         "library_version_hash": ("B", 8),
     },
-    ["version", "min_version", "max_version", "spec_version_hash", "library_version_hash"],
 )
 
 

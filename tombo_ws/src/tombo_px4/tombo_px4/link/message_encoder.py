@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -219,6 +220,12 @@ def run_checks(to: MessageTarget) -> Any:
 def read_parameter(to: MessageTarget, name: str) -> Any:
     """Ask for a parameter by name."""
     return mav.MAVLink_param_request_read_message(*to, name.encode(), -1)
+
+
+def float_of_int(value: int) -> float:
+    """Return the float that has the bytes of an int32: PX4 takes whole numbers by their bytes."""
+    number: float = struct.unpack("<f", struct.pack("<i", value))[0]
+    return number
 
 
 def _milliseconds(now_ns: int) -> int:

@@ -55,6 +55,10 @@ class CommandReply(NamedTuple):
     """STATUSTEXT sent as a warning."""
 
 
+Answer = Result | CommandReply
+"""Of a handler; a result alone needs no more."""
+
+
 def command_of(message: Any) -> ReceivedCommand:
     """Return the command in a COMMAND_LONG, COMMAND_INT or SET_MODE."""
     kind = message.get_type()
@@ -84,28 +88,27 @@ class CommandServer:
     def __init__(self, vehicle: Px4Vehicle, origin: GeoOrigin) -> None:
         self._vehicle = vehicle
         self._origin = origin
-        self._table: dict[int, Callable[[ReceivedCommand, StreamTable], Result | CommandReply]] = {
+        self._table: dict[int, Callable[[ReceivedCommand], Answer]] = {
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             mavlink.MAV_CMD_DO_SET_MODE: self._set_mode,
             mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
-            mavlink.MAV_CMD_NAV_LAND: lambda c, s: vehicle.land(),
-            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda c, s: vehicle.return_home(),
-            mavlink.MAV_CMD_NAV_LOITER_UNLIM: lambda c, s: vehicle.hold(),
+            mavlink.MAV_CMD_NAV_LAND: lambda c: vehicle.land(),
+            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda c: vehicle.return_home(),
+            mavlink.MAV_CMD_NAV_LOITER_UNLIM: lambda c: vehicle.hold(),
             mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
             mavlink.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
             mavlink.MAV_CMD_DO_SET_HOME: self._set_home,
             mavlink.MAV_CMD_DO_FLIGHTTERMINATION: self._terminate,
-            mavlink.MAV_CMD_MISSION_START: lambda c, s: _NO_MISSION,
+            mavlink.MAV_CMD_MISSION_START: lambda c: _NO_MISSION,
             mavlink.MAV_CMD_RUN_PREARM_CHECKS: self._check,
             mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: self._reboot,
-            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
             mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
             mavlink.MAV_CMD_REQUEST_MESSAGE: self._request_message,
-            mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda c, s: _send(
+            mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda c: _send(
                 mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
             ),
-            mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION: lambda c, s: _send(PROTOCOL_VERSION),
-            mavlink.MAV_CMD_GET_HOME_POSITION: lambda c, s: _send(
+            mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION: lambda c: _send(PROTOCOL_VERSION),
+            mavlink.MAV_CMD_GET_HOME_POSITION: lambda c: _send(
                 mavlink.MAVLINK_MSG_ID_HOME_POSITION
             ),
         }
@@ -114,18 +117,20 @@ class CommandServer:
         """Carry out a command that came over a link with these streams."""
         if any(math.isinf(p) for p in command.params):
             return CommandReply(Result.DENIED, text="command refused: a parameter is infinite")
+        if command.number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            return CommandReply(self._set_interval(command, streams))
         handler = self._table.get(command.number)
-        answer = Result.UNSUPPORTED if handler is None else handler(command, streams)
+        answer = Result.UNSUPPORTED if handler is None else handler(command)
         return CommandReply(answer) if isinstance(answer, Result) else answer
 
-    def _arm(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
+    def _arm(self, command: ReceivedCommand) -> Answer:
         wanted, force = whole(command.params[0]), whole(command.params[1]) == FORCE_ARMING
         if wanted not in (0, 1) or wanted != command.params[0]:
             return Result.UNSUPPORTED
         act = self._vehicle.arm if wanted else self._vehicle.disarm
         return act(force)
 
-    def _set_mode(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
+    def _set_mode(self, command: ReceivedCommand) -> Answer:
         base, main, sub = (whole(p) for p in command.params[:3])
         result = Result.ACCEPTED  # as PX4 says, too, where it changes nothing
         custom = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -134,14 +139,14 @@ class CommandServer:
             result = self._vehicle.set_mode(Mode(main, sub if main == modes.AUTO_HOLD.main else 0))
         return CommandReply(result, passed_on=command.from_module)
 
-    def _take_off(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
+    def _take_off(self, command: ReceivedCommand) -> Answer:
         if command.frame not in _GLOBAL_FRAMES:
             return Result.UNSUPPORTED_FRAME
         height = command.params[6] - self._origin.altitude_m - float(self._vehicle.home[2])
         yaw = command.params[3]
         return self._vehicle.takeoff(height, ros_yaw(math.radians(yaw)))
 
-    def _reposition(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
+    def _reposition(self, command: ReceivedCommand) -> Answer:
         if command.frame not in _GLOBAL_FRAMES:
             return Result.UNSUPPORTED_FRAME
         place = self._place(command)
@@ -163,9 +168,7 @@ class CommandServer:
         place = self._origin.local_of(latitude, longitude, self._origin.altitude_m)
         return np.array([place[0], place[1], height])
 
-    def _change_speed(
-        self, command: ReceivedCommand, streams: StreamTable
-    ) -> Result | CommandReply:
+    def _change_speed(self, command: ReceivedCommand) -> Answer:
         """Change the speed of AUTO modes, by its parameter: PX4 keeps it apart."""
         kind, speed = whole(command.params[0]), command.params[1]
         if kind not in (_AIR_SPEED, _GROUND_SPEED):
@@ -175,7 +178,7 @@ class CommandServer:
         refusal = self._vehicle.parameters.set("MPC_XY_CRUISE", speed)
         return Result.DENIED if refusal else Result.ACCEPTED
 
-    def _set_home(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
+    def _set_home(self, command: ReceivedCommand) -> Answer:
         if whole(command.params[0]) == 1:
             return self._vehicle.set_home()
         place = self._place(command)
@@ -183,15 +186,15 @@ class CommandServer:
             return Result.UNSUPPORTED_FRAME
         return Result.DENIED if place is None else self._vehicle.set_home(place)
 
-    def _terminate(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
+    def _terminate(self, command: ReceivedCommand) -> Answer:
         return self._vehicle.terminate() if command.params[0] > 0.5 else Result.DENIED
 
-    def _check(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
+    def _check(self, command: ReceivedCommand) -> Answer:
         if self._vehicle.armed:
             return Result.TEMPORARILY_REJECTED
         return CommandReply(Result.ACCEPTED, text="; ".join(self._vehicle.health.problems))
 
-    def _reboot(self, command: ReceivedCommand, streams: StreamTable) -> Result | CommandReply:
+    def _reboot(self, command: ReceivedCommand) -> Answer:
         if whole(command.params[0]) == 0:
             return Result.ACCEPTED
         if self._vehicle.armed:
@@ -199,9 +202,7 @@ class CommandServer:
         text = "reboot denied: start the simulation again instead"
         return CommandReply(Result.DENIED, text=text)
 
-    def _set_interval(
-        self, command: ReceivedCommand, streams: StreamTable
-    ) -> Result | CommandReply:
+    def _set_interval(self, command: ReceivedCommand, streams: StreamTable) -> Result:
         number, interval = whole(command.params[0]), command.params[1]
         done = (
             number is not None
@@ -210,17 +211,13 @@ class CommandServer:
         )
         return Result.ACCEPTED if done else Result.FAILED
 
-    def _get_interval(
-        self, command: ReceivedCommand, streams: StreamTable
-    ) -> Result | CommandReply:
+    def _get_interval(self, command: ReceivedCommand) -> Answer:
         number = whole(command.params[0])
         if number is None or not 0 <= number <= 65535:
             return Result.DENIED
         return CommandReply(Result.ACCEPTED, interval_of=number)
 
-    def _request_message(
-        self, command: ReceivedCommand, streams: StreamTable
-    ) -> Result | CommandReply:
+    def _request_message(self, command: ReceivedCommand) -> Answer:
         number = whole(command.params[0])
         return Result.DENIED if number is None else _send(number)
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from tombo_px4.link.message_encoder import float_of_int
+
 if TYPE_CHECKING:
     from tombo_px4.autopilot.parameters import ParameterTable
 
@@ -19,12 +21,6 @@ _TYPES = {"int32": mavlink.MAV_PARAM_TYPE_INT32, "float": mavlink.MAV_PARAM_TYPE
 _BATCH = 5
 """Values of a list that leave at once."""
 _BATCH_US = 5_000
-
-
-def float_of_int(value: int) -> float:
-    """Return the float that has the bytes of an int32."""
-    number: float = struct.unpack("<f", struct.pack("<i", value))[0]
-    return number
 
 
 def int_of_float(value: float) -> int:

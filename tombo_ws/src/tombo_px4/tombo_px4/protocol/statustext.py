@@ -12,6 +12,7 @@ from typing import Any
 
 from tombo_px4.link.decoded_messages import Severity
 from tombo_px4.link.event_definitions import (
+    ARGUMENT_KINDS,
     ARMING_DENIED,
     CHECKS_BEGIN,
     CHECKS_END,
@@ -66,7 +67,6 @@ _PROBLEMS = {
     "Emergency battery level": "check_battery_emergency",
     "Flight termination active": "check_system_flight_term_active",
 }
-_SIZES = {"uint8_t": "B", "uint16_t": "H", "uint32_t": "I", "float": "f"}
 
 
 def event_of(text: str) -> tuple[str, int] | None:
@@ -112,7 +112,7 @@ class EventSender:
 
     def _send(self, name: str, severity: int, boot_us: int, first: int = 0) -> None:
         known = KNOWN_EVENTS.get(name)
-        kinds = "<" + "".join(_SIZES[kind] for kind in (known.arguments if known else ()))
+        kinds = "<" + "".join(ARGUMENT_KINDS[kind] for kind in (known.arguments if known else ()))
         values = [first, *([0] * 8)][: len(kinds) - 1]
         arguments = list(struct.pack(kinds, *values).ljust(ARGUMENTS, b"\0"))
         self._sequence = (self._sequence + 1) % 65536
