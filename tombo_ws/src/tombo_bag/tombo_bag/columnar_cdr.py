@@ -70,7 +70,7 @@ class Leaf:
 
 
 @dataclass(frozen=True)
-class Text:
+class TextPlace:
     """One string in a message: `size` bytes of UTF-8 from `offset`, closing zero not counted."""
 
     path: str
@@ -93,7 +93,7 @@ class Layout:
     typename: str
     template: bytes
     leaves: tuple[Leaf, ...]
-    texts: tuple[Text, ...]
+    texts: tuple[TextPlace, ...]
     counts: tuple[int, ...]
 
     @cached_property
@@ -269,7 +269,7 @@ class _Reader:
         self.bytes = message
         self.position = 4
         self.leaves: list[Leaf] = []
-        self.texts: list[Text] = []
+        self.texts: list[TextPlace] = []
         self.counts: list[int] = []
 
     def message(self, typename: str, path: str) -> None:
@@ -300,7 +300,7 @@ class _Reader:
             self.numbers(number_type(name), None, path)
             return
         size = self.length()
-        self.texts.append(Text(path, self.position, max(size - 1, 0)))
+        self.texts.append(TextPlace(path, self.position, max(size - 1, 0)))
         self.skip(size)
 
     def numbers(self, dtype: np.dtype[Any], count: int | None, path: str) -> None:

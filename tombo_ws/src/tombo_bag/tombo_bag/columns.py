@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.columnar_cdr import Layout, Leaf, Text, layout_of
+from tombo_bag.columnar_cdr import Layout, Leaf, TextPlace, layout_of
 from tombo_bag.schemas import Types
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.time_base import SECOND_NS
@@ -67,7 +67,7 @@ def columns_of(typename: str, messages: list[bytes], types: Types) -> ColumnTabl
     groups = _groups(typename, messages, types)
     table: ColumnTable = {}
     leaves: dict[str, dict[int, Leaf]] = {}
-    texts: dict[str, dict[int, Text]] = {}
+    texts: dict[str, dict[int, TextPlace]] = {}
     for i, group in enumerate(groups):
         for leaf in group.layout.leaves:
             leaves.setdefault(leaf.path, {})[i] = leaf
@@ -142,14 +142,14 @@ def _numbers(
     return ragged
 
 
-def _strings(texts: Mapping[int, Text], groups: list[_Group], number: int) -> NDArray[Any]:
+def _strings(texts: Mapping[int, TextPlace], groups: list[_Group], number: int) -> NDArray[Any]:
     column = np.full(number, "", object)
     for i, text in texts.items():
         column[groups[i].rows] = _decoded(text, groups[i].block)
     return column.astype(np.str_)
 
 
-def _decoded(text: Text, block: NDArray[np.uint8]) -> NDArray[Any]:
+def _decoded(text: TextPlace, block: NDArray[np.uint8]) -> NDArray[Any]:
     if text.size == 0:
         return np.full(len(block), "", object)
     raw = np.ascontiguousarray(block[:, text.offset : text.offset + text.size])

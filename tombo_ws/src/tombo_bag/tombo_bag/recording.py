@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable, TopicColumns, columns_of, rows_that_fit
 from tombo_bag.formats import ros1_bag, sqlite_bag
-from tombo_bag.formats.bag_files import READABLE, BagFile, RawMessages, Stream, in_log_order
+from tombo_bag.formats.bag_files import READABLE, BagFile, RawMessages, TopicSummary, in_log_order
 from tombo_bag.formats.chunks import MAGIC
 from tombo_bag.formats.reader import Bag
 from tombo_bag.formats.unpacking import (
@@ -101,13 +101,13 @@ class Recording:
         return merged
 
     @property
-    def topics(self) -> dict[str, Stream]:
+    def topics(self) -> dict[str, TopicSummary]:
         """The topics by the names under which they are read here, sorted."""
-        table: dict[str, Stream] = {}
+        table: dict[str, TopicSummary] = {}
         for name, recorded in sorted(self._recorded_name.items()):
             streams = [f.topics[recorded] for f in self.files if recorded in f.topics]
             filled = [s for s in streams if s.count]
-            table[name] = Stream(
+            table[name] = TopicSummary(
                 streams[0].typename,
                 sum(s.count for s in streams),
                 min((s.first_ns for s in filled), default=0),

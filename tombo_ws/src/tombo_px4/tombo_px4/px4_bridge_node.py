@@ -56,9 +56,9 @@ from tombo_px4.bridge.setpoint_stream import FlightLimits
 from tombo_px4.bridge.vehicle_parameters import parse_assignments
 from tombo_px4.link.decoded_messages import (
     BatteryReading,
-    ImuSample,
     MavLandedState,
     Severity,
+    VehicleImu,
     VehicleOdometry,
 )
 from tombo_px4.link.link_params import LinkParams
@@ -338,7 +338,7 @@ class Px4BridgeNode(LoopNode):
         self._tf.set(f"{path}.transform.rotation.x", *odometry.attitude)
         self._tf_out.publish(self._tf.data())
 
-    def _publish_imu(self, sample: ImuSample) -> None:
+    def _publish_imu(self, sample: VehicleImu) -> None:
         assert sample.stamp_ns is not None
         self._imu_out.send(Imu(sample.stamp_ns, sample.gyro, sample.accel))
 

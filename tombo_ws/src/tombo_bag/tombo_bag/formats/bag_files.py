@@ -22,7 +22,7 @@ within what int64 holds."""
 
 
 @dataclass(frozen=True)
-class Stream:
+class TopicSummary:
     """One topic of one file.
 
     Attributes:
@@ -58,7 +58,7 @@ class BagFile(ABC):
     """
 
     path: Path
-    topics: Mapping[str, Stream]
+    topics: Mapping[str, TopicSummary]
     metadata: Mapping[str, Mapping[str, str]]
     damage: Sequence[object]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.formats.bag_files import LATEST_NS, BagFile, RawMessages, Stream, in_log_order
+from tombo_bag.formats.bag_files import LATEST_NS, BagFile, RawMessages, TopicSummary, in_log_order
 from tombo_bag.formats.chunks import HEAD, MAGIC
 from tombo_bag.formats.scan import (
     ChunkPlace,
@@ -113,8 +113,8 @@ class Bag(BagFile):
             return parse_schema(schema.name, schema.data.decode("utf-8", "replace"))
         return super().types(topic)
 
-    def _streams(self) -> dict[str, Stream]:
-        table: dict[str, Stream] = {}
+    def _streams(self) -> dict[str, TopicSummary]:
+        table: dict[str, TopicSummary] = {}
         rows_of: dict[int, list[NDArray[np.uint64]]] = {}
         for place in self._map.chunks:
             for number, found in (place.index or {}).items():
@@ -124,7 +124,7 @@ class Bag(BagFile):
         for name, numbers in sorted(self._numbers.items()):
             rows = [times for number in numbers for times in rows_of.get(number, ())]
             schema = self._map.schemas.get(self._map.channels[numbers[0]].schema_id)
-            table[name] = Stream(
+            table[name] = TopicSummary(
                 schema.name if schema else "",
                 sum(map(len, rows)),
                 min((int(times.min()) for times in rows), default=0),

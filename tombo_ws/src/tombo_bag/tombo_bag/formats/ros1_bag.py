@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tombo_bag.formats.bag_files import BagFile, RawMessages, Stream, in_log_order
+from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, in_log_order
 from tombo_bag.formats.unpacking import UNPACK, Allowance, implausible, unpacking_limit
 from tombo_bag.schemas import Types, extended_store, known_types, type_store
 from tombo_dynamics.errors import InputError
@@ -199,10 +199,10 @@ def _fields(data: memoryview) -> dict[str, bytes]:
     return fields
 
 
-def _stream(typename: str, times_ns: list[int]) -> Stream:
+def _stream(typename: str, times_ns: list[int]) -> TopicSummary:
     """Describe the messages of a type in its ROS 1 form, as `geometry_msgs/PoseStamped`."""
     first, last = min(times_ns, default=0), max(times_ns, default=0)
-    return Stream(_long_name(typename), len(times_ns), first, last)
+    return TopicSummary(_long_name(typename), len(times_ns), first, last)
 
 
 def _long_name(typename: str) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from tombo_bag.formats.bag_files import LATEST_NS, BagFile, RawMessages, Stream, in_log_order
+from tombo_bag.formats.bag_files import LATEST_NS, BagFile, RawMessages, TopicSummary, in_log_order
 from tombo_bag.formats.unpacking import Allowance, memory_limit
 from tombo_bag.schemas import Types, parse_schema
 from tombo_dynamics.errors import InputError
@@ -49,7 +49,7 @@ class SqliteBag(BagFile):
         self.path = path
         self.damage: list[str] = []
         self.metadata: dict[str, dict[str, str]] = {}
-        self.topics: dict[str, Stream] = {}
+        self.topics: dict[str, TopicSummary] = {}
         self._numbers: dict[str, list[int]] = {}
         self._definitions: dict[str, str] = {}
         self._padded: tempfile.TemporaryDirectory[str] | None = None
@@ -67,7 +67,7 @@ class SqliteBag(BagFile):
                 self._note(f"topic {name} has messages in '{encoding[:40]}', not 'cdr'")
                 continue
             self._numbers.setdefault(name, []).append(number)
-            self.topics[name] = Stream(typename, *extents.get(number, unknown))
+            self.topics[name] = TopicSummary(typename, *extents.get(number, unknown))
 
     def close(self) -> None:
         """Close the database."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.flight_time import FLIGHT_METADATA
-from tombo_bag.formats.bag_files import RawMessages, Stream
+from tombo_bag.formats.bag_files import RawMessages, TopicSummary
 from tombo_bag.message_codec import fields_of
 from tombo_bag.recording import Recording
 from tombo_bag.topics import (
@@ -114,7 +114,7 @@ def find_suite_clock(recording: Recording) -> tuple[Times, Times] | None:
     return log[order], np.maximum.accumulate(stamp[order])
 
 
-def _count(topics: Mapping[str, Stream], name: str) -> int:
+def _count(topics: Mapping[str, TopicSummary], name: str) -> int:
     return topics[name].count if name in topics else 0
 
 
@@ -165,7 +165,7 @@ class PoseTrack:
         return replace(self, stamp_ns=self.arrival_ns)
 
 
-def find_pose_topic(topics: Mapping[str, Stream]) -> str | None:
+def find_pose_topic(topics: Mapping[str, TopicSummary]) -> str | None:
     """Return the topic with the vehicle's poses; None if there is no candidate.
 
     Raises:

@@ -89,7 +89,7 @@ def _take_axis(tokens: list[str]) -> str:
 
 
 @dataclass(frozen=True)
-class Group:
+class ColumnGroup:
     """Columns that belong together."""
 
     words: tuple[str, ...]
@@ -104,15 +104,15 @@ class Group:
         return bool(set(words) & set(self.words))
 
 
-def grouped(names: Iterable[str]) -> list[Group]:
+def grouped(names: Iterable[str]) -> list[ColumnGroup]:
     """Put columns together that differ in axis or number only, in order of appearance."""
-    groups: dict[tuple[object, ...], Group] = {}
+    groups: dict[tuple[object, ...], ColumnGroup] = {}
     for raw in names:
         name = parsed(raw)
         kind = "angle" if len(name.axis) > 1 else "axis" if name.axis else "number"
         number = name.number if name.axis else None
         key = (name.words, name.unit, kind, number)
-        group = groups.setdefault(key, Group(name.words, name.unit, {}, {}))
+        group = groups.setdefault(key, ColumnGroup(name.words, name.unit, {}, {}))
         if name.axis:
             group.by_axis.setdefault(name.axis, raw)
         else:

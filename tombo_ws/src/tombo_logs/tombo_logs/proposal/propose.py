@@ -13,7 +13,7 @@ from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_logs.checks.rotors.rotor_order import clear_order
 from tombo_logs.proposal import roles
-from tombo_logs.proposal.column_names import Group, grouped, parsed
+from tombo_logs.proposal.column_names import ColumnGroup, grouped, parsed
 from tombo_logs.proposal.motion_evidence import (
     BODY_AXES,
     CLOSE_SCORE,
@@ -332,7 +332,7 @@ class _Proposer:
             self._add(key, f"{guess.why}; {why}", doubts, columns=columns, unit=guess.unit)
 
     def _order(
-        self, group: Group, series: Series, scale: tuple[float, float] | None
+        self, group: ColumnGroup, series: Series, scale: tuple[float, float] | None
     ) -> tuple[Sequence[int], str, str]:
         """Return which column each of our rotors is, why, and what is doubtful."""
         if self.proposal.is_crazyflie or scale == (0.0, 65535.0):

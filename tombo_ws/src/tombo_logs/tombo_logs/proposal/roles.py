@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from tombo_logs.proposal.column_names import Group
+from tombo_logs.proposal.column_names import ColumnGroup
 
 _MOCAP = {"vicon", "mocap", "optitrack", "motive", "qualisys", "qtm", "vrpn", "lighthouse",
           "visual", "pose", "srv"}  # fmt: skip
@@ -47,7 +47,7 @@ class Candidate:
     """Columns that could hold a channel."""
 
     columns: tuple[str, ...]
-    group: Group
+    group: ColumnGroup
     score: float
 
     @property
@@ -60,12 +60,12 @@ def _ranked(candidates: Iterable[Candidate]) -> list[Candidate]:
     return sorted(candidates, key=lambda c: -c.score)
 
 
-def _bonus(group: Group, likes: Mapping[str, float]) -> float:
+def _bonus(group: ColumnGroup, likes: Mapping[str, float]) -> float:
     sets = {"mocap": _MOCAP, "estimate": _ESTIMATE, "truth": _TRUTH}
     return sum(value for name, value in likes.items() if sets[name] & set(group.words))
 
 
-def _vector(group: Group) -> tuple[str, ...] | None:
+def _vector(group: ColumnGroup) -> tuple[str, ...] | None:
     """Return the columns of a vector, by axes or as three numbered elements."""
     if {"x", "y", "z"} <= set(group.by_axis) and "w" not in group.by_axis:
         return tuple(group.by_axis[a] for a in "xyz")
@@ -74,7 +74,7 @@ def _vector(group: Group) -> tuple[str, ...] | None:
     return None
 
 
-def positions(groups: Sequence[Group]) -> list[Candidate]:
+def positions(groups: Sequence[ColumnGroup]) -> list[Candidate]:
     """Return what could be positions, best first."""
     refused = _ASKED | _SPREAD | _GYRO | _RATES | _ACCEL | _OTHERS | _LOAD
     names = {group.words for group in groups if _vector(group) is not None}
@@ -92,22 +92,22 @@ def positions(groups: Sequence[Group]) -> list[Candidate]:
     )
 
 
-def _says_position(group: Group) -> bool:
+def _says_position(group: ColumnGroup) -> bool:
     return bool(_POSITION & set(group.words))
 
 
-def rates(groups: Sequence[Group]) -> list[Candidate]:
+def rates(groups: Sequence[ColumnGroup]) -> list[Candidate]:
     """Return what could be a gyro, best first."""
     return _vectors(groups, _GYRO, _RATES, _ACCEL | {"mag"})
 
 
-def accels(groups: Sequence[Group]) -> list[Candidate]:
+def accels(groups: Sequence[ColumnGroup]) -> list[Candidate]:
     """Return what could be an accelerometer, best first."""
     return _vectors(groups, _ACCEL - {"a"}, {"a"}, _GYRO | {"angular"})
 
 
 def _vectors(
-    groups: Sequence[Group], sure: set[str], likely: set[str], refused: set[str]
+    groups: Sequence[ColumnGroup], sure: set[str], likely: set[str], refused: set[str]
 ) -> list[Candidate]:
     likes = {"mocap": -4.0, "estimate": -2.0}
     return _ranked(
@@ -119,7 +119,7 @@ def _vectors(
     )
 
 
-def quaternions(groups: Sequence[Group]) -> list[Candidate]:
+def quaternions(groups: Sequence[ColumnGroup]) -> list[Candidate]:
     """Return what could be quaternions, best first: as x, y, z, w, or as four numbers."""
     candidates = []
     for group in groups:
@@ -135,7 +135,7 @@ def quaternions(groups: Sequence[Group]) -> list[Candidate]:
     return _ranked(candidates)
 
 
-def angles(groups: Sequence[Group]) -> list[Candidate]:
+def angles(groups: Sequence[ColumnGroup]) -> list[Candidate]:
     """Return what could be roll, pitch and yaw, best first; fewer than three where some lack."""
     refused = _ASKED | _SPREAD | _GYRO | _RATES | _LOAD
     return _ranked(
@@ -149,7 +149,7 @@ def angles(groups: Sequence[Group]) -> list[Candidate]:
     )  # fmt: skip
 
 
-def rotors(groups: Sequence[Group]) -> list[Candidate]:
+def rotors(groups: Sequence[ColumnGroup]) -> list[Candidate]:
     """Return columns of four rotors or more, best first, from the lowest number."""
     candidates = []
     for group in groups:
@@ -165,21 +165,21 @@ def rotors(groups: Sequence[Group]) -> list[Candidate]:
     return _ranked(candidates)
 
 
-def is_speed(group: Group) -> bool:
+def is_speed(group: ColumnGroup) -> bool:
     """Return whether the name of rotors' columns says that they are speeds."""
     return group.unit in ("rpm", "rad/s") or bool(_SPEED & set(group.words))
 
 
-Find: TypeAlias = Callable[[Sequence[Group]], list[str]]
+Find: TypeAlias = Callable[[Sequence[ColumnGroup]], list[str]]
 
 
-def is_estimate(group: Group) -> bool:
+def is_estimate(group: ColumnGroup) -> bool:
     """Return whether a name says that a vehicle has estimated it."""
     return bool(_ESTIMATE & set(group.words)) and not _MOCAP & set(group.words)
 
 
 def _single(accepted: set[str], endings: tuple[str, ...]) -> Find:
-    def find(groups: Sequence[Group]) -> list[str]:
+    def find(groups: Sequence[ColumnGroup]) -> list[str]:
         return [
             next(iter(g.by_number.values()))
             for g in groups

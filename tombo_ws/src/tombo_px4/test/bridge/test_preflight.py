@@ -15,7 +15,7 @@ from tombo_px4.bridge.hand_rotation_check import HandVerdict
 from tombo_px4.bridge.pose_axes import AxesEvidence, explain_up, up_error
 from tombo_px4.bridge.preflight import Preflight
 from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS, FindingSeverity, parse_assignments
-from tombo_px4.link.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
+from tombo_px4.link.decoded_messages import EstimatorStatusFlags, VehicleImu, VehicleOdometry
 from tombo_px4.link.timesync import TimeSync
 
 NOW = 1_763_700_000_000_000_000
@@ -78,7 +78,7 @@ class Lab:
             stamp = arrival - 2 * MS
             gyro = self.gyro + rng.normal(0, 0.1 * self.shake, 3)
             accel = up + rng.normal(0, self.shake, 3)
-            made.imu(ImuSample(arrival, stamp, 1, gyro, accel))
+            made.imu(VehicleImu(arrival, stamp, 1, gyro, accel))
             place, attitude = self.as_px4(self.place, self.attitude)
             zero = np.zeros(3)
             made.odometry.append(

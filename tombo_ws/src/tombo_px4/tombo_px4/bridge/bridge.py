@@ -152,7 +152,7 @@ class Bridge:
         """Type of record → its handler."""
         return {
             decoded.VehicleOdometry: self._take_odometry,
-            decoded.ImuSample: self._take_imu,
+            decoded.VehicleImu: self._take_imu,
             decoded.Heartbeat: partial(setattr, self, "_heartbeat"),
             decoded.TimesyncMessage: self._take_timesync,
             decoded.CommandAck: self.session.handle_ack,
@@ -170,7 +170,7 @@ class Bridge:
             FileAnswer: self.words.metadata.take_answer,
         }
 
-    def _take_imu(self, message: decoded.ImuSample) -> None:
+    def _take_imu(self, message: decoded.VehicleImu) -> None:
         self.preflight.imu(message)
         if message.stamp_ns is not None:
             self._out.imu.append(message)

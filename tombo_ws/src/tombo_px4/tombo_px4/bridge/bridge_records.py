@@ -180,7 +180,7 @@ class BridgeOutput(SessionOutput):
     """To be sent now."""
     odometry: list[decoded.VehicleOdometry] = field(default_factory=list)
     """All with a stamp."""
-    imu: list[decoded.ImuSample] = field(default_factory=list)
+    imu: list[decoded.VehicleImu] = field(default_factory=list)
     battery: list[decoded.BatteryReading] = field(default_factory=list)
     texts: list[decoded.StatusText] = field(default_factory=list)
     status: BridgeStatus = field(default_factory=BridgeStatus)

@@ -31,7 +31,7 @@ from tombo_px4.bridge.vehicle_parameters import (
     PreflightFinding,
     parameter_findings,
 )
-from tombo_px4.link.decoded_messages import EstimatorStatusFlags, ImuSample, VehicleOdometry
+from tombo_px4.link.decoded_messages import EstimatorStatusFlags, VehicleImu, VehicleOdometry
 from tombo_px4.link.link_params import MOCAP
 from tombo_px4.link.timesync import TimeSync
 
@@ -84,7 +84,7 @@ class _SentPose:
     attitude: Array
 
 
-_Arrived = TypeVar("_Arrived", _SentPose, ImuSample, VehicleOdometry)
+_Arrived = TypeVar("_Arrived", _SentPose, VehicleImu, VehicleOdometry)
 
 
 class Preflight:
@@ -95,7 +95,7 @@ class Preflight:
         self._system = system
         self._poses: deque[_SentPose] = deque(maxlen=_KEPT)
         self._refused: dict[PoseRefusal, tuple[int, float]] = {}
-        self._imu: deque[ImuSample] = deque(maxlen=_KEPT)
+        self._imu: deque[VehicleImu] = deque(maxlen=_KEPT)
         self.odometry: deque[VehicleOdometry] = deque(maxlen=_KEPT)
         """PX4's estimates; the caller adds them."""
         self.estimator: EstimatorStatusFlags | None = None
@@ -119,7 +119,7 @@ class Preflight:
         """Record a pose that was not sent, and its age."""
         self._refused[why] = (now_ns, age_s)
 
-    def imu(self, sample: ImuSample) -> None:
+    def imu(self, sample: VehicleImu) -> None:
         """Take a sample of PX4's sensors."""
         self._imu.append(sample)
         if sample.stamp_ns is not None:

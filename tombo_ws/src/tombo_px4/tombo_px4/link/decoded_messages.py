@@ -110,7 +110,7 @@ class VehicleAttitude(StampedMessage):
 
 
 @dataclass(frozen=True)
-class ImuSample(StampedMessage):
+class VehicleImu(StampedMessage):
     """PX4's gyro and accelerometer."""
 
     gyro: Array

@@ -245,7 +245,7 @@ class MessageDecoder:
         accel = _bounded(_HARDEST, m.xacc, m.yacc, m.zacc)
         gyro = _bounded(_FASTEST_TURN, m.xgyro, m.ygyro, m.zgyro)
         times = self._times(m.time_usec * _MICRO_NS, arrival_ns)
-        return decoded.ImuSample(*times, flu_from_frd(gyro), flu_from_frd(accel))
+        return decoded.VehicleImu(*times, flu_from_frd(gyro), flu_from_frd(accel))
 
     def _battery(self, m: Any, arrival_ns: int) -> object:
         if m.id != 0:  # a second one: PX4 counts on the first
