@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tombo_collision.detector import DetectorMemory, begin_detector, detect, set_triggers
 from tombo_collision.params import DetectorParams
 from tombo_control.controller_core import ControllerCore
-from tombo_control.estimate import Estimate
+from tombo_control.estimate import StampedEstimate
 from tombo_control.estimator_core import EstimatorCore
 from tombo_control.mission_core import MissionCore
 from tombo_dynamics.core import Core
@@ -24,6 +24,7 @@ from tombo_dynamics.messages import (
     PositionSetpoint,
     ReactionStatus,
     Trigger,
+    neutral,
 )
 from tombo_dynamics.records import parameter_record
 from tombo_dynamics.vehicle import GRAVITY
@@ -52,7 +53,7 @@ class Estimator(EstimatorCore):
         keys = reported(self, "/mocap/pose", pose, now_ns)
         return next((why for why in PoseRefusal if f"pose_{why.key}" in keys), PoseRefusal.NONE)
 
-    def imu(self, stamp_ns: int, gyro: Array, accel: Array) -> Estimate | None:
+    def imu(self, stamp_ns: int, gyro: Array, accel: Array) -> StampedEstimate | None:
         """Hand over an IMU sample; return the estimate, None without a new one."""
         before = int(self.memory.next_tick)
         self.on("/imu/data_raw", Imu(stamp_ns, gyro, accel), stamp_ns)
@@ -62,14 +63,14 @@ class Estimator(EstimatorCore):
         self.on("/mission/status", MissionStatus(0, phase, ""), 0)
 
     @property
-    def estimate(self) -> Estimate | None:
+    def estimate(self) -> StampedEstimate | None:
         """The newest one."""
         memory = self.memory
         if not memory.known:
             return None
         e = memory.estimate.copy()
         stamps = int(memory.stamp_ns), int(memory.pose_stamp_ns)
-        return Estimate(
+        return StampedEstimate(
             stamps[0], e.position, e.velocity, e.attitude, e.rates, e.gyro_bias, e.accel_bias,
             stamps[1],
         )  # fmt: skip
@@ -107,11 +108,11 @@ class Controller(ControllerCore):
     ) -> Command | None:
         """Hand over a gyro sample; return the answer, None where there is none."""
         self.on("/imu/data_raw", Imu(stamp_ns, gyro, accel), now_ns)
-        said = dict(self.step(now_ns))
-        if "/rotor_command" not in said:
+        published = dict(self.step(now_ns))
+        if "/rotor_command" not in published:
             return None
-        memory, speed = self.memory, said["/rotor_command"].speed
-        ran = "/attitude_setpoint" in said, "/rates_setpoint" in said
+        memory, speed = self.memory, published["/rotor_command"].speed
+        ran = "/attitude_setpoint" in published, "/rates_setpoint" in published
         return Command(stamp_ns, speed, *ran, "blind" in self.health.faults, bool(memory.held))
 
 
@@ -130,7 +131,7 @@ class Mission(MissionCore):
         self.on("/reaction/status", status, now_ns)
 
     def reaction_alive(self, now_ns: int) -> None:
-        self.on("/setpoint", None, now_ns)
+        self.on("/setpoint", neutral(PositionSetpoint, now_ns), now_ns)
 
 
 class DetectedCollision(NamedTuple):

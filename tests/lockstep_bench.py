@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core_calls import Command, Controller, Estimator
-from tombo_control.estimate import Estimate
+from tombo_control.estimate import StampedEstimate
 from tombo_control.params import POSITION_TICKS, InputLimits
 from tombo_control.planning import mission as plan
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
@@ -38,7 +38,7 @@ def hover_at(x: float, y: float, z: float, velocity: Any = (0.0, 0.0, 0.0)) -> P
     )
 
 
-def odometry_of(estimate: Estimate) -> Odometry:
+def odometry_of(estimate: StampedEstimate) -> Odometry:
     """Return an estimate as the estimator publishes it: velocity in base_link."""
     x, y, z, w = estimate.attitude
     velocity = rotate_vector(np.array([-x, -y, -z, w]), estimate.velocity)
@@ -70,7 +70,7 @@ class Lockstep:
         self.command: Command | None = None
         self._speed = np.zeros(4)
         self._chance = np.random.default_rng(seed)
-        self._under_way: deque[tuple[int, Estimate]] = deque()
+        self._under_way: deque[tuple[int, StampedEstimate]] = deque()
 
     @property
     def now_ns(self) -> int:
@@ -149,7 +149,7 @@ class Lockstep:
             self.mission.mode,
         )
 
-    def _proceed(self, estimate: Estimate) -> None:
+    def _proceed(self, estimate: StampedEstimate) -> None:
         self.mission = plan.advance_mission(
             self.mission,
             plan.compiled_plan(self.scenario.mission),

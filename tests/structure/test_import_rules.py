@@ -315,7 +315,7 @@ def test_no_files_import_each_other_in_a_loop():
         ("tombo_sim", "a.py", "from numpy.random import normal", "from a Generator"),
         ("tombo_sim", "a.py", "import numpy as np\nnp.random.default_rng()", "without a seed"),
         ("tombo_sim", "a.py", "import numpy as np\nr = np.random.default_rng(3)", ""),
-        ("tombo_sim", "a.py", "from tombo_control.loops.allocation import allocate", ""),
+        ("tombo_sim", "a.py", "from tombo_control.loops.inner_loops import allocate", ""),
         (
             "tombo_benchmarks",
             "diagnosis/second_simulator/a.py",

@@ -24,10 +24,10 @@ def inserted(samples):
     return Poses(np.array(t), np.array(position), np.array(attitude))
 
 
-def assert_same_events(found):
-    assert len(found) == len(EXPECTED[0]) == 1
+def assert_same_events(events):
+    assert len(events) == len(EXPECTED[0]) == 1
     for name, value in EXPECTED[0][0]._asdict().items():
-        assert np.array_equal(getattr(found[0], name), value), name
+        assert np.array_equal(getattr(events[0], name), value), name
 
 
 @settings(max_examples=40)

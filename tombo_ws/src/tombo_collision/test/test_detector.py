@@ -111,13 +111,13 @@ def test_a_harder_push_gives_a_larger_statistic(size):
 
 
 def test_confidence_is_a_share_that_rises_with_the_statistic():
-    found = []
+    pairs = []
     for size in np.geomspace(0.3, 4.0, 60):
         for event in watch(flight().pushed(AT, (-size, 0.0, 0.0)))[0][:1]:
-            found.append((event.statistic, event.confidence))
-    found.sort()
-    statistic, confidence = np.array(found).T
-    assert len(found) > 30
+            pairs.append((event.statistic, event.confidence))
+    pairs.sort()
+    statistic, confidence = np.array(pairs).T
+    assert len(pairs) > 30
     assert (statistic > P.threshold).all()
     assert (np.diff(confidence) >= 0.0).all()
     assert confidence[0] >= 0.5

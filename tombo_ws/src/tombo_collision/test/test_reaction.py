@@ -116,14 +116,14 @@ def test_in_a_corner_it_leaves_between_the_two_walls():
 
 @given(places, units, units)
 def test_after_any_two_collisions_x_r_is_a_place_at_d_r(x_c, first, second):
-    one = decide(None, event(x_c, first), P)
-    assume(np.linalg.norm(one.n_r) > 0.0)
+    before = decide(None, event(x_c, first), P)
+    assume(np.linalg.norm(before.n_r) > 0.0)
     # the worst place for the second: straight away from it is where the first was
-    there = one.x_c - P.distance * against_flight(second)
-    two = decide(one, event(there, second), P)
-    assert np.linalg.norm(two.n_r) == pytest.approx(1.0)
-    if (there + P.distance * two.n_r)[2] >= P.height_min:
-        assert np.linalg.norm(two.x_r - there) == pytest.approx(P.distance)
+    contact = before.x_c - P.distance * against_flight(second)
+    decision = decide(before, event(contact, second), P)
+    assert np.linalg.norm(decision.n_r) == pytest.approx(1.0)
+    if (contact + P.distance * decision.n_r)[2] >= P.height_min:
+        assert np.linalg.norm(decision.x_r - contact) == pytest.approx(P.distance)
 
 
 def test_every_registered_reaction_has_a_name_and_bounded_parameters():

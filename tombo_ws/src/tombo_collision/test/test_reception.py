@@ -11,6 +11,7 @@ pytest.importorskip("rclpy", reason="rclpy is not installed")
 
 from tombo_collision.detector_core import DetectorCore
 from tombo_collision.params import DetectorParams
+from tombo_dynamics.core import CoreRunner
 from tombo_dynamics.messages import Pose
 from tombo_ros.core_node import CoreNode
 from tombo_ros.topic import ReceivedMessage
@@ -23,8 +24,9 @@ LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 def refused(captured_ms: int, received_ms: int, *, sim_time: bool = False) -> str:
     """What a detector says to a pose, captured and received so long before its loop looks."""
     core = DetectorCore(DetectorParams())
-    node = SimpleNamespace(core=core, sim_time=sim_time, present_ns=lambda: NOW)
-    node.hand_over = lambda source, data, now_ns: core.on(source.topic, data, now_ns)
+    runner = CoreRunner(core)
+    node = SimpleNamespace(runner=runner, sim_time=sim_time, present_ns=lambda: NOW)
+    node.decode = lambda source, data, arrival_ns: runner.take(source.topic, data, arrival_ns)
     source = SimpleNamespace(
         topic="/mocap/pose",
         several=False,

@@ -47,10 +47,10 @@ def test_it_knows_where_when_and_whither_it_collided():
 def test_a_known_region_alone_fires_once_and_inside_before_the_strike():
     for scenario, record in flown("known_obstacle"):
         p = scenario.detector
-        found = detections(record)
-        assert [e["trigger"] for e in found] == ["region"]
-        off = np.array(found[0]["x_c_m"]) - [p.region_x, p.region_y, p.region_z]
-        ahead = np.array(found[0]["flight_direction"])
+        events = detections(record)
+        assert [e["trigger"] for e in events] == ["region"]
+        off = np.array(events[0]["x_c_m"]) - [p.region_x, p.region_y, p.region_z]
+        ahead = np.array(events[0]["flight_direction"])
         along = off @ ahead
         assert abs(along) < p.region_depth
         assert np.linalg.norm(off - along * ahead) < p.region_radius
@@ -64,10 +64,10 @@ def test_a_known_region_alone_fires_once_and_inside_before_the_strike():
 def test_both_triggers_are_no_later_than_either():
     pairs = zip(flown("paper_collision"), flown("known_obstacle"), strict=True)
     first = [min(detections(r)[0]["time_s"] for _, r in pair) for pair in pairs]
-    both = [
+    with_both = [
         detections(r)[0]["time_s"] for _, r in flown("paper_collision", "detector.trigger=both")
     ]
-    assert both == first
+    assert with_both == first
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ def stamps(poses=STRUCK, epoch=EPOCH):
 
 
 @dataclass
-class Seen:
+class Result:
     """What the core made of a pose."""
 
     event: CollisionEvent | None
@@ -37,55 +37,57 @@ class Seen:
         return self.event.contact_stamp_ns
 
 
-def show(look, stamp_ns, now_ns, frame, position, attitude):
+def hand_over(core, stamp_ns, now_ns, frame, position, attitude):
     """Hand a pose to the core."""
-    before = look.refused
+    before = core.refused
     pose = Pose(stamp_ns, frame, np.array(position, float), np.array(attitude, float))
-    look.on("/mocap/pose", pose, now_ns)
-    said = dict(look.step(now_ns))
-    (refused,) = (look.refused - before) or ("",)
-    return Seen(said.get("/collision_event"), said["/detector/status"].statistic, refused)
+    core.on("/mocap/pose", pose, now_ns)
+    published = dict(core.step(now_ns))
+    (refused,) = (core.refused - before) or ("",)
+    return Result(
+        published.get("/collision_event"), published["/detector/status"].statistic, refused
+    )
 
 
-def counts(look):
-    status = look.memory.status
+def counts(core):
+    status = core.memory.status
     return int(status["poses"]), int(status["rejected"])
 
 
-def feed(look, poses=STRUCK, epoch=EPOCH, begin=0, end=None):
+def feed(core, poses=STRUCK, epoch=EPOCH, begin=0, end=None):
     """Feed poses begin:end; return what was seen."""
     rows = list(zip(stamps(poses, epoch), poses.position, poses.attitude, strict=True))
-    return [show(look, ns, ns + LATENCY, "map", p, q) for ns, p, q in rows[begin:end]]
+    return [hand_over(core, ns, ns + LATENCY, "map", p, q) for ns, p, q in rows[begin:end]]
 
 
-def one_bad(stamp=0, now=0, frame="map", position=None, attitude=None, before=60):
+def with_a_bad_pose(stamp=0, now=0, frame="map", position=None, attitude=None, before=60):
     """The struck flight with one bad pose before sample `before`; (it, all others seen)."""
-    look = DetectorCore(DetectorParams())
-    seen = feed(look, end=before)
+    core = DetectorCore(DetectorParams())
+    results = feed(core, end=before)
     at = stamps()[before - 1] + 10 * MS
-    bad = show(
-        look,
+    bad = hand_over(
+        core,
         at + stamp,
         at + 5 * MS + now,
         frame,
         STRUCK.position[before] if position is None else position,
         STRUCK.attitude[before] if attitude is None else attitude,
     )
-    return look, bad, seen + feed(look, begin=before)
+    return core, bad, results + feed(core, begin=before)
 
 
 def test_stamps_of_today_give_what_small_ones_give():
-    look = DetectorCore(DetectorParams())
-    seen = feed(look)
-    (found,) = [(i, s) for i, s in enumerate(seen) if s.event is not None]
-    index, (event, contact) = found[0], (found[1].event, found[1].contact_ns)
+    core = DetectorCore(DetectorParams())
+    results = feed(core)
+    (detected,) = [(i, s) for i, s in enumerate(results) if s.event is not None]
+    index, (event, contact) = detected[0], (detected[1].event, detected[1].contact_ns)
     assert STRUCK.t[index] == EXPECTED.stamp_s
     assert contact == pytest.approx(EPOCH + 1e9 * EXPECTED.contact_time_s, abs=2)
     assert contact - EPOCH == pytest.approx(1e9 * EXPECTED.contact_time_s, abs=2)
     assert event.stamp_ns == stamps()[index]
     assert event.contact_position == pytest.approx(EXPECTED.x_c, abs=1e-9)
-    assert [s.statistic for s in seen] == pytest.approx(STATISTIC, rel=1e-6)
-    assert counts(look) == (len(STRUCK), 0)
+    assert [s.statistic for s in results] == pytest.approx(STATISTIC, rel=1e-6)
+    assert counts(core) == (len(STRUCK), 0)
 
 
 @pytest.mark.parametrize(
@@ -111,67 +113,68 @@ def test_stamps_of_today_give_what_small_ones_give():
     ],
 )
 def test_a_bad_pose_is_refused_and_leaves_no_trace(reason, bad):
-    look, refused, others = one_bad(**bad)
+    core, refused, rest_of_flight = with_a_bad_pose(**bad)
     assert (refused.refused, refused.event, refused.statistic) == (reason, None, 0.0)
-    assert look.refused == {reason: 1}
-    assert counts(look) == (len(STRUCK) + 1, 1)
+    assert core.refused == {reason: 1}
+    assert counts(core) == (len(STRUCK) + 1, 1)
     untouched = feed(DetectorCore(DetectorParams()))
-    assert [s.statistic for s in others] == [s.statistic for s in untouched]
-    assert sum(s.event is not None for s in others) == 1
+    assert [s.statistic for s in rest_of_flight] == [s.statistic for s in untouched]
+    assert sum(s.event is not None for s in rest_of_flight) == 1
 
 
 def test_a_sample_before_the_others_is_not_used_for_the_start():
-    look = DetectorCore(DetectorParams())
+    core = DetectorCore(DetectorParams())
     assert (
-        show(look, EPOCH + 9 * MS, EPOCH, "map", [0, 0, 2.0], [0, 0, 0, 1.0]).refused == "future"
+        hand_over(core, EPOCH + 9 * MS, EPOCH, "map", [0, 0, 2.0], [0, 0, 0, 1.0]).refused
+        == "future"
     )
-    assert sum(s.event is not None for s in feed(look)) == 1
+    assert sum(s.event is not None for s in feed(core)) == 1
 
 
 @pytest.mark.parametrize(("norm", "ahead"), [(0.91, 0), (1.09, 0), (1.0, 5 * MS)])
 def test_what_is_only_a_little_off_is_used(norm, ahead):
-    look = DetectorCore(DetectorParams())
-    seen = show(look, EPOCH + ahead, EPOCH, "map", [0, 0, 0.2], [0, 0, 0, norm])
-    assert not seen.refused
+    core = DetectorCore(DetectorParams())
+    results = hand_over(core, EPOCH + ahead, EPOCH, "map", [0, 0, 0.2], [0, 0, 0, norm])
+    assert not results.refused
 
 
 @pytest.mark.parametrize("back", [0.1, 0.3, 1e3, 1e6])
 def test_a_clock_set_back_does_not_deafen_it(back):
     """A simulation started again: the watch goes on with the new time at once."""
-    look = DetectorCore(DetectorParams())
-    feed(look, end=60)
+    core = DetectorCore(DetectorParams())
+    feed(core, end=60)
     epoch = EPOCH - round(1e9 * back) - round(1e9 * (STRUCK.t[59] - STRUCK.t[0]))
-    again = feed(look, epoch=epoch)
+    again = feed(core, epoch=epoch)
     assert not any(s.refused for s in again)
     assert sum(s.event is not None for s in again) == 1
 
 
 def test_a_clock_set_back_at_once_does_not_deafen_it():
-    look = DetectorCore(DetectorParams())
-    feed(look, begin=1, end=6)
-    again = feed(look, epoch=EPOCH - 3600 * 1000 * MS)
+    core = DetectorCore(DetectorParams())
+    feed(core, begin=1, end=6)
+    again = feed(core, epoch=EPOCH - 3600 * 1000 * MS)
     assert not any(s.refused for s in again)
     assert sum(s.event is not None for s in again) == 1
 
 
 def test_new_parameters_hold_from_the_next_pose_on():
-    look = DetectorCore(DetectorParams())
-    feed(look, end=100)
-    look.set_params("detector", DetectorParams(trigger="none"))
-    assert not any(s.event for s in feed(look, begin=100))
-    look = DetectorCore(DetectorParams(trigger="none"))
-    feed(look, end=80)
-    look.set_params("detector", DetectorParams())
-    assert sum(s.event is not None for s in feed(look, begin=80)) == 1
+    core = DetectorCore(DetectorParams())
+    feed(core, end=100)
+    core.set_params("detector", DetectorParams(trigger="none"))
+    assert not any(s.event for s in feed(core, begin=100))
+    core = DetectorCore(DetectorParams(trigger="none"))
+    feed(core, end=80)
+    core.set_params("detector", DetectorParams())
+    assert sum(s.event is not None for s in feed(core, begin=80)) == 1
 
 
 def test_new_noise_holds_from_the_next_pose_on():
-    look = DetectorCore(DetectorParams(trigger="none"))
-    feed(look, end=60)
-    look.set_params(
+    core = DetectorCore(DetectorParams(trigger="none"))
+    feed(core, end=60)
+    core.set_params(
         "detector", DetectorParams(trigger="none", position_noise=0.01, rate_noise=1.2)
     )
-    calm = [s.statistic for s in feed(look, begin=60, end=80)]
+    calm = [s.statistic for s in feed(core, begin=60, end=80)]
     assert np.mean(calm) < 0.3 * STATISTIC[60:80].mean()
 
 
@@ -193,11 +196,13 @@ anything = st.floats(allow_nan=True, allow_infinity=True)
     )
 )
 def test_whatever_comes_it_neither_fails_nor_loses_the_strike(rows):
-    look = DetectorCore(DetectorParams())
-    feed(look, end=40)
+    core = DetectorCore(DetectorParams())
+    feed(core, end=40)
     now = stamps()[39]
     for offset, later, frame, position, attitude in rows:
-        seen = show(look, now + offset, now + min(later, 20 * MS), frame, position, attitude)
-        assert seen.event is None
-        assert np.isfinite(seen.statistic)
-    assert [s for s in feed(look, begin=40) if s.event is not None]
+        results = hand_over(
+            core, now + offset, now + min(later, 20 * MS), frame, position, attitude
+        )
+        assert results.event is None
+        assert np.isfinite(results.statistic)
+    assert [s for s in feed(core, begin=40) if s.event is not None]

@@ -14,7 +14,6 @@ import numpy as np
 
 from tombo_collision.detector import DetectorMemory, begin_detector, detect, set_triggers
 from tombo_collision.params import DetectorParams
-from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Compiled, Core, Output
 from tombo_dynamics.frames import is_map
 from tombo_dynamics.input_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose, is_future
@@ -55,26 +54,14 @@ def begin_detector_core(memory: DetectorCoreMemory) -> None:
 
 @compiled(inline=False)
 def take_pose(
-    memory: DetectorCoreMemory,
-    params: DetectorParams,
-    stamp_ns: int,
-    now_ns: int,
-    position: Array,
-    attitude: Array,
+    memory: DetectorCoreMemory, params: DetectorParams, pose: Pose, now_ns: int
 ) -> PoseRefusal:
     """Take a pose in map; return why it is not used, a `PoseRefusal`.
 
     `status` is filled in, and `event` if there is one.
-
-    Args:
-        memory: of the core.
-        params: of the detector.
-        stamp_ns: capture time.
-        now_ns: the present, on the same clock.
-        position: (3) [m].
-        attitude: quaternion xyzw (4), map from base_link.
     """
-    result = _detect(memory, params, stamp_ns, now_ns, position, attitude)
+    stamp_ns = pose.stamp_ns
+    result = _detect(memory, params, pose, now_ns)
     fill_status(memory, params, stamp_ns, result)
     if memory.detector.collided:
         d, event = memory.detector, memory.event
@@ -114,13 +101,9 @@ def fill_status(
 
 @compiled(inline=False)
 def _detect(
-    memory: DetectorCoreMemory,
-    params: DetectorParams,
-    stamp_ns: int,
-    now_ns: int,
-    position: Array,
-    attitude: Array,
+    memory: DetectorCoreMemory, params: DetectorParams, pose: Pose, now_ns: int
 ) -> PoseRefusal:
+    stamp_ns, position, attitude = pose.stamp_ns, pose.position, pose.attitude
     memory.detector.collided = False
     why = check_pose(stamp_ns, now_ns, MAX_POSE_AGE_NS, position, attitude)
     if why != PoseRefusal.NONE:
@@ -141,14 +124,6 @@ def _detect(
     return result
 
 
-@compiled(inline=False)
-def take_pose_message(
-    memory: DetectorCoreMemory, params: DetectorParams, pose: Pose, now_ns: int
-) -> None:
-    """Take a pose in map."""
-    take_pose(memory, params, pose.stamp_ns, now_ns, pose.position, pose.attitude)
-
-
 class DetectorCore(Core):
     """Checks poses and watches the good ones for a collision."""
 
@@ -158,7 +133,7 @@ class DetectorCore(Core):
         "/collision_event": Output(CollisionEvent, "event", "event_due"),
         "/detector/status": Output(DetectorStatus, "status", "status_due"),
     }
-    compiled = Compiled(("memory",), ("params",), {"/mocap/pose": take_pose_message})
+    compiled = Compiled(("memory",), ("params",), {"/mocap/pose": take_pose})
     period_ns = 20_000_000
     sections: ClassVar[Mapping[str, type]] = {"detector": DetectorParams}
 
@@ -172,7 +147,6 @@ class DetectorCore(Core):
         self.memory = DetectorCoreMemory.new()
         begin_detector_core(self.memory)
         self.set_params("detector", params)
-        self._outputs: list[tuple[str, Any]] = []
         self._pose_ns: int | None = None
 
     def on(self, topic: str, message: Pose, now_ns: int) -> None:
@@ -185,16 +159,13 @@ class DetectorCore(Core):
             result = PoseRefusal.WRONG_FRAME
         if result:
             fill_status(memory, self.params, stamp_ns, result)
+            self._published += self.take_due()
         else:
-            clock_ns = now_ns + self.clock_slack_ns
-            result = take_pose(
-                memory, self.params, stamp_ns, clock_ns, message.position, message.attitude
-            )
+            result = self.take(topic, message, now_ns + self.clock_slack_ns)
         self._pose_ns = now_ns
         health = self.health
         if not result and memory.detector.collided:
             health.values["collisions"] = int(memory.event.count)
-        self._outputs += self.take_due()
         health.values["poses"] = int(memory.status.poses)
         if result:
             health.values[f"refused.{result.key}"] = int(memory.refused[result])
@@ -206,8 +177,7 @@ class DetectorCore(Core):
         """Return what the poses since the last step gave."""
         silent = self._pose_ns is not None and now_ns - self._pose_ns > _SILENT_NS
         self.health.fault("mocap_silent", silent, "no mocap poses: no collision can be seen")
-        outputs, self._outputs = self._outputs, []
-        return outputs
+        return super().step(now_ns)
 
     def set_params(self, section: str, params: DetectorParams) -> None:
         """Go on with other parameters; what was seen so far stays."""

@@ -65,9 +65,9 @@ def _layer(name: str, layer: Any, inputs: int) -> tuple[Row, ...]:
             raise InputError(
                 f"{name}: {shown(row)} is no row of {inputs + 1} numbers; accepted: {_ACCEPTED}"
             )
-        if not all(_is_weight(one) for one in row):
+        if not all(_is_weight(value) for value in row):
             raise InputError(f"{name}: a row has what is no finite number; accepted: {_ACCEPTED}")
-        rows.append(tuple(float(one) for one in row))
+        rows.append(tuple(float(value) for value in row))
     return tuple(rows)
 
 

@@ -15,19 +15,22 @@ from typing import Any, ClassVar
 
 from tombo_collision.decision import Decision, Estimate, Guided, check_decision, check_reference
 from tombo_collision.params import ReactionLimits
+from tombo_collision.reaction_memory import (
+    SAME_CONTACT_NS,
+    STAMPS,
+    EventRefusal,
+    HoldReason,
+    ReactionMemory,
+    begin_reaction,
+)
 from tombo_collision.reactions import DEFAULT, EVENT_TOPICS, REGISTRY, Reaction
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Compiled, Core, Output
 from tombo_dynamics.errors import InputError, problem_in, unknown_name
 from tombo_dynamics.frames import is_map
-from tombo_dynamics.input_check import is_future
+from tombo_dynamics.input_check import is_finite_setpoint, is_future
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.message_records import (
-    CollisionEventRecord,
-    OdometryRecord,
-    PositionSetpointRecord,
-    ReactionStatusRecord,
-)
+from tombo_dynamics.message_records import CollisionEventRecord
 from tombo_dynamics.messages import (
     CollisionEvent,
     DetectorStatus,
@@ -37,129 +40,29 @@ from tombo_dynamics.messages import (
     PositionSetpoint,
     ReactionPhase,
     ReactionStatus,
-    Reason,
     RecoveryMode,
 )
-from tombo_dynamics.records import Record, field, fill_record, parameter_record
+from tombo_dynamics.records import fill_record, parameter_record
 from tombo_dynamics.rotation import rotate_vector
-
-
-class HoldReason(Reason):
-    """Why the reaction holds the vehicle where it is."""
-
-    NONE = 0
-    DETECTOR_SILENT = 1, "no message from the detector though poses come: holding"
-    MISSION_SILENT = 2, "no set points of the mission: holding"
-    TWO_PUBLISHERS = 3, "two nodes publish what only one may: holding"
-
-
-class EventRefusal(Reason):
-    """Why a collision is not reacted to. WAITS: until the mission's first set point."""
-
-    NONE = 0
-    NOT_FINITE = 1, "a collision with NaN or infinity"
-    NOT_UNIT = 2, "a collision whose flight direction is no unit vector"
-    STALE = 3, "a collision of long ago"
-    FUTURE = 4, "a collision stamped in the future"
-    DUPLICATE = 5
-    ELSEWHERE = 6, "a collision far from the vehicle"
-    NOT_FLYING = 7, "a collision while not flying"
-    WAITS = 8
-    WRONG_FRAME = 9, "a collision whose frame is not map"
-
+from tombo_dynamics.vectors import UNKNOWN, ZERO, all_finite, dot, norm, subtract
 
 _EXCLUSIVE = ("/mission/setpoint", "/collision_event", "/detector/status")
 """Topics that only one may publish."""
 _PERIOD_NS = 20_000_000
-"""Own set points are published at 50 Hz."""
+"""Set points that replace the mission's are published at 50 Hz."""
 _MAX_CONTACT_DISTANCE = 3.0
 """m: a contact further away than this is not the vehicle's."""
 _SAME_POSITION = 0.05
 """m: a set point this near to x_r is x_r."""
-_STAMPS, _MAX_PENDING = 16, 4
-_SAME_CONTACT_NS = 400_000_000
-"""Two triggers that place a contact nearer together than this have seen the same one."""
-
-
-class ReactionMemory(Record):
-    """Memory of the reaction's core. Positions and directions in map."""
-
-    active = field("1", "a decision holds", kind=bool)
-    guides = field("1", "its reference is the set point", kind=bool)
-    takes_contacts = field("1", "collisions seen in the IMU count", kind=bool)
-    recovers = field("1", "the controller is to fly with the recovery's gains", kind=bool)
-    reference = field("", "of the decision", kind=PositionSetpointRecord)
-    reference_ns = field("ns", "when it was asked for", kind=int)
-    contact_ns = field("ns", "when the last collision decided on touched", kind=int)
-    trigger = field("1", "what has seen it, a `Trigger`", kind=int)
-    x_c = field("m", "of the last decision: base_link at contact", 3)
-    n_r = field("1", "unit vector from x_c to x_r", 3)
-    x_r = field("m", "of the last decision: where to hold", 3)
-    collisions = field("1", "decided on", kind=int)
-    has_mission = field("1", "a set point of the mission has come", kind=bool)
-    mission = field("", "its last set point", kind=PositionSetpointRecord)
-    mission_ns = field("ns", "when it came, as in the next three", kind=int)
-    odometry_ns = field("ns", "the last estimate", kind=int)
-    velocity = field("m/s", "the estimate, base_link", 3)
-    attitude = field("1", "the estimate, quaternion xyzw", 4)
-    rates = field("rad/s", "the estimate, base_link", 3)
-    mocap_ns = field("ns", "the last pose", kind=int)
-    detector_ns = field("ns", "the last word of the detector", kind=int)
-    has_position = field("1", "an estimate has come", kind=bool)
-    position = field("m", "the estimate", 3)
-    mission_at_x_r = field("1", "the mission has come to x_r itself", kind=bool)
-    two_publishers = field("1", "two publish what only one may", kind=bool)
-    holds = field("1", "it holds", kind=bool)
-    waits = field("1", "a set point of its own stands for one that is missing", kind=bool)
-    waits_since_ns = field("ns", "since when", kind=int)
-    hold = field("", "where it holds", kind=PositionSetpointRecord)
-    setpoint = field("", "the last one published", kind=PositionSetpointRecord)
-    publishes = field("1", "it is of the last step", kind=bool)
-    said = field("1", "there was one", kind=bool)
-    publish_due = field("1", "one is to be published at the next step", kind=bool)
-    now_ns = field("ns", "of the last step", kind=int)
-    stamps = field("ns", "of the last events: a ring", _STAMPS, int)
-    events = field("1", "entered into it", kind=int)
-    pending = field("1", "events that wait for the mission's first set point", kind=int)
-    why = field("1", "a `HoldReason`", kind=int)
-    status = field("", "the last one published", kind=ReactionStatusRecord)
-    changed = field("1", "the decision is another one than in it", kind=bool)
-    status_due = field("1", "it is of the last step", kind=bool)
+_MAX_PENDING = 4
 
 
 @compiled(inline=False)
-def begin_reaction(memory: ReactionMemory) -> None:
-    """Forget everything but what was published."""
-    memory.active = False
-    memory.guides = False
-    memory.collisions = 0
-    memory.contact_ns = -_SAME_CONTACT_NS
-    memory.changed = True
-    memory.has_mission = False
-    memory.has_position = False
-    memory.mission_ns = 0
-    memory.odometry_ns = 0
-    memory.mocap_ns = 0
-    memory.detector_ns = 0
-    memory.mission_at_x_r = True
-    memory.two_publishers = False
-    memory.holds = False
-    memory.waits = False
-    memory.said = False
-    memory.publish_due = False
-    memory.setpoint.stamp_ns = 0
-    memory.now_ns = 0
-    memory.events = 0
-    memory.pending = 0
-
-
-@compiled(inline=False)
-def take_mission_setpoint(memory: ReactionMemory, setpoint: Any, now_ns: int) -> bool:
+def take_mission_setpoint(
+    memory: ReactionMemory, limits: ReactionLimits, setpoint: PositionSetpoint, now_ns: int
+) -> bool:
     """Take the mission's set point; False: not finite or of no known phase, not taken."""
-    total = setpoint.yaw
-    for i in range(3):
-        total += setpoint.position[i] + setpoint.velocity[i] + setpoint.acceleration[i]
-    if not math.isfinite(total) or not 0 <= setpoint.phase <= Phase.LANDED:
+    if not is_finite_setpoint(setpoint) or not 0 <= setpoint.phase <= Phase.LANDED:
         return False
     memory.mission = setpoint
     memory.has_mission = True
@@ -169,12 +72,13 @@ def take_mission_setpoint(memory: ReactionMemory, setpoint: Any, now_ns: int) ->
 
 
 @compiled(inline=False)
-def take_estimate(memory: ReactionMemory, odometry: Any, now_ns: int) -> bool:
+def take_odometry(
+    memory: ReactionMemory, limits: ReactionLimits, odometry: Odometry, now_ns: int
+) -> bool:
     """Take an estimate; False: its position is not finite, not taken."""
-    position = odometry.position
-    if not math.isfinite(position[0] + position[1] + position[2]):
+    if not all_finite(odometry.position):
         return False
-    memory.position = position
+    memory.position = odometry.position
     memory.velocity = odometry.velocity
     memory.attitude = odometry.attitude
     memory.rates = odometry.rates
@@ -184,7 +88,7 @@ def take_estimate(memory: ReactionMemory, odometry: Any, now_ns: int) -> bool:
 
 
 @compiled(inline=False)
-def note_mocap(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -> None:
+def take_pose(memory: ReactionMemory, limits: ReactionLimits, pose: Pose, now_ns: int) -> None:
     """Take note of a pose: the detector has something to look at."""
     if now_ns - memory.mocap_ns > limits.pose_timeout * 1e9:
         memory.detector_ns = max(memory.detector_ns, now_ns)  # its time begins now
@@ -192,22 +96,30 @@ def note_mocap(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -> N
 
 
 @compiled(inline=False)
+def take_detector_status(
+    memory: ReactionMemory, limits: ReactionLimits, status: DetectorStatus, now_ns: int
+) -> None:
+    """Take a sign of life of the detector."""
+    memory.detector_ns = now_ns
+
+
+@compiled(inline=False)
 def check_event(
     memory: ReactionMemory, limits: ReactionLimits, event: Any, now_ns: int
 ) -> EventRefusal:
     """Return whether a collision is to be reacted to: an `EventRefusal`."""
-    for i in range(min(memory.events, _STAMPS)):
+    for i in range(min(memory.events, STAMPS)):
         if memory.stamps[i] == event.stamp_ns:
             return EventRefusal.DUPLICATE
-    memory.stamps[memory.events % _STAMPS] = event.stamp_ns
+    memory.stamps[memory.events % STAMPS] = event.stamp_ns
     memory.events += 1
     apart = abs(event.contact_stamp_ns - memory.contact_ns)
-    if event.trigger != memory.trigger and apart < _SAME_CONTACT_NS:
+    if event.trigger != memory.trigger and apart < SAME_CONTACT_NS:
         return EventRefusal.DUPLICATE
     x, d = event.contact_position, event.flight_direction
-    if not math.isfinite(x[0] + x[1] + x[2] + d[0] + d[1] + d[2]):
+    if not (all_finite(x) and all_finite(d)):
         return EventRefusal.NOT_FINITE
-    if abs(math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) - 1.0) > 0.1:
+    if abs(norm(d) - 1.0) > 0.1:
         return EventRefusal.NOT_UNIT
     if now_ns - event.stamp_ns > limits.event_age * 1e9:
         return EventRefusal.STALE
@@ -219,10 +131,8 @@ def check_event(
     if memory.mission.phase == Phase.IDLE or memory.mission.phase >= Phase.LAND:
         return EventRefusal.NOT_FLYING
     if memory.has_position:
-        square = 0.0
-        for i in range(3):
-            square += (x[i] - memory.position[i]) * (x[i] - memory.position[i])
-        if square > _MAX_CONTACT_DISTANCE * _MAX_CONTACT_DISTANCE:
+        off = subtract(x, memory.position)
+        if dot(off, off) > _MAX_CONTACT_DISTANCE * _MAX_CONTACT_DISTANCE:
             return EventRefusal.ELSEWHERE
     return EventRefusal.NONE
 
@@ -251,7 +161,7 @@ def reaction_step(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -
         memory.changed = True
     mission_timed_out = now_ns - memory.mission_ns > limits.mission_timeout * 1e9
     why: int = HoldReason.NONE
-    own = True
+    replaces_mission = True
     if memory.active and memory.guides:
         memory.holds = False
         out = memory.reference
@@ -264,33 +174,34 @@ def reaction_step(memory: ReactionMemory, limits: ReactionLimits, now_ns: int) -
         out = memory.hold
         if why == HoldReason.NONE or _on_ground(mission.phase):
             memory.holds = False
-            own = False
+            replaces_mission = False
             out = mission
         elif not memory.holds:
             memory.holds = True
             old = now_ns - memory.odometry_ns > limits.pose_timeout * 1e9
             if memory.has_position and not old:
                 _hold_at(out, memory.position, mission.yaw, Phase.HOLD)
-            elif memory.said:
+            elif memory.has_published:
                 _hold_at(out, memory.setpoint.position, mission.yaw, Phase.HOLD)
             else:
                 _hold_at(out, mission.position, mission.yaw, Phase.HOLD)
     _report(memory, limits, why, now_ns)
-    waits = own and (mission_timed_out or why != HoldReason.NONE)
+    waits = replaces_mission and (mission_timed_out or why != HoldReason.NONE)
     if waits and not memory.waits:
         memory.waits_since_ns = now_ns
     memory.waits = waits
     if waits and now_ns - memory.waits_since_ns > limits.hold_time * 1e9:
         memory.publish_due = False
         return
-    if memory.publish_due or (own and now_ns - memory.setpoint.stamp_ns >= _PERIOD_NS):
+    due = replaces_mission and now_ns - memory.setpoint.stamp_ns >= _PERIOD_NS
+    if memory.publish_due or due:
         memory.setpoint = out
         memory.setpoint.stamp_ns = now_ns
         memory.setpoint.recovery = _recovery_mode(memory)
         memory.setpoint.takeoff_commands = mission.takeoff_commands
         memory.publish_due = False
         memory.publishes = True
-        memory.said = True
+        memory.has_published = True
 
 
 @compiled(inline=False)
@@ -313,10 +224,8 @@ def _recovery_mode(memory: ReactionMemory) -> RecoveryMode:
 @compiled(inline=False)
 def _hold_at(out: Any, place: Array, yaw: float, phase: int) -> None:
     """Write the set point that rests at a place (3) [m]."""
-    for i in range(3):
-        out.position[i] = place[i]
-        out.velocity[i] = 0.0
-        out.acceleration[i] = 0.0
+    out.position = place
+    out.velocity = out.acceleration = ZERO
     out.yaw = yaw
     out.phase = phase
 
@@ -332,11 +241,9 @@ def _holds_x_r(memory: ReactionMemory, mission_timed_out: bool) -> bool:
     phase = memory.mission.phase
     planned = phase <= Phase.APPROACH
     if not memory.mission_at_x_r and not planned:
-        square = 0.0
-        for i in range(3):
-            off = memory.mission.position[i] - memory.x_r[i]
-            square += off * off
-        memory.mission_at_x_r = phase == Phase.LAND or square < _SAME_POSITION * _SAME_POSITION
+        off = subtract(memory.mission.position, memory.x_r)
+        near = dot(off, off) < _SAME_POSITION * _SAME_POSITION
+        memory.mission_at_x_r = phase == Phase.LAND or near
     unsure = mission_timed_out or memory.two_publishers
     return planned or not memory.mission_at_x_r or (unsure and phase != Phase.LAND)
 
@@ -384,44 +291,14 @@ def _fill_status(memory: ReactionMemory, state: int, now_ns: int) -> None:
     status.stamp_ns = now_ns
     status.state = state
     status.collisions = memory.collisions
-    for i in range(3):
-        status.x_c[i] = memory.x_c[i] if memory.active else math.nan
-        status.x_r[i] = memory.x_r[i] if memory.active else math.nan
-        status.n_r[i] = memory.n_r[i] if memory.active else math.nan
+    if memory.active:
+        status.x_c = memory.x_c
+        status.x_r = memory.x_r
+        status.n_r = memory.n_r
+    else:
+        status.x_c = status.x_r = status.n_r = UNKNOWN
     memory.changed = False
     memory.status_due = True
-
-
-@compiled(inline=False)
-def take_pose_message(
-    memory: ReactionMemory, limits: ReactionLimits, pose: Pose, now_ns: int
-) -> None:
-    """Take note of a pose."""
-    note_mocap(memory, limits, now_ns)
-
-
-@compiled(inline=False)
-def take_detector_status(
-    memory: ReactionMemory, limits: ReactionLimits, status: DetectorStatus, now_ns: int
-) -> None:
-    """Take a sign of life of the detector."""
-    memory.detector_ns = now_ns
-
-
-@compiled(inline=False)
-def take_odometry_message(
-    memory: ReactionMemory, limits: ReactionLimits, odometry: Odometry, now_ns: int
-) -> None:
-    """Take an estimate."""
-    take_estimate(memory, odometry, now_ns)
-
-
-@compiled(inline=False)
-def take_setpoint_message(
-    memory: ReactionMemory, limits: ReactionLimits, setpoint: PositionSetpoint, now_ns: int
-) -> None:
-    """Take the mission's set point."""
-    take_mission_setpoint(memory, setpoint, now_ns)
 
 
 @compiled(inline=False)
@@ -454,10 +331,10 @@ class ReactionCore(Core):
         ("memory",),
         ("limits",),
         {
-            "/mocap/pose": take_pose_message,
+            "/mocap/pose": take_pose,
             "/detector/status": take_detector_status,
-            "/odometry": take_odometry_message,
-            "/mission/setpoint": take_setpoint_message,
+            "/odometry": take_odometry,
+            "/mission/setpoint": take_mission_setpoint,
         },
         reaction_step,
         decides_in_python,
@@ -487,12 +364,10 @@ class ReactionCore(Core):
         """How the reaction has failed to answer, or answered what can't be flown; empty: not."""
         self.limits = parameter_record(limits)
         self._pending: list[CollisionEvent] = []
-        self._setpoint = PositionSetpointRecord.new()
         self._event = CollisionEventRecord.new()
-        self._odometry = OdometryRecord.new()
         self.memory = ReactionMemory.new()
         self._choose(reaction)
-        check_event(self.memory, self.limits, self._event, 0)  # found compiled at a collision
+        check_event(self.memory, self.limits, self._event, 0)  # compiled before a collision
         begin_reaction(self.memory)
 
     def _choose(self, reaction: Reaction) -> None:
@@ -507,22 +382,16 @@ class ReactionCore(Core):
         now_ns: int,
     ) -> None:
         """Take a set point of the mission, a collision, an estimate, or a heartbeat."""
-        memory = self.memory
-        if isinstance(message, Pose):
-            note_mocap(memory, self.limits, now_ns)
-        elif isinstance(message, DetectorStatus):
-            memory.detector_ns = now_ns
+        if isinstance(message, CollisionEvent):
+            if topic in self.reaction.event_topics():
+                self.event(message, now_ns)
+        elif self.take(topic, message, now_ns) is not False:
+            return
         elif isinstance(message, Odometry):
-            fill_record(self._odometry, message)
-            if not take_estimate(memory, self._odometry, now_ns):
-                self.health.refuse("odometry_not_finite", "odometry with NaN or infinity")
-        elif isinstance(message, PositionSetpoint):
-            fill_record(self._setpoint, message)
-            if not take_mission_setpoint(memory, self._setpoint, now_ns):
-                text = "a set point with NaN, infinity or an unknown phase: the last one stands"
-                self.health.refuse("mission_not_finite", text)
-        elif topic in self.reaction.event_topics():
-            self.event(message, now_ns)
+            self.health.refuse("odometry_not_finite", "odometry with NaN or infinity")
+        else:
+            text = "a set point with NaN, infinity or an unknown phase: the last one stands"
+            self.health.refuse("mission_not_finite", text)
 
     def event(self, event: CollisionEvent, now_ns: int) -> EventRefusal:
         """Take a collision, and decide; return why it was refused.
@@ -566,10 +435,10 @@ class ReactionCore(Core):
             return None
         return decision
 
-    def _fail(self, asked: str, error: Exception) -> None:
+    def _fail(self, call: str, error: Exception) -> None:
         """Report that the reaction could not answer; `failure` keeps it."""
         what = str(error) if isinstance(error, InputError) else f"failed: {problem_in(error)}"
-        self.failure = f"reaction '{self.reaction.name}': {asked} {what}"
+        self.failure = f"reaction '{self.reaction.name}': {call} {what}"
         self.health.refuse("reaction_failed", self.failure)
 
     @property
@@ -593,21 +462,21 @@ class ReactionCore(Core):
             return
         since, estimate = 1e-9 * (now_ns - self._decided_ns), self._estimate()
         memory.reference_ns = now_ns
-        asked = "over()"
+        call = "over()"
         try:
             if decision.over(since, estimate):
                 memory.guides = False
                 return
-            asked = "reference()"
-            wanted = decision.reference(since, estimate)
-            check_reference(wanted, memory.x_c)
+            call = "reference()"
+            reference = decision.reference(since, estimate)
+            check_reference(reference, memory.x_c)
         except Exception as error:  # of anybody's code: x_r is held
             memory.guides = False
-            self._fail(asked, error)
+            self._fail(call, error)
             return
         out = memory.reference
-        out.position, out.velocity = wanted.position, wanted.velocity
-        out.acceleration, out.yaw = wanted.acceleration, wanted.yaw
+        out.position, out.velocity = reference.position, reference.velocity
+        out.acceleration, out.yaw = reference.acceleration, reference.yaw
         out.phase = Phase.REACT
         memory.publish_due = True
 
@@ -633,8 +502,7 @@ class ReactionCore(Core):
         self.take_early_events(now_ns)
         if reference_due(memory, now_ns):
             self._guide(now_ns)
-        reaction_step(memory, self.limits, now_ns)
-        outputs = self.take_due()
+        outputs = super().step(now_ns)
         for topic, status in outputs:
             if topic != "/reaction/status":
                 continue

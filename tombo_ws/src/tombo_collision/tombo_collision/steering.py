@@ -72,20 +72,20 @@ def observe(
         rates: (3) estimate, base_link [rad/s].
         out: (23) float32, filled, within `LOW` and `HIGH`.
     """
-    seen = np.zeros(HIGH.size)
-    _turn_in(steering, position, steering.x_c, seen, 0)
-    _turn_in(steering, steering.x_r, position, seen, 3)
+    observation = np.zeros(HIGH.size)
+    _turn_in(steering, position, steering.x_c, observation, 0)
+    _turn_in(steering, steering.x_r, position, observation, 3)
     zero = np.zeros(3)
-    _turn_in(steering, velocity, zero, seen, 6)
-    _turn_in(steering, rotated(attitude, (1.0, 0.0, 0.0)), zero, seen, 9)
-    _turn_in(steering, rotated(attitude, (0.0, 0.0, 1.0)), zero, seen, 12)
+    _turn_in(steering, velocity, zero, observation, 6)
+    _turn_in(steering, rotated(attitude, (1.0, 0.0, 0.0)), zero, observation, 9)
+    _turn_in(steering, rotated(attitude, (0.0, 0.0, 1.0)), zero, observation, 12)
     for i in range(3):
-        seen[15 + i] = rates[i]
-    seen[18] = time_s
+        observation[15 + i] = rates[i]
+    observation[18] = time_s
     if steering.rotor >= 0:
-        seen[19 + steering.rotor] = 1.0
+        observation[19 + steering.rotor] = 1.0
     for i in range(HIGH.size):
-        out[i] = min(max(seen[i], LOW[i]), HIGH[i])
+        out[i] = min(max(observation[i], LOW[i]), HIGH[i])
 
 
 @compiled(inline=False)
@@ -110,17 +110,17 @@ def steer(steering: Steering, action: Array, attitude: Array, rates: Array, out:
         rates: (3) estimate, base_link [rad/s].
         out: `PositionSetpointRecord`; position, velocity, acceleration and yaw are filled.
     """
-    asked = np.zeros(ACTIONS)
+    limited = np.zeros(ACTIONS)
     for i in range(ACTIONS):
         if action[i] == action[i]:
-            asked[i] = min(max(action[i], -1.0), 1.0)
+            limited[i] = min(max(action[i], -1.0), 1.0)
     c, s = steering.along[0], steering.along[1]
-    out.position[0] = steering.x_r[0] + REACH * (c * asked[0] - s * asked[1])
-    out.position[1] = steering.x_r[1] + REACH * (s * asked[0] + c * asked[1])
-    out.position[2] = steering.x_r[2] + REACH * asked[2]
-    out.acceleration[0] = ACCELERATION * (c * asked[3] - s * asked[4])
-    out.acceleration[1] = ACCELERATION * (s * asked[3] + c * asked[4])
-    out.acceleration[2] = ACCELERATION * asked[5]
+    out.position[0] = steering.x_r[0] + REACH * (c * limited[0] - s * limited[1])
+    out.position[1] = steering.x_r[1] + REACH * (s * limited[0] + c * limited[1])
+    out.position[2] = steering.x_r[2] + REACH * limited[2]
+    out.acceleration[0] = ACCELERATION * (c * limited[3] - s * limited[4])
+    out.acceleration[1] = ACCELERATION * (s * limited[3] + c * limited[4])
+    out.acceleration[2] = ACCELERATION * limited[5]
     for i in range(3):
         out.velocity[i] = 0.0
     if turns(rates):

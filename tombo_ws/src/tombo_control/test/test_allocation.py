@@ -8,7 +8,7 @@ from control_bench import VEHICLE, fresh_autopilot
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from tombo_control.loops.allocation import allocate, inertia_torque
+from tombo_control.loops.inner_loops import allocate, inertia_torque
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, SPIN
 

@@ -8,7 +8,7 @@ from control_bench import UPRIGHT, body_z, fresh_autopilot, quaternion
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tombo_control.loops.attitude_control import attitude_control
+from tombo_control.loops.inner_loops import attitude_control
 from tombo_control.params import ControlParams
 from tombo_dynamics.rotation import quaternion_multiply, relative_rotation, rotate_by_vector
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from tombo_control.autopilot import Autopilot
-from tombo_control.gyro_propagation import correct_with_estimate, propagate
+from tombo_control.estimator import correct_with_estimate, propagate
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import quaternion_multiply
 

@@ -6,14 +6,13 @@ import math
 
 import numpy as np
 import pytest
+from mission_bench import World
 
 from core_calls import reported
 from tombo_control.planning.commanded_course import CourseProgress
 from tombo_control.planning.mission import MissionParams
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase, Pose, ReactionPhase
-
-from test_mission_course import World  # isort: skip
 
 PLAN = MissionParams(approach_time=8.0, land_time=60.0)
 
@@ -30,12 +29,12 @@ def hovering():
 
 def test_a_goal_is_flown_to_at_the_plan_s_speed_and_held_in_place_of_the_plan(hovering):
     world = hovering
-    height = world.said[-1].position[2]
+    height = world.setpoints[-1].position[2]
     assert not reported(world.course, "/goal_pose", pose(1.5, -1.0, yaw=-3.0), world.now)
     world.run(40.0)
     assert world.place == pytest.approx([1.5, -1.0, height], abs=0.02)
-    assert math.remainder(world.said[-1].yaw + 3.0, math.tau) == pytest.approx(0.0, abs=1e-9)
-    speed = [np.linalg.norm(said.velocity) for said in world.said]
+    assert math.remainder(world.setpoints[-1].yaw + 3.0, math.tau) == pytest.approx(0.0, abs=1e-9)
+    speed = [np.linalg.norm(setpoint.velocity) for setpoint in world.setpoints]
     assert max(speed) == pytest.approx(PLAN.approach_speed)
     assert world.largest_step() < 0.021 * PLAN.approach_speed
     assert world.course.mode == Phase.APPROACH
@@ -45,17 +44,17 @@ def test_a_goal_is_flown_to_at_the_plan_s_speed_and_held_in_place_of_the_plan(ho
 
 def test_a_turn_is_the_shorter_one(hovering):
     yaw = 0.0
-    for wanted in (3.0, -3.0, 2.0):
-        hovering.course.on("/goal_pose", pose(1.0, 0.0, yaw=wanted), hovering.now)
+    for goal_yaw in (3.0, -3.0, 2.0):
+        hovering.course.on("/goal_pose", pose(1.0, 0.0, yaw=goal_yaw), hovering.now)
         hovering.run(6.0)
-        found = hovering.said[-1].yaw
-        assert math.remainder(found - wanted, math.tau) == pytest.approx(0.0, abs=1e-9)
-        assert abs(found - yaw) <= math.pi
-        yaw = found
+        flown = hovering.setpoints[-1].yaw
+        assert math.remainder(flown - goal_yaw, math.tau) == pytest.approx(0.0, abs=1e-9)
+        assert abs(flown - yaw) <= math.pi
+        yaw = flown
 
 
 @pytest.mark.parametrize(
-    ("goal", "said"),
+    ("goal", "text"),
     [
         (pose(frame="base_link"), "frame 'base_link'; accepted: map"),
         (pose(x=math.nan), "NaN or infinity"),
@@ -67,16 +66,16 @@ def test_a_turn_is_the_shorter_one(hovering):
         (pose(z=51.0), "goal_pose[0].z"),
     ],
 )
-def test_a_goal_that_can_t_be_flown_to_changes_nothing(hovering, goal, said):
-    before = hovering.said[-1].position
+def test_a_goal_that_can_t_be_flown_to_changes_nothing(hovering, goal, text):
+    before = hovering.setpoints[-1].position
     hovering.course.health.take_events()
     hovering.course.on("/goal_pose", goal, hovering.now)
-    ((key, text),) = hovering.course.health.take_events()
+    ((key, refusal),) = hovering.course.health.take_events()
     assert key == "goal_refused"
-    assert said in text
+    assert text in refusal
     hovering.run(1.0)
     assert hovering.course.mode == Phase.HOVER
-    assert hovering.said[-1].position == pytest.approx(before)
+    assert hovering.setpoints[-1].position == pytest.approx(before)
 
 
 def test_goals_are_taken_in_the_air_only_and_not_in_a_reaction():
@@ -93,33 +92,33 @@ def test_goals_are_taken_in_the_air_only_and_not_in_a_reaction():
 
 def test_a_course_tells_leg_distance_and_time_and_keeps_to_them(hovering):
     world, course = hovering, hovering.course
-    x, y, z = world.said[-1].position
+    x, y, z = world.setpoints[-1].position
     course.fly_course(
         "waypoints", [pose(x + 1.0, y, z), pose(x + 1.0, y + 2.0, z)], speed=0.5, hold=1.0
     )
     world.run(0.02)
     begin: CourseProgress = course.course_progress
-    assert (begin.leg, begin.legs, begin.there) == (1, 2, False)
+    assert (begin.leg, begin.legs, begin.arrived) == (1, 2, False)
     assert begin.distance == pytest.approx(3.0, abs=0.01)
     ramp = 0.5 / 0.8
     assert begin.time_left == pytest.approx(1.0 / 0.5 + 2.0 / 0.5 + 2 * ramp + 1.0, abs=0.05)
-    began, found = world.now, []
-    world.run(30.0, lambda w: found.append(course.course_progress) or found[-1].there)
+    began, progress = world.now, []
+    world.run(30.0, lambda w: progress.append(course.course_progress) or progress[-1].arrived)
     assert (world.now - began) * 1e-9 == pytest.approx(begin.time_left, abs=0.5)
-    assert [f.leg for f in found] == sorted(f.leg for f in found)
-    assert np.diff([f.distance for f in found]).max() < 1e-9
-    assert np.diff([f.time_left for f in found]) == pytest.approx(-0.02, abs=0.011)
-    assert found[-1].distance == pytest.approx(0.0, abs=1e-9)
+    assert [f.leg for f in progress] == sorted(f.leg for f in progress)
+    assert np.diff([f.distance for f in progress]).max() < 1e-9
+    assert np.diff([f.time_left for f in progress]) == pytest.approx(-0.02, abs=0.011)
+    assert progress[-1].distance == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_course_that_is_ended_holds_there(hovering):
     world, course = hovering, hovering.course
     course.fly_course("waypoints", [pose(4.0, 0.0, 2.0)])
     world.run(2.0)
-    there, since = world.said[-1].position, len(world.said) - 1
+    there, since = world.setpoints[-1].position, len(world.setpoints) - 1
     course.hold_course()
     world.run(5.0)
-    assert world.said[-1].position == pytest.approx(there, abs=0.02)
+    assert world.setpoints[-1].position == pytest.approx(there, abs=0.02)
     assert world.largest_step(since) < 0.02
     assert world.course.mode == Phase.APPROACH
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tombo_control.autopilot import State
+from tombo_control.autopilot import EstimatedState
 from tombo_control.recovery.contact_watch import ContactWatch, watch_contact
 from tombo_control.recovery.params import ContactParams
 from tombo_dynamics.records import fill_record, parameter_record
@@ -22,7 +22,7 @@ HUBS = VEHICLE.arm_length * math.sqrt(0.5) * np.array([[1, -1], [-1, 1], [1, 1],
 
 def watch(gyro, accel, height=2.0, params=None, flies=True):
     """Feed samples (N, 3) each; return the contact and the samples at which one was due."""
-    contact, state = ContactWatch.new(), State.new()
+    contact, state = ContactWatch.new(), EstimatedState.new()
     fill_record(contact.params, params or ContactParams())
     state.position[2] = height
     state.attitude[3] = 1.0

@@ -224,12 +224,12 @@ def test_poles_are_where_the_bandwidths_put_them():
         (error_after_a_period(step * e) - error_after_a_period(-step * e)) / (2.0 * step)
         for e in np.eye(15)
     ]
-    found = np.poly(np.array(columns).T)
+    measured = np.poly(np.array(columns).T)
     slow = math.exp(-E.attitude_bandwidth * PERIOD * TICK)
     fast = math.exp(-E.position_bandwidth * PERIOD * TICK)
     designed = np.poly([fast] * 9 + [slow] * 6)
     # equal eigenvalues are ill-conditioned, their polynomial is not
-    assert np.allclose(found, designed, rtol=2e-3, atol=1e-4)
+    assert np.allclose(measured, designed, rtol=2e-3, atol=1e-4)
 
 
 POSE = np.array([0.1, 0.2, 10.1, *Rotation.from_euler("xyz", [0.1, 0.2, 0.3]).as_quat()])

@@ -12,9 +12,9 @@ import pytest
 from control_bench import VEHICLE, rotor_table
 
 from core_calls import Command, Controller
-from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, hovering, odometry_of
+from lockstep_bench import EPOCH_NS, Lockstep, calm, hover_at, odometry_of
 from tombo_control.controller_core import reset_inputs
-from tombo_control.estimate import Estimate
+from tombo_control.estimate import StampedEstimate
 from tombo_control.params import ControlParams, InputLimits
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Imu, Phase
@@ -52,11 +52,11 @@ class _Bench:
             "accel_bias": _ZERO,
             "pose_stamp_ns": self.now_ns,
         }
-        return self.controller.estimate(odometry_of(Estimate(**{**values, **more})))
+        return self.controller.estimate(odometry_of(StampedEstimate(**{**values, **more})))
 
     def setpoint(self, **more: Any) -> bool:
-        wanted = hover_at(0.0, 0.0, self.height)
-        return self.controller.setpoint(replace(wanted, **more), self.now_ns)
+        message = hover_at(0.0, 0.0, self.height)
+        return self.controller.setpoint(replace(message, **more), self.now_ns)
 
     def run(
         self, ticks: int, *, estimate: bool = True, pose: bool = True, setpoint: bool = True
@@ -80,16 +80,6 @@ def bench() -> _Bench:
     ready = _Bench()
     ready.run(200)
     return ready
-
-
-@lru_cache
-def _hovering() -> Lockstep:
-    return hovering()
-
-
-@pytest.fixture
-def flight() -> Lockstep:
-    return copy.deepcopy(_hovering())
 
 
 def _away(rows: Array) -> float:
@@ -354,23 +344,6 @@ def test_without_odometry_it_levels_and_descends_and_comes_back(flight: Lockstep
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", ["mocap_on", "odometry_on"])
-def test_blind_it_comes_down_gently_enough(flight: Lockstep, part: str) -> None:
-    setattr(flight, part, False)
-    rows = flight.fly(12.0)
-    down = int(np.argmax(rows[:, 2] < 0.185))
-    assert 3000 < down < 8000
-    assert -rows[:down, 5].min() <= 0.5
-    assert np.linalg.norm(rows[:5000, :2], axis=1).max() < 1.5
-    assert flight.command is not None
-    assert not flight.command.speed.any(), "down, the rotors stop"
-    assert np.linalg.norm(rows[-1, :2] - rows[down, :2]) < 0.3, "it does not slide"
-    setattr(flight, part, True)
-    flight.fly(5.0)
-    assert not flight.command.speed.any(), "and no estimate starts them again"
-
-
-@pytest.mark.slow
 def test_old_poses_behind_fresh_odometry_are_not_flown_on(flight: Lockstep) -> None:
     flight.mocap_on = False
     flight.fly(0.2)
@@ -417,7 +390,7 @@ def test_a_gyro_sample_that_is_not_finite_is_flown_over(flight: Lockstep) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gap_s", [0.02, 0.15])
+@pytest.mark.parametrize("gap_s", [0.005, 0.05, 0.2])
 def test_it_survives_a_gap_of_the_gyro(flight: Lockstep, gap_s: float) -> None:
     flight.imu_on = False
     flight.fly(gap_s)
@@ -440,12 +413,14 @@ def test_what_is_forgotten_lifts_no_vehicle_off(bench: _Bench) -> None:
     bench.run(200)
     reset_inputs(bench.controller.memory)
     assert not np.any(bench.run(200, setpoint=False).speed)
-    for _ in range(200):  # nor does a set point in the middle of a flight
-        bench.tick += 1
-        bench.estimate()
-        bench.setpoint()
-        said = bench.controller.tick(bench.now_ns, bench.now_ns, _ZERO)
-    assert said is None
+    fresh = _Bench(flies=False)
+    for restarted in (bench, fresh):  # nor does a set point in the middle of a flight
+        for _ in range(300):
+            restarted.tick += 1
+            restarted.estimate()
+            restarted.setpoint()
+            command = restarted.controller.tick(restarted.now_ns, restarted.now_ns, _ZERO)
+        assert command is None
 
 
 def test_estimates_of_the_clock_before_are_not_mistaken_for_fresh_ones(bench: _Bench) -> None:
@@ -487,8 +462,8 @@ def test_set_points_of_the_slower_loops_are_told(bench: _Bench) -> None:
     bench.tick += 1
     imu = Imu(bench.now_ns, _ZERO, _ZERO)
     bench.controller.on("/imu/data_raw", imu, bench.now_ns)
-    said = dict(bench.controller.step(bench.now_ns))
-    attitude, rates = said["/attitude_setpoint"], said["/rates_setpoint"]
+    published = dict(bench.controller.step(bench.now_ns))
+    attitude, rates = published["/attitude_setpoint"], published["/rates_setpoint"]
     assert np.allclose(attitude.orientation, _LEVEL, atol=1e-3)
     assert attitude.thrust == rates.thrust == pytest.approx(4.0 * VEHICLE.hover_thrust(), rel=0.02)
     assert np.abs(rates.rates).max() < 0.01

@@ -34,25 +34,25 @@ ANGULAR = slice(10, 12)
 
 
 @pytest.fixture(scope="module")
-def found() -> dict[str, Margins]:
+def loop_margins() -> dict[str, Margins]:
     return cascade_margins(ControlParams(), VEHICLE, rotor_table())
 
 
-def test_margins_of_every_loop(found):
-    for name, m in found.items():
+def test_margins_of_every_loop(loop_margins):
+    for name, m in loop_margins.items():
         assert m.phase_margin_deg >= 45.0, name
         assert m.gain_margin_db >= 6.0, name
         assert m.peak_sensitivity <= 2.0, name
 
 
 @pytest.mark.parametrize("order", [HORIZONTAL, ("yaw_rate", "yaw"), ("rate", "climb", "height")])
-def test_each_loop_is_at_least_twice_as_fast_as_the_next(found, order):
-    crossovers = [found[name].crossover for name in order]
+def test_each_loop_is_at_least_twice_as_fast_as_the_next(loop_margins, order):
+    crossovers = [loop_margins[name].crossover for name in order]
     for inner, outer in itertools.pairwise(crossovers):
         assert inner >= 2.0 * outer
 
 
-def test_crossovers_are_what_the_parameters_say(found):
+def test_crossovers_are_what_the_parameters_say(loop_margins):
     """The texts of `ControlParams` state these numbers."""
     stated = {
         "rate": 19.5,
@@ -63,7 +63,7 @@ def test_crossovers_are_what_the_parameters_say(found):
         "yaw": 2.4,
     }
     for name, crossover in stated.items():
-        assert found[name].crossover == pytest.approx(crossover, rel=0.03), name
+        assert loop_margins[name].crossover == pytest.approx(crossover, rel=0.03), name
 
 
 def test_the_rate_loop_stands_a_motor_twice_as_slow():
@@ -77,12 +77,12 @@ def test_the_rate_loop_stands_a_motor_twice_as_slow():
     ("page", "gains"), [("control.md", ControlParams()), ("reactions.md", RecoveryParams())]
 )
 def test_the_table_in_the_docs_holds_these_numbers(page, gains):
-    found = cascade_margins(gains, VEHICLE, rotor_table())
+    loop_margins = cascade_margins(gains, VEHICLE, rotor_table())
     text = (DOCS / page).read_text()
     rows = dict(re.findall(r"^\| (\w+) \|((?: [\d.]+ \|){5})", text, re.MULTILINE))
-    assert set(rows) == set(found)
+    assert set(rows) == set(loop_margins)
     for name, cells in rows.items():
-        m = found[name]
+        m = loop_margins[name]
         crossover, phase, gain, delay, peak = (float(v) for v in cells.strip(" |").split("|"))
         assert crossover == pytest.approx(m.crossover, abs=0.051), name
         assert phase == pytest.approx(m.phase_margin_deg, abs=0.51), name
@@ -104,7 +104,9 @@ def growth(control: ControlParams, seconds: float, **effects: dict[str, float]) 
 @pytest.mark.parametrize(
     ("loop", "seconds"), [("rate", 2.0), ("attitude", 4.0), ("velocity", 6.0), ("position", 16.0)]
 )
-def test_the_real_cascade_oscillates_beyond_the_gain_margin_and_not_below(found, loop, seconds):
+def test_the_real_cascade_oscillates_beyond_the_gain_margin_and_not_below(
+    loop_margins, loop, seconds
+):
     def scaled(factor: float) -> ControlParams:
         c = ControlParams()
         changed = {name: factor * getattr(c, name) for name in GAINS[loop]}
@@ -112,7 +114,7 @@ def test_the_real_cascade_oscillates_beyond_the_gain_margin_and_not_below(found,
             changed |= dict.fromkeys(GAINS[outer], 0.0)
         return replace(c, **changed)
 
-    room = found[loop].gain_margin
+    room = loop_margins[loop].gain_margin
     assert growth(scaled(0.92 * room), seconds) < 0.0
     assert growth(scaled(1.08 * room), seconds) > 0.0
 
@@ -135,11 +137,11 @@ def test_a_yaw_torque_step_of_the_plant_follows_the_yaw_drive():
     drive = yaw_drive(VEHICLE, rotor_table())
     small = 1e-3 * b.plant.rotor_speed[0]
     b.plant.rotor_command[:] += small * np.array([-1.0, -1.0, 1.0, 1.0])
-    asked = []
+    yaw_rates = []
 
     def hold(a, tick):
         b.a.setpoint.rotor_speed = b.plant.rotor_command
-        asked.append(b.plant.state.rates[2])
+        yaw_rates.append(b.plant.state.rates[2])
 
     rate = b.fly_ticks(1.0, hold)[:, 12]
     t = np.arange(rate.size) * 1e-3

@@ -41,12 +41,12 @@ def test_every_loop_keeps_its_margins(mass, arm, lag, rotor):
     vehicle, maps = vehicle_of(mass, arm, lag, rotor)
     gains = gains_for(vehicle, maps)
     validate(gains, "control")
-    found = cascade_margins(gains, vehicle, maps)
-    for name, margin in found.items():
+    designed = cascade_margins(gains, vehicle, maps)
+    for name, margin in designed.items():
         assert margin.phase_margin > math.radians(55.0), name
         assert margin.gain_margin_db > 10.0, name
     # Where rotors are heavy and motors fast the loop's gain hardly falls about its crossover.
-    assert found["yaw_rate"].crossover == pytest.approx(13.1 * min(1.0, 0.035 / lag), rel=0.2)
+    assert designed["yaw_rate"].crossover == pytest.approx(13.1 * min(1.0, 0.035 / lag), rel=0.2)
 
 
 def test_slow_motors_need_the_rule():

@@ -56,6 +56,11 @@ class Flight:
         return next(t for t, m in self.modes if m == mode)
 
 
+def advanced(state, now, position, velocity=STILL):
+    """The state one step on, by the default plan."""
+    return advance_mission(state, compiled_plan(PLAN), now, position, velocity)
+
+
 def in_mode(mode):
     return lambda flight: flight.state.mode == mode
 
@@ -68,14 +73,6 @@ def collided(plan=PLAN, at=23.0):
     return flight
 
 
-def test_phases_without_a_collision():
-    flight = Flight().run(60.0)
-    assert flight.order() == [*list(Phase)[:4], Phase.LAND, Phase.LANDED]
-    assert flight.began(Phase.TAKEOFF) == pytest.approx(PLAN.takeoff_time, abs=STEP)
-    assert flight.began(Phase.APPROACH) == pytest.approx(PLAN.approach_time, abs=STEP)
-    assert flight.began(Phase.LAND) == pytest.approx(PLAN.land_time, abs=STEP)
-
-
 def test_phases_with_a_collision():
     flight = collided().run(60.0)
     assert flight.order() == list(Phase)[:8]
@@ -85,15 +82,17 @@ def test_phases_with_a_collision():
     )
 
 
-def test_without_reaction_it_flies_on_to_the_goal():
-    flight = Flight().run(PLAN.land_time - 0.1)
-    assert flight.position == pytest.approx([PLAN.goal_x, PLAN.goal_y, PLAN.height])
-
-
-def test_hovers_above_home_at_the_height_of_the_plan():
-    flight = Flight().run(15.0)
-    assert flight.state.mode == Phase.HOVER
-    assert flight.position == pytest.approx([HOME[0], HOME[1], PLAN.height])
+@pytest.mark.parametrize(
+    ("until", "mode", "place"),
+    [
+        (15.0, Phase.HOVER, (*HOME[:2], PLAN.height)),
+        (PLAN.land_time - 0.1, Phase.APPROACH, (PLAN.goal_x, PLAN.goal_y, PLAN.height)),
+    ],
+)
+def test_hovers_above_home_and_then_flies_to_the_goal(until, mode, place):
+    flight = Flight().run(until)
+    assert flight.state.mode == mode
+    assert flight.position == pytest.approx(place)
 
 
 def test_the_set_point_never_jumps_before_the_escape():
@@ -108,13 +107,9 @@ def test_goes_on_only_when_the_climb_has_come_to_rest():
     late = flight.state.leg.end_s + 1.0
     top = np.array(flight.state.leg.position(late))
     low, fast = top - [0.0, 0.0, 0.1], np.array([0.0, 0.0, 0.2])
-    assert (
-        advance_mission(flight.state, compiled_plan(PLAN), late, low, STILL).mode == Phase.TAKEOFF
-    )
-    assert (
-        advance_mission(flight.state, compiled_plan(PLAN), late, top, fast).mode == Phase.TAKEOFF
-    )
-    assert advance_mission(flight.state, compiled_plan(PLAN), late, top, STILL).mode == Phase.HOVER
+    assert advanced(flight.state, late, low).mode == Phase.TAKEOFF
+    assert advanced(flight.state, late, top, fast).mode == Phase.TAKEOFF
+    assert advanced(flight.state, late, top).mode == Phase.HOVER
 
 
 def test_lands_at_the_latest_even_if_it_never_settles():
@@ -122,7 +117,7 @@ def test_lands_at_the_latest_even_if_it_never_settles():
     away = flight.position + np.array([1.0, 0.0, 0.0])
     state = flight.state
     for now in np.arange(flight.now, PLAN.land_time + 1.0, STEP):
-        state = advance_mission(state, compiled_plan(PLAN), now, away, STILL)
+        state = advanced(state, now, away)
         assert state.mode == (Phase.REACT if now < PLAN.land_time else Phase.LAND)
 
 
@@ -137,9 +132,7 @@ def test_settled_means_near_and_slow_for_a_whole_second(offset, velocity):
     for now in np.arange(23.1, 25.5, STEP):
         bad = abs(now - disturbed_at) < 0.5 * STEP
         position = there + offset if bad else there
-        state = advance_mission(
-            state, compiled_plan(PLAN), now, position, np.array(velocity) if bad else STILL
-        )
+        state = advanced(state, now, position, np.array(velocity) if bad else STILL)
         settled = now > disturbed_at + 1.0 + 0.5 * STEP
         assert state.mode == (Phase.HOLD if settled else Phase.REACT)
 
@@ -196,18 +189,12 @@ def test_landed_means_held_up_by_the_floor(lag, speed, height):
         t for t in itertools.count(flight.now, 0.001) if state.leg.position(t)[2] <= height - lag
     )
     at = np.array([*state.leg.position(now)[:2], height])
-    assert (
-        advance_mission(state, compiled_plan(PLAN), now, at, np.array([0.0, 0.0, -speed])).mode
-        == Phase.LAND
-    )
+    assert advanced(state, now, at, np.array([0.0, 0.0, -speed])).mode == Phase.LAND
     on_the_floor = np.array([at[0], at[1], 0.18])
     low = next(t for t in itertools.count(flight.now, 0.001) if state.leg.position(t)[2] <= -0.12)
-    landed = advance_mission(state, compiled_plan(PLAN), low, on_the_floor, STILL)
+    landed = advanced(state, low, on_the_floor)
     assert landed.mode == Phase.LANDED
-    assert (
-        advance_mission(landed, compiled_plan(PLAN), low + 10.0, on_the_floor, STILL).mode
-        == Phase.LANDED
-    )
+    assert advanced(landed, low + 10.0, on_the_floor).mode == Phase.LANDED
 
 
 def test_steps_go_round_a_square_with_changes_of_height():

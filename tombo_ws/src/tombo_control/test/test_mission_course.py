@@ -7,76 +7,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mission_bench import HOME, MS, PLAN, START, World
 
-from core_calls import Mission
 from tombo_collision.reactions.bounce import Bounce
-from tombo_control.mission_core import MissionLimits, WaitReason
-from tombo_control.planning.mission import MissionParams, advance_mission, begin, compiled_plan
+from tombo_control.planning.course import read_course
+from tombo_control.planning.mission import advance_mission, begin, compiled_plan
+from tombo_control.planning.mission_memory import MissionLimits, WaitReason
 from tombo_dynamics.messages import Phase, ReactionPhase, is_finite
 from tombo_dynamics.vehicle import VehicleParams
 
-MS = 1_000_000
-START = 1_763_700_000_000_000_000
-PLAN = MissionParams(approach_time=8.0, land_time=20.0, hold_time=2.0)
 LIMITS = MissionLimits()
-HOME = np.array([0.1, -0.2, 0.18])
-NOWHERE = (math.nan,) * 3
+COURSE = read_course("c", [{"x": 1.5, "yaw": 1.5, "hold": 0.5}, {"y": 1.0, "speed": 2.0}])
 X_R = np.array([0.5, 0.1, 2.0])
-
-
-def setpoint_of(outputs):
-    return next((m for topic, m in outputs if topic == "/mission/setpoint"), None)
-
-
-class World:
-    """A vehicle that follows the set point with a lag of 0.1 s, and the course, at 50 Hz."""
-
-    def __init__(self, place=HOME, plan=PLAN, started=True, epoch=START):
-        self.course = Mission(plan, LIMITS, started)
-        self.place = np.array(place, float)
-        self.velocity = np.zeros(3)
-        self.now = epoch
-        self.odometry = self.answers = True
-        self.follows = True
-        self.said = []
-        self.modes = []
-
-    def reaction(self, state, x_r=NOWHERE, count=0, age_s=0.0):
-        stamp = self.now - round(1e9 * age_s)
-        self.course.reaction(state, np.array(x_r, dtype=float), count, stamp, self.now)
-
-    def run(self, seconds, stop=lambda world: False):
-        for _ in range(round(seconds * 50)):
-            self.now += 20 * MS
-            if self.odometry:
-                self.course.estimate(self.place.copy(), self.velocity.copy(), self.now)
-            if self.answers:
-                self.course.reaction_alive(self.now)
-            said = setpoint_of(self.course.step(self.now))
-            if said is not None:
-                self.said.append(said)
-                if not self.modes or said.phase != self.modes[-1]:
-                    self.modes.append(said.phase)
-                self.follow(said)
-            if stop(self):
-                break
-        return self
-
-    def follow(self, said):
-        before = self.place
-        if self.follows and said.phase not in (Phase.IDLE, Phase.LANDED):
-            self.place = before + 0.2 * (said.position - before) + 0.02 * said.velocity * 0.8
-        self.place = np.maximum(self.place, [-math.inf, -math.inf, HOME[2]])
-        self.velocity = (self.place - before) / 0.02
-
-    def until(self, mode, patience=60.0):
-        self.run(patience, lambda world: world.course.mode == mode)
-        assert self.course.mode == mode
-        return self
-
-    def largest_step(self, since=0):
-        places = np.array([s.position for s in self.said[since:]])
-        return np.linalg.norm(np.diff(places, axis=0), axis=1).max(initial=0.0)
 
 
 def test_the_defaults_are_those_of_the_vehicle_and_the_reaction():
@@ -97,9 +39,10 @@ def test_flies_the_plan_in_the_plan_s_own_time():
     assert world.course.time_s == pytest.approx(when[Phase.LANDED], abs=0.021)
 
 
-def test_is_the_plan_of_the_headless_flight():
+@pytest.mark.parametrize("plan", [PLAN, replace(PLAN, course=COURSE)])
+def test_is_the_plan_of_the_headless_flight(plan):
     """Step by step the same mode and reference, for the same estimates."""
-    world = World()
+    world = World(plan=plan)
     state = begin(HOME)
     for _ in range(1300):
         here, velocity = world.place.copy(), world.velocity.copy()
@@ -107,33 +50,36 @@ def test_is_the_plan_of_the_headless_flight():
         now = world.course.time_s
         if state.mode == Phase.IDLE:
             state = begin(here)
-        state = advance_mission(state, compiled_plan(PLAN), now, here, velocity)
-        assert world.said[-1].phase == state.mode
-        assert world.said[-1].position == pytest.approx(state.leg.position(now), abs=1e-9)
+        state = advance_mission(state, compiled_plan(plan), now, here, velocity)
+        setpoint = world.setpoints[-1]
+        assert setpoint.phase == state.mode
+        assert setpoint.position == pytest.approx(state.leg.position(now), abs=1e-9)
+        assert setpoint.yaw == pytest.approx(state.leg.yaw_at(now), abs=1e-9)
     assert state.mode == Phase.LANDED
 
 
 def test_set_points_carry_the_reference_s_own_velocity_and_acceleration():
     world = World().until(Phase.LAND)
-    place = np.array([s.position for s in world.said])
-    velocity = np.array([s.velocity for s in world.said])
-    acceleration = np.array([s.acceleration for s in world.said])
+    place = np.array([s.position for s in world.setpoints])
+    velocity = np.array([s.velocity for s in world.setpoints])
+    acceleration = np.array([s.acceleration for s in world.setpoints])
     moved = np.diff(place, axis=0) / 0.02
     mean = 0.5 * (velocity[1:] + velocity[:-1])
-    same = np.array([a.phase == b.phase for a, b in zip(world.said, world.said[1:], strict=False)])
+    phase = np.array([s.phase for s in world.setpoints])
+    same = phase[1:] == phase[:-1]
     assert np.abs(moved - mean)[same].max() < 0.01
     assert np.linalg.norm(velocity, axis=1).max() == pytest.approx(PLAN.approach_speed)
     assert np.linalg.norm(acceleration, axis=1).max() == pytest.approx(0.8)
     steps = np.diff(velocity, axis=0)[same] / 0.02
     assert np.abs(steps - 0.5 * (acceleration[1:] + acceleration[:-1])[same]).max() < 0.41
-    assert all(s.stamp_ns for s in world.said)
+    assert all(s.stamp_ns for s in world.setpoints)
 
 
 def test_no_setpoint_before_the_first_estimate_which_starts_the_clock():
     world = World()
     world.odometry = False
     world.run(5.0)
-    assert not world.said
+    assert not world.setpoints
     world.odometry = True
     world.run(0.9)
     assert world.course.mode == Phase.IDLE
@@ -146,23 +92,19 @@ def test_home_is_where_it_stands_when_it_takes_off():
     world.run(0.5)
     world.place = HOME + np.array([0.3, 0.2, 0.0])
     world.until(Phase.HOVER)
-    assert world.said[-1].position == pytest.approx([0.4, 0.0, PLAN.height])
-
-
-def test_waits_for_the_word_to_start():
-    world = World(started=False)
-    world.run(30.0)
-    assert world.modes == [Phase.IDLE]
-    assert world.said[-1].takeoff_commands == 0
-    world.course.set_params("auto_start", True)
-    world.run(PLAN.takeoff_time + 0.05)
-    assert world.course.mode == Phase.TAKEOFF
-    assert world.said[-1].takeoff_commands == 1
+    assert world.setpoints[-1].position == pytest.approx([0.4, 0.0, PLAN.height])
 
 
 @pytest.mark.parametrize("plan", [PLAN, replace(PLAN, takeoff_time=0.0)])
 def test_takes_off_only_when_told(plan):
-    assert World(plan=plan, started=False).run(3.0).modes == [Phase.IDLE]
+    world = World(plan=plan, started=False)
+    world.run(30.0)
+    assert world.modes == [Phase.IDLE]
+    assert world.setpoints[-1].takeoff_commands == 0
+    world.course.set_params("auto_start", True)
+    world.run(plan.takeoff_time + 0.05)
+    assert world.course.mode == Phase.TAKEOFF
+    assert world.setpoints[-1].takeoff_commands == 1
 
 
 def test_follows_the_reaction_to_x_r_holds_and_lands():
@@ -170,8 +112,8 @@ def test_follows_the_reaction_to_x_r_holds_and_lands():
     world.run(1.5)
     world.reaction(ReactionPhase.REACTING, X_R, 1)
     world.run(0.02)
-    assert world.said[-1].phase == Phase.REACT
-    assert world.said[-1].position == pytest.approx(X_R)
+    assert world.setpoints[-1].phase == Phase.REACT
+    assert world.setpoints[-1].position == pytest.approx(X_R)
     world.until(Phase.HOLD)
     held = world.now
     world.until(Phase.LAND)
@@ -192,7 +134,7 @@ def test_the_same_decision_again_changes_nothing_a_new_one_does():
     world.reaction(ReactionPhase.BLIND, second, 2)  # decided while blind: as good
     world.run(0.02)
     assert world.course.mode == Phase.REACT
-    assert world.said[-1].position == pytest.approx(second)
+    assert world.setpoints[-1].position == pytest.approx(second)
 
 
 @pytest.mark.parametrize("mode", [Phase.IDLE, Phase.LAND, Phase.LANDED])
@@ -234,11 +176,11 @@ def test_it_waits_at_the_vehicle_while_the_reaction_holds(state, why, mode):
     assert world.course.wait_reason == why
     world.place = world.place + np.array([-0.6, 0.3, 0.1])  # held elsewhere, drifted
     world.run(1.0)
-    assert math.dist(world.said[-1].position, world.place) < 0.06
-    assert not world.said[-1].velocity.any()
-    assert world.said[-1].phase == mode
+    assert math.dist(world.setpoints[-1].position, world.place) < 0.06
+    assert not world.setpoints[-1].velocity.any()
+    assert world.setpoints[-1].phase == mode
     # and on from there
-    again = len(world.said) - 1
+    again = len(world.setpoints) - 1
     world.follows = world.answers = True
     world.reaction(ReactionPhase.IDLE)
     world.run(0.1)
@@ -283,13 +225,13 @@ def test_without_estimates_the_reference_and_the_clock_stand_still(mode):
     world.until(mode).run(0.7)
     world.odometry = False
     world.run(0.28)
-    begin, time_s = len(world.said), world.course.time_s
+    begin, time_s = len(world.setpoints), world.course.time_s
     assert world.course.wait_reason == WaitReason.ESTIMATE_SILENT
     world.run(30.0)
     assert world.course.time_s == time_s
     assert world.largest_step(begin) == 0.0
-    assert not np.any([s.velocity for s in world.said[begin:]])
-    assert not np.any([s.acceleration for s in world.said[begin:]])
+    assert not np.any([s.velocity for s in world.setpoints[begin:]])
+    assert not np.any([s.acceleration for s in world.setpoints[begin:]])
     assert world.course.mode == mode
     world.odometry = True
     world.run(3.0)
@@ -305,14 +247,14 @@ def test_after_drift_without_estimates_it_resumes_from_the_vehicle(drift):
     world.odometry = True
     world.follows = False
     world.run(0.02)
-    assert math.dist(world.said[-1].position, world.place) < 0.01
+    assert math.dist(world.setpoints[-1].position, world.place) < 0.01
     assert world.course.mode == Phase.APPROACH
 
 
 def test_two_estimators_stop_it_as_none_does():
     world = World().until(Phase.APPROACH)
     world.course.set_multiple_publishers("/odometry", True)
-    begin = len(world.said)
+    begin = len(world.setpoints)
     world.run(3.0)
     assert world.course.wait_reason == WaitReason.TWO_ESTIMATORS
     assert world.largest_step(begin) == 0.0
@@ -325,8 +267,8 @@ def test_a_vehicle_left_behind_is_not_left_behind_for_ever():
     world = World().until(Phase.APPROACH)
     world.follows = False
     world.run(6.0)
-    assert math.dist(world.said[-1].position, world.place) < LIMITS.lag_max + 0.02
-    assert max(math.dist(s.position, world.place) for s in world.said[-300:]) > 0.3
+    assert math.dist(world.setpoints[-1].position, world.place) < LIMITS.lag_max + 0.02
+    assert max(math.dist(s.position, world.place) for s in world.setpoints[-300:]) > 0.3
 
 
 def test_hovering_off_the_spot_is_no_lag():
@@ -334,15 +276,15 @@ def test_hovering_off_the_spot_is_no_lag():
     world.follows = False
     world.place = world.place + np.array([0.8, 0.0, 0.0])
     world.run(1.0)
-    assert world.said[-1].position == pytest.approx([*HOME[:2], PLAN.height])
+    assert world.setpoints[-1].position == pytest.approx([*HOME[:2], PLAN.height])
 
 
 def test_begun_in_flight_it_holds_and_lands():
     place = np.array([1.3, 0.4, 1.7])
     world = World(place)
     world.run(0.02)
-    assert world.said[0].phase == Phase.HOLD
-    assert world.said[0].position == pytest.approx(place)
+    assert world.setpoints[0].phase == Phase.HOLD
+    assert world.setpoints[0].position == pytest.approx(place)
     world.until(Phase.LAND)
     assert world.course.time_s == pytest.approx(PLAN.hold_time, abs=0.03)
     world.until(Phase.LANDED)
@@ -357,7 +299,7 @@ def test_begun_in_flight_after_a_collision_it_goes_to_x_r(before):
     world.reaction(ReactionPhase.REACTING, X_R, 1, age_s=3.0)
     world.run(0.04)
     assert world.modes[-1] == Phase.REACT
-    assert world.said[-1].position == pytest.approx(X_R)
+    assert world.setpoints[-1].position == pytest.approx(X_R)
     world.until(Phase.LANDED)
 
 
@@ -426,7 +368,7 @@ def test_an_estimate_that_is_no_number_is_refused(value):
 @pytest.mark.parametrize("stopped_ms", [600, 3000])
 def test_a_node_that_was_stopped_goes_on_without_a_jump(stopped_ms):
     world = World().until(Phase.APPROACH).run(1.0)
-    begin = len(world.said) - 1
+    begin = len(world.setpoints) - 1
     world.now += stopped_ms * MS
     world.run(2.0)
     assert world.largest_step(begin) < 0.1
@@ -470,23 +412,23 @@ def test_an_operator_holds_lands_and_takes_off_again():
     assert world.course.command("takeoff") == "it flies: phase approach"
     assert world.course.command("hold") == ""
     world.run(2.0)
-    held = world.said[-1].position
+    held = world.setpoints[-1].position
     world.run(3.0)
     assert world.course.mode == Phase.APPROACH
-    assert world.said[-1].position == pytest.approx(held, abs=0.06)
+    assert world.setpoints[-1].position == pytest.approx(held, abs=0.06)
     assert world.course.command("takeoff") == "", "it goes on"
     world.run(1.5)
-    assert np.linalg.norm(world.said[-1].position - held) > 0.1
+    assert np.linalg.norm(world.setpoints[-1].position - held) > 0.1
     assert world.course.command("land") == ""
     world.until(Phase.LANDED).run(5.0)
     assert world.course.mode == Phase.LANDED
     assert world.course.command("hold") == "nothing to hold: phase landed"
-    begin = len(world.said)
+    begin = len(world.setpoints)
     assert world.course.command("takeoff") == ""
     world.until(Phase.HOVER)
-    phases = [said.phase for said in world.said[begin:]]
+    phases = [s.phase for s in world.setpoints[begin:]]
     assert phases.index(Phase.IDLE) < phases.index(Phase.TAKEOFF)
-    commands = [said.takeoff_commands for said in world.said]
+    commands = [s.takeoff_commands for s in world.setpoints]
     assert set(commands[:begin]) == {0}, "the first flight began by itself"
     assert set(commands[begin:]) == {1}
 
@@ -502,7 +444,7 @@ def test_told_to_land_on_the_ground_it_does_not_take_off():
 def test_a_plan_with_steps_goes_on_with_the_step_it_was_on():
     plan = replace(PLAN, step_size=1.0, step_period=4.0)
     world = World(plan=plan).until(Phase.APPROACH).run(2.0)
-    corner = world.said[-1].position
+    corner = world.setpoints[-1].position
     world.reaction(ReactionPhase.HOLDING)
     world.follows = False
     world.place = world.place - np.array([0.5, 0.0, 0.0])
@@ -510,7 +452,7 @@ def test_a_plan_with_steps_goes_on_with_the_step_it_was_on():
     world.follows = True
     world.reaction(ReactionPhase.IDLE)
     world.run(1.4)
-    assert world.said[-1].position == pytest.approx(corner, abs=0.05)
+    assert world.setpoints[-1].position == pytest.approx(corner, abs=0.05)
     assert world.course.mode == Phase.APPROACH
 
 
@@ -547,8 +489,8 @@ def test_whatever_fails_set_points_are_finite_and_the_flight_ends(events):
             crowd = not crowd
             world.course.set_multiple_publishers("/odometry", crowd)
         world.run(seconds)
-    assert all(is_finite(s) for s in world.said)
-    speeds = [float(np.linalg.norm(s.velocity)) for s in world.said]
+    assert all(is_finite(s) for s in world.setpoints)
+    speeds = [float(np.linalg.norm(s.velocity)) for s in world.setpoints]
     assert max(speeds) <= PLAN.approach_speed + 1e-9
     world.odometry = world.answers = world.follows = True
     world.course.set_multiple_publishers("/odometry", False)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -84,16 +82,6 @@ def ride() -> _Ride:
     started.run(600)
     assert started.error < 1e-6
     return started
-
-
-@lru_cache
-def _hovering() -> Lockstep:
-    return hovering()
-
-
-@pytest.fixture
-def flight() -> Lockstep:
-    return copy.deepcopy(_hovering())
 
 
 def _estimate_error(flight: Lockstep) -> float:
@@ -246,34 +234,6 @@ def test_a_jump_ahead_of_the_imu_is_seen_too(ride: _Ride) -> None:
     assert ride.pose(position=np.add(ride.place(ride.tick), [0.0, 0.0, 1.0])) == PoseRefusal.JUMP
 
 
-@pytest.mark.slow
-def test_each_refusal_in_a_real_hover_leaves_the_vehicle_where_it_is(flight: Lockstep) -> None:
-    nan = np.full(3, np.nan)
-    for k in range(60):
-        now = flight.now_ns
-        here, there = flight.position, flight.position + 3.0
-        answers = [
-            flight.observer.pose(now, now, "odom", here, _LEVEL),
-            flight.observer.pose(now, now, "map", nan, _LEVEL),
-            flight.observer.pose(now, now, "map", here, 0.0 * _LEVEL),
-            flight.observer.pose(now + 10**8, now, "map", here, _LEVEL),
-            flight.observer.pose(now - 10**8, now, "map", here, _LEVEL),
-        ]
-        expected = [
-            PoseRefusal.WRONG_FRAME,
-            PoseRefusal.NOT_FINITE,
-            PoseRefusal.NOT_UNIT,
-            PoseRefusal.FUTURE,
-            PoseRefusal.OUT_OF_ORDER,
-        ]
-        if k % 20 == 10:
-            answers.append(flight.observer.pose(now - 1, now, "map", there, _LEVEL))
-            expected.append(PoseRefusal.JUMP)
-        assert answers == expected
-        flight.fly(0.033)
-    assert np.linalg.norm(flight.position - [0.0, 0.0, 2.0]) < 0.12
-
-
 # --- jumps
 
 
@@ -334,18 +294,6 @@ def test_after_200_ms_without_imu_the_estimate_begins_again(ride: _Ride) -> None
     assert ride.observer.estimate is None
     ride.run(4 * _MOCAP_TICKS)
     assert ride.error < 1e-6
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("gap_s", "limit"), [(0.005, 0.01), (0.05, 0.03), (0.2, 0.15)])
-def test_a_hover_survives_a_gap_of_the_imu(flight: Lockstep, gap_s: float, limit: float) -> None:
-    before = flight.position
-    flight.imu_on = False
-    flight.fly(gap_s)
-    flight.imu_on = True
-    rows = flight.fly(3.0)
-    assert np.linalg.norm(rows[:, :3] - before, axis=1).max() < limit + 0.05
-    assert _estimate_error(flight) < 0.01
 
 
 def test_a_sample_twice_or_out_of_order_is_left_out(ride: _Ride) -> None:
@@ -434,23 +382,6 @@ def test_on_the_ground_the_velocity_is_zero() -> None:
     assert estimate is not None
     assert not estimate.velocity.any()
     assert ride.error < 1e-6
-
-
-@pytest.mark.slow
-def test_other_parameters_in_flight_keep_the_state(flight: Lockstep) -> None:
-    before = flight.observer.estimate
-    assert before is not None
-    flight.observer.set_params(
-        "estimator", EstimatorParams(position_bandwidth=4.0, attitude_bandwidth=1.0)
-    )
-    flight.step()
-    after = flight.observer.estimate
-    assert after is not None
-    assert np.linalg.norm(after.position - before.position) < 1e-3
-    assert np.linalg.norm(after.velocity - before.velocity) < 0.05
-    assert np.allclose(after.accel_bias, before.accel_bias, atol=0.05)
-    flight.fly(2.0)
-    assert np.linalg.norm(flight.position - [0.0, 0.0, 2.0]) < 0.15
 
 
 def test_other_parameters_in_flight_keep_velocity_and_biases(ride: _Ride) -> None:

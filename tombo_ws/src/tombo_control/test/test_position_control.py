@@ -68,8 +68,8 @@ def test_force_is_mass_times_gain_times_error(ex, ey, ez):
     a.setpoint.velocity[:] = 0.0
     run(a)
     force = a.setpoint.thrust * body_z(a.setpoint.attitude)
-    wanted = MASS * (C.velocity_p * C.position_p * error + [0.0, 0.0, GRAVITY])
-    assert np.allclose(force, wanted, atol=1e-9)
+    expected = MASS * (C.velocity_p * C.position_p * error + [0.0, 0.0, GRAVITY])
+    assert np.allclose(force, expected, atol=1e-9)
 
 
 def test_flies_on_the_feed_forward_without_an_error():

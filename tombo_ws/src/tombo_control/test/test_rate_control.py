@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tombo_control.loops.cascade import cascade
-from tombo_control.loops.rate_control import rate_control
+from tombo_control.loops.inner_loops import rate_control
 from tombo_control.params import ControlParams
 from tombo_dynamics.rotation import tilt
 
@@ -18,7 +18,7 @@ TICK = 1e-3
 C = ControlParams()
 
 
-def asked(a, setpoint, rates, saturated=(0.0, 0.0, 0.0)):
+def commanded(a, setpoint, rates, saturated=(0.0, 0.0, 0.0)):
     a.setpoint.rates[:] = setpoint
     a.state.rates[:] = rates
     a.loops.saturated[:] = saturated
@@ -29,8 +29,8 @@ def asked(a, setpoint, rates, saturated=(0.0, 0.0, 0.0)):
 def test_a_jump_of_the_set_point_gives_no_derivative_kick():
     a = fresh_autopilot()
     for _ in range(500):
-        before = asked(a, np.zeros(3), np.zeros(3))
-    jump = asked(a, np.array([2.0, -1.0, 0.5]), np.zeros(3)) - before
+        before = commanded(a, np.zeros(3), np.zeros(3))
+    jump = commanded(a, np.array([2.0, -1.0, 0.5]), np.zeros(3)) - before
     step = np.array([2.0, -1.0, 0.5])
     p = np.array([C.rate_p, C.rate_p, C.yaw_rate_p])
     i = np.array([C.rate_i, C.rate_i, C.yaw_rate_i])
@@ -41,7 +41,7 @@ def test_derivative_is_that_of_the_filtered_rate():
     """On a ramp it ends at rate_d times the slope; half-way there in the filter's time."""
     a = fresh_autopilot(replace(C, rate_p=0.0, rate_i=0.0))
     slope = 3.0
-    out = [asked(a, np.zeros(3), [slope * k * TICK, 0.0, 0.0])[0] for k in range(200)]
+    out = [commanded(a, np.zeros(3), [slope * k * TICK, 0.0, 0.0])[0] for k in range(200)]
     assert out[-1] == pytest.approx(-C.rate_d * slope, rel=1e-6)
     half = next(k for k, v in enumerate(out) if v < -0.5 * C.rate_d * slope)
     assert half * TICK == pytest.approx(math.log(2.0) / C.rate_cutoff, abs=1.5 * TICK)
@@ -50,7 +50,9 @@ def test_derivative_is_that_of_the_filtered_rate():
 def test_the_filter_takes_away_noise_of_the_propellers():
     def gain(w):
         a = fresh_autopilot(replace(C, rate_p=0.0, rate_i=0.0))
-        wave = [asked(a, np.zeros(3), [math.sin(w * k * TICK), 0.0, 0.0])[0] for k in range(2000)]
+        wave = [
+            commanded(a, np.zeros(3), [math.sin(w * k * TICK), 0.0, 0.0])[0] for k in range(2000)
+        ]
         return max(wave[1000:]) / C.rate_d
 
     assert gain(20.0) == pytest.approx(20.0, rel=0.02)
@@ -65,9 +67,9 @@ def test_the_integral_stops_only_in_the_direction_that_is_used_up(direction, axi
     full[axis] = direction
     towards = np.zeros(3)
     towards[axis] = direction * error
-    asked(a, towards, np.zeros(3), full)
+    commanded(a, towards, np.zeros(3), full)
     assert a.loops.rate_integral[axis] == 0.0
-    asked(a, -towards, np.zeros(3), full)
+    commanded(a, -towards, np.zeros(3), full)
     assert a.loops.rate_integral[axis] * direction < 0.0
 
 
@@ -76,7 +78,7 @@ def test_the_integral_stops_only_in_the_direction_that_is_used_up(direction, axi
 def test_the_integral_is_bounded(error):
     a = fresh_autopilot()
     for _ in range(3000):
-        asked(a, [error, 0.0, error], np.zeros(3))
+        commanded(a, [error, 0.0, error], np.zeros(3))
     assert np.abs(a.loops.rate_integral).max() <= C.rate_i_max
 
 

@@ -11,6 +11,7 @@ from tombo_control.planning.leg import LegRecord
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.records import Record, field, fill_record
+from tombo_dynamics.vectors import ZERO, AnyVector, store
 from tombo_dynamics.vehicle import VehicleParams
 
 HISTORY_TICKS = 512
@@ -18,7 +19,7 @@ HISTORY_TICKS = 512
 _NO_TICK = -1
 
 
-class State(Record):
+class EstimatedState(Record):
     """Estimated state of the vehicle. `map` is ENU, body is FLU."""
 
     position = field("m", "of base_link, in map", 3)
@@ -63,10 +64,10 @@ class LoopMemory(Record):
     saturated = field("1", "-1, 0, +1: no more roll, pitch, yaw torque in that direction", 3)
     lands = field("1", "down where it is: the set point's place holds across", kind=bool)
     descent_runs = field("1", "of the position loop since a descent began", kind=int)
-    sunk = field("1", "the descent has had its speed", kind=bool)
+    reached_speed = field("1", "the descent has had its speed", kind=bool)
     touched = field("1", "something has stopped the descent", kind=bool)
     touch_speed = field("m/s", "upwards, as it was known then")
-    numb = field("1", "a descent without position has no accelerometer either", kind=bool)
+    accelerometer_lost = field("1", "in a descent without position", kind=bool)
     stuck_runs = field("1", "of the position loop since it has no longer sunk", kind=int)
     thrust_cut = field("m/s^2", "what a descent that does not sink takes off the thrust")
 
@@ -87,7 +88,7 @@ class Recovery(Record):
 class Autopilot(Record):
     """State, set points, memory and parameters of estimator and cascade."""
 
-    state = field("", "the present estimate", kind=State)
+    state = field("", "the present estimate", kind=EstimatedState)
     history = field("", "past estimates, a ring: a tick's place is the tick modulo 512",
                     HISTORY_TICKS, PoseAtTick)  # fmt: skip
     mocap_time = field("s", "capture of the last mocap sample used")
@@ -124,20 +125,16 @@ def new_autopilot(
 
 @compiled
 def restart_estimate(
-    autopilot: Autopilot, position: Array, velocity: Array, attitude: Array
+    autopilot: Autopilot, position: AnyVector, velocity: AnyVector, attitude: Array
 ) -> None:
     """Begin the estimate again at a position (3), velocity (3) and attitude (4), without biases.
 
     Sets `state` and empties `history`.
     """
     state = autopilot.state
-    for i in range(3):
-        state.position[i] = position[i]
-        state.velocity[i] = velocity[i]
-        state.gyro_bias[i] = 0.0
-        state.accel_bias[i] = 0.0
-        state.rates[i] = 0.0
-    for i in range(4):
-        state.attitude[i] = attitude[i]
+    store(state.position, position)
+    store(state.velocity, velocity)
+    store(state.attitude, attitude)
+    state.gyro_bias = state.accel_bias = state.rates = ZERO
     for i in range(HISTORY_TICKS):
         autopilot.history[i].tick = _NO_TICK

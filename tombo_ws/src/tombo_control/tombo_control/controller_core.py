@@ -15,8 +15,8 @@ import numpy as np
 
 from tombo_control.autopilot import Autopilot, new_autopilot
 from tombo_control.estimate import nearest_tick
-from tombo_control.gyro_propagation import control_tick, correct_with_estimate, integrate_force
-from tombo_control.loops.cascade import stop_rotors
+from tombo_control.estimator import correct_with_estimate, integrate_force
+from tombo_control.loops.cascade import control_tick, stop_rotors
 from tombo_control.params import (
     ATTITUDE_TICKS,
     POSITION_TICKS,
@@ -40,12 +40,11 @@ from tombo_control.safety.watch import (
 )
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, START_GRACE_NS, Compiled, Core, Output
-from tombo_dynamics.input_check import is_future
-from tombo_dynamics.jit import compiled, taking_rows
+from tombo_dynamics.input_check import is_finite_setpoint, is_future
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.message_records import (
     AttitudeSetpointRecord,
     CollisionEventRecord,
-    OdometryRecord,
     PositionSetpointRecord,
     RatesSetpointRecord,
     RotorSpeedsRecord,
@@ -71,6 +70,7 @@ from tombo_dynamics.records import Record, field, fill_record, parameter_record
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.time_base import SECOND_NS, TICK_S
+from tombo_dynamics.vectors import ZERO, all_finite, dot, subtract
 from tombo_dynamics.vehicle import VehicleParams
 
 _MAX_GAP_TICKS = 100
@@ -113,7 +113,7 @@ class ControllerMemory(Record):
 @compiled(inline=False)
 def reset_inputs(memory: ControllerMemory) -> None:
     """Discard all inputs of the previous flight: no set point, so no rotor turns."""
-    memory.watch.asked |= 1 << Condition.NEW_FLIGHT
+    memory.watch.requests |= 1 << Condition.NEW_FLIGHT
     memory.estimate_ns = _NEVER
     memory.pose_ns = _NEVER
     memory.setpoint_ns = _NEVER
@@ -132,21 +132,23 @@ def begin_controller(memory: ControllerMemory) -> None:
 
 
 @compiled(inline=False)
-def take_odometry(memory: ControllerMemory, autopilot: Autopilot, odometry: Any) -> bool:
+def take_odometry(
+    memory: ControllerMemory,
+    autopilot: Autopilot,
+    maps: RotorMaps,
+    limits: InputLimits,
+    odometry: Odometry,
+    now_ns: int,
+) -> bool:
     """Take an estimate; False: not finite, not a rotation, or old."""
     q = odometry.attitude
-    vx, vy, vz = rotated(q, odometry.velocity)
-    velocity = np.empty(3)
-    velocity[0], velocity[1], velocity[2] = vx, vy, vz
-    total = vx + vy + vz
-    for i in range(3):
-        total += odometry.position[i]
+    velocity = rotated(q, odometry.velocity)
     square = 0.0
     for i in range(4):
         square += q[i] * q[i]
-    if not math.isfinite(total + square) or odometry.stamp_ns <= memory.estimate_ns:
+    if not (all_finite(velocity) and all_finite(odometry.position)):
         return False
-    if abs(square - 1.0) > 0.01:
+    if not abs(square - 1.0) <= 0.01 or odometry.stamp_ns <= memory.estimate_ns:
         return False
     memory.estimate_ns = odometry.stamp_ns
     captured, now = nearest_tick(odometry.stamp_ns), max(memory.tick, 0)
@@ -159,40 +161,41 @@ def take_odometry(memory: ControllerMemory, autopilot: Autopilot, odometry: Any)
 def take_biases(
     memory: ControllerMemory,
     autopilot: Autopilot,
-    gyro_bias: Array,
-    accel_bias: Array,
-    pose_stamp_ns: int,
+    maps: RotorMaps,
+    limits: InputLimits,
+    status: EstimatorStatus,
+    now_ns: int,
 ) -> bool:
-    """Take the biases (3) [rad/s], (3) [m/s^2] and the last pose's capture time; False: NaN."""
-    total = 0.0
-    for i in range(3):
-        total += gyro_bias[i] + accel_bias[i]
-    if not math.isfinite(total):
+    """Take the biases and the last pose's capture time; False: NaN or infinity, not taken."""
+    if not (all_finite(status.gyro_bias) and all_finite(status.accel_bias)):
         return False
-    for i in range(3):
-        autopilot.state.gyro_bias[i] = gyro_bias[i]
-        autopilot.state.accel_bias[i] = accel_bias[i]
-    memory.pose_ns = pose_stamp_ns
+    autopilot.state.gyro_bias = status.gyro_bias
+    autopilot.state.accel_bias = status.accel_bias
+    memory.pose_ns = status.pose_stamp_ns
     return True
+
+
+@compiled
+def _is_too_far(memory: ControllerMemory, autopilot: Autopilot, position: Array) -> bool:
+    """Return whether a place (3) in map is too far from the vehicle to be flown to."""
+    off = subtract(position, autopilot.state.position)
+    return bool(dot(off, off) > memory.watch.params.setpoint_distance**2)
 
 
 @compiled(inline=False)
 def take_setpoint(
-    memory: ControllerMemory, autopilot: Autopilot, setpoint: Any, now_ns: int
+    memory: ControllerMemory,
+    autopilot: Autopilot,
+    maps: RotorMaps,
+    limits: InputLimits,
+    setpoint: PositionSetpoint,
+    now_ns: int,
 ) -> bool:
     """Take a set point that arrived at `now_ns`; False: not finite, or too far to follow."""
-    total = setpoint.yaw
-    for i in range(3):
-        total += setpoint.position[i] + setpoint.velocity[i] + setpoint.acceleration[i]
-    if not math.isfinite(total):
+    if not is_finite_setpoint(setpoint):
         return False
-    if not rotors_off(memory.watch):
-        square = 0.0
-        for i in range(3):
-            off = setpoint.position[i] - autopilot.state.position[i]
-            square += off * off
-        if square > memory.watch.params.setpoint_distance**2:
-            return False
+    if not rotors_off(memory.watch) and _is_too_far(memory, autopilot, setpoint.position):
+        return False
     last = memory.setpoint
     last.position = setpoint.position
     last.velocity = setpoint.velocity
@@ -207,29 +210,57 @@ def take_setpoint(
 
 
 @compiled
-def answer_gyro(
+def take_imu(
     memory: ControllerMemory,
     autopilot: Autopilot,
     maps: RotorMaps,
     limits: InputLimits,
+    imu: Imu,
     now_ns: int,
-    stamp_ns: int,
-    gyro: Array,
-    accel: Array,
-) -> bool:
-    """Set `setpoint.rotor_speed`; False for a sample that is not newer than the last.
+) -> None:
+    """Answer a gyro sample: run the loops, and fill in the messages that are due.
 
     Args:
         memory: the controller's bookkeeping.
         autopilot: as in `control_tick`; its upper set points are those of the last message.
         maps: the rotor's table.
-        limits: `InputLimits`.
+        limits: of the inputs' ages.
+        imu: a sample that is not newer than the last is left out; a rate that is not finite is
+            taken from the sample before.
         now_ns: time now, of the stamps' clock.
-        stamp_ns: capture time of the sample.
-        gyro: (3) [rad/s], base_link; what is not finite is taken from the sample before.
-        accel: (3) specific force [m/s^2], base_link.
     """
-    tick = nearest_tick(stamp_ns)
+    if not _run_loops(memory, autopilot, maps, limits, imu, now_ns):
+        return
+    if memory.watch.state == SafetyState.STANDBY:
+        return
+    setpoint, stamp_ns = autopilot.setpoint, imu.stamp_ns
+    memory.command.stamp_ns = stamp_ns
+    memory.command.speed = setpoint.rotor_speed
+    memory.command_due = True
+    if memory.attitude_ran:
+        memory.rates.stamp_ns = stamp_ns
+        memory.rates.rates = setpoint.rates
+        memory.rates.thrust = setpoint.thrust
+        memory.rates_due = True
+    if memory.position_ran:
+        memory.attitude.stamp_ns = stamp_ns
+        memory.attitude.orientation = setpoint.attitude
+        memory.attitude.thrust = setpoint.thrust
+        memory.attitude_due = True
+
+
+@compiled
+def _run_loops(
+    memory: ControllerMemory,
+    autopilot: Autopilot,
+    maps: RotorMaps,
+    limits: InputLimits,
+    imu: Imu,
+    now_ns: int,
+) -> bool:
+    """Set `setpoint.rotor_speed`; False for a sample that is not newer than the last."""
+    gyro, accel = imu.gyro, imu.accel
+    tick = nearest_tick(imu.stamp_ns)
     ticks = tick - memory.tick
     if memory.tick < 0 or ticks < -_MAX_GAP_TICKS or ticks > _MAX_GAP_TICKS:
         memory.watch.gap = ticks if memory.tick >= 0 else 0
@@ -242,12 +273,12 @@ def answer_gyro(
     elif ticks <= 0:
         return False
     memory.tick = tick
-    _judge(memory, autopilot, limits, now_ns, stamp_ns, ticks, accel)
+    _judge(memory, autopilot, limits, imu, now_ns, ticks)
     memory.attitude_ran = False
     flies = memory.watch.state == SafetyState.FLY
     watch_contact(memory.contact, autopilot.state, autopilot.nominal, gyro, accel, tick, flies)
     if memory.contact.due:
-        fill_event(memory.contact, stamp_ns, memory.event)
+        fill_event(memory.contact, imu.stamp_ns, memory.event)
     if rotors_off(memory.watch):
         memory.position_ran = False
         memory.held = False
@@ -267,7 +298,7 @@ def answer_gyro(
     if memory.attitude_ran:
         memory.attitude_slot = tick // ATTITUDE_TICKS
     if blind and not integrate_force(autopilot.state, accel, ticks):
-        autopilot.loops.numb = True
+        autopilot.loops.accelerometer_lost = True
     control_tick(
         autopilot, maps, gyro, tick, ticks, memory.position_ran, memory.attitude_ran, blind
     )
@@ -282,13 +313,13 @@ def _choose_gains(
 
     The position loop then runs as often as the attitude loop.
     """
-    recovery, contact, asked = autopilot.recovery, memory.contact, memory.setpoint.recovery
+    recovery, contact, mode = autopilot.recovery, memory.contact, memory.setpoint.recovery
     if contact.due and contact.rotor >= 0:
         recovery.fold[contact.rotor] = 1.0
     observe_folds(recovery, ticks)
     fresh = contact.count > 0 and (tick - contact.tick) * TICK_S < _ANSWER_TIME
     recovery.active = flies and (
-        asked == RecoveryMode.ON or (asked == RecoveryMode.ON_CONTACT and fresh)
+        mode == RecoveryMode.ON or (mode == RecoveryMode.ON_CONTACT and fresh)
     )
     if recovery.active:
         memory.position_ran = memory.attitude_ran
@@ -299,21 +330,20 @@ def _judge(
     memory: ControllerMemory,
     autopilot: Autopilot,
     limits: InputLimits,
+    imu: Imu,
     now_ns: int,
-    stamp_ns: int,
     ticks: int,
-    accel: Array,
 ) -> None:
     """Decide on the state; say whether the position loop is due, and the set point is silent."""
     memory.position_ran = memory.tick // POSITION_TICKS != memory.position_slot
     memory.held = now_ns - memory.setpoint_ns > limits.setpoint_timeout * 1e9
-    lost = stamp_ns - memory.estimate_ns > limits.odometry_timeout * 1e9
-    lost = lost or stamp_ns - memory.pose_ns > autopilot.gains.blind_timeout * 1e9
+    lost = imu.stamp_ns - memory.estimate_ns > limits.odometry_timeout * 1e9
+    lost = lost or imu.stamp_ns - memory.pose_ns > autopilot.gains.blind_timeout * 1e9
     phase = memory.setpoint.phase if memory.has_setpoint else NO_PHASE
     watch_flight(
         memory.watch,
         autopilot,
-        accel,
+        imu.accel,
         memory.setpoint,
         phase,
         memory.tick,
@@ -326,7 +356,7 @@ def _judge(
 
 @compiled
 def _follow_setpoint(memory: ControllerMemory, autopilot: Autopilot) -> None:
-    """Write the reference of the position loop; a descent of the controller's own writes it."""
+    """Write the reference of the position loop; unless the controller descends by itself."""
     last, setpoint, state = memory.setpoint, autopilot.setpoint, memory.watch.state
     autopilot.mode_asked = last.phase
     if state == SafetyState.BLIND:
@@ -338,108 +368,17 @@ def _follow_setpoint(memory: ControllerMemory, autopilot: Autopilot) -> None:
         autopilot.mode_flown = last.phase
         setpoint.position = last.position
         rests = clamp_to_volume(setpoint.position, memory.watch.volume) or memory.held
-        square = 0.0
-        for i in range(3):
-            square += (setpoint.position[i] - autopilot.state.position[i]) ** 2
-        if square > memory.watch.params.setpoint_distance**2:  # the estimate jumped meanwhile
+        if _is_too_far(memory, autopilot, setpoint.position):  # the estimate jumped meanwhile
             last.position = autopilot.state.position
             setpoint.position = last.position
             clamp_to_volume(setpoint.position, memory.watch.volume)
-            for i in range(3):
-                last.velocity[i] = 0.0
-                last.acceleration[i] = 0.0
-        for i in range(3):
-            setpoint.velocity[i] = 0.0 if rests else last.velocity[i]
-            setpoint.acceleration[i] = 0.0 if rests else last.acceleration[i]
+            last.velocity = last.acceleration = ZERO
+        if rests:
+            setpoint.velocity = setpoint.acceleration = ZERO
+        else:
+            setpoint.velocity = last.velocity
+            setpoint.acceleration = last.acceleration
         setpoint.yaw = last.yaw
-
-
-@compiled
-def command_rotors(
-    memory: ControllerMemory,
-    autopilot: Autopilot,
-    maps: RotorMaps,
-    limits: InputLimits,
-    now_ns: int,
-    stamp_ns: int,
-    gyro: Array,
-    accel: Array,
-) -> None:
-    """Answer a gyro sample as `answer_gyro` does, and fill in the messages that are due."""
-    if not answer_gyro(memory, autopilot, maps, limits, now_ns, stamp_ns, gyro, accel):
-        return
-    if memory.watch.state == SafetyState.STANDBY:
-        return
-    setpoint = autopilot.setpoint
-    memory.command.stamp_ns = stamp_ns
-    memory.command.speed = setpoint.rotor_speed
-    memory.command_due = True
-    if memory.attitude_ran:
-        memory.rates.stamp_ns = stamp_ns
-        memory.rates.rates = setpoint.rates
-        memory.rates.thrust = setpoint.thrust
-        memory.rates_due = True
-    if memory.position_ran:
-        memory.attitude.stamp_ns = stamp_ns
-        memory.attitude.orientation = setpoint.attitude
-        memory.attitude.thrust = setpoint.thrust
-        memory.attitude_due = True
-
-
-_command_rotors = taking_rows(command_rotors, 2)
-"""`command_rotors` for Python: both memories are arrays (1)."""
-
-
-@compiled(inline=False)
-def take_odometry_message(
-    memory: ControllerMemory,
-    autopilot: Autopilot,
-    maps: RotorMaps,
-    limits: InputLimits,
-    odometry: Odometry,
-    now_ns: int,
-) -> None:
-    """Take an estimate."""
-    take_odometry(memory, autopilot, odometry)
-
-
-@compiled(inline=False)
-def take_status_message(
-    memory: ControllerMemory,
-    autopilot: Autopilot,
-    maps: RotorMaps,
-    limits: InputLimits,
-    status: EstimatorStatus,
-    now_ns: int,
-) -> None:
-    """Take biases."""
-    take_biases(memory, autopilot, status.gyro_bias, status.accel_bias, status.pose_stamp_ns)
-
-
-@compiled(inline=False)
-def take_setpoint_message(
-    memory: ControllerMemory,
-    autopilot: Autopilot,
-    maps: RotorMaps,
-    limits: InputLimits,
-    setpoint: PositionSetpoint,
-    now_ns: int,
-) -> None:
-    """Take a set point."""
-    take_setpoint(memory, autopilot, setpoint, now_ns)
-
-
-@compiled
-def take_imu_message(
-    memory: ControllerMemory,
-    autopilot: Autopilot,
-    maps: RotorMaps,
-    limits: InputLimits,
-    imu: Imu,
-    now_ns: int,
-) -> None:
-    """Answer a gyro sample."""
-    command_rotors(memory, autopilot, maps, limits, now_ns, imu.stamp_ns, imu.gyro, imu.accel)
 
 
 class ControllerCore(Core):
@@ -461,10 +400,10 @@ class ControllerCore(Core):
         ("memory", "autopilot"),
         ("maps", "limits"),
         {
-            "/odometry": take_odometry_message,
-            "/estimator/status": take_status_message,
-            "/setpoint": take_setpoint_message,
-            "/imu/data_raw": take_imu_message,
+            "/odometry": take_odometry,
+            "/estimator/status": take_biases,
+            "/setpoint": take_setpoint,
+            "/imu/data_raw": take_imu,
         },
     )
     period_ns = 1_000_000
@@ -505,7 +444,6 @@ class ControllerCore(Core):
         volume: FlightVolume | None = None,
     ) -> None:
         super().__init__()
-        self._outputs: list[tuple[str, Any]] = []
         self._began_ns: int | None = None
         self._imu_ns: int | None = None
         """When the last gyro sample came."""
@@ -517,14 +455,11 @@ class ControllerCore(Core):
         level = np.array([0.0, 0.0, 0.0, 1.0])
         self.autopilot = new_autopilot(control, EstimatorParams(), vehicle, np.zeros(3), level)
         self.memory = ControllerMemory.new()
-        self._arrays = (self.memory.as_array(), self.autopilot.as_array())
         begin_controller(self.memory)
         self.set_params("safety", safety or SafetyParams())
         self.set_params("recovery", RecoveryParams())
         self.set_params("contact", ContactParams())
         self.set_params("volume", volume or FlightVolume())
-        self._odometry = OdometryRecord.new()
-        self._setpoint = PositionSetpointRecord.new()
 
     def on(
         self, topic: str, message: Odometry | EstimatorStatus | PositionSetpoint | Imu, now_ns: int
@@ -536,8 +471,7 @@ class ControllerCore(Core):
             if not several:
                 self._answer(message, now_ns)
         elif isinstance(message, EstimatorStatus):
-            bias, pose_ns = message.gyro_bias, message.pose_stamp_ns
-            if not take_biases(self.memory, self.autopilot, bias, message.accel_bias, pose_ns):
+            if not self.take(topic, message, now_ns):
                 self.health.refuse("estimator_status_refused", "bias with NaN")
         elif several:
             return
@@ -553,15 +487,11 @@ class ControllerCore(Core):
         if self.clock_slack_ns and stamp < self._gyro_stamp_ns - CLOCK_SET_BACK_NS:
             reset_inputs(self.memory)  # the last flight's set point would lift the vehicle off
         self._gyro_stamp_ns = stamp
-        _command_rotors(
-            *self._arrays, self.maps, self.limits, now_ns, stamp, sample.gyro, sample.accel
-        )
-        self._outputs += self.take_due()
+        self.take("/imu/data_raw", sample, now_ns)
 
     def _take_odometry(self, message: Odometry, now_ns: int) -> None:
         early = is_future(message.stamp_ns, now_ns + self.clock_slack_ns)
-        fill_record(self._odometry, message)
-        if early or not take_odometry(self.memory, self.autopilot, self._odometry):
+        if early or not self.take("/odometry", message, now_ns):
             self.health.refuse(
                 "odometry_refused", "odometry not finite, not a rotation, old or in the future"
             )
@@ -573,8 +503,7 @@ class ControllerCore(Core):
                 "setpoint_refused", "set point: stamp in the future; restarted simulation?"
             )
             return
-        fill_record(self._setpoint, message)
-        if not take_setpoint(self.memory, self.autopilot, self._setpoint, now_ns):
+        if not self.take("/setpoint", message, now_ns):
             self.health.refuse(
                 "setpoint_refused",
                 "set point not finite, or too far from the vehicle: the last one stands",
@@ -591,16 +520,15 @@ class ControllerCore(Core):
         silent = silent_ns > self.limits.imu_timeout * SECOND_NS
         self.health.fault("imu_silent", silent, "no gyro: no commands", ERROR)
         self._report_state()
-        outputs, self._outputs = self._outputs, []
-        return outputs
+        return super().step(now_ns)
 
     def _report_state(self) -> None:
         watch, health = self.memory.watch, self.health
         state = SafetyState(int(watch.state))
         health.fault("blind", state == SafetyState.BLIND, _BLIND_TEXT, ERROR)
         health.fault("setpoint_silent", state == SafetyState.HOLD, "no set point: holding")
-        own = state == SafetyState.LAND
-        health.fault("lands", own, "the controller lands by itself: set points ignored", ERROR)
+        lands = state == SafetyState.LAND
+        health.fault("lands", lands, "the controller lands by itself: set points ignored", ERROR)
         standby = state == SafetyState.STANDBY
         why = "started in flight, or away for long: no commands until a take-off"
         health.fault("standby", standby, why)
@@ -625,7 +553,7 @@ class ControllerCore(Core):
         watch = self.memory.watch
         if name == "abort" and bool(rotors_off(watch)):
             return f"the rotors are off: {SafetyState(int(watch.state)).name.lower()}"
-        watch.asked |= 1 << Condition[name.upper()]
+        watch.requests |= 1 << Condition[name.upper()]
         return ""
 
     def set_params(self, section: str, params: Any) -> None:

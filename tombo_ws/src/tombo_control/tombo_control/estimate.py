@@ -16,7 +16,7 @@ def nearest_tick(stamp_ns: int) -> int:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class StampedEstimate:
     """State of the vehicle at the capture of a gyro sample."""
 
     stamp_ns: int

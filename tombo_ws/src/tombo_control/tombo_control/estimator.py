@@ -2,23 +2,27 @@
 
 A fixed-gain observer: the IMU carries the state forward every millisecond, a mocap sample corrects
 it at the time it was captured, known from its stamp, so latency costs no phase.
+
+The controller gets an estimate 250 times a second and some milliseconds late. Between two of them
+it carries attitude and position on with its own gyro (`propagate`): that takes the delay out of
+the attitude loop, and keeps the vehicle level for some seconds when no estimate comes at all.
 """
 
 from __future__ import annotations
 
 import math
 
-from tombo_control.autopilot import HISTORY_TICKS, Autopilot, State
+from tombo_control.autopilot import HISTORY_TICKS, Autopilot, EstimatedState
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import rotate_by_vector, rotated, rotated_back, rotation_vector
 from tombo_dynamics.time_base import TICK_S
-from tombo_dynamics.vectors import scale, subtract
+from tombo_dynamics.vectors import ZERO, AnyVector, add_scaled, scale, store, subtract
 from tombo_dynamics.vehicle import GRAVITY
 
 
 @compiled
-def store_history(state: State, history: Array, tick: int) -> None:
+def store_history(state: EstimatedState, history: Array, tick: int) -> None:
     """Enter the pose of `state` in `history`, as that of `tick`."""
     past = history[tick % HISTORY_TICKS]
     past.position = state.position
@@ -27,7 +31,7 @@ def store_history(state: State, history: Array, tick: int) -> None:
 
 
 @compiled
-def update_body_rates(state: State, gyro: Array) -> None:
+def update_body_rates(state: EstimatedState, gyro: Array) -> None:
     """Set `state.rates`, which the cascade flies on: gyro (3) [rad/s] minus its bias.
 
     A reading that is not finite is left out; the last rate stands.
@@ -38,7 +42,7 @@ def update_body_rates(state: State, gyro: Array) -> None:
 
 
 @compiled
-def predict(state: State, force: Array, airborne: bool) -> None:
+def predict(state: EstimatedState, force: Array, airborne: bool) -> None:
     """Carry `state` over one tick of 1 ms with its body rates and the specific force.
 
     With a force that is not finite the velocity is taken as constant over the tick.
@@ -67,8 +71,7 @@ def predict(state: State, force: Array, airborne: bool) -> None:
         velocity[1] += TICK_S * ay
         velocity[2] += TICK_S * az
     else:
-        for i in range(3):
-            velocity[i] = 0.0
+        state.velocity = ZERO
     rotate_by_vector(state.attitude, scale(TICK_S, rates))
 
 
@@ -192,3 +195,77 @@ def process_imu(
     for k in range(steps):
         predict(autopilot.state, accel, airborne)
         store_history(autopilot.state, autopilot.history, tick + k + 1)
+
+
+@compiled
+def propagate(state: EstimatedState, history: Array, tick: int, ticks: int) -> None:
+    """Carry attitude and position over `ticks` ticks to `tick`, with rates and velocity held.
+
+    Reads and writes `state`; each tick on the way is entered in `history`.
+    """
+    rates = state.rates
+    for k in range(ticks):
+        state.position = add_scaled(state.position, TICK_S, state.velocity)
+        rotate_by_vector(state.attitude, scale(TICK_S, rates))
+        store_history(state, history, tick - ticks + k + 1)
+
+
+@compiled
+def integrate_force(state: EstimatedState, accel: Array, ticks: int) -> bool:
+    """Carry the velocity over `ticks` ticks with the specific force, less its bias.
+
+    False: that is not finite, the velocity is no longer known.
+
+    Args:
+        state: velocity is written; attitude and `accel_bias` are used.
+        accel: (3) specific force [m/s^2], body.
+        ticks: since the last sample.
+    """
+    ax, ay, az = rotated(state.attitude, subtract(accel, state.accel_bias))
+    if not math.isfinite(ax + ay + az):
+        return False
+    state.velocity[0] += ticks * TICK_S * ax
+    state.velocity[1] += ticks * TICK_S * ay
+    state.velocity[2] += ticks * TICK_S * (az - GRAVITY)
+    return True
+
+
+@compiled(inline=False)
+def correct_with_estimate(
+    state: EstimatedState,
+    history: Array,
+    position: Array,
+    velocity: AnyVector,
+    attitude: Array,
+    captured: int,
+    now: int,
+) -> None:
+    """Take an estimate that was true at tick `captured`; `now` is the present tick.
+
+    Writes position, velocity and attitude of `state`, and turns what `history` has since then.
+
+    Args:
+        state: at tick `now`.
+        history: of the autopilot.
+        position: (3) [m], map.
+        velocity: (3) [m/s], map.
+        attitude: (4) quaternion xyzw, map from base_link.
+        captured: tick of the estimate; older than the history: it is taken as it is.
+        now: present tick.
+    """
+    late = (now - captured) * TICK_S
+    store(state.velocity, velocity)
+    store(state.position, add_scaled(position, late, velocity))
+    past = history[captured % HISTORY_TICKS]
+    if captured > now or past.tick != captured:
+        store(state.attitude, attitude)
+        if captured > now:  # it came before the gyro sample it was made from: turn it back
+            rotate_by_vector(state.attitude, scale(late, state.rates))
+        store_history(state, history, now)
+        return
+    turn = rotation_vector(attitude, past.attitude)
+    for tick in range(captured, now + 1):  # the next estimate is held against the history too
+        q = history[tick % HISTORY_TICKS].attitude
+        rotate_by_vector(q, turn)
+    present = history[now % HISTORY_TICKS]
+    state.attitude = present.attitude

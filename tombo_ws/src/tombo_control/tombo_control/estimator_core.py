@@ -15,8 +15,8 @@ import numpy as np
 from tombo_control.autopilot import (
     HISTORY_TICKS,
     Autopilot,
+    EstimatedState,
     PoseAtTick,
-    State,
     new_autopilot,
     restart_estimate,
 )
@@ -42,16 +42,17 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, START_GRACE_NS, Compiled, Core, Output
 from tombo_dynamics.frames import is_map
 from tombo_dynamics.input_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose
-from tombo_dynamics.jit import compiled, taking_rows
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometry, Phase, Pose
 from tombo_dynamics.records import Record, field, fill_record
 from tombo_dynamics.rotation import rotated_back, rotation_vector
 from tombo_dynamics.time_base import TICK_NS, TICK_S
+from tombo_dynamics.vectors import add_scaled, dot, norm, store, subtract, vector
 from tombo_dynamics.vehicle import VehicleParams
 
 _INITIAL_POSES = 3
 _JUMPS_TO_REINITIALIZE = 5
-"""So many refused poses on end that agree with each other: the estimate is wrong, not they."""
+"""So many refused poses in a row that agree with each other: the estimate is wrong, not they."""
 _BRIDGE_TICKS = 100
 """Longest gap of the IMU that is bridged by its last sample."""
 _MAX_INITIAL_GAP_NS = 250_000_000
@@ -90,9 +91,9 @@ class EstimatorMemory(Record):
     initial_poses = field("", "these poses", _INITIAL_POSES, InitialPose)
     pending = field("1", "how many poses wait for their IMU sample", kind=int)
     pending_poses = field("", "these poses", _PENDING, PoseAtTick)
-    jumps = field("1", "poses on end that were refused as jumps", kind=int)
+    jumps = field("1", "poses in a row that were refused as jumps", kind=int)
     jump = field("m", "position of the last of them, in map", 3)
-    estimate = field("", "the newest, at the last IMU sample", kind=State)
+    estimate = field("", "the newest, at the last IMU sample", kind=EstimatedState)
     uncertainty = field("", "of the estimate", kind=Uncertainty)
     odometry_due = field("1", "an estimate is to be published", kind=bool)
     status_due = field("1", "so is a status", kind=bool)
@@ -112,23 +113,17 @@ def reset_estimator(memory: EstimatorMemory) -> None:
 
 @compiled(inline=False)
 def take_pose(
-    memory: EstimatorMemory,
-    autopilot: Autopilot,
-    stamp_ns: int,
-    now_ns: int,
-    position: Array,
-    attitude: Array,
+    memory: EstimatorMemory, autopilot: Autopilot, pose: Pose, now_ns: int
 ) -> PoseRefusal:
     """Take a pose in map; return why it is not used, a `PoseRefusal`.
 
     Args:
         memory: the estimator's bookkeeping.
         autopilot: state and history are used and written.
-        stamp_ns: time of capture.
-        now_ns: time now, of the same clock.
-        position: (3) of base_link [m].
-        attitude: (4) xyzw, map from base_link; its length may be off by a tenth.
+        pose: of base_link; the quaternion's length may be off by a tenth.
+        now_ns: time now, of the stamp's clock.
     """
+    stamp_ns, position, attitude = pose.stamp_ns, pose.position, pose.attitude
     why = check_pose(stamp_ns, now_ns, MAX_POSE_AGE_NS, position, attitude)
     if why == PoseRefusal.NONE and stamp_ns <= memory.newest_pose_ns:
         why = PoseRefusal.OUT_OF_ORDER
@@ -137,10 +132,10 @@ def take_pose(
         square = 0.0
         for i in range(4):
             square += attitude[i] * attitude[i]
-        scale = 1.0 / math.sqrt(square)
+        factor = 1.0 / math.sqrt(square)
         rotation = np.empty(4)
         for i in range(4):
-            rotation[i] = scale * attitude[i]
+            rotation[i] = factor * attitude[i]
         if not memory.running:
             _initialize(memory, autopilot, stamp_ns, position, rotation)
         else:
@@ -159,10 +154,8 @@ def _append_pending(memory: EstimatorMemory, tick: int, position: Array, attitud
         _drop_first_pending(memory)
     pose = memory.pending_poses[memory.pending]
     pose.tick = tick
-    for i in range(3):
-        pose.position[i] = position[i]
-    for i in range(4):
-        pose.attitude[i] = attitude[i]
+    store(pose.position, position)
+    store(pose.attitude, attitude)
     memory.pending += 1
 
 
@@ -177,7 +170,7 @@ def _drop_first_pending(memory: EstimatorMemory) -> None:
 def _initialize(
     memory: EstimatorMemory, autopilot: Autopilot, stamp_ns: int, position: Array, attitude: Array
 ) -> None:
-    """Begin the estimate from three poses on end: place, attitude, velocity."""
+    """Begin the estimate from three poses in a row: position, attitude, velocity."""
     poses = memory.initial_poses
     if memory.initial > 0 and stamp_ns - poses[memory.initial - 1].stamp_ns > _MAX_INITIAL_GAP_NS:
         memory.initial = 0
@@ -186,20 +179,16 @@ def _initialize(
         for k in range(memory.initial):
             poses[k] = poses[k + 1]
     poses[memory.initial].stamp_ns = stamp_ns
-    for i in range(3):
-        poses[memory.initial].position[i] = position[i]
+    store(poses[memory.initial].position, position)
     memory.initial += 1
     if memory.initial < _INITIAL_POSES or memory.stamp_ns == _NO_STAMP:
         return
     first = poses[0]
     lasted = (stamp_ns - first.stamp_ns) * 1e-9
     late = (memory.next_tick - nearest_tick(stamp_ns)) * TICK_S
-    velocity = np.empty(3)
-    present = np.empty(3)
-    for i in range(3):
-        velocity[i] = (position[i] - first.position[i]) / lasted
-        present[i] = position[i] + late * velocity[i]
-    restart_estimate(autopilot, present, velocity, attitude)
+    x, y, z = subtract(position, first.position)
+    velocity = (x / lasted, y / lasted, z / lasted)
+    restart_estimate(autopilot, add_scaled(position, late, velocity), velocity, attitude)
     autopilot.mocap_time = stamp_ns * 1e-9
     store_history(autopilot.state, autopilot.history, memory.next_tick)
     memory.running = True
@@ -210,12 +199,6 @@ def _initialize(
 
 
 @compiled(inline=False)
-def _distance(position: Array, x: float, y: float, z: float) -> float:
-    x, y, z = position[0] - x, position[1] - y, position[2] - z
-    return math.sqrt(x * x + y * y + z * z)
-
-
-@compiled(inline=False)
 def _check_jump(
     memory: EstimatorMemory, autopilot: Autopilot, stamp_ns: int, position: Array
 ) -> PoseRefusal:
@@ -223,25 +206,21 @@ def _check_jump(
     tick = nearest_tick(stamp_ns)
     state, observer = autopilot.state, autopilot.observer
     past = autopilot.history[tick % HISTORY_TICKS]
-    x, y, z = past.position[0], past.position[1], past.position[2]
+    expected = vector(past.position)
     if tick > memory.next_tick:  # the pose came before the IMU sample of its time
         ahead = (tick - memory.next_tick) * TICK_S
-        x = state.position[0] + ahead * state.velocity[0]
-        y = state.position[1] + ahead * state.velocity[1]
-        z = state.position[2] + ahead * state.velocity[2]
+        expected = add_scaled(state.position, ahead, state.velocity)
     elif past.tick != tick:
         return PoseRefusal.NONE  # `correct` says so in its turn
     since = max(stamp_ns - memory.pose_stamp_ns, 0) * 1e-9
     limit = observer.jump_min + observer.jump_speed * since
-    if _distance(position, x, y, z) <= limit:
+    if norm(subtract(position, expected)) <= limit:
         memory.jumps = 0
         return PoseRefusal.NONE
-    last = memory.jump
-    if memory.jumps > 0 and _distance(position, last[0], last[1], last[2]) > limit:
+    if memory.jumps > 0 and norm(subtract(position, memory.jump)) > limit:
         memory.jumps = 0
     memory.jumps += 1
-    for i in range(3):
-        last[i] = position[i]
+    store(memory.jump, position)
     if memory.jumps >= _JUMPS_TO_REINITIALIZE:
         reset_estimator(memory)
         memory.newest_pose_ns = stamp_ns
@@ -252,9 +231,9 @@ def _check_jump(
 def _squared_innovation(autopilot: Autopilot, pose: PoseAtTick) -> tuple[float, float]:
     """Return how far a pose is off its prediction: mean squares of the axes [m^2], [rad^2]."""
     past = autopilot.history[pose.tick % HISTORY_TICKS]
-    rx, ry, rz = rotation_vector(pose.attitude, past.attitude)
-    off = _distance(past.position, pose.position[0], pose.position[1], pose.position[2])
-    return off * off / 3.0, (rx * rx + ry * ry + rz * rz) / 3.0
+    turn = rotation_vector(pose.attitude, past.attitude)
+    off = norm(subtract(past.position, pose.position))
+    return off * off / 3.0, dot(turn, turn) / 3.0
 
 
 @compiled
@@ -279,18 +258,21 @@ def _note_innovation(
 
 
 @compiled
-def take_imu(
-    memory: EstimatorMemory, autopilot: Autopilot, stamp_ns: int, gyro: Array, accel: Array
-) -> bool:
-    """Take an IMU sample; return whether `estimate` holds a new estimate, at its capture.
+def take_imu(memory: EstimatorMemory, autopilot: Autopilot, imu: Imu, now_ns: int) -> None:
+    """Take an IMU sample; one that is not newer than the last is left out.
 
-    Args:
-        memory: the estimator's bookkeeping.
-        autopilot: state and history are used and written.
-        stamp_ns: time of capture; a sample that is not newer than the last is left out.
-        gyro: (3) [rad/s], base_link.
-        accel: (3) specific force [m/s^2], base_link.
+    `estimate` is then at its capture, and the flags say which messages are due with it.
     """
+    if _estimate(memory, autopilot, imu):
+        tick = nearest_tick(imu.stamp_ns)
+        memory.odometry_due = tick % _ODOMETRY_TICKS == 0
+        memory.status_due = tick % _STATUS_TICKS == 0
+
+
+@compiled
+def _estimate(memory: EstimatorMemory, autopilot: Autopilot, imu: Imu) -> bool:
+    """Carry the estimate on to an IMU sample; return whether there is a new one."""
+    stamp_ns = imu.stamp_ns
     if stamp_ns <= memory.stamp_ns:
         if memory.stamp_ns - stamp_ns > CLOCK_SET_BACK_NS:
             reset_estimator(memory)
@@ -310,10 +292,9 @@ def take_imu(
             return False
         process_imu(autopilot, memory.gyro, memory.accel, memory.next_tick, gap, memory.airborne)
         memory.next_tick = tick
-    take_gyro(memory.uncertainty, gyro)
-    for i in range(3):
-        memory.gyro[i] = gyro[i]
-        memory.accel[i] = accel[i]
+    take_gyro(memory.uncertainty, imu.gyro)
+    store(memory.gyro, imu.gyro)
+    store(memory.accel, imu.accel)
     while memory.pending > 0 and memory.pending_poses[0].tick <= tick:
         pose = memory.pending_poses[0]
         captured = pose.tick
@@ -335,32 +316,6 @@ def take_imu(
     process_imu(autopilot, memory.gyro, memory.accel, tick, 1, memory.airborne)
     memory.next_tick = tick + 1
     return True
-
-
-@compiled
-def answer_imu(
-    memory: EstimatorMemory, autopilot: Autopilot, stamp_ns: int, gyro: Array, accel: Array
-) -> None:
-    """Take an IMU sample as `take_imu` does, and say which messages are due with it."""
-    if take_imu(memory, autopilot, stamp_ns, gyro, accel):
-        memory.odometry_due = odometry_due(stamp_ns)
-        memory.status_due = status_due(stamp_ns)
-
-
-_answer_imu = taking_rows(answer_imu, 2)
-"""`answer_imu` for Python: both memories are arrays (1)."""
-
-
-@compiled(inline=False)
-def odometry_due(stamp_ns: int) -> bool:
-    """Return whether an estimate goes out as odometry."""
-    return nearest_tick(stamp_ns) % _ODOMETRY_TICKS == 0
-
-
-@compiled(inline=False)
-def status_due(stamp_ns: int) -> bool:
-    """Return whether a status goes out with an estimate."""
-    return nearest_tick(stamp_ns) % _STATUS_TICKS == 0
 
 
 @compiled(inline=False)
@@ -396,20 +351,6 @@ def take_phase(
     memory.airborne = status.phase != Phase.IDLE and status.phase != Phase.LANDED
 
 
-@compiled(inline=False)
-def take_pose_message(
-    memory: EstimatorMemory, autopilot: Autopilot, pose: Pose, now_ns: int
-) -> None:
-    """Take a pose in map."""
-    take_pose(memory, autopilot, pose.stamp_ns, now_ns, pose.position, pose.attitude)
-
-
-@compiled
-def take_imu_message(memory: EstimatorMemory, autopilot: Autopilot, imu: Imu, now_ns: int) -> None:
-    """Take an IMU sample."""
-    answer_imu(memory, autopilot, imu.stamp_ns, imu.gyro, imu.accel)
-
-
 class EstimatorCore(Core):
     """Estimates pose and velocity from gyro, accelerometer and mocap poses.
 
@@ -428,11 +369,7 @@ class EstimatorCore(Core):
     compiled = Compiled(
         ("memory", "autopilot"),
         (),
-        {
-            "/mission/status": take_phase,
-            "/mocap/pose": take_pose_message,
-            "/imu/data_raw": take_imu_message,
-        },
+        {"/mission/status": take_phase, "/mocap/pose": take_pose, "/imu/data_raw": take_imu},
     )
     period_ns = 4_000_000
     sections: ClassVar[Mapping[str, type]] = {
@@ -447,14 +384,12 @@ class EstimatorCore(Core):
 
     def __init__(self, params: EstimatorParams, vehicle: VehicleParams) -> None:
         super().__init__()
-        self._outputs: list[tuple[str, Any]] = []
         self._began_ns: int | None = None
         self._imu_ns: int | None = None
         """When the last IMU sample came."""
         level = np.array([0.0, 0.0, 0.0, 1.0])
         self.autopilot = new_autopilot(ControlParams(), params, vehicle, np.zeros(3), level)
         self.memory = EstimatorMemory.new()
-        self._arrays = (self.memory.as_array(), self.autopilot.as_array())
         reset_estimator(self.memory)
         self.memory.pose_stamp_ns = _NO_STAMP
         self.memory.airborne = True
@@ -464,30 +399,26 @@ class EstimatorCore(Core):
         if isinstance(message, Imu):
             self._imu_ns = now_ns
             if topic not in self.contested:
-                self._take_imu(message)
+                self._take_imu(message, now_ns)
         elif isinstance(message, Pose):
             if topic not in self.contested:
                 self._take_pose(message, now_ns + self.clock_slack_ns)
-        else:  # on the ground the velocity is zero
-            self.memory.airborne = message.phase not in (Phase.IDLE, Phase.LANDED)
+        else:
+            self.take(topic, message, now_ns)
 
     def _take_pose(self, pose: Pose, now_ns: int) -> None:
-        memory = self.memory
         if is_map(pose.frame_id):
-            why = take_pose(
-                memory, self.autopilot, pose.stamp_ns, now_ns, pose.position, pose.attitude
-            )
+            why = self.take("/mocap/pose", pose, now_ns)
         else:
-            memory.rejected += 1
+            self.memory.rejected += 1
             why = PoseRefusal.WRONG_FRAME
         if why:
             self.health.report_event(f"pose_{why.key}", why.text)
 
-    def _take_imu(self, sample: Imu) -> None:
+    def _take_imu(self, sample: Imu, now_ns: int) -> None:
         if not np.isfinite(sample.gyro.sum() + sample.accel.sum()):
             self.health.report_event("imu_not_finite", "imu sample with NaN or infinity")
-        _answer_imu(*self._arrays, sample.stamp_ns, sample.gyro, sample.accel)
-        self._outputs += self.take_due()
+        self.take("/imu/data_raw", sample, now_ns)
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Return what follows from the IMU samples since the last step."""
@@ -507,8 +438,7 @@ class EstimatorCore(Core):
         health.values["poses"] = int(memory.poses)
         health.values["poses_rejected"] = int(memory.rejected)
         health.values["imu_lost"] = int(memory.lost_samples)
-        outputs, self._outputs = self._outputs, []
-        return outputs
+        return super().step(now_ns)
 
     def set_params(self, section: str, params: Any) -> None:
         """Take other bandwidths in flight."""

@@ -40,8 +40,8 @@ class EstimatorNode(CoreNode):
         except ImportError:
             self.ros.get_logger().info("tf2_msgs is not installed: no /tf; poses are on /odometry")
             return None, None
-        one = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
-        return self.advertise(TF), MessageTemplate(TF.typename, {"transforms": [one]})
+        transform = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
+        return self.advertise(TF), MessageTemplate(TF.typename, {"transforms": [transform]})
 
     def on_published(self, topic: str, message: Any) -> None:
         """Publish the transform and the discs of an estimate now and then."""

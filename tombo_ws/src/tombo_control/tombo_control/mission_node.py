@@ -48,7 +48,7 @@ class MissionNode(CoreNode):
     def __init__(self) -> None:
         """Offer the action."""
         super().__init__(MissionCore, priority=MISSION)
-        self._asked: deque[_Course] = deque()  # filled by the services' thread
+        self._requests: deque[_Course] = deque()  # filled by the services' thread
         self._flown: _Course | None = None
         self._server = ActionServer(
             self.ros,
@@ -66,7 +66,7 @@ class MissionNode(CoreNode):
     async def _execute(self, handle: Any) -> Any:
         """Hand a goal to the loop, and say what became of it."""
         course = _Course(handle, Future())
-        self._asked.append(course)
+        self._requests.append(course)
         self._timer.reset()
         status, text = await course.outcome
         if self._flown is None:
@@ -80,14 +80,14 @@ class MissionNode(CoreNode):
 
     def _send_feedback(self) -> None:
         course = self._flown
-        found = None if course is None else course.progress
-        if course is not None and found is not None:
+        progress = None if course is None else course.progress
+        if course is not None and progress is not None:
             course.handle.publish_feedback(
                 FlyCourse.Feedback(
-                    leg=found.leg,
-                    legs=found.legs,
-                    distance=found.distance,
-                    time_left=found.time_left,
+                    leg=progress.leg,
+                    legs=progress.legs,
+                    distance=progress.distance,
+                    time_left=progress.time_left,
                 )
             )
 
@@ -95,8 +95,8 @@ class MissionNode(CoreNode):
 
     def step_core(self, now_ns: int) -> None:
         """Begin what was asked for, step, and look how far the course is."""
-        while self._asked:
-            self._begin(self._asked.popleft())
+        while self._requests:
+            self._begin(self._requests.popleft())
         super().step_core(now_ns)
         if self._flown is not None:
             self._watch(self._flown)
@@ -105,12 +105,12 @@ class MissionNode(CoreNode):
         goal = course.handle.request
         poses = [
             Pose(
-                to_ns(one.header.stamp),
-                one.header.frame_id,
-                array(one.pose.position),
-                array(one.pose.orientation),
+                to_ns(stamped.header.stamp),
+                stamped.header.frame_id,
+                array(stamped.pose.position),
+                array(stamped.pose.orientation),
             )
-            for one in goal.waypoints
+            for stamped in goal.waypoints
         ]
         try:
             self.core.fly_course("waypoints", poses, goal.speed, goal.hold)
@@ -124,16 +124,16 @@ class MissionNode(CoreNode):
 
     def _watch(self, course: _Course) -> None:
         core = self.core
-        course.progress = found = core.course_progress
+        course.progress = progress = core.course_progress
         if core.courses != course.number:
             self._finish(course, GoalStatus.STATUS_ABORTED, "another course was commanded")
-        elif found is None:
+        elif progress is None:
             text = f"the vehicle flies no course any more: {PHASE_NAMES[core.mode]}"
             self._finish(course, GoalStatus.STATUS_ABORTED, text)
         elif course.handle.is_cancel_requested:
             core.hold_course()
             self._finish(course, GoalStatus.STATUS_CANCELED, "the vehicle holds where it was")
-        elif found.there:
+        elif progress.arrived:
             self._finish(
                 course, GoalStatus.STATUS_SUCCEEDED, "the vehicle holds at the last place"
             )

@@ -91,10 +91,10 @@ def take_innovation(
     _predict(turn, step)
     memory.poses += 1
     share = max(1.0 / memory.poses, 1.0 - math.exp(-step / _WINDOW_S))
-    seen = place_square / (1.0 + place[0, 0])
-    memory.place_noise += share * (seen - memory.place_noise)
-    seen = turn_square / (1.0 + turn[0, 0])
-    memory.turn_noise += share * (seen - memory.turn_noise)
+    variance = place_square / (1.0 + place[0, 0])
+    memory.place_noise += share * (variance - memory.place_noise)
+    variance = turn_square / (1.0 + turn[0, 0])
+    memory.turn_noise += share * (variance - memory.turn_noise)
     _correct(place, place_gains)
     _correct(turn, turn_gains)
 

@@ -10,10 +10,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import reduce
+from functools import cache, reduce
 from operator import itemgetter
 from typing import Any, ClassVar
 
+from tombo_dynamics.jit import taking_rows
 from tombo_dynamics.message_records import message_of, record_of
 from tombo_dynamics.records import Record, fill_record
 from tombo_dynamics.time_base import SECOND_NS
@@ -130,6 +131,14 @@ def field_of(record: Any, path: str) -> Any:
     return reduce(getattr, path.split("."), record)
 
 
+def as_row(value: Any) -> Any:
+    """Return a record, or an array, as the array (1, ...) that it is the element of."""
+    return value.as_array() if isinstance(value, Record) else value[None]
+
+
+_taking_rows = cache(taking_rows)
+
+
 class Core(ABC):
     """Takes messages, decides, returns messages. Reads no clock; all times are of one clock."""
 
@@ -160,6 +169,7 @@ class Core(ABC):
     def __init__(self) -> None:
         self.health = CoreHealth()
         self._published: list[tuple[str, Any]] = []
+        self._received: dict[str, Record] = {}
         self.contested: set[str] = set()
         """Topics with more than one publisher: which is true is unknown."""
 
@@ -173,18 +183,27 @@ class Core(ABC):
 
         A core that does not say otherwise takes it with its compiled function.
         """
-        record = record_of(type(message)).new()
+        self.take(topic, message, now_ns)
+
+    def take(self, topic: str, message: Any, now_ns: int) -> Any:
+        """Hand a message to the compiled function of its topic; return what that returns."""
+        if topic not in self._received:
+            self._received[topic] = record_of(type(message)).new()
+        record = self._received[topic]
         fill_record(record, message)
         compiled = self.compiled_form()
-        compiled.takes[topic](*self.arguments(), record, now_ns)
+        rows = (*self._rows(), record.as_array())
+        result = _taking_rows(compiled.takes[topic], len(rows))(*rows, now_ns)
         if compiled.step is None:
             self._published += self.take_due()
+        return result
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Go on to `now_ns`; return (topic, message) of all that is to be published, in order."""
         advance = self.compiled_form().step
         if advance is not None:
-            advance(*self.arguments(), now_ns)
+            rows = self._rows()
+            _taking_rows(advance, len(rows))(*rows, now_ns)
         published, self._published = [*self._published, *self.take_due()], []
         return published
 
@@ -203,6 +222,10 @@ class Core(ABC):
         """Return memories and parameters, as its compiled functions take them."""
         compiled = self.compiled_form()
         return tuple(field_of(self, path) for path in (*compiled.memories, *compiled.params))
+
+    def _rows(self) -> tuple[Any, ...]:
+        """Return them as arrays, which Python hands to compiled code ten times faster."""
+        return tuple(as_row(argument) for argument in self.arguments())
 
     def take_due(self) -> list[tuple[str, Any]]:
         """Return (topic, message) of all that compiled code has said is due, each once."""
@@ -239,13 +262,19 @@ class CoreRunner:
 
     def __init__(self, core: Core) -> None:
         self.core = core
-        self._pending: list[tuple[int, str, Any]] = []
+        self._pending: list[tuple[int, str, Any, int | None]] = []
         self._order = {topic: i for i, topic in enumerate(core.inputs)}
 
-    def take(self, topic: str, message: Any) -> None:
-        """Keep a message that is there from now on."""
+    def take(self, topic: str, message: Any, arrival_ns: int | None = None) -> None:
+        """Keep a message that is there from now on; None: its arrival is when the core gets it."""
         if topic in self._order:
-            self._pending.append((self._order[topic], topic, message))
+            self._pending.append((self._order[topic], topic, message, arrival_ns))
+
+    def hand_over(self, now_ns: int) -> None:
+        """Hand the core what is there, in the order of its inputs."""
+        for _, topic, message, arrival_ns in sorted(self._pending, key=itemgetter(0)):
+            self.core.on(topic, message, now_ns if arrival_ns is None else arrival_ns)
+        self._pending.clear()
 
     def run(self, now_ns: int, due: bool | None = None) -> Sequence[tuple[str, Any]]:
         """Hand over what is there and step, if it is due; return what is published.
@@ -254,12 +283,10 @@ class CoreRunner:
             now_ns: the present.
             due: it is, or not, whatever its period says; None: by `step_due`.
         """
-        core, pending = self.core, self._pending
+        core = self.core
         if due is None:
-            due = step_due(core.period_ns, core.steps_on_messages, bool(pending), now_ns)
+            due = step_due(core.period_ns, core.steps_on_messages, bool(self._pending), now_ns)
         if not due:
             return ()
-        for _, topic, message in sorted(pending, key=itemgetter(0)):
-            core.on(topic, message, now_ns)
-        pending.clear()
+        self.hand_over(now_ns)
         return core.step(now_ns)

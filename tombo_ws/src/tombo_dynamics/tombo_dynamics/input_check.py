@@ -7,7 +7,8 @@ import math
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.frames import FRAME_MAP
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.messages import Reason
+from tombo_dynamics.messages import PositionSetpoint, Reason
+from tombo_dynamics.vectors import all_finite
 
 MAX_FUTURE_NS = 5_000_000
 """A stamp may be this far ahead: two clocks of one machine agree better."""
@@ -23,6 +24,13 @@ def is_future(stamp_ns: int, now_ns: int) -> bool:
             that adds what it may be behind: `Core.clock_slack_ns`, the error of a synchronisation.
     """
     return bool(stamp_ns > now_ns + MAX_FUTURE_NS)
+
+
+@compiled(inline=False)
+def is_finite_setpoint(setpoint: PositionSetpoint) -> bool:
+    """Return whether no number of a set point is infinite or NaN."""
+    moves = all_finite(setpoint.velocity) and all_finite(setpoint.acceleration)
+    return moves and all_finite(setpoint.position) and math.isfinite(setpoint.yaw)
 
 
 MAX_POSE_AGE_NS = 500_000_000

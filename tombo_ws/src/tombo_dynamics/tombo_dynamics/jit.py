@@ -220,6 +220,7 @@ def taking_rows(function: Any, records: int) -> Any:
     names = list(inspect.signature(plain).parameters)
     arguments = [f"{name}[0]" if i < records else name for i, name in enumerate(names)]
     source = [
+        f"# machine code of {_content_hash(plain.__code__.co_filename)}",
         f"from {plain.__module__} import {plain.__name__}",
         "from tombo_dynamics.jit import compiled",
         "",

@@ -18,6 +18,7 @@ from tombo_dynamics.jit import compiled
 Vector = tuple[float, float, float]
 AnyVector = Array | Vector
 ZERO: Vector = (0.0, 0.0, 0.0)
+UNKNOWN: Vector = (math.nan, math.nan, math.nan)
 
 
 @compiled

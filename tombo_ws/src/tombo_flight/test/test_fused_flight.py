@@ -23,6 +23,13 @@ SHORT = (
     "duration=11",
 )
 JITTER = ("effects.mocap_latency.delay=0.02", "effects.mocap_latency.jitter=0.02")
+WRONG_STAMPS = (
+    "effects.mocap_stamp_error.offset=0.0123",
+    "effects.mocap_marker_offset.z=0.05",
+    "effects.mocap_dropouts.probability=0.03",
+    "effects.imu_lever_arm.x=0.05",
+    "estimator.mocap_rate=120",
+)
 DISTURBED = ("disturbances=true", "mission.land_time=18", "duration=17")
 
 _SPARSE = "/attitude_setpoint"
@@ -57,7 +64,7 @@ def differences(settings: tuple[str, ...], seed: int) -> tuple[dict[str, int], A
     "settings",
     [
         (),
-        JITTER,
+        (*JITTER, *WRONG_STAMPS),
         ("reaction.name=none",),
         ("reaction.name=reflex", *DISTURBED),
         ("reaction.name=mpc",),

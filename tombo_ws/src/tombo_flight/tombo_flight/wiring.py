@@ -7,7 +7,7 @@ from typing import Any
 
 from tombo_bag.qos import STATE
 from tombo_bag.topics import TOPICS, TopicSpec
-from tombo_control.mission_core import MissionLimits
+from tombo_control.planning.mission_memory import MissionLimits
 from tombo_dynamics.core import Core
 from tombo_dynamics.messages import typename_of
 from tombo_flight.scenario import Scenario

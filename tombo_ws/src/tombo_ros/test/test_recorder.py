@@ -97,8 +97,8 @@ def recorded(world, number: int) -> None:
     while True:
         world.hear()
         reports = (metrics(r) for r in world.heard[DIAGNOSTICS.name])
-        told = (int(report["messages"]) for report in reports if "messages" in report)
-        if any(messages - before >= number for before, messages in enumerate(told)):
+        counts = (int(report["messages"]) for report in reports if "messages" in report)
+        if any(messages - before >= number for before, messages in enumerate(counts)):
             return
         assert time.monotonic() < end, f"never {number} messages"
         time.sleep(0.01)
@@ -120,8 +120,8 @@ def test_everything_arrives_unchanged_and_three_libraries_read_it(start, world, 
     meet(world, IMU, others=1)
     pour(world, STEADY, IMU, number=500)
 
-    said = world.wait_for(DIAGNOSTICS, lambda m: metrics(m).get("messages", "0") != "0")
-    assert {"lost", "rate_hz", "bytes", "file"} <= metrics(said).keys()
+    report = world.wait_for(DIAGNOSTICS, lambda m: metrics(m).get("messages", "0") != "0")
+    assert {"lost", "rate_hz", "bytes", "file"} <= metrics(report).keys()
     os.killpg(recorder.process.pid, signal.SIGINT)
     time.sleep(0.02)
     assert recorder.end(signal.SIGINT) == 0
@@ -145,10 +145,10 @@ def test_everything_arrives_unchanged_and_three_libraries_read_it(start, world, 
         for raw in bag.messages(bag.topics)["/steady"].messages:
             x = deserialize_message(raw, message_class(IMU.typename)).angular_velocity.x
             assert x == imu(int(x)).angular_velocity.x
-    found = notes(files[-1])
-    assert found["lost"] == found["lost:/steady"] == "0"
-    assert int(found["stopped_ns"]) > int(found["started_ns"])
-    assert int(found["messages"]) == sum(counts.values())
+    entries = notes(files[-1])
+    assert entries["lost"] == entries["lost:/steady"] == "0"
+    assert int(entries["stopped_ns"]) > int(entries["started_ns"])
+    assert int(entries["messages"]) == sum(counts.values())
     assert f"recorded {sum(counts.values())} messages" in recorder.output
 
     with AnyReader([tmp_path / "all"]) as reader:
@@ -239,10 +239,10 @@ def test_other_qos_several_publishers_and_types_nobody_can_describe(start, world
     assert counts["/imu/data_raw"] == 129
     assert counts["/goals"] == 1
     assert "/strange" not in counts
-    found = notes(path)
-    assert "/imu/data_raw" in found["crowded"].split() and found["lost:/imu/data_raw"] == "0"
-    assert "/odometry" not in found["crowded"].split()
-    assert found["undescribed:/strange"] == "rcl_interfaces/srv/ListParameters_Event"
+    entries = notes(path)
+    assert "/imu/data_raw" in entries["crowded"].split() and entries["lost:/imu/data_raw"] == "0"
+    assert "/odometry" not in entries["crowded"].split()
+    assert entries["undescribed:/strange"] == "rcl_interfaces/srv/ListParameters_Event"
     assert "not countable on" in recorder.output
 
 
@@ -278,9 +278,9 @@ def test_a_disk_that_fills_up_ends_the_recording_with_a_whole_file(start, world,
     def fill() -> None:
         pour(world, IMU, number=10)
 
-    said = world.wait_for_fault("recorder", "disk", meanwhile=fill)
+    report = world.wait_for_fault("recorder", "disk", meanwhile=fill)
     assert recorder.process.wait(60) == 1
-    assert "can't write" in said and "File too large" in said
+    assert "can't write" in report and "File too large" in report
     assert "could not be written" in recorder.output and "Traceback" not in recorder.output
     bag = Bag(path, check=True)
     assert bag.damage == []
@@ -318,12 +318,12 @@ def test_every_topic_of_the_suite_but_the_clock_is_recorded_by_default(start, wo
     recorded(world, len(specs) - 1)
     assert recorder.end() == 0
     with AnyReader([tmp_path / "bag"]) as reader:
-        found = {c.topic: c for c in reader.connections}
-    assert set(found) == {spec.name for spec in specs} - {"/clock"}
-    assert all(found[name].msgcount == 1 for name in found if name != "/diagnostics")
+        entries = {c.topic: c for c in reader.connections}
+    assert set(entries) == {spec.name for spec in specs} - {"/clock"}
+    assert all(entries[name].msgcount == 1 for name in entries if name != "/diagnostics")
     for spec in specs:
-        if spec.name in found:
-            (qos,) = found[spec.name].ext.offered_qos_profiles
+        if spec.name in entries:
+            (qos,) = entries[spec.name].ext.offered_qos_profiles
             assert (qos.depth, qos.reliability.name.lower(), qos.durability.name.lower()) == (
                 spec.qos.depth,
                 spec.qos.reliability,

@@ -30,16 +30,16 @@ _stamp_ns = st.integers(0, 2**31 * 10**9 - 1)
 def _drawn(kind: type, data: st.DataObject) -> Any:
     """A message with drawn numbers and times."""
     values = {}
-    for one in fields(kind):
-        value = getattr(neutral(kind, data.draw(_stamp_ns)), one.name)
+    for declared in fields(kind):
+        value = getattr(neutral(kind, data.draw(_stamp_ns)), declared.name)
         if isinstance(value, np.ndarray):
             drawn = data.draw(st.lists(_number, min_size=value.size, max_size=value.size))
             value = np.array(drawn)
         elif isinstance(value, float):
             value = data.draw(_number)
-        elif type(value) is int and not one.name.endswith("_ns"):
+        elif type(value) is int and not declared.name.endswith("_ns"):
             value = data.draw(st.integers(0, 127))
-        values[one.name] = value
+        values[declared.name] = value
     return kind(**values)
 
 
@@ -59,12 +59,14 @@ def test_rclpy_reads_what_was_written_and_the_other_way_round(typename, data):
     codec, kind = MessageCodec(typename), FORMS[typename].kind
     sent = _drawn(kind, data)
     message = deserialize_message(codec.encode(sent), message_class(typename))
-    for one, part in zip(fields(kind), _parts(typename), strict=True):
+    for declared, part in zip(fields(kind), _parts(typename), strict=True):
         theirs = reduce(getattr, part.path.removesuffix(".x").split("."), message)
-        assert _plain(theirs) == _plain(getattr(sent, one.name)), one.name
+        assert _plain(theirs) == _plain(getattr(sent, declared.name)), declared.name
     back = codec.decode(serialize_message(message))
-    for one in fields(kind):
-        assert _plain(getattr(back, one.name)) == _plain(getattr(sent, one.name)), one.name
+    for declared in fields(kind):
+        assert _plain(getattr(back, declared.name)) == _plain(getattr(sent, declared.name)), (
+            declared.name
+        )
 
 
 @given(_stamp_ns)

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from tombo_bag.message_codec import MessageCodec, form_of
 from tombo_bag.topics import TOPICS, TopicSpec
-from tombo_dynamics.core import Core
+from tombo_dynamics.core import Core, CoreRunner
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import neutral
 from tombo_dynamics.time_base import SECOND_NS, TICK_NS
@@ -30,8 +30,8 @@ _FOLLOW = 0.02
 """Share of the error from that time that each run corrects."""
 _FASTEST_NS = 1000
 """And at most so much in each: 0.1 % of the rate at 1 kHz."""
-_WAIT_NS, _LOOKS = 100_000, 4
-"""Number of further checks for a late sample, and the time between them."""
+_RECHECK_NS, _RECHECKS = 100_000, 4
+"""Time between further checks for a late sample, and their number."""
 _WARM_UP_TICKS, _WARM_UP_POSE = 120, 30
 _ANSWER_S = 2.0
 """A command that the loop has not taken by then was not obeyed."""
@@ -92,6 +92,7 @@ class CoreNode(LoopNode):
         for name, value in options.items():
             self.core.set_params(name, value)
         self.core.clock_slack_ns = self.slack_ns
+        self.runner = CoreRunner(self.core)
         warm_up(core.make(self.records))
         self.core_inputs = [
             CoreInput(TOPICS[topic], self.subscribe(TOPICS[topic], depth=_DEPTH))
@@ -117,10 +118,10 @@ class CoreNode(LoopNode):
         """Return the service that hands a command to the loop and waits for its answer."""
 
         def serve(request: Any, response: Any) -> Any:
-            asked = _Command(name)
-            self._commands.append(asked)
-            if asked.done.wait(_ANSWER_S):
-                response.success, response.message = not asked.refusal, asked.refusal
+            command = _Command(name)
+            self._commands.append(command)
+            if command.done.wait(_ANSWER_S):
+                response.success, response.message = not command.refusal, command.refusal
             else:
                 response.message = "the loop does not run: no time passes"
             return response
@@ -130,9 +131,9 @@ class CoreNode(LoopNode):
     def periodic_tasks(self, wall_ns: int, now_ns: int) -> None:
         """Obey commands, besides what every node does."""
         while self._commands:
-            asked = self._commands.popleft()
-            asked.refusal = self.core.command(asked.name)
-            asked.done.set()
+            command = self._commands.popleft()
+            command.refusal = self.core.command(command.name)
+            command.done.set()
         super().periodic_tasks(wall_ns, now_ns)
 
     def on_published(self, topic: str, message: Any) -> None:
@@ -144,7 +145,7 @@ class CoreNode(LoopNode):
         A sensor that is followed comes first in real time: what came besides counts for its next
         sample.
         """
-        rest = self.core_inputs
+        others = self.core_inputs
         followed = self._followed
         if followed is not None and not self.sim_time:
             samples = self._wait_for(followed.subscription)
@@ -152,11 +153,11 @@ class CoreNode(LoopNode):
                 self._follow(now_ns - samples[-1].received_ns)
                 self._late_samples += len(samples) - 1
             self.step_core(self._deliver_messages([(followed, samples)]))
-            rest = [found for found in rest if found is not followed]
+            others = [source for source in others if source is not followed]
         present_ns = self._deliver_messages(
-            [(found, found.subscription.take_raw()) for found in rest]
+            [(source, source.subscription.take_raw()) for source in others]
         )
-        if rest is self.core_inputs:
+        if others is self.core_inputs:
             self.step_core(present_ns)
 
     def spin_lockstep(self) -> None:
@@ -165,7 +166,7 @@ class CoreNode(LoopNode):
         member = LockstepMember(
             self,
             kind.name,
-            {found.topic: found.subscription for found in self.core_inputs},
+            {source.topic: source.subscription for source in self.core_inputs},
             self._outputs,
             kind.period_ns,
             kind.steps_on_messages,
@@ -176,7 +177,8 @@ class CoreNode(LoopNode):
         self._now_ns = now_ns
         for source, taken in zip(self.core_inputs, messages, strict=True):
             for received in taken:
-                self.hand_over(source, received.message, now_ns)
+                self.decode(source, received.message, now_ns)
+        self.runner.hand_over(now_ns)
         self.step_core(now_ns)
 
     def _idle(self) -> None:
@@ -202,18 +204,19 @@ class CoreNode(LoopNode):
                 self.core.set_multiple_publishers(source.topic, several)
             for received in messages:
                 when_ns = now_ns if self.sim_time else received.received_ns
-                self.hand_over(source, received.message, when_ns)
+                self.decode(source, received.message, when_ns)
+        self.runner.hand_over(now_ns)
         return now_ns
 
-    def hand_over(self, source: CoreInput, data: bytes, now_ns: int) -> None:
-        """Hand one message to the core."""
+    def decode(self, source: CoreInput, data: bytes, arrival_ns: int) -> None:
+        """Decode a message for the core; report one that is refused."""
         try:
             message = source.codec.decode(data)
         except InputError as error:
             name = source.topic.strip("/")
             self.health.report_event(f"refused.{name}", f"{name}: {error}")
             return
-        self.core.on(source.topic, message, now_ns)
+        self.runner.take(source.topic, message, arrival_ns)
 
     def step_core(self, now_ns: int) -> None:
         """Step the core and publish; take over its faults."""
@@ -239,10 +242,10 @@ class CoreNode(LoopNode):
     def _wait_for(self, source: PolledSubscription) -> list[ReceivedMessage]:
         """Return the received samples; wait a short time for a late one."""
         samples = source.take_raw()
-        for _ in range(0 if source.last_ns is None else _LOOKS):
+        for _ in range(0 if source.last_ns is None else _RECHECKS):
             if samples:
                 break
-            sleep_until(time.monotonic_ns() + _WAIT_NS)
+            sleep_until(time.monotonic_ns() + _RECHECK_NS)
             samples = source.take_raw()
         return samples
 

@@ -102,12 +102,12 @@ class Health:
             loops: name of each loop -> its figures; each becomes a status of its own.
         """
         self.urgent = False
-        there = [(key, fault) for key, fault in self._faults.items() if fault.active]
-        level = max((fault.level for _, fault in there), default=OK)
+        active_faults = [(key, fault) for key, fault in self._faults.items() if fault.active]
+        level = max((fault.level for _, fault in active_faults), default=OK)
         values = dict(self._values)
         for key, fault in self._faults.items():
             values[f"fault.{key}"] = f"{'active' if fault.active else 'over'}, {fault.count} times"
-        text = "; ".join(f"{key}: {fault.text}" for key, fault in there) or "ok"
+        text = "; ".join(f"{key}: {fault.text}" for key, fault in active_faults) or "ok"
         report = DiagnosticArray()
         report.header.stamp = to_time(now_ns)
         report.status = [_status(self._name, level, text, values)]

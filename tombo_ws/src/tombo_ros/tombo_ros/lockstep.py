@@ -29,7 +29,7 @@ _READY = TopicSpec(
     "/lockstep/ready", "tombo_msgs/msg/LockstepNode", LOCKSTEP, 0.0, "nodes of a lockstep"
 )
 _COUNTS = "tombo_msgs/msg/LockstepCounts"
-_LOOK_NS = 100_000_000
+_IDLE_PERIOD_NS = 100_000_000
 """Period at which a waiting node checks its parameters and whether to end."""
 
 
@@ -50,9 +50,9 @@ class Waiter:
         """Return when there is a message, or after the time-out."""
         with contextlib.ExitStack() as entered:
             self._set.clear_entities()
-            for one in self._subscriptions:
-                entered.enter_context(one.handle)
-                self._set.add_subscription(one.handle)
+            for subscription in self._subscriptions:
+                entered.enter_context(subscription.handle)
+                self._set.add_subscription(subscription.handle)
             self._set.wait(timeout_ns)
 
 
@@ -120,14 +120,14 @@ class LockstepMember:
         Raises:
             LockstepError: messages of a tick don't come.
         """
-        said = LockstepNode(
+        declared = LockstepNode(
             name=self._name,
             inputs=list(self._inputs),
             outputs=list(self._outputs),
             period_ns=self._period_ns,
             steps_on_messages=self._steps_on_messages,
         )
-        self._ready.publish(said)
+        self._ready.publish(declared)
         while not self._node.stopping:
             for received in self._tick.take_raw():
                 now_ns, counts = self._ticks.decode(received.message)
@@ -136,7 +136,7 @@ class LockstepMember:
                 self._done.publish(self._answers.encode(now_ns, sent))
                 idle()
             if not self._tick.waiting():
-                self._waiter.wait(_LOOK_NS)
+                self._waiter.wait(_IDLE_PERIOD_NS)
                 idle()
 
     def _collect(self, now_ns: int, counts: Sequence[int]) -> list[list[ReceivedMessage]]:
@@ -166,7 +166,7 @@ def take_until(
                     f"lockstep: {name} waits at {now_ns * 1e-9:.3f} s for message {count} of "
                     f"{topic} and has {source.received} after {node.lockstep_patience_s:g} s"
                 )
-            waiter.wait(_LOOK_NS)
+            waiter.wait(_IDLE_PERIOD_NS)
     return source.take_first(count - source.taken)
 
 
@@ -174,13 +174,13 @@ def take_until(
 class _Member:
     """State of a node, kept by the simulator."""
 
-    said: LockstepNode
-    """What the node has said of itself."""
+    declared: LockstepNode
+    """Its name, topics and period."""
     tick: TopicPublisher
     done: PolledSubscription
     ticks: _Counts
     answers: _Counts
-    given: tuple[int, ...]
+    announced: tuple[int, ...]
 
 
 class LockstepMaster:
@@ -200,20 +200,20 @@ class LockstepMaster:
     def missing(self) -> list[str]:
         """Names of the nodes that are not ready."""
         for received in self._ready.take():
-            said = received.message
-            if said.name in self._missing:
-                del self._missing[said.name]
-                self._members.append(self._member(said))
+            declared = received.message
+            if declared.name in self._missing:
+                del self._missing[declared.name]
+                self._members.append(self._member(declared))
         return list(self._missing)
 
-    def _member(self, said: Any) -> _Member:
-        ros, inputs = self._node.ros, len(said.inputs)
+    def _member(self, declared: Any) -> _Member:
+        ros, inputs = self._node.ros, len(declared.inputs)
         return _Member(
-            said,
-            TopicPublisher(ros, _channel(said.name, "tick")),
-            PolledSubscription(ros, _channel(said.name, "done")),
+            declared,
+            TopicPublisher(ros, _channel(declared.name, "tick")),
+            PolledSubscription(ros, _channel(declared.name, "done")),
             _Counts(inputs),
-            _Counts(len(said.outputs)),
+            _Counts(len(declared.outputs)),
             (0,) * inputs,
         )
 
@@ -239,15 +239,15 @@ class LockstepMaster:
         counts = {**self.published, **sensed}
         due: dict[str, _Member] = {}
         for member in self._members:
-            said = member.said
-            wanted = tuple(counts.get(topic, 0) for topic in said.inputs)
+            node = member.declared
+            expected = tuple(counts.get(topic, 0) for topic in node.inputs)
             due_now = step_due(
-                said.period_ns, said.steps_on_messages, wanted != member.given, now_ns
+                node.period_ns, node.steps_on_messages, expected != member.announced, now_ns
             )
-            if not said.outputs if last else due_now:
-                member.given = wanted
-                member.tick.publish(member.ticks.encode(now_ns, wanted))
-                due[said.name] = member
+            if not node.outputs if last else due_now:
+                member.announced = expected
+                member.tick.publish(member.ticks.encode(now_ns, expected))
+                due[node.name] = member
         end = time.monotonic() + self._node.lockstep_patience_s
         while due and not self._node.stopping:
             for name, member in list(due.items()):
@@ -255,7 +255,7 @@ class LockstepMaster:
                     stamp_ns, sent = member.answers.decode(received.message)
                     if stamp_ns == now_ns:
                         del due[name]
-                        self.published.update(zip(member.said.outputs, sent, strict=True))
+                        self.published.update(zip(member.declared.outputs, sent, strict=True))
             if not due:
                 break
             if time.monotonic() > end:
@@ -266,5 +266,5 @@ class LockstepMaster:
             key = tuple(due)
             if key not in self._waiters:
                 self._waiters[key] = Waiter(self._node, [member.done for member in due.values()])
-            self._waiters[key].wait(_LOOK_NS)
+            self._waiters[key].wait(_IDLE_PERIOD_NS)
             idle()

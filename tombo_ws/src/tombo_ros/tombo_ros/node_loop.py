@@ -39,7 +39,7 @@ from tombo_ros.qos import lockstep_spec
 from tombo_ros.record_parameters import RecordParameters
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
-_LOOK_NS = SECOND_NS // 2
+_CHECK_PERIOD_NS = SECOND_NS // 2
 _SETTLE_NS = 2 * SECOND_NS
 """Discovery and first calls; the statistics of a loop begin after it."""
 _CLOCK_SILENT_S = 0.5
@@ -127,7 +127,7 @@ class LoopNode(ABC):
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.ros)
         self._services = threading.Thread(target=self._serve, name="services", daemon=True)
-        self._reported_ns = self._looked_ns = 0
+        self._reported_ns = self._checked_ns = 0
 
     @property
     def records(self) -> dict[str, Any]:
@@ -138,9 +138,9 @@ class LoopNode(ABC):
         """Subscribe to a topic; the loop polls it."""
         if self.lockstep:
             spec, depth = lockstep_spec(spec), None
-        found = PolledSubscription(self.ros, spec, depth)
-        self._inputs.append(found)
-        return found
+        source = PolledSubscription(self.ros, spec, depth)
+        self._inputs.append(source)
+        return source
 
     def advertise(self, spec: TopicSpec) -> TopicPublisher:
         """Advertise a topic."""
@@ -264,27 +264,27 @@ class LoopNode(ABC):
 
     def _input_waiting(self) -> bool:
         """Return whether any input has a message, without taking it."""
-        return self.runs_on_message and any(found.waiting() for found in self._inputs)
+        return self.runs_on_message and any(source.waiting() for source in self._inputs)
 
     def periodic_tasks(self, wall_ns: int, now_ns: int) -> None:
         """Do what is not the loop's work: parameters set, publishers counted, reports."""
         for name in self.parameters.changed():
             self.on_parameters_changed(name)
-        if wall_ns - self._looked_ns > _LOOK_NS:
-            self._looked_ns = wall_ns
+        if wall_ns - self._checked_ns > _CHECK_PERIOD_NS:
+            self._checked_ns = wall_ns
             self.health.clear_expired(wall_ns)
             if self._clock is not None:
                 silent = self._clock.silent(wall_ns, _CLOCK_SILENT_S)
                 self.health.fault("clock_silent", silent, "no /clock: time stands still", ERROR)
-            for found in self._inputs:
+            for source in self._inputs:
                 self.health.fault(
-                    f"second_publisher.{found.topic}",
-                    found.multiple_publishers(wall_ns),
-                    f"more than one node publishes on {found.topic}",
+                    f"second_publisher.{source.topic}",
+                    source.multiple_publishers(wall_ns),
+                    f"more than one node publishes on {source.topic}",
                 )
-                if found.unreadable:
-                    text = f"messages on {found.topic} that can't be read"
-                    self.health.fault(f"unreadable.{found.topic}", True, text)
+                if source.unreadable:
+                    text = f"messages on {source.topic} that can't be read"
+                    self.health.fault(f"unreadable.{source.topic}", True, text)
         elif wall_ns - self._reported_ns > SECOND_NS or self.health.urgent:
             if wall_ns - self._reported_ns > SECOND_NS:
                 self._reported_ns = wall_ns

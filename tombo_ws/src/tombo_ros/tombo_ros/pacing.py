@@ -56,30 +56,34 @@ whatever else the machine does: in a flight it needs a fifth of a core, and what
 Its middleware only puts messages into queues, and those of the publishers are short."""
 
 
-def request_realtime_priority(wanted: Priority, leave_out: set[int]) -> str:
+def request_realtime_priority(priority: Priority, leave_out: set[int]) -> str:
     """Move the process's threads to SCHED_FIFO if the system allows it; say what was got.
 
     Args:
-        wanted: the calling thread is the loop, all others are the middleware's.
+        priority: the calling thread is the loop, all others are the middleware's.
         leave_out: thread ids that stay as they are.
 
     Returns:
         As "FIFO 50", "normal, transport FIFO 40", or "normal (...)" with the reason.
     """
     _prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
-    own = threading.get_native_id()
+    loop_thread = threading.get_native_id()
     try:
-        if wanted.loop:
-            os.sched_setscheduler(own, os.SCHED_FIFO, os.sched_param(wanted.loop))
+        if priority.loop:
+            os.sched_setscheduler(loop_thread, os.SCHED_FIFO, os.sched_param(priority.loop))
         for thread in map(int, os.listdir("/proc/self/task")):
-            if thread != own and thread not in leave_out:
+            if thread != loop_thread and thread not in leave_out:
                 with contextlib.suppress(ProcessLookupError):
-                    behind = os.sched_param(wanted.transport)
+                    behind = os.sched_param(priority.transport)
                     os.sched_setscheduler(thread, os.SCHED_FIFO, behind)
     except OSError as error:
-        highest = max(wanted.loop, wanted.transport)
+        highest = max(priority.loop, priority.transport)
         return f"normal ({error.strerror}; allow rtprio {highest} in limits.conf)"
-    return f"FIFO {wanted.loop}" if wanted.loop else f"normal, transport FIFO {wanted.transport}"
+    return (
+        f"FIFO {priority.loop}"
+        if priority.loop
+        else f"normal, transport FIFO {priority.transport}"
+    )
 
 
 def freeze_garbage() -> None:

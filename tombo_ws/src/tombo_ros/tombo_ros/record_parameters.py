@@ -91,7 +91,7 @@ class RecordParameters:
         for section, record in records.items():
             defaults = _as_parameters(record)
             values = {
-                name: self._given(f"{section}.{name}", default)
+                name: self._initial_value(f"{section}.{name}", default)
                 for name, default in defaults.items()
             }
             self.records[section] = _checked(record, values, section)
@@ -131,8 +131,8 @@ class RecordParameters:
         descriptor = ParameterDescriptor(description=doc, read_only=read_only)
         if bounds is not None:
             set_range(descriptor, default, bounds)
-            check_number(name, self._given(name, default), "1", bounds)
-        value = self._given(name, default)
+            check_number(name, self._initial_value(name, default), "1", bounds)
+        value = self._initial_value(name, default)
         if check is not None:
             check(value)
             self._checks[name] = check
@@ -167,10 +167,10 @@ class RecordParameters:
                 lines.append(f"unknown parameter '{name}'; did you mean '{near[0]}'?")
         return lines
 
-    def _given(self, name: str, default: Any) -> Any:
+    def _initial_value(self, name: str, default: Any) -> Any:
         """Return the value given at the start, else the default; raise InputError for its type."""
-        given = self._overrides.get(name)
-        value = default if given is None or given.value is None else given.value
+        override = self._overrides.get(name)
+        value = default if override is None or override.value is None else override.value
         if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)  # YAML's 1 where 1.0 is meant
         if isinstance(value, tuple):
@@ -202,21 +202,21 @@ class RecordParameters:
 
     def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Try all new values on copies of the records; take all of them or none."""
-        wanted: dict[str, dict[str, Any]] = {}
+        changes: dict[str, dict[str, Any]] = {}
         plain: dict[str, Any] = {}
         try:
             for parameter in parameters:
                 section, _, field = parameter.name.partition(".")
                 self._check_not_fixed(parameter, section)
                 if section in self.records and field:
-                    wanted.setdefault(section, {})[field] = parameter.value
+                    changes.setdefault(section, {})[field] = parameter.value
                 elif parameter.name in self._plain:
                     if parameter.name in self._checks:
                         self._checks[parameter.name](parameter.value)
                     plain[parameter.name] = parameter.value
             records = {
                 section: _checked(self.records[section], values, section)
-                for section, values in wanted.items()
+                for section, values in changes.items()
             }
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))

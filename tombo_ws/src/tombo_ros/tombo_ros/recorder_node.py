@@ -36,7 +36,7 @@ DEPTH = 5000
 for."""
 FLUSH_NS = 400_000_000
 """Period of writing; a kill -9 loses at most about this much."""
-LOOK_NS = SECOND_NS // 2
+SEARCH_PERIOD_NS = SECOND_NS // 2
 """Period of the search for new publishers."""
 _LOCKSTEP_NS = 50_000_000
 """In lockstep the recorder is never further behind than this."""
@@ -180,10 +180,10 @@ class RecorderNode(LoopNode):
         if not path:
             return {}
         try:
-            found = json.loads(Path(path).read_text(encoding="utf-8"))
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
             return {
                 str(name): {str(key): str(value) for key, value in values.items()}
-                for name, values in found.items()
+                for name, values in content.items()
             }
         except (OSError, ValueError, AttributeError) as error:
             accepted = "a JSON object of objects of texts"
@@ -197,7 +197,7 @@ class RecorderNode(LoopNode):
         if clock - self._written_at >= FLUSH_NS:
             self._written_at = clock
             self._guarded(lambda: self.sink.flush(now_ns))
-        elif clock - self._searched_at >= LOOK_NS:
+        elif clock - self._searched_at >= SEARCH_PERIOD_NS:
             self._searched_at = clock
             self._discover_publishers()
         elif clock - self._counted_at >= SECOND_NS:
@@ -244,10 +244,10 @@ class RecorderNode(LoopNode):
 
     def _discover_publishers(self) -> None:
         """Find new publishers; adapt to what they offer; count them."""
-        wanted = dict.fromkeys(self._specs)
+        names = dict.fromkeys(self._specs)
         if self._all:
-            wanted.update(dict.fromkeys(name for name, _ in self.ros.get_topic_names_and_types()))
-        for name in wanted:
+            names.update(dict.fromkeys(name for name, _ in self.ros.get_topic_names_and_types()))
+        for name in names:
             source = self._sources.get(name)
             offers = self.ros.get_publishers_info_by_topic(name)
             if offers and source is None:
@@ -380,10 +380,10 @@ def weakest_qos(offers: Iterable[Qos]) -> Qos:
 
 def _offered(offer: Any) -> Qos:
     """Return what a publisher offers; discovery doesn't tell the depth."""
-    there = offer.qos_profile
-    latched = there.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    reliable = there.reliability == ReliabilityPolicy.RELIABLE
-    return _qos(there.depth or Qos().depth, reliable, latched)
+    profile = offer.qos_profile
+    latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    reliable = profile.reliability == ReliabilityPolicy.RELIABLE
+    return _qos(profile.depth or Qos().depth, reliable, latched)
 
 
 def _qos(depth: int, reliable: bool, latched: bool) -> Qos:

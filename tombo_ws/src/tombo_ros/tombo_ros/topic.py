@@ -106,14 +106,14 @@ class PolledSubscription:
 
     def take_first(self, number: int) -> list[ReceivedMessage]:
         """Return the bytes of the oldest messages that have arrived, so many."""
-        found, self._waiting = self._waiting[:number], self._waiting[number:]
-        return found
+        messages, self._waiting = self._waiting[:number], self._waiting[number:]
+        return messages
 
     def take_raw(self) -> list[ReceivedMessage]:
         """Return the bytes of all messages that have arrived, oldest first."""
         self._pull()
-        found, self._waiting = self._waiting, []
-        return found
+        messages, self._waiting = self._waiting, []
+        return messages
 
     def _pull(self) -> None:
         item = self._take(self.kind, True)

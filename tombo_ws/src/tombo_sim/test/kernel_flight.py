@@ -13,10 +13,10 @@ from tombo_collision.reactions.bounce import Bounce
 from tombo_control.autopilot import Autopilot, new_autopilot, restart_estimate
 from tombo_control.controller_core import ControllerCore
 from tombo_control.estimator import store_history
-from tombo_control.mission_core import MissionLimits, store_state
 from tombo_control.params import ControlParams, EstimatorParams, InputLimits
 from tombo_control.planning.leg import hold_leg, store_leg, stored_leg
 from tombo_control.planning.mission import MissionParams, MissionState
+from tombo_control.planning.mission_memory import MissionLimits, store_state
 from tombo_control.safety.watch import begin_in_flight
 from tombo_dynamics.effects.compose import new_plant, pack_theta
 from tombo_dynamics.messages import Phase

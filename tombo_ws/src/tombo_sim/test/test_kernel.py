@@ -13,12 +13,12 @@ from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 TRUTH = ("position", "velocity", "attitude", "rates", "rotor_speed")
 
 
-def same(one, other):
-    assert one.begins_like(other)
-    assert (one.mocap == other.mocap).all()
-    assert one.plant == other.plant
-    assert one.a.tobytes() == other.a.tobytes()
-    assert one.delivered == other.delivered
+def same(first, other):
+    assert first.begins_like(other)
+    assert (first.mocap == other.mocap).all()
+    assert first.plant == other.plant
+    assert first.a.tobytes() == other.a.tobytes()
+    assert first.delivered == other.delivered
 
 
 # --- determinism ----------------------------------------------------------------------------
@@ -32,14 +32,14 @@ def test_same_seed_same_flight_to_the_last_bit():
 
 
 def test_another_seed_is_another_flight():
-    one, other = fly_kernel(NOISY, seed=3), fly_kernel(NOISY, seed=4)
-    assert np.abs(one["position"] - other["position"]).max() > 1e-4
+    first, other = fly_kernel(NOISY, seed=3), fly_kernel(NOISY, seed=4)
+    assert np.abs(first["position"] - other["position"]).max() > 1e-4
 
 
 @pytest.mark.parametrize("chunk, block", [(1, 10**9), (7, 10**9), (10**9, 100), (33, 64)])
 def test_a_flight_in_pieces_is_the_flight_in_one(chunk, block):
-    whole = fly_kernel(NOISY, seconds=1.0, seed=5, **IN_THE_WAY)
-    same(whole, fly_kernel(NOISY, seconds=1.0, seed=5, chunk=chunk, block=block, **IN_THE_WAY))
+    uncut = fly_kernel(NOISY, seconds=1.0, seed=5, **IN_THE_WAY)
+    same(uncut, fly_kernel(NOISY, seconds=1.0, seed=5, chunk=chunk, block=block, **IN_THE_WAY))
 
 
 def test_a_longer_flight_begins_like_the_shorter_one():
@@ -67,19 +67,19 @@ def test_each_noise_has_its_own_columns(name):
     other = noise.copy()
     other[:, columns] += 1.0
     effects = {"gusts": {"deviation": 0.5}, "imu_noise": {"gyro": 0.01, "accel": 0.3}}
-    one = fly_kernel(effects, seconds=TICK, tick_noise=noise)
-    two = fly_kernel(effects, seconds=TICK, tick_noise=other)
+    first = fly_kernel(effects, seconds=TICK, tick_noise=noise)
+    second = fly_kernel(effects, seconds=TICK, tick_noise=other)
     for compared in ("wind", "gyro", "accel"):
-        changed = (one[compared] != two[compared]).any()
+        changed = (first[compared] != second[compared]).any()
         assert changed == (compared == quantity)
 
 
 def test_switching_a_noise_on_leaves_the_others_as_they_were():
     gusts = {"gusts": {"deviation": 0.5}}
     alone = fly_kernel(gusts, seed=6)
-    more = fly_kernel(gusts | {"imu_noise": {"gyro": 0.05, "accel": 1.0}}, seed=6)
-    assert (alone["wind"] == more["wind"]).all()
-    assert not (alone["gyro"] == more["gyro"]).all()
+    both = fly_kernel(gusts | {"imu_noise": {"gyro": 0.05, "accel": 1.0}}, seed=6)
+    assert (alone["wind"] == both["wind"]).all()
+    assert not (alone["gyro"] == both["gyro"]).all()
 
 
 def test_noises_are_independent_of_each_other():
@@ -156,8 +156,8 @@ def test_whole_flights_on_threads_are_the_same():
     alone = [fly_kernel(NOISY, seed=seed) for seed in range(4)]
     with ThreadPoolExecutor(4) as pool:
         together = list(pool.map(lambda seed: fly_kernel(NOISY, seed=seed), range(4)))
-    for one, other in zip(alone, together, strict=True):
-        same(one, other)
+    for first, other in zip(alone, together, strict=True):
+        same(first, other)
 
 
 def test_every_column_of_the_log_is_written_in_every_tick():

@@ -4,10 +4,6 @@ import numpy as np
 import pytest
 from kernel_flight import NOISE, RATE, TICK, capture_ticks, fly_kernel
 
-from core_calls import Estimator
-from tombo_dynamics.messages import Phase
-from tombo_flight.flight import fly_scenario
-from tombo_flight.scenario import load_scenario, world_of
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 
@@ -81,28 +77,3 @@ def test_the_simulators_samples_carry_the_wrong_stamp():
     assert [s.stamp_ns for s in arrived] == [12_300_000, 45_300_000, 79_300_000]
     assert [s.captured for s in arrived] == [12, 45, 79]
     assert [s.arrives for s in arrived] == [20, 53, 87]
-
-
-@pytest.mark.parametrize("offset", [-0.0202, 0.0123, 0.033])
-def test_the_nodes_estimate_is_that_of_the_headless_flight(offset):
-    """The samples of the simulator, in the hands of the estimator's node; 33 ms is 3 ms ahead."""
-    settings = (
-        "mission.takeoff_time=0.2", "duration=6", "effects.mocap_latency.delay=0.03",
-        "effects.mocap_latency.jitter=0", f"effects.mocap_stamp_error.offset={offset}",
-    )  # fmt: skip
-    scenario = load_scenario("hover", settings)
-    log = fly_scenario(scenario, 4).log
-    simulator = Simulator(world_of(scenario), 4)
-    observer = Estimator(scenario.estimator, scenario.vehicle)
-    observer.phase(Phase.HOVER)
-    began = 1_000_000_000
-    gaps = []
-    for k, command in enumerate(log["rotor_command"]):
-        now = began + k * 1_000_000
-        for s in simulator.arrived:
-            assert not observer.pose(began + s.stamp_ns, now, "map", s.pose[:3], s.pose[3:])
-        estimate = observer.imu(now, simulator.imu[:3].copy(), simulator.imu[3:].copy())
-        if k > 4000:
-            gaps.append(np.abs(estimate.position - log["est_position"][k]).max())
-        simulator.advance(command)
-    assert max(gaps) < 1e-3

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.core import Compiled, Core, Output, field_of
+from tombo_dynamics.core import Compiled, Core, Output, as_row, field_of
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.jit import load_generated
 from tombo_dynamics.records import Record, field
@@ -229,7 +229,7 @@ class _Source:
             "now = EPOCH_NS + tick * TICK_NS",
             "noise = tick_noise[tick - base]",
             "read_imu(plant, maps, noise, theta)",
-            "imu = ImuSample(now, plant.gyro, plant.accel)",
+            "imu = ImuReading(now, plant.gyro, plant.accel)",
             *_published_sample(),
             "if tick == capture_ticks[captures.next]:",
             "    capture_pose(plant, mocap_noise, theta, entries, captures, tick)",
@@ -369,7 +369,7 @@ _IMPORTS = [
     "from tombo_dynamics.jit import compiled",
     "from tombo_dynamics.rigid_body import finish_tick",
     "from tombo_dynamics.time_base import EPOCH_NS, TICK_NS",
-    "from tombo_sim.kernel import ImuSample, drop_rows, publish_pose, publish_sample",
+    "from tombo_sim.kernel import ImuReading, drop_rows, publish_pose, publish_sample",
     "from tombo_sim.kernel import watch_flight, write_row",
     "from tombo_sim.sensing import capture_pose, next_arrival, read_imu",
 ]
@@ -437,12 +437,8 @@ def memories_of(cores: Sequence[Core]) -> tuple[tuple[Any, ...], ...]:
 def params_of(cores: Sequence[Core]) -> tuple[tuple[Any, ...], ...]:
     """Return the parameters of each core, as arrays (1, ...)."""
     return tuple(
-        tuple(_as_row(field_of(core, path)) for path in _compiled(core).params) for core in cores
+        tuple(as_row(field_of(core, path)) for path in _compiled(core).params) for core in cores
     )
-
-
-def _as_row(value: Any) -> Any:
-    return value.as_array() if isinstance(value, Record) else value[None]
 
 
 def one_flight(

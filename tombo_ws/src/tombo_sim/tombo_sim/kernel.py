@@ -97,7 +97,7 @@ class FlightProgress(Record):
     to_hand = field("1", "those of them that get messages there", kind=int)
 
 
-class ImuSample(NamedTuple):
+class ImuReading(NamedTuple):
     """What the IMU measures in a tick, as a message: arrays are the plant's."""
 
     stamp_ns: int
@@ -162,7 +162,7 @@ def publish_pose(sample: MocapEntry, table: Any, counts: Any, topic: int, tick: 
 
 
 @compiled(inline=False)
-def publish_sample(sample: ImuSample, table: Any, counts: Any, topic: int, tick: int) -> None:
+def publish_sample(sample: ImuReading, table: Any, counts: Any, topic: int, tick: int) -> None:
     """Publish the IMU's sample of a tick, for cores that take it from a table."""
     row = counts[topic]
     if row < table.shape[0]:

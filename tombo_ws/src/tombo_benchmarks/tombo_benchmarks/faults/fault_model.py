@@ -15,18 +15,14 @@ import numpy as np
 
 from tombo_benchmarks.faults.direct_delivery import direct_delivery
 from tombo_collision.params import ReactionLimits
-from tombo_collision.reaction_core import ReactionCore, begin_reaction
+from tombo_collision.reaction_core import ReactionCore
+from tombo_collision.reaction_memory import begin_reaction
 from tombo_collision.reactions import DEFAULT, REGISTRY
 from tombo_control.controller_core import ControllerCore, begin_controller, reset_inputs
-from tombo_control.mission_core import (
-    MissionCore,
-    MissionLimits,
-    begin_mission,
-    land_now,
-    take_off,
-)
+from tombo_control.mission_core import MissionCore, land_now, take_off
 from tombo_control.params import ControlParams, InputLimits
 from tombo_control.planning.mission import MissionParams
+from tombo_control.planning.mission_memory import MissionLimits, begin_mission
 from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_control.safety.state_machine import Condition, SafetyState
 from tombo_dynamics.arrays import Array
@@ -138,7 +134,7 @@ class Verdict(Record):
     rows = field("1", "bits of the rows of the table that decided", kind=int)
 
 
-class World(Record):
+class FaultWorld(Record):
     """The point that flies, and what is between it and the cores."""
 
     position = field("m", "true, in map", 3)
@@ -212,9 +208,9 @@ def new_suite(reach_s: float = 14.0) -> Suite:
     )
 
 
-def new_world(seed: int = 0) -> World:
+def new_world(seed: int = 0) -> FaultWorld:
     """Return a vehicle at rest on the ground."""
-    world = World.new()
+    world = FaultWorld.new()
     world.position[2] = _LEG
     world.force[2] = GRAVITY
     world.seed = seed
@@ -244,7 +240,7 @@ def _living(faults: Array, step: int) -> int:
 
 
 @compiled(inline=False)
-def _sense(s: Suite, world: World, faults: Array, living: int, step: int, now: int) -> None:
+def _sense(s: Suite, world: FaultWorld, faults: Array, living: int, step: int, now: int) -> None:
     """Poses, estimate and status, unless they are lost."""
     odometry = world.odometry
     if step % 7 == 0 and not _active(faults, Fault.MOCAP, step):
@@ -267,7 +263,7 @@ def _sense(s: Suite, world: World, faults: Array, living: int, step: int, now: i
 
 
 @compiled(inline=False)
-def _happen(s: Suite, world: World, faults: Array, step: int, verdict: Verdict) -> None:
+def _happen(s: Suite, world: FaultWorld, faults: Array, step: int, verdict: Verdict) -> None:
     """What happens once: restarts, jumps, commands."""
     for i in range(faults.shape[0]):
         kind, begins, ends = faults[i, 0], faults[i, 1] == step, faults[i, 2] == step
@@ -307,10 +303,10 @@ def _happen(s: Suite, world: World, faults: Array, step: int, verdict: Verdict) 
             if s.mission.now_ns - EPOCH_NS > CLOCK_SET_BACK_NS:  # a new flight takes a command
                 verdict.commands = verdict.lift_offs
         elif kind == Fault.KILL and begins:
-            s.controller.watch.asked |= 1 << Condition.KILL
+            s.controller.watch.requests |= 1 << Condition.KILL
             world.killed = True
         elif kind == Fault.ABORT and begins:
-            s.controller.watch.asked |= 1 << Condition.ABORT
+            s.controller.watch.requests |= 1 << Condition.ABORT
         elif kind == Fault.LAND_COMMAND and begins:
             land_now(s.mission, s.plan)
         elif kind == Fault.TAKEOFF_COMMAND and begins:
@@ -345,7 +341,7 @@ def _plan_and_react(s: Suite, faults: Array, living: int, step: int, now: int) -
 
 
 @compiled(inline=False)
-def _fly_on(world: World, attitude: Array, lift: float, failsafe: bool) -> None:
+def _fly_on(world: FaultWorld, attitude: Array, lift: float, failsafe: bool) -> None:
     """Move the point by one step; on the ground it stands, and friction stops it."""
     v, p = world.velocity, world.position
     world.lift += (lift - world.lift) * min(_STEP_S / 0.035, 1.0)
@@ -379,7 +375,7 @@ def _fly_on(world: World, attitude: Array, lift: float, failsafe: bool) -> None:
 
 
 @compiled(inline=False)
-def fly_faults(s: Suite, world: World, faults: Any, steps: int, verdict: Verdict) -> None:
+def fly_faults(s: Suite, world: FaultWorld, faults: Any, steps: int, verdict: Verdict) -> None:
     """Fly `steps` steps of 5 ms with faults: rows of kind, first step, end; write `verdict`."""
     verdict.commands = 1
     volume, allowed = s.controller.watch.volume, s.controller.watch.params.setpoint_distance
@@ -433,7 +429,7 @@ def fly_faults(s: Suite, world: World, faults: Any, steps: int, verdict: Verdict
 
 @compiled(inline=False)
 def _judge(
-    s: Suite, world: World, verdict: Verdict, lift: float, volume: Any, allowed: float
+    s: Suite, world: FaultWorld, verdict: Verdict, lift: float, volume: Any, allowed: float
 ) -> None:
     """Count what must not be."""
     watch, height = s.controller.watch, world.position[2] - _LEG

@@ -100,9 +100,9 @@ class OffSurface(Reaction):
         x_r = back_off(x_c, n_r, self.distance, self.height_min)
         return self.way(Guided(x_c, n_r, x_r, self.timeout, yaw_of(estimate.attitude)), estimate)
 
-    def way(self, rest: Guided, estimate: Estimate) -> Guided:
+    def way(self, decision: Guided, estimate: Estimate) -> Guided:
         """Return the way of this reaction in place of the one that rests at x_r."""
-        return rest
+        return decision
 
     def _off_surface(self, event: CollisionEvent) -> Array:
         """Return n_r (3): along the push, in part or whole; against the flight without one."""

@@ -36,10 +36,10 @@ class Admittance(OffSurface):
         6.0, "s", (0.5, 60.0), "after this time the mission holds x_r", "twice the motion's time"
     )
 
-    def way(self, rest: Guided, estimate: Estimate) -> Guided:
+    def way(self, decision: Guided, estimate: Estimate) -> Guided:
         """Return the motion from x_c to x_r."""
         return _Motion(
-            **vars(rest),
+            **vars(decision),
             start_velocity=estimate.velocity,
             frequency=math.sqrt(self.stiffness / self.mass),
             ratio=0.5 * self.damping / math.sqrt(self.stiffness * self.mass),
@@ -61,11 +61,10 @@ class _Motion(Guided):
         root = np.sqrt(complex(self.ratio**2 - 1.0))
         if abs(root) < 1e-3:
             root = 1e-3 + 0.0j  # the two poles apart by little: the limit, to 1e-6
-        one, two = w * (-self.ratio + root), w * (-self.ratio - root)
-        a = (v - two * off) / (one - two)
+        p, q = w * (-self.ratio + root), w * (-self.ratio - root)
+        a = (v - q * off) / (p - q)
         b = off - a
         parts = [
-            (a * one**k * np.exp(one * time_s) + b * two**k * np.exp(two * time_s)).real
-            for k in range(3)
+            (a * p**k * np.exp(p * time_s) + b * q**k * np.exp(q * time_s)).real for k in range(3)
         ]
         return self.x_r + parts[0], parts[1], parts[2]

@@ -44,9 +44,9 @@ class Bounce(Reaction):
         if last is not None:
             near = x_c + self.distance * n_r - last.x_c
             if length(near) < 0.5 * self.distance:
-                both = n_r + last.n_r
-                size = length(both)
-                n_r = both / size if size > 0.3 else _sideways(n_r)
+                total = n_r + last.n_r
+                size = length(total)
+                n_r = total / size if size > 0.3 else _sideways(n_r)
         return Decision(x_c, n_r, back_off(x_c, n_r, self.distance, self.height_min))
 
 

@@ -49,9 +49,9 @@ class Mpc(OffSurface):
         1.6, "1", (1.05, 10.0), "highest thrust over the weight", "three rotors of four: 2.1 * 3/4"
     )
 
-    def way(self, rest: Guided, estimate: Estimate) -> Guided:
+    def way(self, decision: Guided, estimate: Estimate) -> Guided:
         """Return the predicted way to x_r."""
-        return _Predicted(**vars(rest), params=self)
+        return _Predicted(**vars(decision), params=self)
 
 
 @dataclass
@@ -63,10 +63,10 @@ class _Predicted(Guided):
         along = rotate_vector(estimate.attitude, np.array([0.0, 0.0, GRAVITY]))
         present = along - np.array([0.0, 0.0, along[2]])  # what tilt gives without loss of height
         off = estimate.position - self.x_r
-        wanted = best_acceleration(self.params, off, estimate.velocity, present)
+        acceleration = best_acceleration(self.params, off, estimate.velocity, present)
         ahead = 0.02
-        velocity = estimate.velocity + ahead * wanted
-        return estimate.position + ahead * velocity, velocity, wanted
+        velocity = estimate.velocity + ahead * acceleration
+        return estimate.position + ahead * velocity, velocity, acceleration
 
 
 @cache
@@ -93,13 +93,13 @@ def _problem(params: Mpc) -> tuple[Array, ...]:
     gradients = (from_offset, from_velocity, from_before)
     rows, bounds = _limits(params)
     upper = np.tile(bounds, _STEPS)
-    found = (
+    parts = (
         np.kron(square, unit),
-        *(np.kron(one[:, None], unit) for one in gradients),
+        *(np.kron(gradient[:, None], unit) for gradient in gradients),
         np.kron(np.eye(_STEPS), rows),
         *(upper, np.full(upper.size, -1e30)),
     )
-    return tuple(one.astype(np.float64) for one in found)
+    return tuple(part.astype(np.float64) for part in parts)
 
 
 def _limits(params: Mpc) -> tuple[Array, Array]:
@@ -131,8 +131,8 @@ def best_acceleration(params: Mpc, offset: Array, velocity: Array, before: Array
     """
     square, by_offset, by_velocity, by_before, rows, upper, lower = _problem(params)
     gradient = by_offset @ offset + by_velocity @ velocity + by_before @ before
-    found, _, flag, _ = daqp.solve(square, gradient, rows, upper, lower)
+    solution, _, flag, _ = daqp.solve(square, gradient, rows, upper, lower)
     if flag < 1:  # a feasible problem: only numbers beyond reason come here
         return np.zeros(3)
-    first: Array = np.array(found[:3])
+    first: Array = np.array(solution[:3])
     return first

@@ -40,9 +40,9 @@ class Policy(OffSurface):
             decision.steering.rotor = event.rotor
         return decision
 
-    def way(self, rest: Guided, estimate: Estimate) -> Guided:
+    def way(self, decision: Guided, estimate: Estimate) -> Guided:
         """Return the steered way."""
-        return Steered(**vars(rest), network=self.network)
+        return Steered(**vars(decision), network=self.network)
 
 
 @dataclass
@@ -61,10 +61,10 @@ class Steered(Guided):
 
     def observation(self, time_s: float, estimate: Estimate) -> Any:
         """Return what the policy sees (23), float32."""
-        seen = np.empty(HIGH.size, np.float32)
+        observation = np.empty(HIGH.size, np.float32)
         e = estimate
-        observe(self.steering, time_s, e.position, e.velocity, e.attitude, e.rates, seen)
-        return seen
+        observe(self.steering, time_s, e.position, e.velocity, e.attitude, e.rates, observation)
+        return observation
 
     def reference(self, time_s: float, estimate: Estimate) -> Reference:
         """Return the set point that the policy asks for."""

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from tombo_control.autopilot import Autopilot, LoopMemory, Setpoint, State
-from tombo_control.loops.allocation import allocate, inertia_torque
-from tombo_control.loops.attitude_control import attitude_control
+from tombo_control.autopilot import Autopilot, EstimatedState, LoopMemory, Setpoint
+from tombo_control.estimator import propagate, update_body_rates
+from tombo_control.loops.inner_loops import (
+    allocate,
+    attitude_control,
+    inertia_torque,
+    rate_control,
+)
 from tombo_control.loops.position_control import (
     begin_descent,
     descend,
     follow_leg,
     position_control,
 )
-from tombo_control.loops.rate_control import rate_control
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
 from tombo_control.recovery.folded_rotors import allocate_folded, available_thrust
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
@@ -21,7 +26,7 @@ from tombo_dynamics.time_base import TICK_S
 
 
 @compiled
-def stop_rotors(state: State, setpoint: Setpoint, loops: LoopMemory) -> None:
+def stop_rotors(state: EstimatedState, setpoint: Setpoint, loops: LoopMemory) -> None:
     """Stop the rotors, forget the integrals, take motion as it is for the derivatives.
 
     Writes `setpoint.rotor_speed` and `loops`.
@@ -100,3 +105,31 @@ def cascade(autopilot: Autopilot, maps: RotorMaps, tick: int) -> None:
         if not blind:
             follow_leg(autopilot.leg, autopilot.setpoint, time)
     run_control_loops(autopilot, maps, position, tick % ATTITUDE_TICKS == 0, blind)
+
+
+@compiled
+def control_tick(
+    autopilot: Autopilot,
+    maps: RotorMaps,
+    gyro: Array,
+    tick: int,
+    ticks: int,
+    position: bool,
+    attitude: bool,
+    blind: bool,
+) -> None:
+    """Carry the state on to the gyro sample of `tick`, take it, and run the loops that are due.
+
+    Args:
+        autopilot: as in `run_control_loops`; state and history are written, too.
+        maps: the rotor's table.
+        gyro: (3) [rad/s], body frame.
+        tick: tick of the sample.
+        ticks: ticks since the sample before.
+        position: the position loop is due.
+        attitude: the attitude loop is due.
+        blind: the position is not known.
+    """
+    propagate(autopilot.state, autopilot.history, tick, ticks)
+    update_body_rates(autopilot.state, gyro)
+    run_control_loops(autopilot, maps, position, attitude, blind)

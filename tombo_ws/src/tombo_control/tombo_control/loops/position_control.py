@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tombo_control.autopilot import LoopMemory, Setpoint, State
+from tombo_control.autopilot import EstimatedState, LoopMemory, Setpoint
 from tombo_control.params import POSITION_TICKS, ControlParams
 from tombo_control.planning.leg import LegRecord
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
@@ -17,12 +17,12 @@ from tombo_dynamics.vehicle import GRAVITY
 _PERIOD = POSITION_TICKS * TICK_S
 _LOWEST_LIFT = 0.3 * GRAVITY
 LANDING_SPEED, BLIND_SPEED = 0.4, 0.35
-"""m/s: descents of the controller's own, with and without a position."""
+"""m/s: speed of a descent by the controller, with and without a position."""
 _TRUST_RUNS = round(8.0 / _PERIOD)
 """So long the integrated accelerometer knows the velocity: an offset of 0.03 m/s^2 is 0.25 m/s."""
-_SUNK_SHARE, _STUCK_SHARE, _STUCK_RUNS = 0.8, 0.6, round(0.16 / _PERIOD)
+_REACHED_SHARE, _STUCK_SHARE, _STUCK_RUNS = 0.8, 0.6, round(0.16 / _PERIOD)
 """A descent that has had its speed, and now has less than this share, is held up by the ground."""
-_FALLS = 0.3
+_FALLING_SPEED = 0.3
 """m/s: what seemed to be the ground was none if the vehicle sinks faster by this."""
 _BEGIN_RUNS = round(1.0 / _PERIOD)
 """One that has not had its speed by then is, too."""
@@ -48,7 +48,7 @@ def follow_leg(leg: LegRecord, setpoint: Setpoint, time: float) -> None:
 
 @compiled
 def position_control(
-    state: State,
+    state: EstimatedState,
     setpoint: Setpoint,
     loops: LoopMemory,
     gains: ControlParams,
@@ -71,19 +71,19 @@ def position_control(
         thrust_max: highest collective thrust [N].
         height_first: tilt no further than the thrust allows without loss of lift.
     """
-    velocity, asked = state.velocity, setpoint.velocity
+    velocity, commanded = state.velocity, setpoint.velocity
     ex = setpoint.position[0] - state.position[0]
     ey = setpoint.position[1] - state.position[1]
     gain = stopping_gain(gains, math.sqrt(ex * ex + ey * ey))
-    vx = asked[0] + gain * ex
-    vy = asked[1] + gain * ey
-    vz = asked[2] + gains.position_p * (setpoint.position[2] - state.position[2])
+    vx = commanded[0] + gain * ex
+    vy = commanded[1] + gain * ey
+    vz = commanded[2] + gains.position_p * (setpoint.position[2] - state.position[2])
     fast = math.sqrt(vx * vx + vy * vy) / gains.velocity_max_xy
     if fast > 1.0:
         vx /= fast
         vy /= fast
     vz = min(max(vz, -gains.velocity_max_z), gains.velocity_max_z)
-    asked[0], asked[1], asked[2] = vx, vy, vz
+    commanded[0], commanded[1], commanded[2] = vx, vy, vz
 
     ax = velocity_pid(state, setpoint, loops, gains, 0)
     ay = velocity_pid(state, setpoint, loops, gains, 1)
@@ -93,10 +93,10 @@ def position_control(
     free_z = True
     if lift < _LOWEST_LIFT:
         lift = _LOWEST_LIFT
-        free_z = asked[2] > velocity[2]
+        free_z = commanded[2] > velocity[2]
     elif lift > highest:
         lift = highest
-        free_z = asked[2] < velocity[2]
+        free_z = commanded[2] < velocity[2]
     across = math.sqrt(ax * ax + ay * ay)
     widest = lift * math.tan(gains.tilt_max)
     if height_first:
@@ -107,16 +107,16 @@ def position_control(
         ay *= widest / across
     for i in range(3):
         if free_xy if i < 2 else free_z:
-            error = asked[i] - velocity[i]
+            error = commanded[i] - velocity[i]
             total = loops.velocity_integral[i] + gains.velocity_i * error * _PERIOD
             total = min(max(total, -gains.velocity_i_max), gains.velocity_i_max)
             loops.velocity_integral[i] = total
         loops.previous_velocity[i] = velocity[i]
     attitude_from_thrust(ax, ay, lift, setpoint.yaw, setpoint.attitude)
     bx, by, bz = rotated(state.attitude, (0.0, 0.0, 1.0))
-    wanted = mass * (ax * bx + ay * by + lift * bz)
-    wanted -= mass * loops.thrust_cut
-    setpoint.thrust = min(max(wanted, gains.thrust_min * thrust_max), thrust_max)
+    thrust = mass * (ax * bx + ay * by + lift * bz)
+    thrust -= mass * loops.thrust_cut
+    setpoint.thrust = min(max(thrust, gains.thrust_min * thrust_max), thrust_max)
 
 
 @compiled
@@ -134,7 +134,7 @@ def stopping_gain(gains: ControlParams, distance: float) -> float:
 
 @compiled
 def velocity_pid(
-    state: State, setpoint: Setpoint, loops: LoopMemory, gains: ControlParams, axis: int
+    state: EstimatedState, setpoint: Setpoint, loops: LoopMemory, gains: ControlParams, axis: int
 ) -> float:
     """Acceleration [m/s^2] that the velocity PID asks for along a map axis."""
     measured = (state.velocity[axis] - loops.previous_velocity[axis]) / _PERIOD
@@ -169,16 +169,16 @@ def attitude_from_thrust(fx: float, fy: float, fz: float, yaw: float, out: Array
 def begin_descent(loops: LoopMemory) -> None:
     """Forget the last descent: the next one begins anew."""
     loops.descent_runs = 0
-    loops.sunk = False
+    loops.reached_speed = False
     loops.touched = False
-    loops.numb = False
+    loops.accelerometer_lost = False
     loops.stuck_runs = 0
     loops.thrust_cut = 0.0
 
 
 @compiled
 def descend(
-    state: State,
+    state: EstimatedState,
     setpoint: Setpoint,
     loops: LoopMemory,
     gains: ControlParams,
@@ -195,7 +195,7 @@ def descend(
     Args:
         state: as for `position_control`.
         setpoint: attitude and thrust are set.
-        loops: as for `position_control`; counts, `sunk` and `thrust_cut` are set.
+        loops: as for `position_control`; counts, `reached_speed` and `thrust_cut` are set.
         gains: of the cascade.
         mass: nominal mass [kg].
         thrust_max: highest collective thrust [N].
@@ -203,12 +203,13 @@ def descend(
     speed = LANDING_SPEED if loops.lands else BLIND_SPEED
     loops.descent_runs += 1
     sinks = -state.velocity[2]
-    loops.sunk = loops.sunk or sinks > _SUNK_SHARE * speed or loops.descent_runs > _BEGIN_RUNS
-    if loops.touched and state.velocity[2] < loops.touch_speed - _FALLS:
+    if sinks > _REACHED_SHARE * speed or loops.descent_runs > _BEGIN_RUNS:
+        loops.reached_speed = True
+    if loops.touched and state.velocity[2] < loops.touch_speed - _FALLING_SPEED:
         loops.touched = False
-    stuck = loops.sunk and (sinks < _STUCK_SHARE * speed or loops.touched)
+    stuck = loops.reached_speed and (sinks < _STUCK_SHARE * speed or loops.touched)
     loops.stuck_runs = loops.stuck_runs + 1 if stuck else 0
-    if loops.numb:
+    if loops.accelerometer_lost:
         loops.thrust_cut = 0.0
     elif loops.stuck_runs > _STUCK_RUNS:
         loops.thrust_cut = min(loops.thrust_cut + _CUT_RATE * _PERIOD, _CUT_MAX)
@@ -226,7 +227,7 @@ def descend(
     setpoint.velocity[0], setpoint.velocity[1], setpoint.velocity[2] = 0.0, 0.0, -speed
     for i in range(3):
         setpoint.acceleration[i] = 0.0
-    trusted = loops.lands or not (loops.numb or loops.descent_runs > _TRUST_RUNS)
+    trusted = loops.lands or not (loops.accelerometer_lost or loops.descent_runs > _TRUST_RUNS)
     if trusted:
         position_control(state, setpoint, loops, gains, mass, thrust_max, False)
     else:

@@ -25,7 +25,7 @@ from tombo_dynamics.rotation import yaw_of
 
 _HOLD_S = 1e9
 """At the last place: until something else is commanded, or it is time to land."""
-_THERE = 0.2
+_ARRIVAL_DISTANCE = 0.2
 """m from the last place: the vehicle is there."""
 _FLIES_FROM = (Phase.HOVER, Phase.APPROACH, Phase.HOLD)
 
@@ -39,14 +39,14 @@ class CourseProgress:
         legs: how many there are.
         distance: way of the reference to the last place [m].
         time_left: until it is there [s].
-        there: the reference is, and the vehicle is near it.
+        arrived: the reference is there, and the vehicle is near it.
     """
 
     leg: int
     legs: int
     distance: float
     time_left: float
-    there: bool
+    arrived: bool
 
 
 def course_of(
@@ -137,5 +137,5 @@ def progress(state: MissionState, course: Array, now_s: float, position: Array) 
         time_left += motion_end(leg) + (leg.hold_s if row + 1 < legs else 0.0)
         here, yaw = place, target.yaw
     arrived = state.steps == legs and time_left == 0.0
-    near = math.dist(here, (position[0], position[1], position[2])) < _THERE
+    near = math.dist(here, (position[0], position[1], position[2])) < _ARRIVAL_DISTANCE
     return CourseProgress(max(state.steps, 1), legs, distance, time_left, arrived and near)

@@ -31,6 +31,7 @@ from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.params import param, structure
 from tombo_dynamics.records import parameter_record
+from tombo_dynamics.vectors import dot, norm, subtract
 
 _ARRIVED = 0.08
 _STILL = 0.15
@@ -197,7 +198,7 @@ def advance_mission(
         return _with(state, Phase.TAKEOFF.value, leg, state.steps)
     if mode == Phase.TAKEOFF and now_s >= state.leg.end_s:
         top = _top(state, plan)
-        if _near(position, top, _ARRIVED) and _speed(velocity) < _STILL:
+        if _near(position, top, _ARRIVED) and norm(velocity) < _STILL:
             return _with(state, Phase.HOVER.value, hold_leg(top, now_s), state.steps)
     flying = mode == Phase.HOVER and now_s >= plan.params.approach_time
     if plan.waypoints.shape[0] > 0 and (flying or mode == Phase.APPROACH):
@@ -272,7 +273,7 @@ def _corner(state: MissionState, plan: Plan, step: int) -> Point:
 def _settling(
     state: MissionState, plan: Plan, now_s: float, position: Array, velocity: Array
 ) -> MissionState:
-    near = _near(position, state.leg.start, _SETTLED_RADIUS) and _speed(velocity) < _SETTLED_SPEED
+    near = _near(position, state.leg.start, _SETTLED_RADIUS) and norm(velocity) < _SETTLED_SPEED
     since = min(state.settled_since_s, now_s) if near else math.inf
     mode, settled = state.mode, state.settled_s
     if mode == Phase.REACT and now_s - since >= _SETTLED_TIME:
@@ -294,22 +295,16 @@ def land(state: MissionState, plan: Plan, now_s: float, position: Array) -> Miss
 
 @compiled(inline=False)
 def _landing(state: MissionState, now_s: float, position: Array, velocity: Array) -> MissionState:
-    wanted = leg_position(state.leg, now_s)
+    planned = leg_position(state.leg, now_s)
     height = position[2]
-    if height - wanted[2] > 0.25 and abs(velocity[2]) < 0.15 and height < state.home[2] + 0.3:
+    if height - planned[2] > 0.25 and abs(velocity[2]) < 0.15 and height < state.home[2] + 0.3:
         return _with(
-            state, Phase.LANDED.value, hold_leg(wanted, now_s, state.leg.yaw), state.steps
+            state, Phase.LANDED.value, hold_leg(planned, now_s, state.leg.yaw), state.steps
         )
     return state
 
 
 @compiled(inline=False)
 def _near(position: Array, point: Point, radius: float) -> bool:
-    dx, dy, dz = position[0] - point[0], position[1] - point[1], position[2] - point[2]
-    return bool(dx * dx + dy * dy + dz * dz < radius * radius)
-
-
-@compiled(inline=False)
-def _speed(velocity: Array) -> float:
-    x, y, z = velocity[0], velocity[1], velocity[2]
-    return math.sqrt(x * x + y * y + z * z)
+    off = subtract(position, point)
+    return bool(dot(off, off) < radius * radius)

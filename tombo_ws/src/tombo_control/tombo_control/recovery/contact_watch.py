@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from tombo_control.autopilot import State
+from tombo_control.autopilot import EstimatedState
 from tombo_control.recovery.params import ContactParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
@@ -13,13 +13,14 @@ from tombo_dynamics.messages import Trigger
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.time_base import TICK_NS, TICK_S
+from tombo_dynamics.vectors import norm
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, VehicleParams
 
 _NOISE_TIME, _SMOOTH_TIME = 0.5, 0.02
 """s: time constants of the mean squares of vibration, and of the yaw rate without it."""
 _MOMENT_SHARE = 0.2
 """Of the largest moment that the push can have: how well yaw tells of it."""
-_REST = 0.05
+_REST_SPEED = 0.05
 """m/s: a vehicle that was slower has no direction of flight; it is taken against the push."""
 
 
@@ -28,13 +29,13 @@ class ContactWatch(Record):
 
     params = field("", "of the trigger", kind=ContactParams)
     mean_square = field("m^2/s^4", "of horizontal specific force, before a contact")
-    above = field("1", "samples on end above the threshold", kind=int)
+    above = field("1", "samples in a row above the threshold", kind=int)
     yaw_rate = field("rad/s", "low-passed, before a contact")
     yaw_square = field("rad^2/s^2", "mean square of the yaw rate about it")
     touch_tick = field("1", "of the first sample above the threshold", kind=int)
     gathers = field("1", "the rotor is not decided yet", kind=bool)
     push = field("m/s", "specific impulse since then, base_link x and y", 2)
-    turning = field("m/s", "the same without the newest sample: what the gyro has felt", 2)
+    turning = field("m/s", "the same without the newest sample, as the gyro shows it", 2)
     position = field("m", "of base_link at the touch, map", 3)
     velocity = field("m/s", "at the touch, map", 3)
     tick = field("1", "of the decision", kind=int)
@@ -48,7 +49,7 @@ class ContactWatch(Record):
 @compiled
 def watch_contact(
     contact: ContactWatch,
-    state: State,
+    state: EstimatedState,
     nominal: VehicleParams,
     gyro: Array,
     accel: Array,
@@ -98,7 +99,7 @@ def watch_contact(
 
 
 @compiled(inline=False)
-def _begin(contact: ContactWatch, state: State, tick: int) -> None:
+def _begin(contact: ContactWatch, state: EstimatedState, tick: int) -> None:
     contact.touch_tick = tick
     contact.push[0] = 0.0
     contact.push[1] = 0.0
@@ -117,7 +118,11 @@ def _gather(contact: ContactWatch, ax: float, ay: float, square: float) -> None:
 
 @compiled(inline=False)
 def _decide(
-    contact: ContactWatch, state: State, nominal: VehicleParams, yaw_rate: float, tick: int
+    contact: ContactWatch,
+    state: EstimatedState,
+    nominal: VehicleParams,
+    yaw_rate: float,
+    tick: int,
 ) -> None:
     """Say which rotor was struck: its arm points against the push, and has its moment in yaw."""
     contact.gathers = False
@@ -141,9 +146,7 @@ def _decide(
             contact.rotor = i
     x, y, _ = rotated(state.attitude, (px, py, 0.0))
     flat = math.sqrt(x * x + y * y)
-    contact.direction[0] = x / flat
-    contact.direction[1] = y / flat
-    contact.direction[2] = 0.0
+    contact.direction = (x / flat, y / flat, 0.0)
 
 
 @compiled(inline=False)
@@ -154,9 +157,9 @@ def fill_event(contact: ContactWatch, stamp_ns: int, event: Any) -> None:
     event.contact_stamp_ns = stamp_ns - (contact.tick - contact.touch_tick + 1) * TICK_NS
     event.contact_position = contact.position
     v, push = contact.velocity, contact.direction
-    speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    speed = norm(v)
     for i in range(3):
-        event.flight_direction[i] = v[i] / speed if speed > _REST else -push[i]
+        event.flight_direction[i] = v[i] / speed if speed > _REST_SPEED else -push[i]
     event.confidence = 1.0
     event.statistic = contact.strength
     event.count = contact.count

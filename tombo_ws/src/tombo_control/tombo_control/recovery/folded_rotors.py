@@ -61,10 +61,10 @@ def allocate_folded(
         highest[k] = min(high_i - within, high_j + within)
     total = 0.5 * setpoint.thrust
     total = min(max(total, lowest[0] + lowest[1]), highest[0] + highest[1])
-    wanted = -SPIN[0] * 0.5 * yaw / maps.torque_ratio
+    demanded = -SPIN[0] * 0.5 * yaw / maps.torque_ratio
     least = max(2.0 * lowest[0] - total, total - 2.0 * highest[1])
     most = min(2.0 * highest[0] - total, total - 2.0 * lowest[1])
-    apart = min(max(wanted, least), most)
+    apart = min(max(demanded, least), most)
     for k in range(2):
         mean = 0.5 * (total + apart) if k == 0 else 0.5 * (total - apart)
         out[2 * k] = mean + recovery.difference[k]
@@ -74,4 +74,4 @@ def allocate_folded(
         out[i] = min(max(full, maps.thrust_lowest), maps.thrust_highest)
     loops.saturated[0] = 0.0 if reached else math.copysign(1.0, roll)
     loops.saturated[1] = 0.0 if reached else math.copysign(1.0, pitch)
-    loops.saturated[2] = 0.0 if apart == wanted else math.copysign(1.0, yaw)
+    loops.saturated[2] = 0.0 if apart == demanded else math.copysign(1.0, yaw)

@@ -16,12 +16,13 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.time_base import TICK_S
+from tombo_dynamics.vectors import add_scaled, all_finite, norm, subtract
 from tombo_dynamics.vehicle import GRAVITY
 
 _SMOOTHING = 0.05
 """s: of thrust and specific force: some rotor turns, less than a bounce."""
 _SCALE_TIME = 3.0
-"""s: in which the thrust of one newton asked for is learnt."""
+"""s: in which the thrust per newton commanded is learnt."""
 _SCALE_LOW, _SCALE_HIGH = 0.5, 1.5
 _IMPULSE_TIME = 0.3
 """s: in which a push is forgotten."""
@@ -60,9 +61,7 @@ def begin_touchdown(memory: Touchdown) -> None:
     memory.contact_ticks = 0
     memory.overturned_ticks = 0
     memory.longest_aloft = 0
-    for i in range(3):
-        memory.force[i] = 0.0
-    memory.force[2] = GRAVITY
+    memory.force = (0.0, 0.0, GRAVITY)
 
 
 @compiled
@@ -87,26 +86,24 @@ def observe_ground(
         aloft: its height is known to be more than 0.15 m: contact now would be an error.
     """
     nominal, rates = autopilot.nominal, autopilot.state.rates
-    asked = 0.0
+    commanded = 0.0
     for i in range(4):
-        asked += autopilot.setpoint.rotor_thrust[i]
+        commanded += autopilot.setpoint.rotor_thrust[i]
     passed = ticks * TICK_S
     share = min(passed / _SMOOTHING, 1.0)
     lag = min(passed / max(nominal.motor_time_constant, TICK_S), 1.0)
-    memory.thrust += (asked - memory.thrust) * lag
+    memory.thrust += (commanded - memory.thrust) * lag
     memory.smooth_thrust += (memory.thrust - memory.smooth_thrust) * share
-    if math.isfinite(accel[0] + accel[1] + accel[2]):
-        for i in range(3):
-            memory.force[i] += (accel[i] - memory.force[i]) * share
-    x, y, z = memory.force[0], memory.force[1], memory.force[2]
-    given = memory.smooth_thrust / nominal.mass
-    if learns and given > 0.3 * GRAVITY:
-        found = min(max(z / given, _SCALE_LOW), _SCALE_HIGH)
-        memory.scale += (found - memory.scale) * passed / _SCALE_TIME
-    memory.push = (z - memory.scale * given) / GRAVITY
+    if all_finite(accel):
+        memory.force = add_scaled(memory.force, share, subtract(accel, memory.force))
+    z = memory.force[2]
+    expected = memory.smooth_thrust / nominal.mass
+    if learns and expected > 0.3 * GRAVITY:
+        ratio = min(max(z / expected, _SCALE_LOW), _SCALE_HIGH)
+        memory.scale += (ratio - memory.scale) * passed / _SCALE_TIME
+    memory.push = (z - memory.scale * expected) / GRAVITY
     memory.impulse += (memory.push * GRAVITY - memory.impulse / _IMPULSE_TIME) * passed
-    total = math.sqrt(x * x + y * y + z * z)
-    turning = math.sqrt(rates[0] * rates[0] + rates[1] * rates[1] + rates[2] * rates[2])
+    total, turning = norm(memory.force), norm(rates)
     rests = abs(total - GRAVITY) < _REST_FORCE * GRAVITY and turning < _REST_RATE
     if rests and z > _LEVEL * total and memory.push > params.touchdown_push:
         memory.contact_ticks += ticks

@@ -33,6 +33,7 @@ from tombo_dynamics.messages import Phase
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.time_base import TICK_HZ, TICK_S
+from tombo_dynamics.vectors import dot, norm, subtract
 
 NO_PHASE = -1
 _NEVER = -1
@@ -42,7 +43,7 @@ _TAKEOFF_SETPOINT, _TAKEOFF_GRACE = 0.6, TICK_HZ
 """m: the first set point; ticks: after this a take-off is refused."""
 _JUMP = 0.3
 """m: an estimate that moves so far from one tick to the next was moved, not the vehicle."""
-_DOWN_HEIGHT, _RETURN_HEIGHT, _ALOFT, _LEARNS = 0.15, 0.4, 0.15, 0.5
+_DOWN_HEIGHT, _RETURN_HEIGHT, _ALOFT_HEIGHT, _LEARN_HEIGHT = 0.15, 0.4, 0.15, 0.5
 """m above the place of take-off."""
 _RETURN_DISTANCE, _RETURN_TICKS = 3.0, 3 * TICK_HZ // 10
 _STUCK_SPEED, _STUCK_TICKS = 0.1, 3 * TICK_HZ
@@ -60,8 +61,8 @@ class Watch(Record):
     row = field("1", "of the table, that led there; -1: none", kind=int)
     changes = field("1", "of the state", kind=int)
     since = field("1", "tick at which the state began", kind=int)
-    asked = field("1", "bits of `Condition`: kill, abort, new flight, until they are looked at",
-                  kind=int)  # fmt: skip
+    requests = field("1", "bits of `Condition`: kill, abort, new flight, until they are used",
+                     kind=int)  # fmt: skip
     begun = field("1", "it has been in command", kind=bool)
     idle_seen = field("1", "phase idle, or a command, with the rotors off", kind=bool)
     takeoff_commands = field("1", "that had been given when it latched", kind=int)
@@ -90,7 +91,7 @@ def begin_watch(watch: Watch) -> None:
     watch.state = SafetyState.OFF
     watch.row = STAYS
     watch.since = 0
-    watch.asked = 0
+    watch.requests = 0
     watch.begun = False
     watch.idle_seen = False
     watch.takeoff_commands = 0
@@ -143,7 +144,7 @@ def watch_flight(
     known: bool,
     held: bool,
 ) -> None:
-    """Look at one gyro sample; write `state`.
+    """Judge a gyro sample; write `state`.
 
     Args:
         watch: its memory, changed.
@@ -160,36 +161,36 @@ def watch_flight(
     state = autopilot.state
     height = state.position[2] - watch.home[2]
     flies = not rotors_off(watch)
-    aloft = flies and known and height > _ALOFT
-    learns = aloft and height > _LEARNS and not descends(watch)
+    aloft = flies and known and height > _ALOFT_HEIGHT
+    learns = aloft and height > _LEARN_HEIGHT and not descends(watch)
     observe_ground(watch.touchdown, watch.params, autopilot, accel, ticks, learns, aloft)
     loops = autopilot.loops
-    stopped = loops.sunk and watch.touchdown.impulse > TOUCH_IMPULSE
+    stopped = loops.reached_speed and watch.touchdown.impulse > TOUCH_IMPULSE
     if descends(watch) and stopped and not loops.touched:
         loops.touched = True
         loops.touch_speed = state.velocity[2]
     _count(watch, state, phase, tick, ticks, known)
     if flies:
-        found = _conditions_aloft(watch, state, phase, tick, due, known, held)
+        conditions = _conditions_aloft(watch, state, phase, tick, due, known, held)
     else:
-        found = _conditions_on_ground(watch, state, setpoint, phase, ticks, known)
-    found |= watch.asked
-    watch.asked = 0
+        conditions = _conditions_on_ground(watch, state, setpoint, phase, ticks, known)
+    conditions |= watch.requests
+    watch.requests = 0
     watch.gap = 0
-    row = deciding_row(watch.state, found)
+    row = deciding_row(watch.state, conditions)
     if row != STAYS:
         _enter(watch, autopilot, setpoint.takeoff_commands, row, tick)
 
 
 @compiled
 def _far(a: Array, b: Array, limit: float) -> bool:
-    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-    return bool(not x * x + y * y + z * z <= limit * limit)
+    off = subtract(a, b)
+    return bool(not dot(off, off) <= limit * limit)
 
 
 @compiled
-def _aside(a: Array, b: Array, limit: float) -> bool:
-    """Return whether two places are further apart than that, across."""
+def _far_across(a: Array, b: Array, limit: float) -> bool:
+    """Return whether two places are further apart than that, horizontally."""
     x, y = a[0] - b[0], a[1] - b[1]
     return bool(not x * x + y * y <= limit * limit)
 
@@ -198,7 +199,7 @@ def _aside(a: Array, b: Array, limit: float) -> bool:
 def _count(watch: Watch, state: Any, phase: int, tick: int, ticks: int, known: bool) -> None:
     """Count how long what is measured has been so."""
     v, limits = state.velocity, watch.params
-    speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    speed = norm(v)
     _, _, upright = rotated(state.attitude, (0.0, 0.0, 1.0))
     watch.known_ticks = watch.known_ticks + ticks if known else 0
     if watch.gap > 0:
@@ -212,7 +213,7 @@ def _count(watch: Watch, state: Any, phase: int, tick: int, ticks: int, known: b
     watch.limit_ticks = watch.limit_ticks + ticks if fast or tilted or out else 0
     stuck = phase == Phase.LAND and abs(v[2]) < _STUCK_SPEED
     watch.stuck_ticks = watch.stuck_ticks + ticks if stuck else 0
-    moved = watch.has_place and _aside(state.position, watch.place, _JUMP)
+    moved = watch.has_place and _far_across(state.position, watch.place, _JUMP)
     if known and not moved:
         watch.has_place = True
         watch.place = state.position
@@ -230,26 +231,26 @@ def _conditions_aloft(
     limits, lasted = watch.params, (tick - watch.since) * TICK_S
     height = state.position[2] - watch.home[2]
     ground_phase = phase == Phase.IDLE or phase == Phase.LANDED
-    found = _bit(Condition.DOWN, ground_phase and height < _DOWN_HEIGHT)
-    found |= _bit(Condition.DOWN_ABOVE, ground_phase)
-    found |= _bit(Condition.POSITION_LOST, watch.gap != 0 or (due and not known))
+    conditions = _bit(Condition.DOWN, ground_phase and height < _DOWN_HEIGHT)
+    conditions |= _bit(Condition.DOWN_ABOVE, ground_phase)
+    conditions |= _bit(Condition.POSITION_LOST, watch.gap != 0 or (due and not known))
     if watch.state == SafetyState.BLIND and watch.known_ticks >= _RETURN_TICKS:
         back = watch.may_return and lasted <= limits.return_time and height > _RETURN_HEIGHT
         back = back and not _far(state.position, watch.lost, _RETURN_DISTANCE)
-        found |= _bit(Condition.POSITION_BACK, back)
-        found |= _bit(Condition.POSITION_LATE, True)
-    found |= _bit(Condition.SETPOINT_SILENT, held)
-    found |= _bit(Condition.SETPOINT_BACK, not held)
-    found |= _bit(Condition.HOLD_OVER, lasted > limits.hold_time)
-    found |= _bit(Condition.LIMIT, watch.limit_ticks * TICK_S > limits.limit_time)
-    found |= _bit(Condition.LAND_STUCK, watch.stuck_ticks >= _STUCK_TICKS)
+        conditions |= _bit(Condition.POSITION_BACK, back)
+        conditions |= _bit(Condition.POSITION_LATE, True)
+    conditions |= _bit(Condition.SETPOINT_SILENT, held)
+    conditions |= _bit(Condition.SETPOINT_BACK, not held)
+    conditions |= _bit(Condition.HOLD_OVER, lasted > limits.hold_time)
+    conditions |= _bit(Condition.LIMIT, watch.limit_ticks * TICK_S > limits.limit_time)
+    conditions |= _bit(Condition.LAND_STUCK, watch.stuck_ticks >= _STUCK_TICKS)
     ground = watch.touchdown
-    found |= _bit(Condition.TOUCHDOWN, ground.contact_ticks * TICK_S >= limits.touchdown_time)
-    found |= _bit(Condition.OVERTURNED, ground.overturned_ticks >= _OVERTURNED_TICKS)
-    found |= _bit(Condition.TIME_OVER, tick >= watch.deadline)
+    conditions |= _bit(Condition.TOUCHDOWN, ground.contact_ticks * TICK_S >= limits.touchdown_time)
+    conditions |= _bit(Condition.OVERTURNED, ground.overturned_ticks >= _OVERTURNED_TICKS)
+    conditions |= _bit(Condition.TIME_OVER, tick >= watch.deadline)
     replaced = watch.replaced >= 0 and tick - watch.replaced >= _ANSWER_TICKS
-    found |= _bit(Condition.REPLACED, replaced)
-    return found
+    conditions |= _bit(Condition.REPLACED, replaced)
+    return conditions
 
 
 @compiled
@@ -257,12 +258,12 @@ def _conditions_on_ground(
     watch: Watch, state: Any, setpoint: Any, phase: int, ticks: int, known: bool
 ) -> int:
     ground_phase = phase == Phase.IDLE or phase == Phase.LANDED
-    asked = setpoint.takeoff_commands
+    commands = setpoint.takeoff_commands
     if phase == Phase.IDLE:  # a mission that was restarted counts from 0
-        watch.takeoff_commands = min(watch.takeoff_commands, asked)
+        watch.takeoff_commands = min(watch.takeoff_commands, commands)
     begins = phase == Phase.IDLE or phase == Phase.TAKEOFF
-    found = _bit(Condition.COMMANDED, begins and asked > watch.takeoff_commands)
-    found |= _bit(Condition.DOWN, ground_phase and watch.rest_ticks >= _BOOT_REST)
+    conditions = _bit(Condition.COMMANDED, begins and commands > watch.takeoff_commands)
+    conditions |= _bit(Condition.DOWN, ground_phase and watch.rest_ticks >= _BOOT_REST)
     if watch.state == SafetyState.OFF and phase == Phase.IDLE:
         watch.idle_seen = True
     wants = phase == Phase.TAKEOFF and (watch.idle_seen or not watch.begun)
@@ -272,14 +273,16 @@ def _conditions_on_ground(
         ready = known and upright >= math.cos(watch.params.takeoff_tilt)
         rested = min(watch.rest_ticks, watch.takeoff_ticks)
         ready = ready and rested >= (1 if watch.idle_seen else _BOOT_REST)
-        ready = ready and not _aside(state.position, watch.place, watch.params.takeoff_distance)
+        ready = ready and not _far_across(
+            state.position, watch.place, watch.params.takeoff_distance
+        )
         ready = ready and not _far(state.position, setpoint.position, _TAKEOFF_SETPOINT)
-        found |= _bit(Condition.TAKEOFF, ready)
+        conditions |= _bit(Condition.TAKEOFF, ready)
     refused = watch.idle_seen and watch.takeoff_ticks > _TAKEOFF_GRACE
-    found |= _bit(Condition.TAKEOFF_REFUSED, refused)
+    conditions |= _bit(Condition.TAKEOFF_REFUSED, refused)
     flying = phase != NO_PHASE and not ground_phase
-    found |= _bit(Condition.IN_FLIGHT, flying and not (wants and watch.idle_seen))
-    return found
+    conditions |= _bit(Condition.IN_FLIGHT, flying and not (wants and watch.idle_seen))
+    return conditions
 
 
 @compiled(inline=False)

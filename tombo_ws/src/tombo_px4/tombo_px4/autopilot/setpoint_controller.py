@@ -13,8 +13,8 @@ from enum import IntEnum
 import numpy as np
 
 from tombo_control.autopilot import Autopilot
-from tombo_control.loops.attitude_control import attitude_control
 from tombo_control.loops.cascade import stop_rotors
+from tombo_control.loops.inner_loops import attitude_control
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
 from tombo_control.tick_calls import run_control_loops
 from tombo_dynamics.arrays import Array

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tombo_control.autopilot import State, new_autopilot
-from tombo_control.estimate import Estimate
+from tombo_control.autopilot import EstimatedState, new_autopilot
+from tombo_control.estimate import StampedEstimate
 from tombo_control.params import POSITION_TICKS, ControlParams, EstimatorParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import yaw_of, yaw_pitch_roll
@@ -123,9 +123,9 @@ class Px4Vehicle:
         self.battery = BatteryCharge(world.vehicle.battery_voltage, 0.0, 1.0, 0)
 
     @property
-    def _state(self) -> State:
+    def _state(self) -> EstimatedState:
         # a view, made each time: a kept one would not follow a copied record
-        state: State = self._autopilot.state
+        state: EstimatedState = self._autopilot.state
         return state
 
     # --- what it is
@@ -176,10 +176,10 @@ class Px4Vehicle:
         return self._signal_tick >= 0 and self._kind <= ControlLevel.ATTITUDE
 
     @property
-    def estimate(self) -> Estimate:
+    def estimate(self) -> StampedEstimate:
         """What the autopilot believes, at the present tick."""
         state = self._state
-        return Estimate(
+        return StampedEstimate(
             self.tick * TICK_NS,
             state.position.copy(),
             state.velocity.copy(),

@@ -25,7 +25,7 @@ from tombo_px4.link.framing import ProtocolVersion
 from tombo_sim.ground_truth import true_state
 
 if TYPE_CHECKING:
-    from tombo_control.estimate import Estimate
+    from tombo_control.estimate import StampedEstimate
     from tombo_px4.autopilot.vehicle import Px4Vehicle
     from tombo_px4.autopilot.vehicle_state import ArmingHealth
 
@@ -109,7 +109,7 @@ class TelemetrySnapshot:
         """Both as in `Telemetry`."""
 
     @cached_property
-    def estimate(self) -> Estimate:
+    def estimate(self) -> StampedEstimate:
         """Estimate of the autopilot."""
         return self.vehicle.estimate
 
