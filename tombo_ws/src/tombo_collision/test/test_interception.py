@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import last_from_mission
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tombo_collision.params import ReactionLimits
@@ -423,7 +423,7 @@ def test_two_missions_after_a_collision_leave_it_at_x_r():
 anything = st.sampled_from([math.nan, math.inf, -math.inf])
 
 
-@last_from_mission(st.sampled_from(["position", "velocity", "acceleration", "yaw"]), anything)
+@given(st.sampled_from(["position", "velocity", "acceleration", "yaw"]), anything)
 def test_a_set_point_that_is_no_number_is_refused_and_counts_as_silence(name, value):
     bench = Bench()
     good = bench.mission_setpoint
@@ -499,7 +499,7 @@ inputs = st.lists(
 
 
 @pytest.mark.slow
-@last_from_mission(inputs, st.integers(0, 12))
+@given(inputs, st.integers(0, 12))
 def test_a_valid_setpoint_comes_at_50_hz_whichever_input_is_silent(changes, when):
     """In the air: no gap beyond the mission's timeout, no jump but to where it is or to x_r."""
     bench = Bench()
