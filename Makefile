@@ -1,4 +1,5 @@
 # make fly      fly the paper's collision experiment (ARGS='hover --seed 3' for another flight)
+# make live     watch a flight in the browser (ARGS=hover, ARGS=runs/flight, ARGS=suite for running nodes)
 # make check    lint and the fast tests, in parallel: two minutes
 # make test     lint, then every test (PYTEST_ARGS='-k propeller' for some)
 # make test-px4 PX4=DIR   fly with a real PX4 SITL that was built in DIR (ARGS='--seeds 50'); ARGS=--losses: lose
@@ -23,7 +24,7 @@ unexport PYTHONDONTWRITEBYTECODE
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly check fast-tests test test-px4 lint format bench docs messages clean
+.PHONY: help setup fly live check fast-tests test test-px4 lint format bench docs messages clean
 
 help:
 	@sed -n 's/^# make /make /p' Makefile
@@ -36,13 +37,17 @@ fly:
 	$(SETUP)
 	@$(BIN)/tombo fly $(ARGS)
 
+live:
+	$(SETUP) --web
+	@$(BIN)/tombo live $(ARGS)
+
 PYTEST := $(BIN)/python -m pytest --durations=10 $(PYTEST_ARGS)
 LOADFILE := --dist loadfile --no-loadscope-reorder
 # One more than cores: who waits for nodes leaves its core to others.
 WORKERS := $(shell echo $$(($$(nproc) + 1)))
 
 check:
-	$(SETUP)
+	$(SETUP) --web
 	@$(MAKE) --no-print-directory --jobs=2 --keep-going lint fast-tests
 
 fast-tests:
@@ -50,7 +55,7 @@ fast-tests:
 
 # Both parts run, whatever the first says; 5: PYTEST_ARGS leave no test in that part.
 test: lint
-	$(SETUP)
+	$(SETUP) --web
 	@parallel=0; alone=0; \
 	$(PYTEST) -n $(WORKERS) $(LOADFILE) -m "not real_time" || parallel=$$?; \
 	$(PYTEST) -m real_time || alone=$$?; \

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Makes .venv: the pinned requirements, real ROS 2 Jazzy among them, and the workspace built into it.
 #
-#   scripts/setup.sh [--no-kernels]
+#   scripts/setup.sh [--no-kernels] [--web]
 #
 # Each step leaves a key of what it was made from in .venv/.tombo and is skipped while the key
 # holds, so a run with nothing to do ends in a fraction of a second. A step takes its key away
@@ -15,8 +15,14 @@ readonly ROOT="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
 readonly VENV="$ROOT/.venv" KEYS="$ROOT/.venv/.tombo" BUILD="$ROOT/build" SRC="$ROOT/tombo_ws/src"
 readonly OLDEST=11 NEWEST=13 CMAKE_NEEDED=3.21
 
-kernels=yes
-[ "${1:-}" = --no-kernels ] && kernels=no
+kernels=yes web=no
+for option in "$@"; do
+  case "$option" in
+    --no-kernels) kernels=no ;;
+    --web) web=yes ;; # requirements-web.txt too
+    *) echo "set-up: $option; accepted: --no-kernels, --web" >&2; exit 2 ;;
+  esac
+done
 
 # A sourced ROS or another environment must not leak into this one.
 unset PYTHONPATH PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX
@@ -28,7 +34,8 @@ missing() { echo "set-up: $1" >&2; exit 2; }
 # --- What each step is made from ------------------------------------------------------------
 
 key() { sha256sum | cut -c1-16; }
-requirements_key() { cat "$ROOT"/requirements*.txt | key; }
+requirements_key() { cat "$ROOT"/requirements{,-pip,-build,-study,-test}.txt | key; }
+web_key() { cat "$ROOT"/requirements-web.txt | key; }
 workspace_key() {
   {
     requirements_key
@@ -53,7 +60,7 @@ supported() {
 }
 
 look() { # what has to be done?
-  make_venv=no install=no build=no warm=no
+  make_venv=no install=no build=no warm=no browser=no
   requirements="$(requirements_key)" workspace="$(workspace_key)" compiled="$(kernels_key)"
   holds root "$ROOT" && [ -s "$KEYS/requirements" ] && [ -x "$VENV/bin/python" ] || make_venv=yes
   if [ -n "${PYTHON:-}" ] && ! holds python "$(python_version "$PYTHON")"; then make_venv=yes; fi
@@ -62,7 +69,8 @@ look() { # what has to be done?
   if [ -f "$SRC/tombo_bringup/tombo_bringup/warmup.py" ] && [ $kernels = yes ]; then
     if [ $build = yes ] || ! holds kernels "$compiled"; then warm=yes; fi
   fi
-  [ $make_venv$install$build$warm != nononono ]
+  if [ $web = yes ] && { [ $install = yes ] || ! holds web "$(web_key)"; }; then browser=yes; fi
+  [ $make_venv$install$build$warm$browser != nonononono ]
 }
 
 # --- What the system must have --------------------------------------------------------------
@@ -137,15 +145,24 @@ create_venv() {
   echo "$ROOT" >"$KEYS/root"
 }
 
+# Every archive must have a hash that is written there.
+pip_install() {
+  "$VENV/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off \
+    --require-hashes "$@"
+}
+
 install_requirements() {
-  rm -f "$KEYS"/{requirements,workspace,kernels}
-  # Every archive must have a hash that is written there, pip's own first.
-  local pip=("$VENV/bin/python" -m pip install --disable-pip-version-check --no-input
-    --progress-bar off --require-hashes)
-  "${pip[@]}" -r "$ROOT/requirements-pip.txt"
-  "${pip[@]}" -r "$ROOT/requirements.txt" -r "$ROOT/requirements-build.txt" \
+  rm -f "$KEYS"/{requirements,workspace,kernels,web}
+  pip_install -r "$ROOT/requirements-pip.txt"
+  pip_install -r "$ROOT/requirements.txt" -r "$ROOT/requirements-build.txt" \
     -r "$ROOT/requirements-study.txt" -r "$ROOT/requirements-test.txt"
   echo "$requirements" >"$KEYS/requirements"
+}
+
+install_web() {
+  rm -f "$KEYS/web"
+  pip_install -r "$ROOT/requirements-web.txt"
+  web_key >"$KEYS/web"
 }
 
 build_workspace() {
@@ -196,5 +213,6 @@ fi
 trap 'echo; echo "set-up: interrupted; the next run goes on from here" >&2; exit 130' INT TERM
 [ $make_venv = no ] || step 1 "making .venv with Python $version" create_venv
 [ $install = no ] || step 2 "installing the pinned requirements (1 GB on disk)" install_requirements
+[ $browser = no ] || step 2 "installing what the pages in a browser need (100 MB on disk)" install_web
 [ $build = no ] || step 3 "building the workspace" build_workspace
 [ $warm = no ] || step 4 "compiling the numerical kernels" compile_kernels

@@ -46,7 +46,10 @@ ROSDEP_KEY = {
     "zstandard": "mcap-ros2-support",
 }
 TEST_KEYS = {"python3-hypothesis", "python3-pytest"}
-WITHOUT_KEY = {"daqp", "distributed", "gymnasium", "openturns", "pyarrow", "pyulog", "ruptures"}
+WITHOUT_KEY = {
+    *("daqp", "distributed", "foxglove", "gymnasium", "openturns", "pyarrow", "pyulog"),
+    *("ruptures", "starlette", "uvicorn"),
+}
 """Imports for which rosdep has no key: from pip, which docs/nodes.md says."""
 
 
@@ -153,11 +156,11 @@ def test_no_manifest_has_a_key_that_rosdep_does_not_have(package: Path):
 
 
 def test_libraries_without_a_key_are_pinned_and_documented():
-    files = ("requirements.txt", "requirements-study.txt")
+    files = ("requirements.txt", "requirements-study.txt", "requirements-web.txt")
     pinned = "".join(f"\n{(ROOT / name).read_text()}" for name in files)
     page = (ROOT / "docs" / "nodes.md").read_text()
     for name in WITHOUT_KEY:
-        assert f"\n{name}==" in pinned
+        assert f"\n{name}==" in pinned or f"\n{name}-sdk==" in pinned
         assert f"`{name}`" in page
 
 

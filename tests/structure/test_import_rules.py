@@ -48,7 +48,15 @@ MAY_IMPORT = {
         "tombo_diagnosis",
     },
     "tombo": {*FLOWN, "tombo_flight", "tombo_logs", "tombo_diagnosis"},
-    "tombo_bringup": {*FLOWN, "tombo_flight", "tombo_logs", "tombo_diagnosis", "tombo_propeller"},
+    "tombo_web": {"tombo_dynamics", "tombo_bag", "tombo_flight"},
+    "tombo_bringup": {
+        *FLOWN,
+        "tombo_flight",
+        "tombo_logs",
+        "tombo_diagnosis",
+        "tombo_propeller",
+        "tombo_web",
+    },
     "tombo_benchmarks": {
         *FLOWN,
         "tombo_flight",

@@ -21,6 +21,7 @@ _COMMANDS: Final = (
     "flight.px4_command",
     "flight.hil_command",
     "flight.replay_command",
+    "live_command",
     "compare_command",
     "diagnose_command",
     "run_command",

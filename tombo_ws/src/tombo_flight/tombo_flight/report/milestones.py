@@ -199,7 +199,7 @@ def find_milestones(flight: Flight) -> FlightMilestones:
         lowest_s=lowest_s,
         lowest_m=lowest_m,
         phases=phase_spans(t, flight.log["mode"].reshape(-1)),
-        obstacle=_obstacle(flight.scenario),
+        obstacle=drawn_obstacle(flight.scenario),
     )
 
 
@@ -282,7 +282,8 @@ def _verdict(crashed: bool, collided: bool, recovery_s: float | None) -> FlightO
     return FlightOutcome.RECOVERED if recovery_s is not None else FlightOutcome.NOT_SETTLED
 
 
-def _obstacle(scenario: Mapping[str, Any]) -> DrawnObstacle | None:
+def drawn_obstacle(scenario: Mapping[str, Any]) -> DrawnObstacle | None:
+    """Return the obstacle of a scenario as flown; None: it has none."""
     values = scenario.get("obstacle")
     if not isinstance(values, Mapping):
         return None

@@ -1,0 +1,93 @@
+"""`tombo live`: a flight in the browser while it happens, or played back."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.options import TopicNames, option, topic_names
+from tombo_dynamics.errors import InputError
+
+if TYPE_CHECKING:
+    from tombo_bag.flight import Flight
+
+app = typer.Typer()
+
+LIVE_EXIT_CODES = "Exit code: 0 after Ctrl-C; 2 for bad input, or where `make live` was not run."
+SUITE = "suite"
+
+
+@app.command(epilog=LIVE_EXIT_CODES)
+def live(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="[SOURCE]",
+            help="suite: running nodes, also over PX4, and a lab's own topics. A recording or "
+            "another log. A scenario, which is flown headless first.",
+        ),
+    ] = SUITE,
+    seed: Annotated[int, option("--seed N", "Of a scenario.", min=0)] = 0,
+    mapping: Annotated[
+        str | None, option("--mapping FILE|NAME", "What the columns of a CSV are (docs/logs.md).")
+    ] = None,
+    maps: TopicNames = None,
+    speed: Annotated[
+        float, option("--speed X", "Recorded time over real time, 0.01 to 100.")
+    ] = 1.0,
+    host: Annotated[
+        str, option("--host ADDRESS", "Address to serve at; others than 127.0.0.1 need the token.")
+    ] = "127.0.0.1",
+    port: Annotated[int, option("--port P", "0: a free one.", min=0, max=65535)] = 8360,
+    foxglove: Annotated[
+        int | None,
+        option("--foxglove PORT", "Serve the same messages to Foxglove too.", min=1, max=65535),
+    ] = None,
+) -> None:
+    """Show a flight in the browser: 3-D scene, curves, states, faults; pause, step and seek.
+
+    Of a running suite it asks for hold, land and kill too, if the page is opened by the printed
+    address: its token is needed for them.
+    """
+    try:
+        from tombo_web.live import Address, serve_live
+    except ModuleNotFoundError as error:
+        raise InputError(f"{error.name} is not installed; accepted: after `make live`") from error
+    names, address = topic_names("--map", maps or []), Address(host, port, foxglove)
+    if source == SUITE:
+        text = json.dumps({**vars(address), "names": names})
+        os.execv(sys.executable, [sys.executable, "-m", "tombo_web.live_node", text])
+    from tombo_flight.report.milestones import drawn_obstacle
+    from tombo_web.playback import Playback
+
+    flight = _flight(source, seed, mapping, names)
+    obstacle = drawn_obstacle(flight.scenario)
+    known = None if obstacle is None else vars(obstacle)
+    serve_live(Playback(flight, speed), flight.name, address, flight.scenario, known)
+
+
+def _flight(source: str, seed: int, mapping: str | None, names: dict[str, str]) -> Flight:
+    """Return the flight of a file or a scenario."""
+    if Path(source).exists():
+        return _recorded(Path(source), mapping, names)
+    from tombo_flight.flight import fly_scenario
+    from tombo_flight.scenario import load_scenario
+
+    return fly_scenario(load_scenario(source), seed)
+
+
+def _recorded(path: Path, mapping: str | None, names: dict[str, str]) -> Flight:
+    from tombo_flight.recorded_flight import read_flight
+    from tombo_logs.readers.log_reader import read_logs
+
+    if mapping is None and not names:
+        try:
+            return read_flight(path)
+        except InputError:  # a log of other software
+            pass
+    return read_logs([path], mapping, names)[0]

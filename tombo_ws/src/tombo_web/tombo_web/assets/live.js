@@ -1,0 +1,319 @@
+"use strict";
+// A stream of frames: the scene, the curves, the states, and what is asked of the server.
+
+const KEPT_S = 60, SPAN_S = 20;
+const data = JSON.parse(document.getElementById("data").textContent);
+const find = (id) => document.getElementById(id);
+const token = new URLSearchParams(location.search).get("token") || "";
+if (token) history.replaceState(null, "", location.pathname);
+
+/** Rows that grow, in the form of a decoded flight; what is older than KEPT_S is forgotten. */
+class Rows {
+  constructor(columns) {
+    this.columns = columns;
+    this.clear();
+  }
+
+  clear() {
+    this.count = 0;
+    this.room = 4096;
+    this.store = { t: new Float32Array(this.room) };
+    for (const [name, width] of this.columns) this.store[name] = new Float32Array(this.room * width);
+    this.show();
+  }
+
+  /** Views of what is there, so that lookups by time see no more. */
+  show() {
+    this.t = this.store.t.subarray(0, this.count);
+    for (const [name, width] of this.columns) {
+      this[name] = { width, data: this.store[name].subarray(0, this.count * width) };
+    }
+  }
+
+  add(time, row) {
+    if (this.count && time < this.t[this.count - 1]) return;
+    if (this.count === this.room) this.forget(time - KEPT_S);
+    this.store.t[this.count] = time;
+    let at = 0;
+    for (const [name, width] of this.columns) {
+      for (let k = 0; k < width; k++) this.store[name][this.count * width + k] = row[at++] ?? NaN;
+    }
+    this.count++;
+    this.show();
+  }
+
+  forget(before) {
+    const first = Math.max(indexAt(this.t, before), this.room >> 1);
+    this.store.t.copyWithin(0, first);
+    for (const [name, width] of this.columns) this.store[name].copyWithin(0, first * width);
+    this.count -= first;
+  }
+}
+
+class Live {
+  constructor() {
+    this.curves = new Map();
+    this.picked = [];
+    this.now = 0;
+    this.wire();
+    this.connect();
+    this.tick = this.tick.bind(this);
+    requestAnimationFrame(this.tick);
+    document.documentElement.dataset.ready = "yes";
+  }
+
+  connect() {
+    const address = new URL("stream", location.href);
+    address.protocol = address.protocol.replace("http", "ws");
+    if (token) address.searchParams.set("token", token);
+    this.socket = new WebSocket(address);
+    this.socket.addEventListener("message", (event) => this.receive(JSON.parse(event.data)));
+    this.socket.addEventListener("open", () => this.linked("connected", "good"));
+    this.socket.addEventListener("close", () => {
+      this.linked("no connection", "bad");
+      setTimeout(() => this.connect(), 1000);
+    });
+  }
+
+  linked(text, style) {
+    find("link").textContent = text;
+    find("link").className = `verdict ${style}`;
+  }
+
+  ask(what, value = null) {
+    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify({ do: what, value }));
+  }
+
+  receive(message) {
+    const act = {
+      hello: () => this.begin(message),
+      frame: () => this.frame(message),
+      picked: () => this.pickedNow(message.picked),
+      playing: () => this.playing(message),
+      answer: () => { find("answer").textContent = `${message.request}: ${message.message}`; },
+      refused: () => { find("refused").textContent = message.message; },
+    }[message.kind];
+    if (act) act();
+  }
+
+  begin(hello) {
+    this.rows = new Rows(hello.columns);
+    this.curves.clear();
+    this.marks = { ...data.milestones, obstacle: null, x_c_m: null, x_r_m: null, n_r: null };
+    find("changes").replaceChildren();
+    this.seekable = hello.seekable;
+    find("playback").hidden = !hello.seekable;
+    find("operator").hidden = !hello.operable;
+    if (hello.seekable) Object.assign(find("time"), { min: hello.first_s, max: hello.last_s });
+    this.offer(hello.signals);
+    hello.frames.forEach((frame) => this.frame(frame));
+    if (hello.picked.length) this.pickedNow(hello.picked);
+    else this.ask("pick", data.first_picked.filter((name) => hello.signals.includes(name)));
+  }
+
+  offer(signals) {
+    find("signals").replaceChildren(...signals.map((name) => Object.assign(document.createElement("option"), { value: name })));
+    this.offered = signals;
+  }
+
+  frame(frame) {
+    this.now = frame.t;
+    this.rows.add(frame.t, frame.row);
+    if (frame.signals) {
+      this.offer(frame.signals);
+      if (!this.picked.length) this.ask("pick", data.first_picked.filter((name) => frame.signals.includes(name)));
+    }
+    for (const [name, value] of Object.entries(frame.values)) {
+      if (!this.curves.has(name)) this.curves.set(name, []);
+      const curve = this.curves.get(name);
+      curve.push([frame.t, value]);
+      if (curve[0][0] < frame.t - 2 * KEPT_S) curve.splice(0, curve.length >> 1);
+    }
+    Object.assign(this.marks, frame.marks, { obstacle: frame.obstacle });
+    if (this.marks.x_c_m && this.marks.contact_height_m === null) this.marks.contact_height_m = this.marks.x_c_m[2];
+    for (const change of frame.changes) this.change(change);
+    this.last = frame;
+    if (frame.playing) this.playing(frame.playing);
+  }
+
+  change({ time_s, kind, text }) {
+    const line = document.createElement("li"), time = document.createElement("time");
+    line.className = kind.replace(/\W/g, "");
+    time.textContent = `${time_s.toFixed(2)} s`;
+    line.append(time, text);
+    find("changes").prepend(line);
+    while (find("changes").children.length > 200) find("changes").lastChild.remove();
+  }
+
+  playing({ paused, speed }) {
+    find("play").textContent = paused ? "▶" : "❚❚";
+    find("play").setAttribute("aria-label", paused ? "Play" : "Pause");
+    this.paused = paused;
+    if (document.activeElement !== find("speed")) find("speed").value = String(speed);
+  }
+
+  // -- drawing ---------------------------------------------------------------------------
+
+  tick() {
+    requestAnimationFrame(this.tick);
+    if (!this.rows || !this.rows.count || this.drawn === this.last && !this.scene?.camera.moving) return;
+    this.drawn = this.last;
+    if (!this.scene) this.makeScene();
+    this.scene.flight = this.rows;
+    this.scene.milestones = this.marks;
+    if (!this.trailed || Math.abs(this.now - this.trailed) > 0.3) {
+      this.scene.trail = this.scene.thinTrail();
+      this.trailed = this.now;
+    }
+    this.scene.camera.glide(0.03);
+    this.scene.draw(this.now);
+    this.write();
+    this.drawCurves();
+  }
+
+  makeScene() {
+    this.scene = new Scene(find("scene"), this.rows, this.marks);
+    this.scene.camera.places.action.reach = 2.4;
+    this.scene.camera.following = true;
+    this.scene.camera.look("action");
+    this.scene.readColours();
+    window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.scene.readColours());
+  }
+
+  write() {
+    const { rows, last, now } = this, at = (name) => rowAt(rows, name, now);
+    find("clock-time").textContent = `${now.toFixed(2)} s`;
+    const phase = find("clock-phase");
+    phase.textContent = last.state.phase || "";
+    phase.style.background = data.milestones.phase_colours[Math.round(heldAt(rows, "mode", now)[0])] || "";
+    list(find("gauges"), [
+      ["height", `${at("position")[2].toFixed(2)} m`],
+      ["speed", `${Math.hypot(...at("velocity")).toFixed(2)} m/s`],
+      ["tilt", `${tiltOf(attitudeAt(rows, now)).toFixed(1)} °`],
+      ["front-left thrust", `${at("rotor_thrust")[2].toFixed(2)} N`],
+      ["front-left speed", `${((at("rotor_speed")[2] * 30) / Math.PI).toFixed(0)} rpm`],
+      ["front-left fold", `${(100 * at("fold")[2]).toFixed(0)} %`],
+    ]);
+    const { pose } = last, shown = (x) => (x === null ? "–" : `${x.toFixed(0)} ms`);
+    const states = Object.entries(last.state).filter(([key]) => key !== "pose" && !key.startsWith("node "));
+    const faulty = Object.entries(last.state).filter(([key, text]) => key.startsWith("node ") && !text.includes(": ok"));
+    list(find("states"), [
+      ["poses", `latency ${shown(pose.latency_ms)}, age ${shown(pose.age_ms)}`, pose.silent ? "bad" : ""],
+      ...states.map(([key, text]) => [key.replace(/^\//, "").replace(/_/g, " "), text]),
+      ...faulty.map(([, text]) => ["node", text, "bad"]),
+    ]);
+    if (this.seekable && document.activeElement !== find("time")) find("time").value = String(now);
+  }
+
+  drawCurves() {
+    const colour = (name) => this.scene.colour(name), end = this.now, start = end - SPAN_S;
+    for (const strip of find("strips").children) {
+      const curve = (this.curves.get(strip.dataset.name) || []).filter(([t, v]) => t >= start && v !== null);
+      const canvas = strip.querySelector("canvas"), sharp = window.devicePixelRatio || 1;
+      const width = canvas.clientWidth, height = canvas.clientHeight, pen = canvas.getContext("2d");
+      canvas.width = width * sharp;
+      canvas.height = height * sharp;
+      pen.setTransform(sharp, 0, 0, sharp, 0, 0);
+      let low = Infinity, high = -Infinity;
+      for (const [, v] of curve) { low = Math.min(low, v); high = Math.max(high, v); }
+      strip.querySelector("output").textContent = curve.length ? curve.at(-1)[1].toPrecision(4) : "–";
+      if (!(low <= high)) continue;
+      const { ticks, digits } = niceTicks(low - 1e-3, high + 1e-3 + (high - low) * 0.05, 3);
+      const x = (t) => 44 + ((t - start) / SPAN_S) * (width - 50);
+      const y = (v) => height - 6 - ((v - low) / Math.max(high - low, 1e-3)) * (height - 12);
+      pen.font = "10px system-ui, sans-serif";
+      pen.textAlign = "right";
+      for (const tick of ticks) {
+        pen.fillStyle = colour("muted");
+        pen.fillText(tick.toFixed(digits), 40, y(tick) + 3);
+        pen.strokeStyle = colour("line");
+        pen.beginPath();
+        pen.moveTo(44, y(tick));
+        pen.lineTo(width, y(tick));
+        pen.stroke();
+      }
+      pen.strokeStyle = colour("blue");
+      pen.lineWidth = 1.5;
+      pen.beginPath();
+      curve.forEach(([t, v], i) => (i ? pen.lineTo(x(t), y(v)) : pen.moveTo(x(t), y(v))));
+      pen.stroke();
+    }
+  }
+
+  // -- what is asked ---------------------------------------------------------------------
+
+  pickedNow(names) {
+    this.picked = names;
+    find("refused").textContent = "";
+    const strips = names.map((name) => {
+      const old = [...find("strips").children].find((strip) => strip.dataset.name === name);
+      if (old) return old;
+      const strip = document.createElement("div"), head = document.createElement("header");
+      const drop = Object.assign(document.createElement("button"), { textContent: "×", title: `remove ${name}` });
+      drop.setAttribute("aria-label", drop.title);
+      drop.addEventListener("click", () => this.ask("pick", this.picked.filter((other) => other !== name)));
+      const text = document.createElement("span");
+      text.append(`${name}  `, document.createElement("output"));
+      head.append(text, drop);
+      strip.className = "strip";
+      strip.dataset.name = name;
+      strip.append(head, document.createElement("canvas"));
+      return strip;
+    });
+    find("strips").replaceChildren(...strips);
+  }
+
+  wire() {
+    const add = () => {
+      if (find("pick").value) this.ask("pick", [...new Set([...this.picked, find("pick").value])]);
+      find("pick").value = "";
+    };
+    find("add").addEventListener("click", add);
+    find("pick").addEventListener("keydown", (event) => { if (event.key === "Enter") add(); });
+    find("play").addEventListener("click", () => this.ask(this.paused ? "play" : "pause"));
+    find("step").addEventListener("click", () => this.ask("step", 0.01));
+    find("speed").addEventListener("change", (event) => this.ask("speed", Number(event.target.value)));
+    find("time").addEventListener("input", (event) => this.ask("seek", Number(event.target.value)));
+    for (const button of document.querySelectorAll("[data-ask]")) {
+      button.addEventListener("click", () => this.ask(button.dataset.ask));
+    }
+    for (const button of document.querySelectorAll("[data-view]")) {
+      button.addEventListener("click", () => {
+        const camera = this.scene?.camera;
+        if (!camera) return;
+        if (button.dataset.view === "follow") camera.following = !camera.following;
+        else camera.look(button.dataset.view);
+        document.querySelector("[data-view=follow]").setAttribute("aria-pressed", String(camera.following));
+      });
+    }
+    document.addEventListener("keydown", (event) => {
+      if (!this.seekable || ["INPUT", "SELECT"].includes(event.target.tagName) || event.ctrlKey || event.altKey) return;
+      if (event.key === " " && event.target.tagName === "BUTTON") return;
+      const act = {
+        " ": () => this.ask(this.paused ? "play" : "pause"),
+        ".": () => this.ask("step", 0.01),
+        ArrowLeft: () => this.ask("seek", this.now - 1),
+        ArrowRight: () => this.ask("seek", this.now + 1),
+      }[event.key];
+      if (!act) return;
+      event.preventDefault();
+      act();
+    });
+  }
+}
+
+/** Fill a definition list with rows [name, text, style?], without making it anew. */
+function list(node, rows) {
+  while (node.children.length < 2 * rows.length) {
+    node.append(document.createElement("dt"), document.createElement("dd"));
+  }
+  while (node.children.length > 2 * rows.length) node.lastChild.remove();
+  rows.forEach(([name, text, style = ""], i) => {
+    const dt = node.children[2 * i], dd = node.children[2 * i + 1];
+    if (dt.textContent !== name) dt.textContent = name;
+    if (dd.textContent !== text) dd.textContent = text;
+    dd.className = style;
+  });
+}
+
+window.live = new Live();

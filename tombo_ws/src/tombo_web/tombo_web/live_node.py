@@ -1,0 +1,207 @@
+"""The live page of a running suite, or of a lab's own nodes.
+
+python -m tombo_web.live_node '{"host": …, "port": …, "foxglove": …, "names": {…}}'
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, Final
+
+import rclpy
+from rclpy.serialization import deserialize_message
+
+from tombo_bag.message_codec import FORMS, MessageCodec
+from tombo_bag.topics import DIAGNOSTICS, MARKERS, POSE_TYPES, PX4_STATUS, TF, TOPICS, TopicSpec
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.time_base import SECOND_NS
+from tombo_ros.operator_requests import OperatorRequests
+from tombo_ros.topic import PolledSubscription, message_class
+from tombo_web.live import Address, serve_live
+from tombo_web.live_view import TopicMessage
+
+_FAST_HZ: Final = 60.0
+"""Of a faster topic the newest message is enough."""
+_DEPTH: Final = 100
+_NOT_READ: Final = (TF.name, "/clock")
+_FIND_S: Final = 5.0
+"""How long a lab's topic is waited for."""
+
+
+Reader = Callable[[bytes], Mapping[str, Any]]
+"""Bytes of a message → its fields by name."""
+
+
+class RunningSuite:
+    """Polls the topics; no callback, no executor, so it costs the nodes nothing."""
+
+    seekable = False
+
+    def __init__(self, names: Mapping[str, str]) -> None:
+        """Subscribe to the suite's topics.
+
+        Args:
+            names: topic of the lab → topic of the suite that it stands for.
+
+        Raises:
+            InputError: a name is unknown, or nothing publishes the lab's topic.
+        """
+        for theirs, name in names.items():
+            if name not in TOPICS:
+                raise unknown_name(f"topic for '{theirs}'", name, TOPICS)
+        rclpy.init()
+        self._node = rclpy.create_node("tombo_live")
+        self._began_ns = time.time_ns()
+        self.obstacle: dict[str, float] | None = None
+        self._taken: list[
+            tuple[str, PolledSubscription, Callable[[bytes], Mapping[str, Any]]]
+        ] = []
+        replaced = set(names.values())
+        for spec in TOPICS.values():
+            if spec.name not in replaced and spec.name not in _NOT_READ:
+                self._subscribe(spec.name, spec)
+        for theirs, name in names.items():
+            self._subscribe(name, replace(TOPICS[name], name=theirs, typename=self._type(theirs)))
+        self._requests: OperatorRequests | None = None
+        self._answers: list[dict[str, Any]] = []
+
+    @property
+    def now_s(self) -> float:
+        """Time since the page's start [s]."""
+        return (time.time_ns() - self._began_ns) / SECOND_NS
+
+    def begin(self) -> list[TopicMessage]:
+        """Return nothing: what is latched comes by itself."""
+        return []
+
+    def advance(self, elapsed_s: float) -> list[TopicMessage]:
+        """Return what has come since the last call, in the order of arrival."""
+        messages = []
+        for name, subscription, read in self._taken:
+            for data, received_ns in subscription.take_raw():
+                try:
+                    fields = read(data)
+                except (InputError, ValueError):  # another frame or version: the node says so
+                    continue
+                arrival_s = (received_ns - self._began_ns) / SECOND_NS
+                stamp_ns = fields.get("stamp_ns", received_ns)
+                time_s = (int(stamp_ns) - self._began_ns) / SECOND_NS
+                messages.append(TopicMessage(name, fields, time_s, arrival_s))
+                self.obstacle = fields.get("obstacle", self.obstacle)
+        return sorted(messages, key=lambda message: message.arrival_s)
+
+    def request(self, name: str) -> None:
+        """Call the operator's service hold, land or kill, over PX4 the bridge's."""
+        if self._requests is None:
+            px4 = bool(self._node.get_publishers_info_by_topic(PX4_STATUS.name))
+            self._requests = OperatorRequests(self._node, px4=px4)
+        self._answers += self._requests.read(f"{name}\n")
+
+    def answers(self) -> list[dict[str, Any]]:
+        """Return what the nodes have answered since the last call."""
+        more = [] if self._requests is None else self._requests.answers()
+        answers, self._answers = [*self._answers, *more], []
+        return [{"kind": "answer", **answer["answer"]} for answer in answers]
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def _subscribe(self, name: str, spec: TopicSpec) -> None:
+        depth = 1 if spec.rate_hz > _FAST_HZ else _DEPTH
+        subscription = PolledSubscription(self._node, spec, depth)
+        self._taken.append((name, subscription, _reader(spec.typename)))
+
+    def _type(self, topic: str) -> str:
+        """Return the type of a topic of the graph.
+
+        Raises:
+            InputError: nothing publishes it.
+        """
+        end_s = time.monotonic() + _FIND_S
+        while time.monotonic() < end_s:
+            for name, types in self._node.get_topic_names_and_types():
+                if name == topic:
+                    return str(types[0])
+            time.sleep(0.05)
+        raise InputError(f"--map '{topic}': nothing publishes it; accepted: a topic of the graph")
+
+
+def _reader(typename: str) -> Reader:
+    """Return what reads the bytes of a message as fields by name."""
+    if typename in FORMS:
+        codec = MessageCodec(typename)
+        return lambda data: vars(codec.decode(data))
+    kind = message_class(typename)
+    if typename == DIAGNOSTICS.typename:
+        return lambda data: {"nodes": _nodes(deserialize_message(data, kind))}
+    if typename == MARKERS.typename:
+        return lambda data: _obstacle(deserialize_message(data, kind))
+    if typename in POSE_TYPES:
+        return lambda data: _pose(deserialize_message(data, kind), *POSE_TYPES[typename])
+    return lambda data: _numbers(deserialize_message(data, kind))
+
+
+def _nodes(message: Any) -> list[tuple[str, int, str]]:
+    levels = ((s.name, s.level, s.message) for s in message.status)
+    return [(n, v[0] if isinstance(v, bytes) else int(v), text) for n, v, text in levels]
+
+
+def _obstacle(message: Any) -> dict[str, Any]:
+    for marker in message.markers:
+        if marker.ns == "obstacle":
+            at, scale = marker.pose.position, marker.scale
+            return {
+                "obstacle": {"x_m": at.x, "y_m": at.y, "radius_m": scale.x / 2, "top_m": scale.z}
+            }
+    return {}
+
+
+def _pose(message: Any, position: str, attitude: str) -> dict[str, Any]:
+    p, q = _inside(message, position), _inside(message, attitude)
+    stamp = message.header.stamp
+    return {
+        "stamp_ns": stamp.sec * SECOND_NS + stamp.nanosec,
+        "position": (p.x, p.y, p.z),
+        "attitude": (q.x, q.y, q.z, q.w),
+    }
+
+
+def _numbers(message: Any) -> dict[str, Any]:
+    names = message.get_fields_and_field_types()
+    return {n: v for n in names if isinstance(v := getattr(message, n), int | float)}
+
+
+def _inside(message: Any, path: str) -> Any:
+    for name in path.split("."):
+        message = getattr(message, name)
+    return message
+
+
+def main() -> None:
+    """Serve the page; a bad argument is said in a line, exit code 2."""
+    given = json.loads(sys.argv[1])
+    names = given.pop("names")
+    try:
+        suite = RunningSuite(names)
+        try:
+            serve_live(suite, "Running suite", Address(**given))
+        finally:
+            suite.close()
+    except InputError as error:
+        sys.exit(refuse(str(error)))
+
+
+def refuse(message: str) -> int:
+    """Print why it does not start; return the exit code."""
+    print(f"Error: {message}", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    main()

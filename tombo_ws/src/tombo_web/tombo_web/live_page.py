@@ -1,0 +1,62 @@
+"""The page of `tombo live`: one HTML text, with the scene of the flight report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import resources
+from typing import Any, Final
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from tombo_flight.report import style
+from tombo_flight.report.html import asset
+from tombo_flight.report.milestones import PHASE_NAMES
+from tombo_flight.report.replay_data import DrawnAirframe, script_json
+
+_SCENE: Final = ("flight.js", "camera.js", "vehicle.js", "scene.js", "charts.js")
+FIRST_PICKED: Final = (
+    "/odometry.position.z",
+    "/detector/status.statistic",
+    "/ground_truth/rotors.thrust.2",
+    "/mocap/pose.position.z",
+)
+"""Signals drawn as curves where nobody has picked others, as far as they come."""
+
+
+def live_page(title: str, scenario: Mapping[str, Any]) -> str:
+    """Return the HTML of the page; it loads nothing from anywhere.
+
+    Args:
+        title: what is shown.
+        scenario: of the flight, for the lengths of the vehicle; empty: the default vehicle.
+    """
+    airframe = DrawnAirframe.of(scenario)
+    colours = [style.PHASE_COLOURS.get(i, style.FAINT) for i in range(len(PHASE_NAMES))]
+    instants = ("contact_s", "unstable_end_s", "recovery_end_s", "contact_height_m", "lowest_m")
+    milestones = {
+        **dict.fromkeys(instants),
+        "verdict": "",
+        "phase_colours": colours,
+        "shape": {
+            "rotors_m": airframe.rotors_m,
+            "disc_m": airframe.rotor_radius,
+            "nodus_m": airframe.nodus_radius,
+            "leg_m": airframe.leg_height,
+        },
+    }
+    environment = Environment(
+        loader=PackageLoader("tombo_web", "assets"), autoescape=True, undefined=StrictUndefined
+    )
+    environment.globals["asset"] = lambda name: Markup(asset(name))
+    return environment.get_template("live.html.j2").render(
+        title=title,
+        scripts=_SCENE,
+        css=Markup(_text("live.css")),
+        script=Markup(_text("live.js")),
+        data=Markup(script_json({"milestones": milestones, "first_picked": FIRST_PICKED})),
+    )
+
+
+def _text(name: str) -> str:
+    return (resources.files("tombo_web") / "assets" / name).read_text(encoding="utf-8")

@@ -1,0 +1,207 @@
+"""Serves one page and its stream on this machine, or with a token on others."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+import socket
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from tombo_dynamics.errors import InputError
+from tombo_web.live_session import FRAME_HZ, LiveSession
+
+_QUEUED: Final = 15
+"""Frames that a slow page may be behind; older ones are left out."""
+_LONGEST_REQUEST: Final = 4096
+_LOCAL: Final = ("127.0.0.1", "localhost", "::1")
+
+
+@dataclass(frozen=True)
+class Access:
+    """Who may see a page, and who may command.
+
+    On this machine everybody sees; elsewhere who has the token. Commands need the token and the
+    page's own origin everywhere: another page of the same browser has neither.
+    """
+
+    host: str
+    port: int
+    token: str
+
+    @classmethod
+    def new(cls, host: str, port: int) -> Access:
+        """Return access with a token of its own."""
+        return cls(host, port, secrets.token_urlsafe(18))
+
+    @property
+    def url(self) -> str:
+        """The address of the page, with its token."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"http://{host}:{self.port}/?token={self.token}"
+
+    def sees(self, connection: HTTPConnection) -> bool:
+        """Return whether a client may see the page: by its name for the server and its token.
+
+        The name keeps out pages whose own name was turned to this address.
+        """
+        name = urlsplit(f"//{connection.headers.get('host', '')}").hostname or ""
+        if self._has_token(connection):
+            return True
+        return self.host in _LOCAL and name in _LOCAL and self._is_same_origin(connection, True)
+
+    def commands(self, connection: HTTPConnection) -> bool:
+        """Return whether a client may command the vehicle."""
+        return self._has_token(connection) and self._is_same_origin(connection, False)
+
+    def _has_token(self, connection: HTTPConnection) -> bool:
+        given = connection.query_params.get("token", "")
+        return secrets.compare_digest(given.encode(), self.token.encode())
+
+    @staticmethod
+    def _is_same_origin(connection: HTTPConnection, without: bool) -> bool:
+        """Return whether a request is of the page itself; `without`: what is said of no origin."""
+        origin = connection.headers.get("origin")
+        if origin is None:
+            return without
+        return urlsplit(origin).netloc == connection.headers.get("host", "")
+
+
+def bound_socket(host: str, port: int) -> socket.socket:
+    """Return a socket that listens at an address.
+
+    Raises:
+        InputError: the address is not this machine's, or taken.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((host, port))
+    except OSError as error:
+        listener.close()
+        reason = error.strerror or str(error)
+        raise InputError(
+            f"{host}:{port}: {reason}; accepted: an address of this machine and a free port"
+        ) from error
+    return listener
+
+
+class LiveServer:
+    """Makes frames at 30 Hz and sends them to every page."""
+
+    def __init__(
+        self,
+        session: LiveSession,
+        access: Access,
+        page: str,
+        publish: Callable[[LiveSession], None] | None = None,
+    ) -> None:
+        """Serve a session.
+
+        Args:
+            session: source and view.
+            access: who may see and command.
+            page: the HTML text.
+            publish: called after each frame, as to pass the messages on to Foxglove.
+        """
+        self._session, self._access, self._page = session, access, page
+        self._publish = publish
+        self._clients: set[asyncio.Queue[str]] = set()
+        self.app = Starlette(
+            routes=[Route("/", self._index), WebSocketRoute("/stream", self._stream)],
+            lifespan=self._lifespan,
+        )
+
+    def run(self, listener: socket.socket) -> None:
+        """Serve until the process is asked to stop."""
+        config = uvicorn.Config(
+            self.app, log_level="warning", ws="websockets-sansio", ws_max_size=_LONGEST_REQUEST,
+            timeout_graceful_shutdown=1,
+        )  # fmt: skip
+        uvicorn.Server(config).run(sockets=[listener])
+
+    async def _index(self, request: Request) -> Response:
+        if not self._access.sees(request):
+            return PlainTextResponse("accepted: the address with its token", 403)
+        return HTMLResponse(self._page, headers={"Cache-Control": "no-store",
+                                                 "Referrer-Policy": "no-referrer"})  # fmt: skip
+
+    @asynccontextmanager
+    async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
+        frames = asyncio.create_task(self._make_frames())
+        yield
+        frames.cancel()
+
+    async def _make_frames(self) -> None:
+        due = last = time.monotonic()
+        while True:
+            due = max(due + 1.0 / FRAME_HZ, time.monotonic() - 1.0 / FRAME_HZ)
+            await asyncio.sleep(max(0.0, due - time.monotonic()))
+            now = time.monotonic()
+            frame, last = self._session.advance(now - last), now
+            if self._publish is not None:
+                self._publish(self._session)
+            for answer in self._session.answers():
+                self._send(answer)
+            if self._session.sought():
+                self._send(self._session.hello())
+            self._send(frame)
+
+    def _send(self, message: dict[str, Any]) -> None:
+        if not self._clients:
+            return
+        text = json.dumps(message, separators=(",", ":"))
+        for queue in self._clients:
+            _put(queue, text)
+
+    async def _stream(self, client: WebSocket) -> None:
+        if not self._access.sees(client):
+            await client.close(1008)
+            return
+        await client.accept()
+        queue: asyncio.Queue[str] = asyncio.Queue(_QUEUED)
+        queue.put_nowait(json.dumps(self._session.hello(), separators=(",", ":")))
+        self._clients.add(queue)
+        sending = asyncio.create_task(_send_all(client, queue))
+        try:
+            while True:
+                _put(queue, json.dumps(self._answer(await client.receive_text(), client)))
+        except (WebSocketDisconnect, RuntimeError):
+            pass
+        finally:
+            self._clients.discard(queue)
+            sending.cancel()
+
+    def _answer(self, text: str, client: WebSocket) -> dict[str, Any]:
+        try:
+            request = json.loads(text)
+            if not isinstance(request, dict):
+                raise InputError("accepted: an object with 'do' and 'value'")
+            trusted = self._access.commands(client)
+            return self._session.obey(request, time.monotonic(), trusted=trusted)
+        except (InputError, ValueError) as error:
+            return {"kind": "refused", "message": str(error)}
+
+
+def _put(queue: asyncio.Queue[str], text: str) -> None:
+    if queue.full():
+        queue.get_nowait()
+    queue.put_nowait(text)
+
+
+async def _send_all(client: WebSocket, queue: asyncio.Queue[str]) -> None:
+    while True:
+        await client.send_text(await queue.get())
