@@ -24,6 +24,7 @@ _COMMANDS: Final = (
     "live_command",
     "compare_command",
     "diagnose_command",
+    "why_command",
     "run_command",
     "flight.sweep_command",
     "flight.risk_command",

@@ -1,0 +1,1 @@
+"""Simulated crashes of known causes, of which `tombo why` is asked."""

@@ -1,0 +1,107 @@
+"""`tombo why`: why one flight went wrong, from its log alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.options import (
+    Force,
+    TopicNames,
+    json_option,
+    option,
+    output_option,
+    topic_names,
+)
+from tombo_bringup.cli.result_files import compute_into, results_folder
+from tombo_bringup.cli.tables import show_page
+from tombo_dynamics.errors import InputError
+
+if TYPE_CHECKING:
+    from tombo_bringup.cli.progress import ProgressCallback
+    from tombo_diagnosis.crash.reason import Why
+    from tombo_flight.process.output_folder import OutputFolder
+
+app = typer.Typer()
+WHY_FILES = ("why.json", "report.html")
+
+
+@app.command(
+    epilog="Exit code: 0 whatever the answer; 2 for bad input or output that can't be written; "
+    "130 after Ctrl-C."
+)
+def why(
+    log: Annotated[
+        Path,
+        typer.Argument(
+            metavar="LOG",
+            help="A flight: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV.",
+            show_default=False,
+        ),
+    ],
+    mapping: Annotated[
+        str | None,
+        option(
+            "--mapping FILE|NAME",
+            "What the columns of a CSV are, in which units and frames (docs/logs.md).",
+        ),
+    ] = None,
+    maps: TopicNames = None,
+    output: Annotated[
+        str | None,
+        output_option(
+            "Folder of the results, new or empty. Default: runs/why-LOG, numbered; with --json "
+            "nothing is written."
+        ),
+    ] = None,
+    force: Force = False,
+    as_json: Annotated[bool, json_option("Print why.json, and nothing else.")] = False,
+) -> None:
+    """Say when a flight first went wrong, why, and what shows it.
+
+    From one log of a crash or a bad flight, and no other: the first deviation, the most probable
+    cause of it, and the signs before and after as a time line.
+    """
+    from tombo_diagnosis.report.why_page import why_page
+
+    names = topic_names("--map", maps or [])
+    path = results_folder(output, "why", log.name.split(".")[0], as_json, "log")
+    found, path, written = compute_into(
+        path, force, WHY_FILES,
+        lambda on_progress: run(log, mapping, names, on_progress),
+        lambda folder, found, on_progress: write(folder, found),
+        numbered=output is None,
+    )  # fmt: skip
+    show_page(why_page(found), as_json, None if as_json else path, written)
+
+
+def write(folder: OutputFolder, found: Why) -> None:
+    """Write the files of an answer into an output folder, which the caller publishes."""
+    from tombo_diagnosis.report.why_page import why_page
+    from tombo_flight.report.html import write_page
+    from tombo_flight.report.page import page_json
+
+    page = why_page(found)
+    (folder / WHY_FILES[0]).write_text(page_json(page), encoding="utf-8", newline="\n")
+    write_page(folder / WHY_FILES[1], page)
+
+
+def run(
+    log: Path, mapping: str | None, names: dict[str, str], on_progress: ProgressCallback
+) -> Why:
+    """Read a log and say why it went wrong.
+
+    Raises:
+        InputError: the log or the mapping can't be used, or it is a folder of several.
+    """
+    on_progress(f"reading {log.name}", 0.0)
+    from tombo_diagnosis.crash.reason import why as why_of
+    from tombo_logs.readers.log_reader import read_logs
+
+    flights = read_logs([log], mapping=mapping, names=names)
+    if len(flights) > 1:
+        raise InputError(f"'{log}' holds {len(flights)} logs; accepted: one")
+    on_progress("looking for what went wrong", 0.5)
+    return why_of(flights[0])

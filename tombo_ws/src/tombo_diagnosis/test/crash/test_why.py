@@ -1,0 +1,124 @@
+"""What is said of a flight that went wrong: on made-up logs and on real ones."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tombo_bag.flight import Flight, Series
+from tombo_diagnosis.crash.reason import why
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.vehicle import GRAVITY
+from tombo_logs.readers.csv_mapping import load_mapping, parse_mapping
+from tombo_logs.readers.log_reader import read_log
+
+DATA = Path(__file__).parents[6] / "shared" / "data"
+CRAZYSWARM = """\
+time: {column: t_s, unit: s}
+channels:
+  position: {columns: [stateEstimateZ.x, stateEstimateZ.y, stateEstimateZ.z], unit: mm}
+  attitude: {columns: [ctrlLee.rpyx, ctrlLee.rpyy, ctrlLee.rpyz], order: rpy, unit: rad}
+  gyro: {columns: [ctrlLee.omegax, ctrlLee.omegay, ctrlLee.omegaz], unit: rad/s}
+"""
+AT, END = 4.0, 6.0
+
+
+def hover(**changed):
+    """A hover of 6 s at 1.5 m with noise; `changed`: channel → function of (t, values)."""
+    rng = np.random.default_rng(5)
+    t = np.arange(0.0, END, 0.01)
+    values = {
+        "position": np.column_stack([0.1 * np.sin(t), 0.1 * np.cos(t), 1.5 + 0.0 * t])
+        + 0.0005 * rng.standard_normal((t.size, 3)),
+        "attitude": np.tile([0.0, 0.0, 0.0, 1.0], (t.size, 1))
+        + 0.001 * rng.standard_normal((t.size, 4)),
+        "gyro": 0.02 * rng.standard_normal((t.size, 3)),
+        "accel": [0.0, 0.0, GRAVITY] + 0.1 * rng.standard_normal((t.size, 3)),
+        "rotor_command": 500.0 + 3.0 * rng.standard_normal((t.size, 4)),
+    }
+    for name, change in changed.items():
+        values[name] = change(t, values[name])
+    return Flight.measured("hover", "", {n: Series(t, np.array(v)) for n, v in values.items()})
+
+
+def falling(t, position):
+    since = np.clip(t - AT, 0.0, 0.5)
+    return position - np.outer(0.5 * GRAVITY * since**2, [0.0, 0.0, 1.0])
+
+
+def swinging(t, gyro):
+    size = np.where(t > AT, 3.0 * np.minimum(t - AT, 1.0), 0.0)
+    return gyro + np.outer(size * np.sin(2 * np.pi * 4.0 * t), [1.0, 0.0, 0.0])
+
+
+def struck(t, accel):
+    return accel + np.outer(60.0 * np.exp(-(((t - AT) / 0.015) ** 2)), [1.0, 0.0, 0.0])
+
+
+def stopped(t, command):
+    return np.where((t > AT)[:, None], 0.0, command)
+
+
+def held(t, values):
+    return np.where((t > AT)[:, None], values[np.argmax(t > AT)], values)
+
+
+@pytest.mark.parametrize(
+    ("changed", "cause"),
+    [
+        ({}, "none"),
+        ({"position": falling, "rotor_command": stopped}, "kill"),
+        ({"gyro": swinging}, "oscillation"),
+        ({"accel": struck}, "contact"),
+        ({"position": held, "attitude": held}, "loss_of_position"),
+        ({"position": falling}, "unknown"),
+    ],
+)
+def test_cause_and_time_of_what_goes_wrong(changed, cause):
+    found = why(hover(**changed))
+    assert found.cause == cause
+    if cause == "none":
+        assert found.time_s is None
+    else:
+        assert found.time_s == pytest.approx(
+            AT, abs=0.2 if cause in ("oscillation", "unknown") else 0.1
+        )
+        assert found.timeline
+
+
+def test_a_log_without_positions_is_refused():
+    log = hover()
+    without = log.with_series({n: s for n, s in log.series.items() if n != "position"})
+    with pytest.raises(InputError, match="needed to say why it crashed: position"):
+        why(without)
+
+
+def real(path, mapping):
+    path = DATA / path
+    if not path.is_file():
+        pytest.skip(f"no {path}")
+    return why(read_log(path, path.name, mapping))
+
+
+@pytest.mark.slow
+def test_the_flip_of_a_real_crash_is_timed():
+    found = real("crazyswarm2/log28.csv.gz", parse_mapping(CRAZYSWARM, "crazyswarm"))
+    assert found.cause in ("unknown", "oscillation")
+    assert found.time_s == pytest.approx(6.6, abs=0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("log", ["log45", "log113", "log119", "log146", "log149"])
+def test_real_oscillations_are_named(log):
+    found = real(f"crazyswarm2/{log}.csv.gz", parse_mapping(CRAZYSWARM, "crazyswarm"))
+    assert found.cause == "oscillation"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "log", ["flights/B10_lissajous_fast_rep1", "flights/B2_circle_fast_rep1",
+            "flights/B3_figure8_fast_rep1", "nanobench_controllers/mell_aligned"],
+)  # fmt: skip
+def test_nothing_is_wrong_with_healthy_flights(log):
+    found = real(f"{log}.csv.gz", load_mapping("nanobench"))
+    assert found.cause == "none" and found.time_s is None

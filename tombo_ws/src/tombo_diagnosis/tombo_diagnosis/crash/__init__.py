@@ -1,0 +1,1 @@
+"""Why one flight went wrong, from its log alone."""

@@ -1,0 +1,220 @@
+"""The motion and the drives of one flight on one clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
+
+from tombo_bag.channels import DRIVES
+from tombo_bag.flight import Flight, Series
+from tombo_diagnosis.change.features import EXPONENT
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.rotation import unwrap_quaternions
+from tombo_dynamics.vehicle import GRAVITY
+from tombo_logs.checks.clocks.timestamps import jitter
+from tombo_logs.checks.frozen_values import interpolated_spans
+from tombo_logs.checks.ground import ground_spans
+from tombo_logs.checks.series_cleaning import clean_series, nothing_left
+from tombo_logs.checks.spans import Mask, block_means, check_extent, inside, sample_interval
+from tombo_logs.checks.track_smoothing import SmoothTrack, smooth_track
+from tombo_logs.readers.frames import is_usable
+
+RATE: Final = 100.0
+"""Hz of the clock."""
+_SMOOTH_S: Final = 0.02
+"""Standard deviation of the Gaussian that rates and drives pass [s]."""
+_FORCE_SMOOTH_S: Final = 0.008
+"""Of the accelerometer: a push must keep its time [s]."""
+_POSE_SMOOTH_S: Final = 0.02
+"""Of rates that are differences of attitudes [s]."""
+_LAGS: Final = np.arange(0.0, 0.09, 0.01)
+"""s by which thrust may follow the drives."""
+_LEARNT: Final = 0.5
+"""Share of the flight, from its start, from which is learnt what is usual."""
+_MEASURED: Final = ("gyro", "accel", "rotor_speed", "motor_command", "voltage", "current")
+_LINE_S: Final = 0.3
+"""Straight lines of them that are longer were drawn through a gap."""
+_JITTER: Final = 0.3
+"""Of stamps, over their step, from which on they make jumps of their own."""
+_UPSET: Final = np.radians(60.0)
+_SETTLED_S: Final = 0.5
+"""After lift-off, or after the log's start."""
+_KNOWN_S: Final = 0.08
+"""Beside a sample up to which a channel is known."""
+
+
+@dataclass(frozen=True)
+class CrashMotion:
+    """A flight on a clock of 100 Hz; NaN: not known."""
+
+    log: Flight
+    series: Mapping[str, Series]
+    """Cleaned."""
+    track: SmoothTrack
+    t: Array
+    """(N,) s"""
+    height: Array
+    """(N,) m"""
+    speed: Array
+    """(N, 3) m/s, map"""
+    acceleration: Array
+    """(N, 3) m/s^2 of the track, map"""
+    lean: Array
+    """(N,) rad"""
+    rates: Array
+    """(N, 3) rad/s, body"""
+    force: Array
+    """(N, 3) specific force [m/s^2], body"""
+    demand: Array
+    """(N, 4) of the best drive channel over its usual mean, in terms of thrust."""
+    flying: Mask
+    """In the air."""
+    seen: Mask
+    """Poses are there."""
+    even: bool
+    """Stamps of the poses are so even that jumps and fast swings can be told."""
+    learnt: Mask
+    """The part from which is learnt what is usual."""
+    missing: Array
+    """(N,) thrust over hover's that is there beyond what the drives ask for; NaN: no drives."""
+
+    def index(self, time: float) -> int:
+        """Return the row of a time [s]."""
+        return int(np.clip(np.searchsorted(self.t, time), 0, self.t.size - 1))
+
+    def level(self, values: Array) -> Array:
+        """Return the standard deviation that `values` (N, ...) usually have, robustly."""
+        part = values[self.learnt]
+        middle = np.nanmedian(part, axis=0)
+        return np.asarray(1.4826 * np.nanmedian(np.abs(part - middle), axis=0))
+
+
+def crash_motion(log: Flight) -> CrashMotion:
+    """Lay a flight on one clock.
+
+    Raises:
+        InputError: no position, or never in the air.
+    """
+    series = {n: s for n, raw in log.series.items() if not nothing_left(s := _clean(log, n, raw))}
+    position = series.get("position")
+    if position is None or position.t.size < 20:
+        raise InputError(
+            f"flight '{log.name}': usable channels are {', '.join(series) or 'none'}; needed to "
+            "say why it crashed: position, for a second at least"
+        )
+    end = max(s.t[-1] for n, s in series.items() if n in ("position", "gyro", "accel", *DRIVES))
+    check_extent(position.t[0], end, RATE)
+    t = np.arange(position.t[0], end, 1.0 / RATE)
+    track = smooth_track(position)
+    seen = _known(position, t)
+    place, speed, pushed = (_at(track.t, x, t) for x in _track_parts(track))
+    flying = ~inside(t, ground_spans(position, series))
+    if np.count_nonzero(flying) < RATE:
+        flying = np.ones(t.size, np.bool_)
+    up, rates = _attitude(series, t)
+    even = jitter(position.t) < _JITTER * sample_interval(position.t)
+    gyro = series.get("gyro")
+    if gyro is None and not even:
+        rates = np.full_like(rates, np.nan)
+    if gyro is not None:
+        rates = _smooth(gyro, t, _SMOOTH_S)
+    lean = np.where(seen, np.arccos(np.clip(up[:, 2, 2], -1.0, 1.0)), np.nan)
+    accel = series.get("accel")
+    if accel is not None:
+        force = _smooth(accel, t, _FORCE_SMOOTH_S)
+    else:
+        force = np.einsum("nji,nj->ni", up, pushed + np.array([0.0, 0.0, GRAVITY]))
+        force[~seen] = np.nan
+    rows = np.flatnonzero(flying)
+    first, last = int(rows[0]), int(rows[-1])
+    upset = np.flatnonzero(np.nan_to_num(lean) > _UPSET)
+    last = min(last, int(upset[0])) if upset.size and upset[0] > first + RATE else last
+    row = np.arange(t.size)
+    settled = min(first + round(_SETTLED_S * RATE), (first + last) // 4)
+    learnt = flying & (row >= settled) & (row < first + _LEARNT * (last - first))
+    demand = _demand(series, t, learnt)
+    missing = _missing(demand, force[:, 2], learnt)
+    return CrashMotion(
+        log, series, track, t, place[:, 2], speed, pushed, lean, rates, force, demand,
+        flying, seen, even, learnt, missing,
+    )  # fmt: skip
+
+
+def _clean(log: Flight, name: str, raw: Series) -> Series:
+    series = clean_series(log.name, name, raw)[0]
+    if name in _MEASURED and series.t.size:
+        lines = [(b, e) for b, e in interpolated_spans(series.t, series.values) if e - b > _LINE_S]
+        keep = ~inside(series.t, lines)
+        series = Series(series.t[keep], series.values[keep])
+    if name == "attitude" and series.t.size:
+        usable = is_usable(series.values)
+        return Series(series.t[usable], unwrap_quaternions(series.values[usable]))
+    return series
+
+
+def _track_parts(track: SmoothTrack) -> tuple[Array, Array, Array]:
+    return track.position, track.velocity, track.acceleration
+
+
+def _at(stamps: Array, values: Array, t: Array) -> Array:
+    return np.column_stack([np.interp(t, stamps, v) for v in values.T])
+
+
+def _known(series: Series, t: Array) -> Mask:
+    """Return where a sample is near."""
+    after = np.clip(np.searchsorted(series.t, t), 1, series.t.size - 1)
+    near = np.minimum(np.abs(series.t[after] - t), np.abs(t - series.t[after - 1]))
+    return np.asarray(near < max(_KNOWN_S, 2.0 * sample_interval(series.t)))
+
+
+def _smooth(series: Series, t: Array, sigma: float) -> Array:
+    """Return a channel on the clock behind a Gaussian [s]; NaN where it is not known."""
+    every = max(round(1.0 / RATE / max(sample_interval(series.t), 1e-6)), 1)
+    values = _at(block_means(series.t, every), block_means(series.values, every), t)
+    out = gaussian_filter1d(values, sigma * RATE, axis=0)
+    out[~_known(series, t)] = np.nan
+    return np.asarray(out)
+
+
+def _attitude(series: Mapping[str, Series], t: Array) -> tuple[Array, Array]:
+    """Return matrices (N, 3, 3), map from body, and body rates (N, 3); level: no attitude."""
+    attitude = series.get("attitude")
+    if attitude is None:
+        return np.tile(np.eye(3), (t.size, 1, 1)), np.full((t.size, 3), np.nan)
+    q = _at(attitude.t, attitude.values, t)
+    turns = Rotation.from_quat(q / np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9))
+    steps = np.zeros((t.size, 3))
+    steps[1:] = (turns[:-1].inv() * turns[1:]).as_rotvec() * RATE
+    rates = gaussian_filter1d(steps, _POSE_SMOOTH_S * RATE, axis=0)
+    rates[~_known(attitude, t)] = np.nan
+    return turns.as_matrix(), rates
+
+
+def _demand(series: Mapping[str, Series], t: Array, learnt: Mask) -> Array:
+    name = next((d for d in DRIVES if d in series), None)
+    if name is None:
+        return np.full((t.size, 4), np.nan)
+    thrust = np.maximum(_smooth(series[name], t, _SMOOTH_S), 0.0) ** EXPONENT[name][0]
+    usual = float(np.nanmedian(thrust[learnt])) if np.isfinite(thrust[learnt]).any() else 0.0
+    return thrust / usual if usual > 0.0 else np.full((t.size, 4), np.nan)
+
+
+def _missing(demand: Array, force: Array, learnt: Mask) -> Array:
+    """Return thrust beyond what is asked for, with the lag that explains most."""
+    asked = demand.mean(axis=1)
+    rows = learnt & np.isfinite(asked) & np.isfinite(force)
+    if np.count_nonzero(rows) < RATE:
+        return np.full(asked.size, np.nan)
+    tried = []
+    for lag in _LAGS.tolist():
+        late = asked[np.maximum(np.arange(asked.size) - round(lag * RATE), 0)]
+        lift = float(np.median(force[rows] / np.maximum(late[rows], 1e-3)))
+        missing = force / max(lift, 1e-3) - late
+        tried.append((float(np.std(missing[rows])), lag, missing))
+    return np.asarray(min(tried, key=lambda each: each[:2])[2])

@@ -1,0 +1,431 @@
+"""Signs that something went wrong: each with its time, what it speaks for, and a text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
+from scipy.signal import butter, sosfiltfilt
+
+from tombo_diagnosis.change.features import MODES
+from tombo_diagnosis.crash.motion import RATE, CrashMotion
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES
+from tombo_logs.checks.clocks.gaps import gap_spans
+from tombo_logs.checks.spans import Mask, runs, sample_interval
+
+IntArray = NDArray[np.int64]
+OFF: Final = 0.15
+"""Demand over hover's below which drives are off."""
+_OFF_S: Final = 0.06
+_STOPPED: Final = 0.8
+"""Speed of a rotor over the least that was asked for lately."""
+_LATELY_S: Final = 0.25
+_LASTS_S: Final = 0.08
+"""How long a force or a rotor must stay away from what is asked for."""
+_AGAINST: Final = 0.7
+"""Cosine between turning and the moment asked for, reversed, from which on they disagree."""
+_DIAGONAL: Final = 0.3
+"""Least over largest of roll and pitch when it turns about a diagonal."""
+_TURNED: Final = 0.5
+"""rad/s within _LASTS_S."""
+_MOMENT: Final = 0.02
+"""Part of hover's thrust that is asked for as roll and pitch."""
+_FAR_MORE: Final = 1.8
+"""Demand of a rotor over that of the others."""
+_LACK: Final = -0.03
+"""Thrust beyond what is asked for, over hover's, where a rotor gives none."""
+_PUSH: Final = 4.0
+"""m/s^2 by which a touch changes the force at least."""
+_BUMP: Final = 0.3
+"""m/s that a touch changes the velocity at least, seen in poses alone."""
+_CUT: Final = 0.4
+"""m above the floor below which motors are stopped to land."""
+_HARD: Final = 1.2
+"""m/s downwards at the floor: no landing."""
+_SWING_HZ: Final = (0.9, 20.0)
+_SWING: Final = 0.8
+"""rad/s: standard deviation of rates that swing, at least."""
+_SWING_ASKED: Final = 0.3
+"""The same of commands, over hover's thrust."""
+_GROWS: Final = 4.0
+"""Times its usual size."""
+_CYCLES: Final = 2
+_UNEVEN: Final = 0.35
+"""Standard deviation of half a period, over its mean."""
+_GAP_S: Final = 0.3
+"""Poses that are absent or repeated for longer are lost."""
+_LEAP: Final = 0.25
+"""m between two poses beyond what the velocity gives."""
+_SAG: Final = 0.04
+"""Share of the voltage below the line that it followed."""
+_LEAN: Final = np.radians(60.0)
+_DROP: Final = 0.12
+"""Share of thrust that all rotors lack."""
+_ABRUPT: Final = 6.0
+"""Times its usual size that a command changes."""
+
+
+@dataclass(frozen=True)
+class Sign:
+    """One sign."""
+
+    time: float
+    """[s]"""
+    kind: str
+    """motor (its speed), rotor (what is missing), contact, oscillation, position, battery,
+    command, kill, off (what stopped the rotors is not known), bump, turns; upset, fall and
+    impact show that the flight went wrong."""
+    text: str
+    size: float = 0.0
+    """Of lost poses s, of a supply the share that it lost."""
+
+
+def signs(motion: CrashMotion) -> list[Sign]:
+    """Return all signs of a flight, in order of time."""
+    each = (
+        _drives_off, _rotor_behind, _rotor_lost, _touches, _bumps, _swings, _poses_lost,
+        _poses_leap, _supply_falls, _thrust_lacks, _command_leaps, _upsets, _falls, _impacts,
+    )  # fmt: skip
+    return sorted((s for look in each for s in look(motion)), key=lambda s: s.time)
+
+
+def _first(motion: CrashMotion, mask: Mask, least_s: float) -> int | None:
+    """Return the first row of the first run in the air that lasts."""
+    for begin, end in runs(mask & motion.flying):
+        if end - begin >= least_s * RATE:
+            return begin
+    return None
+
+
+def _drives_off(m: CrashMotion) -> Iterator[Sign]:
+    """All drives at once, in the air."""
+    if not np.isfinite(m.demand).any():
+        return
+    level = np.nan_to_num(m.demand, nan=9.9).max(axis=1)
+    for begin, end in runs(level < OFF):
+        before = slice(max(begin - 30, 0), max(begin - 5, 1))
+        if end - begin < _OFF_S * RATE or not np.nanmean(level[before]) > 0.5:
+            continue
+        if np.nanmax(level[end:], initial=0.0) > 2.0 * OFF:
+            continue  # a controller at its limit comes back
+        floor = float(np.nanmin(m.height))
+        if m.height[begin] < floor + _CUT:
+            continue  # as one lands
+        told = {n for n in ("rotor_command", "motor_command") if n in m.series}
+        asked = next((m.series[n] for n in told), None)
+        start = _onset(level, begin, 0.6)
+        if asked is not None:
+            # commands may go on while the rotors stop
+            late = (asked.t > m.t[begin] + 0.02) & (asked.t < m.t[begin] + 0.2)
+            usual = float(np.median(asked.values[asked.t <= m.t[begin] - 0.1]))
+            on = late.any() and float(np.median(asked.values[late])) > 0.3 * usual
+            if on:
+                text = "all rotors stop while they are asked to turn: no power"
+                yield Sign(float(m.t[start]), "battery", text)
+            else:
+                text = "all motors are commanded off in the air, at once"
+                yield Sign(float(m.t[start]), "kill", text)
+        else:
+            yield Sign(float(m.t[start]), "off", "all rotors stop in the air, at once")
+        return
+
+
+def _onset(values: Array, row: int, level: float) -> int:
+    """Return the row, up to 0.15 s before, at which `values` went below a level."""
+    start = row
+    while start > 0 and row - start < 15 and values[start - 1] < level:
+        start -= 1
+    return start
+
+
+def _rotor_behind(m: CrashMotion) -> Iterator[Sign]:
+    """One measured rotor speed that stays behind its command."""
+    speed, command = m.series.get("rotor_speed"), m.series.get("rotor_command")
+    if speed is None or command is None:
+        return
+    got = np.column_stack([np.interp(m.t, speed.t, v) for v in speed.values.T])
+    asked = np.column_stack([np.interp(m.t, command.t, v) for v in command.values.T])
+    width = round(_LATELY_S * RATE)
+    least = np.column_stack([_least_lately(a, width) for a in asked.T])
+    ratio = got / np.maximum(least, 1e-6)
+    usual = np.nanpercentile(ratio[m.learnt], 5.0, axis=0)
+    behind = (ratio < _STOPPED * np.minimum(usual, 1.0)) & (least > 0.2 * np.median(asked))
+    for k in range(4):
+        others = np.delete(behind, k, axis=1)
+        row = _first(m, behind[:, k] & ~others.all(axis=1), _LASTS_S)
+        if row is not None:
+            # it began to fall when it left the others
+            share = got[:, k] / np.maximum(np.delete(got, k, axis=1).mean(axis=1), 1e-6)
+            start = _onset(share, row, float(np.nanpercentile(share[m.learnt], 2.0)))
+            text = f"{ROTOR_NAMES[k]} turns slower than it is asked to, the others do not"
+            yield Sign(float(m.t[start]), "motor", text)
+            return
+
+
+def _least_lately(values: Array, width: int) -> Array:
+    padded = np.concatenate([np.full(width, values[0]), values])
+    windows = np.lib.stride_tricks.sliding_window_view(padded, width + 1)
+    return np.asarray(windows.min(axis=1))
+
+
+def _rotor_lost(m: CrashMotion) -> Iterator[Sign]:
+    """The vehicle turns towards one rotor although the drives turn it away, and thrust lacks."""
+    if not np.isfinite(m.demand).any() or not np.isfinite(m.rates).any():
+        return
+    width = round(_LASTS_S * RATE)
+    moment = np.nan_to_num(m.demand) @ MODES[1:3].T
+    moment -= np.median(moment[m.learnt], axis=0)
+    asked = uniform_filter1d(moment, width, axis=0, origin=width // 2 - 1)
+    turned = np.zeros_like(asked)
+    rates = np.nan_to_num(m.rates[:, :2])
+    turned[width:] = rates[width:] - rates[:-width]
+    size, push = (np.linalg.norm(x, axis=1) for x in (turned, asked))
+    usual, weak = (float(np.percentile(x[m.learnt], 99.5)) for x in (size, push))
+    against = -np.einsum("ni,ni->n", turned, asked) > _AGAINST * size * push
+    both = np.abs(turned).min(axis=1) > _DIAGONAL * np.abs(turned).max(axis=1)
+    towards = np.argmin(turned @ MODES[1:3], axis=1)
+    helps = np.nan_to_num(m.demand)[np.arange(m.t.size), towards] > 1.05
+    lacks = (
+        uniform_filter1d(np.nan_to_num(m.missing, nan=-1.0), width, origin=-(width // 2)) < _LACK
+    )
+    lost = against & both & helps & lacks & (push > max(_MOMENT, 1.5 * weak))
+    lost &= size > max(_TURNED, 2.0 * usual)
+    lost |= _compensated(m, towards) & lacks
+    lost &= np.nan_to_num(m.lean) < _LEAN
+    for begin, end in runs(lost & m.flying):
+        if end - begin < _OFF_S * RATE or np.ptp(towards[begin:end]) > 0:
+            continue
+        row = begin
+        while row > 0 and begin - row < 3 * width and size[row - 1] > min(usual, 0.5 * _TURNED):
+            row -= 1
+        name = ROTOR_NAMES[int(towards[begin])]
+        text = f"it turns down at {name} although that rotor is asked for more"
+        yield Sign(float(m.t[row]), "rotor", text)
+        return
+
+
+def _compensated(m: CrashMotion, rotor: IntArray) -> Mask:
+    """Return where one rotor is asked for far more against the others than it ever was."""
+    rows = np.arange(m.t.size)
+    demand = np.nan_to_num(m.demand)
+    others = (demand.sum(axis=1) - demand[rows, rotor]) / 3.0
+    share = demand[rows, rotor] / np.maximum(others, 0.2)
+    return np.asarray(share > max(_FAR_MORE, 1.5 * float(np.percentile(share[m.learnt], 99.5))))
+
+
+def _touches(m: CrashMotion) -> Iterator[Sign]:
+    """A push on the accelerometer that neither the drives nor the usual vibration explain."""
+    if "accel" not in m.series:
+        return
+    force = m.force.copy()
+    if np.isfinite(m.missing).any():
+        force[:, 2] = m.missing * float(np.nanmedian(m.force[m.learnt, 2]))
+    force = np.nan_to_num(force)
+    fast = force - np.column_stack([median_filter(f, 41, mode="nearest") for f in force.T])
+    usual = np.nanpercentile(np.linalg.norm(fast[m.learnt], axis=1), 99.5)
+    size = np.linalg.norm(fast, axis=1)
+    limit = max(_PUSH, 2.5 * float(usual))
+    for begin, end in runs((size > limit) & m.flying)[:3]:
+        peak = begin + int(np.argmax(size[begin:end]))
+        row = begin
+        while row > 0 and begin - row < 6 and size[row - 1] > 0.3 * limit:
+            row -= 1
+        text = f"a push of {size[peak]:.0f} m/s² that the drives do not explain"
+        yield Sign(float(m.t[row]), _where(m, begin), text)
+
+
+def _where(m: CrashMotion, row: int) -> str:
+    """Return impact for the floor, else contact."""
+    low = m.height[row] < float(np.nanmin(m.height)) + 0.15
+    fell = float(np.min(m.speed[max(row - 20, 0) : row + 1, 2]))
+    return "impact" if low and fell < -_HARD else "contact"
+
+
+def _impacts(m: CrashMotion) -> Iterator[Sign]:
+    """The lowest place is reached faster than one lands."""
+    low = m.height < float(np.nanmin(m.height)) + 0.15
+    fell = minimum_filter1d(m.speed[:, 2], 20, origin=9)  # within the last 0.2 s
+    stops = low & (fell < -_HARD) & (m.speed[:, 2] > -0.3 * _HARD) & m.seen
+    for begin, _ in runs(stops)[:1]:
+        before = slice(max(begin - 50, 0), begin)
+        if (m.height[before] < float(np.nanmin(m.height)) + _CUT).all():
+            continue
+        yield Sign(float(m.t[begin]), "impact", f"it hits the floor at {-fell[begin]:.1f} m/s")
+
+
+def _bumps(m: CrashMotion) -> Iterator[Sign]:
+    """Velocity that turns within a few poses, where no accelerometer is."""
+    if "accel" in m.series or "acceleration" in m.series:
+        return
+    if sample_interval(m.series["position"].t) > 0.03 or not m.even:
+        return
+    half = round(0.06 * RATE)
+    change = np.zeros(m.t.size)
+    ahead, behind = m.speed[2 * half :], m.speed[: -2 * half]
+    change[half:-half] = np.linalg.norm(ahead - behind, axis=1)
+    usual = np.nanpercentile(change[m.learnt], 99.5)
+    large = (change > max(2.0 * _BUMP, 3.0 * float(usual))) & m.seen & m.flying
+    for begin, end in runs(large)[:3]:
+        row = begin + int(np.argmax(change[begin:end]))
+        text = f"the velocity changes by {change[row]:.1f} m/s within 0.12 s"
+        # without drives it may as well be a controller that has lost hold
+        kind = _where(m, row) if np.isfinite(m.demand).any() else "bump"
+        yield Sign(float(m.t[row]), kind, text)
+
+
+def _swings(m: CrashMotion) -> Iterator[Sign]:
+    """Body rates or commands that swing with one frequency, more than they did."""
+    demand = np.nan_to_num(m.demand) @ MODES[1:].T
+    for name, values, least in (
+        ("the body's rate", np.nan_to_num(m.rates), _SWING),
+        ("the command", demand, _SWING_ASKED),
+    ):
+        if m.t.size > RATE and values.any():
+            yield from _swinging(m, name, values, least)
+
+
+def _swinging(m: CrashMotion, name: str, values: Array, least: float) -> Iterator[Sign]:
+    """Return the first swing of a channel (N, 3) beyond `least` and its usual size."""
+    sos = butter(2, _SWING_HZ, "band", fs=RATE, output="sos")
+    fast = sosfiltfilt(sos, values, axis=0)
+    size = np.sqrt(np.maximum(uniform_filter1d(fast**2, round(0.4 * RATE), axis=0), 0.0))
+    for axis in range(3):
+        usual = float(np.nanmedian(size[m.learnt, axis]))
+        limit = max(least, min(_GROWS * usual, 1.25 * least))
+        free = m.flying & (np.nan_to_num(m.lean) < _LEAN)
+        spans = [(b, e, _CYCLES) for b, e in runs((size[:, axis] > limit) & free)]
+        # from the start, and so usual: then longer
+        spans += [(b, e, 2 * _CYCLES) for b, e in runs((size[:, axis] > least) & free)]
+        for begin, end, cycles in spans:
+            zeros = np.flatnonzero(np.diff(np.signbit(fast[begin:end, axis])))
+            steps = np.diff(zeros)
+            if zeros.size < 2 * cycles or np.std(steps) > _UNEVEN * np.mean(steps):
+                continue
+            if 4 * int(np.argmax(size[begin:end, axis])) < end - begin < RATE:
+                continue  # it dies away: struck, not driven
+            hertz = 0.5 * RATE / float(np.mean(steps))
+            quiet = max(4.0 * usual, 0.2 * limit) if usual < 0.2 * limit else limit
+            row, cycle = begin, round(0.6 * RATE / hertz)
+            while row > 0 and np.abs(fast[max(row - cycle, 0) : row, axis]).max() > quiet:
+                row -= 1
+            text = f"{name} about {'xyz'[axis]} swings at {hertz:.1f} Hz"
+            yield Sign(float(m.t[row]), "oscillation", text)
+            break
+
+
+def _poses_lost(m: CrashMotion) -> Iterator[Sign]:
+    """Poses that are absent or repeat themselves, in the air."""
+    position = m.series["position"]
+    spans = [(float(b), float(e), "absent") for b, e in gap_spans(position.t) if e - b > _GAP_S]
+    if m.t[-1] - position.t[-1] > _GAP_S:
+        spans.append((float(position.t[-1]), float(m.t[-1]), "absent"))
+    raw, turns = m.log.series["position"], m.log.series.get("attitude")
+    values = raw.values
+    if turns is not None and turns.values.shape[0] == len(values):
+        values = np.hstack([values, turns.values])  # rounded positions alone repeat in a hover
+    same = np.concatenate([[False], (np.diff(values, axis=0) == 0.0).all(axis=1)])
+    for first, last in runs(same):
+        if raw.t[last - 1] - raw.t[first - 1] > 0.1 and last - first > 4:
+            spans.append((float(raw.t[first - 1]), float(raw.t[last - 1]), "the same"))
+    for begin, end, how in sorted(spans):
+        row = m.index(begin)
+        if row >= int(np.argmax(m.learnt)) and m.flying[row] and m.flying[max(row - 10, 0)]:
+            yield Sign(begin, "position", f"poses are {how} for {end - begin:.2f} s", end - begin)
+            return
+
+
+def _poses_leap(m: CrashMotion) -> Iterator[Sign]:
+    """Poses that are elsewhere from one to the next."""
+    position = m.series["position"]
+    step = np.diff(position.values, axis=0)
+    held = np.diff(position.t)
+    usual = np.percentile(np.linalg.norm(step, axis=1) / held, 95.0)
+    far = np.linalg.norm(step, axis=1)
+    leaps = far > _LEAP + 3.0 * usual * held
+    for k in np.flatnonzero(leaps):
+        if m.flying[m.index(position.t[k])] and held[k] < 0.2:
+            text = f"the position jumps by {far[k]:.2f} m from one pose to the next"
+            yield Sign(float(position.t[k + 1]), "position", text, np.inf)
+            return
+
+
+def _supply_falls(m: CrashMotion) -> Iterator[Sign]:
+    """Voltage that leaves the line that it followed, downwards."""
+    raw = m.series.get("voltage")
+    if raw is None:
+        return
+    t, v = raw.t, raw.values[:, 0]
+    learnt = (t >= m.t[m.learnt][0]) & (t <= m.t[m.learnt][-1])
+    if np.count_nonzero(learnt) < 10 or not np.median(v[learnt]) > 0.0:
+        return
+    usual = float(np.median(v[learnt]))
+    spread = float(np.percentile(np.abs(v[learnt] - usual), 99.0)) / usual
+    fit = np.polyfit(t[learnt], v[learnt], 1)
+    off = 1.0 - v / np.maximum(np.polyval(fit, t), 0.5 * usual)
+    off = uniform_filter1d(off, max(round(0.05 / max(sample_interval(t), 1e-3)), 1))
+    low = off > max(_SAG, 2.0 * spread)
+    for begin, end in runs(low):
+        if t[end - 1] - t[begin] < 0.2 or not m.flying[m.index(t[begin])]:
+            continue
+        # back along the fall to where it left the line
+        later = min(begin + max((end - begin) // 2, 1), t.size - 1)
+        steep = (off[later] - off[begin]) / max(t[later] - t[begin], 1e-3)
+        back = min(off[begin] / steep, 0.3) if steep > 0.05 else 0.0
+        share = float(off[begin:end].max())
+        text = f"the voltage falls {100 * share:.0f} % below the line it followed"
+        yield Sign(float(t[begin] - back), "battery", text, share)
+        return
+
+
+def _thrust_lacks(m: CrashMotion) -> Iterator[Sign]:
+    """Thrust of all rotors that is less than was usual for such commands."""
+    if not np.isfinite(m.missing).any() or "voltage" in m.series:
+        return
+    share = np.nan_to_num(-m.missing / np.maximum(np.nan_to_num(m.demand).mean(axis=1), 0.3))
+    lacks = uniform_filter1d(share, 20)
+    usual = float(np.percentile(np.abs(lacks[m.learnt]), 99.0))
+    row = _first(m, lacks > max(_DROP, 2.0 * usual), 0.2)
+    if row is not None:
+        yield Sign(float(m.t[row]), "battery", "all rotors give less thrust than they did")
+
+
+def _command_leaps(m: CrashMotion) -> Iterator[Sign]:
+    """Commands that change at once by far more than they did, and the vehicle follows."""
+    if not np.isfinite(m.demand).any():
+        return
+    half = round(0.03 * RATE)
+    asked = np.nan_to_num(m.demand) @ MODES[:3].T
+    change = np.zeros(m.t.size)
+    change[half:-half] = np.linalg.norm(asked[2 * half :] - asked[: -2 * half], axis=1)
+    usual = float(np.nanpercentile(change[m.learnt], 99.0))
+    change[: int(np.argmax(m.learnt))] = 0.0  # take-off
+    row = _first(m, change > min(max(_ABRUPT * usual, 0.15), 0.6), 0.0)
+    if row is not None:
+        text = "the commands leap to what they never were, and the vehicle follows"
+        yield Sign(float(m.t[row]), "command", text)
+
+
+def _upsets(m: CrashMotion) -> Iterator[Sign]:
+    row = _first(m, np.nan_to_num(m.lean) > _LEAN, 0.02)
+    if row is not None:
+        fast = np.linalg.norm(np.nan_to_num(m.rates), axis=1)
+        usual = 3.0 * float(np.percentile(fast[m.learnt], 99.0))
+        turns = row
+        while turns > 0 and fast[max(turns - 10, 0) : turns].max() > usual:
+            turns -= 1
+        if turns < row:
+            yield Sign(float(m.t[turns]), "turns", "it begins to turn faster than it did")
+        yield Sign(float(m.t[row]), "upset", f"it leans by more than {np.degrees(_LEAN):.0f}°")
+
+
+def _falls(m: CrashMotion) -> Iterator[Sign]:
+    """It drops without thrust."""
+    down = uniform_filter1d(m.acceleration[:, 2], 5) < -0.6 * GRAVITY
+    row = _first(m, down & m.seen & (m.speed[:, 2] < -0.5), 0.08)
+    if row is not None:
+        yield Sign(float(m.t[row]), "fall", "it falls")

@@ -1,0 +1,91 @@
+"""The page of why a flight went wrong."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from tombo_diagnosis.crash.reason import CAUSES, Why, why_mapping
+from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
+from tombo_flight.report.page import Card, Page, Picture, Section, Table
+
+_WORDS: Final = {
+    "motor_or_propeller_lost": "a motor or a propeller was lost",
+    "contact": "it touched something",
+    "oscillation": "a control loop oscillates",
+    "loss_of_position": "its position was lost",
+    "battery": "the battery gave too little",
+    "command": "it was commanded there",
+    "kill": "its motors were stopped in the air",
+}
+_AROUND_S: Final = (1.5, 2.0)
+"""Before and after the first deviation, in the picture."""
+
+
+def why_page(found: Why) -> Page:
+    """Return the page of an answer: cause, time, chain of evidence."""
+    rows = [
+        [f"{s.time:.2f} s", CAUSES.get(s.kind, s.kind).replace("_", " "), s.text]
+        for s in found.timeline
+    ]
+    cards = [Card("cause", found.cause.replace("_", " "))]
+    if found.time_s is not None:
+        cards.append(Card("first deviation", f"{found.time_s:.2f}", "s"))
+    cards.append(Card("confidence", f"{100 * found.confidence:.0f}", "%"))
+    picture = Picture(
+        partial(draw_why, found), "Grey: signs; red: the first deviation.", "Around it"
+    )
+    return Page(
+        title=f"Why: {found.flight.name}",
+        eyebrow="Tombo why",
+        headline=_headline(found),
+        summary=f"Of {found.flight.source or found.flight.name}, from that log alone.",
+        sections=[
+            Section(
+                "What was seen", [Table(["time", "speaks for", "sign"], rows)] if rows else []
+            ),
+            Section("Around it", [picture] if found.time_s is not None else [], "page"),
+        ],
+        data=why_mapping(found),
+        cards=cards,
+        verdict=found.cause.replace("_", " "),
+        verdict_style="good" if found.cause == "none" else "bad",
+    )
+
+
+def _headline(found: Why) -> str:
+    if found.time_s is None:
+        return "Nothing wrong"
+    at = f"At {found.time_s:.2f} s"
+    if found.cause == "set":
+        return f"{at}: {' or '.join(_WORDS[CAUSES[m]] for m in found.members)}"
+    if found.cause == "unknown":
+        return f"{at} something went wrong; the log does not tell the cause"
+    return f"{at} {_WORDS[found.cause]}"
+
+
+def draw_why(found: Why) -> Figure:
+    """Draw height, lean, rates and demand around the first deviation."""
+    m = found.motion
+    at = found.time_s or 0.0
+    rows = slice(m.index(at - _AROUND_S[0]), m.index(at + _AROUND_S[1]) + 1)
+    with new_figure(9.0, 6.0, 100, layout="constrained") as sheet:
+        axes = sheet.subplots(4, 1, sharex=True)
+        for ax, values, name in (
+            (axes[0], m.height, "height [m]"),
+            (axes[1], np.degrees(m.lean), "lean [°]"),
+            (axes[2], m.rates, "rates [rad/s]"),
+            (axes[3], m.demand, "demand over hover"),
+        ):
+            ax.plot(m.t[rows], values[rows], linewidth=1.0)
+            ax.set_ylabel(name)
+            for sign in found.timeline:
+                if m.t[rows][0] <= sign.time <= m.t[rows][-1]:
+                    ax.axvline(sign.time, color=style.MUTED, linewidth=0.5)
+            ax.axvline(at, color=style.VERMILLION, linewidth=1.0)
+        axes[3].set_xlabel("time [s]")
+    return sheet
