@@ -344,6 +344,23 @@ def test_without_odometry_it_levels_and_descends_and_comes_back(flight: Lockstep
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("part", ["mocap_on", "odometry_on"])
+def test_blind_it_comes_down_gently_enough(flight: Lockstep, part: str) -> None:
+    setattr(flight, part, False)
+    rows = flight.fly(12.0)
+    down = int(np.argmax(rows[:, 2] < 0.185))
+    assert 3000 < down < 8000
+    assert -rows[:down, 5].min() <= 0.5
+    assert np.linalg.norm(rows[:5000, :2], axis=1).max() < 1.5
+    assert flight.command is not None
+    assert not flight.command.speed.any(), "down, the rotors stop"
+    assert np.linalg.norm(rows[-1, :2] - rows[down, :2]) < 0.3, "it does not slide"
+    setattr(flight, part, True)
+    flight.fly(5.0)
+    assert not flight.command.speed.any(), "and no estimate starts them again"
+
+
+@pytest.mark.slow
 def test_old_poses_behind_fresh_odometry_are_not_flown_on(flight: Lockstep) -> None:
     flight.mocap_on = False
     flight.fly(0.2)
