@@ -26,6 +26,7 @@ from tombo_flight.flight_output import flight_summary
 from tombo_flight.scenario import Scenario, load_scenario
 
 CONTACT = 4.0
+EPOCH_NS = 1_790_000_000 * 10**9
 X_R = np.array([0.9, 0.0, 2.0])
 PAPER: Scenario = load_scenario()
 EMPTY: Scenario = load_scenario("no_obstacle")
@@ -78,11 +79,11 @@ class Made:
         place = np.array([1.7, 0.0, 2.0])
         ahead = np.array([1.0, 0.0, 0.0])
         count = len(self.detections) + 1
-        stamp_ns, number = round(stamp * 1e9), Trigger[trigger.upper()]
+        stamp_ns, number = EPOCH_NS + round(stamp * 1e9), Trigger[trigger.upper()]
         event = CollisionEvent(
             stamp_ns, "map", number, stamp_ns, place, ahead, 0.99, 80.0, count, rotor
         )
-        self.detections.append(detection_of(event, arrival, 0))
+        self.detections.append(detection_of(event, arrival, EPOCH_NS))
         return self
 
     def reacted(self, x_r=X_R):
