@@ -38,6 +38,7 @@ from tombo_sim.flight_loop import (
 )
 from tombo_sim.flight_setup import NOISE, FlightSetup, begin, capture_ticks
 from tombo_sim.kernel import new_log, part_of
+from tombo_sim.normals import draw_normals, stream_of
 from tombo_sim.sensing import in_order_of_arrival
 from tombo_sim.wiring import CORES
 
@@ -53,9 +54,8 @@ _FIRST = (
     "/mission/status",
 )
 """The order of topics in a recording begins with these."""
-_BLOCK = 8192
-_CHUNK = 2048
-"""Ticks between two looks at `stop`."""
+_BLOCK = 2048
+"""Ticks between two drawings of random numbers, and two looks at `stop`."""
 
 
 @dataclass
@@ -109,18 +109,20 @@ def fly_scenario(
     log, published = (workspace or Workspace()).for_flight(ticks)
     cores = [core_of(kind, scenario) for kind in CORES]
     flights = one_flight(setup.plant, setup.theta, (captures, normals), cores, published)
+    flights = flights._replace(noise=np.empty((1, _BLOCK, NOISE)))
+    stream = stream_of(setup.tick_noise)
     shared = shared_by(setup.maps, cores, log)
     flight = flights.progress[0]
     flight.end = ticks
     flight.over.ground = scenario.vehicle.leg_height
 
+    drawn = 0
     began = time.perf_counter()
     while (k := int(flight.tick)) < flight.end:
-        if k >= flights.base[0] + flights.noise.shape[1]:
-            flights.base[0] = k
-            drawn = setup.tick_noise.standard_normal((1, _BLOCK, NOISE))
-            flights = flights._replace(noise=drawn)
-        if fly(flights, shared, 0, min(int(flights.base[0]) + _BLOCK, k + _CHUNK)):
+        if k == drawn:
+            flights.base[0], drawn = k, k + _BLOCK
+            draw_normals(stream, flights.noise[0])
+        if fly(flights, shared, 0, drawn):
             for core in step_in_python(flights, 0, cores):
                 if isinstance(core, ReactionCore) and core.failure:
                     raise InputError(core.failure)

@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,15 +38,17 @@ from tombo_sim.batch import (
     Batch,
     fly_batch,
     new_batch,
-    row_of,
 )
 from tombo_sim.flight_loop import hand_over, memories_of, shared_by
 from tombo_sim.flight_setup import NOISE, begin, capture_ticks
+from tombo_sim.normals import stream_of
 from tombo_sim.wiring import CORES
 
 CRASH_COST = 10.0
 """Of a crash, in seconds of recovery."""
 _NEVER = 2**62
+_BLOCKS = 4
+"""Blocks of vehicles of each thread: who is done early takes another."""
 _TRIES = 20
 """Flights in a row without a collision before a scenario is refused."""
 
@@ -56,7 +58,6 @@ class _Pilot:
     """What is not in arrays of one vehicle's flight."""
 
     reaction: ReactionCore
-    noise: np.random.Generator
     decision: Any = None
 
 
@@ -100,6 +101,8 @@ class Episodes:
         captures = math.ceil(scenario.duration * rate) + 2
         self._shared = shared_by(setup.maps, cores)
         self.batch: Batch = new_batch(count, setup.plant, setup.theta, cores, captures)
+        flights = self.batch.flights._replace(entries=())  # of these, only what is under way
+        self._rows = _bytes_of(self.batch._replace(flights=flights))
         self._pilots: list[Any] = [None] * count
         self._kept: dict[int, Any] = {}
         self._threads = min(threads, count)
@@ -214,7 +217,8 @@ class Episodes:
         self.seeds[i] = seed
         if seed in self._kept:
             row, under_way, first, pilot = self._kept[seed]
-            _write(row_of(self.batch, i), row)
+            for rows, kept in zip(self._rows, row, strict=True):
+                rows[i] = kept
             flights = self.batch.flights
             flights.entries[i, first : first + under_way.size] = under_way
             self._pilots[i] = pilot = _clone(pilot)
@@ -222,11 +226,15 @@ class Episodes:
             return
         flights, scenario = self.batch.flights, self.scenario
         setup, cores = begin(world_of(scenario), seed), self._cores()
-        _write(row_of(flights.memories, i), memories_of(cores))
-        pilot = _Pilot(cores[REACTION], setup.tick_noise)
+        for rows, memory in zip(
+            _bytes_of(flights.memories), _bytes_of(memories_of(cores)), strict=True
+        ):
+            rows[i] = memory[0]
+        pilot = _Pilot(cores[REACTION])
         pilot.reaction.memory = flights.memories[REACTION][0][i]
         self._pilots[i] = pilot
         flights.plant[i], flights.theta[i] = setup.plant, setup.theta
+        self.batch.streams[i] = stream_of(setup.tick_noise)
         captures = capture_ticks(scenario.duration, setup.mocap_rate)
         flights.capture_ticks[i] = _NEVER
         flights.capture_ticks[i, : captures.size] = captures
@@ -248,37 +256,22 @@ class Episodes:
             captures = self.batch.flights.captures[i]
             first, last = int(captures.oldest_undelivered), int(captures.next)
             under_way = self.batch.flights.entries[i, first:last].copy()
-            row = row_of(self.batch, i)
-            row = copy.deepcopy(row._replace(flights=row.flights._replace(entries=None)))
+            row = [rows[i].copy() for rows in self._rows]
             self._kept[seed] = (row, under_way, first, _clone(self._pilots[i]))
 
     def _fly(self) -> None:
         """Fly until no vehicle flies, and no collision waits."""
-        edges = np.linspace(0, self.count, self._threads + 1).astype(int).tolist()
-        parts = list(pairwise(edges))
+        blocks = 1 if self._pool is None else min(self.count, _BLOCKS * self._threads)
+        edges = np.linspace(0, self.count, blocks + 1).astype(int).tolist()
+        fly_all = map if self._pool is None else self._pool.map
+        fly_block = partial(fly_batch, self.batch, self._shared)
         while True:
-            if self._pool is None:
-                self._fly_part(0, self.count)
-            else:
-                list(self._pool.map(lambda part: self._fly_part(*part), parts))
+            list(fly_all(fly_block, edges[:-1], edges[1:]))
             collided = np.flatnonzero(self.batch.status == COLLIDED)
             if not collided.size:
                 return
             for i in collided:
                 self._hand_collision(int(i))
-
-    def _fly_part(self, first: int, last: int) -> None:
-        batch, flights = self.batch, self.batch.flights
-        while True:
-            tick, base = flights.progress["tick"], flights.base
-            flies = (batch.status[first:last] == FLIES) | (batch.status[first:last] == ACTS)
-            used = tick[first:last] >= base[first:last] + BLOCK
-            for i in first + np.flatnonzero(flies & used):
-                self._pilots[i].noise.standard_normal(out=flights.noise[i])
-                base[i] = tick[i]
-            fly_batch(batch, self._shared, first, last)
-            if not (batch.status[first:last] == FLIES).any():
-                return
 
     def _hand_collision(self, i: int) -> None:
         """Hand the reaction a collision, and put down what it has decided."""
@@ -297,14 +290,11 @@ class Episodes:
 
 def _clone(pilot: _Pilot) -> _Pilot:
     """Return a pilot whose flight goes on apart from this one's; decisions are never changed."""
-    reaction = copy.copy(pilot.reaction)
-    return replace(pilot, reaction=reaction, noise=copy.deepcopy(pilot.noise))
+    return replace(pilot, reaction=copy.copy(pilot.reaction))
 
 
-def _write(row: Any, kept: Any) -> None:
-    """Write what was kept of a vehicle into its rows."""
-    for to, value in zip(row, kept, strict=True):
-        if isinstance(value, tuple):
-            _write(to, value)
-        elif value is not None:
-            to[...] = value
+def _bytes_of(arrays: Any) -> list[Any]:
+    """Return all arrays (N, ...) as bytes (N, M): numpy copies records field by field."""
+    if isinstance(arrays, tuple):
+        return [part for array in arrays for part in _bytes_of(array)]
+    return [arrays.reshape(arrays.shape[0], -1).view(np.uint8)]

@@ -22,6 +22,7 @@ from tombo_dynamics.rotation import rotated
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_sim.flight_loop import fly, forget_messages, new_flights, step_reaction
 from tombo_sim.kernel import Flights, Shared
+from tombo_sim.normals import draw_normals
 from tombo_sim.wiring import CORES
 
 REACTION = CORES.index(ReactionCore)
@@ -29,7 +30,7 @@ REACTION = CORES.index(ReactionCore)
 FLIES, WAITS, ACTS, COLLIDED, HANDED, OVER, ENDED = range(7)
 """What a vehicle of a batch does: flies; waits for an action; has one; waits for its collision to
 be handed to the reaction; it has been; its decision is over; its flight has ended."""
-BLOCK = 256
+BLOCK = 64
 """Ticks between two drawings of random numbers."""
 
 
@@ -37,6 +38,8 @@ class Batch(NamedTuple):
     """Flights of N vehicles; each array has them along its first axis."""
 
     flights: Flights
+    streams: Any
+    """(N, 4) of their random numbers, `normals.stream_of`."""
     steering: Any
     status: Any
     """(N) `FLIES` and so on."""
@@ -66,6 +69,7 @@ def new_batch(count: int, plant: Any, theta: Array, cores: Sequence[Core], captu
             raise InputError(f"core '{core.name}': many flights at a time; accepted: compiled")
     return Batch(
         new_flights(count, plant, theta, cores, captures, BLOCK),
+        np.zeros((count, 4), np.uint64),
         np.zeros(count, Steering.layout),
         np.full(count, ENDED, np.int64),
         np.zeros((count, ACTIONS)),
@@ -74,17 +78,9 @@ def new_batch(count: int, plant: Any, theta: Array, cores: Sequence[Core], captu
     )
 
 
-def row_of(batch: Any, i: int) -> Any:
-    """Return vehicle `i` of a batch, or of tuples in it: views of its rows."""
-    if isinstance(batch, tuple):
-        parts = [row_of(part, i) for part in batch]
-        return type(batch)(*parts) if hasattr(batch, "_fields") else tuple(parts)
-    return batch[i : i + 1]
-
-
 @compiled(inline=False)
 def fly_batch(batch: Batch, shared: Shared, first: int, last: int) -> None:
-    """Fly vehicles `first` to `last` - 1 until each waits, is over, ends, or needs random numbers.
+    """Fly vehicles `first` to `last` - 1 until each waits, is over, has collided, or ends.
 
     Args:
         batch: changed.
@@ -94,7 +90,7 @@ def fly_batch(batch: Batch, shared: Shared, first: int, last: int) -> None:
     """
     flights = batch.flights
     for i in range(first, last):
-        flight, base = flights.progress[i], flights.base[i]
+        flight = flights.progress[i]
         reaction = flights.memories[REACTION][0][i]
         status = batch.status[i]
         if status == ACTS:
@@ -103,10 +99,12 @@ def fly_batch(batch: Batch, shared: Shared, first: int, last: int) -> None:
             status = FLIES
         elif status == HANDED:
             status = _decide(batch, shared, i, reaction)
-        while status == FLIES and flight.tick < min(base + BLOCK, flight.end):
-            if flight.tick == base:
+        while status == FLIES and flight.tick < flight.end:
+            if flight.tick >= flights.base[i] + BLOCK:
+                flights.base[i] = flight.tick
+                draw_normals(batch.streams[i], flights.noise[i])
                 forget_messages(flights, i)
-            if fly(flights, shared, i, base + BLOCK):
+            if fly(flights, shared, i, flights.base[i] + BLOCK):
                 if flight.to_hand != 0 or reaction.pending > 0:
                     status = COLLIDED
                 else:

@@ -15,6 +15,7 @@ from tombo_dynamics.rotation import upright
 from tombo_dynamics.time_base import TICK_NS, TICK_S
 from tombo_dynamics.vectors import store
 from tombo_sim.flight_setup import NOISE, begin
+from tombo_sim.normals import draw_normals, stream_of
 from tombo_sim.sensing import Captures, MocapEntry, capture_pose, read_imu
 from tombo_sim.world import World
 
@@ -68,7 +69,8 @@ class Simulator:
         self._vehicle = (self._plants, setup.maps.as_array(), setup.theta)
         self.tick = 0
         self._rate = setup.mocap_rate
-        self._noise = self.setup.tick_noise.standard_normal((_BLOCK, NOISE))
+        self._stream, self._noise = stream_of(setup.tick_noise), np.empty((_BLOCK, NOISE))
+        draw_normals(self._stream, self._noise)
         self._captured = 0
         self._entries = np.zeros(1, MocapEntry.layout)
         self._captures = Captures.new()
@@ -83,7 +85,7 @@ class Simulator:
         finish(*self._vehicle, self._noise[self.tick % _BLOCK], command)
         self.tick += 1
         if self.tick % _BLOCK == 0:
-            self._noise = self.setup.tick_noise.standard_normal((_BLOCK, NOISE))
+            draw_normals(self._stream, self._noise)
         sense(*self._vehicle, self._noise[self.tick % _BLOCK])
         self._capture()
 
