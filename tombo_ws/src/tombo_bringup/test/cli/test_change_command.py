@@ -40,7 +40,8 @@ def fly(tombo, name, seed, *more):
 def test_a_weak_propeller_hidden_in_a_flight_of_the_suite_is_found(tombo, tmp_path):
     before = [fly(tombo, f"before{seed}", seed) for seed in (0, 1)]
     new = fly(tombo, "new", 7, "effects.weak_propeller.rear_left=0.1")
-    result = tombo("diagnose", new, "--healthy", *before, "--json")
+    one = ("--session", "today=*")
+    result = tombo("diagnose", new, "--healthy", *before, *one, "--json")
     assert (result.code, result.err) == (0, "")
     assert result.json["verdict"] in ("named", "set")
     assert {c["rotor"] for c in result.json["changed"]} == {"rear_left"}
@@ -48,7 +49,7 @@ def test_a_weak_propeller_hidden_in_a_flight_of_the_suite_is_found(tombo, tmp_pa
     assert first["effect"] == "weak_propeller"
     assert first["theta"]["rear_left"]["value"] == pytest.approx(0.1, abs=0.02)
     again = fly(tombo, "again", 8)
-    shown = tombo("diagnose", again, "--healthy", *before, "-o", "out")
+    shown = tombo("diagnose", again, "--healthy", *before, *one, "-o", "out")
     assert shown.out.startswith("Nothing has changed that these flights show")
     names = {str(p.relative_to(tmp_path / "out")) for p in (tmp_path / "out").rglob("*.*")}
     assert names == {"diagnosis.json", "report.html", "plots/changed.png"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import os
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -112,6 +113,14 @@ def diagnose(
             "model; no other is used. All paths up to the next option, or once for each.",
         ),
     ] = None,
+    sessions: Annotated[
+        list[str] | None,
+        option(
+            "--session NAME=PATTERN",
+            "With --healthy: flights whose names fit the pattern are of this session, as "
+            "monday='normal_[123]'. Default: their dates; without dates, demand that is alike.",
+        ),
+    ] = None,
     maps: TopicNames = None,
     topics: Annotated[list[str] | None, former_option("--topic TOPIC=NAME", "--map")] = None,
     output: Annotated[
@@ -143,8 +152,11 @@ def diagnose(
     if healthy is not None:
         if model is not None:
             raise InputError("--model and --healthy: both say what to compare with; accepted: one")
-        _compare(logs, healthy, mapping, names, output, force, no_report, as_json)
+        read = _Read(logs, healthy, mapping, names, _sessions(sessions or []))
+        _compare(read, output, force, no_report, as_json)
         return
+    if sessions:
+        raise InputError(f"--session {sessions[0]}: accepted with --healthy OLD... only")
     from tombo_diagnosis.report.files import DIAGNOSIS_FILES, write_diagnosis
     from tombo_diagnosis.report.page import diagnosis_page
 
@@ -186,16 +198,34 @@ def run(
     return diagnosis, NominalReference(label, today, base, vehicle or "")
 
 
-def _compare(
-    new: list[Path],
-    healthy: list[Path],
-    mapping: str | None,
-    names: dict[str, str],
-    output: str | None,
-    force: bool,
-    no_report: bool,
-    as_json: bool,
-) -> None:
+@dataclass(frozen=True)
+class _Read:
+    """What a comparison is asked about; arguments of `diagnose`."""
+
+    new: list[Path]
+    healthy: list[Path]
+    mapping: str | None
+    names: dict[str, str]
+    sessions: dict[str, str]
+    """Pattern of flights' names -> session."""
+
+
+def _sessions(given: list[str]) -> dict[str, str]:
+    """Return pattern -> session of `--session NAME=PATTERN`.
+
+    Raises:
+        InputError: it has no name or no pattern.
+    """
+    sessions = {}
+    for text in given:
+        name, _, pattern = text.partition("=")
+        if not name or not pattern:
+            raise InputError(f"--session {text}: accepted: NAME=PATTERN, as monday=normal_[123]")
+        sessions[pattern] = name
+    return sessions
+
+
+def _compare(read: _Read, output: str | None, force: bool, no_report: bool, as_json: bool) -> None:
     """Say what has changed on a vehicle since its healthy flights; arguments as of `diagnose`.
 
     Raises:
@@ -203,10 +233,10 @@ def _compare(
     """
     from tombo_diagnosis.report.change_page import CHANGE_FILES, change_page, write_change
 
-    path = results_folder(output, "diagnosis", new[0].name.split(".")[0], as_json, "log")
+    path = results_folder(output, "diagnosis", read.new[0].name.split(".")[0], as_json, "log")
     both, path, written = compute_into(
         path, force, CHANGE_FILES,
-        lambda on_progress: run_change(new, healthy, mapping, names, on_progress),
+        lambda on_progress: run_change(read, on_progress),
         lambda folder, both, on_progress: write_change(
             folder, *both, pictures=not no_report, on_progress=on_progress
         ),
@@ -215,24 +245,18 @@ def _compare(
     show_page(change_page(*both), as_json, None if as_json else path, written)
 
 
-def run_change(
-    new: list[Path],
-    healthy: list[Path],
-    mapping: str | None,
-    names: dict[str, str],
-    on_progress: ProgressCallback,
-) -> tuple[Diagnosis, ChangeData]:
+def run_change(read: _Read, on_progress: ProgressCallback) -> tuple[Diagnosis, ChangeData]:
     """Read the flights, all of them once, check, and compare.
 
     Raises:
-        InputError: a log or the mapping can't be used, no flight of one side can, or a flight is
-            on both sides.
+        InputError: a log or the mapping can't be used, no flight of one side can, a flight is on
+            both sides, or a session has no flight.
     """
     from tombo_logs.readers.log_reader import logs_in, read_logs
 
-    on_progress(f"reading {new[0].name} and others", 0.0)
-    count = sum(len(logs_in(path)) for path in new)
-    flights = read_logs([*new, *healthy], mapping=mapping, names=names)
+    on_progress(f"reading {read.new[0].name} and others", 0.0)
+    count = sum(len(logs_in(path)) for path in read.new)
+    flights = read_logs([*read.new, *read.healthy], mapping=read.mapping, names=read.names)
 
     on_progress("loading the model", 0.5)  # imports compiled code
     from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
@@ -245,7 +269,8 @@ def run_change(
         for side in (flights[:count], flights[count:])
     )
     on_progress("comparing", 0.9)
-    return diagnose_change(after, before, nominal, time.perf_counter, [*faults, *more])
+    left_out = [*faults, *more]
+    return diagnose_change(after, before, nominal, time.perf_counter, left_out, read.sessions)
 
 
 def _explain_mapping(logs: list[Path], output: str | None, force: bool) -> None:

@@ -37,7 +37,7 @@ def test_every_candidate_hovers_and_asks_for_its_own_command(nominal):
     result = {
         c.label: c.demand[-1]
         for c in candidates(nominal.vehicle, nominal.maps, np.array([0.05]))
-        if not c.effect.endswith(("unbalance", "load"))
+        if c.effect in ("weak_propeller", "added_weight", "mass_error")
     }
     assert len(result) == 15  # a rotor or two weak, a weight at each, the mass
     for one, demand in result.items():

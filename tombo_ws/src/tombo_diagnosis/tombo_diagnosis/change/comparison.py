@@ -1,9 +1,9 @@
 """New flights against healthy ones: how likely is each candidate, and none of them.
 
-Healthy flights differ by day: another battery, another seat of it, other air. How much is known
-from a few flights only, so their spread is fitted with a prior, and what is predicted for new
-flights has the tails of Student's t. New flights of one day share one day's offset: their mean
-is compared as one draw, however many they are.
+Flights come in sessions. From one session to the next battery, seat and air move what all rotors
+do together, and the roll, pitch and yaw part of it, more than single rotors; flights of one
+session differ less. A vehicle has few sessions, so both spreads are pooled with those of other
+vehicles, and what is predicted for a further session has the tails of Student's t.
 """
 
 from __future__ import annotations
@@ -14,15 +14,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f as fisher
-from scipy.stats import t as student
 
-from tombo_diagnosis.change.features import MODES, Features
+from tombo_diagnosis.change.features import MODES, Features, mean_of
 from tombo_diagnosis.change.signatures import (
     ADDED_WEIGHT,
     CENTRE,
     HANGING_LOAD,
     MASS,
+    OTHER,
     UNBALANCE,
     WEAK_PROPELLER,
     ChangeCandidate,
@@ -30,60 +29,82 @@ from tombo_diagnosis.change.signatures import (
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES
 
-DAY_DEMAND, DAY_SHAKE, DAY_SWING, DAY_TRAIL = 0.01, 0.2, 0.2, 0.01
-"""Spread between days before any flight is seen, of logarithms, and of `trail` [s/m]. Demand: a
-battery that sits 0.7 % of the arm off its place."""
-DAY_COMMON = 0.015
-"""The same of all rotors together: the density of air varies by 0.9 % with the pressure (9 hPa)
-and 0.7 % with the room's temperature (2 K), a battery by 3 % of a third of the vehicle's mass."""
-_PRIOR_FLIGHTS = 4.0
-"""How many flights that weighs."""
-_WITHIN = 0.004
-"""Spread of demand between flights of one day."""
+SESSION_MODES = (0.02, 0.0075, 0.0095, 0.0095)
+"""Spread of demand between sessions before any flight is seen, of logarithms: part of all rotors,
+roll, pitch, yaw. Two days of a Crazyflie differ by 3.3, 0.9, 2.3 and 1.9 %. Air density varies by
+0.9 % with the pressure (9 hPa), batteries by 3 % of a third of the mass; one that sits 0.7 % of
+the arm off its place moves roll or pitch by 1 %."""
+_SESSION_ROTOR = 0.003
+"""The same of a single rotor."""
+_SESSION_OTHERS = (0.13, 0.15, 0.2, 0.01, 0.01)
+"""The same of shake, swing (logarithms) and trail [s/m]."""
+_FLIGHT = (0.007, 0.007, 0.007, 0.007, 0.1, 0.1, 0.2, 0.01, 0.01)
+"""Spread between flights of one session, of demand of each rotor, shake, swing, trail."""
+_FLIGHT_COMMON = 0.01
+"""The same of all rotors together: batteries differ in mass by 3 % of a third of the vehicle."""
+_PRIOR_SESSIONS, _PRIOR_FLIGHTS = 6.0, 4.0
+"""How many of each that weighs."""
 
 TYPICAL_SIZE: Mapping[str, float] = {
-    WEAK_PROPELLER: 0.15, ADDED_WEIGHT: 0.1, HANGING_LOAD: 0.1, MASS: 0.1,
+    WEAK_PROPELLER: 0.1, ADDED_WEIGHT: 0.1, HANGING_LOAD: 0.1, MASS: 0.1, CENTRE: 0.06,
 }  # fmt: skip
-"""Sizes that clearly matter: shares of thrust and of mass, as in the registry."""
-_CENTRE_SIZES = (0.02, 0.06, 0.2)
-"""Shares of the arm; the registry's typical one is 0.04."""
-_YAW_SHARE = 0.3
+"""Sizes before the data, their median: shares of thrust, of mass and of the arm, as in the
+registry."""
+_SIZES = 0.8
+"""Spread of their logarithms: a factor of 5 either way."""
+NONE = 0.3
+"""Probability that nothing has changed before the data: who asks has a reason."""
+_PRIOR: Mapping[str, float] = {
+    WEAK_PROPELLER: 1.5, ADDED_WEIGHT: 1.0, HANGING_LOAD: 0.7, MASS: 0.5, CENTRE: 0.5,
+    UNBALANCE: 0.3, OTHER: 0.2,
+}  # fmt: skip
+"""Weight of an effect before the data, shared by its rotors."""
+_PAIR_PRIOR = 0.7
+"""Two weak propellers, any, against one before the data: what hits one may hit another."""
+_YAW_SHARE = 0.4
 """Change of a rotor's torque per thrust, as a share of the thrust lost: a cut or taped blade has
 another ratio."""
-_WASH = 0.1
+_WASH = 0.05
 """Share of thrust, and of torque by the swirl, that a weight in its downwash may take from a
 rotor, whatever its mass."""
-_ROUGH = 0.7
-"""Spread of the logarithm of shake where blades, or their air, are changed: a factor of 2."""
-_DETUNED = 10.0
+_MISFIT = 0.1
+"""Share of the demand of the rotor that changes most by which a prediction may be off at each:
+motors are not linear, and not alike."""
+_ROUGH = 0.4
+"""Spread of the logarithm of shake where blades, or their air, are changed: a factor of 1.5."""
+_WEIGHED = 0.2
+"""The same with a weight beside a rotor."""
+_DETUNED = 5.0
 """Logarithm of swing per demand: a rotor that gives less than asked for slackens the loops."""
-_SWUNG = 0.7
+_SWUNG = 0.5
 """Spread of the logarithm of swing with a hanging load: it may calm a vehicle or shake it, as
 its controller does (the simulated one swings less by 0.2 to 0.4, whatever the thread)."""
-_DRAGGED = 0.02
-"""Trail of a hanging load [s/m], mean and spread, away from the side that it hangs on: 0.1 % of
+_DRAGGED = 0.05
+"""Trail of a hanging load [s/m], mean and spread, away from the side that it hangs on: 0.25 % of
 the weight as drag at 0.3 m/s, at the end of an arm."""
-CHANGED = 0.5
+CHANGED = 0.25
 """Probability that nothing has changed, below which something has."""
-_PAIR_PRIOR = 0.1
-"""Two weak propellers against one, before the data."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """What healthy flights look like, and how certain that is."""
+    """What healthy flights look like, and how certain that is. Vectors as `Features.vector`."""
 
     mean: Features
-    demand: Array
-    """(4, 4) scale matrix of Student's t of one further day."""
-    shake: Array
-    """(2,) scale; NaN: not measured in all of them."""
-    swing: float
-    trail: Array
-    """(2,) scale; NaN: not flown in all of them."""
+    session: Array
+    """(9, 9) covariance between sessions."""
+    flight: Array
+    """(9, 9) covariance between flights of a session."""
     degrees: float
     """Of freedom."""
     flights: int
+    """That `mean` is of."""
+    sessions: int
+
+    def scale(self, new: int) -> Array:
+        """Return the scale matrix (9, 9) of the mean of `new` flights of one further session."""
+        sessions = self.session * (1.0 + 1.0 / self.sessions)
+        return sessions + self.flight * (1.0 / new + 1.0 / self.flights)
 
 
 @dataclass(frozen=True)
@@ -92,13 +113,11 @@ class CandidateResult:
 
     candidate: ChangeCandidate
     probability: float
-    size: float
-    """The most probable one."""
-    low: float
-    high: float
-    """95 % of the size's probability."""
-    surprise: float = 1.0
-    """Probability among healthy flights of a rest as large as this candidate leaves."""
+    size: Array
+    """(k,) the most probable value of each of its sizes."""
+    low: Array
+    high: Array
+    """(k,) 95 % of the size's probability."""
 
 
 @dataclass(frozen=True)
@@ -107,67 +126,50 @@ class HealthyComparison:
 
     none: float
     """Probability that nothing has changed."""
-    surprise: float
-    """Probability of a difference as large as this among healthy flights, in any direction."""
-    found: tuple[CandidateResult, ...]
+    results: tuple[CandidateResult, ...]
     """All candidates, most probable first."""
     shift: Features
     """New minus healthy."""
 
 
-def spread_of(healthy: Sequence[Features]) -> Spread:
-    """Return mean and spread of healthy flights, one or more."""
-    n = len(healthy)
-    mean = mean_of(healthy)
-    demand = np.array([f.demand for f in healthy]) - mean.demand
-    shake = np.array([f.shake for f in healthy]) - mean.shake
-    swing = np.array([f.swing for f in healthy]) - mean.swing
-    trail = np.array([f.trail for f in healthy]) - mean.trail
-    degrees = _PRIOR_FLIGHTS + n - 1.0
-    grown = (1.0 + 1.0 / n) / degrees
-    # directions that these few flights do not vary in: as wide as they are on the whole, but for
-    # what all rotors do together
-    left = demand - demand.mean(axis=1, keepdims=True)
-    overall = (_PRIOR_FLIGHTS * DAY_DEMAND**2 + float(np.sum(left**2)) / 3.0) / degrees
-    expected = overall * np.eye(4) + DAY_COMMON**2
-    return Spread(
-        mean,
-        (demand.T @ demand + _PRIOR_FLIGHTS * expected) * grown,
-        np.sqrt((np.sum(shake**2, axis=0) + _PRIOR_FLIGHTS * DAY_SHAKE**2) * grown),
-        math.sqrt((float(np.sum(swing**2)) + _PRIOR_FLIGHTS * DAY_SWING**2) * grown),
-        np.sqrt((np.sum(trail**2, axis=0) + _PRIOR_FLIGHTS * DAY_TRAIL**2) * grown),
-        degrees,
-        n,
-    )
+def spread_of(healthy: Sequence[Features], sessions: Sequence[str], same: str = "") -> Spread:
+    """Return mean and spread of healthy flights, one or more, each with its session.
 
-
-def mean_of(flights: Sequence[Features]) -> Features:
-    """Return the mean of what flights say."""
-    return Features(
-        np.mean([f.demand for f in flights], axis=0),
-        np.mean([f.shake for f in flights], axis=0),
-        float(np.mean([f.swing for f in flights])),
-        np.mean([f.trail for f in flights], axis=0),
-        float(np.mean([f.supply for f in flights])),
-    )
-
-
-def difference(new: Features, healthy: Features) -> Features:
-    """Return new minus healthy."""
-    return Features(
-        new.demand - healthy.demand,
-        new.shake - healthy.shake,
-        new.swing - healthy.swing,
-        new.trail - healthy.trail,
-        new.supply - healthy.supply,
-    )
+    `same`: the session of these that new flights are of, too; empty: they are of a further one.
+    """
+    values = np.array([f.vector for f in healthy])
+    names = list(dict.fromkeys(sessions))
+    member = np.array([[s == name for s in sessions] for name in names])
+    means = np.array([values[rows].mean(axis=0) for rows in member])
+    inside = values - means[member.argmax(axis=0)]
+    middle = means.mean(axis=0)
+    n, count = len(names), len(healthy)
+    prior = np.diag(np.square([0.0] * 4 + list(_SESSION_OTHERS)))
+    modes = 4.0 * MODES.T  # (4, 4): what a part of one does to each rotor
+    prior[:4, :4] = (modes * np.square(SESSION_MODES)) @ modes.T + _SESSION_ROTOR**2 * np.eye(4)
+    moved = means - middle
+    apart = moved[:, :4]
+    # a vehicle that varies more in some directions does so in those not yet seen
+    loose = float(np.sum(apart * np.linalg.solve(prior[:4, :4], apart.T).T))
+    loose = (4.0 * _PRIOR_SESSIONS + loose) / (4.0 * _PRIOR_SESSIONS + 4.0 * (n - 1.0))
+    prior[:4, :4] *= max(loose, 1.0) if n > 1 else 1.0
+    alike = np.diag(np.square(_FLIGHT))
+    alike[:4, :4] += _FLIGHT_COMMON**2
+    degrees = _PRIOR_FLIGHTS + count - n
+    flight = (inside.T @ inside + _PRIOR_FLIGHTS * alike) / degrees
+    if same:
+        near = [f for f, name in zip(healthy, sessions, strict=True) if name == same]
+        none = np.zeros_like(flight)
+        return Spread(mean_of(near), none, flight, degrees, len(near), n)
+    session = (moved.T @ moved + _PRIOR_SESSIONS * prior) / (_PRIOR_SESSIONS + n - 1.0)
+    mean = Features.of(middle, mean_of(healthy).supply)
+    return Spread(mean, session, flight, _PRIOR_SESSIONS + n - 1.0, count, n)
 
 
 def compare(
     spread: Spread,
     new: Sequence[Features],
     tried: Sequence[ChangeCandidate],
-    centre: Array,
     supply_doubt: float = 0.0,
     exponent_doubt: float = 0.0,
 ) -> HealthyComparison:
@@ -177,42 +179,45 @@ def compare(
         spread: of the healthy flights.
         new: flights in one new state.
         tried: candidates of `signatures.candidates`.
-        centre: of `signatures.centre_directions`.
         supply_doubt: standard deviation of the drive curve's supply exponent: flights at another
             voltage than the healthy ones may have the demand of all rotors wrong by it.
         exponent_doubt: standard deviation of the curve's exponent over its value: what is asked
             for more is known to that share, but not whether it is.
     """
     now = mean_of(new)
-    shift = difference(now, spread.mean)
-    within = np.eye(4) * _WITHIN**2 / len(new)
+    shift = Features.of(now.vector - spread.mean.vector, now.supply - spread.mean.supply)
+    scale = spread.scale(len(new))
     if math.isfinite(shift.supply):
-        within += (supply_doubt * shift.supply) ** 2
-    weigher = _Weigher(spread, spread.demand + within, shift)
-    still = np.zeros((1, 4)), np.zeros((1, 4, 4)), 0.0, 0.0, np.zeros(1)
-    nothing = float(weigher.log_density(*still)[0]) + weigher.log_trail(None)
-    entries = [(c, *weigher.of(c), _prior(c)) for c in tried]
-    moved = _centre_candidate(weigher, centre)
-    entries.append((*moved, 1.0))
-    total = sum(prior for *_, prior in entries)
-    logs = np.array([ld + math.log(p / total) for _, ld, *_, p in entries])
-    top = max(float(logs.max()), nothing)
-    weights, empty = np.exp(logs - top), math.exp(nothing - top)
-    whole = float(weights.sum()) + empty
+        scale[:4, :4] += (supply_doubt * shift.supply) ** 2
+    nothing = float(_log_density(scale, spread.degrees, shift.vector, None)[0]) + math.log(
+        NONE / (1.0 - NONE)
+    )
+    total = sum(_prior(c) for c in tried)
+    logs, parts = [], []
+    for candidate in tried:
+        log = _log_density(scale, spread.degrees, shift.vector, candidate) + np.log(
+            _size_prior(candidate)
+        )
+        top = float(log.max())
+        weight = np.exp(log - top)
+        logs.append(top + math.log(weight.sum()) + math.log(_prior(candidate) / total))
+        parts.append(weight / weight.sum())
+    highest = max(*logs, nothing)
+    whole = float(np.exp(np.array(logs) - highest).sum()) + math.exp(nothing - highest)
     results = [
-        CandidateResult(c, float(w) / whole, size, *wider, weigher.rest(c, size))
-        for (c, _, size, low, high, _), w in zip(entries, weights, strict=True)
-        for wider in (_wider(size, low, high, exponent_doubt),)
+        CandidateResult(
+            c, math.exp(log - highest) / whole, *_interval(c.sizes, part, exponent_doubt)
+        )
+        for c, log, part in zip(tried, logs, parts, strict=True)
     ]
-    results.sort(key=lambda f: -f.probability)
-    return HealthyComparison(empty / whole, weigher.surprise(), tuple(results), shift)
+    results.sort(key=lambda r: -r.probability)
+    return HealthyComparison(math.exp(nothing - highest) / whole, tuple(results), shift)
 
 
 def smallest_seen(
     spread: Spread,
     new: Sequence[Features],
     tried: Sequence[ChangeCandidate],
-    centre: Array,
     supply_doubt: float,
     asked: Sequence[str],
 ) -> dict[str, float]:
@@ -225,173 +230,136 @@ def smallest_seen(
 
     def is_seen(demand: Array) -> bool:
         shown = replace(spread.mean, demand=spread.mean.demand + demand, supply=supply)
-        return compare(spread, [shown] * len(new), tried, centre, supply_doubt).none <= CHANGED
+        return compare(spread, [shown] * len(new), tried, supply_doubt).none <= CHANGED
 
     sizes = {}
     for candidate in tried:
         if candidate.label not in asked:
             continue
-        rows = np.flatnonzero(candidate.sizes > 0.0)
+        size = candidate.sizes[:, 0]
+        rows = np.flatnonzero(size > 0.0)
         k = bisect_left(rows, True, key=lambda row: is_seen(candidate.demand[row]))
-        sizes[candidate.label] = float(candidate.sizes[rows[k]]) if k < rows.size else math.inf
+        sizes[candidate.label] = float(size[rows[k]]) if k < rows.size else math.inf
     return sizes
 
 
-def _wider(size: float, low: float, high: float, share: float) -> tuple[float, float]:
-    """Return an interval with a standard deviation of that share of the size besides."""
-    more = 1.96 * share * size
-    return size - math.hypot(size - low, more), size + math.hypot(high - size, more)
+def accused_of(
+    healthy: Sequence[Features], sessions: Sequence[str], tried: Sequence[ChangeCandidate]
+) -> tuple[int, int]:
+    """Return how many healthy sessions would be accused by the others; and of how many.
+
+    Where all are of one session, flights take the place of sessions.
+    """
+    alone = len(set(sessions)) == 1
+    units = [str(k) for k in range(len(healthy))] if alone else list(sessions)
+    names = sorted(set(units)) if len(healthy) > 1 else []
+    accused = 0
+    for name in names:
+        rest = [k for k, unit in enumerate(units) if unit != name]
+        spread = spread_of(
+            [healthy[k] for k in rest], [sessions[k] for k in rest], sessions[0] if alone else ""
+        )
+        left_out = [f for f, unit in zip(healthy, units, strict=True) if unit == name]
+        accused += compare(spread, left_out, tried).none <= CHANGED
+    return accused, len(names)
 
 
 def _prior(candidate: ChangeCandidate) -> float:
     """Return the weight of a candidate before the data: effects alike, then rotors."""
+    weight = _PRIOR[candidate.effect]
     if "+" in candidate.rotor:
-        return _PAIR_PRIOR / 6.0
-    return 0.25 if candidate.rotor else 1.0
+        return _PAIR_PRIOR * weight / 6.0
+    return weight / 4.0 if candidate.rotor else weight
 
 
-@dataclass(frozen=True)
-class _Weigher:
-    spread: Spread
-    scale: Array
-    shift: Features
-
-    def of(self, candidate: ChangeCandidate) -> tuple[float, float, float, float]:
-        """Return log density over all sizes; the best size and its 95 % interval."""
-        size = candidate.sizes
-        extra, rough, swung = _nuisance(candidate)
-        mean, loose = swung
-        log = self.log_density(candidate.demand, extra, rough, mean, loose)
-        log = log + self.log_trail(candidate)
-        if size.size == 1:
-            return float(log[0]), float("nan"), float("nan"), float("nan")
-        prior = np.exp(-0.5 * (size / TYPICAL_SIZE[candidate.effect]) ** 2) * np.abs(
-            np.gradient(size)
-        )
-        return _summed(log, prior / prior.sum(), size)
-
-    def log_density(
-        self, demand: Array, extra: Array, rough: float, swung: float, loose: Array
-    ) -> Array:
-        """Return the log density (S,) of the shift under candidates' shifts and their slack.
-
-        Args:
-            demand: (S, 4) shift that the candidate asks for.
-            extra: (S, 4, 4) covariance of what it leaves open.
-            rough: standard deviation of the shake that it leaves open.
-            swung: mean of the swing's shift.
-            loose: (S,) its standard deviation.
-        """
-        nu = self.spread.degrees
-        gap = self.shift.demand - demand
-        scale = self.scale + extra
-        square = np.einsum("si,si->s", gap, np.linalg.solve(scale, gap[..., None])[..., 0])
-        log = -0.5 * np.linalg.slogdet(scale)[1] - 0.5 * (nu + 4.0) * np.log1p(square / nu)
-        for j in range(2):
-            if np.isfinite(self.shift.shake[j]):
-                log = log + _log_t(self.shift.shake[j], self.spread.shake[j], rough, nu)
-        if math.isfinite(self.shift.swing):
-            log = log + _log_t(self.shift.swing - swung, self.spread.swing, loose, nu)
-        return np.asarray(log)
-
-    def log_trail(self, candidate: ChangeCandidate | None) -> float:
-        """Return the log density of the trail: only a hanging load drags."""
-        mean, loose = _dragged(candidate)
-        log = 0.0
-        for gap, scale, m in zip(self.shift.trail, self.spread.trail, mean, strict=True):
-            if math.isfinite(gap) and math.isfinite(scale):
-                log += float(_log_t(gap - m, scale, loose, self.spread.degrees))
-        return log
-
-    def rest(self, candidate: ChangeCandidate, size: float) -> float:
-        """Return the surprise at what a candidate of that size leaves."""
+def _size_prior(candidate: ChangeCandidate) -> Array:
+    """Return the probability of each row of sizes before the data (S,)."""
+    typical = TYPICAL_SIZE.get(candidate.effect)
+    weight = candidate.volume.copy()
+    if typical is not None:
+        size = np.abs(candidate.sizes)
         if candidate.effect == CENTRE:
-            return self.surprise(candidate.demand[0])
-        k = 0 if math.isnan(size) else int(np.abs(candidate.sizes - size).argmin())
-        extra, rough, (mean, loose) = _nuisance(candidate)
-        return self.surprise(candidate.demand[k], extra[k], rough, mean, float(loose[k]))
-
-    def surprise(
-        self,
-        demand: Array | None = None,
-        extra: Array | float = 0.0,
-        rough: float = 0.0,
-        swung: float = 0.0,
-        loose: float = 0.0,
-    ) -> float:
-        """Return the smallest p-value of demand, shake and swing, times their number."""
-        nu, scale = self.spread.degrees, self.scale + extra
-        gap = self.shift.demand - (0.0 if demand is None else demand)
-        values = [float(fisher.sf(float(gap @ np.linalg.solve(scale, gap)) / 4.0, 4, nu))]
-        ratios = [
-            *(self.shift.shake / np.hypot(self.spread.shake, rough)),
-            (self.shift.swing - swung) / math.hypot(self.spread.swing, loose),
-        ]
-        values += [2.0 * float(student.sf(abs(r), nu)) for r in ratios if math.isfinite(r)]
-        return min(1.0, len(values) * min(values))
+            size = np.linalg.norm(size, axis=1, keepdims=True)
+            weight = weight / (size[:, 0] + 1e-6)
+        size = size + 1e-6
+        weight = weight * np.prod(
+            np.exp(-0.5 * (np.log(size / typical) / _SIZES) ** 2) / size, axis=1
+        )
+    return np.asarray(weight / weight.sum())
 
 
-def _dragged(candidate: ChangeCandidate | None) -> tuple[Array, float]:
-    """Return the trail of a candidate: mean (2,) and spread."""
-    if candidate is None or candidate.effect != HANGING_LOAD:
-        return np.zeros(2), 0.0
-    k = ROTOR_NAMES.index(candidate.rotor)
-    return _DRAGGED * np.sign([ARM_Y[k], -ARM_X[k]]), _DRAGGED
+def _interval(sizes: Array, weight: Array, share: float) -> tuple[Array, Array, Array]:
+    """Return median and both ends of the 95 % interval (k,) of each size.
+
+    The interval is widened by a standard deviation of that share of the size.
+    """
+    rows = np.zeros((sizes.shape[1], 3))
+    for row, size in zip(rows, sizes.T, strict=True):
+        values, cell = np.unique(size, return_inverse=True)
+        edges = np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1]), values[-1:]])
+        steps = np.concatenate([[0.0], np.cumsum(np.bincount(cell, weight))])
+        low, middle, high = np.interp([0.025, 0.5, 0.975], steps, edges)
+        more = 1.96 * share * middle
+        row[:] = (
+            middle,
+            middle - np.hypot(middle - low, more),
+            middle + np.hypot(high - middle, more),
+        )
+    return rows[:, 0], rows[:, 1], rows[:, 2]
 
 
-def _nuisance(candidate: ChangeCandidate) -> tuple[Array, float, tuple[float, Array]]:
-    """Return what a candidate leaves open: of demand, shake and swing."""
-    size, effect = np.abs(candidate.sizes), candidate.effect
+def _log_density(
+    scale: Array, degrees: float, shift: Array, candidate: ChangeCandidate | None
+) -> Array:
+    """Return the log density (S,) of the shift (9,) under each size of a candidate, or under none.
+
+    Demand is one draw of four; shake, swing and trail are draws by themselves.
+    """
+    demand, (mean, loose), extra = _predicted(candidate)
+    gap = shift[:4] - demand
+    wide = scale[:4, :4] + extra
+    square = np.einsum("si,si->s", gap, np.linalg.solve(wide, gap[..., None])[..., 0])
+    log = -0.5 * np.linalg.slogdet(wide)[1] - 0.5 * (degrees + 4.0) * np.log1p(square / degrees)
+    for k in range(5):
+        if math.isfinite(shift[4 + k]) and math.isfinite(scale[4 + k, 4 + k]):
+            variance = scale[4 + k, 4 + k] + loose[:, k] ** 2
+            square = (shift[4 + k] - mean[k]) ** 2 / variance
+            log = log - 0.5 * np.log(variance) - 0.5 * (degrees + 1.0) * np.log1p(square / degrees)
+    return np.asarray(log)
+
+
+def _predicted(candidate: ChangeCandidate | None) -> tuple[Array, tuple[Array, Array], Array]:
+    """Return the shift of a candidate.
+
+    Of demand (S, 4); of shake, swing and trail the mean (5,) and standard deviation (S, 5);
+    covariance of the demand that it leaves open (S, 4, 4).
+    """
+    if candidate is None:
+        return np.zeros((1, 4)), (np.zeros(5), np.zeros((1, 5))), np.zeros((1, 4, 4))
+    demand, effect = candidate.demand, candidate.effect
+    largest = np.abs(demand).max(axis=1)
+    mean, loose = np.zeros(5), np.zeros((len(demand), 5))
+    extra = (_MISFIT * largest)[:, None, None] ** 2 * np.eye(4)
     yaw = np.outer(MODES[3], MODES[3])  # the torque of one rotor, shared by all
-    extra = np.zeros((size.size, 4, 4))
-    if effect == WEAK_PROPELLER:
-        extra += (_YAW_SHARE * size)[:, None, None] ** 2 * yaw
+    if effect in (WEAK_PROPELLER, UNBALANCE, HANGING_LOAD, OTHER):
+        loose[:, :2] = _ROUGH
     if effect == ADDED_WEIGHT:
-        rotors = np.diag((candidate.demand[0] == candidate.demand[0].max()).astype(float))
-        extra += _WASH**2 * (rotors + yaw)
-    if effect == HANGING_LOAD:
-        return extra, _ROUGH, (0.0, np.full(size.size, _SWUNG))
-    if effect == UNBALANCE:
-        return extra, _ROUGH, (0.0, np.zeros(size.size))
+        loose[:, :2] = _WEIGHED
     if effect in (WEAK_PROPELLER, ADDED_WEIGHT):
-        demand = np.abs(candidate.demand).max(axis=1)
-        return extra, _ROUGH, (0.0, _DETUNED * demand)
-    return extra, 0.0, (0.0, np.zeros(size.size))
-
-
-def _centre_candidate(
-    weigher: _Weigher, centre: Array
-) -> tuple[ChangeCandidate, float, float, float, float]:
-    """Return the moved centre of gravity in any direction; its size is a share of the arm."""
-    scales = np.array(_CENTRE_SIZES)
-    spread = centre.T @ centre
-    extra = scales[:, None, None] ** 2 * spread
-    log = weigher.log_density(np.zeros((3, 4)), extra, 0.0, 0.0, np.zeros(3))
-    log = log + weigher.log_trail(None)
-    density, *_ = _summed(log, np.full(3, 1.0 / 3.0), scales)
-    gain = np.linalg.solve(
-        centre @ np.linalg.solve(weigher.scale, centre.T) + np.eye(2) / scales[-1] ** 2,
-        centre @ np.linalg.solve(weigher.scale, weigher.shift.demand),
-    )
-    error = 1.96 / math.sqrt(
-        float(np.linalg.eigvalsh(centre @ np.linalg.solve(weigher.scale, centre.T))[0])
-    )
-    size = float(np.linalg.norm(gain))
-    candidate = ChangeCandidate(CENTRE, "", gain, (gain @ centre)[None])
-    return candidate, density, size, max(size - error, 0.0), size + error
-
-
-def _summed(log: Array, prior: Array, size: Array) -> tuple[float, float, float, float]:
-    top = float(log.max())
-    weight = np.exp(log - top) * prior
-    total = float(weight.sum())
-    order = np.argsort(size)
-    steps = np.cumsum(weight[order]) / total
-    low, middle, high = (float(np.interp(q, steps, size[order])) for q in (0.025, 0.5, 0.975))
-    return top + math.log(total), middle, low, high
-
-
-def _log_t(gap: Array | float, scale: float, loose: Array | float, nu: float) -> Array:
-    """Return the log density of Student's t, widened by what is left open; constants left out."""
-    wide = scale**2 + np.asarray(loose) ** 2
-    return np.asarray(-0.5 * np.log(wide) - 0.5 * (nu + 1.0) * np.log1p(gap**2 / wide / nu))
+        loose[:, 2] = _DETUNED * largest
+    if effect in (HANGING_LOAD, OTHER):
+        loose[:, 2] = _SWUNG
+    if effect == WEAK_PROPELLER:
+        share = np.sum((_YAW_SHARE * candidate.sizes) ** 2, axis=1)
+        extra = extra + share[:, None, None] * yaw
+    if effect in (ADDED_WEIGHT, HANGING_LOAD):
+        rotors = np.diag((demand[0] == demand[0].max()).astype(float))
+        extra = extra + _WASH**2 * (rotors + yaw)
+    if effect == HANGING_LOAD:
+        k = ROTOR_NAMES.index(candidate.rotor)
+        mean[3:] = _DRAGGED * np.sign([ARM_Y[k], -ARM_X[k]])
+    if effect in (HANGING_LOAD, OTHER):
+        loose[:, 3:] = _DRAGGED
+    if effect == OTHER:
+        extra = extra + candidate.sizes[:, :, None] ** 2 * np.eye(4)
+    return demand, (mean, loose), extra

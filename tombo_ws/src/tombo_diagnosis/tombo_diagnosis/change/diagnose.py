@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -13,8 +14,8 @@ from tombo_bag.flight import Finding, Flight, why_left_out
 from tombo_diagnosis.change.comparison import (
     CandidateResult,
     HealthyComparison,
+    accused_of,
     compare,
-    mean_of,
     smallest_seen,
     spread_of,
 )
@@ -25,15 +26,10 @@ from tombo_diagnosis.change.features import (
     airborne,
     drive_samples,
     features,
+    mean_of,
 )
-from tombo_diagnosis.change.signatures import (
-    CENTRE,
-    MASS,
-    UNBALANCE,
-    WEAK_PROPELLER,
-    candidates,
-    centre_directions,
-)
+from tombo_diagnosis.change.sessions import known_sessions, sessions_by_demand
+from tombo_diagnosis.change.signatures import CENTRE, MASS, UNBALANCE, WEAK_PROPELLER, candidates
 from tombo_diagnosis.change.verdict import ChangeVerdict, judge_change, notes, summary
 from tombo_diagnosis.diagnosis import Change, Detectable, Diagnosis, FlightSummary, Score
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, fit_drive_curve
@@ -72,6 +68,7 @@ def diagnose_change(
     nominal: NominalModel,
     clock: Callable[[], float] = lambda: 0.0,
     left_out: Sequence[Finding] = (),
+    sessions: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[Diagnosis, ChangeData]:
     """Say what is different now on a vehicle.
 
@@ -81,10 +78,12 @@ def diagnose_change(
         nominal: its geometry says what a weight or a weak rotor asks of the other rotors.
         clock: seconds, for the run time.
         left_out: why flights are not among these.
+        sessions: pattern of flights' names -> session, where their dates are not meant.
 
     Raises:
         InputError: no flight of one side has position and commands and is in the air, new flights
-            do not fly, or the flights have no channel of commands in common.
+            do not fly, a pattern of a session fits none, or the flights have no channel of
+            commands in common.
     """
     began = clock()
     (before, no_use), (after, no_use_either) = _usable(healthy), _usable(new)
@@ -96,14 +95,15 @@ def diagnose_change(
     )
     _check_fly(after, data.new)
     tried = candidates(nominal.vehicle, nominal.maps, _SIZES)
-    centre = centre_directions(nominal.vehicle, nominal.maps)
-    spread = spread_of(data.healthy)
+    named, same = _sessions(before, after, data.healthy, sessions)
+    spread = spread_of(data.healthy, named, same)
+    accused, asked = accused_of(data.healthy, named, tried)
     exponent_doubt, supply_doubt = curve.deviation[0] / curve.exponent, curve.deviation[1]
-    comparison = compare(spread, data.new, tried, centre, supply_doubt, exponent_doubt)
-    verdict = judge_change(comparison, len(before))
+    comparison = compare(spread, data.new, tried, supply_doubt, exponent_doubt)
+    verdict = judge_change(comparison, accused, asked)
     seen: dict[str, float] = {}
     if verdict.verdict == "none":
-        seen = smallest_seen(spread, data.new, tried, centre, supply_doubt, _TOLD)
+        seen = smallest_seen(spread, data.new, tried, supply_doubt, _TOLD)
     findings = (
         *(f for log in (*new, *healthy) for f in log.findings),
         *left_out,
@@ -116,7 +116,8 @@ def diagnose_change(
     if airframe is not None:
         mass, arm = airframe.mass, airframe.arm_length
     changed = tuple(c for m in shown for c in _changes(m, verdict, mass, arm))
-    # a named mass is a set with what no flight tells from it
+    if verdict.verdict == "named" and changed[0].effect == MASS:
+        changed += (_equal(changed[0]),)
     stated = "set" if any(c.effect == _EQUAL for c in changed) else verdict.verdict
     diagnosis = Diagnosis(
         verdict=stated,
@@ -130,13 +131,27 @@ def diagnose_change(
         residuals=(),
         confidence=verdict.confidence,
         summary=summary(verdict, spread, comparison, seen),
-        notes=notes(spread, mean_of(data.new)),
+        notes=notes(spread, mean_of(data.new), accused, asked),
         model=f"{counted(len(before), 'healthy flight')} of the same vehicle",
         vehicle=airframe.name if airframe is not None else "",
         seconds=clock() - began,
         changed=changed,
     )
     return diagnosis, data
+
+
+def _sessions(
+    before: Sequence[AirborneFlight],
+    after: Sequence[AirborneFlight],
+    healthy: Sequence[Features],
+    given: Mapping[str, str],
+) -> tuple[list[str], str]:
+    """Return each healthy flight's session, and that which all new ones share with some, or ""."""
+    known = known_sessions([f.log for f in (*before, *after)], given)
+    named, new = known[: len(before)], set(known[len(before) :])
+    if not all(named):
+        return sessions_by_demand(healthy), ""
+    return named, new.pop() if len(new) == 1 and new <= set(named) else ""
 
 
 def _label(change: Change) -> str:
@@ -201,37 +216,32 @@ def _changes(
             Change(candidate.effect, rotor, (part,), sure)
             for rotor, part in zip(candidate.rotor.split("+"), theta, strict=True)
         ]
-    changes = [Change(candidate.effect, candidate.rotor, theta, sure)]
-    if candidate.effect == MASS:
-        share = FittedParameter("fraction", "1", 0.0, *_inverse(member))
-        changes.append(Change(_EQUAL, "", (share,), sure))
-    return changes
+    return [Change(candidate.effect, candidate.rotor, theta, sure)]
 
 
-def _inverse(member: CandidateResult) -> tuple[float, float, float]:
-    """Return the change of thrust that asks for the same commands as one of mass."""
-    value, low, high = (1.0 / (1.0 + x) - 1.0 for x in (member.size, member.low, member.high))
-    return value, high, low
+def _equal(mass: Change) -> Change:
+    """Return the change of all propellers' thrust that asks for what one of mass asks for."""
+    (share,) = mass.theta
+    value, high, low = (1.0 / (1.0 + x) - 1.0 for x in (share.value, share.low, share.high))
+    return Change(
+        _EQUAL, "", (FittedParameter("fraction", "1", 0.0, value, low, high),), mass.confidence
+    )
 
 
 def _theta(member: CandidateResult, mass: float, arm: float) -> tuple[FittedParameter, ...]:
+    """Return the sizes of a member as parameters: as the registry names them."""
     candidate = member.candidate
-    size = member.size, member.low, member.high
-    if candidate.effect == UNBALANCE:
-        return ()
-    if candidate.effect == CENTRE:
-        half = 0.5 * (member.high - member.low) * arm
-        values = [arm * float(x) for x in candidate.sizes]
-        return tuple(
-            FittedParameter(n, "m", 0.0, v, v - half, v + half)
-            for n, v in zip("xy", values, strict=True)
-        )
-    if candidate.effect == WEAK_PROPELLER:
-        rotors = candidate.rotor.split("+")
-        return tuple(FittedParameter(r, "1", 0.0, *size) for r in rotors)
-    if candidate.effect == MASS:
-        return (FittedParameter("fraction", "1", 0.0, *size),)
-    return (FittedParameter("mass", "kg", 0.0, *(mass * x for x in size)),)
+    names, unit, scale = {
+        UNBALANCE: ((), "1", 1.0),
+        CENTRE: (("x", "y"), "m", arm),
+        WEAK_PROPELLER: (candidate.rotor.split("+"), "1", 1.0),
+        MASS: (("fraction",), "1", 1.0),
+    }.get(candidate.effect, (("mass",), "kg", mass))
+    rows = scale * np.column_stack([member.size, member.low, member.high])
+    return tuple(
+        FittedParameter(name, unit, 0.0, *row)
+        for name, row in zip(names, rows.tolist(), strict=True)
+    )
 
 
 def _scores(comparison: HealthyComparison, seen: Mapping[str, float]) -> tuple[Score, ...]:
@@ -242,7 +252,7 @@ def _scores(comparison: HealthyComparison, seen: Mapping[str, float]) -> tuple[S
             math.log(max(f.probability, 1e-300) / none), f.probability, True,
             detectable=Detectable("fraction", "1", size) if math.isfinite(size) else None,
         )
-        for f in comparison.found
+        for f in comparison.results
         for size in (seen.get(f.candidate.label, math.nan),)
     )  # fmt: skip
 

@@ -85,6 +85,22 @@ class Features:
     supply: float = float("nan")
     """Mean logarithm of the voltage."""
 
+    @property
+    def vector(self) -> Array:
+        """(9,) demand, shake, swing, trail."""
+        return np.concatenate([self.demand, self.shake, [self.swing], self.trail])
+
+    @staticmethod
+    def of(vector: Array, supply: float) -> Features:
+        """Return the features of such a vector."""
+        return Features(vector[:4], vector[4:6], float(vector[6]), vector[7:], supply)
+
+
+def mean_of(flights: Sequence[Features]) -> Features:
+    """Return the mean of what flights say."""
+    supply = float(np.mean([f.supply for f in flights]))
+    return Features.of(np.mean([f.vector for f in flights], axis=0), supply)
+
 
 def airborne(log: Flight) -> AirborneFlight:
     """Find when a checked flight is steadily in the air.

@@ -22,6 +22,12 @@ _HIGH = 100.0
 _STEPS = 6
 WEAK_PROPELLER, ADDED_WEIGHT, HANGING_LOAD = "weak_propeller", "added_weight", "hanging_load"
 UNBALANCE, MASS, CENTRE = "propeller_unbalance", "mass_error", "cog_offset"
+OTHER = "another_cause"
+"""A candidate for what none of the others is."""
+_PAIR_SIZES = 16
+_OTHER_SIZES = (0.03, 0.1, 0.3)
+_CENTRE_ARMS = np.sinh(np.linspace(-3.5, 3.5, 29)) / np.sinh(3.5) * 0.3
+"""Shares of the arm that the centre of gravity may move by, along x and along y."""
 
 Effects = Mapping[str, Mapping[str, float]]
 
@@ -34,9 +40,12 @@ class ChangeCandidate:
     rotor: str
     """Which one, of ROTOR_NAMES; two of them as `a+b`; empty: it concerns no rotor."""
     sizes: Array
-    """(S,) share of thrust lost, of mass added, or of the arm."""
+    """(S, k) share of thrust lost (k = 2: of two rotors), of mass added, or of the arm along x, y;
+    k = 0: it has none."""
     demand: Array
     """(S, 4) change of the logarithm of thrust that the healthy curve reads in hover."""
+    volume: Array
+    """(S,) range of sizes that each row stands for."""
 
     @property
     def label(self) -> str:
@@ -53,7 +62,7 @@ def effects_of(
     """
     arm, mass = vehicle.arm_length, vehicle.mass
     if effect == WEAK_PROPELLER:
-        return {WEAK_PROPELLER: dict.fromkeys(rotor.split("+"), size)}
+        return {WEAK_PROPELLER: {rotor: size}}
     if effect == MASS:
         return {MASS: {"fraction": size}}
     if effect not in (ADDED_WEIGHT, HANGING_LOAD):
@@ -75,18 +84,25 @@ def candidates(vehicle: VehicleParams, maps: RotorMaps, sizes: Array) -> list[Ch
         sizes: (S,) above 0, to be tried.
     """
     healthy = hover_thrust(vehicle, maps, {})
-    pairs = ["+".join(pair) for pair in combinations(ROTOR_NAMES, 2)]
-    asked = [(WEAK_PROPELLER, r) for r in (*ROTOR_NAMES, *pairs)]
-    asked += [(e, r) for e in (ADDED_WEIGHT, HANGING_LOAD) for r in ROTOR_NAMES]
-    candidates = []
-    for effect, rotor in asked:
-        candidates.append(_candidate(effect, rotor, sizes, vehicle, maps, healthy))
+
+    def of(effect: str, rotor: str, sizes: Array) -> ChangeCandidate:
+        return _candidate(effect, rotor, sizes, vehicle, maps, healthy)
+
+    weak = {r: of(WEAK_PROPELLER, r, sizes) for r in ROTOR_NAMES}
+    few = sizes[np.linspace(0, len(sizes) - 1, _PAIR_SIZES).round().astype(int)]
+    some = {r: of(WEAK_PROPELLER, r, few) for r in ROTOR_NAMES}
     both = np.concatenate([-sizes[::-1], sizes])
-    both = both[both > -0.4]
-    candidates.append(_candidate(MASS, "", both, vehicle, maps, healthy))
     still = np.zeros((1, 4))
-    candidates += [ChangeCandidate(UNBALANCE, r, np.zeros(1), still) for r in ROTOR_NAMES]
-    return candidates
+    wide = np.array(_OTHER_SIZES)
+    return [
+        *weak.values(),
+        *(_pair(some[a], some[b]) for a, b in combinations(ROTOR_NAMES, 2)),
+        *(of(e, r, sizes) for e in (ADDED_WEIGHT, HANGING_LOAD) for r in ROTOR_NAMES),
+        of(MASS, "", both[both > -0.4]),
+        _centre(vehicle, maps, healthy),
+        *(ChangeCandidate(UNBALANCE, r, np.zeros((1, 0)), still, np.ones(1)) for r in ROTOR_NAMES),
+        ChangeCandidate(OTHER, "", wide[:, None], np.zeros((3, 4)), np.ones(3)),
+    ]
 
 
 def _candidate(
@@ -100,15 +116,28 @@ def _candidate(
             continue  # so large that it would not hover
         possible.append(size)
         rows.append(np.log(now / healthy))
-    return ChangeCandidate(effect, rotor, np.array(possible), np.array(rows))
+    volume = np.abs(np.gradient(possible)) if len(possible) > 1 else np.ones(len(possible))
+    return ChangeCandidate(effect, rotor, np.array(possible)[:, None], np.array(rows), volume)
 
 
-def centre_directions(vehicle: VehicleParams, maps: RotorMaps) -> Array:
-    """Return (2, 4): change of the demand's logarithm per arm that the centre moves along x, y."""
+def _pair(one: ChangeCandidate, other: ChangeCandidate) -> ChangeCandidate:
+    """Return two weak propellers of any sizes: each asks for more of its own rotor alone."""
+    i, j = np.indices((len(one.sizes), len(other.sizes))).reshape(2, -1)
+    return ChangeCandidate(
+        one.effect, f"{one.rotor}+{other.rotor}",
+        np.column_stack([one.sizes[i], other.sizes[j]]),
+        one.demand[i] + other.demand[j], one.volume[i] * other.volume[j],
+    )  # fmt: skip
+
+
+def _centre(vehicle: VehicleParams, maps: RotorMaps, healthy: Array) -> ChangeCandidate:
+    """Return the centre of gravity moved along x and y, to first order."""
     step, arm = 0.02, vehicle.arm_length
-    healthy = hover_thrust(vehicle, maps, {})
     moved = [hover_thrust(vehicle, maps, {CENTRE: {axis: step * arm}}) for axis in "xy"]
-    return np.asarray(np.log(np.array(moved) / healthy) / step)
+    slopes = np.log(np.array(moved) / healthy) / step
+    sizes = np.stack(np.meshgrid(_CENTRE_ARMS, _CENTRE_ARMS, indexing="ij"), -1).reshape(-1, 2)
+    width = np.gradient(_CENTRE_ARMS)
+    return ChangeCandidate(CENTRE, "", sizes, sizes @ slopes, np.outer(width, width).ravel())
 
 
 def hover_thrust(vehicle: VehicleParams, maps: RotorMaps, effects: Effects) -> Array:

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tombo_diagnosis.change.comparison import CHANGED, CandidateResult, HealthyComparison, Spread
 from tombo_diagnosis.change.features import Features
-from tombo_diagnosis.change.signatures import ADDED_WEIGHT, HANGING_LOAD, UNBALANCE, WEAK_PROPELLER
-from tombo_diagnosis.engine.verdict import LOG_BF_DISTINCT
+from tombo_diagnosis.change.signatures import (
+    ADDED_WEIGHT,
+    HANGING_LOAD,
+    OTHER,
+    UNBALANCE,
+    WEAK_PROPELLER,
+)
 from tombo_diagnosis.wording import counted, listed, percent, sized
 from tombo_dynamics.vehicle import ROTOR_NAMES
 
-COVERED = 0.8
-"""Probability of the members of a set, of all that have changed."""
-_LARGEST_SET = 4
-_PROBABLE_SET = 3
-"""So many are stated where fewer than that can't cover a change, if the truth is more probably
-among them than not."""
-_UNEXPLAINED = 0.005
-"""Surprise at the rest from which on the best candidate is no explanation."""
+NAMED, COVERED = 0.9, 0.7
+"""Probability from which on one cause is named, and of the members of a set."""
+_LARGEST_SET = 3
+_LIKELY = 0.4
+"""Share of a kind's probability from which on its most probable rotor is told."""
 _ALIKE = (WEAK_PROPELLER, ADDED_WEIGHT, HANGING_LOAD)
-"""At the same rotor they ask for the same commands but for a little yaw and collective."""
+"""At the same rotor they ask for the same commands but for a little yaw and collective, which is
+known too badly to name one of them."""
 
 
 @dataclass(frozen=True)
@@ -34,62 +36,40 @@ class ChangeVerdict:
     verdict: str
     """none, named, set or unknown."""
     members: tuple[CandidateResult, ...]
-    """Most probable first; of `unknown`: those that would be needed to cover it."""
+    """Most probable first; of `unknown`: all candidates that have a name."""
     confidence: float
 
 
-def judge_change(comparison: HealthyComparison, healthy: int) -> ChangeVerdict:
-    """Return the verdict; `healthy` flights bound its confidence.
+def judge_change(comparison: HealthyComparison, accused: int, asked: int) -> ChangeVerdict:
+    """Return the verdict.
 
-    Of n healthy flights and one more, any is the oddest with probability 1 / (n + 1): no rule can
-    be known to raise fewer false alarms.
+    Its confidence is bounded by how many of `asked` healthy sessions the others accuse, with ten
+    of other vehicles, of which 4 % are.
     """
-    most = healthy / (healthy + 1.0)
+    most = 1.0 - (accused + 0.4) / (asked + 10.0)
     if comparison.none > CHANGED:
         return ChangeVerdict("none", (), min(comparison.none, most))
-    members = _members(comparison)
-    whole = 1.0 - comparison.none
-    if members[0].surprise < _UNEXPLAINED:
-        return ChangeVerdict("unknown", (), min(whole, most))
-    if len(members) > _LARGEST_SET:
-        if sum(m.probability for m in members[:_PROBABLE_SET]) < 0.5:
-            return ChangeVerdict("unknown", members, min(whole, most))
-        members = members[:_PROBABLE_SET]
-    sure = min(sum(m.probability for m in members), most)
-    return ChangeVerdict("named" if len(members) == 1 else "set", members, sure)
+    known = [r for r in comparison.results if r.candidate.effect != OTHER]
+    members, covered = [known[0]], known[0].probability
+    if covered < NAMED:
+        for result in known[1:_LARGEST_SET]:
+            members.append(result)
+            covered += result.probability
+            if covered >= COVERED:
+                break
+        else:
+            return ChangeVerdict("unknown", tuple(known), min(1.0 - comparison.none, most))
+    for result in known:
+        if len(members) < _LARGEST_SET and result not in members and _alike(result, known[0]):
+            members.append(result)
+            covered += result.probability
+    verdict = "named" if len(members) == 1 else "set"
+    return ChangeVerdict(verdict, tuple(members), min(covered, most))
 
 
-def _members(comparison: HealthyComparison) -> tuple[CandidateResult, ...]:
-    """Return the fewest candidates that cover a change, and what equals the first of them.
-
-    One that leaves too much is left out, and so are two rotors where one of them does as well.
-    """
-    whole, covered = 1.0 - comparison.none, 0.0
-    first = comparison.found[0]
-    members: list[CandidateResult] = []
-    for finding in comparison.found:
-        if members and finding.surprise < _UNEXPLAINED:
-            continue
-        needed = covered < COVERED * whole or _alike(finding, first)
-        covered += finding.probability
-        if needed and not any(_extends(finding, member) for member in members):
-            members.append(finding)
-    return tuple(members)
-
-
-def _alike(finding: CandidateResult, first: CandidateResult) -> bool:
-    effects = {finding.candidate.effect, first.candidate.effect}
-    return (
-        finding.candidate.rotor == first.candidate.rotor
-        and effects <= set(_ALIKE)
-        and finding.probability > first.probability * math.exp(-LOG_BF_DISTINCT)
-    )
-
-
-def _extends(finding: CandidateResult, member: CandidateResult) -> bool:
-    rotors, fewer = (f.candidate.rotor.split("+") for f in (finding, member))
-    same = finding.candidate.effect == member.candidate.effect
-    return same and len(rotors) > len(fewer) and set(fewer) < set(rotors)
+def _alike(result: CandidateResult, first: CandidateResult) -> bool:
+    effects = {result.candidate.effect, first.candidate.effect}
+    return result.candidate.rotor == first.candidate.rotor and effects <= set(_ALIKE)
 
 
 _PHRASES = {
@@ -99,6 +79,7 @@ _PHRASES = {
     UNBALANCE: "a propeller out of balance",
     "mass_error": "another mass, or another thrust of all propellers",
     "cog_offset": "another centre of gravity",
+    OTHER: "something else",
 }
 
 
@@ -131,7 +112,7 @@ def summary(
 
     `seen`: candidate -> the smallest of its sizes that would have been seen (`smallest_seen`).
     """
-    day = np.sqrt(np.diag(spread.demand))
+    day = np.sqrt(np.diag(spread.scale(1))[:4])
     k = int(np.abs(comparison.shift.demand / day).argmax())
     share, usual = np.expm1([comparison.shift.demand[k], day[k]])  # of logarithms
     more = "more" if share > 0.0 else "less"
@@ -143,13 +124,28 @@ def summary(
     if verdict.verdict == "none":
         return f"{text} Healthy flights differ as much. {_would_show(seen)}"
     if verdict.verdict == "unknown":
-        first = [
-            f"{phrase(f.candidate.label)} ({percent(f.probability)})" for f in verdict.members
-        ]
-        most = f" Most probable: {listed(first[:4])}." if first else " No candidate explains it."
-        return f"{text}{most}"
+        return f"{text} Most probable: {listed(_kinds(verdict.members)[:3])}."
     members = listed([phrase(m.candidate.label) for m in verdict.members], "or")
     return f"{text} That is what {members} asks for."
+
+
+def _kinds(results: Sequence[CandidateResult]) -> list[str]:
+    """Return kinds of change with their probability, most probable first, and the rotors of it."""
+    shares: dict[str, list[CandidateResult]] = {}
+    for result in results:
+        shares.setdefault(result.candidate.effect, []).append(result)
+    texts = []
+    for effect, members in sorted(
+        shares.items(), key=lambda item: -sum(m.probability for m in item[1])
+    ):
+        whole, first = sum(m.probability for m in members), members[0]
+        where = ""
+        if first.candidate.rotor:
+            sure = first.probability > _LIKELY * whole
+            rotor = first.candidate.rotor.replace("_", " ").replace("+", " and ")
+            where = f", most probably at {rotor}" if sure else "; which rotor is not known"
+        texts.append(f"{phrase(effect)} ({percent(whole)}{where})")
+    return texts
 
 
 def _would_show(seen: Mapping[str, float]) -> str:
@@ -168,18 +164,25 @@ def _would_show(seen: Mapping[str, float]) -> str:
     return f"These flights would have shown {listed(shown)}; what is smaller is not seen here."
 
 
-def notes(spread: Spread, new: Features) -> tuple[str, ...]:
-    """Return what can't be certified."""
-    n = spread.flights
+def notes(spread: Spread, new: Features, accused: int, asked: int) -> tuple[str, ...]:
+    """Return what can't be certified; `accused` of `asked` as for `judge_change`."""
+    among = (
+        "All healthy flights are of one session: how much sessions differ is as of other vehicles"
+        if spread.sessions == 1
+        else f"The healthy flights are of {counted(spread.sessions, 'session')}"
+    )
+    if asked:
+        among += (
+            f"; left out in turn, {accused} of {asked} are called changed. A rate of false alarms "
+            f"below {percent(1.0 / (asked + 1.0))} can't be certified by them"
+        )
     lines = [
-        f"With {counted(n, 'healthy flight')} a false alarm below {percent(1.0 / (n + 1.0))} "
-        f"can't be certified, so no confidence is above {percent(n / (n + 1.0))}; fly healthy "
-        "flights on more days.",
+        f"{among}. Fly healthy flights on more days.",
         "In hover a weight beside a rotor and a weak propeller there ask for nearly the same "
         "commands. Exchange the propeller: a weight stays, a weak propeller goes.",
         "All new flights are taken to be in one state; a battery that sits elsewhere looks like "
         "another centre of gravity.",
     ]
-    if not np.isfinite(new.shake).all() or not np.isfinite(spread.shake).all():
+    if not np.isfinite(new.shake).all() or not np.isfinite(spread.mean.shake).all():
         lines.append("Commands or accelerations are sampled too slowly to show unbalance.")
     return tuple(lines)

@@ -72,7 +72,8 @@ def read_bag(
     findings = damage_findings(name, path, damage)
     used = {key for key, _ in foreign.channels.values()} | ({PX4} if foreign.px4 else set())
     others = {key: foreign.tables[key] for key in used}
-    clock = _Clock(name, min(starts, default=0), {**tables, **others})
+    start_ns = min(starts, default=0)
+    clock = _Clock(name, start_ns, {**tables, **others})
     series = {key: clock.shifted(PX4, px4_series) for key, px4_series in foreign.px4.items()}
     for channel, (key, values) in foreign.channels.items():
         series[channel] = clock.series(key, others[key], values)
@@ -81,7 +82,9 @@ def read_bag(
             if channel not in mapped:
                 series[channel] = clock.series(key, table, values)
     every = (*findings, *foreign.findings, *clock.findings)
-    return Flight.measured(name, f"{path} (recording)", series, findings=every, metadata=metadata)
+    return Flight.measured(
+        name, f"{path} (recording)", series, findings=every, metadata=metadata, epoch_ns=start_ns
+    )
 
 
 class _Clock:

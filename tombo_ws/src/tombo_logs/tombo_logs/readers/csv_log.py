@@ -65,6 +65,7 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
         airframe=mapping.airframe,
         findings=tuple(findings),
         metadata={**_sidecar(path, mapping), **mapping.metadata},
+        epoch_ns=round(zero * 1e9),
     )
 
 

@@ -1,0 +1,89 @@
+"""Sessions as draws: what is said of synthetic conditions is right as often as it is stated."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_sessions import KINDS, Vehicle, hidden
+
+from tombo_bag.flight import Flight
+from tombo_diagnosis.change.comparison import accused_of, compare, spread_of
+from tombo_diagnosis.change.sessions import known_sessions, sessions_by_demand
+from tombo_diagnosis.change.signatures import candidates
+from tombo_diagnosis.change.verdict import judge_change
+from tombo_diagnosis.flight.nominal import nominal_model
+from tombo_dynamics.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def tried():
+    nominal = nominal_model()
+    return candidates(nominal.vehicle, nominal.maps, np.geomspace(0.004, 0.5, 40))
+
+
+def answer(vehicle, sessions, shift, tried):
+    healthy, names = [], []
+    for k in range(sessions):
+        healthy += vehicle.session(3)
+        names += [str(k)] * 3
+    comparison = compare(spread_of(healthy, names), vehicle.session(3, shift), tried)
+    return judge_change(comparison, *accused_of(healthy, names, tried))
+
+
+@pytest.mark.slow
+def test_what_is_said_is_right_as_often_as_stated(tried):
+    rng = np.random.default_rng(11)
+    right, stated, changed, false_alarms, healthy = [], [], 0, 0, 0
+    for k in range(240):
+        kind = KINDS[k % len(KINDS)]
+        shift, label = hidden(kind, rng)
+        verdict = answer(Vehicle(rng), 1 + k % 3, shift, tried)
+        healthy += kind == "healthy"
+        changed += kind != "healthy"
+        false_alarms += kind == "healthy" and verdict.verdict != "none"
+        if kind != "healthy" and verdict.verdict in ("named", "set"):
+            assert len(verdict.members) <= 3
+            right.append(label in {m.candidate.label for m in verdict.members})
+            stated.append(verdict.confidence)
+    assert false_alarms <= 3 and healthy == 30
+    assert sum(right) > 0.5 * changed and len(right) - sum(right) < 0.12 * changed
+    assert np.mean(right) == pytest.approx(np.mean(stated), abs=0.1)
+
+
+def test_two_rotors_of_two_sizes_are_found_with_both(tried):
+    vehicle = Vehicle(np.random.default_rng(3))
+    vehicle.loose = 0.3
+    shift = np.zeros(9)
+    shift[:4] = -np.log(1.0 - np.array([0.2, 0.0, 0.1, 0.0]))
+    shift[4] = 0.6
+    first = answer(vehicle, 3, shift, tried).members[0]
+    assert first.candidate.label == "weak_propeller.front_right+front_left"
+    assert (first.low < [0.2, 0.1]).all() and (first.high > [0.2, 0.1]).all()
+    assert first.size[0] > first.size[1] + 0.05
+
+
+def test_a_vehicle_that_moves_more_between_sessions_needs_a_larger_change(tried):
+    """Sessions that are told apart say how much they differ; taken for one they would not."""
+    vehicle = Vehicle(np.random.default_rng(5))
+    vehicle.loose = 3.0
+    healthy = [f for _ in range(4) for f in vehicle.session(3)]
+    names = [str(k // 3) for k in range(12)]
+    calm, wild = spread_of(healthy[:3], names[:3]), spread_of(healthy, names)
+    assert np.trace(wild.scale(3)[:4, :4]) > 1.7 * np.trace(calm.scale(3)[:4, :4])
+    same = spread_of(healthy, names, same="2")
+    assert (np.diag(same.scale(3))[:4] < 0.1 * np.diag(wild.scale(3))[:4]).all()
+    assert same.mean.demand == pytest.approx(np.mean([f.demand for f in healthy[6:9]], axis=0))
+
+
+def test_sessions_are_those_given_else_dates_else_alike():
+    flights = [Flight({}, name) for name in ("a_2026-03-01", "b20260302_1", "b20260302_2", "c")]
+    flights[3] = replace(flights[3], epoch_ns=1_772_409_600 * 10**9)
+    days = ["2026-03-01", "2026-03-02", "2026-03-02", "2026-03-02"]
+    assert known_sessions(flights, {}) == days
+    assert known_sessions(flights, {"b*": "two"}) == [days[0], "two", "two", days[3]]
+    with pytest.raises(InputError, match=r"--session two=x\*: fits no flight"):
+        known_sessions(flights, {"x*": "two"})
+    vehicle = Vehicle(np.random.default_rng(2))
+    first, second = vehicle.session(3), vehicle.session(2, np.full(9, 0.05))
+    names = sessions_by_demand([*first, *second])
+    assert len(set(names[:3])) == 1 and len(set(names[3:])) == 1 and names[0] != names[3]

@@ -1,0 +1,66 @@
+"""Which flights are of one session: one day, one set-up."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatch
+from pathlib import Path
+
+import numpy as np
+
+from tombo_bag.flight import Flight
+from tombo_diagnosis.change.features import Features
+from tombo_dynamics.errors import InputError
+
+ALIKE = 0.04
+"""Distance of demand (root of the sum of squares over rotors) up to which flights are of one
+session where nothing says of which: twice that of two flights of one."""
+_DATE = re.compile(r"(?<!\d)(20\d\d)[-_]?([01]\d)[-_]?([0-3]\d)(?!\d{3})")
+_FIRST_NS = 10**18
+"""Stamps below are no dates: 2001."""
+
+
+def known_sessions(flights: Sequence[Flight], given: Mapping[str, str]) -> list[str]:
+    """Return each flight's session: as given, else its date, of its stamps or its name; else "".
+
+    Args:
+        flights: of both sides.
+        given: pattern of names, as `normal_[123]*` -> session.
+
+    Raises:
+        InputError: a pattern fits no flight.
+    """
+    names = [_date(f) for f in flights]
+    for pattern, session in given.items():
+        rows = [k for k, f in enumerate(flights) if fnmatch(f.name, pattern)]
+        if not rows:
+            raise InputError(
+                f"--session {session}={pattern}: fits no flight; accepted: a pattern of their "
+                f"names, which are {', '.join(f.name for f in flights)}"
+            )
+        for k in rows:
+            names[k] = session
+    return names
+
+
+def _date(flight: Flight) -> str:
+    if flight.epoch_ns > _FIRST_NS:
+        return str(np.datetime64(flight.epoch_ns, "ns").astype("datetime64[D]"))
+    match = _DATE.search(Path(flight.name).name)
+    return "-".join(match.groups()) if match else ""
+
+
+def sessions_by_demand(flights: Sequence[Features]) -> list[str]:
+    """Return a session for each flight: those of which the demand is alike (single linkage)."""
+    left, names = list(range(len(flights))), [""] * len(flights)
+    demand = np.array([f.demand for f in flights])
+    while left:
+        chain = [left.pop(0)]
+        for k in chain:
+            near = [j for j in left if np.linalg.norm(demand[j] - demand[k]) < ALIKE]
+            chain += near
+            left = [j for j in left if j not in near]
+        for k in chain:
+            names[k] = f"session {chain[0] + 1}"
+    return names
