@@ -17,8 +17,8 @@ ALIKE = 0.04
 """Distance of demand (root of the sum of squares over rotors) up to which flights are of one
 session where nothing says of which: twice that of two flights of one."""
 _DATE = re.compile(r"(?<!\d)(20\d\d)[-_]?([01]\d)[-_]?([0-3]\d)(?!\d{3})")
-_FIRST_NS = 10**18
-"""Stamps below are no dates: 2001."""
+_FIRST_NS, _LAST_NS = 10**18, 4 * 10**18
+"""Stamps outside are no dates: 2001 to 2096."""
 
 
 def known_sessions(flights: Sequence[Flight], given: Mapping[str, str]) -> list[str]:
@@ -45,7 +45,7 @@ def known_sessions(flights: Sequence[Flight], given: Mapping[str, str]) -> list[
 
 
 def _date(flight: Flight) -> str:
-    if flight.epoch_ns > _FIRST_NS:
+    if _FIRST_NS < flight.epoch_ns < _LAST_NS:
         return str(np.datetime64(flight.epoch_ns, "ns").astype("datetime64[D]"))
     match = _DATE.search(Path(flight.name).name)
     return "-".join(match.groups()) if match else ""
