@@ -120,3 +120,9 @@ def test_a_radius_that_is_none_is_refused(radius, sd):
 def test_a_camera_must_be_somewhere(height):
     with pytest.raises(InputError, match="camera height"):
         CameraPose(height)
+
+
+@pytest.mark.parametrize("error", [-0.01, 0.5, math.nan])
+def test_an_error_of_the_camera_height_that_is_no_small_share_is_refused(error):
+    with pytest.raises(InputError, match="error of the camera height"):
+        CameraPose(1.0, height_error=error)
