@@ -194,12 +194,18 @@ def similar_vehicle(
 
 @dataclass(frozen=True)
 class DriveParams:
-    """Thrust of one rotor: (offset + gain · command) · (voltage / supply)^supply_exponent."""
+    """Thrust of one rotor: (offset + gain · command + curvature · command²) · supply's share.
+
+    The supply's share is (voltage / supply)^supply_exponent.
+    """
 
     gain: float = param(
         0.0, "N", (0.0, 1000.0), "thrust of one rotor per command from 0 to 1; 0: not known"
     )
     offset: float = param(0.0, "N", (-1000.0, 1000.0), "thrust of one rotor at command 0")
+    curvature: float = param(
+        0.0, "N", (0.0, 1000.0), "thrust of one rotor per square of the command"
+    )
     supply_exponent: float = param(
         0.0, "1", (-4.0, 4.0), "how thrust grows with the voltage; 0: it is compensated"
     )
@@ -208,7 +214,7 @@ class DriveParams:
     @property
     def known(self) -> bool:
         """Whether it says anything."""
-        return self.gain > 0.0
+        return max(self.gain, self.curvature) > 0.0
 
     def thrust(self, command: Array, voltage: Array | None = None) -> Array:
         """Return the thrust [N] of each rotor, never below 0.
@@ -217,7 +223,8 @@ class DriveParams:
             command: (N, 4) from 0 to 1.
             voltage: (N,) [V]; None: as at `supply`.
         """
-        thrust = self.offset + self.gain * np.asarray(command)
+        command = np.asarray(command)
+        thrust = self.offset + self.gain * command + self.curvature * command**2
         if voltage is not None and self.supply_exponent:
             thrust = thrust * ((voltage / self.supply) ** self.supply_exponent)[:, None]
         return np.asarray(np.maximum(thrust, 0.0))

@@ -67,6 +67,7 @@ EFFECT_OF = {
     "propeller.k_thrust": ("thrust_coefficient_error.fraction", True),
     "propeller.curve": ("thrust_coefficient_error.fraction", False),
     "drive.gain": ("thrust_coefficient_error.fraction", True),
+    "drive.curvature": ("thrust_coefficient_error.fraction", True),
 }
 """Value of a vehicle file → the effect that its error is, and whether as a share of the value."""
 _ACCEPTED = "a vehicle file as `tombo vehicle new` writes it"

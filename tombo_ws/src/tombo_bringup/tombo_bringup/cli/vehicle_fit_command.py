@@ -55,7 +55,10 @@ def from_flights(
     as it was known before. Each flight is then diagnosed with the vehicle that the
     others show: how often a healthy one is accused limits the confidence of
     `tombo diagnose --vehicle FILE`, which compares other flights with this vehicle.
+    Without poses gyro, accelerometer and motor commands will do: thrust curve, inertia
+    and motor lag are fitted then.
     """
+    from tombo_bringup.cli.tables import show_page
     from tombo_dynamics.params import from_mapping
     from tombo_dynamics.vehicle import VehicleParams
 
@@ -64,18 +67,22 @@ def from_flights(
     if mass is not None:
         from_mapping(VehicleParams, {"mass": mass}, "--mass: vehicle")
     with progress_bar() as on_progress:
-        from tombo_diagnosis.flight.diagnose import read_and_check
+        from tombo_diagnosis.flight.diagnose import check_flights
         from tombo_diagnosis.flight.vehicle_fit import fit_vehicle
         from tombo_flight.vehicle_file import write_vehicle
+        from tombo_logs.readers.log_reader import read_logs
 
-        flights, refused = read_and_check(logs, mapping, progress=on_progress)
+        read = read_logs(logs, mapping=mapping)
+        if not any("position" in log.series for log in read):
+            page = _inertial(read, _base(read, vehicle, mass), output)
+            show_page(page, as_json)
+            return
+        flights, refused = check_flights(read, progress=on_progress)
         if refused:  # healthy flights are all to be fit for use
             raise InputError(refused[0].message)
         base = _base(flights, vehicle, mass)
         fit = fit_vehicle(flights, base, on_progress)
         write_vehicle(output, fit.file)
-    from tombo_bringup.cli.tables import show_page
-
     show_page(_page(fit, output), as_json)
 
 
@@ -101,6 +108,16 @@ def _base(flights: list[Flight], vehicle: str | None, mass: float | None) -> Veh
     return dataclasses.replace(
         base, vehicle=weighed, notes=notes, given=base.given | {"vehicle.mass"}
     )
+
+
+def _inertial(flights: list[Flight], base: VehicleFile, output: Path) -> Page:
+    """Fit flights without poses, write the vehicle file, return the page."""
+    from tombo_diagnosis.flight.inertial_vehicle import inertial_page, inertial_vehicle
+    from tombo_flight.vehicle_file import write_vehicle
+
+    fit = inertial_vehicle(flights, base)
+    write_vehicle(output, fit.file)
+    return inertial_page(fit, output)
 
 
 def _page(fit: VehicleFit, output: Path) -> Page:

@@ -22,6 +22,8 @@ from tombo_logs.readers.mapping_file import ChannelMap, TimeColumn
 from tombo_logs.readers.units import factor
 
 _POSE = ("position", "attitude")
+_INERTIAL = ("gyro", "accel", "motor_command")
+"""Without poses these say how a vehicle answers its motors."""
 
 
 def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight:
@@ -33,10 +35,11 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
     """
     table = open_table(path)
     mapping = mapping or _recognised(table)
-    if "position" not in mapping.channels:
+    if not any(set(kind) <= set(mapping.channels) for kind in (_POSE[:1], _INERTIAL)):
         raise InputError(
             f"mapping '{mapping.name}' has no channel position; needed: position of the motion "
-            "capture, and its attitude for all but --healthy"
+            "capture, and its attitude for all but --healthy; for `tombo vehicle from-flights` "
+            f"{', '.join(_INERTIAL)} will do"
         )
     there = set(table.columns)
     findings = damage_findings(name, path, table.damage)
@@ -74,7 +77,10 @@ def _recognised(table: CsvTable) -> LogMapping:
     fitting = [
         mapping
         for mapping in known.values()
-        if all(set(_columns(mapping.channels[key], mapping, there)) <= there for key in _POSE)
+        if all(
+            set(_columns(mapping.channels[key], mapping, there)) <= there
+            for key in (_POSE if "position" in mapping.channels else _INERTIAL)
+        )
     ]
     if len(fitting) == 1:
         return fitting[0]

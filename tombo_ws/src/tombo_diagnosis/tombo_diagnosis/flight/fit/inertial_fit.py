@@ -1,0 +1,269 @@
+"""A vehicle from gyro, accelerometer and motor commands alone: no poses are needed.
+
+Thrust of a rotor is offset + gain v + curvature v², where v follows the command as a first-order
+lag after a delay. The accelerometer gives the thrust, the gyro's slope the moments of inertia:
+
+    m a_z = Σ thrust,   I dω/dt = arm × thrust + constant
+
+Lag and delay are those that explain thrust, roll and pitch best together. Without the delay, with
+the lag that explains thrust alone, and with the lower bound of the inertia, this is the model of
+Eschmann, Albani and Loianno, "Data-Driven System Identification of Quadrotors Subject to Motor
+Delays", 2024. What turns the vehicle at a constant rate differs from flight to flight, as the
+rotors' trim does: a prediction takes it from the second before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion, gaussian_filter1d
+from scipy.signal import lfilter
+
+from tombo_bag.flight import Flight
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, DriveParams
+
+NEEDED = ("gyro", "accel", "motor_command")
+_RATE = 1000.0
+_EVERY = 5
+"""Rows of the even clock for each that is fitted."""
+_WIDTH_S = 0.01
+"""Standard deviation of the Gaussian that both sides of an equation pass."""
+_CARRIES = 0.5
+"""Share of the usual command from which on the vehicle flies."""
+_KNOCK = 2.5 * GRAVITY
+_APART_S = 0.3
+"""Time around what is no flight that is left out."""
+_LEAST_S = 5.0
+_LAGS: Array = np.asarray(np.geomspace(0.02, 0.12, 19), np.float64)
+_DELAYS = (0.0, 0.005, 0.01, 0.015)
+HORIZONS_S, _TRIM_S = (0.1, 0.5), 1.0
+_HOVER = 0.6
+"""Command near hover, at which the error of the thrust is told."""
+_PARTS = 8
+"""Of a flight, each left out in turn, for the deviations."""
+
+
+@dataclass(frozen=True)
+class InertialFit:
+    """What the flights show of a vehicle."""
+
+    drive: DriveParams
+    lag: float
+    """Time constant of the motors [s]."""
+    delay: float
+    """Before it [s]."""
+    inertia: Array
+    """(2,) about x and y [kg m²]."""
+    bounds: Array
+    """(2, 2) lowest and highest moments of inertia that noise of either side allows."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Open-loop errors on a flight that was not fitted; RMS."""
+
+    rates: tuple[float, ...]
+    """Of roll and pitch rate after each of `HORIZONS_S` [rad/s]."""
+    force: float
+    """Of the specific force along the thrust [m/s²]."""
+
+
+@dataclass(frozen=True)
+class InertialSamples:
+    """A flight on one clock of 1 kHz."""
+
+    t: Array
+    """(N,) [s]"""
+    command: Array
+    """(N, 4) from 0 to 1."""
+    rates: Array
+    """(N, 3) [rad/s]"""
+    force: Array
+    """(N,) specific force along the thrust [m/s²]."""
+    good: NDArray[np.bool_]
+    """(N,) it flies, and nothing knocks."""
+
+
+def samples_of(log: Flight) -> InertialSamples:
+    """Return the channels of a log on one clock, and when it flies.
+
+    Raises:
+        InputError: a channel is missing, or it flies for less than `_LEAST_S`.
+    """
+    lacking = [name for name in NEEDED if name not in log.series or log.series[name].t.size < 2]
+    if lacking:
+        raise InputError(
+            f"flight '{log.name}': no {', '.join(lacking)}; without poses needed: "
+            f"{', '.join(NEEDED)}"
+        )
+    series = [log.series[name] for name in NEEDED]
+    begin, end = max(s.t[0] for s in series), min(s.t[-1] for s in series)
+    t = np.arange(begin, end, 1.0 / _RATE)
+    if t.size < _LEAST_S * _RATE or t.size > 3600.0 * _RATE:
+        raise InputError(
+            f"flight '{log.name}': {max(end - begin, 0.0):.1f} s; accepted: {_LEAST_S:g} s to 1 h"
+        )
+    rates, accel, command = (
+        np.column_stack([np.interp(t, s.t, c) for c in s.values.T]) for s in series
+    )
+    mean = command.mean(axis=1)
+    flies = mean > _CARRIES * np.percentile(mean, 80.0)
+    flies &= np.linalg.norm(accel, axis=1) < _KNOCK
+    good = binary_erosion(flies, np.ones(round(2.0 * _APART_S * _RATE)))
+    if np.count_nonzero(good) < _LEAST_S * _RATE:
+        raise InputError(
+            f"flight '{log.name}': it flies for {np.count_nonzero(good) / _RATE:.1f} s; accepted: "
+            f"{_LEAST_S:g} s or more"
+        )
+    return InertialSamples(t, command, rates, accel[:, 2], np.asarray(good))
+
+
+def fit_inertial(
+    flights: Sequence[InertialSamples], mass: float, arm: float, simple: bool = False
+) -> InertialFit:
+    """Fit a vehicle of known mass [kg] and arms [m].
+
+    `simple`: as the method of 2024.
+    """
+    best, least = None, np.inf
+    for lag, delay in product(_LAGS, (0.0,) if simple else _DELAYS):
+        fit, left = _fit_at(flights, mass, arm, float(lag), float(delay), simple)
+        if left < least:
+            best, least = fit, left
+    assert best is not None
+    return best
+
+
+def _fit_at(
+    flights: Sequence[InertialSamples],
+    mass: float,
+    arm: float,
+    lag: float,
+    delay: float,
+    simple: bool,
+) -> tuple[InertialFit, float]:
+    """Return the fit with a lag and a delay, and the logarithm of what is left of all."""
+    lagged = [_lagged(s.command, lag, delay) for s in flights]
+    rows = [np.flatnonzero(s.good)[::_EVERY] for s in flights]
+    powers = [
+        np.column_stack([np.full(len(v), 4.0), v.sum(axis=1), (v**2).sum(axis=1)]) for v in lagged
+    ]
+    design = np.vstack([_smooth(p)[r] for p, r in zip(powers, rows, strict=True)])
+    force = mass * np.concatenate(
+        [_smooth(s.force)[r] for s, r in zip(flights, rows, strict=True)]
+    )
+    curve, left = _curve(design, force)
+    drive = DriveParams(gain=float(curve[1]), offset=float(curve[0]), curvature=float(curve[2]))
+    bounds = np.zeros((2, 2))
+    for axis in range(2):
+        x = np.concatenate(
+            [
+                _smooth(_moment(drive, v, arm)[:, axis])[r]
+                for v, r in zip(lagged, rows, strict=True)
+            ]
+        )
+        y = np.concatenate(
+            [_smooth(s.rates[:, axis], 1)[r] for s, r in zip(flights, rows, strict=True)]
+        )
+        u, v = x - x.mean(), y - y.mean()
+        cross = max(float(u @ v), 1e-30)
+        bounds[axis] = cross / float(v @ v), float(u @ u) / cross
+        if not simple:
+            left += float(np.log(max(1.0 - cross**2 / float(u @ u) / float(v @ v), 1e-9)))
+    inertia = bounds[:, 0] if simple else np.sqrt(bounds.prod(axis=1))
+    return InertialFit(drive, lag, delay, inertia, bounds), left
+
+
+def _curve(design: Array, force: Array) -> tuple[Array, float]:
+    """Return offset, gain, curvature, and the logarithm of the share that they leave.
+
+    Thrust grows with the command: a slope below zero at command 0 is noise.
+    """
+    curve = np.linalg.lstsq(design, force, rcond=None)[0]
+    if curve[1] < 0.0:
+        short = np.linalg.lstsq(design[:, [0, 2]], force, rcond=None)[0]
+        curve = np.array([short[0], 0.0, short[1]])
+    left = force - design @ curve
+    return np.asarray(curve, np.float64), float(np.log(max(left.var() / force.var(), 1e-9)))
+
+
+def _moment(drive: DriveParams, lagged: Array, arm: float) -> Array:
+    """Return (N, 2) moments about x and y [N m]."""
+    thrust = drive.thrust(lagged)
+    return np.asarray(arm * np.column_stack([thrust @ ARM_Y, -thrust @ ARM_X]))
+
+
+def _lagged(command: Array, lag: float, delay: float) -> Array:
+    late = round(delay * _RATE)
+    if late:
+        command = np.vstack([np.repeat(command[:1], late, axis=0), command[:-late]])
+    keep = float(np.exp(-1.0 / (_RATE * lag)))
+    start = (keep * command[0])[None]
+    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], command, axis=0, zi=start)[0])
+
+
+def _smooth(values: Array, order: int = 0) -> Array:
+    sigma = _WIDTH_S * _RATE
+    return np.asarray(gaussian_filter1d(values, sigma, axis=0, order=order) * _RATE**order)
+
+
+def predict(fit: InertialFit, flight: InertialSamples, mass: float, arm: float) -> Prediction:
+    """Return the open-loop errors on a flight: rates from where they are, `HORIZONS_S` on."""
+    lagged = _lagged(flight.command, fit.lag, fit.delay)
+    turned = np.cumsum(_moment(fit.drive, lagged, arm) / fit.inertia, axis=0) / _RATE
+    before, after = round(_TRIM_S * _RATE), round(max(HORIZONS_S) * _RATE)
+    rates = _smooth(flight.rates)[:, :2]
+    begins = range(before, flight.t.size - after, after // 5)
+    starts = np.array([s for s in begins if flight.good[s - before : s + after].all()], np.intp)
+    trim = rates[starts] - rates[starts - before] - turned[starts] + turned[starts - before]
+    errors = []
+    for horizon in HORIZONS_S:
+        end = starts + round(horizon * _RATE)
+        state = rates[starts] + turned[end] - turned[starts] + trim * horizon / _TRIM_S
+        errors.append(_rms(state - rates[end]))
+    force = _smooth(fit.drive.thrust(lagged).sum(axis=1)) / mass - _smooth(flight.force)
+    return Prediction(tuple(errors), _rms(force[flight.good]))
+
+
+def known_before(
+    flights: Sequence[InertialSamples], mass: float, inertia: Array, lag: float
+) -> InertialFit:
+    """Return the vehicle as it was known: thrust in proportion to what carries it in the mean."""
+    command = np.concatenate([s.command[s.good].mean(axis=1) for s in flights])
+    force = np.concatenate([s.force[s.good] for s in flights])
+    gain = 0.25 * mass * float(force.mean() / command.mean())
+    bounds = np.column_stack([inertia, inertia])
+    return InertialFit(DriveParams(gain=gain), lag, 0.0, inertia, bounds)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+
+
+def deviations(
+    flights: Sequence[InertialSamples], mass: float, arm: float, fit: InertialFit
+) -> Array:
+    """Return the deviations of thrust and both moments of inertia, as shares (3,).
+
+    By leaving out parts of the flights (jackknife), at the lag and the delay of the fit.
+    """
+    values = []
+    for k in range(_PARTS):
+        parts = []
+        for s in flights:
+            good = s.good.copy()
+            begin, end = np.quantile(np.flatnonzero(good), [k / _PARTS, (k + 1) / _PARTS])
+            good[int(begin) : int(end)] = False
+            parts.append(replace(s, good=good))
+        part, _ = _fit_at(parts, mass, arm, fit.lag, fit.delay, False)
+        hover = float(part.drive.thrust(np.full((1, 4), _HOVER)).sum())
+        values.append([hover, *part.inertia])
+    table = np.array(values)
+    spread = np.sqrt((_PARTS - 1) * np.mean((table - table.mean(axis=0)) ** 2, axis=0))
+    return np.asarray(spread / table.mean(axis=0))
