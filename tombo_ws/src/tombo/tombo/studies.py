@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -29,7 +30,7 @@ def sweep(
     workers: int | None = None,
     scheduler: str | None = None,
     output: str | Path | None = None,
-    progress: Callable[[int, float | None], None] | None = None,
+    progress: Callable[[int, float], None] | None = None,
 ) -> pd.DataFrame:
     """Fly a scenario over a design of settings and seeds: what `tombo sweep` does.
 
@@ -59,7 +60,8 @@ def sweep(
     """
     import pyarrow.parquet as pq
 
-    from tombo_flight.sweep.run import TABLE, fly_sweep, open_store
+    from tombo_flight.process.study_folder import TABLE, fly_study, open_study
+    from tombo_flight.sweep.page import analyse_sweep
     from tombo_flight.sweep.study import SweepDesign, axis_of, new_sweep
 
     if seeds.step != 1:
@@ -72,9 +74,14 @@ def sweep(
     )
     with ExitStack() as stack:
         folder = Path(output or stack.enter_context(TemporaryDirectory(prefix="tombo-")))
-        store = stack.enter_context(open_store(folder, study))
-        fly_sweep(
-            store, workers=workers, scheduler=scheduler, progress=progress, page=output is not None
+        opened = stack.enter_context(open_study(folder, study))
+        fly_study(
+            opened,
+            partial(analyse_sweep, study),
+            workers=workers,
+            scheduler=scheduler,
+            progress=progress,
+            page=output is not None,
         )
         table: pd.DataFrame = pq.read_table(folder / TABLE).to_pandas()
     return table
@@ -93,7 +100,7 @@ def risk(
     vehicle: str | None = None,
     workers: int | None = None,
     output: str | Path | None = None,
-    progress: Callable[[int, float | None], None] | None = None,
+    progress: Callable[[int, float], None] | None = None,
 ) -> dict[str, Any]:
     """Say how probable a crash is when settings are uncertain: what `tombo risk` does.
 
@@ -119,7 +126,8 @@ def risk(
     Raises:
         InputError: bad input, a package that is not installed, or another study in the folder.
     """
-    from tombo_flight.risk.run import fly_risk, open_risk
+    from tombo_flight.process.study_folder import fly_study, open_study
+    from tombo_flight.risk.page import analyse_risk
     from tombo_flight.risk.study import new_risk
 
     fixed = [f"reaction={{name: {reaction}}}"] if reaction else []
@@ -127,8 +135,14 @@ def risk(
     study = new_risk(scenario, given, flights, method, seed, fixed, model, vehicle)
     with ExitStack() as stack:
         folder = Path(output or stack.enter_context(TemporaryDirectory(prefix="tombo-")))
-        opened = stack.enter_context(open_risk(folder, study))
-        page = fly_risk(opened, workers=workers, progress=progress)
+        opened = stack.enter_context(open_study(folder, study))
+        page = fly_study(
+            opened,
+            partial(analyse_risk, study),
+            workers=workers,
+            progress=progress,
+            page=output is not None,
+        )
     assert page is not None  # nothing asks it to stop
     return dict(page.data)
 
@@ -161,23 +175,23 @@ def arena(
         InputError: an unknown name, a policy without a network, or no seeds.
     """
     from tombo_flight.arena.results import arena_results
-    from tombo_flight.arena.study import (
-        GROUPS,
-        arena_cases,
-        chosen,
-        chosen_reactions,
-        fly_plan,
-        new_plan,
-    )
+    from tombo_flight.arena.study import GROUPS, arena_cases, chosen, chosen_reactions, new_arena
     from tombo_flight.json_text import plain
+    from tombo_flight.process.study import Flown, fly_tasks
 
     if not seeds or seeds.step != 1 or seeds.start < 0:
         raise InputError(f"seeds: {seeds}; accepted: a range from 0 or more with step 1")
     names = chosen_reactions(reactions, "reactions")
     within = chosen(groups, "groups", GROUPS)
     cases = [case for case in arena_cases() if case.group in within]
-    plan = new_plan(names, cases, seeds, disturbed=not clean)
+    study = new_arena(names, cases, seeds, disturbed=not clean)
     rows: dict[str, dict[str, Any]] = {}
-    fly_plan(plan, rows, workers=workers, progress=progress)
-    results: dict[str, Any] = plain(arena_results(plan, rows, seeds))
+
+    def keep(flown: Flown) -> None:
+        rows.update({task.key: {"seed": task.seed, **row} for task, row in flown})
+        if progress is not None:
+            progress(len(rows), len(study.tasks))
+
+    fly_tasks(study, study.tasks, len(study.tasks), keep, workers=workers)
+    results: dict[str, Any] = plain(arena_results(study, rows))
     return results

@@ -279,7 +279,7 @@ def _table(collisions: Traces, free: Traces, s: Scenario) -> str:
 
 
 @dataclass(frozen=True)
-class Study:
+class ThresholdStudy:
     """What was flown: traces by variation, with and without an obstacle."""
 
     collisions: Traces
@@ -287,7 +287,7 @@ class Study:
     scenario: Scenario
 
 
-def run_study(flights: int) -> Study:
+def run_study(flights: int) -> ThresholdStudy:
     """Fly each variation with `flights` seeds; progress on standard error."""
     seeds = range(FIRST_SEED, FIRST_SEED + flights)
     memory = Workspace()
@@ -299,12 +299,12 @@ def run_study(flights: int) -> Study:
             found[name] = record_traces(load_scenario(base, settings), seeds, memory)
         return found
 
-    return Study(
+    return ThresholdStudy(
         flown("paper_collision", COLLISIONS), flown("aggressive", FREE_FLIGHTS), load_scenario()
     )
 
 
-def draw(study: Study, path: Path) -> None:
+def draw(study: ThresholdStudy, path: Path) -> None:
     """Draw the figure into a file."""
     holdoff = study.scenario.detector.holdoff
 
@@ -320,7 +320,7 @@ def draw(study: Study, path: Path) -> None:
     figure.savefig(path)
 
 
-def markdown(study: Study) -> str:
+def markdown(study: ThresholdStudy) -> str:
     """Return the table of docs/collision.md, and the largest statistic without a contact."""
     holdoff, chosen = study.scenario.detector.holdoff, study.scenario.detector.threshold
     columns = ("paper", "0.4 m/s", "1.0 m/s", "pole of 3 cm", "Conf. 8, the softest push")

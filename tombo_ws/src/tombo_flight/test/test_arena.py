@@ -16,7 +16,7 @@ from tombo_flight.arena.study import (
     ROW_KEYS,
     SPEED_OFFSET,
     ArenaCase,
-    ArenaPlan,
+    ArenaStudy,
     Match,
     arena_cases,
     touching_pillar,
@@ -82,20 +82,20 @@ def row(seed, fall, **changes):
 
 
 def made(falls):
-    """A plan of one case with a flight of each fall, and its rows."""
+    """A study of one case with a flight of each fall, and its rows."""
     case = ArenaCase("paper_collision", COLLISIONS, "paper_collision")
     match = Match("bounce", case, False)
     tasks = tuple(Task(str(seed), match, seed) for seed in range(len(falls)))
     rows = {task.key: row(task.seed, fall) for task, fall in zip(tasks, falls, strict=True)}
-    return ArenaPlan((match,), tasks, {}), rows
+    return ArenaStudy(range(len(falls)), (match,), tasks, {}), rows
 
 
 def test_figures_are_those_of_the_rows_by_hand():
-    plan, kept = made([0.1, 0.5, 0.2, 0.3])
+    study, kept = made([0.1, 0.5, 0.2, 0.3])
     kept["1"] |= {"crashed": True, "recovery_time_s": None, "strikes": 5, "struck_rotor": "frame"}
     kept["2"] |= {"false_alarms": 1, "struck_rotor": "front_left", "contact_known_s": 0.003}
 
-    results = arena_results(plan, kept, range(4))
+    results = arena_results(study, kept)
 
     (found,) = results["results"]
     assert found["command"] == "tombo fly paper_collision --reaction bounce --seed 0"
@@ -120,10 +120,10 @@ def test_figures_are_those_of_the_rows_by_hand():
 
 @pytest.mark.parametrize("crash", [None, 1])
 def test_typical_has_the_median_fall_and_worst_is_a_crash_before_a_deep_fall(crash):
-    plan, kept = made([0.4, 0.2, 0.1, 0.3, 0.9])
+    study, kept = made([0.4, 0.2, 0.1, 0.3, 0.9])
     if crash is not None:
         kept[str(crash)]["crashed"] = True
-    typical, worst = arena_results(plan, kept, range(5))["shown"]
+    typical, worst = arena_results(study, kept)["shown"]
     assert (typical["kind"], typical["seed"]) == ("typical", 3)
     assert (worst["kind"], worst["seed"]) == ("worst", 4 if crash is None else 1)
 
@@ -141,7 +141,7 @@ def test_a_map_shows_the_crash_rate_of_each_cell_at_its_place(group):
         task.key: row(task.seed, 0.3, crashed=task.seed < crashes.get(task.point.case.name, 0))
         for task in tasks
     }
-    results = arena_results(ArenaPlan(matches, tasks, {}), kept, range(2))
+    results = arena_results(ArenaStudy(range(2), matches, tasks, {}), kept)
     panel = draw_map(results, group, "across", "up").axes[0]
     (image,) = panel.images
     xs, ys = (

@@ -11,10 +11,9 @@ import pytest
 from tombo_control.planning.course import leg_to, resolved_waypoints
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
-from tombo_flight.course_check import course_begin
 from tombo_flight.flight import as_flown, fly_scenario
 from tombo_flight.replay.recorded import scenario_of_bag
-from tombo_flight.scenario import extended_scenario, load_scenario, world_of
+from tombo_flight.scenario import course_begin, extended_scenario, load_scenario, world_of
 from tombo_sim.flight_setup import begin
 
 COURSE = [

@@ -7,11 +7,11 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import (
     as_mapping,
+    disturbances,
     extended_scenario,
     load_scenario,
     scenario_from_mapping,
 )
-from tombo_flight.scenario_layers import disturbances
 
 
 def test_another_reaction_leaves_the_parameters_of_the_one_before():

@@ -27,7 +27,9 @@ def test_each_task_is_flown_in_another_process_and_kept_under_its_key():
     rows = {}
     heights = (1.0, 2.0, -1.0)  # no vehicle flies below the ground
     tasks = [Task((h, seed), h, seed) for seed in (3, 4) for h in heights]
-    fly_tasks(Heights(), tasks, len(tasks), lambda task, row: rows.update({task.key: row}))
+    fly_tasks(
+        Heights(), tasks, len(tasks), lambda flown: rows.update({t.key: row for t, row in flown})
+    )
     assert set(rows) == {task.key for task in tasks}
     for (height, seed), row in rows.items():
         if height < 0.0:
@@ -41,8 +43,8 @@ def test_a_stopped_study_keeps_what_was_flown():
     rows = {}
     tasks = [Task(seed, 1.0, seed) for seed in range(500)]
 
-    def keep(task, row):
-        rows[task.key] = row
+    def keep(flown):
+        rows.update({task.key: row for task, row in flown})
 
     fly_tasks(Heights(), tasks, len(tasks), keep, workers=1, stop=lambda: len(rows) >= 2)
     assert 2 <= len(rows) < len(tasks)

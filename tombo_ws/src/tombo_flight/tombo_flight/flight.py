@@ -25,7 +25,7 @@ from tombo_dynamics.message_records import record_of
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import phase_event, with_figures
-from tombo_flight.scenario import Scenario, as_mapping, world_of
+from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import core_of
 from tombo_sim.flight_loop import (
     TABLES,
@@ -150,9 +150,9 @@ def fly_scenario(
 
 def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any]:
     """Return the scenario as plain values, with the seed and what follows from it."""
-    flown = as_mapping(scenario)
+    flown = dict(scenario.plain)
     flown["effects"] = setup.effects
-    flown["estimator"]["mocap_rate"] = setup.mocap_rate
+    flown["estimator"] = {**flown["estimator"], "mocap_rate": setup.mocap_rate}
     flown["seed"] = seed
     flown["obstacle"] = dict(zip(("x_m", "y_m", "radius_m", "top_m"), setup.obstacle, strict=True))
     return flown

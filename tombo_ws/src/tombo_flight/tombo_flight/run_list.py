@@ -99,6 +99,11 @@ def _flights(values: Mapping[str, Any]) -> _Described:
     return "campaign", f"{name} {seeds}", outcome + (", interrupted" * bool(values["interrupted"]))
 
 
+def _unfinished_campaign(values: Mapping[str, Any]) -> _Described:
+    first, end = values["seeds"]
+    return "campaign", f"{values['scenario']} seeds {first} to {end - 1}", "not finished"
+
+
 def _sweep(values: Mapping[str, Any]) -> _Described:
     axes = " ".join(axis["key"] for axis in values["axes"])
     first, end = values["seeds"]
@@ -124,6 +129,7 @@ def _of_kind(kind: str) -> Callable[[Mapping[str, Any]], _Described]:
 
 _HEADS: Mapping[str, Callable[[Mapping[str, Any]], _Described]] = {
     "summary.json": _flights,
+    "campaign.json": _unfinished_campaign,
     "sweep.json": _sweep,
     "risk.json": _risk,
     "diagnosis.json": _diagnosis,

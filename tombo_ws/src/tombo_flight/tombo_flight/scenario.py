@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tombo_collision.params import TRIGGERS, DetectorParams
-from tombo_collision.reactions import Reaction, reaction_from_mapping
+from tombo_collision.reactions import DEFAULT, Reaction, reaction_from_mapping
 from tombo_collision.reactions.bounce import Bounce
 from tombo_collision.reactions.none import NoReaction
 from tombo_collision.reactions.policy import Policy
 from tombo_control.params import ControlParams, EstimatorParams
+from tombo_control.planning.course import leg_to, resolved_waypoints
+from tombo_control.planning.leg import Point, straight_leg
 from tombo_control.planning.mission import MissionParams
 from tombo_control.recovery.params import ContactParams, RecoveryParams
-from tombo_control.safety.flight_volume import check_volume
+from tombo_control.safety.flight_volume import check_volume, outside_volume
 from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.effects.registry import effects_for
@@ -26,13 +32,12 @@ from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number, from_mapping, param
 from tombo_dynamics.propeller import LAWS
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_vehicle
+from tombo_dynamics.records import parameter_record
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_dynamics.yaml_text import parse_yaml, read_text
-from tombo_flight.course_check import check_course
 from tombo_flight.extended_model import merge_effects
 from tombo_flight.model_file import read_model
 from tombo_flight.scenario_catalogue import builtin_scenarios
-from tombo_flight.scenario_layers import laid_over, nested
 from tombo_flight.vehicle_file import VehicleFile, is_builtin_vehicle, vehicle_named
 from tombo_sim.propeller_effects import vehicle_effects
 from tombo_sim.world import ObstacleParams, SpreadParams, World
@@ -65,6 +70,11 @@ class Scenario:
     safety: SafetyParams = field(default_factory=SafetyParams)
     volume: FlightVolume = field(default_factory=FlightVolume)
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @cached_property
+    def plain(self) -> Mapping[str, Any]:
+        """What `as_mapping` returns, made once for all flights; not to be changed."""
+        return as_mapping(self)
 
 
 _TOMBO_KEYS = ("propeller.conf", "propeller.law", "propeller.library")
@@ -384,3 +394,165 @@ def world_of(scenario: Scenario) -> World:
         scenario.effects,
         scenario.estimator.mocap_rate,
     )
+
+
+_ROUNDING = 1.0 + 1e-9
+
+
+def check_course(mission: MissionParams, control: ControlParams, volume: FlightVolume) -> None:
+    """Refuse a course that could not be flown to its end as it is written.
+
+    Args:
+        mission: with the course, if any.
+        control: its limits of velocity.
+        volume: where the vehicle may fly.
+
+    Raises:
+        InputError: jumps are asked for as well, a leg is faster than the controller allows, it
+            leaves the flight volume, or it is to land before the course is over.
+    """
+    if mission.height > volume.z_max:
+        raise InputError(
+            f"mission.height: {mission.height:g}; accepted: at most volume.z_max, {volume.z_max:g}"
+        )
+    if mission.course is None:
+        return
+    if mission.step_size > 0.0:
+        raise InputError(
+            f"mission.course and mission.step_size {mission.step_size:g}: accepted: one of them"
+        )
+    hover: Point = (0.0, 0.0, mission.height)
+    end_s = course_begin(mission)
+    here, yaw = hover, 0.0
+    limits = parameter_record(volume)
+    for i, target in enumerate(resolved_waypoints(mission.course, hover, mission.approach_speed)):
+        leg = leg_to(target, here, yaw, end_s)
+        vx, vy, vz = leg.velocity
+        _check_speed(i, "across", math.hypot(vx, vy), "velocity_max_xy", control.velocity_max_xy)
+        _check_speed(i, "up or down", abs(vz), "velocity_max_z", control.velocity_max_z)
+        end_s, here, yaw = leg.hold_end_s, target[:3], target.yaw
+        off = outside_volume(np.array(here), limits)
+        if off > 0.0:
+            raise InputError(
+                f"mission.course[{i}]: {off:.2f} m outside of the flight volume; accepted: a "
+                "waypoint inside (volume.*)"
+            )
+    if end_s > mission.land_time:
+        raise InputError(
+            f"mission.course: lasts until {end_s:.1f} s; accepted: at most mission.land_time, "
+            f"{mission.land_time:g} (land later, or begin before mission.approach_time, "
+            f"{mission.approach_time:g})"
+        )
+
+
+def course_begin(mission: MissionParams) -> float:
+    """Return when the course begins if the climb goes well [s]."""
+    climb = straight_leg(
+        (0.0, 0.0, 0.0), (0.0, 0.0, mission.height), mission.climb_speed, mission.takeoff_time
+    )
+    return max(mission.approach_time, climb.end_s)
+
+
+def _check_speed(i: int, way: str, speed: float, name: str, limit: float) -> None:
+    if speed > limit * _ROUNDING:
+        raise InputError(
+            f"mission.course[{i}].speed: {speed:.2f} m/s {way}; accepted: at most "
+            f"control.{name}, {limit:g}"
+        )
+
+
+def override(
+    values: dict[str, Any], setting: str, option: str = "--set", example: str = "vehicle.mass=1.4"
+) -> dict[str, Any]:
+    """Return nested values with one `key.path=value` setting applied.
+
+    Raises:
+        InputError: it is none; named by the `option` that it was given with, and an `example`.
+    """
+    return _merged(values, nested(setting, option, example))
+
+
+def nested(
+    setting: str, option: str = "--set", example: str = "vehicle.mass=1.4"
+) -> dict[str, Any]:
+    """Return a `key.path=value` setting as nested values; arguments and errors as `override`."""
+    key, separator, text = setting.partition("=")
+    if not separator or not key.strip():
+        raise InputError(f"{option} '{setting}': expected key=value, as in {example}")
+    *outer, last = key.strip().split(".")
+    value = {last: parse_yaml(text, f"{option} '{setting}': '{text}'")}
+    for name in reversed(outer):
+        value = {name: value}
+    return value
+
+
+def laid_over(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a scenario's values with others over them, key by key.
+
+    Two keys stand for more than a value: with `disturbances: true` those of the suite lie between
+    the two; another `reaction.name` leaves the parameters of the reaction before. `react`, a word
+    of older files, chooses a reaction: false none, true the default one where there was none.
+
+    Raises:
+        InputError: `react` or `disturbances` is not true or false, or `base` has disturbances that
+            `over` does not want.
+    """
+    below, above = dict(base), dict(over)
+    if _flag(above, "react") is not None:
+        above["reaction"] = _reaction_of(below, above, react=above.pop("react"))
+    wanted = _flag(above, "disturbances")
+    if wanted and not below.get("disturbances"):
+        below = _merged(below, disturbances())
+    elif wanted is False and below.get("disturbances"):
+        raise InputError(
+            "disturbances: false over a scenario that has them; accepted: a scenario without"
+        )
+    chosen = _section(above, "reaction")
+    if chosen.get("name", _reaction_name(below)) != _reaction_name(below):
+        below.pop("reaction", None)
+    return _merged(below, above)
+
+
+def disturbances() -> dict[str, Any]:
+    """Return what `disturbances: true` lays over a scenario."""
+    path = resources.files("tombo_flight").joinpath("scenarios", "layers", "disturbances.yaml")
+    values: dict[str, Any] = parse_yaml(path.read_text(encoding="utf-8"), "disturbances.yaml")
+    return values
+
+
+def _flag(values: Mapping[str, Any], key: str) -> bool | None:
+    """Return a key that is true or false; None: it is not there."""
+    value = values.get(key)
+    if key in values and not isinstance(value, bool):
+        raise InputError(f"{key}: {shown(value)} is not true or false")
+    return value
+
+
+def _section(values: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    section = values.get(key)
+    return section if isinstance(section, Mapping) else {}
+
+
+def _reaction_name(values: Mapping[str, Any]) -> Any:
+    """Return the name of the reaction that some values choose."""
+    return _section(values, "reaction").get("name", DEFAULT)
+
+
+def _reaction_of(
+    below: Mapping[str, Any], above: Mapping[str, Any], *, react: bool
+) -> dict[str, Any]:
+    """Return the reaction that `react` means, over `below` and beside what `above` has."""
+    own = dict(_section(above, "reaction"))
+    if not react:
+        return {"name": NoReaction.name}
+    return {"name": DEFAULT, **own} if _reaction_name(below) == NoReaction.name else own
+
+
+def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    result = dict(base)
+    for key, value in over.items():
+        if isinstance(value, Mapping) and isinstance(result.get(key), Mapping):
+            result[key] = _merged(result[key], value)
+        else:
+            result[key] = value
+    return result

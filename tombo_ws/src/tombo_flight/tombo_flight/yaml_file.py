@@ -10,7 +10,7 @@ import yaml
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_flight.json_text import plain
-from tombo_flight.whole_file import write_whole
+from tombo_flight.process.output_folder import write_whole
 
 END = "..."
 """YAML's end of a document: a file that the suite wrote has it as its last line."""

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 from suite_bench import wait_for
 
@@ -19,9 +20,14 @@ ALONE, TOGETHER = ("--workers", "1"), ("--workers", "2")
 
 
 def kept(folder: Path) -> list[str]:
-    """Lines of the file of flights."""
+    """Lines of the flights that are on disk before all are flown."""
     path = folder / "flights.jsonl"
     return path.read_text(encoding="utf-8").split("\n")[1:] if path.exists() else []
+
+
+def flights(folder: Path) -> list[dict[str, object]]:
+    """Rows of the table."""
+    return pq.read_table(folder / "flights.parquet").to_pylist()
 
 
 def interrupted(folder: Path, number: signal.Signals, lines: int) -> tuple[int, str]:
@@ -44,11 +50,11 @@ def interrupted(folder: Path, number: signal.Signals, lines: int) -> tuple[int, 
 def test_what_was_killed_goes_on_and_ends_as_if_it_had_not_been(tombo, tmp_path):
     whole = tombo(*COMMAND, *ALONE, "-o", "whole", "--json")
     assert whole.code == 0
-    flown = len(kept(tmp_path / "whole"))
+    flown = flights(tmp_path / "whole")
 
     folder = tmp_path / "killed"
     code, said = interrupted(folder, signal.SIGINT, 2)
-    assert (code, said) == (130, f"Error: interrupted; the same command goes on with '{folder}'\n")
+    assert code == 130 and f"the same command with -o {folder} goes on" in said
     assert not (folder / "arena.json").exists()
     code, _ = interrupted(folder, signal.SIGKILL, 7)
     assert code == -signal.SIGKILL
@@ -60,10 +66,12 @@ def test_what_was_killed_goes_on_and_ends_as_if_it_had_not_been(tombo, tmp_path)
     assert again.json == whole.json
     for name in ("arena.json", "arena.html"):
         assert (folder / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
-    after = kept(folder)
-    assert after[: len(before)] == before
-    keys = [json.loads(line)[1] for line in after if line.endswith("]")]
-    assert len(keys) == len(set(keys)) == flown
+    after = flights(folder)
+    assert [row["flight"] for row in after] == [row["flight"] for row in flown]
+    figures = {row["flight"]: row for row in after}
+    for line in before:
+        _, key, row = json.loads(line)
+        assert {name: figures[key][name] for name in row} == row
 
     assert again.json["refused"].keys() == {"Conf. 1", "Conf. 5", "Conf. 6", "Conf. 7"}
     page = (folder / "arena.html").read_text(encoding="utf-8")
@@ -81,6 +89,25 @@ def test_what_was_killed_goes_on_and_ends_as_if_it_had_not_been(tombo, tmp_path)
     typical = again.json["shown"][0]
     alone = tombo(*typical["command"].split()[1:], "--no-record", "--json").json
     assert alone["max_falling_distance_m"] == typical["max_falling_distance_m"]
+
+
+@pytest.mark.slow
+def test_an_arena_grows_from_the_lines_of_an_earlier_version(tombo, tmp_path):
+    words = ("arena", "--reactions", "bounce", "--clean", "--groups", "free", *ALONE, "-o", "a")
+    assert tombo(*words, "--seeds", "0:2").code == 0
+    first = flights(tmp_path / "a")
+    lines = [["arena", row.pop("flight"), row] for row in first]
+    for row in first:
+        del row["reaction"], row["case"], row["group"], row["error"]
+        row["strikes"] += 100  # tells it from one that is flown again
+    (tmp_path / "a" / "flights.parquet").unlink()
+    text = "\n".join(json.dumps(line) for line in lines)
+    (tmp_path / "a" / "flights.jsonl").write_text(text)
+    result = tombo(*words, "--seeds", "0:3", "--json").json
+    assert [row["strikes"] for row in flights(tmp_path / "a")] == [100, 100, 0]
+    assert result["all_cases"]["bounce"]["flights"] == 3
+    assert tombo(*words, "--seeds", "0:1", "--json").json["all_cases"]["bounce"]["flights"] == 1
+    assert len(flights(tmp_path / "a")) == 3
 
 
 @pytest.mark.parametrize(

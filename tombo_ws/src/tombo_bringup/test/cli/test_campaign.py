@@ -8,10 +8,12 @@ import math
 import pytest
 from suite_bench import names
 
-from tombo_flight.campaign.campaign import draw_campaign, fly_campaign
+from tombo_flight.campaign.campaign import CampaignStudy, draw_campaign, fly_campaign
 from tombo_flight.campaign.statistics import SPREAD_METRICS, aggregate, spread
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import WALL_KEYS, flight_summary
+from tombo_flight.process.study import Task, begin_flying, fly_batch
+from tombo_flight.process.study_folder import open_study
 from tombo_flight.scenario import load_scenario
 
 pytestmark = pytest.mark.slow
@@ -30,7 +32,8 @@ def test_a_campaign_is_its_single_flights(tombo, tmp_path):
     assert result.err == ""
     campaign = result.json
     assert json.loads((tmp_path / "c" / "summary.json").read_text()) == campaign
-    assert names(tmp_path / "c") == {"summary.json", "scenario.yaml", "campaign.png"}
+    written = {"summary.json", "scenario.yaml", "campaign.png", "campaign.json", "flights.parquet"}
+    assert names(tmp_path / "c") == written
     assert (tmp_path / "c" / "campaign.png").read_bytes().startswith(b"\x89PNG")
     scenario = load_scenario("paper_collision", SETTINGS)
     for seed, flight in zip(range(4, 9), campaign["flights"], strict=True):
@@ -45,6 +48,30 @@ def test_a_campaign_is_its_single_flights(tombo, tmp_path):
     assert total["detection_latency_s"]["max"] == max(latencies)
     flown = sum(f["duration_s"] for f in campaign["flights"])
     assert total["real_time_factor"] == pytest.approx(flown / total["wall_time_s"])
+
+
+def test_a_campaign_goes_on_where_it_was_killed_and_flies_nothing_twice(tombo, tmp_path):
+    words = ("fly", "hover", "--seeds", "3:7", "--set", "duration=0.5", "--json")
+    whole = tombo(*words, "-o", "whole").json
+    study = CampaignStudy(load_scenario("hover", ["duration=0.5"]), range(3, 7))
+    with open_study(tmp_path / "c", study) as opened:
+        task = Task(5, None, 5)
+        begin_flying(study)
+        opened.keep(fly_batch([task]))
+    run = next(run for run in tombo("runs", ".", "--json").json if run["folder"] == "c")
+    assert (run["kind"], run["outcome"]) == ("campaign", "not finished")
+    line = (tmp_path / "c" / "flights.jsonl").read_text()
+    (tmp_path / "c" / "flights.jsonl").write_text(line.replace('"strikes": 0', '"strikes": 7'))
+
+    again = tombo(*words, "-o", "c").json
+
+    strikes = [flight["strikes"] for flight in again["flights"]]
+    assert strikes == [0, 0, 7, 0]  # that of seed 5 was not flown again
+    for flight, alone in zip(again["flights"], whole["flights"], strict=True):
+        assert timeless({**flight, "strikes": 0}) == timeless(alone)
+    other = ("fly", "hover", "--seeds", "3:8", "--set", "duration=0.5", "-o", "c")
+    assert "another seeds" in tombo(*other).err
+    assert tombo(*other, "--force").code == 0
 
 
 def test_one_table_for_all_flights(tombo, tmp_path):

@@ -16,7 +16,7 @@ def test_a_risk_leaves_page_table_and_answer(tombo, tmp_path):
     assert 0.03 < answer["high"] < 0.2 and answer["flights"] == 100
     assert [one["key"] for one in answer["inputs"]] == ["vehicle.mass", "mission.height"]
     folder = tmp_path / "runs" / "risk-hover"
-    assert names(folder) == {"flights.jsonl", "flights.parquet", "risk.html", "risk.json"}
+    assert names(folder) == {"flights.parquet", "risk.html", "risk.json"}
     (run,) = tombo("runs", "--json").json
     assert run["kind"] == "risk" and run["outcome"].startswith("no crash found")
     plain = tombo("risk", *SHORT, "-o", "plain")  # nothing but the flights' own draws

@@ -7,13 +7,16 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import typer
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import ProgressCallback
     from tombo_flight.process.output_folder import OutputFolder
+    from tombo_flight.process.study import Study
+    from tombo_flight.process.study_folder import Fly, StudyFolder
+    from tombo_flight.report.page import Page
 
 _Found = TypeVar("_Found")
 _LONGEST_NAME = 120
@@ -154,46 +157,67 @@ def compute_into(
             raise typer.Exit(stop.exit_code) from None
 
 
-def fly_study(
-    opened: AbstractContextManager[Any],
-    flights: int,
+def run_study(
+    study: Study,
+    analyse: Callable[[StudyFolder, Fly], Page],
+    output: str | None,
+    default: str,
     as_json: bool,
-    fly: Callable[[Any, Callable[[int, float | None], None], Callable[[], bool]], _Found | None],
-) -> tuple[Path, int, _Found]:
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    numbered: bool = True,
+    again: bool | None = None,
+) -> tuple[Path, int, Page]:
     """Fly what a study's folder lacks, with a progress bar and the time left.
 
     Args:
-        opened: the folder; `folder` is its path, `kept` the number of flights in it.
-        flights: of the whole study.
+        study: what is flown.
+        analyse: as of `fly_study`.
+        output: the folder, as given.
+        default: the folder where none is given.
         as_json: only JSON is printed.
-        fly: flies in the folder, tells its progress, asks whether to stop; None: it was stopped.
+        workers: processes of this machine; the cores that this process may use if None.
+        scheduler: address of a Dask scheduler, in place of processes of this machine.
+        numbered: the default folder is a new one, with a number where the name is taken.
+        again: what is in the folder is flown again; None: there is no such option.
 
     Returns:
-        The path, the flights flown now, and what `fly` returned.
+        The path, the flights flown now, and the page.
 
     Raises:
         typer.Exit: a signal came; what was flown is kept.
+        InputError: the folder can't be used.
     """
     from tombo_bringup.cli.progress import duration_text, progress_bar
     from tombo_flight.process.stop_signals import StopSignals
+    from tombo_flight.process.study_folder import fly_study, open_study
 
-    with StopSignals() as stop, opened as folder, progress_bar() as on_progress:
-        path, before = folder.folder, folder.kept
+    check_output(output)
+    path, numbered, flights = Path(output or default), numbered and output is None, len(study.keys)
+    with (
+        StopSignals() as stop,
+        open_study(path, study, numbered=numbered, again=again) as opened,
+        progress_bar() as on_progress,
+    ):
+        path, before = opened.folder, opened.kept
         if before and not as_json:
             typer.echo(f"{path}: {before} of {flights} flights are there already.")
 
-        def tell(kept: int, left_s: float | None) -> None:
-            left = "" if left_s is None else f", {duration_text(left_s)} left"
-            on_progress(f"{kept} of {flights} flights{left}", kept / flights)
+        def tell(kept: int, left_s: float) -> None:
+            words = f"{kept} of {flights} flights, {duration_text(left_s)} left"
+            on_progress(words, kept / flights)
 
         on_progress("loading", 0.0)
-        found = fly(folder, tell, stop.asked)
-        kept = folder.kept
-    if found is None:
+        page = fly_study(
+            opened, analyse, workers=workers, scheduler=scheduler, progress=tell, stop=stop.asked
+        )
+        kept = opened.kept
+    if page is None:
         words = f"{kept} of {flights} flights are kept; the same command with -o {path}"
         typer.echo(f"Interrupted: {words} goes on.", err=True)
         raise typer.Exit(stop.exit_code)
-    return path, kept - before, found
+    return path, kept - before, page
 
 
 def write_file(path: Path, text: str) -> None:
@@ -202,7 +226,7 @@ def write_file(path: Path, text: str) -> None:
     Raises:
         InputError: it can't be written.
     """
-    from tombo_flight.whole_file import write_whole
+    from tombo_flight.process.output_folder import write_whole
 
     try:
         write_whole(path, text)

@@ -94,7 +94,7 @@ def new(
     and can be changed in the file.
     """
     from tombo_flight.command_line import command_line
-    from tombo_flight.scenario_layers import override
+    from tombo_flight.scenario import override
     from tombo_flight.vehicle_file import FORMAT, vehicle_from_mapping, write_vehicle
 
     check_new_yaml(file, force)

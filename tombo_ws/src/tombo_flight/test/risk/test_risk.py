@@ -6,6 +6,7 @@ import builtins
 import json
 import shlex
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +15,8 @@ import pytest
 
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import fly_scenario
-from tombo_flight.risk.run import fly_risk, open_risk
+from tombo_flight.process.study_folder import fly_study, open_study
+from tombo_flight.risk.page import analyse_risk
 from tombo_flight.risk.study import margin, new_risk, parse_input, settings_at
 from tombo_flight.scenario import load_scenario
 from tombo_flight.vehicle_file import Note, vehicle_named
@@ -123,17 +125,22 @@ SOON = (
 @pytest.mark.slow
 def test_a_killed_study_goes_on_to_the_same_digit(tmp_path):
     study = new_risk("paper_collision", GIVEN, 100, settings=SOON)
-    with open_risk(tmp_path / "whole", study) as folder:
-        whole = fly_risk(folder, workers=1).data
-    with open_risk(tmp_path / "killed", study) as folder:
-        assert fly_risk(folder, workers=1, stop=lambda: folder.kept > 30) is None
+    with open_study(tmp_path / "whole", study) as folder:
+        whole = fly_study(folder, partial(analyse_risk, study), workers=1).data
+    with open_study(tmp_path / "killed", study) as folder:
+        assert (
+            fly_study(
+                folder, partial(analyse_risk, study), workers=1, stop=lambda: folder.kept > 30
+            )
+            is None
+        )
         kept = folder.kept
     assert 0 < kept < 100
     journal = tmp_path / "killed" / "flights.jsonl"
     journal.write_bytes(journal.read_bytes() + b'\n["risk", 77, {"mar')
-    with open_risk(tmp_path / "killed", study) as folder:
+    with open_study(tmp_path / "killed", study) as folder:
         assert folder.kept == kept
-        assert fly_risk(folder, workers=1).data == whole
+        assert fly_study(folder, partial(analyse_risk, study), workers=1).data == whole
     one, two = (pq.read_table(tmp_path / name / "flights.parquet") for name in ("whole", "killed"))
     assert one.equals(two) and one.num_rows == 100
     assert (np.array(one["margin"]) < 0.0).tolist() == one["crashed"].to_pylist()
@@ -141,7 +148,7 @@ def test_a_killed_study_goes_on_to_the_same_digit(tmp_path):
     _the_most_likely_crash_flies_again(whole)
     assert whole["most_likely_crash"]["command"] in (tmp_path / "whole" / "risk.html").read_text()
     other = new_risk("paper_collision", GIVEN, 110, settings=SOON)
-    with pytest.raises(InputError, match="another flights"), open_risk(tmp_path / "whole", other):
+    with pytest.raises(InputError, match="another flights"), open_study(tmp_path / "whole", other):
         pass
 
 

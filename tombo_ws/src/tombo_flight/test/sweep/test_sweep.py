@@ -7,10 +7,12 @@ import importlib.util
 import json
 import os
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -21,11 +23,11 @@ import pytest
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import flight_summary
-from tombo_flight.process.study import Task, begin_flying, fly_task
-from tombo_flight.process.study_folder import OUTCOME, read_head
+from tombo_flight.process import study_folder
+from tombo_flight.process.study import Task, begin_flying, fly_batch
+from tombo_flight.process.study_folder import OUTCOME, RESULT, fly_study, open_study, read_head
 from tombo_flight.scenario import load_scenario
-from tombo_flight.sweep import run as store_module
-from tombo_flight.sweep.run import STUDY_FILE, fly_sweep, open_store
+from tombo_flight.sweep.page import analyse_sweep
 from tombo_flight.sweep.study import (
     FIGURES,
     LEFT_OUT,
@@ -45,8 +47,12 @@ def study(seeds=range(3), axes=AXES, settings=SHORT, name="hover"):
 
 
 def flown(folder, what=None, **options):
-    with open_store(folder, what or study()) as store:
-        assert fly_sweep(store, **{"workers": 1, **options}) is not None
+    what = what or study()
+    with open_study(folder, what) as opened:
+        assert (
+            fly_study(opened, partial(analyse_sweep, what), **{"workers": 1, **options})
+            is not None
+        )
     return pq.read_table(folder / "flights.parquet").drop_columns(list(WALL_COLUMNS))
 
 
@@ -77,8 +83,8 @@ def test_the_table_says_units_and_what_was_flown(whole):
     said = json.loads(table.schema.metadata[b"tombo"])
     assert said["axes"][0] == {**said["axes"][0], "key": "vehicle.mass", "levels": ["1.1", "1.3"]}
     assert said["tombo_version"].startswith("0.")
-    head = read_head(folder, STUDY_FILE)
-    assert {key: value for key, value in head.items() if key != OUTCOME} == said
+    head = read_head(folder, "sweep")
+    assert {key: value for key, value in head.items() if key not in (OUTCOME, RESULT)} == said
 
 
 @pytest.mark.slow
@@ -91,24 +97,32 @@ def test_every_figure_of_a_summary_has_a_column():
 def test_a_sweep_goes_on_where_it_was_stopped_and_flies_nothing_twice(
     tmp_path, whole, monkeypatch
 ):
-    monkeypatch.setattr(store_module, "BLOCK", 7)  # whole blocks, open ones, and one that is not
+    monkeypatch.setattr(study_folder, "PART_FLIGHTS", 4)  # whole parts, and one that is not
     flights = []
 
-    def count(self, row):
-        flights.append(row["flight"])
-        keep(self, row)
+    def count(self, flown):
+        flights.extend(task.key for task, _ in flown)
+        keep(self, flown)
 
-    keep = store_module.SweepFolder.keep
-    monkeypatch.setattr(store_module.SweepFolder, "keep", count)
-    for limit in (5, 9, 16):
-        with open_store(tmp_path / "s", study()) as store:
-            assert store.kept == len(flights)
-            stopped = fly_sweep(store, workers=1, stop=lambda n=limit: len(flights) >= n)
-            assert stopped is None
-    with (tmp_path / "s" / "parts" / "000002.jsonl").open("a") as journal:
-        journal.write('\n["sweep", 17, {"po')  # torn when the process was killed
-    with open_store(tmp_path / "s", study()) as store:
-        assert fly_sweep(store, workers=1).data["outcome"] == "0 of 18 crashed"
+    keep = study_folder.StudyFolder.keep
+    monkeypatch.setattr(study_folder.StudyFolder, "keep", count)
+    for limit in (5, 9, 14):
+        with open_study(tmp_path / "s", study()) as opened:
+            assert opened.kept == len(flights)
+            stop = partial(lambda n: len(flights) >= n, limit)
+            assert fly_study(opened, partial(analyse_sweep, study()), workers=1, stop=stop) is None
+    journal = tmp_path / "s" / "flights.jsonl"
+    part = tmp_path / "s" / "parts" / "000000.parquet"
+    row = pq.read_table(part).to_pylist()[0]
+    with journal.open("a") as file:  # killed between the part and the end of its lines
+        file.write("\n" + json.dumps(["sweep", row.pop("flight"), row]))
+        file.write('\n["sweep", 17, {"po')  # torn when the process was killed
+    with open_study(tmp_path / "s", study()) as opened:
+        assert (
+            fly_study(opened, partial(analyse_sweep, study()), workers=1).data["outcome"]
+            == "0 of 18 crashed"
+        )
+    assert not part.parent.exists() and not journal.exists()
 
     assert sorted(flights) == list(range(18))
     table = pq.read_table(tmp_path / "s" / "flights.parquet").drop_columns(list(WALL_COLUMNS))
@@ -121,7 +135,7 @@ def test_a_sweep_that_was_killed_gives_the_same_table(tmp_path, whole):
     words = ["sweep", "hover", *AXES, "--seeds", "0:3", "--set", *SHORT, "-o", "s"]
     command = [sys.executable, "-c", code, *words, "--workers", "1"]
     process = subprocess.Popen(command, cwd=tmp_path, start_new_session=True)
-    journal = tmp_path / "s" / "parts" / "000000.jsonl"
+    journal = tmp_path / "s" / "flights.jsonl"
     end = time.monotonic() + 120.0
     while not (journal.is_file() and journal.read_bytes().count(b"\n") >= 4):
         assert time.monotonic() < end and process.poll() is None
@@ -186,29 +200,41 @@ def test_a_value_that_is_never_accepted_is_refused_before_the_first_flight():
 
 @pytest.mark.slow
 def test_a_folder_with_another_sweep_or_other_things_is_refused(tmp_path, whole):
-    with pytest.raises(InputError, match="another seeds"), open_store(whole[0], study(range(4))):
+    with pytest.raises(InputError, match="another seeds"), open_study(whole[0], study(range(4))):
         pass
     (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match=r"notes\.txt"), open_store(tmp_path, study()):
+    with pytest.raises(InputError, match=r"notes\.txt"), open_study(tmp_path, study()):
         pass
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cut", [0, 100])
+def test_a_table_that_is_no_table_is_named_and_stays(tmp_path, whole, cut):
+    shutil.copytree(whole[0], tmp_path / "s")
+    table = tmp_path / "s" / "flights.parquet"
+    table.write_bytes(table.read_bytes()[: -cut or None] if cut else b"mine")
+    damaged = table.read_bytes()
+    with pytest.raises(InputError, match=r"flights\.parquet.*accepted"):
+        flown(tmp_path / "s")
+    assert table.read_bytes() == damaged
 
 
 def test_a_sweep_of_which_nothing_was_flown_leaves_nothing(tmp_path):
     for numbered in (False, True):
         with (
             pytest.raises(InputError, match="reached"),
-            open_store(tmp_path / "s", study(), numbered=numbered) as store,
+            open_study(tmp_path / "s", study(), numbered=numbered) as opened,
         ):
-            assert store.folder.is_dir()
+            assert opened.folder.is_dir()
             raise InputError("it can't be reached")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_two_processes_can_not_fly_the_same_sweep(tmp_path):
     with (
-        open_store(tmp_path, study()),
+        open_study(tmp_path, study()),
         pytest.raises(InputError, match="another process"),
-        open_store(tmp_path, study()),
+        open_study(tmp_path, study()),
     ):
         pass
 
@@ -221,7 +247,7 @@ def test_the_command_of_a_flight_flies_it_again():
     alone = fly_scenario(load_scenario(words[2], settings), int(words[words.index("--seed") + 1]))
     point, seed = what.place(9)
     begin_flying(what)
-    _, row = fly_task(Task(9, point, seed))
+    ((_, row),) = fly_batch([Task(9, point, seed)])
     ours = row_of(flight_summary(alone))
     assert seed == 6 and settings == ["duration=1.5", "propeller.conf=13", "mission.height=1.55"]
     assert {k: row[k] for k in ours if k not in WALL_COLUMNS} == {

@@ -15,17 +15,20 @@ from matplotlib.ticker import FixedLocator, FormatStrFormatter, MaxNLocator, Nul
 from tombo_bag.flight import Flight
 from tombo_collision.reactions.none import NoReaction
 from tombo_dynamics.arrays import Array
-from tombo_flight.arena.results import HEAD, MEANING, crashed_text, table_rows
+from tombo_flight.arena.results import HEAD, MEANING, arena_results, crashed_text, table_rows
 from tombo_flight.arena.study import (
     ANGLE_RADIUS,
     COLLISIONS,
     CONFIGURATIONS,
     FREE,
+    ROW_KEYS,
     SPEED_OFFSET,
-    ArenaPlan,
-    Row,
+    ArenaStudy,
 )
 from tombo_flight.flight import fly_scenario
+from tombo_flight.json_text import plain
+from tombo_flight.process.study import FlightRow
+from tombo_flight.process.study_folder import Fly, StudyFolder
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.flight_report import replay_scripts
@@ -60,7 +63,8 @@ _SHORT: Final = (0, 1, 3, 5)
 _FEW: Final = len(_SHORT)
 _FOOTER: Final = (
     "Ground truth of simulated flights. Cells of the maps fly a third of the seeds. The same "
-    "figures in arena.json, each flight in flights.jsonl; the maps' exact numbers stand there too."
+    "figures in arena.json, each flight in flights.parquet; the maps' exact numbers stand there "
+    "too."
 )
 _MAPS: Final = (
     (
@@ -78,19 +82,29 @@ _MAPS: Final = (
 )
 
 
-def arena_page(results: Mapping[str, Any], plan: ArenaPlan, kept: Mapping[str, Row]) -> Page:
+def analyse_arena(study: ArenaStudy, opened: StudyFolder, fly: Fly) -> Page:
+    """Fly what is missing of the matches and return their page."""
+    fly(study.tasks, len(study.tasks))
+    opened.finish()
+    kept = opened.rows((*ROW_KEYS, "error"))
+    return arena_page(plain(arena_results(study, kept)), study, kept)
+
+
+def arena_page(
+    results: Mapping[str, Any], study: ArenaStudy, kept: Mapping[str, FlightRow]
+) -> Page:
     """Return the page of an arena.
 
     Args:
         results: of `arena_results`.
-        plan: what was flown; the flights of the replay are flown again.
+        study: what was flown; the flights of the replay are flown again.
         kept: the rows of its flights.
 
     Raises:
         InputError: as `fly_scenario`.
     """
     shown = results["shown"]
-    records = [_again(plan, flight) for flight in shown]
+    records = [_again(study, flight) for flight in shown]
     columns = range(len(HEAD))
     return Page(
         title=f"Tombo arena: {', '.join(results['reactions'])}",
@@ -101,7 +115,7 @@ def arena_page(results: Mapping[str, Any], plan: ArenaPlan, kept: Mapping[str, R
         sections=[
             Section("Figures", _figures(results, (COLLISIONS, FREE), columns), "page"),
             Section("Figures", _figures(results, (COLLISIONS, FREE), _SHORT), "terminal"),
-            Section("Fall and recovery", _histograms(results, plan, kept)),
+            Section("Fall and recovery", _histograms(results, study, kept)),
             *(Section(title, _map(results, *of)) for title, *of in _MAPS),
             Section("Configurations 1 to 13", _configurations(results), "page"),
             Section("Typical and worst flight of each reaction", _replays(shown), "page"),
@@ -167,10 +181,10 @@ def _middle(text: str) -> str:
 
 
 def _histograms(
-    results: Mapping[str, Any], plan: ArenaPlan, kept: Mapping[str, Row]
+    results: Mapping[str, Any], study: ArenaStudy, kept: Mapping[str, FlightRow]
 ) -> list[Picture]:
-    flights: dict[str, list[Row]] = {name: [] for name in results["reactions"]}
-    for match, rows in plan.rows(kept).items():
+    flights: dict[str, list[FlightRow]] = {name: [] for name in results["reactions"]}
+    for match, rows in study.rows(kept).items():
         if match.case.group == COLLISIONS:
             flights[match.reaction] += rows
     if not any(flights.values()):
@@ -224,9 +238,9 @@ def _replays(shown: Sequence[Mapping[str, Any]]) -> list[Item]:
     return [Table(head, lines, "replays", note=meaning), Markup(asset("stage.html"))]
 
 
-def _again(plan: ArenaPlan, shown: Mapping[str, Any]) -> Flight:
+def _again(study: ArenaStudy, shown: Mapping[str, Any]) -> Flight:
     match = next(
-        m for m in plan.matches if (m.reaction, m.case.name) == (shown["reaction"], shown["case"])
+        m for m in study.matches if (m.reaction, m.case.name) == (shown["reaction"], shown["case"])
     )
     return fly_scenario(match.scenario(), int(shown["seed"]))
 

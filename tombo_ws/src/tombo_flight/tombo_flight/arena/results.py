@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from tombo_flight.arena.study import COLLISIONS, FREE, GROUPS, ArenaPlan, Match, Row
+from tombo_flight.arena.study import COLLISIONS, FREE, GROUPS, ArenaStudy, Match
 from tombo_flight.campaign.statistics import flight_statistics
+from tombo_flight.process.study import FlightRow
 from tombo_flight.version import tombo_version
 
 TYPICAL: Final = "typical"
 WORST: Final = "worst"
 
 
-def arena_results(plan: ArenaPlan, kept: Mapping[str, Row], seeds: range) -> dict[str, Any]:
+def arena_results(study: ArenaStudy, kept: Mapping[str, FlightRow]) -> dict[str, Any]:
     """Return the content of `arena.json`.
 
     Args:
-        plan: what was flown.
+        study: what was flown.
         kept: the rows of all its flights.
-        seeds: of the cases that fly all of them.
 
     Returns:
         tombo_version, disturbances, first_seed, last_seed, reactions; `refused`: what could
@@ -28,17 +28,19 @@ def arena_results(plan: ArenaPlan, kept: Mapping[str, Row], seeds: range) -> dic
         `collisions` and `all_cases`: what that returns for all flights of a reaction in
         COLLISIONS, and in all groups; `shown`: what `shown_flights` returns for each reaction.
     """
-    reactions = list(dict.fromkeys(match.reaction for match in plan.matches))
-    rows = plan.rows(kept)
+    reactions = list(dict.fromkeys(match.reaction for match in study.matches))
+    rows = study.rows(kept)
     return {
         "tombo_version": tombo_version(),
-        "disturbances": plan.matches[0].disturbed if plan.matches else None,
-        "first_seed": seeds[0],
-        "last_seed": seeds[-1],
+        "disturbances": study.matches[0].disturbed if study.matches else None,
+        "first_seed": study.seeds[0],
+        "last_seed": study.seeds[-1],
         "reactions": reactions,
-        "refused": {**plan.refused, **plan.not_flown(kept)},
+        "refused": {**study.refused, **study.not_flown(kept)},
         "results": [
-            _result(match, of, match.case.seeds(seeds)[0]) for match, of in rows.items() if of
+            _result(match, of, match.case.seeds(study.seeds)[0])
+            for match, of in rows.items()
+            if of
         ],
         "collisions": {name: _pooled(name, rows, (COLLISIONS,)) for name in reactions},
         "all_cases": {name: _pooled(name, rows, GROUPS) for name in reactions},
@@ -47,7 +49,7 @@ def arena_results(plan: ArenaPlan, kept: Mapping[str, Row], seeds: range) -> dic
 
 
 def _pooled(
-    reaction: str, rows: Mapping[Match, Sequence[Row]], groups: Iterable[str]
+    reaction: str, rows: Mapping[Match, Sequence[FlightRow]], groups: Iterable[str]
 ) -> dict[str, Any]:
     within = list(groups)
     return flight_statistics(
@@ -60,7 +62,7 @@ def _pooled(
     )
 
 
-def _result(match: Match, rows: Sequence[Row], seed: int) -> dict[str, Any]:
+def _result(match: Match, rows: Sequence[FlightRow], seed: int) -> dict[str, Any]:
     case = match.case
     return {
         "reaction": match.reaction,
@@ -72,7 +74,9 @@ def _result(match: Match, rows: Sequence[Row], seed: int) -> dict[str, Any]:
     }
 
 
-def shown_flights(reaction: str, rows: Mapping[Match, Sequence[Row]]) -> list[dict[str, Any]]:
+def shown_flights(
+    reaction: str, rows: Mapping[Match, Sequence[FlightRow]]
+) -> list[dict[str, Any]]:
     """Return which flights of a reaction stand for it, of those that touched in COLLISIONS.
 
     The typical one has the median of the largest falling distance, the lower one of two. The

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+from collections.abc import Iterable, Mapping, Sequence, Set
+from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -21,9 +21,10 @@ from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.campaign.statistics import SPREAD_METRICS
 from tombo_flight.command_line import fly_command
 from tombo_flight.flight_output import flight_summary, warm_up_flight
-from tombo_flight.process.study import Task, fly_tasks
+from tombo_flight.process.study import FlightRow, Task
 from tombo_flight.report.paper_values import COLLISION_POINT_M
 from tombo_flight.scenario import Scenario, load_scenario
+from tombo_flight.sweep.study import figure_columns
 
 COLLISIONS: Final = "collisions"
 FREE: Final = "free"
@@ -50,6 +51,8 @@ _MAP_SPEEDS: Final = (0.5, 0.75, 1.0, 1.25, 1.5)
 _MAP_OFFSETS: Final = (0.0, 0.1, 0.2, 0.27, 0.35, 0.45)
 _MAP_ANGLES: Final = (0, 30, 60, 90, 120, 150, 180)
 _MAP_RADII: Final = (0.03, 0.1, 0.25, 0.5)
+_AT_ONCE: Final = 8
+"""Seeds that a match flies in a row: its scenario is read once for them."""
 _MAP_SHARE: Final = 3
 """A cell of a map flies one of so many seeds: neighbours tell about each other."""
 
@@ -215,17 +218,19 @@ ROW_KEYS: Final = (
     *("contact_rotor", "struck_rotor", *SPREAD_METRICS),
 )
 """What is kept of a flight's summary."""
-Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class ArenaPlan:
-    """What an arena flies: the study whose points are matches."""
+class ArenaStudy:
+    """What an arena flies: the points are matches."""
 
+    kind = "arena"
+    seeds: range
+    """Of the cases that fly all of them."""
     matches: tuple[Match, ...]
     tasks: tuple[Task, ...]
-    """Keyed by reaction, case, seed and a hash of the scenario. Seed by seed, ascending, so that
-    what is stopped has as many flights of each match."""
+    """Keyed by reaction, case, seed and a hash of the scenario. Some seeds of each match in turn,
+    so that what is stopped has about as many flights of each."""
     refused: Mapping[str, str]
     """Cases that can't be flown → the reason."""
 
@@ -233,27 +238,47 @@ class ArenaPlan:
         """Return what is flown in a match."""
         return match.scenario()
 
+    @cached_property
+    def keys(self) -> Set[str]:
+        """The keys of its flights."""
+        return frozenset(task.key for task in self.tasks)
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return nothing: the same folder takes more reactions, cases and seeds."""
+        return {}
+
+    def columns(self) -> dict[str, str]:
+        """Return the columns of the table."""
+        what = dict.fromkeys(("flight", "reaction", "case", "group"), "text")
+        return {**what, "seed": "count", **figure_columns(ROW_KEYS[1:]), "error": "text"}
+
+    def labels(self, match: Match) -> dict[str, Any]:
+        """Return what is flown in a match."""
+        case = match.case
+        return {"reaction": match.reaction, "case": case.name, "group": case.group}
+
     def figures(self, flight: Flight, scenario: Scenario) -> dict[str, Any]:
         """Return what is kept of a flight."""
         summary = flight_summary(flight)
-        return {key: summary[key] for key in ROW_KEYS}
+        return {key: summary[key] for key in ROW_KEYS[1:]}
 
-    def rows(self, kept: Mapping[str, Row]) -> dict[Match, list[Row]]:
+    def rows(self, kept: Mapping[str, FlightRow]) -> dict[Match, list[FlightRow]]:
         """Return what is kept of the flights of each match, in the order of the seeds.
 
         Flights that could not be flown are left out; see `not_flown`.
         """
-        found: dict[Match, list[Row]] = {match: [] for match in self.matches}
+        found: dict[Match, list[FlightRow]] = {match: [] for match in self.matches}
         for task in self.tasks:
-            if "error" not in kept[task.key]:
-                found[task.point].append(kept[task.key])
+            row = kept[task.key]
+            if not row.get("error"):
+                found[task.point].append({key: row[key] for key in ROW_KEYS})
         return found
 
-    def not_flown(self, kept: Mapping[str, Row]) -> dict[str, str]:
+    def not_flown(self, kept: Mapping[str, FlightRow]) -> dict[str, str]:
         """Return what could not be flown, besides `refused` → the reason of the first flight."""
         errors: dict[Match, list[str]] = {}
         for task in self.tasks:
-            if "error" in kept[task.key]:
+            if kept[task.key].get("error"):
                 why = f"seed {task.seed}: {kept[task.key]['error']}"
                 errors.setdefault(task.point, []).append(why)
         return {
@@ -262,9 +287,9 @@ class ArenaPlan:
         }
 
 
-def new_plan(
+def new_arena(
     reactions: Sequence[str], cases: Iterable[ArenaCase], seeds: range, *, disturbed: bool
-) -> ArenaPlan:
+) -> ArenaStudy:
     """Return the flights of an arena; a case whose vehicle can't lift off is left out."""
     flown, refused = [], {}
     for case in cases:
@@ -278,41 +303,12 @@ def new_plan(
     hashes = {match: _hash(match.scenario()) for match in matches}
     tasks = tuple(
         Task(f"{m.reaction}/{m.case.name}/{seed}/{hashes[m]}", m, seed)
-        for seed in seeds
+        for some in range(0, len(seeds), _AT_ONCE)
         for m in matches
+        for seed in seeds[some : some + _AT_ONCE]
         if seed in m.case.seeds(seeds)
     )
-    return ArenaPlan(matches, tasks, refused)
-
-
-def fly_plan(
-    plan: ArenaPlan,
-    kept: MutableMapping[str, dict[str, Any]],
-    *,
-    workers: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    stop: Callable[[], bool] | None = None,
-) -> None:
-    """Fly what is not kept yet; each row is kept as soon as its flight is over.
-
-    Args:
-        plan: what is flown.
-        kept: rows by key.
-        workers: number of processes; the cores that this process may use if None.
-        progress: called with the number of flights done here, and of all that were missing.
-        stop: asked ten times a second; True ends all processes.
-    """
-    left = [task for task in plan.tasks if task.key not in kept]
-    done = 0
-
-    def keep(task: Task, row: dict[str, Any]) -> None:
-        nonlocal done
-        kept[task.key] = row if "error" not in row else {"seed": task.seed, **row}
-        done += 1
-        if progress is not None:
-            progress(done, len(left))
-
-    fly_tasks(replace(plan, tasks=()), left, len(left), keep, workers=workers, stop=stop)
+    return ArenaStudy(seeds, matches, tasks, refused)
 
 
 def _hash(scenario: Scenario) -> str:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from dataclasses import dataclass
+from itertools import takewhile
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
+from tombo_bag.flight import Flight
+from tombo_collision.own_reactions import imported_files, is_own
 from tombo_dynamics.errors import InputError
 from tombo_flight.campaign.statistics import aggregate
 from tombo_flight.flight_output import flight_summary
-from tombo_flight.process.study import fly_seeds
+from tombo_flight.json_text import plain
+from tombo_flight.process.study import Task, fly_seeds
+from tombo_flight.process.study_folder import Fly, StudyFolder
 from tombo_flight.report import paper_values as paper
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
@@ -22,7 +25,90 @@ from tombo_flight.report.milestones import reaction_words
 from tombo_flight.report.page import Page, Section, Table, Text
 from tombo_flight.report.paper_comparison import PAPER_SCENARIOS, fixed
 from tombo_flight.scenario import Scenario
+from tombo_flight.scenario_file import complete_mapping
+from tombo_flight.sweep.study import figure_columns, figures_of, row_of
 from tombo_flight.version import tombo_version
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class CampaignStudy:
+    """One scenario, flown with many seeds; a flight's key is its seed."""
+
+    kind = "campaign"
+    scenario: Scenario
+    seeds: range
+
+    @property
+    def keys(self) -> range:
+        """The keys of its flights."""
+        return self.seeds
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return it in the types of JSON: what `campaign.json` says."""
+        values: dict[str, Any] = {
+            "tombo_version": tombo_version(),
+            "scenario": self.scenario.name,
+            "values": plain(complete_mapping(self.scenario)),
+            "seeds": [self.seeds.start, self.seeds.stop],
+            "imports": plain(imported_files()) if is_own(self.scenario.reaction.name) else [],
+        }
+        return values
+
+    def columns(self) -> dict[str, str]:
+        """Return the columns of the table."""
+        return {"flight": "count", "seed": "count", **figure_columns(), "error": "text"}
+
+    def labels(self, point: None) -> dict[str, Any]:
+        """Return nothing: all flights are of one point."""
+        return {}
+
+    def scenario_at(self, point: None) -> Scenario:
+        """Return what is flown."""
+        return self.scenario
+
+    def figures(self, flight: Flight, scenario: Scenario) -> dict[str, Any]:
+        """Return the columns of a flight."""
+        return row_of(flight_summary(flight))
+
+
+def analyse_campaign(study: CampaignStudy, opened: StudyFolder, fly: Fly) -> Page:
+    """Fly all seeds and return their page."""
+    began, new = time.perf_counter(), not opened.kept
+    fly((Task(seed, None, seed) for seed in study.seeds), len(study.seeds))
+    wall_s = time.perf_counter() - began if new else 0.0
+    opened.finish()
+    return campaign_page(kept_campaign(study, opened, wall_s))
+
+
+def kept_campaign(
+    study: CampaignStudy, opened: StudyFolder, wall_s: float = 0.0
+) -> dict[str, Any]:
+    """Return the campaign of the flights that are in its folder.
+
+    Args:
+        study: what is flown.
+        opened: its folder.
+        wall_s: how long it took [s]; 0: more than once, it is not known.
+    """
+    rows = opened.rows((*figure_columns(), "error"))
+    flown = {
+        seed: {"error": row["error"]} if row["error"] else _summary_of(study, seed, row)
+        for seed, row in rows.items()
+    }
+    return _campaign_of(study.scenario, study.seeds, flown, wall_s)
+
+
+def _summary_of(study: CampaignStudy, seed: int, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the summary of a flight that was not recorded, as of `flight_summary`."""
+    more = {
+        "tombo_version": tombo_version(), "model": study.scenario.model or None,
+        "recorded_messages": None,
+    }  # fmt: skip
+    return {**more, "seed": seed, **figures_of(row)}
 
 
 def fly_campaign(
@@ -33,13 +119,13 @@ def fly_campaign(
     progress: Callable[[int], None] | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> dict[str, Any]:
-    """Fly a scenario with each of the seeds and return the campaign's summary.
+    """Fly a scenario with each of the seeds, without a folder, and return the campaign.
 
     The order of the flights is that of the seeds, whichever process flew them. A campaign that is
     stopped holds the flights up to the first one missing.
 
     Args:
-        scenario: what to fly; `flight_output.warm_up_flight` it first.
+        scenario: what to fly.
         seeds: the seeds.
         workers: number of processes; the cores that this process may use if None.
         progress: called with the number of flights done.
@@ -57,9 +143,15 @@ def fly_campaign(
     flown = fly_seeds(
         scenario, seeds, flight_summary, workers=workers, progress=progress, stop=stop
     )
-    wall = time.perf_counter() - began
-    flights = [row for row in flown.values() if "error" not in row]
-    not_flown = [{"seed": seed, **row} for seed, row in flown.items() if "error" in row]
+    return _campaign_of(scenario, seeds, flown, time.perf_counter() - began)
+
+
+def _campaign_of(
+    scenario: Scenario, seeds: range, flown: Mapping[int, Mapping[str, Any]], wall_s: float
+) -> dict[str, Any]:
+    rows = {seed: flown[seed] for seed in takewhile(flown.__contains__, seeds)}
+    flights = [row for row in rows.values() if "error" not in row]
+    not_flown = [{"seed": seed, **row} for seed, row in rows.items() if "error" in row]
     if not_flown and not flights:
         raise InputError(f"seed {not_flown[0]['seed']}: {not_flown[0]['error']}")
     return {
@@ -72,10 +164,10 @@ def fly_campaign(
         "disturbances": scenario.disturbances,
         "first_seed": seeds[0],
         "last_seed": seeds[-1],
-        "interrupted": len(flown) < len(seeds),
+        "interrupted": len(rows) < len(seeds),
         "flights": flights,
         "not_flown": not_flown,
-        "aggregate": aggregate(flights, wall),
+        "aggregate": aggregate(flights, wall_s),
     }
 
 
@@ -196,6 +288,8 @@ def draw_histogram(
     axes: Axes, values: np.ndarray[Any, np.dtype[np.float64]], label: str, printed: float | None
 ) -> None:
     """Draw a histogram with median, 5 to 95 % range, and the value that the paper prints."""
+    from matplotlib.ticker import MaxNLocator
+
     axes.set_xlabel(label)
     axes.set_ylabel("flights")
     if not values.size:

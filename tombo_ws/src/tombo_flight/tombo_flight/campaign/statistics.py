@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.special import betaincinv
 
 SPREAD_METRICS = (
     "detection_latency_s",
@@ -65,6 +64,8 @@ def share_interval(count: int, of: int) -> tuple[float, float] | None:
 
 def exact_interval(count: int, of: int) -> tuple[float, float]:
     """Return it with all digits, of one or more."""
+    from scipy.special import betaincinv
+
     low = 0.0 if count == 0 else float(betaincinv(count, of - count + 1, 0.025))
     high = 1.0 if count == of else float(betaincinv(count + 1, of - count, 0.975))
     return low, high

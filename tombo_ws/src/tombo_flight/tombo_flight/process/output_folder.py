@@ -1,4 +1,4 @@
-"""A folder of results that appears whole or not at all.
+"""Files, and a folder of results, that appear whole or not at all.
 
 Files are written into a hidden folder on the same file system and moved in place at the end. Other
 files in the folder stay. A folder that is numbered belongs to one run alone: it is made at the
@@ -23,6 +23,33 @@ RESULT_FILES = (
     *("scenario.yaml", "flight_column.pdf", "flight_column.svg"),
 )
 """All names that a flight or a campaign writes; a new run replaces those of an earlier one."""
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give a path to write to; what is written takes the place of `path` at the end.
+
+    After an error nothing new is left.
+
+    Raises:
+        OSError: it can't be written.
+    """
+    unfinished = path.with_name(f".{path.name}.unfinished")
+    try:
+        yield unfinished
+        os.replace(unfinished, path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text in UTF-8.
+
+    Raises:
+        OSError: it can't be written.
+    """
+    with whole_file(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8", newline="\n")
 
 
 def make_numbered(path: Path) -> Path:

@@ -7,12 +7,10 @@ kept of each flight.
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import takewhile
+from itertools import chain, islice, takewhile
 from typing import Any, NamedTuple, Protocol
 
 from tombo_bag.flight import Flight
@@ -20,20 +18,32 @@ from tombo_collision.own_reactions import imported_files
 from tombo_dynamics.errors import InputError
 from tombo_flight.command_line import fly_command
 from tombo_flight.flight import Workspace, fly_scenario
+from tombo_flight.flight_output import warm_up_flight
 from tombo_flight.json_text import plain
 from tombo_flight.process.workers import process_count, run_in_processes, run_on_cluster
 from tombo_flight.scenario import Scenario, scenario_values, with_settings
 from tombo_flight.version import tombo_version
 
-Row = dict[str, Any]
+FlightRow = dict[str, Any]
 """What is kept of a flight; `error` says why one could not be flown."""
-Progress = Callable[[int, float | None], None]
-"""Called with the number of flights kept, and the time left [s] where it is known."""
-_SCENARIOS = 1024
-"""Scenarios that a process keeps: those of an arena are flown in turn, seed by seed."""
+_CLUSTER_WORKERS = 64
+"""Of a cluster, whose size may change: for so many the flights are divided."""
+_BATCHES = 8
+"""Batches that each worker gets at least, so that all end at about the same time."""
+_LARGEST_BATCH = 16
 
 
-class Study(Protocol):
+class Task(NamedTuple):
+    """One flight of a study."""
+
+    key: Any
+    """Number or name of its row."""
+    point: Any
+    """As `Study.scenario_at` takes it."""
+    seed: int
+
+
+class FlownStudy(Protocol):
     """What is flown; it can be sent to other processes."""
 
     def scenario_at(self, point: Any, /) -> Scenario:
@@ -44,19 +54,33 @@ class Study(Protocol):
         """
         ...
 
-    def figures(self, flight: Flight, scenario: Scenario, /) -> Row:
+    def figures(self, flight: Flight, scenario: Scenario, /) -> FlightRow:
         """Return what is kept of a flight."""
         ...
 
 
-class Task(NamedTuple):
-    """One flight of a study."""
+class Study(FlownStudy, Protocol):
+    """What is flown, with its rows in a folder."""
 
-    key: Any
-    """Number or name of its row."""
-    point: Any
-    """As `Study.scenario_at` takes it; it can be hashed."""
-    seed: int
+    kind: str
+    """What it is called: "sweep"; its file is `sweep.json`."""
+
+    @property
+    def keys(self) -> Collection[Any]:
+        """The keys of its flights."""
+        ...
+
+    def as_mapping(self) -> Mapping[str, Any]:
+        """Return it in the types of JSON; empty where its flights may change."""
+        ...
+
+    def columns(self) -> Mapping[str, str]:
+        """Return column of a row → text, yes or no, count or number; the first is its key."""
+        ...
+
+    def labels(self, point: Any, /) -> FlightRow:
+        """Return the columns that say what is flown at a point."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,20 +141,22 @@ def read_scenario(
     }
 
 
-Flown = tuple[Task, Row]
+Flown = list[tuple[Task, FlightRow]]
 
 
 class _Flyer:
-    """Flies tasks of a study; keeps memory and scenarios from flight to flight."""
+    """Flies tasks of a study; keeps memory and the latest scenario from flight to flight."""
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: FlownStudy) -> None:
         self.study = study
         self._workspace = Workspace()
-        self._scenario_at = lru_cache(_SCENARIOS)(study.scenario_at)
+        self._scenario: tuple[Any, Scenario] | None = None
 
-    def fly(self, task: Task) -> Row:
+    def fly(self, task: Task) -> FlightRow:
         try:
-            scenario = self._scenario_at(task.point)
+            if self._scenario is None or self._scenario[0] != task.point:
+                self._scenario = (task.point, self.study.scenario_at(task.point))
+            scenario = self._scenario[1]
             flight = fly_scenario(scenario, task.seed, self._workspace)
         except InputError as error:
             return {"error": str(error)}
@@ -140,33 +166,33 @@ class _Flyer:
 _here = threading.local()
 
 
-def begin_flying(study: Study) -> None:
-    """Prepare a process, or a thread: it keeps the study, its memory and its scenarios."""
+def begin_flying(study: FlownStudy) -> None:
+    """Prepare a process, or a thread: it keeps the study, its memory and its scenario."""
     _here.flyer = _Flyer(study)
 
 
-def fly_task(task: Task) -> Flown:
-    """Fly a task of the study that this thread is prepared for."""
-    return task, _here.flyer.fly(task)
+def fly_batch(tasks: Sequence[Task]) -> Flown:
+    """Fly tasks of the study that this thread is prepared for."""
+    return [(task, _here.flyer.fly(task)) for task in tasks]
 
 
 def fly_tasks(
-    study: Study,
+    study: FlownStudy,
     tasks: Iterable[Task],
     count: int,
-    keep: Callable[[Task, Row], None],
+    keep: Callable[[Flown], None],
     *,
     workers: int | None = None,
     scheduler: str | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> None:
-    """Fly tasks of a study, in any order; each row is kept as soon as its flight is over.
+    """Fly tasks of a study in batches, in any order.
 
     Args:
-        study: what is flown; `flight_output.warm_up_flight` one of its scenarios first.
-        tasks: what is flown of it.
-        count: number of tasks.
-        keep: called with each task and its row.
+        study: what is flown.
+        tasks: what is flown of it; a scenario is made once for those of a point in a row.
+        count: number of tasks, or more.
+        keep: called with the tasks of a batch and their rows, as soon as they are flown.
         workers: processes of this machine; the cores that this process may use if None.
         scheduler: address of a Dask scheduler, in place of processes of this machine.
         stop: asked ten times a second; True ends it.
@@ -174,13 +200,20 @@ def fly_tasks(
     Raises:
         InputError: the scheduler can't be reached, or has another version of the suite.
     """
-    if not count:
+    left = iter(tasks)
+    first = next(left, None)
+    if first is None:
         return
+    processes = _CLUSTER_WORKERS if scheduler else min(process_count(workers), max(count, 1))
+    size = min(max(count // (_BATCHES * processes), 1), _LARGEST_BATCH)
+    batches = _batches(chain([first], left), size)
     if scheduler is None:
+        with suppress(InputError):  # a flight that can't be flown says so in its row
+            warm_up_flight(study.scenario_at(first.point))  # once, not in each process
         found = run_in_processes(
-            fly_task,
-            tasks,
-            min(process_count(workers), count),
+            fly_batch,
+            batches,
+            processes,
             begin=begin_flying,
             given=(study,),
             stop=stop,
@@ -188,66 +221,59 @@ def fly_tasks(
         )
     else:
         found = run_on_cluster(
-            scheduler, fly_task, tasks, count, begin=begin_flying, given=(study,), stop=stop
+            scheduler, fly_batch, batches, begin=begin_flying, given=(study,), stop=stop
         )
     with closing(found):
-        for task, row in found:
-            keep(task, row)
+        for flown in found:
+            keep(flown)
+
+
+def _batches(tasks: Iterator[Task], size: int) -> Iterator[list[Task]]:
+    while batch := list(islice(tasks, size)):
+        yield batch
 
 
 @dataclass(frozen=True)
-class _OneScenario:
+class _ManySeeds:
     """The study of one scenario, flown with many seeds."""
 
     scenario: Scenario
-    kept: Callable[[Flight], Row]
+    kept: Callable[[Flight], FlightRow]
 
     def scenario_at(self, point: None) -> Scenario:
         return self.scenario
 
-    def figures(self, flight: Flight, scenario: Scenario) -> Row:
+    def figures(self, flight: Flight, scenario: Scenario) -> FlightRow:
         return self.kept(flight)
 
 
 def fly_seeds(
     scenario: Scenario,
     seeds: Sequence[int],
-    figures: Callable[[Flight], Row],
+    figures: Callable[[Flight], FlightRow],
     *,
     workers: int | None = None,
     progress: Callable[[int], None] | None = None,
     stop: Callable[[], bool] | None = None,
-) -> dict[int, Row]:
+) -> dict[int, FlightRow]:
     """Fly one scenario with many seeds; return the rows by seed, up to the first one missing.
 
     Args:
-        scenario: what to fly; `flight_output.warm_up_flight` it first.
+        scenario: what to fly.
         seeds: of the flights.
         figures: what is kept of a flight; a function of a module.
         workers: number of processes; the cores that this process may use if None.
         progress: called with the number of flights done.
         stop: asked ten times a second; True ends all processes.
     """
-    rows: dict[int, Row] = {}
+    rows: dict[int, FlightRow] = {}
 
-    def keep(task: Task, row: Row) -> None:
-        rows[task.seed] = row
+    def keep(flown: Flown) -> None:
+        rows.update({task.seed: row for task, row in flown})
         if progress is not None:
             progress(len(rows))
 
     tasks = [Task(seed, None, seed) for seed in seeds]
-    study = _OneScenario(scenario, figures)
+    study = _ManySeeds(scenario, figures)
     fly_tasks(study, tasks, len(tasks), keep, workers=workers, stop=stop)
     return {seed: rows[seed] for seed in takewhile(rows.__contains__, seeds)}
-
-
-def pace(progress: Progress | None, kept: Callable[[], int], of: int) -> Callable[[], None]:
-    """Return what tells the progress from now on: the flights kept, and the time left."""
-    began, before = time.monotonic(), kept()
-
-    def tell() -> None:
-        if progress is not None:
-            rate = (kept() - before) / max(time.monotonic() - began, 1e-6)
-            progress(kept(), (of - kept()) / rate if rate > 0.0 else None)
-
-    return tell

@@ -18,7 +18,6 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
-from itertools import islice
 from typing import Any, TypeVar
 
 from tombo_collision.own_reactions import import_reactions, imported_files
@@ -124,12 +123,8 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-_LARGEST_BATCH = 64
-"""Items of a task of Dask: a task costs its scheduler several milliseconds."""
-_TASKS = 32
-"""Tasks that each thread gets at least, so that all end at about the same time."""
 _AHEAD = 4
-"""Tasks handed out to each thread of the cluster in advance."""
+"""Items handed out to each thread of the cluster in advance."""
 _ANSWERS_S = 4.0
 """So long a scheduler may take to answer."""
 _CLUSTER_LOOK_S = 0.02
@@ -140,7 +135,6 @@ def run_on_cluster(
     address: str,
     work: Callable[[_Item], _Result],
     items: Iterable[_Item],
-    count: int,
     *,
     begin: Callable[..., None],
     given: tuple[Any, ...],
@@ -151,8 +145,7 @@ def run_on_cluster(
     Args:
         address: of the scheduler.
         work: what is done with each item; a function of a module.
-        items: the items.
-        count: their number.
+        items: the items; each costs the scheduler several milliseconds.
         begin: called once in each thread of the workers with `given`.
         given: arguments of `begin`.
         stop: asked now and then; True ends it.
@@ -166,29 +159,27 @@ def run_on_cluster(
     with Client(address, timeout=_ANSWERS_S, set_as_default=False) as client:
         told = (begin, given, tombo_version(), imported_files())
         shared = client.scatter(told, broadcast=True)
-        threads = max(sum(client.nthreads().values()), 1)
-        size = min(max(count // (_TASKS * threads), 1), _LARGEST_BATCH)
         left = iter(items)
         waiting = as_completed(loop=client.loop)
 
         def hand_out() -> None:
             ahead = _AHEAD * max(sum(client.nthreads().values()), 1)
-            while waiting.count() < ahead and (batch := list(islice(left, size))):
-                waiting.add(client.submit(_batch, shared, work, batch, pure=False))
+            while waiting.count() < ahead and (item := next(left, _END)) is not _END:
+                waiting.add(client.submit(_on_worker, shared, work, item, pure=False))
 
         hand_out()
         while waiting.count() and not (stop is not None and stop()):
             for future in waiting.next_batch(block=False) or _after(_CLUSTER_LOOK_S):
-                yield from future.result()
+                yield future.result()
                 future.release()
             hand_out()
 
 
-def _batch(
+def _on_worker(
     told: tuple[Callable[..., None], tuple[Any, ...], str, tuple[tuple[str, str], ...]],
     work: Callable[[_Item], _Result],
-    items: list[_Item],
-) -> list[_Result]:
+    item: _Item,
+) -> _Result:
     """Do the work on a worker.
 
     Raises:
@@ -201,7 +192,7 @@ def _batch(
     if getattr(_here, "begun", None) != (begin, given):
         begin(*given)
         _here.begun = (begin, given)
-    return [work(item) for item in items]
+    return work(item)
 
 
 def check_scheduler(address: str) -> None:

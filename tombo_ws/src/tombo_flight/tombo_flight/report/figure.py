@@ -7,13 +7,12 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from html import escape
-from typing import Any, Final
-
-import matplotlib as mpl
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any, Final
 
 from tombo_flight.report import style
+
+if TYPE_CHECKING:  # it takes long to load
+    from matplotlib.figure import Figure
 
 _PAGE_COLOURS: Final = {
     style.INK: "--ink",
@@ -42,6 +41,10 @@ def new_figure(
     width_in: float, height_in: float, dpi: int, font_size: float = 8.5, **more: Any
 ) -> Iterator[Figure]:
     """Make a figure without a window, to be drawn within the context; `more` goes to it."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     legend = style.RC["legend.fontsize"] / style.RC["font.size"] * font_size
     with mpl.rc_context({**style.RC, "font.size": font_size, "legend.fontsize": legend}):
         figure = Figure(figsize=(width_in, height_in), dpi=dpi, **more)
@@ -56,6 +59,8 @@ def inline_svg(figure: Figure, name: str) -> str:
         figure: its background is left out.
         name: what it shows, for those who can't see it; plain text.
     """
+    import matplotlib as mpl
+
     buffer = io.StringIO()
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "tombo"}):
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})

@@ -11,9 +11,9 @@ from typing import Final
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup as SafeText
 
+from tombo_flight.process.output_folder import write_whole
 from tombo_flight.report.figure import inline_svg
 from tombo_flight.report.page import Item, Page, cell_of, row_of
-from tombo_flight.whole_file import write_whole
 
 _TEMPLATE: Final = "results.html.j2"
 

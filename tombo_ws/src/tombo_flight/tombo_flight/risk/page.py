@@ -9,12 +9,17 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from tombo_dynamics.arrays import Array
 from tombo_flight.flight import fly_scenario
+from tombo_flight.json_text import plain
+from tombo_flight.process.study import Task
+from tombo_flight.process.study_folder import Fly, StudyFolder
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.flight_plot import draw_flight
 from tombo_flight.report.page import Card, Item, Page, Picture, Section, Table, Text
-from tombo_flight.risk.estimate import FlightSample
+from tombo_flight.risk.estimate import FlightSample, estimate
+from tombo_flight.risk.result import influence, result_of
 from tombo_flight.risk.study import RiskStudy, settings_at
 
 Result = Mapping[str, Any]
@@ -105,8 +110,36 @@ def one_in(share: float) -> str:
     return f"one flight in {round(1.0 / share, digits):.0f}"
 
 
+_NOT_FLOWN = -1.0
+"""Margin of a flight that can't be flown: it counts as a crash."""
 _MOST_PANELS = 3
 _MOST_POINTS = 5000
+
+
+def analyse_risk(study: RiskStudy, opened: StudyFolder, fly: Fly) -> Page:
+    """Fly the stages of the estimate, add weights to the table, and return the page."""
+
+    def margins(first: int, points: Array, seeds: Array) -> Array:
+        tasks = (
+            Task(first + i, tuple(settings_at(study.inputs, point)), int(seed))
+            for i, (point, seed) in enumerate(zip(points, seeds, strict=True))
+        )
+        fly(tasks, len(seeds))
+        rows = opened.rows(("margin",))
+        flown = (rows[first + i]["margin"] for i in range(len(seeds)))
+        return np.array([_NOT_FLOWN if margin is None else margin for margin in flown])
+
+    answer, sample = estimate(len(study.inputs), study.flights, study.method, study.seed, margins)
+    opened.finish()
+    opened.add_columns({
+        "crashed": sample.margins < 0.0, "weight": sample.weights,
+        "drawn_as_given": sample.as_given,
+        "search": np.arange(sample.margins.size) < sample.first,
+    })  # fmt: skip
+    errors = [row["error"] for row in opened.rows(("error",)).values() if row["error"]]
+    keys = [setting.key for setting in study.inputs]
+    result = plain(result_of(study, answer, sample, errors, influence(keys, sample)))
+    return risk_page(study, result, sample)
 
 
 def risk_page(study: RiskStudy, result: Result, sample: FlightSample) -> Page:

@@ -242,6 +242,7 @@ _KEYS = (
 class RiskStudy(StudiedScenario):
     """A scenario, its uncertain inputs, and how many flights may be flown."""
 
+    kind = "risk"
     inputs: tuple[Input, ...]
     flights: int
     method: str
@@ -255,6 +256,21 @@ class RiskStudy(StudiedScenario):
             InputError: it is no scenario.
         """
         return self.scenario_with(point)
+
+    @property
+    def keys(self) -> range:
+        """The keys of its flights."""
+        return range(self.flights)
+
+    def columns(self) -> dict[str, str]:
+        """Return the columns of the table that flights have by themselves."""
+        inputs = dict.fromkeys([setting.key for setting in self.inputs], "number")
+        place = dict.fromkeys(("flight", "seed"), "count")
+        return {**place, **inputs, "margin": "number", "error": "text"}
+
+    def labels(self, point: Sequence[str]) -> dict[str, float]:
+        """Return the inputs of a flight."""
+        return {key: float(value) for key, _, value in (text.partition("=") for text in point)}
 
     def figures(self, flight: Flight, scenario: Scenario) -> dict[str, Any]:
         """Return the margin of a flight."""

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import from_mapping
-from tombo_flight.scenario_layers import override
+from tombo_flight.scenario import override
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.bridge.bridge_params import POSITION, SIMULATED, BridgeParams
 from tombo_px4.bridge.vehicle_parameters import SAFE, parse_assignments

@@ -14,6 +14,8 @@ from matplotlib.figure import Figure
 
 from tombo_dynamics.arrays import Array
 from tombo_flight.campaign.campaign import PANELS, draw_histogram
+from tombo_flight.process.study import Task
+from tombo_flight.process.study_folder import Fly, StudyFolder
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.page import Card, Cell, Item, Page, Picture, Section, Table, Text
@@ -153,6 +155,13 @@ def _value(values: Array, kind: str) -> float:
 MOST_FAILURES = 200
 """Failures that are listed; the table has all of them."""
 _NEEDED = ("crashed", "collided", "landed", *(key for key, _, _ in PANELS))
+
+
+def analyse_sweep(sweep: SweepStudy, opened: StudyFolder, fly: Fly) -> Page:
+    """Fly all points and return their page."""
+    fly((Task(n, *sweep.place(n)) for n in range(sweep.flights)), sweep.flights)
+    opened.finish()
+    return sweep_page(opened.table, sweep)
 
 
 def sweep_page(table_file: Path, sweep: SweepStudy) -> Page:

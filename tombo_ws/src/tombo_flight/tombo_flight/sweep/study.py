@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tombo_bag.flight import Flight
 from tombo_dynamics.errors import InputError, unknown_name
@@ -16,10 +16,6 @@ from tombo_flight.flight_output import flight_summary
 from tombo_flight.json_text import plain
 from tombo_flight.process.study import StudiedScenario, read_scenario
 from tombo_flight.scenario import Scenario
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 
 DESIGNS = ("full", "lhs", "sobol")
 """Full factorial, Latin hypercube, Sobol sequence (scrambled)."""
@@ -237,8 +233,6 @@ LEFT_OUT = ("tombo_version", "model", "seed", "recorded_messages")
 """Keys of a summary that are the same for all flights, or stand in columns of their own."""
 WALL_COLUMNS = ("wall_time_s", "real_time_factor")
 """What differs between two sweeps of the same study."""
-_UNITS = {"rad": "rad", "m": "m", "s": "s", "n": "N"}
-"""Ending of a figure's name → unit."""
 _AXES = ("x", "y", "z")
 
 
@@ -255,46 +249,26 @@ def row_of(summary: Mapping[str, Any]) -> dict[str, Any]:
     return row
 
 
-def unit_of(name: str) -> str:
-    """Return the unit that the name of a figure ends with; empty: it has none."""
-    return _UNITS.get(name.rpartition("_")[2], "")
-
-
-def schema_of(design: SweepDesign, study: Mapping[str, Any]) -> pa.Schema:
-    """Return the schema of the table, with units, and the whole study in its metadata."""
-    import json
-
-    import pyarrow as pa
-
-    kinds = {
-        "text": pa.string(), "yes or no": pa.bool_(), "count": pa.int64(), "number": pa.float64(),
-    }  # fmt: skip
-    fields = [pa.field(name, pa.int64()) for name in ("flight", "point", "seed")]
-    for axis in design.axes:
-        fields.append(pa.field(axis.key, pa.float64() if axis.numeric else pa.string()))
+def figures_of(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the figures of a summary that columns are of: the inverse of `row_of`."""
+    figures: dict[str, Any] = {}
     for name, kind in FIGURES.items():
-        names = [f"{name}_{a}" for a in _AXES] if kind == "vector" else [name]
-        described = {"unit": unit_of(name)} if unit_of(name) else None
-        fields += [pa.field(n, kinds.get(kind, pa.float64()), metadata=described) for n in names]
-    fields.append(pa.field("error", pa.string()))
-    text = json.dumps(study, ensure_ascii=False)
-    return pa.schema(fields, metadata={"tombo": text})
+        if kind == "vector":
+            parts = [row[f"{name}_{a}"] for a in _AXES]
+            figures[name] = None if all(part is None for part in parts) else parts
+        else:
+            figures[name] = row[name]
+    return figures
 
 
-def table_of(
-    rows: Sequence[Mapping[str, Any]], design: SweepDesign, schema: pa.Schema
-) -> pa.Table:
-    """Return rows as a table; axes of numbers become numbers, what a row lacks is null."""
-    import pyarrow as pa
-
-    numeric = {axis.key for axis in design.axes if axis.numeric}
-    columns = {}
-    for column in schema:
-        values = [row.get(column.name) for row in rows]
-        if column.name in numeric:
-            values = [float(value) for value in values if value is not None]
-        columns[column.name] = pa.array(values, column.type)
-    return pa.table(columns, schema=schema)
+def figure_columns(names: Iterable[str] = FIGURES) -> dict[str, str]:
+    """Return the columns that `row_of` gives of some figures, with their kinds."""
+    columns: dict[str, str] = {}
+    for name in names:
+        kind = FIGURES[name]
+        parts = [f"{name}_{a}" for a in _AXES] if kind == "vector" else [name]
+        columns |= dict.fromkeys(parts, "number" if kind == "vector" else kind)
+    return columns
 
 
 MOST_FLIGHTS = 10**9
@@ -312,6 +286,7 @@ class SweepStudy(StudiedScenario):
     Flight n has point n // seeds and seed first + n % seeds.
     """
 
+    kind = "sweep"
     design: SweepDesign
     seeds: tuple[int, int]
     """First, and the one after the last."""
@@ -341,6 +316,24 @@ class SweepStudy(StudiedScenario):
 
     def _varied(self, point: int) -> list[str]:
         return [f"{key}={text}" for key, text in self.points[point].items()]
+
+    @property
+    def keys(self) -> range:
+        """The keys of its flights."""
+        return range(self.flights)
+
+    def columns(self) -> dict[str, str]:
+        """Return the columns of the table."""
+        axes = {axis.key: "number" if axis.numeric else "text" for axis in self.design.axes}
+        place = dict.fromkeys(("flight", "point", "seed"), "count")
+        return {**place, **axes, **figure_columns(), "error": "text"}
+
+    def labels(self, point: int) -> dict[str, Any]:
+        """Return number and settings of a point."""
+        texts = self.points[point]
+        numeric = {axis.key for axis in self.design.axes if axis.numeric}
+        axes = {key: float(text) if key in numeric else text for key, text in texts.items()}
+        return {"point": point, **axes}
 
     def figures(self, flight: Flight, scenario: Scenario) -> dict[str, Any]:
         """Return the columns of a flight."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -131,8 +132,9 @@ def fly(
     output: Annotated[
         str | None,
         output_option(
-            "Folder of the results, new or empty. Default: a new one, "
-            "runs/SCENARIO-SEED with what was changed, and a number where that is taken."
+            "Folder of the results, new or empty; with --seeds also that of the same command, "
+            "which then goes on. Default: a new one, runs/SCENARIO-SEED with what was changed, "
+            "and a number where that is taken."
         ),
     ] = None,
     force: Force = False,
@@ -140,7 +142,8 @@ def fly(
 ) -> None:
     """Fly a scenario and write flight.mcap, summary.json, scenario.yaml, flight.png, report.html.
 
-    With --seeds: summary.json with all summaries and their statistics, and campaign.png.
+    With --seeds: flights.parquet, summary.json with all summaries and their statistics, and
+    campaign.png. What is flown is on disk at once: killed, the same command with -o DIR goes on.
     """
     given = locals()
     many = None if seeds is None else parse_seeds(seeds)
@@ -277,31 +280,55 @@ def _fly_one(
 
 
 def _fly_many(scenario: Scenario, seeds: range, place: Place, as_json: bool) -> int:
-    from tombo_flight.campaign.campaign import campaign_page, draw_campaign, fly_campaign
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_flight.campaign.campaign import (
+        CampaignStudy,
+        analyse_campaign,
+        campaign_page,
+        draw_campaign,
+        kept_campaign,
+    )
+    from tombo_flight.flight_output import warm_up_flight
+    from tombo_flight.process.output_folder import RESULT_FILES, write_whole
+    from tombo_flight.process.stop_signals import StopSignals
+    from tombo_flight.process.study_folder import fly_study, open_study
     from tombo_flight.report.page import page_json
     from tombo_flight.scenario_file import SCENARIO_FILE, write_scenario
 
-    with _prepared(scenario, place) as (folder, stop, on_progress):
-        on_progress(f"0 of {len(seeds)} flights", 0.0)
-        campaign = fly_campaign(
-            scenario,
-            seeds,
-            progress=lambda n: on_progress(f"{n} of {len(seeds)} flights", n / len(seeds)),
-            stop=stop.asked,
-        )
-        if not campaign["flights"]:  # stopped before the first landing: nothing to keep
-            return stop.exit_code
-        page = campaign_page(campaign)
-        text = page_json(page)
-        (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
-        write_scenario(folder / SCENARIO_FILE, scenario, f"--seeds {seeds.start}:{seeds.stop}")
-        names = [SCENARIO_FILE, "summary.json"]
-        if not stop.asked():
-            on_progress("drawing campaign.png", 1.0)
-            from tombo_flight.report.flight_plot import figure_bytes
+    study, again = CampaignStudy(scenario, seeds), place.replace
+    with progress_bar() as on_progress, StopSignals() as stop:
 
-            (folder / "campaign.png").write_bytes(figure_bytes(draw_campaign(campaign)))
-            names.insert(0, "campaign.png")
-        folder.publish()
-    show_page(page, as_json, None if as_json else folder.path, names)
+        def tell(kept: int, left_s: float) -> None:
+            on_progress(f"{kept} of {len(seeds)} flights", kept / len(seeds))
+            import matplotlib.figure  # noqa: F401  # for the picture, while the processes fly
+
+        on_progress("loading", 0.0)
+        warm_up_flight(scenario)
+        with open_study(place.path, study, numbered=place.numbered, again=again) as opened:
+            on_progress(f"{opened.kept} of {len(seeds)} flights", 0.0)
+            page = fly_study(
+                opened,
+                partial(analyse_campaign, study),
+                progress=tell,
+                stop=stop.asked,
+                page=False,
+            )
+            if page is None:
+                page = campaign_page(kept_campaign(study, opened))
+            if not page.data["flights"]:  # stopped before the first landing
+                return stop.exit_code
+            for name in RESULT_FILES if again else ():
+                (opened.folder / name).unlink(missing_ok=True)
+            write_whole(opened.folder / "summary.json", page_json(page))
+            path = opened.folder / SCENARIO_FILE
+            write_scenario(path, scenario, f"--seeds {seeds.start}:{seeds.stop}")
+            names = [SCENARIO_FILE, "summary.json"]
+            if not stop.asked():
+                on_progress("drawing campaign.png", 1.0)
+                from tombo_flight.report.flight_plot import figure_bytes
+
+                picture = opened.folder / "campaign.png"
+                picture.write_bytes(figure_bytes(draw_campaign(page.data)))
+                names = ["campaign.png", "flights.parquet", *names]
+    show_page(page, as_json, None if as_json else opened.folder, names)
     return stop.exit_code

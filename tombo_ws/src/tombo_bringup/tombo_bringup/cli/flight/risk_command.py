@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from functools import partial
+from typing import Annotated
 
 import typer
 
@@ -22,11 +22,8 @@ from tombo_bringup.cli.options import (
     option,
     output_option,
 )
-from tombo_bringup.cli.result_files import check_output, fly_study, plain_name
+from tombo_bringup.cli.result_files import plain_name, run_study
 from tombo_bringup.cli.tables import show_page
-
-if TYPE_CHECKING:
-    from tombo_flight.risk.study import RiskStudy
 
 app = typer.Typer()
 
@@ -86,25 +83,13 @@ def risk(
     Each flight draws its inputs and its own seed: sensor noise, gusts and scatter are part of the
     risk. Writes risk.html, risk.json and flights.parquet.
     """
-    check_output(output)
+    from tombo_flight.risk.page import analyse_risk
     from tombo_flight.risk.study import new_risk
 
     chosen = [*over_scenario(reaction, disturbances=disturbances), *(settings or [])]
     study = new_risk(scenario, given or [], flights, method, seed, chosen, model, vehicle)
-    _risk(study, output, workers, as_json)
-
-
-def _risk(study: RiskStudy, output: str | None, workers: int | None, as_json: bool) -> None:
-    from tombo_flight.risk.run import HEAD, PAGE, TABLE, fly_risk, open_risk
-
-    folder, _, page = fly_study(
-        open_risk(
-            Path(output or f"runs/risk-{plain_name(study.label, 'scenario')}"),
-            study,
-            numbered=output is None,
-        ),
-        study.flights,
-        as_json,
-        lambda opened, tell, stop: fly_risk(opened, workers=workers, progress=tell, stop=stop),
+    default = f"runs/risk-{plain_name(study.label, 'scenario')}"
+    folder, _, page = run_study(
+        study, partial(analyse_risk, study), output, default, as_json, workers=workers
     )
-    show_page(page, as_json, folder, (HEAD, PAGE, TABLE))
+    show_page(page, as_json, folder, ("risk.json", "risk.html", "flights.parquet"))

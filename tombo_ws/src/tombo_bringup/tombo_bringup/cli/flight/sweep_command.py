@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from functools import partial
+from typing import Annotated
 
 import typer
 
@@ -24,11 +24,8 @@ from tombo_bringup.cli.options import (
     option,
     output_option,
 )
-from tombo_bringup.cli.result_files import check_output, fly_study, plain_name
+from tombo_bringup.cli.result_files import plain_name, run_study
 from tombo_bringup.cli.tables import show_page
-
-if TYPE_CHECKING:
-    from tombo_flight.sweep.study import SweepStudy
 
 app = typer.Typer()
 
@@ -37,6 +34,7 @@ SWEEP_EXIT_CODES = (
     "output that can't be written; 130 after Ctrl-C, 143 after SIGTERM: the same command with -o "
     "DIR goes on."
 )
+MOST_SEEDS = 10**9
 _RULES = (OptionRule("--workers and --scheduler", "workers", (), ("scheduler",), "one of them"),)
 
 
@@ -91,49 +89,28 @@ def sweep(
     What is flown is on disk at once: killed, the same command with -o DIR goes on, flies nothing
     twice and gives the same table.
     """
-    check_output(output)
     check_options(_RULES, {"workers": workers, "scheduler": scheduler})
+    from tombo_flight.sweep.page import analyse_sweep
     from tombo_flight.sweep.study import SweepDesign, new_sweep, parse_axis
 
     chosen = [*over_scenario(reaction, disturbances=disturbances), *(settings or [])]
-    varied = tuple(parse_axis(text) for text in axes or [])
-    study = new_sweep(
-        scenario,
-        SweepDesign(varied, design, samples),
-        parse_seeds(seeds, MOST_SEEDS),
-        tuple(chosen),
-        model,
-        vehicle,
-    )
-    _sweep(study, output, workers, scheduler, as_json)
-
-
-MOST_SEEDS = 10**9
-
-
-def _sweep(
-    study: SweepStudy,
-    output: str | None,
-    workers: int | None,
-    scheduler: str | None,
-    as_json: bool,
-) -> None:
-    from tombo_flight.process.workers import check_scheduler
-    from tombo_flight.sweep.run import PAGE, STUDY_FILE, TABLE, fly_sweep, open_store
-
+    points = SweepDesign(tuple(parse_axis(text) for text in axes or []), design, samples)
+    range_ = parse_seeds(seeds, MOST_SEEDS)
+    study = new_sweep(scenario, points, range_, tuple(chosen), model, vehicle)
     if scheduler is not None:  # before anything is written
+        from tombo_flight.process.workers import check_scheduler
+
         check_scheduler(scheduler)
-    folder, flown, page = fly_study(
-        open_store(
-            Path(output or f"runs/sweep-{plain_name(study.label, 'scenario')}"),
-            study,
-            numbered=output is None,
-        ),
-        study.flights,
+    default = f"runs/sweep-{plain_name(study.label, 'scenario')}"
+    folder, flown, page = run_study(
+        study,
+        partial(analyse_sweep, study),
+        output,
+        default,
         as_json,
-        lambda store, tell, stop: fly_sweep(
-            store, workers=workers, scheduler=scheduler, progress=tell, stop=stop
-        ),
+        workers=workers,
+        scheduler=scheduler,
     )
     data = {"flights": study.flights, "flown": flown, "outcome": page.data["outcome"]}
-    show_page(replace(page, data=data), as_json, folder, (TABLE, PAGE, STUDY_FILE))
+    files = ("flights.parquet", "sweep.html", "sweep.json")
+    show_page(replace(page, data=data), as_json, folder, files)
