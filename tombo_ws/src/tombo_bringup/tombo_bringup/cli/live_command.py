@@ -74,20 +74,10 @@ def live(
 def _flight(source: str, seed: int, mapping: str | None, names: dict[str, str]) -> Flight:
     """Return the flight of a file or a scenario."""
     if Path(source).exists():
-        return _recorded(Path(source), mapping, names)
+        from tombo_logs.readers.log_reader import read_every_topic
+
+        return read_every_topic(Path(source), mapping, names)[0]
     from tombo_flight.flight import fly_scenario
     from tombo_flight.scenario import load_scenario
 
     return fly_scenario(load_scenario(source), seed)
-
-
-def _recorded(path: Path, mapping: str | None, names: dict[str, str]) -> Flight:
-    from tombo_flight.recorded_flight import read_flight
-    from tombo_logs.readers.log_reader import read_logs
-
-    if mapping is None and not names:
-        try:
-            return read_flight(path)
-        except InputError:  # a log of other software
-            pass
-    return read_logs([path], mapping, names)[0]

@@ -22,6 +22,7 @@ _COMMANDS: Final = (
     "flight.hil_command",
     "flight.replay_command",
     "live_command",
+    "report_command",
     "compare_command",
     "diagnose_command",
     "why_command",

@@ -102,3 +102,28 @@ def test_bytes_that_are_wrong_are_survived(path):
             read_ulog(path, "a")
         except InputError as error:
             assert "\n" not in str(error)
+
+
+def test_what_px4_asked_for_and_its_modes_come_along(path):
+    out = write_ulog(path, FLIGHT)
+    stamps = np.array([3_000_000, 5_000_000])
+    names = ("x", "y", "z")
+    wanted = np.array([[1.0, 2.0, -3.0], [4.0, 5.0, -6.0]])  # NED
+    fields = [f"float {name}" for name in names]
+    out.topic("vehicle_local_position_setpoint", fields, wanted.T, stamps)
+    rates = np.array([[0.1, 0.2, 0.3], [0.0, 0.0, 0.0]])  # FRD
+    fields = [f"float {name}" for name in ("roll", "pitch", "yaw")]
+    out.topic("vehicle_rates_setpoint", fields, rates.T, stamps)
+    fields = ["uint8_t nav_state", "uint8_t arming_state"]
+    out.topic("vehicle_status", fields, [[4, 14], [1, 2]], stamps)
+    path.write_bytes(out.content())
+    log = read_ulog(path, "a")
+    setpoint = log.topics["/setpoint"]["position"]
+    close(setpoint.t, [2.0, 4.0])
+    close(setpoint.values, [[2.0, 1.0, 3.0], [5.0, 4.0, 6.0]])
+    close(log.topics["/rates_setpoint"]["rates"].values[0], [0.1, -0.2, -0.3])
+    assert [(e["time_s"], e["text"]) for e in log.events] == [
+        *((2.0, "hold"), (2.0, "disarmed")),
+        *((4.0, "offboard"), (4.0, "armed")),
+    ]
+    assert {"position", "attitude"} <= set(log.series)

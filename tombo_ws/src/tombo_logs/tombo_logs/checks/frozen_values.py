@@ -59,7 +59,9 @@ def interpolated_spans(t: Array, values: Array) -> list[Span]:
     limit = _LINE * np.abs(rise) + 1e-8 * scale
     straight = (np.abs(values[1:-1] - middle) <= limit).all(axis=1)
     rising = (np.abs(rise) > 1e-6 * scale).any(axis=1)
-    off = np.abs(values[1:-1] - middle).sum(axis=1) / np.maximum(np.abs(rise).sum(axis=1), 1e-300)
+    with np.errstate(invalid="ignore"):
+        off = np.abs(values[1:-1] - middle).sum(axis=1)
+        off /= np.maximum(np.abs(rise).sum(axis=1), 1e-300)
     curved = off[~straight]
     if not curved.size or np.median(curved) < _NOISY:
         return []  # made without noise, not measured

@@ -15,6 +15,7 @@ from tombo_bag.formats.sqlite_bag import MAGIC as SQLITE_MAGIC
 from tombo_bag.formats.telemetry_log import is_tlog
 from tombo_bag.recording import SUFFIXES, ZSTD_MAGIC
 from tombo_dynamics.errors import InputError
+from tombo_flight.recorded_flight import read_flight
 from tombo_logs.readers.bag_log import read_bag
 from tombo_logs.readers.csv_log import read_csv
 from tombo_logs.readers.csv_mapping import LogMapping, load_mapping
@@ -161,3 +162,26 @@ def _same(first: Flight, second: Flight) -> bool:
         and len(a.values) > 10
         and bool(np.array_equal(a.values, b.values, equal_nan=True))
     )
+
+
+def read_every_topic(
+    path: Path, mapping: Path | str | None = None, names: Mapping[str, str] | None = None
+) -> list[Flight]:
+    """Read flights with all that they hold: of a recording of the suite every topic it knows.
+
+    Other logs are read as by `read_logs`. Channels are (N, width) in both.
+
+    Raises:
+        InputError: as `read_logs`.
+    """
+    if mapping is None and not names:
+        try:
+            flight = read_flight(path)
+            rows = {
+                k: replace(s, values=s.values.reshape(len(s.t), -1))
+                for k, s in flight.series.items()
+            }
+            return [replace(flight, topics={**flight.topics, **flight.with_series(rows).topics})]
+        except InputError:  # a log of other software
+            pass
+    return read_logs([path], mapping, names)

@@ -17,9 +17,10 @@ from pyulog import ULog
 from pyulog.exceptions import ULogException
 
 from tombo_bag.columns import stacked_columns
-from tombo_bag.flight import Finding, Flight, Series, damage_findings
+from tombo_bag.flight import Finding, Flight, Series, Topic, damage_findings
 from tombo_bag.formats.ulog_messages import UlogMessages, whole_messages
 from tombo_bag.rotor_topics import share_of_pulse
+from tombo_bag.topics import ATTITUDE_SETPOINT, ODOMETRY, RATES_SETPOINT, SETPOINT
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
@@ -42,11 +43,23 @@ PX4_TOPICS = (
     "actuator_outputs",
     "esc_status",
     "battery_status",
+    "vehicle_local_position_setpoint",
+    "vehicle_attitude_setpoint",
+    "vehicle_rates_setpoint",
+    "estimator_innovation_test_ratios",
+    "vehicle_status",
 )
 _HALF = math.sqrt(0.5)
 _RPM = math.pi / 30.0
 _MOTOR_1 = 101
 """actuator_function of the first motor."""
+_MODES = {
+    **{0: "manual", 1: "altitude", 2: "position", 3: "mission", 4: "hold", 5: "return"},
+    **{10: "acro", 12: "descend", 13: "termination", 14: "offboard", 15: "stabilized"},
+    **{17: "take-off", 18: "land", 20: "precision landing"},
+}
+_ARMING = {1: "disarmed", 2: "armed"}
+"""Numbers of PX4's VehicleStatus.msg, v1.17."""
 _BROKEN = (ULogException, struct.error, IndexError, KeyError, ValueError, TypeError,
            AttributeError, OverflowError)  # fmt: skip
 """What pyulog raises on a file that is none, or that ends within its definitions."""
@@ -81,13 +94,15 @@ def read_ulog(path: Path, name: str, mapping: LogMapping | None = None) -> Fligh
         )
     findings += estimate_findings(name, source)
     info = {k: str(v) for k, v in log.msg_info_dict.items() if k in ("sys_name", "ver_hw")}
-    return Flight.measured(
+    flight = Flight.measured(
         name=name,
         source=f"{path} (PX4 log, poses from {source})",
         series={key: s for key, s in series.items() if s.t.size},
         findings=tuple(findings),
         metadata=info,
+        events=_mode_changes(topics.get("vehicle_status", {}), start),
     )
+    return replace(flight, topics={**_control_topics(topics, start), **flight.topics})
 
 
 def px4_series(
@@ -238,6 +253,55 @@ def _imu(topics: Topics, series: dict[str, Series], start: float) -> None:
         values = _array(topics.get(name, {}), "xyz", 3)
         if values is not None:
             series[channel] = Series(_captured(topics[name], start), flu_from_frd(values))
+
+
+def _control_topics(topics: Topics, start: float) -> dict[str, Topic]:
+    """Return what PX4 estimated and asked for, as the suite's topics; map ENU, base_link FLU."""
+    position = topics.get("vehicle_local_position", {})
+    wanted = topics.get("vehicle_local_position_setpoint", {})
+    attitude = topics.get("vehicle_attitude_setpoint", {})
+    rates = topics.get("vehicle_rates_setpoint", {})
+    ratios = topics.get("estimator_innovation_test_ratios", {})
+    fields = (
+        (ODOMETRY.name, "position", position, _columns(position, "x", "y", "z"), enu_from_ned),
+        (SETPOINT.name, "position", wanted, _columns(wanted, "x", "y", "z"), enu_from_ned),
+        (
+            *(ATTITUDE_SETPOINT.name, "orientation", attitude),
+            *(_array(attitude, "q_d", 4), ros_quaternion),
+        ),
+        (
+            *(RATES_SETPOINT.name, "rates", rates),
+            *(_columns(rates, "roll", "pitch", "yaw"), flu_from_frd),
+        ),
+        (
+            *("/estimator/innovation", "ratio", ratios),
+            *(_columns(ratios, "ev_hpos[0]", "ev_hpos[1]", "ev_vpos"), _largest),
+        ),
+    )
+    return {
+        topic: Topic.of(_seconds(table, start), {field: turn(values)})
+        for topic, field, table, values, turn in fields
+        if values is not None
+    }
+
+
+def _largest(values: Array) -> Array:
+    """Return (N, 1), the largest of each row."""
+    return np.asarray(values.max(axis=1, keepdims=True))
+
+
+def _mode_changes(table: Mapping[str, NDArray[Any]], start: float) -> list[dict[str, Any]]:
+    """Return changes of PX4's flight mode and of its arming as events."""
+    events: list[dict[str, Any]] = []
+    for name, words in (("nav_state", _MODES), ("arming_state", _ARMING)):
+        values = table.get(name)
+        if values is None:
+            continue
+        t = _seconds(table, start)
+        for i in [0, *(np.flatnonzero(np.diff(values)) + 1)]:
+            text = words.get(int(values[i]), str(int(values[i])))
+            events.append({"time_s": float(t[i]), "kind": name, "text": text})
+    return sorted(events, key=lambda event: event["time_s"])
 
 
 def _half_interval(table: Mapping[str, NDArray[Any]], name: str) -> Array:

@@ -1,0 +1,99 @@
+"""`tombo report`: the page of any logs, own or foreign, up to six in the same plots."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tombo_bringup.cli.options import TopicNames, json_option, option, topic_names
+from tombo_bringup.cli.tables import show_page
+from tombo_dynamics.errors import InputError
+
+if TYPE_CHECKING:
+    from tombo_bag.flight import Flight
+    from tombo_diagnosis.crash.reason import Why
+
+app = typer.Typer()
+
+
+@app.command(
+    epilog="Exit code: 0 when the page is made, whatever it says; 2 for bad input or output that "
+    "can't be written; 130 after Ctrl-C."
+)
+def report(
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG...",
+            help="One to six flights: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV.",
+            show_default=False,
+        ),
+    ],
+    mapping: Annotated[
+        str | None, option("--mapping FILE|NAME", "What the columns of a CSV are (docs/logs.md).")
+    ] = None,
+    maps: TopicNames = None,
+    output: Annotated[
+        Path,
+        typer.Option(
+            *("-o", "--output"),
+            metavar="FILE",
+            help="The page, an HTML file that needs nothing else.",
+        ),
+    ] = Path("report.html"),
+    force: Annotated[bool, option("--force", "Replace FILE.")] = False,
+    as_json: Annotated[bool, json_option("Print the figures as JSON; write no page.")] = False,
+) -> None:
+    """Show what was asked for and flown, vibration, rotors, battery, motion capture, events.
+
+    Set points against estimates, spectra, saturation, health of the motion capture and a first
+    diagnosis; logs side by side are drawn in the same plots, each from its own beginning.
+    """
+    from tombo_diagnosis.report.log_page import MOST_LOGS, log_page
+    from tombo_flight.report.html import write_page
+
+    if not as_json and output.exists() and not force:
+        raise InputError(f"'{output}' exists; accepted: a new file, or --force")
+    if len(logs) > MOST_LOGS:
+        raise InputError(f"{len(logs)} logs; accepted: 1 to {MOST_LOGS}")
+    flights = read(logs, mapping, topic_names("--map", maps or []))
+    page = log_page(flights, [reason(flight) for flight in flights])
+    if not as_json:
+        write_page(output, page)
+    show_page(page, as_json, None if as_json else output.parent, [output.name])
+
+
+def read(logs: list[Path], mapping: str | None, names: dict[str, str]) -> list[Flight]:
+    """Read logs, and what the checks say of them; a log that they refuse is shown as it is.
+
+    Raises:
+        InputError: a log or the mapping can't be used.
+    """
+    from dataclasses import replace
+
+    from tombo_bag.flight import Finding
+    from tombo_logs.checks.pipeline import check_log
+    from tombo_logs.readers.log_reader import read_every_topic
+
+    flights = []
+    for path in logs:
+        for flight in read_every_topic(path, mapping, names):
+            try:
+                findings = check_log(flight).findings
+            except InputError as error:
+                refused = Finding("refused", "fault", flight.name, str(error))
+                findings = (*flight.findings, refused)
+            flights.append(replace(flight, findings=findings, name=flight.name or path.stem))
+    return flights
+
+
+def reason(flight: Flight) -> Why | InputError:
+    """Return why a flight went wrong, or what forbids to say it."""
+    from tombo_diagnosis.crash.reason import why
+
+    try:
+        return why(flight)
+    except InputError as error:
+        return error

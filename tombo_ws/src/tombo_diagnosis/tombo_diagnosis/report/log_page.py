@@ -1,0 +1,414 @@
+"""The page of any logs: what was asked for, what was flown, and how well it was measured.
+
+Its questions are those of PX4's Flight Review; up to six flights stand in the same plots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.signal import welch
+
+from tombo_bag.channels import CHANNELS, ROTOR_SPEED
+from tombo_bag.flight import Finding, Flight, Series
+from tombo_bag.topics import (
+    ATTITUDE_SETPOINT,
+    BATTERY,
+    DETECTOR_STATUS,
+    IMU,
+    MOCAP_POSE,
+    ODOMETRY,
+    RATES_SETPOINT,
+    ROTOR_COMMAND,
+    SETPOINT,
+)
+from tombo_diagnosis.crash.reason import Why
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.rotation import yaw_pitch_roll
+from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
+from tombo_flight.report.page import Card, Page, Picture, Section, Table, Text
+
+MOST_LOGS: Final = 6
+_COLOURS: Final = (
+    *(style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY),
+)
+_OF_LINE: Final = {"-": style.BLUE, "-.": style.ORANGE, ":": style.VERMILLION}
+"""Colours of a single log."""
+_MOST_SAMPLES: Final = 4000
+"""A curve is thinned to so many samples."""
+_GAPS: Final = 2.5
+"""An interval longer than so many medians is a gap."""
+_SATURATED: Final = 0.995
+"""Share of its largest value from which on a motor command counts as at its limit."""
+_XYZ: Final = ("x", "y", "z")
+_TURNS: Final = ("yaw", "pitch", "roll")
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A field of a topic, as one line style in the panels of its components."""
+
+    topic: str
+    field: str
+    name: str
+    line: str = "-"
+
+
+@dataclass(frozen=True)
+class Panels:
+    """A picture: one panel a component."""
+
+    title: str
+    unit: str
+    components: Sequence[str]
+    curves: Sequence[Curve]
+    values: Callable[[Array], Array] = lambda values: values
+    """What is drawn of the field's values, (N, components)."""
+
+
+def _angles(quaternions: Array) -> Array:
+    """Return yaw, pitch, roll [°] of quaternions xyzw."""
+    return np.degrees(yaw_pitch_roll(quaternions))
+
+
+_PICTURES: Final = (
+    Panels("Position", "m", _XYZ, (
+        Curve(MOCAP_POSE.name, "position", "measured"),
+        Curve(ODOMETRY.name, "position", "estimate", "-."),
+        Curve(SETPOINT.name, "position", "set point", ":"),
+    )),
+    Panels("Attitude", "°", _TURNS, (
+        Curve(MOCAP_POSE.name, "attitude", "measured"),
+        Curve(ATTITUDE_SETPOINT.name, "orientation", "set point", ":"),
+    ), _angles),
+    Panels("Body rates", "rad/s", _XYZ, (
+        Curve(IMU.name, "gyro", "measured"),
+        Curve(RATES_SETPOINT.name, "rates", "set point", ":"),
+    )),
+    Panels("Rotors", "", ("front right", "rear left", "front left", "rear right"), (
+        Curve(ROTOR_COMMAND.name, "speed", "asked for [rad/s]", ":"),
+        Curve(ROTOR_SPEED, "speed", "measured [rad/s]"),
+        Curve("/motor_command", "command", "command, 0 to 1"),
+    )),
+    Panels("Battery", "V, A", ("",), (
+        Curve(BATTERY.name, "voltage", "voltage"), Curve(BATTERY.name, "current", "current", ":"),
+    )),
+    Panels("Test of each pose", "–", ("statistic",), (
+        Curve(DETECTOR_STATUS.name, "statistic", "innovation"),
+        Curve("/estimator/innovation", "ratio", "PX4's test ratio"),
+    )),
+)  # fmt: skip
+
+
+def log_page(flights: Sequence[Flight], reasons: Sequence[Why | InputError]) -> Page:
+    """Return the page of logs.
+
+    Args:
+        flights: at most six, checked (`check_log`) or not.
+        reasons: why each of them went wrong, or what forbids to say it.
+
+    Raises:
+        InputError: none, or more than six flights.
+    """
+    if not 1 <= len(flights) <= MOST_LOGS:
+        raise InputError(f"{len(flights)} logs; accepted: 1 to {MOST_LOGS}")
+    figures = [log_figures(flight) for flight in flights]
+    pictures = [_panels_picture(flights, panels) for panels in _PICTURES]
+    rows = [
+        [name, *(shown(figure[name]) for figure in figures)]
+        for name in figures[0]
+        if any(figure[name] is not None for figure in figures)
+    ]
+    names = [flight.name or flight.source for flight in flights]
+    spectra = _spectra_picture(flights)
+    timing = _timing_picture(flights)
+    one = len(flights) == 1
+    return Page(
+        title=f"Logs: {', '.join(names)}",
+        eyebrow="Tombo report",
+        headline=names[0] if one else f"{len(flights)} logs",
+        summary="; ".join(flight.source for flight in flights if flight.source),
+        cards=[_card(name, why) for name, why in zip(names, reasons, strict=True)],
+        sections=[
+            Section("Figures", [Table(["", *names], rows)]),
+            Section("First diagnosis", [_diagnosis(names, reasons)]),
+            Section("Asked for and flown", [p for p in pictures if p is not None], "page"),
+            Section("Vibration", [spectra] if spectra else [], "page"),
+            Section("Motion capture", [timing] if timing else [], "page"),
+            Section("Events", _events(names, flights)),
+            Section("Checks of the logs", _findings(names, flights)),
+        ],
+        data={"logs": [_log_data(*row) for row in zip(flights, figures, reasons, strict=True)]},
+    )
+
+
+def shown(value: float | str | None) -> str:
+    """Return a figure as text."""
+    if value is None:
+        return "–"
+    return value if isinstance(value, str) else f"{value:.4g}"
+
+
+def log_figures(flight: Flight) -> dict[str, float | str | None]:
+    """Return the figures of a log by name with unit; None: it does not have what they need."""
+    series = flight.series
+    pose, accel, gyro = (series.get(name) for name in ("position", "accel", "gyro"))
+    command = series.get("motor_command")
+    voltage = series.get("voltage")
+    interval = None if pose is None or len(pose.t) < 3 else np.diff(pose.t)
+    late = None if pose is None or pose.arrival is None else 1e3 * (pose.arrival - pose.t)
+    return {
+        "duration [s]": flight.duration_s,
+        "poses [Hz]": None if interval is None else 1.0 / float(np.median(interval)),
+        "gaps between poses": None if interval is None else float(gaps(interval)),
+        "longest gap [ms]": None if interval is None else 1e3 * float(interval.max()),
+        "latency of poses, median [ms]": None if late is None else float(np.nanmedian(late)),
+        "latency of poses, 95 % [ms]": None if late is None else float(np.nanpercentile(late, 95)),
+        "error of position, RMS [m]": tracking_error(flight, MOCAP_POSE.name, SETPOINT.name,
+                                                     "position", "position"),
+        "error of rates, RMS [rad/s]": tracking_error(flight, IMU.name, RATES_SETPOINT.name,
+                                                      "gyro", "rates"),
+        "vibration, RMS above 30 Hz [m/s²]": vibration(accel),
+        "largest specific force [m/s²]": _largest(accel),
+        "largest body rate [rad/s]": _largest(gyro),
+        "motor command at its limit": None if command is None else saturation(command),
+        "lowest voltage [V]": None if voltage is None else float(np.nanmin(voltage.values)),
+    }  # fmt: skip
+
+
+def gaps(intervals: Array) -> int:
+    """Return how many intervals are longer than 2.5 times their median."""
+    return int(np.sum(intervals > _GAPS * np.median(intervals)))
+
+
+def tracking_error(
+    flight: Flight, measured: str, asked: str, field: str, asked_field: str
+) -> float | None:
+    """Return the root mean square of measured minus asked for; None where one is missing.
+
+    What is asked for holds until the next message; before the first there is none.
+    """
+    real = flight.topics[measured].get(field) if measured in flight.topics else None
+    wanted = flight.topics[asked].get(asked_field) if asked in flight.topics else None
+    if real is None or wanted is None or not len(wanted.t) or not len(real.t):
+        return None
+    index = np.searchsorted(wanted.t, real.t, side="right") - 1
+    usable = index >= 0
+    error = real.values[usable] - wanted.values[index[usable]]
+    error = error[np.isfinite(error).all(axis=1)]
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1)))) if len(error) else None
+
+
+def saturation(command: Series) -> str:
+    """Return in which share of the time a motor is at its limit."""
+    top = float(np.nanmax(command.values))
+    share = float(np.mean(np.any(command.values >= _SATURATED * max(top, 1.0), axis=1)))
+    return f"{100 * share:.1f} %"
+
+
+def vibration(accel: Series | None) -> float | None:
+    """Return the root mean square of the specific force above 30 Hz [m/s²]."""
+    spectrum = None if accel is None else spectrum_of(accel)
+    if spectrum is None or spectrum[0][-1] < 60.0:
+        return None
+    frequency, power = spectrum
+    above = frequency > 30.0
+    return float(np.sqrt(np.trapezoid(power[above].sum(axis=1), frequency[above])))
+
+
+def spectrum_of(series: Series) -> tuple[Array, Array] | None:
+    """Return frequencies [Hz] and power densities (N, width); None: too short or irregular."""
+    t, values = series.t, series.values
+    finite = np.isfinite(values).all(axis=1)
+    t, values = t[finite], values[finite]
+    if len(t) < 256:
+        return None
+    rate = 1.0 / float(np.median(np.diff(t)))
+    even = np.arange(t[0], t[-1], 1.0 / rate)
+    if not 256 <= len(even) <= 20 * len(t):
+        return None
+    evened = np.stack([np.interp(even, t, column) for column in values.T], axis=1)
+    frequency, power = welch(evened, rate, nperseg=min(1024, len(even)), axis=0)
+    return frequency, power
+
+
+def _largest(series: Series | None) -> float | None:
+    if series is None or not np.isfinite(series.values).any():
+        return None
+    return float(np.nanmax(np.linalg.norm(series.values, axis=1)))
+
+
+def _thinned(series: Series) -> tuple[Array, Array]:
+    step = max(1, len(series.t) // _MOST_SAMPLES)
+    return series.t[::step], series.values[::step]
+
+
+def _has(flight: Flight, curve: Curve) -> bool:
+    return curve.topic in flight.topics and curve.field in flight.topics[curve.topic]
+
+
+def _panels_picture(flights: Sequence[Flight], panels: Panels) -> Picture | None:
+    there = [c for c in panels.curves if any(_has(flight, c) for flight in flights)]
+    if not there:
+        return None
+    lines = {"-": "line", "-.": "dash-dotted", ":": "dotted"}
+    words = ", ".join(f"{curve.name}: {lines[curve.line]}" for curve in there)
+    return Picture(partial(draw_panels, flights, panels), words, panels.title)
+
+
+def draw_panels(flights: Sequence[Flight], panels: Panels) -> Figure:
+    """Draw the components of a quantity, all flights from their own beginning."""
+    count = len(panels.components)
+    with new_figure(9.0, 0.8 + 1.35 * count, 100, layout="constrained") as sheet:
+        column = sheet.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
+        for number, flight in enumerate(flights):
+            for curve in panels.curves:
+                if _has(flight, curve):
+                    series = flight.topics[curve.topic][curve.field]
+                    colour = _OF_LINE[curve.line] if len(flights) == 1 else _COLOURS[number]
+                    _draw_curve(column, flight, series, panels, curve, colour)
+        for ax, name in zip(column, panels.components, strict=True):
+            unit = f" [{panels.unit}]" if panels.unit else ""
+            ax.set_ylabel(f"{name}{unit}")
+        _legend(column[0], flights)
+        column[-1].set_xlabel("time [s]")
+    return sheet
+
+
+def _draw_curve(
+    column: Any, flight: Flight, series: Series, panels: Panels, curve: Curve, colour: str
+) -> None:
+    t, values = _thinned(series)
+    drawn = panels.values(values)
+    drawn = drawn[:, None] if drawn.ndim == 1 else drawn
+    for ax, y in zip(column, drawn.T, strict=False):
+        ax.plot(t - _start(flight), y, curve.line, color=colour, linewidth=1.0)
+
+
+def _start(flight: Flight) -> float:
+    return min((float(s.t[0]) for s in flight.series.values() if len(s.t)), default=0.0)
+
+
+def _legend(ax: Axes, flights: Sequence[Flight]) -> None:
+    if len(flights) > 1:
+        for flight, colour in zip(flights, _COLOURS, strict=False):
+            ax.plot([], [], color=colour, label=flight.name)
+        ax.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
+
+
+def _spectra_picture(flights: Sequence[Flight]) -> Picture | None:
+    channels = [
+        name
+        for name in ("gyro", "accel")
+        if any(name in f.series and spectrum_of(f.series[name]) for f in flights)
+    ]
+    if not channels:
+        return None
+    draw = partial(_draw_spectra, flights, channels)
+    return Picture(draw, "Power density, sum of the three axes", "Spectra")
+
+
+def _draw_spectra(flights: Sequence[Flight], channels: Sequence[str]) -> Figure:
+    with new_figure(9.0, 2.6, 100, layout="constrained") as sheet:
+        row = sheet.subplots(1, len(channels), squeeze=False)[0]
+        for ax, name in zip(row, channels, strict=True):
+            for flight, colour in zip(flights, _COLOURS, strict=False):
+                spectrum = spectrum_of(flight.series[name]) if name in flight.series else None
+                if spectrum is not None:
+                    ax.semilogy(spectrum[0][1:], spectrum[1][1:].sum(axis=1), color=colour,
+                                linewidth=1.0)  # fmt: skip
+            ax.set_xlabel("frequency [Hz]")
+            ax.set_ylabel(f"{name} [({CHANNELS[name].unit})²/Hz]")
+        _legend(row[0], flights)
+    return sheet
+
+
+def _timing_picture(flights: Sequence[Flight]) -> Picture | None:
+    if not any("position" in flight.series for flight in flights):
+        return None
+    caption = "Interval between two poses, and arrival minus capture where the log has both"
+    return Picture(partial(_draw_timing, flights), caption, "Poses")
+
+
+def _draw_timing(flights: Sequence[Flight]) -> Figure:
+    with new_figure(9.0, 3.2, 100, layout="constrained") as sheet:
+        upper, lower = sheet.subplots(2, 1, sharex=True)
+        for flight, colour in zip(flights, _COLOURS, strict=False):
+            pose = flight.series.get("position")
+            if pose is None or len(pose.t) < 2:
+                continue
+            t = pose.t - _start(flight)
+            upper.plot(t[1:], 1e3 * np.diff(pose.t), ".", markersize=2, color=colour)
+            if pose.arrival is not None:
+                lower.plot(t, 1e3 * (pose.arrival - pose.t), ".", markersize=2, color=colour)
+        upper.set_ylabel("interval [ms]")
+        lower.set_ylabel("latency [ms]")
+        lower.set_xlabel("time [s]")
+        _legend(upper, flights)
+    return sheet
+
+
+def _card(name: str, why: Why | InputError) -> Card:
+    if isinstance(why, InputError):
+        return Card(name, "not judged", tooltip=str(why))
+    beside = "" if why.time_s is None else f"from {why.time_s:.2f} s, {100 * why.confidence:.0f} %"
+    return Card(name, "nothing wrong" if why.cause == "none" else why.cause.replace("_", " "),
+                beside=beside)  # fmt: skip
+
+
+def _diagnosis(names: Sequence[str], reasons: Sequence[Why | InputError]) -> Text:
+    lines = []
+    for name, why in zip(names, reasons, strict=True):
+        if isinstance(why, InputError):
+            lines.append(f"{name}: {why}")
+            continue
+        signs = "; ".join(f"{s.time:.2f} s {s.text}" for s in why.timeline[:4])
+        cause = "nothing wrong" if why.cause == "none" else why.cause.replace("_", " ")
+        lines.append(f"{name}: {cause}{': ' if signs else ''}{signs}")
+    lines.append("What a model gets wrong in these flights: tombo diagnose LOG…")
+    return Text(lines, "list")
+
+
+def _events(names: Sequence[str], flights: Sequence[Flight]) -> list[Table]:
+    rows = [
+        [name, f"{event['time_s']:.2f} s", str(event.get("kind", "")), str(event.get("text", ""))]
+        for name, flight in zip(names, flights, strict=True)
+        for event in flight.events
+        if event.get("time_s") is not None
+    ]
+    return [Table(["log", "time", "kind", "what"], rows)] if rows else []
+
+
+def _findings(names: Sequence[str], flights: Sequence[Flight]) -> list[Table | Text]:
+    rows = [
+        [name, finding.severity, finding.check, finding.message]
+        for name, flight in zip(names, flights, strict=True)
+        for finding in flight.findings
+    ]
+    if not rows:
+        return [Text(["Nothing to remark."])]
+    return [Table(["log", "severity", "check", "what"], rows)]
+
+
+def _log_data(flight: Flight, figures: Mapping[str, Any], why: Why | InputError) -> dict[str, Any]:
+    judged = why if isinstance(why, Why) else None
+    return {
+        "log": flight.name,
+        "source": flight.source,
+        "figures": dict(figures),
+        "cause": judged.cause if judged else None,
+        "time_s": judged.time_s if judged else None,
+        "findings": [_finding_data(finding) for finding in flight.findings],
+    }
+
+
+def _finding_data(finding: Finding) -> dict[str, str]:
+    return {"check": finding.check, "severity": finding.severity, "message": finding.message}
