@@ -50,7 +50,8 @@ TWO_SIDED = 1.96
 """Standard deviations from the middle of a 95 % interval to its ends."""
 _MODEL_ERROR = 0.015
 """Error of the model, as a share of the fitted change: no change is known better than this."""
-_MAX_LOG_BF = 700.0
+_MAX_LOG_BF = 1e9
+"""What is not finite counts as this: far beyond any evidence, so that no candidates tie."""
 
 Covariance = tuple[tuple[float, ...], ...]
 ParameterEstimate = tuple[tuple[FittedParameter, ...], Covariance]

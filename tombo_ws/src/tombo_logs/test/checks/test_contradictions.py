@@ -18,7 +18,8 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.flight import Flight, Series
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks import check_log
+from tombo_logs.checks import check_log, imu
+from tombo_logs.checks.motion import in_body, motion_of
 
 FLIGHT = made_flight()
 IMU = {"gyro", "accel"}
@@ -206,3 +207,26 @@ def test_effects_of_the_registry_are_no_contradictions():
     said = {(f.check, f.severity, f.channel) for f in checked.findings if f.severity != "info"}
     imu = {("offset", "warning", channel) for channel in ("gyro", "accel")}
     assert said == {*imu, ("frame", "warning", "attitude")}
+
+
+@pytest.mark.parametrize("lean", [0.0, 19.0])
+def test_rates_about_the_axes_of_map_are_turned_into_the_body(lean):
+    """Leaning into wind all the time, too: that is no turn of the rigid body."""
+    into = Rotation.from_euler("y", lean, degrees=True)
+    gyro, q = FLIGHT.series["gyro"], FLIGHT.series["attitude"]
+    leaning = (Rotation.from_quat(q.values) * into).as_quat()
+    at = np.column_stack([np.interp(gyro.t, q.t, c) for c in leaning.T])
+    body = into.inv().apply(gyro.values)
+    about_map = Rotation.from_quat(at).apply(body)
+    (said,) = imu.gyro_about_map("made", moving(leaning, about_map))
+    assert said.channel == "gyro" and "axes of map" in said.message
+    assert not imu.gyro_about_map("made", moving(leaning, body))
+    turned_back = in_body(Series(gyro.t, about_map), Series(q.t, unwound(leaning)))
+    assert np.abs(turned_back.values - body).max() < 0.01
+
+
+def moving(attitude, rates):
+    """The motion of the flight with other attitudes and rates."""
+    s = FLIGHT.series
+    poses = s["position"], Series(s["attitude"].t, unwound(attitude))
+    return motion_of(*poses, Series(s["gyro"].t, rates), None, [(0.0, 4.0), (16.0, 20.0)])

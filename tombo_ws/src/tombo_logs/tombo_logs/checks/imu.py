@@ -8,6 +8,7 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
@@ -31,6 +32,9 @@ TURNED = np.radians(20.0)
 """Turn between motion capture and IMU that is a fault; the diagnosis fits smaller ones."""
 _YAWED = np.radians(5.0)
 """Turn from which on a warning says so: few define a rigid body so badly."""
+_IN_MAP, _EXPLAINS, _NO_WORSE = 0.5, 0.5, 0.02
+"""Rates about the axes of map: share of what body axes leave that they may leave, least share of
+the gyro that they explain, and by how much less than the best turn of the IMU."""
 _LATE_S = 0.005
 """Smaller differences of stamps are not reported [s]."""
 
@@ -84,6 +88,35 @@ def check_accel_axes(flight: str, motion: Motion) -> list[Finding]:
         "expected: x and y of base_link (FLU); gyro and accel are left out"
     )
     return [Finding("frame", "fault", flight, text, channel="accel")]
+
+
+def gyro_about_map(flight: str, motion: Motion) -> list[Finding]:
+    """Report a gyro whose rates are about the axes of map, not of base_link.
+
+    The attitude turns one into the other, without anything to fit: no constant turn of the IMU
+    may explain them better.
+    """
+    late = time_offset(motion)
+    lag = late.lag if late else 0.0
+    together = alignment(motion, lag)
+    if together is None:
+        return []
+    good, t = motion.good, motion.t
+    in_map = Rotation.from_quat(motion.attitude).apply(motion.rates)
+    gyro = motion.gyro[good] - motion.gyro[good].mean(axis=0)
+    left = []
+    for rates in (motion.rates, in_map):
+        moved = np.column_stack([np.interp(t + lag, t, c) for c in rates.T])[good]
+        left.append(float(np.mean((gyro - moved + moved.mean(axis=0)) ** 2)))
+    shares = 1.0 - np.array(left) / max(float(np.mean(gyro**2)), 1e-12)
+    if left[1] > _IN_MAP * left[0] or shares[1] < max(_EXPLAINS, together.explained - _NO_WORSE):
+        return []
+    text = (
+        f"gyro: its rates are about the axes of map ({100 * shares[1]:.0f} % explained, about "
+        f"those of base_link {100 * max(shares[0], 0.0):.0f} %); expected: base_link (FLU); "
+        "turned by the attitude"
+    )
+    return [Finding("frame", "warning", flight, text, channel="gyro")]
 
 
 def check_gyro(flight: str, motion: Motion) -> tuple[list[Finding], float | None]:

@@ -109,3 +109,13 @@ def _sampled(series: Series, t: Array) -> Array:
 def resampled(series: Series, t: Array) -> Array:
     """Return a channel at times `t` of the even clock, behind the same Gaussian, (N, k)."""
     return np.asarray(gaussian_filter1d(_sampled(series, t), WIDTH * RATE, axis=0))
+
+
+def in_body(rates: Series, attitude: Series) -> Series:
+    """Return rates about the axes of map (N, 3) about those of the body."""
+    usable = is_usable(attitude.values)
+    turns = Series(attitude.t[usable], unwrap_quaternions(attitude.values[usable]))
+    q = np.column_stack([np.interp(rates.t, turns.t, c) for c in turns.values.T])
+    q /= np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9)
+    values = np.asarray(Rotation.from_quat(q).inv().apply(rates.values))
+    return Series(rates.t, values, rates.arrival)

@@ -18,7 +18,7 @@ from tombo_logs.checks.clocks.gaps import gaps
 from tombo_logs.checks.clocks.time_units import check_pose_rate, other_times
 from tombo_logs.checks.clocks.timestamps import arrival_stamps
 from tombo_logs.checks.ground import check_flies, ground, motor_drive, rises
-from tombo_logs.checks.motion import Motion, motion_of
+from tombo_logs.checks.motion import Motion, in_body, motion_of
 from tombo_logs.checks.rotors import motors, rotor_order
 from tombo_logs.checks.rotors.change_points import changes
 from tombo_logs.checks.rotors.hover import Hover, check_vehicle
@@ -244,7 +244,12 @@ def _consistent(
     motion = _motion(series, apart)
     if motion is None:
         return series, []
+    about_map = imu.gyro_about_map(flight, motion)
+    if about_map:
+        series = {**series, "gyro": in_body(series["gyro"], series["attitude"])}
+        motion = _motion(series, apart) or motion
     findings, scale = imu.check_gyro(flight, motion)
+    findings = [*about_map, *findings]
     wrong = any(f.severity == "fault" for f in findings)
     poses.check_poses(flight, motion, scale, imu=not wrong)
     poses.check_lean(flight, motion)
