@@ -1,6 +1,7 @@
 """Stochastic effects are found by their variance."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from tombo_diagnosis.flight.noise import (
     block_variances,
     fit_noise_effects,
     imu_noise_statistics,
+    lost_samples,
     pooled,
     pose_noise_statistics,
 )
@@ -148,3 +150,22 @@ def test_a_force_that_no_effect_describes_is_not_called_gusts(unknown):
     words = analyse([track_of(log) for log in flights], nominal()).judgement
     assert words.verdict in ("unknown", "partly_explained")
     assert "gusts" not in words.effects
+
+
+def test_a_late_sample_is_not_a_lost_one():
+    """Stamps of arrival jitter by a third of a step; then every twentieth sample is taken out."""
+    rng = np.random.default_rng(5)
+    t = np.arange(2000) * 0.02
+    late = t + rng.uniform(0.0, 0.012, t.size)
+    assert lost_samples(np.diff(late), 0.02).sum() <= 0.01 * t.size
+    kept = np.arange(t.size) % 20 != 10
+    assert lost_samples(np.diff(t[kept]), 0.02).sum() == 100
+    assert lost_samples(np.diff(late[kept]), 0.02).sum() == pytest.approx(100, abs=25)
+
+
+def test_where_stamps_are_arrivals_no_dropout_is_told():
+    (track, *_) = tracks({"mocap_dropouts": {"probability": 0.04, "duration": 0.1}}, seed=2)
+    assert "gaps" in pose_noise_statistics([track])
+    spacing = np.median(np.diff(track.pose_t))
+    late = np.random.default_rng(1).uniform(0.0, 0.9 * spacing, track.pose_t.size)
+    assert "gaps" not in pose_noise_statistics([replace(track, pose_t=track.pose_t + late)])

@@ -22,6 +22,7 @@ from tombo_diagnosis.flight.fit.track import TICK, Track
 from tombo_diagnosis.flight.nominal import PARAMETERS, NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, quaternion_multiply
+from tombo_logs.checks.clocks.timestamps import jitter
 from tombo_logs.checks.spans import block_means
 from tombo_sim.inverse_simulation import simulate_imu_at_rest, simulate_mocap
 
@@ -156,6 +157,10 @@ Predict = Callable[[Array], dict[str, float]]
 """Theta -> the values that the model predicts."""
 
 
+_UNEVEN = 0.1
+"""Share of a step by which stamps may jitter and still be times of capture."""
+
+
 @dataclass(frozen=True)
 class NoiseFit:
     """One stochastic effect, fitted to the statistics."""
@@ -207,22 +212,21 @@ def predicted_imu_statistics(nominal: NominalModel, theta: Array) -> dict[str, f
 
 def pose_noise_statistics(tracks: Sequence[Track]) -> Statistics:
     """Return noise of the poses, jitter of their arrival, and their gaps."""
-    position, attitude, jitter = [], [], []
+    position, attitude, delays = [], [], []
     gaps, lengths, samples = 0, [], 0
     for track in tracks:
         spacing = float(np.median(np.diff(track.pose_t)))
-        steps = np.diff(track.pose_t)[_in_flight(track)]
-        missing = np.round(steps / spacing).astype(int) - 1
-        gaps += int(np.count_nonzero(missing > 0))
+        missing = lost_samples(np.diff(track.pose_t), spacing)[_in_flight(track)]
+        gaps += int(np.count_nonzero(missing))
         lengths += [float(m) for m in missing[missing > 0]]
-        samples += steps.size + int(missing[missing > 0].sum())
+        samples += missing.size + int(missing.sum())
         even = np.abs(np.diff(track.pose_t) - spacing) < 0.3 * spacing
         runs = even[:-4] & even[1:-3] & even[2:-2] & even[3:-1] & track.pose_rows[2:-3]
         fifth = np.diff(track.pose, 5, axis=0)[runs]
         position.append(fifth[:, :3])
         attitude.append(2.0 * fifth[:, 3:])
         if track.arrival.size:
-            jitter.append(np.diff(track.arrival)[track.pose_rows[1:]])
+            delays.append(np.diff(track.arrival)[track.pose_rows[1:]])
     statistics = {}
     every = np.vstack(position)
     if every.shape[0] > 50:
@@ -234,10 +238,10 @@ def pose_noise_statistics(tracks: Sequence[Track]) -> Statistics:
         # Of four components of a unit quaternion three are free.
         variance = _robust_variance(turned) * 4.0 / 3.0 / 252.0
         statistics["attitude"] = 0.5 * math.log(variance), _sigma(turned.size)
-    late = np.concatenate(jitter) if jitter else np.zeros(0)
+    late = np.concatenate(delays) if delays else np.zeros(0)
     if late.size > 50 and late.std() > 0.0:
         statistics["jitter"] = 0.5 * math.log(float(np.mean(late**2)) / 2.0), _sigma(late.size)
-    if samples > 100:
+    if samples > 100 and all(_are_capture_times(track.pose_t) for track in tracks):
         statistics["gaps"] = 2.0 * math.sqrt(gaps), 1.0
         statistics["samples"] = float(samples), math.inf
         if gaps >= 5:
@@ -245,6 +249,22 @@ def pose_noise_statistics(tracks: Sequence[Track]) -> Statistics:
             spread = max(float(np.std(lengths)), 0.3) / mean / math.sqrt(gaps)
             statistics["gap length"] = math.log(mean), spread
     return statistics
+
+
+def _are_capture_times(t: Array) -> bool:
+    """Return whether stamps are even; where they jitter as arrivals do, a gap is no loss."""
+    return jitter(t) < _UNEVEN * float(np.median(np.diff(t)))
+
+
+def lost_samples(steps: Array, spacing: float) -> NDArray[np.intp]:
+    """Return how many samples are lost in each step (N,) of a clock with this spacing [s].
+
+    A sample that is only late is made up for by a short step beside it.
+    """
+    around = np.pad(steps, 1, constant_values=spacing)
+    sums = steps, steps + around[:-2], steps + around[2:]
+    counts = [np.round(total / spacing) - k for total, k in zip(sums, (1, 2, 2), strict=True)]
+    return np.asarray(np.maximum(np.min(counts, axis=0), 0.0), np.intp)
 
 
 def predicted_pose_statistics(
