@@ -20,6 +20,7 @@ from tombo_benchmarks.cli.benchmark_run import (
     run_and_print,
 )
 from tombo_benchmarks.cli.benchmark_stand_command import benchmark_stand
+from tombo_benchmarks.cli.benchmark_why_command import benchmark_why
 from tombo_bringup.cli.options import Seed, Workers, option
 from tombo_dynamics.errors import InputError
 
@@ -75,3 +76,4 @@ app.command("stand", epilog=EXIT_CODES)(benchmark_stand)
 app.command("foreign", epilog=EXIT_CODES)(benchmark_foreign)
 app.command("faults", epilog=FAULT_EXIT_CODES)(benchmark_faults)
 app.command("mutations")(benchmark_mutations)
+app.command("why", epilog=EXIT_CODES)(benchmark_why)

@@ -39,6 +39,8 @@ _FAR_MORE: Final = 1.8
 """Demand of a rotor over that of the others."""
 _LACK: Final = -0.03
 """Thrust beyond what is asked for, over hover's, where a rotor gives none."""
+_LAG_S: Final = 0.12
+"""s by which thrust may follow the drives at most."""
 _PUSH: Final = 4.0
 """m/s^2 by which a touch changes the force at least."""
 _BUMP: Final = 0.3
@@ -47,6 +49,14 @@ _CUT: Final = 0.4
 """m above the floor below which motors are stopped to land."""
 _HARD: Final = 1.2
 """m/s downwards at the floor: no landing."""
+_SLIDES_S: Final = 1.2
+_FLAT: Final = 0.0004
+_ASIDE: Final = 0.0012
+"""m: standard deviations of height and of place over that time when it slides along something."""
+_OFF_GROUND: Final = 0.01
+"""m above where it stood."""
+_TOP: Final = 0.004
+"""m below the highest place of the flight: what it slides along is above it."""
 _SWING_HZ: Final = (0.9, 20.0)
 _SWING: Final = 0.8
 """rad/s: standard deviation of rates that swing, at least."""
@@ -88,7 +98,7 @@ class Sign:
 def signs(motion: CrashMotion) -> list[Sign]:
     """Return all signs of a flight, in order of time."""
     each = (
-        _drives_off, _rotor_behind, _rotor_lost, _touches, _bumps, _swings, _poses_lost,
+        _drives_off, _rotor_behind, _rotor_lost, _touches, _bumps, _slides, _swings, _poses_lost,
         _poses_leap, _supply_falls, _thrust_lacks, _command_leaps, _upsets, _falls, _impacts,
     )  # fmt: skip
     return sorted((s for look in each for s in look(motion)), key=lambda s: s.time)
@@ -167,6 +177,11 @@ def _rotor_behind(m: CrashMotion) -> Iterator[Sign]:
             return
 
 
+def _lately(values: Array, width: int) -> tuple[Array, Array]:
+    """Return the least and the largest value of the last `width` samples."""
+    return _least_lately(values, width), -_least_lately(-values, width)
+
+
 def _least_lately(values: Array, width: int) -> Array:
     padded = np.concatenate([np.full(width, values[0]), values])
     windows = np.lib.stride_tricks.sliding_window_view(padded, width + 1)
@@ -224,7 +239,12 @@ def _touches(m: CrashMotion) -> Iterator[Sign]:
         return
     force = m.force.copy()
     if np.isfinite(m.missing).any():
-        force[:, 2] = m.missing * float(np.nanmedian(m.force[m.learnt, 2]))
+        # what was asked for lately is explained, whatever the lag
+        asked = np.nan_to_num(m.demand).mean(axis=1)
+        width = round(_LAG_S * RATE)
+        lift = float(np.nanmedian(m.force[m.learnt, 2]))
+        given = force[:, 2] / lift
+        force[:, 2] = lift * (given - np.clip(given, *_lately(asked, width)))
     force = np.nan_to_num(force)
     fast = force - np.column_stack([median_filter(f, 41, mode="nearest") for f in force.T])
     usual = np.nanpercentile(np.linalg.norm(fast[m.learnt], axis=1), 99.5)
@@ -278,6 +298,26 @@ def _bumps(m: CrashMotion) -> Iterator[Sign]:
         yield Sign(float(m.t[row]), kind, text)
 
 
+def _slides(m: CrashMotion) -> Iterator[Sign]:
+    """Height that stays, as no hover's does, where nothing higher was reached: a ceiling."""
+    position = m.series["position"]
+    place = position.values - position.values[0]
+    count = round(_SLIDES_S / max(sample_interval(position.t), 1e-3))
+    if count < 20 or m.track.noise > 0.5 * _FLAT:
+        return
+    mean, square = (uniform_filter1d(x, count, axis=0) for x in (place, place**2))
+    spread = np.sqrt(np.maximum(square - mean**2, 0.0))
+    still = np.linalg.norm(spread, axis=1) < _FLAT
+    low = float(mean[still, 2].min()) if still.any() else float(mean[:, 2].min())
+    flat = (spread[:, 2] < _FLAT) & (np.hypot(spread[:, 0], spread[:, 1]) > _ASIDE)
+    flat &= mean[:, 2] > max(low + _OFF_GROUND, float(np.percentile(place[:, 2], 99.0)) - _TOP)
+    if still[-1]:
+        flat &= np.abs(mean[:, 2] - mean[-1, 2]) > _FLAT  # where it stands at the end
+    for begin, _ in runs(flat)[:1]:
+        text = f"the height stays within {1e3 * _FLAT:.1f} mm while it moves sideways: it slides"
+        yield Sign(float(position.t[max(begin - count // 2, 0)]), "contact", text)
+
+
 def _swings(m: CrashMotion) -> Iterator[Sign]:
     """Body rates or commands that swing with one frequency, more than they did."""
     demand = np.nan_to_num(m.demand) @ MODES[1:].T
@@ -306,7 +346,7 @@ def _swinging(m: CrashMotion, name: str, values: Array, least: float) -> Iterato
             steps = np.diff(zeros)
             if zeros.size < 2 * cycles or np.std(steps) > _UNEVEN * np.mean(steps):
                 continue
-            if 4 * int(np.argmax(size[begin:end, axis])) < end - begin < RATE:
+            if size[end - 1, axis] < size[(begin + end) // 2, axis] and end - begin < RATE:
                 continue  # it dies away: struck, not driven
             hertz = 0.5 * RATE / float(np.mean(steps))
             quiet = max(4.0 * usual, 0.2 * limit) if usual < 0.2 * limit else limit

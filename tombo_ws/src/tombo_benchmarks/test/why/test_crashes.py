@@ -1,0 +1,53 @@
+"""Simulated crashes do what they are called, and `why` names them from their logs."""
+
+import numpy as np
+import pytest
+
+from tombo_benchmarks.diagnosis.second_simulator.vehicles import S500
+from tombo_benchmarks.why.crash_benchmark import aggregate, examine
+from tombo_benchmarks.why.crash_flight import fly_crash
+from tombo_benchmarks.why.mishap import KINDS, Mishap, began
+
+
+def test_a_crash_is_drawn_alike_from_its_seed_and_sizes_differ():
+    once, again, other = (Mishap.draw("killed", np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert once == again
+    assert once.size != other.size
+
+
+@pytest.mark.slow
+def test_a_stopped_vehicle_falls_freely_from_the_time_of_the_mishap():
+    mishap = Mishap.draw("killed", np.random.default_rng(3))
+    rows, start = fly_crash(S500, mishap, np.random.default_rng(3))
+    assert start == pytest.approx(mishap.time, abs=0.005)
+    before, after = rows[rows[:, 0] < start], rows[rows[:, 0] > start + 0.2]
+    assert before[:, 13].mean() == pytest.approx(9.8, abs=0.5)
+    assert np.abs(after[:20, 13]).max() < 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [1, 6, 10, 18])
+def test_cause_and_time_of_a_crash_are_named_from_its_log(number):
+    row = examine("", 300, number)
+    assert row["kind"] == list(KINDS)[number // 2]
+    assert row["said"] == row["cause"]
+    assert row["said_s"] == pytest.approx(row["time_s"], abs=0.1)
+
+
+def test_the_score_counts_wrong_answers_and_abstentions_apart():
+    row = {"kind": "killed", "cause": "kill", "time_s": 1.0, "said_s": 1.05, "confidence": 0.9}
+    said = [row | {"said": s} for s in ("kill", "battery", "unknown", "set")]
+    score = aggregate(said)
+    assert (score["right"], score["wrong"], score["abstained"]) == (0.25, 1, 2)
+    assert score["in_time"] == 1.0
+    assert score["kinds"]["motor_stopped"] == {"cases": 0}
+
+
+def test_loops_that_swing_deviate_when_their_rates_do():
+    mishap = Mishap.draw("gains_too_high", np.random.default_rng(5))
+    t = np.arange(0.0, mishap.time + 1.0, 0.01)
+    rates = np.where(t[:, None] > mishap.time + 0.3, 2.0, 0.1 * np.sin(t)[:, None]) * np.ones(3)
+    command = 500.0 + np.sin(t)[:, None] * np.array([1.0, -1.0, 1.0, -1.0])
+    assert began(mishap, t, rates, command, mishap.time) == pytest.approx(
+        mishap.time + 0.3, abs=0.02
+    )
