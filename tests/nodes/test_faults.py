@@ -1,4 +1,4 @@
-"""Faults in flight, each as a row of the table in docs/nodes.md: seen, reported, survived.
+"""Faults in flight, each as a row of the table in docs/faults.md: seen, reported, survived.
 
 The whole suite hovers, paced by the simulator; the test stands between simulator and suite and
 spoils what passes, publishes what it should not, or kills a node. One flight serves all rows.
@@ -577,7 +577,7 @@ def test_simulator_killed_and_restarted(suite: Suite) -> None:
 
 
 def test_the_table_in_the_docs_has_a_test_for_each_row() -> None:
-    page = (ROOT / "docs" / "nodes.md").read_text()
+    page = (ROOT / "docs" / "faults.md").read_text()
     rows = re.findall(r"^\| .* \| `(test_\w+)` \|$", page, re.MULTILINE)
     here = {name for name in globals() if name.startswith("test_")}
     here -= {"test_the_table_in_the_docs_has_a_test_for_each_row"}

@@ -42,7 +42,7 @@ def benchmark_faults(
     """Check every fault, every pair in every phase, and N random sequences of faults.
 
     Mission, reaction and controller are those of the flight, around a point that flies
-    (docs/safety.md). Counted: thrust after touchdown, take-offs without a command, set points
+    (docs/faults.md). Counted: thrust after touchdown, take-offs without a command, set points
     that can't be followed or leave the flight volume, rotors that turn at the end.
 
     With --nodes the running suite hovers in real time, once for each node that is killed,

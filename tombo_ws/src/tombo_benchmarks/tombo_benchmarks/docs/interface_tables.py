@@ -54,7 +54,8 @@ IN_PLACE_OF_SIM = {
 PAGES = {
     "nodes.md": ("nodes", "topics"),
     "px4.md": ("px4_nodes",),
-    "safety.md": ("states", "transitions", "faults"),
+    "safety.md": ("states", "transitions"),
+    "faults.md": ("faults",),
 }
 """Page → its tables."""
 

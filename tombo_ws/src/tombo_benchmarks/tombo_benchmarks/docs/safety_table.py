@@ -1,4 +1,4 @@
-"""The tables of docs/safety.md: the controller's states and transitions, the checker's faults."""
+"""The tables of docs/safety.md (the controller's states, transitions) and docs/faults.md."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Flies with a real PX4 SITL, many seeds, and prints and writes the table of docs/px4.md.
 
-With `--losses` each flight loses something in hover; the table is that of docs/safety.md, and
+With `--losses` each flight loses something in hover; the table is that of docs/faults.md, and
 without a PX4 the simulated one flies.
 """
 
@@ -42,7 +42,7 @@ FLIGHTS: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
 _TABLE: Final = "px4_flights"
 _PAGE: Final = Path("docs/px4.md")
 _LOSS_TABLE: Final = "px4_losses"
-_LOSS_PAGE: Final = Path("docs/safety.md")
+_LOSS_PAGE: Final = Path("docs/faults.md")
 _MM: Final = 1e3
 
 
