@@ -24,7 +24,7 @@ _PROPELLER: Final = "tombo_dynamics/tombo_dynamics/propeller"
 FLIGHTS: Final = "flights"
 """In `depends`: the reference flights, in place of code."""
 LEFT: Final = (
-    "docs/diagnosis.md, Benchmark: tombo benchmark diagnosis --cases 1000 --seed 2031",
+    "docs/diagnosis_benchmarks.md: tombo benchmark diagnosis --cases 1000 --seed 2031",
     "docs/stand.md, Benchmark: tombo benchmark stand --cases 500 --seed 48",
     "docs/stand.md, A real stand: tombo propeller diagnose, on a data set",
     "docs/beta.md, Tested on rendered films: tombo_benchmarks/scripts/beta_from_video.py",

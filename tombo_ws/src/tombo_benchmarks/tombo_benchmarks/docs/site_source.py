@@ -17,22 +17,33 @@ from typing import Any, Final
 import typer
 
 from tombo_bringup.cli.main import app
-from tombo_dynamics.errors import InputError
 
 ROOT: Final = Path(__file__).resolve().parents[5]
 SECTIONS: Final = {
     "Tutorials": ("first_flight", "first_diagnosis", "first_real_flight", "own_vehicle"),
     "How to": (
-        *("live", "nodes", "px4", "safety", "recording", "replay", "logs", "diagnosis"),
+        *(
+            "live",
+            "report",
+            "nodes",
+            "px4",
+            "safety",
+            "recording",
+            "replay",
+            "logs",
+            "diagnosis",
+            "changed",
+        ),
         *("reactions", "python", "risk", "gym", "propeller", "design", "stand", "beta"),
     ),
-    "Reference": ("arena", "losses", "figures", "effects", "conventions", "glossary"),
+    "Reference": ("arena", "faults", "figures", "effects", "conventions", "glossary"),
     "Explanation": (
         *("architecture", "model", "control", "collision", "diagnosis_method"),
         *("diagnosis_benchmarks", "calibration", "reproduction"),
     ),
 }
-"""Heading → pages of `docs/`, in the order in which they are offered."""
+"""Heading → pages of `docs/`, in the order in which they are offered; others are of *How to*."""
+PROJECT: Final = ("README", "CONTRIBUTING", "CHANGELOG")
 GENERATED: Final = ("commands", "parameters", "python_api")
 MODULES: Final = (
     *("tombo", "tombo.gym", "tombo_dynamics.core", "tombo_dynamics.effects.registry"),
@@ -44,11 +55,8 @@ MODULES: Final = (
 def write_source(folder: Path) -> None:
     """Write pages, pictures, linked files and generated reference into an empty folder."""
     pages = sorted((ROOT / "docs").glob("*.md"))
-    listed = {name for names in SECTIONS.values() for name in names}
-    if other := {page.stem for page in pages} ^ listed:
-        raise InputError(f"SECTIONS of {__name__} and docs/ differ: {', '.join(sorted(other))}")
     shutil.rmtree(folder, ignore_errors=True)
-    for page in (*pages, *(ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "CHANGELOG"))):
+    for page in (*pages, *(ROOT / f"{name}.md" for name in PROJECT)):
         _copy_page(page, folder)
     reference = folder / "reference"
     reference.mkdir()
@@ -90,13 +98,14 @@ def index_page() -> str:
         "[first flight](docs/first_flight.md).",
         "",
     ]
+    listed = {name for names in SECTIONS.values() for name in names}
+    others = sorted({page.stem for page in (ROOT / "docs").glob("*.md")} - listed)
     for heading, names in SECTIONS.items():
-        entries = [f"docs/{name}" for name in names]
+        entries = [f"docs/{name}" for name in (*names, *(others if heading == "How to" else ()))]
         if heading == "Reference":
             entries = [f"reference/{name}" for name in GENERATED] + entries
         text += ["```{toctree}", f":caption: {heading}", ":maxdepth: 1", "", *entries, "```", ""]
-    more = ("README", "CONTRIBUTING", "CHANGELOG")
-    text += ["```{toctree}", ":caption: The project", ":maxdepth: 1", "", *more, "```", ""]
+    text += ["```{toctree}", ":caption: The project", ":maxdepth: 1", "", *PROJECT, "```", ""]
     return "\n".join(text)
 
 
@@ -143,31 +152,21 @@ def parameters_page() -> str:
     from tombo_benchmarks.docs.parameter_file import parameter_file
 
     head = (
-        "# Parameters\n\nAll parameters of the nodes, in the form of `--params-file`. Scenario files "
-        "and `--set` have the same names.\n\n```yaml\n"
+        "# Parameters\n\nAll parameters of the nodes, in the form of `--params-file`. Scenario "
+        "files and `--set` have the same names.\n\n```yaml\n"
     )
     return f"{head}{parameter_file()}```\n"
 
 
 def api_page() -> str:
     """Return the directives by which Sphinx reads signatures and docstrings."""
-    text = "Python API\n==========\n\nSignatures and docstrings. What is public: :doc:`/docs/python`.\n"
+    text = (
+        "Python API\n==========\n\n"
+        "Signatures and docstrings. What is public: :doc:`/docs/python`.\n"
+    )
     for name in MODULES:
-        text += f"\n{name}\n{'-' * len(name)}\n\n.. automodule:: {name}\n"
-        if name == "tombo":  # its names are imported when asked for
-            text += "".join(_of_tombo())
-        else:
-            text += "   :members:\n"
+        text += f"\n{name}\n{'-' * len(name)}\n\n.. automodule:: {name}\n   :members:\n"
     return text
-
-
-def _of_tombo() -> Iterator[str]:
-    import tombo
-
-    for name in tombo.__all__:
-        kind = "class" if isinstance(getattr(tombo, name), type) else "function"
-        members = "   :members:\n" if kind == "class" else ""
-        yield f"\n.. auto{kind}:: tombo.{name}\n{members}"
 
 
 def main() -> None:
