@@ -83,13 +83,15 @@ def _reproduction(root: Path, data: Path) -> None:
 
 
 def _flight(root: Path, data: Path) -> None:
+    from tombo_benchmarks.docs.flight_animation import animation
     from tombo_benchmarks.docs.flight_overview import draw_overview
     from tombo_flight.flight import fly_scenario
     from tombo_flight.report.flight_plot import figure_bytes
     from tombo_flight.scenario import load_scenario
 
-    figure = draw_overview(fly_scenario(load_scenario(), 0))
-    (root / "docs" / "flight.png").write_bytes(figure_bytes(figure))
+    flown = fly_scenario(load_scenario(), 0)
+    (root / "docs" / "flight.png").write_bytes(figure_bytes(draw_overview(flown)))
+    (root / "docs" / "flight.gif").write_bytes(animation(flown))
 
 
 def _campaign(root: Path, data: Path) -> None:
@@ -351,7 +353,7 @@ PRODUCTS: Final = (
         _tables,
         tested=True,
     ),
-    Product("flight", ("docs/flight.png",), _flight, (FLIGHTS,)),
+    Product("flight", ("docs/flight.png", "docs/flight.gif"), _flight, (FLIGHTS,)),
     Product("campaign", (CAMPAIGN, "README.md#campaign"), _campaign, (FLIGHTS,)),
     Product(
         "reproduction",
