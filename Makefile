@@ -1,5 +1,6 @@
 # make fly      fly the paper's collision experiment (ARGS='hover --seed 3' for another flight)
 # make live     watch a flight in the browser (ARGS=hover, ARGS=runs/flight, ARGS=suite for running nodes)
+# make workbench  turn a propeller's knobs in the browser
 # make check    lint and the fast tests, in parallel: two minutes
 # make test     lint, then every test (PYTEST_ARGS='-k propeller' for some)
 # make test-px4 PX4=DIR   fly with a real PX4 SITL that was built in DIR (ARGS='--seeds 50'); ARGS=--losses: lose
@@ -25,7 +26,7 @@ unexport PYTHONDONTWRITEBYTECODE
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly live check fast-tests test test-px4 lint format bench docs site messages clean
+.PHONY: help setup fly live workbench check fast-tests test test-px4 lint format bench docs site messages clean
 
 help:
 	@sed -n 's/^# make /make /p' Makefile
@@ -41,6 +42,10 @@ fly:
 live:
 	$(SETUP) --web
 	@$(BIN)/tombo live $(ARGS)
+
+workbench:
+	$(SETUP) --web
+	@$(BIN)/tombo workbench $(ARGS)
 
 PYTEST := $(BIN)/python -m pytest --durations=10 $(PYTEST_ARGS)
 LOADFILE := --dist loadfile --no-loadscope-reorder

@@ -48,7 +48,7 @@ MAY_IMPORT = {
         "tombo_diagnosis",
     },
     "tombo": {*FLOWN, "tombo_flight", "tombo_logs", "tombo_diagnosis"},
-    "tombo_web": {"tombo_dynamics", "tombo_bag", "tombo_flight"},
+    "tombo_web": {"tombo_dynamics", "tombo_bag", "tombo_flight", "tombo_propeller"},
     "tombo_bringup": {
         *FLOWN,
         "tombo_flight",

@@ -1,1 +1,1 @@
-"""The suite in a browser: a flight while it happens, or one that is played back."""
+"""The suite in a browser: a flight while it happens or is played back, and the propeller."""

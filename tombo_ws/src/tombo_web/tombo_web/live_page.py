@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from importlib import resources
 from typing import Any, Final
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from tombo_flight.report import style
@@ -45,18 +45,24 @@ def live_page(title: str, scenario: Mapping[str, Any]) -> str:
             "leg_m": airframe.leg_height,
         },
     }
-    environment = Environment(
-        loader=PackageLoader("tombo_web", "assets"), autoescape=True, undefined=StrictUndefined
-    )
-    environment.globals["asset"] = lambda name: Markup(asset(name))
-    return environment.get_template("live.html.j2").render(
+    return template("live.html.j2").render(
         title=title,
         scripts=_SCENE,
-        css=Markup(_text("live.css")),
-        script=Markup(_text("live.js")),
+        css=Markup(asset_text("live.css")),
+        script=Markup(asset_text("live.js")),
         data=Markup(script_json({"milestones": milestones, "first_picked": FIRST_PICKED})),
     )
 
 
-def _text(name: str) -> str:
+def template(name: str) -> Template:
+    """Return a template of this package; `asset(name)` in it is an asset of the reports."""
+    environment = Environment(
+        loader=PackageLoader("tombo_web", "assets"), autoescape=True, undefined=StrictUndefined
+    )
+    environment.globals["asset"] = lambda name: Markup(asset(name))
+    return environment.get_template(name)
+
+
+def asset_text(name: str) -> str:
+    """Return the text of a file beside the templates."""
     return (resources.files("tombo_web") / "assets" / name).read_text(encoding="utf-8")

@@ -99,6 +99,23 @@ def bound_socket(host: str, port: int) -> socket.socket:
     return listener
 
 
+def serve(app: Starlette, listener: socket.socket) -> None:
+    """Serve an application until the process is asked to stop."""
+    config = uvicorn.Config(
+        app, log_level="warning", ws="websockets-sansio", ws_max_size=_LONGEST_REQUEST,
+        timeout_graceful_shutdown=1,
+    )  # fmt: skip
+    uvicorn.Server(config).run(sockets=[listener])
+
+
+def page_response(access: Access, request: Request, page: str) -> Response:
+    """Return a page, or a refusal for a client that may not see it."""
+    if not access.sees(request):
+        return PlainTextResponse("accepted: the address with its token", 403)
+    return HTMLResponse(page, headers={"Cache-Control": "no-store",
+                                       "Referrer-Policy": "no-referrer"})  # fmt: skip
+
+
 class LiveServer:
     """Makes frames at 30 Hz and sends them to every page."""
 
@@ -127,17 +144,10 @@ class LiveServer:
 
     def run(self, listener: socket.socket) -> None:
         """Serve until the process is asked to stop."""
-        config = uvicorn.Config(
-            self.app, log_level="warning", ws="websockets-sansio", ws_max_size=_LONGEST_REQUEST,
-            timeout_graceful_shutdown=1,
-        )  # fmt: skip
-        uvicorn.Server(config).run(sockets=[listener])
+        serve(self.app, listener)
 
     async def _index(self, request: Request) -> Response:
-        if not self._access.sees(request):
-            return PlainTextResponse("accepted: the address with its token", 403)
-        return HTMLResponse(self._page, headers={"Cache-Control": "no-store",
-                                                 "Referrer-Policy": "no-referrer"})  # fmt: skip
+        return page_response(self._access, request, self._page)
 
     @asynccontextmanager
     async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:

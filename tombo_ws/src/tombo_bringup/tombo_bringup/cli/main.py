@@ -23,6 +23,7 @@ _COMMANDS: Final = (
     "flight.replay_command",
     "live_command",
     "report_command",
+    "workbench_command",
     "compare_command",
     "diagnose_command",
     "why_command",

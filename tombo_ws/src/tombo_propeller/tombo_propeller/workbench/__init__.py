@@ -1,0 +1,1 @@
+"""The propeller workbench: any two-bladed propeller described, computed and drawn."""

@@ -1,0 +1,132 @@
+import shutil
+import threading
+
+import pytest
+
+pytest.importorskip("starlette", reason="`make workbench` was not run")
+pytest.importorskip("httpx", reason="`make workbench` was not run")
+import uvicorn
+from starlette.testclient import TestClient
+
+from tombo_dynamics.propeller import read_library
+from tombo_propeller.workbench.presets import APC_10X7
+from tombo_web.server import Access, bound_socket
+from tombo_web.workbench import Workbench
+from tombo_web.workbench_page import workbench_page
+from tombo_web.workbench_server import WorkbenchServer
+
+LIBRARY = read_library()
+CHROMIUM = shutil.which("chromium")
+READY = "html[data-state=ready]"
+
+
+def client_of(host="127.0.0.1"):
+    server = WorkbenchServer(Workbench(LIBRARY), Access(host, 8361, "secret"), "<p>page</p>")
+    return TestClient(server.app, base_url=f"http://{host}:8361")
+
+
+def test_curves_come_as_json_and_a_knob_moves_them():
+    client = client_of()
+    plain = client.post("/ask/curves", json={}).json()
+    stiff = client.post("/ask/curves", json={"propeller": {"fibres": 9}}).json()
+    assert plain["label"] != stiff["label"]
+    assert plain["panels"][0]["curves"] != stiff["panels"][0]["curves"]
+
+
+@pytest.mark.parametrize(
+    ("host", "headers", "query", "status"),
+    [
+        ("127.0.0.1", {}, "", 200),
+        ("127.0.0.1", {"host": "evil.example:8361"}, "", 403),
+        ("127.0.0.1", {"origin": "http://evil.example"}, "", 403),
+        ("10.0.0.7", {}, "", 403),
+        ("10.0.0.7", {}, "?token=secret", 200),
+    ],
+)
+def test_who_may_ask(host, headers, query, status):
+    client = client_of(host)
+    assert client.post(f"/ask/curves{query}", json={}, headers=headers).status_code == status
+    assert client.get(f"/{query}", headers=headers).status_code == status
+
+
+@pytest.mark.parametrize(
+    ("what", "body", "message"),
+    [
+        ("curves", b"", "no JSON object"),
+        ("curves", b"[" * 50_000, "no JSON object"),
+        ("curves", b'{"a": "' + b"x" * 200_000, "too large"),
+        ("curves", b'{"propeller": 3}', "propeller"),
+        ("curves", b'{"top_rpm": "fast"}', "top_rpm"),
+        ("curves", b'{"propeller": {"blade": "table", "table": "1,2"}}', "rows"),
+        ("no", b"{}", "request"),
+    ],
+)
+def test_a_bad_request_is_refused_with_what_is_accepted(what, body, message):
+    answer = client_of().post(f"/ask/{what}", content=body)
+    assert answer.status_code == 400
+    refused = answer.json()["refused"]
+    assert message in refused and ("accepted" in refused or "is not a number from" in refused)
+
+
+@pytest.fixture(scope="module")
+def address():
+    """Serve a workbench in this process, as `tombo workbench` does."""
+    listener = bound_socket("127.0.0.1", 0)
+    access = Access.new("127.0.0.1", listener.getsockname()[1])
+    app = WorkbenchServer(Workbench(LIBRARY), access, workbench_page(LIBRARY)).app
+    server = uvicorn.Server(uvicorn.Config(app, log_level="warning"))
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+    thread.start()
+    yield access.url
+    server.should_exit = True
+    thread.join()
+    listener.close()
+
+
+@pytest.fixture
+def page(address, request):
+    """Return the open page in a browser without a network, and what its console said."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if CHROMIUM is None:
+        pytest.skip("no chromium on this system")
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        shown = browser.new_page(viewport={"width": request.param, "height": 900})
+        shown.said = []
+        shown.on("console", lambda message: shown.said.append(message.text))
+        shown.on("pageerror", lambda error: shown.said.append(str(error)))
+        shown.goto(address)
+        shown.wait_for_selector(READY, timeout=60_000)
+        yield shown
+        browser.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [1280, 390], indirect=True)
+def test_the_page_by_keyboard_alone(page):
+    before = page.text_content("#label")
+    page.focus("#length_mm")
+    page.keyboard.press("ArrowLeft")
+    page.wait_for_selector(f"{READY}:has(#label:text-matches('11.5 mm long'))")
+    assert page.text_content("#label") != before
+    assert page.locator("#panels canvas").count() == 7
+    wide, seen = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
+    assert wide <= seen and page.said == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [1280], indirect=True)
+def test_a_typed_blade_is_drawn_and_a_bad_one_is_refused_on_the_page(page):
+    page.select_option("#blade", "table")
+    page.fill("#table", "<img src=x onerror=alert(1)> 2 3")
+    page.wait_for_selector("#refused:text-matches('columns')")
+    page.fill("#diameter_mm", "254")
+    page.fill("#table", APC_10X7)
+    page.wait_for_selector("#label:text-matches('^table:')")
+    assert page.text_content("#refused") == ""
+
+
+def test_the_page_loads_nothing():
+    page = workbench_page(LIBRARY)
+    assert "src=" not in page and "http://" not in page and "https://" not in page
+    assert "default-src 'none'" in page

@@ -1,0 +1,269 @@
+"use strict";
+// Knobs are sent as they turn; the newest answer is drawn. Nothing is computed here.
+
+const data = JSON.parse(document.getElementById("data").textContent);
+const find = (id) => document.getElementById(id);
+const token = new URLSearchParams(location.search).get("token") || "";
+const KNOBS = ["fibres", "fibre_diameter_mm", "length_mm", "outer_radius_mm"];
+const LEFT = 46, RIGHT = 8, TOP = 8, BOTTOM = 20;
+if (token) history.replaceState(null, "", location.pathname);
+
+const address = (path) => `${path}?token=${encodeURIComponent(token)}`;
+
+/** Ask the server; resolves to its answer, or throws what it refuses. */
+async function ask(what, values) {
+  const response = await fetch(address(`ask/${what}`), {
+    method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(values),
+  });
+  if (response.headers.get("Content-Disposition")) return response;
+  const answer = await response.json().catch(() => ({ refused: `${response.status}` }));
+  if (!response.ok) throw new Error(answer.refused);
+  return answer;
+}
+
+/** The propeller as it is described by the form. */
+function propeller() {
+  const blade = find("blade").value, values = { blade, soft: find("soft").checked };
+  if (blade === "table") {
+    values.table = find("table").value;
+    if (find("diameter_mm").value) values.diameter_mm = Number(find("diameter_mm").value);
+  }
+  if (!values.soft) return values;
+  values.matrix = find("matrix").value;
+  values.fibre = find("fibre").value;
+  for (const name of KNOBS) if (find(name).dataset.set) values[name] = Number(find(name).value);
+  return values;
+}
+
+class Bench {
+  constructor() {
+    this.wire();
+    this.setKnobs(data.knobs[find("blade").value]);
+    this.refresh();
+    new ResizeObserver(() => this.draw()).observe(find("panels"));
+    window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+  }
+
+  wire() {
+    const form = find("knobs");
+    form.addEventListener("submit", (event) => event.preventDefault());
+    form.addEventListener("input", (event) => this.changed(event.target));
+    find("file").addEventListener("change", async () => {
+      const [file] = find("file").files;
+      if (!file) return;
+      if (file.size > 65536) return this.refuse(`${file.name}: ${file.size} bytes; accepted: up to 65536`);
+      find("table").value = await file.text();
+      this.refresh();
+    });
+  }
+
+  changed(input) {
+    if (input.id === "file") return;
+    if (input.id === "speed") return this.draw();
+    if (input.id === "conf" && input.value) this.setKnobs(data.configurations[input.value]);
+    if (input.id === "blade") {
+      find("own").hidden = input.value !== "table";
+      this.setKnobs(data.knobs[input.value] || null);
+    }
+    if (KNOBS.includes(input.id)) input.dataset.set = "yes";
+    if (!["conf", "soft", "top"].includes(input.id)) find("conf").value = "";
+    find("nodus").disabled = !find("soft").checked;
+    this.showKnobs();
+    this.refresh();
+  }
+
+  /** Set the knobs; without values the server takes those that fit the blade. */
+  setKnobs(values) {
+    for (const name of KNOBS) {
+      if (values) { find(name).value = values[name]; find(name).dataset.set = "yes"; } else delete find(name).dataset.set;
+    }
+    if (values?.matrix) { find("matrix").value = values.matrix; find("fibre").value = values.fibre; }
+    this.showKnobs();
+  }
+
+  showKnobs() {
+    for (const name of KNOBS) {
+      const input = find(name);
+      find(`${name}-shown`).textContent = input.dataset.set ? `${input.value} ${input.dataset.unit}` : "to fit";
+    }
+  }
+
+  /** Ask for new curves; while an answer is awaited only the newest state is kept. */
+  async refresh() {
+    this.stale = true;
+    if (this.asking) return;
+    this.asking = true;
+    document.documentElement.dataset.state = "asking";
+    while (this.stale) {
+      this.stale = false;
+      const turned = performance.now();
+      try {
+        this.show(await ask("curves", { propeller: propeller(), top_rpm: Number(find("top").value) }));
+        this.refuse("");
+        document.documentElement.dataset.lag = (performance.now() - turned).toFixed(1);
+      } catch (error) {
+        this.refuse(error.message);
+      }
+    }
+    this.asking = false;
+    document.documentElement.dataset.state = "ready";
+  }
+
+  refuse(text) { find("refused").textContent = text; }
+
+  show(curves) {
+    this.curves = curves;
+    find("label").textContent = curves.label;
+    find("top").max = find("speed").max = curves.highest_rpm;
+    find("top-shown").textContent = `${curves.rpm.at(-1).toFixed(0)} rpm`;
+    find("figures").replaceChildren(...curves.figures.map(card));
+    find("laws").textContent = Object.values(curves.refused).join(" ");
+    if (find("panels").children.length !== curves.panels.length) {
+      find("panels").replaceChildren(...curves.panels.map(panelBox));
+    }
+    this.draw();
+  }
+
+  draw() {
+    if (!this.curves) return;
+    const { rpm, panels } = this.curves, speed = Math.min(Number(find("speed").value), rpm.at(-1));
+    find("speed-shown").textContent = `${speed.toFixed(0)} rpm`;
+    const style = getComputedStyle(document.documentElement);
+    const colour = (name) => style.getPropertyValue(`--${name}`).trim();
+    panels.forEach((panel, i) => drawPanel(find("panels").children[i], panel, rpm, speed, colour));
+  }
+}
+
+function element(tag, className, ...content) {
+  const node = document.createElement(tag);
+  if (className) node.className = className;
+  node.append(...content);
+  return node;
+}
+
+const plainNumber = (value) => (Math.abs(value) >= 1000 ? value.toFixed(0) : value.toPrecision(4));
+
+function card({ name, value, unit, known, beside }) {
+  return element("div", "card", element("span", "name", name),
+    element("span", "value", plainNumber(value), " ", element("small", "", unit)),
+    element("span", "beside", `${beside} · ${known}`));
+}
+
+function panelBox(panel) {
+  const box = element("section", "panel", element("h2", "", element("span", ""), element("output", "")),
+    element("canvas", ""), element("p", "known"));
+  box.querySelector("canvas").setAttribute("role", "img");
+  box.querySelector("canvas").addEventListener("pointermove", (event) => {
+    const area = event.currentTarget.getBoundingClientRect();
+    const share = (event.clientX - area.left - LEFT) / (area.width - LEFT - RIGHT);
+    find("speed").value = Math.max(0, Math.min(1, share)) * bench.curves.rpm.at(-1);
+    bench.draw();
+  });
+  return box;
+}
+
+const colourOf = (curve) => data.colours[curve.name] || "purple";
+
+/** The value of a curve at a speed, between its points. */
+function valueAt(rpm, values, speed) {
+  const at = (speed / rpm.at(-1)) * (rpm.length - 1), i = Math.min(Math.floor(at), rpm.length - 2);
+  const [a, b] = [values[i], values[i + 1]];
+  return a === null || b === null ? null : a + (at - i) * (b - a);
+}
+
+function drawPanel(box, panel, rpm, speed, colour) {
+  const unit = panel.unit ? ` [${panel.unit}]` : "", canvas = box.querySelector("canvas");
+  box.querySelector("h2 span").textContent = panel.title + unit;
+  box.querySelector(".known").textContent = panel.known;
+  canvas.setAttribute("aria-label", `${panel.title} against rotor speed`);
+  const output = box.querySelector("output");
+  output.replaceChildren(...panel.curves.map((curve) => {
+    const value = valueAt(rpm, curve.values, speed), text = element("span", "", value === null ? "–" : value.toPrecision(3));
+    text.style.color = colour(colourOf(curve));
+    return text;
+  }));
+  const sharp = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
+  canvas.width = width * sharp;
+  canvas.height = height * sharp;
+  const pen = canvas.getContext("2d");
+  pen.setTransform(sharp, 0, 0, sharp, 0, 0);
+  const all = panel.curves.flatMap((c) => [...c.values, ...(c.low || []), ...(c.high || [])]);
+  all.push(...panel.readings.map((r) => r.value + (r.deviation || 0)));
+  const numbers = all.filter((v) => v !== null), low = Math.min(0, ...numbers), high = Math.max(...numbers, low + 1e-3);
+  const x = (v) => LEFT + (v / rpm.at(-1)) * (width - LEFT - RIGHT);
+  const y = (v) => height - BOTTOM - ((v - low) / (high - low)) * (height - TOP - BOTTOM);
+  pen.font = "10px system-ui, sans-serif";
+  axes(pen, { low, high, top: rpm.at(-1) }, { x, y, width, height }, colour);
+  for (const curve of panel.curves) {
+    if (curve.low) band(pen, rpm, curve, x, y, colour(colourOf(curve)));
+  }
+  for (const curve of panel.curves) {
+    pen.strokeStyle = colour(colourOf(curve));
+    pen.lineWidth = 1.7;
+    trace(pen, rpm, curve.values, x, y);
+    pen.stroke();
+  }
+  for (const reading of panel.readings) point(pen, reading, x, y, colour);
+  pen.strokeStyle = colour("accent");
+  pen.lineWidth = 1;
+  pen.beginPath();
+  pen.moveTo(x(speed), TOP);
+  pen.lineTo(x(speed), height - BOTTOM);
+  pen.stroke();
+}
+
+function axes(pen, { low, high, top }, { x, y, width, height }, colour) {
+  const rows = niceTicks(low, high, 4), columns = niceTicks(0, top, Math.max(2, width / 75));
+  pen.lineWidth = 1;
+  pen.strokeStyle = colour("line");
+  pen.fillStyle = colour("muted");
+  pen.textAlign = "right";
+  for (const tick of rows.ticks) {
+    pen.fillText(tick.toFixed(rows.digits), LEFT - 5, y(tick) + 3);
+    pen.beginPath();
+    pen.moveTo(LEFT, y(tick));
+    pen.lineTo(width - RIGHT, y(tick));
+    pen.stroke();
+  }
+  pen.textAlign = "center";
+  columns.ticks.forEach((tick, i) => pen.fillText(i === columns.ticks.length - 1 ? `${tick} rpm` : tick.toFixed(0), Math.min(x(tick), width - 26), height - 5));
+}
+
+function trace(pen, rpm, values, x, y) {
+  pen.beginPath();
+  let joined = false;
+  values.forEach((v, i) => {
+    if (v !== null) { if (joined) pen.lineTo(x(rpm[i]), y(v)); else pen.moveTo(x(rpm[i]), y(v)); }
+    joined = v !== null;
+  });
+}
+
+function band(pen, rpm, curve, x, y, fill) {
+  const known = rpm.map((_, i) => i).filter((i) => curve.low[i] !== null && curve.high[i] !== null);
+  if (!known.length) return;
+  pen.beginPath();
+  known.forEach((i) => pen.lineTo(x(rpm[i]), y(curve.high[i])));
+  known.reverse().forEach((i) => pen.lineTo(x(rpm[i]), y(curve.low[i])));
+  pen.closePath();
+  pen.globalAlpha = 0.16;
+  pen.fillStyle = fill;
+  pen.fill();
+  pen.globalAlpha = 1;
+}
+
+function point(pen, { rpm, value, deviation, chosen }, x, y, colour) {
+  pen.globalAlpha = chosen ? 1 : 0.3;
+  pen.fillStyle = pen.strokeStyle = colour("ink");
+  pen.beginPath();
+  pen.arc(x(rpm), y(value), chosen ? 4 : 2.5, 0, 2 * Math.PI);
+  pen.fill();
+  if (deviation && chosen) {
+    pen.beginPath();
+    pen.moveTo(x(rpm), y(value - deviation));
+    pen.lineTo(x(rpm), y(value + deviation));
+    pen.stroke();
+  }
+  pen.globalAlpha = 1;
+}
+
+const bench = new Bench();

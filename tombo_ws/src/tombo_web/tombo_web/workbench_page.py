@@ -1,0 +1,61 @@
+"""The page of `tombo workbench`: one HTML text that loads nothing."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from markupsafe import Markup
+
+from tombo_dynamics.propeller import LAWS, Library
+from tombo_flight.report.html import asset
+from tombo_flight.report.replay_data import script_json
+from tombo_propeller.workbench.presets import PRESETS, preset
+from tombo_propeller.workbench.propeller_choice import KNOBS, TABLE, default_knobs
+from tombo_web.live_page import asset_text, template
+
+_LAW_COLOURS: Final = dict(zip(LAWS, ("vermillion", "blue", "green"), strict=True))
+_KNOB_WORDS: Final = {
+    "fibres": "Fibres",
+    "fibre_diameter_mm": "Fibre diameter",
+    "length_mm": "Length of the nodus",
+    "outer_radius_mm": "Where the wing begins",
+}
+
+
+def workbench_page(library: Library) -> str:
+    """Return the HTML of the page for the materials and configurations of a library."""
+    blades = {**PRESETS, **{n: n for n in library.blades if n not in PRESETS}}
+    blades[TABLE] = "own blade: a table"
+    data: dict[str, Any] = {
+        "colours": _LAW_COLOURS,
+        "knobs": {
+            name: default_knobs(library.blades.get(name) or preset(name))
+            for name in blades
+            if name != TABLE
+        },
+        "configurations": {
+            c.number: {
+                "blade": c.blade.name,
+                "matrix": c.nodus.matrix.name,
+                "fibre": c.nodus.fibre.name,
+                "fibres": c.nodus.fibres,
+                "fibre_diameter_mm": c.nodus.fibre_diameter_mm,
+                "length_mm": c.nodus.length_mm,
+                "outer_radius_mm": 1e3 * c.blade.joint.outer_radius_m,
+            }
+            for c in library.configurations.values()
+            if c.nodus is not None
+        },
+    }
+    return template("workbench.html.j2").render(
+        blades=blades,
+        matrices=list(library.matrices),
+        fibres=list(library.fibres),
+        configurations=[c.number for c in library.configurations.values() if c.nodus],
+        knobs=[(name, _KNOB_WORDS[name], *KNOBS[name]) for name in KNOBS],
+        laws=_LAW_COLOURS,
+        css=Markup(asset_text("workbench.css")),
+        charts=Markup(asset("charts.js")),
+        script=Markup(asset_text("workbench.js")),
+        data=Markup(script_json(data)),
+    )

@@ -1,0 +1,120 @@
+"""Serves the workbench: its page, and what it asks for, as answers in JSON or as files."""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+from typing import Any, Final
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route
+
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.propeller import Library
+from tombo_web.server import Access, bound_socket, page_response, serve
+from tombo_web.workbench import Answer, Workbench
+from tombo_web.workbench_page import workbench_page
+
+LARGEST_REQUEST: Final = 131_072
+"""Bytes: a table of a blade and some numbers."""
+
+
+class WorkbenchServer:
+    """Answers the page's requests, each by a function of `Workbench`."""
+
+    def __init__(self, bench: Workbench, access: Access, page: str) -> None:
+        """Serve a workbench.
+
+        Args:
+            bench: what computes.
+            access: who may see the page and ask.
+            page: the HTML text.
+        """
+        self._bench, self._access, self._page = bench, access, page
+        self.app = Starlette(
+            routes=[
+                Route("/", self._index),
+                Route("/flight/{number:int}", self._flight),
+                Route("/ask/{what}", self._ask, methods=["POST"]),
+            ]
+        )
+
+    async def _index(self, request: Request) -> Response:
+        return page_response(self._access, request, self._page)
+
+    async def _flight(self, request: Request) -> Response:
+        page = self._bench.flight_page(request.path_params["number"])
+        if page is None:
+            return PlainTextResponse("no such flight; accepted: one of the last flights", 404)
+        return page_response(self._access, request, page)
+
+    async def _ask(self, request: Request) -> Response:
+        if not self._access.sees(request):
+            return PlainTextResponse("accepted: the address with its token", 403)
+        try:
+            values = _object(await _body(request))
+            what = request.path_params["what"]
+            answer = await run_in_threadpool(self._bench.answer, what, values)
+        except InputError as error:
+            return JSONResponse({"refused": str(error)}, 400)
+        return _response(answer)
+
+
+def _response(answer: Answer) -> Response:
+    if answer.file_name is None:
+        return JSONResponse(answer.content, headers={"Cache-Control": "no-store"})
+    named = {"Content-Disposition": f'attachment; filename="{answer.file_name}"'}
+    return Response(answer.content, media_type="application/octet-stream", headers=named)
+
+
+async def _body(request: Request) -> bytes:
+    """Return what was sent.
+
+    Raises:
+        InputError: it is too large; what is beyond the bound is not read.
+    """
+    body = b""
+    async for part in request.stream():
+        body += part
+        if len(body) > LARGEST_REQUEST:
+            raise InputError(f"request: too large; accepted: up to {LARGEST_REQUEST} bytes")
+    return body
+
+
+def _object(body: bytes) -> dict[str, Any]:
+    """Return the JSON object of a request.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        values = json.loads(body)
+    except (ValueError, RecursionError):
+        values = None
+    if not isinstance(values, dict):
+        raise InputError("request: no JSON object; accepted: an object")
+    return values
+
+
+def serve_workbench(library: Library, host: str, port: int) -> None:
+    """Print the page's address and serve it.
+
+    Args:
+        library: materials, blades, configurations, measurements.
+        host: where; others than this machine's own names need the token.
+        port: 0: a free one.
+
+    Raises:
+        InputError: the port is taken, or the address is not this machine's.
+    """
+    listener = bound_socket(host, port)
+    access = Access.new(host, listener.getsockname()[1])
+    bench = Workbench(library)
+    bench.answer("curves", {})  # loads the compiled laws before somebody waits for them
+    server = WorkbenchServer(bench, access, workbench_page(library))
+    print(f"workbench: {access.url}  (Ctrl-C ends it)", flush=True)
+    with suppress(KeyboardInterrupt):  # how the server ends
+        serve(server.app, listener)
