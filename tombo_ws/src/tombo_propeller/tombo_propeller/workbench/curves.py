@@ -126,7 +126,7 @@ def propeller_curves(
     highest = top_speed(chosen) / RPM
     if top_rpm is not None:
         highest = min(highest, check_number("top_rpm", top_rpm, "rpm", (1.0, 1e5)))
-    rpm: Array = np.linspace(0.0, highest, _POINTS)
+    rpm = highest * np.arange(_POINTS, dtype=np.float64) / (_POINTS - 1)
     points: dict[str, Operation] = {}
     refused: dict[str, str] = {}
     for law in LAWS:
