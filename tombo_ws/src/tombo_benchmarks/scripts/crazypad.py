@@ -9,7 +9,9 @@ is right if it is named, or a set of at most three, and the true kind with its r
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 from tombo_bag.flight import Flight
@@ -79,6 +81,18 @@ def verdict_on(diagnosis: Diagnosis, right: set[str]) -> str:
     return "yes" if members & right and len(members) <= LARGEST_SET else "no"
 
 
+def calibration(answers: Sequence[tuple[float, str]]) -> list[str]:
+    """Return lines: stated confidence against what was right, of named and set, in three bins."""
+    lines = []
+    for low, high in pairwise((0.0, 0.8, 0.9, 1.01)):
+        inside = [(c, text) for c, text in answers if low <= c < high and text in ("yes", "no")]
+        if inside:
+            stated = 100.0 * sum(c for c, _ in inside) / len(inside)
+            right = sum(text == "yes" for _, text in inside)
+            lines.append(f"stated {stated:.0f} %: {right} of {len(inside)} right")
+    return lines
+
+
 def main(folder: Path, mapping: Path = MAPPING) -> None:
     """Print the table.
 
@@ -100,10 +114,10 @@ def main(folder: Path, mapping: Path = MAPPING) -> None:
 
     healthy = flights("normal")
     print("| what was done | what is said | right? |\n|---|---|---|")
-    score = 0
+    answers = []
     for condition, (done, right) in CONDITIONS.items():
         found = ask(flights(condition), healthy)
-        score += verdict_on(found, right) == "yes"
+        answers.append((found.confidence, verdict_on(found, right)))
         print(f"| {done} | {said(found)} | {verdict_on(found, right)} |", flush=True)
     trials = [
         (f"flight {k + 1} against the four others", (k,), set(range(len(healthy))) - {k})
@@ -117,7 +131,9 @@ def main(folder: Path, mapping: Path = MAPPING) -> None:
         found = ask([healthy[k] for k in held], [healthy[k] for k in sorted(others)])
         right = "yes" if found.verdict == "none" else "no"
         print(f"| nothing: {name} | {said(found)} | {right} |", flush=True)
-    print(f"\n{score} of {len(CONDITIONS)} conditions right.")
+    counts = Counter(text for _, text in answers)
+    print("\nConditions: " + ", ".join(f"{text} {n}" for text, n in counts.items()))
+    print("\n".join(calibration(answers)))
 
 
 if __name__ == "__main__":

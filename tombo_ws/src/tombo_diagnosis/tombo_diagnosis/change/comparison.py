@@ -42,7 +42,7 @@ _FLIGHT = (0.007, 0.007, 0.007, 0.007, 0.1, 0.1, 0.2, 0.01, 0.01)
 """Spread between flights of one session, of demand of each rotor, shake, swing, trail."""
 _FLIGHT_COMMON = 0.01
 """The same of all rotors together: batteries differ in mass by 3 % of a third of the vehicle."""
-_PRIOR_SESSIONS, _PRIOR_FLIGHTS = 6.0, 4.0
+_PRIOR_SESSIONS, _PRIOR_FLIGHTS = 4.0, 4.0
 """How many of each that weighs."""
 
 TYPICAL_SIZE: Mapping[str, float] = {
@@ -82,7 +82,7 @@ its controller does (the simulated one swings less by 0.2 to 0.4, whatever the t
 _DRAGGED = 0.05
 """Trail of a hanging load [s/m], mean and spread, away from the side that it hangs on: 0.25 % of
 the weight as drag at 0.3 m/s, at the end of an arm."""
-CHANGED = 0.25
+CHANGED = 0.2
 """Probability that nothing has changed, below which something has."""
 
 
