@@ -12,7 +12,6 @@ sys.path += map(str, (ROOT / ".venv" / "lib").glob("python*/site-packages"))
 os.environ.setdefault("NUMBA_DISABLE_JIT", "1")
 
 project = "Tombo"
-author = "the Tombo authors"
 release = os.environ.get("TOMBO_VERSION", "")
 html_title = f"Tombo {release}"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
@@ -24,3 +23,19 @@ myst_heading_anchors = 4
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_default_options = {"show-inheritance": True}
+html_show_search_summary = False  # it would fetch pages, which a file opened in a browser may not
+html_show_copyright = False
+python_maximum_signature_line_length = 88
+ARRAY = "numpy.ndarray[tuple[int, ...], numpy.dtype[numpy.float64]]"
+
+
+def setup(app):
+    """Write the type of an array as the sources do."""
+
+    def shorter(_app, _what, _name, _obj, _options, signature, returns):
+        return tuple(
+            text and text.replace("~", "").replace(ARRAY, "Array").replace("numpy.dtype", "dtype")
+            for text in (signature, returns)
+        )
+
+    app.connect("autodoc-process-signature", shorter)
