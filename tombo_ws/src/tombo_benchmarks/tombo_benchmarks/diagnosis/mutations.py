@@ -27,17 +27,15 @@ from tombo_benchmarks.diagnosis.log_faults import (
     of_stamps,
     of_values,
 )
-from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
+from tombo_benchmarks.diagnosis.ways import against_healthy, diagnosed
 from tombo_diagnosis.diagnosis import Diagnosis
-from tombo_diagnosis.flight.diagnose import check_flights, diagnose_flights
-from tombo_diagnosis.flight.nominal import NominalModel, held_against, nominal_model
+from tombo_diagnosis.flight.nominal import held_against, nominal_model
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.report.page import Cell, Page, Section, Table
 from tombo_flight.vehicle_file import VehicleFile
-from tombo_logs.checks.rotors.hover import hover_of
 
 SEED = 20261128
 _LIGHTER = "mass_error thrust_coefficient_error"
@@ -200,26 +198,17 @@ def _place(finding: Finding) -> str:
 
 
 def _plain(log: Flight, reference: Reference) -> Diagnosis:
-    return _diagnosed([log], nominal_model())
+    return diagnosed([log], nominal_model())
 
 
 def _with_vehicle(log: Flight, reference: Reference) -> Diagnosis:
     assert reference.vehicle is not None
     file = reference.vehicle
-    return _diagnosed(held_against([log], file), nominal_model(vehicle=file))
-
-
-def _diagnosed(logs: Sequence[Flight], nominal: NominalModel) -> Diagnosis:
-    hover = hover_of(nominal.label, nominal.vehicle, nominal.maps)
-    checked, refused = check_flights(logs, hover)
-    return diagnose_flights(checked, nominal, left_out=refused)[0]
+    return diagnosed(held_against([log], file), nominal_model(vehicle=file))
 
 
 def _against_healthy(log: Flight, reference: Reference) -> Diagnosis:
-    (after, faults), (before, more) = (
-        check_flights(side, needed=NEEDED) for side in ([log], reference.healthy)
-    )
-    return diagnose_change(after, before, nominal_model(), left_out=[*faults, *more])[0]
+    return against_healthy([log], reference.healthy)
 
 
 WAYS: Mapping[str, Way] = {

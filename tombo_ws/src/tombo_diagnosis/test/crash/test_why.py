@@ -9,17 +9,11 @@ from tombo_bag.flight import Flight, Series
 from tombo_diagnosis.crash.reason import why
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.readers.csv_mapping import load_mapping, parse_mapping
+from tombo_logs.readers.csv_mapping import load_mapping
 from tombo_logs.readers.log_reader import read_log
 
 DATA = Path(__file__).parents[6] / "shared" / "data"
-CRAZYSWARM = """\
-time: {column: t_s, unit: s}
-channels:
-  position: {columns: [stateEstimateZ.x, stateEstimateZ.y, stateEstimateZ.z], unit: mm}
-  attitude: {columns: [ctrlLee.rpyx, ctrlLee.rpyy, ctrlLee.rpyz], order: rpy, unit: rad}
-  gyro: {columns: [ctrlLee.omegax, ctrlLee.omegay, ctrlLee.omegaz], unit: rad/s}
-"""
+CRAZYSWARM = Path(__file__).parents[5] / "examples" / "crazyswarm2.yaml"
 AT, END = 4.0, 6.0
 
 
@@ -102,7 +96,7 @@ def real(path, mapping):
 
 @pytest.mark.slow
 def test_the_flip_of_a_real_crash_is_timed():
-    found = real("crazyswarm2/log28.csv.gz", parse_mapping(CRAZYSWARM, "crazyswarm"))
+    found = real("crazyswarm2/log28.csv.gz", load_mapping(CRAZYSWARM))
     assert found.cause in ("unknown", "oscillation")
     assert found.time_s == pytest.approx(6.6, abs=0.2)
 
@@ -110,7 +104,7 @@ def test_the_flip_of_a_real_crash_is_timed():
 @pytest.mark.slow
 @pytest.mark.parametrize("log", ["log45", "log113", "log119", "log146", "log149"])
 def test_real_oscillations_are_named(log):
-    found = real(f"crazyswarm2/{log}.csv.gz", parse_mapping(CRAZYSWARM, "crazyswarm"))
+    found = real(f"crazyswarm2/{log}.csv.gz", load_mapping(CRAZYSWARM))
     assert found.cause == "oscillation"
 
 

@@ -1,0 +1,67 @@
+"""`tombo benchmark real`: real flights of known causes, asked of the commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from tombo_benchmarks.cli.benchmark_run import AsJson, Output, checked, run_and_print
+from tombo_bringup.cli.options import Workers, option
+from tombo_dynamics.errors import InputError
+
+
+def benchmark_real(
+    data: Annotated[
+        Path | None,
+        option(
+            "--data DIR",
+            "Folder with crazypad, crazyswarm2, air_garage, flights, nanobench_controllers; what "
+            "is not there is left out. Default: shared/data beside the repository.",
+        ),
+    ] = None,
+    few: Annotated[
+        int | None, option("--few N", "At most N trials of each data set. Default: all.")
+    ] = None,
+    workers: Workers = None,
+    output: Output = None,
+    as_json: AsJson = False,
+) -> None:
+    """Ask about real flights of known causes, and count right, wrong and withheld answers.
+
+    Flights against healthy ones of the vehicle, single logs of mishaps, and healthy flights.
+    With -o the page is written beside the JSON, as .html; a run that is stopped goes on with
+    the same command.
+    """
+    if few is not None and few < 1:
+        raise InputError(f"--few {few}: out of bounds; accepted: 1 or more")
+    from tombo_benchmarks.real.real_benchmark import benchmark
+    from tombo_benchmarks.real.real_page import real_page
+    from tombo_benchmarks.real.trials import ROOT, trials
+    from tombo_bringup.cli.tables import show_page
+    from tombo_flight.report.html import write_page
+
+    folder = ROOT.parent / "shared" / "data" if data is None else data
+    asked = trials(folder, few)
+    count = checked(len(asked), workers, output)
+    rows: list[dict[str, Any]] = []
+
+    def run(cases: int, *options: Any) -> Any:
+        result = benchmark(asked, folder, cases, *options)
+        rows.extend(result.cases)
+        return result
+
+    def show(found: Mapping[str, Any], cases: int) -> None:
+        show_page(real_page(rows, found), as_json=False)
+
+    name = "real" if few is None else f"real --few {few}"
+    run_and_print(name, run, len(asked), 0, count, output, as_json, show)
+    if output is not None:
+        from tombo_benchmarks.real.real_benchmark import aggregate
+
+        page = output.with_suffix(".html")
+        write_page(page, real_page(rows, aggregate(rows)))
+        if not as_json:
+            typer.echo(f"Wrote {page}")

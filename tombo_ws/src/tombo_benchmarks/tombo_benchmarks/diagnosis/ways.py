@@ -1,0 +1,33 @@
+"""What `tombo diagnose` answers about logs as they are read, without its command line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tombo_bag.flight import Flight
+from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
+from tombo_diagnosis.diagnosis import Diagnosis
+from tombo_diagnosis.flight.diagnose import check_flights, diagnose_flights
+from tombo_diagnosis.flight.nominal import NominalModel, nominal_model
+from tombo_logs.checks.rotors.hover import hover_of
+
+
+def diagnosed(logs: Sequence[Flight], nominal: NominalModel) -> Diagnosis:
+    """Check flights and diagnose them.
+
+    Raises:
+        InputError: none of them can be used.
+    """
+    hover = hover_of(nominal.label, nominal.vehicle, nominal.maps)
+    checked, refused = check_flights(logs, hover)
+    return diagnose_flights(checked, nominal, left_out=refused)[0]
+
+
+def against_healthy(new: Sequence[Flight], healthy: Sequence[Flight]) -> Diagnosis:
+    """Check new and healthy flights, and say what has changed.
+
+    Raises:
+        InputError: no flight of one side can be used.
+    """
+    (after, faults), (before, more) = (check_flights(s, needed=NEEDED) for s in (new, healthy))
+    return diagnose_change(after, before, nominal_model(), left_out=[*faults, *more])[0]

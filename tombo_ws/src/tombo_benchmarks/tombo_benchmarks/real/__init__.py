@@ -1,0 +1,1 @@
+"""Real flights of known causes, of which the commands are asked."""
