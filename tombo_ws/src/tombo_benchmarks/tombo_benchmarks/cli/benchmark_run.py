@@ -11,7 +11,6 @@ import typer
 from tombo_bringup.cli.options import integer_option, json_option
 from tombo_bringup.cli.result_files import unwritable, write_file
 from tombo_dynamics.errors import InputError
-from tombo_flight.process.study_folder import Journal
 
 EXIT_CODES: Final = (
     "Exit code: 0 whatever the score; 2 for bad input or output that can't be written; 130 after "
@@ -90,6 +89,7 @@ def run_and_print(
     from tombo_bringup.cli.progress import progress_bar
     from tombo_flight.json_text import as_json as to_json
     from tombo_flight.process.stop_signals import StopSignals
+    from tombo_flight.process.study_folder import Journal
 
     part = None if output is None else output.with_name(f"{output.name}.part")
     kept = None if part is None else Journal(part, f"{name} --seed {seed}")
