@@ -20,7 +20,13 @@ from tombo_bringup.cli.main import app
 
 ROOT: Final = Path(__file__).resolve().parents[5]
 SECTIONS: Final = {
-    "Tutorials": ("first_flight", "first_diagnosis", "first_real_flight", "own_vehicle"),
+    "Tutorials": (
+        "first_flight",
+        "first_diagnosis",
+        "first_real_flight",
+        "own_vehicle",
+        "own_collision",
+    ),
     "How to": (
         *(
             "live",
