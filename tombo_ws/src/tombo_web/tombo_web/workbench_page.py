@@ -28,6 +28,9 @@ def workbench_page(library: Library) -> str:
     blades[TABLE] = "own blade: a table"
     data: dict[str, Any] = {
         "colours": _LAW_COLOURS,
+        "measured_blades": sorted(
+            {c.blade.name for c in library.configurations.values() if c.nodus and c.measured}
+        ),
         "knobs": {
             name: default_knobs(library.blades.get(name) or preset(name))
             for name in blades

@@ -37,7 +37,7 @@ class WorkbenchServer:
         self.app = Starlette(
             routes=[
                 Route("/", self._index),
-                Route("/flight/{number:int}", self._flight),
+                Route("/page/{number:int}", self._result),
                 Route("/ask/{what}", self._ask, methods=["POST"]),
             ]
         )
@@ -45,10 +45,10 @@ class WorkbenchServer:
     async def _index(self, request: Request) -> Response:
         return page_response(self._access, request, self._page)
 
-    async def _flight(self, request: Request) -> Response:
-        page = self._bench.flight_page(request.path_params["number"])
+    async def _result(self, request: Request) -> Response:
+        page = self._bench.page(request.path_params["number"])
         if page is None:
-            return PlainTextResponse("no such flight; accepted: one of the last flights", 404)
+            return PlainTextResponse("no such page; accepted: one of the last results", 404)
         return page_response(self._access, request, page)
 
     async def _ask(self, request: Request) -> Response:
@@ -59,7 +59,8 @@ class WorkbenchServer:
             what = request.path_params["what"]
             answer = await run_in_threadpool(self._bench.answer, what, values)
         except InputError as error:
-            return JSONResponse({"refused": str(error)}, 400)
+            # With a status of its own the browser's console would call it an error.
+            return JSONResponse({"error": str(error)})
         return _response(answer)
 
 

@@ -25,6 +25,8 @@ FIBRE_COUNTS = tuple(range(2, 11))
 DIAMETERS_MM = (0.38, 0.5, 0.75, 0.9, 0.94, 1.2)
 LENGTHS_MM = (6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 20.0)
 OUTER_RADII_MM = (30.0, 35.0, 40.0, 45.0, 50.0, 60.0)
+_GRID_TIP_RADIUS_M = 0.1111
+"""Tip radius of the blade that these lengths and places are for."""
 _CLEARANCE = 2.0
 """Chord that each fibre takes, in diameters: the matrix has to come between them."""
 REFERENCE_LENGTH_M = 0.012
@@ -87,23 +89,30 @@ def properties(configuration: Configuration) -> dict[str, float]:
     }
 
 
-def measured_soft(library: Library, blade: Blade) -> tuple[Configuration, ...]:
+def measured_soft(
+    library: Library, blade: Blade, other_blades: bool = False
+) -> tuple[Configuration, ...]:
     """Return the soft propellers of a library with this blade that have a row in Table III.
+
+    Args:
+        library: of the configurations.
+        blade: of the propellers.
+        other_blades: take those of other blades where there is none with this one.
 
     Raises:
         InputError: there is none.
     """
-    measured = tuple(
-        c
-        for c in library.configurations.values()
-        if c.nodus and c.measured and c.blade.name == blade.name
-    )
+    soft = [c for c in library.configurations.values() if c.nodus and c.measured]
+    measured = [c for c in soft if c.blade.name == blade.name]
+    if not measured and other_blades:
+        measured = soft
     if not measured:
         raise InputError(
             f"blade {blade.name}: no measured soft propeller has it; accepted: a library whose "
-            "measurements.yaml has one (for a new blade, measure one first)"
+            "measurements.yaml has one (for a new blade, measure one first), or --extrapolate, "
+            "which takes the readings of other blades"
         )
-    return measured
+    return tuple(measured)
 
 
 def tested(measured: Iterable[Configuration]) -> TestedRange:
@@ -118,15 +127,20 @@ def candidates(library: Library, blade: Blade) -> list[Configuration]:
     """Return the library's soft propellers with a blade, then the grid without those.
 
     The grid: every matrix with every fibre, 2 to 10 fibres, six diameters, seven lengths, six
-    places. Left out is what does not fit: a nodus off the blade, fibres too close to each other.
+    places; lengths and places go with the size of the blade. Left out is what does not fit: a
+    nodus off the blade, fibres too close to each other.
     """
     known = [c for c in library.configurations.values() if c.nodus and c.blade.name == blade.name]
     seen = {_key(c) for c in known}
     number = free_number(library)
     nodi = [c.nodus for c in known if c.nodus]
-    lengths = sorted({*LENGTHS_MM, *(nodus.length_mm for nodus in nodi)})
+    size = blade.tip_radius_m / _GRID_TIP_RADIUS_M
+    lengths = sorted(
+        {*(round(x * size, 1) for x in LENGTHS_MM), *(nodus.length_mm for nodus in nodi)}
+    )
     diameters = sorted({*DIAMETERS_MM, *(nodus.fibre_diameter_mm for nodus in nodi)})
-    radii = sorted({*OUTER_RADII_MM, 1e3 * blade.joint.outer_radius_m})
+    own_mm = 1e3 * blade.joint.outer_radius_m
+    radii = sorted({*(round(x * size, 1) for x in OUTER_RADII_MM), own_mm})
     own_radius = blade.joint.outer_radius_m
     for radius in radii:
         outer = own_radius if abs(1e-3 * radius - own_radius) < 1e-9 else 1e-3 * radius

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
-from tombo_dynamics.propeller import RPM, Blade, Configuration, Library, evaluate
+from tombo_dynamics.propeller import RPM, Blade, Configuration, Library, evaluate, rotor_inertia
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_propeller.design.candidates import TestedRange, candidates, measured_soft, tested
@@ -25,6 +25,7 @@ MODELLED: Final = "modelled"
 EXTRAPOLATED: Final = "extrapolated"
 _BENCH_SPEED = 2000.0 * RPM
 _NEAREST = 3
+_FORCE = "collision_force_N"
 """Candidates that break a limit and are named."""
 
 
@@ -60,8 +61,13 @@ def judge(
     tested: TestedRange,
     request: DesignRequest,
     vehicle: VehicleParams,
+    blade: Blade,
+    measured_blade: Blade | None = None,
 ) -> CandidateEvaluation:
     """Return the figures of all candidates.
+
+    `measured_blade` is the blade of the readings where the candidates have another one: then
+    nothing is within what was tested, and force goes with `strike_share`.
 
     Thrust margin and lift over drag are the model's: extrapolated in speed, as nobody measured
     beyond 3200 rpm, so their interval is not known and stands at the value. The other three are
@@ -79,8 +85,11 @@ def judge(
     tier = np.zeros(count, dtype=np.int64)
     distance = np.zeros(count)
     reaches = {n: readings[n].quantile(request.confidence) for n in MEASURED}
+    strike = 1.0 if measured_blade is None else strike_share(blade, measured_blade)
     for i, configuration in enumerate(configurations):
         beyond = tested.outside(configuration)
+        if measured_blade is not None:
+            beyond = (f"blade, tested {measured_blade.name}", *beyond)
         distance[i] = tested.distance(configuration) if beyond else 0.0
         label = {NAMES[0]: EXTRAPOLATED, NAMES[4]: EXTRAPOLATED}
         for name in MEASURED:
@@ -92,6 +101,8 @@ def judge(
                 label[name] = MEASURED_HERE
                 continue
             best, error = readings[name].predict(configuration)
+            if name == _FORCE:
+                best, error = best * strike, error * strike
             reach = error * reaches[name]
             value[i, column] = best
             low[i, column], high[i, column] = max(best - reach, 0.0), best + reach
@@ -105,6 +116,15 @@ def judge(
     return CandidateEvaluation(
         configurations, operating, value, low, high, counted, labels, outside, tier, distance
     )
+
+
+def strike_share(blade: Blade, measured_blade: Blade) -> float:
+    """Return how hard a blade strikes over a measured one at the same rotor speed.
+
+    As in the simulator, a strike goes with the rotor's spin momentum over its radius.
+    """
+    heavy = rotor_inertia(blade).total / rotor_inertia(measured_blade).total
+    return heavy * measured_blade.tip_radius_m / blade.tip_radius_m
 
 
 def slack(counted: Array, limits: Sequence[DesignLimit]) -> Array:
@@ -309,11 +329,12 @@ def design(
         on_progress: called with the progress.
 
     Raises:
-        InputError: the library has no measured soft propeller with this blade, or the vehicle is
-            outside of what the simulator takes.
+        InputError: the library has no measured soft propeller with this blade and the request
+            does not extrapolate, or the vehicle is outside of what the simulator takes.
     """
     vehicle = vehicle_for(request, blade)
-    measured = measured_soft(library, blade)
+    measured = measured_soft(library, blade, request.extrapolate)
+    other_blade = None if measured[0].blade.name == blade.name else measured[0].blade
     readings = {name: read(name, measured) for name in MEASURED}
     span = tested(measured)
     on_progress("candidates", 0.0)
@@ -321,7 +342,7 @@ def design(
     on_progress(f"{len(every)} candidates", 0.1)
     operating = flight_performance(every, vehicle, request.law)
     on_progress("judging", 0.9)
-    judged = judge(every, operating, readings, span, request, vehicle)
+    judged = judge(every, operating, readings, span, request, vehicle, blade, other_blade)
     error = thrust_error(measured, request.law)
     if not judged.value[:, 0].max() > 0.0:
         raise InputError(f"blade {blade.name}: no nodus gives thrust; accepted: another blade")

@@ -157,11 +157,13 @@ def vehicle_for(request: DesignRequest, blade: Blade) -> VehicleParams:
     """Return the vehicle: the S500 with another mass and other arms.
 
     Of the S500's inertia the drives' share grows with the square of the arm, the hub's with the
-    mass that is not in the drives. Motors, battery and landing gear stay.
+    mass that is not in the drives. Battery and landing gear stay; the motors turn a tip as fast as
+    the S500's.
     """
     plain = VehicleParams()
     reach = (request.arm_m / plain.arm_length) ** 2
     hub = max(request.mass_kg - _DRIVES_KG, 0.0) / (plain.mass - _DRIVES_KG)
+    faster = plain.rotor_radius / blade.tip_radius_m
     across = max(_DRIVES_XX * reach + (plain.inertia_xx - _DRIVES_XX) * hub, 4e-3)
     vehicle = dataclasses.replace(
         plain,
@@ -171,6 +173,8 @@ def vehicle_for(request: DesignRequest, blade: Blade) -> VehicleParams:
         inertia_yy=across,
         inertia_zz=max(_DRIVES_ZZ * reach + (plain.inertia_zz - _DRIVES_ZZ) * hub, 4e-3),
         rotor_radius=blade.tip_radius_m,
+        rotor_speed_min=plain.rotor_speed_min * faster,
+        rotor_speed_max=plain.rotor_speed_max * faster,
         nodus_radius=blade.joint.outer_radius_m,
         rotor_inertia=rotor_inertia(blade).total,
     )

@@ -21,13 +21,18 @@ from tombo_dynamics.propeller import (
     Library,
     Operation,
     evaluate,
-    rotor_inertia,
     thrust_peak,
     valid_speed,
 )
 from tombo_flight.json_text import plain
 from tombo_propeller.design.candidates import measured_soft
-from tombo_propeller.design.design import EXTRAPOLATED, MEASURED_HERE, MODELLED, thrust_error
+from tombo_propeller.design.design import (
+    EXTRAPOLATED,
+    MEASURED_HERE,
+    MODELLED,
+    strike_share,
+    thrust_error,
+)
 from tombo_propeller.design.response_regression import ResponseModel, read
 from tombo_propeller.workbench.presets import PAPER
 from tombo_propeller.workbench.propeller_choice import PropellerChoice
@@ -160,16 +165,11 @@ def top_speed(configuration: Configuration) -> float:
     return min(SPEED_LIMIT, SPEED_LIMIT * paper_tip_m / configuration.blade.tip_radius_m)
 
 
-def force_share(configuration: Configuration, library: Library, speed_rad_s: Any) -> Any:
-    """Return how hard a blade strikes, over a paper's blade at 2000 rpm.
-
-    In proportion to the rotor's spin momentum over its radius, as in the simulator.
-    """
-    paper, blade = library.blades[PAPER], configuration.blade
-    own = blade if blade.tip_radius_m != paper.tip_radius_m else paper
-    heavy = rotor_inertia(own).total / rotor_inertia(paper).total
-    wide = own.tip_radius_m / paper.tip_radius_m
-    return heavy / wide * speed_rad_s / (BENCH_RPM * RPM)
+def force_share(choice: PropellerChoice, library: Library, speed_rad_s: Any) -> Any:
+    """Return how hard a blade strikes at a speed, over the paper's blade at 2000 rpm."""
+    paper = library.blades[PAPER]
+    share = 1.0 if choice.on_paper_blade else strike_share(choice.blade, paper)
+    return share * speed_rad_s / (BENCH_RPM * RPM)
 
 
 def bench_force(choice: PropellerChoice, library: Library) -> tuple[float, float, float, str]:
@@ -250,7 +250,7 @@ def _modelled(
 
 def _force(choice: PropellerChoice, rpm: Array, library: Library) -> Panel:
     value, low, high, known = bench_force(choice, library)
-    share = force_share(choice.configuration, library, rpm * RPM)
+    share = force_share(choice, library, rpm * RPM)
     text = (
         f"{known} at 2000 rpm, extrapolated in proportion to speed; band: {_CONFIDENCE:.0%} to "
         "each side of a single reading"

@@ -18,8 +18,8 @@ TABLE: Final = "table"
 KNOBS: Final = {
     "fibres": ("", 0.0, 12.0, 1.0),
     "fibre_diameter_mm": ("mm", 0.1, 1.5, 0.01),
-    "length_mm": ("mm", 2.0, 40.0, 0.5),
-    "outer_radius_mm": ("mm", 10.0, 150.0, 0.5),
+    "length_mm": ("mm", 2.0, 40.0, 0.1),
+    "outer_radius_mm": ("mm", 10.0, 150.0, 0.1),
 }
 """Unit, lowest, highest value and step of what a nodus is described by."""
 _KEYS: Final = (*("blade", "table", "diameter_mm", "soft", "matrix", "fibre"), *KNOBS)

@@ -5,6 +5,9 @@ const data = JSON.parse(document.getElementById("data").textContent);
 const find = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.search).get("token") || "";
 const KNOBS = ["fibres", "fibre_diameter_mm", "length_mm", "outer_radius_mm"];
+const VEHICLE = ["mass_kg", "arm_mm", "min_thrust_margin", "max_collision_force_N", "max_recovery_s", "max_noise_dB"];
+const FIGURES = { thrust_margin: ["thrust margin", ""], collision_force_N: ["force", "N"], recovery_s: ["recovery", "s"],
+  noise_dB: ["noise", "dB"], lift_over_drag: ["lift over drag", ""] };
 const LEFT = 46, RIGHT = 8, TOP = 8, BOTTOM = 20;
 if (token) history.replaceState(null, "", location.pathname);
 
@@ -16,8 +19,8 @@ async function ask(what, values) {
     method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(values),
   });
   if (response.headers.get("Content-Disposition")) return response;
-  const answer = await response.json().catch(() => ({ refused: `${response.status}` }));
-  if (!response.ok) throw new Error(answer.refused);
+  const answer = await response.json().catch(() => ({ error: `no answer (${response.status})` }));
+  if (answer.error) throw new Error(answer.error);
   return answer;
 }
 
@@ -35,6 +38,13 @@ function propeller() {
   return values;
 }
 
+/** The vehicle as it is described; what is empty has the server's default. */
+function vehicle() {
+  const values = { law: find("law").value, extrapolate: find("extrapolate").checked };
+  for (const name of VEHICLE) if (find(name).value) values[name] = Number(find(name).value);
+  return values;
+}
+
 class Bench {
   constructor() {
     this.wire();
@@ -48,6 +58,11 @@ class Bench {
     const form = find("knobs");
     form.addEventListener("submit", (event) => event.preventDefault());
     form.addEventListener("input", (event) => this.changed(event.target));
+    find("vehicle").addEventListener("submit", (event) => event.preventDefault());
+    find("recommend").addEventListener("click", () => this.work("design", "searching candidates", (answer) => this.showDesign(answer)));
+    find("fly").addEventListener("click", () => this.work("fly", "flying", (answer) => this.showFlight(answer)));
+    find("library").addEventListener("click", () => this.work("library", "writing", save));
+    find("report").addEventListener("click", () => this.work("report", "drawing", save));
     find("file").addEventListener("change", async () => {
       const [file] = find("file").files;
       if (!file) return;
@@ -64,6 +79,7 @@ class Bench {
     if (input.id === "blade") {
       find("own").hidden = input.value !== "table";
       this.setKnobs(data.knobs[input.value] || null);
+      find("extrapolate").checked = !data.measured_blades.includes(input.value);
     }
     if (KNOBS.includes(input.id)) input.dataset.set = "yes";
     if (!["conf", "soft", "top"].includes(input.id)) find("conf").value = "";
@@ -124,6 +140,54 @@ class Bench {
     this.draw();
   }
 
+  /** Ask for what takes longer, one thing at a time. */
+  async work(what, doing, show) {
+    const buttons = ["recommend", "fly", "library", "report"].map(find), began = performance.now();
+    for (const button of buttons) button.disabled = true;
+    find("busy").textContent = `${doing} …`;
+    find("told").textContent = "";
+    try {
+      await show(await ask(what, { propeller: propeller(), vehicle: vehicle(), top_rpm: Number(find("top").value) }));
+      find("busy").textContent = `done in ${((performance.now() - began) / 1000).toFixed(1)} s`;
+    } catch (error) {
+      find("told").textContent = error.message;
+      find("busy").textContent = "";
+    }
+    for (const button of buttons) button.disabled = false;
+  }
+
+  showDesign({ headline, recommended, reasons, must_give_text, pareto, page }) {
+    const known = pareto.filter((candidate) => candidate.name !== recommended?.name);
+    const rows = [recommended, ...known].filter(Boolean).map((candidate, i) => this.candidate(candidate, i === 0 && recommended));
+    const head = element("tr", "", ...["nodus", ...Object.values(FIGURES).map(([words, unit]) => `${words} ${unit}`), ""].map((text) => element("th", "", text)));
+    find("answer").replaceChildren(element("h2", "", headline), link(page, "Design page with the Pareto front"),
+      ...[...reasons, ...must_give_text].map((text) => element("p", "aside", text)),
+      rows.length ? element("table", "", element("thead", "", head), element("tbody", "", ...rows)) : "");
+  }
+
+  candidate(candidate, best) {
+    const cells = Object.keys(FIGURES).map((name) => {
+      const { value, low, high, known } = candidate.figures[name];
+      const span = high > low ? ` ${low.toPrecision(3)} to ${high.toPrecision(3)}` : "";
+      return element("td", "", value === null ? "–" : value.toPrecision(3), element("small", "", known + span));
+    });
+    const use = element("button", "", "Use");
+    use.addEventListener("click", () => {
+      find("soft").checked = true;
+      find("nodus").disabled = false;
+      this.setKnobs(candidate);
+      this.refresh();
+    });
+    return element("tr", best ? "best" : "", element("th", "", candidate.name, element("small", "", best ? " recommended" : "")), ...cells, element("td", "", use));
+  }
+
+  showFlight({ collided, crashed, recovery_time_s, max_falling_distance_m, force_N, force_capped, page }) {
+    const how = !collided ? "It does not touch the pillar" : crashed ? "It crashes" : recovery_time_s === null ? "It does not settle" : `It recovers in ${recovery_time_s.toFixed(2)} s`;
+    const falls = max_falling_distance_m === null ? "" : `, falls ${max_falling_distance_m.toFixed(2)} m`;
+    const force = `; struck with ${force_N.toFixed(0)} N${force_capped ? ", the most that the simulator takes: the model says more" : ""}.`;
+    find("answer").replaceChildren(element("h2", "", `${how}${falls}${force}`), link(page, "Report with the 3-D replay"));
+  }
+
   draw() {
     if (!this.curves) return;
     const { rpm, panels } = this.curves, speed = Math.min(Number(find("speed").value), rpm.at(-1));
@@ -139,6 +203,24 @@ function element(tag, className, ...content) {
   if (className) node.className = className;
   node.append(...content);
   return node;
+}
+
+function link(page, text) {
+  const anchor = element("a", "", text);
+  anchor.href = address(`page/${page}`);
+  anchor.target = "_blank";
+  anchor.rel = "noopener";
+  return element("p", "", anchor);
+}
+
+/** Save the file that a response holds. */
+async function save(response) {
+  const [, name] = response.headers.get("Content-Disposition").match(/filename="(.*)"/);
+  const anchor = element("a", "");
+  anchor.href = URL.createObjectURL(await response.blob());
+  anchor.download = name;
+  anchor.click();
+  setTimeout(() => URL.revokeObjectURL(anchor.href), 1000);
 }
 
 const plainNumber = (value) => (Math.abs(value) >= 1000 ? value.toFixed(0) : value.toPrecision(4));
