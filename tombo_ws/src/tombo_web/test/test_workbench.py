@@ -146,9 +146,11 @@ def test_a_typed_blade_gets_a_recommendation_files_and_a_report():
     assert "no measured soft propeller" in refused
 
 
-def test_results_are_seen_by_whom_the_page_is_seen():
+def test_results_are_seen_by_whom_the_page_is_seen(monkeypatch):
     assert client_of().get("/page/1").status_code == 404
-    assert client_of("10.0.0.7").get("/page/1").status_code in (403, 404)
+    monkeypatch.setattr(Workbench, "page", lambda bench, number: "<p>flight</p>")
+    assert client_of("10.0.0.7").get("/page/1").status_code == 403
+    assert client_of("10.0.0.7").get("/page/1?token=secret").text == "<p>flight</p>"
 
 
 @pytest.mark.slow

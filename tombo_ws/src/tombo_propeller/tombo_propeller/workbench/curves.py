@@ -84,7 +84,7 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class Figure:
+class SingleFigure:
     """A single number, and how it is known."""
 
     name: str
@@ -103,7 +103,7 @@ class PropellerCurves:
     highest_rpm: float
     """The tip is at Mach 0.6."""
     panels: tuple[Panel, ...]
-    figures: tuple[Figure, ...]
+    figures: tuple[SingleFigure, ...]
     refused: Mapping[str, str]
     """Law → why it can't be computed."""
     outer_radius_mm: float
@@ -287,13 +287,15 @@ def _table_3(
     return tuple(readings)
 
 
-def _figures(choice: PropellerChoice, points: Mapping[str, Operation]) -> tuple[Figure, ...]:
+def _figures(choice: PropellerChoice, points: Mapping[str, Operation]) -> tuple[SingleFigure, ...]:
     """Return the single numbers that a nodus is judged by, law by law."""
     chosen = choice.configuration
     figures = []
     for law in points:
         limit = valid_speed(chosen, law) / RPM
-        figures.append(Figure(f"valid up to, {law}", limit, "rpm", MODELLED, "twist of the tip"))
+        figures.append(
+            SingleFigure(f"valid up to, {law}", limit, "rpm", MODELLED, "twist of the tip")
+        )
         try:
             peak = thrust_peak(chosen, law)
         except InputError:
@@ -301,7 +303,9 @@ def _figures(choice: PropellerChoice, points: Mapping[str, Operation]) -> tuple[
         thrust, speed = float(peak.thrust_N), float(peak.speed_rad_s) / RPM
         if bool(peak.has_maximum):
             figures.append(
-                Figure(f"largest thrust, {law}", thrust, "N", EXTRAPOLATED, f"at {speed:.0f} rpm")
+                SingleFigure(
+                    f"largest thrust, {law}", thrust, "N", EXTRAPOLATED, f"at {speed:.0f} rpm"
+                )
             )
     return tuple(figures)
 

@@ -18,7 +18,7 @@ from tombo_propeller.design.design import Design
 from tombo_propeller.design.flight_check import Recommendation
 from tombo_propeller.design.plots import draw_pareto, draw_readings
 from tombo_propeller.reproduce.plot_style import LAW_COLOURS, sheet, styled
-from tombo_propeller.workbench.curves import Panel, PropellerCurves
+from tombo_propeller.workbench.curves import Panel, PropellerCurves, SingleFigure
 
 _WIDE_IN: Final = (11.0, 13.0)
 
@@ -49,10 +49,16 @@ def draw_curves(curves: PropellerCurves) -> Figure:
     last.set_axis_off()
     handles, labels = axes[0].get_legend_handles_labels()
     last.legend(handles, labels, loc="upper left", frameon=False)
-    lines = [f"{f.name}: {f.value:.4g} {f.unit}, {f.beside} ({f.known})" for f in curves.figures]
+    lines = [_line(f) for f in curves.figures]
     lines += [textwrap.fill(text, 60) for text in curves.refused.values()]
     last.text(0.0, 0.45, "\n".join(lines), va="top", size=8.5, transform=last.transAxes)
     return figure
+
+
+def _line(figure: SingleFigure) -> str:
+    digits = 0 if figure.unit == "rpm" else 2
+    value = f"{figure.value:.{digits}f} {figure.unit}"
+    return f"{figure.name}: {value}, {figure.beside} ({figure.known})"
 
 
 def _draw(axes: Axes, panel: Panel, curves: PropellerCurves) -> None:

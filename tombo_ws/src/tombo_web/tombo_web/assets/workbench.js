@@ -271,7 +271,8 @@ function drawPanel(box, panel, rpm, speed, colour) {
   pen.setTransform(sharp, 0, 0, sharp, 0, 0);
   const all = panel.curves.flatMap((c) => [...c.values, ...(c.low || []), ...(c.high || [])]);
   all.push(...panel.readings.map((r) => r.value + (r.deviation || 0)));
-  const numbers = all.filter((v) => v !== null), low = Math.min(0, ...numbers), high = Math.max(...numbers, low + 1e-3);
+  const numbers = all.filter((v) => v !== null), low = Math.min(...numbers, ...(panel.unit ? [0] : []));
+  const high = Math.max(...numbers, low + 1e-3);
   const x = (v) => LEFT + (v / rpm.at(-1)) * (width - LEFT - RIGHT);
   const y = (v) => height - BOTTOM - ((v - low) / (high - low)) * (height - TOP - BOTTOM);
   pen.font = "10px system-ui, sans-serif";
