@@ -26,6 +26,7 @@ SHARE = ("config", "foxglove", "launch", "rviz")
 # lz4 and zstandard: mcap-ros2-support, which needs them, brings them. All stand in
 # rosdep/python.yaml of github.com/ros/rosdistro.
 ROSDEP_KEY = {
+    "PIL": "python3-pil",
     "cv2": "python3-opencv",
     "filterpy": "python3-filterpy-pip",
     "jinja2": "python3-jinja2",
