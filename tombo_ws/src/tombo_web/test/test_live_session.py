@@ -124,6 +124,8 @@ def test_picked_signals_come_in_every_frame_and_unknown_ones_are_refused():
         {"do": "speed", "value": "2"},
         {"do": "seek", "value": math.nan},
         {"do": "step", "value": None},
+        {"do": "step", "value": 10**400},
+        {"do": "step", "value": True},
         {"do": "pick", "value": "/mocap/pose.position.z"},
         {"do": "pick", "value": ["x"] * 17},
         {"do": "hold"},
@@ -171,3 +173,13 @@ def test_silent_poses_are_a_fault_and_so_is_their_return_told():
     assert [text for _, text in told] == ["no poses of the motion capture", "poses come again"]
     assert told[0][0] == pytest.approx(0.5 + STALE_POSE_S, abs=0.041)
     assert told[1][0] == pytest.approx(1.0, abs=0.021)
+
+
+@pytest.mark.parametrize("rows", [[2, 1, 0], [1, 2, 0]])
+def test_messages_are_played_in_the_order_in_which_they_came(rows):
+    t = np.array([0.0, 1.0, 2.0, np.nan])[[*rows, 3]]
+    position = np.column_stack([t, t, t])
+    playback = Playback(Flight({MOCAP_POSE.name: Topic.of(t, {"position": position})}, "x"))
+    assert (playback.first_s, playback.last_s) == (0.0, 2.0)
+    heights = [message.fields["position"][2] for _ in range(3) for message in playback.step(0.9)]
+    assert heights == [0.0, 1.0, 2.0]

@@ -50,10 +50,17 @@ def test_the_stream_begins_with_hello_and_goes_on_with_frames():
         assert sum(width for _, width in hello["columns"]) == len(frame["row"])
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "1", '{"do": ["pick"]}', '{"do": "no"}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "{", "[]", "1", '{"do": ["pick"]}', '{"do": "no"}', "[" * 4000),
+        '{"do": "seek", "value": ' + "9" * 400 + "}",
+        b"\x00",
+    ],
+)
 def test_a_bad_request_is_refused_and_the_stream_goes_on(text):
     with client_of() as client, client.websocket_connect(STREAM) as stream:
-        stream.send_text(text)
+        (stream.send_bytes if isinstance(text, bytes) else stream.send_text)(text)
         kinds = [stream.receive_json()["kind"] for _ in range(8)]
         assert "refused" in kinds and kinds[-1] == "frame"
 
@@ -100,3 +107,14 @@ def test_the_page_loads_nothing_and_its_title_is_text():
     assert "<script>alert(1)" not in page
     assert "src=" not in page and "http://" not in page and "https://" not in page
     assert "default-src 'none'" in page
+
+
+@pytest.mark.parametrize("host", ["", " ", "a b", "ü..x", "::zz"])
+def test_what_is_no_address_is_named(host):
+    with pytest.raises(InputError, match=f"{host}.*accepted: an address of this machine"):
+        bound_socket(host, 0)
+
+
+def test_a_port_is_taken_from_the_beginning():
+    with bound_socket("127.0.0.1", 0) as first, pytest.raises(InputError, match="in use"):
+        bound_socket(*first.getsockname())

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import Any, Final, Protocol
 
-from tombo_dynamics.errors import InputError
+from tombo_dynamics.errors import InputError, shown
 from tombo_web.live_view import SCENE, LiveView, TopicMessage
 
 FRAME_HZ: Final = 30.0
@@ -149,7 +149,7 @@ class LiveSession:
 
     def _pick(self, names: Any) -> None:
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise InputError(f"pick {names!r}: accepted: a list of names of signals")
+            raise InputError(f"pick {shown(names)}: accepted: a list of names of signals")
         if len(names) > _MOST_PICKED:
             raise InputError(f"pick: {len(names)} signals; accepted: at most {_MOST_PICKED}")
         unknown = [name for name in names if name not in self._view.signals]
@@ -177,6 +177,9 @@ def _number(name: str, value: Any) -> float:
     Raises:
         InputError: it is none, or not finite.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"{name} {value!r}: accepted: a finite number")
-    return float(value)
+    try:
+        if not isinstance(value, bool | str) and math.isfinite(number := float(value)):
+            return number
+    except (TypeError, OverflowError):
+        pass
+    raise InputError(f"{name} {shown(value)}: accepted: a finite number")

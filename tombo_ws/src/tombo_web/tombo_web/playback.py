@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tombo_bag.flight import Flight, Topic
 from tombo_bag.topics import TOPICS
@@ -29,11 +30,12 @@ class Playback:
         Raises:
             InputError: the speed is out of bounds, or the flight holds no message.
         """
-        self._topics = {name: flight.topics[name] for name in flight.topics}
-        self._topics = {n: t for n, t in self._topics.items() if t and len(t.t)}
+        topics = {name: flight.topics[name] for name in flight.topics}
+        self._orders = {name: _order(topic) for name, topic in topics.items() if topic}
+        self._topics = {name: topics[name] for name, order in self._orders.items() if len(order)}
         if not self._topics:
             raise InputError(f"'{flight.source or flight.name}': no messages to play back")
-        self._arrivals = {name: np.asarray(topic.arrival) for name, topic in self._topics.items()}
+        self._arrivals = {n: t.arrival[self._orders[n]] for n, t in self._topics.items()}
         self.first_s = min(float(t[0]) for t in self._arrivals.values())
         self.last_s = max(float(t[-1]) for t in self._arrivals.values())
         self._next = dict.fromkeys(self._topics, 0)
@@ -83,9 +85,15 @@ class Playback:
         spec = TOPICS.get(name)
         rate_hz = spec.rate_hz if spec is not None else _rate_hz(arrivals)
         first = max(first, stop - (_MOST_AT_ONCE if rate_hz < _EVENT_HZ else 1))
-        for i in range(first, stop):
+        for i in self._orders[name][first:stop].tolist():
             fields = _fields_at(topic, i)
-            yield TopicMessage(name, fields, float(topic.t[i]), float(arrivals[i]))
+            yield TopicMessage(name, fields, float(topic.t[i]), float(topic.arrival[i]))
+
+
+def _order(topic: Topic) -> NDArray[np.intp]:
+    """Return the rows of messages as they came; those without a time are left out."""
+    order = np.argsort(topic.arrival, kind="stable")
+    return np.asarray(order[np.isfinite(topic.arrival[order])])
 
 
 def _rate_hz(t: np.ndarray) -> float:  # type: ignore[type-arg]

@@ -85,14 +85,17 @@ def bound_socket(host: str, port: int) -> socket.socket:
     Raises:
         InputError: the address is not this machine's, or taken.
     """
+    if not host.strip():
+        raise InputError(f"--host '{host}': accepted: an address of this machine, as 127.0.0.1")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
-    except OSError as error:
+        listener.listen()  # until then another server can take the port, too
+    except (OSError, TypeError, UnicodeError) as error:  # of a host that is no name, too
         listener.close()
-        reason = error.strerror or str(error)
+        reason = getattr(error, "strerror", None) or str(error)
         raise InputError(
             f"{host}:{port}: {reason}; accepted: an address of this machine and a free port"
         ) from error
@@ -188,7 +191,10 @@ class LiveServer:
         sending = asyncio.create_task(_send_all(client, queue))
         try:
             while True:
-                _put(queue, json.dumps(self._answer(await client.receive_text(), client)))
+                message = await client.receive()
+                if message["type"] == "websocket.disconnect":
+                    break
+                _put(queue, json.dumps(self._answer(message.get("text") or "", client)))
         except (WebSocketDisconnect, RuntimeError):
             pass
         finally:
@@ -202,7 +208,7 @@ class LiveServer:
                 raise InputError("accepted: an object with 'do' and 'value'")
             trusted = self._access.commands(client)
             return self._session.obey(request, time.monotonic(), trusted=trusted)
-        except (InputError, ValueError) as error:
+        except (InputError, ValueError, RecursionError) as error:  # the last: lists in lists
             return {"kind": "refused", "message": str(error)}
 
 

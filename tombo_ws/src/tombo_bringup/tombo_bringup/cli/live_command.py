@@ -72,11 +72,21 @@ def live(
 
 
 def _flight(source: str, seed: int, mapping: str | None, names: dict[str, str]) -> Flight:
-    """Return the flight of a file or a scenario."""
-    if Path(source).exists():
+    """Return the flight of a log, or of a scenario, by its name or its file.
+
+    Raises:
+        InputError: it is neither, or can't be used.
+    """
+    path = Path(source)
+    is_scenario = path.suffix in (".yaml", ".yml")
+    if path.exists() and not is_scenario:
         from tombo_logs.readers.log_reader import read_every_topic
 
-        return read_every_topic(Path(source), mapping, names)[0]
+        return read_every_topic(path, mapping, names)[0]
+    if not is_scenario and (path.suffix or len(path.parts) > 1):
+        raise InputError(
+            f"'{source}' does not exist; accepted: suite, a recording or another log, a scenario"
+        )
     from tombo_flight.flight import fly_scenario
     from tombo_flight.scenario import load_scenario
 

@@ -1,0 +1,20 @@
+"""`tombo live`: what can be the source, and what is said of one that can't."""
+
+import pytest
+
+from tombo_bringup.cli import live_command
+from tombo_dynamics.errors import InputError
+
+
+@pytest.mark.parametrize("source", ["absent.mcap", "runs/absent", "absent.yaml", "absent"])
+def test_a_source_that_is_not_there_is_named(source, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=f"'{source}'.*accepted"):
+        live_command._flight(source, 0, None, {})
+
+
+@pytest.mark.slow
+def test_a_scenario_is_flown_from_its_file(tmp_path):
+    path = tmp_path / "short.yaml"
+    path.write_text("extends: hover\nduration: 0.2\n")
+    assert live_command._flight(str(path), 1, None, {}).scenario["duration"] == 0.2
