@@ -116,3 +116,20 @@ def test_real_oscillations_are_named(log):
 def test_nothing_is_wrong_with_healthy_flights(log):
     found = real(f"{log}.csv.gz", load_mapping("nanobench"))
     assert found.cause == "none" and found.time_s is None
+
+
+def test_samples_within_a_microsecond_are_no_flight():
+    whole = hover()
+    series = {n: Series(1e-7 * s.t, s.values) for n, s in whole.series.items()}
+    with pytest.raises(InputError, match="for a second at least"):
+        why(Flight.measured("tiny", "", series))
+    gyro = {**whole.series, "gyro": series["gyro"]}
+    assert why(Flight.measured("tiny gyro", "", gyro)).cause == "none"
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("error")
+def test_a_gap_of_hours_is_smoothed_without_a_warning():
+    t = np.where(np.arange(600) < 300, 0.0, 9000.0) + 0.01 * np.arange(600)
+    whole = hover().series["position"]
+    why(Flight.measured("gap", "", {"position": Series(t, whole.values)}))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tombo_bag.flight import Flight, Series, Topic
-from tombo_bag.topics import IMU, MOCAP_POSE, SETPOINT
+from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, SETPOINT
 from tombo_diagnosis.report.log_page import MOST_LOGS, log_figures, log_page
 from tombo_dynamics.errors import InputError
 from tombo_flight.report.html import page_html
@@ -80,3 +80,46 @@ def test_every_picture_of_a_log_with_little_in_it_is_drawn():
     assert [picture.name for picture in pictures] == ["Position", "Attitude", "Body rates",
                                                       "Spectra", "Poses"]  # fmt: skip
     assert page_html(page).count("<svg") == len(pictures)
+
+
+def damaged(stamps, values):
+    """600 samples of every quantity with figures."""
+    t = np.asarray(stamps(np.arange(600)), dtype=float)
+    rows = np.asarray(values(np.random.default_rng(3).standard_normal((600, 4))))
+    return Flight({
+        MOCAP_POSE.name: Topic.of(t, {"position": rows[:, :3], "attitude": rows}, t + 0.01),
+        SETPOINT.name: Topic.of(t, {"position": rows[:, :3]}),
+        IMU.name: Topic.of(t, {"gyro": rows[:, :3], "accel": rows[:, 1:]}),
+        BATTERY.name: Topic.of(t, {"voltage": rows[:, :1]}),
+        "/motor_command": Topic.of(t, {"command": rows}),
+    }, "damaged")  # fmt: skip
+
+
+def even(k):
+    return 0.005 * k
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("stamps", "values"),
+    [
+        (lambda k: 0.0 * k, lambda x: x),
+        (lambda k: 0.01 * (k // 3), lambda x: x),
+        (lambda k: -even(k), lambda x: x),
+        (lambda k: even(k) + 3e6 * (k > 300), lambda x: x),
+        (lambda k: np.where(k % 7, even(k), np.nan), lambda x: x),
+        (even, lambda x: np.nan * x),
+        (even, lambda x: 0.0 * x),
+        (even, lambda x: 1e200 * x),
+        (even, lambda x: np.where(x > 1.0, np.inf, x)),
+    ],
+    ids=["frozen", "repeated", "backward", "gap", "nan_time", "nan", "zero", "absurd", "inf"],
+)
+def test_figures_of_damaged_logs_are_finite_or_left_out_without_a_warning(stamps, values):
+    page = log_page([damaged(stamps, values)], [NOT_JUDGED])
+    page_html(page)
+    for name, figure in page.data["logs"][0]["figures"].items():
+        assert figure is None or isinstance(figure, str) or np.isfinite(figure), name
+    rates = page.data["logs"][0]["figures"]["poses [Hz]"]
+    assert rates is None or rates > 0.0

@@ -45,6 +45,8 @@ _JITTER: Final = 0.3
 _UPSET: Final = np.radians(60.0)
 _SETTLED_S: Final = 0.5
 """After lift-off, or after the log's start."""
+_SHORTEST_S: Final = 0.9
+"""Flight [s]: a second of poses at 10 Hz or more."""
 _KNOWN_S: Final = 0.08
 """Beside a sample up to which a channel is known."""
 
@@ -103,7 +105,7 @@ def crash_motion(log: Flight) -> CrashMotion:
     """
     series = {n: s for n, raw in log.series.items() if not nothing_left(s := _clean(log, n, raw))}
     position = series.get("position")
-    if position is None or position.t.size < 20:
+    if position is None or position.t.size < 20 or np.ptp(position.t) < _SHORTEST_S:
         raise InputError(
             f"flight '{log.name}': usable channels are {', '.join(series) or 'none'}; needed to "
             "say why it crashed: position, for a second at least"
@@ -176,6 +178,7 @@ def _known(series: Series, t: Array) -> Mask:
 def _smooth(series: Series, t: Array, sigma: float) -> Array:
     """Return a channel on the clock behind a Gaussian [s]; NaN where it is not known."""
     every = max(round(1.0 / RATE / max(sample_interval(series.t), 1e-6)), 1)
+    every = min(every, series.t.size)
     values = _at(block_means(series.t, every), block_means(series.values, every), t)
     out = gaussian_filter1d(values, sigma * RATE, axis=0)
     out[~_known(series, t)] = np.nan

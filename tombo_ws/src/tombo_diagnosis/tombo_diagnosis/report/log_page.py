@@ -48,6 +48,8 @@ _GAPS: Final = 2.5
 """An interval longer than so many medians is a gap."""
 _SATURATED: Final = 0.995
 """Share of its largest value from which on a motor command counts as at its limit."""
+_ABSURD: Final = 1e9
+"""No sensor of a vehicle measures so much, in SI units: such samples are left out of figures."""
 _XYZ: Final = ("x", "y", "z")
 _TURNS: Final = ("yaw", "pitch", "roll")
 
@@ -154,7 +156,9 @@ def shown(value: float | str | None) -> str:
     """Return a figure as text."""
     if value is None:
         return "–"
-    return value if isinstance(value, str) else f"{value:.4g}"
+    if isinstance(value, str):
+        return value
+    return f"{value:.4g}" if np.isfinite(value) else "–"
 
 
 def log_figures(flight: Flight) -> dict[str, float | str | None]:
@@ -163,15 +167,15 @@ def log_figures(flight: Flight) -> dict[str, float | str | None]:
     pose, accel, gyro = (series.get(name) for name in ("position", "accel", "gyro"))
     command = series.get("motor_command")
     voltage = series.get("voltage")
-    interval = None if pose is None or len(pose.t) < 3 else np.diff(pose.t)
+    interval = None if pose is None else intervals(pose.t)
     late = None if pose is None or pose.arrival is None else 1e3 * (pose.arrival - pose.t)
     return {
-        "duration [s]": flight.duration_s,
+        "duration [s]": _of_known(np.max, np.array([flight.duration_s])),
         "poses [Hz]": None if interval is None else 1.0 / float(np.median(interval)),
         "gaps between poses": None if interval is None else float(gaps(interval)),
         "longest gap [ms]": None if interval is None else 1e3 * float(interval.max()),
-        "latency of poses, median [ms]": None if late is None else float(np.nanmedian(late)),
-        "latency of poses, 95 % [ms]": None if late is None else float(np.nanpercentile(late, 95)),
+        "latency of poses, median [ms]": _of_known(np.median, late),
+        "latency of poses, 95 % [ms]": _of_known(lambda x: np.percentile(x, 95), late),
         "error of position, RMS [m]": tracking_error(flight, MOCAP_POSE.name, SETPOINT.name,
                                                      "position", "position"),
         "error of rates, RMS [rad/s]": tracking_error(flight, IMU.name, RATES_SETPOINT.name,
@@ -180,8 +184,14 @@ def log_figures(flight: Flight) -> dict[str, float | str | None]:
         "largest specific force [m/s²]": _largest(accel),
         "largest body rate [rad/s]": _largest(gyro),
         "motor command at its limit": None if command is None else saturation(command),
-        "lowest voltage [V]": None if voltage is None else float(np.nanmin(voltage.values)),
+        "lowest voltage [V]": None if voltage is None else _of_known(np.min, voltage.values),
     }  # fmt: skip
+
+
+def intervals(stamps: Array) -> Array | None:
+    """Return the intervals [s] between stamps that differ; None: fewer than three of them."""
+    stamps = np.unique(stamps[np.isfinite(stamps)])
+    return np.diff(stamps) if len(stamps) > 2 else None
 
 
 def gaps(intervals: Array) -> int:
@@ -202,14 +212,15 @@ def tracking_error(
         return None
     index = np.searchsorted(wanted.t, real.t, side="right") - 1
     usable = index >= 0
-    error = real.values[usable] - wanted.values[index[usable]]
-    error = error[np.isfinite(error).all(axis=1)]
+    with np.errstate(invalid="ignore", over="ignore"):  # of values that are not finite
+        error = real.values[usable] - wanted.values[index[usable]]
+    error = error[(np.abs(error) < _ABSURD).all(axis=1)]
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1)))) if len(error) else None
 
 
 def saturation(command: Series) -> str:
     """Return in which share of the time a motor is at its limit."""
-    top = float(np.nanmax(command.values))
+    top = _of_known(np.max, command.values) or 0.0
     share = float(np.mean(np.any(command.values >= _SATURATED * max(top, 1.0), axis=1)))
     return f"{100 * share:.1f} %"
 
@@ -225,30 +236,41 @@ def vibration(accel: Series | None) -> float | None:
 
 
 def spectrum_of(series: Series) -> tuple[Array, Array] | None:
-    """Return frequencies [Hz] and power densities (N, width); None: too short or irregular."""
-    t, values = series.t, series.values
-    finite = np.isfinite(values).all(axis=1)
-    t, values = t[finite], values[finite]
-    if len(t) < 256:
+    """Return frequencies [Hz] and power densities (N, width).
+
+    None: too short, irregular, without any motion, or of values that nothing can measure.
+    """
+    usable = np.isfinite(series.t) & (np.abs(series.values) < _ABSURD).all(axis=1)
+    t, first = np.unique(series.t[usable], return_index=True)
+    values = series.values[usable][first]
+    if len(t) < 256 or not np.ptp(values, axis=0).any():
         return None
     rate = 1.0 / float(np.median(np.diff(t)))
-    even = np.arange(t[0], t[-1], 1.0 / rate)
-    if not 256 <= len(even) <= 20 * len(t):
+    if not 256 <= (t[-1] - t[0]) * rate <= 20 * len(t):
         return None
+    even = np.arange(t[0], t[-1], 1.0 / rate)
     evened = np.stack([np.interp(even, t, column) for column in values.T], axis=1)
     frequency, power = welch(evened, rate, nperseg=min(1024, len(even)), axis=0)
     return frequency, power
 
 
+def _of_known(compute: Callable[[Array], Any], values: Array | None) -> float | None:
+    """Return a figure of the finite values; None: there are none."""
+    known = None if values is None else values[np.isfinite(values)]
+    return None if known is None or not known.size else float(compute(known))
+
+
 def _largest(series: Series | None) -> float | None:
-    if series is None or not np.isfinite(series.values).any():
+    if series is None:
         return None
-    return float(np.nanmax(np.linalg.norm(series.values, axis=1)))
+    usable = series.values[(np.abs(series.values) < _ABSURD).all(axis=1)]
+    return float(np.linalg.norm(usable, axis=1).max()) if len(usable) else None
 
 
 def _thinned(series: Series) -> tuple[Array, Array]:
     step = max(1, len(series.t) // _MOST_SAMPLES)
-    return series.t[::step], series.values[::step]
+    values = series.values[::step]
+    return series.t[::step], np.where(np.abs(values) < _ABSURD, values, np.nan)
 
 
 def _has(flight: Flight, curve: Curve) -> bool:

@@ -104,7 +104,7 @@ def _filtered(
         if k:
             kalman.predict(F=known[step][0], Q=known[step][1])
             kalman.update((places[k] - places[0])[None], H=_H)
-            spread = float(kalman.S[0, 0])
+            spread = max(float(kalman.S[0, 0]), noise**2)  # rounding behind gaps of hours
             likelihood -= 1.5 * np.log(spread) + 0.5 * float(np.sum(kalman.y**2)) / spread
         means.append(kalman.x.copy())
         covariances.append(kalman.P.copy())
