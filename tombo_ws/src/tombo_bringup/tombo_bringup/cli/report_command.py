@@ -51,8 +51,9 @@ def report(
     Set points against estimates, spectra, saturation, health of the motion capture and a first
     diagnosis; logs side by side are drawn in the same plots, each from its own beginning.
     """
+    from tombo_bringup.cli.result_files import write_file
     from tombo_diagnosis.report.log_page import MOST_LOGS, log_page
-    from tombo_flight.report.html import write_page
+    from tombo_flight.report.html import page_html
 
     if not as_json and output.exists() and not force:
         raise InputError(f"'{output}' exists; accepted: a new file, or --force")
@@ -61,7 +62,7 @@ def report(
     flights = read(logs, mapping, topic_names("--map", maps or []))
     page = log_page(flights, [reason(flight) for flight in flights])
     if not as_json:
-        write_page(output, page)
+        write_file(output, page_html(page))
     show_page(page, as_json, None if as_json else output.parent, [output.name])
 
 

@@ -32,8 +32,10 @@ def whole_file(path: Path) -> Iterator[Path]:
     After an error nothing new is left.
 
     Raises:
-        OSError: it can't be written.
+        OSError: it can't be written, or is no file, as a device or a folder.
     """
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "it is no file", str(path))
     unfinished = path.with_name(f".{path.name}.unfinished")
     try:
         yield unfinished
