@@ -8,7 +8,6 @@ of the chord, its second moments with the fourth power, mass with volume. Offset
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 from dataclasses import dataclass
 from typing import Any, Final
@@ -28,6 +27,7 @@ DIAMETER_MM: Final = (40.0, 1000.0)
 _ROWS: Final = (4, 200)
 _INNERMOST, _OUTERMOST = 0.3, 0.9
 """Shares of the tip radius that a table has to begin within, and to reach."""
+_LARGEST_NUMBER: Final = 1e6
 _CHORD_SHARE: Final = (0.005, 1.0)
 _TWIST_DEG: Final = (-9.0, 80.0)
 _HEADS: Final = {
@@ -214,7 +214,7 @@ def _row(number: int, cells: list[str]) -> list[float]:
         values = [float(cell) for cell in cells]
     except ValueError:
         values = []
-    if len(values) != 3 or not all(math.isfinite(v) for v in values):
+    if len(values) != 3 or not all(abs(v) < _LARGEST_NUMBER for v in values):
         raise InputError(f"table: row {number} is {shown(' '.join(cells))}; {_ACCEPTED}")
     return values
 
