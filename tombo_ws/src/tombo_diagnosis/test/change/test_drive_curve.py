@@ -1,5 +1,7 @@
 """The drive curve, against data made with a curve that is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -27,6 +29,22 @@ def test_exponents_are_found_where_flights_show_them():
     samples = flight(0, 0.3, (4.1, 3.6), 0.0)
     total = np.exp(curve.demand(samples.command, samples.voltage)).mean(axis=1)
     assert np.std(np.log(total / samples.load_factor)) < 0.2 * np.std(np.log(total))
+
+
+@pytest.mark.parametrize("compensated", [False, True])
+def test_a_battery_that_sags_with_thrust_does_not_flatten_the_curve(compensated):
+    """Of a motor on a duty cycle thrust follows command times voltage, the fast part as well."""
+    made = []
+    for k in range(4):
+        f = flight(k, 0.3, (4.1 - 0.1 * k, 3.7), 0.002)
+        sag = -0.1 * (f.load_factor - 1.0)
+        power = 0.0 if compensated else 1.0
+        whole = np.exp(sag) * f.voltage
+        command = (f.load_factor / 0.8) ** (1.0 / 1.4) / whole**power
+        made.append(replace(f, command=np.tile(command[:, None], 4), sag=sag))
+    curve = fit_drive_curve(made, 1.0)
+    assert curve.exponent == pytest.approx(1.4, abs=0.04)
+    assert curve.supply_exponent == pytest.approx(0.0 if compensated else 1.4, abs=0.1)
 
 
 def test_what_flights_do_not_show_stays_and_is_called_uncertain():

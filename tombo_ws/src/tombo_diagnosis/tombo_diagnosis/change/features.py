@@ -141,7 +141,11 @@ def drive_samples(flight: AirborneFlight) -> DriveSamples:
     t, values = command.t[keep], command.values[keep]
     supply = None if flight.drive == "rotor_speed" else _supply(flight, t)
     load = np.clip(_load_factor(series, t), 0.3, 3.0)
-    return DriveSamples(values, load, supply, sample_interval(t))
+    sag = None
+    if supply is not None:
+        raw = series["voltage"]
+        sag = np.log(np.interp(t, raw.t, raw.values[:, 0]) / supply)
+    return DriveSamples(values, load, supply, sample_interval(t), sag)
 
 
 def _load_factor(series: Mapping[str, Series], t: Array) -> Array:

@@ -55,9 +55,11 @@ class DriveSamples:
     load_factor: Array
     """(N,) thrust over weight: 1 in hover."""
     voltage: Array | None
-    """(N,) [V]"""
+    """(N,) [V], its slow part."""
     step: float
     """[s] between samples."""
+    sag: Array | None = None
+    """(N,) logarithm of the voltage over its slow part; None: as `voltage`."""
 
 
 def fit_drive_curve(
@@ -71,13 +73,29 @@ def fit_drive_curve(
     its evidence is the band between the two, and where flights vary thrust too little for that
     band to be narrow, the exponent stays what it was before.
 
+    A battery sags within a manoeuvre: a higher command gets less of its voltage, which flattens
+    the curve, though a load that stays does not see that, as the slow voltage has it. So the fit
+    is repeated with commands times the sag to the power by which thrust follows the slow voltage,
+    over that of the command: 1 for a motor on a duty cycle, 0 where the drive makes up for it.
+
     Args:
         flights: healthy ones.
         exponent: of the command before the fit.
         trusted: its standard deviation.
     """
+    curve = _fitted(flights, exponent, trusted, 0.0)
+    if all(f.voltage is None or f.sag is None for f in flights):
+        return curve
+    share = min(max(curve.supply_exponent / curve.exponent, 0.0), 1.0)
+    return _fitted(flights, exponent, trusted, share) if share > 0.0 else curve
+
+
+def _fitted(
+    flights: Sequence[DriveSamples], exponent: float, trusted: float, share: float
+) -> DriveCurve:
+    """Fit as `fit_drive_curve`; `share` of the logarithm of the sag is a part of the command."""
     with_supply = all(f.voltage is not None for f in flights)
-    blocks = [_windows(f, exponent, with_supply) for f in flights]
+    blocks = [_windows(f, exponent, with_supply, share) for f in flights]
     rows, load = np.vstack([r for r, _ in blocks]), np.concatenate([t for _, t in blocks])
     command, supply = rows.T
     counts = [len(t) for _, t in blocks]
@@ -123,7 +141,9 @@ def _command_exponent(
     return slope, float(np.hypot(-np.log(min(cl / np.sqrt(cc * ll), 1.0)), np.sqrt(noise / ll)))
 
 
-def _windows(flight: DriveSamples, exponent: float, with_supply: bool) -> tuple[Array, Array]:
+def _windows(
+    flight: DriveSamples, exponent: float, with_supply: bool, share: float
+) -> tuple[Array, Array]:
     """Return logarithms of command and supply (W, 2), and of thrust over weight (W,)."""
     size = max(1, round(_WINDOW_S / flight.step))
     count = max(1, len(flight.load_factor) // size)
@@ -132,7 +152,10 @@ def _windows(flight: DriveSamples, exponent: float, with_supply: bool) -> tuple[
     def mean(values: Array) -> Array:
         return np.asarray(values[: count * size].reshape(count, size).mean(axis=1))
 
-    command = np.log(mean(np.mean(flight.command**exponent, axis=1))) / exponent
+    asked = flight.command
+    if share > 0.0 and flight.sag is not None:
+        asked = asked * np.exp(share * flight.sag)[:, None]
+    command = np.log(mean(np.mean(asked**exponent, axis=1))) / exponent
     supply: Array = np.zeros(count)
     if with_supply and flight.voltage is not None:
         supply = np.log(mean(flight.voltage))
