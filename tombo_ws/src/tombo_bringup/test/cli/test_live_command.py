@@ -1,5 +1,7 @@
 """`tombo live`: what can be the source, and what is said of one that can't."""
 
+import sys
+
 import pytest
 
 from tombo_bringup.cli import live_command
@@ -18,3 +20,12 @@ def test_a_scenario_is_flown_from_its_file(tmp_path):
     path = tmp_path / "short.yaml"
     path.write_text("extends: hover\nduration: 0.2\n")
     assert live_command._flight(str(path), 1, None, {}).scenario["duration"] == 0.2
+
+
+@pytest.mark.parametrize("absent", ["starlette", "websockets", "foxglove"])
+def test_a_library_of_the_web_that_is_absent_is_named(tombo, monkeypatch, absent):
+    for name in [name for name in sys.modules if name.startswith("tombo_web")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, absent, None)
+    result = tombo("live", "absent.mcap", "--foxglove", "1")
+    assert result.code == 2 and "make live" in result.err

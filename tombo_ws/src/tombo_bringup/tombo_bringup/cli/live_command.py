@@ -55,7 +55,12 @@ def live(
     address: its token is needed for them.
     """
     try:
+        import websockets  # noqa: F401  uvicorn loads it at the first page, too late for a word
+
         from tombo_web.live import Address, serve_live
+
+        if foxglove is not None:
+            import tombo_web.foxglove_stream  # noqa: F401
     except ModuleNotFoundError as error:
         raise InputError(f"{error.name} is not installed; accepted: after `make live`") from error
     names, address = topic_names("--map", maps or []), Address(host, port, foxglove)
