@@ -114,7 +114,7 @@ class CandidateResult:
     candidate: ChangeCandidate
     probability: float
     size: Array
-    """(k,) the most probable value of each of its sizes."""
+    """(k,) the median of each of its sizes."""
     low: Array
     high: Array
     """(k,) 95 % of the size's probability."""
