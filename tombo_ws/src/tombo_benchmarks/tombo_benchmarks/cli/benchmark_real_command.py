@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from tombo_benchmarks.cli.benchmark_run import AsJson, Output, checked, run_and_print
 from tombo_bringup.cli.options import Workers, option
 from tombo_dynamics.errors import InputError
@@ -37,6 +35,10 @@ def benchmark_real(
     """
     if few is not None and few < 1:
         raise InputError(f"--few {few}: out of bounds; accepted: 1 or more")
+    if output is not None and output.suffix == ".html":
+        raise InputError(
+            f"-o '{output}': the page has that name; accepted: another ending, of JSON"
+        )
     from tombo_benchmarks.real.real_benchmark import benchmark
     from tombo_benchmarks.real.real_page import real_page
     from tombo_benchmarks.real.trials import ROOT, trials
@@ -51,6 +53,8 @@ def benchmark_real(
     def run(cases: int, *options: Any) -> Any:
         result = benchmark(asked, folder, cases, *options)
         rows.extend(result.cases)
+        if output is not None and len(rows) == cases:  # before printing, which may be cut
+            write_page(output.with_suffix(".html"), real_page(rows, result.aggregate))
         return result
 
     def show(found: Mapping[str, Any], cases: int) -> None:
@@ -58,10 +62,3 @@ def benchmark_real(
 
     name = "real" if few is None else f"real --few {few}"
     run_and_print(name, run, len(asked), 0, count, output, as_json, show)
-    if output is not None:
-        from tombo_benchmarks.real.real_benchmark import aggregate
-
-        page = output.with_suffix(".html")
-        write_page(page, real_page(rows, aggregate(rows)))
-        if not as_json:
-            typer.echo(f"Wrote {page}")
