@@ -76,7 +76,7 @@ class Access:
         origin = connection.headers.get("origin")
         if origin is None:
             return without
-        return str(connection.headers.get("host", "")) == urlsplit(origin).netloc
+        return bool(urlsplit(origin).netloc == connection.headers.get("host", ""))
 
 
 def bound_socket(host: str, port: int) -> socket.socket:
