@@ -19,6 +19,7 @@ SCRIPTS = ROOT / "docker" / "scripts"
 STEPS = sorted(path.name for path in SCRIPTS.glob("*.sh") if path.name != "common.sh")
 TEST_ONLY = {"python3-hypothesis", "python3-pytest"}
 PIP_NAME = {
+    "python3-pil": "pillow",
     "python3-yaml": "pyyaml",
     "python3-opencv": "opencv-python-headless",
     "mcap-ros2-support": "mcap",

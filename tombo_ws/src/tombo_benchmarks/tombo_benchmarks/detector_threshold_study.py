@@ -182,46 +182,40 @@ def draw_study(collisions: Outcomes, free: Outcomes, chosen: float) -> Figure:
         free: of flights without an obstacle.
         chosen: the threshold in use.
     """
-    with new_figure(11.0, 4.6, 110, layout="constrained") as figure:
-        over, against = figure.subplots(1, 2)
-        _draw_over_threshold(over, collisions, free, chosen)
-        _draw_against(against, collisions, free, chosen)
+    with new_figure(11.0, 5.2, 110, layout="constrained") as figure:
+        left, right = figure.subfigures(1, 2)
+        late, alarms = left.subplots(2, 1, sharex=True)
+        _draw_latency(late, collisions)
+        _draw_alarms(alarms, free)
+        for axes in (late, alarms):
+            axes.axvline(chosen, color=style.INK, lw=1.4, ls="--")
+        late.set_title(f"dashed: threshold in use, {chosen:g}", loc="left", fontsize=9)
+        _draw_against(right.subplots(), collisions, free, chosen)
     return figure
 
 
-def _draw_over_threshold(axes: Axes, collisions: Outcomes, free: Outcomes, chosen: float) -> None:
-    for i, (name, outcomes) in reversed(list(enumerate(collisions.items()))):
+def _draw_latency(axes: Axes, collisions: Outcomes) -> None:
+    for i, outcomes in reversed(list(enumerate(collisions.values()))):
         late = [o.latency_ms(95.0) for o in outcomes]
         color, width = (style.BLUE, 2.2) if i == 0 else (style.SKY, 0.9)
-        label = f"p95 latency, {name}" if i == 0 else None
+        label = {0: "the paper's flight", 1: "variations"}.get(i)
         axes.plot(THRESHOLDS, late, color=color, lw=width, label=label)
-    axes.plot([], [], color=style.SKY, lw=0.9, label="p95 latency, variations")
-    axes.axhline(1e3 * REQUIRED_LATENCY_S, color=style.BLUE, lw=1.0, ls=":")
-    axes.set(xscale="log", ylim=(0.0, 200.0), xlabel="threshold on the statistic")
-    axes.set_ylabel("latency from true contact [ms]", color=style.BLUE)
-    axes.axvline(chosen, color=style.INK, lw=1.4, ls="--", label=f"chosen: {chosen:g}")
-    alarms = axes.twinx()
-    names = list(free)
+    required_ms = 1e3 * REQUIRED_LATENCY_S
+    axes.axhline(required_ms, color=style.MUTED, lw=1.0, ls=":", label="required")
+    axes.set(xscale="log", ylim=(0.0, 200.0), ylabel="p95 latency from contact [ms]")
+    axes.legend(loc="upper left", ncols=2)
+
+
+def _draw_alarms(axes: Axes, free: Outcomes) -> None:
+    last = len(free) - 1
     for i, (name, outcomes) in enumerate(free.items()):
         rate = [o.false_alarms_per_minute for o in outcomes]
-        inner = 0 < i < len(names) - 1
-        color, width = (style.ORANGE, 0.9) if inner else (style.VERMILLION, 2.2 if i == 0 else 1.2)
-        alarms.plot(THRESHOLDS, rate, color=color, lw=width)
-        if not inner:
-            where = int(np.argmin(np.abs(np.array(rate) - (14.0 if i else 8.0))))
-            alarms.annotate(
-                name.replace("the ", "the\n"),
-                (THRESHOLDS[where], rate[where]),
-                xytext=(7.0, 0.0),
-                textcoords="offset points",
-                color=color,
-            )
-    axes.plot([], [], color=style.VERMILLION, lw=2.2, label="false alarms, aggressive flights")
-    axes.plot([], [], color=style.ORANGE, lw=0.9, label="the same, variations")
-    alarms.set_ylim(0.0, 20.0)
-    alarms.grid(visible=False)
-    alarms.set_ylabel("false alarms per minute", color=style.VERMILLION)
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+        ends = {0: (style.VERMILLION, 2.2, f"{name} flights"), last: (style.PURPLE, 1.4, name)}
+        color, width, label = ends.get(i, (style.ORANGE, 0.9, "variations" if i == 1 else None))
+        axes.plot(THRESHOLDS, rate, color=color, lw=width, label=label)
+    axes.set(ylim=(0.0, 20.0), ylabel="false alarms per minute")
+    axes.set_xlabel("threshold on the statistic")
+    axes.legend(loc="upper right")
 
 
 def _draw_against(axes: Axes, collisions: Outcomes, free: Outcomes, chosen: float) -> None:
@@ -235,12 +229,12 @@ def _draw_against(axes: Axes, collisions: Outcomes, free: Outcomes, chosen: floa
         axes.plot(rate, late, color=color, lw=1.4, marker=".", ms=4, label=name)
         k = int(np.argmin(np.abs(THRESHOLDS - chosen)))
         axes.plot(rate[k], late[k], "o", color=color, ms=9, mfc="none", mew=1.6)
-        for shown in (5.0, 10.0, 20.0, 40.0, 200.0, 500.0):
+        for shown in (5.0, 20.0, 200.0) if color == style.INK else (10.0, 40.0, 500.0):
             k = int(np.argmin(np.abs(THRESHOLDS - shown)))
             axes.annotate(
                 f"{shown:g}",
                 (rate[k], late[k]),
-                xytext=(5.0, 4.0),
+                xytext=(5.0, -9.0 if color == style.INK else 5.0),
                 textcoords="offset points",
                 fontsize=7,
                 color=color,

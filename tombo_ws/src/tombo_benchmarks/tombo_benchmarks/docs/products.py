@@ -82,6 +82,20 @@ def _reproduction(root: Path, data: Path) -> None:
     overview(found).savefig(root / "docs" / "reproduction.png", dpi=110)
 
 
+def _drawings(root: Path, data: Path) -> None:
+    from tombo_benchmarks.docs.drawings import draw_frames, draw_lab, draw_propeller, draw_states
+    from tombo_flight.report.flight_plot import figure_bytes
+    from tombo_propeller.workbench.presets import PAPER, preset
+
+    for name, figure in (
+        ("propeller", draw_propeller(preset(PAPER))),
+        ("frames", draw_frames()),
+        ("lab", draw_lab()),
+        ("safety", draw_states()),
+    ):
+        (root / "docs" / f"{name}.png").write_bytes(figure_bytes(figure))
+
+
 def _flight(root: Path, data: Path) -> None:
     from tombo_benchmarks.docs.flight_animation import animation
     from tombo_benchmarks.docs.flight_overview import draw_overview
@@ -352,6 +366,15 @@ PRODUCTS: Final = (
         ),
         _tables,
         tested=True,
+    ),
+    Product(
+        "drawings",
+        ("docs/propeller.png", "docs/frames.png", "docs/lab.png", "docs/safety.png"),
+        _drawings,
+        (
+            "tombo_control/tombo_control/safety",
+            "tombo_benchmarks/tombo_benchmarks/docs/drawings.py",
+        ),
     ),
     Product("flight", ("docs/flight.png", "docs/flight.gif"), _flight, (FLIGHTS,)),
     Product("campaign", (CAMPAIGN, "README.md#campaign"), _campaign, (FLIGHTS,)),

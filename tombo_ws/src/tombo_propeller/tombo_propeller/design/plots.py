@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import matplotlib as mpl
@@ -11,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
 from tombo_propeller.design.design import Design, costs, nondominated
 from tombo_propeller.design.flight_check import Recommendation
@@ -85,10 +87,6 @@ def _panel(
                 continue
             axes.plot(x[some], y[some], ".", ms=size, mew=0, color=colour, alpha=alpha)
         axes.plot(x[here & measured], y[here & measured], "o", ms=6.5, color=colour, zorder=4)
-    for i in np.flatnonzero(measured):
-        if np.isfinite(x[i]) and np.isfinite(y[i]):
-            name = str(judged.configurations[i].number)
-            axes.annotate(name, (x[i], y[i]), (5, 4), textcoords="offset points", fontsize=7.5)
     _front(axes, design, quantity)
     _interval(axes, design, quantity)
     _limits(axes, design, quantity)
@@ -97,10 +95,30 @@ def _panel(
     if (chosen := recommendation.index) is not None:
         axes.plot(x[chosen], y[chosen], "o", ms=15, mew=2.4, mfc="none", color=style.GREEN,
                   zorder=6)  # fmt: skip
+    seen = measured & np.isfinite(x) & np.isfinite(y)
+    names = [str(judged.configurations[i].number) for i in np.flatnonzero(seen)]
+    _name_points(axes, x[seen], y[seen], names)
     unit = f" [{quantity.unit}]" if quantity.unit else ""
     where = ", at 2000 rpm" if quantity.name in MEASURED else ", in hover, modelled"
     axes.set_ylabel(f"{quantity.words}{where}{unit}")
     axes.set_title(_finding(design, quantity), loc="left", fontsize=9)
+
+
+def _name_points(axes: Axes, x: Array, y: Array, names: Sequence[str]) -> None:
+    """Write names beside points, each at the first of eight places where no other name is."""
+    scale = 72.0 / axes.figure.dpi
+    points = scale * axes.transData.transform(np.stack((x, y), axis=1))
+    taken: list[Array] = []
+    for point, name in zip(points, names, strict=True):
+        places = [np.array((dx, dy)) for dy in (9.0, -9.0, 19.0, -19.0) for dx in (9.0, -9.0)]
+        free = (p for p in places if all(np.abs(point + p - t).max() > 9.0 for t in taken))
+        offset = next(free, places[0])
+        taken.append(point + offset)
+        across, up = axes.transData.inverted().transform(point / scale)
+        axes.annotate(
+            name, (float(across), float(up)), (float(offset[0]), float(offset[1])), ha="center",
+            va="center", textcoords="offset points", fontsize=7.5, zorder=7,
+        )  # fmt: skip
 
 
 def _matrices(design: Design) -> list[str]:

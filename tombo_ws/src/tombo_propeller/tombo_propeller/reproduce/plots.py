@@ -212,7 +212,9 @@ def overview(r: Reproduction) -> Figure:
     law = "published" if "published" in r.numbers.laws else next(iter(r.numbers.laws))
     ratio_axes(panels[4], r, law)
     panels[4].set_ylabel("lift over drag")
-    panels[4].legend(loc="lower right", frameon=True, edgecolor="none", framealpha=0.9)
+    low, high = panels[4].get_ylim()
+    panels[4].set_ylim(low, high + 0.45 * (high - low))  # room for the legend above the curves
+    panels[4].legend(loc="upper right", ncols=2)
     heading(panels[4], f"The printed ε_mld: {_under(r.laws('eps_mld'))} (shown: {law})")
     for name in r.numbers.laws:
         universal_axes(panels[5], name)
