@@ -49,7 +49,7 @@ ROSDEP_KEY = {
 TEST_KEYS = {"python3-hypothesis", "python3-pytest"}
 WITHOUT_KEY = {
     *("daqp", "distributed", "foxglove", "gymnasium", "openturns", "pyarrow", "pyulog"),
-    *("ruptures", "starlette", "uvicorn"),
+    *("ruptures", "starlette", "uvicorn", "websockets"),
 }
 """Imports for which rosdep has no key: from pip, which docs/nodes.md says."""
 

@@ -224,6 +224,8 @@ def _figures(campaign: Mapping[str, Any]) -> Table:
 
 
 def _outcome(total: Mapping[str, Any]) -> str:
+    if not total["flights"]:
+        return "No flight has ended."
     low, high = total["crash_rate_95"]
     more = {"crashed": f" ({100.0 * low:.1f} to {100.0 * high:.1f} %)"}
     counts = ("collided", "detected", "recovered", "crashed", "landed")
