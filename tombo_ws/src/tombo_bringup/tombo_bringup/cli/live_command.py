@@ -20,6 +20,8 @@ app = typer.Typer()
 
 LIVE_EXIT_CODES = "Exit code: 0 after Ctrl-C; 2 for bad input, or where `make live` was not run."
 SUITE = "suite"
+NICENESS = 10
+"""Of the page of running nodes, from its first import on: their loops come first."""
 
 
 @app.command(epilog=LIVE_EXIT_CODES)
@@ -54,6 +56,8 @@ def live(
     Of a running suite it asks for hold, land and kill too, if the page is opened by the printed
     address: its token is needed for them.
     """
+    if source == SUITE:
+        os.nice(NICENESS)
     try:
         import websockets  # noqa: F401  uvicorn loads it at the first page, too late for a word
 
