@@ -1,9 +1,8 @@
 """Who may import whom: the rules that keep the maths pure and the graph of packages a tree.
 
 - A pure file reaches no ROS: `rclpy`, generated messages and `tombo_ros` belong to `*_node.py`
-  files and to the package tombo_ros. `pymavlink` belongs to tombo_px4 and to the reader of
-  telemetry logs, `cv2` to `tombo_propeller/flap_video/`, compiled code to the packages of the
-  compile cache.
+  files and to the package tombo_ros. `pymavlink` belongs to tombo_px4, `cv2` to
+  `tombo_propeller/flap_video/`, compiled code to the packages of the compile cache.
 - A package imports only what `MAY_IMPORT` lists for it, and nobody's node.
 - Names with `ned` or `frd` as a part live in tombo_px4 and where PX4's logs are read: everywhere
   else the world is ENU and the body FLU.
@@ -33,10 +32,10 @@ MAY_IMPORT = {
     # The fused kernel runs the physics and all cores in one compiled loop.
     "tombo_sim": MATHS,
     "tombo_ros": {"tombo_dynamics", "tombo_bag"},
-    "tombo_px4": {"tombo_dynamics", "tombo_control", "tombo_sim"},
+    "tombo_px4": {"tombo_dynamics", "tombo_control", "tombo_bag", "tombo_sim"},
     "tombo_flight": FLOWN,
     # The functions that simulate an effect are the ones that the diagnosis fits.
-    "tombo_logs": {"tombo_dynamics", "tombo_bag", "tombo_flight"},
+    "tombo_logs": {"tombo_dynamics", "tombo_bag", "tombo_px4", "tombo_flight"},
     "tombo_diagnosis": {"tombo_dynamics", "tombo_bag", "tombo_sim", "tombo_flight", "tombo_logs"},
     "tombo_propeller": {
         "tombo_dynamics",
@@ -88,8 +87,6 @@ NED_FRD = {("tombo_px4",), ("tombo_logs", "readers", "ulog.py")}
 CLOCKLESS = {*LIBRARIES, "tombo_px4"}
 SHELLS = {("tombo_diagnosis", "report")}
 """Folders of pure packages that are no maths: they start processes, draw and write files."""
-TELEMETRY_LOG = ("tombo_bag", "formats", "telemetry_log.py")
-"""The reader of MAVLink logs, beside tombo_px4 the only one that may use pymavlink."""
 SEEDED = {"BitGenerator", "Generator", "PCG64", "Philox", "SeedSequence", "default_rng"}
 SECOND_SIMULATOR = ("tombo_benchmarks", "diagnosis", "second_simulator")
 """Judges the diagnosis, so it shares nothing with the model that is fitted."""
@@ -167,7 +164,7 @@ def violations(package: str, path: Path, source: str) -> list[str]:
             if root not in allowed:
                 complain(line, f"imports {root}: {package} may not")
         elif root == "pymavlink":
-            if package != "tombo_px4" and here != TELEMETRY_LOG:
+            if package != "tombo_px4":
                 complain(line, "imports pymavlink: that belongs to tombo_px4")
         elif root == "cv2" and here[:2] != ("tombo_propeller", "flap_video"):
             complain(line, "imports cv2: that belongs to tombo_propeller/flap_video/")
@@ -303,7 +300,6 @@ def test_no_files_import_each_other_in_a_loop():
         ("tombo_control", "rate_node.py", "import tombo_sim", "tombo_control may not"),
         ("tombo_dynamics", "params.py", "import pandas", "may use"),
         ("tombo_control", "a.py", "import pymavlink", "belongs to tombo_px4"),
-        ("tombo_bag", "formats/telemetry_log.py", "import pymavlink", ""),
         ("tombo_diagnosis", "track.py", "import cv2", "belongs to tombo_propeller"),
         ("tombo_propeller", "flap_video/disc.py", "import cv2", ""),
         ("tombo_px4", "hil/a.py", "from tombo_dynamics.jit import compiled", "cache's key"),

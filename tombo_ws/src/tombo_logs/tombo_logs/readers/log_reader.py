@@ -12,7 +12,6 @@ import numpy as np
 from tombo_bag.flight import Flight
 from tombo_bag.formats.chunks import MAGIC as MCAP_MAGIC
 from tombo_bag.formats.sqlite_bag import MAGIC as SQLITE_MAGIC
-from tombo_bag.formats.telemetry_log import is_tlog
 from tombo_bag.recording import SUFFIXES, ZSTD_MAGIC
 from tombo_dynamics.errors import InputError
 from tombo_flight.recorded_flight import read_flight
@@ -23,6 +22,7 @@ from tombo_logs.readers.log_names import flight_names
 from tombo_logs.readers.tlog import read_tlog
 from tombo_logs.readers.ulog import MAGIC as ULOG_MAGIC
 from tombo_logs.readers.ulog import read_ulog
+from tombo_px4.telemetry_log import is_tlog
 
 READABLE = "MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, telemetry log (tlog), CSV, CSV.gz"
 _BAG_MAGIC = (MCAP_MAGIC, SQLITE_MAGIC, b"#ROSBAG", ZSTD_MAGIC)

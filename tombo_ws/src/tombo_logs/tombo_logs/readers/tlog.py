@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from tombo_bag.columns import ColumnTable
 from tombo_bag.flight import Flight, damage_findings
-from tombo_bag.formats.telemetry_log import MOCAP, telemetry_messages
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.readers.ulog import estimate_findings, px4_series
+from tombo_px4.telemetry_log import MOCAP, telemetry_messages
 
 
 def read_tlog(path: Path, name: str) -> Flight:

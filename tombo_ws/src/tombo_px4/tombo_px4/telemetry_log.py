@@ -149,7 +149,8 @@ def _extra_bytes() -> dict[int, bytes]:
     from pymavlink.dialects.v20 import ardupilotmega  # takes time, which other logs need not
 
     known = {number: m.crc_extra for number, m in ardupilotmega.mavlink_map.items()}
-    return {n: bytes([known.get(n, _ESC_STATUS_EXTRA)]) for n in _MESSAGES}
+    known.setdefault(_ESC_STATUS, _ESC_STATUS_EXTRA)
+    return {number: bytes([known[number]]) for number in _MESSAGES}
 
 
 def _table(message: _Message, stream: _Stream) -> ColumnTable:
