@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from tombo_bringup.cli.options import JsonOnly, option
+from tombo_bringup.cli.options import JsonOnly, LogMapping, option
 
 
 def benchmark_mutations(
@@ -28,9 +28,7 @@ def benchmark_mutations(
             "--vehicle NAME|FILE", "A vehicle file from other flights: it is asked with it, too."
         ),
     ] = None,
-    mapping: Annotated[
-        str | None, option("--mapping FILE|NAME", "What the columns of a CSV are (docs/logs.md).")
-    ] = None,
+    mapping: LogMapping = None,
     as_json: JsonOnly = False,
 ) -> None:
     """Damage a log in 22 ways, one at a time, and count how often `tombo diagnose` names it.

@@ -14,6 +14,7 @@ from typer.core import TyperCommand
 
 from tombo_bringup.cli.options import (
     Force,
+    LogMapping,
     TopicNames,
     UnpackLimit,
     former_option,
@@ -90,13 +91,7 @@ def diagnose(
             "tolerances say what is no finding. Default: the suite's own.",
         ),
     ] = None,
-    mapping: Annotated[
-        str | None,
-        option(
-            "--mapping FILE|NAME",
-            "What the columns of a CSV are, in which units and frames (docs/logs.md).",
-        ),
-    ] = None,
+    mapping: LogMapping = None,
     explain: Annotated[
         bool,
         option(

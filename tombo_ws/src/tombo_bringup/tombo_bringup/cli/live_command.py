@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import TopicNames, option, topic_names
+from tombo_bringup.cli.options import Host, LogMapping, TopicNames, option, topic_names
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -35,16 +35,12 @@ def live(
         ),
     ] = SUITE,
     seed: Annotated[int, option("--seed N", "Of a scenario.", min=0)] = 0,
-    mapping: Annotated[
-        str | None, option("--mapping FILE|NAME", "What the columns of a CSV are (docs/logs.md).")
-    ] = None,
+    mapping: LogMapping = None,
     maps: TopicNames = None,
     speed: Annotated[
         float, option("--speed X", "Recorded time over real time, 0.01 to 100.")
     ] = 1.0,
-    host: Annotated[
-        str, option("--host ADDRESS", "Address to serve at; others than 127.0.0.1 need the token.")
-    ] = "127.0.0.1",
+    host: Host = "127.0.0.1",
     port: Annotated[int, option("--port P", "0: a free one.", min=0, max=65535)] = 8360,
     foxglove: Annotated[
         int | None,

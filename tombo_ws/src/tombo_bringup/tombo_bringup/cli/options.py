@@ -314,6 +314,16 @@ Px4Url = Annotated[
 Force = Annotated[
     bool, option("--force", "Replace the results in DIR; other files in it are left alone.")
 ]
+LogMapping = Annotated[
+    str | None,
+    option(
+        "--mapping FILE|NAME",
+        "What the columns of a CSV are, in which units and frames (docs/logs.md).",
+    ),
+]
+Host = Annotated[
+    str, option("--host ADDRESS", "Address to serve at; others than 127.0.0.1 need the token.")
+]
 TopicNames = Annotated[
     list[str] | None,
     option(

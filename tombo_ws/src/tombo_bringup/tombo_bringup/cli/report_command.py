@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import TopicNames, json_option, option, topic_names
+from tombo_bringup.cli.options import LogMapping, TopicNames, json_option, option, topic_names
 from tombo_bringup.cli.tables import show_page
 from tombo_dynamics.errors import InputError
 
@@ -31,9 +31,7 @@ def report(
             show_default=False,
         ),
     ],
-    mapping: Annotated[
-        str | None, option("--mapping FILE|NAME", "What the columns of a CSV are (docs/logs.md).")
-    ] = None,
+    mapping: LogMapping = None,
     maps: TopicNames = None,
     output: Annotated[
         Path,

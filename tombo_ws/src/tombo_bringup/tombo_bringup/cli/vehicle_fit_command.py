@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import JsonOnly, UnpackLimit, number_option, option
+from tombo_bringup.cli.options import JsonOnly, LogMapping, UnpackLimit, number_option, option
 from tombo_bringup.cli.progress import progress_bar
 from tombo_bringup.cli.result_files import check_new_yaml
 from tombo_dynamics.errors import InputError
@@ -42,9 +42,7 @@ def from_flights(
         float | None,
         number_option("--mass KG", "As weighed: flights show thrust over mass only.", "a number"),
     ] = None,
-    mapping: Annotated[
-        str | None, option("--mapping FILE|NAME", "What the columns of a CSV are (docs/logs.md).")
-    ] = None,
+    mapping: LogMapping = None,
     force: Annotated[bool, option("--force", "Replace FILE.")] = False,
     unpack_limit: UnpackLimit = None,
     as_json: JsonOnly = False,

@@ -9,9 +9,9 @@ import typer
 
 from tombo_bringup.cli.options import (
     Force,
+    LogMapping,
     TopicNames,
     json_option,
-    option,
     output_option,
     topic_names,
 )
@@ -41,13 +41,7 @@ def why(
             show_default=False,
         ),
     ],
-    mapping: Annotated[
-        str | None,
-        option(
-            "--mapping FILE|NAME",
-            "What the columns of a CSV are, in which units and frames (docs/logs.md).",
-        ),
-    ] = None,
+    mapping: LogMapping = None,
     maps: TopicNames = None,
     output: Annotated[
         str | None,

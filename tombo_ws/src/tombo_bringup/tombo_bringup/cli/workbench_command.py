@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tombo_bringup.cli.options import option
+from tombo_bringup.cli.options import Host, option
 from tombo_dynamics.errors import InputError
 
 app = typer.Typer()
@@ -21,9 +21,7 @@ def workbench(
         list[Path] | None,
         option("--library DIR", "Folder with own materials, blades, configurations."),
     ] = None,
-    host: Annotated[
-        str, option("--host ADDRESS", "Address to serve at; others than 127.0.0.1 need the token.")
-    ] = "127.0.0.1",
+    host: Host = "127.0.0.1",
     port: Annotated[int, option("--port P", "0: a free one.", min=0, max=65535)] = 8361,
 ) -> None:
     """Turn a propeller's knobs in the browser: thrust, torque, deformation, collision force."""
