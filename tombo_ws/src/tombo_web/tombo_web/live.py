@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import Any
 
+from starlette.applications import Starlette
+
 from tombo_web.live_page import live_page
 from tombo_web.live_session import LiveSession, Source
-from tombo_web.server import Access, LiveServer, bound_socket
+from tombo_web.server import Access, LiveServer, serve_page
 
 
 @dataclass(frozen=True)
@@ -41,21 +44,17 @@ def serve_live(
     Raises:
         InputError: a port is taken, or the address is not this machine's.
     """
-    listener = bound_socket(address.host, address.port)
-    access = Access.new(address.host, listener.getsockname()[1])
-    session = LiveSession(source, title, obstacle)
-    stream: Any = None
-    if address.foxglove is not None:
-        from tombo_web.foxglove_stream import FoxgloveStream
+    with ExitStack() as stack:
 
-        stream = FoxgloveStream(address.host, address.foxglove)
-    publish = None if stream is None else stream.publish
-    server = LiveServer(session, access, live_page(title, scenario or {}), publish)
-    print(f"live: {access.url}  (Ctrl-C ends it)", flush=True)
-    try:
-        server.run(listener)
-    except KeyboardInterrupt:  # how the server ends
-        pass
-    finally:
-        if stream is not None:
-            stream.close()
+        def application(access: Access) -> Starlette:
+            session, publish = LiveSession(source, title, obstacle), None
+            if address.foxglove is not None:
+                from tombo_web.foxglove_stream import FoxgloveStream
+
+                stream = stack.enter_context(
+                    closing(FoxgloveStream(address.host, address.foxglove))
+                )
+                publish = stream.publish
+            return LiveServer(session, access, live_page(title, scenario or {}), publish).app
+
+        serve_page("live", address.host, address.port, application)

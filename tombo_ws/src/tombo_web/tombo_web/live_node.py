@@ -194,13 +194,8 @@ def main() -> None:
         finally:
             suite.close()
     except InputError as error:
-        sys.exit(refuse(str(error)))
-
-
-def refuse(message: str) -> int:
-    """Print why it does not start; return the exit code."""
-    print(f"Error: {message}", file=sys.stderr)
-    return 2
+        print(f"Error: {error}", file=sys.stderr)
+        sys.exit(2)
 
 
 if __name__ == "__main__":

@@ -9,10 +9,8 @@ from typing import Any, Final
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-from tombo_flight.report import style
 from tombo_flight.report.html import asset
-from tombo_flight.report.milestones import PHASE_NAMES
-from tombo_flight.report.replay_data import DrawnAirframe, script_json
+from tombo_flight.report.replay_data import scene_block, script_json
 
 _SCENE: Final = ("flight.js", "camera.js", "vehicle.js", "scene.js", "charts.js")
 FIRST_PICKED: Final = (
@@ -31,20 +29,8 @@ def live_page(title: str, scenario: Mapping[str, Any]) -> str:
         title: what is shown.
         scenario: of the flight, for the lengths of the vehicle; empty: the default vehicle.
     """
-    airframe = DrawnAirframe.of(scenario)
-    colours = [style.PHASE_COLOURS.get(i, style.FAINT) for i in range(len(PHASE_NAMES))]
     instants = ("contact_s", "unstable_end_s", "recovery_end_s", "contact_height_m", "lowest_m")
-    milestones = {
-        **dict.fromkeys(instants),
-        "verdict": "",
-        "phase_colours": colours,
-        "shape": {
-            "rotors_m": airframe.rotors_m,
-            "disc_m": airframe.rotor_radius,
-            "nodus_m": airframe.nodus_radius,
-            "leg_m": airframe.leg_height,
-        },
-    }
+    milestones = {**dict.fromkeys(instants), "verdict": "", **scene_block(scenario)}
     return template("live.html.j2").render(
         title=title,
         scripts=_SCENE,

@@ -8,7 +8,7 @@ import secrets
 import socket
 import time
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Final
 from urllib.parse import urlsplit
@@ -102,8 +102,29 @@ def bound_socket(host: str, port: int) -> socket.socket:
     return listener
 
 
-def serve(app: Starlette, listener: socket.socket) -> None:
-    """Serve an application until the process is asked to stop."""
+def serve_page(
+    name: str, host: str, port: int, application: Callable[[Access], Starlette]
+) -> None:
+    """Print a page's address, and serve it until the process is asked to stop.
+
+    Args:
+        name: what is printed before the address.
+        host: where; others than this machine's own names need the token.
+        port: 0: a free one.
+        application: made for who may see the page.
+
+    Raises:
+        InputError: the port is taken, or the address is not this machine's.
+    """
+    listener = bound_socket(host, port)
+    access = Access.new(host, listener.getsockname()[1])
+    app = application(access)
+    print(f"{name}: {access.url}  (Ctrl-C ends it)", flush=True)
+    with suppress(KeyboardInterrupt):  # how the server ends
+        _serve(app, listener)
+
+
+def _serve(app: Starlette, listener: socket.socket) -> None:
     config = uvicorn.Config(
         app, log_level="warning", ws="websockets-sansio", ws_max_size=_LONGEST_REQUEST,
         timeout_graceful_shutdown=1,
@@ -144,10 +165,6 @@ class LiveServer:
             routes=[Route("/", self._index), WebSocketRoute("/stream", self._stream)],
             lifespan=self._lifespan,
         )
-
-    def run(self, listener: socket.socket) -> None:
-        """Serve until the process is asked to stop."""
-        serve(self.app, listener)
 
     async def _index(self, request: Request) -> Response:
         return page_response(self._access, request, self._page)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from contextlib import suppress
 from typing import Any, Final
 
 from starlette.applications import Starlette
@@ -14,7 +13,7 @@ from starlette.routing import Route
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import Library
-from tombo_web.server import Access, bound_socket, page_response, serve
+from tombo_web.server import Access, page_response, serve_page
 from tombo_web.workbench import Answer, Workbench
 from tombo_web.workbench_page import workbench_page
 
@@ -111,11 +110,10 @@ def serve_workbench(library: Library, host: str, port: int) -> None:
     Raises:
         InputError: the port is taken, or the address is not this machine's.
     """
-    listener = bound_socket(host, port)
-    access = Access.new(host, listener.getsockname()[1])
-    bench = Workbench(library)
-    bench.answer("curves", {})  # loads the compiled laws before somebody waits for them
-    server = WorkbenchServer(bench, access, workbench_page(library))
-    print(f"workbench: {access.url}  (Ctrl-C ends it)", flush=True)
-    with suppress(KeyboardInterrupt):  # how the server ends
-        serve(server.app, listener)
+
+    def application(access: Access) -> Starlette:
+        bench = Workbench(library)
+        bench.answer("curves", {})  # loads the compiled laws before somebody waits for them
+        return WorkbenchServer(bench, access, workbench_page(library)).app
+
+    serve_page("workbench", host, port, application)

@@ -217,16 +217,13 @@ def flight_block(flight: Flight, milestones: FlightMilestones) -> dict[str, Any]
 
 def milestones_block(flight: Flight, milestones: FlightMilestones) -> dict[str, Any]:
     """Data of the scripts beside the columns, ready for JSON."""
-    obstacle, airframe = milestones.obstacle, DrawnAirframe.of(flight.scenario)
+    obstacle = milestones.obstacle
     return {
+        **scene_block(flight.scenario),
         **{name: getattr(milestones, name) for name in _MILESTONES},
         "verdict": milestones.verdict.value,
         "obstacle": None if obstacle is None else vars(obstacle),
         "phases": [[s.start_s, s.end_s, s.phase] for s in milestones.phases],
-        "phase_names": PHASE_NAMES,
-        "phase_colours": [
-            style.PHASE_COLOURS.get(i, style.FAINT) for i in range(len(PHASE_NAMES))
-        ],
         "rotor_names": ROTOR_NAMES,
         "events": [
             {
@@ -235,6 +232,17 @@ def milestones_block(flight: Flight, milestones: FlightMilestones) -> dict[str, 
                 "text": str(event.get("text", "")),
             }
             for event in flight.events
+        ],
+    }
+
+
+def scene_block(scenario: Mapping[str, Any]) -> dict[str, Any]:
+    """Data of the scene that are the same in all flights of a scenario, ready for JSON."""
+    airframe = DrawnAirframe.of(scenario)
+    return {
+        "phase_names": PHASE_NAMES,
+        "phase_colours": [
+            style.PHASE_COLOURS.get(i, style.FAINT) for i in range(len(PHASE_NAMES))
         ],
         "shape": {
             "rotors_m": airframe.rotors_m,

@@ -181,23 +181,16 @@ class Live {
   }
 
   write() {
-    const { rows, last, now } = this, at = (name) => rowAt(rows, name, now);
+    const { rows, last, now } = this;
     find("clock-time").textContent = `${now.toFixed(2)} s`;
     const phase = find("clock-phase");
     phase.textContent = last.state.phase || "";
     phase.style.background = data.milestones.phase_colours[Math.round(heldAt(rows, "mode", now)[0])] || "";
-    list(find("gauges"), [
-      ["height", `${at("position")[2].toFixed(2)} m`],
-      ["speed", `${Math.hypot(...at("velocity")).toFixed(2)} m/s`],
-      ["tilt", `${tiltOf(attitudeAt(rows, now)).toFixed(1)} °`],
-      ["front-left thrust", `${at("rotor_thrust")[2].toFixed(2)} N`],
-      ["front-left speed", `${((at("rotor_speed")[2] * 30) / Math.PI).toFixed(0)} rpm`],
-      ["front-left fold", `${(100 * at("fold")[2]).toFixed(0)} %`],
-    ]);
+    fillList(find("gauges"), gaugeRows(rows, now));
     const { pose } = last, shown = (x) => (x === null ? "–" : `${x.toFixed(0)} ms`);
     const states = Object.entries(last.state).filter(([key]) => key !== "pose" && !key.startsWith("node "));
     const faulty = Object.entries(last.state).filter(([key, text]) => key.startsWith("node ") && !text.includes(": ok"));
-    list(find("states"), [
+    fillList(find("states"), [
       ["poses", `latency ${shown(pose.latency_ms)}, age ${shown(pose.age_ms)}`, pose.silent ? "bad" : ""],
       ...states.map(([key, text]) => [key.replace(/^\//, "").replace(/_/g, " "), text]),
       ...faulty.map(([, text]) => ["node", text, "bad"]),
@@ -300,20 +293,6 @@ class Live {
       act();
     });
   }
-}
-
-/** Fill a definition list with rows [name, text, style?], without making it anew. */
-function list(node, rows) {
-  while (node.children.length < 2 * rows.length) {
-    node.append(document.createElement("dt"), document.createElement("dd"));
-  }
-  while (node.children.length > 2 * rows.length) node.lastChild.remove();
-  rows.forEach(([name, text, style = ""], i) => {
-    const dt = node.children[2 * i], dd = node.children[2 * i + 1];
-    if (dt.textContent !== name) dt.textContent = name;
-    if (dd.textContent !== text) dd.textContent = text;
-    dd.className = style;
-  });
 }
 
 window.live = new Live();

@@ -83,6 +83,34 @@ function tiltOf([x, y]) {
   return (2 * Math.asin(clamp(Math.hypot(x, y), 0, 1)) * 180) / Math.PI;
 }
 
+/** What the gauges show at `time`: rows [name, value with unit]. */
+function gaugeRows(flight, time) {
+  const at = (name) => rowAt(flight, name, time);
+  return [
+    ["height", `${at("position")[2].toFixed(2)} m`],
+    ["speed", `${Math.hypot(...at("velocity")).toFixed(2)} m/s`],
+    ["tilt", `${tiltOf(attitudeAt(flight, time)).toFixed(1)} °`],
+    ["front-left thrust", `${at("rotor_thrust")[2].toFixed(2)} N`],
+    ["front-left speed", `${((at("rotor_speed")[2] * 30) / Math.PI).toFixed(0)} rpm`],
+    ["front-left fold", `${(100 * at("fold")[2]).toFixed(0)} %`],
+  ];
+}
+
+/** Fill a definition list with rows [name, text, style?], without making it anew. */
+function fillList(node, rows) {
+  const missing = rows.length - node.children.length / 2;
+  for (let k = 0; k < missing; k++) {
+    node.append(document.createElement("dt"), document.createElement("dd"));
+  }
+  for (let k = 0; k < -2 * missing; k++) node.lastChild.remove();
+  const names = node.querySelectorAll("dt"), texts = node.querySelectorAll("dd");
+  rows.forEach(([name, text, style = ""], i) => {
+    if (names[i].textContent !== name) names[i].textContent = name;
+    if (texts[i].textContent !== text) texts[i].textContent = text;
+    texts[i].className = style;
+  });
+}
+
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 const add = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
 const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];

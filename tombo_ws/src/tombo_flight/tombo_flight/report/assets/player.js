@@ -79,7 +79,7 @@ class Player {
     this.charts.cursor(this.time, this.pointed);
     this.find("time").value = String(this.time);
     this.writeClock(shown);
-    this.writeGauges(shown);
+    fillList(this.find("gauges"), gaugeRows(this.flight, shown));
   }
 
   writeClock(time) {
@@ -91,28 +91,6 @@ class Player {
     const phase = Math.round(heldAt(this.flight, "mode", time)[0]), chip = this.find("clock-phase");
     chip.textContent = milestones.phase_names[phase] ?? `phase ${phase}`;
     chip.style.background = milestones.phase_colours[phase] ?? "#c9d1d8";
-  }
-
-  writeGauges(time) {
-    const { flight } = this, at = (name) => rowAt(flight, name, time);
-    const rows = [
-      ["height", at("position")[2].toFixed(2), "m"],
-      ["speed", Math.hypot(...at("velocity")).toFixed(2), "m/s"],
-      ["tilt", tiltOf(attitudeAt(flight, time)).toFixed(1), "°"],
-      ["front-left thrust", at("rotor_thrust")[2].toFixed(2), "N"],
-      ["front-left speed", ((at("rotor_speed")[2] * 30) / Math.PI).toFixed(0), "rpm"],
-      ["front-left fold", (100 * at("fold")[2]).toFixed(0), "%"],
-    ];
-    const list = this.find("gauges");
-    if (!list.children.length) {
-      for (const [name] of rows) {
-        const dt = document.createElement("dt");
-        dt.textContent = name;
-        list.append(dt, document.createElement("dd"));
-      }
-    }
-    const cells = list.querySelectorAll("dd");
-    rows.forEach(([, value, sign], i) => { cells[i].textContent = `${value} ${sign}`; });
   }
 
   // -- controls --------------------------------------------------------------------------
