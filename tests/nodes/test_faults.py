@@ -12,6 +12,7 @@ import itertools
 import math
 import os
 import re
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -48,7 +49,13 @@ from tombo_bag.topics import (
     TRUE_ODOMETRY,
     TopicSpec,
 )
-from tombo_msgs.msg import CollisionEvent, EstimatorStatus, PositionSetpoint, RotorSpeeds
+from tombo_msgs.msg import (
+    CollisionEvent,
+    EstimatorStatus,
+    MissionStatus,
+    PositionSetpoint,
+    RotorSpeeds,
+)
 from tombo_ros.conversion import to_ns, to_time
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
@@ -150,13 +157,45 @@ class Suite(SimpleNamespace):
         assert max(state.pose.pose.position.z for state in self.wait(3.0)) < 0.3, "uncommanded"
         obeyed, why = call_trigger(self.world, "mission", "takeoff")
         assert obeyed or "it flies" in why, why  # an answer may be lost, see `call`
-        with in_time():  # a late machine loses its position, lands and waits for an operator
-            self.world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 1.4, 60.0)
+        self.rise()
+
+    def rise(self) -> None:
+        """Wait for the hover. A late machine may lose its position and land: take off again."""
+        begin = asked = time.monotonic()
+        while self.height() < 1.4:
+            now = time.monotonic()
+            with in_time():
+                assert now < begin + 90.0, f"at {self.height():.2f} m\n{self.reports()}"
+            if now > asked + 5.0 and self.phase() in (MissionStatus.IDLE, MissionStatus.LANDED):
+                call_trigger(self.world, "mission", "takeoff")
+                asked = now
+            time.sleep(0.1)
         self.settle()
+
+    def height(self) -> float:
+        """Return the true height [m]; before the first message on the ground."""
+        self.world.hear()
+        heard = self.world.heard[TRUE_ODOMETRY.name]
+        return float(heard[-1].pose.pose.position.z) if heard else 0.0
+
+    def phase(self) -> int:
+        """Return the mission's phase."""
+        self.world.hear()
+        heard = self.world.heard[MISSION_STATUS.name]
+        return int(heard[-1].phase) if heard else MissionStatus.IDLE
 
     def truth(self) -> Any:
         self.world.hear()
         return self.world.heard[TRUE_ODOMETRY.name][-1]
+
+    def reports(self) -> str:
+        """Return what the nodes have reported since the last `settle`, and the mission's phase."""
+        self.world.hear()
+        lines = []
+        for message in self.world.heard[DIAGNOSTICS.name][self.mark :]:
+            when_s = to_ns(message.header.stamp) * 1e-9
+            lines += [f"{when_s:.2f} s {s.name}: {s.message}" for s in message.status if s.message]
+        return "\n".join([*lines, str(self.world.heard[MISSION_STATUS.name][-1:])])
 
     def flown_s(self) -> float:
         return to_ns(self.truth().header.stamp) * 1e-9
@@ -236,8 +275,7 @@ def hovering(folder: Path) -> Iterator[Suite]:
         made.spoiler.start()
         for name in NODES:
             made.start(name)
-        world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 1.4, 90.0)
-        made.settle()
+        made.rise()
         yield made
     finally:
         made.spoiler.running = False
@@ -283,6 +321,7 @@ def suite(hangar: Hangar, request: pytest.FixtureRequest) -> Iterator[Suite]:
     flying.spoiler.pose, flying.spoiler.doubled = None, False
     yield flying
     if failed(request.node):
+        sys.stdout.write(flying.reports())  # pytest shows it beside the failure
         with contextlib.suppress(Exception):  # the failure is told; this one is its echo
             hangar.close()
 
@@ -551,11 +590,12 @@ def test_node_killed_and_restarted(suite: Suite, name: str, observer: str, key: 
     begin = len(suite.world.heard[TRUE_ODOMETRY.name])
     suite.kill(name)
     suite.report(observer, key)
+    suite.world.hear()
+    restarted = len(suite.world.heard[DIAGNOSTICS.name])
     suite.start(name)
-    until = time.monotonic() + 60.0
-    while suite.world.node.count_publishers("/diagnostics") < len(NODES):
-        assert time.monotonic() < until
-        time.sleep(0.02)
+    suite.world.wait_for(
+        DIAGNOSTICS, lambda m: any(status.name == name for status in m.status), since=restarted
+    )
     suite.wait(1.0)
     states = suite.world.heard[TRUE_ODOMETRY.name][begin:]
     with in_time():
