@@ -18,6 +18,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from tombo_dynamics.errors import InputError, shown
 from tombo_flight.json_text import as_json
 from tombo_flight.process.output_folder import make_numbered, whole_file, write_whole
@@ -155,17 +157,25 @@ class StudyFolder:
             InputError: a part can't be read.
             OSError: the table can't be written.
         """
+        if self._journal:
+            self._seal()
+        paths = sorted(self._first, key=self._first.__getitem__)
+        if len(paths) == 1:  # it is the table
+            paths[0].replace(self.table)
+        else:
+            self._join(paths)
+        with suppress(OSError):
+            self._parts.rmdir()
+        self._first = {self.table: self._first[paths[0]]}
+
+    def _join(self, paths: Sequence[Path]) -> None:
+        """Write the table out of parts, which are in the order of their smallest keys."""
         import pyarrow as pa
         import pyarrow.compute as pc
         import pyarrow.parquet as pq
 
-        if self._journal:
-            self._seal()
-        if list(self._first) == [self.table]:
-            return
         schema = self._schema()
         waiting = schema.empty_table()
-        paths = sorted(self._first, key=self._first.__getitem__)
         with whole_file(self.table) as unfinished, pq.ParquetWriter(unfinished, schema) as writer:
             for path, following in zip(paths, [*paths[1:], None], strict=True):
                 waiting = pa.concat_tables([waiting, self._read(path)]).sort_by(KEY)
@@ -177,9 +187,6 @@ class StudyFolder:
         for path in paths:
             if path != self.table:
                 path.unlink()
-        with suppress(OSError):
-            self._parts.rmdir()
-        self._first = {self.table: self._first[paths[0]]}
 
     def rows(self, names: Sequence[str]) -> dict[Any, FlightRow]:
         """Return columns of all rows by key, in its order; None: a flight has no such figure.
@@ -237,7 +244,7 @@ class StudyFolder:
             else [row.get(column.name) for _, row in rows]
             for column in schema
         ]
-        arrays = [pa.array(c, field.type) for c, field in zip(columns, schema, strict=True)]
+        arrays = [_column(c, field.type) for c, field in zip(columns, schema, strict=True)]
         with whole_file(path) as unfinished:
             pq.write_table(pa.table(arrays, schema=schema), unfinished)
         self._first[path] = rows[0][0]
@@ -250,7 +257,8 @@ class StudyFolder:
 
         schema = self._schema()
         try:
-            read = pq.read_table(path, columns=list(columns or schema.names))
+            with pq.ParquetFile(path) as file:  # `read_table` loads much more of pyarrow
+                read = file.read(list(columns or schema.names))
             return read if columns else read.select(schema.names).cast(schema)
         except (OSError, ValueError, KeyError, pa.ArrowException) as error:
             raise InputError(
@@ -272,6 +280,31 @@ class StudyFolder:
             fields.append(pa.field(name, kinds[kind], metadata=unit))
         text = json.dumps(self.study.as_mapping(), ensure_ascii=False)
         return pa.schema(fields, metadata={"tombo": text})
+
+
+def _column(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
+    """Return a column of texts, truths, whole numbers or numbers, in which None is no value.
+
+    `pa.array` would import pandas first, which takes a fifth of a second.
+    """
+    import pyarrow as pa
+
+    there = [value is not None for value in values]
+    valid = None if all(there) else pa.py_buffer(_bits(there))
+    if kind == pa.string():
+        texts = [b"" if value is None else value.encode() for value in values]
+        ends = np.cumsum([0, *map(len, texts)], dtype=np.int32)
+        data = [pa.py_buffer(ends), pa.py_buffer(b"".join(texts))]
+    elif kind == pa.bool_():
+        data = [pa.py_buffer(_bits([bool(value) for value in values]))]
+    else:
+        numbers = [0 if value is None else value for value in values]
+        data = [pa.py_buffer(np.array(numbers, kind.to_pandas_dtype()))]
+    return pa.Array.from_buffers(kind, len(values), [valid, *data])
+
+
+def _bits(truths: Sequence[bool]) -> bytes:
+    return np.packbits(truths, bitorder="little").tobytes()
 
 
 def remove_flights(folder: Path) -> None:

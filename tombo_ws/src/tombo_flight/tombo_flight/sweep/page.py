@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tombo_dynamics.arrays import Array
-from tombo_flight.campaign.campaign import PANELS, draw_histogram
+from tombo_flight.campaign.campaign import PANELS, draw_histogram, histograms
 from tombo_flight.process.study import Task
 from tombo_flight.process.study_folder import Fly, StudyFolder
 from tombo_flight.report import style
@@ -79,8 +79,8 @@ def dependence_pictures(axes: Sequence[Axis], columns: Columns) -> list[Picture]
 
 def draw_distributions(columns: Columns) -> Figure:
     """Draw a histogram of each of the collision's figures."""
-    with new_figure(12.0, 7.0, 110, layout="constrained") as figure:
-        for axes, (key, label, printed) in zip(figure.subplots(2, 3).flat, PANELS, strict=True):
+    with new_figure(12.0, 7.0, 110) as figure:
+        for axes, (key, label, printed) in zip(histograms(figure), PANELS, strict=True):
             values = columns[key]
             draw_histogram(axes, values[np.isfinite(values)], label, printed)
     return figure
