@@ -222,8 +222,8 @@ ADDITIONS = {
             ),
             Edit(
                 "tombo_flight/tombo_flight/report/flight_plot.py",
-                '    "tilt",\n',
-                before='    "thrust",',
+                '    "tilt": 2.0,\n',
+                before='    "thrust": 2.0,',
             ),
         ),
         "sum(axes.get_ylabel() == 'tilt' for axes in from_('tombo_flight.report.flight_plot')"

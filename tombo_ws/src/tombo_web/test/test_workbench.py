@@ -129,6 +129,65 @@ def test_a_typed_blade_is_drawn_and_a_bad_one_is_refused_on_the_page(page):
     assert page.text_content("#refused") == ""
 
 
+TABLE = "r_mm, chord_mm, twist_deg\n" + "".join(
+    f"{r}, {chord}, {twist}\n" for r, chord, twist in [(19, 17, 38), (38, 24, 38), (64, 25, 25),
+                                                       (95, 17, 17), (121, 8, 13)]
+)  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [1280], indirect=True)
+def test_an_uploaded_blade_is_drawn_and_a_hostile_file_is_refused_on_the_page(page):
+    def upload(name, content):
+        page.set_input_files("#file", {"name": name, "mimeType": "text/csv", "buffer": content})
+
+    page.select_option("#blade", "table")
+    for name, content, refusal in [
+        ("<img src=x onerror=alert(1)>.csv", b"1, 2, 3\n" * 10_000, "80000 bytes; accepted"),
+        ("nan.csv", TABLE.replace("25,", "NaN,").encode(), "row 3"),
+        ("columns.csv", TABLE.replace("twist_deg", "pitch").encode(), "columns"),
+        ("../../../etc/passwd", b"root:x:0:0:root:/root:/bin/bash\n", "columns"),
+        ("picture.csv", bytes(range(256)) * 4, "columns"),
+        ("backwards.csv", TABLE.replace("38, 24", "10, 24").encode(), "radius"),
+    ]:
+        upload(name, content)
+        page.wait_for_selector(f"#refused:text-matches('{refusal}')")
+        upload("../../own blade.csv", TABLE.encode())
+        page.wait_for_selector("#refused:text-is('')", state="attached")
+        page.wait_for_selector("#label:text-matches('^table:')")
+    assert page.said == [] and page.locator("#refused img").count() == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [1280, 390], indirect=True)
+def test_a_blade_of_a_published_table_is_recommended_a_nodus_and_flown(page):
+    page.select_option("#blade", "table")
+    page.fill("#diameter_mm", "254")
+    page.fill("#table", APC_10X7)
+    page.wait_for_selector("[data-law=published] small:text-matches('no published figures')")
+    page.fill("#min_thrust_margin", "1.3")
+    page.click("#recommend")
+    page.wait_for_selector("#answer tr.best", timeout=120_000)
+    assert page.locator("#answer .fronts canvas").count() == 4
+    known = page.locator("#answer tr.best small").all_inner_texts()[1:]
+    assert len(known) == 5 and all(text.startswith("extrapolated") for text in known)
+    drawn = page.evaluate(
+        """[...document.querySelectorAll(".fronts canvas")].map((canvas) => {
+          const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+          return data.filter((byte, i) => i % 4 === 3 && byte > 0).length;
+        })"""
+    )
+    assert min(drawn) > 200
+    wide, seen = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
+    assert wide <= seen
+    page.locator("#answer tr.best button", has_text="Fly it").click()
+    page.wait_for_selector("#answer h2:text-matches('struck with')", timeout=120_000)
+    with page.context.expect_page() as opened:
+        page.click("#answer a")
+    opened.value.wait_for_selector("#scene")
+    assert page.said == []
+
+
 def test_a_typed_blade_gets_a_recommendation_files_and_a_report():
     client = client_of()
     blade = {"blade": "table", "table": APC_10X7, "diameter_mm": 254.0}

@@ -316,6 +316,17 @@ def _diagnosis(root: Path, data: Path) -> None:
         shutil.copy(Path(folder) / "plots" / "summary.png", root / "docs" / "diagnosis.png")
         found = json.loads((Path(folder) / "diagnosis.json").read_text(encoding="utf-8"))
     _fill(root / "docs" / "diagnosis.md", {"crazyflie": crazyflie_text(found)})
+    _fill(root / "README.md", {"diagnosis": _certainty_text(found)})
+
+
+def _certainty_text(found: Mapping[str, Any]) -> str:
+    """Return how sure a diagnosis is, and what else is possible."""
+    text = f"*Confidence of the verdict: {100 * found['confidence']:.0f} %."
+    if found["set"]:
+        *first, last = (name.replace("_", " ") for name in found["set"])
+        others = f"{', '.join(first)} or {last}" if first else last
+        text += f" Besides, {others} is at work: these flights can't tell."
+    return f"{text}*\n"
 
 
 def crazyflie_text(found: Mapping[str, Any]) -> str:
@@ -408,7 +419,7 @@ PRODUCTS: Final = (
     ),
     Product(
         "diagnosis",
-        ("docs/diagnosis.png", "docs/diagnosis.md#crazyflie"),
+        ("docs/diagnosis.png", "docs/diagnosis.md#crazyflie", "README.md#diagnosis"),
         _diagnosis,
         (
             *(f"{_DIAGNOSIS}/{part}" for part in ("engine", "flight")),

@@ -35,6 +35,8 @@ _LETTER: Final = 0.0135
 """Width of a letter as a share of the panel, generously."""
 _TOP: Final = 3.6
 _PX4_LOW, _PX4_MIDDLE = -1.1, -0.6
+_BEGIN_S: Final = 0.3
+"""Lines at the beginning of a bracket that its name keeps clear of."""
 _TOGETHER_S: Final = 0.005
 """Instants this close share one name."""
 
@@ -103,9 +105,12 @@ def _phases(panel: Panel) -> None:
     """Brackets for the unstable and the recovery phase, just above the strip of phases.
 
     A name too long for its bracket starts with the bracket and leaves the next one less room.
+    None stands on the lines of detection and switch.
     """
     milestones, window = panel.milestones, panel.window
-    free_from = -np.inf
+    instants = (milestones.detection_s, milestones.switch_s)
+    lines = [x - window.zero_s for x in instants if x is not None]
+    free_from = 0.06 + max((x for x in lines if 0.0 <= x < _BEGIN_S), default=-np.inf)
     for start, end, name, colour in (
         (milestones.contact_s, milestones.unstable_end_s, "unstable", style.VERMILLION),
         (milestones.unstable_end_s, milestones.recovery_end_s, "recovery", style.BLUE),
@@ -174,12 +179,14 @@ _DATED: Final = {"png": "Software", "pdf": "CreationDate", "svg": "Date"}
 """What a file of a kind says of when or by what it was made."""
 
 _LEFT, _RIGHT = 0.055, 0.945
-_PANELS: Final = (
-    "horizontal",  # x and y
-    "height",
-    "attitude",
-    "thrust",
-)
+_PANELS: Final = {
+    "horizontal": 2.0,  # x and y
+    "height": 2.0,
+    "attitude": 2.0,
+    "thrust": 2.0,
+    "fold": 0.6,
+}
+"""Panel, by its function in `panels` → height."""
 
 
 @dataclass(frozen=True)
@@ -192,15 +199,15 @@ class _PanelColumn:
     top: float = 0.905
     bottom: float = 0.055
     gap: float = 0.042
-    strip: float = 0.95
-    """Height of the strip of phases; that of a panel is 2. 0: there is none."""
+    strip: float = 1.1
+    """Height of the strip of phases, in the unit of _PANELS. 0: there is none."""
     label_in: float = 0.43
     """From the axis to its label [in]."""
 
     def stack(self, figure: Figure) -> dict[str, Axes]:
         """Make axes one below the other, by the names of the rows."""
         heights = {"timeline": self.strip} if self.strip else {}
-        heights |= dict.fromkeys(_PANELS, 2.0)
+        heights |= _PANELS
         scale = (self.top - self.bottom - self.gap * (len(heights) - 1)) / sum(heights.values())
         stack: dict[str, Axes] = {}
         ceiling = self.top
@@ -297,16 +304,17 @@ def _column(
     panels.height(rows["height"], beside)
     panels.attitude(rows["attitude"], angles_deg)
     panels.thrust(rows["thrust"])
+    panels.fold(rows["fold"])
     for row, panel in rows.items():
         panel.axes.set_xlim(window.start_s - window.zero_s, window.end_s - window.zero_s)
-        panel.axes.tick_params(labelbottom=row == "thrust")
+        panel.axes.tick_params(labelbottom=row == "fold")
         if row != "timeline":
             panel.shade()
             width_in = place.size_in[0] * (place.right - place.left)
             panel.axes.yaxis.set_label_coords(-place.label_in / width_in, 0.5)
     origin = "contact" if milestones.contact_s is not None else "the crash"
     words = f"time from {origin} [s]" if window.zero_s else "time [s]"
-    rows["thrust"].axes.set_xlabel(words, labelpad=2)
+    rows["fold"].axes.set_xlabel(words, labelpad=2)
 
 
 def _samples(t: Array, window: TimeWindow) -> slice:

@@ -1,4 +1,4 @@
-"""The panels of a flight's figure over a stretch of time: position, height, attitude, thrust."""
+"""The panels of a flight's figure over a stretch of time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
@@ -82,7 +81,7 @@ class Panel:
         low, high = low - margin, high + margin
         self.axes.set_ylim(low, high + headroom * (high - low))
 
-    def legend(self, handles: Sequence[Line2D | Patch]) -> None:
+    def legend(self, handles: Sequence[Line2D]) -> None:
         """Name the lines once, above the whole-flight panel and outside its data."""
         if self.window.zoomed:
             return
@@ -150,7 +149,8 @@ def envelope(t: Array, y: Array, buckets: int) -> tuple[Array, Array]:
     return t[index], y[index]
 
 
-_HATCH: Final = "//////"
+_ROTORS: Final = (FRONT_LEFT, *(k for k in range(len(ROTOR_NAMES)) if k != FRONT_LEFT))
+"""The struck one first."""
 
 
 def horizontal(panel: Panel) -> None:
@@ -198,23 +198,31 @@ def attitude(panel: Panel, angles_deg: Array) -> None:
 
 
 def thrust(panel: Panel) -> None:
-    """Draw the four rotors' thrust, and how far a propeller is folded as a hatched height."""
-    log, cut = panel.flight.log, panel.cut
-    known = log["rotor_thrust"][cut]
-    high = max(1.0, 1.1 * float(np.nanmax(known, initial=0.0)))
-    handles: list[Line2D | Patch] = []
-    for i in (FRONT_LEFT, *(k for k in range(len(ROTOR_NAMES)) if k != FRONT_LEFT)):
-        struck = i == FRONT_LEFT
-        colour, width = style.ROTOR_COLOURS[i], 1.7 if struck else 0.9
-        if float(log["fold"][cut, i].max()) > 0.02:
-            _fold(panel, log["fold"][:, i], colour, high)
-        panel.trace(log["rotor_thrust"][:, i], colour, width, zorder=3.0 if struck else 2.0)
-        handles.append(key(colour, width, ROTOR_NAMES[i]))
-    folded = Patch(fc="none", ec=style.FRONT_LEFT, hatch=_HATCH, lw=0.6, alpha=0.7)
-    folded.set_label("fold, 0 to 1")
-    panel.axes.set_ylim(0.0, high)
+    """Draw the four rotors' thrust."""
+    known = panel.flight.log["rotor_thrust"][panel.cut]
+    _of_rotors(panel, "rotor_thrust")
+    panel.axes.set_ylim(0.0, max(1.0, 1.1 * float(np.nanmax(known, initial=0.0))))
     panel.axes.set_ylabel("rotor thrust [N]")
-    panel.legend([*handles, folded])
+    panel.legend([key(style.ROTOR_COLOURS[i], _width(i), ROTOR_NAMES[i]) for i in _ROTORS])
+
+
+def fold(panel: Panel) -> None:
+    """Draw how far each propeller is folded, in the colours of the thrust."""
+    _of_rotors(panel, "fold")
+    panel.axes.set_ylim(-0.05, 1.1)
+    panel.axes.set_yticks((0.0, 1.0))
+    panel.axes.set_ylabel("fold")
+
+
+def _of_rotors(panel: Panel, name: str) -> None:
+    for i in _ROTORS:
+        zorder = 3.0 if i == FRONT_LEFT else 2.0
+        values = panel.flight.log[name][:, i]
+        panel.trace(values, style.ROTOR_COLOURS[i], _width(i), zorder=zorder)
+
+
+def _width(rotor: int) -> float:
+    return 1.7 if rotor == FRONT_LEFT else 0.9
 
 
 def _common() -> list[Line2D]:
@@ -276,11 +284,3 @@ def _fall_arrow(panel: Panel) -> None:
         size=SMALL,
         weight="bold",
     )
-
-
-def _fold(panel: Panel, fold: Array, colour: str, high: float) -> None:
-    t, y = envelope(panel.flight.t[panel.cut], fold[panel.cut], panel.window.buckets)
-    x = t - panel.window.zero_s
-    fill = panel.axes.fill_between
-    fill(x, 0.0, y * high, fc=colour, ec="none", alpha=0.22, zorder=0.5)
-    fill(x, 0.0, y * high, fc="none", ec=colour, hatch=_HATCH, lw=0.6, alpha=0.55, zorder=0.6)

@@ -8,6 +8,7 @@ const KNOBS = ["fibres", "fibre_diameter_mm", "length_mm", "outer_radius_mm"];
 const VEHICLE = ["mass_kg", "arm_mm", "min_thrust_margin", "max_collision_force_N", "max_recovery_s", "max_noise_dB"];
 const FIGURES = { thrust_margin: ["thrust margin", ""], collision_force_N: ["force", "N"], recovery_s: ["recovery", "s"],
   noise_dB: ["noise", "dB"], lift_over_drag: ["lift over drag", ""] };
+const KNOWN = { measured: "green", modelled: "blue", extrapolated: "vermillion" };
 const LEFT = 46, RIGHT = 8, TOP = 8, BOTTOM = 20;
 if (token) history.replaceState(null, "", location.pathname);
 
@@ -134,6 +135,11 @@ class Bench {
     find("top-shown").textContent = `${curves.rpm.at(-1).toFixed(0)} rpm`;
     find("figures").replaceChildren(...curves.figures.map(card));
     find("laws").textContent = Object.values(curves.refused).join(" ");
+    for (const line of document.querySelectorAll("[data-law]")) {
+      const none = line.dataset.law in curves.refused;
+      line.classList.toggle("none", none);
+      line.querySelector("small").textContent = none ? " no published figures for this blade" : "";
+    }
     if (find("panels").children.length !== curves.panels.length) {
       find("panels").replaceChildren(...curves.panels.map(panelBox));
     }
@@ -160,9 +166,20 @@ class Bench {
     const known = pareto.filter((candidate) => candidate.name !== recommended?.name);
     const rows = [recommended, ...known].filter(Boolean).map((candidate, i) => this.candidate(candidate, i === 0 && recommended));
     const head = element("tr", "", ...["nodus", ...Object.values(FIGURES).map(([words, unit]) => `${words} ${unit}`), ""].map((text) => element("th", "", text)));
-    find("answer").replaceChildren(element("h2", "", headline), link(page, "Design page with the Pareto front"),
-      ...[...reasons, ...must_give_text].map((text) => element("p", "aside", text)),
+    const fronts = Object.entries(FIGURES).slice(1).map(([name, [words, unit]]) => this.frontBox(name, words, unit));
+    this.front = { candidates: [recommended, ...known].filter(Boolean), best: recommended };
+    find("answer").replaceChildren(element("h2", "", headline), link(page, "Design page with all candidates"),
+      element("div", "grid fronts", ...fronts), knownLegend(), ...[...reasons, ...must_give_text].map((text) => element("p", "aside", text)),
       rows.length ? element("table", "", element("thead", "", head), element("tbody", "", ...rows)) : "");
+    this.draw();
+  }
+
+  frontBox(name, words, unit) {
+    const box = element("section", "panel", element("h2", "", `${words}${unit && ` [${unit}]`}`), element("canvas", ""));
+    box.dataset.figure = name;
+    box.lastChild.setAttribute("role", "img");
+    box.lastChild.setAttribute("aria-label", `Pareto front: ${words} against thrust margin`);
+    return box;
   }
 
   candidate(candidate, best) {
@@ -171,20 +188,25 @@ class Bench {
       const span = high > low ? ` ${low.toPrecision(3)} to ${high.toPrecision(3)}` : "";
       return element("td", "", value === null ? "–" : value.toPrecision(3), element("small", "", known + span));
     });
-    const use = element("button", "", "Use");
-    use.addEventListener("click", () => {
-      find("soft").checked = true;
-      find("nodus").disabled = false;
-      this.setKnobs(candidate);
-      this.refresh();
-    });
-    return element("tr", best ? "best" : "", element("th", "", candidate.name, element("small", "", best ? " recommended" : "")), ...cells, element("td", "", use));
+    const use = element("button", "", "Use"), fly = element("button", "", "Fly it");
+    use.addEventListener("click", () => this.use(candidate));
+    fly.addEventListener("click", () => { this.use(candidate); find("fly").click(); });
+    return element("tr", best ? "best" : "", element("th", "", candidate.name, element("small", "", best ? " recommended" : "")), ...cells, element("td", "", use, " ", fly));
+  }
+
+  /** Turn the knobs to a candidate. */
+  use(candidate) {
+    find("soft").checked = true;
+    find("nodus").disabled = false;
+    this.setKnobs(candidate);
+    this.refresh();
   }
 
   showFlight({ collided, crashed, recovery_time_s, max_falling_distance_m, force_N, force_capped, page }) {
     const how = !collided ? "It does not touch the pillar" : crashed ? "It crashes" : recovery_time_s === null ? "It does not settle" : `It recovers in ${recovery_time_s.toFixed(2)} s`;
     const falls = max_falling_distance_m === null ? "" : `, falls ${max_falling_distance_m.toFixed(2)} m`;
     const force = `; struck with ${force_N.toFixed(0)} N${force_capped ? ", the most that the simulator takes: the model says more" : ""}.`;
+    this.front = null;
     find("answer").replaceChildren(element("h2", "", `${how}${falls}${force}`), link(page, "Report with the 3-D replay"));
   }
 
@@ -195,6 +217,7 @@ class Bench {
     const style = getComputedStyle(document.documentElement);
     const colour = (name) => style.getPropertyValue(`--${name}`).trim();
     panels.forEach((panel, i) => drawPanel(find("panels").children[i], panel, rpm, speed, colour));
+    if (this.front) for (const box of document.querySelectorAll("[data-figure]")) drawFront(box, this.front, colour);
   }
 }
 
@@ -264,19 +287,14 @@ function drawPanel(box, panel, rpm, speed, colour) {
     text.style.color = colour(colourOf(curve));
     return text;
   }));
-  const sharp = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
-  canvas.width = width * sharp;
-  canvas.height = height * sharp;
-  const pen = canvas.getContext("2d");
-  pen.setTransform(sharp, 0, 0, sharp, 0, 0);
+  const { pen, width, height } = cleared(canvas);
   const all = panel.curves.flatMap((c) => [...c.values, ...(c.low || []), ...(c.high || [])]);
   all.push(...panel.readings.map((r) => r.value + (r.deviation || 0)));
   const numbers = all.filter((v) => v !== null), low = Math.min(...numbers, ...(panel.unit ? [0] : []));
   const high = Math.max(...numbers, low + 1e-3);
   const x = (v) => LEFT + (v / rpm.at(-1)) * (width - LEFT - RIGHT);
   const y = (v) => height - BOTTOM - ((v - low) / (high - low)) * (height - TOP - BOTTOM);
-  pen.font = "10px system-ui, sans-serif";
-  axes(pen, { low, high, top: rpm.at(-1) }, { x, y, width, height }, colour);
+  axes(pen, { low, high, start: 0, top: rpm.at(-1), unit: " rpm" }, { x, y, width, height }, colour);
   for (const curve of panel.curves) {
     if (curve.low) band(pen, rpm, curve, x, y, colour(colourOf(curve)));
   }
@@ -295,8 +313,60 @@ function drawPanel(box, panel, rpm, speed, colour) {
   pen.stroke();
 }
 
-function axes(pen, { low, high, top }, { x, y, width, height }, colour) {
-  const rows = niceTicks(low, high, 4), columns = niceTicks(0, top, Math.max(2, width / 75));
+/** The candidates' figure against their thrust margin, in the colour of how it is known. */
+function drawFront(box, { candidates, best }, colour) {
+  const { pen, width, height } = cleared(box.querySelector("canvas")), name = box.dataset.figure;
+  const points = candidates.map((candidate) => ({ best: candidate === best, margin: candidate.figures.thrust_margin.value, ...candidate.figures[name] }))
+    .filter(({ margin, value }) => margin !== null && value !== null);
+  if (!points.length) return;
+  const span = (values) => {
+    const low = Math.min(...values), high = Math.max(...values), more = 0.08 * (high - low) || 0.05 * Math.abs(high) || 1;
+    return [low - more, high + more];
+  };
+  const [start, top] = span(points.map(({ margin }) => margin));
+  const [low, high] = span(points.flatMap((p) => [p.value, p.low ?? p.value, p.high ?? p.value]));
+  const x = (v) => LEFT + ((v - start) / (top - start)) * (width - LEFT - RIGHT);
+  const y = (v) => height - BOTTOM - ((v - low) / (high - low)) * (height - TOP - BOTTOM);
+  axes(pen, { low, high, start, top, unit: " thrust margin" }, { x, y, width, height }, colour);
+  for (const point of points) {
+    pen.strokeStyle = pen.fillStyle = colour(KNOWN[point.known] || "ink");
+    pen.lineWidth = 1;
+    pen.beginPath();
+    if (point.high > point.low) { pen.moveTo(x(point.margin), y(point.low)); pen.lineTo(x(point.margin), y(point.high)); }
+    pen.stroke();
+    pen.beginPath();
+    pen.arc(x(point.margin), y(point.value), 3.5, 0, 2 * Math.PI);
+    pen.fill();
+    if (!point.best) continue;
+    pen.lineWidth = 2;
+    pen.beginPath();
+    pen.arc(x(point.margin), y(point.value), 8, 0, 2 * Math.PI);
+    pen.stroke();
+  }
+}
+
+function knownLegend() {
+  const lines = Object.entries(KNOWN).map(([name, colour]) => {
+    const dot = element("i", "dot");
+    dot.style.background = `var(--${colour})`;
+    return element("li", "", dot, name);
+  });
+  return element("ul", "legend", ...lines, element("li", "", "ring: recommended; line: interval"));
+}
+
+/** A canvas's pen, its content gone, in CSS pixels. */
+function cleared(canvas) {
+  const sharp = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
+  canvas.width = width * sharp;
+  canvas.height = height * sharp;
+  const pen = canvas.getContext("2d");
+  pen.setTransform(sharp, 0, 0, sharp, 0, 0);
+  pen.font = "10px system-ui, sans-serif";
+  return { pen, width, height };
+}
+
+function axes(pen, { low, high, start, top, unit }, { x, y, width, height }, colour) {
+  const rows = niceTicks(low, high, 4), columns = niceTicks(start, top, Math.max(2, width / 75));
   pen.lineWidth = 1;
   pen.strokeStyle = colour("line");
   pen.fillStyle = colour("muted");
@@ -309,7 +379,10 @@ function axes(pen, { low, high, top }, { x, y, width, height }, colour) {
     pen.stroke();
   }
   pen.textAlign = "center";
-  columns.ticks.forEach((tick, i) => pen.fillText(i === columns.ticks.length - 1 ? `${tick} rpm` : tick.toFixed(0), Math.min(x(tick), width - 26), height - 5));
+  columns.ticks.forEach((tick, i) => {
+    const text = tick.toFixed(columns.digits) + (i === columns.ticks.length - 1 ? unit : "");
+    pen.fillText(text, Math.min(x(tick), width - 2 - pen.measureText(text).width / 2), height - 5);
+  });
 }
 
 function trace(pen, rpm, values, x, y) {
