@@ -22,7 +22,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar, overload
 
-import numba
+if "coverage" in sys.modules:
+    import numba
+else:  # numba would load it where it is installed, in a sixth of its own time
+    sys.modules["coverage"] = None  # type: ignore[assignment]
+    import numba
+
+    del sys.modules["coverage"]
 from numba import types
 from numba.core import cgutils, event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator

@@ -7,6 +7,8 @@ reaction decides here, whichever it is.
 from __future__ import annotations
 
 import math
+import sys
+import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +18,7 @@ import numpy as np
 
 from tombo_bag.flight import Flight, Series, Topic
 from tombo_bag.flight_topics import FlownTopics
-from tombo_bag.topics import MISSION_STATUS
+from tombo_bag.topics import MISSION_STATUS, MOCAP_POSE
 from tombo_collision.reaction_core import ReactionCore
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core, Output, no_texts
@@ -37,7 +39,7 @@ from tombo_sim.flight_loop import (
     step_in_python,
 )
 from tombo_sim.flight_setup import NOISE, FlightSetup, begin, capture_ticks
-from tombo_sim.kernel import new_log, part_of
+from tombo_sim.kernel import FIGURE_COLUMNS, Log, new_log, part_of
 from tombo_sim.normals import draw_normals, stream_of
 from tombo_sim.sensing import in_order_of_arrival
 from tombo_sim.wiring import CORES
@@ -62,16 +64,55 @@ _BLOCK = 2048
 class Workspace:
     """Memory of flights, reused from one to the next: fresh pages cost milliseconds."""
 
+    figures_only: bool = False
+    """Flights keep `FIGURE_COLUMNS` of their log, and of topics what cores have published."""
     log: Any = field(default_factory=lambda: new_log(0))
     published: tuple[Any, ...] = field(default_factory=lambda: new_published(1, 0))
     _ticks: int = 0
+    _unused: list[int] = field(default_factory=list)
+    """`references` when it was made."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns of the log that flights keep."""
+        return FIGURE_COLUMNS if self.figures_only else Log._fields
+
+    @property
+    def references(self) -> list[int]:
+        """Number of references to each piece of memory: arrays of a flight are some."""
+        return [sys.getrefcount(piece) for piece in (self.log.position.base, *self.published)]
+
+    def is_free(self) -> bool:
+        """Return whether no array of a flight lies in it any more."""
+        return self.references == self._unused
 
     def for_flight(self, ticks: int) -> tuple[Any, tuple[Any, ...]]:
         """Return a log and tables of messages; their content is what the last flight left."""
         if self._ticks < ticks:
-            self.log, self.published = new_log(ticks), new_published(1, ticks)
-            self._ticks = ticks
+            self.log, self.published = new_log(ticks, self.columns), new_published(1, ticks)
+            self._ticks, self._unused = ticks, self.references
         return part_of(self.log, ticks), self.published
+
+
+_spare: list[Workspace] = []
+"""Memory of flights without a `Workspace` of their own, reused when these are forgotten."""
+_spare_lock = threading.Lock()
+_MOST_SPARE = 2
+_LONGEST_SPARE = 100_000
+"""[tick]"""
+
+
+def _spare_or_new() -> Workspace:
+    with _spare_lock:
+        free = next((i for i, memory in enumerate(_spare) if memory.is_free()), None)
+        return Workspace() if free is None else _spare.pop(free)
+
+
+def _keep_spare(memory: Workspace, ticks: int) -> None:
+    with _spare_lock:
+        if ticks <= _LONGEST_SPARE:
+            _spare.append(memory)
+            del _spare[:-_MOST_SPARE]
 
 
 def fly_scenario(
@@ -106,7 +147,8 @@ def fly_scenario(
     ticks = round(scenario.duration / TICK_S)
     captures = np.append(capture_ticks(scenario.duration, setup.mocap_rate), np.int64(2**62))
     normals = setup.mocap_noise.standard_normal((captures.size, NOISE))
-    log, published = (workspace or Workspace()).for_flight(ticks)
+    memory = workspace or _spare_or_new()
+    log, published = memory.for_flight(ticks)
     cores = [core_of(kind, scenario) for kind in CORES]
     flights = one_flight(setup.plant, setup.theta, (captures, normals), cores, published)
     flights = flights._replace(noise=np.empty((1, _BLOCK, NOISE)))
@@ -144,8 +186,12 @@ def fly_scenario(
 
     said = published_by(flights, 0)
     arrived = flights.entries[0, in_order_of_arrival(flights.entries[0])]
+    columns = part_of(log, flight["tick"])._asdict()
+    if workspace is None:
+        _keep_spare(memory, ticks)
     flown = as_flown(scenario, seed, setup)
-    return _record(scenario, seed, flown, part_of(log, flight["tick"]), arrived, said, wall)
+    columns = {name: columns[name] for name in memory.columns}
+    return _record(scenario, seed, flown, columns, arrived, said, wall)
 
 
 def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any]:
@@ -162,20 +208,21 @@ def _record(
     scenario: Scenario,
     seed: int,
     flown: dict[str, Any],
-    log: Any,
+    log: dict[str, Array],
     poses: Any,
     published: dict[str, Any],
     wall: float,
 ) -> Flight:
-    t: Array = np.arange(log.position.shape[0], dtype=np.float64) * TICK_S
-    columns = log._asdict()
+    t: Array = np.arange(log["position"].shape[0], dtype=np.float64) * TICK_S
     fields = {name: poses[name] for name in ("position", "attitude")}
     mocap = Topic.of(poses["stamp"] * TICK_S, fields, poses["arrives"] * TICK_S)
+    topics = _by_topic(published)
+    whole = len(log) == len(Log._fields)
     flight = Flight(
-        FlownTopics(t, columns, mocap, _by_topic(published)),
+        FlownTopics(t, log, mocap, topics) if whole else {MOCAP_POSE.name: mocap, **topics},
         name=scenario.name,
         t=t,
-        log=columns,
+        log=log,
         scenario=flown,
         epoch_ns=EPOCH_NS,
     )

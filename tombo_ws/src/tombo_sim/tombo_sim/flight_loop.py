@@ -242,7 +242,7 @@ class _Source:
             "watch_flight(plant, flight)",
             *turns,
             f"plant.rotor_command = {command}",
-            "if tick < log.position.shape[0]:",
+            "if 0 <= tick < log.position.shape[0]:",  # 0: no index is counted from the end
             f"    write_row(plant, {row}, log, tick)",
             "finish_tick(plant, noise, theta)",
             "news = published",

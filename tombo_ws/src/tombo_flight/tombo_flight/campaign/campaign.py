@@ -39,6 +39,7 @@ class CampaignStudy:
     """One scenario, flown with many seeds; a flight's key is its seed."""
 
     kind = "campaign"
+    summary_only = True
     scenario: Scenario
     seeds: range
 
@@ -141,7 +142,13 @@ def fly_campaign(
     """
     began = time.perf_counter()
     flown = fly_seeds(
-        scenario, seeds, flight_summary, workers=workers, progress=progress, stop=stop
+        scenario,
+        seeds,
+        flight_summary,
+        summary_only=True,
+        workers=workers,
+        progress=progress,
+        stop=stop,
     )
     return _campaign_of(scenario, seeds, flown, time.perf_counter() - began)
 

@@ -44,7 +44,10 @@ class Task(NamedTuple):
 
 
 class FlownStudy(Protocol):
-    """What is flown; it can be sent to other processes."""
+    """What is flown; it can be sent to other processes.
+
+    With `summary_only = True` it says that `figures` needs no more of a flight than its summary.
+    """
 
     def scenario_at(self, point: Any, /) -> Scenario:
         """Return what is flown at a point.
@@ -149,7 +152,7 @@ class _Flyer:
 
     def __init__(self, study: FlownStudy) -> None:
         self.study = study
-        self._workspace = Workspace()
+        self._workspace = Workspace(figures_only=getattr(study, "summary_only", False))
         self._scenario: tuple[Any, Scenario] | None = None
 
     def fly(self, task: Task) -> FlightRow:
@@ -239,6 +242,7 @@ class _ManySeeds:
 
     scenario: Scenario
     kept: Callable[[Flight], FlightRow]
+    summary_only: bool
 
     def scenario_at(self, point: None) -> Scenario:
         return self.scenario
@@ -252,6 +256,7 @@ def fly_seeds(
     seeds: Sequence[int],
     figures: Callable[[Flight], FlightRow],
     *,
+    summary_only: bool = False,
     workers: int | None = None,
     progress: Callable[[int], None] | None = None,
     stop: Callable[[], bool] | None = None,
@@ -262,6 +267,7 @@ def fly_seeds(
         scenario: what to fly.
         seeds: of the flights.
         figures: what is kept of a flight; a function of a module.
+        summary_only: `figures` needs no more of a flight than its summary.
         workers: number of processes; the cores that this process may use if None.
         progress: called with the number of flights done.
         stop: asked ten times a second; True ends all processes.
@@ -274,6 +280,6 @@ def fly_seeds(
             progress(len(rows))
 
     tasks = [Task(seed, None, seed) for seed in seeds]
-    study = _ManySeeds(scenario, figures)
+    study = _ManySeeds(scenario, figures, summary_only)
     fly_tasks(study, tasks, len(tasks), keep, workers=workers, stop=stop)
     return {seed: rows[seed] for seed in takewhile(rows.__contains__, seeds)}

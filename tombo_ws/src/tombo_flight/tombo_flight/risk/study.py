@@ -243,6 +243,7 @@ class RiskStudy(StudiedScenario):
     """A scenario, its uncertain inputs, and how many flights may be flown."""
 
     kind = "risk"
+    summary_only = True
     inputs: tuple[Input, ...]
     flights: int
     method: str

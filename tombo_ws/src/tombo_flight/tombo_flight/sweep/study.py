@@ -287,6 +287,7 @@ class SweepStudy(StudiedScenario):
     """
 
     kind = "sweep"
+    summary_only = True
     design: SweepDesign
     seeds: tuple[int, int]
     """First, and the one after the last."""
