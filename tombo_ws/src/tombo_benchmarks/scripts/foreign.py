@@ -15,11 +15,11 @@ import argparse
 import json
 import subprocess
 import sys
-import venv
 from pathlib import Path
 from typing import Any
 
-PEERS = {"rotorpy": "rotorpy==3.0.0"}
+from tombo_benchmarks.peers.peer_environments import make_environment
+
 MAPPING = """\
 about: rotorpy, recorded as a laboratory would
 time: {column: t, unit: s}
@@ -54,17 +54,6 @@ def say(text: str = "") -> None:
     sys.stdout.flush()
 
 
-def environment(folder: Path, peer: str) -> Path:
-    """Return the python of the peer's own environment, made if it is not there yet."""
-    home = folder / f"venv-{peer}"
-    python = home / "bin" / "python"
-    if not python.exists():
-        say(f"making {home} with {PEERS[peer]}")
-        venv.create(home, with_pip=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", PEERS[peer]], check=True)
-    return python
-
-
 def ask(folder: Path, python: Path, peer: str, order: dict[str, Any]) -> dict[str, Any]:
     """Let the peer fly, and return what the diagnosis says."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -85,11 +74,11 @@ def main() -> None:
     """Run all cases, or those asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--peer", choices=PEERS, default="rotorpy")
+    parser.add_argument("--peer", choices=("rotorpy",), default="rotorpy")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", choices=CASES, action="append")
     given = parser.parse_args()
-    python = environment(given.folder.resolve(), given.peer)
+    python = make_environment(given.folder.resolve(), given.peer, say)
     say(f"{'changed':14} {'verdict':18} {'stated':>6}  causes")
     for name, (order, truth) in CASES.items():
         if given.only and name not in given.only:

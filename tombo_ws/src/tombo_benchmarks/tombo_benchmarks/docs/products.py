@@ -30,6 +30,7 @@ LEFT: Final = (
     "docs/beta.md, Tested on rendered films: tombo_benchmarks/scripts/beta_from_video.py",
     "docs/design.md, regressions and flights of the check: tombo propeller design",
     "docs/arena.md, Reflex and Bounce: tombo fly SCENARIO --disturbances --seeds 5000:5100",
+    "docs/gym.md, Beside other simulators: python -m tombo_benchmarks.peers --page docs/gym.md",
     "docs/px4.md, README, How fast: make bench, tombo_benchmarks/scripts",
 )
 """Tables that are not regenerated: they take half an hour, or depend on the machine."""

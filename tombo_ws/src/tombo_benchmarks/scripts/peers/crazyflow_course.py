@@ -1,0 +1,140 @@
+"""Flies the course of `tombo_benchmarks.peers` with crazyflow on JAX. Runs in its own environment.
+
+    python crazyflow_course.py ORDER.json
+
+Rigid body of first principles under Runge-Kutta, its Mellinger controller with its own gains; one
+compiled call a flight.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import crazyflow.sim.functional as F
+import jax
+import jax.numpy as jnp
+import numpy as np
+from crazyflow.control import Control
+from crazyflow.dynamics import Dynamics
+from crazyflow.sim import Sim
+from crazyflow.sim.integration import Integrator
+from peer_worker import Order, read_order, serve, timed
+
+_RPM = 60.0 / (2.0 * math.pi)
+_ROTORS = [0, 3, 1, 2]
+"""Crazyflow's front right, rear right, rear left, front left, as PX4 counts them."""
+_DRONE = "cf2x_L250"
+
+
+def simulation(order: Order, count: int, control: Control) -> Sim:
+    """Return `count` worlds with a vehicle each, in hover at the course's begin."""
+    rate = round(1.0 / order["step_s"])
+    sim = Sim(
+        n_worlds=count, drone=_DRONE, dynamics=Dynamics.first_principles, control=control,
+        integrator=Integrator.rk4, freq=rate, state_freq=rate // order["set_point_ticks"],
+        attitude_freq=rate, body_rate_freq=rate, force_torque_freq=rate,
+    )  # fmt: skip
+    old = sim.data.params
+    thrust, torque = ([0.0, 0.0, order[k] / _RPM**2] for k in ("k_thrust", "k_torque"))
+    lag = 1.0 / order["motor_time_constant"]
+    inertia = np.diag(order["inertia"])
+    arm = abs(order["arm_x"][0])
+    new: dict[str, Any] = {
+        "mass": [order["mass"]], "L": [arm], "prop_inertia": [order["rotor_inertia"]],
+        "gravity_vec": [0.0, 0.0, -order["gravity"]], "J": inertia,
+        "J_inv": np.linalg.inv(inertia), "rpm2thrust": [thrust], "rpm2torque": [torque],
+        "drag_matrix": -np.diag(order["drag"]), "rotor_dyn_coef": [[lag, 0.0, lag, 0.0]],
+    }  # fmt: skip
+    params = old.replace(**{k: jnp.asarray(v, getattr(old, k).dtype) for k, v in new.items()})
+    states = sim.data.states
+    states = states.replace(
+        pos=states.pos + jnp.asarray(order["set_points"][0][:3], states.pos.dtype),
+        rotor_vel=jnp.full_like(states.rotor_vel, order["hover_speed"] * _RPM),
+    )
+    sim.data = sim.data.replace(params=params, states=states)
+    if control == Control.state:
+        sim.data = sim.data.replace(controls=known_vehicle(order, sim.data.controls, thrust))
+    return sim
+
+
+def known_vehicle(order: Order, controls: Any, thrust: list[float]) -> Any:
+    """Return the controllers with the vehicle that they fly; their gains stay."""
+    mass_thrust = float(
+        controls.state.params["pwm_max"] / (4.0 * controls.state.params["thrust_max"])
+    )
+    new = {
+        "mass": order["mass"], "mass_thrust": mass_thrust, "L": abs(order["arm_x"][0]),
+        "gravity_vec": [0.0, 0.0, -order["gravity"]],
+        "thrust2torque": order["k_torque"] / order["k_thrust"], "rpm2thrust": thrust,
+    }  # fmt: skip
+    changed = {}
+    for name in ("state", "attitude", "force_torque"):
+        part = getattr(controls, name)
+        params = {k: jnp.asarray(new.get(k, v), jnp.float32) for k, v in part.params.items()}
+        changed[name] = part.replace(params=params)
+    return controls.replace(**changed)
+
+
+def course_call(order: Order, sim: Sim, ticks: int) -> tuple[Any, Any]:
+    """Return a compiled flight over the course, and its set points (K, N, 1, 16)."""
+    rows = np.zeros((ticks // order["set_point_ticks"], sim.n_worlds, 1, 16), np.float32)
+    rows[..., 12] = 1.0
+    rows[..., :9] = np.array(order["set_points"])[: len(rows), None, None]
+    step, length = sim._step, order["set_point_ticks"]
+
+    def hold(data: Any, row: Any) -> tuple[Any, None]:
+        return step(F.state_control(data, row), n_steps=length), None
+
+    set_points = jnp.asarray(rows)
+    compiled = jax.jit(lambda data, rows: jax.lax.scan(hold, data, rows)[0])
+    return compiled.lower(sim.data, set_points).compile(), set_points
+
+
+def main() -> None:
+    """Answer orders."""
+    order = read_order()
+    flights: dict[int, Any] = {}
+
+    def prepare(count: int, ticks: int, starts: list[list[float]]) -> dict[str, Any]:
+        """Make `count` worlds and compile their flight."""
+        began = time.perf_counter()
+        sim = simulation(order, count, Control.state)
+        places = jnp.asarray(np.array(starts)[:, None], sim.data.states.pos.dtype)
+        data = sim.data.replace(states=sim.data.states.replace(pos=places))
+        made_s = time.perf_counter() - began
+        began = time.perf_counter()
+        flights[count] = (*course_call(order, sim, ticks), data, ticks)
+        return {"made_s": made_s, "compile_s": time.perf_counter() - began}
+
+    def fly(count: int, ticks: int) -> dict[str, Any]:
+        """Fly all worlds over the course."""
+        compiled, set_points, data, length = flights[count]
+        flown: dict[str, Any] = {}
+
+        def steps() -> int:
+            flown["data"] = compiled(data, set_points)
+            flown["data"].states.pos.block_until_ready()
+            return int(count * length)
+
+        answer = timed(steps)
+        return answer | {"position": np.asarray(flown["data"].states.pos)[0, 0].tolist()}
+
+    def replay(commands: list[list[float]]) -> dict[str, Any]:
+        """Fly rotor commands [rad/s], one a step, without a controller."""
+        sim = simulation(order, 1, Control.rotor_vel)
+        rows = jnp.asarray(np.array(commands)[:, None, None, _ROTORS] * _RPM, jnp.float32)
+
+        def one_step(data: Any, row: Any) -> tuple[Any, None]:
+            return sim._step(F.rotor_vel_control(data, row), n_steps=1), None
+
+        data = jax.jit(lambda data, rows: jax.lax.scan(one_step, data, rows)[0])(sim.data, rows)
+        return {"position": np.asarray(data.states.pos)[0, 0].tolist()}
+
+    actions = {"prepare": prepare, "fly": fly, "replay": replay}
+    serve(actions, ["crazyflow", "jax", "jaxlib", "numpy"])
+
+
+if __name__ == "__main__":
+    main()
