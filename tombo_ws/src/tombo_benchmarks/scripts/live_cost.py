@@ -1,6 +1,6 @@
 """What `tombo live` costs the running suite: lateness of the loops with and without it.
 
-    python live_cost.py [--rounds 3] [--seconds 60]
+    python live_cost.py [--rounds 5] [--seconds 60]
 
 Each round flies the paper's experiment twice with all nodes, once with the live page at 30 Hz and
 one scripted client, once without, in turn. Both publish a status on /diagnostics five times a
@@ -143,7 +143,7 @@ def fly(seconds: float, with_page: bool, seed: int) -> dict[str, Any]:
 def main() -> int:
     """Measure; return 0 if all is as asked."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=60.0)
     wanted = parser.parse_args()
     os.environ["ROS_DOMAIN_ID"] = str(40 + os.getpid() % 50)

@@ -2,9 +2,12 @@
 
 import os
 import stat
+from pathlib import Path
 
 import pytest
 from suite_bench import names
+
+from tombo_bringup.cli.report_command import different_names
 
 
 @pytest.fixture
@@ -43,3 +46,17 @@ def test_what_is_no_file_is_never_replaced(tombo, log, tmp_path):
     result = tombo("report", *log, "-o", "pipe", "--force")
     assert result.code == 2 and "it is no file" in result.err
     assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
+
+
+@pytest.mark.parametrize(
+    ("names", "files", "called"),
+    [
+        (["hover", "survey"], ["a/x.mcap", "b/x.mcap"], ["hover", "survey"]),
+        (["recording"], ["monday_bag"], ["monday_bag"]),
+        (["hover", "hover"], ["monday.ulg", "tuesday.ulg"], ["monday", "tuesday"]),
+        (["hover", "hover"], ["a/x.mcap", "b/x.mcap"], ["a/x", "b/x"]),
+        (["hover", "hover"], ["a/x.mcap", "a/x.mcap"], ["1 a/x", "2 a/x"]),
+    ],
+)
+def test_flights_on_a_page_have_names_that_tell_them_apart(names, files, called):
+    assert different_names(names, [Path("/lab", file) for file in files]) == called

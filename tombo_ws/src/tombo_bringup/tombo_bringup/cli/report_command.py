@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
+NAMELESS = "recording"
+"""Name of a flight whose recording says none."""
+
 
 @app.command(
     epilog="Exit code: 0 when the page is made, whatever it says; 2 for bad input or output that "
@@ -76,7 +79,8 @@ def read(logs: list[Path], mapping: str | None, names: dict[str, str]) -> list[F
     from tombo_logs.checks.pipeline import check_log
     from tombo_logs.readers.log_reader import read_every_topic
 
-    flights = []
+    flights: list[Flight] = []
+    sources = []
     for path in logs:
         for flight in read_every_topic(path, mapping, names):
             try:
@@ -84,8 +88,20 @@ def read(logs: list[Path], mapping: str | None, names: dict[str, str]) -> list[F
             except InputError as error:
                 refused = Finding("refused", "fault", flight.name, str(error))
                 findings = (*flight.findings, refused)
-            flights.append(replace(flight, findings=findings, name=flight.name or path.stem))
-    return flights
+            flights.append(replace(flight, findings=findings))
+            sources.append(path.absolute())
+    called = different_names([flight.name for flight in flights], sources)
+    return [replace(flight, name=name) for flight, name in zip(flights, called, strict=True)]
+
+
+def different_names(names: list[str], sources: list[Path]) -> list[str]:
+    """Return the names of flights, or where these don't tell them apart those of their files."""
+    stems = [path.stem for path in sources]
+    folders = [f"{path.parent.name}/{path.stem}" for path in sources]
+    for called in (names, stems, folders):
+        if len(set(called)) == len(called) and not {"", NAMELESS} & set(called):
+            return called
+    return [f"{number} {name}" for number, name in enumerate(folders, 1)]
 
 
 def reason(flight: Flight) -> Why | InputError:
