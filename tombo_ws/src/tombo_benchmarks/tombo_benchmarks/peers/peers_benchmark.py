@@ -46,14 +46,14 @@ class Case:
 
 CASES: Final = (
     Case("one vehicle", OURS, "fly", 1, 12000),
-    Case("one vehicle", "rotorpy", "fly", 1, 2000),
+    Case("one vehicle", "rotorpy", "fly", 1, 500),
     Case("one vehicle", "crazyflow", "fly", 1, 12000),
     Case("64 vehicles", OURS, "fly", 64, 6000),
     Case("64 vehicles", "crazyflow", "fly", 64, 6000),
     Case("4096 vehicles", OURS, "fly", 4096, 1000),
     Case("4096 vehicles", "crazyflow", "fly", 4096, 1000),
     Case("whole flight", OURS, "fly_whole", 1, 12000),
-    Case("whole flight", "rotorpy", "fly_whole", 1, 1000),
+    Case("whole flight", "rotorpy", "fly_whole", 1, 400),
     Case("64 whole flights", OURS, "fly_whole", 64, 3500),
     Case("4096 whole flights", OURS, "fly_whole", 4096, 3500),
 )

@@ -80,6 +80,8 @@ def _speed(result: Result) -> Table:
 def spread(values: Sequence[float]) -> str:
     """Return the median and the range of values."""
     middle, least, most = map(_figure, (median(values), min(values), max(values)))
+    if len(values) == 1:
+        return middle
     return f"{middle} ({least} to {most})"
 
 
@@ -115,9 +117,10 @@ def peers_markdown(data: Mapping[str, Any]) -> str:
     head = ["steps of 1 ms a second of a core", "here", *PEERS]
     lines = [head, ["---"] * len(head), *rows]
     table = "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    counted = f"Medians of {rounds} rounds in turn (least to most)" if rounds > 1 else "One round"
     made = ", ".join(f"{name}: {text}" for name, text in compiled.items())
     return (
-        f"{table}\n{', '.join(versions)}. Medians of {rounds} rounds in turn (least to most), "
+        f"{table}\n{', '.join(versions)}. {counted}, "
         f"{machine['cores']} cores of {machine['processor']}, load "
         f"{machine['load_before']:.0f} to {machine['load_after']:.0f}. "
         f"Compilation is not in it: {made or '–'}.\n"
