@@ -10,7 +10,7 @@ import pytest
 import typer
 from typer.exceptions import TyperException
 
-from tombo_bringup.cli.main import app
+from tombo_bringup.cli.main import application
 from tombo_dynamics.errors import InputError
 
 ROOT = Path(__file__).parents[2]
@@ -35,7 +35,7 @@ def commands_of(page):
 
 def parse(words):
     """Parse a command line as `tombo` does, without running it."""
-    command, name = typer.main.get_command(app), "tombo"
+    command, name = typer.main.get_command(application()), "tombo"
     while hasattr(command, "resolve_command"):
         context = command.make_context(name, list(words))
         words = [*context._protected_args, *context.args]

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import typer
 
-from tombo_bringup.cli.main import app
+from tombo_bringup.cli.main import application
 
 ROOT: Final = Path(__file__).resolve().parents[5]
 SECTIONS: Final = {
@@ -118,7 +118,7 @@ def index_page() -> str:
 def commands_page() -> str:
     """Return every command with its arguments and options, as its `--help` has them."""
     lines = ["# Commands", "", "Each command with `--help` prints the same."]
-    for words, command in _commands(typer.main.get_command(app), ("tombo",)):
+    for words, command in _commands(typer.main.get_command(application()), ("tombo",)):
         lines += ["", f"## {' '.join(words)}", "", _plain(command.help)]
         rows = [row for row in map(_row, command.params) if row]
         if rows:

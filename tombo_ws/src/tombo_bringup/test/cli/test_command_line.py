@@ -5,7 +5,7 @@ import shlex
 import pytest
 
 from tombo_bringup.cli.flight.fly_command import over_scenario
-from tombo_bringup.cli.main import app
+from tombo_bringup.cli.main import application
 from tombo_flight.arena.study import Match, arena_cases
 from tombo_flight.command_line import command_line, fly_command
 from tombo_flight.scenario import load_scenario
@@ -18,7 +18,7 @@ def parsed(line):
 
     name, *words = shlex.split(line)
     assert name == "tombo"
-    group = typer.main.get_command(app)
+    group = typer.main.get_command(application())
     command = group.commands[words[0]]
     return command.make_context(words[0], words[1:]).params
 

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tombo_bringup.cli.errors import BAD_INPUT, exit_code_of
-from tombo_bringup.cli.main import app
+from tombo_bringup.cli.main import application
 
 MAPPING = """\
 time: {column: t, unit: s}
@@ -29,7 +29,7 @@ def hover(tmp_path):
 
 
 def test_a_healthy_flight_has_no_cause_and_no_time(hover):
-    result = CliRunner().invoke(app, ["why", *hover, "--json"])
+    result = CliRunner().invoke(application(), ["why", *hover, "--json"])
     assert result.exit_code == 0, result.output
     said = json.loads(result.stdout)
     assert (said["cause"], said["time_s"], said["timeline"]) == ("none", None, [])
@@ -38,7 +38,7 @@ def test_a_healthy_flight_has_no_cause_and_no_time(hover):
 
 def test_a_folder_gets_answer_and_report(hover, tmp_path):
     folder = tmp_path / "out"
-    result = CliRunner().invoke(app, ["why", *hover, "-o", str(folder)])
+    result = CliRunner().invoke(application(), ["why", *hover, "-o", str(folder)])
     assert result.exit_code == 0, result.output
     assert "Nothing wrong" in result.stdout
     assert {path.name for path in folder.iterdir()} == {"why.json", "report.html"}
@@ -47,6 +47,6 @@ def test_a_folder_gets_answer_and_report(hover, tmp_path):
 def test_what_is_no_log_is_refused(tmp_path, capsys):
     path = tmp_path / "text.csv"
     path.write_text("nothing\n")
-    code = exit_code_of(lambda: app(["why", str(path)], standalone_mode=False))
+    code = exit_code_of(lambda: application()(["why", str(path)], standalone_mode=False))
     assert code == BAD_INPUT
     assert "accepted" in capsys.readouterr().err

@@ -5,8 +5,8 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Sequence
+from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from typing import Annotated, Final
 
 import typer
@@ -36,18 +36,6 @@ _COMMANDS: Final = (
 )
 """Modules of this package; each has a Typer application `app` with its commands."""
 
-app = typer.Typer(
-    name="tombo",
-    help="Fly a quadrotor with Tombo propellers, which fold on impact: the collision experiment "
-    "of the paper, headless.",
-    context_settings=HELP_OPTIONS,
-    pretty_exceptions_enable=False,
-)
-for module in _COMMANDS:
-    app.add_typer(import_module(f"tombo_bringup.cli.{module}").app)
-for command in sorted(entry_points(group="tombo.commands")):  # of other packages
-    app.add_typer(command.load(), name=command.name, context_settings=HELP_OPTIONS)
-
 
 def _print_version(wanted: bool) -> None:
     if wanted:
@@ -57,8 +45,7 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit()
 
 
-@app.callback(invoke_without_command=True)
-def tombo(
+def _tombo(
     ctx: typer.Context,
     version: Annotated[
         bool,
@@ -72,19 +59,48 @@ def tombo(
         typer.echo(ctx.get_help())
 
 
+@cache
+def application(modules: tuple[str, ...] = _COMMANDS) -> typer.Typer:
+    """Return the command with the subcommands of modules; of all also those of other packages."""
+    app = typer.Typer(
+        name="tombo",
+        help="Fly a quadrotor with Tombo propellers, which fold on impact: the collision "
+        "experiment of the paper, headless.",
+        context_settings=HELP_OPTIONS,
+        callback=_tombo,
+        invoke_without_command=True,
+        pretty_exceptions_enable=False,
+    )
+    for module in modules:
+        app.add_typer(import_module(f"tombo_bringup.cli.{module}").app)
+    if modules is _COMMANDS:
+        from importlib.metadata import entry_points
+
+        for command in sorted(entry_points(group="tombo.commands")):
+            app.add_typer(command.load(), name=command.name, context_settings=HELP_OPTIONS)
+    return app
+
+
+def _modules_of(args: Sequence[str]) -> tuple[str, ...]:
+    """Return the module of the subcommand that a command line begins with, else all."""
+    names = {module.rpartition(".")[2]: module for module in _COMMANDS}
+    module = names.get(f"{args[0]}_command") if args else None
+    return _COMMANDS if module is None else (module,)
+
+
 def run(arguments: Sequence[str] | None = None) -> None:
     """Run a command line, that of the process if None, and leave with its exit code."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
-    args = None if arguments is None else list(arguments)
+    args = list(sys.argv[1:] if arguments is None else arguments)
     sys.exit(exit_code_of(lambda: _command(args)))
 
 
-def _command(args: list[str] | None) -> object:
+def _command(args: list[str]) -> object:
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # as `tombo_bringup.start` leaves it
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    return app(args, prog_name="tombo", standalone_mode=False)
+    return application(_modules_of(args))(args, prog_name="tombo", standalone_mode=False)
 
 
 if __name__ == "__main__":
