@@ -27,6 +27,7 @@ from tombo_dynamics.message_records import record_of
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import phase_event, with_figures
+from tombo_flight.kept_start import KeptStarts, begin_in_flight
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import core_of
 from tombo_sim.flight_loop import (
@@ -38,8 +39,8 @@ from tombo_sim.flight_loop import (
     shared_by,
     step_in_python,
 )
-from tombo_sim.flight_setup import NOISE, FlightSetup, begin, capture_ticks
-from tombo_sim.kernel import FIGURE_COLUMNS, Log, new_log, part_of
+from tombo_sim.flight_setup import NOISE, FlightSetup, begin, capture_ticks, check_free, noise_of
+from tombo_sim.kernel import FIGURE_COLUMNS, Flights, Log, new_log, part_of
 from tombo_sim.normals import draw_normals, stream_of
 from tombo_sim.sensing import in_order_of_arrival
 from tombo_sim.wiring import CORES
@@ -68,6 +69,7 @@ class Workspace:
     """Flights keep `FIGURE_COLUMNS` of their log, and of topics what cores have published."""
     log: Any = field(default_factory=lambda: new_log(0))
     published: tuple[Any, ...] = field(default_factory=lambda: new_published(1, 0))
+    starts: KeptStarts = field(default_factory=KeptStarts)
     _ticks: int = 0
     _unused: list[int] = field(default_factory=list)
     """`references` when it was made."""
@@ -91,7 +93,7 @@ class Workspace:
         if self._ticks < ticks:
             self.log, self.published = new_log(ticks, self.columns), new_published(1, ticks)
             self._ticks, self._unused = ticks, self.references
-        return part_of(self.log, ticks), self.published
+        return part_of(self.log, slice(ticks)), self.published
 
 
 _spare: list[Workspace] = []
@@ -141,57 +143,113 @@ def fly_scenario(
             obstacle, parameters are so stiff that the simulation diverges, or the reaction fails
             or decides what can't be flown.
     """
-    setup = begin(world_of(scenario), seed)
+    start = scenario.start
+    setup = begin(world_of(scenario, in_flight=True), seed % start.states if start.time else seed)
     if prepare is not None:
         prepare(setup.plant)
     ticks = round(scenario.duration / TICK_S)
-    captures = np.append(capture_ticks(scenario.duration, setup.mocap_rate), np.int64(2**62))
-    normals = setup.mocap_noise.standard_normal((captures.size, NOISE))
     memory = workspace or _spare_or_new()
     log, published = memory.for_flight(ticks)
-    cores = [core_of(kind, scenario) for kind in CORES]
-    flights = one_flight(setup.plant, setup.theta, (captures, normals), cores, published)
-    flights = flights._replace(noise=np.empty((1, _BLOCK, NOISE)))
-    stream = stream_of(setup.tick_noise)
-    shared = shared_by(setup.maps, cores, log)
-    flight = flights.progress[0]
-    flight.end = ticks
-    flight.over.ground = scenario.vehicle.leg_height
-
-    drawn = 0
+    running = _Running(scenario, setup, log, published)
+    if start.time:
+        kept = memory.starts.get(scenario, seed % start.states, _flown_until_start)
+        begin_in_flight(running.flights, kept)
+        check_free(scenario.vehicle, setup.plant, "start.time")
+        running.draw(**noise_of(seed))
     began = time.perf_counter()
-    while (k := int(flight.tick)) < flight.end:
-        if k == drawn:
-            flights.base[0], drawn = k, k + _BLOCK
-            draw_normals(stream, flights.noise[0])
-        if fly(flights, shared, 0, drawn):
-            for core in step_in_python(flights, 0, cores):
-                if isinstance(core, ReactionCore) and core.failure:
-                    raise InputError(core.failure)
-        now_s = float(flight["tick"]) * TICK_S
-        state = setup.plant.state
-        if not math.isfinite(state.position[2] + state.rates[0]):
-            raise InputError(
-                f"the simulation diverges at {now_s:.2f} s: vehicle and effects together are "
-                "too stiff for steps of 1 ms; accepted: larger inertia, or smaller stiffness and "
-                "damping"
-            )
-        if stop is not None and stop():
-            break
-        if progress is not None:
-            progress(now_s)
+    running.fly(ticks, progress, stop)
     wall = time.perf_counter() - began
     if finish is not None:
-        finish(cores)
+        finish(running.cores)
 
-    said = published_by(flights, 0)
-    arrived = flights.entries[0, in_order_of_arrival(flights.entries[0])]
-    columns = part_of(log, flight["tick"])._asdict()
+    first, last = round(start.time / TICK_S), int(running.progress["tick"])
+    said = published_by(running.flights, 0)
+    entries = running.flights.entries[0]
+    arrived = entries[in_order_of_arrival(entries)]
+    rows = part_of(log, slice(first, last))._asdict()
     if workspace is None:
         _keep_spare(memory, ticks)
     flown = as_flown(scenario, seed, setup)
-    columns = {name: columns[name] for name in memory.columns}
-    return _record(scenario, seed, flown, columns, arrived, said, wall)
+    columns = {name: rows[name] for name in memory.columns}
+    return _record(scenario, seed, flown, columns, first, arrived, said, wall)
+
+
+class _Running:
+    """A flight of which some ticks are flown."""
+
+    def __init__(
+        self, scenario: Scenario, setup: FlightSetup, log: Any, published: tuple[Any, ...]
+    ) -> None:
+        rate = setup.mocap_rate
+        captures = np.append(capture_ticks(scenario.duration, rate), np.int64(2**62))
+        self.cores = [core_of(kind, scenario) for kind in CORES]
+        normals = np.empty((captures.size, NOISE))
+        flights = one_flight(setup.plant, setup.theta, (captures, normals), self.cores, published)
+        self.flights = flights._replace(noise=np.empty((1, _BLOCK, NOISE)))
+        self._shared = shared_by(setup.maps, self.cores, log)
+        self._state = setup.plant.state
+        self.progress = self.flights.progress[0]
+        self.progress.over.ground = scenario.vehicle.leg_height
+        self.draw(setup.tick_noise, setup.mocap_noise)
+
+    def draw(self, tick_noise: np.random.Generator, mocap_noise: np.random.Generator) -> None:
+        """Take what is random from these generators, from the tick to fly next."""
+        normals = self.flights.mocap_noise[0]
+        normals[:] = mocap_noise.standard_normal(normals.shape)
+        self._stream = stream_of(tick_noise)
+        self._drawn = int(self.progress.tick)
+
+    def fly(
+        self,
+        end: int,
+        progress: Callable[[float], None] | None = None,
+        stop: Callable[[], bool] | None = None,
+    ) -> bool:
+        """Fly to tick `end`, or until `stop`; return whether Python has made steps.
+
+        Raises:
+            InputError: as `fly_scenario`.
+        """
+        flights, flight, stepped = self.flights, self.progress, False
+        flight.end = end
+        while (k := int(flight.tick)) < flight.end:  # the end of a flight that is over is earlier
+            if k == self._drawn:
+                flights.base[0], self._drawn = k, k + _BLOCK
+                draw_normals(self._stream, flights.noise[0])
+            if fly(flights, self._shared, 0, self._drawn):
+                stepped = True
+                for core in step_in_python(flights, 0, self.cores):
+                    if isinstance(core, ReactionCore) and core.failure:
+                        raise InputError(core.failure)
+            now_s = float(flight["tick"]) * TICK_S
+            if not math.isfinite(self._state.position[2] + self._state.rates[0]):
+                raise InputError(
+                    f"the simulation diverges at {now_s:.2f} s: vehicle and effects together are "
+                    "too stiff for steps of 1 ms; accepted: larger inertia, or smaller stiffness "
+                    "and damping"
+                )
+            if stop is not None and stop():
+                break
+            if progress is not None:
+                progress(now_s)
+        return stepped
+
+
+def _flown_until_start(scenario: Scenario, seed: int) -> Flights:
+    """Return the state after a flight that is to go on.
+
+    Raises:
+        InputError: as `fly_scenario`, or it reacts before its end.
+    """
+    ticks = round(scenario.duration / TICK_S)
+    setup = begin(world_of(scenario), seed)
+    running = _Running(scenario, setup, new_log(0), new_published(1, ticks))
+    if running.fly(ticks) or running.progress.tick < ticks:
+        raise InputError(
+            f"start.time {scenario.duration:g}: the flight from the ground, seed {seed}, has "
+            "reacted to something, or is over, by then; accepted: an earlier time"
+        )
+    return running.flights
 
 
 def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any]:
@@ -209,11 +267,13 @@ def _record(
     seed: int,
     flown: dict[str, Any],
     log: dict[str, Array],
+    first: int,
     poses: Any,
     published: dict[str, Any],
     wall: float,
 ) -> Flight:
-    t: Array = np.arange(log["position"].shape[0], dtype=np.float64) * TICK_S
+    last = first + log["position"].shape[0]
+    t: Array = np.arange(first, last, dtype=np.float64) * TICK_S
     fields = {name: poses[name] for name in ("position", "attitude")}
     mocap = Topic.of(poses["stamp"] * TICK_S, fields, poses["arrives"] * TICK_S)
     topics = _by_topic(published)

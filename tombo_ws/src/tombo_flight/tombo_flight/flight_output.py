@@ -75,7 +75,8 @@ def warm_up_flight(scenario: Scenario) -> None:
     Raises:
         InputError: as `fly_scenario`.
     """
-    fly_scenario(dataclasses.replace(scenario, duration=_REHEARSAL_S), 0)
+    end_s = scenario.start.time + _REHEARSAL_S
+    fly_scenario(dataclasses.replace(scenario, duration=end_s), 0)
 
 
 def flight_summary(

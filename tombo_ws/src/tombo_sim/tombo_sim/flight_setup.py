@@ -59,7 +59,7 @@ def begin(world: World, seed: int) -> FlightSetup:
     seed = check_seed("seed", seed)
     vehicle = mounted_vehicle(world.vehicle, world.propeller)
     maps = mounted_rotors(world.propeller, vehicle)
-    draw_seed, tick_seed, mocap_seed, spread_seed = np.random.SeedSequence(seed).spawn(4)
+    draw_seed, _, _, spread_seed = np.random.SeedSequence(seed).spawn(4)
     nominal = vehicle_effects(world.propeller, vehicle, world.effects)
     uniform = np.random.default_rng(spread_seed).uniform(-1.0, 1.0, 4).tolist()
     effects = _spread_effects(nominal, world.spread, vehicle, uniform)
@@ -80,7 +80,7 @@ def begin(world: World, seed: int) -> FlightSetup:
         float(pole.top),
     )
     plant.obstacle = obstacle
-    _check_start(vehicle, start, obstacle)
+    check_free(vehicle, plant, "obstacle")
     begin_flight(plant, np.zeros(NOISE), theta, TICK_S)
     return FlightSetup(
         plant,
@@ -90,9 +90,17 @@ def begin(world: World, seed: int) -> FlightSetup:
         start,
         obstacle,
         (uniform[3] > 0.0 and spread.mocap_rate) or world.mocap_rate,
-        np.random.default_rng(tick_seed),
-        np.random.default_rng(mocap_seed),
+        **noise_of(seed),
     )
+
+
+def noise_of(seed: int) -> dict[str, np.random.Generator]:
+    """Return the generators of a flight's noise: fields of its `FlightSetup`."""
+    _, tick_seed, mocap_seed, _ = np.random.SeedSequence(seed).spawn(4)
+    return {
+        "tick_noise": np.random.default_rng(tick_seed),
+        "mocap_noise": np.random.default_rng(mocap_seed),
+    }
 
 
 def capture_ticks(duration: float, rate: float) -> NDArray[np.int64]:
@@ -121,17 +129,23 @@ def _spread_effects(
     return drawn
 
 
-def _check_start(vehicle: VehicleParams, start: Array, obstacle: Sequence[float]) -> None:
-    """Refuse an obstacle that stands where the vehicle starts.
+def check_free(vehicle: VehicleParams, plant: SimulatedPlant, what: str) -> None:
+    """Refuse a flight that would begin in the obstacle.
+
+    Args:
+        vehicle: its size.
+        plant: at the start.
+        what: the setting that is named.
 
     Raises:
-        InputError: the discs of the vehicle reach into the obstacle at the start.
+        InputError: the discs of the vehicle reach into the obstacle.
     """
-    x, y, radius, _ = obstacle
+    x, y, radius, _ = plant.obstacle.item()
     free = radius + vehicle.arm_length + vehicle.rotor_radius
-    distance = math.hypot(x - start[0], y - start[1])
+    distance = math.hypot(x - plant.state.position[0], y - plant.state.position[1])
     if radius > 0.0 and distance < free:
         raise InputError(
-            f"obstacle: its axis is {distance:.2f} m from the start, its radius {radius:g} m; "
-            f"accepted: at least {free:.2f} m, so that the vehicle does not start inside"
+            f"{what}: the axis of the obstacle is {distance:.2f} m from the start, its radius "
+            f"{radius:g} m; accepted: at least {free:.2f} m, so that the vehicle does not start "
+            "inside"
         )

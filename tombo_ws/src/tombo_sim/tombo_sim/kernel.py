@@ -91,9 +91,9 @@ def new_log(ticks: int, columns: Collection[str] = Log._fields) -> Any:
     )
 
 
-def part_of(log: Any, ticks: int) -> Any:
-    """Return the first rows of a `Log`: views."""
-    return Log(*(column[:ticks] for column in log))
+def part_of(log: Any, ticks: slice) -> Any:
+    """Return rows of a `Log`: views."""
+    return Log(*(column[ticks] for column in log))
 
 
 class FlightProgress(Record):
