@@ -8,7 +8,7 @@ from synthetic_sessions import KINDS, Vehicle, hidden
 
 from tombo_bag.flight import Flight
 from tombo_diagnosis.change.comparison import accused_of, compare, spread_of
-from tombo_diagnosis.change.sessions import known_sessions, sessions_by_demand
+from tombo_diagnosis.change.sessions import healthy_sessions, known_sessions, sessions_by_demand
 from tombo_diagnosis.change.signatures import candidates
 from tombo_diagnosis.change.verdict import judge_change
 from tombo_diagnosis.flight.nominal import nominal_model
@@ -87,3 +87,16 @@ def test_sessions_are_those_given_else_dates_else_alike():
     first, second = vehicle.session(3), vehicle.session(2, np.full(9, 0.05))
     names = sessions_by_demand([*first, *second])
     assert len(set(names[:3])) == 1 and len(set(names[3:])) == 1 and names[0] != names[3]
+
+
+def test_a_day_on_which_the_vehicle_does_not_stay_the_same_is_no_session():
+    """New flights of that day are then of a further session, not of one known to differ little."""
+    flights = [Flight({}, f"{k}_2026-03-05") for k in range(4)]
+    vehicle = Vehicle(np.random.default_rng(2))
+    alike, moved = vehicle.session(3), vehicle.session(1, np.full(9, 0.05))
+    day = "2026-03-05"
+    assert healthy_sessions(flights[:3], flights[3:], alike, {}) == ([day] * 3, day)
+    names, same = healthy_sessions(flights[:3], flights[3:], [*alike[:2], *moved], {})
+    assert same == "" and names[0] == names[1] != names[2]
+    told = healthy_sessions(flights[:3], flights[3:], [*alike[:2], *moved], {"*": "one"})
+    assert told == (["one"] * 3, "one")

@@ -44,6 +44,9 @@ _FLIGHT_COMMON = 0.01
 """The same of all rotors together: batteries differ in mass by 3 % of a third of the vehicle."""
 _PRIOR_SESSIONS, _PRIOR_FLIGHTS = 4.0, 4.0
 """How many of each that weighs."""
+_ALIKE_SESSIONS = 2.0
+"""Sessions that "no more than other vehicles" weighs, where a vehicle's spread as a whole is asked
+for: from vehicle to vehicle it differs by a factor of two, more than its parts do."""
 
 TYPICAL_SIZE: Mapping[str, float] = {
     WEAK_PROPELLER: 0.1, ADDED_WEIGHT: 0.1, HANGING_LOAD: 0.1, MASS: 0.1, CENTRE: 0.06,
@@ -151,7 +154,7 @@ def spread_of(healthy: Sequence[Features], sessions: Sequence[str], same: str = 
     apart = moved[:, :4]
     # a vehicle that varies more in some directions does so in those not yet seen
     loose = float(np.sum(apart * np.linalg.solve(prior[:4, :4], apart.T).T))
-    loose = (4.0 * _PRIOR_SESSIONS + loose) / (4.0 * _PRIOR_SESSIONS + 4.0 * (n - 1.0))
+    loose = (4.0 * _ALIKE_SESSIONS + loose) / (4.0 * _ALIKE_SESSIONS + 4.0 * (n - 1.0))
     prior[:4, :4] *= max(loose, 1.0) if n > 1 else 1.0
     alike = np.diag(np.square(_FLIGHT))
     alike[:4, :4] += _FLIGHT_COMMON**2

@@ -28,7 +28,7 @@ from tombo_diagnosis.change.features import (
     features,
     mean_of,
 )
-from tombo_diagnosis.change.sessions import known_sessions, sessions_by_demand
+from tombo_diagnosis.change.sessions import healthy_sessions
 from tombo_diagnosis.change.signatures import CENTRE, MASS, UNBALANCE, WEAK_PROPELLER, candidates
 from tombo_diagnosis.change.verdict import ChangeVerdict, judge_change, notes, summary
 from tombo_diagnosis.diagnosis import Change, Detectable, Diagnosis, FlightSummary, Score
@@ -95,7 +95,9 @@ def diagnose_change(
     )
     _check_fly(after, data.new)
     tried = candidates(nominal.vehicle, nominal.maps, _SIZES)
-    named, same = _sessions(before, after, data.healthy, sessions)
+    named, same = healthy_sessions(
+        [f.log for f in before], [f.log for f in after], data.healthy, sessions
+    )
     spread = spread_of(data.healthy, named, same)
     accused, asked = accused_of(data.healthy, named, tried)
     exponent_doubt, supply_doubt = curve.deviation[0] / curve.exponent, curve.deviation[1]
@@ -138,20 +140,6 @@ def diagnose_change(
         changed=changed,
     )
     return diagnosis, data
-
-
-def _sessions(
-    before: Sequence[AirborneFlight],
-    after: Sequence[AirborneFlight],
-    healthy: Sequence[Features],
-    given: Mapping[str, str],
-) -> tuple[list[str], str]:
-    """Return each healthy flight's session, and that which all new ones share with some, or ""."""
-    known = known_sessions([f.log for f in (*before, *after)], given)
-    named, new = known[: len(before)], set(known[len(before) :])
-    if not all(named):
-        return sessions_by_demand(healthy), ""
-    return named, new.pop() if len(new) == 1 and new <= set(named) else ""
 
 
 def _label(change: Change) -> str:

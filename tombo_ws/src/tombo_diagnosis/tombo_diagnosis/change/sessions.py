@@ -44,6 +44,35 @@ def known_sessions(flights: Sequence[Flight], given: Mapping[str, str]) -> list[
     return names
 
 
+def healthy_sessions(
+    before: Sequence[Flight],
+    after: Sequence[Flight],
+    healthy: Sequence[Features],
+    given: Mapping[str, str],
+) -> tuple[list[str], str]:
+    """Return each healthy flight's session, and that which all new ones share with some, or "".
+
+    A day on which the vehicle does not stay the same is no session: its parts are.
+
+    Args:
+        before: the healthy flights.
+        after: the new ones.
+        healthy: what the healthy flights say.
+        given: as `known_sessions`.
+    """
+    known = known_sessions([*before, *after], given)
+    named, new = known[: len(before)], set(known[len(before) :])
+    alike = sessions_by_demand(healthy)
+    if not all(named):
+        return alike, ""
+    same = new.pop() if len(new) == 1 and new <= set(named) else ""
+    parts = [f"{day}, {part}" for day, part in zip(named, alike, strict=True)]
+    that_day = {part for day, part in zip(named, parts, strict=True) if day == same}
+    if given or len(that_day) < 2:
+        return named, same
+    return parts, ""
+
+
 def _date(flight: Flight) -> str:
     if _FIRST_NS < flight.epoch_ns < _LAST_NS:
         return str(np.datetime64(flight.epoch_ns, "ns").astype("datetime64[D]"))

@@ -257,6 +257,11 @@ def logistic(x: float) -> float:
     return 1.0 / (1.0 + math.exp(-min(max(x, -700.0), 700.0)))
 
 
+def succession(trials: int, failures: int) -> float:
+    """Return the probability of success after so many trials (Laplace's rule of succession)."""
+    return (trials - failures + 1.0) / (trials + 2.0)
+
+
 def calibrated(probability: float, table: Calibration, most: float) -> float:
     """Return a probability as a table calibrates it, never more than `most`."""
     if table:

@@ -26,6 +26,7 @@ from tombo_logs.checks.rotors.rotor_sensors import sensor_faults
 from tombo_logs.checks.scales import accel_offsets, rotor_scales, track_scales
 from tombo_logs.checks.series_cleaning import clean_series, nothing_left, without_wrong_poses
 from tombo_logs.checks.spans import Mask, Span, block_means, inside, merged, sample_interval
+from tombo_logs.checks.wind import wind
 
 POSE = ("position", "attitude")
 _IMU = ("gyro", "accel")
@@ -90,6 +91,7 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
     apart = merged([*excluded, *_spans(findings)])
     series, more = _consistent(log.name, series, apart)
     findings += more
+    findings += _wind(log, series, apart, hover)
     findings += _motors(log.name, series, apart, None if log.airframe is not None else hover)
     findings += _changes(log.name, series, apart)
     position = series["position"]
@@ -261,6 +263,17 @@ def _consistent(
     if wrong:
         series = {name: s for name, s in series.items() if name not in _IMU}
     return series, findings
+
+
+def _wind(
+    log: Flight, series: dict[str, Series], apart: list[Span], hover: Hover | None
+) -> list[Finding]:
+    """Report wind; the mass is that of the log's airframe, else of the model."""
+    motion = _motion(series, apart)
+    if motion is None:
+        return []
+    mass = log.airframe.mass if log.airframe is not None else hover.mass if hover else None
+    return wind(log.name, motion, series["position"], mass)
 
 
 def _accel_unit(flight: str, series: dict[str, Series], down: list[Span]) -> list[Finding]:

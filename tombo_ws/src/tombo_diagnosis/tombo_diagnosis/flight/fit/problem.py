@@ -19,6 +19,7 @@ from tombo_diagnosis.engine.regression import (
     Unknowns,
     solve,
 )
+from tombo_diagnosis.engine.verdict import succession
 from tombo_diagnosis.flight.fit.prediction import channels_of
 from tombo_diagnosis.flight.fit.sensitivity import SCATTER, Linearization, linearize, map_flights
 from tombo_diagnosis.flight.fit.track import FAST_SPACING, SLOW_SPACING, Track
@@ -73,18 +74,13 @@ def setting_of(nominal: NominalModel, flights: int) -> Setting:
         SETTING,
         model_error_share=CALIBRATED_MODEL_ERROR_SHARE,
         equivalent=(DISPLACEMENTS,),
-        max_confidence=_succession(flights, 0),
+        max_confidence=succession(flights, 0),
     )
 
 
 def healthy_confidence(healthy: HealthyFlights) -> float:
     """Return the confidence that a vehicle allows which was fitted to healthy flights."""
-    return _succession(healthy.left_out, healthy.accused)
-
-
-def _succession(trials: int, failures: int) -> float:
-    """Return the probability of success after so many trials (Laplace's rule of succession)."""
-    return (trials - failures + 1.0) / (trials + 2.0)
+    return succession(healthy.left_out, healthy.accused)
 
 
 Parts = dict[str, tuple[Array, Array, Array]]

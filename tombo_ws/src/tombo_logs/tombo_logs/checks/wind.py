@@ -1,0 +1,180 @@
+"""Wind: a horizontal force in map that stays, or swings with a period of its own.
+
+Thrust acts along body z, so what else accelerates the vehicle sideways shows in the poses, and in
+the accelerometer. A body that was defined leaning, and an offset of the accelerometer, look alike
+in one of the two, and turn with the heading; a force on the vehicle shows in both. Drag goes with
+the vehicle's own velocity: where flights show it, the force is a speed of the air.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
+
+from tombo_bag.flight import Finding, Series
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.vehicle import GRAVITY
+from tombo_logs.checks.motion import RATE, WIDTH, Motion
+from tombo_logs.checks.spans import block_means
+
+_BLOCK_S = 0.24
+"""Means over such blocks are fitted."""
+_CORRELATED_S = 1.5
+"""Blocks of such a stretch count as one sample."""
+_SHORTEST_S = 8.0
+_LEANS = 0.35
+"""Standard deviation of what a body that was defined leaning, or an offset of the accelerometer,
+looks like across the thrust [m/s^2]: 2 deg."""
+_FRAME_LEANS = 0.2
+"""The same of a map whose z is not up: 1.2 deg. It stays when the heading turns."""
+_USUAL_DRAG, _FASTEST_AIR = 0.3, 5.0
+"""Standard deviations before the data, of drag per mass [1/s] and of a steady push [m/s^2]."""
+_SURE = 4.0
+"""Standard deviations by which a push is called wind."""
+_LEAST = 0.4
+"""m/s^2 of a steady push, and of a swinging one, that is reported."""
+_PERIODS, _HIGHEST_HZ = 3.0, 1.0
+"""Fewest periods of a swing in a flight, and its highest frequency."""
+_SWINGS = 0.4
+"""Least share of what is left of the force that a swing explains."""
+_OF_COURSE = 1.5
+"""Force per mass over own speed at its frequency [1/s] from which on a swing is not of the
+course: drag has 0.2 to 0.6."""
+_DRAG_KNOWN = 0.2
+"""Relative deviation of the drag up to which the air's speed is told."""
+
+
+@dataclass(frozen=True)
+class Push:
+    """Horizontal force per mass that the vehicle's own motion does not make."""
+
+    steady: Array
+    """(2,) along map x, y [m/s^2]."""
+    deviation: float
+    """Of its size: one standard deviation [m/s^2]."""
+    drag: float
+    """Per mass [1/s]."""
+    drag_deviation: float
+    swing: float
+    """Amplitude [m/s^2]; 0: it does not swing."""
+    frequency: float
+    """Of the swing [Hz]."""
+
+    @property
+    def size(self) -> float:
+        """Of the steady part [m/s^2]."""
+        return float(np.linalg.norm(self.steady))
+
+
+def wind(flight: str, motion: Motion, position: Series, mass: float | None) -> list[Finding]:
+    """Report wind with its force, its swing, and its speed where drag is known.
+
+    Args:
+        flight: name.
+        motion: of poses and IMU.
+        position: its poses.
+        mass: of the vehicle [kg]; None: not known.
+    """
+    push = push_of(motion, position)
+    if push is None:
+        return []
+    steady = push.size > max(_LEAST, _SURE * push.deviation)
+    if not steady and push.swing == 0.0:
+        return []
+    unit, scale = ("N", mass) if mass is not None else ("m/s^2", 1.0)
+    said = []
+    if steady:
+        heading = round(math.degrees(math.atan2(push.steady[1], push.steady[0]))) % 360
+        said.append(
+            f"a steady {scale * push.size:.2g} ± {2.0 * scale * push.deviation:.1g} {unit} "
+            f"({push.size / GRAVITY:.2f} of the weight) towards {heading} deg from map x"
+        )
+    if push.swing > 0.0:
+        said.append(f"{scale * push.swing:.2g} {unit} to and fro at {push.frequency:.2f} Hz")
+    speed = "its speed is not known without the drag coefficient"
+    if push.drag > 0.0 and push.drag_deviation < _DRAG_KNOWN * push.drag:
+        speeds = [f"{size / push.drag:.1f}" for size in (push.size * steady, push.swing) if size]
+        speed = f"by the drag that this flight shows, air of {' ± '.join(speeds)} m/s"
+    text = f"wind: a horizontal force beside the vehicle's own drag, {' and '.join(said)}; {speed}"
+    return [Finding("wind", "warning", flight, text)]
+
+
+def push_of(motion: Motion, position: Series) -> Push | None:
+    """Fit steady and swinging push, drag and offsets; None: too short a flight."""
+    block = round(_BLOCK_S * RATE)
+    good = block_means(motion.good.astype(np.float64), block) > 0.99
+    if np.count_nonzero(good) * _BLOCK_S < _SHORTEST_S:
+        return None
+    track = np.column_stack([np.interp(motion.t, position.t, c) for c in position.values[:, :2].T])
+    speed = gaussian_filter1d(track, WIDTH * RATE, axis=0, order=1) * RATE
+    t, speed = block_means(motion.t, block)[good], block_means(speed, block)[good]
+    ahead = Rotation.from_quat(motion.attitude).as_matrix()[:, :2, 0]
+    ahead = block_means(ahead, block)[good]
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
+    forces = [block_means(each, block)[good] for each in _pushes(motion)]
+    return _fitted(t, forces, speed, ahead)
+
+
+def _pushes(motion: Motion) -> list[Array]:
+    """Return the horizontal force per mass in map (N, 2): by the poses, by the accelerometer."""
+    up = motion.up
+    lift = (motion.acceleration[:, 2] + GRAVITY) / np.maximum(up[:, 2], 0.2)
+    by_source = [motion.acceleration[:, :2] - lift[:, None] * up[:, :2]]
+    if motion.accel.size:
+        across = Rotation.from_quat(motion.attitude).as_matrix()[:, :2, :2]
+        turned = np.transpose(across, (0, 2, 1)) + 1e-9 * np.eye(2)
+        by_source.append(np.linalg.solve(turned, motion.accel[:, :2, None])[..., 0])
+    return by_source
+
+
+def _fitted(t: Array, forces: list[Array], speed: Array, ahead: Array) -> Push:
+    """Fit by least squares with priors: push (2), drag, and two offsets of each source."""
+    left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+    width = 3 + 2 * len(forces)
+    rows, targets = [], []
+    for k, force in enumerate(forces):
+        for axis in (0, 1):
+            row = np.zeros((t.size, width))
+            row[:, axis] = 1.0
+            row[:, 2] = -speed[:, axis]
+            row[:, 3 + 2 * k], row[:, 4 + 2 * k] = ahead[:, axis], left[:, axis]
+            rows.append(row)
+            targets.append(force[:, axis])
+    prior = np.array([_FASTEST_AIR, _FASTEST_AIR, _USUAL_DRAG, *[_LEANS] * (width - 3)])
+    design, target = np.vstack(rows), np.concatenate(targets)
+    noise = 0.05
+    for _ in range(3):  # the noise is that of what is left; sources see one force, not two
+        weight = _BLOCK_S / (_CORRELATED_S * len(forces) * noise)
+        covariance = np.linalg.inv(weight * design.T @ design + np.diag(prior**-2.0))
+        value = covariance @ (weight * design.T @ target)
+        rest = target - design @ value
+        noise = max(float(np.mean(rest**2)), 1e-4)
+    spread = covariance[:2, :2] + _FRAME_LEANS**2 * np.eye(2)
+    along = value[:2] / max(float(np.linalg.norm(value[:2])), 1e-9)
+    left_over = rest.reshape(len(forces), 2, -1).mean(axis=0).T
+    swing, frequency = _swing(t, left_over, speed)
+    return Push(
+        value[:2], math.sqrt(float(along @ spread @ along)), float(value[2]),
+        math.sqrt(float(covariance[2, 2])), swing, frequency,
+    )  # fmt: skip
+
+
+def _swing(t: Array, force: Array, speed: Array) -> tuple[float, float]:
+    """Return amplitude [m/s^2] and frequency [Hz] of a force that swings; zeros: it does not."""
+    length = float(t[-1] - t[0])
+    lowest = _PERIODS / length
+    if lowest >= _HIGHEST_HZ:
+        return 0.0, 0.0
+    tried = np.arange(lowest, _HIGHEST_HZ, 0.2 / length)
+    waves = np.exp(2j * np.pi * np.outer(tried, t - t[0])) * (2.0 / t.size)
+    amplitude = np.linalg.norm(waves @ (force - force.mean(axis=0)), axis=1)
+    own = np.linalg.norm(waves @ (speed - speed.mean(axis=0)), axis=1)
+    k = int(np.argmax(amplitude))
+    share = 0.5 * amplitude[k] ** 2 / max(float(force.var(axis=0).sum()), 1e-9)
+    if amplitude[k] < max(_LEAST, _OF_COURSE * own[k]) or share < _SWINGS:
+        return 0.0, 0.0
+    return float(amplitude[k]), float(tried[k])
