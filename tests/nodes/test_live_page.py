@@ -186,6 +186,7 @@ def test_the_vehicle_holds_lands_and_is_killed_by_the_second_press(flying, page_
     watch.climbs()
     assert "press again" in page.press("kill")
     flown = watch.positions(3.0)  # longer than the first press counts
+    assert max(watch.world.heard[ROTOR_COMMAND.name][-1].speed) > 0.0
     with in_time():
         assert flown[:, 2].min() > 0.5
     page.press_until_obeyed("kill")
