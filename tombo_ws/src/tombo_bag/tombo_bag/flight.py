@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.channels import CHANNELS, ROTOR_SPEEDS
+from tombo_bag.channels import CHANNELS, CONTROL_CHANNELS, ROTOR_SPEEDS
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import unknown_name
 
 _NAMES = {(channel.topic, channel.field): name for name, channel in CHANNELS.items()}
 """Topic and field → name of the channel."""
 _TOPICS = {channel.topic for channel in CHANNELS.values()}
+_ALL = {**CHANNELS, **CONTROL_CHANNELS}
 
 
 @dataclass(frozen=True)
@@ -164,11 +165,24 @@ class Flight:
         }
 
     def with_series(self, series: Mapping[str, Series]) -> Flight:
-        """Return the flight with these channels, by their names in `CHANNELS`, and no others."""
+        """Return the flight with these channels, by their names in `CHANNELS`, and no others.
+
+        Those in `CONTROL_CHANNELS` stay as they are, unless they are given.
+        """
         topics: dict[str, Topic] = {}
+        series = {**self.control, **series}
         for name, channel in series.items():
-            topics.setdefault(CHANNELS[name].topic, Topic())[CHANNELS[name].field] = channel
+            topics.setdefault(_ALL[name].topic, Topic())[_ALL[name].field] = channel
         return replace(self, topics=topics)
+
+    @property
+    def control(self) -> dict[str, Series]:
+        """What its controller estimated and asked for, by the names in `CONTROL_CHANNELS`."""
+        return {
+            name: self.topics[channel.topic][channel.field]
+            for name, channel in CONTROL_CHANNELS.items()
+            if channel.topic in self.topics and channel.field in self.topics[channel.topic]
+        }
 
     @property
     def has_rotor_speeds(self) -> bool:

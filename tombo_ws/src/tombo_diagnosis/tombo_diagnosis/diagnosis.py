@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final
 
 from tombo_bag.flight import Finding
+from tombo_diagnosis.control.controller import ControllerReport, controller_mapping
 from tombo_diagnosis.leftover.leftover import Leftover
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import FittedParameter, Gain
@@ -159,6 +160,8 @@ class Diagnosis:
     """Of a comparison with healthy flights: named: what has changed; set: its members."""
     leftover: Leftover | None = None
     """unknown, partly_explained: what is left, drawn and as a sum of terms; else None."""
+    controller: ControllerReport | None = None
+    """Gains of the controller that flew, and what swings; None: the logs don't say."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """effect.parameter → standard deviation within which the model's value may be off."""
 
@@ -168,7 +171,8 @@ def diagnosis_mapping(diagnosis: Diagnosis) -> dict[str, Any]:
     left = diagnosis.leftover
     if left is not None:
         left = replace(left, samples=())
-    values = asdict(replace(diagnosis, residuals=(), leftover=left))
+    values = asdict(replace(diagnosis, residuals=(), leftover=left, controller=None))
+    values["controller"] = controller_mapping(diagnosis.controller)
     if left is not None:
         del values["leftover"]["samples"]
     del values["residuals"]

@@ -31,6 +31,7 @@ from tombo_diagnosis.change.features import (
 from tombo_diagnosis.change.sessions import healthy_sessions
 from tombo_diagnosis.change.signatures import CENTRE, MASS, UNBALANCE, WEAK_PROPELLER, candidates
 from tombo_diagnosis.change.verdict import ChangeVerdict, judge_change, notes, summary
+from tombo_diagnosis.control.controller import ControllerReport, controller_report, stated_of
 from tombo_diagnosis.diagnosis import Change, Detectable, Diagnosis, FlightSummary, Score
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, fit_drive_curve
 from tombo_diagnosis.flight.nominal import NominalModel
@@ -121,6 +122,7 @@ def diagnose_change(
     if verdict.verdict == "named" and changed[0].effect == MASS:
         changed += (_equal(changed[0]),)
     stated = "set" if any(c.effect == _EQUAL for c in changed) else verdict.verdict
+    controller = _controller(new, healthy)
     diagnosis = Diagnosis(
         verdict=stated,
         causes=(),
@@ -132,14 +134,24 @@ def diagnose_change(
         flights=tuple(_summary(f) for f in (*after, *before)),
         residuals=(),
         confidence=verdict.confidence,
-        summary=summary(verdict, spread, comparison, seen),
+        summary=" ".join(
+            filter(None, (summary(verdict, spread, comparison, seen), stated_of(controller)))
+        ),
         notes=notes(spread, mean_of(data.new), accused, asked),
         model=f"{counted(len(before), 'healthy flight')} of the same vehicle",
         vehicle=airframe.name if airframe is not None else "",
         seconds=clock() - began,
         changed=changed,
+        controller=controller,
     )
     return diagnosis, data
+
+
+def _controller(new: Sequence[Flight], healthy: Sequence[Flight]) -> ControllerReport | None:
+    """Return what the new flights say of their controller, held against the healthy ones."""
+    before = controller_report(healthy, None)
+    expected = () if before is None else before.gains
+    return controller_report(new, None, expected, "that of the healthy flights")
 
 
 def _label(change: Change) -> str:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from tombo_bag.flight import Flight
+from tombo_diagnosis.control.oscillation import oscillation
+from tombo_diagnosis.control.signals import control_signals
 from tombo_diagnosis.crash.motion import CrashMotion, crash_motion
 from tombo_diagnosis.crash.signs import Sign, signs
 
@@ -71,8 +73,19 @@ def why(log: Flight) -> Why:
     """
     motion = crash_motion(log)
     line = signs(motion)
+    swing = swing_of(log)
     cause, time, stated, members = judged(line, motion)
+    if cause == "none" and swing is not None:
+        line = sorted([*line, swing], key=lambda s: s.time)
+        cause, time, stated = CAUSES["oscillation"], swing.time, _STATED["oscillation"]
     return Why(cause, time, stated, members, tuple(line), log, motion)
+
+
+def swing_of(log: Flight) -> Sign | None:
+    """Return the loop that swings through the flight, if one does."""
+    seen = control_signals(log, None)
+    swing = None if seen is None else oscillation(seen)
+    return None if swing is None else Sign(swing.begin_s, "oscillation", swing.text)
 
 
 def judged(

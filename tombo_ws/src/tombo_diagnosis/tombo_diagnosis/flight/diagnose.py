@@ -13,6 +13,13 @@ import numpy as np
 
 from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Finding, Flight
+from tombo_diagnosis.control.controller import (
+    ControllerReport,
+    cascade_gains,
+    controller_report,
+    stated_of,
+)
+from tombo_diagnosis.control.signals import DrivePlant
 from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightSummary, Residual
 from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.flight.analyse import DOUBTS, FlightAnalysis, analyse
@@ -40,6 +47,7 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import Model
 from tombo_flight.model_file import read_model
 from tombo_flight.progress import ProgressCallback, no_progress
+from tombo_flight.scenario import load_scenario
 from tombo_flight.vehicle_file import VehicleFile, read_vehicle
 from tombo_logs.checks import check_log
 from tombo_logs.checks.pipeline import POSE
@@ -85,6 +93,7 @@ def diagnose_flights(
     """
     began = clock()
     usable, unusable = _usable(logs)
+    controller = _controller(usable, nominal)
     frame = usable[0].airframe
     driven = any(set(DRIVES) & set(log.series) for log in usable)
     if frame is not None and not driven and all(log.airframe == frame for log in usable):
@@ -129,13 +138,14 @@ def diagnose_flights(
         ),
         residuals=tuple(_residuals(findings, final)),
         confidence=judgement.confidence,
-        summary=summary(findings, causes, gains),
+        summary=" ".join(filter(None, (summary(findings, causes, gains), stated_of(controller)))),
         notes=tuple(notes(findings)),
         model=nominal.label,
         vehicle=nominal.vehicle_name
         or (usable[0].airframe.name if usable[0].airframe is not None else ""),
         seconds=clock() - began,
         leftover=_leftover(findings, final),
+        controller=controller,
         tolerances=nominal_tolerances(nominal),
     )
     return diagnosis, findings
@@ -221,6 +231,15 @@ def _residuals(findings: FlightAnalysis, final: Explanation) -> list[Residual]:
                 )
             ]
     return shown
+
+
+def _controller(logs: Sequence[Flight], nominal: NominalModel) -> ControllerReport | None:
+    """Return what the flights say of their controller; the suite's own has known gains."""
+    own = all(log.airframe is None for log in logs)
+    plant = DrivePlant(nominal.vehicle, nominal.maps, nominal.maps.torque_ratio) if own else None
+    recorded = own and not nominal.vehicle_name and all("scenario" in g.metadata for g in logs)
+    expected = cascade_gains(load_scenario("no_obstacle").control) if recorded else ()
+    return controller_report(logs, plant, expected, "the suite's own")
 
 
 def _noise(findings: FlightAnalysis) -> dict[str, float]:

@@ -14,6 +14,7 @@ from tombo_diagnosis.change.diagnose import ChangeData
 from tombo_diagnosis.change.features import Features
 from tombo_diagnosis.change.verdict import headline, phrase
 from tombo_diagnosis.diagnosis import JSON, REPORT, Change, Diagnosis, diagnosis_mapping
+from tombo_diagnosis.report.controller_items import controller_items
 from tombo_diagnosis.report.page import (
     candidate_items,
     check_items,
@@ -89,6 +90,7 @@ def change_page(diagnosis: Diagnosis, data: ChangeData) -> Page:
             *(logs if faulty else ()),
             Section("What has changed", [picture], "page"),
             Section("What it may be", [possibility_table(possible)] if possible else []),
+            Section("The controller", controller_items(diagnosis.controller)),
             Section("What can’t be certified", sentences(diagnosis.notes)),
             Section("All candidates", candidate_items(diagnosis.candidates), "page"),
             *(() if faulty else logs),

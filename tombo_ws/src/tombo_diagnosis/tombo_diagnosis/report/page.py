@@ -25,6 +25,7 @@ from tombo_diagnosis.diagnosis import (
 from tombo_diagnosis.extend_model import extends
 from tombo_diagnosis.leftover.leftover import UNITS
 from tombo_diagnosis.report import figures, residual_data
+from tombo_diagnosis.report.controller_items import controller_items
 from tombo_diagnosis.report.leftover_figure import draw_leftover
 from tombo_diagnosis.report.residual_data import Pair, corrected, rms
 from tombo_diagnosis.report.words import (
@@ -112,6 +113,7 @@ def diagnosis_page(diagnosis: Diagnosis, folder: str = "", vehicle: str = "") ->
                 _gains(diagnosis),
             ),
             Section("What can’t be certified", sentences(diagnosis.notes)),
+            Section("The controller", controller_items(diagnosis.controller)),
             Section("What drives it", _drivers(diagnosis, pairs[1:]), "page"),
             Section("All channels", _channels(diagnosis), "page"),
             Section("Other candidates", _rivals(diagnosis)),

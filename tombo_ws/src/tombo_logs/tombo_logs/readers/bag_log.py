@@ -12,12 +12,22 @@ from typing import Any
 
 import numpy as np
 
-from tombo_bag.channels import CHANNELS, ROTOR_SPEED
+from tombo_bag.channels import CHANNELS, CONTROL_CHANNELS, ROTOR_SPEED
 from tombo_bag.columns import ColumnTable
 from tombo_bag.flight import Finding, Flight, Series, damage_findings
 from tombo_bag.message_codec import fields_of
 from tombo_bag.recording import Recording
-from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, POSE_TYPES, ROTOR_COMMAND
+from tombo_bag.topics import (
+    ATTITUDE_SETPOINT,
+    BATTERY,
+    IMU,
+    MOCAP_POSE,
+    ODOMETRY,
+    POSE_TYPES,
+    RATES_SETPOINT,
+    ROTOR_COMMAND,
+    SETPOINT,
+)
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
@@ -31,6 +41,8 @@ _TYPES = {
     ROTOR_SPEED: (ROTOR_COMMAND.typename,),
     BATTERY.name: (BATTERY.typename,),
 }
+_CONTROL = {t.name: t.typename for t in (SETPOINT, ATTITUDE_SETPOINT, RATES_SETPOINT, ODOMETRY)}
+"""Topic → type of what the suite's controller estimates and asks for."""
 _ALONE = "no metadata.yaml: the recorder was not closed"
 """No damage if the folder has one recording, as of a headless flight."""
 _POSE = {"position", "attitude"}
@@ -62,8 +74,10 @@ def read_bag(
         foreign = ForeignTopics(recording, name, mapping)
         if MOCAP_POSE.name not in topics and not {*mapped, *foreign.px4} >= _POSE:
             raise _no_pose(recording)
-        recording.load(list(topics.values()))
+        control = [t for t, kind in _CONTROL.items() if t in usable_topics(recording, {kind})]
+        recording.load([*topics.values(), *control])
         tables = {name: recording.columns(topic) for name, topic in topics.items()}
+        asked = {name: recording.columns(name) for name in control}
         typenames = {key: recording.topics[topic].typename for key, topic in topics.items()}
         tables = {key: table for key, table in tables.items() if len(table["log_time_ns"])}
         starts = [s.first_ns for s in recording.topics.values() if s.count]
@@ -82,6 +96,10 @@ def read_bag(
             if channel not in mapped:
                 series[channel] = clock.series(key, table, values)
     every = (*findings, *foreign.findings, *clock.findings)
+    said = _Clock(name, start_ns, asked)
+    for key, table in asked.items():
+        for channel, values in _control_values(key, table).items():
+            series.setdefault(channel, said.series(key, table, values))
     return Flight.measured(
         name, f"{path} (recording)", series, findings=every, metadata=metadata, epoch_ns=start_ns
     )
@@ -178,6 +196,17 @@ def _values(key: str, table: ColumnTable, typename: str) -> dict[str, Array]:
         values["current"] = -values["current"]  # sensor_msgs: drawn is negative
         return {name: v for name, v in values.items() if np.isfinite(v).any()}
     return values
+
+
+def _control_values(key: str, table: ColumnTable) -> dict[str, Array]:
+    """Return control channel → values of one of the suite's topics."""
+    fields = fields_of(_CONTROL[key], table)
+    values: dict[str, Array] = {
+        name: np.asarray(fields[channel.field], np.float64).reshape(-1, channel.width)
+        for name, channel in CONTROL_CHANNELS.items()
+        if channel.topic == key and channel.field in fields
+    }
+    return {n: unwrap_quaternions(v) if v.shape[1] == 4 else v for n, v in values.items()}
 
 
 def _scenario_name(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, str]:

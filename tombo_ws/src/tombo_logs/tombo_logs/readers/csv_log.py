@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_bag.channels import CHANNELS
+from tombo_bag.channels import CHANNELS, CONTROL_CHANNELS
 from tombo_bag.columns import stacked_columns
 from tombo_bag.flight import Finding, Flight, Series, damage_findings
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.yaml_text import read_yaml
-from tombo_logs.readers.csv_mapping import LogMapping, shipped
+from tombo_logs.readers.csv_mapping import ATTITUDES, LogMapping, shipped
 from tombo_logs.readers.csv_table import CsvTable, open_table
 from tombo_logs.readers.frames import axes_matrix, handedness, turn_attitude
 from tombo_logs.readers.mapping_file import ChannelMap, TimeColumn
@@ -24,6 +24,13 @@ from tombo_logs.readers.units import factor
 _POSE = ("position", "attitude")
 _INERTIAL = ("gyro", "accel", "motor_command")
 """Without poses these say how a vehicle answers its motors."""
+_IN_WORLD = (
+    *("position", "acceleration", "estimated_position", "estimated_velocity"),
+    *("position_setpoint", "velocity_setpoint", "acceleration_setpoint"),
+)
+_IN_BODY = ("gyro", "accel", "estimated_body_velocity", "rates_setpoint", "torque_setpoint")
+_POLAR = ("accel", "estimated_body_velocity")
+"""Vectors that keep their sign in mirrored axes; rates and torques turn the other way round."""
 
 
 def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight:
@@ -137,23 +144,24 @@ def converted(key: str, channel: ChannelMap, mapping: LogMapping, values: Array)
     """Return (N, width) in the unit and the axes of the channel."""
     world = axes_matrix(mapping.world, "world")
     body = axes_matrix(mapping.body, "body")
-    if key == "attitude":
+    if key in ATTITUDES:
         quaternions = _quaternions(channel, values)
         return unwrap_quaternions(turn_attitude(quaternions, world, body, mapping.turn))
     if channel.range is not None:
         low, high = channel.range
         return np.asarray((values - low) / (high - low))
-    values = values * channel.factor(CHANNELS[key].unit, key)
+    form = CHANNELS.get(key) or CONTROL_CHANNELS[key]
+    values = values * channel.factor(form.unit, key)
     if key == "rotor_speed":
         # some logs sign it by the direction of rotation
         return np.asarray(values * np.where(np.nansum(values, axis=0) < 0.0, -1.0, 1.0))
-    if key in ("position", "acceleration"):
+    if key in _IN_WORLD:
         return np.asarray(values @ world.T)
-    if key in ("gyro", "accel"):
+    if key in _IN_BODY:
         if channel.axes is not None:
             return np.asarray(values @ axes_matrix(channel.axes, key).T)
         # rates turn the other way round in mirrored axes
-        sign = handedness(body) if key == "gyro" else 1.0
+        sign = 1.0 if key in _POLAR else handedness(body)
         return np.asarray(sign * values @ body.T)
     return np.asarray(values)
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_bag.channels import CHANNELS
+from tombo_bag.channels import CHANNELS, CONTROL_CHANNELS
 from tombo_bag.flight import Airframe, Series
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
@@ -33,6 +33,9 @@ from tombo_logs.readers.units import factor
 
 ORDERS = {"xyzw": 4, "wxyz": 4, "rpy": 3, "ypr": 3}
 """How an attitude is written, and in how many columns: quaternion, or roll, pitch and yaw."""
+
+ATTITUDES = ("attitude", "estimated_attitude", "attitude_setpoint")
+"""Channels that are one."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,8 @@ def parse_mapping(text: str, name: str) -> LogMapping:
             f"{what}: of world {list(world)} and body {list(body)} one is mirrored, the other "
             "not; accepted: both or none, else an attitude is no rotation"
         )
-    channels = table_of(values.get("channels"), f"{what}: channels", CHANNELS)
+    known = {**CHANNELS, **CONTROL_CHANNELS}
+    channels = table_of(values.get("channels"), f"{what}: channels", known)
     return LogMapping(
         name=str(values.get("name", Path(name).stem)),
         about=str(values.get("about", "")),
@@ -133,12 +137,13 @@ def _metadata(content: object, what: str) -> dict[str, str]:
 def _channel(key: str, content: object, what: str) -> ChannelMap:
     what = f"{what}: {key}"
     values = table_of(content, what, [f.name for f in fields(ChannelMap)])
-    channel, order = CHANNELS[key], str(values.get("order", "xyzw"))
+    channel = CHANNELS.get(key) or CONTROL_CHANNELS[key]
+    order, turns = str(values.get("order", "xyzw")), key in ATTITUDES
     if order not in ORDERS:
         raise unknown_name(f"order of {what}", order, ORDERS)
-    width = ORDERS[order] if key == "attitude" else channel.width
+    width = ORDERS[order] if turns else channel.width
     columns = columns_of(values.get("columns", ()), what, width, f"{width} names of columns")
-    wanted = "rad" if key == "attitude" and width == 3 else channel.unit
+    wanted = "rad" if turns and width == 3 else channel.unit
     unit, span = str(values.get("unit", "1")), values.get("range")
     if span is not None:
         low, high = numbers_of(span, 2, f"{what}: range")

@@ -21,6 +21,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
         "krpm": 1e3 * math.pi / 30.0,
         "rev/s": 2.0 * math.pi,
     },
+    "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
     "m/s^2": {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY, "cm/s^2": 1e-2},
     "N": {
         "N": 1.0,

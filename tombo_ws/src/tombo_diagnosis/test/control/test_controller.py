@@ -1,0 +1,152 @@
+"""Gains and oscillations of controllers: simulated with known gains, and real ones."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from tombo_diagnosis.control.controller import cascade_gains, controller_report
+from tombo_diagnosis.control.signals import DrivePlant
+from tombo_diagnosis.crash.reason import why
+from tombo_diagnosis.flight.nominal import nominal_model
+from tombo_dynamics.yaml_text import read_yaml
+from tombo_flight.flight import fly_scenario
+from tombo_flight.scenario import load_scenario
+from tombo_logs.readers.csv_mapping import load_mapping
+from tombo_logs.readers.log_reader import read_log
+
+DATA = Path(__file__).parents[6] / "shared" / "data" / "crazyswarm2"
+MAPPING = Path(__file__).parents[5] / "examples" / "crazyswarm2.yaml"
+OSCILLATING = (22, 30, 45, 76, 113, 119, 146, 149, 179)
+FLIP = 28
+OWN = cascade_gains(load_scenario("no_obstacle").control)
+
+pytestmark = pytest.mark.slow
+real = pytest.mark.skipif(not DATA.is_dir(), reason=f"real data absent: no {DATA}")
+
+
+@cache
+def plant():
+    model = nominal_model()
+    return DrivePlant(model.vehicle, model.maps, model.maps.torque_ratio)
+
+
+def report(*settings, seed=3):
+    scenario = load_scenario("no_obstacle", [f"control.{s}" for s in settings])
+    flight = fly_scenario(scenario, seed)
+    found = controller_report([flight], plant(), OWN, "the suite's own")
+    return found, {g.label: g for g in cascade_gains(scenario.control)}
+
+
+@pytest.mark.parametrize(
+    ("setting", "differing"),
+    [
+        ("rate_p=33", {"rate roll P", "rate pitch P"}),
+        ("rate_d=0.6", {"rate roll D", "rate pitch D"}),
+        ("rate_i=60", {"rate roll I", "rate pitch I"}),
+        ("attitude_p=8.4", {"attitude roll P", "attitude pitch P"}),
+        ("velocity_p=3.6", {f"position {a} {g}" for a in "xy" for g in "PD"}),
+    ],
+)
+def test_a_changed_gain_is_named_with_its_size(setting, differing):
+    found, true = report(setting)
+    assert {c.gain.label for c in found.changed} == differing
+    for change in found.changed:
+        gain, size = change.gain, true[change.gain.label].value
+        assert gain.value == pytest.approx(size, rel=0.15)
+        assert gain.low <= size <= gain.high
+
+
+@pytest.mark.parametrize("seed", [3, 8])
+def test_unchanged_gains_are_known_and_not_accused(seed):
+    found, true = report(seed=seed)
+    assert found.changed == () and found.oscillations == () and found.summary == ""
+    assert len(found.gains) > 12
+    for gain in found.gains:
+        rel = 0.15 if gain.term == "I" else 0.1
+        assert gain.value == pytest.approx(true[gain.label].value, rel=rel), gain.label
+        assert gain.low <= true[gain.label].value <= gain.high
+
+
+@pytest.mark.parametrize(
+    ("settings", "loop"),
+    [(("attitude_p=20", "rate_p=9"), "attitude"), (("velocity_p=15",), "position")],
+)
+def test_an_oscillation_has_its_loop(settings, loop):
+    ((_, swing),) = report(*settings)[0].oscillations
+    assert swing.loop == loop and 1.0 < swing.hertz < 3.0
+
+
+def test_a_log_without_set_points_says_that_nothing_is_known():
+    flight = fly_scenario(load_scenario("no_obstacle"), 3)
+    assert controller_report([flight.with_series(flight.series)], plant()).gains
+    named = {n for n in flight.topics if "setpoint" not in n}
+    bare = controller_report([_only(flight, named)], plant())
+    assert bare.gains == () and "no set points" in bare.unknown[0]
+
+
+def _only(flight, topics):
+    return replace(flight, topics={n: flight.topics[n] for n in topics})
+
+
+def numbers():
+    return sorted(int("".join(filter(str.isdigit, p.name.split(".")[0]))) for p in logs())
+
+
+def logs():
+    return sorted(DATA.glob("log*.csv.gz"))
+
+
+def flight(number):
+    (path,) = DATA.glob(f"log{number:02d}[._]*csv.gz")
+    return read_log(path, path.name, load_mapping(MAPPING))
+
+
+@real
+@pytest.mark.parametrize("number", [8, 70, 103, 126, 160, 178, 203])
+def test_gains_of_a_real_controller_are_those_that_were_written_down(number):
+    written = read_yaml(DATA / f"info{number:02d}.yaml", "gains")
+    found = {g.label: g for g in controller_report([flight(number)], None).gains}
+    names = {"P": "KR", "D": "Kw", "I": "KI"}
+    for axis, letter in (("roll", "x"), ("pitch", "y")):
+        for term, name in names.items():
+            gain = found.get(f"attitude {axis} {term}")
+            if gain is not None:
+                assert gain.value == pytest.approx(written[f"{name}_{letter}"], rel=0.15)
+    assert "attitude roll P" in found and "attitude roll D" in found
+
+
+@real
+def test_real_oscillations_are_told_from_other_flights():
+    right = [
+        bool(controller_report([flight(n)], None).oscillations) == (n in (*OSCILLATING, FLIP))
+        for n in numbers()
+    ]
+    assert sum(right) >= 0.9 * len(right)
+
+
+@real
+@pytest.mark.parametrize("number", [22, 76, 146])
+def test_why_names_a_real_oscillation(number):
+    assert why(flight(number)).cause == "oscillation"
+
+
+NANOBENCH = DATA.parent / "nanobench_controllers"
+
+
+@pytest.mark.skipif(not NANOBENCH.is_dir(), reason=f"real data absent: no {NANOBENCH}")
+def test_two_real_controllers_are_told_apart_and_neither_from_itself():
+    flights = {
+        kind: [
+            read_log(p, p.name, load_mapping("nanobench")) for p in NANOBENCH.glob(f"{kind}_*.gz")
+        ]
+        for kind in ("pid", "mell")
+    }
+    gains = {kind: controller_report(each, None).gains for kind, each in flights.items()}
+    for one, other in (("pid", "mell"), ("mell", "pid")):
+        found = controller_report(flights[one], None, gains[other], "the other")
+        assert "another than the other" in found.summary
+        for k, flight in enumerate(flights[one]):
+            rest = controller_report(flights[one][:k] + flights[one][k + 1 :], None)
+            assert controller_report([flight], None, rest.gains, "the others").changed == ()

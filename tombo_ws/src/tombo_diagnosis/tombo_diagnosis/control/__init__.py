@@ -1,0 +1,1 @@
+"""The controller of measured flights: its gains, and how its loops swing."""

@@ -1,0 +1,202 @@
+"""The controller of several flights: gains, what swings, what differs from what is expected."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import t as student
+
+from tombo_bag.flight import Flight
+from tombo_diagnosis.control.gains import LoopFit, LoopGain, loop_fits
+from tombo_diagnosis.control.oscillation import Oscillation, oscillation
+from tombo_diagnosis.control.signals import DrivePlant, control_signals
+
+_OTHER, _OTHER_ALONE = 0.15, 0.4
+"""Relative difference of a gain from which on the controller is another; the second where one
+flight is compared with one, whose spread is not known."""
+
+
+@dataclass(frozen=True)
+class GainChange:
+    """A gain that is another than expected."""
+
+    gain: LoopGain
+    expected: LoopGain
+
+    @property
+    def text(self) -> str:
+        """What changed, in a phrase."""
+        return (
+            f"{self.gain.label} {self.gain.value:.3g} ({self.gain.low:.3g} to "
+            f"{self.gain.high:.3g}) {self.gain.unit}, not {self.expected.value:.3g}"
+        )
+
+
+@dataclass(frozen=True)
+class ControllerReport:
+    """What flights say of their controller."""
+
+    gains: tuple[LoopGain, ...]
+    """Those that are known."""
+    unknown: tuple[str, ...]
+    """What of the loops is not known, and why."""
+    oscillations: tuple[tuple[str, Oscillation], ...]
+    """With the name of the flight."""
+    changed: tuple[GainChange, ...]
+    compared_with: str
+    """Empty: with nothing."""
+
+    @property
+    def summary(self) -> str:
+        """In a sentence or two; empty if nothing is wrong."""
+        said = [f"In {flight} {swing.text}." for flight, swing in self.oscillations]
+        if self.changed:
+            differing = "; ".join(c.text for c in self.changed[:3])
+            more = len(self.changed) - 3
+            rest = f"; and {more} more" if more > 0 else ""
+            said.append(f"The controller is another than {self.compared_with}: {differing}{rest}.")
+        return " ".join(said)
+
+
+def stated_of(report: ControllerReport | None) -> str:
+    """Return what a summary says of the controller; empty if nothing is wrong with it."""
+    return "" if report is None else report.summary
+
+
+def controller_report(
+    flights: Sequence[Flight],
+    plant: DrivePlant | None,
+    expected: Sequence[LoopGain] = (),
+    compared_with: str = "",
+) -> ControllerReport | None:
+    """Return what flights of one controller say of it; None: nothing.
+
+    Args:
+        flights: with what the controller estimated and asked for.
+        plant: turns rotor speeds into moments; None: a flight's own airframe does.
+        expected: gains that the controller should have.
+        compared_with: what has them.
+    """
+    seen = [(f, s) for f in flights if f.control and (s := control_signals(f, plant)) is not None]
+    if not seen:
+        return None
+    fits = [loop_fits(s) for _, s in seen]
+    gains, unknown = pooled_gains([fit for each in fits for fit in each])
+    if not any(fits):
+        unknown = ["no set points of attitude or rates: loops are not known"]
+    swings = [(f.name, o) for f, s in seen if (o := oscillation(s)) is not None]
+    known = {g.label: g for g in expected}
+    changed = tuple(
+        GainChange(g, known[g.label])
+        for g in gains
+        if g.label in known and known[g.label].unit == g.unit and _differ(g, known[g.label])
+    )
+    stated = compared_with if any(g.label in known for g in gains) else ""
+    return ControllerReport(tuple(gains), tuple(unknown), tuple(swings), changed, stated)
+
+
+def pooled_gains(fits: Sequence[LoopFit]) -> tuple[list[LoopGain], list[str]]:
+    """Return each gain over all flights, with the spread between them, and why others are not."""
+    groups: dict[str, list[LoopGain]] = {}
+    unknown: dict[str, str] = {}
+    for fit in fits:
+        for gain in fit.gains:
+            unknown.setdefault(f"{fit.loop} {fit.axis}", "")
+            if fit.remark or not gain.known:
+                why = fit.remark or "the flights excite it too little"
+                unknown[f"{gain.label}"] = why
+            else:
+                groups.setdefault(gain.label, []).append(gain)
+        if not fit.gains:
+            unknown[f"{fit.loop} {fit.axis}"] = fit.remark
+    pooled = [_pooled(group) for group in groups.values()]
+    left = [f"{k}: {why}" for k, why in unknown.items() if why and k not in groups]
+    return pooled, left
+
+
+def _pooled(group: Sequence[LoopGain]) -> LoopGain:
+    values = np.array([g.value for g in group])
+    errors = np.array([(g.high - g.low) / 4.0 for g in group])
+    weights = 1.0 / errors**2
+    mean = float(weights @ values / weights.sum())
+    spread = float(np.std(values, ddof=1)) if len(group) > 1 else 0.0
+    half = 2.0 * max(float(weights.sum() ** -0.5), spread / np.sqrt(len(group)), errors.min())
+    return replace(
+        group[0], value=mean, low=mean - half, high=mean + half, spread=spread, flights=len(group)
+    )
+
+
+def _differ(gain: LoopGain, expected: LoopGain) -> bool:
+    """Return whether a gain is another: beyond intervals, and the spread between flights."""
+    apart, least = abs(gain.value - expected.value), _OTHER
+    error = np.hypot(gain.high - gain.low, expected.high - expected.low) / 2.0
+    if expected.flights:
+        free = gain.flights + expected.flights - 2
+        if free < 1:
+            least = _OTHER_ALONE
+        else:
+            sums = [(g.flights - 1) * g.spread**2 for g in (gain, expected)]
+            mean = np.sqrt(sum(sums) / free * (1.0 / gain.flights + 1.0 / expected.flights))
+            error = max(error, float(student.ppf(0.975, free) * mean))
+    return bool(apart > least * abs(expected.value) and apart > error)
+
+
+def cascade_gains(control: Any) -> list[LoopGain]:
+    """Return the suite's own gains, as a flight would show them.
+
+    Position P on velocity PID is one PID on position, as long as nothing is at a limit.
+
+    Args:
+        control: parameters of the cascade, `Scenario.control`.
+    """
+    rows: list[tuple[str, str, str, str, float]] = [
+        ("attitude", "yaw", "P", "1/s", control.yaw_p),
+        ("rate", "yaw", "P", "rad/s^2 s/rad", control.yaw_rate_p),
+        ("rate", "yaw", "I", "rad/s^2/rad", control.yaw_rate_i),
+    ]
+    for axis in ("roll", "pitch"):
+        rows += [
+            ("attitude", axis, "P", "1/s", control.attitude_p),
+            ("rate", axis, "P", "rad/s^2 s/rad", control.rate_p),
+            ("rate", axis, "I", "rad/s^2/rad", control.rate_i),
+            ("rate", axis, "D", "rad/s^2 s^2/rad", control.rate_d),
+        ]
+    p = control.velocity_p * control.position_p + control.velocity_i
+    for axis in ("x", "y"):
+        rows += [
+            ("position", axis, "P", "1/s^2", p),
+            ("position", axis, "I", "1/s^3", control.velocity_i * control.position_p),
+            ("position", axis, "D", "1/s", control.velocity_p),
+        ]
+    return [LoopGain(*row, row[-1], row[-1]) for row in rows]
+
+
+def controller_mapping(report: ControllerReport | None) -> Mapping[str, Any] | None:
+    """Return the report as plain values."""
+    if report is None:
+        return None
+
+    def plain_gain(gain: LoopGain) -> dict[str, Any]:
+        return {
+            "loop": gain.loop, "axis": gain.axis, "term": gain.term, "unit": gain.unit,
+            "value": gain.value, "low": gain.low, "high": gain.high,
+        }  # fmt: skip
+
+    return {
+        "gains": [plain_gain(g) for g in report.gains],
+        "unknown": list(report.unknown),
+        "oscillations": [
+            {
+                "flight": flight, "loop": o.loop, "axis": o.axis, "hertz": o.hertz,
+                "size": o.size, "begin_s": o.begin_s,
+            }
+            for flight, o in report.oscillations
+        ],
+        "changed": [
+            {**plain_gain(c.gain), "expected": c.expected.value} for c in report.changed
+        ],
+        "compared_with": report.compared_with,
+    }  # fmt: skip

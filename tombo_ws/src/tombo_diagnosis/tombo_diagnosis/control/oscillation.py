@@ -1,0 +1,128 @@
+"""Loops that swing: about which axis, how fast, since when, and which loop drives it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import butter, sosfiltfilt, welch
+
+from tombo_diagnosis.control.signals import ControlSignals
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.vehicle import GRAVITY
+from tombo_logs.checks.spans import Mask
+
+_BAND_HZ: Final = (0.9, 20.0)
+_LEAST: Final = 0.8
+"""rad/s: standard deviation of rates in the band from which on it is an oscillation."""
+_BEYOND: Final = 2.0
+"""Rates in the band over those that the course asks for, at least."""
+_COURSE_HZ: Final = 2.5
+"""A course has nothing above it."""
+_WINDOW_S: Final = 2.0
+_FOLLOWS: Final = 0.7
+"""Swing of a set point over that of the response from which on the loop outside drives it."""
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """A loop that swings."""
+
+    axis: str
+    """roll or pitch"""
+    hertz: float
+    size: float
+    """Standard deviation of the body rate [rad/s]."""
+    loop: str
+    """rate, attitude, position; empty: without set points nobody knows."""
+    begin_s: float
+
+    @property
+    def text(self) -> str:
+        """What it is, in a sentence without its end."""
+        loop = f"the {self.loop} loop" if self.loop else "a loop (set points are not in the log)"
+        return f"{loop} oscillates about {self.axis} at {self.hertz:.1f} Hz, {self.size:.1f} rad/s"
+
+
+def oscillation(s: ControlSignals) -> Oscillation | None:
+    """Return the strongest swing of roll and pitch that no course asks for, if there is one."""
+    if s.rates is None or np.count_nonzero(s.usable) * s.step < _WINDOW_S:
+        return None
+    rows = s.usable & np.isfinite(s.rates).all(axis=1)
+    course = _course_rates(s)
+    strongest: Oscillation | None = None
+    for k, axis in enumerate(("roll", "pitch")):
+        hertz, size = _peak(s.rates[rows, k], s.step)
+        asked = 0.0 if course is None else _peak(course[rows, k], s.step)[1]
+        if size < max(_LEAST, _BEYOND * asked, 0.0 if strongest is None else strongest.size):
+            continue
+        strongest = Oscillation(axis, hertz, size, _loop(s, k, hertz), _begin(s, k))
+    return strongest
+
+
+def _peak(values: Array, step: float) -> tuple[float, float]:
+    """Return the frequency [Hz] with most power in the band, and the standard deviation there."""
+    length = int(min(len(values), _WINDOW_S / step))
+    hertz, power = welch(values, 1.0 / step, nperseg=length)
+    band = (hertz > _BAND_HZ[0]) & (hertz < _BAND_HZ[1])
+    if not band.any():
+        return 0.0, 0.0
+    return float(hertz[band][np.argmax(power[band])]), float(
+        np.sqrt(power[band].sum() * (hertz[1] - hertz[0]))
+    )
+
+
+def _course_rates(s: ControlSignals) -> Array | None:
+    """Return the body rates that the position asked for needs; None: it is not known."""
+    course, order = s.velocity_asked, 2
+    if course is None:
+        course, order = s.position_asked, 3
+    if course is None:
+        return None
+    sos = butter(2, min(2.0 * _COURSE_HZ * s.step, 0.9), output="sos")
+    jerk = sosfiltfilt(sos, course, axis=0)
+    for _ in range(order):
+        jerk = np.gradient(jerk, s.step, axis=0)
+    return np.column_stack([-jerk[:, 1], jerk[:, 0]]) / GRAVITY
+
+
+def _swing(values: Array, rows: Mask, hertz: float, step: float) -> float:
+    low, high = 0.75 * hertz, min(1.3 * hertz, 0.45 / step)
+    sos = butter(2, [low, high], "band", fs=1.0 / step, output="sos")
+    return float(np.std(sosfiltfilt(sos, np.nan_to_num(values))[rows]))
+
+
+def _loop(s: ControlSignals, k: int, hertz: float) -> str:
+    """Return the innermost loop whose set point swings less than what follows it."""
+    if s.turns is None or s.turns_asked is None or s.rates is None:
+        return ""
+    tilts = [r.apply([0.0, 0.0, 1.0])[:, :2] for r in (s.turns_asked, s.turns)]
+    asked, there = (
+        math.hypot(*(_swing(t[:, i], s.usable, hertz, s.step) for i in (0, 1))) for t in tilts
+    )
+    if asked > _FOLLOWS * there:
+        return "position"
+    if s.rates_asked is not None:
+        asked = _swing(s.rates_asked[:, k], s.usable, hertz, s.step)
+        if asked < _FOLLOWS * _swing(s.rates[:, k], s.usable, hertz, s.step):
+            return "rate" if _asks_attitude(s) else "attitude"
+    return "attitude"
+
+
+def _asks_attitude(s: ControlSignals) -> bool:
+    from tombo_diagnosis.control.gains import attitude_error, follows
+
+    return follows(s, attitude_error(s.turns, s.turns_asked), s.rates_asked)
+
+
+def _begin(s: ControlSignals, k: int) -> float:
+    """Return when the swing first has its size [s]."""
+    assert s.rates is not None
+    sos = butter(2, _BAND_HZ[0], "high", fs=1.0 / s.step, output="sos")
+    fast = sosfiltfilt(sos, np.nan_to_num(s.rates[:, k]))
+    size = np.sqrt(np.maximum(uniform_filter1d(fast**2, max(round(0.5 / s.step), 1)), 0.0))
+    rows = np.flatnonzero((size > _LEAST) & s.usable)
+    return float(s.t[rows[0]]) if rows.size else float(s.t[np.argmax(s.usable)])
