@@ -123,7 +123,7 @@ def peers_markdown(data: Mapping[str, Any]) -> str:
         f"{table}\n{', '.join(versions)}. {counted}, "
         f"{machine['cores']} cores of {machine['processor']}, load "
         f"{machine['load_before']:.0f} to {machine['load_after']:.0f}. "
-        f"Compilation is not in it: {made or '–'}.\n"
+        f"Compilation, or loading what an earlier run compiled, is not in it: {made or '–'}.\n"
     )
 
 
