@@ -593,11 +593,11 @@ def test_node_killed_and_restarted(suite: Suite, name: str, observer: str, key: 
     suite.world.hear()
     restarted = len(suite.world.heard[DIAGNOSTICS.name])
     suite.start(name)
+    suite.wait(1.0)
+    states = suite.world.heard[TRUE_ODOMETRY.name][begin:]
     suite.world.wait_for(
         DIAGNOSTICS, lambda m: any(status.name == name for status in m.status), since=restarted
     )
-    suite.wait(1.0)
-    states = suite.world.heard[TRUE_ODOMETRY.name][begin:]
     with in_time():
         assert steepest(states) < 0.4
         assert across(states) < 0.6
