@@ -103,6 +103,7 @@ CONTROL_CHANNELS: Mapping[str, Channel] = {
 }
 """What controllers estimate and ask for: gains are identified from it (`tombo_diagnosis.control`);
 the physics is not compared with it."""
+ALL_CHANNELS: Mapping[str, Channel] = {**CHANNELS, **CONTROL_CHANNELS}
 ROTOR_SPEEDS = ("rotor_speed", "rotor_command")
 """Channels in rad/s, measured ones first."""
 DRIVES = (*ROTOR_SPEEDS, "motor_command")

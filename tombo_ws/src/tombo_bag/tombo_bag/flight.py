@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.channels import CHANNELS, CONTROL_CHANNELS, ROTOR_SPEEDS
+from tombo_bag.channels import ALL_CHANNELS, CHANNELS, CONTROL_CHANNELS, ROTOR_SPEEDS
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import unknown_name
 
 _NAMES = {(channel.topic, channel.field): name for name, channel in CHANNELS.items()}
 """Topic and field → name of the channel."""
 _TOPICS = {channel.topic for channel in CHANNELS.values()}
-_ALL = {**CHANNELS, **CONTROL_CHANNELS}
 
 
 @dataclass(frozen=True)
@@ -172,7 +171,9 @@ class Flight:
         topics: dict[str, Topic] = {}
         series = {**self.control, **series}
         for name, channel in series.items():
-            topics.setdefault(_ALL[name].topic, Topic())[_ALL[name].field] = channel
+            topics.setdefault(ALL_CHANNELS[name].topic, Topic())[ALL_CHANNELS[name].field] = (
+                channel
+            )
         return replace(self, topics=topics)
 
     @property

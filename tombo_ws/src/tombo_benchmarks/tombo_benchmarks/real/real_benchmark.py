@@ -12,9 +12,9 @@ from scipy.stats import binomtest
 from tombo_benchmarks.diagnosis.runner import BenchmarkResult, Row, run_benchmark
 from tombo_benchmarks.diagnosis.ways import against_healthy, diagnosed
 from tombo_benchmarks.real.trials import NOTHING, Trial
+from tombo_diagnosis.crash.reason import why
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.nominal import nominal_model
-from tombo_diagnosis.judged_why import judged_why
 from tombo_dynamics.errors import InputError
 from tombo_logs.readers.log_reader import read_logs
 
@@ -38,7 +38,7 @@ def answer_of(trial: Trial, folder: Path) -> tuple[str, frozenset[str], float]:
     flights = read_logs(paths, mapping=trial.mapping)
     new, healthy = flights[: len(trial.logs)], flights[len(trial.logs) :]
     if trial.way == "why":
-        reason = judged_why(new[0])
+        reason = why(new[0])
         if reason.cause in ("none", "unknown", "set"):
             return reason.cause, frozenset(reason.members), reason.confidence
         return "named", frozenset({reason.cause}), reason.confidence

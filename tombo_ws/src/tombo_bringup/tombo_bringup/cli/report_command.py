@@ -106,9 +106,9 @@ def different_names(names: list[str], sources: list[Path]) -> list[str]:
 
 def reason(flight: Flight) -> Why | InputError:
     """Return why a flight went wrong, or what forbids to say it."""
-    from tombo_diagnosis.judged_why import judged_why
+    from tombo_diagnosis.crash.reason import why
 
     try:
-        return judged_why(flight)
+        return why(flight)
     except InputError as error:
         return error

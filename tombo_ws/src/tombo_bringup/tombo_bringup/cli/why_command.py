@@ -91,11 +91,11 @@ def run(
         InputError: the log or the mapping can't be used, or it is a folder of several.
     """
     on_progress(f"reading {log.name}", 0.0)
-    from tombo_diagnosis.judged_why import judged_why
+    from tombo_diagnosis.crash.reason import why as why_of
     from tombo_logs.readers.log_reader import read_logs
 
     flights = read_logs([log], mapping=mapping, names=names)
     if len(flights) > 1:
         raise InputError(f"'{log}' holds {len(flights)} logs; accepted: one")
     on_progress("looking for what went wrong", 0.5)
-    return judged_why(flights[0])
+    return why_of(flights[0])

@@ -31,7 +31,7 @@ from tombo_diagnosis.change.features import (
 from tombo_diagnosis.change.sessions import healthy_sessions
 from tombo_diagnosis.change.signatures import CENTRE, MASS, UNBALANCE, WEAK_PROPELLER, candidates
 from tombo_diagnosis.change.verdict import ChangeVerdict, judge_change, notes, summary
-from tombo_diagnosis.control.controller import ControllerReport, controller_report, stated_of
+from tombo_diagnosis.control.controller import ControllerReport, controller_report, with_controller
 from tombo_diagnosis.diagnosis import Change, Detectable, Diagnosis, FlightSummary, Score
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, fit_drive_curve
 from tombo_diagnosis.flight.nominal import NominalModel
@@ -134,9 +134,7 @@ def diagnose_change(
         flights=tuple(_summary(f) for f in (*after, *before)),
         residuals=(),
         confidence=verdict.confidence,
-        summary=" ".join(
-            filter(None, (summary(verdict, spread, comparison, seen), stated_of(controller)))
-        ),
+        summary=with_controller(summary(verdict, spread, comparison, seen), controller),
         notes=notes(spread, mean_of(data.new), accused, asked),
         model=f"{counted(len(before), 'healthy flight')} of the same vehicle",
         vehicle=airframe.name if airframe is not None else "",

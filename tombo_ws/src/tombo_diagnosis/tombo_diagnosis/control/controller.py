@@ -61,9 +61,9 @@ class ControllerReport:
         return " ".join(said)
 
 
-def stated_of(report: ControllerReport | None) -> str:
-    """Return what a summary says of the controller; empty if nothing is wrong with it."""
-    return "" if report is None else report.summary
+def with_controller(summary: str, report: ControllerReport | None) -> str:
+    """Return a summary, and after it what is wrong with the controller."""
+    return " ".join(filter(None, (summary, "" if report is None else report.summary)))
 
 
 def controller_report(
@@ -104,16 +104,14 @@ def pooled_gains(fits: Sequence[LoopFit]) -> tuple[list[LoopGain], list[str]]:
     unknown: dict[str, str] = {}
     for fit in fits:
         for gain in fit.gains:
-            unknown.setdefault(f"{fit.loop} {fit.axis}", "")
             if fit.remark or not gain.known:
-                why = fit.remark or "the flights excite it too little"
-                unknown[f"{gain.label}"] = why
+                unknown[gain.label] = fit.remark or "the flights excite it too little"
             else:
                 groups.setdefault(gain.label, []).append(gain)
         if not fit.gains:
             unknown[f"{fit.loop} {fit.axis}"] = fit.remark
     pooled = [_pooled(group) for group in groups.values()]
-    left = [f"{k}: {why}" for k, why in unknown.items() if why and k not in groups]
+    left = [f"{k}: {why}" for k, why in unknown.items() if k not in groups]
     return pooled, left
 
 

@@ -99,7 +99,10 @@ class LoopFit:
 
 def loop_fits(signals: ControlSignals) -> list[LoopFit]:
     """Return the gains of each loop that a flight shows."""
-    loops = [*_rate_loops(signals), *_attitude_loops(signals), *_position_loops(signals)]
+    error = attitude_error(signals.turns, signals.turns_asked)
+    cascade = follows(signals, error, signals.rates_asked)
+    inner = [*_rate_loops(signals, error, cascade), *_attitude_loops(signals, error, cascade)]
+    loops = [*inner, *_position_loops(signals)]
     return loops or _state_feedback(signals)
 
 
@@ -143,11 +146,9 @@ def _fit(
         _gain(loop, axis, term, units[term], v, float(np.hypot(e, _STRUCTURE[term[-1]] * v)))
         for term, v, e in zip(named, whole.tolist(), error.tolist(), strict=False)
     )
-    remark = (
-        ""
-        if explained > _EXPLAINED
-        else (f"its errors explain {100.0 * max(explained, 0.0):.0f} % of what it asks for")
-    )
+    remark = ""
+    if not explained > _EXPLAINED:
+        remark = f"its errors explain {100.0 * max(explained, 0.0):.0f} % of what it asks for"
     return LoopFit(loop, axis, gains, explained, remark)
 
 
@@ -246,33 +247,29 @@ def _below_limit(values: Array, rows: Mask) -> Mask:
     return np.asarray(np.nan_to_num(values) < (1.0 - beside) * top)
 
 
-def _rate_loops(s: ControlSignals) -> list[LoopFit]:
-    if s.moment is None or s.rates is None:
+def _rate_loops(s: ControlSignals, error: Array | None, cascade: bool) -> list[LoopFit]:
+    if s.moment is None or s.rates is None or (not cascade and error is None):
         return []
-    error, asked = attitude_error(s.turns, s.turns_asked), s.rates_asked
-    cascade = follows(s, error, asked)
-    if not cascade and error is None:
-        return []
+    asked, loop = s.rates_asked, "rate" if cascade else "attitude"
     fits = []
     clock, unit, fresh = s.t - s.t[0], s.moment_unit, _fresh(s.moment)
     for k, axis in enumerate(AXES["rate"]):
         y = s.moment[:, k]
         off = (np.zeros(s.t.size) if asked is None else asked[:, k]) - s.rates[:, k]
         coupled = s.rates[:, (k + 1) % 3] * s.rates[:, (k + 2) % 3]
+        if cascade:
+            units = {"P": f"{unit} s/rad", "I": f"{unit}/rad", "D": f"{unit} s^2/rad"}
+            named = {"P": off, "I": _integral(off, s.usable, s.step)}
+            slopes = [_slope(s.rates[:, k], c, s.step) for c in _CUTOFFS] if k < 2 else []
+            sets = [named | {"D": -slope} for slope in slopes] or [named]
+        else:
+            assert error is not None
+            units = {"P": f"{unit}/rad", "I": f"{unit}/(rad s)", "D": f"{unit} s/rad"}
+            e = error[:, k]
+            sets = [{"P": e, "D": off, "I": _integral(e, s.usable, s.step)}]
         tried = []
         for d in range(-1, _DELAYS):
             nuisance = [_shifted(clock, d), _shifted(clock**2, d), _shifted(coupled, d)]
-            if cascade:
-                units = {"P": f"{unit} s/rad", "I": f"{unit}/rad", "D": f"{unit} s^2/rad"}
-                named = {"P": off, "I": _integral(off, s.usable, s.step)}
-                slopes = [_slope(s.rates[:, k], c, s.step) for c in _CUTOFFS] if k < 2 else []
-                sets = [named | {"D": -slope} for slope in slopes] or [named]
-            else:
-                assert error is not None
-                units = {"P": f"{unit}/rad", "I": f"{unit}/(rad s)", "D": f"{unit} s/rad"}
-                e = error[:, k]
-                sets = [{"P": e, "D": off, "I": _integral(e, s.usable, s.step)}]
-            loop = "rate" if cascade else "attitude"
             for named in sets:
                 late = {term: _shifted(v, d) for term, v in named.items()}
                 tried.append(_fit(s, loop, axis, y, late, units, nuisance, s.usable, fresh))
@@ -293,29 +290,19 @@ def follows(s: ControlSignals, error: Array | None, asked: Array | None) -> bool
     return size > 0.0 and bool(np.cov(error[rows, 0], asked[rows, 0])[0, 1] > _CASCADE * size)
 
 
-def _attitude_loops(s: ControlSignals) -> list[LoopFit]:
-    error, asked = attitude_error(s.turns, s.turns_asked), s.rates_asked
-    if error is None or asked is None or not follows(s, error, asked):
+def _attitude_loops(s: ControlSignals, error: Array | None, cascade: bool) -> list[LoopFit]:
+    asked = s.rates_asked
+    if error is None or asked is None or not cascade:
         return []
-    units = {"P": "1/s"}
+    units, fresh = {"P": "1/s"}, _fresh(asked)
     tilting = _below_limit(np.hypot(asked[:, 0], asked[:, 1]), s.usable)
     turning = _below_limit(np.abs(asked[:, 2]), s.usable)
     fits = []
     for k, axis in enumerate(AXES["attitude"]):
         free = s.usable & (tilting if k < 2 else turning)
         tried = [
-            _fit(
-                s,
-                "attitude",
-                axis,
-                asked[:, k],
-                {"P": _shifted(error[:, k], d)},
-                units,
-                [],
-                free,
-                _fresh(asked),
-            )
-            for d in range(-_DELAYS, _DELAYS + 1)
+            _fit(s, "attitude", axis, asked[:, k], {"P": late}, units, [], free, fresh)
+            for late in (_shifted(error[:, k], d) for d in range(-_DELAYS, _DELAYS + 1))
         ]
         fits.append(_best(tried))
     return fits

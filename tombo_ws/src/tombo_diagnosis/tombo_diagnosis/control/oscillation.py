@@ -10,6 +10,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, sosfiltfilt, welch
 
+from tombo_diagnosis.control.gains import attitude_error, follows
 from tombo_diagnosis.control.signals import ControlSignals
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
@@ -113,8 +114,6 @@ def _loop(s: ControlSignals, k: int, hertz: float) -> str:
 
 
 def _asks_attitude(s: ControlSignals) -> bool:
-    from tombo_diagnosis.control.gains import attitude_error, follows
-
     return follows(s, attitude_error(s.turns, s.turns_asked), s.rates_asked)
 
 

@@ -82,15 +82,9 @@ def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | N
         log: a flight as read.
         plant: turns rotor speeds into moments; None: moments are shares of hover's thrust.
     """
-    measured = {
-        n: s for n, raw in log.series.items() if not nothing_left(s := _clean(log, n, raw))
-    }
-    control = {
-        n: s for n, raw in log.control.items() if not nothing_left(s := _clean(log, n, raw))
-    }
-    drive = next((d for d in DRIVES[1:] if d in measured), None) or (
-        "rotor_speed" if "rotor_speed" in measured else None
-    )
+    measured, control = _cleaned(log, log.series), _cleaned(log, log.control)
+    # what is asked for, where the log has it
+    drive = next((d for d in (*DRIVES[1:], DRIVES[0]) if d in measured), None)
     place = control.get("estimated_position") or measured.get("position")
     fastest = [
         measured.get("gyro"),
@@ -150,6 +144,10 @@ def _velocity(
     if "estimated_body_velocity" in control and turns is not None:
         return np.asarray(turns.apply(_linear(control["estimated_body_velocity"], t)))
     return np.asarray(np.gradient(position, t, axis=0))
+
+
+def _cleaned(log: Flight, series: Mapping[str, Series]) -> dict[str, Series]:
+    return {n: s for n, raw in series.items() if not nothing_left(s := _clean(log, n, raw))}
 
 
 def _clean(log: Flight, name: str, raw: Series) -> Series:

@@ -17,7 +17,7 @@ from tombo_diagnosis.control.controller import (
     ControllerReport,
     cascade_gains,
     controller_report,
-    stated_of,
+    with_controller,
 )
 from tombo_diagnosis.control.signals import DrivePlant
 from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightSummary, Residual
@@ -47,7 +47,7 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import Model
 from tombo_flight.model_file import read_model
 from tombo_flight.progress import ProgressCallback, no_progress
-from tombo_flight.scenario import load_scenario
+from tombo_flight.scenario import Scenario
 from tombo_flight.vehicle_file import VehicleFile, read_vehicle
 from tombo_logs.checks import check_log
 from tombo_logs.checks.pipeline import POSE
@@ -138,7 +138,7 @@ def diagnose_flights(
         ),
         residuals=tuple(_residuals(findings, final)),
         confidence=judgement.confidence,
-        summary=" ".join(filter(None, (summary(findings, causes, gains), stated_of(controller)))),
+        summary=with_controller(summary(findings, causes, gains), controller),
         notes=tuple(notes(findings)),
         model=nominal.label,
         vehicle=nominal.vehicle_name
@@ -238,7 +238,7 @@ def _controller(logs: Sequence[Flight], nominal: NominalModel) -> ControllerRepo
     own = all(log.airframe is None for log in logs)
     plant = DrivePlant(nominal.vehicle, nominal.maps, nominal.maps.torque_ratio) if own else None
     recorded = own and not nominal.vehicle_name and all("scenario" in g.metadata for g in logs)
-    expected = cascade_gains(load_scenario("no_obstacle").control) if recorded else ()
+    expected = cascade_gains(Scenario().control) if recorded else ()
     return controller_report(logs, plant, expected, "the suite's own")
 
 

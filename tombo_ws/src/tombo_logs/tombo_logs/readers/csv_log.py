@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_bag.channels import CHANNELS, CONTROL_CHANNELS
+from tombo_bag.channels import ALL_CHANNELS
 from tombo_bag.columns import stacked_columns
 from tombo_bag.flight import Finding, Flight, Series, damage_findings
 from tombo_dynamics.arrays import Array
@@ -150,8 +150,7 @@ def converted(key: str, channel: ChannelMap, mapping: LogMapping, values: Array)
     if channel.range is not None:
         low, high = channel.range
         return np.asarray((values - low) / (high - low))
-    form = CHANNELS.get(key) or CONTROL_CHANNELS[key]
-    values = values * channel.factor(form.unit, key)
+    values = values * channel.factor(ALL_CHANNELS[key].unit, key)
     if key == "rotor_speed":
         # some logs sign it by the direction of rotation
         return np.asarray(values * np.where(np.nansum(values, axis=0) < 0.0, -1.0, 1.0))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_bag.channels import CHANNELS, CONTROL_CHANNELS
+from tombo_bag.channels import ALL_CHANNELS
 from tombo_bag.flight import Airframe, Series
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
@@ -112,8 +112,7 @@ def parse_mapping(text: str, name: str) -> LogMapping:
             f"{what}: of world {list(world)} and body {list(body)} one is mirrored, the other "
             "not; accepted: both or none, else an attitude is no rotation"
         )
-    known = {**CHANNELS, **CONTROL_CHANNELS}
-    channels = table_of(values.get("channels"), f"{what}: channels", known)
+    channels = table_of(values.get("channels"), f"{what}: channels", ALL_CHANNELS)
     return LogMapping(
         name=str(values.get("name", Path(name).stem)),
         about=str(values.get("about", "")),
@@ -137,7 +136,7 @@ def _metadata(content: object, what: str) -> dict[str, str]:
 def _channel(key: str, content: object, what: str) -> ChannelMap:
     what = f"{what}: {key}"
     values = table_of(content, what, [f.name for f in fields(ChannelMap)])
-    channel = CHANNELS.get(key) or CONTROL_CHANNELS[key]
+    channel = ALL_CHANNELS[key]
     order, turns = str(values.get("order", "xyzw")), key in ATTITUDES
     if order not in ORDERS:
         raise unknown_name(f"order of {what}", order, ORDERS)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tombo_bag.flight import Flight, Series
-from tombo_diagnosis.judged_why import judged_why
+from tombo_diagnosis.crash.reason import why
 
 
 def flight(fallen_m):
@@ -17,6 +17,6 @@ def flight(fallen_m):
 
 def test_a_log_without_a_sign_may_be_of_a_mishap_that_leaves_none():
     """7 of 19 real mishaps left none: 8 of 21 by Laplace, so 21 of 29 such logs are sound."""
-    sound, fallen = judged_why(flight(0.0)), judged_why(flight(1.2))
+    sound, fallen = why(flight(0.0)), why(flight(1.2))
     assert sound.cause == "none" and abs(sound.confidence - 21.0 / 29.0) < 1e-9
     assert fallen.cause != "none"
