@@ -94,6 +94,26 @@ def test_who_obeys_is_asked_once_and_ends_at_once(supervise, tmp_path):
     assert (tmp_path / "node.log").read_text() == "ready\nasked\n"
 
 
+def test_who_ends_last_is_asked_when_the_others_have_ended(supervise, tmp_path):
+    def obeys_late(name: str, late_s: float) -> str:
+        return (
+            "import pathlib, signal, time\n"
+            "signal.signal(signal.SIGINT, lambda n, f: (\n"
+            f"    time.sleep({late_s}), print('others', others(), flush=True), exit(0)))\n"
+            f"others = lambda: 'others' in pathlib.Path({str(tmp_path / name)!r}).read_text()\n"
+            "print('ready', flush=True)\n"
+            "time.sleep(60)\n"
+        )
+
+    recorder = Program("last", code("last", obeys_late("node.log", 0.0)).command, ends_last=True)
+    with supervise(recorder, code("node", obeys_late("last.log", 0.3))) as supervisor:
+        for name in ("last", "node"):
+            wait_for(lambda name=name: ready(tmp_path / f"{name}.log"))
+        assert {end.name: end.code for end in supervisor.stop()} == {"last": 0, "node": 0}
+    assert (tmp_path / "node.log").read_text() == "ready\nothers False\n"
+    assert (tmp_path / "last.log").read_text() == "ready\nothers True\n"
+
+
 @pytest.mark.real_time
 def test_a_process_that_ignores_signals_is_killed_within_three_seconds(supervise, marked):
     with supervise(fake("deaf"), fake("good")) as supervisor:

@@ -84,7 +84,9 @@ def node_program(
     words = ["-p", f"core:={name}"] if modules[name] == HOST else []
     words += [word for path in parameter_files for word in ("--params-file", str(path))]
     ros = ["--ros-args", *words] if words else []
-    return Program(name, (sys.executable, "-m", modules[name], *ros))
+    return Program(
+        name, (sys.executable, "-m", modules[name], *ros), ends_last=modules[name] == RECORDER
+    )
 
 
 def monitor_program(*arguments: str) -> Program:

@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -21,7 +21,9 @@ from typing import Any, Final
 from tombo_flight.suite import guard, launcher
 from tombo_flight.suite.node_log import NodeLog
 
-_ESCALATION: Final = ((0.0, signal.SIGINT), (2.0, signal.SIGTERM), (2.5, signal.SIGKILL))
+_LAST_S: Final = 1.0
+"""From the request to stop [s]: programs that end last wait no longer for the others."""
+_ESCALATION: Final = ((2.0, signal.SIGTERM), (2.5, signal.SIGKILL))
 """Time after the request to stop [s], and the signal that running programs get then."""
 _LOOK_S = 0.01
 _PIPE_BYTES = 1 << 16
@@ -36,11 +38,14 @@ class Program:
         command: absolute path of the executable, and arguments.
         capture_stdout: its standard output is not logged but returned by `Supervisor.poll`, and
             `Supervisor.send` writes to its standard input.
+        ends_last: it is asked to end when the others have ended, so it still receives what they
+            have sent.
     """
 
     name: str
     command: tuple[str, ...]
     capture_stdout: bool = False
+    ends_last: bool = False
 
 
 @dataclass(frozen=True)
@@ -175,11 +180,20 @@ class Supervisor:
         began = time.monotonic()
         self._stop_requested = True
         ended: list[tuple[_Child, int]] = []
-        for after_s, number in _ESCALATION:
-            while self._alive and time.monotonic() - began < after_s:
+        last = {name for name, child in self._alive.items() if child.program.ends_last}
+
+        def wait(for_what: Callable[[], object], until_s: float) -> None:
+            while for_what() and time.monotonic() - began < until_s:
                 self._read_pipes(_LOOK_S)
-                ended += self._reap()
-            self._signal(number)
+                ended.extend(self._reap())
+
+        self._signal(signal.SIGINT, self._alive.keys() - last)
+        if last:
+            wait(lambda: self._alive.keys() - last, _LAST_S)
+            self._signal(signal.SIGINT, last)
+        for after_s, number in _ESCALATION:
+            wait(lambda: self._alive, after_s)
+            self._signal(number, self._alive)
         while self._alive:
             time.sleep(_LOOK_S)
             ended += self._reap()
@@ -257,13 +271,13 @@ class Supervisor:
             found.append((child, code))
         return found
 
-    def _signal(self, number: signal.Signals) -> None:
-        for child in self._alive.values():
-            _signal_group(child.process.pid, number)
+    def _signal(self, number: signal.Signals, names: Iterable[str]) -> None:
+        for name in self._alive.keys() & set(names):
+            _signal_group(self._alive[name].process.pid, number)
 
     def _kill(self) -> None:
         """End everything now, the guard last."""
-        self._signal(signal.SIGKILL)
+        self._signal(signal.SIGKILL, self._alive)
         while self._alive:
             self._reap()
             time.sleep(0.001)
