@@ -93,6 +93,7 @@ def risk(
     flights: int = 4000,
     *,
     method: str = "adaptive",
+    check: int | None = None,
     seed: int = 0,
     reaction: str | None = None,
     settings: Mapping[str, Any] | None = None,
@@ -110,6 +111,7 @@ def risk(
             tolerance.
         flights: those of the search included.
         method: adaptive or monte-carlo.
+        check: further flights, drawn as they come, by which the estimate is checked.
         seed: all draws follow from it.
         reaction: name of the reaction to collisions, in place of the scenario's.
         settings: values of the scenario that are the same in all flights.
@@ -132,7 +134,7 @@ def risk(
 
     fixed = [f"reaction={{name: {reaction}}}"] if reaction else []
     fixed += texts_of(dict(settings or {}))
-    study = new_risk(scenario, given, flights, method, seed, fixed, model, vehicle)
+    study = new_risk(scenario, given, flights, method, seed, fixed, model, vehicle, check)
     with ExitStack() as stack:
         folder = Path(output or stack.enter_context(TemporaryDirectory(prefix="tombo-")))
         opened = stack.enter_context(open_study(folder, study))

@@ -21,6 +21,9 @@ def test_a_risk_leaves_page_table_and_answer(tombo, tmp_path):
     assert run["kind"] == "risk" and run["outcome"].startswith("no crash found")
     plain = tombo("risk", *SHORT, "-o", "plain")  # nothing but the flights' own draws
     assert plain.code == 0 and "No crash was found in 100" in plain.out
+    checked = tombo("risk", *SHORT, "-o", "plain", "--check", "100")
+    assert "100 of 200 flights are there" in checked.out + checked.err
+    assert "The two agree" in checked.out
     assert "No crash was found in 100" in (folder / "risk.html").read_text()
 
 
@@ -32,6 +35,7 @@ def test_a_risk_leaves_page_table_and_answer(tombo, tmp_path):
         (("--given", "vehicle.mass~Normal(0,1)"), ("vehicle.mass", "bounds")),
         (("--given", "vehicle.mass", "--given", "vehicle.mass"), ("given twice",)),
         (("--flights", "5"), ("--flights 5", "100")),
+        (("--check", "5"), ("--check 5", "100")),
         (("--method", "magic"), ("--method", "adaptive")),
         (("--workers", "0"), ("--workers",)),
         (("--seed", "-1"), ("--seed -1",)),

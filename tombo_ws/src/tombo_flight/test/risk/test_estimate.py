@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import norm
 
 from tombo_flight.campaign.statistics import exact_interval
-from tombo_flight.risk.estimate import estimate, weighted_interval
+from tombo_flight.risk.estimate import RiskEstimate, agree, estimate, weighted_interval
 from tombo_flight.risk.result import influence
 
 FLIGHTS = 4000
@@ -103,6 +103,27 @@ def test_a_crash_that_the_search_has_missed_widens_the_interval():
 def test_equal_weights_give_the_interval_of_a_poisson_count():
     low, high = weighted_interval(np.full(10, 0.001))
     assert (low, high) == pytest.approx((0.004795, 0.018390), rel=1e-3)  # Garwood, of 10
+
+
+def counted(crashes: int, flights: int) -> RiskEstimate:
+    share = crashes / flights
+    return RiskEstimate(share or None, *exact_interval(crashes, flights), "monte-carlo", share)
+
+
+def test_estimates_agree_where_they_are_of_one_probability():
+    rng = np.random.default_rng(0)
+
+    def share(p: float, q: float) -> float:
+        pairs = zip(rng.binomial(3000, p, 400), rng.binomial(9000, q, 400), strict=True)
+        answers = [agree(counted(a, 3000), counted(b, 9000)) for a, b in pairs]
+        return sum(answers) / len(answers)
+
+    for p in (1e-4, 1e-3, 1e-2):  # 1e-4: none crashes in most of the shorter ones
+        assert share(p, p) > 0.93
+    assert share(1e-2, 2e-2) < 0.1 and share(1e-2, 2.5e-3) < 0.1
+    assert agree(counted(0, 3000), counted(1, 9000)) and agree(counted(1, 9000), counted(0, 3000))
+    assert not agree(counted(0, 9000), counted(30, 3000))
+    assert not agree(counted(30, 3000), counted(0, 9000))
 
 
 def test_the_same_flights_follow_from_the_seed_alone():

@@ -147,9 +147,32 @@ def test_a_killed_study_goes_on_to_the_same_digit(tmp_path):
     assert json.loads((tmp_path / "whole" / "risk.json").read_text())["result"] == whole
     _the_most_likely_crash_flies_again(whole)
     assert whole["most_likely_crash"]["command"] in (tmp_path / "whole" / "risk.html").read_text()
+    _a_check_goes_on_from_the_estimate(tmp_path / "killed", whole)
     other = new_risk("paper_collision", GIVEN, 110, settings=SOON)
     with pytest.raises(InputError, match="another flights"), open_study(tmp_path / "whole", other):
         pass
+
+
+def _a_check_goes_on_from_the_estimate(path, whole) -> None:
+    def checked(flights: int) -> tuple[int, dict]:
+        study = new_risk("paper_collision", GIVEN, 100, settings=SOON, check=flights)
+        with open_study(path, study) as folder:
+            kept = folder.kept
+            return kept, fly_study(folder, partial(analyse_risk, study), workers=1).data
+
+    kept, long = checked(150)
+    assert kept == 100 and long | {"check": None, "outcome": whole["outcome"]} == whole
+    table = pq.read_table(path / "flights.parquet")
+    flown = table.filter(table["check"])
+    assert flown.num_rows == 150 and flown["flight"][0].as_py() == 100
+    crashes = sum(flown["crashed"].to_pylist())
+    assert long["check"]["crashes"] == crashes > 0
+    assert long["check"]["probability"] == pytest.approx(crashes / 150)
+    assert set(flown["weight"].to_pylist()) == {0.0} and all(flown["drawn_as_given"].to_pylist())
+    speeds = np.array(flown["mission.approach_speed"])
+    assert speeds.mean() == pytest.approx(1.0, abs=4 * 0.15 / np.sqrt(150))  # drawn as given
+    kept, short = checked(100)
+    assert kept == 200 and short["check"]["crashes"] == sum(flown["crashed"].to_pylist()[:100])
 
 
 def _the_most_likely_crash_flies_again(result) -> None:

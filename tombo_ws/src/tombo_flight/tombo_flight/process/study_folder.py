@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import math
 import os
 import shutil
 import time
@@ -19,7 +20,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, shown
 from tombo_flight.json_text import as_json
 from tombo_flight.process.output_folder import make_numbered, whole_file, write_whole
@@ -199,6 +202,23 @@ class StudyFolder:
             for row in self._read(path, [KEY, *names]).to_pylist():
                 rows[row.pop(KEY)] = row
         return dict(sorted(rows.items()))
+
+    def numbers(self, name: str) -> tuple[NDArray[np.int64], Array]:
+        """Return the numbers of all flights and one of their figures, in order; NaN: none.
+
+        Raises:
+            InputError: a file can't be read.
+        """
+        keys = [np.array([*self._journal], dtype=np.int64)]
+        rows = (row.get(name) for row in self._journal.values())
+        values = [np.array([math.nan if value is None else value for value in rows], dtype=float)]
+        for path in self._first:
+            read = self._read(path, [KEY, name])
+            keys.append(read.column(KEY).to_numpy())
+            values.append(read.column(name).to_numpy())
+        flights = np.concatenate(keys)
+        order = np.argsort(flights, kind="stable")
+        return flights[order], np.concatenate(values)[order]
 
     def add_columns(self, columns: Mapping[str, Any]) -> None:
         """Add columns to the table, each with a value for each key in its order."""

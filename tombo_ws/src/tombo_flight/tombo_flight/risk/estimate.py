@@ -137,7 +137,7 @@ _UNSEEN = 0.5
 _MISS = 0.025
 """Probability of an error on each side of the interval."""
 
-Fly = Callable[[int, Array, Array], Array]
+Fly = Callable[[int, Array, NDArray[np.int64]], Array]
 """(number of the first flight, inputs (n, d), seeds (n,)) → margins (n,)."""
 
 
@@ -147,7 +147,7 @@ class FlightSample:
 
     points: Array
     """(N, d), standard normal numbers."""
-    seeds: Array
+    seeds: NDArray[np.int64]
     """(N,)."""
     margins: Array
     """(N,)."""
@@ -185,7 +185,7 @@ def flight_draw(
 
 
 def estimate(
-    dimension: int, flights: int, method: str, seed: int, fly: Fly
+    dimension: int, flights: int, method: str, seed: int, fly: Fly, number: int = 0
 ) -> tuple[RiskEstimate, FlightSample]:
     """Fly, and return the probability of a crash with the flights that it is from.
 
@@ -195,8 +195,9 @@ def estimate(
         method: one of `METHODS`.
         seed: all draws follow from it, so that the same flights give the same figures.
         fly: flies the flights of one stage.
+        number: of the first flight; those of another number are drawn independently.
     """
-    flown = _FlownStages(dimension, seed, fly)
+    flown = _FlownStages(dimension, seed, fly, number)
     proposal = DrawProposal()
     if method == "adaptive" and dimension:
         proposal = _search(flown, flights // 10)
@@ -209,11 +210,11 @@ def estimate(
 class _FlownStages:
     """The stages that are flown so far."""
 
-    def __init__(self, dimension: int, seed: int, fly: Fly) -> None:
-        self._dimension, self._seed, self._fly = dimension, seed, fly
+    def __init__(self, dimension: int, seed: int, fly: Fly, number: int) -> None:
+        self._dimension, self._seed, self._fly, self._number = dimension, seed, fly, number
         self.stages: list[tuple[DrawProposal, int]] = []
         self.points: Array = np.zeros((0, dimension))
-        self.seeds: Array = np.zeros(0, dtype=np.int64)
+        self.seeds: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self.as_given: NDArray[np.bool_] = np.zeros(0, dtype=bool)
         self.margins: Array = np.zeros(0)
 
@@ -223,15 +224,16 @@ class _FlownStages:
 
     def fly(self, proposal: DrawProposal, count: int) -> None:
         """Fly a stage."""
-        first = self.count
-        points, as_given, seeds = zip(
-            *(flight_draw(self._seed, first + i, proposal, self._dimension) for i in range(count)),
-            strict=True,
-        )
-        new, own = np.array(points).reshape(count, self._dimension), np.array(seeds)
-        margins = self._fly(first, new, own)
-        self.points = np.concatenate([self.points, new])
-        self.seeds = np.concatenate([self.seeds, own])
+        first = self._number + self.count
+        points = np.empty((count, self._dimension))
+        as_given, seeds = np.empty(count, dtype=bool), np.empty(count, dtype=np.int64)
+        for i in range(count):
+            points[i], as_given[i], seeds[i] = flight_draw(
+                self._seed, first + i, proposal, self._dimension
+            )
+        margins = self._fly(first, points, seeds)
+        self.points = np.concatenate([self.points, points])
+        self.seeds = np.concatenate([self.seeds, seeds])
         self.as_given = np.concatenate([self.as_given, as_given])
         self.margins = np.concatenate([self.margins, margins])
         self.stages.append((proposal, count))
@@ -297,6 +299,20 @@ def weighted_interval(weights: Array) -> tuple[float, float]:
     total, variance = total + largest, variance + largest**2
     high = variance / total / 2.0 * chdtri(2.0 * total**2 / variance, _MISS)
     return float(low), float(high)
+
+
+def agree(one: RiskEstimate, other: RiskEstimate) -> bool:
+    """Return whether two independent estimates may be of the same probability.
+
+    They may where 0 is in the 95 % interval of their difference, which is put together from
+    theirs (Newcombe 1998, square and add).
+    """
+    lower, higher = sorted((one, other), key=lambda each: each.probability or 0.0)
+    difference = (higher.probability or 0.0) - (lower.probability or 0.0)
+    reach = math.hypot(
+        (higher.probability or 0.0) - higher.low, lower.high - (lower.probability or 0.0)
+    )
+    return difference <= reach
 
 
 def _unseen(stages: list[tuple[float, int]]) -> float:

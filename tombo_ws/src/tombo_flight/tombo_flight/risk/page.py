@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
 from tombo_flight.flight import fly_scenario
@@ -18,8 +19,8 @@ from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.flight_plot import draw_flight
 from tombo_flight.report.page import Card, Item, Page, Picture, Section, Table, Text
-from tombo_flight.risk.estimate import FlightSample, estimate
-from tombo_flight.risk.result import influence, result_of
+from tombo_flight.risk.estimate import METHODS, FlightSample, estimate
+from tombo_flight.risk.result import check_of, influence, result_of
 from tombo_flight.risk.study import RiskStudy, settings_at
 
 Result = Mapping[str, Any]
@@ -112,6 +113,8 @@ def one_in(share: float) -> str:
 
 _NOT_FLOWN = -1.0
 """Margin of a flight that can't be flown: it counts as a crash."""
+_FEW_CRASHES = 10
+"""With so many the interval of a count reaches from a half to twice of it."""
 _MOST_PANELS = 3
 _MOST_POINTS = 5000
 
@@ -119,27 +122,47 @@ _MOST_POINTS = 5000
 def analyse_risk(study: RiskStudy, opened: StudyFolder, fly: Fly) -> Page:
     """Fly the stages of the estimate, add weights to the table, and return the page."""
 
-    def margins(first: int, points: Array, seeds: Array) -> Array:
+    def margins(first: int, points: Array, seeds: NDArray[np.int64]) -> Array:
         tasks = (
             Task(first + i, tuple(settings_at(study.inputs, point)), int(seed))
             for i, (point, seed) in enumerate(zip(points, seeds, strict=True))
         )
         fly(tasks, len(seeds))
-        rows = opened.rows(("margin",))
-        flown = (rows[first + i]["margin"] for i in range(len(seeds)))
-        return np.array([_NOT_FLOWN if margin is None else margin for margin in flown])
+        flights, flown = opened.numbers("margin")
+        flown = flown[np.searchsorted(flights, first) :][: len(seeds)]
+        return np.where(np.isnan(flown), _NOT_FLOWN, flown)
 
-    answer, sample = estimate(len(study.inputs), study.flights, study.method, study.seed, margins)
+    inputs, check = len(study.inputs), None
+    answer, sample = estimate(inputs, study.flights, study.method, study.seed, margins)
+    if study.check:
+        plainly = METHODS[1], study.seed, margins, study.flights
+        check = check_of(answer, *estimate(inputs, study.check, *plainly))
     opened.finish()
-    opened.add_columns({
-        "crashed": sample.margins < 0.0, "weight": sample.weights,
-        "drawn_as_given": sample.as_given,
-        "search": np.arange(sample.margins.size) < sample.first,
-    })  # fmt: skip
+    opened.add_columns(_columns_of(sample, *opened.numbers("margin")))
     errors = [row["error"] for row in opened.rows(("error",)).values() if row["error"]]
     keys = [setting.key for setting in study.inputs]
-    result = plain(result_of(study, answer, sample, errors, influence(keys, sample)))
+    result = plain(result_of(study, answer, sample, errors, influence(keys, sample), check))
     return risk_page(study, result, sample)
+
+
+def _columns_of(
+    sample: FlightSample, flights: NDArray[np.int64], margins: Array
+) -> dict[str, NDArray[Any]]:
+    """Return what the table says of each flight besides its row.
+
+    Args:
+        sample: the flights of the estimate, which are the first ones; the others check it.
+        flights: (N,) numbers of all.
+        margins: (N,), NaN: not flown.
+    """
+    checks = np.arange(sample.margins.size, flights.size)
+    return {
+        "crashed": ~(margins >= 0.0),
+        "weight": np.append(sample.weights, np.zeros(checks.size)),
+        "drawn_as_given": np.append(sample.as_given, checks >= 0),
+        "search": np.append(np.arange(sample.margins.size) < sample.first, checks < 0),
+        "check": flights >= sample.margins.size,
+    }
 
 
 def risk_page(study: RiskStudy, result: Result, sample: FlightSample) -> Page:
@@ -164,6 +187,11 @@ def risk_page(study: RiskStudy, result: Result, sample: FlightSample) -> Page:
             f"{result['flights_of_estimate']} for the estimate, {result['method']}",
         ),
     ]  # fmt: skip
+    checked = []
+    if (check := result["check"]) is not None:
+        verdict = "agrees" if check["agrees"] else "differs"
+        cards.append(Card("plain Monte Carlo", verdict, "", f"{check['flights']} more flights"))
+        checked = [Section("Checked by plain Monte Carlo", _check_items(result))]
     return Page(
         title=f"Risk of {study.label}",
         eyebrow="Risk of a crash",
@@ -171,6 +199,7 @@ def risk_page(study: RiskStudy, result: Result, sample: FlightSample) -> Page:
         summary=answer_words(result),
         cards=cards,
         sections=[
+            *checked,
             Section("What it assumes", [Text(assumption_words(result), "list")]),
             Section("What decides", _deciding_inputs(study, result, sample)),
             Section("The most likely way to crash", _most_likely_crash(study, result, sample)),
@@ -178,6 +207,37 @@ def risk_page(study: RiskStudy, result: Result, sample: FlightSample) -> Page:
         data=result,
         footer=f"tombo {study.tombo_version}; all flights: flights.parquet; figures: risk.json",
     )
+
+
+def check_words(result: Result) -> str:
+    """Return whether the check agrees, in a sentence or two."""
+    check = result["check"]
+    words = (
+        "The two agree: the 95 % interval of their difference has 0 in it."
+        if check["agrees"]
+        else "The two differ: the 95 % interval of their difference does not have 0 in it. The "
+        "search may have missed a way to crash: believe the check, or fly more."
+    )
+    if check["crashes"] < _FEW_CRASHES:
+        words += f" With fewer than {_FEW_CRASHES} crashes the check says little: fly more."
+    return words
+
+
+def _check_items(result: Result) -> list[Item]:
+    check = result["check"]
+    names = ("", "flights", "crashes", "probability", "95 % interval")
+    estimated = (
+        f"{result['method']}, {result['flights']} with the search",
+        str(result["flights_of_estimate"]), str(result["crashes_of_estimate"]),
+    )  # fmt: skip
+    counted = ("drawn as given", str(check["flights"]), str(check["crashes"]))
+    rows = [
+        (*first, f"{each['probability'] or 0.0:.3g}", f"{each['low']:.2g} to {each['high']:.2g}")
+        for first, each in ((estimated, result), (counted, check))
+    ]
+    ratio = check["ratio"]
+    said = [] if ratio is None else [f"The estimate is {ratio:.2f} times the check's."]
+    return [Table(names, rows), Text([*said, check_words(result)])]
 
 
 def _deciding_inputs(study: RiskStudy, result: Result, sample: FlightSample) -> list[Item]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
 from tombo_flight.campaign.statistics import exact_interval
-from tombo_flight.risk.estimate import FlightSample, RiskEstimate
+from tombo_flight.risk.estimate import FlightSample, RiskEstimate, agree
 from tombo_flight.risk.study import RiskStudy, openturns, settings_at
 
 _DEGREES = (1, 2, 3)
@@ -109,6 +109,7 @@ def result_of(
     sample: FlightSample,
     errors: Sequence[str],
     decides: Mapping[str, Any] | None,
+    check: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
     """Return the answer, what it rests on, and the most likely crash.
 
@@ -118,6 +119,7 @@ def result_of(
         sample: its flights.
         errors: of flights that could not be flown.
         decides: of `influence`.
+        check: of `check_of`.
     """
     crashed = sample.margins < 0.0
     given, hits = int(sample.as_given.sum()), int((crashed & sample.as_given).sum())
@@ -140,16 +142,44 @@ def result_of(
         "most_likely_crash": _most_likely(study, sample),
         "crashes": _crashes(study, sample),
         "influence": decides,
-        "outcome": outcome_of(answer),
+        "check": check,
+        "outcome": outcome_of(answer, check),
         "tombo_version": study.tombo_version,
     }
 
 
-def outcome_of(answer: RiskEstimate) -> str:
+def check_of(answer: RiskEstimate, plain: RiskEstimate, sample: FlightSample) -> dict[str, Any]:
+    """Return what plain Monte Carlo says of an answer.
+
+    Args:
+        answer: what is checked.
+        plain: what the check's flights say.
+        sample: these flights.
+    """
+    ratio = None
+    if answer.probability is not None and plain.probability is not None:
+        ratio = answer.probability / plain.probability
+    return {
+        "flights": sample.margins.size,
+        "crashes": int((sample.margins < 0.0).sum()),
+        "probability": plain.probability,
+        "low": plain.low,
+        "high": plain.high,
+        "ratio": ratio,
+        "agrees": agree(answer, plain),
+    }
+
+
+def outcome_of(answer: RiskEstimate, check: Mapping[str, Any] | None = None) -> str:
     """Return the answer in a line."""
+    said = ""
+    if check is not None:
+        verdict = "agrees" if check["agrees"] else "differs"
+        said = f"; plain Monte Carlo of {check['flights']} flights {verdict}"
     if answer.probability is None:
-        return f"no crash found, probability below {answer.high:.2g}"
-    return f"crash probability {answer.probability:.3g} ({answer.low:.2g} to {answer.high:.2g})"
+        return f"no crash found, probability below {answer.high:.2g}{said}"
+    found = f"{answer.probability:.3g} ({answer.low:.2g} to {answer.high:.2g})"
+    return f"crash probability {found}{said}"
 
 
 def _high(crashed: int, of: int) -> float:

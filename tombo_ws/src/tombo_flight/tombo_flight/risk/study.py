@@ -235,7 +235,7 @@ _KEYS = (
     *("scenario", "inputs", "flights", "method", "seed", "settings", "label", "values"),
     *("tombo_version", "model", "vehicle", "imports"),
 )
-"""Of `risk.json`, before the result."""
+"""Of `risk.json`, before the result: those of the estimate, not how far it is checked."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,6 +249,8 @@ class RiskStudy(StudiedScenario):
     method: str
     seed: int
     """All draws follow from it."""
+    check: int = 0
+    """Further flights, drawn as given, by which the estimate is checked."""
 
     def scenario_at(self, point: Sequence[str]) -> Scenario:
         """Return what is flown with the settings of a point.
@@ -261,7 +263,7 @@ class RiskStudy(StudiedScenario):
     @property
     def keys(self) -> range:
         """The keys of its flights."""
-        return range(self.flights)
+        return range(self.flights + self.check)
 
     def columns(self) -> dict[str, str]:
         """Return the columns of the table that flights have by themselves."""
@@ -296,6 +298,7 @@ def new_risk(
     settings: Sequence[str] = (),
     model: str | None = None,
     vehicle: str | None = None,
+    check: int | None = None,
 ) -> RiskStudy:
     """Read and check a question: the scenario, the inputs, and that they can be drawn.
 
@@ -308,6 +311,7 @@ def new_risk(
         settings: texts of --set.
         model: a model.yaml.
         vehicle: a name or file.
+        check: further flights, drawn as given, that check the estimate.
 
     Raises:
         InputError: as `load_scenario`, of an input, or a package is not installed.
@@ -316,8 +320,9 @@ def new_risk(
     check_seed("seed", seed)
     if method not in METHODS:
         raise unknown_name("--method", method, METHODS)
-    if not FEWEST <= flights <= MOST:
-        raise InputError(f"--flights {flights}: out of bounds; accepted: {FEWEST} to {MOST}")
+    for option, number in (("--flights", flights), ("--check", check)):
+        if number is not None and not FEWEST <= number <= MOST:
+            raise InputError(f"{option} {number}: out of bounds; accepted: {FEWEST} to {MOST}")
     base = read_scenario(scenario, settings, model, vehicle)
     as_given = StudiedScenario(**base).scenario_with(())
     file = vehicle_named(vehicle or _OWN_VEHICLE)
@@ -326,7 +331,9 @@ def new_risk(
     for key in keys:
         if keys.count(key) > 1:
             raise InputError(f"--given {key}: given twice; accepted: once")
-    study = RiskStudy(**base, inputs=inputs, flights=flights, method=method, seed=seed)
+    study = RiskStudy(
+        **base, inputs=inputs, flights=flights, method=method, seed=seed, check=check or 0
+    )
     for setting in inputs:
         for u in (-2.0, 0.0, 2.0):
             study.scenario_at([f"{setting.key}={setting.text_at(u)}"])

@@ -61,6 +61,15 @@ def risk(
             "are frequent. monte-carlo: all flights as they come.",
         ),
     ] = "adaptive",
+    check: Annotated[
+        int | None,
+        integer_option(
+            "--check N",
+            "Then check the estimate by N further flights, drawn as they come: plain Monte Carlo. "
+            "Prints both, and whether they agree. With -o DIR of an estimate, or of a shorter "
+            "check, what is there is not flown again.",
+        ),
+    ] = None,
     seed: Seed = 0,
     reaction: ReactionName = None,
     disturbances: Disturbed = False,
@@ -87,7 +96,7 @@ def risk(
     from tombo_flight.risk.study import new_risk
 
     chosen = [*over_scenario(reaction, disturbances=disturbances), *(settings or [])]
-    study = new_risk(scenario, given or [], flights, method, seed, chosen, model, vehicle)
+    study = new_risk(scenario, given or [], flights, method, seed, chosen, model, vehicle, check)
     default = f"runs/risk-{plain_name(study.label, 'scenario')}"
     folder, _, page = run_study(
         study, partial(analyse_risk, study), output, default, as_json, workers=workers
