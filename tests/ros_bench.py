@@ -21,6 +21,7 @@ from typing import Any
 import pytest
 
 from tombo_dynamics.time_base import SECOND_NS
+from tombo_flight.suite.nodes import local_discovery
 
 _FIRST_DOMAIN, _DOMAINS = 102, 130
 """102..231: above the usual, below the ports' end. Each worker of the tests has its share."""
@@ -41,7 +42,8 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> int:
     share = _DOMAINS // _WORKERS
     number = _FIRST_DOMAIN + _WORKER * share + next(_NUMBERS) % share
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    for name, value in local_discovery(os.environ).items():
+        monkeypatch.setenv(name, value)
     return number
 
 

@@ -49,6 +49,7 @@ from tombo_bag.topics import (
     TRUE_ODOMETRY,
     TopicSpec,
 )
+from tombo_flight.suite.nodes import local_discovery
 from tombo_msgs.msg import (
     CollisionEvent,
     EstimatorStatus,
@@ -262,7 +263,7 @@ class Suite(SimpleNamespace):
 def hovering(folder: Path) -> Iterator[Suite]:
     """Start the suite and fly it to its hover; end all of it in the end."""
     environment = {"ROS_DOMAIN_ID": str(60 + next(DOMAINS) % 40)}
-    environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    environment |= local_discovery(os.environ)
     file = folder / "hover.yaml"
     file.write_text(HOVER)
     changed = mock.patch.dict(os.environ, environment)

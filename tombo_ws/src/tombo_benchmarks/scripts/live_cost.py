@@ -33,6 +33,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from tombo_bag.topics import DIAGNOSTICS
+from tombo_flight.suite.nodes import local_discovery
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
 MOST_LATER, MOST_CPU, MOST_MS = 0.10, 0.15, 100.0
@@ -147,7 +148,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=60.0)
     wanted = parser.parse_args()
     os.environ["ROS_DOMAIN_ID"] = str(40 + os.getpid() % 50)
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ.update(local_discovery(os.environ))
     flights: dict[bool, list[dict[str, Any]]] = {True: [], False: []}
     for number in range(wanted.rounds):
         for with_page in (number % 2 == 0, number % 2 == 1):

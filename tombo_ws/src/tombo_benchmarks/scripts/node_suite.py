@@ -26,7 +26,7 @@ import rclpy
 from tombo_bag.formats.reader import Bag
 from tombo_bag.topics import DIAGNOSTICS
 from tombo_flight.scenario import load_scenario
-from tombo_flight.suite.nodes import SUITE
+from tombo_flight.suite.nodes import SUITE, local_discovery
 from tombo_flight.suite.parameter_yaml import parameter_yaml, suite_parameters
 from tombo_ros.loop_statistics import LoopStatistics
 from tombo_ros.pacing import Priority, request_realtime_priority, sleep_until
@@ -191,7 +191,7 @@ def main() -> None:
     parser.add_argument("--busy", type=int, default=0)
     wanted = parser.parse_args()
     os.environ["ROS_DOMAIN_ID"] = str(40 + os.getpid() % 50)
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ.update(local_discovery(os.environ))
     if wanted.seconds > 0:
         with busy_cores(wanted.busy):
             bare_loop(0.25 * wanted.seconds)

@@ -39,6 +39,7 @@ from tombo_bag.topics import (
     TRUE_ROTORS,
     TopicSpec,
 )
+from tombo_flight.suite.nodes import local_discovery
 
 PROCESSES: tuple[tuple[TopicSpec, ...], ...] = (
     (IMU, TRUE_ROTORS, MOCAP_POSE, BATTERY),
@@ -117,7 +118,7 @@ def measure(seconds: float, burst_ms: int, folder: Path) -> bool:
     environment = {
         **os.environ,
         "ROS_DOMAIN_ID": str(randrange(100, 200)),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        **local_discovery(os.environ),
     }
     bag = folder / "load"
     recorder = subprocess.Popen(

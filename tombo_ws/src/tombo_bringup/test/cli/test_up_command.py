@@ -17,6 +17,7 @@ import yaml
 from suite_bench import UP, Marked, read_terminal, wait_for
 
 from in_time import in_time
+from tombo_flight.suite.nodes import local_discovery
 
 GOOD = {"sim": "fake_good", "detector": "fake_good"}
 
@@ -160,12 +161,11 @@ def test_nodes_get_parameters_domain_and_discovery(marked):
     tell = marked.folder / "tell.py"
     tell.write_text(
         "import os, sys, time\n"
-        "print(sys.argv[1:], {k: v for k, v in os.environ.items() if k.startswith('ROS_')})\n"
+        "print(sys.argv[1:], {k: os.environ[k] for k in os.environ if k[:3] in ('ROS', 'FAS')})\n"
         "print('running', flush=True)\ntime.sleep(60)\n"
     )
     mine = marked.folder / "mine.yaml"
     mine.write_text("/**/detector:\n  ros__parameters:\n    detector:\n      threshold: 99.0\n")
-    environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     process = marked.up(
         {"detector": "tell"}, "--domain", "42",
         "--set", "detector.threshold=81", "--params", "mine.yaml",
@@ -179,7 +179,8 @@ def test_nodes_get_parameters_domain_and_discovery(marked):
     files = ["--ros-args", "--params-file", str(own), "--params-file", str(mine)]
     assert str(files) in said
     assert "'ROS_DOMAIN_ID': '42'" in said
-    assert str(environment)[1:-1] in said
+    discovery = local_discovery(os.environ)
+    assert all(f"'{name}': '{value}'" in said for name, value in discovery.items())
     written = yaml.safe_load(own.read_text())
     assert written["/**/detector"]["ros__parameters"]["detector"]["threshold"] == 81.0
 

@@ -1,10 +1,15 @@
-"""A private ROS_DOMAIN_ID."""
+"""A private ROS_DOMAIN_ID, and DDS that stays on this machine."""
 
 from __future__ import annotations
 
+import os
 import socket
+import subprocess
+import sys
 
-from tombo_flight.suite.nodes import free_domain, udp_ports
+import pytest
+
+from tombo_flight.suite.nodes import free_domain, local_discovery, udp_ports
 
 
 def test_every_process_gets_one_from_1_to_101():
@@ -23,3 +28,63 @@ def test_the_ports_of_this_machine_are_seen():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
         one.bind(("127.0.0.1", 0))
         assert one.getsockname()[1] in udp_ports()
+
+
+RANGE, PROFILES = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"
+
+
+@pytest.mark.parametrize(
+    "given", [{}, {RANGE: "LOCALHOST"}, {"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}]
+)
+def test_udp_on_the_loopback_interface_takes_the_place_of_shared_memory(given):
+    chosen = local_discovery(given)
+    assert chosen[RANGE] == "SUBNET" and chosen[PROFILES].endswith("loopback.xml")
+    assert local_discovery({**given, **chosen}) == {}, "not stable"
+
+
+def test_what_the_user_has_chosen_stays_and_never_leaves_the_machine_by_mistake():
+    assert local_discovery({RANGE: "SUBNET"}) == {}
+    assert local_discovery({RANGE: "OFF"}) == {}
+    assert local_discovery({PROFILES: "/home/lab.xml"}) == {RANGE: "LOCALHOST"}
+    assert local_discovery({"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}) == {RANGE: "LOCALHOST"}
+
+
+_TALKS = """
+import sys, time, rclpy
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node(sys.argv[1])
+heard = set()
+publisher = node.create_publisher(String, "names", 10)
+node.create_subscription(String, "names", lambda message: heard.add(message.data), 10)
+end = time.monotonic() + 60.0
+while len(heard) < 2 and time.monotonic() < end:
+    publisher.publish(String(data=sys.argv[1]))
+    rclpy.spin_once(node, timeout_sec=0.05)
+for _ in range(20):
+    publisher.publish(String(data=sys.argv[1]))
+    rclpy.spin_once(node, timeout_sec=0.05)
+maps = open("/proc/self/maps").read()
+print(sorted(heard), "/dev/shm/fastrtps" in maps)
+"""
+
+
+@pytest.mark.slow
+def test_two_processes_meet_without_shared_memory():
+    pytest.importorskip("rclpy")
+    base = {"ROS_DOMAIN_ID": str(free_domain(os.getpid(), udp_ports()))}
+    environment = {**os.environ, **base, **local_discovery({})}
+    nodes = [
+        subprocess.Popen(
+            [sys.executable, "-c", _TALKS, name],
+            env=environment, stdout=subprocess.PIPE, text=True,
+        )
+        for name in ("first", "second")
+    ]  # fmt: skip
+    try:
+        said = [node.communicate(timeout=90.0)[0].strip() for node in nodes]
+    finally:
+        for node in nodes:
+            node.kill()
+            node.wait()
+    assert said == ["['first', 'second'] False"] * 2

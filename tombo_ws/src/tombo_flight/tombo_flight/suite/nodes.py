@@ -15,6 +15,10 @@ HIGHEST_DOMAIN = 232
 """Above it the ports do not fit (DDSI-RTPS 9.6.1.1)."""
 HIGHEST_PRIVATE = 101
 """Above it the ports reach into the range that Linux gives away by itself."""
+_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_LOCALHOST = "LOCALHOST"
+_PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
+_FAST_DDS = "rmw_fastrtps_cpp"
 _FIRST_PORT = 7400
 _PORTS = 250
 
@@ -96,6 +100,20 @@ def monitor_program(*arguments: str) -> Program:
     )
 
 
+def local_discovery(base: Mapping[str, str]) -> dict[str, str]:
+    """Return variables that keep DDS on this machine, unless `base` asks for more.
+
+    Fast DDS then uses UDP on the loopback interface, as `loopback.xml` says, and no shared memory.
+    With a profile of the user's, or another middleware, ROS 2 alone restricts the discovery.
+    """
+    if base.get(_RANGE, _LOCALHOST) != _LOCALHOST:
+        return {}
+    if _PROFILES in base or base.get("RMW_IMPLEMENTATION", _FAST_DDS) != _FAST_DDS:
+        return {_RANGE: _LOCALHOST}
+    # with LOCALHOST, rmw_fastrtps_cpp adds shared memory whatever the profile says
+    return {_RANGE: "SUBNET", _PROFILES: str(Path(__file__).with_name("loopback.xml"))}
+
+
 def node_environment(
     base: Mapping[str, str], folder: Path, domain: int | None = None
 ) -> dict[str, str]:
@@ -106,12 +124,7 @@ def node_environment(
         folder: of ROS's own log files.
         domain: ROS_DOMAIN_ID; None: that of `base`.
     """
-    chosen = {
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_LOG_DIR": str(folder),
-        **base,
-        "PYTHONUNBUFFERED": "1",
-    }
+    chosen = {"ROS_LOG_DIR": str(folder), **base, **local_discovery(base), "PYTHONUNBUFFERED": "1"}
     if domain is not None:
         chosen["ROS_DOMAIN_ID"] = str(domain)
     return chosen
