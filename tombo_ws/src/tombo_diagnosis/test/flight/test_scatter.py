@@ -26,6 +26,7 @@ from tombo_diagnosis.flight.residual_check import (
     residual_excesses,
     residual_variances,
 )
+from tombo_logs.checks import check_log
 
 pytestmark = pytest.mark.slow
 
@@ -169,3 +170,25 @@ def test_where_stamps_are_arrivals_no_dropout_is_told():
     spacing = np.median(np.diff(track.pose_t))
     late = np.random.default_rng(1).uniform(0.0, 0.9 * spacing, track.pose_t.size)
     assert "gaps" not in pose_noise_statistics([replace(track, pose_t=track.pose_t + late)])
+
+
+def test_a_wrong_pose_that_is_left_out_is_not_a_lost_one():
+    """Single poses 10 cm off are taken out by the checks; the motion capture has lost none."""
+    (log,) = logs(count=1, sensors="mocap", seed=3)
+    position = log.series["position"]
+    values = position.values.copy()
+    values[200:1000:80, 1] += 0.1
+    damaged = log.with_series({**log.series, "position": replace(position, values=values)})
+    checked = check_log(damaged)
+    assert any(f.check == "jump" for f in checked.findings)
+    assert pose_noise_statistics([track_of(checked)])["gaps"][0] == 0.0
+
+
+def test_gaps_of_a_flight_in_parts_are_those_of_the_flight():
+    (track,) = tracks({"mocap_dropouts": {"probability": 0.04, "duration": 0.1}}, seed=2, count=1)
+    half = track.pose_t > np.median(track.pose_t)
+    every = np.ones(track.fast_rows.size, np.bool_), np.ones(track.slow_rows.size, np.bool_)
+    whole = pose_noise_statistics([track])
+    parts = pose_noise_statistics([track.only(*every, ~half), track.only(*every, half)])
+    for name in ("gaps", "samples"):
+        assert parts[name][0] == pytest.approx(whole[name][0], rel=0.05)

@@ -216,7 +216,8 @@ def pose_noise_statistics(tracks: Sequence[Track]) -> Statistics:
     gaps, lengths, samples = 0, [], 0
     for track in tracks:
         spacing = float(np.median(np.diff(track.pose_t)))
-        missing = lost_samples(np.diff(track.pose_t), spacing)[_in_flight(track)]
+        captured = _capture_times(track)
+        missing = lost_samples(np.diff(captured), spacing)[_in_flight(track, captured)]
         gaps += int(np.count_nonzero(missing))
         lengths += [float(m) for m in missing[missing > 0]]
         samples += missing.size + int(missing.sum())
@@ -395,10 +396,18 @@ def _noise() -> Array:
     return np.random.default_rng(8).standard_normal((_DRAWN, 9))
 
 
-def _in_flight(track: Track) -> NDArray[np.bool_]:
-    """Return (M - 1,): steps between poses that no excluded span touches."""
-    begins, ends = track.pose_t[:-1], track.pose_t[1:]
-    inside = np.ones(begins.size, np.bool_)
+def _capture_times(track: Track) -> Array:
+    """Return the stamps of all samples (M,), those too whose position was left out as wrong."""
+    attitude = track.log.series["attitude"].t
+    attitude = attitude[(attitude >= track.pose_t[0]) & (attitude <= track.pose_t[-1])]
+    return attitude if np.isin(track.pose_t, attitude).all() else track.pose_t
+
+
+def _in_flight(track: Track, t: Array) -> NDArray[np.bool_]:
+    """Return (M - 1,): steps between stamps (M,) that count: of the track, and not excluded."""
+    begins, ends = t[:-1], t[1:]
+    counted = track.pose_t[track.pose_rows]
+    inside = (begins >= counted.min(initial=math.inf)) & (begins <= counted.max(initial=-math.inf))
     for begin, end in track.log.exclude:
         inside &= (ends < begin) | (begins > end)
     return inside
