@@ -410,7 +410,7 @@ def _in_flight(track: Track, t: Array) -> NDArray[np.bool_]:
     inside = (begins >= counted.min(initial=math.inf)) & (begins <= counted.max(initial=-math.inf))
     for begin, end in track.log.exclude:
         inside &= (ends < begin) | (begins > end)
-    return inside
+    return np.asarray(inside)
 
 
 def _sigma(count: int) -> float:

@@ -112,21 +112,23 @@ def push_of(motion: Motion, position: Series) -> Push | None:
     track = np.column_stack([np.interp(motion.t, position.t, c) for c in position.values[:, :2].T])
     speed = gaussian_filter1d(track, WIDTH * RATE, axis=0, order=1) * RATE
     t, speed = block_means(motion.t, block)[good], block_means(speed, block)[good]
-    ahead = Rotation.from_quat(motion.attitude).as_matrix()[:, :2, 0]
-    ahead = block_means(ahead, block)[good]
+    turn = np.asarray(Rotation.from_quat(motion.attitude).as_matrix())
+    ahead = block_means(turn[:, :2, 0], block)[good]
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
-    forces = [block_means(each, block)[good] for each in _pushes(motion)]
+    forces = [block_means(each, block)[good] for each in _pushes(motion, turn)]
     return _fitted(t, forces, speed, ahead)
 
 
-def _pushes(motion: Motion) -> list[Array]:
-    """Return the horizontal force per mass in map (N, 2): by the poses, by the accelerometer."""
-    up = motion.up
+def _pushes(motion: Motion, turn: Array) -> list[Array]:
+    """Return the horizontal force per mass in map (N, 2): by the poses, by the accelerometer.
+
+    `turn`: rotation matrices (N, 3, 3) of the attitude, map from body.
+    """
+    up = turn[:, :, 2]
     lift = (motion.acceleration[:, 2] + GRAVITY) / np.maximum(up[:, 2], 0.2)
     by_source = [motion.acceleration[:, :2] - lift[:, None] * up[:, :2]]
     if motion.accel.size:
-        across = Rotation.from_quat(motion.attitude).as_matrix()[:, :2, :2]
-        turned = np.transpose(across, (0, 2, 1)) + 1e-9 * np.eye(2)
+        turned = np.transpose(turn[:, :2, :2], (0, 2, 1)) + 1e-9 * np.eye(2)
         by_source.append(np.linalg.solve(turned, motion.accel[:, :2, None])[..., 0])
     return by_source
 
