@@ -23,6 +23,14 @@ def benchmark_real(
     few: Annotated[
         int | None, option("--few N", "At most N trials of each data set. Default: all.")
     ] = None,
+    left_out: Annotated[
+        bool,
+        option(
+            "--left-out",
+            "Only changes of a vehicle against its healthy flights, each with the constants that "
+            "are learnt from the others.",
+        ),
+    ] = False,
     workers: Workers = None,
     output: Output = None,
     as_json: AsJson = False,
@@ -33,6 +41,8 @@ def benchmark_real(
     With -o the page is written beside the JSON, as .html; a run that is stopped goes on with
     the same command.
     """
+    if left_out and few is not None:
+        raise InputError(f"--few {few}: accepted: without --left-out")
     if few is not None and few < 1:
         raise InputError(f"--few {few}: out of bounds; accepted: 1 or more")
     if output is not None and output.suffix == ".html":
@@ -41,17 +51,17 @@ def benchmark_real(
         )
     from tombo_benchmarks.real.real_benchmark import benchmark
     from tombo_benchmarks.real.real_page import real_page
-    from tombo_benchmarks.real.trials import ROOT, trials
+    from tombo_benchmarks.real.trials import ROOT, conditions, trials
     from tombo_bringup.cli.tables import show_page
     from tombo_flight.report.html import write_page
 
     folder = ROOT.parent / "shared" / "data" if data is None else data
-    asked = trials(folder, few)
+    asked = conditions(folder) if left_out else trials(folder, few)
     count = checked(len(asked), workers, output)
     rows: list[dict[str, Any]] = []
 
     def run(cases: int, *options: Any) -> Any:
-        result = benchmark(asked, folder, cases, *options)
+        result = benchmark(asked, folder, left_out, cases, *options)
         rows.extend(result.cases)
         if output is not None and len(rows) == cases:  # before printing, which may be cut
             write_page(output.with_suffix(".html"), real_page(rows, result.aggregate))
@@ -60,5 +70,5 @@ def benchmark_real(
     def show(found: Mapping[str, Any], cases: int) -> None:
         show_page(real_page(rows, found), as_json=False)
 
-    name = "real" if few is None else f"real --few {few}"
+    name = "real --left-out" if left_out else "real" if few is None else f"real --few {few}"
     run_and_print(name, run, len(asked), 0, count, output, as_json, show)

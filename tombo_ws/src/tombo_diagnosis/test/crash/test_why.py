@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import PchipInterpolator
 
 from tombo_bag.flight import Flight, Series
 from tombo_diagnosis.crash.reason import why
@@ -133,3 +134,20 @@ def test_a_gap_of_hours_is_smoothed_without_a_warning():
     t = np.where(np.arange(600) < 300, 0.0, 9000.0) + 0.01 * np.arange(600)
     whole = hover().series["position"]
     why(Flight.measured("gap", "", {"position": Series(t, whole.values)}))
+
+
+def landed(touch_m):
+    """A take-off to 0.5 m, a dip to `touch_m` above the floor at 5 s, and a landing at 8 s."""
+    t = np.arange(0.0, 10.0, 0.02)
+    corners = [0.0, 1.0, 2.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0]
+    heights = [0.0, 0.0, 0.5, 0.45, touch_m, 0.3, 0.25, 0.0, 0.0]
+    height = PchipInterpolator(corners, heights)(t)  # smooth, without overshoot
+    noise = 0.0001 * np.random.default_rng(5).standard_normal((t.size, 3))
+    place = np.column_stack([0.1 * t, 0.0 * t, height]) + noise
+    return Flight.measured("landed", "", {"position": Series(t, place)})
+
+
+def test_a_touch_of_the_ground_is_where_it_rests_later():
+    touched = why(landed(0.0))
+    assert touched.cause == "contact" and touched.time_s == pytest.approx(5.0, abs=0.1)
+    assert why(landed(0.01)).cause == "none"

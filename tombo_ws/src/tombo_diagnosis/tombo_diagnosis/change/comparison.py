@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tombo_diagnosis.change.features import MODES, Features, mean_of
+from tombo_diagnosis.change.likelihood import LEARNT, Widths, log_density, size_evidence
 from tombo_diagnosis.change.signatures import (
     ADDED_WEIGHT,
     CENTRE,
@@ -27,7 +28,6 @@ from tombo_diagnosis.change.signatures import (
     ChangeCandidate,
 )
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES
 
 SESSION_MODES = (0.02, 0.0075, 0.0095, 0.0095)
 """Spread of demand between sessions before any flight is seen, of logarithms: part of all rotors,
@@ -48,43 +48,15 @@ _ALIKE_SESSIONS = 2.0
 """Sessions that "no more than other vehicles" weighs, where a vehicle's spread as a whole is asked
 for: from vehicle to vehicle it differs by a factor of two, more than its parts do."""
 
-TYPICAL_SIZE: Mapping[str, float] = {
-    WEAK_PROPELLER: 0.1, ADDED_WEIGHT: 0.1, HANGING_LOAD: 0.1, MASS: 0.1, CENTRE: 0.06,
-}  # fmt: skip
-"""Sizes before the data, their median: shares of thrust, of mass and of the arm, as in the
-registry."""
-_SIZES = 0.8
-"""Spread of their logarithms: a factor of 5 either way."""
 NONE = 0.3
 """Probability that nothing has changed before the data: who asks has a reason."""
 _PRIOR: Mapping[str, float] = {
-    WEAK_PROPELLER: 1.5, ADDED_WEIGHT: 1.0, HANGING_LOAD: 0.7, MASS: 0.5, CENTRE: 0.5,
+    WEAK_PROPELLER: 1.5, ADDED_WEIGHT: 1.0, HANGING_LOAD: 0.7, MASS: 0.5, CENTRE: 0.3,
     UNBALANCE: 0.3, OTHER: 0.2,
 }  # fmt: skip
 """Weight of an effect before the data, shared by its rotors."""
 _PAIR_PRIOR = 0.7
 """Two weak propellers, any, against one before the data: what hits one may hit another."""
-_YAW_SHARE = 0.4
-"""Change of a rotor's torque per thrust, as a share of the thrust lost: a cut or taped blade has
-another ratio."""
-_WASH = 0.05
-"""Share of thrust, and of torque by the swirl, that a weight in its downwash may take from a
-rotor, whatever its mass."""
-_MISFIT = 0.1
-"""Share of the demand of the rotor that changes most by which a prediction may be off at each:
-motors are not linear, and not alike."""
-_ROUGH = 0.4
-"""Spread of the logarithm of shake where blades, or their air, are changed: a factor of 1.5."""
-_WEIGHED = 0.2
-"""The same with a weight beside a rotor."""
-_DETUNED = 5.0
-"""Logarithm of swing per demand: a rotor that gives less than asked for slackens the loops."""
-_SWUNG = 0.5
-"""Spread of the logarithm of swing with a hanging load: it may calm a vehicle or shake it, as
-its controller does (the simulated one swings less by 0.2 to 0.4, whatever the thread)."""
-_DRAGGED = 0.05
-"""Trail of a hanging load [s/m], mean and spread, away from the side that it hangs on: 0.25 % of
-the weight as drag at 0.3 m/s, at the end of an arm."""
 CHANGED = 0.2
 """Probability that nothing has changed, below which something has."""
 
@@ -175,6 +147,7 @@ def compare(
     tried: Sequence[ChangeCandidate],
     supply_doubt: float = 0.0,
     exponent_doubt: float = 0.0,
+    widths: Widths = LEARNT,
 ) -> HealthyComparison:
     """Weigh all candidates by the probability of the new flights' mean under each.
 
@@ -186,21 +159,20 @@ def compare(
             voltage than the healthy ones may have the demand of all rotors wrong by it.
         exponent_doubt: standard deviation of the curve's exponent over its value: what is asked
             for more is known to that share, but not whether it is.
+        widths: how far changes are from what candidates predict.
     """
     now = mean_of(new)
     shift = Features.of(now.vector - spread.mean.vector, now.supply - spread.mean.supply)
     scale = spread.scale(len(new))
     if math.isfinite(shift.supply):
         scale[:4, :4] += (supply_doubt * shift.supply) ** 2
-    nothing = float(_log_density(scale, spread.degrees, shift.vector, None)[0]) + math.log(
+    nothing = float(log_density(scale, spread.degrees, shift.vector, None, widths)[0]) + math.log(
         NONE / (1.0 - NONE)
     )
     total = sum(_prior(c) for c in tried)
     logs, parts = [], []
     for candidate in tried:
-        log = _log_density(scale, spread.degrees, shift.vector, candidate) + np.log(
-            _size_prior(candidate)
-        )
+        log = size_evidence(scale, spread.degrees, shift.vector, candidate, widths)
         top = float(log.max())
         weight = np.exp(log - top)
         logs.append(top + math.log(weight.sum()) + math.log(_prior(candidate) / total))
@@ -275,22 +247,6 @@ def _prior(candidate: ChangeCandidate) -> float:
     return weight / 4.0 if candidate.rotor else weight
 
 
-def _size_prior(candidate: ChangeCandidate) -> Array:
-    """Return the probability of each row of sizes before the data (S,)."""
-    typical = TYPICAL_SIZE.get(candidate.effect)
-    weight = candidate.volume.copy()
-    if typical is not None:
-        size = np.abs(candidate.sizes)
-        if candidate.effect == CENTRE:
-            size = np.linalg.norm(size, axis=1, keepdims=True)
-            weight = weight / (size[:, 0] + 1e-6)
-        size = size + 1e-6
-        weight = weight * np.prod(
-            np.exp(-0.5 * (np.log(size / typical) / _SIZES) ** 2) / size, axis=1
-        )
-    return np.asarray(weight / weight.sum())
-
-
 def _interval(sizes: Array, weight: Array, share: float) -> tuple[Array, Array, Array]:
     """Return median and both ends of the 95 % interval (k,) of each size.
 
@@ -309,60 +265,3 @@ def _interval(sizes: Array, weight: Array, share: float) -> tuple[Array, Array, 
             middle + np.hypot(high - middle, more),
         )
     return rows[:, 0], rows[:, 1], rows[:, 2]
-
-
-def _log_density(
-    scale: Array, degrees: float, shift: Array, candidate: ChangeCandidate | None
-) -> Array:
-    """Return the log density (S,) of the shift (9,) under each size of a candidate, or under none.
-
-    Demand is one draw of four; shake, swing and trail are draws by themselves.
-    """
-    demand, (mean, loose), extra = _predicted(candidate)
-    gap = shift[:4] - demand
-    wide = scale[:4, :4] + extra
-    square = np.einsum("si,si->s", gap, np.linalg.solve(wide, gap[..., None])[..., 0])
-    log = -0.5 * np.linalg.slogdet(wide)[1] - 0.5 * (degrees + 4.0) * np.log1p(square / degrees)
-    for k in range(5):
-        if math.isfinite(shift[4 + k]) and math.isfinite(scale[4 + k, 4 + k]):
-            variance = scale[4 + k, 4 + k] + loose[:, k] ** 2
-            square = (shift[4 + k] - mean[k]) ** 2 / variance
-            log = log - 0.5 * np.log(variance) - 0.5 * (degrees + 1.0) * np.log1p(square / degrees)
-    return np.asarray(log)
-
-
-def _predicted(candidate: ChangeCandidate | None) -> tuple[Array, tuple[Array, Array], Array]:
-    """Return the shift of a candidate.
-
-    Of demand (S, 4); of shake, swing and trail the mean (5,) and standard deviation (S, 5);
-    covariance of the demand that it leaves open (S, 4, 4).
-    """
-    if candidate is None:
-        return np.zeros((1, 4)), (np.zeros(5), np.zeros((1, 5))), np.zeros((1, 4, 4))
-    demand, effect = candidate.demand, candidate.effect
-    largest = np.abs(demand).max(axis=1)
-    mean, loose = np.zeros(5), np.zeros((len(demand), 5))
-    extra = (_MISFIT * largest)[:, None, None] ** 2 * np.eye(4)
-    yaw = np.outer(MODES[3], MODES[3])  # the torque of one rotor, shared by all
-    if effect in (WEAK_PROPELLER, UNBALANCE, HANGING_LOAD, OTHER):
-        loose[:, :2] = _ROUGH
-    if effect == ADDED_WEIGHT:
-        loose[:, :2] = _WEIGHED
-    if effect in (WEAK_PROPELLER, ADDED_WEIGHT):
-        loose[:, 2] = _DETUNED * largest
-    if effect in (HANGING_LOAD, OTHER):
-        loose[:, 2] = _SWUNG
-    if effect == WEAK_PROPELLER:
-        share = np.sum((_YAW_SHARE * candidate.sizes) ** 2, axis=1)
-        extra = extra + share[:, None, None] * yaw
-    if effect in (ADDED_WEIGHT, HANGING_LOAD):
-        rotors = np.diag((demand[0] == demand[0].max()).astype(float))
-        extra = extra + _WASH**2 * (rotors + yaw)
-    if effect == HANGING_LOAD:
-        k = ROTOR_NAMES.index(candidate.rotor)
-        mean[3:] = _DRAGGED * np.sign([ARM_Y[k], -ARM_X[k]])
-    if effect in (HANGING_LOAD, OTHER):
-        loose[:, 3:] = _DRAGGED
-    if effect == OTHER:
-        extra = extra + candidate.sizes[:, :, None] ** 2 * np.eye(4)
-    return demand, (mean, loose), extra

@@ -14,6 +14,7 @@ from tombo_bag.flight import Finding, Flight, why_left_out
 from tombo_diagnosis.change.comparison import (
     CandidateResult,
     HealthyComparison,
+    Spread,
     accused_of,
     compare,
     smallest_seen,
@@ -28,6 +29,8 @@ from tombo_diagnosis.change.features import (
     features,
     mean_of,
 )
+from tombo_diagnosis.change.learning import KnownChange
+from tombo_diagnosis.change.likelihood import LEARNT, Widths
 from tombo_diagnosis.change.sessions import healthy_sessions
 from tombo_diagnosis.change.signatures import CENTRE, MASS, UNBALANCE, WEAK_PROPELLER, candidates
 from tombo_diagnosis.change.verdict import ChangeVerdict, judge_change, notes, summary
@@ -70,6 +73,7 @@ def diagnose_change(
     clock: Callable[[], float] = lambda: 0.0,
     left_out: Sequence[Finding] = (),
     sessions: Mapping[str, str] = MappingProxyType({}),
+    widths: Widths = LEARNT,
 ) -> tuple[Diagnosis, ChangeData]:
     """Say what is different now on a vehicle.
 
@@ -80,6 +84,7 @@ def diagnose_change(
         clock: seconds, for the run time.
         left_out: why flights are not among these.
         sessions: pattern of flights' names -> session, where their dates are not meant.
+        widths: how far changes are from what candidates predict.
 
     Raises:
         InputError: no flight of one side has position and commands and is in the air, new flights
@@ -87,32 +92,18 @@ def diagnose_change(
             commands in common.
     """
     began = clock()
-    (before, no_use), (after, no_use_either) = _usable(healthy), _usable(new)
-    drive = _common_drive([*before, *after])
-    before, after = ([replace(f, drive=drive) for f in flights] for flights in (before, after))
-    curve = fit_drive_curve([drive_samples(f) for f in before], *EXPONENT[drive])
-    data = ChangeData(
-        curve, tuple(features(f, curve) for f in before), tuple(features(f, curve) for f in after)
-    )
-    _check_fly(after, data.new)
+    before, after, data, no_use = _read(new, healthy)
     tried = candidates(nominal.vehicle, nominal.maps, _SIZES)
-    named, same = healthy_sessions(
-        [f.log for f in before], [f.log for f in after], data.healthy, sessions
-    )
-    spread = spread_of(data.healthy, named, same)
+    named, spread = _healthy_spread(before, after, data, sessions)
     accused, asked = accused_of(data.healthy, named, tried)
+    curve = data.curve
     exponent_doubt, supply_doubt = curve.deviation[0] / curve.exponent, curve.deviation[1]
-    comparison = compare(spread, data.new, tried, supply_doubt, exponent_doubt)
+    comparison = compare(spread, data.new, tried, supply_doubt, exponent_doubt, widths)
     verdict = judge_change(comparison, accused, asked)
     seen: dict[str, float] = {}
     if verdict.verdict == "none":
         seen = smallest_seen(spread, data.new, tried, supply_doubt, _TOLD)
-    findings = (
-        *(f for log in (*new, *healthy) for f in log.findings),
-        *left_out,
-        *no_use_either,
-        *no_use,
-    )
+    findings = (*(f for log in (*new, *healthy) for f in log.findings), *left_out, *no_use)
     shown = verdict.members if verdict.verdict in ("named", "set") else ()
     airframe = new[0].airframe
     mass, arm = nominal.vehicle.mass, nominal.vehicle.arm_length
@@ -143,6 +134,58 @@ def diagnose_change(
         controller=controller,
     )
     return diagnosis, data
+
+
+def known_change(
+    new: Sequence[Flight], healthy: Sequence[Flight], nominal: NominalModel, causes: Sequence[str]
+) -> KnownChange:
+    """Return what flights say whose change is known.
+
+    Args:
+        new: flights in the changed state, checked.
+        healthy: flights of the same vehicle before; checked.
+        nominal: as in `diagnose_change`.
+        causes: labels of candidates; of several, one is the cause.
+
+    Raises:
+        InputError: as `diagnose_change`.
+    """
+    before, after, data, _ = _read(new, healthy)
+    _, spread = _healthy_spread(before, after, data, {})
+    every = candidates(nominal.vehicle, nominal.maps, _SIZES)
+    return KnownChange(
+        spread.scale(len(data.new)), spread.degrees,
+        mean_of(data.new).vector - spread.mean.vector,
+        tuple(c for c in every if c.label in causes),
+    )  # fmt: skip
+
+
+def _read(
+    new: Sequence[Flight], healthy: Sequence[Flight]
+) -> tuple[list[AirborneFlight], list[AirborneFlight], ChangeData, tuple[Finding, ...]]:
+    """Return healthy flights, new ones, what they say, and why others are not among them."""
+    (before, no_use), (after, no_use_either) = _usable(healthy), _usable(new)
+    drive = _common_drive([*before, *after])
+    before, after = ([replace(f, drive=drive) for f in flights] for flights in (before, after))
+    curve = fit_drive_curve([drive_samples(f) for f in before], *EXPONENT[drive])
+    data = ChangeData(
+        curve, tuple(features(f, curve) for f in before), tuple(features(f, curve) for f in after)
+    )
+    _check_fly(after, data.new)
+    return before, after, data, (*no_use_either, *no_use)
+
+
+def _healthy_spread(
+    before: Sequence[AirborneFlight],
+    after: Sequence[AirborneFlight],
+    data: ChangeData,
+    sessions: Mapping[str, str],
+) -> tuple[list[str], Spread]:
+    """Return the session of each healthy flight, and mean and spread of all."""
+    named, same = healthy_sessions(
+        [f.log for f in before], [f.log for f in after], data.healthy, sessions
+    )
+    return named, spread_of(data.healthy, named, same)
 
 
 def _controller(new: Sequence[Flight], healthy: Sequence[Flight]) -> ControllerReport | None:

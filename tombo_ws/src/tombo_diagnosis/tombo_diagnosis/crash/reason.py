@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
+from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Flight
 from tombo_diagnosis.control.oscillation import oscillation
 from tombo_diagnosis.control.signals import control_signals
@@ -64,14 +65,20 @@ _STATED: Final = {
     "kill": 0.97, "motor": 0.97, "rotor": 0.9, "position": 0.93, "battery": 0.9, "contact": 0.9,
     "oscillation": 0.9, "command": 0.85,
 }  # fmt: skip
-_MISHAPS: Final = 19
-"""Real flights with a known mishap: 9 of crazyswarm2 (up to flight 149), 10 of air_garage (2024).
-Later flights of both were not looked at for this figure."""
-_NO_SIGN: Final = 7
-"""Of these, how many leave no sign in their logs."""
-_SOUND: Final = 1.0 / (2.0 - succession(_MISHAPS, _NO_SIGN))
-"""Confidence that a log without a sign is of a sound flight, not of a mishap that leaves none;
-even odds before."""
+_MISHAPS: Final = {"poses alone": (10, 4), "more": (9, 0)}
+"""What a log has → real flights with a known mishap, and how many of these leave no sign: 10 of
+air_garage (2024), 9 of crazyswarm2 (up to flight 149). Later flights of both were not looked at
+for these figures."""
+
+
+def _sound(motion: CrashMotion) -> float:
+    """Return the confidence that a log without a sign is of a sound flight; even odds before.
+
+    What a mishap would have left in it depends on what the log has.
+    """
+    more = {"gyro", "accel", *DRIVES} & set(motion.series)
+    seen = succession(*_MISHAPS["more" if more else "poses alone"])
+    return 1.0 / (2.0 - seen)
 
 
 def why(log: Flight) -> Why:
@@ -106,7 +113,7 @@ def judged(
     causes = [s for s in line if s.kind in _RANK and s.time < ends + 0.05 and _counts(s, bad)]
     if not causes:
         if not bad:
-            return "none", None, _SOUND, ()
+            return "none", None, _sound(motion), ()
         before = [s.time for s in line if s.kind in _BEFORE and bad[0].time - s.time < _TUMBLES_S]
         return "unknown", min([bad[0].time, *before]), 0.5, ()
     first = causes[0].time

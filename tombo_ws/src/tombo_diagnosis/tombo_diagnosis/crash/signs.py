@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from tombo_diagnosis.change.features import MODES
 from tombo_diagnosis.crash.motion import RATE, CrashMotion
@@ -57,6 +57,13 @@ _OFF_GROUND: Final = 0.01
 """m above where it stood."""
 _TOP: Final = 0.004
 """m below the highest place of the flight: what it slides along is above it."""
+_REST_S: Final = 0.5
+_NEAR: Final = 0.002
+"""m about the height at which it rests at the end: a lean of 3 degrees with arms of 46 mm."""
+_RISES: Final = 0.004
+"""m by which it comes down to that height, and leaves it again."""
+_FREE_S: Final = 1.0
+"""Time before without the ground, and the longest stay on it: longer is a landing."""
 _SWING_HZ: Final = (0.9, 20.0)
 _SWING: Final = 0.8
 """rad/s: standard deviation of rates that swing, at least."""
@@ -98,8 +105,9 @@ class Sign:
 def signs(motion: CrashMotion) -> list[Sign]:
     """Return all signs of a flight, in order of time."""
     each = (
-        _drives_off, _rotor_behind, _rotor_lost, _touches, _bumps, _slides, _swings, _poses_lost,
-        _poses_leap, _supply_falls, _thrust_lacks, _command_leaps, _upsets, _falls, _impacts,
+        _drives_off, _rotor_behind, _rotor_lost, _touches, _bumps, _slides, _grounds, _swings,
+        _poses_lost, _poses_leap, _supply_falls, _thrust_lacks, _command_leaps, _upsets,
+        _falls, _impacts,
     )  # fmt: skip
     return sorted((s for look in each for s in look(motion)), key=lambda s: s.time)
 
@@ -316,6 +324,37 @@ def _slides(m: CrashMotion) -> Iterator[Sign]:
     for begin, _ in runs(flat)[:1]:
         text = f"the height stays within {1e3 * _FLAT:.1f} mm while it moves sideways: it slides"
         yield Sign(float(position.t[max(begin - count // 2, 0)]), "contact", text)
+
+
+def _grounds(m: CrashMotion) -> Iterator[Sign]:
+    """It comes down to where it rests at the end, and flies on."""
+    position = m.series["position"]
+    t, height = position.t, position.values[:, 2]
+    last = height[t > t[-1] - _REST_S]
+    count = round(0.1 / max(sample_interval(t), 1e-3))
+    if last.size < 10 or np.std(last) > _FLAT or count < 3:
+        return
+    above = median_filter(height, count | 1, mode="nearest") - np.median(last)
+    if above.max() < 10.0 * _NEAR:
+        return  # a hover, and no flight
+    down = np.abs(above) < _NEAR
+    lands = t[np.flatnonzero(~down)[-1]] if not down.all() else t[0]
+    for row in find_peaks(-above, prominence=_RISES)[0]:
+        begin, end = _stretch(down, row)
+        off = t[begin] - max([t[0], *t[:begin][down[:begin]][-1:]])
+        short = t[end] - t[begin] < _FREE_S < off and t[row] < lands - _REST_S
+        if short and -2.0 * _NEAR < above[row] < _NEAR and m.flying[m.index(t[row])]:
+            text = "it comes down to the height at which it rests at the end, and flies on"
+            yield Sign(float(t[row]), "contact", text)
+            return
+
+
+def _stretch(mask: Mask, row: int) -> tuple[int, int]:
+    """Return first and last row of the run of `mask` about a row."""
+    off = np.flatnonzero(~mask)
+    k = int(np.searchsorted(off, row))
+    begin = int(off[k - 1]) + 1 if k > 0 else 0
+    return min(begin, row), max(int(off[k]) - 1 if k < off.size else mask.size - 1, row)
 
 
 def _swings(m: CrashMotion) -> Iterator[Sign]:
