@@ -10,7 +10,7 @@ from typing import Any
 from starlette.applications import Starlette
 
 from tombo_web.live_page import live_page
-from tombo_web.live_session import LiveSession, Source
+from tombo_web.live_session import LiveSession, MessageSource
 from tombo_web.server import Access, LiveServer, serve_page
 
 
@@ -26,7 +26,7 @@ class Address:
 
 
 def serve_live(
-    source: Source,
+    source: MessageSource,
     title: str,
     address: Address,
     scenario: Mapping[str, Any] | None = None,

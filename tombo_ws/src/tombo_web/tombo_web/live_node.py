@@ -36,7 +36,7 @@ Reader = Callable[[bytes], Mapping[str, Any]]
 """Bytes of a message → its fields by name."""
 
 
-class RunningSuite:
+class LiveTopics:
     """Polls the topics; no callback, no executor, so it costs the nodes nothing."""
 
     seekable = False
@@ -188,7 +188,7 @@ def main() -> None:
     given = json.loads(sys.argv[1])
     names = given.pop("names")
     try:
-        suite = RunningSuite(names)
+        suite = LiveTopics(names)
         try:
             serve_live(suite, "Running suite", Address(**given))
         finally:

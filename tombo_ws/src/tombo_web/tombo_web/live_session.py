@@ -18,7 +18,7 @@ _MOST_PICKED: Final = 16
 OPERATOR: Final = ("hold", "land", "kill")
 
 
-class Source(Protocol):
+class MessageSource(Protocol):
     """What gives messages."""
 
     seekable: bool

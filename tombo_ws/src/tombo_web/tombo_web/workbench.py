@@ -20,7 +20,7 @@ from tombo_propeller.design.flight_check import Recommendation, recommend
 from tombo_propeller.design.page import design_page
 from tombo_propeller.design.request import DesignRequest
 from tombo_propeller.workbench.curves import PropellerCurves, propeller_curves
-from tombo_propeller.workbench.propeller_choice import PropellerChoice, propeller_choice
+from tombo_propeller.workbench.propeller_choice import ChosenPropeller, propeller_choice
 from tombo_propeller.workbench.report import report_pdf
 from tombo_propeller.workbench.vehicle_request import (
     STRONGEST_N,
@@ -127,11 +127,11 @@ class Workbench:
         found = design(request, self._library, choice.blade)
         return found, recommend(found, ())
 
-    def _both(self, values: Mapping[str, Any]) -> tuple[PropellerChoice, DesignRequest]:
+    def _both(self, values: Mapping[str, Any]) -> tuple[ChosenPropeller, DesignRequest]:
         choice = self._choice(values)
         return choice, design_request(_object(values, "vehicle"), choice.blade)
 
-    def _choice(self, values: Mapping[str, Any]) -> PropellerChoice:
+    def _choice(self, values: Mapping[str, Any]) -> ChosenPropeller:
         return propeller_choice(_object(values, "propeller"), self._library)
 
     def _keep(self, page: str) -> int:

@@ -55,7 +55,7 @@ _TURNS: Final = ("yaw", "pitch", "roll")
 
 
 @dataclass(frozen=True)
-class Curve:
+class LogCurve:
     """A field of a topic, as one line style in the panels of its components."""
 
     topic: str
@@ -71,7 +71,7 @@ class Panels:
     title: str
     unit: str
     components: Sequence[str]
-    curves: Sequence[Curve]
+    curves: Sequence[LogCurve]
     values: Callable[[Array], Array] = lambda values: values
     """What is drawn of the field's values, (N, components)."""
 
@@ -83,29 +83,30 @@ def _angles(quaternions: Array) -> Array:
 
 _PICTURES: Final = (
     Panels("Position", "m", _XYZ, (
-        Curve(MOCAP_POSE.name, "position", "measured"),
-        Curve(ODOMETRY.name, "position", "estimate", "-."),
-        Curve(SETPOINT.name, "position", "set point", ":"),
+        LogCurve(MOCAP_POSE.name, "position", "measured"),
+        LogCurve(ODOMETRY.name, "position", "estimate", "-."),
+        LogCurve(SETPOINT.name, "position", "set point", ":"),
     )),
     Panels("Attitude", "°", _TURNS, (
-        Curve(MOCAP_POSE.name, "attitude", "measured"),
-        Curve(ATTITUDE_SETPOINT.name, "orientation", "set point", ":"),
+        LogCurve(MOCAP_POSE.name, "attitude", "measured"),
+        LogCurve(ATTITUDE_SETPOINT.name, "orientation", "set point", ":"),
     ), _angles),
     Panels("Body rates", "rad/s", _XYZ, (
-        Curve(IMU.name, "gyro", "measured"),
-        Curve(RATES_SETPOINT.name, "rates", "set point", ":"),
+        LogCurve(IMU.name, "gyro", "measured"),
+        LogCurve(RATES_SETPOINT.name, "rates", "set point", ":"),
     )),
     Panels("Rotors", "", ("front right", "rear left", "front left", "rear right"), (
-        Curve(ROTOR_COMMAND.name, "speed", "asked for [rad/s]", ":"),
-        Curve(ROTOR_SPEED, "speed", "measured [rad/s]"),
-        Curve("/motor_command", "command", "command, 0 to 1"),
+        LogCurve(ROTOR_COMMAND.name, "speed", "asked for [rad/s]", ":"),
+        LogCurve(ROTOR_SPEED, "speed", "measured [rad/s]"),
+        LogCurve("/motor_command", "command", "command, 0 to 1"),
     )),
     Panels("Battery", "V, A", ("",), (
-        Curve(BATTERY.name, "voltage", "voltage"), Curve(BATTERY.name, "current", "current", ":"),
+        LogCurve(BATTERY.name, "voltage", "voltage"),
+        LogCurve(BATTERY.name, "current", "current", ":"),
     )),
     Panels("Test of each pose", "–", ("statistic",), (
-        Curve(DETECTOR_STATUS.name, "statistic", "innovation"),
-        Curve("/estimator/innovation", "ratio", "PX4's test ratio"),
+        LogCurve(DETECTOR_STATUS.name, "statistic", "innovation"),
+        LogCurve("/estimator/innovation", "ratio", "PX4's test ratio"),
     )),
 )  # fmt: skip
 
@@ -273,7 +274,7 @@ def _thinned(series: Series) -> tuple[Array, Array]:
     return series.t[::step], np.where(np.abs(values) < _ABSURD, values, np.nan)
 
 
-def _has(flight: Flight, curve: Curve) -> bool:
+def _has(flight: Flight, curve: LogCurve) -> bool:
     return curve.topic in flight.topics and curve.field in flight.topics[curve.topic]
 
 
@@ -306,7 +307,7 @@ def draw_panels(flights: Sequence[Flight], panels: Panels) -> Figure:
 
 
 def _draw_curve(
-    column: Any, flight: Flight, series: Series, panels: Panels, curve: Curve, colour: str
+    column: Any, flight: Flight, series: Series, panels: Panels, curve: LogCurve, colour: str
 ) -> None:
     t, values = _thinned(series)
     drawn = panels.values(values)

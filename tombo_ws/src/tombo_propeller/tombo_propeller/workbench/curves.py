@@ -35,7 +35,7 @@ from tombo_propeller.design.design import (
 )
 from tombo_propeller.design.response_regression import ResponseModel, read
 from tombo_propeller.workbench.presets import PAPER
-from tombo_propeller.workbench.propeller_choice import PropellerChoice
+from tombo_propeller.workbench.propeller_choice import ChosenPropeller
 
 BENCH_RPM: Final = 2000.0
 """Speed of Table III."""
@@ -48,7 +48,7 @@ _DEGREES: Final = 180.0 / math.pi
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class SpeedCurve:
     """Values over the speeds, NaN where there is none, with the ends of their band."""
 
     name: str
@@ -59,7 +59,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReferenceValue:
     """A printed or measured value."""
 
     rpm: float
@@ -71,7 +71,7 @@ class Reading:
 
 
 @dataclass(frozen=True, eq=False)
-class Panel:
+class SpeedChart:
     """One figure against speed."""
 
     name: str
@@ -79,8 +79,8 @@ class Panel:
     unit: str
     known: str
     """measured, modelled or extrapolated, and why."""
-    curves: tuple[Curve, ...]
-    readings: tuple[Reading, ...] = ()
+    curves: tuple[SpeedCurve, ...]
+    readings: tuple[ReferenceValue, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class PropellerCurves:
     rpm: Array
     highest_rpm: float
     """The tip is at Mach 0.6."""
-    panels: tuple[Panel, ...]
+    panels: tuple[SpeedChart, ...]
     figures: tuple[SingleFigure, ...]
     refused: Mapping[str, str]
     """Law → why it can't be computed."""
@@ -115,7 +115,7 @@ class PropellerCurves:
 
 
 def propeller_curves(
-    choice: PropellerChoice, library: Library, top_rpm: float | None = None
+    choice: ChosenPropeller, library: Library, top_rpm: float | None = None
 ) -> PropellerCurves:
     """Return every figure of a propeller over rotor speeds.
 
@@ -165,14 +165,14 @@ def top_speed(configuration: Configuration) -> float:
     return min(SPEED_LIMIT, SPEED_LIMIT * paper_tip_m / configuration.blade.tip_radius_m)
 
 
-def force_share(choice: PropellerChoice, library: Library, speed_rad_s: Any) -> Any:
+def force_share(choice: ChosenPropeller, library: Library, speed_rad_s: Any) -> Any:
     """Return how hard a blade strikes at a speed, over the paper's blade at 2000 rpm."""
     paper = library.blades[PAPER]
     share = 1.0 if choice.on_paper_blade else strike_share(choice.blade, paper)
     return share * speed_rad_s / (BENCH_RPM * RPM)
 
 
-def bench_force(choice: PropellerChoice, library: Library) -> tuple[float, float, float, str]:
+def bench_force(choice: ChosenPropeller, library: Library) -> tuple[float, float, float, str]:
     """Return value, low and high end [N] of the force at 2000 rpm, and how it is known.
 
     Of the paper's blade; `force_share` takes it to another blade or speed.
@@ -212,43 +212,45 @@ def _thrust_error(measured: tuple[Configuration, ...], law: str) -> float:
 
 
 def _thrust(
-    choice: PropellerChoice, rpm: Array, points: Mapping[str, Operation], library: Library
-) -> Panel:
+    choice: ChosenPropeller, rpm: Array, points: Mapping[str, Operation], library: Library
+) -> SpeedChart:
     soft = measured_soft(library, library.blades[PAPER])
     curves = []
     for law, operation in points.items():
         share = _thrust_error(soft, law)
         thrust = operation.thrust_N
-        curves.append(Curve(law, thrust, (1.0 - share) * thrust, (1.0 + share) * thrust))
+        curves.append(SpeedCurve(law, thrust, (1.0 - share) * thrust, (1.0 + share) * thrust))
     shares = ", ".join(f"{law} {_thrust_error(soft, law):.1%}" for law in points)
     where = (
         f"extrapolated outside of {MEASURED_RPM[0]:g} to {MEASURED_RPM[1]:g} rpm"
         if choice.on_paper_blade
         else "extrapolated: nobody measured this blade with a nodus"
     )
-    return Panel(
+    return SpeedChart(
         "thrust_N", "Thrust", "N", f"{where}; band: RMS error at 2000 rpm ({shares})",
         tuple(curves), _table_3(choice, library, "thrust_N", "thrust_dev_N", "measured"),
     )  # fmt: skip
 
 
-def _ratio(choice: PropellerChoice, points: Mapping[str, Operation], library: Library) -> Panel:
+def _ratio(
+    choice: ChosenPropeller, points: Mapping[str, Operation], library: Library
+) -> SpeedChart:
     panel = _modelled("lift_over_drag", "Lift over drag", "", points, lambda p: p.lift_over_drag,
                       "never measured: Table III's are the authors' simulation")  # fmt: skip
     readings = _table_3(
         choice, library, "printed_lift_over_drag", None, "simulated by the authors"
     )
-    return Panel(panel.name, panel.title, panel.unit, panel.known, panel.curves, readings)
+    return SpeedChart(panel.name, panel.title, panel.unit, panel.known, panel.curves, readings)
 
 
 def _modelled(
     name: str, title: str, unit: str, points: Mapping[str, Operation], of: Any, known: str
-) -> Panel:
-    curves = tuple(Curve(law, of(operation)) for law, operation in points.items())
-    return Panel(name, title, unit, f"{MODELLED}, {known}", curves)
+) -> SpeedChart:
+    curves = tuple(SpeedCurve(law, of(operation)) for law, operation in points.items())
+    return SpeedChart(name, title, unit, f"{MODELLED}, {known}", curves)
 
 
-def _force(choice: PropellerChoice, rpm: Array, library: Library) -> Panel:
+def _force(choice: ChosenPropeller, rpm: Array, library: Library) -> SpeedChart:
     value, low, high, known = bench_force(choice, library)
     share = force_share(choice, library, rpm * RPM)
     text = (
@@ -258,20 +260,20 @@ def _force(choice: PropellerChoice, rpm: Array, library: Library) -> Panel:
     readings = _table_3(choice, library, _FORCE, None, "measured")
     if choice.configuration.number == 13:
         readings += tuple(
-            Reading(
+            ReferenceValue(
                 2500.0, at.force_N, None, f"Table II: struck {at.r_mm:g} mm from the hub", True
             )
             for at in library.collision_positions
         )
-    return Panel(
+    return SpeedChart(
         _FORCE, "Collision force", "N", text,
-        (Curve("", value * share, low * share, high * share),), readings,
+        (SpeedCurve("", value * share, low * share, high * share),), readings,
     )  # fmt: skip
 
 
 def _table_3(
-    choice: PropellerChoice, library: Library, name: str, deviation: str | None, how: str
-) -> tuple[Reading, ...]:
+    choice: ChosenPropeller, library: Library, name: str, deviation: str | None, how: str
+) -> tuple[ReferenceValue, ...]:
     """Return Table III's values, those of the propeller itself marked; none of another blade."""
     if not choice.on_paper_blade:
         return ()
@@ -283,11 +285,11 @@ def _table_3(
         spread = None if deviation is None else getattr(c.measured, deviation)
         chosen = c.number == choice.configuration.number
         text = f"Table III, conf. {c.number}: {value:g}, {how}"
-        readings.append(Reading(BENCH_RPM, value, spread, text, chosen))
+        readings.append(ReferenceValue(BENCH_RPM, value, spread, text, chosen))
     return tuple(readings)
 
 
-def _figures(choice: PropellerChoice, points: Mapping[str, Operation]) -> tuple[SingleFigure, ...]:
+def _figures(choice: ChosenPropeller, points: Mapping[str, Operation]) -> tuple[SingleFigure, ...]:
     """Return the single numbers that a nodus is judged by, law by law."""
     chosen = choice.configuration
     figures = []

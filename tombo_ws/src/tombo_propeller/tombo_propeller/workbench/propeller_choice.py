@@ -26,7 +26,7 @@ _KEYS: Final = (*("blade", "table", "diameter_mm", "soft", "matrix", "fibre"), *
 
 
 @dataclass(frozen=True)
-class PropellerChoice:
+class ChosenPropeller:
     """A propeller with what is known of it."""
 
     configuration: Configuration
@@ -44,7 +44,7 @@ class PropellerChoice:
         return f"{self.blade.name}: {describe(self.configuration)}"
 
 
-def propeller_choice(values: Mapping[str, Any], library: Library) -> PropellerChoice:
+def propeller_choice(values: Mapping[str, Any], library: Library) -> ChosenPropeller:
     """Return the propeller that is described.
 
     Args:
@@ -79,8 +79,8 @@ def propeller_choice(values: Mapping[str, Any], library: Library) -> PropellerCh
         placed = with_nodus_at(blade, outer_m, 1e-3 * nodus.length_mm)
     for known in library.configurations.values():
         if known.blade == placed and known.nodus == nodus:
-            return PropellerChoice(known, blade)
-    return PropellerChoice(Configuration(free_number(library), placed, nodus), blade)
+            return ChosenPropeller(known, blade)
+    return ChosenPropeller(Configuration(free_number(library), placed, nodus), blade)
 
 
 def _blade(values: Mapping[str, Any], library: Library) -> Blade:

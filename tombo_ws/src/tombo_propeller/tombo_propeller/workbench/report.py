@@ -18,7 +18,7 @@ from tombo_propeller.design.design import Design
 from tombo_propeller.design.flight_check import Recommendation
 from tombo_propeller.design.plots import draw_pareto, draw_readings
 from tombo_propeller.reproduce.plot_style import LAW_COLOURS, sheet, styled
-from tombo_propeller.workbench.curves import Panel, PropellerCurves, SingleFigure
+from tombo_propeller.workbench.curves import PropellerCurves, SingleFigure, SpeedChart
 
 _WIDE_IN: Final = (11.0, 13.0)
 
@@ -61,7 +61,7 @@ def _line(figure: SingleFigure) -> str:
     return f"{figure.name}: {value}, {figure.beside} ({figure.known})"
 
 
-def _draw(axes: Axes, panel: Panel, curves: PropellerCurves) -> None:
+def _draw(axes: Axes, panel: SpeedChart, curves: PropellerCurves) -> None:
     for curve in panel.curves:
         colour = LAW_COLOURS.get(curve.name, style.PURPLE)
         axes.plot(curves.rpm, curve.values, color=colour, label=curve.name or None)

@@ -27,7 +27,7 @@ from tombo_propeller.design.request import DesignRequest, arm_of, vehicle_for
 from tombo_propeller.design.response_regression import read
 from tombo_propeller.workbench.curves import bench_force
 from tombo_propeller.workbench.presets import PAPER
-from tombo_propeller.workbench.propeller_choice import PropellerChoice
+from tombo_propeller.workbench.propeller_choice import ChosenPropeller
 
 LIMITS: Final = (
     *("min_thrust_margin", "max_collision_force_N", "max_recovery_s", "max_noise_dB"),
@@ -68,7 +68,7 @@ def design_request(values: Mapping[str, Any], blade: Blade) -> DesignRequest:
     return DesignRequest(mass, arm_m, law=law, extrapolate=extrapolate, **given)
 
 
-def flyable(choice: PropellerChoice, request: DesignRequest, library: Library) -> dict[str, Any]:
+def flyable(choice: ChosenPropeller, request: DesignRequest, library: Library) -> dict[str, Any]:
     """Return the paper's collision as a scenario with a propeller on a vehicle.
 
     A force that was measured is flown as it was, a predicted one at its upper end. Another blade
@@ -102,7 +102,7 @@ def flyable(choice: PropellerChoice, request: DesignRequest, library: Library) -
 
 
 def flyable_files(
-    choice: PropellerChoice, request: DesignRequest, library: Library
+    choice: ChosenPropeller, request: DesignRequest, library: Library
 ) -> dict[str, str]:
     """Return file name → text of what `tombo fly` and `--library` take.
 
@@ -118,7 +118,7 @@ def flyable_files(
 
 
 def fly(
-    choice: PropellerChoice, request: DesignRequest, library: Library, seed: Any = 0
+    choice: ChosenPropeller, request: DesignRequest, library: Library, seed: Any = 0
 ) -> Flight:
     """Fly a propeller into the pillar.
 
