@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.yaml_text import parse_yaml
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import (
     as_mapping,
     disturbances,
     extended_scenario,
     load_scenario,
+    nested,
     scenario_from_mapping,
 )
 
@@ -88,3 +90,10 @@ def _smooth(readings):
     """Return the mean over 41 ms, which is without what turns with the rotors."""
     whole = np.cumsum(np.vstack([np.zeros(3), readings]), axis=0)
     return (whole[41:] - whole[:-41]) / 41.0
+
+
+@pytest.mark.parametrize("text", ["0", "-0", "7", "-3", "08", "1.30", "-0.25", "1e-05", "1_0"])
+def test_a_setting_is_read_as_yaml_reads_its_value(text: str):
+    read = nested(f"vehicle.mass={text}")["vehicle"]["mass"]
+    wanted = parse_yaml(text, "a value")
+    assert (type(read), repr(read)) == (type(wanted), repr(wanted))

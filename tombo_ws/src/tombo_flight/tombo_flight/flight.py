@@ -10,15 +10,15 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from tombo_bag.flight import Flight, Series, Topic
 from tombo_bag.flight_topics import FlownTopics
-from tombo_bag.topics import MISSION_STATUS, MOCAP_POSE
+from tombo_bag.topics import COLLISION_EVENT, CONTACT_EVENT, MISSION_STATUS, REACTION_STATUS
 from tombo_collision.reaction_core import ReactionCore
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core, Output, no_texts
@@ -57,6 +57,8 @@ _FIRST = (
     "/mission/status",
 )
 """The order of topics in a recording begins with these."""
+_OF_FIGURES = (COLLISION_EVENT.name, CONTACT_EVENT.name, REACTION_STATUS.name)
+"""Topics that figures are made of."""
 _BLOCK = 2048
 """Ticks between two drawings of random numbers, and two looks at `stop`."""
 
@@ -66,7 +68,8 @@ class Workspace:
     """Memory of flights, reused from one to the next: fresh pages cost milliseconds."""
 
     figures_only: bool = False
-    """Flights keep `FIGURE_COLUMNS` of their log, and of topics what cores have published."""
+    """Flights keep what their summary is made of: `FIGURE_COLUMNS` of their log, few topics, no
+    scenario."""
     log: Any = field(default_factory=lambda: new_log(0))
     published: tuple[Any, ...] = field(default_factory=lambda: new_published(1, 0))
     starts: KeptStarts = field(default_factory=KeptStarts)
@@ -163,15 +166,20 @@ def fly_scenario(
         finish(running.cores)
 
     first, last = round(start.time / TICK_S), int(running.progress["tick"])
-    said = published_by(running.flights, 0)
-    entries = running.flights.entries[0]
-    arrived = entries[in_order_of_arrival(entries)]
     rows = part_of(log, slice(first, last))._asdict()
     if workspace is None:
         _keep_spare(memory, ticks)
-    flown = as_flown(scenario, seed, setup)
     columns = {name: rows[name] for name in memory.columns}
-    return _record(scenario, seed, flown, columns, first, arrived, said, wall)
+    t: Array = np.arange(first, last, dtype=np.float64) * TICK_S
+    flight = Flight({}, name=scenario.name, t=t, log=columns, epoch_ns=EPOCH_NS)
+    said = published_by(running.flights, 0)
+    if memory.figures_only:
+        flight = replace(flight, topics=_topics(said, _OF_FIGURES))
+    else:
+        topics = _topics(said, dict.fromkeys((*_FIRST, *said)))
+        flown = FlownTopics(t, columns, _poses(running.flights), topics)
+        flight = replace(flight, topics=flown, scenario=as_flown(scenario, seed, setup))
+    return with_figures(flight, scenario, seed, wall, _phases(said))
 
 
 class _Running:
@@ -262,36 +270,16 @@ def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any
     return flown
 
 
-def _record(
-    scenario: Scenario,
-    seed: int,
-    flown: dict[str, Any],
-    log: dict[str, Array],
-    first: int,
-    poses: Any,
-    published: dict[str, Any],
-    wall: float,
-) -> Flight:
-    last = first + log["position"].shape[0]
-    t: Array = np.arange(first, last, dtype=np.float64) * TICK_S
+def _poses(flights: Flights) -> Topic:
+    """Return what the motion capture has measured, in the order in which it arrived."""
+    entries = flights.entries[0]
+    poses = entries[in_order_of_arrival(entries)]
     fields = {name: poses[name] for name in ("position", "attitude")}
-    mocap = Topic.of(poses["stamp"] * TICK_S, fields, poses["arrives"] * TICK_S)
-    topics = _by_topic(published)
-    whole = len(log) == len(Log._fields)
-    flight = Flight(
-        FlownTopics(t, log, mocap, topics) if whole else {MOCAP_POSE.name: mocap, **topics},
-        name=scenario.name,
-        t=t,
-        log=log,
-        scenario=flown,
-        epoch_ns=EPOCH_NS,
-    )
-    return with_figures(flight, scenario, seed, wall, _phases(published))
+    return Topic.of(poses["stamp"] * TICK_S, fields, poses["arrives"] * TICK_S)
 
 
-def _by_topic(published: dict[str, Any]) -> dict[str, Topic]:
-    """Return what the cores have published."""
-    names = dict.fromkeys((*_FIRST, *published))
+def _topics(published: dict[str, Any], names: Iterable[str]) -> dict[str, Topic]:
+    """Return topics of what the cores have published."""
     return {name: _topic(published[name], TABLES[name]) for name in names}
 
 

@@ -80,6 +80,8 @@ class Scenario:
 
 _TOMBO_KEYS = ("propeller.conf", "propeller.law", "propeller.library")
 """Settings that choose a Tombo propeller."""
+_DECIMAL = re.compile(r"-?(0|[1-9][0-9]{0,15})(\.[0-9]{1,20})?")
+"""A value that needs no YAML: studies read some in each flight."""
 _ALWAYS_SAID = ("conf", "law", "library")
 """Keys of a propeller that stand in a flown scenario even where they have their defaults."""
 _SECTIONS: dict[str, Any] = {
@@ -499,10 +501,17 @@ def nested(
     if not separator or not key.strip():
         raise InputError(f"{option} '{setting}': expected key=value, as in {example}")
     *outer, last = key.strip().split(".")
-    value = {last: parse_yaml(text, f"{option} '{setting}': '{text}'")}
+    value: dict[str, Any] = {last: _value_of(text, f"{option} '{setting}': '{text}'")}
     for name in reversed(outer):
         value = {name: value}
     return value
+
+
+def _value_of(text: str, what: str) -> Any:
+    """Return what YAML says, of a plain number without its reader."""
+    if _DECIMAL.fullmatch(text):
+        return float(text) if "." in text else int(text)
+    return parse_yaml(text, what)
 
 
 def laid_over(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

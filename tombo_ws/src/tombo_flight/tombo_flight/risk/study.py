@@ -18,7 +18,6 @@ from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_seed
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_flight.flight_output import flight_summary
 from tombo_flight.json_text import plain
 from tombo_flight.process.study import StudiedScenario, read_scenario
 from tombo_flight.risk.estimate import METHODS
@@ -277,7 +276,7 @@ class RiskStudy(StudiedScenario):
 
     def figures(self, flight: Flight, scenario: Scenario) -> dict[str, Any]:
         """Return the margin of a flight."""
-        return {"margin": margin(flight_summary(flight), scenario)}
+        return {"margin": margin(flight.summary, scenario)}
 
     def command(self, point: Array, seed: int) -> str:
         """Return the command line that flies a flight again."""
