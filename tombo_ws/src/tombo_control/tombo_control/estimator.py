@@ -17,16 +17,18 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import rotate_by_vector, rotated, rotated_back, rotation_vector
 from tombo_dynamics.time_base import TICK_S
-from tombo_dynamics.vectors import ZERO, AnyVector, add_scaled, scale, store, subtract
+from tombo_dynamics.vectors import ZERO, AnyVector, add_scaled, scale, store, subtract, vector
 from tombo_dynamics.vehicle import GRAVITY
 
 
 @compiled
 def store_history(state: EstimatedState, history: Array, tick: int) -> None:
     """Enter the pose of `state` in `history`, as that of `tick`."""
-    past = history[tick % HISTORY_TICKS]
-    past.position = state.position
-    past.attitude = state.attitude
+    # first all is read: it is in registers still, and a copy of memory would wait for it
+    past, q = history[tick % HISTORY_TICKS], state.attitude
+    position, attitude = vector(state.position), (q[0], q[1], q[2], q[3])
+    past.position = position
+    past.attitude = attitude
     past.tick = tick
 
 

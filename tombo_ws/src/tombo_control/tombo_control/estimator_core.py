@@ -310,8 +310,9 @@ def _estimate(memory: EstimatorMemory, autopilot: Autopilot, imu: Imu) -> bool:
         else:
             memory.rejected += 1
         _drop_first_pending(memory)
+    memory.estimate = autopilot.state  # a copy right behind the rates would wait for them
     update_body_rates(autopilot.state, memory.gyro)
-    memory.estimate = autopilot.state
+    memory.estimate.rates = vector(autopilot.state.rates)
     memory.known = True
     process_imu(autopilot, memory.gyro, memory.accel, tick, 1, memory.airborne)
     memory.next_tick = tick + 1

@@ -92,7 +92,7 @@ def ground_clearance(plant: Plant) -> float:
     return max(legs, motors) + math.hypot(cog[0], cog[1])
 
 
-@compiled
+@compiled(inline=False)
 def ground_contact(plant: Plant) -> None:
     """Add the floor's push (z = 0 in map) on four legs and four motors to `force` and `moment`.
 

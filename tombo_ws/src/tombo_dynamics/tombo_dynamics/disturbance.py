@@ -41,7 +41,7 @@ def prepare_disturbance(plant: Plant) -> None:
         d.trailing_thrust = min(max(d.trailing_thrust, thrust - play), thrust + play)
 
 
-@compiled
+@compiled(inline=False)
 def disturb(plant: Plant, row: int) -> None:
     """Add the disturbance to `force` and `moment`; `row` as in `rigid_body.derivative`."""
     d, p = plant.disturbance, plant.disturbance.params

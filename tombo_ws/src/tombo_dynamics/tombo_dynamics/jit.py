@@ -149,6 +149,10 @@ class _FunctionCache(FunctionCache):  # type: ignore[misc]
             return self._load_overload(signature, target)
 
 
+def _no_extensions() -> None:
+    """Stand for numba's search of all that is installed for extensions: there is none in use."""
+
+
 def load_generated(name: str, source: str) -> ModuleType:
     """Return the module of a source that was written out, kept where its machine code is.
 
@@ -284,4 +288,5 @@ def _compile(function: _Function, inline: bool, counted: bool) -> _Function:
     decorated: Any = numba.njit(forceinline=inline, _nrt=counted, **options)(function)
     if isinstance(decorated, Dispatcher):  # NUMBA_DISABLE_JIT=1 gives the function itself
         decorated._cache = _FunctionCache(function)
+        decorated._compilation_chain_init_hook = _no_extensions
     return decorated  # type: ignore[no-any-return]

@@ -15,7 +15,7 @@ from tombo_dynamics.effects.compose import (
     apply_wrench,
 )
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.plant import DELAY_TICKS, Plant, State, add_slope
+from tombo_dynamics.plant import DELAY_TICKS, Plant, State, add_slope, copy_state
 from tombo_dynamics.rotation import (
     normalize_quaternion,
     quaternion_slope,
@@ -100,7 +100,7 @@ def finish_tick(plant: Plant, noise: Array, theta: Array) -> None:
     """
     tick = plant.tick_length
     state, start, sum_of_slopes, slope = plant.state, plant.start, plant.slope, plant.stage_slope
-    plant.start = state
+    copy_state(start, state)
     add_slope(state, start, sum_of_slopes, 0.5 * tick)
     derivative(plant, noise, theta, 1, slope)
     add_slope(state, start, slope, 0.5 * tick)

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from tombo_dynamics.params import param
 
+LEAST_TILT_MAX = 0.2
+"""[rad]: what is tilted less is never out of the limits, whatever `tilt_max` is."""
+
 
 @dataclass(frozen=True)
 class SafetyParams:
@@ -65,7 +68,7 @@ class SafetyParams:
     tilt_max: float = param(
         1.4,
         "rad",
-        (0.2, 3.2),
+        (LEAST_TILT_MAX, 3.2),
         "a vehicle tilted further than this for limit_time lands",
         "80 deg; control.tilt_max is asked for at most",
     )

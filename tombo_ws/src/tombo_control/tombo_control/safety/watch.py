@@ -12,7 +12,7 @@ from typing import Any
 from tombo_control.autopilot import Autopilot
 from tombo_control.loops.position_control import BLIND_SPEED, LANDING_SPEED
 from tombo_control.safety.flight_volume import outside_volume
-from tombo_control.safety.params import FlightVolume, SafetyParams
+from tombo_control.safety.params import LEAST_TILT_MAX, FlightVolume, SafetyParams
 from tombo_control.safety.state_machine import (
     STAYS,
     Condition,
@@ -46,6 +46,7 @@ _JUMP = 0.3
 _DOWN_HEIGHT, _RETURN_HEIGHT, _ALOFT_HEIGHT, _LEARN_HEIGHT = 0.15, 0.4, 0.15, 0.5
 """m above the place of take-off."""
 _RETURN_DISTANCE, _RETURN_TICKS = 3.0, 3 * TICK_HZ // 10
+_UPRIGHT = math.cos(LEAST_TILT_MAX)
 _STUCK_SPEED, _STUCK_TICKS = 0.1, 3 * TICK_HZ
 _OVERTURNED_TICKS = TICK_HZ
 _ANSWER_TICKS = TICK_HZ
@@ -208,7 +209,8 @@ def _count(watch: Watch, state: Any, phase: int, tick: int, ticks: int, known: b
         watch.replaced = _NEVER
     watch.rest_ticks = watch.rest_ticks + ticks if known and speed < _REST_SPEED else 0
     fast = known and not speed <= limits.speed_max
-    tilted = not upright >= math.cos(limits.tilt_max)
+    # most of the time there is no cosine to compute
+    tilted = not upright >= _UPRIGHT and not upright >= math.cos(limits.tilt_max)
     out = known and outside_volume(state.position, watch.volume) > watch.volume.margin
     watch.limit_ticks = watch.limit_ticks + ticks if fast or tilted or out else 0
     stuck = phase == Phase.LAND and abs(v[2]) < _STUCK_SPEED

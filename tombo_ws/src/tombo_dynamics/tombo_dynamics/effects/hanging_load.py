@@ -27,7 +27,7 @@ class LoadState(Record):
     next_tick = field("1", "up to which it has moved; 0: it does not hang yet", kind=int)
 
 
-@compiled
+@compiled(inline=False)
 def _move(plant: Plant, state: LoadState, length: float, end: AnyVector) -> None:
     """Move the load over a tick, under gravity and the thread that ends at `end` of the body."""
     tick, origin = plant.tick_length, plant.state.position

@@ -35,6 +35,9 @@ class GustState(Record):
     """What gusts remember."""
 
     velocity = field("m/s", "of the gust, map", 3)
+    time = field("s", "correlation time that `decay` and `spread` are of; 0: of none yet")
+    decay = field("1", "what is left of the velocity after a tick")
+    spread = field("1", "deviation of what is new in a tick, over that of the velocity")
 
 
 @effect(
@@ -50,7 +53,12 @@ class GustState(Record):
 )
 def gusts(plant: Plant, noise: Array, state: GustState, deviation: float, time: float) -> None:
     """Let the air's velocity wander as a first-order Gauss-Markov process."""
-    decay = math.exp(-plant.tick_length / time)
-    drive = deviation * math.sqrt(1.0 - decay * decay)
-    state.velocity = add_scaled(scale(decay, state.velocity), drive, noise)
+    if deviation <= 0.0:
+        return
+    if state.time != time:
+        state.time = time
+        state.decay = math.exp(-plant.tick_length / time)
+        state.spread = math.sqrt(1.0 - state.decay * state.decay)
+    drive = deviation * state.spread
+    state.velocity = add_scaled(scale(state.decay, state.velocity), drive, noise)
     plant.wind = add(plant.wind, state.velocity)
