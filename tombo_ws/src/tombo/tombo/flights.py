@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import copy
 import dataclasses
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -47,10 +48,10 @@ class FlightTables:
         """The figures of `summary.json` (docs/figures.md)."""
         return self.record.summary
 
-    @property
+    @cached_property
     def scenario(self) -> dict[str, Any]:
-        """What was flown, complete, with what the seed drew."""
-        return self.record.scenario
+        """What was flown, complete, with what the seed drew; a copy, to be changed at will."""
+        return copy.deepcopy(self.record.scenario)
 
     @cached_property
     def log(self) -> pd.DataFrame:

@@ -1,6 +1,9 @@
 """The start of the `tombo` command: Ctrl-C while Python still loads it ends it without a word."""
 
+import gc
 import signal
+
+gc.set_threshold(100_000)  # to look for cycles after each 700 new objects is a tenth of a command
 
 if __name__ != "__mp_main__":  # not in the processes of a pool, which never see Ctrl-C
     signal.signal(signal.SIGINT, signal.SIG_DFL)

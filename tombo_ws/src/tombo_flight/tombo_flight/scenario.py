@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -91,12 +91,16 @@ _SECTIONS: dict[str, Any] = {
 }
 
 
+def _builtin_file(name: str) -> Any:
+    """Return the file of a built-in scenario; None: there is none of this name."""
+    source = resources.files("tombo_flight").joinpath("scenarios", f"{name}.yaml")
+    return source if re.fullmatch(r"\w+", name) and source.is_file() else None
+
+
 def _text_of(name: str, folder: Path) -> tuple[str, Path | None]:
     """Return the text of a scenario, and its file; None for a built-in one, whose name wins."""
-    if re.fullmatch(r"\w+", name):
-        source = resources.files("tombo_flight").joinpath("scenarios").joinpath(f"{name}.yaml")
-        if source.is_file():
-            return source.read_text(encoding="utf-8"), None
+    if (source := _builtin_file(name)) is not None:
+        return source.read_text(encoding="utf-8"), None
     path = folder / name
     if path.is_dir():
         names = ", ".join(builtin_scenarios())
@@ -209,8 +213,17 @@ def load_scenario(
     Raises:
         InputError: unknown scenario or key, wrong type, NaN, a value out of bounds, no model.
     """
+    if not settings and model is None and vehicle is None and _builtin_file(name):
+        return _builtin(name)
     values, label = scenario_values(name, model, vehicle)
     return with_settings(values, settings, label)
+
+
+@cache
+def _builtin(name: str) -> Scenario:
+    """Return a built-in scenario as it stands, read once: no file of the user's is in it."""
+    values, label = scenario_values(name)
+    return with_settings(values, (), label)
 
 
 def scenario_values(

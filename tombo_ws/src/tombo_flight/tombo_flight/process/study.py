@@ -28,7 +28,7 @@ FlightRow = dict[str, Any]
 """What is kept of a flight; `error` says why one could not be flown."""
 _CLUSTER_WORKERS = 64
 """Of a cluster, whose size may change: for so many the flights are divided."""
-_BATCHES = 8
+_BATCHES = 24
 """Batches that each worker gets at least, so that all end at about the same time."""
 _LARGEST_BATCH = 16
 
