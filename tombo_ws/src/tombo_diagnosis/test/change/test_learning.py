@@ -44,3 +44,18 @@ def test_widths_follow_flights_of_known_changes_and_change_what_is_said(tried):
         for w in (calm, wild)
     )
     assert narrow != pytest.approx(wide, rel=0.1)
+
+
+@pytest.mark.parametrize("size", [0.12, 0.2])
+def test_a_size_is_what_flights_say_whatever_is_usual(tried, size):
+    """One session alone: it is known badly how much sessions differ."""
+    vehicle, shift = Vehicle(np.random.default_rng(8)), np.zeros(9)
+    shift[:4] = np.log(1.0 + size)
+    healthy = [replace(f, demand=np.zeros(4)) for f in vehicle.session(3)]
+    new = [replace(f, demand=shift[:4]) for f in healthy]
+    spread = spread_of(healthy, ["a"] * 3)
+    mass = next(
+        r for r in compare(spread, new, tried).results if r.candidate.label == "mass_error"
+    )
+    assert mass.size[0] == pytest.approx(size, abs=0.005)
+    assert mass.low[0] < size < mass.high[0]

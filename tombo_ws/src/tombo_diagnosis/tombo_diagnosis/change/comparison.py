@@ -14,9 +14,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import logsumexp
 
 from tombo_diagnosis.change.features import MODES, Features, mean_of
-from tombo_diagnosis.change.likelihood import LEARNT, Widths, log_density, size_evidence
+from tombo_diagnosis.change.likelihood import LEARNT, Widths, log_density, size_prior
 from tombo_diagnosis.change.signatures import (
     ADDED_WEIGHT,
     CENTRE,
@@ -89,7 +90,7 @@ class CandidateResult:
     candidate: ChangeCandidate
     probability: float
     size: Array
-    """(k,) the median of each of its sizes."""
+    """(k,) the median of each of its sizes, any size being as probable before."""
     low: Array
     high: Array
     """(k,) 95 % of the size's probability."""
@@ -172,11 +173,12 @@ def compare(
     total = sum(_prior(c) for c in tried)
     logs, parts = [], []
     for candidate in tried:
-        log = size_evidence(scale, spread.degrees, shift.vector, candidate, widths)
-        top = float(log.max())
-        weight = np.exp(log - top)
-        logs.append(top + math.log(weight.sum()) + math.log(_prior(candidate) / total))
-        parts.append(weight / weight.sum())
+        density = log_density(scale, spread.degrees, shift.vector, candidate, widths)
+        log = float(logsumexp(density, b=size_prior(candidate)))
+        logs.append(log + math.log(_prior(candidate) / total))
+        # what is usual weighs candidates; the size is what these flights say
+        part = np.exp(density - density.max()) * candidate.volume
+        parts.append(part / part.sum())
     highest = max(*logs, nothing)
     whole = float(np.exp(np.array(logs) - highest).sum()) + math.exp(nothing - highest)
     results = [

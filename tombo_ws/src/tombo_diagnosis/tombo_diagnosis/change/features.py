@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -140,7 +141,7 @@ def drive_samples(flight: AirborneFlight) -> DriveSamples:
     keep = (command.values > 0.0).all(axis=1)
     t, values = command.t[keep], command.values[keep]
     supply = None if flight.drive == "rotor_speed" else _supply(flight, t)
-    load = np.clip(_load_factor(series, t), 0.3, 3.0)
+    load = _load_factor(series, t)
     sag = None
     if supply is not None:
         raw = series["voltage"]
@@ -197,7 +198,7 @@ def _supply(flight: AirborneFlight, t: Array) -> Array | None:
 def features(flight: AirborneFlight, curve: DriveCurve) -> Features:
     """Return what a flight says, its commands read with the curve of the healthy flights."""
     series, samples = flight.log.series, drive_samples(flight)
-    demand = np.median(curve.demand(samples.command, samples.voltage), axis=0)
+    demand = _demand(curve, samples)
     asked = [
         Series(s.t, (np.maximum(s.values, 1e-9) ** curve.exponent) @ MODES[1:].T)
         for s in flight.cut(series[flight.drive])
@@ -211,6 +212,18 @@ def features(flight: AirborneFlight, curve: DriveCurve) -> Features:
     track = [Series(s.t, s.values[:, :2]) for s in flight.cut(series["position"])]
     supply = float("nan") if samples.voltage is None else float(np.log(samples.voltage).mean())
     return Features(demand, np.array(shake), _swing(track), _trail(flight, curve), supply)
+
+
+def _demand(curve: DriveCurve, samples: DriveSamples) -> Array:
+    """Return the demand of each rotor in level flight at one height (4,).
+
+    Thrust that manoeuvres ask for is in the load factor, too, and so drops out; means, not medians
+    or means of logarithms: these depend on manoeuvres and on vibration.
+    """
+    asked = curve.demand(samples.command, samples.voltage)
+    thrust = np.exp(asked).mean(axis=1)
+    together = math.log(float(thrust.mean()) / float(samples.load_factor.mean()))
+    return np.asarray(together + np.median(asked - np.log(thrust)[:, None], axis=0))
 
 
 def _trail(flight: AirborneFlight, curve: DriveCurve) -> Array:

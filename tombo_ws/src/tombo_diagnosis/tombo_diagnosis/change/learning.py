@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
-from tombo_diagnosis.change.likelihood import GUESSED, Widths, size_evidence
+from tombo_diagnosis.change.likelihood import GUESSED, Widths, log_density, size_prior
 from tombo_diagnosis.change.signatures import ChangeCandidate
 from tombo_dynamics.arrays import Array
 
@@ -56,4 +56,5 @@ def learnt_widths(known: Sequence[KnownChange], guess: Widths = GUESSED) -> Widt
 
 
 def _of_any_size(known: KnownChange, cause: ChangeCandidate, widths: Widths) -> float:
-    return float(logsumexp(size_evidence(known.scale, known.degrees, known.shift, cause, widths)))
+    log = log_density(known.scale, known.degrees, known.shift, cause, widths)
+    return float(logsumexp(log, b=size_prior(cause)))

@@ -63,27 +63,10 @@ class Widths:
 GUESSED = Widths()
 """Before any flight of a known change is seen."""
 LEARNT = Widths(
-    yaw_share=0.43, wash=0.11, misfit=0.084, rough=0.42, weighed=0.14, detuned=5.9, swung=0.51,
+    yaw_share=0.43, wash=0.11, misfit=0.086, rough=0.42, weighed=0.14, detuned=5.8, swung=0.51,
     dragged=0.061,
 )  # fmt: skip
 """Of the ten conditions of CrazyPAD, vehicle E9: `learning.learnt_widths`."""
-
-
-def size_evidence(
-    scale: Array, degrees: float, shift: Array, candidate: ChangeCandidate, widths: Widths
-) -> Array:
-    """Return the log of density times probability before the data of each size (S,).
-
-    Args:
-        scale: (9, 9) of the Student's t that healthy flights would follow.
-        degrees: its degrees of freedom.
-        shift: (9,) new minus healthy, as `Features.vector`; NaN: not known.
-        candidate: what may have changed.
-        widths: how far it may be from its prediction.
-    """
-    log = log_density(scale, degrees, shift, candidate, widths)
-    with np.errstate(divide="ignore"):
-        return np.asarray(log + np.log(_size_prior(candidate)))
 
 
 def log_density(
@@ -145,7 +128,7 @@ def _predicted(
     return demand, (mean, loose), extra
 
 
-def _size_prior(candidate: ChangeCandidate) -> Array:
+def size_prior(candidate: ChangeCandidate) -> Array:
     """Return the probability of each row of sizes before the data (S,)."""
     usual = _SIZES.get(candidate.effect)
     weight = candidate.volume.copy()

@@ -18,6 +18,8 @@ _WINDOW_S = 0.5
 """Long against the lag of motors and the filters of an acceleration."""
 _BATCH = 4
 """Windows over which slow noise is looked for."""
+_LOAD = (0.3, 3.0)
+"""Thrust over weight of a window that is taken for one."""
 _LEAST = 1e-8
 
 
@@ -159,7 +161,8 @@ def _windows(
     supply: Array = np.zeros(count)
     if with_supply and flight.voltage is not None:
         supply = np.log(mean(flight.voltage))
-    return np.column_stack([command, supply]), np.log(mean(flight.load_factor))
+    load = np.clip(mean(flight.load_factor), *_LOAD)
+    return np.column_stack([command, supply]), np.log(load)
 
 
 def _solved(rows: Array, target: Array, noise: float, prior: Array) -> tuple[Array, Array]:
