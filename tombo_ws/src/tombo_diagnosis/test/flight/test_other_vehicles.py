@@ -86,6 +86,7 @@ def test_thrust_follows_from_any_linear_motor_command(gain, offset, sensors):
     flights = [as_other(log, gain, offset) for log in logs(sensors=sensors)]
     model, changed = calibrated(flights)
     assert model.calibrated and not model.moments and "mass_error.fraction" in model.fitted
+    assert ("mocap_stamp_error.offset" in model.fitted) == (sensors == "mocap")
     left = residuals(track := track_of(changed[0]), model, model.theta)
     force = left["fast"][:, 2] if sensors == "imu" else left["slow"][:, 2]
     assert abs(force.mean()) < 0.1 and force.std() < 0.3
@@ -112,6 +113,42 @@ def test_drag_of_a_vehicle_without_a_file_is_found_with_its_size():
     diagnosis = diagnose([as_other(log) for log in logs()], nominal())
     drag = next(c for c in diagnosis.causes if c.effect == "linear_rotor_drag")
     assert next(f.value for f in drag.theta if f.name == "d_xy") == pytest.approx(0.3, rel=0.15)
+
+
+def test_thrust_that_comes_late_is_not_called_a_wrong_stamp():
+    """By 25 ms behind the rotors' speed, as hysteresis is: without a gyro both look the same."""
+    flights = [replace(log, airframe=FRAME) for log in logs(sensors="mocap_rpm")]
+    early = [
+        replace(f.series["rotor_speed"], t=f.series["rotor_speed"].t - 0.025) for f in flights
+    ]
+    kept = ("position", "attitude")
+    flights = [
+        f.with_series({**{k: f.series[k] for k in kept}, "rotor_speed": s})
+        for f, s in zip(flights, early, strict=True)
+    ]
+    diagnosis = diagnose(flights, nominal())
+    assert not {"mocap_stamp_error", "thrust_scatter"} & {c.effect for c in diagnosis.causes}
+    remark = next(c.remark for c in diagnosis.candidates if c.effect == "mocap_stamp_error")
+    assert "taken up" in remark
+
+
+def test_wind_on_a_vehicle_without_a_file_is_named_with_its_speed():
+    """No drag is known of it, so no wind can act on it: the log's own check says that one does."""
+    hidden = {"steady_wind": {"east": -6.0, "north": 5.0}}
+    flights = [check_log(as_other(log, gain=0.4)) for log in logs(hidden, sensors="imu")]
+    assert all("wind" in {f.check for f in flight.findings} for flight in flights)
+    assert calibrated(flights)[0].effects["linear_rotor_drag"]["d_xy"] > 0.1
+    diagnosis = diagnose(flights, nominal())
+    assert diagnosis.verdict in ("named", "partly_explained")
+    wind = next(c for c in diagnosis.causes if c.effect == "steady_wind")
+    sizes = {f.name: f.value for f in wind.theta}
+    assert sizes["east"] == pytest.approx(-6.0, abs=1.0)
+    assert sizes["north"] == pytest.approx(5.0, abs=1.0)
+
+
+def test_without_wind_no_drag_is_taken_as_known():
+    still = [check_log(as_other(log, gain=0.4)) for log in logs(sensors="imu")]
+    assert not calibrated(still)[0].effects
 
 
 def test_a_drive_that_does_not_change_is_taken_in_proportion():

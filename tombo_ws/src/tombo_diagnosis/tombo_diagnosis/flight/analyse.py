@@ -60,6 +60,8 @@ _MIN_EXPLAINED_CALIBRATED, _MIN_REMOVED_CALIBRATED, _MAX_R2_CALIBRATED = 0.7, 0.
 """Where healthy flights are not known: share of the excess that causes have to explain in the
 channels that they concern, share of all excess of the forces, and share of the remainder that
 other flights may predict."""
+_NEGLIGIBLE = 0.02
+"""Share of the excess of the forces that other flights may predict, whatever of the remainder."""
 _MAX_SHARE_OF_ONE_FLIGHT = 0.8
 """Largest share of the excess of the forces that one of several flights may hold with gusts."""
 _MIN_PARTIAL_SHARE, _MIN_PARTIAL_SHARE_CALIBRATED = 0.85, 0.5
@@ -229,10 +231,11 @@ def weigh_remainder(
     ]
     groups = tuple(dict.fromkeys(channel_group(e.channel) for e in unexplained))
     if thrust_fitted:
+        predicted = remainder.residual_r2 * (1.0 - explanation.of_forces)
         clean = (
             explained > _MIN_EXPLAINED_CALIBRATED
             and explanation.of_forces > _MIN_REMOVED_CALIBRATED
-            and remainder.residual_r2 < _MAX_R2_CALIBRATED
+            and (remainder.residual_r2 < _MAX_R2_CALIBRATED or predicted < _NEGLIGIBLE)
         )
         mostly = min(explained, explanation.of_forces) > _MIN_PARTIAL_SHARE_CALIBRATED
         clean_where_explained = clean

@@ -22,6 +22,8 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES, VehicleParams
+from tombo_logs.checks.motion import motion_of
+from tombo_logs.checks.wind import DRAG_KNOWN, USUAL_DRAG, Push, push_of
 
 _HOVER_SPEED = 1000.0
 """rad/s that stands for hover: only thrust counts, speeds are a way to write it."""
@@ -40,6 +42,8 @@ _ABSORBED_PARAMETERS = frozenset(
         *(f"imu_misalignment.{a}" for a in ("yaw", "roll", "pitch")),
     }
 )
+_STAMPS = "mocap_stamp_error.offset"
+"""Only a gyro tells late stamps from thrust that comes late in a way that is not known."""
 _THRUST_PARAMETERS = frozenset(
     {
         *(*_FACTORS, "ground_effect.strength", "translational_lift.k", "linear_rotor_drag.d_z"),
@@ -89,7 +93,35 @@ def calibrated(logs: Sequence[Flight]) -> tuple[NominalModel, list[Flight]]:
     coefficient = frame.mass * GRAVITY / 4.0 / hover**2
     maps = rotor_maps(_Parabola(coefficient, vehicle.rotor_speed_max), vehicle)
     label = f"{frame.name}, thrust fitted to its own flights"
-    return NominalModel(label, vehicle, maps, {}, True, _ABSORBED_PARAMETERS, False), changed
+    absorbed = _ABSORBED_PARAMETERS
+    if not any("gyro" in log.series for log in logs):
+        absorbed |= {_STAMPS}
+    drag = frame.mass * _drag_in_wind(logs)
+    effects = {"linear_rotor_drag": {"d_xy": drag}} if drag > 0.0 else {}
+    return NominalModel(label, vehicle, maps, effects, True, absorbed, False), changed
+
+
+def _drag_in_wind(logs: Sequence[Flight]) -> float:
+    """Return the drag per mass [1/s] by which wind acts in these flights; 0: there is no wind.
+
+    Wind is a force by the drag alone: without a drag no speed of the air would be a cause. It is
+    that of the flights where they show it, else the usual one.
+    """
+    windy = [log for log in logs if any(f.check == "wind" for f in log.findings)]
+    if 2 * len(windy) <= len(logs):
+        return 0.0
+    pushes = [push for log in windy if (push := _push(log)) is not None]
+    weights = [push.drag_deviation**-2.0 for push in pushes]
+    drag = sum(w * p.drag for w, p in zip(weights, pushes, strict=True)) / max(sum(weights), 1e-9)
+    known = sum(weights) ** -0.5 < DRAG_KNOWN * drag if weights else False
+    return drag if known else USUAL_DRAG
+
+
+def _push(log: Flight) -> Push | None:
+    series = log.series
+    gyro, accel = series.get("gyro"), series.get("accel")
+    motion = motion_of(series["position"], series["attitude"], gyro, accel, list(log.exclude))
+    return push_of(motion, series["position"])
 
 
 def has_no_thrust_data(log: Flight) -> bool:

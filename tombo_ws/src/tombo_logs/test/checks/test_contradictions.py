@@ -88,6 +88,8 @@ def test_a_turned_rigid_body_is_a_fault_with_its_correction():
     off = with_values(FLIGHT, "attitude", turned(4.0, -3.0, 35.0))
     checked = check_log(off)
     (fault,) = [f for f in checked.findings if f.severity == "fault"]
+    assert (fault.check, fault.channel) == ("frame", "attitude")
+    assert not IMU & set(checked.series)
     text = fault.message.partition("turn_deg: [")[2].partition("]")[0]
     angles = [float(x) for x in text.split(",")]
     back = check_log(with_values(off, "attitude", turned(*angles)))

@@ -174,6 +174,7 @@ def _check_gyro_scale(flight: str, motion: Motion) -> tuple[list[Finding], float
 def _turned(flight: str, together: Alignment) -> list[Finding]:
     matrix = together.turn.as_matrix() * (-1.0 if together.mirrored else 1.0)
     axes = _axes_of(matrix.T)
+    channel = "gyro"
     remedy = f"axes: [{', '.join(axes)}] for gyro and accel" if axes else ""
     if together.mirrored:
         text = "gyro: turns mirrored to the attitude; expected: both right-handed"
@@ -181,13 +182,17 @@ def _turned(flight: str, together: Alignment) -> list[Finding]:
             text += "; is the attitude base_link from map?"
     elif together.angle > max(TURNED, 3.0 * together.sigma):
         roll, pitch, yaw = together.turn.inv().as_euler("xyz", degrees=True)
-        text = (
-            f"gyro: turned by {np.degrees(together.angle):.0f} ± "
-            f"{np.degrees(together.sigma):.0f} deg against the attitude; expected: both in "
-            "base_link (FLU)"
-        )
         turn = f"turn_deg: [{roll:.1f}, {pitch:.1f}, {yaw:.1f}] if the attitude is"
-        remedy = f"{remedy}, or {turn}" if remedy else turn
+        angles = (
+            f"turned by {np.degrees(together.angle):.0f} ± {np.degrees(together.sigma):.0f} deg "
+            "against the"
+        )
+        if axes:
+            text, remedy = f"gyro: {angles} attitude", f"{remedy}, or {turn}"
+        else:  # an IMU is mounted square; a rigid body is defined as the vehicle stood
+            channel, remedy = "attitude", turn
+            text = f"attitude: its body is {angles} gyro's axes, or they are"
+        text += "; expected: both in base_link (FLU)"
     else:
         if together.angle < max(np.radians(1.0), 3.0 * together.sigma):
             return []
@@ -200,12 +205,14 @@ def _turned(flight: str, together: Alignment) -> list[Finding]:
         return [Finding("frame", severity, flight, text, channel="attitude")]
     text += f"; in a mapping: {remedy}" if remedy else ""
     text += "; gyro and accel are left out"
-    return [Finding("frame", "fault", flight, text, channel="gyro")]
+    return [Finding("frame", "fault", flight, text, channel=channel)]
 
 
 def _axes_of(matrix: Array) -> list[str]:
-    """Return axes as in a mapping if the matrix is nearly one of them, else nothing."""
+    """Return axes as in a mapping if the matrix is nearly a change of axes, else nothing."""
     near = np.round(matrix)
     if np.abs(matrix - near).max() > 0.35 or (np.abs(near).sum(axis=1) != 1.0).any():
+        return []
+    if np.array_equal(near, np.eye(3)):
         return []
     return [("-" if row.sum() < 0.0 else "") + "xyz"[int(np.argmax(np.abs(row)))] for row in near]

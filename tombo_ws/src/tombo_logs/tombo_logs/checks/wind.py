@@ -31,7 +31,7 @@ _LEANS = 0.35
 looks like across the thrust [m/s^2]: 2 deg."""
 _FRAME_LEANS = 0.2
 """The same of a map whose z is not up: 1.2 deg. It stays when the heading turns."""
-_USUAL_DRAG, _FASTEST_AIR = 0.3, 5.0
+USUAL_DRAG, _FASTEST_AIR = 0.3, 5.0
 """Standard deviations before the data, of drag per mass [1/s] and of a steady push [m/s^2]."""
 _SURE = 4.0
 """Standard deviations by which a push is called wind."""
@@ -44,7 +44,7 @@ _SWINGS = 0.4
 _OF_COURSE = 1.5
 """Force per mass over own speed at its frequency [1/s] from which on a swing is not of the
 course: drag has 0.2 to 0.6."""
-_DRAG_KNOWN = 0.2
+DRAG_KNOWN = 0.2
 """Relative deviation of the drag up to which the air's speed is told."""
 
 
@@ -96,7 +96,7 @@ def wind(flight: str, motion: Motion, position: Series, mass: float | None) -> l
     if push.swing > 0.0:
         said.append(f"{scale * push.swing:.2g} {unit} to and fro at {push.frequency:.2f} Hz")
     speed = "its speed is not known without the drag coefficient"
-    if push.drag > 0.0 and push.drag_deviation < _DRAG_KNOWN * push.drag:
+    if push.drag > 0.0 and push.drag_deviation < DRAG_KNOWN * push.drag:
         speeds = [f"{size / push.drag:.1f}" for size in (push.size * steady, push.swing) if size]
         speed = f"by the drag that this flight shows, air of {' ± '.join(speeds)} m/s"
     text = f"wind: a horizontal force beside the vehicle's own drag, {' and '.join(said)}; {speed}"
@@ -146,7 +146,7 @@ def _fitted(t: Array, forces: list[Array], speed: Array, ahead: Array) -> Push:
             row[:, 3 + 2 * k], row[:, 4 + 2 * k] = ahead[:, axis], left[:, axis]
             rows.append(row)
             targets.append(force[:, axis])
-    prior = np.array([_FASTEST_AIR, _FASTEST_AIR, _USUAL_DRAG, *[_LEANS] * (width - 3)])
+    prior = np.array([_FASTEST_AIR, _FASTEST_AIR, USUAL_DRAG, *[_LEANS] * (width - 3)])
     design, target = np.vstack(rows), np.concatenate(targets)
     noise = 0.05
     for _ in range(3):  # the noise is that of what is left; sources see one force, not two

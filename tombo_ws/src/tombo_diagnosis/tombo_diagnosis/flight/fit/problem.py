@@ -155,9 +155,12 @@ class FlightProblem:
         self.columns = replace(self.columns, refused=frozenset(effects))
 
     def noise_effects(self) -> Mapping[str, float]:
-        """Return the scatter of the rotors, where they differ; others show in what is left."""
+        """Return the scatter of the rotors, where they differ; others show in what is left.
+
+        It shows in moments: thrust of all rotors together is fitted where these are not compared.
+        """
         possible = self.columns.draws and SCATTER not in self.columns.refused
-        return {SCATTER: 0.0} if possible else {}
+        return {SCATTER: 0.0} if possible and self.nominal.moments else {}
 
     def evidence_with(self, fit: Fit, widths: Mapping[str, float], tight: float = 1.0) -> float:
         """Return the log evidence of a fit with other widths of random effects, by its tangent."""
