@@ -104,17 +104,31 @@ def take_detector_status(
 
 
 @compiled(inline=False)
+def has_come(memory: ReactionMemory, event: Any) -> bool:
+    """Return whether a collision has come before."""
+    come = False
+    for i in range(min(memory.events, STAMPS)):
+        come = come or memory.stamps[i] == event.stamp_ns
+    return come
+
+
+@compiled(inline=False)
+def is_same_contact(memory: ReactionMemory, event: Any) -> bool:
+    """Return whether a collision is the contact decided on last, as the other trigger saw it."""
+    apart = abs(event.contact_stamp_ns - memory.contact_ns)
+    return bool(event.trigger != memory.trigger and apart < SAME_CONTACT_NS)
+
+
+@compiled(inline=False)
 def check_event(
     memory: ReactionMemory, limits: ReactionLimits, event: Any, now_ns: int
 ) -> EventRefusal:
     """Return whether a collision is to be reacted to: an `EventRefusal`."""
-    for i in range(min(memory.events, STAMPS)):
-        if memory.stamps[i] == event.stamp_ns:
-            return EventRefusal.DUPLICATE
+    if has_come(memory, event):
+        return EventRefusal.DUPLICATE
     memory.stamps[memory.events % STAMPS] = event.stamp_ns
     memory.events += 1
-    apart = abs(event.contact_stamp_ns - memory.contact_ns)
-    if event.trigger != memory.trigger and apart < SAME_CONTACT_NS:
+    if is_same_contact(memory, event):
         return EventRefusal.DUPLICATE
     x, d = event.contact_position, event.flight_direction
     if not (all_finite(x) and all_finite(d)):

@@ -220,7 +220,7 @@ def lowest_point(vehicle: VehicleParams, position: Array, attitude: Array) -> Ar
     return result
 
 
-def _squares(vectors: Array) -> Array:
+def squares(vectors: Array) -> Array:
     """Return the squared lengths of vectors (N, 3), added up from x to z."""
     x, y, z = vectors.T  # a sum over the short axis takes ten times as long
     squares: Array = x * x + y * y + z * z
@@ -228,7 +228,7 @@ def _squares(vectors: Array) -> Array:
 
 
 def _rms(vectors: Array) -> float | None:
-    return float(np.sqrt(np.mean(_squares(vectors)))) if vectors.size else None
+    return float(np.sqrt(np.mean(squares(vectors)))) if vectors.size else None
 
 
 def _number(value: float | None, digits: int = 6) -> float | None:
@@ -396,14 +396,14 @@ def _recovery(
     position = log["position"][c:]
     landing = np.flatnonzero(np.isin(log["mode"][c:, 0], (Phase.LAND, Phase.LANDED)))
     until = int(landing[0]) if landing.size else position.shape[0]
-    calm = (tilted[c:] < STABLE_TILT) & (np.sqrt(_squares(log["rates"][c:])) < STABLE_RATE)
+    calm = (tilted[c:] < STABLE_TILT) & (np.sqrt(squares(log["rates"][c:])) < STABLE_RATE)
     quiet = first_sustained(calm, round(_STABLE_TIME / TICK_S))
     result["unstable_phase_s"] = None if quiet is None else _number(quiet * TICK_S)
     settled = None
     if flight.reactions:
         x_r = flight.reactions[-1].x_r
-        error = np.sqrt(_squares(position[:until] - x_r))
-        slow = np.sqrt(_squares(log["velocity"][c : c + until])) < _SETTLED_SPEED
+        error = np.sqrt(squares(position[:until] - x_r))
+        slow = np.sqrt(squares(log["velocity"][c : c + until])) < _SETTLED_SPEED
         settled = first_sustained((error < _SETTLED_RADIUS) & slow, round(_SETTLED_TIME / TICK_S))
         if settled is not None:
             result["recovery_time_s"] = _number(settled * TICK_S)
@@ -422,7 +422,7 @@ def _strikes(fold: Array) -> int:
 
 
 def _largest(vectors: Array) -> float:
-    return float(np.sqrt(_squares(vectors)).max())
+    return float(np.sqrt(squares(vectors)).max())
 
 
 def _tracking(flight: MetricsInput, c: int | None) -> dict[str, Any]:

@@ -12,7 +12,6 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,8 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import tilt
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
-from tombo_flight.flight_metrics import STABLE_RATE, STABLE_TILT, lowest_point
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_flight.flight_metrics import STABLE_RATE, STABLE_TILT, lowest_point, squares
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import core_of
 from tombo_sim.batch import (
@@ -47,8 +47,9 @@ from tombo_sim.wiring import CORES
 CRASH_COST = 10.0
 """Of a crash, in seconds of recovery."""
 _NEVER = 2**62
-_BLOCKS = 4
-"""Blocks of vehicles of each thread: who is done early takes another."""
+_BLOCK, _FRESH_BLOCK = 32, 4
+"""Vehicles that a thread flies on end: for a step; where some come from the ground, whose flights
+differ in length. A thread that is done takes the next ones."""
 _TRIES = 20
 """Flights in a row without a collision before a scenario is refused."""
 
@@ -101,14 +102,18 @@ class Episodes:
         captures = math.ceil(scenario.duration * rate) + 2
         self._shared = shared_by(setup.maps, cores)
         self.batch: Batch = new_batch(count, setup.plant, setup.theta, cores, captures)
-        flights = self.batch.flights._replace(entries=())  # of these, only what is under way
+        flights = self.batch.flights._replace(entries=(), published=())  # of these, what is in use
         self._rows = _bytes_of(self.batch._replace(flights=flights))
+        self._tables = _bytes_of(self.batch.flights.published)
+        self._row_sizes = np.array([table.itemsize for table in self.batch.flights.published])
+        self._state = self.batch.flights.plant["state"]
+        self._low = _reach(scenario.vehicle) + 0.01
         self._pilots: list[Any] = [None] * count
         self._kept: dict[int, Any] = {}
         self._threads = min(threads, count)
-        self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
+        self._pool = ThreadPoolExecutor(self._threads - 1) if self._threads > 1 else None
         self.seeds = np.zeros(count, np.int64)
-        self._lowest = np.zeros(count)
+        self._lowest: Array = np.zeros(count)
         self._tick = np.zeros(count, np.int64)
 
     def close(self) -> None:
@@ -124,7 +129,7 @@ class Episodes:
     @property
     def position(self) -> Array:
         """(N, 3) true, in map [m]."""
-        place: Array = self.batch.flights.plant["state"]["position"]
+        place: Array = self._state["position"]
         return place
 
     def reset(self, which: Sequence[int], rngs: Sequence[np.random.Generator], seeds: Any) -> None:
@@ -150,9 +155,9 @@ class Episodes:
                 f"scenario '{self.scenario.name}': {_TRIES} flights without a collision; "
                 "accepted: one in which the vehicle meets an obstacle"
             )
-        for i in which:
-            self._lowest[i] = self.position[i, 2]
-            self._tick[i] = self.batch.flights.progress["tick"][i]
+        begun = list(which)
+        self._lowest[begun] = self.position[begun, 2]
+        self._tick[begun] = self.batch.flights.progress["tick"][begun]
 
     def _begin_all(self, episodes: Sequence[tuple[int, int]]) -> None:
         """Fly vehicles, each with a seed, to their collision; of a start to be kept only one."""
@@ -166,7 +171,7 @@ class Episodes:
             else:
                 flown[start] = i
                 self._begin(i, seed)
-        self._fly()
+        self._fly(any(start not in self._kept for start in flown))
         for i in flown.values():
             self._keep(i)
         for i, seed in others:
@@ -186,16 +191,17 @@ class Episodes:
         if reset:
             self.reset(**reset)
         else:
-            self._fly()
+            self._fly(fresh=False)
         return self._outcome(acting)
 
     def _outcome(self, acting: Any) -> Outcome:
-        batch = self.batch
-        state = batch.flights.plant["state"]
-        position, attitude = state["position"], state["attitude"]
-        rate = np.sqrt((state["rates"] ** 2).sum(axis=1))
+        batch, position, attitude = self.batch, self.position, self._state["attitude"]
+        rate = np.sqrt(squares(self._state["rates"]))
         unstable = (tilt(attitude) >= STABLE_TILT) | (rate >= STABLE_RATE)
-        crashed = acting & (lowest_point(self.scenario.vehicle, position, attitude) < 0.0)
+        crashed = acting & (position[:, 2] < self._low)
+        if crashed.any():
+            low = np.flatnonzero(crashed)
+            crashed[low] = lowest_point(self.scenario.vehicle, position[low], attitude[low]) < 0.0
         over, ended = acting & (batch.status == OVER), acting & (batch.status == ENDED)
         late = batch.time > batch.steering["timeout"]
         lowest = np.minimum(self._lowest, position[:, 2])
@@ -217,12 +223,11 @@ class Episodes:
         self.seeds[i] = seed
         if seed in self._kept:
             row, under_way, first, pilot = self._kept[seed]
-            for rows, kept in zip(self._rows, row, strict=True):
-                rows[i] = kept
+            for rows, kept in zip(self._rows + self._tables, row, strict=True):
+                rows[i, : kept.size] = kept
             flights = self.batch.flights
             flights.entries[i, first : first + under_way.size] = under_way
-            self._pilots[i] = pilot = _clone(pilot)
-            pilot.reaction.memory = flights.memories[REACTION][0][i]
+            self._pilots[i] = pilot
             return
         flights, scenario = self.batch.flights, self.scenario
         setup, cores = begin(world_of(scenario), seed), self._cores()
@@ -230,9 +235,7 @@ class Episodes:
             _bytes_of(flights.memories), _bytes_of(memories_of(cores)), strict=True
         ):
             rows[i] = memory[0]
-        pilot = _Pilot(cores[REACTION])
-        pilot.reaction.memory = flights.memories[REACTION][0][i]
-        self._pilots[i] = pilot
+        self._pilots[i] = _Pilot(cores[REACTION])
         flights.plant[i], flights.theta[i] = setup.plant, setup.theta
         self.batch.streams[i] = stream_of(setup.tick_noise)
         captures = capture_ticks(scenario.duration, setup.mocap_rate)
@@ -256,26 +259,41 @@ class Episodes:
             captures = self.batch.flights.captures[i]
             first, last = int(captures.oldest_undelivered), int(captures.next)
             under_way = self.batch.flights.entries[i, first:last].copy()
+            used = self.batch.flights.counts[i] * self._row_sizes
             row = [rows[i].copy() for rows in self._rows]
-            self._kept[seed] = (row, under_way, first, _clone(self._pilots[i]))
+            row += [t[i, :size].copy() for t, size in zip(self._tables, used, strict=True)]
+            self._kept[seed] = (row, under_way, first, self._pilots[i])
 
-    def _fly(self) -> None:
-        """Fly until no vehicle flies, and no collision waits."""
-        blocks = 1 if self._pool is None else min(self.count, _BLOCKS * self._threads)
-        edges = np.linspace(0, self.count, blocks + 1).astype(int).tolist()
-        fly_all = map if self._pool is None else self._pool.map
-        fly_block = partial(fly_batch, self.batch, self._shared)
-        while True:
-            list(fly_all(fly_block, edges[:-1], edges[1:]))
-            collided = np.flatnonzero(self.batch.status == COLLIDED)
-            if not collided.size:
-                return
+    def _fly(self, fresh: bool) -> None:
+        """Fly until no vehicle flies, and no collision waits; `fresh`: some from the ground."""
+        length = min(_FRESH_BLOCK if fresh else _BLOCK, -(-self.count // self._threads))
+        blocks = [(i, min(i + length, self.count)) for i in range(0, self.count, length)]
+        while blocks:
+            self._fly_blocks(blocks)
+            collided = np.flatnonzero(self.batch.status == COLLIDED).tolist()
             for i in collided:
-                self._hand_collision(int(i))
+                self._hand_collision(i)
+            blocks = [(i, i + 1) for i in collided]
+
+    def _fly_blocks(self, blocks: Sequence[tuple[int, int]]) -> None:
+        """Fly vehicles from the first to before the last of each block, on all threads."""
+        waiting = iter(blocks)
+
+        def fly_next() -> None:
+            for first, last in waiting:
+                fly_batch(self.batch, self._shared, first, last)
+
+        helpers = min(self._threads, len(blocks)) - 1
+        at_work = [self._pool.submit(fly_next) for _ in range(helpers)] if self._pool else []
+        fly_next()
+        for future in at_work:
+            future.result()
 
     def _hand_collision(self, i: int) -> None:
         """Hand the reaction a collision, and put down what it has decided."""
-        batch, pilot = self.batch, self._pilots[i]
+        batch = self.batch
+        pilot = self._pilots[i] = _clone(self._pilots[i])  # others may begin with the same one
+        pilot.reaction.memory = batch.flights.memories[REACTION][0][i]
         tick = int(batch.flights.progress["tick"][i]) - 1
         now_ns = EPOCH_NS + tick * TICK_NS
         hand_over(batch.flights, i, pilot.reaction)
@@ -291,6 +309,12 @@ class Episodes:
 def _clone(pilot: _Pilot) -> _Pilot:
     """Return a pilot whose flight goes on apart from this one's; decisions are never changed."""
     return replace(pilot, reaction=copy.copy(pilot.reaction))
+
+
+def _reach(vehicle: VehicleParams) -> float:
+    """Return how far legs and motors are from the centre at most [m]."""
+    legs = math.hypot(vehicle.leg_spread * math.sqrt(2.0), vehicle.leg_height)
+    return max(legs, math.hypot(vehicle.arm_length, vehicle.rotor_height))
 
 
 def _bytes_of(arrays: Any) -> list[Any]:

@@ -11,7 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tombo_collision.reaction_core import ReactionCore, reference_due
+from tombo_collision.reaction_core import (
+    ReactionCore,
+    check_event,
+    has_come,
+    is_same_contact,
+    reference_due,
+)
+from tombo_collision.reactions import EVENT_TOPICS
 from tombo_collision.steering import ACTIONS, HIGH, Steering, observe, steer, steering_over
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core
@@ -20,7 +27,7 @@ from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
-from tombo_sim.flight_loop import fly, forget_messages, new_flights, step_reaction
+from tombo_sim.flight_loop import fly, forget_messages, new_flights, place_of, step_reaction
 from tombo_sim.kernel import Flights, Shared
 from tombo_sim.normals import draw_normals
 from tombo_sim.wiring import CORES
@@ -32,6 +39,8 @@ FLIES, WAITS, ACTS, COLLIDED, HANDED, OVER, ENDED = range(7)
 be handed to the reaction; it has been; its decision is over; its flight has ended."""
 BLOCK = 64
 """Ticks between two drawings of random numbers."""
+_SEEN, _SEEN_TABLE = place_of(ReactionCore, EVENT_TOPICS["mocap"])
+_FELT, _FELT_TABLE = place_of(ReactionCore, EVENT_TOPICS["imu"])
 
 
 class Batch(NamedTuple):
@@ -78,7 +87,7 @@ def new_batch(count: int, plant: Any, theta: Array, cores: Sequence[Core], captu
     )
 
 
-@compiled(inline=False)
+@compiled(inline=False, counted=False)  # references would be a quarter of a step's time
 def fly_batch(batch: Batch, shared: Shared, first: int, last: int) -> None:
     """Fly vehicles `first` to `last` - 1 until each waits, is over, has collided, or ends.
 
@@ -105,7 +114,8 @@ def fly_batch(batch: Batch, shared: Shared, first: int, last: int) -> None:
                 draw_normals(batch.streams[i], flights.noise[i])
                 forget_messages(flights, i)
             if fly(flights, shared, i, flights.base[i] + BLOCK):
-                if flight.to_hand != 0 or reaction.pending > 0:
+                known = flight.to_hand == 0 or _all_known(flights, shared, i, reaction)
+                if reaction.pending > 0 or not known:
                     status = COLLIDED
                 else:
                     status = _decide(batch, shared, i, reaction)
@@ -114,7 +124,32 @@ def fly_batch(batch: Batch, shared: Shared, first: int, last: int) -> None:
         batch.status[i] = status
 
 
-@compiled(inline=False)
+@compiled(inline=False, counted=False)
+def _all_known(flights: Flights, shared: Shared, i: int, reaction: Any) -> bool:
+    """Take the collisions that came; False: of one the reaction does not know, in Python."""
+    counts, read, tick = flights.counts[i], flights.read[i], flights.progress[i].tick - 1
+    limits = shared.params[REACTION][0][0]
+    seen, felt = flights.published[_SEEN_TABLE][i], flights.published[_FELT_TABLE][i]
+    return _take_known(
+        reaction, limits, seen, counts[_SEEN_TABLE], read, _SEEN, tick
+    ) and _take_known(reaction, limits, felt, counts[_FELT_TABLE], read, _FELT, tick)
+
+
+@compiled(inline=False, counted=False)
+def _take_known(
+    reaction: Any, limits: Any, table: Any, count: int, read: Any, reader: int, tick: int
+) -> bool:
+    """Take collisions from a table up to one that the reaction does not know: then False."""
+    while read[reader] < count and table[read[reader]].tick < tick:
+        event = table[read[reader]].message
+        if not (has_come(reaction, event) or is_same_contact(reaction, event)):
+            return False
+        check_event(reaction, limits, event, EPOCH_NS + tick * TICK_NS)
+        read[reader] += 1
+    return True
+
+
+@compiled(inline=False, counted=False)
 def _take_action(steering: Any, reaction: Any, action: Array, tick: int) -> None:
     """Make the set point of an action the reaction's reference; as `ReactionCore` asks for it."""
     out = reaction.reference
@@ -124,7 +159,7 @@ def _take_action(steering: Any, reaction: Any, action: Array, tick: int) -> None
     reaction.publish_due = True
 
 
-@compiled(inline=False)
+@compiled(inline=False, counted=False)
 def _decide(batch: Batch, shared: Shared, i: int, reaction: Any) -> int:
     """Observe if an action is due, else step the reaction; return what the vehicle does now."""
     now = EPOCH_NS + (batch.flights.progress[i].tick - 1) * TICK_NS

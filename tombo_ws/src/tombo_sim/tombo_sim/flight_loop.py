@@ -69,6 +69,11 @@ READERS = _readers(CORES, TABLES)
 _INDEX = {topic: i for i, topic in enumerate(TABLES)}
 
 
+def place_of(core: type[Core], topic: str) -> tuple[int, int]:
+    """Return where a core reads a topic: indices of `READERS` and of `TABLES`."""
+    return READERS.index((core.name, topic)), _INDEX[topic]
+
+
 def _entry(output: Output) -> type[Record]:
     fields = {"tick": field("tick", "", kind=int), "message": field("", "", kind=output.layout)}
     return type("Entry", (Record,), fields)
@@ -132,7 +137,7 @@ class _Source:
                 lines.append(f"if {memory}.{output.due}:")
                 lines.append(f"    {name}({memory}, table_{_INDEX[topic]}, counts, tick)")
                 lines.append("    published = True")
-                if f"def {name}(memory, table, counts, tick):" not in self.publishers:
+                if f'def {name}(memory, table, counts, tick) -> "None":' not in self.publishers:
                     message = output.message
                     if not isinstance(message, str):
                         message = self.imported(message, f"fill_{_INDEX[topic]}")
@@ -299,7 +304,8 @@ def _indented(lines: Sequence[str]) -> list[str]:
 
 
 def _function(head: str, body: Sequence[str]) -> list[str]:
-    return ["", "", "@compiled(inline=False)", f"def {head}:", *_indented(body)]
+    head = f'def {head} -> "None":'
+    return ["", "", "@compiled(inline=False, counted=False)", head, *_indented(body)]
 
 
 def _unread(name: str, topic: str) -> str:
@@ -507,7 +513,7 @@ def hand_over(flights: Flights, i: int, core: Core) -> None:
     for topic in core.inputs:
         if (core.name, topic) not in READERS or topic in _compiled(core).takes:
             continue
-        r, k = READERS.index((core.name, topic)), _INDEX[topic]
+        r, k = place_of(type(core), topic)
         table, last = flights.published[k][i], tick if topic in SENSORS else tick - 1
         while flights.read[i, r] < flights.counts[i, k]:
             entry = table[flights.read[i, r]]

@@ -193,7 +193,7 @@ def watch_flight(plant: Plant, flight: FlightProgress) -> None:
         flight.end = min(flight.end, flight.tick + int(after / TICK_S + 0.5))
 
 
-@compiled
+@compiled(counted=False)
 def drop_rows(table: Any, counts: Any, topic: int, gone: int) -> None:
     """Forget the first rows of a table."""
     if gone > 0:
