@@ -16,7 +16,12 @@ from tombo_benchmarks.speed.kernel_flight import (
     stretches,
 )
 from tombo_benchmarks.speed.numpy_step import hovering
-from tombo_benchmarks.speed.speed_measurements import batch_steps, kernel_steps, numpy_steps
+from tombo_benchmarks.speed.speed_measurements import (
+    batch_steps,
+    kernel_steps,
+    numpy_steps,
+    training_ticks,
+)
 from tombo_control.planning.leg import store_leg, straight_leg
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.plant import set_state
@@ -91,6 +96,7 @@ def test_the_kernels_flight_is_the_papers_experiment():
 def test_rates_are_positive_and_numpy_is_the_slow_one():
     assert kernel_steps(runs=1) > numpy_steps(runs=1, ticks=50) > 0.0
     assert batch_steps(2, vehicles=2, runs=1) > 0.0
+    assert training_ticks(2, vehicles=2, runs=1, steps=20) > 0.0
 
 
 @pytest.mark.parametrize("arguments", [["--json"], []])

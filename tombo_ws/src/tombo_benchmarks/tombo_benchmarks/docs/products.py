@@ -31,6 +31,8 @@ LEFT: Final = (
     "docs/design.md, regressions and flights of the check: tombo propeller design",
     "docs/arena.md, Reflex and Bounce: tombo fly SCENARIO --disturbances --seeds 5000:5100",
     "docs/gym.md, Beside other simulators: python -m tombo_benchmarks.peers --page docs/gym.md",
+    "docs/gym.md, Many vehicles: python -m tombo_benchmarks.growth --page docs/gym.md "
+    "--picture docs/growth.png",
     "docs/px4.md, README, How fast: make bench, tombo_benchmarks/scripts",
 )
 """Tables that are not regenerated: they take half an hour, or depend on the machine."""

@@ -10,6 +10,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
@@ -24,10 +25,13 @@ from tombo_benchmarks.speed.kernel_flight import (
     stretches,
 )
 from tombo_benchmarks.speed.numpy_step import hovering
+from tombo_collision.reactions.policy import Policy
+from tombo_collision.steering import ACTIONS
 from tombo_control.planning.leg import straight_leg
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import write_mcap
 from tombo_flight.scenario import Scenario, load_scenario
+from tombo_flight.training import Episodes
 
 Share = list[tuple[KernelFlight, list[Stretch]]]
 ProgressText = Callable[[str], None]
@@ -88,6 +92,45 @@ def batch_steps(threads: int, vehicles: int = 32, runs: int = 5) -> float:
     return median(rates[1:])
 
 
+def training_episodes(count: int, threads: int, starts: int) -> Episodes:
+    """Return a batch of vehicles of the training environment, each at its collision.
+
+    Args:
+        count: vehicles.
+        threads: that fly them.
+        starts: flights up to the collision from which they begin.
+    """
+    scenario = load_scenario()
+    steered = replace(scenario, reaction=Policy(**vars(scenario.reaction)))
+    episodes = Episodes(steered, count, threads, starts)
+    rngs = [np.random.default_rng(seed) for seed in range(count)]
+    episodes.reset(range(count), rngs, list(range(count)))
+    return episodes
+
+
+def training_ticks(threads: int, vehicles: int = 64, runs: int = 5, steps: int = 200) -> float:
+    """Return ticks per second of the training environment, episodes that end being begun anew."""
+    episodes = training_episodes(vehicles, threads, vehicles)
+    rng, done = np.random.default_rng(0), np.zeros(vehicles, bool)
+    rngs = [np.random.default_rng(seed) for seed in range(vehicles)]
+    actions = rng.uniform(-0.3, 0.3, (steps, vehicles, ACTIONS))
+    rates = []
+    for _ in range(runs + 1):
+        ticks, began = 0, time.perf_counter()
+        for action in actions:
+            again = np.flatnonzero(done).tolist()
+            fresh = [rngs[i] for i in again]
+            begin = {"which": again, "rngs": fresh, "seeds": [None] * len(again)}
+            flown = episodes.batch.flights.progress["tick"].copy()
+            outcome = episodes.step(action, ~done, **(begin if again else {}))
+            flown = episodes.batch.flights.progress["tick"] - flown
+            ticks += int(flown[~done].sum())
+            done = outcome.terminated | outcome.truncated
+        rates.append(ticks / (time.perf_counter() - began))
+    episodes.close()
+    return median(rates[1:])
+
+
 def _fly_share(share: Share) -> None:
     for flight, legs in share:
         fly_whole(flight, legs)
@@ -140,14 +183,17 @@ def measure(said: ProgressText = lambda text: None) -> dict[str, float | int | N
     """Measure everything; `said` is called with the name of the next measurement.
 
     Returns:
-        steps per second of the kernel, of the batch (with its number of threads) and of NumPy,
-        their ratios, the real-time factors, and the times of the first calls [s].
+        steps per second of the kernel, of the batch (with its number of threads), of the training
+        environment (64 vehicles, whole flights) and of NumPy, their ratios, the real-time factors,
+        and the times of the first calls [s].
     """
     said("bare kernel")
     kernel = kernel_steps()
     threads = min(2, len(os.sched_getaffinity(0)))
     said(f"batch on {threads} threads")
     batch = batch_steps(threads)
+    said(f"training environment on {threads} threads")
+    training = training_ticks(threads)
     said("plain NumPy")
     plain = numpy_steps()
     said("whole flights")
@@ -158,6 +204,7 @@ def measure(said: ProgressText = lambda text: None) -> dict[str, float | int | N
         "kernel_steps_per_s": kernel,
         "batch_steps_per_s": batch,
         "batch_threads": threads,
+        "training_ticks_per_s": training,
         "numpy_steps_per_s": plain,
         "kernel_over_numpy": kernel / plain,
         "batch_over_numpy": batch / plain,

@@ -1,0 +1,1 @@
+"""How cost grows, by `python -m tombo_benchmarks.growth`."""
