@@ -171,6 +171,13 @@ build_workspace() {
   export VIRTUAL_ENV="$VENV" PATH="$VENV/bin:$PATH" AMENT_PREFIX_PATH="$VENV"
   export COLCON_HOME="$BUILD/colcon_home" COLCON_LOG_PATH="$BUILD/log/colcon"
   cd "$ROOT"
+  local packages warming=""
+  if [ $warm = yes ]; then # it takes one core, the C++ of the messages the others
+    printf -v packages '%s:' "$SRC"/*
+    PYTHONPATH="$packages" python -m tombo_bringup.warmup >"$BUILD/log/setup-kernels.log" 2>&1 &
+    warming=$!
+    trap 'kill $warming 2>/dev/null || true' EXIT
+  fi
   python -m colcon build --base-paths tombo_ws/src --build-base build/colcon \
     --merge-install --install-base "$VENV" --symlink-install \
     --event-handlers status- desktop_notification- console_cohesion+ \
@@ -193,10 +200,12 @@ build_workspace() {
   printf '#!/bin/sh\nexec %s"%s" -P "%s" "$@"\n' "$hold" \
     "$VENV/bin/python" "$SRC/tombo_bringup/tombo_bringup/start.py" >"$VENV/bin/tombo"
   chmod +x "$VENV/bin/tombo"
+  [ -z "$warming" ] || wait "$warming" || true # step 4 does again, and shows, what failed
+  trap - EXIT
   echo "$workspace" >"$KEYS/workspace"
 }
 
-compile_kernels() {
+compile_kernels() { # in a first build there is hardly a thing left to do
   "$VENV/bin/python" -m tombo_bringup.warmup
   echo "$compiled" >"$KEYS/kernels"
 }
@@ -214,5 +223,5 @@ trap 'echo; echo "set-up: interrupted; the next run goes on from here" >&2; exit
 [ $make_venv = no ] || step 1 "making .venv with Python $version" create_venv
 [ $install = no ] || step 2 "installing the pinned requirements (1 GB on disk)" install_requirements
 [ $browser = no ] || step 2 "installing what the pages in a browser need (100 MB on disk)" install_web
-[ $build = no ] || step 3 "building the workspace" build_workspace
+[ $build = no ] || step 3 "building the workspace, and kernels beside it" build_workspace
 [ $warm = no ] || step 4 "compiling the numerical kernels" compile_kernels
