@@ -11,7 +11,7 @@ import pytest
 from tombo_benchmarks.growth import __main__ as command
 from tombo_benchmarks.growth import cost_growth
 from tombo_benchmarks.growth.cost_growth import AXES, Axis, Growth, Reading, measure, slope
-from tombo_benchmarks.growth.growth_page import growth_page
+from tombo_benchmarks.growth.growth_page import growth_markdown, growth_page
 from tombo_dynamics.errors import InputError
 
 
@@ -34,6 +34,7 @@ def test_a_power_is_found_over_the_upper_half_within_its_interval():
     fit = slope({size: readings(size).tolist() for size in sizes})
 
     assert fit.low < 0.8 < fit.high and fit.high - fit.low < 0.05
+    assert slope({1: [1.0, 1.0], 2: [0.5, 0.5]}).power == pytest.approx(-1.0)
     assert slope({1: [1.0], 10: [2.0]}) is None
     assert slope({10: [1.0, 1.0, 2.0]}) is None
     assert slope({}) is None
@@ -73,22 +74,22 @@ def test_memory_is_that_of_the_run_and_a_lost_process_is_named():
 
 
 @pytest.mark.slow
-def test_the_command_writes_table_and_picture(monkeypatch, tmp_path, capsys):
+def test_the_command_prints_and_draws(monkeypatch, tmp_path, capsys):
     rows = {size: [Reading(0.1 * size, 2e6 * size)] * 3 for size in (1, 10, 100)}
     growth = Growth(axis(None), rows, {1000: "time"})
     monkeypatch.setattr(command, "measure", lambda seconds, progress: [growth])
-    page, picture = tmp_path / "page.md", tmp_path / "growth.png"
-    page.write_text("before\n<!-- growth -->\n<!-- /growth -->\nafter\n")
+    picture = tmp_path / "growth.png"
 
-    command.main(["--json", "--page", str(page), "--picture", str(picture)])
+    command.main(["--json", "--picture", str(picture)])
 
     data = json.loads(capsys.readouterr().out)["things"]
     assert data["slopes"]["seconds"]["power"] == pytest.approx(1.0)
     assert data["not_run"] == {"1000": "time"}
     line = "1 to 100 | 10 s; 1.00 (1.00 to 1.00) | file: 200 MB; 1.00 (1.00 to 1.00) | 1000 |"
-    assert line in page.read_text() and page.read_text().endswith("after\n")
-    assert picture.read_bytes()[1:4] == b"PNG" and "(growth.png)" in page.read_text()
-    assert "things 1000: time" in growth_page([growth], 1.0).sections[-1].items[0].lines
+    table = growth_markdown([growth], "growth.png")
+    assert line in table and "(growth.png)" in table
+    assert picture.read_bytes()[1:4] == b"PNG"
+    assert "things 1000: time" in growth_page([growth]).sections[-1].items[0].lines
 
 
 @pytest.mark.parametrize("seconds", ["0", "nan", "1e7"])

@@ -21,6 +21,8 @@ CONFIG: Final = "tombo_ws/src/tombo_bringup/config"
 CAMPAIGN: Final = "tombo_ws/src/tombo_propeller/tombo_propeller/reproduce/campaign.yaml"
 _DIAGNOSIS: Final = "tombo_diagnosis/tombo_diagnosis"
 _PROPELLER: Final = "tombo_dynamics/tombo_dynamics/propeller"
+_GROWTH_S: Final = 300.0
+"""How cost grows is measured for so long [s]."""
 FLIGHTS: Final = "flights"
 """In `depends`: the reference flights, in place of code."""
 LEFT: Final = (
@@ -31,8 +33,6 @@ LEFT: Final = (
     "docs/design.md, regressions and flights of the check: tombo propeller design",
     "docs/arena.md, Reflex and Bounce: tombo fly SCENARIO --disturbances --seeds 5000:5100",
     "docs/gym.md, Beside other simulators: python -m tombo_benchmarks.peers --page docs/gym.md",
-    "docs/gym.md, Many vehicles: python -m tombo_benchmarks.growth --page docs/gym.md "
-    "--picture docs/growth.png",
     "docs/px4.md, README, How fast: make bench, tombo_benchmarks/scripts",
 )
 """Tables that are not regenerated: they take half an hour, or depend on the machine."""
@@ -291,6 +291,16 @@ def shortened(table: str) -> str:
     return "\n".join(short) + "\n"
 
 
+def _growth(root: Path, data: Path) -> None:
+    from tombo_benchmarks.growth.cost_growth import measure
+    from tombo_benchmarks.growth.growth_page import draw_growth, growth_markdown
+    from tombo_flight.report.flight_plot import figure_bytes
+
+    found = measure(_GROWTH_S)
+    (root / "docs" / "growth.png").write_bytes(figure_bytes(draw_growth(found)))
+    _fill(root / "docs" / "gym.md", {"growth": growth_markdown(found, "growth.png")})
+
+
 def _threshold(root: Path, data: Path) -> None:
     from tombo_benchmarks import detector_threshold_study as study
 
@@ -408,6 +418,7 @@ PRODUCTS: Final = (
             "tombo_collision/tombo_collision/reactions",
         ),
     ),
+    Product("growth", ("docs/growth.png", "docs/gym.md#growth"), _growth),
     Product(
         "threshold",
         ("docs/detector_threshold.png", "docs/collision.md#threshold"),

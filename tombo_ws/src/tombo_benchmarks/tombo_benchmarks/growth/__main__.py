@@ -8,9 +8,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from tombo_benchmarks.docs.markers import updated
 from tombo_benchmarks.growth.cost_growth import measure
-from tombo_benchmarks.growth.growth_page import draw_growth, growth_markdown, growth_page
+from tombo_benchmarks.growth.growth_page import draw_growth, growth_page
 from tombo_bringup.cli.tables import show_page
 from tombo_flight.report.flight_plot import figure_bytes
 
@@ -25,10 +24,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print JSON only")
     parser.add_argument("--picture", type=Path, metavar="FILE", help="also draw it: a PNG file")
-    parser.add_argument(
-        "--page", type=Path, metavar="FILE",
-        help="also write the table between the markers <!-- growth --> and <!-- /growth --> of it",
-    )  # fmt: skip
     chosen = parser.parse_args(arguments)
     if not 1.0 <= chosen.seconds <= 1e6:
         parser.error(f"--seconds {chosen.seconds:g}: out of bounds; accepted: 1 to 1e6")
@@ -36,12 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     found = measure(chosen.seconds, progress=console.print)
     if chosen.picture is not None:
         chosen.picture.write_bytes(figure_bytes(draw_growth(found)))
-    if chosen.page is not None:
-        text = chosen.page.read_text(encoding="utf-8")
-        picture = chosen.picture.name if chosen.picture is not None else ""
-        table = growth_markdown(found, chosen.seconds, picture)
-        chosen.page.write_text(updated(text, {"growth": table}), encoding="utf-8")
-    show_page(growth_page(found, chosen.seconds), chosen.json)
+    show_page(growth_page(found), chosen.json)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import resource
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -112,7 +112,7 @@ def record_often(rate: int) -> tuple[float, float]:
 
 
 def _recorded(settings: Sequence[str]) -> tuple[float, float]:
-    scenario = load_scenario("hover", settings)
+    scenario = load_scenario("hover", [*settings, "mission.land_time=3600"])
     with TemporaryDirectory() as folder:
         path = Path(folder) / "flight.mcap"
         began = time.perf_counter()
@@ -273,23 +273,27 @@ def _resident() -> float:
     return float(pages) * os.sysconf("SC_PAGE_SIZE")
 
 
-def slope(values: Mapping[int, Sequence[float]]) -> Slope | None:
-    """Return the power with which values grow over the upper half of the sizes' decades.
+def upper_half(sizes: Collection[int]) -> list[int]:
+    """Return the sizes in the upper half of their decades, but two at least, if there are."""
+    ordered = sorted(sizes)
+    middle = math.sqrt(ordered[0] * ordered[-1]) if ordered else 0.0
+    return [size for size in ordered if size >= middle or size in ordered[-2:]]
 
-    None: fewer than two sizes, or three values, above 0 there. The interval takes the readings as
+
+def slope(values: Mapping[int, Sequence[float]]) -> Slope | None:
+    """Return the power with which values grow over the `upper_half` of sizes.
+
+    None: fewer than two sizes, or three values above 0, are there. The interval takes readings as
     independent, scattered alike about a straight line of logarithms.
 
     Args:
         values: size → readings.
     """
-    if not values:
-        return None
-    middle = math.sqrt(min(values) * max(values))
     pairs = [
         (math.log(size), math.log(value))
-        for size, readings in values.items()
-        for value in readings
-        if size >= middle and value > 0.0
+        for size in upper_half(values)
+        for value in values[size]
+        if value > 0.0
     ]
     if len(pairs) < 3 or len({x for x, _ in pairs}) < 2:
         return None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from tombo_benchmarks.growth.cost_growth import Growth, Slope, column, slope
+from tombo_benchmarks.growth.cost_growth import Growth, Slope, column, slope, upper_half
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.page import Page, Picture, Section, Table, Text
@@ -19,14 +19,16 @@ if TYPE_CHECKING:
 
 _COLUMNS: Final = {"seconds": "seconds", "size": "bytes"}
 _CAPTION: Final = "Seconds and bytes against what grows; lines: the fitted powers"
+_LEAST_RANGE: Final = 10.0
+"""What a panel shows, largest over least value: what does not grow looks flat."""
 _HEAD: Final = ("", "flown", "sizes", "seconds, slope", "bytes, slope", "not run")
 
 
-def growth_page(found: Sequence[Growth], seconds: float) -> Page:
-    """Return the page of a measurement that was given so many seconds."""
+def growth_page(found: Sequence[Growth]) -> Page:
+    """Return the page of a measurement."""
+    cores, load = len(os.sched_getaffinity(0)), os.getloadavg()[0]
     summary = (
-        f"Each size in a process of its own, for {seconds:g} s in all, on "
-        f"{len(os.sched_getaffinity(0))} cores, load {os.getloadavg()[0]:.1f} at the end. Values "
+        f"Each size in a process of its own, on {cores} cores, load {load:.1f} at the end. Values "
         "are those of the largest size, medians. A slope is the power of growth over the upper "
         "half of the decades, with its 95 % interval."
     )
@@ -50,12 +52,11 @@ def growth_page(found: Sequence[Growth], seconds: float) -> Page:
     )
 
 
-def growth_markdown(found: Sequence[Growth], seconds: float, picture: str = "") -> str:
+def growth_markdown(found: Sequence[Growth], picture: str) -> str:
     """Return the table of a page of the documentation, and the picture that lies beside it."""
     lines = [_HEAD, ["---"] * len(_HEAD), *_rows(found)]
     table = "".join(f"| {' | '.join(line)} |\n" for line in lines)
-    shown = f"\n![{_CAPTION}]({picture})\n" if picture else ""
-    return f"{table}\n{growth_page(found, seconds).summary}\n{shown}"
+    return f"{table}\n{growth_page(found).summary}\n\n![{_CAPTION}]({picture})\n"
 
 
 def as_data(found: Sequence[Growth]) -> dict[str, Any]:
@@ -119,10 +120,16 @@ def _draw(panel: Any, values: Mapping[int, Sequence[float]], name: str) -> None:
     colour = style.BLUE if name == "seconds" else style.VERMILLION
     points = [(size, value) for size, readings in values.items() for value in readings]
     panel.set(xscale="log", yscale="log")
+    if max(values) < 10 * min(values):
+        panel.set_xticks(list(values), labels=[str(size) for size in values])
+        panel.minorticks_off()
+    low, high = min(value for _, value in points), max(value for _, value in points)
+    room = 1.5 * max(1.0, (_LEAST_RANGE * low / high) ** 0.5)
+    panel.set_ylim(low / room, high * room)
     panel.plot(*zip(*points, strict=True), ".", color=colour, alpha=0.6)
     fit = slope(values)
     if fit is not None:
         last = max(values)
-        x = np.array([np.sqrt(min(values) * last), last])
+        x = np.array([upper_half(values)[0], last])
         panel.plot(x, median(values[last]) * (x / last) ** fit.power, color=style.INK, lw=1.0)
         panel.text(0.04, 0.94, f"slope {fit.power:.2f}", transform=panel.transAxes, va="top")
