@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import multivariate_normal, norm
 
 from tombo_flight.campaign.statistics import exact_interval
-from tombo_flight.risk.estimate import RiskEstimate, agree, estimate, weighted_interval
+from tombo_flight.risk.estimate import Kernels, RiskEstimate, agree, estimate, weighted_interval
 from tombo_flight.risk.result import influence
 
 FLIGHTS = 4000
@@ -124,6 +124,15 @@ def test_estimates_agree_where_they_are_of_one_probability():
     assert agree(counted(0, 3000), counted(1, 9000)) and agree(counted(1, 9000), counted(0, 3000))
     assert not agree(counted(0, 9000), counted(30, 3000))
     assert not agree(counted(30, 3000), counted(0, 9000))
+
+
+def test_the_density_of_many_points_is_that_of_the_mixture():
+    root = np.array([[1.0, 0.0], [0.5, 0.8]])
+    centres = np.array([[0.0, 0.0], [1.0, -2.0]])
+    points = np.random.default_rng(0).standard_normal((10_001, 2))
+    found = Kernels(centres, np.array([0.3, 0.7]), root).density(points)
+    one, other = (multivariate_normal(centre, root @ root.T).pdf(points) for centre in centres)
+    assert found == pytest.approx(0.3 * one + 0.7 * other)
 
 
 def test_the_same_flights_follow_from_the_seed_alone():

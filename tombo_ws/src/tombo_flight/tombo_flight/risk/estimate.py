@@ -25,6 +25,8 @@ HALFWAY = 0.2
 _WIDE = 2.5
 """Standard deviation of the first search."""
 _MOST_CENTRES = 300
+_BLOCK = 10_000
+"""Points whose distances to all centres are in memory at once."""
 _INFLATION = 1.3
 """Of the kernels' variance: too wide costs little, too narrow spoils the estimate."""
 _TRUST = 5.0
@@ -44,6 +46,10 @@ class Kernels:
 
     def density(self, points: Array) -> Array:
         """Return the density at points (N, d)."""
+        starts = range(0, len(points), _BLOCK)
+        return np.concatenate([self._block_density(points[i : i + _BLOCK]) for i in starts])
+
+    def _block_density(self, points: Array) -> Array:
         a = np.linalg.solve(self.root, points.T).T
         b = np.linalg.solve(self.root, self.centres.T).T
         square = (a**2).sum(1)[:, None] + (b**2).sum(1) - 2.0 * a @ b.T
