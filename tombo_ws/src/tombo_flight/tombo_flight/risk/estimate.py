@@ -129,7 +129,10 @@ def fitted_proposal(points: Array, weights: Array, as_given: float) -> DrawPropo
 
 METHODS = ("adaptive", "monte-carlo")
 _SEARCHES = 4
-"""Searches at most, each with a tenth of the flights."""
+"""Searches, each with a tenth of the flights."""
+_MORE_SEARCHES = 2
+"""That follow at most where these have found fewer crashes than `_FEW`."""
+_FEW = 10
 _WORST = 0.1
 """Share of a search's flights that the next one goes to."""
 _SOME = 10.0
@@ -260,18 +263,19 @@ class _FlownStages:
 def _search(flown: _FlownStages, count: int) -> DrawProposal:
     """Search crashes, level by level, and return the proposal for the estimate."""
     proposal = first_proposal(flown.points.shape[1])
-    for number in range(_SEARCHES):
+    most = _SEARCHES + _MORE_SEARCHES
+    for number in range(1, most + 1):
         flown.fly(proposal, count)
         weights, crashed = flown.weights(), flown.margins < 0.0
-        if number == 0 and (weights * crashed).mean() >= _OFTEN:
+        if number == 1 and (weights * crashed).mean() >= _OFTEN:
             return DrawProposal()
         found = weights[crashed]
         effective = found.sum() ** 2 / (found**2).sum() if found.size else 0.0
         level = max(0.0, float(np.quantile(flown.margins[-count:], _WORST)))
         worst = crashed if effective > _SOME else flown.margins <= level
-        as_given = AS_GIVEN if crashed.any() or number < _SEARCHES - 1 else _UNSEEN
+        as_given = AS_GIVEN if crashed.any() or number < most else _UNSEEN
         proposal = fitted_proposal(flown.points[worst], weights[worst], as_given)
-        if effective > _ENOUGH:
+        if effective > _ENOUGH or (number >= _SEARCHES and found.size >= _FEW):
             break
     return proposal
 
