@@ -102,6 +102,17 @@ def test_rotors_on_a_clock_that_is_fast_are_corrected_by_their_thrust():
         if name in checked.series:  # else thrust did not tell it to milliseconds
             np.testing.assert_allclose(checked.series[name].t, FLIGHT.series[name].t, atol=0.004)
         assert (name in checked.series) == (said.severity == "warning")
+    assert wrote(check_log(clock(FLIGHT, 1.03, rotors)), "rotor_speed: its clock is", "fast")
+
+
+def test_thrust_that_shifts_in_steps_is_no_clock():
+    """As where wind pushes along the thrust: a clock that is fast would slip in every window."""
+    moved = {}
+    for name in ("rotor_speed", "rotor_command"):
+        s = FLIGHT.series[name]
+        lag = np.interp(s.t - s.t[0], 5.0 * np.arange(6), [0.0, 0.0, 0.0, -0.25, -0.25, -0.4])
+        moved[name] = Series(s.t - lag, s.values)
+    assert not wrote(check_log(with_series(FLIGHT, **moved)), "its clock is")
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])

@@ -38,6 +38,9 @@ _FAR_RATES = (0.95, 0.96, 0.97, 0.98, 0.99, 1.01, 1.02, 1.03, 1.04, 1.05)
 """Factors of the stamps that are tried where no constant rate near 1 fits."""
 _FAR_MATCH = 0.85
 """Median correlation from which on one of them counts."""
+_FAR_LEFT = 0.5
+"""Share of what lags at the given rate leave uncorrelated that one of them may leave: within a
+window a clock that is far off slips, where a force that is no thrust shifts it as a whole."""
 _SURE_S = 0.003
 """s to which a lag must be known along a flight for its stamps to be corrected."""
 _PASSES = 3
@@ -173,8 +176,9 @@ def _first_course(motion: Motion, channel: str, series: Series) -> tuple[float, 
     even = [
         (k, c) for k, c in tried if c is not None and not _is_uneven(c) and c.match > _FAR_MATCH
     ]
-    if even:
-        return max(even, key=lambda each: each[1].match)
+    best = max(even, key=lambda each: each[1].match, default=None)
+    if best and (course is None or 1.0 - best[1].match < _FAR_LEFT * (1.0 - course.match)):
+        return best
     return None if course is None else (1.0, course)
 
 
