@@ -91,3 +91,13 @@ def test_draws_that_act_on_a_fitted_load_only_have_no_column():
     loaded[PLACE["hanging_load.mass"]] = 0.01
     about = problem.relinearized(replace(problem.null_hypothesis, theta=loaded))
     assert np.isfinite(about.evidence)
+
+
+def test_parts_of_a_flight_are_no_further_flights():
+    """A vehicle that its own flights were fitted to: two parts of one allow what one allows."""
+    one, other = tracks(courses=SLOW)[0], tracks(courses=HIGH)[0]
+    fitted = replace(nominal(), calibrated=True)
+    every = [np.ones_like(rows) for rows in (one.fast_rows, one.slow_rows, one.pose_rows)]
+    parts = FlightProblem([one, one.only(*every)], fitted)
+    assert parts.setting.max_confidence == pytest.approx(2 / 3)
+    assert FlightProblem([one, other], fitted).setting.max_confidence == pytest.approx(3 / 4)

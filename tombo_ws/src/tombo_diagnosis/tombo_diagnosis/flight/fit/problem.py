@@ -64,7 +64,8 @@ def setting_of(nominal: NominalModel, flights: int) -> Setting:
 
     Confidence stays below what flights allow: of a vehicle that was fitted to healthy flights each
     of them that was held against the others is one trial, a failure where it was accused; of one
-    that was fitted to the very flights each flight held out.
+    that was fitted to the very flights each flight held out. What is wrong in one flight is wrong
+    in all its parts: these are one trial.
     """
     if nominal.healthy is not None:
         return replace(SETTING, max_confidence=healthy_confidence(nominal.healthy))
@@ -107,7 +108,7 @@ class FlightProblem:
     """The regression of flights about their nominal model: a `Model` of the engine."""
 
     def __init__(self, tracks: Sequence[Track], nominal: NominalModel) -> None:
-        self.setting = setting_of(nominal, len(tracks))
+        self.setting = setting_of(nominal, len({id(track.log) for track in tracks}))
         self.tracks = list(tracks)
         self.nominal = nominal
         self.theta = nominal.theta
