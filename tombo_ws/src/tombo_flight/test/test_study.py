@@ -15,6 +15,8 @@ pytestmark = pytest.mark.slow
 class Heights:
     """Points are heights of the mission; what is kept says where it was flown."""
 
+    summary_only = False
+
     def scenario_at(self, point):
         return load_scenario("hover", [f"mission.height={point}", "duration=0.2"])
 

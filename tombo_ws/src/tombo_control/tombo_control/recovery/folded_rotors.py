@@ -40,9 +40,9 @@ def allocate_folded(
 ) -> None:
     """Set `setpoint.rotor_thrust` with limits of each rotor: tilt first, then thrust, then yaw.
 
-    Roll and pitch torque split exactly into differences within the two diagonals (rotors 0 and 1,
-    2 and 3); the means of the diagonals are what is left for thrust (their sum) and yaw (their
-    difference). What is set is the thrust of a straight rotor with the same command.
+    The differences of thrust within the two diagonals (rotors 0 and 1, 2 and 3) give roll and
+    pitch torque; the sum of the diagonals' means gives thrust, their difference yaw.
+    `rotor_thrust` is the thrust of a straight rotor with the same command.
     """
     share, out = recovery.share, setpoint.rotor_thrust
     roll, pitch, yaw = setpoint.torque[0], setpoint.torque[1], setpoint.torque[2]

@@ -56,7 +56,7 @@ class ContactParams:
 class RecoveryParams(ControlParams):
     """The cascade's gains while it recovers; margins in docs/reactions.md.
 
-    The integrals stay as they are: what they have learnt is of straight blades.
+    The integrals stay as they are: their values belong to straight blades.
     """
 
     position_p: float = param(

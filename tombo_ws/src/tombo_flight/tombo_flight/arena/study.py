@@ -225,6 +225,7 @@ class ArenaStudy:
     """What an arena flies: the points are matches."""
 
     kind = "arena"
+    summary_only = True
     seeds: range
     """Of the cases that fly all of them."""
     matches: tuple[Match, ...]

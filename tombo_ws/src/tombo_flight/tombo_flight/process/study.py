@@ -44,10 +44,12 @@ class Task(NamedTuple):
 
 
 class FlownStudy(Protocol):
-    """What is flown; it can be sent to other processes.
+    """What is flown; it can be sent to other processes."""
 
-    With `summary_only = True` it says that `figures` needs no more of a flight than its summary.
-    """
+    @property
+    def summary_only(self) -> bool:
+        """Whether `figures` needs no more of a flight than its summary: its log is shorter."""
+        ...
 
     def scenario_at(self, point: Any, /) -> Scenario:
         """Return what is flown at a point.
@@ -152,7 +154,7 @@ class _Flyer:
 
     def __init__(self, study: FlownStudy) -> None:
         self.study = study
-        self._workspace = Workspace(figures_only=getattr(study, "summary_only", False))
+        self._workspace = Workspace(figures_only=study.summary_only)
         self._scenario: tuple[Any, Scenario] | None = None
 
     def fly(self, task: Task) -> FlightRow:
