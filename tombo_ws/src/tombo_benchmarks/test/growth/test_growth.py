@@ -10,7 +10,7 @@ import pytest
 
 from tombo_benchmarks.growth import __main__ as command
 from tombo_benchmarks.growth import cost_growth
-from tombo_benchmarks.growth.cost_growth import AXES, Axis, Growth, Reading, measure, slope
+from tombo_benchmarks.growth.cost_growth import AXES, Axis, Growth, SizeCost, measure, slope
 from tombo_benchmarks.growth.growth_page import growth_markdown, growth_page
 from tombo_dynamics.errors import InputError
 
@@ -49,7 +49,7 @@ def test_sizes_that_time_does_not_allow_are_named():
     found = measure(100.0, [axis(sleep, (1, 10, 1_000_000, 10_000_000))])[0]
 
     assert found.left_out == {1_000_000: "time", 10_000_000: "time"}
-    assert found.readings == {size: [Reading(1e-3 * size, 1e3 * size)] * 5 for size in (1, 10)}
+    assert found.readings == {size: [SizeCost(1e-3 * size, 1e3 * size)] * 5 for size in (1, 10)}
 
 
 @pytest.mark.usefixtures("_loaded")
@@ -75,7 +75,7 @@ def test_memory_is_that_of_the_run_and_a_lost_process_is_named():
 
 @pytest.mark.slow
 def test_the_command_prints_and_draws(monkeypatch, tmp_path, capsys):
-    rows = {size: [Reading(0.1 * size, 2e6 * size)] * 3 for size in (1, 10, 100)}
+    rows = {size: [SizeCost(0.1 * size, 2e6 * size)] * 3 for size in (1, 10, 100)}
     growth = Growth(axis(None), rows, {1000: "time"})
     monkeypatch.setattr(command, "measure", lambda seconds, progress: [growth])
     picture = tmp_path / "growth.png"

@@ -41,7 +41,7 @@ _MOST_MEMORY: Final = 0.5
 ProgressText = Callable[[str], None]
 
 
-class Reading(NamedTuple):
+class SizeCost(NamedTuple):
     """What one size has cost."""
 
     seconds: float
@@ -77,7 +77,7 @@ class Growth:
     """What was measured of an axis."""
 
     axis: Axis
-    readings: dict[int, list[Reading]] = field(default_factory=dict)
+    readings: dict[int, list[SizeCost]] = field(default_factory=dict)
     left_out: dict[int, str] = field(default_factory=dict)
     """Size → why it was not run."""
 
@@ -238,7 +238,7 @@ def _too_much(size: int, growth: Growth, cost: Mapping[int, float], seconds: flo
     return "memory" if reading.size * size / last > _MOST_MEMORY * free else ""
 
 
-def _in_copy(axis: Axis, size: int) -> Reading:
+def _in_copy(axis: Axis, size: int) -> SizeCost:
     """Run a size in a copy of this process, so that memory begins anew.
 
     Raises:
@@ -250,7 +250,7 @@ def _in_copy(axis: Axis, size: int) -> Reading:
     process.start()
     theirs.close()
     try:
-        return Reading(*ours.recv())
+        return SizeCost(*ours.recv())
     except EOFError:
         process.join()
         raise InputError(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from tombo_benchmarks.docs.markdown import table_markdown
 from tombo_benchmarks.growth.cost_growth import Growth, Slope, column, slope, upper_half
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
@@ -54,8 +55,7 @@ def growth_page(found: Sequence[Growth]) -> Page:
 
 def growth_markdown(found: Sequence[Growth], picture: str) -> str:
     """Return the table of a page of the documentation, and the picture that lies beside it."""
-    lines = [_HEAD, ["---"] * len(_HEAD), *_rows(found)]
-    table = "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    table = table_markdown(_HEAD, _rows(found))
     return f"{table}\n{growth_page(found).summary}\n\n![{_CAPTION}]({picture})\n"
 
 

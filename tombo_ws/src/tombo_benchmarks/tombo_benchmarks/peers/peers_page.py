@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import Any, Final
 
+from tombo_benchmarks.docs.markdown import table_markdown
 from tombo_benchmarks.peers.peer_environments import PEERS
 from tombo_benchmarks.peers.peers_benchmark import (
     OURS,
@@ -115,8 +116,7 @@ def peers_markdown(data: Mapping[str, Any]) -> str:
     rows.append([words, *(replay.get(n, "–") for n in simulators)])
     rows += [list(row) for row in _ALIKE]
     head = ["steps of 1 ms a second of a core", "here", *PEERS]
-    lines = [head, ["---"] * len(head), *rows]
-    table = "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    table = table_markdown(head, rows)
     counted = f"Medians of {rounds} rounds in turn (least to most)" if rounds > 1 else "One round"
     made = ", ".join(f"{name}: {text}" for name, text in compiled.items())
     return (

@@ -16,6 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
+from tombo_benchmarks.docs.markdown import table_markdown
 from tombo_benchmarks.docs.markers import updated
 from tombo_benchmarks.px4.lockstep_flight import fly_lockstep
 from tombo_benchmarks.px4.losses import LOSSES, LossResult, fly_loss
@@ -134,8 +135,8 @@ def _loss_line(result: LossResult) -> str:
 
 def loss_table(results: Sequence[LossResult]) -> str:
     """Return the table of the losses: of several flights the worst figure."""
-    rows = [["loss", "PX4's modes", "down [s]", "disarmed [s]", "drift [m]", "flies again"]]
-    rows.append(["---"] * len(rows[0]))
+    head = ("loss", "PX4's modes", "down [s]", "disarmed [s]", "drift [m]", "flies again")
+    rows = []
     for loss in dict.fromkeys(result.loss for result in results):
         flights = [result for result in results if result.loss == loss]
         orders = dict.fromkeys(" → ".join(name for _, name in f.modes) for f in flights)
@@ -150,7 +151,7 @@ def loss_table(results: Sequence[LossResult]) -> str:
                 f"{again} of {len(flights)}",
             ]
         )
-    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+    return table_markdown(head, rows)
 
 
 def _worst(times_s: Sequence[float | None]) -> str:
@@ -272,8 +273,7 @@ def markdown_table(found: Sequence[Mapping[str, Any]]) -> str:
     """Return the table of the flights: median and largest of each figure, by kind of flight."""
     kinds = list(dict.fromkeys(str(one["flight"]) for one in found))
     by = {kind: [one for one in found if one["flight"] == kind] for kind in kinds}
-    rows = [["", *kinds], ["---"] * (1 + len(kinds))]
-    rows.append(["flights", *(str(len(by[kind])) for kind in kinds)])
+    rows = [["flights", *(str(len(by[kind])) for kind in kinds)]]
     for key, name in (("crashed", "crashed"), ("landed", "landed")):
         counts = (sum(bool(one.get(key)) for one in by[kind]) for kind in kinds)
         rows.append([name, *map(str, counts)])
@@ -282,7 +282,7 @@ def markdown_table(found: Sequence[Mapping[str, Any]]) -> str:
         label = f"{figure.name} [{figure.unit}]"
         rows.append([label, *(_median_and_largest(by[kind], figure) for kind in kinds)])
     rows.append(["steps without an answer", *(_sum(by[kind], "missed") for kind in kinds)])
-    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+    return table_markdown(("", *kinds), rows)
 
 
 def _count(flights: Sequence[Mapping[str, Any]], key: str, more_than: int) -> str:
