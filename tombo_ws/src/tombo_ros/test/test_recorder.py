@@ -41,6 +41,7 @@ from tombo_ros.topic import message_class  # noqa: E402
 
 STEADY = TopicSpec("/steady", IMU.typename, Qos(5000), 0.0, "reliable, so busy machines lose none")
 RECORDER = "tombo_ros.recorder_node"
+PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 MS = 1_000_000
 
 
@@ -185,8 +186,11 @@ def test_after_kill_9_all_but_the_last_second_is_there(start, world, tmp_path):
     assert bag.topics["/steady"].count == 1500
 
 
-def test_losses_are_counted_and_said(start, world, tmp_path):
-    """A recorder that stands still for longer than the middleware can wait loses messages."""
+def test_losses_are_counted_and_said(start, world, tmp_path, monkeypatch):
+    """A recorder that stands still for longer than its sockets can keep messages loses some."""
+    small = tmp_path / "small_sockets.xml"
+    small.write_text(Path(os.environ[PROFILES]).read_text().replace("4194304", "65536"))
+    monkeypatch.setenv(PROFILES, str(small))
     world.subscribe(DIAGNOSTICS)
     recorder = start(RECORDER, "-p", f"single_file:={tmp_path / 'a.mcap'}")
     meet(world, IMU, ODOMETRY)
