@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
-from reports import heard, told
+from reports import heard
 
 from ros_bench import vector
 from tombo_bag.topics import (
@@ -121,29 +121,3 @@ def test_passes_set_points_on_and_answers_a_collision_at_once(world, start):
     flight.mission_setpoint, flight.phase = X_R, MissionStatus.HOLD
     flight.wait(SETPOINT, lambda m: m.phase == MissionStatus.HOLD)
     assert flight.node.end() == 0
-
-
-def test_holds_without_a_detector_refuses_nonsense_and_says_so(world, start):
-    flight = Flight(world, start)
-    flight.wait(SETPOINT, lambda m: m.phase == MissionStatus.APPROACH)
-    flight.detector = False
-    held = flight.wait(SETPOINT, lambda m: m.phase == MissionStatus.HOLD)
-    assert array(held.position) == pytest.approx(flight.place)
-    heard(world, REACTION_STATUS, lambda m: m.state == ReactionStatus.HOLDING)
-    assert "no message from the detector" in told(world, "reaction", "detector_silent")
-    flight.detector = True
-    flight.wait(SETPOINT, lambda m: m.phase == MissionStatus.APPROACH)
-    heard(world, REACTION_STATUS, lambda m: m.state == ReactionStatus.IDLE, since=1)
-
-    world.publish(COLLISION_EVENT, flight.collision(age_ms=5000))
-    assert "long ago" in told(world, "reaction", "event_stale")
-    flight.mission_setpoint = np.array([math.nan, 0.0, 2.0])
-    flight.wait(SETPOINT, lambda m: m.phase == MissionStatus.HOLD)
-    assert "the last one stands" in told(
-        world, "reaction", "mission_not_finite", meanwhile=flight.step
-    )
-    assert all(np.isfinite(array(m.position)).all() for m in world.heard[SETPOINT.name])
-    # who comes late learns the state
-    world.subscribe(REACTION_STATUS)
-    late = heard(world, REACTION_STATUS, lambda m: m.state == ReactionStatus.HOLDING)
-    assert late.collisions == 0

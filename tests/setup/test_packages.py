@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tombo_bag.topics import TOPICS
-from tombo_benchmarks.docs.interface_tables import IN_PLACE_OF_SIM, every_node, read_nodes
+from tombo_benchmarks.docs.tables import IN_PLACE_OF_SIM, every_node, read_nodes
 
 ROOT = Path(__file__).parents[2]
 SRC = ROOT / "tombo_ws" / "src"

@@ -401,7 +401,7 @@ def _bytes(*records: McapRecord) -> bytes:
 
 
 def _compressor(name: str) -> Callable[[bytes], bytes]:
-    """Return the function for a compression. Level 1 of zstd: measured by `bag_speed.py`."""
+    """Return the function for a compression. Level 1 of zstd: more takes longer for little."""
     if name == "zstd":
         import zstandard
 

@@ -11,9 +11,9 @@ import yaml
 
 from tombo_benchmarks.docs.__main__ import ROOT, out_of_date
 from tombo_benchmarks.docs.lock import code_hash, content_hash, reference_flights
-from tombo_benchmarks.docs.markers import marked
+from tombo_benchmarks.docs.markdown import marked
 from tombo_benchmarks.docs.products import CAMPAIGN, PRODUCTS, campaign_table, two_modes
-from tombo_benchmarks.docs.wiring_picture import wiring_mermaid
+from tombo_benchmarks.docs.tables import wiring_mermaid
 from tombo_sim.wiring import COMMAND, CORES, SENSORS
 
 DATA = ROOT.parent / "shared" / "data"

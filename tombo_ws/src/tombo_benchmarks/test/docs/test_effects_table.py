@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tombo_benchmarks.docs.effects_table import STAGES, effects_markdown
+from tombo_benchmarks.docs.tables import STAGES, effects_markdown
 from tombo_dynamics.effects import REGISTRY, Stage
 
 PAGE = Path(__file__).parents[5] / "docs" / "effects.md"

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from tombo_bag.topics import TOPICS
-from tombo_benchmarks.docs.interface_tables import PAGES, every_node, read_nodes, tables
-from tombo_benchmarks.docs.markers import updated
+from tombo_benchmarks.docs.markdown import updated
+from tombo_benchmarks.docs.tables import PAGES, every_node, read_nodes, tables
 from tombo_dynamics.errors import InputError
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE

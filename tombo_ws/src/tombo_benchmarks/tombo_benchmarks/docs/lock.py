@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from tombo_benchmarks.docs.markers import marked
+from tombo_benchmarks.docs.markdown import marked
 from tombo_dynamics.yaml_text import read_yaml
 
 REFERENCE_FLIGHTS: dict[str, tuple[str, int, tuple[str, ...]]] = {

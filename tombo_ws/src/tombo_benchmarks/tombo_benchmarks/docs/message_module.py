@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from tombo_bag.schemas import own_definitions
-from tombo_benchmarks.docs.markers import updated
+from tombo_benchmarks.docs.markdown import updated
 from tombo_dynamics.errors import InputError
 
 _ENUMS: Final = {

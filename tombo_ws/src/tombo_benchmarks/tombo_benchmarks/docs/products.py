@@ -13,8 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from tombo_benchmarks.docs.markers import updated
-from tombo_benchmarks.docs.wiring_picture import wiring_mermaid
+from tombo_benchmarks.docs.markdown import updated
 from tombo_dynamics.errors import InputError
 
 CONFIG: Final = "tombo_ws/src/tombo_bringup/config"
@@ -60,9 +59,8 @@ class Product:
 
 
 def _tables(root: Path, data: Path) -> None:
-    from tombo_benchmarks.docs.effects_table import effects_markdown
-    from tombo_benchmarks.docs.interface_tables import PAGES, tables
     from tombo_benchmarks.docs.parameter_file import parameter_file
+    from tombo_benchmarks.docs.tables import PAGES, effects_markdown, tables, wiring_mermaid
     from tombo_flight.suite.parameter_yaml import default_file
     from tombo_sim.wiring import COMMAND, CORES, SENSORS
 
@@ -75,13 +73,12 @@ def _tables(root: Path, data: Path) -> None:
 
 
 def _reproduction(root: Path, data: Path) -> None:
-    from tombo_benchmarks.docs.claims_page import with_claims
+    from tombo_benchmarks.docs.tables import claims_markdown
     from tombo_propeller.reproduce.plots import overview
     from tombo_propeller.reproduce.reproduction import reproduce
 
     found = reproduce()
-    page = root / "docs" / "reproduction.md"
-    _write(page, with_claims(page.read_text(encoding="utf-8"), found))
+    _fill(root / "docs" / "reproduction.md", {"claims": claims_markdown(found)})
     overview(found).savefig(root / "docs" / "reproduction.png", dpi=110)
 
 

@@ -16,8 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from tombo_benchmarks.docs.markdown import table_markdown
-from tombo_benchmarks.docs.markers import updated
+from tombo_benchmarks.docs.markdown import table_markdown, updated
 from tombo_benchmarks.px4.lockstep_flight import fly_lockstep
 from tombo_benchmarks.px4.losses import LOSSES, LossResult, fly_loss
 from tombo_benchmarks.px4.node_flight import fly_nodes_with

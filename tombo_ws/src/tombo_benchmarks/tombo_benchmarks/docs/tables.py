@@ -1,24 +1,30 @@
-"""The tables of `docs/nodes.md`: nodes and parameters, topics with publishers and subscribers.
+"""Tables of the documentation: nodes, topics, safety states, faults, effects, claims, wiring.
 
-Topics come from `tombo_bag.topics`; the rest is read from the sources of the nodes, which are
+Topics come from `tombo_bag.topics`; the rest of the nodes is read from their sources, which are
 never imported.
 """
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Protocol
 
 from tombo_bag import topics
 from tombo_bag.qos import Qos
 from tombo_bag.topics import CLOCK, DIAGNOSTICS, TOPICS, TopicSpec
-from tombo_benchmarks.docs.safety_table import safety_tables
+from tombo_benchmarks.docs.markdown import table_markdown
+from tombo_benchmarks.faults.fault_model import FAULT_TEXTS
+from tombo_control.safety.state_machine import TABLE, SafetyState
 from tombo_dynamics.core import Core
+from tombo_dynamics.effects import REGISTRY, Effect, Stage
 from tombo_dynamics.errors import InputError
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
+from tombo_propeller.reproduce.page import computed_text, headline, verdict_text
+from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction
 from tombo_sim.wiring import CORES, OPERATOR
 
 
@@ -182,28 +188,27 @@ def _value(tree: ast.AST, value: ast.expr) -> str:
 
 def node_table(nodes: list[NodeFacts]) -> str:
     """Return the table of nodes as Markdown."""
-    lines = ["| node | package | loop | sections of parameters | its own |", "|" + 5 * "---|"]
+    rows = []
     for node in nodes:
         sections = ", ".join(f"`{section}.*`" for section in node.sections)
         if "obstacle" in node.sections:
             sections += ", `effects.*`"
         own = ", ".join(f"`{name}`" for name in node.own)
-        rate = f"{node.rate_hz:g} Hz"
-        lines.append(f"| `{node.name}` | `{node.package}` | {rate} | {sections} | {own} |")
-    return "\n".join(lines) + "\n"
+        rows.append((f"`{node.name}`", f"`{node.package}`", f"{node.rate_hz:g} Hz", sections, own))
+    return table_markdown(("node", "package", "loop", "sections of parameters", "its own"), rows)
 
 
 def topic_table(nodes: list[NodeFacts]) -> str:
     """Return the table of topics as Markdown."""
-    lines = ["| topic | type | rate | QoS | from → to | what |", "|" + 6 * "---|"]
+    rows = []
     for spec in TOPICS.values():
         package, _, name = spec.typename.split("/")
         rate = f"{spec.rate_hz:g} Hz" if spec.rate_hz else "event"
-        lines.append(
-            f"| `{spec.name}` | {package}/{name} | {rate} | {_quality(spec.qos)} "
-            f"| {_flow(spec, nodes)} | {spec.doc} |"
+        flow = _flow(spec, nodes)
+        rows.append(
+            (f"`{spec.name}`", f"{package}/{name}", rate, _quality(spec.qos), flow, spec.doc)
         )
-    return "\n".join(lines) + "\n"
+    return table_markdown(("topic", "type", "rate", "QoS", "from → to", "what"), rows)
 
 
 def _quality(qos: Qos) -> str:
@@ -236,3 +241,132 @@ def tables(page: str = "nodes.md") -> dict[str, str]:
         **safety_tables(),
     }
     return {name: found[name] for name in PAGES[page]}
+
+
+def safety_tables() -> dict[str, str]:
+    """Return the tables of docs/safety.md and docs/faults.md by the names of their markers."""
+    states = [(f"`{state.name.lower()}`", state.command) for state in SafetyState]
+    transitions = [
+        (
+            f"`{row.state.name.lower()}`",
+            f"`{row.condition.name.lower()}`: {row.condition.text}",
+            f"`{row.then.name.lower()}`",
+        )
+        for row in TABLE
+    ]
+    faults = [(f"`{fault.name.lower()}`", text) for fault, text in FAULT_TEXTS.items()]
+    return {
+        "states": table_markdown(("state", "what the controller commands"), states),
+        "transitions": table_markdown(("state", "if", "then"), transitions),
+        "faults": table_markdown(("fault", "what happens"), faults),
+    }
+
+
+STAGES: dict[Stage, str] = {
+    Stage.BODY: "Once, before the flight: mass, balance, drives",
+    Stage.AIR: "Each tick: the air's motion",
+    Stage.ROTOR: "Each tick: what rotors give",
+    Stage.COMMAND: "Each tick: what drives are asked for",
+    Stage.WRENCH: "Each evaluation of the dynamics: forces on the body",
+    Stage.IMU: "Each tick: gyro and accelerometer",
+    Stage.MOCAP: "Each sample: motion capture",
+}
+"""Heading of each stage, in the order of a tick."""
+
+_HEAD = """\
+<!-- Written by `make docs ARGS=tables` from the registry. Do not edit. -->
+# Effects
+
+Deviations from the nominal model. The simulation can switch them on, the diagnosis can fit them.
+Switch one on in a scenario (`effects: {steady_wind: {east: 2.0}}`) or by
+`--set effects.steady_wind.east=2`. A parameter that is not given has its *null*
+value; with all of its parameters at null an effect adds exactly nothing. *Typical* is a size
+that clearly matters in flight.
+
+`blade_strike`, `propeller_wear` and `thrust_scatter` are filled in from the chosen propeller
+(its figures of the paper's Table III, and how well the set is matched), unless the scenario
+says otherwise.
+"""
+
+
+def effects_markdown() -> str:
+    """Return the page as Markdown: the effects by stage, with parameters and how each shows."""
+    parts = [_HEAD]
+    for stage, heading in STAGES.items():
+        found = [entry for entry in REGISTRY.values() if entry.stage is stage]
+        if found:
+            parts.append(f"## {heading}\n")
+            parts.extend(_section(entry) for entry in found)
+    return "\n".join(parts)
+
+
+def _section(entry: Effect) -> str:
+    rows = [
+        (f"`{p.name}`", p.unit, f"{p.null:g}", f"{p.bounds[0]:g} to {p.bounds[1]:g}",
+         f"{p.typical:g}", p.doc)
+        for p in entry.theta
+    ]  # fmt: skip
+    table = table_markdown(("parameter", "unit", "null", "bounds", "typical", "what"), rows)
+    lines = [f"### `{entry.name}`", entry.doc, "", f"{table}\nShows as: {entry.signature}."]
+    for other, manoeuvre in entry.separates_from.items():
+        lines.append(f"Distinguished from `{other}` by: {manoeuvre}.")
+    return "\n".join(lines) + "\n"
+
+
+def claims_markdown(r: Reproduction) -> str:
+    """Return the claims of docs/reproduction.md: a sentence, then a table for each group."""
+    parts = [f"{headline(r)}.\n"]
+    for group in GROUPS:
+        rows = [
+            [
+                cell.replace("|", "\\|")
+                for cell in (
+                    *(f"{c.claim} ({c.source})", c.paper, computed_text(c)),
+                    *(f"**{verdict_text(c)}**", c.evidence),
+                )
+            ]
+            for c in r.claims
+            if c.group == group
+        ]
+        if rows:
+            head = ("claim", "paper", "computed", "verdict", "evidence")
+            parts.append(f"### {group}\n\n{table_markdown(head, rows)}")
+    return "\n".join(parts)
+
+
+SIM = "sim"
+
+
+class CoreType(Protocol):
+    """What the picture needs of a core."""
+
+    name: str
+    inputs: tuple[str, ...]
+
+    @property
+    def outputs(self) -> Iterable[str]:
+        """Topics that it publishes."""
+
+
+def wiring_mermaid(cores: Sequence[CoreType], sensors: Iterable[str], command: str) -> str:
+    """Return the flow chart: an arrow from each publisher to each subscriber, with its topics.
+
+    Args:
+        cores: the cores of a flight.
+        sensors: topics that the simulator publishes and cores take.
+        command: the topic that the simulator takes.
+    """
+    arrows: dict[tuple[str, str], list[str]] = {}
+
+    def connect(topic: str, publisher: str, subscriber: str) -> None:
+        arrows.setdefault((publisher, subscriber), []).append(topic.removeprefix("/"))
+
+    publishers = {topic: core.name for core in cores for topic in core.outputs}
+    publishers |= {topic: SIM for topic in sensors if topic not in publishers}
+    for core in cores:
+        for topic in core.inputs:
+            if topic in publishers and publishers[topic] != core.name:
+                connect(topic, publishers[topic], core.name)
+    connect(command, publishers[command], SIM)
+    lines = [f'    {a} -- "{"<br/>".join(topics)}" --> {b}' for (a, b), topics in arrows.items()]
+    return "\n".join(["```mermaid", "flowchart LR", *lines, "```", ""])
