@@ -127,10 +127,6 @@ def test_the_default_command_is_a_launch_file():
     assert (ROOT / "tombo_ws/src/tombo_bringup/launch" / command[3]).is_file()
 
 
-def test_nodes_get_the_signal_that_ctrl_c_sends():
-    assert values("STOPSIGNAL") == ["SIGINT"]
-
-
 def test_the_image_tries_its_nodes_before_it_is_one():
     assert stages()["run"].index(("RUN", "scripts/smoke.sh")) > stages()["run"].index(
         ("USER", "tombo")

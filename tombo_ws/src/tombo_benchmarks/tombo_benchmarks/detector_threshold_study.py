@@ -22,6 +22,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tombo_bag.topics import MOCAP_POSE
+from tombo_benchmarks.docs.markdown import table_markdown
 from tombo_dynamics.arrays import Array
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_metrics import statistic_of_poses
@@ -34,7 +35,6 @@ THRESHOLDS: Array = np.round(np.geomspace(2.0, 1000.0, 82), 2)
 REQUIRED_LATENCY_S = 0.120
 _WINDOW_S = 0.5
 """A strike that has not been found by then counts as missed."""
-_SHOWN = (8.0, 13.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0, 150.0, 200.0)
 
 COLLISIONS: dict[str, tuple[str, ...]] = {
     "paper": (),
@@ -247,31 +247,6 @@ def _draw_against(axes: Axes, collisions: Outcomes, free: Outcomes, chosen: floa
     )
 
 
-def _table(collisions: Traces, free: Traces, s: Scenario) -> str:
-    lines = ["p50 / p95 / worst latency [ms], missed + early", ""]
-    holdoff = s.detector.holdoff
-    for name, watches in collisions.items():
-        lines.append(f"{name}: {len(watches)} flights")
-        for threshold in _SHOWN:
-            o = evaluate_threshold(watches, threshold, holdoff)
-            worst = o.latency_ms(100.0)
-            lines.append(
-                f"  {threshold:6g}  {o.latency_ms(50.0):5.0f} {o.latency_ms(95.0):5.0f} "
-                f"{worst:5.0f}   {o.missed} + {o.early}"
-            )
-    lines += ["", "false alarms (largest statistic in parentheses)", ""]
-    for name, watches in free.items():
-        largest = _largest(watches)
-        minutes = evaluate_threshold(watches, 1.0, holdoff).minutes
-        counts = ", ".join(
-            f"{t:g}: {evaluate_threshold(watches, t, holdoff).false_alarms}" for t in _SHOWN
-        )
-        lines.append(
-            f"{name}: {len(watches)} flights, {minutes:.0f} min ({largest:.1f})  {counts}"
-        )
-    return "\n".join(lines) + "\n"
-
-
 @dataclass(frozen=True)
 class ThresholdStudy:
     """What was flown: traces by variation, with and without an obstacle."""
@@ -321,7 +296,7 @@ def markdown(study: ThresholdStudy) -> str:
     *alarms, noisy = study.free
     groups = (f"false alarms: {names}" for names in (", ".join(alarms), noisy))
     head = ("threshold", *columns, *groups)
-    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    rows = []
     for threshold in (8.0, 13.0, 30.0, 60.0, 100.0, 150.0, 200.0):
         counts = [
             str(evaluate_threshold(traces, threshold, holdoff).false_alarms)
@@ -329,16 +304,13 @@ def markdown(study: ThresholdStudy) -> str:
         ]
         shown = f"**{threshold:g}**" if threshold == chosen else f"{threshold:g}"
         cells = [_latencies(study.collisions[name], threshold, holdoff) for name in columns]
-        row = (shown, *cells, ", ".join(counts[:-1]), counts[-1])
-        lines.append(f"| {' | '.join(row)} |")
+        rows.append((shown, *cells, ", ".join(counts[:-1]), counts[-1]))
     largest = [f"{name} {_largest(traces):.1f}" for name, traces in study.free.items()]
     minutes = evaluate_threshold(study.free["aggressive"], 1.0, holdoff).minutes
-    lines += [
-        "",
-        f"Each column of false alarms is {minutes:.0f} minutes of flight. Largest statistic "
-        f"without a contact: {', '.join(largest)}.",
-    ]
-    return "\n".join(lines) + "\n"
+    return (
+        f"{table_markdown(head, rows)}\nEach column of false alarms is {minutes:.0f} minutes of "
+        f"flight. Largest statistic without a contact: {', '.join(largest)}.\n"
+    )
 
 
 def _largest(traces: Sequence[DetectorTrace]) -> float:
@@ -361,7 +333,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--figure", type=Path, default=Path("detector_threshold.png"))
     options = parser.parse_args(arguments)
     study = run_study(options.flights)
-    sys.stdout.write(_table(study.collisions, study.free, study.scenario))
+    sys.stdout.write(markdown(study))
     draw(study, options.figure)
 
 

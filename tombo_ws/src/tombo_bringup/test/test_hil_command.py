@@ -108,30 +108,6 @@ def test_a_busy_port_is_one_line_and_2(refused):
         refused(("hil", "--port", str(link.port)), taken)
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        (["--rate", "400"], "hil.rate: 400 Hz"),
-        (["--rate", "nan"], "hil.rate: nan"),
-        (["--speed", "-1"], "--speed -1"),
-        (["--speed", "nan"], "--speed nan"),
-        (["--duration", "0"], "--duration 0"),
-        (["--mapping", "torque"], "hil.mapping: 'torque'"),
-        (["--port", "70000"], "port 70000"),
-        (["--port", "-1"], "port -1"),
-        (["--port", "x"], "'x' is not a whole number"),
-        (["--seed", "-1"], "--seed -1"),
-        (["hovr"], "did you mean 'hover'"),
-        (["--set", "vehicle.mass=-1"], "vehicle.mass"),
-        (["--mocap", "nonsense"], "link 'nonsense'"),
-        (["--mocap", "udpout://192.0.2.1:14580"], "192.0.2.1"),
-    ],
-)
-def test_bad_input_is_one_line_and_2(refused, options, says):
-    port = [] if "--port" in options else ["--port", "0"]
-    refused(("hil", *port, *options), says)
-
-
 @pytest.fixture
 def introduction(tombo) -> Callable[..., str]:
     """What the command prints before PX4 connects."""

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tombo_benchmarks.peers import __main__ as command
-from tombo_benchmarks.peers import peer_environments, peers_benchmark
+from tombo_benchmarks.peers import peer_process, peers_benchmark
 from tombo_benchmarks.peers.course import (
     CORNERS,
     SECONDS,
@@ -25,10 +25,10 @@ from tombo_benchmarks.peers.our_flights import (
     OurFlight,
     OurVehicles,
     OurWholeFlights,
+    Reading,
     flown_course,
 )
-from tombo_benchmarks.peers.peer_environments import PEERS, default_folder, peer_python
-from tombo_benchmarks.peers.peer_process import PeerProcess
+from tombo_benchmarks.peers.peer_process import PEERS, PeerProcess, default_folder, peer_python
 from tombo_benchmarks.peers.peers_benchmark import (
     CASES,
     OURS,
@@ -40,7 +40,6 @@ from tombo_benchmarks.peers.peers_benchmark import (
     ratios,
 )
 from tombo_benchmarks.peers.peers_page import peers_markdown, peers_page, spread
-from tombo_benchmarks.peers.reading import Reading
 from tombo_dynamics.errors import InputError
 
 OUR, PEER = Case("one", OURS, "fly", 1, 100), Case("one", "rotorpy", "fly", 1, 10)
@@ -144,10 +143,10 @@ def test_what_pip_says_is_passed_on(monkeypatch, tmp_path):
     def pip(command, **options):
         return subprocess.CompletedProcess(command, 1, "", "note\nERROR: no such version\n")
 
-    monkeypatch.setattr(peer_environments.venv, "create", lambda *a, **k: None)
-    monkeypatch.setattr(peer_environments.subprocess, "run", pip)
+    monkeypatch.setattr(peer_process.venv, "create", lambda *a, **k: None)
+    monkeypatch.setattr(peer_process.subprocess, "run", pip)
     with pytest.raises(InputError, match=r"rotorpy.*no such version.*accepted: .*rotorpy==3"):
-        peer_environments.make_environment(tmp_path, "rotorpy", lambda text: None)
+        peer_process.make_environment(tmp_path, "rotorpy", lambda text: None)
     assert peer_python(tmp_path, "rotorpy") is None
 
 

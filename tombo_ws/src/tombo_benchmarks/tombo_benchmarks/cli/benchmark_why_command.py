@@ -19,7 +19,7 @@ def benchmark_why(
         option(
             "--rotorpy PYTHON",
             "Fly every other crash with rotorpy: the Python of an environment that has it, such "
-            "as scripts/foreign.py makes. Default: all in the second simulator.",
+            "as `python -m tombo_benchmarks.peers` makes. Default: all in the second simulator.",
         ),
     ] = None,
     seed: Seed = 0,

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.console import Console
 
 from tombo_benchmarks.docs.markdown import updated
-from tombo_benchmarks.peers.peer_environments import default_folder
+from tombo_benchmarks.peers.peer_process import default_folder
 from tombo_benchmarks.peers.peers_benchmark import measure
 from tombo_benchmarks.peers.peers_page import peers_markdown, peers_page
 from tombo_bringup.cli.tables import show_page

@@ -6,14 +6,13 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from tombo_benchmarks.peers.course import course_legs, course_scenario, hover_speed, starts
-from tombo_benchmarks.peers.reading import Reading
 from tombo_benchmarks.speed.kernel_flight import (
     KernelFlight,
     fly_vehicles,
@@ -36,6 +35,26 @@ _WHOLE = (
     "obstacle.x=1.0166", "duration=20.0",
 )  # fmt: skip
 """The paper's flight, its obstacle so near that it is met after some 3.5 s."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Steps of vehicles, and the time that they took."""
+
+    steps: int
+    wall_s: float
+    processor_s: float
+    """Of all threads."""
+
+    @property
+    def per_processor_s(self) -> float:
+        """Steps in a second of a processor core."""
+        return self.steps / self.processor_s
+
+    @property
+    def per_wall_s(self) -> float:
+        """Steps in a second of wall time."""
+        return self.steps / self.wall_s
 
 
 def measured(fly: Callable[[], int]) -> Reading:

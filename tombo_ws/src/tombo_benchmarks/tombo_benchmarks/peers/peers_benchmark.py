@@ -18,11 +18,10 @@ from tombo_benchmarks.peers.our_flights import (
     OurFlight,
     OurVehicles,
     OurWholeFlights,
+    Reading,
     flown_course,
 )
-from tombo_benchmarks.peers.peer_environments import PEERS, make_environment
-from tombo_benchmarks.peers.peer_process import PeerProcess
-from tombo_benchmarks.peers.reading import Reading
+from tombo_benchmarks.peers.peer_process import PEERS, PeerProcess, make_environment
 from tombo_dynamics.errors import InputError
 
 OURS: Final = "tombo"

@@ -7,7 +7,7 @@ from statistics import median
 from typing import Any, Final
 
 from tombo_benchmarks.docs.markdown import table_markdown
-from tombo_benchmarks.peers.peer_environments import PEERS
+from tombo_benchmarks.peers.peer_process import PEERS
 from tombo_benchmarks.peers.peers_benchmark import (
     OURS,
     REPLAYED_TICKS,

@@ -108,23 +108,3 @@ def test_an_arena_grows_from_the_lines_of_an_earlier_version(tombo, tmp_path):
     assert result["all_cases"]["bounce"]["flights"] == 3
     assert tombo(*words, "--seeds", "0:1", "--json").json["all_cases"]["bounce"]["flights"] == 1
     assert len(flights(tmp_path / "a")) == 3
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--seeds", "5"), ("--seeds 5", "A:B")),
-        (("--seeds", "0:10001"), ("--seeds 0:10001", "10000")),
-        (("--reactions", "bounce,nothing"), ("--reactions", "nothing", "reflex")),
-        (("--groups", "maps"), ("--groups", "maps", "speed_offset")),
-        (("--workers", "0"), ("--workers 0", "1 to 1024")),
-        (("-o", ""), ("-o", "no name")),
-        (("-o", "file"), ("-o file", "can't be written")),
-        (("-o", "full"), ("-o full", "not empty", "--force")),
-    ],
-)
-def test_bad_input_is_refused(refused, tmp_path, options, words):
-    (tmp_path / "file").write_text("mine")
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full" / "notes.txt").write_text("mine")
-    refused(("arena", *options), *words)

@@ -167,14 +167,6 @@ def test_alarms_are_counted_by_the_hour_and_rotors_where_one_was_named():
     assert nothing["crash_rate"] is nothing["crash_rate_95"] is None
 
 
-def test_two_modes_are_told_by_median_and_range():
-    two_modes = [0.1] * 40 + [0.6] * 60
-    flights = [flight(max_falling_distance_m=value) for value in two_modes]
-    values = aggregate(flights, 1.0)["max_falling_distance_m"]
-    assert (values["median"], values["p05"], values["p95"]) == (0.6, 0.1, 0.6)
-    assert values["mean"] == pytest.approx(0.4)
-
-
 def test_the_figure_copes_with_flights_without_a_collision():
     none = flight(**dict.fromkeys(SPREAD_METRICS) | {"duration_s": 1.0})
     campaign = {

@@ -44,14 +44,3 @@ def test_picture_and_json_are_written_and_other_files_stay(tombo, tmp_path):
     assert (tmp_path / "out" / "compare.png").read_bytes().startswith(b"\x89PNG")
     assert tombo("compare", ONE, ONE, "-o", "out").code == 0
     assert not (tmp_path / "out" / "compare.png").exists()
-
-
-def test_bad_input_exits_with_2_and_one_line(refused, tmp_path):
-    (tmp_path / "text.mcap").write_text("no recording")
-    for arguments, words in (
-        (("nothing.mcap", ONE), "can't read 'nothing.mcap'"),
-        (("text.mcap", ONE), "starts with bytes"),
-        ((ONE, ONE, "--topic", "/odometri"), "did you mean '/odometry'?"),
-        ((ONE, ONE, "-o", ""), "-o ''"),
-    ):
-        refused(("compare", *arguments), words)

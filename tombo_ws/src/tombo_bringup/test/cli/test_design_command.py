@@ -51,28 +51,6 @@ def test_nothing_feasible_says_what_must_give(tombo, few_candidates):
     assert not result.err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("--mass", "nan"), "--mass: nan"),
-        (("--mass", "1300"), "--mass: 1300"),
-        (("--mass", "1.3", "--frame", "24"), "--frame 24"),
-        (("--mass", "1.3", "--law", "published"), "six fibres"),
-        (("--mass", "1.3", "--blade", "ten_inch"), "unknown blade"),
-        (("--mass", "1.3", "--library", "nowhere"), "--library nowhere"),
-        (("--mass", "1.3", "--flights", "-1"), "--flights -1"),
-        (("--mass", "1.3", "-o", " "), "-o ' '"),
-        (("--mass", "heavy"), "'--mass': 'heavy'"),
-        (("--mass", "heavy"), "accepted: a number from 0.2 to 10 [kg]"),
-        (("--mass", "1", "--max-noise", "low"), "accepted: a number from 1 to 200 [dB]"),
-        (("--mass", "1", "--flights", "few"), "accepted: a whole number from 0 to 200"),
-        ((), "--mass"),
-    ],
-)
-def test_bad_input_is_one_line(refused, arguments, words):
-    refused(("propeller", "design", *arguments), words)
-
-
 def test_a_broken_library_is_one_line_and_leaves_no_folder(refused, tmp_path):
     (tmp_path / "own").mkdir()
     (tmp_path / "own" / "materials.yaml").write_text("matrices: {A: {poisson_ratio: 2}}")

@@ -130,28 +130,3 @@ def test_ctrl_c_leaves_nothing_and_130(tombo, monkeypatch, tmp_path):
     assert result.code == 130
     assert result.err == "Error: interrupted\n"
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("nowhere.mcap",), ("nowhere.mcap", "does not exist", "accepted")),
-        (("empty.mcap",), ("empty.mcap",)),
-        (("noise.csv",), ("noise.csv",)),
-        (("noise.ulg",), ("noise.ulg",)),
-        (("a.mcap", "--map", "pose"), ("--map pose", "TOPIC:=NAME")),
-        (("a.mcap", "--map", "/a=/b", "--map", "/a=/c"), ("/a", "twice")),
-        (("a.mcap", "--mapping", "no_such_mapping"), ("no_such_mapping",)),
-        (("a.mcap", "--model", "no_model.yaml"), ("no_model.yaml",)),
-        (("a.mcap", "--model", "m.yaml", "--healthy", "b.mcap"), ("--model and --healthy",)),
-        (("--healthy", "a.mcap", "b.mcap"), ("LOG",)),
-        (("a.mcap", "-o", ""), ("-o ''", "accepted")),
-        (("a.mcap", "-o", "empty.mcap"), ("empty.mcap", "it is a file")),
-        ((), ("LOG",)),
-    ],
-)
-def test_bad_input_is_one_line_and_nothing_is_written(refused, tmp_path, arguments, words):
-    (tmp_path / "empty.mcap").write_bytes(b"")
-    for name in ("noise.csv", "noise.ulg"):
-        (tmp_path / name).write_bytes(bytes(range(256)) * 4)
-    refused(("diagnose", *arguments), *words)

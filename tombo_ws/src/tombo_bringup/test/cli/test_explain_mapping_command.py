@@ -31,19 +31,3 @@ def test_a_file_is_replaced_only_if_asked(tombo, tmp_path):
     assert (tmp_path / "m.yaml").read_text() == "mine"
     assert tombo("diagnose", "--explain-mapping", "cf.csv", "-o", "m.yaml", "--force").code == 0
     assert "channels:" in (tmp_path / "m.yaml").read_text()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("a.csv", "b.csv"), ("2 logs", "accepted: one")),
-        (("nowhere.csv",), ("nowhere.csv", "does not exist")),
-        (("words.csv",), ("words.csv", "no column of numbers")),
-        (("words.csv", "-o", "folder"), ("folder", "is a folder")),
-        (("words.csv", "-o", ""), ("-o ''",)),
-    ],
-)
-def test_bad_input_is_one_line(refused, tmp_path, arguments, words):
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "words.csv").write_text("name,kind\nfoo,bar\n")
-    refused(("diagnose", "--explain-mapping", *arguments), *words)

@@ -234,22 +234,6 @@ def test_ctrl_c_before_anything_is_recorded_leaves_nothing(fly, tmp_path):
     assert names(tmp_path) == set()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (("--speed", "2"), "--speed 2: accepted: with --nodes only"),
-        (("--domain", "3"), "--domain 3: accepted: with --nodes or --px4 only"),
-        (("--nodes", "--seeds", "0:3"), "--nodes: accepted: without --seeds and --no-record"),
-        (("--nodes", "--no-record"), "--nodes: accepted: without --seeds and --no-record"),
-        (("--nodes", "--speed", "-1"), "speed -1: out of bounds"),
-        (("--nodes", "--speed", "0"), "speed 0: out of bounds"),
-        (("--nodes", "--domain", "-1"), "domain -1: out of bounds"),
-    ],
-)
-def test_what_does_not_go_together_is_refused(refused, arguments, complaint):
-    refused(("fly", *SHORT, *arguments), complaint)
-
-
 def state(t_s: float, height_m: float, phase: int | None) -> dict[str, Any]:
     stamp_ns = 1_790_000_000 * SECOND_NS + round(t_s * SECOND_NS)
     return {"stamp_ns": stamp_ns, "height_m": height_m, "upright": 1.0, "phase": phase}

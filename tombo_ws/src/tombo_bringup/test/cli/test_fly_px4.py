@@ -43,47 +43,6 @@ def test_the_url_may_be_left_out(words: str, wanted: str):
     assert expand_url_option(words.split()) == wanted.split()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (("--px4", "--nodes"), "--px4: accepted: without --nodes, --seeds and --no-record"),
-        (("--px4", "--seeds", "0:3"), "--px4: accepted: without --nodes"),
-        (("--px4", "--no-record"), "--px4: accepted: without --nodes"),
-        (("--px4", "--speed", "0.5"), "--speed 0.5: accepted: without --px4, which is in real"),
-        (("--px4", ""), "link '' is no URL of a link"),
-        (("--px4", "/dev/ttyUSB0"), "is no URL of a link; accepted: udpin://HOST:PORT"),
-        (("--px4", "udpin:0.0.0.0:14540", "--yes"), "--bridge link.allow_remote=true"),
-        (("--px4", "serial:///dev/null:57600", "--yes"), "can't open it (inappropriate ioctl"),
-        (
-            ("--px4", "--bridge", "px4_parameters=[EKF2_EV_CTRL]"),
-            "accepted: safe, or NAME=VALUE as EKF2",
-        ),
-        (("--px4", "--bridge", "px4_parameters=3"), "px4_parameters: 3 is no list"),
-        (("--px4", "--bridge", "px4_parameters=[EKF2_EV_CTLR=11]"), "did you mean 'EKF2_EV_CTRL'"),
-        (
-            ("--px4", "udp:127.0.0.1:14540", "--yes", "--bridge", "px4.axes_evidence=simulated"),
-            "accepted: without a URL",
-        ),
-        (("--yes",), "--yes and --bridge: accepted: with --px4 only"),
-        (("--bridge", "px4.setpoint=rates"), "--yes and --bridge: accepted: with --px4 only"),
-        (("--px4", "nowhere://", "--yes"), "'nowhere://' is no URL of a link"),
-        (("--px4", "udpin://192.168.1.20:14540", "--yes"), "not to this machine"),
-        (("--px4", "udpin://127.0.0.1:14540"), "accepted: with --yes, or on a terminal"),
-        (("--px4", "--bridge", "px4.setpont=rates"), "did you mean 'setpoint'"),
-        (("--px4", "--bridge", "px4.setpoint=throttle"), "unknown value of px4.setpoint"),
-        (("--px4", "--bridge", "px4.stream_rate=0"), "px4.stream_rate: 0 is out of bounds"),
-        (("--px4", "--bridge", "pix4.setpoint=rates"), "unknown section of --bridge"),
-        (("--px4", "--bridge", "link.url=a"), "accepted: the URL behind --px4"),
-        (("--px4", "--bridge", "link.allow_remote=1"), "accepted: true or false"),
-        (("--px4", "--bridge", "link=3"), "accepted: a parameter of link"),
-        (("--px4", "--bridge", "link.key_file=/no/such"), "can't be read (no such file"),
-        (("--px4", "--bridge", "setpoint"), "--bridge 'setpoint': expected key=value"),
-    ],
-)
-def test_what_does_not_go_together_is_refused(refused, arguments, complaint):
-    refused(("fly", "hover", *arguments), complaint)
-
-
 def test_an_armed_vehicle_is_left_alone(tombo, tmp_path):
     with speaking(1, armed=True) as url:
         result = tombo("fly", "hover", "--px4", url, "--yes")
@@ -219,16 +178,3 @@ def test_without_its_bridge_there_is_no_flight(fly, tmp_path):
     assert result.code == 2
     assert "px4_bridge has ended, exit code 1: Error: parameter" in result.err
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (("--px4", "--speed", "2"), "--speed 2: accepted: without --px4, which is in real time"),
-        (("--yes",), "--yes and --bridge: accepted: with --px4 only"),
-        (("--px4", "udpin://127.0.0.1:14540"), "accepted: with --yes, or on a terminal"),
-        (("--px4", "--without", "controller"), "unknown node 'controller'"),
-    ],
-)
-def test_up_takes_and_refuses_the_same(refused, arguments, complaint):
-    refused(("up", "hover", *arguments), complaint)

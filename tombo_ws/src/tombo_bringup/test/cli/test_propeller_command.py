@@ -69,28 +69,6 @@ def test_moduli(tombo) -> None:
     assert "26 of 26" in table.out
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--conf", "14"], "unknown configuration 14"),
-        (["--law", "fixed"], "unknown law 'fixed'"),
-        (["--rpm", "nan"], "--rpm nan"),
-        (["--rpm", "-100:2000:100"], "--rpm -100:2000:100"),
-        (["--rpm", "1000:20000:100"], "18000 rpm"),
-        (["--rpm", "2000:1000:100"], "2000:1000:100: A is above B"),
-        (["--rpm", "1000:2000:0"], "1000:2000:0: STEP is not above 0"),
-        (["--rpm", "1:2:3:4"], "--rpm 1:2:3:4"),
-        (["--rpm", "0:18000:0.0001"], "100000"),
-        (["--conf", "1", "--rpm", "9000"], "9000 rpm) is outside the validity"),
-        (["-o", "nowhere/picture.png"], "no folder"),
-        (["-o", "picture.docx"], "accepted: .png"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_code_2(refused, arguments: list[str], message: str):
-    refused(("propeller", *arguments, "--json"), message, "accepted")
-
-
 def test_own_library(tombo, refused, tmp_path: Path) -> None:
     row = "conf: 20, name: mine, blade: nine_inch, matrix: DragonSkin30, fibre: tendon, fibres: 5"
     own = tmp_path / "own"

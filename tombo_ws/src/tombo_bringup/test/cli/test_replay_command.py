@@ -93,39 +93,6 @@ def test_a_truncated_recording_is_replayed_and_the_damage_reported(tombo, tmp_pa
     assert "nothing to replay" in stump.err and "damage: " in stump.err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["none.mcap"], ["none.mcap", "No such file", "accepted: an MCAP file"]),
-        (["."], ["'.' holds no recording", "accepted"]),
-        ([STRIKE, "--map", "pose"], ["--map pose", "TOPIC:=NAME"]),
-        ([STRIKE, "--map", "/pose:=/mocap/pose"], ["'/pose'", "accepted: /collision_event"]),
-        ([STRIKE, "--map", "/mocap/pose:=/pose"], ["unknown topic in --map", "accepted"]),
-        (
-            [STRIKE, "--map", "/mocap/pose:=/odometry", "--map", "/mocap/pose:=/mocap/pose"],
-            ["given twice"],
-        ),
-        (
-            [STRIKE, "--map", "/mocap/pose:=/odometry", "--map", "/collision_event:=/odometry"],
-            ["two topics under one name"],
-        ),
-        ([STRIKE, "--node", "detect"], ["'detect'", "did you mean 'detector'"]),
-        ([STRIKE, "--node", "mission"], ["nothing to replay", "no /odometry"]),
-        ([STRIKE, "--set", "detector.treshold=5"], ["treshold", "did you mean 'threshold'"]),
-        ([STRIKE, "--scenario", "mine.yaml"], ["mine.yaml", "does not exist"]),
-        ([STRIKE, "--tolerance", "place=1"], ["'place'", "accepted: command_rad_s"]),
-        ([STRIKE, "--tolerance", "x_c_m=far"], ["x_c_m=far", "no number"]),
-        ([STRIKE, "--tolerance", "x_c_m=nan"], ["x_c_m=nan", "0 and above"]),
-        ([STRIKE, "--shift-stamps", "inf"], ["--shift-stamps inf"]),
-        ([STRIKE, "--speed", "2"], ["--speed 2", "--dds"]),
-        ([STRIKE, "--dds", "--speed", "nan"], ["--speed nan", "0.05 to 20"]),
-        ([STRIKE, "-o", STRIKE], ["it is a file"]),
-    ],
-)
-def test_bad_input_is_one_line_and_leaves_nothing(refused, arguments, words):
-    refused(("replay", *arguments), *words)
-
-
 def test_a_text_file_and_an_empty_one_are_refused(refused, tmp_path):
     (tmp_path / "poses.csv").write_text("t,x,y,z\n")
     (tmp_path / "empty.bag").write_bytes(b"")

@@ -25,22 +25,3 @@ def test_a_risk_leaves_page_table_and_answer(tombo, tmp_path):
     assert "100 of 200 flights are there" in checked.out + checked.err
     assert "The two agree" in checked.out
     assert "No crash was found in 100" in (folder / "risk.html").read_text()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("--given", "vehicle.mas~Normal(1,2)"), ("did you mean 'vehicle.mass'",)),
-        (("--given", "vehicle.mass=1.3"), ("vehicle.mass=1.3", "accepted")),
-        (("--given", "vehicle.mass~Normal(0,1)"), ("vehicle.mass", "bounds")),
-        (("--given", "vehicle.mass", "--given", "vehicle.mass"), ("given twice",)),
-        (("--flights", "5"), ("--flights 5", "100")),
-        (("--check", "5"), ("--check 5", "100")),
-        (("--method", "magic"), ("--method", "adaptive")),
-        (("--workers", "0"), ("--workers",)),
-        (("--seed", "-1"), ("--seed -1",)),
-        (("-o", ""), ("-o", "accepted")),
-    ],
-)
-def test_bad_input_is_one_line_and_leaves_nothing(refused, arguments, words):
-    refused(("risk", "hover", *arguments), *words)

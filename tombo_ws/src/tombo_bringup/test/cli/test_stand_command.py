@@ -142,26 +142,6 @@ def test_a_stop_signal_ends_it_with_nothing_written(run, tmp_path, monkeypatch):
     assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        ((), "STAND.csv or --table3"),
-        (("absent.csv",), "can't read"),
-        (("absent.csv", "--conf", "99"), "unknown configuration"),
-        (("--table3", "--conf", "5"), "--conf has no effect with --table3"),
-        (("--table3", "--plain"), "--plain has no effect with --table3"),
-        (("a.csv", "--plain", "--law", "repaired"), "--law has no effect with --plain"),
-        (("a.csv", "--plain", "--conf", "13"), "--conf has no effect with --plain"),
-        (("absent.csv", "--mapping", "/tmp"), "is a folder"),
-        (("--table3", "--model", "/tmp"), "can't be read: Is a directory; accepted"),
-        (("--table3", "--law", "newton"), "law"),
-        (("--table3", "--model", "absent.yaml"), "can't be read"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_code_2(refused, arguments, text):
-    refused(("propeller", "diagnose", *arguments), text)
-
-
 def test_a_folder_with_other_things_is_left_alone(refused, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out/thesis.txt").write_text("mine")

@@ -30,25 +30,6 @@ def test_a_sweep_leaves_table_page_and_what_was_flown(tombo, tmp_path):
     assert json.loads((folder / "sweep.json").read_text())["outcome"] == "0 of 12 crashed"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("vehicle.mass=1.1:1.7",), ("vehicle.mass", "no step", "accepted")),
-        (("vehicle.mas=1:2:1",), ("did you mean 'mass'",)),
-        (("vehicle.mass=1,-1",), ("vehicle.mass", "-1", "0.01")),
-        (("vehicle.mass=1:2", "--design", "lhs"), ("--samples",)),
-        (("vehicle.mass=1:2", "--design", "grid"), ("--design", "sobol")),
-        (("--seeds", "5:5"), ("--seeds", "accepted")),
-        (("--workers", "0"), ("--workers",)),
-        (("--workers", "1", "--scheduler", "tcp://127.0.0.1:1"), ("--workers", "--scheduler")),
-        (("--reaction", "bounze"), ("did you mean 'bounce'",)),
-        (("-o", ""), ("-o", "accepted")),
-    ],
-)
-def test_bad_input_is_one_line_and_leaves_nothing(refused, arguments, words):
-    refused(("sweep", "hover", *arguments), *words)
-
-
 @pytest.mark.parametrize("given", ["vehicle={mass: 1,4}", "mission={height: 2,5}"])
 def test_a_decimal_comma_in_a_mapping_gets_a_hint(refused, given):
     refused(("fly", "hover", "--set", given), given.partition("=")[0], "decimal point")

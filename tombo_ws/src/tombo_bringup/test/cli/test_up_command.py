@@ -245,24 +245,3 @@ def test_keys_ask_the_mission_and_a_kill_takes_two_strokes(marked):
     shown("stopped; files in out")
     read_terminal(terminal)
     assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (("--without", "detect"), "unknown node 'detect' (did you mean 'detector'?)"),
-        (("--params", "nowhere.yaml"), "parameter file 'nowhere.yaml': no such file"),
-        (("--speed", "0"), "speed 0: out of bounds; accepted: a number from 0.01"),
-        (("--speed", "nan"), "speed nan: out of bounds"),
-        (("--domain", "233"), "domain 233: out of bounds; accepted: a whole number from 0 to 232"),
-        (("--duration", "-1"), "--duration -1: out of bounds; accepted: a number above 0"),
-        (("--duration", "nan"), "--duration nan: out of bounds"),
-        (("-o", "full"), "folder 'full': not empty; accepted: a folder, new or empty"),
-        (("--set", "vehicle.mas=1"), "unknown key in vehicle 'mas' (did you mean 'mass'?)"),
-        (("--seed", "-1"), "--seed -1: out of bounds"),
-    ],
-)
-def test_bad_input_is_one_line_and_starts_nothing(refused, tmp_path, arguments, complaint):
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full" / "a").touch()
-    refused(("up", *arguments), complaint)

@@ -61,24 +61,6 @@ def test_what_is_not_given_is_asked(tombo, monkeypatch):
     assert shown["propeller"]["on_impact"] == "breaks"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("mine.yaml", "--name", "x"), ("--mass", "missing")),
-        (("mine.txt", *NEW), (".yaml",)),
-        (("mine.yaml", *NEW, "--conf", "13"), ("--k-thrust", "--conf")),
-        (("mine.yaml", *NEW[:6], "--conf", "13", "--radius", "0.1"), ("--radius", "--k-thrust")),
-        (("mine.yaml", *NEW, "--on-impact", "melts"), ("on_impact", "melts")),
-        (("mine.yaml", *NEW[:2], "--mass", "nan", *NEW[4:]), ("vehicle.mass", "nan")),
-        (("mine.yaml", *NEW[:2], "--mass", "9", *NEW[4:], "--set", "vehicle.rotor_speed_max=600"),
-         ("k_thrust", "at most")),
-    ],
-)  # fmt: skip
-def test_what_can_not_fly_is_not_written(refused, monkeypatch, arguments, words):
-    monkeypatch.setattr("sys.stdin", io.StringIO(""))
-    refused(("vehicle", "new", *arguments), *words)
-
-
 def test_a_file_is_replaced_by_force_only(tombo, refused, tmp_path):
     (tmp_path / "mine.yaml").write_text("precious")
     refused(("vehicle", "new", "mine.yaml", *NEW), "exists", "--force")
@@ -110,26 +92,6 @@ def test_flights_are_held_against_the_vehicle_and_its_tolerances(tombo, tmp_path
     (tmp_path / "guess.yaml").write_text(text.replace("tolerance: 0.005", "tolerance: 0.15"))
     guessed = tombo("diagnose", *logs, "--vehicle", "guess.yaml", "--json").json
     assert guessed["verdict"] == "none"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (("nothing.mcap", "-o", "v.yaml"), "nothing.mcap"),
-        (("nothing.mcap", "-o", "v.txt"), "a file that ends with .yaml"),
-        (("nothing.mcap", "-o", "there.yaml"), "another name, or --force"),
-        (("nothing.mcap", "-o", "v.yaml", "--mass", "nan"), "--mass"),
-        (("nothing.mcap",), "-o"),
-    ],
-)
-def test_a_fit_from_bad_input_is_refused_and_writes_nothing(
-    refused, tmp_path, monkeypatch, arguments, says
-):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "there.yaml").write_text("mine")
-    refused(("vehicle", "from-flights", *arguments), says)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["there.yaml"]
-    assert (tmp_path / "there.yaml").read_text() == "mine"
 
 
 @pytest.mark.slow
