@@ -82,6 +82,10 @@ _ALSO: Final = {"cut_m3_one_tip_1mm": {"propeller_unbalance.rear_left"}}
 _FIRST_DAY, _SECOND_DAY = (1, 2, 3), (4, 5)
 _OSCILLATING: Final = (22, 30, 45, 76, 113, 119, 146, 149, 179)
 _FLIP: Final = 28
+_UPGRADED, _STANDARD, _LOADED = (103, 111, 126, 137), (148, 156, 160, 178), 184
+"""Flights with motors stronger than the firmware believes, with standard ones, with a load of 5 g
+on a thread."""
+_ALL_ROTORS: Final = frozenset({"mass_error", "thrust_coefficient_error"})
 _GARAGE: Final[Mapping[str, tuple[str, frozenset[str], frozenset[str]]]] = {
     "ok": (NOTHING, frozenset(), frozenset()),
     "no_takeoff": (NOTHING, frozenset(), frozenset({"unknown"})),
@@ -188,6 +192,7 @@ def _crazypad(folder: Path) -> list[Trial]:
 
 def _crazyswarm2(folder: Path) -> list[Trial]:
     rows = []
+    mapping = DATA_SETS["crazyswarm2"].mapping
     for path in _paths(folder, ["crazyswarm2/log*.csv.gz"]):
         digits = "".join(c for c in Path(path).name.split(".")[0] if c.isdigit())
         number = int(digits)
@@ -199,9 +204,33 @@ def _crazyswarm2(folder: Path) -> list[Trial]:
         elif number == _FLIP:
             done, truth = f"flight {number}: integral gain 0, flips from 6.6 s on", "flip"
             right = frozenset({"oscillation"})
-        mapping = DATA_SETS["crazyswarm2"].mapping
         rows.append(Trial("crazyswarm2", "why", (path,), mapping, done, truth, right))
-    return sorted(rows, key=lambda t: int(t.done.split(":")[0].split()[1]))
+    rows.sort(key=lambda t: int(t.done.split(":")[0].split()[1]))
+
+    def logs(*numbers: int) -> tuple[str, ...]:
+        return _paths(folder, [f"crazyswarm2/log{number}.csv.gz" for number in numbers])
+
+    rows.append(
+        Trial(
+            "crazyswarm2", "plain", logs(_LOADED), mapping,
+            f"flight {_LOADED}: a load of 5 g on a thread", _HANGING, frozenset({_HANGING}),
+        )
+    )  # fmt: skip
+    for new, old, motors in (
+        (_STANDARD[:2], _UPGRADED, "weaker"), (_UPGRADED, _STANDARD[:2], "stronger"),
+        (_STANDARD[2:], _STANDARD[:2], ""), (_UPGRADED[2:], _UPGRADED[:2], ""),
+    ):  # fmt: skip
+        names = [" ".join(map(str, numbers)) for numbers in (new, old)]
+        done = f"{motors} motors" if motors else "nothing"
+        rows.append(
+            Trial(
+                "crazyswarm2", "healthy", logs(*new), mapping,
+                f"{done}: flights {names[0]} against {names[1]}",
+                "thrust of all rotors" if motors else NOTHING,
+                _ALL_ROTORS if motors else frozenset(), logs(*old),
+            )
+        )  # fmt: skip
+    return [t for t in rows if t.logs and (t.healthy or t.way != "healthy")]
 
 
 def _air_garage(folder: Path) -> list[Trial]:

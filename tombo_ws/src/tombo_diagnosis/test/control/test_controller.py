@@ -4,17 +4,26 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
+from tombo_bag.flight import Airframe, Series
+from tombo_diagnosis.change.diagnose import diagnose_change
+from tombo_diagnosis.change.features import MODES
+from tombo_diagnosis.control.actuators import with_asked_rotors
 from tombo_diagnosis.control.controller import cascade_gains, controller_report
 from tombo_diagnosis.control.signals import DrivePlant
 from tombo_diagnosis.crash.reason import why
+from tombo_diagnosis.flight.diagnose import diagnose
 from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_dynamics.yaml_text import read_yaml
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
+from tombo_logs.checks import check_log
 from tombo_logs.readers.csv_mapping import load_mapping
 from tombo_logs.readers.log_reader import read_log
+from tombo_logs.readers.vehicle_airframe import vehicle_of
 
 DATA = Path(__file__).parents[6] / "shared" / "data" / "crazyswarm2"
 MAPPING = Path(__file__).parents[5] / "examples" / "crazyswarm2.yaml"
@@ -78,6 +87,52 @@ def test_an_oscillation_has_its_loop(settings, loop):
     assert swing.loop == loop and 1.0 < swing.hertz < 3.0
 
 
+@pytest.mark.parametrize("lost", [0.0, 0.25])
+def test_actuators_that_give_less_than_is_asked_for_are_told(lost):
+    settings = [f"effects.thrust_coefficient_error.fraction={-lost}"]
+    scenario = load_scenario("no_obstacle", settings)
+    flight = as_foreign(fly_scenario(scenario, 3))
+    found = controller_report([flight], None)
+    (gain,) = [g for g in found.gains if g.loop == "actuators"]
+    assert gain.value == pytest.approx(1.0 - lost, abs=0.03)
+    assert gain.low < 1.0 - lost < gain.high
+    assert ("actuators are weaker" in found.summary) == bool(lost)
+
+
+def test_set_points_say_what_each_rotor_is_asked_for():
+    """Torque of the motion itself and the collective give the thrust of each rotor, as it was."""
+    flight = as_foreign(fly_scenario(load_scenario("no_obstacle"), 3))
+    assert with_asked_rotors(flight) is flight, "it has commands of its own"
+    without = flight.with_series(
+        {n: s for n, s in flight.series.items() if n not in ("rotor_command", "rotor_speed")}
+    )
+    asked = with_asked_rotors(without).series["rotor_command"]
+    air = (asked.t > 3.0) & (asked.t < asked.t[-1] - 1.0)
+    truth = flight.log["rotor_thrust"][np.searchsorted(flight.t, asked.t[air])]
+    wanted = asked.values[air] ** 2
+    step = asked.t[1] - asked.t[0]
+    for roll_or_pitch in MODES[1:3]:  # moments that are no thrust's are quicker than 20 ms
+        true, estimate = (
+            gaussian_filter1d(x @ roll_or_pitch, 0.02 / step) for x in (truth, wanted)
+        )
+        assert np.corrcoef(true, estimate)[0, 1] > 0.8
+        scale = truth.mean() / wanted.mean()
+        assert scale * np.std(estimate) == pytest.approx(np.std(true), rel=0.25)
+
+
+def as_foreign(flight):
+    """Return a simulated flight as a log of a vehicle of which mass and arms are known."""
+    vehicle = plant().vehicle
+    frame = Airframe("S500", vehicle.mass, vehicle.arm_length, vehicle.rotor_radius)
+    inertia = np.diag([vehicle.inertia_xx, vehicle.inertia_yy, vehicle.inertia_zz])
+    rates = flight.log["rates"]
+    momentum = rates @ inertia
+    torque = np.gradient(momentum, flight.t, axis=0) + np.cross(rates, momentum)
+    return replace(flight, airframe=frame).with_series(
+        {**flight.series, "torque_setpoint": Series(flight.t, torque)}
+    )
+
+
 def test_a_log_without_set_points_says_that_nothing_is_known():
     flight = fly_scenario(load_scenario("no_obstacle"), 3)
     assert controller_report([flight.with_series(flight.series)], plant()).gains
@@ -124,6 +179,43 @@ def test_real_oscillations_are_told_from_other_flights():
         for n in numbers()
     ]
     assert sum(right) >= 0.9 * len(right)
+
+
+UPGRADED, STANDARD, LOADED = (103, 111, 126, 137), (148, 156, 160, 178), (184, 201, 203, 205)
+
+
+@real
+@pytest.mark.parametrize(
+    ("numbers", "said"),
+    [(UPGRADED, "stronger"), (STANDARD, ""), (LOADED, "the vehicle weighs more")],
+)
+def test_real_actuators_that_are_others_than_believed_are_told(numbers, said):
+    for number in numbers:
+        summary = controller_report([flight(number)], None).summary
+        assert said in summary if said else "rotors give" not in summary
+
+
+@real
+def test_stronger_motors_are_told_without_commands_of_rotors():
+    def changed(new, old):
+        logs = [[check_log(flight(n)) for n in numbers] for numbers in (new, old)]
+        nominal = nominal_model(vehicle=vehicle_of(logs[0][0].airframe))
+        return diagnose_change(*logs, nominal)[0]
+
+    found = changed(STANDARD[:2], UPGRADED)
+    assert "mass_error" in found.set  # which no log tells from thrust of all rotors
+    assert changed(STANDARD[2:], STANDARD[:2]).verdict == "none"
+    assert changed(UPGRADED[3:], UPGRADED[:3]).verdict == "none"
+
+
+@real
+def test_a_real_load_on_a_thread_is_named_with_its_grams():
+    """About 5 g, its authors write; 5.3 g by force across the thread, without a model."""
+    found = diagnose([check_log(flight(184))], nominal_model())
+    (load,) = [c for c in found.causes if c.effect == "hanging_load"]
+    (mass,) = [f for f in load.theta if f.name == "mass"]
+    assert mass.low < 0.0053 < mass.high
+    assert 0.004 < mass.value < 0.006
 
 
 @real

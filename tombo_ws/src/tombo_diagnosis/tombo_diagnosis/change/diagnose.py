@@ -34,6 +34,7 @@ from tombo_diagnosis.change.likelihood import LEARNT, Widths
 from tombo_diagnosis.change.sessions import healthy_sessions
 from tombo_diagnosis.change.signatures import CENTRE, MASS, UNBALANCE, WEAK_PROPELLER, candidates
 from tombo_diagnosis.change.verdict import ChangeVerdict, judge_change, notes, summary
+from tombo_diagnosis.control.actuators import with_asked_rotors
 from tombo_diagnosis.control.controller import ControllerReport, controller_report, with_controller
 from tombo_diagnosis.diagnosis import Change, Detectable, Diagnosis, FlightSummary, Score
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, fit_drive_curve
@@ -221,7 +222,7 @@ def _usable(logs: Sequence[Flight]) -> tuple[list[AirborneFlight], list[Finding]
     usable, refused = [], []
     for log in logs:
         try:
-            usable.append(airborne(log))
+            usable.append(airborne(with_asked_rotors(log)))
         except InputError as error:
             refused.append(Finding("refused", "fault", log.name, str(error)))
     if not usable:

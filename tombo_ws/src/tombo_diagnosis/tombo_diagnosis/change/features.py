@@ -115,7 +115,8 @@ def airborne(log: Flight) -> AirborneFlight:
         why = why_left_out(log.findings, ("position", *DRIVES))
         raise InputError(
             f"flight '{log.name}': usable channels are {', '.join(series)}{why}; needed to say "
-            f"what has changed: position, and one of {', '.join(DRIVES)}"
+            f"what has changed: position, and one of {', '.join(DRIVES)}; or, with an airframe, "
+            "thrust_setpoint and torque_setpoint"
         )
     position = series["position"]
     apart = [(b, e) for b, e in merged(log.exclude) if e - b > _BRIDGED_S]

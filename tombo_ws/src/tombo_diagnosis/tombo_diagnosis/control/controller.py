@@ -10,6 +10,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from tombo_bag.flight import Flight
+from tombo_diagnosis.control.actuators import ACTUATORS, AS_ASKED, thrust_gain
 from tombo_diagnosis.control.gains import LoopFit, LoopGain, loop_fits
 from tombo_diagnosis.control.oscillation import Oscillation, oscillation
 from tombo_diagnosis.control.signals import DrivePlant, control_signals
@@ -34,6 +35,20 @@ class GainChange:
             f"{self.gain.high:.3g}) {self.gain.unit}, not {self.expected.value:.3g}"
         )
 
+    @property
+    def actuator_text(self) -> str:
+        """A sentence, where it is thrust given over thrust asked for."""
+        value, low, high = (
+            v / self.expected.value for v in (self.gain.value, self.gain.low, self.gain.high)
+        )
+        what = "stronger" if value > 1.0 else "weaker"
+        weight = "less" if value > 1.0 else "more"
+        return (
+            f"The rotors give {value:.2f} ({low:.2f} to {high:.2f}) times the thrust that is "
+            f"asked for: the actuators are {what} than believed, or the vehicle weighs {weight}, "
+            f"{1.0 / value:.2f} times what is believed."
+        )
+
 
 @dataclass(frozen=True)
 class ControllerReport:
@@ -53,9 +68,11 @@ class ControllerReport:
     def summary(self) -> str:
         """In a sentence or two; empty if nothing is wrong."""
         said = [f"In {flight} {swing.text}." for flight, swing in self.oscillations]
-        if self.changed:
-            differing = "; ".join(c.text for c in self.changed[:3])
-            more = len(self.changed) - 3
+        said += [c.actuator_text for c in self.changed if c.gain.loop == ACTUATORS]
+        loops = [c for c in self.changed if c.gain.loop != ACTUATORS]
+        if loops:
+            differing = "; ".join(c.text for c in loops[:3])
+            more = len(loops) - 3
             rest = f"; and {more} more" if more > 0 else ""
             said.append(f"The controller is another than {self.compared_with}: {differing}{rest}.")
         return " ".join(said)
@@ -84,17 +101,19 @@ def controller_report(
     if not seen:
         return None
     fits = [loop_fits(s) for _, s in seen]
-    gains, unknown = pooled_gains([fit for each in fits for fit in each])
+    given = [fit for f, s in seen if (fit := thrust_gain(f, s)) is not None]
+    gains, unknown = pooled_gains([fit for each in (*fits, given) for fit in each])
     if not any(fits):
         unknown = ["no set points of attitude or rates: loops are not known"]
     swings = [(f.name, o) for f, s in seen if (o := oscillation(s)) is not None]
-    known = {g.label: g for g in expected}
+    known = {g.label: g for g in (AS_ASKED, *expected)}
     changed = tuple(
         GainChange(g, known[g.label])
         for g in gains
         if g.label in known and known[g.label].unit == g.unit and _differ(g, known[g.label])
     )
-    stated = compared_with if any(g.label in known for g in gains) else ""
+    compared = {g.label for g in expected} & {g.label for g in gains}
+    stated = compared_with if compared else ""
     return ControllerReport(tuple(gains), tuple(unknown), tuple(swings), changed, stated)
 
 

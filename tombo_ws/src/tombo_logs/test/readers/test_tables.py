@@ -230,6 +230,15 @@ def test_a_missing_column_is_named_with_the_closest_there_is(tmp_path):
         read_csv(path, "a", shipped()["generic"])
 
 
+def test_a_column_may_be_spelled_in_another_case_unless_two_fit(tmp_path):
+    mapping = f"time: {{column: t, unit: s}}\nchannels: {COLUMNS.replace('qw', 'Qw')}"
+    path = posed(tmp_path / "a.csv", P, Q, qW=np.ones(len(P)))
+    with pytest.raises(InputError, match="Qw"):
+        read(path, mapping)
+    path = posed(tmp_path / "a.csv", P, Q)
+    same_turns(read(path, mapping).series["attitude"].values, Q)
+
+
 def test_a_channel_with_part_of_its_columns_is_left_out_and_said(tmp_path):
     text = table_text(FLIGHT).replace("gyro_z", "gyro_zz", 1)
     log = read_csv(written(tmp_path / "a.csv", text), "a")

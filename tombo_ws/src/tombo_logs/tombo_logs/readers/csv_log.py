@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +50,7 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
             f"{', '.join(_INERTIAL)} will do"
         )
     there = set(table.columns)
+    mapping = _spelled_as(mapping, there)
     findings = damage_findings(name, path, table.damage)
     findings += [Finding("table", "info", name, f"{path.name}: {text}") for text in table.remarks]
     channels = {}
@@ -77,6 +79,26 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
         metadata={**_sidecar(path, mapping), **mapping.metadata},
         epoch_ns=round(zero * 1e9),
     )
+
+
+def _spelled_as(mapping: LogMapping, there: Collection[str]) -> LogMapping:
+    """Return a mapping with columns as the table spells them: upper and lower case may differ.
+
+    Versions of a firmware do so. A name that is there stays; one that fits several, too.
+    """
+    lower: dict[str, list[str]] = {}
+    for name in there:
+        lower.setdefault(name.lower(), []).append(name)
+
+    def spelled(name: str) -> str:
+        fitting = lower.get(name.lower(), [])
+        return fitting[0] if name not in there and len(fitting) == 1 else name
+
+    channels = {
+        key: replace(channel, columns=tuple(map(spelled, channel.columns)))
+        for key, channel in mapping.channels.items()
+    }
+    return replace(mapping, channels=channels)
 
 
 def _recognised(table: CsvTable) -> LogMapping:

@@ -1,0 +1,93 @@
+"""Whether rotors give the thrust that is asked for, and what each is asked for by set points."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from tombo_bag.channels import DRIVES
+from tombo_bag.flight import Airframe, Flight, Series
+from tombo_diagnosis.control.gains import LoopFit, LoopGain
+from tombo_diagnosis.control.signals import ControlSignals
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN
+from tombo_logs.checks.spans import block_means
+
+ACTUATORS: Final = "actuators"
+"""What stands for the loop of `thrust_gain`."""
+AS_ASKED: Final = LoopGain(ACTUATORS, "z", "gain", "1", 1.0, 1.0, 1.0)
+_BLOCK_S, _FEWEST = 1.0, 4
+"""Length and least number of the blocks whose scatter gives the interval."""
+_STRUCTURE: Final = 0.04
+"""Relative standard error of what no log states: a scale's, a barometer's, a falling supply's."""
+_T975: Final = 3.2
+"""Of Student's distribution with `_FEWEST` - 1 degrees of freedom."""
+_DRAG_ARM: Final = 0.2
+"""Drag torque over thrust, in radii of the rotor: of small propellers; it scales yaw alone."""
+_HOVER_SPEED: Final = 1000.0
+"""rad/s that stands for hover: only shares of it count."""
+
+
+def thrust_gain(flight: Flight, signals: ControlSignals) -> LoopFit | None:
+    """Return thrust that the rotors give over the thrust that is asked for; None: not known.
+
+    Args:
+        flight: with an airframe, whose mass counts, and a thrust set point [N].
+        signals: what its controller saw and asked for.
+    """
+    frame, asked = flight.airframe, signals.thrust_asked
+    if frame is None or asked is None or signals.turns is None:
+        return None
+    block = max(round(_BLOCK_S / signals.step), 1)
+    whole = block_means(signals.usable.astype(np.float64), block) > 0.99
+    given = frame.mass * block_means(_specific_force(flight, signals), block)[whole]
+    wanted = block_means(asked, block)[whole]
+    if given.size < _FEWEST or not (wanted > 0.0).all():
+        return None
+    ratio = given / wanted
+    value = float(np.median(ratio))
+    half = _T975 * float(ratio.std(ddof=1)) / np.sqrt(ratio.size) + 2.0 * _STRUCTURE * value
+    return LoopFit(
+        ACTUATORS, "z", (replace(AS_ASKED, value=value, low=value - half, high=value + half),), 1.0
+    )
+
+
+def _specific_force(flight: Flight, signals: ControlSignals) -> Array:
+    """Return the force along body z per mass [m/s^2], (N,): measured, or of the velocity."""
+    if "accel" in flight.series:
+        accel = flight.series["accel"]
+        return np.asarray(np.interp(signals.t, accel.t, accel.values[:, 2]))
+    assert signals.turns is not None  # the caller has seen to it
+    up = signals.turns.apply([0.0, 0.0, 1.0])
+    force = np.gradient(signals.velocity, signals.step, axis=0)
+    force[:, 2] += GRAVITY
+    return np.asarray(np.einsum("ni,ni->n", force, up))
+
+
+def with_asked_rotors(flight: Flight) -> Flight:
+    """Return a flight with what thrust and torque set points ask of each rotor, as its command.
+
+    Only where it has an airframe and no commands of rotors. Speeds are such that the thrust set
+    point of the airframe's weight is `_HOVER_SPEED`: thrust grows with the square.
+    """
+    control, frame = flight.control, flight.airframe
+    wanted = ("thrust_setpoint", "torque_setpoint")
+    if frame is None or set(DRIVES) & set(flight.series) or not set(wanted) <= set(control):
+        return flight
+    thrust, torque = (control[name] for name in wanted)
+    collective = thrust.values.reshape(thrust.t.size, -1)[:, 0]
+    t = torque.t
+    asked = np.column_stack([np.interp(t, thrust.t, collective), torque.values])
+    share = 4.0 * asked @ _mixer(frame).T / (frame.mass * GRAVITY)
+    keep = np.isfinite(share).all(axis=1) & (share > 0.0).all(axis=1)
+    speed = Series(t[keep], _HOVER_SPEED * np.sqrt(share[keep]))
+    return flight.with_series({**flight.series, "rotor_command": speed})
+
+
+def _mixer(frame: Airframe) -> Array:
+    """Return (4, 4): thrust of each rotor [N] by collective thrust [N] and torque [N m]."""
+    arm, drag = frame.arm_length, _DRAG_ARM * frame.rotor_radius
+    effect = [np.ones(4), arm * ARM_Y, -arm * ARM_X, -drag * SPIN]
+    return np.asarray(np.linalg.inv(np.array(effect)))
