@@ -7,6 +7,9 @@ from dataclasses import replace
 import pytest
 
 from tombo_benchmarks.px4.__main__ import main, markdown_table
+from tombo_benchmarks.px4.lockstep_flight import fly_lockstep
+from tombo_flight.flight import fly_scenario
+from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.node_flight import over_mavlink
 from tombo_flight.suite.px4_connection import px4_connection
 
@@ -19,6 +22,21 @@ def test_without_a_px4_it_is_skipped_with_a_word(capsys):
 def test_a_folder_without_a_px4_is_refused(tmp_path, capsys):
     assert main([str(tmp_path)]) == 2
     assert "no PX4 SITL; accepted: PX4's source tree" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_over_px4_the_collision_is_recovered_from_as_in_the_headless_flight(tmp_path):
+    scenario = load_scenario("paper_collision")
+    headless = fly_scenario(scenario, 0).summary
+    flight = fly_lockstep(None, tmp_path / "px4", scenario, 0)
+    flown = flight.summary
+    assert flown["recovery_time_s"] == pytest.approx(headless["recovery_time_s"], abs=0.5)
+    assert flown["max_falling_distance_m"] < 0.85
+    assert flown["estimate_error_max_m"] < 0.02
+    assert flown["landed"] and flown["disarmed"]
+    words = " ".join(text for _, text in flight.texts)
+    assert "disarmed by landing" in words
+    assert "fail-safe" not in words and "failure" not in words
 
 
 def test_the_table_has_median_and_largest_of_each_kind_of_flight():

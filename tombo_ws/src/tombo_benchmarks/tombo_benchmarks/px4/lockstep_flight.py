@@ -13,16 +13,14 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
-from tombo_benchmarks.px4.px4_process import Px4Process
-from tombo_benchmarks.px4.simulated_px4 import SimulatedPx4
+from tombo_benchmarks.px4.lockstep_px4 import LockstepPx4, lockstep_px4
 from tombo_collision.decision import Decision
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CoreRunner
-from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_MAP
 from tombo_dynamics.messages import (
     CollisionEvent,
@@ -42,28 +40,17 @@ from tombo_flight.wiring import core_of
 from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.bridge.bridge_records import BridgeOutput, SessionStage
-from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
 from tombo_px4.hil.hand_motion import HandMotion
-from tombo_px4.hil.hil_start_help import MOCAP_ONLY, airframe_parameters, mocap_parameters
-from tombo_px4.hil.link import PX4_PORT, HilLink
-from tombo_px4.hil.lockstep import HilSimulator
-from tombo_px4.hil.params import HilParams
 from tombo_px4.link.link_params import LinkParams
-from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.transport import Clock
+from tombo_px4.link.mavlink_link import Received
 from tombo_sim.ground_truth import FlightEndDetector, contact_force
 from tombo_sim.simulator import Simulator
 from tombo_sim.wiring import CORES, PX4_REPLACES
-from tombo_sim.world import World
 
-_ONBOARD_PORT = 14540
 _BRIDGE_TICKS = 4
 """The bridge runs at 250 Hz."""
 _READY_S = 60.0
 """Simulated time in which PX4 must be ready to fly."""
-_SILENT_S = 60.0
-"""Wall time without a step after which PX4 is given up."""
-_WAIT_S = 0.02
 _DISARM_S = 6.0
 """PX4 disarms 2 s after it has landed."""
 _AFTER_HAND_S = 16.0
@@ -126,18 +113,13 @@ def fly_lockstep(
     Raises:
         InputError: PX4 does not start, or stops answering.
     """
-    world = world_of(scenario)
     params = bridge or BridgeParams(axes_evidence=SIMULATED)
-    arguments = (scenario, world, seed, instance, speed, params)
-    if build is None:
-        with SimulatedRun(*arguments, as_mocap=as_mocap, hand=hand) as simulated:
-            simulated.fly()
-        return simulated.result()
-    with LockstepRun(*arguments, as_mocap=as_mocap, hand=hand) as flight:
-        own = airframe_parameters(world, flight.hil.flight) | mocap_parameters(world, False)
-        own |= parameters or {}
-        with Px4Process(build, folder, own, instance) as px4:
-            flight.run(px4)
+    with lockstep_px4(
+        build, folder, world_of(scenario), seed, parameters or {}, instance=instance,
+        speed=speed, hand=hand,
+    ) as px4:  # fmt: skip
+        flight = LockstepRun(px4, scenario, seed, params, as_mocap=as_mocap, hand=hand)
+        flight.fly()
     return flight.result()
 
 
@@ -145,41 +127,27 @@ def _as_it_is(position: Array, attitude: Array) -> tuple[Array, Array]:
     return position, attitude
 
 
-def bridge_link(port: int, system: int, clock: Clock) -> Link:
-    """Return the bridge's end of the link to the PX4 that is `system`; `port` 0: any free one."""
-    own = LinkParams()
-    return Link(
-        f"udpin://127.0.0.1:{port}",
-        system=own.own_system,
-        component=own.own_component,
-        clock=clock,
-        accept_system=system,
-        accept_component=1,
-    )
-
-
 class LockstepRun:
     """The running flight."""
 
     def __init__(
         self,
+        px4: LockstepPx4,
         scenario: Scenario,
-        world: World,
         seed: int,
-        instance: int,
-        speed: float,
         bridge: BridgeParams,
         *,
         as_mocap: AsMocap | None = None,
         hand: HandMotion | None = None,
     ) -> None:
-        self._scenario, self._seed = scenario, seed
-        self._as_mocap, self._hand = as_mocap or _as_it_is, hand
+        self._px4, self._scenario, self._seed = px4, scenario, seed
+        px4.watch = self._tick
+        self._as_mocap = as_mocap or _as_it_is
         self._ready_s = _READY_S if hand is None else hand.end_s + _AFTER_HAND_S
         self._epoch_ns = EPOCH_NS
-        link = replace(LinkParams(), system=instance + 1)
+        self._simulator: Simulator | None = None
+        link = replace(LinkParams(), system=px4.system)
         self._bridge = Bridge(bridge, link, scenario.vehicle.mass)
-        self._connect(world, instance, speed)
         kinds = [kind for kind in CORES if kind not in PX4_REPLACES]
         self._runners = [CoreRunner(core_of(kind, scenario)) for kind in kinds]
         self._end = FlightEndDetector(scenario.vehicle.leg_height)
@@ -202,23 +170,6 @@ class LockstepRun:
         self._wall_s = 0.0
         self._latency: list[float] = []
 
-    def _connect(self, world: World, instance: int, speed: float) -> None:
-        """Open the links to PX4."""
-        self._link = bridge_link(_ONBOARD_PORT + instance, instance + 1, time.time_ns)
-        self._hil_link = HilLink(PX4_PORT + instance)
-        params = HilParams(gps=False).check()
-        self.hil = HilSimulator(
-            world, self._seed, params, self._hil_link, speed=speed, watch=self._tick,
-            hand=self._hand,
-        )  # fmt: skip
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._link.close()
-        self._hil_link.close()
-
     @property
     def _flown_s(self) -> float:
         return 0.0 if self._began_ns is None else (self._now_ns - self._began_ns) * 1e-9
@@ -236,27 +187,23 @@ class LockstepRun:
         if self._flown_s < self._end_s:
             return False
         self._over_s = self._flown_s if self._over_s is None else self._over_s
-        return not self.hil.motors.armed or self._flown_s - self._over_s > _DISARM_S
+        return not self._px4.armed or self._flown_s - self._over_s > _DISARM_S
 
-    def run(self, px4: Px4Process) -> None:
+    def fly(self) -> None:
         """Fly until it is over.
 
         Raises:
-            InputError: PX4 has ended, or does not answer.
+            InputError: as `LockstepPx4.fly`.
         """
-        began_s = stepped_s = time.monotonic()
-        while not self._over:
-            now_ns = time.monotonic_ns()
-            if self.hil.advance(now_ns):
-                stepped_s = time.monotonic()
-            elif not px4.running or time.monotonic() - stepped_s > _SILENT_S:
-                raise InputError("PX4 has ended or does not answer; accepted: one that flies")
-            else:
-                self.hil.wait(now_ns, _WAIT_S)
-        self._wall_s = time.monotonic() - began_s
+        began_s = time.monotonic()
+        self._px4.fly(lambda: self._over)
+        self._wall_s += time.monotonic() - began_s
 
     def _tick(self, simulator: Simulator) -> None:
         """Do what is due in a tick of 1 ms."""
+        if simulator is not self._simulator and self._simulator is not None:
+            self._epoch_ns = self._now_ns  # PX4 was restarted: its simulator begins again
+        self._simulator = simulator
         now = self._now_ns = self._epoch_ns + simulator.tick * TICK_NS
         for sample in simulator.arrived:
             if sample.stamp_ns >= 0:
@@ -282,10 +229,14 @@ class LockstepRun:
         self._hand_over("/mocap/pose", pose)
 
     def _run_bridge(self) -> None:
-        for received in self._link.receive():
-            self._bridge.take(received._replace(arrival_ns=self._now_ns))
+        for received in self._received():
+            self._bridge.take(received)
         if self._now_ns // TICK_NS % _BRIDGE_TICKS == 0:
             self._take_output(self._bridge.tick(self._now_ns))
+
+    def _received(self) -> list[Received]:
+        """Return what PX4 has sent; it arrives now."""
+        return [r._replace(arrival_ns=self._now_ns) for r in self._px4.link.receive()]
 
     def _hand_over(self, topic: str, message: Any) -> None:
         for runner in self._runners:
@@ -293,7 +244,7 @@ class LockstepRun:
 
     def _take_output(self, out: BridgeOutput) -> None:
         for message in out.messages:
-            self._link.send(message)
+            self._px4.link.send(message)
         self._armed_once |= out.status.armed
         self._status_why = out.status.why or "; ".join(out.status.findings)
         self._texts += [(self._now_ns, text.text) for text in out.texts]
@@ -347,7 +298,7 @@ class LockstepRun:
     def _ended_otherwise(self, simulator: Simulator) -> bool:
         """Return whether it has flown away, or was brought down by other than the mission."""
         away = float(np.abs(simulator.plant.state.position).max()) > _FARTHEST_M
-        down = self._armed_once and not self.hil.motors.armed
+        down = self._armed_once and not self._px4.armed
         return away or (
             down and self._bridge.session.stage in (SessionStage.READY, SessionStage.GIVEN_UP)
         )
@@ -372,19 +323,18 @@ class LockstepRun:
         known = (detections, self._decisions, self._wall_s)
         figures, _ = summarize(MetricsInput(self._scenario, self._seed, seconds, columns, *known))
         distance = np.linalg.norm(errors[:, 1:], axis=1)
-        hil = self.hil
         summary |= figures
         summary |= {
             "estimate_error_mean_m": float(distance.mean()) if distance.size else None,
             "estimate_error_max_m": float(distance.max()) if distance.size else None,
             "odometry_latency_ms": float(np.median(self._latency)) if self._latency else None,
             "contacts": contacts(columns["contact"][:, 0]),
-            "steps": hil.steps,
-            "missed": hil.missed,
+            "steps": self._px4.steps,
+            "missed": self._px4.missed,
             "real_time_factor": (self._now_ns - EPOCH_NS) * 1e-9 / self._wall_s,
             "events": dict(self._events),
             "notes": [((at - began) * 1e-9, text) for at, text in self._notes],
-            "disarmed": not hil.motors.armed,
+            "disarmed": not self._px4.armed,
             "texts": texts,
         }
         return LockstepFlight(summary, columns, errors, texts)
@@ -396,25 +346,6 @@ class LockstepRun:
             if 0 <= at < len(self._rows):
                 rows.append((at * TICK_S, *(position - columns["position"][at])))
         return np.array(rows).reshape(-1, 4)
-
-
-class SimulatedRun(LockstepRun):
-    """The same over the simulated PX4."""
-
-    def _connect(self, world: World, instance: int, speed: float) -> None:
-        values = {**MOCAP_ONLY, **SAFE_PARAMETERS}
-        simulated: Any = SimulatedPx4(world, self._seed, values, self._tick, self._hand)
-        self.hil, self._link, self._simulated = simulated, simulated.link, simulated
-
-    def __exit__(self, *error: object) -> None:
-        self._link.close()
-
-    def fly(self) -> None:
-        """Fly until it is over."""
-        began_s = time.monotonic()
-        while not self._over:
-            self._simulated.advance()
-        self._wall_s = time.monotonic() - began_s
 
 
 def contacts(touching: Array) -> int:

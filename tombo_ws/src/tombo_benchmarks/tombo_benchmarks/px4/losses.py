@@ -15,24 +15,17 @@ from typing import Any, Final
 
 import numpy as np
 
-from tombo_benchmarks.px4.lockstep_flight import LockstepRun, bridge_link
-from tombo_benchmarks.px4.px4_process import Px4Process
+from tombo_benchmarks.px4.lockstep_flight import LockstepRun
+from tombo_benchmarks.px4.lockstep_px4 import LockstepPx4, lockstep_px4
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase, Pose, PositionSetpoint
-from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_NS, TICK_S
+from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_S
 from tombo_flight.scenario import Scenario, load_scenario, world_of
-from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.autopilot.vehicle import Px4Vehicle
-from tombo_px4.bridge.bridge_params import SIMULATED as OF_A_MODEL
-from tombo_px4.bridge.bridge_params import BridgeParams
-from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
-from tombo_px4.hil.hil_start_help import MOCAP_ONLY, airframe_parameters, mocap_parameters
-from tombo_px4.link.mavlink_link import Link, Received
+from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
+from tombo_px4.bridge.bridge_records import BridgeOutput
+from tombo_px4.link.mavlink_link import Received
 from tombo_px4.modes import mode_name, mode_of
-from tombo_px4.protocol.endpoint import Endpoint
 from tombo_sim.simulator import Simulator
-from tombo_sim.world import World
 
 _HOVER_S = 4.0
 """Hovers so long before the loss."""
@@ -44,10 +37,6 @@ _DOWN_M, _UP_M = 0.03, 0.15
 """Height above the stand at which it is down, and at which it flies again."""
 _BACKLOG = 300
 """Messages that the socket of a stopped bridge keeps."""
-
-
-SIMULATED: Final[Mapping[str, float]] = {**MOCAP_ONLY, **SAFE_PARAMETERS}
-"""Parameters of the simulated PX4."""
 
 
 @dataclass(frozen=True)
@@ -142,30 +131,25 @@ def fly_loss(
     Raises:
         InputError: PX4 does not start, or stops answering.
     """
-    scenario, bridge = hover_scenario(), bridge or BridgeParams(axes_evidence=OF_A_MODEL)
-    world = world_of(scenario)
-    if build is None:
-        values = {**SIMULATED, **(parameters or {})}
-        with _SimulatedRun(loss, scenario, world, seed, bridge, values) as simulated:
-            while not simulated.over:
-                simulated.advance()
-            return simulated.loss_result()
-    with _RealRun(loss, scenario, world, seed, instance, bridge) as real:
-        values = airframe_parameters(world, real.hil.flight) | mocap_parameters(world, False)
-        values |= parameters or {}
-        real.fly(build, folder, values)
-        return real.loss_result()
+    scenario, bridge = hover_scenario(), bridge or BridgeParams(axes_evidence=SIMULATED)
+    with lockstep_px4(
+        build, folder, world_of(scenario), seed, parameters or {}, instance=instance
+    ) as px4:
+        flight = _LossRun(loss, px4, scenario, seed, bridge)
+        flight.fly()
+        return flight.loss_result()
 
 
 class _LossRun(LockstepRun):
     """A flight that loses something."""
 
-    loss: Loss
-    restart_due = False
-    """PX4 is to be restarted now."""
-
-    def _prepare(self, loss: Loss) -> None:
+    def __init__(
+        self, loss: Loss, px4: LockstepPx4, scenario: Scenario, seed: int, bridge: BridgeParams
+    ) -> None:
+        super().__init__(px4, scenario, seed, bridge)
         self.loss = loss
+        self._restart_due = False
+        """PX4 is to be restarted now."""
         self._began_hover_ns: int | None = None
         self._lost_ns: int | None = None
         self._place = np.zeros(3)
@@ -174,9 +158,15 @@ class _LossRun(LockstepRun):
         self._track: list[tuple[float, float, float, float, bool]] = []
         self._modes: list[tuple[float, str]] = []
         self._stages: list[tuple[float, str]] = []
-        self._rested_s = 0.0
         self._stand_m = 0.0
         self._off_since_s: float | None = None
+
+    def fly(self) -> None:
+        """Fly until it is over; PX4 is started again where that is the loss."""
+        super().fly()
+        if self._restart_due:
+            self._restart_due = False
+            super().fly()
 
     # --- Time -----------------------------------------------------------------------------------
 
@@ -193,20 +183,16 @@ class _LossRun(LockstepRun):
         return self._lost and self.loss.what == what
 
     @property
-    def over(self) -> bool:
-        """There is nothing more to be seen."""
+    def _over(self) -> bool:
+        """There is nothing more to be seen, or PX4 is to be restarted."""
         if self._lost_ns is None:
             return (self._now_ns - EPOCH_NS) * 1e-9 > _READY_S
         after_s = self._loss_s
-        if after_s > _LONGEST_S:
+        if self._restart_due or after_s > _LONGEST_S:
             return True
         ended_s = self.loss.seconds if math.isfinite(self.loss.seconds) else 0.0
         off_s = self._off_since_s
         return off_s is not None and after_s > max(ended_s, off_s) + _AFTER_S
-
-    @property
-    def _over(self) -> bool:
-        return self.over or self.restart_due
 
     # --- What is lost ---------------------------------------------------------------------------
 
@@ -227,25 +213,25 @@ class _LossRun(LockstepRun):
     def _run_bridge(self) -> None:
         while self._late and self._late[0][0] <= self._now_ns:
             super()._take_pose(self._late.popleft()[1])
-        received = [r._replace(arrival_ns=self._now_ns) for r in self._link.receive()]
+        if self._has_lost("bridge"):
+            self._backlog = self._received()[:_BACKLOG]
+        else:
+            super()._run_bridge()
+
+    def _received(self) -> list[Received]:
+        received, kept = super()._received(), self._backlog
+        self._backlog = []
         for message in received:
             self._watch_heartbeat(message)
+        return [] if self._has_lost("link") else kept + received
+
+    def _take_output(self, out: BridgeOutput) -> None:
         if self._has_lost("link"):
-            received = []
-        if self._has_lost("bridge"):
-            self._backlog = (self._backlog + received)[:_BACKLOG]
-            return
-        for message in self._backlog + received:
-            self._bridge.take(message)
-        self._backlog = []
-        if self._now_ns // TICK_NS % 4 == 0:
-            out = self._bridge.tick(self._now_ns)
-            if self._has_lost("link"):
-                out.messages.clear()
-            self._take_output(out)
-            stage = f"{out.status.stage.value}: {out.status.why}"
-            if self._loss_s >= 0.0 and (not self._stages or self._stages[-1][1] != stage):
-                self._stages.append((self._loss_s, stage))
+            out.messages.clear()
+        super()._take_output(out)
+        stage = f"{out.status.stage.value}: {out.status.why}"
+        if self._loss_s >= 0.0 and (not self._stages or self._stages[-1][1] != stage):
+            self._stages.append((self._loss_s, stage))
 
     def _hand_over(self, topic: str, message: Any) -> None:
         if not (self._has_lost("mission") and topic.startswith("/mission/")):
@@ -278,14 +264,14 @@ class _LossRun(LockstepRun):
             self._began_hover_ns = self._now_ns
         hovered = self._began_hover_ns
         if self._lost_ns is None:
-            if not self.hil.motors.armed and hovered is None:
+            if not self._px4.armed and hovered is None:
                 self._stand_m = float(state.position[2])
             if hovered is not None and self._now_ns - hovered > _HOVER_S * SECOND_NS:
                 self._lost_ns = self._now_ns
                 self._place = state.position.copy()
-                self.restart_due = self.loss.what == "px4"
+                self._restart_due = self.loss.what == "px4"
             return
-        armed = bool(self.hil.motors.armed)
+        armed = bool(self._px4.armed)
         if armed:
             self._off_since_s = None
         elif self._off_since_s is None:
@@ -329,93 +315,3 @@ def judged_track(track: Array) -> dict[str, Any]:
         found["again"] = bool(found.get("again")) or bool((armed[off[0] :] > 0.5).any())
         found["off_s"] = float(seconds[off[0]]) if armed[-1] < 0.5 else None
     return found
-
-
-class _RealRun(_LossRun):
-    """Over a real PX4, in lockstep."""
-
-    def __init__(
-        self, loss: Loss, scenario: Scenario, world: World, seed: int, instance: int,
-        bridge: BridgeParams,
-    ) -> None:  # fmt: skip
-        self._prepare(loss)
-        self._instance = instance
-        self._simulator: Simulator | None = None
-        super().__init__(scenario, world, seed, instance, 0.0, bridge)
-
-    def fly(self, build: Path, folder: Path, values: dict[str, float]) -> None:
-        """Fly until it is over; PX4 is started again where that is the loss."""
-        with Px4Process(build, folder, values, self._instance) as px4:
-            self.run(px4)
-        if self.restart_due:
-            self.restart_due = False
-            again = folder.with_name(f"{folder.name}-again")
-            with Px4Process(build, again, values, self._instance) as px4:
-                self.run(px4)
-
-    def _tick(self, simulator: Simulator) -> None:
-        if simulator is not self._simulator and self._simulator is not None:
-            self._epoch_ns = self._now_ns  # PX4 was restarted: its simulator begins again
-        self._simulator = simulator
-        super()._tick(simulator)
-
-
-class _VirtualTimeLink(Link):
-    """A link whose messages arrive when they are read, at the time of its clock."""
-
-    def receive(self, limit: int = 200) -> list[Received]:
-        """Return the messages that have come."""
-        return [r._replace(arrival_ns=self._clock()) for r in super().receive(limit)]
-
-
-class _SimulatedRun(_LossRun):
-    """Over the simulated PX4, with the same messages."""
-
-    def __init__(
-        self, loss: Loss, scenario: Scenario, world: World, seed: int, bridge: BridgeParams,
-        values: Mapping[str, float],
-    ) -> None:  # fmt: skip
-        self._prepare(loss)
-        self._values = values
-        super().__init__(scenario, world, seed, 0, 0.0, bridge)
-
-    def _connect(self, world: World, instance: int, speed: float) -> None:
-        self._link = bridge_link(0, instance + 1, lambda: self._now_ns)
-        assert self._link.address is not None
-        self._px4_link = _VirtualTimeLink(
-            f"udpout://127.0.0.1:{self._link.address[1]}",
-            system=1,
-            component=1,
-            clock=lambda: self._now_ns,
-        )
-        self._world = world
-        self.hil: Any = self
-        self._boot()
-
-    def _boot(self) -> None:
-        """Start the simulated PX4, on the ground."""
-        table = ParameterTable()
-        for name, value in self._values.items():
-            if name in table.names and (refusal := table.set(name, value)):
-                raise InputError(refusal)
-        self._vehicle = Px4Vehicle(self._world, self._seed, table)
-        self._endpoint = Endpoint(self._vehicle, [(self._px4_link, "onboard")])
-
-    def __exit__(self, *error: object) -> None:
-        self._link.close()
-        self._px4_link.close()
-
-    @property
-    def motors(self) -> Px4Vehicle:
-        """Whether it is armed."""
-        return self._vehicle
-
-    def advance(self) -> None:
-        """Fly 1 ms."""
-        if self.restart_due:
-            self.restart_due = False
-            self._epoch_ns = self._now_ns
-            self._boot()
-        boot_ns = (self._vehicle.tick + 1) * TICK_NS
-        self._endpoint.advance(boot_ns, self._epoch_ns + boot_ns)
-        self._tick(self._vehicle.simulator)

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from tombo_benchmarks.docs.markdown import table_markdown
 from tombo_benchmarks.px4.lockstep_flight import AsMocap, fly_lockstep
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, quaternion_multiply, rotate_vector
@@ -130,10 +131,8 @@ def fly_wrong_axes(
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Return the table of the flights."""
-    lines = [
-        "| set-up | armed | furthest away [m] | at the end | what is said |",
-        "|" + 5 * "---|",
-    ]
+    head = ("set-up", "armed", "furthest away [m]", "at the end", "what is said")
+    cells = []
     for row in rows:
         end = (
             "landed"
@@ -142,7 +141,6 @@ def table(rows: list[dict[str, Any]]) -> str:
             if row["disarmed"]
             else "armed"
         )
-        away, armed = f"{row['away_m']:.2f}", "yes" if row["armed"] else "no"
-        cells = (row["set_up"], armed, away, end, row["text"])
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+        armed = "yes" if row["armed"] else "no"
+        cells.append([row["set_up"], armed, f"{row['away_m']:.2f}", end, row["text"]])
+    return table_markdown(head, cells)

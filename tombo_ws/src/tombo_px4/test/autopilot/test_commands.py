@@ -22,17 +22,6 @@ def armed(b):
     return bool(heartbeat(b).base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
 
 
-def test_arming_is_refused_with_the_reason_while_there_is_no_position():
-    with bench(EKF2_GPS_CTRL=0, SYS_HAS_GPS=0) as b:
-        b.run(2.0)
-        b.client.command(ARM, 1.0)
-        heard = b.run(0.1)
-        assert [a.result for a in of(heard, "COMMAND_ACK")] == [REJECTED]
-        assert any(t.startswith("Arming denied") for t in texts(heard))
-        assert any("position" in t for t in texts(heard))
-        assert not armed(b)
-
-
 @pytest.mark.parametrize("wish", [2.0, -1.0, 0.5, NAN])
 def test_neither_arm_nor_disarm_is_unsupported(wish, b):
     assert b.acks(ARM, wish) == [UNSUPPORTED]

@@ -6,7 +6,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from hil_bench import Bench, bench, hover_world
+from hil_bench import Bench, bench
 from hil_peer import Peer, Pilot
 from pymavlink.dialects.v20 import common
 
@@ -15,8 +15,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.hil.link import HilLink
-from tombo_px4.hil.lockstep import PATIENCE_NS, HilSimulator, Px4Phase
-from tombo_px4.hil.params import HilParams
+from tombo_px4.hil.lockstep import PATIENCE_NS, Px4Phase
 
 
 @pytest.fixture
@@ -199,42 +198,6 @@ def test_a_repeated_answer_is_counted_and_the_last_one_counts(b):
     b.hovers()
 
 
-@pytest.mark.slow
-def test_invalid_controls_are_zero_and_counted(b):
-    b.fly(4.0)
-    rotors = []
-
-    def bad(sensor, values):
-        rotors.append(b.hil.flight.rotors.copy())
-        return b.peer.controls(sensor, [float("nan"), 1.5, -0.5, 0.5])
-
-    b.peer.answer = bad
-    b.fly(4.1)
-    idle = 100.0
-    assert rotors[-1][:3] == pytest.approx([idle] * 3, rel=1e-3)
-    assert rotors[-1][3] > 400.0
-    assert b.hil.flight.controls.refused == pytest.approx(3 * 25, abs=9)
-
-
-@pytest.mark.slow
-def test_a_false_message_start_costs_a_second_at_most(b):
-    b.fly(4.0)
-    start = b"\xfd\xff\x00\x00\x00\x01\x01\x5d\x00\x00"  # 267 bytes of controls
-    once = [start]
-    b.peer.answer = lambda sensor, values: (
-        (once.pop() if once else b"") + b.peer.controls(sensor, values)
-    )
-    for _ in range(200):
-        b.turn()
-    assert b.seconds < 4.1
-    for _ in range(4):
-        b.now_ns += PATIENCE_NS
-        b.turn()
-    b.fly(5.0)
-    assert 1 <= b.hil.missed <= 4
-    b.hovers()
-
-
 # ---- silence, and PX4 gone
 
 
@@ -288,30 +251,6 @@ def test_a_silent_px4_on_the_ground_gets_its_time_and_comes_back():
         b.peer.answer = kept
         b.until(lambda: b.hil.phase is Px4Phase.FLYING)
         assert b.news[-1] == "PX4 answers again"
-
-
-@pytest.mark.slow
-def test_a_slow_px4_that_was_silent_on_the_ground_gets_back_into_step():
-    with bench(silent=0) as b:
-        b.peer.pilot.ALIGN = 10**6
-        b.fly(0.5)
-        kept = b.hush()
-        b.now_ns += PATIENCE_NS
-        b.until(lambda: b.hil.missed > 5)
-        late = []
-
-        def slowly(sensor, values):
-            late.append((b.now_ns + 8_000_000, kept(sensor, values)))
-
-        b.peer.answer = slowly
-        before = b.hil.answered
-        for _ in range(20_000):
-            b.turn()
-            while late and late[0][0] <= b.now_ns:
-                b.peer.socket.sendall(late.pop(0)[1])
-        assert b.hil.phase is Px4Phase.FLYING
-        assert b.hil.answered - before > 40
-        assert b.hil.wrong_time <= 3
 
 
 @pytest.mark.slow
@@ -410,36 +349,6 @@ def test_waiting_ends_when_something_comes(b):
     b.until(lambda: b.hil.phase is Px4Phase.FLYING)
     with in_time():
         assert time.monotonic() - start < 10.0
-
-
-def test_a_watcher_sees_every_tick_and_the_vehicle_of_each_flight():
-    link = HilLink(0)
-    ticks = []
-    hil = HilSimulator(
-        hover_world(),
-        1,
-        HilParams(),
-        link,
-        speed=0.0,
-        watch=lambda simulator: ticks.append((id(simulator), simulator.tick)),
-    )
-    b = Bench()
-    try:
-        b.peer.close()
-        b.link.close()
-        b.hil, b.link = hil, link
-        for _ in range(2):
-            b.peer = Peer(link.port)
-            b.until(lambda: hil.answered > 10)
-            b.peer.close()
-            b.until(lambda: hil.phase is Px4Phase.WAITING)
-        first = [tick for vehicle, tick in ticks if vehicle == ticks[0][0]]
-        second = [tick for vehicle, tick in ticks if vehicle != ticks[0][0]]
-        assert first == list(range(1, len(first) + 1))
-        assert second == list(range(1, len(second) + 1))
-        assert len(second) > 80
-    finally:
-        b.close()
 
 
 # ---- pace

@@ -159,15 +159,6 @@ def test_poses_on_the_simulator_link_precede_the_sensors_of_their_step():
                 assert 7_000 <= after.time_usec - message.time_usec <= 18_000
 
 
-def test_a_simulator_asked_for_nothing_sends_no_pose():
-    with bench() as b:
-        b.peer.keep = True
-        b.fly(1.0)
-        assert poses(b.peer.heard) == []
-        kinds = {m.get_type() for m in b.peer.heard}
-        assert kinds == {"HIL_SENSOR", "HIL_GPS", "HIL_STATE_QUATERNION"}
-
-
 def test_a_wrong_stamp_goes_out_and_one_from_before_the_clock_does_not():
     world = hover_world("effects.mocap_stamp_error.offset=-0.09")
     with bench(world, mocap=True) as b:

@@ -118,16 +118,6 @@ def test_a_list_asked_for_again_begins_again_without_the_hash():
     assert batches.take_due(MAV, server, 90_000)[0].param_index == 0
 
 
-def test_parameters_are_read_by_name_and_by_index(fresh):
-    fresh.client.send(read_message(fresh.client, "COM_OF_LOSS_T"))
-    value = fresh.wait("PARAM_VALUE")
-    assert (value.param_id, value.param_value) == ("COM_OF_LOSS_T", 1.0)
-    fresh.client.send(read_message(fresh.client, "", value.param_index))
-    assert fresh.wait("PARAM_VALUE").param_id == "COM_OF_LOSS_T"
-    fresh.client.send(read_message(fresh.client, "_HASH_CHECK"))
-    assert fresh.wait("PARAM_VALUE").param_id == "_HASH_CHECK"
-
-
 @pytest.mark.parametrize(("name", "index"), [("NO_SUCH", -1), ("", 5000)])
 def test_to_what_does_not_exist_px4_is_silent(name, index, fresh):
     fresh.client.send(read_message(fresh.client, name, index))

@@ -57,31 +57,11 @@ def test_ground_truth_comes_only_on_request(stream_set):
     assert sent(streams, 5.0, 5_000_000)[TRUTH] == 250
 
 
-def test_intervals_are_changed_stopped_and_given_back():
-    streams = table()
-    assert streams.set_interval(ATTITUDE, 20_000, 0)
-    assert streams.interval(ATTITUDE) == 20_000
-    assert sent(streams, 2.0)[ATTITUDE] in (99, 100, 101)
-    assert streams.set_interval(ATTITUDE, -1, 2_000_000)
-    assert streams.interval(ATTITUDE) == -1
-    assert sent(streams, 2.0, 2_000_000)[ATTITUDE] == 0
-    assert streams.set_interval(ATTITUDE, 0, 4_000_000)
-    assert streams.interval(ATTITUDE) == 10_000
-
-
 def test_a_message_without_a_default_is_stopped_by_asking_for_it():
     streams = table()
     streams.set_interval(TRUTH, 10_000, 0)
     assert streams.set_interval(TRUTH, 0, 0)
     assert streams.interval(TRUTH) == -1
-
-
-def test_heartbeat_stays_and_an_unknown_message_is_refused():
-    streams = table()
-    assert not streams.set_interval(HEARTBEAT, 10_000, 0)
-    assert not streams.set_interval(4242, 10_000, 0)
-    assert streams.interval(HEARTBEAT) == 1_000_000
-    assert streams.interval(4242) == 0
 
 
 def test_nobody_can_ask_for_more_than_a_px4_publishes():

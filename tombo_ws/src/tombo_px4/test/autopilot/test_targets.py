@@ -5,9 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from vehicle_bench import NAN, motion
 
 from tombo_px4.autopilot.setpoint_controller import (
@@ -125,29 +122,3 @@ def test_a_target_is_not_changed_and_not_kept():
     assert wanted.position[2] == math.inf
     wanted.position[0] = 50.0
     assert d.position[0] == 1.0 and math.isnan(d.position[2])
-
-
-numbers = st.floats(allow_nan=True, allow_infinity=True)
-axes = st.none() | arrays(float, 3, elements=numbers)
-
-
-@pytest.mark.slow
-@given(
-    axes, axes, axes, numbers, numbers, st.none() | arrays(float, 4, elements=numbers), axes,
-    st.none() | numbers, st.sampled_from(["map", "body"]),
-)  # fmt: skip
-def test_whatever_comes_is_resolved_or_refused(p, v, a, yaw, rate, attitude, rates, thrust, frame):
-    resolved = resolve_setpoint(
-        OffboardSetpoint(p, v, a, yaw, rate, attitude, rates, thrust, frame=frame), LEVEL
-    )
-    if isinstance(resolved, str):
-        assert resolved
-        return
-    if resolved.kind <= ControlLevel.ACCELERATION:
-        given_axes = [resolved.position, resolved.velocity, resolved.acceleration]
-        assert np.isfinite(given_axes).any(axis=0).all()
-        assert not np.isinf(given_axes).any()
-    else:
-        assert 0.0 <= resolved.thrust <= 1.0
-        assert np.isfinite(resolved.rates).all()
-        assert abs(np.linalg.norm(resolved.attitude) - 1.0) < 1e-9

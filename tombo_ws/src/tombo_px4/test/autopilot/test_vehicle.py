@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from vehicle_bench import GROUND, NAN, Flight, hovering, motion, ready
+from vehicle_bench import GROUND, Flight, hovering, motion, ready
 
 from tombo_px4.autopilot.vehicle_state import TakeoffState
 from tombo_px4.link.decoded_messages import MavLandedState, Result
@@ -96,33 +96,6 @@ def test_takes_off_again_without_disarming():
     flight.fly(6.0, motion([0, 0, 1.0], yaw=0.0))
     assert flight.vehicle.landed == MavLandedState.IN_AIR
     assert flight.body[2] == pytest.approx(1.0, abs=0.1)
-
-
-def test_goes_to_a_place_and_returns_home():
-    flight = taken_off()
-    for name, value in {"RTL_RETURN_ALT": 3.0, "MPC_XY_CRUISE": 1.5, "NAV_ACC_RAD": 0.3}.items():
-        assert flight.vehicle.parameters.set(name, value) == ""
-    assert flight.vehicle.reposition(np.array([3.0, -2.0, NAN]), 1.0) == Result.ACCEPTED
-    flight.fly(7.0)
-    assert np.linalg.norm(flight.body[:2] - [3.0, -2.0]) < 0.2
-    assert flight.vehicle.return_home() == Result.ACCEPTED
-    heights = []
-    flight.fly_until(lambda: bool(heights.append(flight.height) or not flight.vehicle.armed), 40.0)
-    assert max(heights) == pytest.approx(flight.vehicle.parameters.get("RTL_RETURN_ALT"), abs=0.2)
-    assert np.linalg.norm(flight.body[:2] - flight.vehicle.home[:2]) < 0.3
-    assert flight.vehicle.landed == MavLandedState.ON_GROUND
-
-
-def test_home_is_where_it_was_armed_and_may_be_moved():
-    flight = ready()
-    flight.take_off()
-    np.testing.assert_allclose(flight.vehicle.home, flight.body[:3], atol=0.08)
-    home = flight.vehicle.home
-    flight.fly(5.0)
-    np.testing.assert_array_equal(flight.vehicle.home, home)
-    assert flight.vehicle.set_home(np.array([1.0, 1.0, 0.2])) == Result.ACCEPTED
-    np.testing.assert_array_equal(flight.vehicle.home, [1.0, 1.0, 0.2])
-    assert flight.vehicle.set_home(np.array([NAN, 1.0, 0.2])) == Result.DENIED
 
 
 def test_battery_runs_down_in_flight_and_sends_it_home():

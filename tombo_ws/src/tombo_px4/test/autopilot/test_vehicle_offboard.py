@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from vehicle_bench import GROUND, NAN, Flight, hovering, motion, ready
+from vehicle_bench import GROUND, NAN, hovering, motion, ready
 
 from tombo_dynamics.rotation import quaternion_multiply, tilt, yaw_pitch_roll
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
@@ -20,23 +20,6 @@ def tilted(pitch_deg: float = 0.0, roll_deg: float = 0.0) -> np.ndarray:
         np.array([0.0, math.sin(p), 0.0, math.cos(p)]),
         np.array([math.sin(r), 0.0, 0.0, math.cos(r)]),
     )
-
-
-@pytest.mark.slow
-def test_position_with_yaw():
-    flight = hovering(vision=True)
-    flight.fly(7.0, motion([1.0, -1.0, 1.5], yaw=1.0))
-    rows = flight.fly(1.0)
-    np.testing.assert_allclose(rows[:, :3].mean(axis=0), [1.0, -1.0, 1.5], atol=0.05)
-    assert yaw_pitch_roll(rows[-1, 6:10])[0] == pytest.approx(1.0, abs=0.03)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("velocity", [[1.0, 0.0, 0.0], [0.0, -0.7, 0.0], [0.0, 0.0, 0.5]])
-def test_velocity_is_reached(velocity):
-    flight = hovering(vision=True)
-    flight.fly(3.0, motion(velocity=velocity, yaw=0.0))
-    np.testing.assert_allclose(flight.fly(1.0)[:, 3:6].mean(axis=0), velocity, atol=0.06)
 
 
 @pytest.mark.slow
@@ -206,28 +189,6 @@ def test_refused_set_points_are_no_sign_of_life_and_told_once():
     flight.fly(1.2, motion([1.0, NAN, NAN]))
     assert flight.vehicle.failsafe
     assert sum("invalid set point" in text for text in flight.texts) == 1
-
-
-def test_what_is_followed_can_be_seen():
-    flight = hovering(vision=True)
-    seen = flight.vehicle.position_setpoint
-    np.testing.assert_array_equal(seen.position, [0.0, 0.0, 2.0])
-    assert np.isnan(seen.velocity).all() and seen.yaw == 0.0
-    flight.fly(0.1, OffboardSetpoint(attitude=tilted(3.0), thrust=0.4))
-    assert flight.vehicle.position_setpoint is None
-    attitude, _, thrust = flight.vehicle.attitude_setpoint
-    np.testing.assert_allclose(attitude, tilted(3.0))
-    assert thrust == pytest.approx(0.4)
-    shares = flight.vehicle.normalized_rotor_speeds
-    assert 0.0 < shares.min() <= shares.max() <= 1.0
-
-
-def test_disarmed_the_rotors_stand_still_whatever_is_streamed():
-    flight = Flight(vision=True)
-    flight.target = OffboardSetpoint(attitude=tilted(), thrust=1.0)
-    flight.vehicle.set_mode(OFFBOARD)
-    flight.fly(2.0)
-    assert flight.rotors.max() == 0.0
 
 
 @pytest.mark.slow

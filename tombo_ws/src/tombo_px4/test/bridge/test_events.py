@@ -14,13 +14,7 @@ from tombo_dynamics.messages import Phase
 from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import BridgeParams
 from tombo_px4.bridge.bridge_records import SessionStage
-from tombo_px4.link.event_definitions import (
-    BadMetadata,
-    definitions,
-    event_number,
-    events_file,
-    unpacked,
-)
+from tombo_px4.link.event_definitions import BadMetadata, definitions, events_file, unpacked
 from tombo_px4.link.framing import FrameCounts, decode, frames_of
 from tombo_px4.link.link_params import LinkParams
 
@@ -88,11 +82,6 @@ def test_an_event_is_decoded_from_its_bytes():
     assert (message.id, message.sequence, message.log_levels) == (DENIED, 7, 0x22)
     assert bytes(message.arguments) == b"\x01".ljust(40, b"\0")
     assert findings.unknown_message == 0
-
-
-def test_numbers_of_events_are_those_of_px4():
-    assert event_number("commander_arm_denied_resolve_failures") == DENIED
-    assert event_number("check_modes_local_pos") == NO_POSITION
 
 
 @pytest.mark.slow

@@ -105,13 +105,6 @@ def test_garbage_that_looks_like_a_message_hides_no_frame():
     assert modes(frames_of(lie + heartbeat(1) + bytes(90), counts)) == [1]
 
 
-def test_flags_that_nobody_has_defined_make_no_frame():
-    counts = FrameCounts()
-    data = bytearray(heartbeat(1))
-    data[2] = 0x02
-    assert frames_of(bytes(data), counts) == []
-
-
 @given(st.binary(max_size=700))
 def test_no_bytes_raise_and_all_of_them_are_accounted_for(data):
     counts = FrameCounts()

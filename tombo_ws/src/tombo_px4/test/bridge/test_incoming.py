@@ -284,13 +284,6 @@ def test_estimator_status(decoder):
     assert not record.is_aided and not record.has_position
 
 
-def test_firmware(decoder):
-    m = mav.MAVLink_autopilot_version_message(
-        0, 1 << 24 | 17 << 16 | 2 << 8 | 255, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0
-    )
-    assert str(read(decoder, m)) == "1.17.2"
-
-
 def text(words, number=0, chunk=0, severity=4):
     return mav.MAVLink_statustext_message(severity, words.encode(), number, chunk)
 
@@ -334,8 +327,3 @@ def test_no_text_upsets_the_joiner(pieces):
         record = read(decoder, m)
         assert record is None or record.text.isprintable()
     assert len(decoder.take_expired(NOW + 10**10)) <= 8
-
-
-def test_what_nobody_reads_is_no_fault(decoder):
-    assert read(decoder, mav.MAVLink_system_time_message(1, 2)) is None
-    assert not decoder.refused

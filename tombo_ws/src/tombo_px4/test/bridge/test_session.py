@@ -220,17 +220,6 @@ def test_a_refused_arming_is_retried_reported_and_given_up():
     assert flight.armings() == 5 * [True], "bounded"
 
 
-def test_after_a_refusal_the_mission_must_have_been_on_the_ground():
-    flight = Flight().run(2.0)
-    flight.vehicle.refuses[MAV_CMD_COMPONENT_ARM_DISARM] = DENIED
-    flight.until(SessionStage.GIVEN_UP, Phase.TAKEOFF)
-    flight.vehicle.refuses.clear()
-    flight.run(10.0)
-    assert flight.session.stage == SessionStage.GIVEN_UP
-    flight.until(SessionStage.READY, Phase.LANDED)
-    flight.until(SessionStage.FLYING, Phase.TAKEOFF)
-
-
 def test_a_refused_mode_arms_nothing():
     flight = Flight().run(2.0)
     flight.vehicle.refuses[MAV_CMD_DO_SET_MODE] = REJECTED
@@ -491,15 +480,6 @@ def test_disarmed_in_flight_is_not_armed_again():
 # --- the operator ------------------------------------------------------------------------------
 
 
-def test_services_are_answered_once_a_heartbeat_confirms():
-    flight = Flight().run(2.5)
-    began = flight.now
-    reply = flight.ask("arm")
-    assert reply.success and flight.vehicle.heartbeat.armed
-    assert flight.now - began < 2 * SECOND
-    assert flight.session.stage == SessionStage.EXTERNAL_MODE
-
-
 @pytest.mark.parametrize("kind", ["offboard", "hold", "land", "disarm"])
 def test_a_refused_request_is_answered_with_px4s_text(kind):
     flight = Flight().take_off()
@@ -649,14 +629,6 @@ def test_a_clock_set_back_leaves_nobody_waiting():
     out = SessionOutput()
     flight.session.clock_set_back(out)
     assert not out.replies[0].success and "clock" in out.replies[0].text
-
-
-def test_requests_without_a_link_are_answered_at_once():
-    flight = Flight()
-    flight.vehicle.silent = True
-    reply = flight.ask("arm")
-    assert not reply.success and "no heartbeat" in reply.text
-    assert flight.now < 2 * SECOND
 
 
 def test_the_operator_stops_an_arming_under_way():

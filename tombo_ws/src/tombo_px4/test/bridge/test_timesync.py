@@ -67,10 +67,12 @@ def begun(theirs, number, **way):
     return exchange, exchange.sync
 
 
-def test_before_any_answer_times_stay_as_they_are():
-    sync = TimeSync()
-    assert (sync.offset_ns, sync.rtt_ns, sync.converged) == (None, None, False)
-    assert sync.to_local_time(5) == 5
+def test_it_has_converged_after_ten_answers():
+    assert TimeSync().to_local_time(5) == 5 and not TimeSync().converged
+    exchange, sync = begun(Clock(), 9)
+    assert not sync.converged
+    exchange.run(1)
+    assert sync.converged
 
 
 def test_an_even_way_gives_the_offset_to_the_nanosecond():
@@ -78,13 +80,6 @@ def test_an_even_way_gives_the_offset_to_the_nanosecond():
     assert sync.offset_ns == TODAY - 7 * S
     assert sync.rtt_ns == 60 * US
     assert sync.to_local_time(7 * S + 5) == TODAY + 5
-
-
-def test_it_has_converged_after_ten_answers():
-    exchange, sync = begun(Clock(), 9)
-    assert not sync.converged
-    exchange.run(1)
-    assert sync.converged
 
 
 def test_a_request_that_waited_for_a_polled_loop_biases_nothing():
@@ -165,13 +160,6 @@ def test_one_answer_beyond_belief_changes_nothing():
     assert sync.offset_ns == offset and sync.jumps == 0
 
 
-def test_a_small_step_is_followed_at_once():
-    exchange, sync = begun(Clock(S), 100)
-    exchange.theirs.set_by(3 * MS)
-    assert exchange.run(1)[-1] <= 31 * US
-    assert sync.jumps == 0
-
-
 def test_a_drift_is_followed_where_the_way_is_long_too():
     """Round trips of 12 ms bound the offset to 6 ms only: what follows is the filter."""
     way = {"there": lambda: 6 * MS, "back": lambda: 6 * MS}
@@ -195,24 +183,6 @@ def test_a_simulated_clock_that_runs_slower_or_faster_is_followed(rate):
     assert exchange.error(later) < 3 * MS
 
 
-def test_a_clock_that_runs_evenly_again_is_followed():
-    exchange, sync = begun(Clock(S, -0.1), 100)
-    exchange.theirs = Clock(exchange.theirs.at(exchange.true_ns) - exchange.true_ns)
-    exchange.run(30)
-    assert max(exchange.run(100)) < 1 * MS
-    assert sync.converged
-
-
-def test_a_paused_simulator_is_a_jump_and_no_more():
-    exchange, sync = begun(Clock(S, -0.05), 100)
-    jumps = sync.jumps
-    exchange.theirs.set_by(-10 * S)
-    exchange.true_ns += 10 * S
-    exchange.run(20)
-    assert sync.jumps == jumps + 1 and sync.converged
-    assert max(exchange.run(50)) < 1 * MS
-
-
 @given(st.integers(-(2**63), 2**63 - 1), st.integers(-(2**63), 2**63 - 1), st.integers(0, 2**63))
 def test_answers_to_nothing_we_asked_are_refused(tc1, ts1, received):
     sync = TimeSync()
@@ -231,16 +201,6 @@ def test_an_answer_counts_once_and_not_from_before_its_request():
     sync.reply(50, 100, 200)
     sync.reply(70, 100, 200)
     assert sync.offset_ns == 100 and sync.refused == 4
-
-
-def test_requests_that_nobody_answers_are_forgotten():
-    sync = TimeSync()
-    for k in range(1000):
-        sync.request(k)
-    sync.reply(5, 0, 1000)
-    assert sync.offset_ns is None
-    sync.reply(5, 999, 1000)
-    assert sync.offset_ns is not None
 
 
 def test_only_requests_are_answered():

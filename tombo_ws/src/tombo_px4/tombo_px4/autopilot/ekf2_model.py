@@ -41,6 +41,8 @@ _BARO_NOISE = 0.03
 _GPS_BANDWIDTH = 3.0
 """[rad/s]: a fix is noisier than a pose of the motion capture."""
 _FUTURE_US = 5_000
+_FARTHEST = 1e5
+"""[m]: a farther pose is a mistake."""
 _RESET_TICKS = TICK_HZ
 """Refused for so long, samples are believed: EKF2 resets after 1 s (`no_aid_timeout_max`)."""
 _GAP_TICKS = 250
@@ -133,7 +135,7 @@ class Ekf2Model:
             return "wrong_shape"
         if not (np.isfinite(position).all() and np.isfinite(attitude).all()):
             return "not_finite"
-        if np.abs(position).max() > 1e6:
+        if np.abs(position).max() > _FARTHEST:
             return "out_of_range"
         if boot_us > tick * 1000 + _FUTURE_US:
             return "future"

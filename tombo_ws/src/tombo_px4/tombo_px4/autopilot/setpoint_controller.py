@@ -66,7 +66,6 @@ class OffboardSetpoint:
     """(3) base_link [rad/s]."""
     thrust: float | None = None
     """Share of the highest collective thrust, 0 to 1."""
-    stamp_us: int = 0
     frame: str = "map"
     """`map`, or `body`: x ahead, y left, z up, level; a position is left out then."""
 

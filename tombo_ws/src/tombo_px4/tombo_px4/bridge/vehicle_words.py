@@ -15,12 +15,12 @@ from tombo_px4.link.event_definitions import (
     ARMING_DENIED,
     CHECKS_BEGIN,
     CHECKS_END,
+    KNOWN_NUMBERS,
     BadMetadata,
     EventDefinition,
     definitions,
     event_number,
     events_file,
-    known_definitions,
     path_of,
     unpacked,
 )
@@ -137,7 +137,6 @@ class VehicleWords:
 
     def __init__(self, to: MessageTarget) -> None:
         self._to = to
-        self._known = known_definitions()
         self.metadata = MetadataReader(to)
         self.checks: tuple[str, ...] = ()
         self._waiting: deque[VehicleEvent] = deque(maxlen=_MOST_WAITING)
@@ -215,7 +214,7 @@ class VehicleWords:
         ]
 
     def _definition(self, number: int) -> EventDefinition | None:
-        return self.metadata.events.get(number) or self._known.get(number)
+        return self.metadata.events.get(number) or KNOWN_NUMBERS.get(number)
 
     def _words(self, event: VehicleEvent, definition: EventDefinition | None) -> str:
         if definition is not None:

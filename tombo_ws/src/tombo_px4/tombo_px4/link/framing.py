@@ -4,9 +4,9 @@ pymavlink's parser reads garbage byte by byte, raises on it, and trusts the leng
 wrong one removes the frames behind it. Here a frame is one whose checksum is right, and
 a candidate that fails costs one byte. Work and memory are bounded whatever comes.
 
-pymavlink leaves out four messages of MAVLink's common set that are marked unfinished; PX4 sends
-its words as one of them, EVENT. Importing this module adds them to pymavlink's dialect. Source:
-MAVLink's `common.xml`, from which the extra bytes of the checksums are computed.
+pymavlink leaves out messages of MAVLink's common set that are marked unfinished; PX4 sends its
+words as one of them, EVENT. Importing this module adds those that are used here to pymavlink's
+dialect. Source: MAVLink's `common.xml`, from which the extra bytes of the checksums are computed.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import common
 from pymavlink.dialects.v20.common import mavlink_map, x25crc
 
-PROTOCOL_VERSION, COMPONENT_METADATA, EVENT, CURRENT_EVENT_SEQUENCE = 300, 397, 410, 411
-UNREAD = {8: 117, 290: 251, 291: 10, 380: 232, 436: 193}
-"""LINK_NODE_STATUS, ESC_INFO, ESC_STATUS, TIME_ESTIMATE_TO_TARGET, CURRENT_MODE, and the extra
-bytes of their checksums: pymavlink leaves them out too; PX4 1.17 sends them unasked, and nothing
-here reads them."""
+PROTOCOL_VERSION, COMPONENT_METADATA, EVENT = 300, 397, 410
+UNREAD = {8: 117, 290: 251, 291: 10, 380: 232, 411: 106, 436: 193}
+"""LINK_NODE_STATUS, ESC_INFO, ESC_STATUS, TIME_ESTIMATE_TO_TARGET, CURRENT_EVENT_SEQUENCE,
+CURRENT_MODE, and the extra bytes of their checksums: pymavlink leaves them out too; PX4 1.17 sends
+them unasked, and nothing here reads them."""
 ARGUMENTS = 40
 """Bytes of the arguments of an event."""
 URI = 100
@@ -113,12 +113,6 @@ EventMessage: Any = _define(
         "log_levels",
         "arguments",
     ],
-)
-CurrentEventSequence: Any = _define(
-    CURRENT_EVENT_SEQUENCE,
-    "CURRENT_EVENT_SEQUENCE",
-    106,
-    {"sequence": ("H", 0), "flags": ("B", 0)},
 )
 ComponentMetadata: Any = _define(
     COMPONENT_METADATA,

@@ -269,7 +269,7 @@ class MessageRouter:
         if not self._for_us(message, or_all=True):
             return
         vehicle = self._vehicle
-        target = decode_setpoint(message, self._origin, vehicle.home, vehicle.boot_us)
+        target = decode_setpoint(message, self._origin, vehicle.home)
         if isinstance(target, str):
             self._report_refusal(f"{kind} {target}")
             return

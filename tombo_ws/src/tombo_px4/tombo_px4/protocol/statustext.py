@@ -12,7 +12,6 @@ from typing import Any
 
 from tombo_px4.link.decoded_messages import Severity
 from tombo_px4.link.event_definitions import (
-    ARGUMENT_KINDS,
     ARMING_DENIED,
     CHECKS_BEGIN,
     CHECKS_END,
@@ -111,8 +110,7 @@ class EventSender:
         self._send(CHECKS_END, _PROTOCOL, boot_us)
 
     def _send(self, name: str, severity: int, boot_us: int, first: int = 0) -> None:
-        known = KNOWN_EVENTS.get(name)
-        kinds = "<" + "".join(ARGUMENT_KINDS[kind] for kind in (known.arguments if known else ()))
+        kinds = KNOWN_EVENTS[name].format if name in KNOWN_EVENTS else "<"
         values = [first, *([0] * 8)][: len(kinds) - 1]
         arguments = list(struct.pack(kinds, *values).ljust(ARGUMENTS, b"\0"))
         self._sequence = (self._sequence + 1) % 65536

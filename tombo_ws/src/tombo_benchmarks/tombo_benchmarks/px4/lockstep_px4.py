@@ -1,0 +1,238 @@
+"""A PX4 whose vehicle is simulated here, in lockstep with it: a real one, or the simulated one."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Self
+
+from tombo_benchmarks.px4.px4_process import Px4Process
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
+from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.autopilot.vehicle import Px4Vehicle
+from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
+from tombo_px4.hil.flight import Watch
+from tombo_px4.hil.hil_start_help import MOCAP_ONLY, airframe_parameters, mocap_parameters
+from tombo_px4.hil.link import PX4_PORT, HilLink
+from tombo_px4.hil.lockstep import HilSimulator
+from tombo_px4.hil.params import HilParams
+from tombo_px4.link.framing import FrameCounts, decode, encoder, frames_of
+from tombo_px4.link.link_params import LinkParams
+from tombo_px4.link.mavlink_link import Link, Received
+from tombo_px4.protocol.endpoint import Endpoint
+from tombo_sim.simulator import Simulator
+from tombo_sim.world import World
+
+ONBOARD_PORT = 14540
+_SILENT_S = 60.0
+"""Wall time without a step after which PX4 is given up."""
+_WAIT_S = 0.02
+
+
+class LockstepPx4(ABC):
+    """A PX4 that flies a vehicle of this process.
+
+    Attributes:
+        link: the bridge's end of the link to it.
+        system: its MAVLink system.
+        watch: called with the simulator at every tick; a restarted PX4 has a new simulator.
+        steps: how many it was given.
+        missed: how many of them it has not answered.
+    """
+
+    link: Any
+    system = 1
+    watch: Watch
+    steps = missed = 0
+
+    @property
+    @abstractmethod
+    def armed(self) -> bool:
+        """Its rotors may turn."""
+
+    @abstractmethod
+    def fly(self, over: Callable[[], bool]) -> None:
+        """Start PX4, with its vehicle on the ground, and fly until `over`.
+
+        Raises:
+            InputError: PX4 does not start, has ended, or does not answer.
+        """
+
+    def __enter__(self) -> Self:
+        return self
+
+    @abstractmethod
+    def __exit__(self, *error: object) -> None:
+        """Close the links."""
+
+
+def lockstep_px4(
+    build: Path | None,
+    folder: Path,
+    world: World,
+    seed: int,
+    parameters: Mapping[str, float],
+    *,
+    instance: int = 0,
+    speed: float = 0.0,
+    hand: Watch | None = None,
+) -> LockstepPx4:
+    """Return a PX4 that flies by motion capture alone.
+
+    Args:
+        build: of a real one (`px4_build`); None: the simulated one.
+        folder: new; for the files of a real one.
+        world: what is simulated.
+        seed: of the simulation's random draws.
+        parameters: of PX4, over those that fit the vehicle.
+        instance: of a real one.
+        speed: simulated time against real time, of a real one; 0: as fast as it answers.
+        hand: moves the vehicle, before the samples of a tick are taken.
+
+    Raises:
+        InputError: a parameter is refused, or a port is taken.
+    """
+    if build is None:
+        return _SimulatedPx4(world, seed, parameters, hand)
+    return _RealPx4(build, folder, world, seed, parameters, instance, speed, hand)
+
+
+class _RealPx4(LockstepPx4):
+    """A PX4 SITL, over its simulator link and its on-board link."""
+
+    def __init__(
+        self,
+        build: Path,
+        folder: Path,
+        world: World,
+        seed: int,
+        parameters: Mapping[str, float],
+        instance: int,
+        speed: float,
+        hand: Watch | None,
+    ) -> None:
+        self._build, self._folder, self._instance = build, folder, instance
+        self._starts = 0
+        self.system = instance + 1
+        own = LinkParams()
+        self.link = Link(
+            f"udpin://127.0.0.1:{ONBOARD_PORT + instance}",
+            system=own.own_system,
+            component=own.own_component,
+            clock=time.time_ns,
+            accept_system=self.system,
+            accept_component=1,
+        )
+        self._hil_link = HilLink(PX4_PORT + instance)
+        params = HilParams(gps=False).check()
+        self._hil = HilSimulator(
+            world, seed, params, self._hil_link, speed=speed, watch=self._watch, hand=hand
+        )
+        vehicle = airframe_parameters(world, self._hil.flight) | mocap_parameters(world, False)
+        self._parameters = {**vehicle, **parameters}
+
+    def _watch(self, simulator: Simulator) -> None:
+        self.watch(simulator)
+
+    @property
+    def armed(self) -> bool:
+        """Its rotors may turn."""
+        return self._hil.motors.armed
+
+    def fly(self, over: Callable[[], bool]) -> None:
+        """Start PX4 in a folder of its own, and fly until `over`."""
+        again = f"-again-{self._starts}" if self._starts else ""
+        folder = self._folder.with_name(self._folder.name + again)
+        self._starts += 1
+        with Px4Process(self._build, folder, self._parameters, self._instance) as px4:
+            stepped_s = time.monotonic()
+            while not over():
+                now_ns = time.monotonic_ns()
+                if self._hil.advance(now_ns):
+                    stepped_s = time.monotonic()
+                    self.steps, self.missed = self._hil.steps, self._hil.missed
+                elif not px4.running or time.monotonic() - stepped_s > _SILENT_S:
+                    raise InputError("PX4 has ended or does not answer; accepted: one that flies")
+                else:
+                    self._hil.wait(now_ns, _WAIT_S)
+
+    def __exit__(self, *error: object) -> None:
+        self.link.close()
+        self._hil_link.close()
+
+
+class _MemoryLink:
+    """One end of a MAVLink link within the process: as much of `Link` as is used, no socket."""
+
+    def __init__(self, system: int, component: int) -> None:
+        self.mav = encoder(system, component)
+        self.now_ns = EPOCH_NS
+        """Time that arrivals are stamped with; the owner sets it."""
+        self.other: _MemoryLink = self
+        """The other end."""
+        self._came: deque[Received] = deque()
+
+    def send(self, message: Any, to: Any = None) -> bool:
+        """Send a message; it is there at once."""
+        self.other.arrive(bytes(message.pack(self.mav)))
+        self.mav.seq = (self.mav.seq + 1) % 256
+        return True
+
+    def arrive(self, data: bytes) -> None:
+        """Take the bytes of one message."""
+        for frame in frames_of(data, FrameCounts()):
+            ids = (frame.system, frame.component)
+            self._came.append(Received(decode(frame), self.now_ns, *ids, None))
+
+    def receive(self, limit: int = 200) -> list[Received]:
+        """Return the messages that have come."""
+        return [self._came.popleft() for _ in range(min(limit, len(self._came)))]
+
+
+class _SimulatedPx4(LockstepPx4):
+    """The simulated PX4 and its vehicle: no socket, no clock, no chance but seeds."""
+
+    def __init__(
+        self, world: World, seed: int, parameters: Mapping[str, float], hand: Watch | None
+    ) -> None:
+        self._world, self._seed, self._hand = world, seed, hand
+        self._parameters = {**MOCAP_ONLY, **SAFE_PARAMETERS, **parameters}
+        own = LinkParams()
+        self.link = _MemoryLink(own.own_system, own.own_component)
+        self._link = _MemoryLink(1, 1)
+        self.link.other, self._link.other = self._link, self.link
+        self._boot()
+
+    def _boot(self) -> None:
+        """Set the vehicle on the ground, disarmed."""
+        table = ParameterTable()
+        for name, value in self._parameters.items():
+            if name in table.names and (refusal := table.set(name, value)):
+                raise InputError(refusal)
+        self._vehicle = Px4Vehicle(self._world, self._seed, table)
+        self._vehicle.hand = self._hand
+        self._endpoint = Endpoint(self._vehicle, [(self._link, "onboard")])  # type: ignore[list-item]
+
+    @property
+    def armed(self) -> bool:
+        """Its rotors may turn."""
+        return self._vehicle.armed
+
+    def fly(self, over: Callable[[], bool]) -> None:
+        """Fly until `over`; a second flight begins on the ground again."""
+        if self._vehicle.tick:
+            self._boot()
+        epoch_ns = self.link.now_ns
+        while not over():
+            boot_ns = (self._vehicle.tick + 1) * TICK_NS
+            self.link.now_ns = self._link.now_ns = epoch_ns + boot_ns
+            self._endpoint.advance(boot_ns, epoch_ns + boot_ns)
+            self.steps = self._vehicle.tick
+            self.watch(self._vehicle.simulator)
+
+    def __exit__(self, *error: object) -> None:
+        """Nothing is open."""
