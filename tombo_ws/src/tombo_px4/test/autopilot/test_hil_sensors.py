@@ -127,6 +127,20 @@ def test_the_pitot_tube_reads_the_wind_of_flying_forward():
 # ---- GPS and truth
 
 
+def test_gps_speaks_of_motion_in_centimetres_a_second_north_east_down():
+    shown = Shown(gps_position_noise=0.0, gps_velocity_noise=0.0)
+    fixes = []
+    for _ in range(80):
+        shown.plant.state.position[2] = 50.0
+        shown.plant.state.velocity = [1.0, 2.0, 0.5]
+        fixes += [m for kind, m in shown.step().items() if kind == "HIL_GPS"]
+    last = fixes[-1]
+    assert np.diff([fix.time_usec for fix in fixes[1:]]) == pytest.approx(100_000, abs=4000)
+    assert (last.vn, last.ve, last.vd) == pytest.approx((200, 100, -50), abs=6)
+    assert (last.vel, last.cog) == pytest.approx((224, 2657), abs=30)
+    assert last.alt == pytest.approx(538_000, abs=100)
+
+
 def test_gps_at_rest_is_noisy_about_the_origin_and_knows_no_course():
     shown = Shown()
     fixes = [m["HIL_GPS"] for _ in range(1000) for m in [shown.step()] if "HIL_GPS" in m]
