@@ -56,8 +56,8 @@ def thrust_gain(flight: Flight, signals: ControlSignals) -> LoopFit | None:
 
 def _specific_force(flight: Flight, signals: ControlSignals) -> Array:
     """Return the force along body z per mass [m/s^2], (N,): measured, or of the velocity."""
-    if "accel" in flight.series:
-        accel = flight.series["accel"]
+    accel = flight.series.get("accel")
+    if accel is not None and accel.t.size:
         return np.asarray(np.interp(signals.t, accel.t, accel.values[:, 2]))
     assert signals.turns is not None  # the caller has seen to it
     up = signals.turns.apply([0.0, 0.0, 1.0])
@@ -82,6 +82,8 @@ def with_asked_rotors(flight: Flight) -> Flight:
     asked = np.column_stack([np.interp(t, thrust.t, collective), torque.values])
     share = 4.0 * asked @ _mixer(frame).T / (frame.mass * GRAVITY)
     keep = np.isfinite(share).all(axis=1) & (share > 0.0).all(axis=1)
+    if not keep.any():
+        return flight
     speed = Series(t[keep], _HOVER_SPEED * np.sqrt(share[keep]))
     return flight.with_series({**flight.series, "rotor_command": speed})
 

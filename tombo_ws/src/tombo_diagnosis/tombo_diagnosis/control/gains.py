@@ -318,7 +318,8 @@ def _position_loops(s: ControlSignals) -> list[LoopFit]:
         along = np.einsum("ni,ni->n", up, s.turns.apply([0.0, 0.0, 1.0]))
         size = s.thrust_asked / np.maximum(along, 0.3)
         lift = np.mean((size * up[:, 2])[s.usable])  # that carries the weight, on average
-        pushed = GRAVITY * up * (size / lift)[:, None]
+        if lift > 0.0:
+            pushed = GRAVITY * up * (size / lift)[:, None]
     free = s.usable & _below_limit(np.hypot(up[:, 0], up[:, 1]) / up[:, 2], s.usable)
     units = {"P": "1/s^2", "I": "1/s^3", "D": "1/s"}
     speed = np.zeros_like(s.position) if s.velocity_asked is None else s.velocity_asked
