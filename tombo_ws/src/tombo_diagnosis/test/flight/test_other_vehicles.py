@@ -108,6 +108,22 @@ def test_measured_speeds_are_no_commands():
     assert "motor_lag" not in {c.effect for c in diagnosis.causes}
 
 
+def test_poses_alone_of_a_vehicle_without_a_file_allow_no_more_than_their_number():
+    """What its healthy flights leave is not known: no noise of poses is called gusts."""
+    quick = np.random.default_rng(4)
+    kept = ("position", "attitude")
+    flights = []
+    for log in logs(sensors="mocap")[:2]:
+        series = {name: log.series[name] for name in kept}
+        place = series["position"]
+        noisy = place.values + quick.normal(0.0, 0.004, place.values.shape)
+        series["position"] = replace(place, values=noisy)
+        flights.append(replace(log.with_series(series), airframe=FRAME))
+    diagnosis = diagnose(flights, nominal())
+    assert diagnosis.confidence <= (len(flights) + 1) / (len(flights) + 2) + 1e-9
+    assert not {"gusts", "mocap_noise"} & {c.effect for c in diagnosis.causes}
+
+
 def test_drag_of_a_vehicle_without_a_file_is_found_with_its_size():
     """The nominal model of such a vehicle knows no drag: all is found, 0.3 N s/m."""
     diagnosis = diagnose([as_other(log) for log in logs()], nominal())

@@ -97,7 +97,7 @@ def diagnose_flights(
     frame = usable[0].airframe
     driven = any(set(DRIVES) & set(log.series) for log in usable)
     if frame is not None and not driven and all(log.airframe == frame for log in usable):
-        nominal = nominal_model(vehicle=vehicle_of(frame))  # no drive to fit thrust to
+        nominal = replace(nominal_model(vehicle=vehicle_of(frame)), calibrated=True)
     elif any(log.airframe is not None for log in usable):
         nominal, usable = calibrated(usable)
     if all(has_no_thrust_data(log) for log in usable):
