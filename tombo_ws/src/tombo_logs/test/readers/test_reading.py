@@ -58,7 +58,7 @@ def test_generic_file_names_are_replaced_by_the_folder_or_numbered():
 
 def test_several_files_with_generic_names_in_a_folder_keep_their_names():
     paths = ["/home/me/flights/lab/1.csv", "/home/me/flights/lab/2.csv", "/home/me/x/1.csv"]
-    assert flight_names([Path(p) for p in paths]) == ["lab/1", "lab/2", "x"]
+    assert flight_names([Path(p) for p in paths]) == ["lab/1", "lab/2", "x/1"]
     assert flight_names([Path(p) for p in paths[:2]]) == ["lab/1", "lab/2"]
 
 

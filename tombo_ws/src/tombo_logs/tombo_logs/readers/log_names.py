@@ -28,8 +28,8 @@ def flight_names(paths: Sequence[Path]) -> list[str]:
 def _parts(paths: Sequence[Path]) -> list[tuple[str, ...]]:
     """Return folders and name of each path, no two alike.
 
-    A file with a generic name gets that of its folder, and keeps its own where others are there;
-    what differs by the ending only gets a number.
+    A file with a generic name gets that of its folder, and keeps its own where others are there,
+    or where its number says so; what differs by the ending only gets a number.
     """
     whole = [_folders_and_name(path) for path in paths]
     generic = [
@@ -37,10 +37,12 @@ def _parts(paths: Sequence[Path]) -> list[tuple[str, ...]]:
         for path, p in zip(paths, whole, strict=True)
     ]
     alone = Counter(p[:-1] for p, is_generic in zip(whole, generic, strict=True) if is_generic)
-    parts = [
-        p if not is_generic else p[:-1] if alone[p[:-1]] == 1 else (*p[:-2], "/".join(p[-2:]))
-        for p, is_generic in zip(whole, generic, strict=True)
-    ]
+
+    def named(p: tuple[str, ...]) -> tuple[str, ...]:
+        only = alone[p[:-1]] == 1 and not re.search("[1-9]", p[-1])
+        return p[:-1] if only else (*p[:-2], "/".join(p[-2:]))
+
+    parts = [named(p) if is_generic else p for p, is_generic in zip(whole, generic, strict=True)]
     seen: Counter[tuple[str, ...]] = Counter()
     for i, p in enumerate(parts):
         seen[p] += 1
