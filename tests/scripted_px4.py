@@ -174,7 +174,7 @@ class ScriptedPx4:
         """Send an event; arguments are pairs of a kind of `struct` and a value."""
         data = b"".join(struct.pack("<" + kind, value) for kind, value in arguments)
         self.sequence += 1
-        content = (0, 0, number, 0, self.sequence, severity, list(data.ljust(40, b"\0")))
+        content = (number, 0, self.sequence, 0, 0, severity, list(data.ljust(40, b"\0")))
         self._out.append(EventMessage(*content))
 
     def report_checks(self):

@@ -47,7 +47,6 @@ class Loss:
     what: str
     """`poses`, `late`, `jumping`, `exchanged`, `link`, `bridge`, `mission`, `setpoints`, `px4`."""
     seconds: float = math.inf
-    bridge_lives: bool = True
 
 
 LOSSES: Final = (
@@ -56,10 +55,10 @@ LOSSES: Final = (
     Loss("poses 0.5 s late", "late"),
     Loss("poses jump by 1 m", "jumping"),
     Loss("poses of another body", "exchanged"),
-    Loss("link cut for 10 s", "link", 10.0, False),
-    Loss("link cut for good", "link", math.inf, False),
-    Loss("bridge killed", "bridge", math.inf, False),
-    Loss("bridge stopped for 20 s", "bridge", 20.0, False),
+    Loss("link cut for 10 s", "link", 10.0),
+    Loss("link cut for good", "link"),
+    Loss("bridge killed", "bridge"),
+    Loss("bridge stopped for 20 s", "bridge", 20.0),
     Loss("mission killed", "mission"),
     Loss("set points silent", "setpoints"),
     Loss("PX4 restarted", "px4"),

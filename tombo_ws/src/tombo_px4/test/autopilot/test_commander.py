@@ -215,22 +215,6 @@ def test_terminate_and_disarm_stop_the_rotors(action, again):
     assert (desk.commander.arm(desk.now) == Result.ACCEPTED) == again
 
 
-def test_when_the_stream_is_back_it_goes_on():
-    desk = Desk(modes.OFFBOARD).fly()
-    desk.wait(1.5, stream=False)
-    desk.wait(0.1)
-    assert desk.commander.mode == modes.OFFBOARD and not desk.commander.failsafe
-    assert desk.heard("Failsafe cleared")
-
-
-def test_position_lost_and_found():
-    desk = Desk(modes.OFFBOARD, COM_OBL_RC_ACT=4).fly()
-    desk.wait(0.1, **LOST)
-    assert desk.commander.mode == DESCEND
-    desk.wait(0.1, local_position=True, global_position=True)
-    assert desk.commander.mode == modes.OFFBOARD
-
-
 # --- By itself -------------------------------------------------------------------------------
 
 

@@ -48,27 +48,6 @@ def test_simulated_time_follows_the_clock_and_telemetry_comes():
         assert b.endpoint.telemetry.load >= 0.0
 
 
-@pytest.mark.real_time
-def test_a_request_is_answered_before_the_next_stream_is_due():
-    """Sleep ends when something comes: asked often, it answers each within its time."""
-    with bench("ground") as b:
-        asked, answered = [], []
-        end = time.monotonic() + 1.0
-
-        def redraw(boot_ns, clock):
-            for m in of(b.client.collect(), "TIMESYNC"):
-                if m.tc1:
-                    answered.append(m.ts1)
-            if len(asked) == len(answered) and time.monotonic() < end - 0.2:
-                asked.append(len(asked) + 1)
-                b.client.send(b.client.mav.timesync_encode(0, asked[-1]))
-
-        serve(b.endpoint, time.monotonic_ns, time.time_ns, lambda: time.monotonic() > end, redraw)
-        with in_time():
-            assert answered == asked
-            assert len(answered) > 50
-
-
 def test_a_machine_that_is_too_slow_is_told_and_time_slips(fresh):
     fast = FakeTime(300 * MS)
     clock = serve(fresh.endpoint, fast, time.time_ns, lambda: fast.reads > 40)
@@ -76,20 +55,6 @@ def test_a_machine_that_is_too_slow_is_told_and_time_slips(fresh):
     assert any("too slow" in text for _, text in fresh.endpoint.statustext.sent_texts)
     asked_for_ns = clock.boot_ns(fast.now_ns)
     assert asked_for_ns - fresh.vehicle.tick * MS < 1_000 * MS
-
-
-def test_it_catches_up_after_a_short_pause_without_slipping(fresh):
-    clock = FakeTime(0)
-    pause = iter([100 * MS])
-
-    def stop():
-        clock.now_ns += next(pause, 0)
-        clock.now_ns += MS
-        return fresh.vehicle.tick >= 120
-
-    boot = serve(fresh.endpoint, clock, time.time_ns, stop)
-    assert boot.slipped_ns == 0
-    assert fresh.vehicle.tick >= 120
 
 
 def test_links_are_watched_for_what_comes_as_they_change():

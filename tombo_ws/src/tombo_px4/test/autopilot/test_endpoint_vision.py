@@ -120,15 +120,6 @@ def test_stamps_are_converted_with_timesync(monkeypatch):
 
 
 @pytest.mark.slow
-def test_without_a_clock_of_the_client_arrival_counts():
-    with bench(**LAB) as b:
-        b.each_round = lambda: b.client.send(odometry(b.client.mav, 123_456))
-        b.run(1.5)
-        assert b.vehicle.ekf2_model.source == "vision"
-        assert b.vehicle.estimate.position == pytest.approx(PLACE, abs=0.02)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "make",
     [

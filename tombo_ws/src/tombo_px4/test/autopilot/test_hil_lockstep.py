@@ -1,7 +1,6 @@
 """A scripted PX4 flies the simulator in lockstep: hovers, climbs, turns; then all goes wrong."""
 
 import socket
-import time
 from contextlib import closing
 
 import numpy as np
@@ -10,7 +9,6 @@ from hil_bench import Bench, bench
 from hil_peer import Peer, Pilot
 from pymavlink.dialects.v20 import common
 
-from in_time import in_time
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.scenario import load_scenario, world_of
@@ -171,22 +169,6 @@ def test_an_answer_with_another_time_is_counted_and_not_flown(b):
 
 
 @pytest.mark.slow
-def test_answers_with_wrong_times_only_are_silence(b):
-    b.fly(4.0)
-    b.peer.answer = lambda sensor, values: b.peer.controls(sensor, values, shift_us=-8000)
-    steps = b.hil.steps
-    for _ in range(200):
-        b.turn()
-    assert b.hil.steps == steps + 1
-    b.now_ns += PATIENCE_NS
-    b.until(lambda: b.hil.phase is Px4Phase.SILENT)
-    for _ in range(20):
-        b.turn()
-    assert b.hil.wrong_time == 2
-    assert b.hil.missed == 1
-
-
-@pytest.mark.slow
 def test_a_repeated_answer_is_counted_and_the_last_one_counts(b):
     b.fly(4.0)
     b.peer.answer = lambda sensor, values: (
@@ -338,19 +320,6 @@ def test_a_px4_that_reads_nothing_is_dropped_when_too_much_waits(b):
     assert not b.link.connected
 
 
-def test_waiting_ends_when_something_comes(b):
-    b.peer.close()
-    start = time.monotonic()
-    b.hil.wait(b.now_ns, 20.0)  # a connection is there
-    b.until(lambda: b.hil.flights == 1 and b.hil.phase is Px4Phase.WAITING)
-    b.hil.wait(b.now_ns, 0.01)
-    b.peer = Peer(b.link.port)
-    b.hil.wait(b.now_ns, 20.0)
-    b.until(lambda: b.hil.phase is Px4Phase.FLYING)
-    with in_time():
-        assert time.monotonic() - start < 10.0
-
-
 # ---- pace
 
 
@@ -377,35 +346,6 @@ def test_time_that_cannot_be_made_up_for_is_told():
             b.turn()
         assert b.hil.flight.time_us - before_us < 50_000
         assert any("time stretches" in text for text in b.news)
-
-
-@pytest.mark.slow
-def test_silence_is_not_made_up_for():
-    with bench(speed=1.0, silent=0) as b:
-        b.fly(0.5)
-        kept = b.hush()
-        for _ in range(4):
-            b.now_ns += PATIENCE_NS
-            b.turn()
-        b.peer.answer = kept
-        b.now_ns += PATIENCE_NS
-        b.until(lambda: b.hil.phase is Px4Phase.FLYING)
-        start_ns, start_us = b.now_ns, b.hil.flight.time_us
-        b.fly(1.5)
-        simulated_ns = 1000 * (b.hil.flight.time_us - start_us)
-        assert simulated_ns == pytest.approx(b.now_ns - start_ns, rel=0.02)
-        assert b.hil.slips <= 1
-
-
-@pytest.mark.slow
-def test_px4_that_leaves_while_nothing_is_due_is_noticed_at_once():
-    with bench(speed=1.0, silent=0) as b:
-        b.fly(0.5)
-        b.peer.close()
-        b.link.wait(5.0)
-        for _ in range(3):
-            b.hil.advance(b.now_ns)
-        assert b.hil.phase is Px4Phase.WAITING
 
 
 def test_a_busy_port_is_one_line():

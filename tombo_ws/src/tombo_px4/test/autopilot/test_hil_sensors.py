@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tombo_px4.frames import px4_quaternion
-from tombo_px4.hil.flight import HilFlight, HilSensors, MotorCommands, altitude_at, pressure_at
+from tombo_px4.hil.flight import HilFlight, HilSensors, MotorCommands
 from tombo_px4.hil.params import HilParams
+from tombo_px4.protocol.telemetry_snapshot import altitude_at, ground_truth, pressure_at
 from tombo_sim.world import SpreadParams, World
 
 AT_ORIGIN = SpreadParams(start=0.0, yaw=0.0, obstacle=0.0)
@@ -155,18 +156,6 @@ def test_no_gps_means_none():
     assert not any("HIL_GPS" in shown.step() for _ in range(200))
 
 
-def test_truth_comes_as_often_as_px4_asks():
-    shown = Shown()
-    assert not any("HIL_STATE_QUATERNION" in shown.step() for _ in range(50))
-    shown.flight.set_truth_interval(5000.0)
-    heard = sum("HIL_STATE_QUATERNION" in shown.step() for _ in range(250))
-    assert heard == pytest.approx(200, abs=1)
-    shown.flight.set_truth_interval(-1.0)
-    assert not any("HIL_STATE_QUATERNION" in shown.step() for _ in range(50))
-    shown.flight.set_truth_interval(1000.0)  # more than there are steps
-    assert all("HIL_STATE_QUATERNION" in shown.step() for _ in range(50))
-
-
 def test_the_truth_is_true():
     shown = Shown(truth_rate=250.0)
     shown.settle(2)
@@ -186,18 +175,11 @@ def test_the_truth_is_true():
     assert true.true_airspeed == pytest.approx(373, abs=5)
 
 
-def test_the_truth_of_a_vehicle_at_rest_is_one_g_upwards():
-    shown = Shown(truth_rate=250.0)
-    shown.settle()
-    true = shown.step()["HIL_STATE_QUATERNION"]
-    assert [true.xacc, true.yacc, true.zacc] == pytest.approx([0, 0, -1000], abs=2)
-
-
 def test_a_force_beyond_the_messages_range_is_cut_off():
     shown = Shown(truth_rate=250.0)
     shown.settle(3)
     shown.plant.force[0] = 1e6
-    truth = shown.flight.sensors.truth(shown.parser, 0, shown.plant)
+    truth = ground_truth(shown.parser, 0, shown.flight.sensors.origin, shown.plant)
     assert truth.xacc == 32_767
 
 

@@ -52,11 +52,6 @@ def test_take_off_to_a_height_that_was_asked_for_once():
     assert follower.position[2] == pytest.approx(HOME[2] + 2.5)
 
 
-def test_take_off_never_goes_down():
-    follower = Follower([0.0, 0.0, 9.0], MIS_TAKEOFF_ALT=3.0)
-    assert (follower.fly(AUTO_TAKEOFF, 3.0)[:, 2] == 9.0).all()
-
-
 def test_hold_stays_where_a_braking_vehicle_comes_to_rest():
     follower = Follower([1.0, 2.0, 3.0])
     assert (follower.fly(AUTO_HOLD, 1.0)[:, :3] == [1.0, 2.0, 3.0]).all()
@@ -99,13 +94,6 @@ def test_return_climbs_goes_home_descends_and_lands():
     )
     assert (rows[on_the_way, 2] > top - 0.01).all()  # nothing sideways below the return height
     assert rows[-1, :2] == pytest.approx(HOME[:2]) and rows[-1, 2] < HOME[2] + 0.1
-
-
-def test_return_from_close_by_does_not_climb():
-    follower = Follower([0.6, -0.5, 2.2], RTL_RETURN_ALT=30.0)
-    rows = follower.fly(AUTO_RTL, 10.0)
-    assert rows[:, 2].max() == pytest.approx(2.2)
-    assert rows[-1, :2] == pytest.approx(HOME[:2]) and rows[-1, 2] < 0.3
 
 
 @pytest.mark.parametrize("delay", [-1.0, 5.0])

@@ -50,27 +50,6 @@ def test_takes_off_and_holds(height):
     assert flight.heard("Armed by") and flight.heard("Takeoff detected")
 
 
-def test_rotors_idle_while_they_spin_up_and_stand_still_disarmed():
-    flight = ready()
-    flight.fly(0.2)
-    assert flight.rotors.max() == 0.0
-    flight.take_off()
-    flight.fly(0.5)
-    assert flight.vehicle.takeoff_state == TakeoffState.SPOOLUP
-    assert 50.0 < flight.rotors.min() <= flight.rotors.max() < 110.0
-    assert flight.body[2] < GROUND
-
-
-def test_hover_is_at_the_thrust_that_the_parameter_says():
-    flight = hovering(vision=True)
-    shares = []
-    for _ in range(2000):
-        flight.step()
-        shares.append(flight.vehicle.thrust)
-    hover = flight.vehicle.parameters.get("MPC_THR_HOVER")
-    assert np.mean(shares) == pytest.approx(hover, rel=0.03)
-
-
 def test_lands_and_disarms():
     flight = taken_off()
     place = flight.body[:2]

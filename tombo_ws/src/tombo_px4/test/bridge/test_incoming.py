@@ -18,7 +18,6 @@ from tombo_px4.modes import OFFBOARD, custom_mode
 NOW = 1_763_700_000_000_000_000
 BOOT = 20_000_000_000
 NAN = math.nan
-ANY_FLOAT = st.floats(width=32, allow_nan=True, allow_infinity=True)
 UNKNOWN = tuple([NAN] + 20 * [0.0])
 LEVEL = [1.0, 0.0, 0.0, 0.0]
 
@@ -119,31 +118,6 @@ def test_without_a_common_clock_there_is_no_stamp():
     record = read(MessageDecoder(TimeSync(), 245, 191), odometry())
     assert record.stamp_ns is None
     assert record.position == pytest.approx([1.0, 2.0, 3.0])
-
-
-@pytest.mark.slow
-@given(
-    st.lists(ANY_FLOAT, min_size=13, max_size=13),
-    st.integers(0, 255),
-    st.integers(0, 255),
-    st.integers(0, 2**64 - 1),
-)
-def test_odometry_of_anything_is_finite_or_refused(values, frame, child, stamp):
-    decoder = MessageDecoder(synced(), 245, 191)
-    x, y, z, *q, vx, vy, vz, p, r, w = values
-    record = read(
-        decoder,
-        odometry(
-            x=x, y=y, z=z, q=q, vx=vx, vy=vy, vz=vz, rollspeed=p, pitchspeed=r, yawspeed=w,
-            frame_id=frame, child_frame_id=child, time_usec=stamp,
-        ),
-    )  # fmt: skip
-    if record is None:
-        assert sum(decoder.refused.values()) == 1
-    else:
-        for value in (record.position, record.velocity, record.attitude, record.rates):
-            assert np.isfinite(value).all()
-        assert np.linalg.norm(record.attitude) == pytest.approx(1.0)
 
 
 def heartbeat(autopilot=mav.MAV_AUTOPILOT_PX4, base_mode=0x81, mode=OFFBOARD):
@@ -309,21 +283,3 @@ def test_a_text_with_a_lost_piece_comes_with_a_gap_and_in_time(decoder):
     (record,) = decoder.take_expired(NOW + 2_000_000_000)
     assert record.text == "a" * 50 + "…end"
     assert decoder.take_expired(NOW + 3_000_000_000) == []
-
-
-@pytest.mark.slow
-@given(
-    st.lists(
-        st.tuples(
-            st.integers(0, 255), st.text(max_size=20), st.integers(0, 65535), st.integers(0, 255)
-        ),
-        max_size=30,
-    )
-)
-def test_no_text_upsets_the_joiner(pieces):
-    decoder = MessageDecoder(TimeSync(), 245, 191)
-    for severity, words, number, chunk in pieces:
-        m = mav.MAVLink_statustext_message(severity, words.encode()[:50], number, chunk)
-        record = read(decoder, m)
-        assert record is None or record.text.isprintable()
-    assert len(decoder.take_expired(NOW + 10**10)) <= 8

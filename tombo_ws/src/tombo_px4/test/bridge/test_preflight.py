@@ -330,6 +330,9 @@ def test_a_heading_that_px4_has_from_elsewhere_is_compared(lab, turn):
     assert ("not the nose" in text) == (turn != 35)
 
 
+# --- the proof of the axes ---------------------------------------------------------------------
+
+
 @pytest.mark.parametrize("turn", [45, 90, 180])
 def test_a_body_whose_x_is_not_the_nose_is_not_armed_without_a_proof(turn):
     lab = Lab(axes_evidence="")
@@ -341,8 +344,6 @@ def test_a_body_whose_x_is_not_the_nose_is_not_armed_without_a_proof(turn):
     assert "turn the vehicle by hand about each axis, 1 rad in all" in text
     assert lab.finding_keys() == {"axes_unproven"}, "at rest nothing else shows it"
 
-
-# --- the proof of the axes ---------------------------------------------------------------------
 
 PROOF = AxesEvidence("2026-11-24T10:00:00+00:00", "", 1, tilt_rad=(0.0, 0.0))
 

@@ -220,15 +220,6 @@ def test_a_refused_arming_is_retried_reported_and_given_up():
     assert flight.armings() == 5 * [True], "bounded"
 
 
-def test_a_refused_mode_arms_nothing():
-    flight = Flight().run(2.0)
-    flight.vehicle.refuses[MAV_CMD_DO_SET_MODE] = REJECTED
-    flight.until(SessionStage.GIVEN_UP, Phase.TAKEOFF)
-    assert flight.armings() == []
-    assert len(flight.modes_asked()) == 3
-    assert "mode offboard temporarily rejected" in flight.session.why
-
-
 def test_an_acknowledgement_is_no_confirmation():
     flight = Flight().run(2.0)
     flight.vehicle.deaf = True
@@ -415,16 +406,6 @@ def test_a_mission_whose_first_word_heard_is_take_off_is_flown():
     assert flight.vehicle.armed and flight.vehicle.mode == OFFBOARD
 
 
-def test_take_off_asked_for_again_after_a_refusal_is_no_first_word():
-    flight = Flight(Phase.TAKEOFF)
-    flight.vehicle.refuses = {MAV_CMD_COMPONENT_ARM_DISARM: DENIED}
-    flight.until(SessionStage.GIVEN_UP)
-    flight.vehicle.refuses = {}
-    sent = len(flight.vehicle.received)
-    flight.run(10.0)
-    assert len(flight.vehicle.received) == sent and not flight.vehicle.armed
-
-
 def test_a_bridge_started_in_flight_touches_nothing():
     flight = Flight(Phase.HOVER)
     flight.vehicle.armed, flight.vehicle.mode = True, AUTO_RTL
@@ -575,13 +556,6 @@ def test_a_hold_that_px4_refuses_is_one_by_set_points():
     assert flight.run(0.1).stream == SetpointSource.SETPOINT
 
 
-def test_a_hold_holds_before_px4_has_answered():
-    flight = Flight().take_off()
-    flight.vehicle.deaf = True
-    flight.session.request("hold")
-    assert flight.run(0.1).stream == SetpointSource.HOLD
-
-
 def test_a_second_request_replaces_the_first():
     flight = Flight().take_off()
     flight.vehicle.deaf = True
@@ -598,15 +572,6 @@ def test_a_second_request_replaces_the_first():
         True,
     )
     assert "overtaken" in first.text
-
-
-def test_offboard_by_service_opens_the_way_after_a_refusal():
-    flight = Flight().run(2.5)
-    flight.vehicle.refuses[MAV_CMD_COMPONENT_ARM_DISARM] = DENIED
-    flight.until(SessionStage.GIVEN_UP, Phase.TAKEOFF).run(6.0)
-    flight.vehicle.refuses.clear()
-    assert flight.ask("offboard").success
-    flight.until(SessionStage.FLYING)
 
 
 def test_armed_by_the_operator_it_stands_still_until_the_mission_flies():

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import select
 import socket
 import termios
 import time
@@ -12,7 +11,7 @@ import pytest
 from tombo_dynamics.errors import InputError
 from tombo_px4.link import tcp, udp
 from tombo_px4.link.mavlink_link import COUNTED, open_transport
-from tombo_px4.link.transport import RetryTimer, SendBuffer, is_loopback, parse_peer, parse_url
+from tombo_px4.link.transport import RetryTimer, is_loopback, parse_peer, parse_url
 
 
 class Way:
@@ -224,35 +223,6 @@ def test_what_the_kernel_had_no_room_for_is_counted(way, sockets):
     assert receiver.counters["dropped"] == sent - arrived > 0
 
 
-def partner_of(listener, sock):
-    """Let the sender of the next datagram in, as the link does."""
-    sock.sendto(b"first", listener.transport.address)
-    assert listener.read(number=5) == b"first"
-    listener.transport.peer = sock.getsockname()
-
-
-def test_the_most_silent_partner_makes_room(way, sockets):
-    listener = way("udpin://127.0.0.1:0")
-    crowd = [sockets(socket.SOCK_DGRAM, bound=True) for _ in range(udp.MAX_PARTNERS + 1)]
-    for sock in (*crowd[:-1], crowd[0], crowd[-1]):
-        partner_of(listener, sock)
-        assert listener.transport.read() is None
-    names = [sock.getsockname() for sock in crowd]
-    assert list(listener.transport._partners) == [*names[2:-1], names[0], names[-1]]
-
-
-def test_a_udp_sender_lives_on_when_nobody_listens(way):
-    port = free_port()
-    sender = way(f"udpout://127.0.0.1:{port}")
-    results = [sender.transport.write(b"x", None) for _ in range(5)]
-    assert set(results) <= {"", "send_failed"}
-    sender.read(0.05)
-    listener = way(f"udpin://127.0.0.1:{port}")
-    sender.transport.write(b"y", None)
-    sender.transport.write(b"y", None)
-    assert listener.read() == b"y"
-
-
 @pytest.mark.slow
 def test_a_tcp_client_keeps_trying_and_comes_back(way):
     port = free_port()
@@ -436,28 +406,6 @@ def test_a_serial_port_that_is_none_is_refused(way, tmp_path):
     file.write_bytes(b"")
     with pytest.raises(InputError, match="can't open it"):
         way(f"serial://{file}:57600")
-
-
-def test_an_outbox_takes_frames_whole_or_not_at_all():
-    room, went = [0], bytearray()
-
-    def write(data):
-        if room[0] == 0:
-            raise BlockingIOError
-        part = data[: room[0]]
-        room[0] -= len(part)
-        went.extend(part)
-        return len(part)
-
-    frame = bytes(range(200))
-    reader, writer = socket.socketpair()
-    with select.epoll() as watch, reader, writer:
-        out = SendBuffer(watch, writer.fileno(), write)
-        accepted = sum(out.push(frame) for _ in range(3000))
-        assert 1000 < accepted < 3000 and watch.poll(0)  # it waits for room
-        room[0] = 10**9
-        out.flush()
-        assert went == frame * accepted and not watch.poll(0)
 
 
 def test_a_retry_is_not_put_off_by_a_clock_that_is_set_back():

@@ -16,19 +16,20 @@ from tombo_dynamics.plant import Plant
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 from tombo_dynamics.time_base import TICK_NS
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
-from tombo_px4.frames import (
-    PX4_ROTORS,
-    GeoOrigin,
-    enu_from_ned,
-    frd_from_flu,
-    ned_from_enu,
-    px4_quaternion,
-)
+from tombo_px4.frames import PX4_ROTORS, GeoOrigin, enu_from_ned, frd_from_flu, ned_from_enu
 from tombo_px4.hil.params import HilParams
 from tombo_px4.link.framing import encoder
 from tombo_px4.link.link_params import ODOMETRY
 from tombo_px4.link.message_encoder import pose_message
-from tombo_px4.protocol.telemetry_snapshot import fitted, globe_fields
+from tombo_px4.protocol.telemetry_snapshot import (
+    INT16,
+    altitude_at,
+    fitted,
+    globe_fields,
+    ground_truth,
+    pressure_at,
+    temperature_at,
+)
 from tombo_sim.simulator import PoseSample, Simulator
 from tombo_sim.world import World
 
@@ -86,29 +87,15 @@ class MotorMapping:
 
 _STREAM = 4560
 """Key of the random generator: whatever else a seed decides stays as it is without this link."""
-_SEA_LEVEL_PA, _SEA_LEVEL_K, _LAPSE_K_M, _EXPONENT = 101_325.0, 288.15, 0.0065, 5.25588
 _SEA_LEVEL_KG_M3 = 1.225
-"""International standard atmosphere, up to 11 km."""
+"""Of the standard atmosphere."""
 _FULL_SCALE = np.array([[16.0 * GRAVITY], [math.radians(2000.0)]]) * (1.0 - 2.0**-16)
 """PX4 keeps accelerometer and gyro in 16 bits, and beyond them the sign turns round. Here both
 reach into the last step, which PX4 takes for clipped."""
-_INT16 = (-32_768, 32_767)
-"""A strike's force is more than that."""
 _FIX_3D, _SATELLITES = 3, 14
 _EPH_CM, _EPV_CM = 70, 110
 _SLOW = 0.1
 """[m/s] below this a course over ground means nothing."""
-
-
-def pressure_at(altitude: float) -> float:
-    """Return the pressure [Pa] of the standard atmosphere at an altitude [m]."""
-    return float(_SEA_LEVEL_PA * (1.0 - _LAPSE_K_M * altitude / _SEA_LEVEL_K) ** _EXPONENT)
-
-
-def altitude_at(pressure: float) -> float:
-    """Return the altitude [m] of a pressure [Pa] in the standard atmosphere."""
-    cooler = 1.0 - (pressure / _SEA_LEVEL_PA) ** (1.0 / _EXPONENT)
-    return float(cooler * _SEA_LEVEL_K / _LAPSE_K_M)
 
 
 class HilSensors:
@@ -159,7 +146,7 @@ class HilSensors:
             0.01 * pressure,
             0.01 * 0.5 * _SEA_LEVEL_KG_M3 * forward * abs(forward),
             altitude_at(pressure),
-            15.0 - _LAPSE_K_M * height,
+            temperature_at(height),
         )
 
     def gps(self, mav: Any, time_us: int, plant: Plant) -> Any:
@@ -177,26 +164,9 @@ class HilSensors:
             _EPH_CM,
             _EPV_CM,
             min(round(100.0 * speed), 65_534),
-            *(fitted(100.0 * v, _INT16) for v in (north, east, down)),
+            *(fitted(100.0 * v, INT16) for v in (north, east, down)),
             course if speed > _SLOW else 65_535,
             _SATELLITES,
-        )
-
-    def truth(self, mav: Any, time_us: int, plant: Plant) -> Any:
-        """Return HIL_STATE_QUATERNION: ground truth."""
-        rates, force = frd_from_flu(np.stack([plant.state.rates, plant.force]))
-        to_milli_g = 1000.0 / GRAVITY / float(plant.mass)
-        flow = plant.airspeed
-        air_speed = min(round(100.0 * math.sqrt(float(flow @ flow))), 65_535)
-        return mav.hil_state_quaternion_encode(
-            time_us,
-            px4_quaternion(plant.state.attitude).tolist(),
-            *rates.tolist(),
-            *globe_fields(self.origin.global_of(plant.state.position)),
-            *(fitted(100.0 * v, _INT16) for v in ned_from_enu(plant.state.velocity).tolist()),
-            air_speed,
-            air_speed,
-            *(fitted(to_milli_g * f, _INT16) for f in force.tolist()),
         )
 
 
@@ -296,7 +266,9 @@ class HilFlight:
             if self._gps_due.is_due(self.time_us):
                 messages.append(sensors.gps(*now))
             if self._truth_due.is_due(self.time_us):
-                messages.append(sensors.truth(*now))
+                messages.append(
+                    ground_truth(self._mav, self.time_us, sensors.origin, simulator.plant)
+                )
             if self.params.mocap:
                 messages += [odometry(pose) for pose in self.poses]
         messages.append(self._sensor())

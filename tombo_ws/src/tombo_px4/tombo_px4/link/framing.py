@@ -31,24 +31,17 @@ URI = 100
 _TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "s": "char"}
 
 
-def _define(
-    number: int,
-    name: str,
-    extra: int,
-    wire: dict[str, tuple[str, int]],
-    names: list[str] | None = None,
-) -> Any:
+def _define(number: int, name: str, extra: int, wire: dict[str, tuple[str, int]]) -> Any:
     """Make pymavlink's class of a message, and enter it into the dialect.
 
     Args:
         number: of the message.
         name: of the message.
         extra: last byte that its checksum counts.
-        wire: field, in the order on the wire, to its kind in `struct` and its length, 0: no array.
-        names: fields in the order of the constructor; None: that on the wire.
+        wire: field, in the order on the wire and of the constructor, to its kind in `struct` and
+            its length, 0: no array.
     """
-    order = list(wire)
-    fields = names or order
+    fields = list(wire)
     content = struct.Struct("<" + "".join(f"{n or ''}{kind}" for kind, n in wire.values()))
 
     def begin(self: Any, *values: Any) -> None:
@@ -74,9 +67,9 @@ def _define(
             "msgname": name,
             "name": name,
             "fieldnames": fields,
-            "ordered_fieldnames": order,
-            "fieldtypes": [_TYPES[wire[field][0]] for field in fields],
-            "orders": [order.index(field) for field in fields],
+            "ordered_fieldnames": fields,
+            "fieldtypes": [_TYPES[kind] for kind, _ in wire.values()],
+            "orders": list(range(len(fields))),
             "lengths": [n if kind == "B" and n else 1 for kind, n in wire.values()],
             "array_lengths": [n for _, n in wire.values()],
             "crc_extra": extra,
@@ -104,15 +97,6 @@ EventMessage: Any = _define(
         "log_levels": ("B", 0),
         "arguments": ("B", ARGUMENTS),
     },
-    [
-        "destination_component",
-        "destination_system",
-        "id",
-        "event_time_boot_ms",
-        "sequence",
-        "log_levels",
-        "arguments",
-    ],
 )
 ComponentMetadata: Any = _define(
     COMPONENT_METADATA,

@@ -33,11 +33,10 @@ class Connection:
         self.socket = sock
         self.peer = peer
         self.spoke = False
-        self.broken = False
         self._watch = watch
         with contextlib.suppress(OSError):
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._out = SendBuffer(watch, sock.fileno(), sock.send, room)
+        self.out = SendBuffer(watch, sock.fileno(), sock.send, room)
 
     def read(self) -> bytes | None:
         """Return some bytes; b"": it has ended; None: nothing more for now."""
@@ -47,21 +46,6 @@ class Connection:
             return None
         except OSError:
             return b""
-
-    def write(self, data: bytes) -> bool:
-        """Send a frame, or keep it until there is room; False: too much waits, or it is broken."""
-        try:
-            return self._out.push(data)
-        except OSError:
-            self.broken = True
-            return False
-
-    def flush(self) -> None:
-        """Send what waits."""
-        try:
-            self._out.flush()
-        except OSError:
-            self.broken = True
 
     def close(self) -> None:
         """Close the socket."""
@@ -121,8 +105,8 @@ class _Streams(Transport):
                 self._event(number, events)
                 continue
             if events & select.EPOLLOUT:
-                connection.flush()
-            data = b"" if connection.broken else connection.read()
+                connection.out.flush()
+            data = b"" if connection.out.broken else connection.read()
             if data:
                 return Packet(data, self._clock(), connection.peer)
             if data is not None:
@@ -137,7 +121,7 @@ class _Streams(Transport):
             connection = next(iter(self._connections.values()), None)
         if connection is None:
             return "no_peer"
-        return "" if connection.write(data) else "send_failed"
+        return "" if connection.out.push(data) else "send_failed"
 
     def close(self) -> None:
         """Close every socket."""

@@ -217,7 +217,11 @@ class RetryTimer:
 
 
 class SendBuffer:
-    """Buffer for sending on a watched file: a frame is sent whole or not at all."""
+    """Buffer for sending on a watched file: a frame is sent whole or not at all.
+
+    Attributes:
+        broken: the other side has gone; nothing more is sent.
+    """
 
     def __init__(
         self, watch: select.epoll, number: int, write: Callable[[bytes], int], room: int = ROOM
@@ -236,31 +240,29 @@ class SendBuffer:
         self._room = room
         self._waiting = bytearray()
         self._full = False
+        self.broken = False
         watch.register(number, select.EPOLLIN)
 
     def push(self, data: bytes) -> bool:
-        """Write a frame behind what waits; False: there is no room for it.
-
-        Raises:
-            OSError: the connection is broken.
-        """
+        """Write a frame behind what waits; False: there is no room for it, or it is broken."""
         if len(self._waiting) + len(data) > self._room:
             self.flush()
             if len(self._waiting) + len(data) > self._room:
                 return False
         self._waiting += data
         self.flush()
-        return True
+        return not self.broken
 
     def flush(self) -> None:
-        """Write what waits, as far as there is room.
-
-        Raises:
-            OSError: the connection is broken.
-        """
-        with contextlib.suppress(BlockingIOError, InterruptedError):
+        """Write what waits, as far as there is room."""
+        try:
             while self._waiting:
                 del self._waiting[: self._write(bytes(self._waiting[:65536]))]
+        except (BlockingIOError, InterruptedError):
+            pass
+        except OSError:
+            self.broken = True
+            return
         if bool(self._waiting) != self._full:
             self._full = not self._full
             room = select.EPOLLOUT if self._full else 0
@@ -321,9 +323,9 @@ class SerialPort(Transport):
         """Return some bytes; None: nothing more for now."""
         if self._port is None:
             return None
+        self._out.flush()
         try:
-            self._out.flush()
-            data = os.read(self._port, CHUNK)
+            data = b"" if self._out.broken else os.read(self._port, CHUNK)
         except BlockingIOError:
             return None
         except OSError:
@@ -336,10 +338,9 @@ class SerialPort(Transport):
         """Send one frame; return "" or the counter of what went wrong."""
         if self._port is None:
             return "no_peer"
-        try:
-            if self._out.push(data):
-                return ""
-        except OSError:
+        if self._out.push(data):
+            return ""
+        if self._out.broken:
             self._close_and_retry()
         return "send_failed"
 

@@ -56,9 +56,9 @@ class Endpoint:
             for (link, streams), home in zip_longest(links, homes[: len(links)])
         ]
         self.statustext = StatusTextSender(self.channels)
-        self._parameters = ParameterServer(vehicle.parameters)
+        parameters = ParameterServer(vehicle.parameters)
         self.message_router = MessageRouter(
-            vehicle, origin, self.telemetry, self._parameters, self.statustext, self.channels
+            vehicle, origin, self.telemetry, parameters, self.statustext, self.channels
         )
         self._last_state: tuple[Any, ...] = ()
         self._checked_us = 0
@@ -84,8 +84,7 @@ class Endpoint:
             self.message_router.take(routed)
         self._report_changes()
         for port in self.channels:
-            for message in port.list.take_due(port.mav, self._parameters, self.vehicle.boot_us):
-                port.send(message)
+            port.send_list(self.vehicle.boot_us)
 
     @property
     def behind_ns(self) -> int:
@@ -137,7 +136,7 @@ class Endpoint:
             self.statustext.say(severity, text, vehicle.boot_us)
         if not vehicle.armed and vehicle.boot_us - self._checked_us >= _CHECKED_US:
             self._checked_us = vehicle.boot_us
-            self.statustext.events.report(vehicle.health.problems, vehicle.boot_us)
+            self.statustext.report_checks(vehicle.health.problems, vehicle.boot_us)
         state = (vehicle.armed, vehicle.mode, vehicle.failsafe, vehicle.landed)
         if state != self._last_state:
             self._last_state = state

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.timesync import TimeSync
-from tombo_px4.protocol.parameter_protocol import ParameterList
+from tombo_px4.protocol.parameter_protocol import ParameterServer
 
 _DEFAULT_HZ: dict[str, dict[str, float]] = {
     # As measured on the on-board link of PX4 1.17 (SITL).
@@ -151,8 +151,8 @@ class StreamTable:
 
 
 _TIMESYNC_NS = 100_000_000
-
-
+_LIST_US = 5_000
+"""Between two batches of parameters."""
 _SILENCE_US = 5_000_000
 """A partner that has been silent for so long has gone."""
 
@@ -193,7 +193,9 @@ class MavlinkChannel:
         self._station_us = -_STATION_US
         self.mav = link.mav
         self.streams = StreamTable(stream_set, offered, boot_us)
-        self.list = ParameterList()
+        self._list: Iterator[list[Any]] | None = None
+        """Batches of the parameters that are being sent; None: nobody asked."""
+        self._list_us = 0
         self.timesync = TimeSync()
         self.requests_timesync = stream_set == "onboard"
         self._next_request_ns = 0
@@ -221,6 +223,25 @@ class MavlinkChannel:
     def send(self, message: Any) -> None:
         """Send to the partner."""
         self.link.send(message, self._partner)
+
+    def begin_list(self, parameters: ParameterServer) -> None:
+        """Send all parameters, the hash first; asked again meanwhile, begin without it."""
+        self._list = parameters.batches(self.mav, self._list is None)
+
+    def stop_list(self) -> None:
+        """Send no more: the ground station knows the values by their hash."""
+        self._list = None
+
+    def send_list(self, boot_us: int) -> None:
+        """Send the next batch of the parameters if it is due."""
+        if self._list is None or boot_us < self._list_us:
+            return
+        self._list_us = boot_us + _LIST_US
+        batch = next(self._list, None)
+        if batch is None:
+            self._list = None
+        for message in batch or ():
+            self.send(message)
 
     def request_timesync(self, boot_ns: int) -> None:
         """Send a TIMESYNC request if it is time."""
@@ -250,6 +271,6 @@ class MavlinkChannel:
         due = [self.streams.next_us * 1000]
         if self.requests_timesync:
             due.append(self._next_request_ns)
-        if self.list.due_us is not None:
-            due.append(self.list.due_us * 1000)
+        if self._list is not None:
+            due.append(self._list_us * 1000)
         return min(due)

@@ -134,7 +134,7 @@ class MessageRouter:
             "COMMAND_LONG": (self._command, False),
             "COMMAND_INT": (self._command, False),
             "SET_MODE": (self._command, False),
-            "PARAM_REQUEST_LIST": (lambda routed: routed.port.list.begin(), True),
+            "PARAM_REQUEST_LIST": (lambda routed: routed.port.begin_list(parameters), True),
             "PARAM_REQUEST_READ": (self._reply_with(parameters.answer_read), True),
             "PARAM_SET": (self._parameter_set, True),
             "VISION_POSITION_ESTIMATE": (self._vision, False),
@@ -208,7 +208,7 @@ class MessageRouter:
             port.link.send(ack, received.peer)
         if command.number == mavlink.MAV_CMD_RUN_PREARM_CHECKS:
             problems = self._vehicle.health.problems
-            self._statustext.events.report(problems, self._vehicle.boot_us, asked=True)
+            self._statustext.report_checks(problems, self._vehicle.boot_us, asked=True)
         if answer.text:
             severity = Severity.INFO if result == Result.ACCEPTED else Severity.WARNING
             self._statustext.say(severity, answer.text, self._vehicle.boot_us)
@@ -233,7 +233,7 @@ class MessageRouter:
     def _parameter_set(self, routed: RoutedMessage) -> None:
         port, received = routed.port, routed.received
         if name_of(received.message.param_id) == HASH:
-            port.list.stop()
+            port.stop_list()
             return
         value, ignored = self._parameters.answer_set(port.mav, received.message)
         if ignored:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -20,7 +21,6 @@ _NAME_LENGTH = 16
 _TYPES = {"int32": mavlink.MAV_PARAM_TYPE_INT32, "float": mavlink.MAV_PARAM_TYPE_REAL32}
 _BATCH = 5
 """Values of a list that leave at once."""
-_BATCH_US = 5_000
 
 
 def int_of_float(value: float) -> int:
@@ -91,6 +91,14 @@ class ParameterServer:
         self.table.store(name, int_of_float(sent) if kind == "int32" else sent)
         return self.value(mav, name), ""
 
+    def batches(self, mav: Any, with_hash: bool) -> Iterator[list[Any]]:
+        """Yield the PARAM_VALUE messages of the whole list, as many as leave at once."""
+        if with_hash:
+            yield [self.value(mav, HASH)]
+        for first in range(0, len(self), _BATCH):
+            last = min(first + _BATCH, len(self))
+            yield [self.value_at(mav, index) for index in range(first, last)]
+
     def hash(self) -> int:
         """Return PX4's checksum over names and values: CRC-32 that starts from 0, not inverted."""
         crc = 0
@@ -100,37 +108,3 @@ class ParameterServer:
             content = struct.pack("<i", int(value)) if whole else struct.pack("<f", value)
             crc = zlib.crc32(name.encode() + content, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
         return crc
-
-
-class ParameterList:
-    """Transmission of the list of parameters on a link."""
-
-    def __init__(self) -> None:
-        self._next: int | None = None
-        self._due_us = 0
-
-    @property
-    def due_us(self) -> int | None:
-        """When the next batch is due; None: nobody asked."""
-        return None if self._next is None else self._due_us
-
-    def begin(self) -> None:
-        """Begin with the hash; asked again meanwhile, begin without it."""
-        self._next = -1 if self._next is None else 0
-
-    def stop(self) -> None:
-        """Send no more: the ground station knows the values by their hash."""
-        self._next = None
-
-    def take_due(self, mav: Any, server: ParameterServer, boot_us: int) -> list[Any]:
-        """Return the PARAM_VALUE messages that are due."""
-        if self._next is None or boot_us < self._due_us:
-            return []
-        self._due_us = boot_us + _BATCH_US
-        if self._next < 0:
-            self._next = 0
-            return [server.value(mav, HASH)]
-        last = min(self._next + _BATCH, len(server))
-        batch = [server.value_at(mav, i) for i in range(self._next, last)]
-        self._next = last if last < len(server) else None
-        return batch

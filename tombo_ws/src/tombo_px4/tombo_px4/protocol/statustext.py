@@ -83,42 +83,6 @@ def event_of(text: str) -> tuple[str, int] | None:
     return None if named is None else (named, 0)
 
 
-class EventSender:
-    """Sends events on all links, and the failed checks of arming when they change."""
-
-    def __init__(self, channels: Sequence[MavlinkChannel]) -> None:
-        self._channels = channels
-        self._sequence = 0
-        self._reported: tuple[str, ...] = ()
-
-    def say(self, severity: int, text: str, boot_us: int) -> None:
-        """Send the event that says the same as a text, if there is one."""
-        event = event_of(text)
-        if event is not None:
-            self._send(event[0], severity, boot_us, event[1])
-
-    def report(self, problems: tuple[str, ...], boot_us: int, *, asked: bool = False) -> None:
-        """Send what stands in the way of arming, if it has changed or was asked for."""
-        if problems == self._reported and not asked:
-            return
-        self._reported = problems
-        self._send(CHECKS_BEGIN, _PROTOCOL, boot_us)
-        for problem in problems:
-            if problem in _PROBLEMS:
-                name = _PROBLEMS[problem]
-                self._send(name, Severity.ERROR, boot_us, _MODES.get(name, _ALL_MODES))
-        self._send(CHECKS_END, _PROTOCOL, boot_us)
-
-    def _send(self, name: str, severity: int, boot_us: int, first: int = 0) -> None:
-        kinds = KNOWN_EVENTS[name].format if name in KNOWN_EVENTS else "<"
-        values = [first, *([0] * 8)][: len(kinds) - 1]
-        arguments = list(struct.pack(kinds, *values).ljust(ARGUMENTS, b"\0"))
-        self._sequence = (self._sequence + 1) % 65536
-        content = (event_number(name), boot_us // 1000 % 2**32, self._sequence)
-        for port in self._channels:
-            port.send(EventMessage(0, 0, *content, severity << 4 | severity, arguments))
-
-
 PIECE = 50
 """Bytes of text that a message carries."""
 _MOST_PIECES = 6
@@ -130,11 +94,13 @@ _MOST_REASONS = 256
 
 
 class StatusTextSender:
-    """Sends texts on all links and counts refusals."""
+    """Sends texts, and events that say the same, and counts refusals."""
 
     def __init__(self, channels: Sequence[MavlinkChannel]) -> None:
         self._channels = channels
-        self.events = EventSender(channels)
+        self._event_sequence = 0
+        self._reported: tuple[str, ...] = ()
+        """Failed checks of arming."""
         self._number = -1
         """Of the last text. PX4 counts from 0."""
         self.counts: dict[str, int] = {}
@@ -155,12 +121,14 @@ class StatusTextSender:
         self._rate_tokens -= 1.0
         if len(self.sent_texts) < _MOST_UNREAD:
             self.sent_texts.append((severity, text))
-        self.events.say(severity, text, boot_us)
-        also_event = event_of(text) is not None
+        event, mark = event_of(text), ""
+        if event is not None:
+            mark = "\t"
+            self._send_event(event[0], severity, boot_us, event[1])
         self._number = (self._number + 1) % 65536
         for port in self._channels:
             if port.hears_station(boot_us):
-                for message in self.messages(port.mav, severity, text + "\t" * also_event):
+                for message in self.messages(port.mav, severity, text + mark):
                     port.send(message)
 
     def messages(self, mav: Any, severity: int, text: str) -> list[Any]:
@@ -172,6 +140,29 @@ class StatusTextSender:
             mav.statustext_encode(severity, piece, max(self._number, 0), i)
             for i, piece in enumerate(pieces)
         ]
+
+    def report_checks(
+        self, problems: tuple[str, ...], boot_us: int, *, asked: bool = False
+    ) -> None:
+        """Send what stands in the way of arming, if it has changed or was asked for."""
+        if problems == self._reported and not asked:
+            return
+        self._reported = problems
+        self._send_event(CHECKS_BEGIN, _PROTOCOL, boot_us)
+        for problem in problems:
+            if problem in _PROBLEMS:
+                name = _PROBLEMS[problem]
+                self._send_event(name, Severity.ERROR, boot_us, _MODES.get(name, _ALL_MODES))
+        self._send_event(CHECKS_END, _PROTOCOL, boot_us)
+
+    def _send_event(self, name: str, severity: int, boot_us: int, first: int = 0) -> None:
+        kinds = KNOWN_EVENTS[name].format if name in KNOWN_EVENTS else "<"
+        values = [first, *([0] * 8)][: len(kinds) - 1]
+        arguments = list(struct.pack(kinds, *values).ljust(ARGUMENTS, b"\0"))
+        self._event_sequence = (self._event_sequence + 1) % 65536
+        content = (event_number(name), boot_us // 1000 % 2**32, self._event_sequence)
+        for port in self._channels:
+            port.send(EventMessage(*content, 0, 0, severity << 4 | severity, arguments))
 
     def report_refusal(self, reason: str, boot_us: int, detail: str = "") -> None:
         """Count a refusal, and send it as a text, at most every 30 s for each reason."""

@@ -13,6 +13,8 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.plant import Plant
+from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.frames import (
     PX4_ROTORS,
     GeoOrigin,
@@ -22,7 +24,6 @@ from tombo_px4.frames import (
     px4_quaternion,
 )
 from tombo_px4.link.framing import ProtocolVersion
-from tombo_sim.ground_truth import true_state
 
 if TYPE_CHECKING:
     from tombo_control.estimate import StampedEstimate
@@ -60,6 +61,44 @@ def centi(value: float) -> int:
 def heading(degrees: float) -> int:
     """Return an angle in hundredths of a degree, 0 to 35999."""
     return fitted(100.0 * degrees, (0, 36000)) % 36000
+
+
+_SEA_LEVEL_PA, _SEA_LEVEL_K, _LAPSE_K_M, _EXPONENT = 101_325.0, 288.15, 0.0065, 5.25588
+"""International standard atmosphere, up to 11 km."""
+
+
+def temperature_at(altitude: float) -> float:
+    """Return the temperature [deg C] of the standard atmosphere at an altitude [m]."""
+    return 15.0 - _LAPSE_K_M * altitude
+
+
+def pressure_at(altitude: float) -> float:
+    """Return the pressure [Pa] of the standard atmosphere at an altitude [m]."""
+    return float(_SEA_LEVEL_PA * (1.0 - _LAPSE_K_M * altitude / _SEA_LEVEL_K) ** _EXPONENT)
+
+
+def altitude_at(pressure: float) -> float:
+    """Return the altitude [m] of a pressure [Pa] in the standard atmosphere."""
+    cooler = 1.0 - (pressure / _SEA_LEVEL_PA) ** (1.0 / _EXPONENT)
+    return float(cooler * _SEA_LEVEL_K / _LAPSE_K_M)
+
+
+def ground_truth(mav: Any, time_us: int, origin: GeoOrigin, plant: Plant) -> Any:
+    """Return HIL_STATE_QUATERNION: the ground truth, as PX4's simulators send it."""
+    state = plant.state
+    rates, force = frd_from_flu(np.stack([state.rates, plant.force]))
+    to_milli_g = 1000.0 / GRAVITY / float(plant.mass)
+    air_speed = fitted(100.0 * math.sqrt(float(plant.airspeed @ plant.airspeed)), (0, 65_535))
+    return mav.hil_state_quaternion_encode(
+        time_us,
+        numbers(px4_quaternion(state.attitude)),
+        *numbers(rates),
+        *globe_fields(origin.global_of(state.position)),
+        *(centi(v) for v in numbers(ned_from_enu(state.velocity))),
+        air_speed,
+        air_speed,
+        *(fitted(to_milli_g * f, INT16) for f in numbers(force)),
+    )
 
 
 _VERSION = 1 << 24 | 17 << 16 | 0 << 8 | 255
@@ -180,18 +219,6 @@ class TelemetrySnapshot:
         """What PX4's motors 1 to 4 are asked for, as shares of the highest speed."""
         shares = self.vehicle.normalized_rotor_speeds
         return [min(max(float(shares[rotor]), 0.0), 1.0) for rotor in PX4_ROTORS]
-
-    @cached_property
-    def truth(self) -> Array:
-        """(13) ground truth: position and attitude in map, velocity and rates in base_link."""
-        out = np.zeros(13)
-        true_state(self.vehicle.simulator.plant, out)
-        return out
-
-    @cached_property
-    def true_velocity(self) -> Vector:
-        """Ground truth, NED [m/s]."""
-        return numbers(ned_from_enu(self.vehicle.simulator.plant.state.velocity))
 
 
 def numbers(values: Array) -> Vector:
