@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
+SRC = ROOT / "tombo_ws" / "src"
 PAGES = [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 SOURCES = [
     path
@@ -30,6 +31,9 @@ def test_files_that_a_page_names_exist(page):
     found = set(re.findall(r"[`/]([\w/]+\.(?:py|msg))\b", text))
     found -= set(re.findall(r"[Ss]ave [^`]*as `([\w/]+\.py)`", text))  # by the reader
     names = {str(path.relative_to(ROOT)) for path in SOURCES}
+    folders = re.findall(r"`((?:docker|tests|tombo_(?!msgs)\w+)/[\w/]+)`", text)
+    places = (ROOT, SRC, *SRC.iterdir())
+    assert [n for n in folders if not any((place / n).exists() for place in places)] == []
     assert {n for n in found if not any(f"/{name}".endswith(f"/{n}") for name in names)} == set()
 
 

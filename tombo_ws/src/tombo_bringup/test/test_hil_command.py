@@ -16,6 +16,7 @@ import pytest
 import yaml
 
 from tombo_bringup.cli.flight.hil_command import HilScreen
+from tombo_bringup.cli.tables import Scroll
 from tombo_px4.hil.link import HilLink
 from tombo_px4.hil.lockstep import Px4Phase
 
@@ -192,7 +193,7 @@ def test_its_speed_is_never_negative_after_px4_has_left():
         phase=Px4Phase.WAITING, flights=1, steps=0, missed=0, wrong_time=0,
         motors=SimpleNamespace(armed=False),
     )  # fmt: skip
-    screen = HilScreen(0.0, terminal=False)
+    screen = HilScreen(Scroll(None), 0.0)
     assert "20.0 times real time" in screen._status(one, 1.0)
     one.flight.time_us = 0  # the vehicle that waits for the next PX4
     assert ", 0.0 times real time" in screen._status(one, 2.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,7 +13,6 @@ from tombo_benchmarks.docs.lock import code_hash, content_hash, reference_flight
 from tombo_benchmarks.docs.markdown import marked
 from tombo_benchmarks.docs.products import CAMPAIGN, PRODUCTS, campaign_table, two_modes
 from tombo_benchmarks.docs.tables import wiring_mermaid
-from tombo_sim.wiring import COMMAND, CORES, SENSORS
 
 DATA = ROOT.parent / "shared" / "data"
 
@@ -42,11 +40,6 @@ def test_readme_has_the_figures_of_the_campaign():
     assert marked((ROOT / "README.md").read_text(), "campaign") == campaign_table(values)
 
 
-def test_architecture_has_the_wiring_as_it_is():
-    chart = wiring_mermaid(CORES, SENSORS, COMMAND)
-    assert marked((ROOT / "docs" / "architecture.md").read_text(), "wiring") == chart
-
-
 def test_wiring_is_drawn_with_an_arrow_per_publisher_and_subscriber():
     core = SimpleNamespace
     cores = [
@@ -59,15 +52,6 @@ def test_wiring_is_drawn_with_an_arrow_per_publisher_and_subscriber():
         '    estimator -- "odometry" --> controller',
         '    controller -- "command" --> sim',
     ]
-
-
-def test_files_that_the_architecture_page_names_exist():
-    page = (ROOT / "docs" / "architecture.md").read_text()
-    names = re.findall(r"`(tombo_\w+/[\w/.]+|cli/\w+\.py)`", page)
-    assert len(names) > 10
-    sources = ROOT / "tombo_ws" / "src"
-    places = (sources, sources / "tombo_bringup" / "tombo_bringup", ROOT)
-    assert [n for n in names if not any((place / n).exists() for place in places)] == []
 
 
 def test_two_modes_are_split_at_the_widest_gap():

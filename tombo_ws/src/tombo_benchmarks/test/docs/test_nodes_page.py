@@ -9,7 +9,7 @@ import pytest
 
 from tombo_bag.topics import TOPICS
 from tombo_benchmarks.docs.markdown import updated
-from tombo_benchmarks.docs.tables import PAGES, every_node, read_nodes, tables
+from tombo_benchmarks.docs.tables import every_node, read_nodes
 from tombo_dynamics.errors import InputError
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
@@ -18,13 +18,6 @@ from tombo_flight.suite.parameter_yaml import suite_parameters
 ROOT = Path(__file__).parents[5]
 PAGE = (ROOT / "docs" / "nodes.md").read_text()
 NODES = {node.name: node for node in every_node()}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", PAGES)
-def test_the_tables_are_up_to_date(name: str):
-    page = (ROOT / "docs" / name).read_text()
-    assert updated(page, tables(name)) == page, "run: make docs ARGS=tables"
 
 
 def test_every_topic_has_a_line_and_a_speaker():
@@ -37,13 +30,6 @@ def test_every_topic_has_a_line_and_a_speaker():
 def test_what_flies_does_not_listen_to_the_truth():
     for node in NODES.values():
         assert not any(topic.startswith("/ground_truth") for topic in node.subscribes)
-
-
-@pytest.mark.parametrize(
-    "path", re.findall(r"`((?:docker|tombo_ws|tombo_bringup)/[\w/.]+)`", PAGE)
-)
-def test_a_file_that_is_named_is_there(path: str):
-    assert (ROOT / path).exists() or (ROOT / "tombo_ws/src" / path).exists()
 
 
 def test_the_words_for_fault_and_loop_are_those_of_the_nodes():

@@ -47,7 +47,7 @@ class Product:
         make: writes it; takes the project's folder and the folder of shared data.
         depends: folders of `tombo_ws/src`, or FLIGHTS.
         data: folder of the shared data that it needs, None if it needs none.
-        tested: True if a test compares it with the code by content.
+        quick: True if it is made again to see whether it is out of date.
     """
 
     name: str
@@ -55,7 +55,12 @@ class Product:
     make: Callable[[Path, Path], None]
     depends: tuple[str, ...] = ()
     data: str | None = None
-    tested: bool = False
+    quick: bool = False
+
+    @property
+    def files(self) -> set[str]:
+        """Files of which something is written."""
+        return {place.partition("#")[0] for place in self.written}
 
 
 def _tables(root: Path, data: Path) -> None:
@@ -383,10 +388,11 @@ PRODUCTS: Final = (
         (
             *("docs/effects.md", "docs/nodes.md#nodes", "docs/nodes.md#topics"),
             *("docs/px4.md#px4_nodes", f"{CONFIG}/all_parameters.yaml", f"{CONFIG}/suite.yaml"),
+            *("docs/safety.md#states", "docs/safety.md#transitions", "docs/faults.md#faults"),
             "docs/architecture.md#wiring",
         ),
         _tables,
-        tested=True,
+        quick=True,
     ),
     Product(
         "drawings",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 _ONE_LINE: Final = 10_000
 """Columns of a console that nobody looks at: no row of a table is wider."""
+_DRAWN_S: Final = 0.25
+_PRINTED_S: Final = 5.0
 
 
 def console(**more: Any) -> Console:
@@ -116,6 +119,22 @@ class Scroll:
 
     def __init__(self, live: Live | None) -> None:
         self.live = live
+        self._next_s = time.monotonic()
+
+    def due(self) -> bool:
+        """Return whether it is time to show a state again: four times a second, or each 5 s."""
+        now_s = time.monotonic()
+        if now_s < self._next_s:
+            return False
+        self._next_s = now_s + (_PRINTED_S if self.live is None else _DRAWN_S)
+        return True
+
+    def show(self, text: str) -> None:
+        """Show a state in one line: below the others, or where nothing is drawn as one of them."""
+        if self.live is None:
+            self.put(text)
+        else:
+            self.draw(Text(text, no_wrap=True, overflow="ellipsis"))
 
     def put(self, text: str, style: str = "") -> None:
         """Print a line."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
 import signal
-import sys
 import time
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,8 +19,9 @@ from tombo_bringup.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from tombo_bringup.cli.tables import Scroll
     from tombo_flight.process.stop_signals import StopSignals
-    from tombo_px4.hil.lockstep import HilSimulator, MocapFeed, Notice
+    from tombo_px4.hil.lockstep import HilSimulator, MocapFeed
     from tombo_sim.world import World
 
 app = typer.Typer()
@@ -151,45 +150,43 @@ def _introduction(
 
 def _serve(one: HilSimulator, stop: StopSignals, duration_s: float | None) -> None:
     """Run until it is stopped."""
+    from tombo_bringup.cli.tables import scroll
+
     began = time.monotonic()
-    screen = HilScreen(began, sys.stdout.isatty())
-    while not stop.asked():
-        now_ns = time.monotonic_ns()
-        if not one.advance(now_ns):
-            one.wait(now_ns, _WAIT_S)
-        now = time.monotonic()
-        screen.show(one, now)
-        if duration_s is not None and now - began >= duration_s:
-            break
-    screen.close(one)
+    with scroll() as lines:
+        screen = HilScreen(lines, began)
+        while not stop.asked():
+            now_ns = time.monotonic_ns()
+            if not one.advance(now_ns):
+                one.wait(now_ns, _WAIT_S)
+            now = time.monotonic()
+            screen.show(one, now)
+            if duration_s is not None and now - began >= duration_s:
+                break
+        screen.close(one)
 
 
 class HilScreen:
     """One line of how it is, renewed on a terminal, now and then elsewhere; news above it."""
 
-    def __init__(self, now: float, terminal: bool) -> None:
-        self._terminal = terminal
-        self._period = 0.25 if terminal else 5.0
-        self._next = now
+    def __init__(self, scroll: Scroll, now: float) -> None:
+        self._scroll = scroll
         self._flight = 0
         self._since = (now, 0)
 
     def show(self, one: HilSimulator, now: float) -> None:
         """Show what is new; called often."""
-        for news in one.take_notices():
-            self._tell(news)
+        self._tell_news(one)
         if one.flights != self._flight:
             self._flight = one.flights
             self._since = (now, one.flight.time_us)
-        if now >= self._next:
-            self._next = now + self._period
-            self._put(self._status(one, now), live=True)
+        if self._scroll.due():
+            self._scroll.show(self._status(one, now))
 
     def close(self, one: HilSimulator) -> None:
         """Say how it ended."""
-        for news in one.take_notices():
-            self._tell(news)
-        self._put(f"stopped after {one.flights} flights")
+        self._tell_news(one)
+        self._scroll.put(f"stopped after {one.flights} flights")
 
     def _status(self, one: HilSimulator, now: float) -> str:
         flight = one.flight
@@ -212,14 +209,6 @@ class HilScreen:
             parts.append(f"{flight.controls.refused} controls out of range")
         return ", ".join(parts)
 
-    def _tell(self, news: Notice) -> None:
-        self._put(f"{'! ' if news.severe else ''}{news.text}")
-
-    def _put(self, text: str, live: bool = False) -> None:
-        if live and self._terminal:
-            width = shutil.get_terminal_size().columns - 1
-            print(f"\r{text[:width]}\x1b[K", end="", flush=True)
-        elif self._terminal:
-            print(f"\r{text}\x1b[K", flush=True)
-        else:
-            print(text, flush=True)
+    def _tell_news(self, one: HilSimulator) -> None:
+        for news in one.take_notices():
+            self._scroll.put(f"{'! ' if news.severe else ''}{news.text}")

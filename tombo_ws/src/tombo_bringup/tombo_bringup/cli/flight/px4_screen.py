@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rich.text import Text
-
 from tombo_bringup.cli.tables import Scroll
 from tombo_px4.modes import mode_name
 
 if TYPE_CHECKING:
     from tombo_px4.protocol.endpoint import Endpoint
 
-_LIVE_NS = 250_000_000
 _RECENTLY_HEARD_US = 3_000_000
 _SEVERITY_COLOURED = 4
 """MAV_SEVERITY_WARNING: this and graver is coloured."""
@@ -58,7 +55,6 @@ class Screen:
 
     def __init__(self, scroll: Scroll) -> None:
         self._scroll = scroll
-        self._next_ns = 0
 
     def begin(self, lines: Sequence[str]) -> None:
         """Say where it can be reached."""
@@ -71,10 +67,8 @@ class Screen:
             style = "yellow" if severity <= _SEVERITY_COLOURED else ""
             self._scroll.put(f"{boot_ns * 1e-9:8.2f} s  {text}", style)
         endpoint.statustext.sent_texts.clear()
-        if self._scroll.live is not None and boot_ns >= self._next_ns:
-            self._next_ns = boot_ns + _LIVE_NS
-            line = state_line(endpoint, boot_ns, slipped_ns)
-            self._scroll.draw(Text(line, no_wrap=True, overflow="ellipsis"))
+        if self._scroll.live is not None and self._scroll.due():
+            self._scroll.show(state_line(endpoint, boot_ns, slipped_ns))
 
     def end(self, endpoint: Endpoint, slipped_ns: int) -> None:
         """Say how long it ran, and what was refused."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -13,9 +12,6 @@ from tombo_bringup.cli.tables import Scroll, scroll
 if TYPE_CHECKING:
     from tombo_flight.suite.status_table import SuiteState
     from tombo_flight.suite.supervisor import ProcessExit
-
-_LINE_S = 5.0
-_TABLE_S = 0.25
 
 
 @contextmanager
@@ -28,32 +24,17 @@ def new_screen(as_json: bool) -> Iterator[JsonScreen | TextScreen]:
         yield TextScreen(lines)
 
 
-class _Clock:
-    """Timer of a period."""
-
-    def __init__(self, period_s: float) -> None:
-        self._period_s = period_s
-        self._next_s = time.monotonic()
-
-    def strikes(self) -> bool:
-        now = time.monotonic()
-        if now < self._next_s:
-            return False
-        self._next_s = now + self._period_s
-        return True
-
-
 class JsonScreen:
     """An object a line: status, warning, ended, closed; with the methods of `TextScreen`."""
 
     def __init__(self) -> None:
-        self._clock = _Clock(_LINE_S)
+        self._scroll = Scroll(None)
 
     def status(self, suite: SuiteState) -> None:
         """Print the status now and then."""
         from tombo_flight.suite.status_table import status_object
 
-        if self._clock.strikes():
+        if self._scroll.due():
             self._put(status_object(suite))
 
     def warning(self, node: str, line: str) -> None:
@@ -88,13 +69,12 @@ class TextScreen:
     def __init__(self, scroll: Scroll) -> None:
         self._scroll = scroll
         self._put = scroll.put
-        self._clock = _Clock(_LINE_S if scroll.live is None else _TABLE_S)
 
     def status(self, suite: SuiteState) -> None:
         """Print a line now and then, or draw the table a few times a second; called often."""
         from tombo_flight.suite.status_table import status_line, status_table
 
-        if not self._clock.strikes():
+        if not self._scroll.due():
             return
         if self._scroll.live is None:
             self._put(status_line(suite))
