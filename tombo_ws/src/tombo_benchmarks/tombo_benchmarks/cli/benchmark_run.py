@@ -11,6 +11,7 @@ import typer
 from tombo_bringup.cli.options import integer_option, json_option
 from tombo_bringup.cli.result_files import unwritable, write_file
 from tombo_dynamics.errors import InputError
+from tombo_flight.report.page import Cell, Table
 
 EXIT_CODES: Final = (
     "Exit code: 0 whatever the score; 2 for bad input or output that can't be written; 130 after "
@@ -114,31 +115,23 @@ def run_and_print(
 
 def print_benchmark(aggregate: Mapping[str, Any], cases: int) -> None:
     """Print the score against what is asked for; sets of cases on their own one by one."""
-    from tombo_bringup.cli.tables import console
+    from tombo_bringup.cli.tables import print_table
 
-    out = console(highlight=False)
-    out.print(_table(aggregate, f"{cases} synthetic cases"))
+    print_table(_table(aggregate, f"{cases} synthetic cases"))
     for name, part in aggregate.items():
         if isinstance(part, Mapping) and any(key in part for key, *_ in THRESHOLDS):
-            out.print(_table(part, name.replace("_", " ")))
+            print_table(_table(part, name.replace("_", " ")))
 
 
-def _table(aggregate: Mapping[str, Any], title: str) -> Any:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-    from rich.text import Text
-
-    from tombo_bringup.cli.tables import right
-
-    columns = right("found", "asked for")
-    table = Table("", *columns, "", box=SIMPLE_HEAD, title=Text(title), title_justify="left")
+def _table(aggregate: Mapping[str, Any], title: str) -> Table:
+    rows = []
     for key, words, sign, limit, factor in THRESHOLDS:
         value = aggregate.get(key)
         asked = sign if sign not in (">=", "<=") else f"{sign} {_shown(limit, factor)}"
         good = meets(key, value)
-        mark = Text("–") if good is None else Text("yes" if good else "no", "" if good else "red")
-        table.add_row(Text(words), "–" if value is None else _shown(value, factor), asked, mark)
-    return table
+        mark = Cell("–") if good is None else Cell("yes" if good else "no", "" if good else "bad")
+        rows.append((words, "–" if value is None else _shown(value, factor), asked, mark))
+    return Table(("", "found", "asked for", ""), rows, title=title)
 
 
 def meets(key: str, value: float | None) -> bool | None:

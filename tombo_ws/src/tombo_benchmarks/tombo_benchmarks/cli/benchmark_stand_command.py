@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from tombo_benchmarks.cli.benchmark_run import AsJson, Cases, Output, checked, run_and_print
 from tombo_bringup.cli.options import Seed, Workers
+from tombo_flight.report.page import Cell, Table
 
 _ROWS: Final[tuple[tuple[str, str, str, float], ...]] = (
     ("top1_large", "right cause first, large", ">= 95 %", 0.95),
@@ -55,17 +56,10 @@ def benchmark_stand(
 
 def print_score(aggregate: Mapping[str, Any], cases: int) -> None:
     """Print the score: all cases, then each kind of stand."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-    from rich.text import Text
+    from tombo_bringup.cli.tables import print_table
 
-    from tombo_bringup.cli.tables import console, right
-
-    columns = right("asked for", "all", *_STANDS)
-    title = Text(f"{cases} blind stand cases")
-    table = Table("", *columns, box=SIMPLE_HEAD, title=title, title_justify="left")
     parts = (aggregate, *(aggregate[s] for s in _STANDS))
-    table.add_row("cases", "", *(str(p["cases"]) for p in parts))
+    rows: list[Sequence[str | Cell]] = [("cases", "", *(str(p["cases"]) for p in parts))]
     for key, words, asked, limit in _ROWS:
         cells = []
         for part in parts:
@@ -74,6 +68,7 @@ def print_score(aggregate: Mapping[str, Any], cases: int) -> None:
             if value is not None:
                 text = f"{value:.2f}" if key in _PLAIN else f"{100.0 * value:.1f} %"
             good = not asked or value is None or (value >= limit) == asked.startswith(">")
-            cells.append(Text(text, "" if good or value == limit else "red"))
-        table.add_row(Text(words), Text(asked), *cells)
-    console(highlight=False).print(table)
+            cells.append(Cell(text, "" if good or value == limit else "bad"))
+        rows.append((words, asked, *cells))
+    head = ("", "asked for", "all", *_STANDS)
+    print_table(Table(head, rows, title=f"{cases} blind stand cases"))

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from tombo_benchmarks.cli.benchmark_run import AsJson, Cases, Output, checked, run_and_print
 from tombo_bringup.cli.options import Seed, Workers, option
 from tombo_dynamics.errors import InputError
+from tombo_flight.report.page import Table
 
 
 def benchmark_why(
@@ -44,18 +45,17 @@ def benchmark_why(
 
 def print_score(found: Mapping[str, Any], cases: int) -> None:
     """Print the score of all crashes and of each kind."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-    from rich.text import Text
+    from tombo_bringup.cli.tables import print_table
 
-    from tombo_bringup.cli.tables import console, right
-
-    columns = right("cases", "right", "within 0.1 s", "wrong", "abstained")
-    title = Text(f"{cases} simulated crashes")
-    table = Table("", *columns, box=SIMPLE_HEAD, title=title, title_justify="left")
-    for kind, part in [("all", found), *found["kinds"].items()]:
-        if part["cases"]:
-            shares = (f"{100 * part[key]:.0f} %" for key in ("right", "in_time"))
-            counts = (str(part["wrong"]), str(part["abstained"]))
-            table.add_row(kind.replace("_", " "), str(part["cases"]), *shares, *counts)
-    console(highlight=False).print(table)
+    rows = [
+        (
+            kind.replace("_", " "),
+            str(part["cases"]),
+            *(f"{100 * part[key]:.0f} %" for key in ("right", "in_time")),
+            *(str(part[key]) for key in ("wrong", "abstained")),
+        )
+        for kind, part in [("all", found), *found["kinds"].items()]
+        if part["cases"]
+    ]
+    head = ("", "cases", "right", "within 0.1 s", "wrong", "abstained")
+    print_table(Table(head, rows, title=f"{cases} simulated crashes"))

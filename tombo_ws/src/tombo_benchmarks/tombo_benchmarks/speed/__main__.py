@@ -7,12 +7,11 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 
 from tombo_benchmarks.speed.speed_measurements import measure
-from tombo_bringup.cli.tables import console
+from tombo_bringup.cli.tables import console, print_table
+from tombo_flight.report.page import Table
 
 _ROWS: Final = (
     ("kernel_steps_per_s", "bare kernel, one core", "M steps/s", 1e-6, 2, "at least 3"),
@@ -30,18 +29,14 @@ _ROWS: Final = (
 )  # fmt: skip
 
 
-def print_table(figures: Mapping[str, float | int | None]) -> None:
-    """Print the figures beside what is wanted."""
-    table = Table(box=SIMPLE_HEAD, title="Speed on this machine, medians")
-    table.add_column("")
-    table.add_column("measured", justify="right")
-    table.add_column("")
-    table.add_column("wanted")
+def speed_table(figures: Mapping[str, float | int | None]) -> Table:
+    """Return the figures beside what is wanted."""
+    rows = []
     for key, name, unit, scale, digits, wanted in _ROWS:
         value = figures[key]
-        shown = "–" if value is None else f"{scale * value:.{digits}f}"
-        table.add_row(name, shown, unit, wanted)
-    console().print(table)
+        rows.append((name, "–" if value is None else f"{scale * value:.{digits}f}", unit, wanted))
+    title = "Speed on this machine, medians"
+    return Table(("", "measured", "", "wanted"), rows, title=title)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -55,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if chosen.json:
         console().out(json.dumps(figures, indent=1), highlight=False)
     else:
-        print_table(figures)
+        print_table(speed_table(figures))
 
 
 if __name__ == "__main__":

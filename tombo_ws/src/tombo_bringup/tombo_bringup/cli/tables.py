@@ -22,6 +22,7 @@ from tombo_flight.json_text import as_json as as_json_text
 
 if TYPE_CHECKING:
     from tombo_flight.report.page import Page
+    from tombo_flight.report.page import Table as PageTable
 
 _ONE_LINE: Final = 10_000
 """Columns of a console that nobody looks at: no row of a table is wider."""
@@ -107,6 +108,13 @@ def show_page(
     print_page(page, console())
     if folder is not None:
         print_line(f"{folder}: {', '.join(files)}")
+
+
+def print_table(table: PageTable) -> None:
+    """Print a table as a page of results shows it."""
+    from tombo_flight.report.terminal import print_item
+
+    print_item(table, console())
 
 
 def print_line(text: str, style: str = "") -> None:

@@ -48,7 +48,7 @@ def print_page(page: Page, console: Console) -> None:
         if section.title and not all(_silent(item) for item in section.items):
             console.print(RichText(section.title, "bold"), soft_wrap=True)
         for item in section.items:
-            _print_item(item, console)
+            print_item(item, console)
 
 
 def _silent(item: Item) -> bool:
@@ -57,7 +57,8 @@ def _silent(item: Item) -> bool:
     return not isinstance(item, Table | Text)
 
 
-def _print_item(item: Item, console: Console) -> None:
+def print_item(item: Item, console: Console) -> None:
+    """Print what a section has; pictures and markup are left out."""
     if isinstance(item, Table):
         if item.title:
             console.print(RichText(item.title), soft_wrap=True)
@@ -71,7 +72,7 @@ def _print_item(item: Item, console: Console) -> None:
         _print_lines([f"… {item.title}"], "dim", console)
     elif isinstance(item, Group):
         for part in item.items:
-            _print_item(part, console)
+            print_item(part, console)
 
 
 def _print_lines(lines: list[str], style: str, console: Console) -> None:

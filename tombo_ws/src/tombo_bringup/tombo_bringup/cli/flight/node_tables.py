@@ -8,11 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-from rich.text import Text
-
-from tombo_bringup.cli.tables import console, print_line, right, show_page
+from tombo_bringup.cli.tables import print_line, print_table, show_page
+from tombo_flight.report.page import Table
 from tombo_flight.suite.node_diagnostics import lateness_text
 from tombo_flight.suite.node_log import without_stamp
 
@@ -60,17 +57,17 @@ def print_nodes(flown: NodeFlight) -> None:
 
 
 def _print_loops(loops: Mapping[str, Mapping[str, Any]]) -> None:
-    columns = right("rate", "median late", "p99 late", "missed")
-    table = Table("", *columns, box=SIMPLE_HEAD, title=Text("Loops"))
-    for name, loop in loops.items():
-        table.add_row(
-            Text(name),
+    rows = [
+        (
+            name,
             _number(loop["rate_hz"], "Hz", 1),
             _late(loop["jitter_p50_us"]),
             _late(loop["jitter_p99_us"]),
             _number(loop["missed"], "", 0),
         )
-    console().print(table)
+        for name, loop in loops.items()
+    ]
+    print_table(Table(("", "rate", "median late", "p99 late", "missed"), rows, title="Loops"))
 
 
 def grouped(warnings: Sequence[tuple[str, str]], epoch_ns: int | None) -> list[str]:
