@@ -9,11 +9,24 @@ from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Received
+from tombo_px4.link.timesync import TimeSync
 
 NOW = 1_763_700_000_000_000_000
 MS = 1_000_000
 STEP = 4 * MS
 ZERO = np.zeros(3)
+BOOT = 20_000 * MS
+
+
+def synced(rtt_ns=300_000):
+    """Clocks that know each other: PX4's reads BOOT when ours reads NOW."""
+    sync = TimeSync()
+    for k in range(20):
+        at = NOW - (21 - k) * 100 * MS
+        sync.request(at)
+        sync.reply(at - NOW + BOOT + rtt_ns // 2, at, at + rtt_ns)
+    assert sync.converged
+    return sync
 
 
 class Flight:

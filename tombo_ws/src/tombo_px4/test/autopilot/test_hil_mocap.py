@@ -1,12 +1,12 @@
 """Motion capture for PX4: poses over UDP in PX4's own clock, or on the simulator link itself."""
 
 import itertools
-import socket
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
+from endpoint_bench import Client
 from hil_bench import Bench, bench, hover_world
 from hil_peer import MAVLINK
 
@@ -17,48 +17,20 @@ from tombo_px4.hil.params import HilParams
 from tombo_px4.link.mavlink_link import Link
 
 
-class Onboard:
-    """PX4's on-board MAVLink port."""
-
-    def __init__(self) -> None:
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind(("127.0.0.1", 0))
-        self.socket.settimeout(2.0)
-        self.port = self.socket.getsockname()[1]
-        self.peer: Any = None
-        self._parser = MAVLINK.MAVLink(None)
-        self._mav = MAVLINK.MAVLink(None, srcSystem=1, srcComponent=1)
-
-    def read(self) -> list[Any]:
-        """All that is there."""
-        self.socket.setblocking(False)
-        arrived = []
-        while True:
-            try:
-                data, self.peer = self.socket.recvfrom(2048)
-            except BlockingIOError:
-                return arrived
-            arrived += self._parser.parse_buffer(data) or []
-
-    def ask(self, ts1: int, tc1: int = 0) -> None:
-        message = self._mav.timesync_encode(tc1, ts1)
-        self.socket.sendto(message.pack(self._mav), self.peer)
-
-
 @pytest.fixture
-def onboard() -> Iterator[Onboard]:
-    made = Onboard()
+def onboard() -> Iterator[Client]:
+    """PX4's on-board MAVLink port."""
+    made = Client(system=1, component=1)
     yield made
     made.socket.close()
 
 
 @pytest.fixture
-def fed(onboard: Onboard) -> Iterator[Bench]:
+def fed(onboard: Client) -> Iterator[Bench]:
     """A flight whose poses go to `onboard`."""
     clock = itertools.count(1)
-    link = Link(
-        f"udpout://127.0.0.1:{onboard.port}", system=1, component=197, clock=lambda: next(clock)
-    )
+    link = Link(f"udpout://{onboard.address}", system=1, component=197, clock=lambda: next(clock))
+    onboard.there = link.address
     b = Bench()
     b.hil = HilSimulator(hover_world(), 1, HilParams(), b.link, speed=0.0, mocap=MocapFeed(link))
     yield b
@@ -100,7 +72,7 @@ def test_poses_go_out_in_px4s_frames_and_clock(fed, onboard):
     heard = []
     while fed.seconds < 3.0:
         fed.turn()
-        heard += [(fed.hil.flight.time_us, m) for m in poses(onboard.read())]
+        heard += [(fed.hil.flight.time_us, m) for m in poses(onboard.collect())]
     assert len(heard) == pytest.approx(90, abs=2)
     for now_us, message in heard[1:]:
         assert 7_000 <= now_us - message.time_usec <= 18_000
@@ -114,15 +86,15 @@ def test_poses_go_out_in_px4s_frames_and_clock(fed, onboard):
 
 def test_a_timesync_is_answered_with_px4s_own_clock(fed, onboard):
     fed.fly(1.0)
-    onboard.read()
+    onboard.collect()
     asked = 1000 * fed.hil.flight.time_us
-    onboard.ask(asked)
-    onboard.ask(asked + 5, tc1=77)  # an answer to somebody else's
+    onboard.send(onboard.mav.timesync_encode(0, asked))
+    onboard.send(onboard.mav.timesync_encode(77, asked + 5))  # an answer to somebody else's
     fed.fly(1.1)
-    answers = [m for m in onboard.read() if m.get_type() == "TIMESYNC"]
+    answers = [m for m in onboard.collect() if m.get_type() == "TIMESYNC"]
     assert [m.ts1 for m in answers] == [asked]
     assert 0 <= answers[0].tc1 - asked <= 12_000_000
-    beats = [m for m in onboard.read() if m.get_type() == "HEARTBEAT"]
+    beats = [m for m in onboard.collect() if m.get_type() == "HEARTBEAT"]
     assert beats == []
 
 
@@ -131,10 +103,10 @@ def test_the_feed_lives_on_when_px4_starts_again(fed, onboard):
     fed.fly(2.5)
     fed.peer.close()
     fed.peer = type(fed.peer)(fed.link.port)
-    onboard.read()
+    onboard.collect()
     fed.until(lambda: fed.hil.flights == 2)
     fed.fly(1.0)
-    heard = onboard.read()
+    heard = onboard.collect()
     assert [m.get_type() for m in heard].count("HEARTBEAT") == 1
     stamps = [m.time_usec for m in poses(heard)]
     assert len(stamps) == pytest.approx(30, abs=2)

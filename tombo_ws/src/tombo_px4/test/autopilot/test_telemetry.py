@@ -224,10 +224,6 @@ def test_a_charge_beyond_the_field_is_held_at_its_bound():
             assert telemetry.message(number, MAV).pack(MAV)
 
 
-def test_an_unknown_message_is_none():
-    assert telemetry_of()[1].message(4242, MAV) is None
-
-
 def test_the_protocol_version_is_a_good_frame():
     _, telemetry = telemetry_of()
     frame = telemetry.message(300, MAV).pack(MAV)

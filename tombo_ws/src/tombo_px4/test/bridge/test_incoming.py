@@ -5,6 +5,7 @@ import struct
 
 import numpy as np
 import pytest
+from bridge_flight import BOOT, NOW, synced
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mav
@@ -15,22 +16,9 @@ from tombo_px4.link.message_decoder import MessageDecoder
 from tombo_px4.link.timesync import TimeSync
 from tombo_px4.modes import OFFBOARD, custom_mode
 
-NOW = 1_763_700_000_000_000_000
-BOOT = 20_000_000_000
 NAN = math.nan
 UNKNOWN = tuple([NAN] + 20 * [0.0])
 LEVEL = [1.0, 0.0, 0.0, 0.0]
-
-
-def synced():
-    """Clocks that know each other: theirs reads BOOT when ours reads NOW."""
-    sync = TimeSync()
-    for k in range(20):
-        at = NOW - (21 - k) * 100_000_000
-        sync.request(at)
-        sync.reply(at - NOW + BOOT + 100_000, at, at + 200_000)
-    assert sync.converged
-    return sync
 
 
 @pytest.fixture

@@ -202,19 +202,6 @@ def test_values_that_do_not_fit_are_counted_not_raised(pair):
     assert modes(collect(vehicle)) == [9]
 
 
-def test_what_is_left_of_a_datagram_waits_too(links, sender):
-    link = links("udpin://127.0.0.1:0", COMPUTER)
-    sender.sendto(b"".join(heartbeat(mode) for mode in range(20)), link.address)
-    assert link.wait(1.0)
-    arrived = []
-    for _ in range(40):
-        arrived += link.receive(limit=1)
-        if len(arrived) < 20:
-            assert link.wait(0.0), len(arrived)
-    assert modes(arrived) == list(range(20))
-    assert not link.wait(0.0)
-
-
 def test_wait_sleeps_no_longer_than_it_must(pair):
     vehicle, computer = pair()
     begin = time.monotonic()
@@ -240,16 +227,6 @@ def test_waiting_for_a_server_that_is_not_there_lets_the_next_try_be_made(links,
         client.receive()
     with in_time():
         assert time.monotonic() - begin < 4.0
-
-
-@pytest.mark.parametrize("kind", ["udp", "tcp"])
-def test_a_closed_link_does_nothing_at_all(pair, kind):
-    vehicle, computer = pair(kind)
-    computer.send(beat(computer))
-    vehicle.close()
-    vehicle.close()
-    assert vehicle.receive() == [] and not vehicle.wait(0.01) and not vehicle.connected
-    assert not vehicle.send(beat(vehicle)) and vehicle.counters["send_failed"] == 1
 
 
 def test_half_frames_over_tcp_are_put_together_for_each_client(links):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from bridge_flight import MS, NOW, synced
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,8 +19,6 @@ from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS, FindingSeverity
 from tombo_px4.link.decoded_messages import EstimatorStatusFlags, VehicleImu, VehicleOdometry
 from tombo_px4.link.timesync import TimeSync
 
-NOW = 1_763_700_000_000_000_000
-MS = 1_000_000
 SECOND = 1000 * MS
 
 
@@ -28,15 +27,6 @@ def spin(axis, angle):
     q = np.zeros(4)
     q["xyz".index(axis)], q[3] = math.sin(angle / 2), math.cos(angle / 2)
     return q
-
-
-def synced(rtt_ns=300_000):
-    sync = TimeSync()
-    for k in range(20):
-        at = NOW - (21 - k) * 100 * MS
-        sync.request(at)
-        sync.reply(at - NOW + 20 * SECOND + rtt_ns // 2, at, at + rtt_ns)
-    return sync
 
 
 class Lab:
@@ -424,11 +414,3 @@ def test_a_ground_station_that_px4_requires_is_reported_as_advice(lab):
         assert words in finding.text
     lab.values = PARAMETERS | {"NAV_DLL_ACT": 0, "COM_RCL_EXCEPT": 6}
     assert lab.finding_keys() == set()
-
-
-def test_what_forbids_comes_first(lab):
-    lab.values |= {"EKF2_HGT_REF": 0, "EKF2_RNG_CTRL": 1}
-    lab.last_pose_s = 0.5
-    weights = [f.weight for f in lab.findings()]
-    assert weights == sorted(weights, reverse=True)
-    assert weights[0] == FindingSeverity.BLOCKS
