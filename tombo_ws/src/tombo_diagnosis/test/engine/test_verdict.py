@@ -44,7 +44,7 @@ def left(excess):
 
 
 def blown(evidence=STRONG, at_edge=False):
-    return GustFit(0.7, 1.0, 0.1, 0.1, evidence, np.zeros(1), at_edge)
+    return GustFit(0.7, 1.0, 0.1, 0.1, evidence, np.zeros(1), at_edge, True)
 
 
 def noise(effect="imu_noise", evidence=STRONG, free=(3,)):

@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from measured_flights import logs, nominal
+from measured_flights import SLOW, logs, nominal
 
 from tombo_bag.flight import Airframe, Series
 from tombo_diagnosis.flight.calibrate import calibrated
 from tombo_diagnosis.flight.diagnose import diagnose
 from tombo_diagnosis.flight.fit.prediction import residuals
+from tombo_diagnosis.flight.fit.problem import setting_of
 from tombo_diagnosis.flight.fit.track import track_of
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import speed_for_thrust
@@ -188,3 +189,24 @@ def test_flights_of_two_vehicles_are_refused():
     one, two = (as_other(log) for log in logs())
     with pytest.raises(InputError, match=r"flight 2.*accepted: flights of one vehicle"):
         calibrated([one, replace(two, airframe=replace(FRAME, mass=2.0))])
+
+
+def test_a_flight_without_commands_is_left_out_and_the_others_are_diagnosed():
+    flights = [replace(log, airframe=FRAME) for log in logs(courses=SLOW, count=2, length=12.0)]
+    series = {k: v for k, v in flights[0].series.items() if not k.startswith("rotor")}
+    diagnosis = diagnose([flights[0].with_series(series), flights[1]], nominal())
+    assert [f.name for f in diagnosis.flights] == [flights[1].name]
+    left_out = next(f for f in diagnosis.prechecks if "no motor commands" in f.message)
+    assert left_out.flight == flights[0].name
+
+
+def test_a_supply_that_an_airframe_does_not_tell_is_no_cause():
+    model, _ = calibrated([replace(log, airframe=FRAME) for log in logs(courses=SLOW, count=1)])
+    assert {"battery_sag.resistance", "battery_sag.discharge"} <= model.fitted
+
+
+@pytest.mark.parametrize("imu", [True, False])
+def test_lag_and_delay_are_a_set_where_poses_alone_and_fitted_thrust_tell_them(imu):
+    model = replace(nominal(), calibrated=True)
+    alike = [g for g in setting_of(model, 3, imu).equivalent if "motor_lag" in g]
+    assert alike == ([] if imu else [{"motor_lag", "command_delay"}])

@@ -71,7 +71,8 @@ def search(
     members = frozenset(best.effects)
     alternatives = [e for k, e in evaluated.items() if len(k) == len(members) and k != members]
     if best.hypotheses:
-        best, *alternatives = _relinearize_near_best(model, [best, *alternatives])
+        nearest = _relinearize_near_best(model, [best, *alternatives])
+        best, *alternatives = _against_null_alike(model, nearest)
     known = {key: e.evidence for key, e in evaluated.items()}
     return SearchResult(
         free_all_axes(model, best), single_log_bf, tuple(_likeliest_first(alternatives)), known
@@ -237,6 +238,22 @@ def _relinearize_near_best(
             return _likeliest_first((*rough, *done))
         done += [_relinearized(model, e) for e in near]
         rough = [e for e in rough if e not in near]
+
+
+def _against_null_alike(
+    model: RegressionModel, explanations: list[Explanation]
+) -> list[Explanation]:
+    """Return explanations with their evidence against a nominal model whose slopes are as theirs.
+
+    New slopes change the evidence of what is no cause as well. It counts where the first would
+    hardly be accepted, or hardly not.
+    """
+    first = explanations[0]
+    if not first.relinearized or first.evidence >= _RELINEARIZE_LOG_BF:
+        return explanations
+    null = model.null_hypothesis
+    change = model.relinearized(null).evidence - null.evidence
+    return [replace(e, evidence=e.evidence - change) for e in explanations]
 
 
 def free_all_axes(model: RegressionModel, explanation: Explanation) -> Explanation:

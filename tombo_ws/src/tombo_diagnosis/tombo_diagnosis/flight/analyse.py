@@ -184,7 +184,7 @@ def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemain
         and _share_of_one_flight(problem, best, expected) <= _MAX_SHARE_OF_ONE_FLIGHT
     ):
         gust_fit = fit_gusts(problem, replace(best, theta=theta), measured)
-        if gust_fit.evidence > LOG_BF_FIRST:
+        if gust_fit.evidence > LOG_BF_FIRST and gust_fit.stronger:
             gusts = gust_fit
             expected = with_healthy(noise_variances(problem, gust_fit.theta), nominal.healthy)
             rest = residual_excesses(measured, expected)

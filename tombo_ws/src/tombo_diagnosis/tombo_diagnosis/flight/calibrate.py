@@ -40,6 +40,7 @@ _ABSORBED_PARAMETERS = frozenset(
         *(f"mocap_body_misalignment.{a}" for a in ("yaw", "roll", "pitch")),
         *(f"mocap_misalignment.{a}" for a in ("yaw", "roll", "pitch")),
         *(f"imu_misalignment.{a}" for a in ("yaw", "roll", "pitch")),
+        *("battery_sag.resistance", "battery_sag.discharge"),
     }
 )
 _STAMPS = "mocap_stamp_error.offset"

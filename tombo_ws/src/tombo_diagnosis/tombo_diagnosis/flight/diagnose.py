@@ -174,13 +174,23 @@ def _usable(logs: Sequence[Flight]) -> tuple[list[Flight], list[Finding]]:
     kinds = {tuple(sorted(set(log.series) & {"accel", "gyro"})) for log in usable}
     if len(kinds) > 1:
         whole = [log for log in usable if {"accel", "gyro"} <= set(log.series)]
-        refused += [
-            Finding("missing", "warning", log.name, "no IMU, unlike the others: left out")
-            for log in usable
-            if log not in whole
-        ]
+        refused += _unlike(usable, whole, "no IMU")
         usable = whole or usable
+    driven = [log for log in usable if set(DRIVES) & set(log.series)]
+    if driven and usable[0].airframe is not None:  # thrust is fitted to what drives the rotors
+        refused += _unlike(usable, driven, "no motor commands")
+        usable = driven
     return usable, refused
+
+
+def _unlike(logs: Sequence[Flight], kept: Sequence[Flight], lack: str) -> list[Finding]:
+    """Return why logs that are not among those kept are left out."""
+    used = {id(log) for log in kept}
+    return [
+        Finding("missing", "warning", log.name, f"{lack}, unlike the others: left out")
+        for log in logs
+        if id(log) not in used
+    ]
 
 
 def _blocks(tracks: list[Track]) -> list[Track]:

@@ -248,6 +248,8 @@ class GustFit:
     """The theta that was given, with these gusts."""
     at_edge: bool
     """Time or deviation are what no gusts have: what was fitted is something else."""
+    stronger: bool
+    """There is more of it than in the nominal model: of less no cause is asked."""
 
 
 def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> GustFit:
@@ -297,4 +299,5 @@ def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> Gus
     return GustFit(
         deviation, time, deviation * float(spread[0]), time * float(spread[1]), evidence, theta,
         not _TIMES[0] * 1.2 < time < _LONGEST or deviation > _DEVIATIONS[-1] / 1.2,
+        deviation > float(problem.theta[deviation_parameter.index]),
     )  # fmt: skip

@@ -11,7 +11,9 @@ from tombo_bag.channels import CHANNELS
 from tombo_bag.flight import Flight, Series
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks import check_log
+from tombo_logs.checks.clocks.clock_rates import lag_course
 from tombo_logs.checks.clocks.timestamps import jitter
+from tombo_logs.checks.motion import RATE
 from tombo_logs.checks.pipeline import _motion
 from tombo_logs.checks.pose_imu_consistency import time_offset
 
@@ -103,6 +105,18 @@ def test_rotors_on_a_clock_that_is_fast_are_corrected_by_their_thrust():
             np.testing.assert_allclose(checked.series[name].t, FLIGHT.series[name].t, atol=0.004)
         assert (name in checked.series) == (said.severity == "warning")
     assert wrote(check_log(clock(FLIGHT, 1.03, rotors)), "rotor_speed: its clock is", "fast")
+
+
+def test_drag_beside_motion_that_slows_down_is_no_clock():
+    """What goes with the velocity is ahead by drag over frequency squared: more, the slower."""
+    t = np.arange(0.0, 30.0, 1.0 / RATE)
+    phase = np.cumsum(np.linspace(1.8, 0.8, t.size)) / RATE
+    force = np.sin(phase)[:, None]
+    speed = -np.cos(phase)[:, None] / np.linspace(1.8, 0.8, t.size)[:, None]
+    thrust, usable = force + 0.1 * speed, np.ones(t.size, np.bool_)
+    naive, aware = (lag_course(t, force, thrust, usable, drag) for drag in (0.0, 0.1))
+    assert abs(naive.growth) > 0.05 and naive.significance > 4.0
+    assert aware.significance < 4.0
 
 
 def test_thrust_that_shifts_in_steps_is_no_clock():

@@ -44,6 +44,8 @@ window a clock that is far off slips, where a force that is no thrust shifts it 
 _SURE_S = 0.003
 """s to which a lag must be known along a flight for its stamps to be corrected."""
 _PASSES = 3
+_DRAG = 0.1
+"""1/s: drag along the rotors' axis per mass; it is in what the poses show, not in thrust."""
 IMU = ("gyro", "accel")
 
 
@@ -70,10 +72,13 @@ class LagCourse:
     """Median correlation of the windows."""
 
 
-def lag_course(t: Array, seen: Array, other: Array, usable: Mask) -> LagCourse | None:
+def lag_course(
+    t: Array, seen: Array, other: Array, usable: Mask, drag: float = 0.0
+) -> LagCourse | None:
     """Return how the lag of `seen` (N, k) behind `other` (N, k) changes; None: it can't be told.
 
-    Rows are on an even clock `t` (N,) of `motion.RATE`; only those with `good` count.
+    Rows are on an even clock `t` (N,) of `motion.RATE`; only those with `usable` count. `drag`:
+    per mass [1/s], that one of the two may have in it beside the other.
     """
     times, lags, sigmas, matches = [], [], [], []
     for begin in range(_REACH, t.size - _WINDOW - _REACH + 1, _HOP):
@@ -82,7 +87,7 @@ def lag_course(t: Array, seen: Array, other: Array, usable: Mask) -> LagCourse |
             _WINDOW + 2 * _REACH
         ):
             continue
-        measured = _window_lag(seen, other[rows], begin)
+        measured = _window_lag(seen, other[rows], begin, drag)
         if measured is not None:
             times.append(float(t[rows].mean()))
             lags.append(measured[0])
@@ -116,7 +121,9 @@ def _line(at: Array, lag: Array, weight: Array) -> tuple[float, float, float]:
     return float(rate), float(first), float(spread) * much
 
 
-def _window_lag(seen: Array, other: Array, begin: int) -> tuple[float, float, float] | None:
+def _window_lag(
+    seen: Array, other: Array, begin: int, drag: float
+) -> tuple[float, float, float] | None:
     """Return lag [s] of `seen` behind a window of `other` from a row on, its sigma, the match."""
     b = other - other.mean(axis=0)
     size_b = float(np.sum(b**2))
@@ -134,7 +141,9 @@ def _window_lag(seen: Array, other: Array, begin: int) -> tuple[float, float, fl
     noise = np.sqrt(size_b * (1.0 - top**2) / b.size)
     slope = np.gradient(b, 1.0 / RATE, axis=0)
     sharp = np.sqrt(np.sum(slope**2) / INDEPENDENT)
-    sigma = max(float(noise / max(sharp, 1e-9)), 2e-4)
+    # Beside an acceleration of this frequency, what goes with the velocity shifts its phase.
+    shift = drag * size_b / max(float(np.sum(slope**2)), 1e-9)
+    sigma = max(float(np.hypot(noise / max(sharp, 1e-9), shift)), 2e-4)
     return (best - _REACH + offset) / RATE, sigma, float(top)
 
 
@@ -194,7 +203,7 @@ def _rotor_course(motion: Motion, drive: Series) -> LagCourse | None:
     force = motion.acceleration + np.array([0.0, 0.0, GRAVITY])
     along = np.einsum("ni,ni->n", force, motion.up)[:, None]
     covered = motion.good & (motion.t > drive.t[0]) & (motion.t < drive.t[-1])
-    return lag_course(motion.t, along, thrust, covered)
+    return lag_course(motion.t, along, thrust, covered, _DRAG)
 
 
 def _on_poses_clock(
