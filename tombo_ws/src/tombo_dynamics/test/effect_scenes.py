@@ -22,8 +22,12 @@ SCENE = {
 STRIKE = {"peak_force": 80.0, "recovery_time": 0.3, "slant": 0.5, "duration": 0.01}
 CONTEXT = {name: {"blade_strike": STRIKE} for name in ("propeller_wear", "accel_range")}
 """What has to be switched on for an effect to show."""
-TRUTH = {"mocap_dropouts": {"probability": 0.3}, "blade_strike": {"duration": 0.0085}}
-"""Values to try where the typical one is too rare for a short scene, or ends on a tick."""
+TRUTH = {
+    "mocap_dropouts": {"probability": 0.3}, "blade_strike": {"duration": 0.0085},
+    "steady_wind": {"frequency": 9.0},
+}  # fmt: skip
+"""Values to try where the typical one is too rare or too slow for a short scene, or ends on a
+tick."""
 BASE = {"linear_rotor_drag": {"d_xy": 0.2, "d_z": 0.1}}
 SEEN = (
     "wind", "efficiency", "rotor_target", "rotor_speed", "fold", "damage", "strike_force",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_vehicle import NOISE, Vehicle, hover_speed, random_attitude
+from one_vehicle import NOISE, QUIET, Vehicle, hover_speed, random_attitude
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.vehicle import GRAVITY
@@ -191,3 +191,13 @@ def test_gusts_add_to_the_steady_wind():
         v.plant.memories.gusts.velocity[0] * noise[:3]
     )
     assert v.plant.memories.gusts.velocity[0] > 0.0
+
+
+def test_wind_swings_about_its_mean():
+    wind = {"east": 3.0, "swing_north": 2.0, "frequency": 5.0, "phase": 0.3}
+    v = Vehicle({"steady_wind": wind})
+    for k in range(60):
+        v.begin(QUIET)
+        swing = 2.0 * math.sin(2.0 * math.pi * 5.0 * 0.001 * k + 0.3)
+        assert v.plant.wind == pytest.approx([3.0, swing, 0.0])
+        v.finish(QUIET)

@@ -164,6 +164,7 @@ def air(plant: Plant, theta: Array, noise: Array, tick: float, out: Array) -> No
     """Write the air's velocity in map, (N, 3) [m/s], tick by tick."""
     plant.tick_length = tick
     for k in range(out.shape[0]):
+        plant.ticks = k
         plant.wind = ZERO
         apply_air(plant, noise[k], theta)
         store(out[k], plant.wind)
@@ -212,10 +213,10 @@ def open_loop(
         set_state(plant.state, motion[first])
         plant.rotor_speed = along[first].rotor_speed
         plant.memories = along[max(first - 1, 0)].memories
-        plant.ticks = DELAY_TICKS
-        for back in range(DELAY_TICKS):
-            row = max(first - 1 - back, 0)
-            store(plant.past_commands[DELAY_TICKS - 1 - back], command[row])
+        plant.ticks = first
+        for back in range(1, DELAY_TICKS + 1):
+            row = max(first - back, 0)
+            store(plant.past_commands[(first - back) % DELAY_TICKS], command[row])
         for k in range(first, first + ticks):
             if hold_attitude:
                 plant.state.attitude = motion[k, 6:10]

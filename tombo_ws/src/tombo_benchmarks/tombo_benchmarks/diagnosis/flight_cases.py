@@ -36,6 +36,10 @@ EXCLUDED_EFFECTS = frozenset(
 model of the motion shows."""
 UNOBSERVABLE_PARAMETERS = frozenset({"mocap_misalignment.yaw"})
 """No flight can show it: physics does not know where north is."""
+_SWINGS = frozenset(
+    f"steady_wind.{n}" for n in ("swing_east", "swing_north", "frequency", "phase")
+)
+"""Wind is hidden without a swing."""
 _ALIASES = frozenset({"body_push"})
 """Shapes that without an IMU are the same as an effect: a constant push in body axes is a thrust
 that leans, as of a rigid body that was defined turned."""
@@ -161,6 +165,8 @@ def nominal_value(parameter: FreeParameter) -> float:
 def _perturb_within_tolerances(effects: Effects, rng: np.random.Generator) -> None:
     """Put every parameter off its nominal value by what a careful lab leaves."""
     for p in PARAMETERS:
+        if p.label in _SWINGS:
+            continue
         off = p.tolerance * float(rng.standard_normal())
         if p.effect in EXCLUDED_EFFECTS or p.effect in ("mocap_dropouts", "thrust_scatter"):
             continue
@@ -174,7 +180,11 @@ def _perturb_within_tolerances(effects: Effects, rng: np.random.Generator) -> No
 
 def _shift(name: str, factor: float, rng: np.random.Generator) -> dict[FreeParameter, float]:
     """Return how far the hidden effect's parameters are moved: `factor` of what matters."""
-    own = [p for p in PARAMETERS if p.effect == name and p.label not in UNOBSERVABLE_PARAMETERS]
+    own = [
+        p
+        for p in PARAMETERS
+        if p.effect == name and p.label not in UNOBSERVABLE_PARAMETERS | _SWINGS
+    ]
     if name == "gusts":
         deviation, time = own
         return {deviation: factor * deviation.scale, time: float(rng.uniform(-0.5, 1.0))}

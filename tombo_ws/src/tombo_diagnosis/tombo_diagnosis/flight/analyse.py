@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from tombo_diagnosis.engine.model import Analysis, Explanation, Remainder, SearchResult
-from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST, rank_hypotheses
+from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST, rank_hypotheses, restrict_to
 from tombo_diagnosis.engine.regression import Fit
-from tombo_diagnosis.engine.verdict import analyse_problem, logistic, p_cause
+from tombo_diagnosis.engine.verdict import analyse_problem, judge, logistic, p_cause
 from tombo_diagnosis.flight.fit.prediction import channel_group
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import Track
@@ -33,8 +33,10 @@ from tombo_diagnosis.flight.residual_check import (
     residual_variances,
     with_healthy,
 )
+from tombo_diagnosis.flight.swing import WIND, along, with_swing
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
+from tombo_dynamics.effects.compose import layout
 from tombo_flight.progress import ProgressCallback, no_progress
 
 MAX_LOG_VARIANCE_EXCESS = 0.6
@@ -103,6 +105,7 @@ def analyse(
     transients.
     """
     findings = _where_followed(tracks, nominal, _analysed(tracks, nominal, progress), progress)
+    findings = _in_swinging_air(nominal, findings, progress)
     if findings.judgement.verdict in DOUBTS:
         events = find_transients(findings.problem, findings.search.best.fit)
         if events:
@@ -141,6 +144,51 @@ def _where_followed(
     if not effects & {*again.judgement.effects, *again.judgement.members}:
         return findings
     return _with_excluded(again, lost)
+
+
+def _in_swinging_air(
+    nominal: NominalModel, findings: FlightAnalysis, progress: ProgressCallback
+) -> FlightAnalysis:
+    """Return the findings with the swing of a wind, where one is left and its mean is a cause.
+
+    A force that swings without a mean may be a push as well: it is no wind, nor is it gusts.
+    """
+    judgement = findings.judgement
+    if judgement.verdict not in DOUBTS and "gusts" not in judgement.effects:
+        return findings
+    # A map that is turned would turn the swing with it.
+    best = findings.search.best
+    kept = [e for e in best.effects if REGISTRY[e].stage is not Stage.MOCAP]
+    tracks = with_swing(findings.problem, restrict_to(findings.problem, best, kept).fit)
+    if tracks is None:
+        return findings
+    progress("again in air that swings", 0.6)
+    again = _analysed(tracks, nominal, no_progress)
+    if WIND in again.judgement.effects and along(tracks, *mean_wind(again)):
+        return _with_excluded(again, findings.remainder.excluded)
+    return _without_gusts(findings)
+
+
+def _without_gusts(findings: FlightAnalysis) -> FlightAnalysis:
+    """Return findings whose gusts are something else, that is not known."""
+    left = findings.remainder
+    if left.gusts is None:
+        return findings
+    left = replace(
+        left, gusts=None, clean=False, clean_where_explained=False, imitated={},
+        noise_log_bf={e: v for e, v in left.noise_log_bf.items() if e != "gusts"},
+        p_unexplained=max(left.p_unexplained, p_cause(left.gusts.evidence)),
+        unexplained_groups=tuple(dict.fromkeys((*left.unexplained_groups, "force"))),
+    )  # fmt: skip
+    judgement = judge(findings.problem.setting, findings.search, left)
+    return replace(findings, remainder=left, judgement=judgement)
+
+
+def mean_wind(findings: FlightAnalysis) -> tuple[float, float]:
+    """Return the velocity of the air along map x, y that the best explanation has [m/s]."""
+    places = layout()[WIND]
+    theta = findings.problem.final(findings.search.best.fit)
+    return float(theta[places["east"]]), float(theta[places["north"]])
 
 
 def _with_excluded(

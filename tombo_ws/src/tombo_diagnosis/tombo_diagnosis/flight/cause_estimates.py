@@ -19,9 +19,10 @@ from tombo_diagnosis.engine.cause_estimates import (
     fitted_parameters,
 )
 from tombo_diagnosis.engine.model import Explanation
-from tombo_diagnosis.flight.analyse import MAX_LOG_VARIANCE_EXCESS, FlightAnalysis
+from tombo_diagnosis.flight.analyse import MAX_LOG_VARIANCE_EXCESS, FlightAnalysis, mean_wind
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.sensitivity import DRAW_SCALE_LABEL, SCATTER
+from tombo_diagnosis.flight.swing import WIND, swing_estimate
 from tombo_diagnosis.wording import capital, counted, display_name, listed
 from tombo_dynamics.effects import REGISTRY
 from tombo_flight.extended_model import FittedParameter, Gain
@@ -33,6 +34,11 @@ def estimate_cause(effect: str, findings: FlightAnalysis, explanation: Explanati
     noise = _noise_estimate(effect, findings)
     if noise[0]:
         theta, covariance = _together((theta, covariance), noise)
+    if effect == WIND:
+        swing = swing_estimate(findings.problem, *mean_wind(findings))
+        theta, covariance = (
+            _together((theta, covariance), swing) if swing[0] else (theta, covariance)
+        )
     if effect == SCATTER and not theta:
         theta, covariance = _scatter_estimate(findings, explanation)
     confidence = findings.judgement.each.get(effect, 0.0)

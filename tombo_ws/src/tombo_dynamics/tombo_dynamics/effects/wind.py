@@ -17,18 +17,36 @@ from tombo_dynamics.vectors import add, add_scaled, scale
     [
         Param("east", "m/s", 0.0, (-15.0, 15.0), "velocity of the air along map x", 1.5),
         Param("north", "m/s", 0.0, (-15.0, 15.0), "velocity of the air along map y", 0.0),
+        Param("swing_east", "m/s", 0.0, (-15.0, 15.0), "amplitude of its swing along map x", 1.5),
+        Param("swing_north", "m/s", 0.0, (-15.0, 15.0), "amplitude of its swing along map y", 0.0),
+        Param("frequency", "Hz", 0.0, (0.0, 10.0), "of the swing", 0.3),
+        Param("phase", "rad", 0.0, (-math.pi, math.pi), "of the swing at the start", 0.0),
     ],
-    signature="a constant horizontal force in map, whatever the heading",
+    signature="a horizontal force in map, whatever the heading: constant, or with a swing",
     separates_from={
         "imu_bias": "turn by 90 to 180 deg in hover",
         "mocap_misalignment": "the pose at rest on a level floor: wind does not lean it",
         "linear_rotor_drag": "both ways",
     },
 )
-def steady_wind(plant: Plant, noise: Array, east: float, north: float) -> None:
-    """Let the air move with a constant horizontal velocity."""
+def steady_wind(
+    plant: Plant,
+    noise: Array,
+    east: float,
+    north: float,
+    swing_east: float,
+    swing_north: float,
+    frequency: float,
+    phase: float,
+) -> None:
+    """Let the air move with a constant horizontal velocity, and a sinusoidal one on top of it."""
     plant.wind[0] += east
     plant.wind[1] += north
+    if swing_east != 0.0 or swing_north != 0.0:
+        time = plant.ticks * plant.tick_length
+        swing = math.sin(2.0 * math.pi * frequency * time + phase)
+        plant.wind[0] += swing_east * swing
+        plant.wind[1] += swing_north * swing
 
 
 class GustState(Record):

@@ -159,6 +159,19 @@ def _integral(values: Array, tick: float) -> Array:
     return np.vstack([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
 
 
+_SWING = [layout()["steady_wind"][n] for n in ("swing_east", "swing_north", "frequency", "phase")]
+
+
+def with_air(track: Track, theta: Array) -> Array:
+    """Return theta with the swing of the air that a flight has."""
+    swing = track.swing
+    if swing is None:
+        return theta
+    moved = theta.copy()
+    moved[_SWING] = swing.east, swing.north, swing.frequency, swing.phase
+    return moved
+
+
 def simulate_along_motion(
     track: Track,
     nominal: NominalModel,
@@ -175,7 +188,7 @@ def simulate_along_motion(
         command = np.full((track.t.size, 4), hover)
     tick = float(track.t[1] - track.t[0])
     run_along_motion(
-        nominal.plant(draws), nominal.maps, theta, noise, tick, motion.state,
+        nominal.plant(draws), nominal.maps, with_air(track, theta), noise, tick, motion.state,
         command, track.speed, out,
     )  # fmt: skip
     return out

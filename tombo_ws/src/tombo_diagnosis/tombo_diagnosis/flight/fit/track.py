@@ -141,6 +141,24 @@ SHORTEST_S = 2.0
 
 
 @dataclass(frozen=True)
+class Swing:
+    """How the air swung along a flight: parameters of `steady_wind`."""
+
+    east: float
+    """Amplitude along map x [m/s]."""
+    north: float
+    """[m/s]"""
+    frequency: float
+    """[Hz]"""
+    phase: float
+    """At the first tick [rad]."""
+    deviation: float
+    """Standard deviation of the amplitudes [m/s]."""
+    frequency_deviation: float
+    """Standard deviation [Hz]."""
+
+
+@dataclass(frozen=True)
 class Track:
     """One flight, ready to be compared with the model."""
 
@@ -170,6 +188,8 @@ class Track:
     slow_rows: Mask
     pose_rows: Mask
     log: Flight
+    swing: Swing | None = None
+    """Of the air, that is simulated along it."""
 
     @cached_property
     def fast_kernel(self) -> Kernel:
