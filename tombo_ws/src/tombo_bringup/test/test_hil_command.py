@@ -183,6 +183,17 @@ def test_the_hover_control_is_that_of_scenario_and_mapping(introduction):
     assert float(settings(text)["PX4_PARAM_MPC_THR_HOVER"]) == pytest.approx(0.51, abs=0.001)
 
 
+def test_a_state_is_shown_at_once_and_then_each_5_s(monkeypatch):
+    now_s = [7.0]
+    monkeypatch.setattr("time.monotonic", lambda: now_s[0])
+    lines, shown = Scroll(None), []
+    for _ in range(60):
+        if lines.due():
+            shown.append(now_s[0])
+        now_s[0] += 0.25
+    assert shown == [7.0, 12.0, 17.0]
+
+
 def test_its_speed_is_never_negative_after_px4_has_left():
     one = SimpleNamespace(
         flight=SimpleNamespace(

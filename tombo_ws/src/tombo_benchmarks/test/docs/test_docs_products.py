@@ -11,7 +11,7 @@ import yaml
 from tombo_benchmarks.docs.__main__ import ROOT, out_of_date
 from tombo_benchmarks.docs.lock import code_hash, content_hash, reference_flights
 from tombo_benchmarks.docs.markdown import marked
-from tombo_benchmarks.docs.products import CAMPAIGN, PRODUCTS, campaign_table, two_modes
+from tombo_benchmarks.docs.products import CAMPAIGN, PRODUCTS, Product, campaign_table, two_modes
 from tombo_benchmarks.docs.tables import wiring_mermaid
 
 DATA = ROOT.parent / "shared" / "data"
@@ -28,6 +28,14 @@ def test_product_comes_from_the_code_as_it_is(product, flights):
     if found and product.data is not None and not (DATA / product.data).is_dir():
         pytest.skip(f"{found[0]}; but no '{DATA / product.data}' here")
     assert found == []
+
+
+def test_a_file_that_the_code_gives_otherwise_is_out_of_date():
+    def make(root: Path, data: Path) -> None:
+        (root / "README.md").write_text("other words")
+
+    found = out_of_date(Product("readme", ("README.md", "LICENSE"), make, quick=True))
+    assert found == ["README.md is not what the code gives; run `make docs ARGS=readme`"]
 
 
 def test_every_picture_of_the_docs_is_a_product():

@@ -10,6 +10,7 @@ import pytest
 
 from tombo import fly
 from tombo_dynamics.errors import InputError
+from tombo_flight.suite.nodes import SUITE
 
 BAGS = Path(__file__).parents[5] / "tests" / "bags"
 GEOMETRY = "--arm-length 0.24 --k-thrust 1.5e-5 --k-torque 2.4e-7 --radius 0.127"
@@ -177,6 +178,7 @@ REFUSED = [
     ("sweep hover --reaction bounze", "did you mean 'bounce'"),
     ("sweep hover -o ''", "-o", "accepted"),
     ("up --without detect", "unknown node 'detect' (did you mean 'detector'?)"),
+    (f"up --without {' --without '.join(SUITE)}", "no node is left to start"),
     ("up --params nowhere.yaml", "parameter file 'nowhere.yaml': no such file"),
     ("up --speed 0", "speed 0: out of bounds; accepted: a number from 0.01"),
     ("up --speed nan", "speed nan: out of bounds"),
