@@ -2,15 +2,16 @@
 
 import types
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from measured_flights import HEALTHY, logs
+from measured_flights import HEALTHY, LIVELY, ROTOR_DRAWS, as_log, fly, logs, with_hidden
 
 from tombo_bag.flight import Series
 from tombo_diagnosis.flight import vehicle_fit
 from tombo_diagnosis.flight.calibrate import speed_in_hover
-from tombo_diagnosis.flight.diagnose import diagnose
+from tombo_diagnosis.flight.diagnose import diagnose, read_and_check
 from tombo_diagnosis.flight.nominal import held_against, nominal_model
 from tombo_diagnosis.flight.vehicle_fit import fit_drive, fit_vehicle
 from tombo_dynamics.errors import InputError
@@ -89,6 +90,36 @@ def test_an_accused_flight_is_counted_and_reported(flights, base, monkeypatch):
     result = fit_vehicle(flights[:2], base)
     assert dict(result.accused) == {"flight 2": "mass error"}
     assert (result.file.healthy.left_out, result.file.healthy.accused) == (2, 1)
+
+
+def test_rotors_that_differ_from_flight_to_flight_are_healthy(base):
+    effects = with_hidden(HIDDEN | {"thrust_scatter": {"deviation": 0.06}})
+    turned = np.r_[ROTOR_DRAWS[[1, 0, 3, 2]], ROTOR_DRAWS[4:]]
+    flights = [
+        as_log(fly(effects, LIVELY[k % 2], 300 + k, draws=draws), f"flight {k + 1}")
+        for k, draws in enumerate((ROTOR_DRAWS, -ROTOR_DRAWS, turned))
+    ]
+    result = fit_vehicle(flights, base)
+    assert 0.03 < result.file.healthy.spread["thrust_scatter.deviation"] < 0.15
+    assert not result.accused
+
+
+REAL = Path(__file__).parents[6] / "shared/data/flights"
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason=f"{REAL} is not there")
+def test_no_healthy_real_flight_is_accused_by_the_others():
+    """Rotors of the last are asked for up to 12 % more or less than those of the others."""
+    names = ("B10_lissajous_fast_rep1", "B2_circle_fast_rep1", "B3_figure8_fast_rep1",
+             "B6_linear_ramp_rep3")  # fmt: skip
+    flights, _ = read_and_check([REAL / f"{name}.csv.gz" for name in names], "nanobench")
+    result = fit_vehicle(flights, vehicle_of(flights[0].airframe))
+    assert not result.accused
+    weak = flights[0].series["motor_command"]
+    weak = replace(weak, values=weak.values * [1.0, 1.0, 0.5, 1.0])
+    damaged = flights[0].with_series({**flights[0].series, "motor_command": weak})
+    diagnosis = diagnose(held_against([damaged], result.file), nominal_model(vehicle=result.file))
+    assert diagnosis.verdict != "none"
 
 
 def test_a_change_of_a_fitted_vehicle_is_still_found(fitted):

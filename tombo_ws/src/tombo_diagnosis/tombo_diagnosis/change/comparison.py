@@ -37,6 +37,8 @@ roll, pitch, yaw. Two days of a Crazyflie differ by 3.3, 0.9, 2.3 and 1.9 %. Air
 the arm off its place moves roll or pitch by 1 %."""
 _SESSION_ROTOR = 0.003
 """The same of a single rotor."""
+SESSION_SCATTER = math.hypot(_SESSION_ROTOR, *SESSION_MODES[1:])
+"""The same of a rotor, but for what all rotors do together."""
 _SESSION_OTHERS = (0.13, 0.15, 0.2, 0.01, 0.01)
 """The same of shake, swing (logarithms) and trail [s/m]."""
 _FLIGHT = (0.007, 0.007, 0.007, 0.007, 0.1, 0.1, 0.2, 0.01, 0.01)

@@ -7,13 +7,14 @@ ones then by the model itself. An explanation grows as long as another cause is 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from tombo_diagnosis.engine.model import Explanation, Hypothesis, RegressionModel, SearchResult
-from tombo_diagnosis.engine.regression import TIGHT, Fit, solve
+from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, TIGHT, Fit, solve
+from tombo_dynamics.arrays import Array
 
 LOG_BF_FIRST = 3.5
 """Log Bayes factor with which a cause is accepted; see docs/diagnosis.md for what it gives."""
@@ -140,10 +141,12 @@ def rank_hypotheses(
             deviations = columns.deviations((*fit.free, *free), fit.widths, tight, pinned)
             solution = solve(fit.normal, deviations, fit.prior_mean, covariance=False)
             gain = solution.evidence - base
+            if gain > _MIN_TANGENT_LOG_BF:
+                gain -= _healthy_gain(model, fit, free, tight)
             if gain > _MIN_TANGENT_LOG_BF and columns.outside(fit.theta, free, solution.mean):
                 solution = solve(fit.normal, deviations, fit.prior_mean)
                 gain -= columns.bounds_penalty(fit.theta, free, solution)
-            ranked.append((gain - _multiplicity_penalty(model, effect), Hypothesis(effect, free)))
+            ranked.append((gain - _prior_penalty(model, effect), Hypothesis(effect, free)))
     ranked += [
         _widest(model, explanation, effect, price, tight)
         for effect, price in model.noise_effects().items()
@@ -166,6 +169,8 @@ def _widest(
         for width in _WIDTHS
     ]
     mean = float(np.logaddexp.reduce(gains)) - math.log(len(gains)) - price
+    mean -= model.setting.rarity
+    mean -= _healthy_gain(model, fit, (), tight, {effect: 1.0})
     return mean, Hypothesis(effect, (), float(_WIDTHS[int(np.argmax(gains))]))
 
 
@@ -184,8 +189,8 @@ def fit_hypotheses(
     free = tuple(dict.fromkeys(i for each in hypotheses for i in each.free))
     widths = {each.effect: each.width for each in hypotheses if each.width is not None}
     fit = model.fit(free, widths, start or null)
-    evidence = _within_bounds(model, fit) - null.evidence
-    evidence -= sum(_multiplicity_penalty(model, each.effect) for each in hypotheses)
+    evidence = _beyond_healthy(model, fit) - null.evidence
+    evidence -= sum(_prior_penalty(model, each.effect) for each in hypotheses)
     evidence -= sum(math.log(_WIDTHS.size) - 1.0 + model.noise_effects()[e] for e in widths)
     for each in hypotheses:
         if each.free and all(fit.theta[i] == model.theta[i] for i in each.free):
@@ -198,6 +203,54 @@ def _within_bounds(model: RegressionModel, fit: Fit) -> float:
     return fit.evidence - model.columns.bounds_penalty(
         fit.theta, fit.free, fit.solution, fitted=True
     )
+
+
+def _beyond_healthy(model: RegressionModel, fit: Fit) -> float:
+    """Return the log evidence of a fit, less what its causes do by sizes that may be healthy."""
+    gain = _healthy_gain(model, fit, fit.free, widths=fit.widths)
+    return _within_bounds(model, fit) - gain
+
+
+def _healthy_gain(
+    model: RegressionModel,
+    fit: Fit,
+    free: Sequence[int],
+    tight: float = 1.0,
+    widths: Mapping[str, float] = NOMINAL_WIDTHS,
+) -> float:
+    """Return the log evidence that sizes which may be healthy add to no cause at all.
+
+    How far a vehicle's parameters vary from flight to flight is known from few flights. A cause
+    has to be more probable than that its own tolerance is too small, and than that all are. By
+    the tangent of a fit.
+
+    Args:
+        model: the regression.
+        fit: whose tangent is used; what else it has free stays so.
+        free: places in theta of the causes.
+        tight: factor on the tolerances.
+        widths: stochastic effects among the causes.
+    """
+    columns = model.columns
+    doubts = {p.index for p in columns.parameters if p.doubt > 1.0}
+    if not doubts:
+        return 0.0
+    held = tuple(i for i in fit.free if i not in free)
+    kept = {e: w for e, w in fit.widths.items() if e not in widths}
+    pinned = {*fit.pinned, *(model.null_hypothesis.pinned if not held else ())}
+    released = [place for place in pinned if columns.indices[place] not in free]
+    every = dict.fromkeys((*widths, *columns.draws), columns.draw_doubt)
+    own = dict.fromkeys(widths, columns.draw_doubt)
+
+    def evidence(deviations: Array) -> float:
+        return solve(fit.normal, deviations, fit.prior_mean, covariance=False).evidence
+
+    before = evidence(columns.deviations(held, kept, tight, sorted(pinned)))
+    after = max(
+        evidence(columns.deviations(held, {**loose, **kept}, tight, released, doubted))
+        for doubted, loose in ((doubts.intersection(free), own), (doubts, every))
+    )
+    return max(after - before, 0.0)
 
 
 def restrict_to(
@@ -218,8 +271,8 @@ def _relinearized(model: RegressionModel, explanation: Explanation) -> Explanati
     if explanation.relinearized or not math.isfinite(explanation.evidence):
         return explanation
     fit = model.relinearized(explanation.fit)
-    evidence = explanation.evidence + _within_bounds(model, fit)
-    evidence -= _within_bounds(model, explanation.fit)
+    evidence = explanation.evidence + _beyond_healthy(model, fit)
+    evidence -= _beyond_healthy(model, explanation.fit)
     return replace(explanation, fit=fit, evidence=evidence, relinearized=True)
 
 
@@ -283,6 +336,9 @@ def free_all_axes(model: RegressionModel, explanation: Explanation) -> Explanati
     return replace(explanation, hypotheses=tuple(hypotheses), fit=fit)
 
 
-def _multiplicity_penalty(model: RegressionModel, effect: str) -> float:
-    """Return the log of an effect's number of hypotheses: many don't make it more probable."""
-    return math.log(max(1, len(model.columns.variants.get(effect, ()))))
+def _prior_penalty(model: RegressionModel, effect: str) -> float:
+    """Return the log of an effect's number of hypotheses: many don't make it more probable.
+
+    And what any cause costs where causes are rare.
+    """
+    return math.log(max(1, len(model.columns.variants.get(effect, ())))) + model.setting.rarity

@@ -12,7 +12,7 @@ closed form. It penalises free parameters: an effect with six must explain more 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -114,6 +114,8 @@ class FreeParameter:
     """Of a stochastic effect, which is fitted by its width and has no place in theta."""
     known_to: float | None = None
     """Standard deviation with which this vehicle's own value is known; None: as usual."""
+    doubt: float = 1.0
+    """Factor by which the tolerance itself may be too small, as few healthy flights leave it."""
 
     @property
     def label(self) -> str:
@@ -143,6 +145,8 @@ class Unknowns:
     """Of each draw the stochastic effect that it belongs to."""
     draw_width: float = 1.0
     """Standard deviation of a draw's unknown in the nominal model."""
+    draw_doubt: float = 1.0
+    """Factor by which that itself may be too small."""
     absorbed: frozenset[int] = frozenset()
     """Places in theta of what the nominal model's own fit has absorbed: always free."""
     unobservable: frozenset[int] = frozenset()
@@ -197,6 +201,7 @@ class Unknowns:
         widths: Mapping[str, float] = NOMINAL_WIDTHS,
         tight: float = 1.0,
         pinned: Sequence[int] = (),
+        doubted: Collection[int] = (),
     ) -> Array:
         """Return (count) prior standard deviations.
 
@@ -205,12 +210,13 @@ class Unknowns:
             widths: stochastic effect -> factor on its draws' width; what is absent has 1.
             tight: factor on the tolerances of everything else.
             pinned: columns that stay at a bound of their parameter.
+            doubted: places in theta of what is healthy, but with its tolerance in doubt.
         """
         values = [
-            self.parameters[i].scale
-            if i in free or i in self.absorbed
-            else tight * self.parameters[i].tolerance
-            for i in self.indices
+            p.scale
+            if p.index in free or p.index in self.absorbed
+            else tight * p.tolerance * (p.doubt if p.index in doubted else 1.0)
+            for p in (self.parameters[i] for i in self.indices)
         ]
         values += [self.draw_width * widths.get(effect, 1.0) for effect in self.draws]
         deviations = np.array(values)

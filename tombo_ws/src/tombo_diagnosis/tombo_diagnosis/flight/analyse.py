@@ -209,7 +209,8 @@ def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemain
     nominal, best = problem.nominal, result.best.fit
     # Of a vehicle that the suite does not know, healthy noise is not known either.
     fits = [] if nominal.calibrated else fit_noise_effects(problem.tracks, nominal, problem.theta)
-    noise_fits = select_noise_fits(fits)
+    least = LOG_BF_FIRST + problem.setting.rarity
+    noise_fits = select_noise_fits(fits, least)
     theta = best.theta.copy()
     for fit in sorted(fits, key=lambda each: each.evidence):
         if fit in noise_fits or _within_tolerance(fit, theta, nominal):
@@ -232,7 +233,7 @@ def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemain
         and _share_of_one_flight(problem, best, expected) <= _MAX_SHARE_OF_ONE_FLIGHT
     ):
         gust_fit = fit_gusts(problem, replace(best, theta=theta), measured)
-        if gust_fit.evidence > LOG_BF_FIRST and gust_fit.stronger:
+        if gust_fit.evidence > least and gust_fit.stronger:
             gusts = gust_fit
             expected = with_healthy(noise_variances(problem, gust_fit.theta), nominal.healthy)
             rest = residual_excesses(measured, expected)
@@ -310,13 +311,18 @@ def weigh_remainder(
     )  # fmt: skip
 
 
-def select_noise_fits(fits: Sequence[NoiseFit]) -> list[NoiseFit]:
-    """Return the stochastic effects that are accepted, by their best way, most probable first."""
+def select_noise_fits(
+    fits: Sequence[NoiseFit], least: float = LOG_BF_FIRST
+) -> list[NoiseFit]:
+    """Return the stochastic effects that are accepted, by their best way, most probable first.
+
+    `least`: log Bayes factor from which on one is.
+    """
     best: dict[str, NoiseFit] = {}
     for fit in fits:
         if fit.effect not in best or best[fit.effect].evidence < fit.evidence:
             best[fit.effect] = fit
-    chosen = [fit for fit in best.values() if fit.evidence > LOG_BF_FIRST]
+    chosen = [fit for fit in best.values() if fit.evidence > least]
     return sorted(chosen, key=lambda fit: -fit.evidence)
 
 

@@ -21,7 +21,8 @@ from tombo_diagnosis.engine.cause_estimates import (
 from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.flight.analyse import MAX_LOG_VARIANCE_EXCESS, FlightAnalysis, mean_wind
 from tombo_diagnosis.flight.fit.problem import FlightProblem
-from tombo_diagnosis.flight.fit.sensitivity import DRAW_SCALE_LABEL, SCATTER
+from tombo_diagnosis.flight.fit.sensitivity import SCATTER, scatter_unit
+from tombo_diagnosis.flight.nominal import SCATTER_LABEL
 from tombo_diagnosis.flight.swing import WIND, swing_estimate
 from tombo_diagnosis.wording import capital, counted, display_name, listed
 from tombo_dynamics.effects import REGISTRY
@@ -78,9 +79,9 @@ def _together(a: ParameterEstimate, b: ParameterEstimate) -> ParameterEstimate:
 def _scatter_estimate(findings: FlightAnalysis, explanation: Explanation) -> ParameterEstimate:
     """Return the scatter of the draws: their root mean square, with a chi-square interval."""
     problem = findings.problem
-    p = next(p for p in problem.nominal.parameters if p.label == DRAW_SCALE_LABEL)
+    p = next(p for p in problem.nominal.parameters if p.label == SCATTER_LABEL)
     drawn = explanation.fit.solution.mean[len(problem.columns.indices) :]
-    unit = max(float(problem.theta[p.index]), p.step)
+    unit = scatter_unit(problem.theta, p)
     count = max(drawn.size, 1)
     value = min(unit * float(np.sqrt(np.mean(drawn**2))), p.high)
     low = value * math.sqrt(count / float(stats.chi2.ppf(0.975, count)))

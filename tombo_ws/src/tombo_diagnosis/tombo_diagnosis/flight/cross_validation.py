@@ -24,8 +24,9 @@ from tombo_diagnosis.flight.fit.prediction import (
     with_air,
 )
 from tombo_diagnosis.flight.fit.problem import FlightProblem, sum_of, tangent_of
-from tombo_diagnosis.flight.fit.sensitivity import DRAW_SCALE_LABEL, SCATTER, with_scatter
+from tombo_diagnosis.flight.fit.sensitivity import SCATTER, with_scatter
 from tombo_diagnosis.flight.fit.track import FAST_WIDTH, TICK
+from tombo_diagnosis.flight.nominal import SCATTER_LABEL
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import State
 from tombo_dynamics.rotation import conjugate, quaternion_multiply
@@ -108,7 +109,7 @@ def _predicted(problem: FlightProblem, fit: Fit, flight: int, mean: Array) -> He
         draw_means = mean if problem.vehicles == 1 else fit.solution.mean
         draws[problem.drawn] = draw_means[first : first + len(problem.drawn)]
         # Draws are in units of the nominal scatter, whatever a fit has made of its size.
-        scale = next(p.index for p in columns.parameters if p.label == DRAW_SCALE_LABEL)
+        scale = next(p.index for p in columns.parameters if p.label == SCATTER_LABEL)
         theta[scale] = problem.theta[scale]
         theta, _ = with_scatter(theta, problem.nominal)
     residual = residuals(problem.tracks[flight], problem.nominal, theta, draws=draws)

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy import stats
 
 from tombo_bag.flight import Flight
 from tombo_diagnosis.engine.regression import FreeParameter
@@ -50,6 +51,8 @@ def parameters(mass: float = _OWN.mass, arm: float = _OWN.arm_length) -> tuple[F
 PARAMETERS = parameters()
 
 
+_OTHER_VEHICLES = 4.0
+"""Flights that the usual tolerances weigh."""
 _BEYOND = 4.0
 """Tolerances that a size which clearly matters has at least."""
 
@@ -87,9 +90,20 @@ class NominalModel:
     def parameters(self) -> tuple[FreeParameter, ...]:
         """All parameters of theta, with sizes that matter for this vehicle."""
         return tuple(
-            _known_to(p, self.tolerances.get(p.label))
+            replace(_known_to(p, self.tolerances.get(p.label)), doubt=self.doubt)
             for p in parameters(self.vehicle.mass, self.vehicle.arm_length)
         )
+
+    @cached_property
+    def doubt(self) -> float:
+        """Factor by which tolerances may be too small, as far as the vehicle's flights tell.
+
+        That of a standard deviation at its upper 97.5 % bound, other vehicles counted, too.
+        """
+        if self.healthy is None:
+            return 1.0
+        degrees = _OTHER_VEHICLES + self.healthy.flights
+        return float(np.sqrt(degrees / stats.chi2.ppf(0.025, degrees)))
 
     def plant(self, draws: Array | None = None) -> SimulatedPlant:
         """Return a fresh plant with the flight's draws (8), or none."""
@@ -103,7 +117,7 @@ def nominal_tolerances(nominal: NominalModel) -> dict[str, float]:
     """Return effect.parameter → standard deviation within which a value may be off unnoticed.
 
     Of effects without contact; what was fitted to the flights has none. The scatter of the
-    propellers is the nominal one, where there is some.
+    propellers is the nominal one, where there is some, or what healthy flights differ by.
     """
     tolerances = {
         p.label: p.tolerance
@@ -111,7 +125,8 @@ def nominal_tolerances(nominal: NominalModel) -> dict[str, float]:
         if not REGISTRY[p.effect].contact and p.label not in nominal.fitted
     }
     scatter = nominal.effects.get("thrust_scatter", {}).get("deviation", 0.0)
-    return tolerances | ({"thrust_scatter.deviation": scatter} if scatter > 0.0 else {})
+    scatter = max(scatter, nominal.tolerances.get(SCATTER_LABEL, 0.0))
+    return tolerances | ({SCATTER_LABEL: scatter} if scatter > 0.0 else {})
 
 
 def _known_to(p: FreeParameter, tolerance: float | None) -> FreeParameter:
@@ -121,6 +136,8 @@ def _known_to(p: FreeParameter, tolerance: float | None) -> FreeParameter:
     return replace(p, known_to=tolerance, scale=max(p.scale, _BEYOND * tolerance))
 
 
+SCATTER_LABEL = "thrust_scatter.deviation"
+"""The parameter that says how much the rotors of a vehicle differ."""
 _SCENARIO = "no_obstacle"
 
 

@@ -267,7 +267,10 @@ def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> Gus
 
     theta_without_gusts = fit.theta.copy()
     theta_without_gusts[places["deviation"]] = 0.0
-    noise_only = noise_variances(problem, theta_without_gusts).variances[:, forces]
+    quiet = noise_variances(problem, theta_without_gusts)
+    noise_only = quiet.variances[:, forces]
+    # What healthy flights leave, whatever it is, is no news of the air.
+    usual = with_healthy(quiet, problem.nominal.healthy).variances[:, forces]
     costs, tried = [], []
     for time in _TIMES:
         theta_with_gusts = theta_without_gusts.copy()
@@ -278,7 +281,7 @@ def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> Gus
             noise_variances(problem, theta_with_gusts).variances[:, forces] - noise_only, 0.0
         )
         for deviation in _DEVIATIONS:
-            costs.append(cost(noise_only + deviation**2 * unit))
+            costs.append(cost(usual + deviation**2 * unit))
             tried.append((deviation, time))
     grid = np.array(tried)
     likelihood = np.exp(np.min(costs) - np.array(costs))

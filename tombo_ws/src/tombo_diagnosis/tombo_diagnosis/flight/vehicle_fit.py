@@ -12,15 +12,17 @@ from scipy import stats
 from scipy.optimize import least_squares
 
 from tombo_bag.flight import Flight
+from tombo_diagnosis.change.comparison import SESSION_SCATTER
 from tombo_diagnosis.engine.cause_estimates import TWO_SIDED, fitted_parameter
 from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Fit, FreeParameter, solve
 from tombo_diagnosis.flight.analyse import select_noise_fits
 from tombo_diagnosis.flight.calibrate import mean_of, specific_force
 from tombo_diagnosis.flight.diagnose import diagnose_flights
 from tombo_diagnosis.flight.fit.problem import FlightProblem
+from tombo_diagnosis.flight.fit.sensitivity import scatter_unit
 from tombo_diagnosis.flight.fit.track import FAST_SPACING, SLOW_SPACING, track_of
 from tombo_diagnosis.flight.noise import fit_noise_effects
-from tombo_diagnosis.flight.nominal import held_against, nominal_model
+from tombo_diagnosis.flight.nominal import SCATTER_LABEL, held_against, nominal_model
 from tombo_diagnosis.flight.residual_check import ScaleVariances, residual_variances
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
@@ -262,7 +264,7 @@ def _healthy(file: VehicleFile, differences: Sequence[_Difference]) -> HealthyFl
     """Return what is usual of healthy flights, from how each differs from the others.
 
     Of what is left, what a further flight leaves at most; of parameters, the spread that explains
-    the differences best.
+    the differences best. Rotors differ from session to session at least as those of other vehicles.
     """
     assert file.healthy is not None
     residuals = {
@@ -275,6 +277,7 @@ def _healthy(file: VehicleFile, differences: Sequence[_Difference]) -> HealthyFl
         label: math.hypot(known.get(label, 0.0), differ.get(label, 0.0))
         for label in dict.fromkeys((*known, *differ))
     }
+    spread[SCATTER_LABEL] = max(spread.get(SCATTER_LABEL, 0.0), SESSION_SCATTER)
     return HealthyFlights(file.healthy.flights, residuals, spread)
 
 
@@ -305,27 +308,41 @@ def _spread(flights: Sequence[FlightProblem]) -> dict[str, float]:
     difference none has to explain it alone. Of few flights a deviation is known badly: Student's
     factor makes it as wide as one that is known well.
     """
+    names = [_labels(flight) for flight in flights]
+    units = [_draw_units(flight) for flight in flights]
     usual: dict[str, float] = {}
-    for flight in flights:
-        parameters = [flight.columns.parameters[i] for i in flight.columns.indices]
-        usual |= {p.label: p.tolerance for p in parameters}
+    for flight, labels, unit in zip(flights, names, units, strict=True):
+        usual |= dict(zip(labels, unit * flight.columns.deviations(), strict=True))
     normals = [flight.normal() for flight in flights]
     variance = {label: tolerance**2 for label, tolerance in usual.items()}
     for _ in range(_EM_STEPS):
         squares: dict[str, list[float]] = {}
-        for flight, normal in zip(flights, normals, strict=True):
-            columns = flight.columns
-            labels = [columns.parameters[i].label for i in columns.indices]
-            deviations = columns.deviations()
-            deviations[: len(labels)] = [math.sqrt(variance[label]) for label in labels]
+        for labels, unit, normal in zip(names, units, normals, strict=True):
+            deviations = np.sqrt([variance[label] for label in labels]) / unit
             solution = solve(normal, deviations)
-            each = solution.mean**2 + np.diag(solution.covariance)
-            for label, square in zip(labels, each, strict=False):  # draws come last
+            each = unit**2 * (solution.mean**2 + np.diag(solution.covariance))
+            for label, square in zip(labels, each, strict=True):
                 squares.setdefault(label, []).append(float(square))
         variance = {n: max(float(np.mean(v)), usual[n] ** 2) for n, v in squares.items()}
     factor = float(stats.t.ppf(0.975, len(flights))) / TWO_SIDED
     more = {n: math.sqrt(v - usual[n] ** 2) for n, v in variance.items()}
     return {n: math.hypot(usual[n], factor * m) for n, m in more.items() if m > usual[n]}
+
+
+def _labels(flight: FlightProblem) -> list[str]:
+    """Return the effect.parameter of every column; all draws are of one."""
+    columns = flight.columns
+    return [columns.parameters[i].label for i in columns.indices] + [
+        SCATTER_LABEL for _ in columns.draws
+    ]
+
+
+def _draw_units(flight: FlightProblem) -> Array:
+    """Return (count) what one of every column stands for: 1, of a draw the thrust it changes."""
+    columns = flight.columns
+    (p,) = (p for p in columns.parameters if p.label == SCATTER_LABEL)
+    draws = [scatter_unit(flight.theta, p)] * len(columns.draws)
+    return np.array([1.0] * len(columns.indices) + draws)
 
 
 def _with_supply(logs: Sequence[Flight], file: VehicleFile) -> VehicleFile:

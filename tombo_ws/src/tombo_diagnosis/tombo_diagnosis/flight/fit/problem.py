@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Collection, Mapping, Sequence
 from copy import copy
@@ -69,10 +70,15 @@ def setting_of(nominal: NominalModel, flights: int, imu: bool) -> Setting:
     Confidence stays below what flights allow: of a vehicle that was fitted to healthy flights each
     of them that was held against the others is one trial, a failure where it was accused; of one
     that was fitted to the very flights each flight held out. What is wrong in one flight is wrong
-    in all its parts: these are one trial.
+    in all its parts: these are one trial. That a vehicle is as its healthy flights show it is as
+    probable before the data as all effects of the registry together.
     """
     if nominal.healthy is not None:
-        return replace(SETTING, max_confidence=healthy_confidence(nominal.healthy))
+        return replace(
+            SETTING,
+            max_confidence=healthy_confidence(nominal.healthy),
+            rarity=math.log(len(REGISTRY)),
+        )
     if not nominal.calibrated:
         return SETTING
     return replace(
@@ -129,7 +135,9 @@ class FlightProblem:
         absorbed = frozenset(p.index for p in nominal.parameters if p.label in nominal.fitted)
         width = self.linears[0].draw_width
         each = (SCATTER,) * len(self.drawn)
-        unknowns = Unknowns(nominal.parameters, tuple(seen), each * self.vehicles, width, absorbed)
+        unknowns = Unknowns(
+            nominal.parameters, tuple(seen), each * self.vehicles, width, nominal.doubt, absorbed
+        )
         self.columns = unknowns
         self._parts: list[Parts] = []
         self.variances: list[dict[str, Array]] = []

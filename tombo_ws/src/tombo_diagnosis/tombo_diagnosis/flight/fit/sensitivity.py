@@ -22,7 +22,7 @@ from tombo_diagnosis.flight.fit.prediction import (
 )
 from tombo_diagnosis.flight.fit.track import TICK, Track
 from tombo_diagnosis.flight.noise import with_pose_noise
-from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_diagnosis.flight.nominal import SCATTER_LABEL, NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
 
@@ -32,8 +32,6 @@ Groups = dict[str, Array]
 
 SCATTER = "thrust_scatter"
 """The effect of the vehicle's draws."""
-DRAW_SCALE_LABEL = f"{SCATTER}.deviation"
-"""The parameter that says how large they are."""
 _MAX_NOISE_SHARE = 0.1
 """Share of a slope's energy in a channel that noise may have."""
 _FOLLOWED = frozenset(
@@ -241,15 +239,20 @@ def with_scatter(theta: Array, nominal: NominalModel) -> tuple[Array, float]:
     """Return theta with the effects of the draws on, and what a draw then is in healthy flights.
 
     A nominal model without scatter has no slope with the draws: it is taken at a tenth of the size
-    that matters, where a healthy draw is the tolerance over that.
+    that matters. A healthy draw is the scatter over that, or its tolerance where that is more.
     """
+    (p,) = (p for p in nominal.parameters if p.label == SCATTER_LABEL)
     spread = theta.copy()
-    width = 1.0
-    for p in nominal.parameters:
-        if p.label == DRAW_SCALE_LABEL and theta[p.index] < p.step:
-            spread[p.index] = p.step
-            width = max(float(theta[p.index]), p.tolerance) / p.step
-    return spread, width
+    spread[p.index] = unit = scatter_unit(theta, p)
+    return spread, max(float(theta[p.index]), p.tolerance) / unit
+
+
+def scatter_unit(theta: Array, p: FreeParameter) -> float:
+    """Return the deviation of thrust over its mean that a draw of 1 stands for.
+
+    `p`: the parameter of the scatter, of which `theta` has a value.
+    """
+    return max(float(theta[p.index]), p.step)
 
 
 def map_flights(function: Callable[[_Item], _Result], flights: Sequence[_Item]) -> list[_Result]:
