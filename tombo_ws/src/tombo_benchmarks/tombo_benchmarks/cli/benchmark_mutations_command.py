@@ -28,6 +28,9 @@ def benchmark_mutations(
             "--vehicle NAME|FILE", "A vehicle file from other flights: it is asked with it, too."
         ),
     ] = None,
+    way: Annotated[
+        str | None, option("--way NAME", "Ask in this way only: plain, vehicle or healthy.")
+    ] = None,
     mapping: LogMapping = None,
     as_json: JsonOnly = False,
 ) -> None:
@@ -47,5 +50,5 @@ def benchmark_mutations(
     with progress_bar() as on_progress:
         flight, *others = read_logs([log, *(healthy or [])], mapping=mapping)
         file = None if vehicle is None else read_vehicle(vehicle)
-        answers = ask_all(flight, Reference(file, others), on_progress)
+        answers = ask_all(flight, Reference(file, others), way, on_progress)
     show_page(mutation_page(flight.name, answers), as_json)

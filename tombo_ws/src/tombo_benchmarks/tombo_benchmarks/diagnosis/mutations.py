@@ -30,6 +30,7 @@ from tombo_benchmarks.diagnosis.log_faults import (
 from tombo_benchmarks.diagnosis.ways import against_healthy, diagnosed
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.nominal import held_against, nominal_model
+from tombo_diagnosis.wording import listed
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
@@ -144,14 +145,32 @@ Way = Callable[[Flight, Reference], Diagnosis]
 
 
 def ask_all(
-    log: Flight, reference: Reference, progress: ProgressCallback = no_progress
+    log: Flight,
+    reference: Reference,
+    only: str | None = None,
+    progress: ProgressCallback = no_progress,
 ) -> list[Answer]:
     """Return the answers about a log (as read) with each mutation, in each way that can be asked.
 
     What is said of the log as it is names no mutation.
+
+    Args:
+        log: a sound one.
+        reference: what it is asked against.
+        only: the one of the ways that is asked; None: all.
+        progress: called with the mutation and the share done.
+
+    Raises:
+        InputError: there is no such way, or nothing to ask against in it.
     """
-    ways = [way for way in WAYS if reference.vehicle is not None or way != "--vehicle"]
-    ways = [way for way in ways if reference.healthy or way != "--healthy"]
+    ways = [way for way in WAYS if reference.vehicle is not None or way != "vehicle"]
+    ways = [way for way in ways if reference.healthy or way != "healthy"]
+    if only is not None and only not in ways:
+        raise InputError(
+            f"--way '{only}'; accepted: {listed(ways, 'or')} (vehicle and healthy need --vehicle "
+            "FILE and --healthy OLD)"
+        )
+    ways = [way for way in ways if only in (None, way)]
     answers = []
     for i, way in enumerate(ways):
         sound = _said(WAYS[way](log, reference), log.name)
@@ -211,11 +230,7 @@ def _against_healthy(log: Flight, reference: Reference) -> Diagnosis:
     return against_healthy([log], reference.healthy)
 
 
-WAYS: Mapping[str, Way] = {
-    "plain": _plain,
-    "--vehicle": _with_vehicle,
-    "--healthy": _against_healthy,
-}
+WAYS: Mapping[str, Way] = {"plain": _plain, "vehicle": _with_vehicle, "healthy": _against_healthy}
 """How `tombo diagnose` can be asked."""
 
 

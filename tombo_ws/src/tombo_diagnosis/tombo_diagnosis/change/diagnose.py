@@ -33,7 +33,14 @@ from tombo_diagnosis.change.learning import KnownChange
 from tombo_diagnosis.change.likelihood import LEARNT, Widths
 from tombo_diagnosis.change.sessions import healthy_sessions
 from tombo_diagnosis.change.signatures import CENTRE, MASS, UNBALANCE, WEAK_PROPELLER, candidates
-from tombo_diagnosis.change.verdict import ChangeVerdict, judge_change, notes, summary
+from tombo_diagnosis.change.verdict import (
+    ChangeVerdict,
+    judge_change,
+    most_confident,
+    notes,
+    summary,
+)
+from tombo_diagnosis.change.wind import new_wind
 from tombo_diagnosis.control.actuators import with_asked_rotors
 from tombo_diagnosis.control.controller import ControllerReport, controller_report, with_controller
 from tombo_diagnosis.diagnosis import Change, Detectable, Diagnosis, FlightSummary, Score
@@ -113,6 +120,12 @@ def diagnose_change(
     changed = tuple(c for m in shown for c in _changes(m, verdict, mass, arm))
     if verdict.verdict == "named" and changed[0].effect == MASS:
         changed += (_equal(changed[0]),)
+    text = summary(verdict, spread, comparison, seen)
+    wind = new_wind(new, healthy)
+    if wind is not None:
+        most = most_confident(accused, asked)
+        changed, text = wind.change(most), wind.summary
+        verdict = ChangeVerdict("named" if changed else "unknown", (), most)
     stated = "set" if any(c.effect == _EQUAL for c in changed) else verdict.verdict
     controller = _controller(new, healthy)
     diagnosis = Diagnosis(
@@ -126,7 +139,7 @@ def diagnose_change(
         flights=tuple(_summary(f) for f in (*after, *before)),
         residuals=(),
         confidence=verdict.confidence,
-        summary=with_controller(summary(verdict, spread, comparison, seen), controller),
+        summary=with_controller(text, controller),
         notes=notes(spread, mean_of(data.new), accused, asked),
         model=f"{counted(len(before), 'healthy flight')} of the same vehicle",
         vehicle=airframe.name if airframe is not None else "",

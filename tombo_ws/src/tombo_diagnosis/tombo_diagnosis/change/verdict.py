@@ -40,13 +40,18 @@ class ChangeVerdict:
     confidence: float
 
 
+def most_confident(accused: int, asked: int) -> float:
+    """Return the bound of confidence, as `judge_change` says."""
+    return 1.0 - (accused + 0.4) / (asked + 10.0)
+
+
 def judge_change(comparison: HealthyComparison, accused: int, asked: int) -> ChangeVerdict:
     """Return the verdict.
 
     Its confidence is bounded by how many of `asked` healthy sessions the others accuse, with ten
     of other vehicles, of which 4 % are.
     """
-    most = 1.0 - (accused + 0.4) / (asked + 10.0)
+    most = most_confident(accused, asked)
     if comparison.none > CHANGED:
         return ChangeVerdict("none", (), min(comparison.none, most))
     known = [r for r in comparison.results if r.candidate.effect != OTHER]

@@ -146,7 +146,7 @@ def rank_hypotheses(
             if gain > _MIN_TANGENT_LOG_BF and columns.outside(fit.theta, free, solution.mean):
                 solution = solve(fit.normal, deviations, fit.prior_mean)
                 gain -= columns.bounds_penalty(fit.theta, free, solution)
-            ranked.append((gain - _prior_penalty(model, effect), Hypothesis(effect, free)))
+            ranked.append((gain - _multiplicity_penalty(model, effect), Hypothesis(effect, free)))
     ranked += [
         _widest(model, explanation, effect, price, tight)
         for effect, price in model.noise_effects().items()
@@ -190,7 +190,7 @@ def fit_hypotheses(
     widths = {each.effect: each.width for each in hypotheses if each.width is not None}
     fit = model.fit(free, widths, start or null)
     evidence = _beyond_healthy(model, fit) - null.evidence
-    evidence -= sum(_prior_penalty(model, each.effect) for each in hypotheses)
+    evidence -= sum(_multiplicity_penalty(model, each.effect) for each in hypotheses)
     evidence -= sum(math.log(_WIDTHS.size) - 1.0 + model.noise_effects()[e] for e in widths)
     for each in hypotheses:
         if each.free and all(fit.theta[i] == model.theta[i] for i in each.free):
@@ -336,7 +336,7 @@ def free_all_axes(model: RegressionModel, explanation: Explanation) -> Explanati
     return replace(explanation, hypotheses=tuple(hypotheses), fit=fit)
 
 
-def _prior_penalty(model: RegressionModel, effect: str) -> float:
+def _multiplicity_penalty(model: RegressionModel, effect: str) -> float:
     """Return the log of an effect's number of hypotheses: many don't make it more probable.
 
     And what any cause costs where causes are rare.

@@ -311,9 +311,7 @@ def weigh_remainder(
     )  # fmt: skip
 
 
-def select_noise_fits(
-    fits: Sequence[NoiseFit], least: float = LOG_BF_FIRST
-) -> list[NoiseFit]:
+def select_noise_fits(fits: Sequence[NoiseFit], least: float = LOG_BF_FIRST) -> list[NoiseFit]:
     """Return the stochastic effects that are accepted, by their best way, most probable first.
 
     `least`: log Bayes factor from which on one is.

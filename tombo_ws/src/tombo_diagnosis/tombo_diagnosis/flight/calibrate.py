@@ -8,6 +8,7 @@ motion capture can.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -108,18 +109,30 @@ def _drag_in_wind(logs: Sequence[Flight]) -> float:
     Wind is a force by the drag alone: without a drag no speed of the air would be a cause. It is
     that of the flights where they show it, else the usual one.
     """
-    windy = [log for log in logs if any(f.check == "wind" for f in log.findings)]
+    windy = windy_flights(logs)
     if 2 * len(windy) <= len(logs):
         return 0.0
-    pushes = [push for log in windy if (push := _push(log)) is not None]
+    drag, deviation = drag_shown([push for log in windy if (push := push_in(log)) is not None])
+    return drag if deviation < DRAG_KNOWN * drag else USUAL_DRAG
+
+
+def windy_flights(logs: Sequence[Flight]) -> list[Flight]:
+    """Return the flights in which the checks have seen wind."""
+    return [log for log in logs if any(f.check == "wind" for f in log.findings)]
+
+
+def drag_shown(pushes: Sequence[Push]) -> tuple[float, float]:
+    """Return the drag per mass [1/s] that flights show together, and its standard deviation."""
     weights = [push.drag_deviation**-2.0 for push in pushes]
     drag = sum(w * p.drag for w, p in zip(weights, pushes, strict=True)) / max(sum(weights), 1e-9)
-    known = sum(weights) ** -0.5 < DRAG_KNOWN * drag if weights else False
-    return drag if known else USUAL_DRAG
+    return drag, sum(weights) ** -0.5 if weights else math.inf
 
 
-def _push(log: Flight) -> Push | None:
+def push_in(log: Flight) -> Push | None:
+    """Return the force that a flight's own motion does not make; None: it is too short."""
     series = log.series
+    if "attitude" not in series:
+        return None
     gyro, accel = series.get("gyro"), series.get("accel")
     motion = motion_of(series["position"], series["attitude"], gyro, accel, list(log.exclude))
     return push_of(motion, series["position"])

@@ -86,16 +86,6 @@ class VehicleFit:
     """Healthy flight in which the vehicle of the others finds something -> what it finds."""
 
 
-@dataclass(frozen=True)
-class _Difference:
-    """How a flight differs from a vehicle that it was not fitted to."""
-
-    residuals: Mapping[str, tuple[float, ...]]
-    """Channel -> variances of what is left, by time scale."""
-    problem: FlightProblem
-    """The flight about the vehicle."""
-
-
 def fit_vehicle(
     logs: Sequence[Flight], base: VehicleFile, progress: ProgressCallback = no_progress
 ) -> VehicleFit:
@@ -121,7 +111,7 @@ def fit_vehicle(
     whole = _fit(logs, base)
     if count < 2:
         return whole
-    differences: dict[int, _Difference] = {}
+    differences: dict[int, FlightProblem] = {}
     fits: dict[int, VehicleFit] = {}
     for fold in range(folds):
         left_out = range(fold, count, folds)
@@ -252,33 +242,39 @@ def _by_channel(left: ScaleVariances) -> dict[str, tuple[float, ...]]:
     }
 
 
-def _difference(log: Flight, file: VehicleFile) -> _Difference:
-    """Return how a flight differs from a vehicle."""
+def _difference(log: Flight, file: VehicleFile) -> FlightProblem:
+    """Return a flight about a vehicle that it was not fitted to."""
     (held,) = held_against([log], file)
-    problem = FlightProblem([track_of(held)], nominal_model(vehicle=file))
-    left = _by_channel(residual_variances(problem, problem.null_hypothesis))
-    return _Difference(left, problem)
+    return FlightProblem([track_of(held)], nominal_model(vehicle=file))
 
 
-def _healthy(file: VehicleFile, differences: Sequence[_Difference]) -> HealthyFlights:
+def _healthy(file: VehicleFile, differences: Sequence[FlightProblem]) -> HealthyFlights:
     """Return what is usual of healthy flights, from how each differs from the others.
 
-    Of what is left, what a further flight leaves at most; of parameters, the spread that explains
-    the differences best. Rotors differ from session to session at least as those of other vehicles.
+    Of parameters, the spread that explains the differences best; of what that leaves, what a
+    further flight leaves at most. Rotors differ from session to session at least as those of
+    other vehicles.
     """
     assert file.healthy is not None
-    residuals = {
-        name: _upper_bounds([d.residuals[name] for d in differences if name in d.residuals])
-        for name in dict.fromkeys(name for d in differences for name in d.residuals)
-    }
-    known = file.healthy.spread
-    differ = _spread([d.problem.with_usual(residuals) for d in differences])
+    known, differ = file.healthy.spread, _spread(differences)
     spread = {
         label: math.hypot(known.get(label, 0.0), differ.get(label, 0.0))
         for label in dict.fromkeys((*known, *differ))
     }
     spread[SCATTER_LABEL] = max(spread.get(SCATTER_LABEL, 0.0), SESSION_SCATTER)
+    left = [_left_within(problem, spread) for problem in differences]
+    names = dict.fromkeys(name for each in left for name in each)
+    residuals = {name: _upper_bounds([v[name] for v in left if name in v]) for name in names}
     return HealthyFlights(file.healthy.flights, residuals, spread)
+
+
+def _left_within(
+    problem: FlightProblem, spread: Mapping[str, float]
+) -> dict[str, tuple[float, ...]]:
+    """Return the variances by channel that a flight's differences within a spread leave."""
+    width = spread[SCATTER_LABEL] / _draw_unit(problem)
+    wide = problem.with_spread(spread, width)
+    return _by_channel(residual_variances(wide, wide.null_hypothesis))
 
 
 def _upper_bounds(variances: Sequence[Sequence[float]]) -> tuple[float, ...]:
@@ -309,7 +305,10 @@ def _spread(flights: Sequence[FlightProblem]) -> dict[str, float]:
     factor makes it as wide as one that is known well.
     """
     names = [_labels(flight) for flight in flights]
-    units = [_draw_units(flight) for flight in flights]
+    units = [
+        np.r_[np.ones(len(f.columns.indices)), np.full(len(f.columns.draws), _draw_unit(f))]
+        for f in flights
+    ]
     usual: dict[str, float] = {}
     for flight, labels, unit in zip(flights, names, units, strict=True):
         usual |= dict(zip(labels, unit * flight.columns.deviations(), strict=True))
@@ -337,12 +336,10 @@ def _labels(flight: FlightProblem) -> list[str]:
     ]
 
 
-def _draw_units(flight: FlightProblem) -> Array:
-    """Return (count) what one of every column stands for: 1, of a draw the thrust it changes."""
-    columns = flight.columns
-    (p,) = (p for p in columns.parameters if p.label == SCATTER_LABEL)
-    draws = [scatter_unit(flight.theta, p)] * len(columns.draws)
-    return np.array([1.0] * len(columns.indices) + draws)
+def _draw_unit(flight: FlightProblem) -> float:
+    """Return the deviation of thrust over its mean that a draw of 1 stands for."""
+    (p,) = (p for p in flight.columns.parameters if p.label == SCATTER_LABEL)
+    return scatter_unit(flight.theta, p)
 
 
 def _with_supply(logs: Sequence[Flight], file: VehicleFile) -> VehicleFile:

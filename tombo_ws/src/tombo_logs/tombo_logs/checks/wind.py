@@ -35,7 +35,7 @@ USUAL_DRAG, _FASTEST_AIR = 0.3, 5.0
 """Standard deviations before the data, of drag per mass [1/s] and of a steady push [m/s^2]."""
 _SURE = 4.0
 """Standard deviations by which a push is called wind."""
-_LEAST = 0.4
+LEAST = 0.4
 """m/s^2 of a steady push, and of a swinging one, that is reported."""
 _PERIODS, _HIGHEST_HZ = 3.0, 1.0
 """Fewest periods of a swing in a flight, and its highest frequency."""
@@ -82,7 +82,7 @@ def wind(flight: str, motion: Motion, position: Series, mass: float | None) -> l
     push = push_of(motion, position)
     if push is None:
         return []
-    steady = push.size > max(_LEAST, _SURE * push.deviation)
+    steady = push.size > max(LEAST, _SURE * push.deviation)
     if not steady and push.swing == 0.0:
         return []
     unit, scale = ("N", mass) if mass is not None else ("m/s^2", 1.0)
@@ -177,6 +177,6 @@ def _swing(t: Array, force: Array, speed: Array) -> tuple[float, float]:
     own = np.linalg.norm(waves @ (speed - speed.mean(axis=0)), axis=1)
     k = int(np.argmax(amplitude))
     share = 0.5 * amplitude[k] ** 2 / max(float(force.var(axis=0).sum()), 1e-9)
-    if amplitude[k] < max(_LEAST, _OF_COURSE * own[k]) or share < _SWINGS:
+    if amplitude[k] < max(LEAST, _OF_COURSE * own[k]) or share < _SWINGS:
         return 0.0, 0.0
     return float(amplitude[k]), float(tried[k])

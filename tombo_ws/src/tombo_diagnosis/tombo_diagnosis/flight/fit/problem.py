@@ -461,22 +461,22 @@ class FlightProblem:
             for each in self.channels
         ]
 
-    def with_usual(self, residuals: Mapping[str, Sequence[float]]) -> FlightProblem:
-        """Return the problem with noise that is at least what flights usually leave.
+    def with_spread(self, spread: Mapping[str, float], draw_width: float) -> FlightProblem:
+        """Return the problem with these tolerances, and its nominal model anew.
 
-        `residuals`: channel -> variances by time scale.
+        Args:
+            spread: effect.parameter → standard deviation; the others stay.
+            draw_width: the same of a draw.
         """
         again = copy(self)
-        again.variances = [
-            {
-                group: np.array([
-                    max(v, long_run_of_scales(residuals.get(c.name, ()), self.per_second(group)))
-                    for c, v in zip(channels[group], sizes, strict=True)
-                ])
-                for group, sizes in each.items()
-            }
-            for channels, each in zip(self.channels, self.variances, strict=True)
-        ]  # fmt: skip
+        parameters = tuple(
+            replace(p, known_to=spread.get(p.label, p.known_to)) for p in self.columns.parameters
+        )
+        again.columns = replace(self.columns, parameters=parameters, draw_width=draw_width)
+        fit = self.null_hypothesis
+        again.null_hypothesis = again._solved(
+            (), NOMINAL_WIDTHS, fit.theta, fit.prior_mean, tangent_of(fit)
+        )
         return again
 
     def per_second(self, group: str) -> float:
