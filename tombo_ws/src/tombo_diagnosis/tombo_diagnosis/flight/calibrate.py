@@ -44,7 +44,7 @@ _ABSORBED_PARAMETERS = frozenset(
         *("battery_sag.resistance", "battery_sag.discharge"),
     }
 )
-_STAMPS = "mocap_stamp_error.offset"
+_TIMING = frozenset({"mocap_stamp_error.offset", "motor_lag.extra_tau", "command_delay.delay"})
 """Only a gyro tells late stamps from thrust that comes late in a way that is not known."""
 _THRUST_PARAMETERS = frozenset(
     {
@@ -97,7 +97,7 @@ def calibrated(logs: Sequence[Flight]) -> tuple[NominalModel, list[Flight]]:
     label = f"{frame.name}, thrust fitted to its own flights"
     absorbed = _ABSORBED_PARAMETERS
     if not any("gyro" in log.series for log in logs):
-        absorbed |= {_STAMPS}
+        absorbed |= _TIMING
     drag = frame.mass * _drag_in_wind(logs)
     effects = {"linear_rotor_drag": {"d_xy": drag}} if drag > 0.0 else {}
     return NominalModel(label, vehicle, maps, effects, True, absorbed, False), changed

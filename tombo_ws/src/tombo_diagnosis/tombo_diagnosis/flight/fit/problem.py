@@ -60,12 +60,8 @@ DISPLACEMENTS = frozenset({"imu_lever_arm", "mocap_marker_offset"})
 """Displaced IMU and displaced markers: only their distance shows where forces are unsure."""
 
 
-_TIMING = frozenset({"motor_lag", "command_delay"})
-"""What makes thrust late: poses alone don't tell how where thrust itself was fitted."""
-
-
-def setting_of(nominal: NominalModel, flights: int, imu: bool) -> Setting:
-    """Return the settings for a nominal model and flights with an IMU or without.
+def setting_of(nominal: NominalModel, flights: int) -> Setting:
+    """Return the settings for a nominal model.
 
     Confidence stays below what flights allow: of a vehicle that was fitted to healthy flights each
     of them that was held against the others is one trial, a failure where it was accused; of one
@@ -84,7 +80,7 @@ def setting_of(nominal: NominalModel, flights: int, imu: bool) -> Setting:
     return replace(
         SETTING,
         model_error_share=CALIBRATED_MODEL_ERROR_SHARE,
-        equivalent=(DISPLACEMENTS,) if imu else (DISPLACEMENTS, _TIMING),
+        equivalent=(DISPLACEMENTS,),
         max_confidence=succession(flights, 0),
     )
 
@@ -118,8 +114,7 @@ class FlightProblem:
     """The regression of flights about their nominal model: a `Model` of the engine."""
 
     def __init__(self, tracks: Sequence[Track], nominal: NominalModel) -> None:
-        imu = any(track.formulation == "imu" for track in tracks)
-        self.setting = setting_of(nominal, len({id(track.log) for track in tracks}), imu)
+        self.setting = setting_of(nominal, len({id(track.log) for track in tracks}))
         self.tracks = list(tracks)
         self.nominal = nominal
         self.theta = nominal.theta
