@@ -16,11 +16,11 @@ from tombo_bag.flight import Flight
 from tombo_diagnosis.diagnosis import Change
 from tombo_diagnosis.engine.cause_estimates import TWO_SIDED
 from tombo_diagnosis.flight.calibrate import drag_shown, push_in, windy_flights
+from tombo_diagnosis.flight.fit.track import WIND
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import FittedParameter
 from tombo_logs.checks.wind import DRAG_KNOWN, LEAST
 
-WIND = "steady_wind"
 _SAME = 0.5
 """Share of the new flights' push within which the healthy ones have the same wind."""
 

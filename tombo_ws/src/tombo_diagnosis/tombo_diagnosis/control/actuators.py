@@ -11,6 +11,7 @@ from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Airframe, Flight, Series
 from tombo_diagnosis.control.gains import LoopFit, LoopGain
 from tombo_diagnosis.control.signals import ControlSignals
+from tombo_diagnosis.flight.calibrate import HOVER_SPEED
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN
 from tombo_logs.checks.spans import block_means
@@ -26,8 +27,6 @@ _T975: Final = 3.2
 """Of Student's distribution with `_FEWEST` - 1 degrees of freedom."""
 _DRAG_ARM: Final = 0.2
 """Drag torque over thrust, in radii of the rotor: of small propellers; it scales yaw alone."""
-_HOVER_SPEED: Final = 1000.0
-"""rad/s that stands for hover: only shares of it count."""
 
 
 def thrust_gain(flight: Flight, signals: ControlSignals) -> LoopFit | None:
@@ -70,7 +69,7 @@ def with_asked_rotors(flight: Flight) -> Flight:
     """Return a flight with what thrust and torque set points ask of each rotor, as its command.
 
     Only where it has an airframe and no commands of rotors. Speeds are such that the thrust set
-    point of the airframe's weight is `_HOVER_SPEED`: thrust grows with the square.
+    point of the airframe's weight is `HOVER_SPEED`: thrust grows with the square.
     """
     control, frame = flight.control, flight.airframe
     wanted = ("thrust_setpoint", "torque_setpoint")
@@ -84,7 +83,7 @@ def with_asked_rotors(flight: Flight) -> Flight:
     keep = np.isfinite(share).all(axis=1) & (share > 0.0).all(axis=1)
     if not keep.any():
         return flight
-    speed = Series(t[keep], _HOVER_SPEED * np.sqrt(share[keep]))
+    speed = Series(t[keep], HOVER_SPEED * np.sqrt(share[keep]))
     return flight.with_series({**flight.series, "rotor_command": speed})
 
 

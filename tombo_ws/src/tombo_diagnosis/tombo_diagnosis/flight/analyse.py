@@ -12,7 +12,7 @@ from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.engine.verdict import analyse_problem, judge, logistic, p_cause
 from tombo_diagnosis.flight.fit.prediction import channel_group
 from tombo_diagnosis.flight.fit.problem import FlightProblem
-from tombo_diagnosis.flight.fit.track import Track
+from tombo_diagnosis.flight.fit.track import WIND, Track
 from tombo_diagnosis.flight.fit.transients import (
     LostMemory,
     Transient,
@@ -33,7 +33,7 @@ from tombo_diagnosis.flight.residual_check import (
     residual_variances,
     with_healthy,
 )
-from tombo_diagnosis.flight.swing import WIND, along, with_swing
+from tombo_diagnosis.flight.swing import along, with_swing
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
 from tombo_dynamics.effects.compose import layout

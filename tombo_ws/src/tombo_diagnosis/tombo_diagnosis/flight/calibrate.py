@@ -26,7 +26,7 @@ from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES, VehicleParams
 from tombo_logs.checks.motion import motion_of
 from tombo_logs.checks.wind import DRAG_KNOWN, USUAL_DRAG, Push, push_of
 
-_HOVER_SPEED = 1000.0
+HOVER_SPEED = 1000.0
 """rad/s that stands for hover: only thrust counts, speeds are a way to write it."""
 _SLOWEST, _FASTEST = 0.1, 2.5
 """Speeds of the rotors over that in hover."""
@@ -90,7 +90,7 @@ def calibrated(logs: Sequence[Flight]) -> tuple[NominalModel, list[Flight]]:
         hover, changed = speed_in_hover(logs), [_with_asked_speeds(log) for log in logs]
     else:
         offset, gain = _thrust_fit(logs)
-        hover, changed = _HOVER_SPEED, [_with_speeds(log, offset, gain) for log in logs]
+        hover, changed = HOVER_SPEED, [_with_speeds(log, offset, gain) for log in logs]
     vehicle = _vehicle(frame, hover)
     coefficient = frame.mass * GRAVITY / 4.0 / hover**2
     maps = rotor_maps(_Parabola(coefficient, vehicle.rotor_speed_max), vehicle)
@@ -275,6 +275,6 @@ def force_along_thrust(track: Track) -> Array:
 def _with_speeds(log: Flight, offset: float, gain: float) -> Flight:
     drive = _drive(log)
     share = np.maximum((offset + gain * drive.values) / GRAVITY, 1e-3)
-    speed = Series(drive.t, _HOVER_SPEED * np.sqrt(share), drive.arrival)
+    speed = Series(drive.t, HOVER_SPEED * np.sqrt(share), drive.arrival)
     series = {k: v for k, v in log.series.items() if k not in ROTOR_SPEEDS}
     return log.with_series({**series, "rotor_command": speed})

@@ -24,9 +24,9 @@ from tombo_diagnosis.flight.fit.prediction import (
     with_air,
 )
 from tombo_diagnosis.flight.fit.problem import FlightProblem, sum_of, tangent_of
-from tombo_diagnosis.flight.fit.sensitivity import SCATTER, with_scatter
+from tombo_diagnosis.flight.fit.sensitivity import with_scatter
 from tombo_diagnosis.flight.fit.track import FAST_WIDTH, TICK
-from tombo_diagnosis.flight.nominal import SCATTER_LABEL
+from tombo_diagnosis.flight.nominal import SCATTER, SCATTER_LABEL
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import State
 from tombo_dynamics.rotation import conjugate, quaternion_multiply

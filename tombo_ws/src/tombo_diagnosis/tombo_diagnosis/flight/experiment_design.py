@@ -21,9 +21,8 @@ from tombo_diagnosis.engine.regression import NormalEquations, solve
 from tombo_diagnosis.flight.analyse import FlightAnalysis
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
 from tombo_diagnosis.flight.fit.problem import FlightProblem
-from tombo_diagnosis.flight.fit.sensitivity import SCATTER
 from tombo_diagnosis.flight.fit.track import track_of
-from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_diagnosis.flight.nominal import SCATTER, NominalModel
 from tombo_diagnosis.wording import capital, listed
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError

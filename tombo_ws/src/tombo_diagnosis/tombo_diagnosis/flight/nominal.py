@@ -136,7 +136,9 @@ def _known_to(p: FreeParameter, tolerance: float | None) -> FreeParameter:
     return replace(p, known_to=tolerance, scale=max(p.scale, _BEYOND * tolerance))
 
 
-SCATTER_LABEL = "thrust_scatter.deviation"
+SCATTER = "thrust_scatter"
+"""The effect of the vehicle's draws."""
+SCATTER_LABEL = f"{SCATTER}.deviation"
 """The parameter that says how much the rotors of a vehicle differ."""
 _SCENARIO = "no_obstacle"
 

@@ -17,13 +17,11 @@ from scipy.optimize import minimize_scalar
 from tombo_diagnosis.engine.cause_estimates import ParameterEstimate, as_tuples, fitted_parameter
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.fit.problem import FlightProblem, tangent_of
-from tombo_diagnosis.flight.fit.track import Swing, Track
+from tombo_diagnosis.flight.fit.track import WIND, Swing, Track
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import layout
 from tombo_logs.checks.spans import block_means
 
-WIND = "steady_wind"
-"""The effect that swings."""
 _FORCES = ("force", "acceleration")
 _BLOCK_S = 0.24
 """Means over such blocks are fitted."""

@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from tombo_diagnosis.flight.fit.track import FAST_WIDTH, SLOW_WIDTH, Track, smoothed
+from tombo_diagnosis.flight.fit.track import FAST_WIDTH, SLOW_WIDTH, WIND, Track, smoothed
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
@@ -159,7 +159,7 @@ def _integral(values: Array, tick: float) -> Array:
     return np.vstack([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
 
 
-_SWING = [layout()["steady_wind"][n] for n in ("swing_east", "swing_north", "frequency", "phase")]
+_SWING = [layout()[WIND][n] for n in ("swing_east", "swing_north", "frequency", "phase")]
 
 
 def with_air(track: Track, theta: Array) -> Array:

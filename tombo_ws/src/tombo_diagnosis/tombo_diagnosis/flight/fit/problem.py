@@ -22,10 +22,10 @@ from tombo_diagnosis.engine.regression import (
 )
 from tombo_diagnosis.engine.verdict import succession
 from tombo_diagnosis.flight.fit.prediction import channels_of
-from tombo_diagnosis.flight.fit.sensitivity import SCATTER, Linearization, linearize, map_flights
+from tombo_diagnosis.flight.fit.sensitivity import Linearization, linearize, map_flights
 from tombo_diagnosis.flight.fit.track import FAST_SPACING, SLOW_SPACING, Track
 from tombo_diagnosis.flight.noise import floors_of, long_run_of_scales, long_run_variance
-from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_diagnosis.flight.nominal import SCATTER, NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY
 from tombo_flight.vehicle_file import HealthyFlights

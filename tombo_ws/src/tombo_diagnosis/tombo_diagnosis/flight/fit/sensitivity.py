@@ -30,8 +30,6 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 Groups = dict[str, Array]
 
-SCATTER = "thrust_scatter"
-"""The effect of the vehicle's draws."""
 _MAX_NOISE_SHARE = 0.1
 """Share of a slope's energy in a channel that noise may have."""
 _FOLLOWED = frozenset(

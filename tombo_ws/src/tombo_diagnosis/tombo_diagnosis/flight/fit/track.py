@@ -140,9 +140,13 @@ SHORTEST_S = 2.0
 """s of undisturbed flight that a diagnosis needs."""
 
 
+WIND = "steady_wind"
+"""The effect that swings."""
+
+
 @dataclass(frozen=True)
 class Swing:
-    """How the air swung along a flight: parameters of `steady_wind`."""
+    """How the air swung along a flight: parameters of `WIND`."""
 
     east: float
     """Amplitude along map x [m/s]."""
