@@ -49,7 +49,9 @@ class ScriptedPx4:
         self.system = system
         self.ahead_ns = 20 * SECOND - now_ns
         """Its clock against the true one."""
-        self.place = np.array([0.0, 0.0, GROUND])
+        self.place, self.velocity = np.array([0.0, 0.0, GROUND]), np.zeros(3)
+        self._felt = 0, np.zeros(3)
+        """Time and velocity of the last sample of its accelerometer."""
         self.attitude = np.array([0.0, 0.0, 0.0, 1.0])
         self.failsafe = False
         self.armed, self.mode = False, AUTO_HOLD
@@ -262,8 +264,11 @@ class ScriptedPx4:
         elif self.armed and self.mode == AUTO_LAND:
             target = self.place * [1.0, 1.0, 0.0]
         if target is not None:
-            way = target - self.place
-            self.place = self.place + np.clip(way, -1.5 * passed, 1.5 * passed)
+            wanted = np.clip(2.0 * (target - self.place), -1.5, 1.5)
+            self.velocity += np.clip(8.0 * (wanted - self.velocity), -6.0, 6.0) * passed
+            self.place = self.place + self.velocity * passed
+        if target is None or self.place[2] < GROUND:
+            self.velocity = np.zeros(3)
             self.place[2] = max(self.place[2], GROUND)
         if self.armed and self.mode == AUTO_LAND and not self.in_air:
             self._grounded_ns = self._grounded_ns or now_ns
@@ -303,7 +308,10 @@ class ScriptedPx4:
 
     def _highres_imu(self, boot):
         noise = self._rng.normal(0, 0.01, 6)
-        accel, gyro = np.array([0, 0, -9.81]) + noise[:3], 0.1 * noise[3:]
+        (since, before), self._felt = self._felt, (self._now, self.velocity.copy())
+        mean = (self.velocity - before) / max((self._now - since) * 1e-9, 1e-3)
+        accel = mean * [1.0, -1.0, -1.0] + [0.0, 0.0, -9.81] + noise[:3]
+        gyro = 0.1 * noise[3:]
         return [mav.MAVLink_highres_imu_message(boot // 1000, *accel, *gyro, *7 * [0], 0x3F)]
 
     def _extended_sys_state(self, boot):

@@ -320,10 +320,13 @@ def _was_put_down(memory: MissionMemory) -> bool:
 
 
 @compiled(inline=False)
-def take_off(memory: MissionMemory) -> bool:
-    """Begin the plan on the ground, or go on with one that an operator holds; False: it flies."""
+def take_off(memory: MissionMemory, disarmed: bool) -> bool:
+    """Begin the plan on the ground, or go on with one that an operator holds; False: it flies.
+
+    A vehicle whose flight controller is `disarmed` does not fly, whatever the plan believes.
+    """
     flies = memory.begun and memory.mode != Phase.IDLE and memory.mode != Phase.LANDED
-    put_down = flies and _was_put_down(memory)
+    put_down = flies and (disarmed or _was_put_down(memory))
     if memory.held and not put_down:
         memory.held = False
         return True
@@ -356,6 +359,19 @@ def land_now(memory: MissionMemory, plan: Plan) -> bool:
     state = land(mission_state(memory), plan, memory.time_ns * 1e-9, memory.position)
     store_state(memory, state)
     return True
+
+
+def refuse_take_off(status: Any) -> str:
+    """Return why PX4 would not follow a take-off, by `/px4/status`; "": it would.
+
+    Args:
+        status: fields of `tombo_msgs/Px4Status`.
+    """
+    if not status.connected:
+        return "no heartbeat of PX4"
+    if status.armed:
+        return "" if status.offboard else f"PX4 is armed, {status.stage}: {status.why}"
+    return "" if status.ready else "PX4 is not ready: " + "; ".join(status.findings)
 
 
 class MissionCore(Core):
@@ -408,6 +424,8 @@ class MissionCore(Core):
         super().__init__()
         self._params = params
         self.plan = compiled_plan(params)
+        self.vehicle_status: Any = None
+        """The newest `/px4/status`; None: no flight controller tells."""
         self._course: tuple[Array, float] | None = None
         """Waypoints of a commanded course, and the flight time [s] at which it began."""
         self.courses = 0
@@ -501,7 +519,11 @@ class MissionCore(Core):
         """Obey an operator: a name of `commands`; return why not, empty: it is obeyed."""
         memory, phase = self.memory, PHASE_NAMES[self.mode].replace("_", " ")
         if name == "takeoff":
-            return "" if take_off(memory) else f"it flies: phase {phase}"
+            status = self.vehicle_status
+            if status is not None and (refusal := refuse_take_off(status)):
+                return refusal
+            disarmed = status is not None and not status.armed
+            return "" if take_off(memory, disarmed) else f"it flies: phase {phase}"
         if name == "hold":
             if self.mode in (Phase.IDLE, Phase.LAND, Phase.LANDED):
                 return f"nothing to hold: phase {phase}"

@@ -15,6 +15,7 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.clock import Clock, ClockType
 from rclpy.task import Future
 
+from tombo_bag.topics import PX4_STATUS
 from tombo_control.mission_core import MissionCore
 from tombo_control.planning.commanded_course import CourseProgress
 from tombo_dynamics.errors import InputError
@@ -57,6 +58,7 @@ class MissionNode(CoreNode):
             execute_callback=self._execute,
             cancel_callback=lambda goal: CancelResponse.ACCEPT,
         )
+        self._px4_status = self.subscribe(PX4_STATUS)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self.ros.create_timer(_FEEDBACK_S, self._send_feedback, clock=steady)
         self._timer.cancel()
@@ -94,7 +96,9 @@ class MissionNode(CoreNode):
     # --- In the loop ---------------------------------------------------------------------------
 
     def step_core(self, now_ns: int) -> None:
-        """Begin what was asked for, step, and look how far the course is."""
+        """Take PX4's status, begin what was asked for, step, and watch the course."""
+        for arrival in self._px4_status.take():
+            self.core.vehicle_status = arrival.message
         while self._requests:
             self._begin(self._requests.popleft())
         super().step_core(now_ns)

@@ -51,6 +51,8 @@ class PoseRefusal(Reason):
     LATE = 6, "a pose that is too old when it arrives"
     JUMP = 7, "a pose where the vehicle can't be: markers mixed up?"
     TWO_PUBLISHERS = 8, "two nodes publish poses: which is true is unknown"
+    REPEATED = 9, "the same pose again, though the vehicle moves"
+    DISTRUSTED = 10, "a pose of a motion capture that was judged wrong in this flight"
 
 
 @compiled(inline=False)

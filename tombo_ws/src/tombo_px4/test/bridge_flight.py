@@ -32,10 +32,10 @@ def synced(rtt_ns=300_000):
 class Flight:
     """Bridge and PX4 with a way of 0.3 to 1 ms between them, mocap at 50 Hz, a mission."""
 
-    def __init__(self, writes=None, mocap_late_ms=15, limits=None, evidence=None, **params):
+    def __init__(self, writes=None, mocap_late_ms=15, limits=None, proofs=(), **params):
         params = {"axes_evidence": SIMULATED, **params}
         self.bridge = Bridge(
-            BridgeParams(**params), LinkParams(), 1.3, writes, evidence=evidence, limits=limits
+            BridgeParams(**params), LinkParams(), 1.3, writes, proofs=proofs, limits=limits
         )
         self.now = NOW
         self.px4 = ScriptedPx4(NOW)

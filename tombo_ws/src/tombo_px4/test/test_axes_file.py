@@ -1,25 +1,39 @@
 """The proofs of the axes are kept, in order; the last one of a body counts."""
 
+from dataclasses import replace
+
 import pytest
 import yaml
 
 from tombo_dynamics.errors import InputError
-from tombo_px4.bridge.pose_axes import AxesEvidence, AxesFile
+from tombo_px4.bridge.pose_axes import AxesEvidence, AxesFile, valid_proof
 
-RIGHT = AxesEvidence("2026-11-24T10:00:00+00:00", "s500", 1, tilt_rad=(0.01, 0.0))
-WRONG = AxesEvidence("2026-11-24T11:00:00+00:00", "s500", 1, "x is not the nose")
+RIGHT = AxesEvidence("2026-11-24T10:00:00+00:00", "s500", "a1b2", tilt_rad=(0.01, 0.0))
+WRONG = AxesEvidence("2026-11-24T11:00:00+00:00", "s500", "a1b2", "x is not the nose")
 
 
 def test_the_last_record_of_a_body_counts_and_none_is_lost(tmp_path):
     path = tmp_path / "more" / "axes.yaml"
     file = AxesFile(str(path))
-    assert file.last("s500", 1) is None
+    assert file.of_body("s500") == ()
     assert str(path) in file.add(RIGHT)
-    assert AxesFile(str(path)).last("s500", 1) == RIGHT
-    assert file.last("s500", 2) is None and file.last("other", 1) is None
+    assert valid_proof(AxesFile(str(path)).of_body("s500"), "a1b2") == RIGHT
+    assert valid_proof(file.of_body("s500"), "c3d4") is None and file.of_body("other") == ()
     file.add(WRONG)
-    assert file.last("s500", 1) is None
+    assert valid_proof(file.of_body("s500"), "a1b2") is None
     assert len(yaml.safe_load(path.read_text())) == 2
+
+
+@pytest.mark.parametrize("key", ["body", "vehicle"])
+def test_a_proof_without_the_name_of_body_or_vehicle_is_not_kept(tmp_path, key):
+    path = tmp_path / "axes.yaml"
+    assert "for this run alone" in AxesFile(str(path)).add(replace(RIGHT, **{key: ""}))
+    assert not path.exists() and AxesFile(str(path)).of_body("") == ()
+
+
+def test_a_proof_that_names_the_mavlink_system_alone_counts_for_no_vehicle(tmp_path):
+    (tmp_path / "axes.yaml").write_text("- {date: a, body: s500, system: 1, tilt_rad: [0, 0]}")
+    assert AxesFile(str(tmp_path / "axes.yaml")).of_body("s500") == ()
 
 
 def test_where_nothing_is_named_it_is_in_the_users_configuration(tmp_path, monkeypatch):
@@ -30,11 +44,11 @@ def test_where_nothing_is_named_it_is_in_the_users_configuration(tmp_path, monke
 
 def test_simulated_poses_have_no_file():
     file = AxesFile("simulated")
-    assert file.add(RIGHT) == "" and file.last("s500", 1) is None
+    assert file.add(RIGHT) == "" and file.of_body("s500") == ()
 
 
 @pytest.mark.parametrize("text", ["{", "3", "- {date: now}", "- {date: a, body: b, x: 1}"])
 def test_another_file_is_refused(tmp_path, text):
     (tmp_path / "axes.yaml").write_text(text)
     with pytest.raises(InputError, match="no list of proofs of axes"):
-        AxesFile(str(tmp_path / "axes.yaml")).last("s500", 1)
+        AxesFile(str(tmp_path / "axes.yaml")).of_body("s500")

@@ -128,7 +128,7 @@ class Px4BridgeNode(LoopNode):
             link,
             mass,
             parse_assignments(writes),
-            evidence=self._proofs.last(params.tracked_body, link.system),
+            proofs=self._proofs.of_body(params.tracked_body),
             limits=FlightLimits(self.records["volume"], self.records["safety"]),
         )
         self._link = Link(

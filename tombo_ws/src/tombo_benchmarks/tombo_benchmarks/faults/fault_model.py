@@ -312,7 +312,7 @@ def _happen(s: Suite, world: FaultWorld, faults: Array, step: int, verdict: Verd
         elif kind == Fault.TAKEOFF_COMMAND and begins:
             before = s.mission.takeoff_commands
             if (
-                take_off(s.mission) and s.mission.takeoff_commands > before
+                take_off(s.mission, False) and s.mission.takeoff_commands > before
             ):  # a plan from the ground
                 verdict.commands = verdict.lift_offs + 1
         elif kind == Fault.COLLISION and begins and s.reaction.has_mission:

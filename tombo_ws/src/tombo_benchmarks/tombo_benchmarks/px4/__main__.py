@@ -219,7 +219,9 @@ def _fly_wrong_axes(
         row = fly_wrong_axes(build, folder, name, options.first, instance=options.instance)
         rows.append(row)
         state = "as wanted" if row["as_wanted"] else "NOT as wanted"
-        print(f"{name}: {state}, armed {row['armed']}, {row['away_m']:.2f} m: {row['text']}",
+        figures = f"{row['away_m']:.2f} m away, {row['height_m']:.2f} m high"
+        ends = f"{row['aloft_s']:.1f} s aloft, disarmed {row['disarmed']}"
+        print(f"{name}: {state}, armed {row['armed']}, {figures}, {ends}: {row['text']}",
               flush=True)  # fmt: skip
     print(f"\n{wrong_axes_table(rows)}")
     if options.output is not None:

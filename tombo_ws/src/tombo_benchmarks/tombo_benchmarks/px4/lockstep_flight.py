@@ -166,6 +166,7 @@ class LockstepRun:
         self._decisions: list[Decision] = []
         self._detections: list[tuple[int, CollisionEvent]] = []
         self._armed_once = False
+        self._disarmed_s: float | None = None
         self._status_why = ""
         self._wall_s = 0.0
         self._latency: list[float] = []
@@ -246,6 +247,10 @@ class LockstepRun:
         for message in out.messages:
             self._px4.link.send(message)
         self._armed_once |= out.status.armed
+        if self._px4.armed:
+            self._disarmed_s = None
+        elif self._armed_once and self._disarmed_s is None:
+            self._disarmed_s = self._flown_s
         self._status_why = out.status.why or "; ".join(out.status.findings)
         self._texts += [(self._now_ns, text.text) for text in out.texts]
         self._events.update(key for key, _ in out.events)
@@ -335,6 +340,7 @@ class LockstepRun:
             "events": dict(self._events),
             "notes": [((at - began) * 1e-9, text) for at, text in self._notes],
             "disarmed": not self._px4.armed,
+            "disarmed_s": self._disarmed_s,
             "texts": texts,
         }
         return LockstepFlight(summary, columns, errors, texts)

@@ -45,13 +45,15 @@ class Loss:
 
     name: str
     what: str
-    """`poses`, `late`, `jumping`, `exchanged`, `link`, `bridge`, `mission`, `setpoints`, `px4`."""
+    """`poses`, `frozen`, `late`, `jumping`, `exchanged`, `link`, `bridge`, `mission`,
+    `setpoints`, `px4`."""
     seconds: float = math.inf
 
 
 LOSSES: Final = (
     Loss("poses stop for 30 s", "poses", 30.0),
     Loss("poses stop for good", "poses"),
+    Loss("poses frozen", "frozen"),
     Loss("poses 0.5 s late", "late"),
     Loss("poses jump by 1 m", "jumping"),
     Loss("poses of another body", "exchanged"),
@@ -153,6 +155,7 @@ class _LossRun(LockstepRun):
         self._lost_ns: int | None = None
         self._place = np.zeros(3)
         self._late: deque[tuple[int, Pose]] = deque()
+        self._frozen: Pose | None = None
         self._backlog: list[Received] = []
         self._track: list[tuple[float, float, float, float, bool]] = []
         self._modes: list[tuple[float, str]] = []
@@ -198,6 +201,9 @@ class _LossRun(LockstepRun):
     def _take_pose(self, pose: Pose) -> None:
         if self._has_lost("bridge") or self._has_lost("poses"):
             return
+        if self._has_lost("frozen"):
+            self._frozen = self._frozen or pose
+            pose = replace(self._frozen, stamp_ns=pose.stamp_ns)
         if self._has_lost("late"):
             self._late.append((self._now_ns + SECOND_NS // 2, pose))
             return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -14,13 +14,18 @@ from tombo_benchmarks.docs.markdown import table_markdown
 from tombo_benchmarks.px4.lockstep_flight import AsMocap, fly_lockstep
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, quaternion_multiply, rotate_vector
+from tombo_dynamics.time_base import TICK_S
 from tombo_flight.scenario import load_scenario
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.frames import px4_pose
 from tombo_px4.hil.hand_motion import HandMotion
 
 FARTHEST_M: Final = 0.5
-"""No wrong set-up may take the vehicle further from where it took off."""
+"""No wrong set-up may take the vehicle further from where it took off, and:"""
+HIGHEST_M: Final = 1.0
+LONGEST_S: Final = 10.0
+"""From the lift-off until it is disarmed."""
+_LIFTED_M: Final = 0.02
 _HAND_S: Final = 5.0
 """When the hand begins: PX4 has started, and its estimator has settled."""
 
@@ -74,11 +79,56 @@ WRONG_AXES: Final[Mapping[str, WrongAxes]] = {
     "attitude inverse": WrongAxes(lambda place, q: (place, conjugate(q)), "inverse"),
 }
 """Name -> what the motion capture sends."""
+
+
+@dataclass
+class _OtherBody:
+    """Poses of a body that is not, or no longer, the vehicle.
+
+    It stays at the first pose that is higher than `from_height_m`, with noise or without, or
+    swings about it as another vehicle does.
+    """
+
+    from_height_m: float = -math.inf
+    noise_m: float = 1e-3
+    swing_m: float = 0.0
+    _pose: tuple[Array, Array] | None = None
+    _calls: int = 0
+
+    def __call__(self, place: Array, q: Array) -> tuple[Array, Array]:
+        self._calls += 1
+        if self._pose is None:
+            if place[2] < self.from_height_m:
+                return place, q
+            self._pose = place.copy(), q.copy()
+        noise = self.noise_m * np.random.default_rng(self._calls).standard_normal(6)
+        swing = self.swing_m * np.sin(0.06 * self._calls * np.array([1.0, 0.7, 0.4]))
+        turn = np.append(noise[3:] + 0.2 * swing, 1.0)
+        pose, attitude = self._pose
+        turned = quaternion_multiply(attitude, turn / np.linalg.norm(turn))
+        return (pose + noise[:3] + swing, turned) if self.noise_m else self._pose
+
+
+BAD_BODIES: Final[Mapping[str, tuple[Callable[[], AsMocap], str]]] = {
+    "body on the floor": (_OtherBody, "does not move"),
+    "frozen from the start": (lambda: _OtherBody(noise_m=0.0), "repeats"),
+    "frozen in flight": (lambda: _OtherBody(0.6, noise_m=0.0), "repeats"),
+    "stuck in flight, with noise": (lambda: _OtherBody(0.6), ""),
+    "body of another vehicle": (lambda: _OtherBody(swing_m=0.1), "another body"),
+    "positions x 1.5": (lambda: lambda place, q: (1.5 * place, q), "1.5 times"),
+    "positions x 0.6": (lambda: lambda place, q: (0.6 * place, q), "0.6 times"),
+    "millimetres": (lambda: lambda place, q: (1e3 * place, q), "millimetres"),
+}
+"""Name -> what the motion capture sends, made anew for each flight, and a word of the message."""
 _LEVEL: Final = (
     *("body yawed by 90 deg", "body yawed by 180 deg", "body yawed by 45 deg"),
     *("mirrored in y", "x and y of positions exchanged"),
 )
 """Those that a vehicle at rest does not show: with the proof of another body they are armed."""
+
+
+_OLD: Final = ", old proof"
+"""End of the names of flights that are armed with a proof that is not theirs."""
 
 
 def wrong_axes_flights() -> Mapping[str, tuple[AsMocap | None, bool, str]]:
@@ -90,7 +140,9 @@ def wrong_axes_flights() -> Mapping[str, tuple[AsMocap | None, bool, str]]:
     found |= {name: (wrong.make, True, wrong.word) for name, wrong in WRONG_AXES.items()}
     found["good, but not proven"] = (None, False, "not proven")
     for name in _LEVEL:
-        found[f"{name}, old proof"] = (WRONG_AXES[name].make, False, "")
+        found[f"{name}{_OLD}"] = (WRONG_AXES[name].make, False, "")
+    for name, (make, word) in BAD_BODIES.items():
+        found[f"{name}{_OLD}"] = (make(), False, word)
     return found
 
 
@@ -99,7 +151,7 @@ def fly_wrong_axes(
 ) -> dict[str, Any]:
     """Fly one of `wrong_axes_flights`; return its row of the table."""
     make, by_hand, word = wrong_axes_flights()[name]
-    old = name.endswith("old proof")
+    old = name.endswith(_OLD)
     flight = fly_lockstep(
         build,
         folder,
@@ -112,26 +164,34 @@ def fly_wrong_axes(
     )
     summary = flight.summary
     position = flight.columns.get("position")
-    away = 0.0
+    away = height = aloft_s = 0.0
     if position is not None and len(position):
         away = float(np.linalg.norm(position[:, :2] - position[0, :2], axis=1).max())
+        above = position[:, 2] - position[0, 2]
+        height, disarmed_s = float(above.max()), summary["disarmed_s"]
+        lifted_s = float(np.argmax(above > _LIFTED_M)) * TICK_S
+        aloft_s = math.inf if disarmed_s is None else max(disarmed_s - lifted_s, 0.0)
     text = summary["why_not"] or "; ".join(text for _, text in summary.get("notes", ()))
     good = name == "as it should be"
     return {
         "set_up": name,
         "armed": summary["armed"],
         "away_m": away,
+        "height_m": height,
+        "aloft_s": aloft_s,
         "landed": bool(summary.get("landed")),
         "disarmed": summary.get("disarmed", True),
         "text": text,
-        "as_wanted": bool(summary.get("landed")) if good else away <= FARTHEST_M and word in text,
+        "as_wanted": bool(summary.get("landed"))
+        if good
+        else word in text and away <= FARTHEST_M and height <= HIGHEST_M and aloft_s <= LONGEST_S,
         "real_time_factor": summary.get("real_time_factor"),
     }
 
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Return the table of the flights."""
-    head = ("set-up", "armed", "furthest away [m]", "at the end", "what is said")
+    head = ("set-up", "armed", "away [m]", "height [m]", "aloft [s]", "at the end", "message")
     cells = []
     for row in rows:
         end = (
@@ -142,5 +202,6 @@ def table(rows: list[dict[str, Any]]) -> str:
             else "armed"
         )
         armed = "yes" if row["armed"] else "no"
-        cells.append([row["set_up"], armed, f"{row['away_m']:.2f}", end, row["text"]])
+        figures = (f"{row['away_m']:.2f}", f"{row['height_m']:.2f}", f"{row['aloft_s']:.1f}")
+        cells.append([row["set_up"], armed, *figures, end, row["text"]])
     return table_markdown(head, cells)

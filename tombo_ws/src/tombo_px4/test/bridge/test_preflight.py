@@ -1,6 +1,7 @@
 """Each fault of a laboratory is named with cause and cure; a good set-up passes."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -227,7 +228,34 @@ def test_a_frozen_pose(lab):
     lab.noise = 0.0
     assert "frozen: not one bit has changed" in lab.warning("pose_frozen")
     lab.flying = True
-    assert "the body is not seen" in lab.text("pose_frozen")
+    assert "pose_frozen" not in lab.finding_keys(), "in flight the bridge does not send it"
+
+
+def test_poses_of_a_vehicle_that_stands_must_stand(lab):
+    lab.noise = 0.05
+    assert "another body is tracked" in lab.text("pose_moves")
+
+
+def test_millimetres_are_named(lab):
+    lab.as_mocap = lab.as_px4 = lambda p, q: (1e3 * p, q)
+    assert "not in metres" in lab.text("pose_unit")
+
+
+@pytest.mark.parametrize("sure", [True, False])
+def test_poses_that_turn_otherwise_than_the_gyro_forbid_arming(lab, sure):
+    made = lab.preflight()
+    made.motion.verdict = HandVerdict(0.0, "poses turn otherwise than PX4's gyro", sure)
+    (finding,) = lab.findings(made)
+    assert (finding.key, finding.weight) == ("mocap_axes", FindingSeverity.BLOCKS)
+
+
+def test_a_proof_counts_for_the_hardware_that_it_names():
+    lab = Lab(axes_evidence="", tracked_body="s500")
+    made = Preflight(lab.params, 1, (replace(PROOF, vehicle="a1"), replace(PROOF, vehicle="b2")))
+    made.take_vehicle("b2")
+    assert made.evidence is not None and made.evidence.vehicle == "b2"
+    made.take_vehicle("c3")
+    assert made.evidence is None
 
 
 @pytest.mark.parametrize(
@@ -335,7 +363,7 @@ def test_a_body_whose_x_is_not_the_nose_is_not_armed_without_a_proof(turn):
     assert lab.finding_keys() == {"axes_unproven"}, "at rest nothing else shows it"
 
 
-PROOF = AxesEvidence("2026-11-24T10:00:00+00:00", "", 1, tilt_rad=(0.0, 0.0))
+PROOF = AxesEvidence("2026-11-24T10:00:00+00:00", "s500", "a1", tilt_rad=(0.0, 0.0))
 
 
 def test_a_proof_of_this_body_allows_to_arm():

@@ -84,6 +84,7 @@ class Flight:
         self.phase, self.fresh, self.streaming, self.blockers = phase, True, True, ()
         self.takeoff_commands = 0
         self.must_land = ""
+        self.poses_wrong = self.touched = False
         self.events, self.replies, self.faults = [], [], {}
         self.stream = None
         self._beat = 0
@@ -103,6 +104,8 @@ class Flight:
             self.blockers,
             self.must_land,
             takeoff_commands=self.takeoff_commands,
+            poses_wrong=self.poses_wrong,
+            touched=self.touched,
         )
         out = SessionOutput()
         self.session.tick(view, out)
@@ -657,3 +660,173 @@ def test_whatever_happens_the_rules_hold(story):
                     assert flight.phase not in ON_THE_GROUND
     flight.run(8.0)
     assert sorted(r.number for r in flight.replies) == list(range(1, asked + 1))
+
+
+# --- a descent by thrust -------------------------------------------------------------------------
+
+
+def test_wrong_poses_end_a_flight_by_thrust_and_the_rotors_stop_on_the_ground():
+    flight = Flight().take_off()
+    flight.must_land, flight.poses_wrong = "poses of another body", True
+    flight.until(SessionStage.LANDING).run(3.0)
+    assert flight.stream == SetpointSource.LEVEL_DESCENT
+    assert flight.vehicle.mode == OFFBOARD and AUTO_LAND not in flight.modes_asked()
+    flight.touched = True
+    flight.until(SessionStage.READY)
+    assert flight.vehicle.received[-1] == VehicleCommand(armed=False, force=True)
+
+
+@pytest.mark.parametrize("mode", [AUTO_TAKEOFF, AUTO_LAND])
+def test_wrong_poses_end_modes_of_px4_that_the_operator_has_asked_for(mode):
+    flight = Flight().run(2.5)
+    assert flight.ask("takeoff").success
+    flight.vehicle.landed = MavLandedState.IN_AIR
+    flight.run(1.0)
+    flight.vehicle.mode = mode
+    if mode == AUTO_LAND:
+        flight.replies.clear()
+        assert flight.ask("land").success
+    flight.must_land, flight.poses_wrong = "poses of another body", True
+    flight.run(4.0)
+    assert flight.vehicle.mode == OFFBOARD and flight.stream == SetpointSource.LEVEL_DESCENT
+
+
+def test_poses_that_turn_out_wrong_during_a_landing_turn_it_into_a_descent_by_thrust():
+    flight = Flight().take_off()
+    flight.must_land = "no mocap pose for 1.0 s"
+    flight.until(SessionStage.LANDING).run(2.0)
+    assert flight.vehicle.mode == AUTO_LAND
+    flight.poses_wrong = True
+    flight.run(3.0)
+    assert flight.vehicle.mode == OFFBOARD and flight.stream == SetpointSource.LEVEL_DESCENT
+
+
+def test_a_descent_by_thrust_that_does_not_end_becomes_px4s_landing():
+    flight = Flight().take_off()
+    flight.must_land, flight.poses_wrong = "poses of another body", True
+    flight.run(25.0)
+    assert flight.vehicle.mode == AUTO_LAND
+
+
+# --- services in every state ---------------------------------------------------------------------
+
+
+def on_ground(flight):
+    flight.run(2.5)
+
+
+def blocked(flight):
+    flight.blockers = ("axes are not proven",)
+    flight.run(2.5)
+
+
+def armed_on_ground(flight):
+    flight.run(2.5)
+    assert flight.ask("arm").success
+
+
+def flies(flight):
+    flight.take_off()
+
+
+def holds(flight):
+    flight.take_off()
+    assert flight.ask("hold").success
+
+
+def lands(flight):
+    flight.take_off()
+    assert flight.ask("land").success
+
+
+def stands_after_landing(flight):
+    lands(flight)
+    flight.vehicle.landed = MavLandedState.ON_GROUND
+    flight.run(0.5)
+
+
+def lost(flight):
+    flight.take_off()
+    flight.must_land = "no mocap pose for 1.0 s"
+    flight.until(SessionStage.LANDING)
+
+
+def pilot(flight):
+    flight.take_off()
+    flight.vehicle.mode = POSCTL
+    flight.run(2.0)
+
+
+def killed(flight):
+    flight.take_off()
+    assert flight.ask("kill").success
+
+
+def no_link(flight):
+    flight.take_off()
+    flight.vehicle.silent = True
+    flight.run(3.0)
+
+
+STATES = (
+    *(on_ground, blocked, armed_on_ground, flies, holds, lands, stands_after_landing, lost),
+    *(pilot, killed, no_link),
+)
+ANSWERS = {
+    # service: states in which it is obeyed; in all others it is refused with a reason
+    "arm": {on_ground, armed_on_ground, flies, holds, lands, stands_after_landing, lost, pilot,
+            killed},
+    "disarm": set(STATES) - {no_link},
+    "takeoff": {on_ground, killed},
+    "land": {armed_on_ground, flies, holds, lands, stands_after_landing, lost, pilot},
+    "hold": {flies, holds, lands, pilot},
+    "offboard": {on_ground, blocked, armed_on_ground, flies, holds, lands, stands_after_landing,
+                 pilot, killed},
+    "kill": set(STATES) - {no_link},
+}  # fmt: skip
+"""PX4 itself decides on a disarming in the air."""
+SHOWS = {
+    "arm": lambda v: v.armed,
+    "disarm": lambda v: not v.armed,
+    "takeoff": lambda v: v.armed and v.mode == AUTO_TAKEOFF,
+    "land": lambda v: v.mode == AUTO_LAND,
+    "hold": lambda v: v.armed and v.mode in (AUTO_HOLD, OFFBOARD),
+    "offboard": lambda v: v.mode == OFFBOARD,
+    "kill": lambda v: not v.armed,
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("service", ANSWERS)
+def test_a_service_is_obeyed_or_refused_with_a_reason_in_every_state(service, state):
+    flight = Flight()
+    state(flight)
+    flight.replies.clear()
+    reply = flight.ask(service)
+    assert reply.success == (state in ANSWERS[service]), reply.text
+    assert reply.text
+    if reply.success:
+        assert SHOWS[service](flight.vehicle)
+
+
+def test_a_hold_that_comes_too_late_does_not_lift_off_again():
+    """PX4 refuses its own hold; meanwhile the vehicle lands."""
+    flight = Flight().take_off()
+    assert flight.ask("land").success
+    flight.replies.clear()
+    flight.vehicle.refused_modes = {AUTO_HOLD}
+    flight.session.request("hold")
+    flight.run(0.5)
+    flight.vehicle.landed = MavLandedState.ON_GROUND
+    flight.run(6.0)
+    assert not flight.replies[-1].success and "on the ground" in flight.replies[-1].text
+    assert flight.vehicle.mode != OFFBOARD
+
+
+def test_a_hold_that_ends_on_the_ground_is_disarmed():
+    flight = Flight().take_off()
+    flight.vehicle.refused_modes = {AUTO_HOLD}
+    assert flight.ask("hold").success and flight.vehicle.mode == OFFBOARD
+    flight.vehicle.landed = MavLandedState.ON_GROUND
+    flight.run(10.0)
+    assert not flight.vehicle.armed

@@ -38,6 +38,8 @@ _GPS_NOISE = 0.02
 """[m], of an RTK receiver."""
 _BARO_NOISE = 0.03
 """[m]."""
+_BARO_BANDWIDTH = 0.7
+"""[rad/s], of the height where the poses are lost."""
 _GPS_BANDWIDTH = 3.0
 """[rad/s]: a fix is noisier than a pose of the motion capture."""
 _FUTURE_US = 5_000
@@ -178,7 +180,16 @@ class Ekf2Model:
             fix = self._gps.popleft()
             if tick - self._last_vision > _STALE_TICKS:
                 self._take(fix, "gps", tick, airborne)
+        if airborne and tick - self.fused_tick > _STALE_TICKS and math.isfinite(self._height):
+            self._fuse_height()
         update_body_rates(self._autopilots, simulator.gyro)
+
+    def _fuse_height(self) -> None:
+        """Correct height and climb by the barometer alone, a tick of 1 ms."""
+        state = self._autopilot.state
+        gap = self._height - float(state.position[2])
+        state.position[2] += 2.0 * _BARO_BANDWIDTH * gap * TICK_S
+        state.velocity[2] += _BARO_BANDWIDTH**2 * gap * TICK_S
 
     def advance(self, simulator: Simulator, airborne: bool) -> None:
         """Carry the estimate on to the next tick, after the control loops."""

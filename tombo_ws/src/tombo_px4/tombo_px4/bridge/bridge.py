@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
@@ -28,9 +28,11 @@ from tombo_px4.bridge.bridge_records import (
     BridgeStatus,
     SessionInput,
     SessionStage,
+    SetpointSource,
     VehicleCommand,
 )
-from tombo_px4.bridge.flight_watch import FlightWatch
+from tombo_px4.bridge.flight_watch import FlightWatch, RepeatedPose
+from tombo_px4.bridge.level_descent import LevelDescent
 from tombo_px4.bridge.message_rates import MessageRates
 from tombo_px4.bridge.offboard_session import Session
 from tombo_px4.bridge.pose_axes import AxesEvidence
@@ -66,6 +68,11 @@ _HEARTBEAT_REQUEST_NS = SECOND_NS // 4
 """A heartbeat older than this is asked for while something is to be confirmed, and in flight: PX4
 sends one a second and refuses another interval, so that an order would be confirmed late."""
 _SET_BACK_NS = SECOND_NS // 2
+_TURNING = 0.3
+"""Rate of a vehicle that a hand turns [rad/s]."""
+_LONGEST_STEP_S = 0.05
+_THRUST_S = 0.1
+"""Period of ATTITUDE_TARGET, as PX4 sends it [s]."""
 
 
 class Bridge:
@@ -78,7 +85,7 @@ class Bridge:
         mass: float,
         writes: dict[str, float] | None = None,
         *,
-        evidence: AxesEvidence | None = None,
+        proofs: Sequence[AxesEvidence] = (),
         limits: FlightLimits | None = None,
     ) -> None:
         """Make the bridge.
@@ -88,7 +95,7 @@ class Bridge:
             link: ids; the link itself is the caller's.
             mass: of the vehicle [kg], for thrusts.
             writes: parameters of the vehicle that are to be set.
-            evidence: the last proof of the axes of the tracked body.
+            proofs: of the axes of the tracked body, the oldest first; those of this vehicle count.
             limits: of place, speed and tilt; None: none.
 
         Raises:
@@ -102,10 +109,11 @@ class Bridge:
         self.answered = 0
         """TIMESYNC requests of the vehicle that were answered."""
         self.message_decoder = MessageDecoder(self.sync, link.own_system, link.own_component)
-        self.preflight = Preflight(params, link.system)
-        self.preflight.evidence = evidence
+        self.preflight = Preflight(params, link.system, proofs)
         self.limits = limits or FlightLimits()
         self.watch = FlightWatch(params, self.limits)
+        self.descent = LevelDescent(mass, self.limits.safety)
+        self._repeated = RepeatedPose()
         self.session = Session(params.link_timeout)
         self.poses_sent = 0
         self.poses_refused: Counter[str] = Counter()
@@ -123,6 +131,7 @@ class Bridge:
         self._heartbeat: decoded.Heartbeat | None = None
         self._odometry: decoded.VehicleOdometry | None = None
         self._attitude: decoded.VehicleAttitude | None = None
+        self._imu: decoded.VehicleImu | None = None
         self._landed = MavLandedState.UNDEFINED
         self._version = ""
         self._system: decoded.SystemStatus | None = None
@@ -164,18 +173,35 @@ class Bridge:
             decoded.SystemStatus: self._take_system_status,
             decoded.VehicleAttitude: partial(setattr, self, "_attitude"),
             decoded.LocalPosition: self._take_local_position,
-            decoded.FirmwareVersion: partial(setattr, self, "_version"),
+            decoded.ThrustSetpoint: self._take_thrust,
+            decoded.AutopilotVersion: self._take_version,
             decoded.VehicleEvent: self.words.take,
             decoded.MetadataUri: self.words.metadata.take_uri,
             FileAnswer: self.words.metadata.take_answer,
         }
 
+    def _take_version(self, message: decoded.AutopilotVersion) -> None:
+        self._version = message.firmware
+        self.preflight.take_vehicle(message.hardware_id)
+
     def _take_imu(self, message: decoded.VehicleImu) -> None:
         self.preflight.imu(message)
-        if message.stamp_ns is not None:
-            self._out.imu.append(message)
-            if self._odometry is not None:
-                self.watch.takeoff.felt(message.stamp_ns, self._odometry.attitude, message.accel)
+        before, self._imu = self._imu, message
+        if message.stamp_ns is None:
+            return
+        self._out.imu.append(message)
+        if self._flying or float(np.linalg.norm(message.gyro)) > _TURNING:
+            self._repeated.moves()
+        if self._odometry is not None:
+            self.watch.motion.imu(message, self._odometry, self._flying)
+        if before is not None:
+            step_s = min((message.boot_ns - before.boot_ns) * 1e-9, _LONGEST_STEP_S)
+            self.descent.feel(message.gyro, message.accel, step_s)
+
+    def _take_thrust(self, message: decoded.ThrustSetpoint) -> None:
+        """Learn the throttle that hovers, of a vehicle in the air."""
+        if self._imu is not None and self._flying:
+            self.descent.learn_hover(message.throttle, float(self._imu.accel[2]), _THRUST_S)
 
     def _take_timesync(self, message: decoded.TimesyncMessage) -> None:
         if message.tc1 == 0:
@@ -259,9 +285,8 @@ class Bridge:
         self.pose_stamp_ns, self.watch.pose_ns = stamp_ns, now_ns
         unit = attitude / np.linalg.norm(attitude)
         self.preflight.pose(stamp_ns, now_ns, position, unit)
-        self.watch.takeoff.pose(stamp_ns, position)
-        felt = self.watch.takeoff.as_px4_feels(stamp_ns, position)
-        pose = (self.params.mocap, stamp_ns, felt, unit, self._covariance)
+        self.watch.motion.pose(stamp_ns, position, unit)
+        pose = (self.params.mocap, stamp_ns, position, unit, self._covariance)
         self._out.messages.append(message_encoder.pose_message(*pose))
         self.poses_sent += 1
         return why
@@ -275,6 +300,10 @@ class Bridge:
         why = check_pose(stamp_ns, now_ns, oldest_ns, position, attitude)
         if not why and self.pose_stamp_ns - SECOND_NS < stamp_ns <= self.pose_stamp_ns:
             return PoseRefusal.OUT_OF_ORDER
+        if not why and self.watch.distrusts:
+            return PoseRefusal.DISTRUSTED
+        if not why and self._repeated.repeats(now_ns, position, attitude):
+            return PoseRefusal.REPEATED
         if not why and self._jumps(stamp_ns, now_ns, position):
             self.watch.jump_ns = self.watch.jump_ns or now_ns
             return PoseRefusal.JUMP
@@ -284,8 +313,7 @@ class Bridge:
     def _jumps(self, stamp_ns: int, now_ns: int, position: Array) -> bool:
         """Return whether a pose in flight is elsewhere than PX4, which would follow it."""
         last = self._odometry
-        corrected = bool(self.watch.takeoff.mistake)
-        if corrected or not self._flying or last is None or last.stamp_ns is None:
+        if not self._flying or last is None or last.stamp_ns is None:
             return False
         if now_ns - last.arrival_ns > _CHECK_NS:
             return False
@@ -343,21 +371,33 @@ class Bridge:
                 tuple(f.text for f in self._blocking),
                 self._must_land(now_ns),
                 self.stream.takeoff_commands,
-                bool(self.watch.takeoff.mistake),
+                bool(self.watch.motion.mistake),
+                self.descent.touched,
             ),
             out,
         )
         out.messages += [order.message(self._target) for order in out.vehicle_commands]
         self._housekeeping(now_ns, linked, out)
-        present = self._present(now_ns)
-        brake = self.watch.takeoff.brake
-        message = self.stream.message(out.stream, present, self.hover_thrust, now_ns, brake)
+        message = self._setpoint_message(out.stream, now_ns)
         if message is not None:
             out.messages.append(message)
         self._faults(now_ns, linked, out)
         out.status = self._status(linked)
         self._update_estimate_trusted(out.status, now_ns)
         return out
+
+    def _setpoint_message(self, stream: SetpointSource, now_ns: int) -> Any | None:
+        """Return the set point to send now; None: none is due."""
+        odometry = self._odometry
+        if stream == SetpointSource.LEVEL_DESCENT and odometry is not None:
+            velocity = self.watch.motion.velocity
+            wanted = self.descent.step(now_ns, odometry.attitude, velocity, self.hover_thrust)
+            if wanted is None:
+                return None
+            return message_encoder.rotation_target(*wanted, self._target, now_ns)
+        self.descent.end()
+        self.stream.ceiling = self.watch.ceiling(now_ns, self.preflight.latest_position)
+        return self.stream.message(stream, self._present(now_ns), self.hover_thrust, now_ns)
 
     @property
     def _blocking(self) -> list[PreflightFinding]:
@@ -374,9 +414,10 @@ class Bridge:
         return self.watch.must_land(now_ns, self._odometry, self._blocking)
 
     def _watch_takeoff(self, now_ns: int, armed: bool, out: BridgeOutput) -> None:
-        """Compare the motion since the arming with PX4's tilt."""
-        takes_off = self.stream.phase == Phase.TAKEOFF
-        mistake = self.watch.follow(armed, takes_off, self._beside_setpoint())
+        """Compare the motion of the poses since the arming with that of PX4's sensors."""
+        follows = self.session.stage == SessionStage.FLYING
+        takes_off = follows and self.stream.phase == Phase.TAKEOFF
+        mistake = self.watch.follow(now_ns, armed, takes_off, self._beside_setpoint())
         if mistake:
             self.preflight.refute(mistake, now_ns)
             out.events.append(("axes_wrong", mistake))

@@ -113,6 +113,20 @@ class BridgeParams:
         "so far beside its set point in the take-off: lands without positions",
         "hover over a real PX4 in gusts: 0.06 m RMS; with a body yawed by 90 deg 0.2 m at 1.2 m",
     )
+    takeoff_check_height: float = param(
+        0.6,
+        "m",
+        (0.2, 100.0),
+        "height above the place of take-off that it does not leave before the axes have shown",
+        "wrong axes then end below 1 m: brakes within 0.15 m from 0.6 m/s",
+    )
+    takeoff_check_time: float = param(
+        4.0,
+        "s",
+        (0.0, 30.0),
+        "after the lift-off a calm vehicle, whose axes have not shown, waits no longer for them",
+        "over a real PX4 wrong axes show 2.2 to 3 s after the lift-off",
+    )
     pose_jump_max: float = param(
         0.5,
         "m",

@@ -89,7 +89,7 @@ class SetpointSource(Enum):
     """Where it was when this began."""
     SETPOINT = "setpoint"
     LEVEL_DESCENT = "level descent"
-    """Down, level and braked, by what PX4 feels: where the motion capture has wrong axes."""
+    """Attitude and thrust, by gyro and accelerometer: where the poses are wrong."""
     NONE = "none"
     """Nothing is sent: PX4 must not return to OFFBOARD."""
 
@@ -132,8 +132,10 @@ class SessionInput:
     """Why the flight must end now, as a text."""
     takeoff_commands: int = 0
     """How often an operator has asked the mission to take off."""
-    axes_wrong: bool = False
-    """The poses have wrong axes: PX4's own landing would fly away by them."""
+    poses_wrong: bool = False
+    """The poses are not those of this vehicle: PX4's own landing would fly away by them."""
+    touched: bool = False
+    """In a descent by thrust: the ground carries the vehicle."""
 
     @property
     def beat(self) -> Heartbeat:

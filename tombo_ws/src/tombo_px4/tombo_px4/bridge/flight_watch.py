@@ -1,8 +1,8 @@
-"""What ends a flight: limits, poses that are lost or jump, and axes that are wrong.
+"""Conditions that end a flight: limits, poses that are lost or jump, and poses of something else.
 
-Axes are wrong where positions do not accelerate as the accelerometer says, turned by an attitude.
-The second difference of positions over a span is the acceleration, weighted by a triangle: no
-velocity is needed, and no integration drifts.
+From the arming on, the motion that PX4's gyro, accelerometer and barometer imply must appear in
+the poses. Positions that move in another direction have wrong axes, positions that move too far
+a wrong scale, and poses that do not move belong to another body.
 """
 
 from __future__ import annotations
@@ -20,91 +20,114 @@ from tombo_dynamics.rotation import rotate_vector
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import BridgeParams
+from tombo_px4.bridge.pose_motion import (
+    GRID_S,
+    LONG_HALF,
+    SHORT_HALF,
+    MotionSlope,
+    fit_axes,
+    integrate,
+    rotation_spans,
+    second_differences,
+)
 from tombo_px4.bridge.setpoint_stream import FlightLimits
 from tombo_px4.bridge.vehicle_parameters import PreflightFinding
-from tombo_px4.link.decoded_messages import VehicleOdometry
+from tombo_px4.link.decoded_messages import VehicleImu, VehicleOdometry
 
-_GRID_S = 0.02
-_HALF = 8
-"""Steps of the grid in half a span: 0.16 s."""
-_LONG_HALF = 20
-"""The same of a long span, 0.4 s: a slow drift shows there."""
-_GAP_S = 0.1
-"""Where positions are further apart than this, nothing is compared."""
 _UP = np.array([0.0, 0.0, GRAVITY])
-_KEPT_NS = 1_100_000_000
-_SEEN_M, _LONG_SEEN_M = 0.006, 0.03
+_WINDOW_NS = 1_100_000_000
+"""Poses and samples of this age are compared: a long span and a margin [ns]."""
+_SHORT_LEAST_M, _LONG_LEAST_M = 0.006, 0.03
 """[m]: a smaller second difference is noise. 0.23 and 0.19 m/s^2, tilts of 1.4 and 1.1 deg."""
-_BRAKE_SEEN_M = 0.012
-"""[m]: the same over a long span for a direction to brake by; it accuses nobody."""
-_SHOWS_S, _DECIDES_S, _CONFIRMS_S = 0.03, 0.1, 0.8
-"""So long must it be larger before it shows a direction, before the axes are called wrong, and
-right."""
-_STRIKE = 3.0 * GRAVITY
-_BRAKE_S, _MOST_BRAKE = 0.25, 2.0
-"""[s], [m/s^2]: the velocity of a descent with wrong axes is to end within that time."""
+_LEVEL_LEAST_M_S2, _VERTICAL_LEAST_M_S2 = 0.8, 0.5
+"""Accelerations that poses have to show [m/s^2]: three times PX4's errors of tilt (1.5 deg) and
+of the accelerometer's bias in flight."""
+_DECIDES_S, _CONFIRMS_S = 0.1, 0.8
+"""Time of motion after which the axes are called wrong, and right [s]."""
+_SLOPE_STILL, _SLOPE_LOW, _SLOPE_HIGH = 0.5, 0.75, 1.25
+"""Poses whose slope is surely lower, or higher, do not belong to this vehicle, or have another
+scale. A pose 50 ms late still has 0.7 at 3 Hz."""
+_STILL_SHARE = 0.3
+"""Poses with less than this share of the squared motion stand still."""
+_MEMORY_S = 1.0
+"""Slopes forget earlier motion in this time: a body may be lost in flight [s]."""
+_TURN_WINDOW_NS, _TURN_PERIOD_NS = 2 * SECOND_NS, SECOND_NS // 5
+_TURN_LEAST_RAD, _TURN_MOST_RAD = 0.015, 0.7
+"""Rotations within 0.09 s that are compared: above the noise of poses, below the error of small
+angles [rad]."""
+_TURN_LEAST_S = 0.3
+_TURN_SPAN_S = 0.09
+_STRIKE_M_S2 = 0.8 * GRAVITY
+"""Specific force this far from gravity: a strike, shorter than the samples are apart."""
+_REST_NS = SECOND_NS
+_REST_STD_M_S2, _REST_RATE, _REST_OFF_M_S2 = 0.5, 0.15, 0.6
+"""A vehicle at rest shows no more noise, rate [rad/s] and error of gravity."""
+_FOLLOWS_S = 1.0
+"""Time in which the velocity by the accelerometer follows that of the poses, where the motion has
+shown their axes: an error of tilt by 1 deg then makes 0.17 m/s [s]."""
+_WAY_NS, _WAY_OFF_M = SECOND_NS // 2, 0.2
+"""Within 0.5 s [ns] the way of the poses and that of the accelerometer differ by less [m]."""
 _VELOCITY_NS = 150_000_000
-"""The velocity is that over this time."""
+"""The velocity of the poses is that over this time [ns]."""
+_WEAK_LEAST_M = 0.012
+"""[m]: as `_LONG_LEAST_M`, 0.075 m/s^2: more time has to decide."""
+_SHOWS_S, _WEAK_DECIDES_S = 0.03, 0.5
+"""Time of weak motion that shows a direction to brake by, and that decides [s]."""
+_STRIKE_RAD_S = 3.0
+"""Change of rate between two samples: a strike [rad/s]."""
+_STRIKE_NS = 2 * SECOND_NS
+"""After a strike, turns that agree count more than accelerations [ns]."""
+_HEIGHT_OFF_M, _HEIGHT_WINDOW_NS, _HEIGHT_SMOOTH_S = 2.0, 5 * SECOND_NS, 0.3
+"""Barometer and poses may differ by so much within 5 s: propellers and doors move it by 1 m."""
+_FRESH_NS = SECOND_NS // 5
 _LONGEST_STEP_S = 0.05
 _COHERENT = 0.6
 _WRONG, _RIGHT = math.radians(35.0), math.radians(20.0)
-FROZEN = "pose_frozen"
-"""Finding: at rest it may be a simulation's; in flight nothing stands so still."""
-_UNFIT = (FROZEN, "position_differs", "poses_refused", "not_fused", "no_position")
+_UNFIT = ("position_differs", "yaw_differs", "poses_refused", "not_fused", "no_position")
 """Findings of the checks that end a flight."""
 _UNFIT_NS = 2 * SECOND_NS
 """PX4 calls a vehicle airborne that still stands and spools up."""
+_LIFTED_M = 0.05
 _JUMP_NS = SECOND_NS // 4
 """Single poses with exchanged markers are left out; what stays away for longer has moved."""
+_TAKEOFF_REPEATS_S = 0.2
+"""A tracker that repeats its pose so long before the axes were confirmed ends the flight [s]."""
+_REPEATED_NS = 100_000_000
+"""A driver may send a pose twice; the same bits for longer are no new pose [ns]."""
 
 
-def accelerations_by_position(
-    times: Array, position: Array, felt_times: Array, acceleration: Array, half: int = _HALF
-) -> tuple[Array, Array]:
-    """Return second differences of positions, and what accelerations say they are.
+class RepeatedPose:
+    """Finds poses whose bits do not change although the vehicle moves.
 
-    Args:
-        times: (N) of the positions [s], growing.
-        position: (N, 3) [m].
-        felt_times: (K) of the accelerations [s], growing.
-        acceleration: (K, 3) [m/s^2], in the same frame.
-        half: steps of 0.02 s in half a span.
-
-    Returns:
-        (M, 3) and (M, 3) [m], over spans that hold no gap.
+    A real motion capture has noise. A simulated pose without noise is a pose at rest, as long as
+    the gyro does not turn and the vehicle does not fly.
     """
-    grid = np.arange(times[-1], max(times[0], felt_times[0]), -_GRID_S)[::-1]
-    if len(grid) <= 2 * half:
-        return np.zeros((0, 3)), np.zeros((0, 3))
-    place = np.stack([np.interp(grid, times, p) for p in position.T], axis=1)
-    push = _means(grid, felt_times, acceleration)
-    weights = half - np.abs(np.arange(-half + 1, half))
-    seen = place[2 * half :] - 2.0 * place[half:-half] + place[: -2 * half]
-    felt = np.stack([np.convolve(a[1:-1], weights, "valid") for a in push.T], axis=1)
-    felt *= _GRID_S**2
-    after = np.clip(np.searchsorted(times, grid), 1, len(times) - 1)
-    gaps = (times[after] - times[after - 1] > _GAP_S).astype(float)
-    whole = np.convolve(gaps, np.ones(2 * half + 1), "valid") < 0.5
-    return seen[whole], felt[whole]
 
+    def __init__(self) -> None:
+        self._pose: Array = np.full(7, math.nan)
+        self._since_ns = 0
+        self._moves = False
 
-def _means(grid: Array, times: Array, values: Array) -> Array:
-    """Return the means (M, 3) of values over the cells around the points of a grid."""
-    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(times)[:, None]
-    whole = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
-    begin = np.maximum(grid - 0.5 * _GRID_S, times[0])
-    end = np.minimum(grid + 0.5 * _GRID_S, times[-1])
-    both = [np.interp(end, times, w) - np.interp(begin, times, w) for w in whole.T]
-    mean: Array = np.stack(both, axis=1) / np.maximum(end - begin, 1e-3)[:, None]
-    return mean
+    def moves(self) -> None:
+        """Take note that the vehicle turns or flies now."""
+        self._moves = True
+
+    def repeats(self, now_ns: int, position: Array, attitude: Array) -> bool:
+        """Take a pose; return whether it repeats an old one of a vehicle that moves."""
+        pose = np.concatenate([position, attitude])
+        if not np.array_equal(pose, self._pose):
+            self._pose, self._since_ns, self._moves = pose, now_ns, False
+        return self._moves and now_ns - self._since_ns > _REPEATED_NS
 
 
 @dataclass
-class _Sums:
+class _DirectionSums:
     """Weighted sums over the spans: of the felt, the seen, and their products."""
 
     least: float
     """[m]: a smaller second difference is noise."""
+    enough_s: float = _DECIDES_S
+    """Time of motion that decides [s]."""
     time_s: float = 0.0
     felt: float = 0.0
     seen: float = 0.0
@@ -124,157 +147,272 @@ class _Sums:
         return abs(product) ** 2 / max(self.felt * self.seen, 1e-18)
 
     @property
-    def shows_turn(self) -> bool:
-        """There is a direction to brake by, once the axes are known to be wrong."""
-        best = max(self.coherence(self.product), self.coherence(self.mirrored))
-        return self.time_s >= _SHOWS_S and best > _COHERENT
+    def turn(self) -> tuple[complex, bool] | None:
+        """Turn of a motion of the poses into the felt one, and whether it is mirrored first."""
+        mirrored = abs(self.mirrored) > abs(self.product)
+        product = self.mirrored if mirrored else self.product.conjugate()
+        if self.time_s < _SHOWS_S or self.coherence(product) < _COHERENT:
+            return None
+        return product / abs(product), mirrored
 
     @property
     def decides(self) -> bool:
         """Both have moved for long enough: poses that jump alone are no matter of axes."""
-        return self.time_s >= _DECIDES_S
+        return self.time_s >= self.enough_s
 
 
-class TakeoffWatch:
-    """Compares, from lift-off on, the poses' motion with what PX4's tilt must cause.
+class _Span:
+    """Sums over spans of one length."""
 
-    PX4 tilts the vehicle to move it. Its roll and pitch come from gravity, so the acceleration
-    that its attitude and accelerometer say is right but for the heading, which the poses gave. If
-    the poses move in another direction, their axes are wrong, and PX4 drives the vehicle away.
+    def __init__(self, half: int, least_m: float) -> None:
+        self.half = half
+        self.level, self.height = _DirectionSums(least_m), _DirectionSums(least_m)
+        self.slope = MotionSlope(2 * half * GRID_S)
+        scale = (half * GRID_S) ** 2
+        self._least = scale * _LEVEL_LEAST_M_S2, scale * _VERTICAL_LEAST_M_S2
+
+    def add(self, seen: Array, felt: Array, step_s: float) -> None:
+        """Add the newest second difference (3) of the poses, and that of the accelerometer."""
+        (x, y, z), (u, v, w) = seen.tolist(), felt.tolist()
+        self.level.add(complex(u, v), complex(x, y), step_s)
+        self.height.add(complex(w), complex(z), step_s)
+        level, vertical = math.hypot(u, v) > self._least[0], abs(w) > self._least[1]
+        use = np.array([level, level, vertical])
+        if use.any():
+            self.slope.add(use * felt, use * seen, step_s, _MEMORY_S)
+
+
+class PoseMotionWatch:
+    """Compares, from the arming on, the motion of the poses with that of PX4's sensors.
+
+    PX4's roll and pitch come from gravity, so the acceleration that its attitude and
+    accelerometer give is right but for the heading, which the poses gave. If poses move in
+    another direction, too far, or not at all, PX4 drives the vehicle away.
+
+    Attributes:
+        confirmed: the motion has shown that the axes are right.
+        mistake: what is wrong with the poses; "" as long as no fault is known.
+        velocity: (3) by the accelerometer since the arming, in PX4's map [m/s].
     """
 
     def __init__(self) -> None:
-        self._poses: deque[tuple[int, Array]] = deque(maxlen=200)
-        self._felt: deque[tuple[int, Array]] = deque(maxlen=400)
-        self._spans = tuple(
-            (half, _Sums(least), _Sums(least))
-            for half, least in (
-                *((_HALF, _SEEN_M), (_LONG_HALF, _LONG_SEEN_M)),
-                (_LONG_HALF, _BRAKE_SEEN_M),
-            )
-        )
-        """Steps in half a span, sums of the level motion, sums of that in height. The last ones
-        are to brake by."""
-        self._level, self._height = self._spans[0][1:]
-        """Those that have decided."""
+        self._poses: deque[tuple[int, Array, Array]] = deque(maxlen=500)
+        self._imu: deque[tuple[int, Array, Array]] = deque(maxlen=600)
+        self._rest = _UP
+        self._heights: deque[tuple[int, float]] = deque()
         self._begun = False
-        self._judged_ns = 0
-        self.confirmed = False
-        """The motion has shown that the axes are right."""
-        self.mistake = ""
-        """What is wrong; "" as long as nothing is known to be."""
-        self._correction: tuple[complex, bool, float] = (1.0, False, 1.0)
-        self._corrected: deque[tuple[int, Array]] = deque(maxlen=200)
-        """Positions in the axes that PX4 feels, since a mistake is known."""
-        self._pivot: tuple[Array, Array] | None = None
-        """A place of the poses, and what was made of it."""
+        self._start()
+
+    def _start(self) -> None:
+        self._spans = _Span(SHORT_HALF, _SHORT_LEAST_M), _Span(LONG_HALF, _LONG_LEAST_M)
+        self._direction = _DirectionSums(_WEAK_LEAST_M, _WEAK_DECIDES_S)
+        self._ways: deque[tuple[int, Array]] = deque(maxlen=100)
+        self._judged_ns = self._turned_ns = self._strike_ns = 0
+        self.confirmed, self.mistake = False, ""
+        self._turns_agree = False
+        self.velocity: Array = np.zeros(3)
+        self._heights.clear()
 
     def begin(self) -> None:
-        """Begin, with the arming."""
-        self._begun = True
+        """Begin with the arming: the accelerometer at rest shows its bias and PX4's tilt."""
+        self._start()
+        self._begun, self._rest = True, _UP
+        newest_ns = self._imu[-1][0] if self._imu else 0
+        rest = [s for s in self._imu if newest_ns - s[0] < _REST_NS]
+        force = np.array([s[2] for s in rest]).reshape(-1, 3)
+        if len(rest) < 8 or np.abs([s[1] for s in rest]).max() > _REST_RATE:
+            return
+        mean = force.mean(axis=0)
+        off = float(np.linalg.norm(mean - _UP))
+        if force.std(axis=0).max() < _REST_STD_M_S2 and off < _REST_OFF_M_S2:
+            self._rest = mean
 
-    def pose(self, stamp_ns: int, position: Array) -> None:
-        """Take the position (3) of a pose."""
-        if not self.confirmed and (not self._poses or stamp_ns > self._poses[-1][0]):
-            self._poses.append((stamp_ns, position))
+    def end(self) -> None:
+        """End with the disarming."""
+        self._begun = False
 
-    def felt(self, stamp_ns: int, attitude: Array, accel: Array) -> None:
-        """Take PX4's attitude (4) xyzw and specific force (3), base_link, of about one time."""
-        if float(accel @ accel) > _STRIKE**2:  # shorter than the samples are apart
-            self._felt.clear()
-        elif not self.confirmed and (not self._felt or stamp_ns > self._felt[-1][0]):
-            self._felt.append((stamp_ns, rotate_vector(attitude, accel) - _UP))
+    def pose(self, stamp_ns: int, position: Array, attitude: Array) -> None:
+        """Take position (3) and attitude (4) xyzw of a pose."""
+        if not self._poses or stamp_ns > self._poses[-1][0]:
+            self._poses.append((stamp_ns, position, attitude))
 
-    def as_px4_feels(self, stamp_ns: int, position: Array) -> Array:
-        """Return the position (3) of a pose in the axes that the motion has shown, to land with.
+    def imu(self, sample: VehicleImu, estimate: VehicleOdometry, airborne: bool) -> None:
+        """Take a sample of PX4's sensors and its estimate of about the same time."""
+        stamp_ns = sample.stamp_ns
+        if stamp_ns is None or (self._imu and stamp_ns <= self._imu[-1][0]):
+            return
+        force = rotate_vector(estimate.attitude, sample.accel)
+        step_s = min((stamp_ns - self._imu[-1][0]) * 1e-9, _LONGEST_STEP_S) if self._imu else 0.0
+        self._imu.append((stamp_ns, sample.gyro, force))
+        strikes = abs(float(np.linalg.norm(sample.accel)) - GRAVITY) > _STRIKE_M_S2
+        if len(self._imu) > 1:
+            strikes |= float(np.abs(sample.gyro - self._imu[-2][1]).max()) > _STRIKE_RAD_S
+        if strikes:
+            self._strike_ns = stamp_ns
+        way = self._ways[-1][1] if self._ways else np.zeros(3)
+        self._ways.append((stamp_ns, way + step_s * self.velocity))
+        self.velocity = self.velocity + step_s * (force - self._rest)
+        # PX4 calls a vehicle airborne some 0.1 s late
+        shown = self._shown_velocity() if airborne else np.zeros(3)
+        if shown is not None:
+            self.velocity += (1.0 if strikes else step_s / _FOLLOWS_S) * (shown - self.velocity)
+        self._compare_height(stamp_ns, sample.pressure_altitude, step_s, airborne)
 
-        It is turned about the place where that was seen last, so that nothing jumps.
-        """
-        if not self.mistake:
-            return position
-        place, shown = (position, position) if self._pivot is None else self._pivot
-        turn, mirrored, up = self._correction
-        x, y, z = (float(v) for v in position - place)
-        level = turn * (complex(x, -y) if mirrored else complex(x, y))
-        way: Array = np.array([level.real, level.imag, up * z])
-        place_felt: Array = np.add(shown, way)
-        wanted = self._new_correction()
-        if self._pivot is None or self._correction != wanted:
-            self._pivot, self._correction = (position, place_felt), wanted
-        self._corrected.append((stamp_ns, place_felt))
-        return place_felt
+    def _shown_velocity(self) -> Array | None:
+        """Return the velocity (3) of the poses in PX4's map; None: their axes are not known."""
+        sums = self._spans[1].height
+        upward = sums.decides and sums.product.real > _COHERENT * sums.felt
+        direction = (1.0, False) if self.confirmed else self._direction.turn
+        known = direction is not None or upward
+        if not (known and self._poses) or (self.mistake and (self.confirmed or direction is None)):
+            return None
+        now_ns, place, _ = self._poses[-1]
+        before_ns, before, _ = next(p for p in self._poses if now_ns - p[0] <= _VELOCITY_NS)
+        if before_ns == now_ns or now_ns < self._imu[-1][0] - _FRESH_NS:
+            return None
+        vx, vy, vz = ((place - before) / ((now_ns - before_ns) * 1e-9)).tolist()
+        shown = self.velocity.copy()
+        if direction is not None:
+            turn, mirrored = direction
+            level = turn * (complex(vx, -vy) if mirrored else complex(vx, vy))
+            shown[:2] = level.real, level.imag
+        if upward and not self.mistake:
+            shown[2] = vz
+        return shown
 
-    def _new_correction(self) -> tuple[complex, bool, float]:
-        """Return what turns a motion of the poses into what PX4 feels: turn, mirror, sign of z."""
-        level, height = self._level, self._height
-        up = -1.0 if height.decides and height.product.real < 0.0 else 1.0
-        if not level.shows_turn:
-            return 1.0, False, up
-        mirrored = abs(level.mirrored) > abs(level.product)
-        turn = level.mirrored if mirrored else level.product.conjugate()
-        return turn / max(abs(turn), 1e-18), mirrored, up
+    def _compare_height(self, now_ns: int, altitude: float, step_s: float, airborne: bool) -> None:
+        if not (self._poses and math.isfinite(altitude) and airborne):
+            return
+        above = altitude - float(self._poses[-1][1][2])
+        if self._heights:
+            before = self._heights[-1][1]
+            above = before + min(step_s / _HEIGHT_SMOOTH_S, 1.0) * (above - before)
+        self._heights.append((now_ns, above))
+        while now_ns - self._heights[0][0] > _HEIGHT_WINDOW_NS:
+            self._heights.popleft()
+        climbed = above - self._heights[0][1]
+        if abs(climbed) > _HEIGHT_OFF_M and self._begun and not self.mistake:
+            self.mistake = (
+                f"within 5 s PX4's barometer has moved {climbed:+.1f} m against the height of the"
+                " poses: the tracked body is not this vehicle"
+            )
 
-    @property
-    def brake(self) -> complex:
-        """Horizontal acceleration that ends the present motion, x + i y in PX4's map [m/s^2]."""
-        if not self._corrected or not self._level.shows_turn:
-            return 0.0
-        now_ns, (x, y, _) = self._corrected[-1]
-        before = next(b for b in self._corrected if now_ns - b[0] <= _VELOCITY_NS)
-        step_s = (now_ns - before[0]) * 1e-9
-        if step_s <= 0.0:
-            return 0.0
-        velocity = complex(float(x - before[1][0]), float(y - before[1][1])) / step_s
-        wanted = -velocity / _BRAKE_S
-        return wanted * min(1.0, _MOST_BRAKE / max(abs(wanted), 1e-9))
-
-    def drifts(self, away_m: float) -> None:
+    def drifts(self, now_ns: int, away_m: float) -> None:
         """Take a vehicle that does not hold its place while it takes off: its axes are wrong.
 
         Args:
+            now_ns: the present; old poses prove no drift.
             away_m: horizontal distance of the pose from the set point.
         """
-        if not self.confirmed and not self.mistake:
-            self._level, self._height = self._spans[-1][1:]
+        fresh = bool(self._poses) and now_ns - self._poses[-1][0] < _FRESH_NS
+        if fresh and not (self.confirmed or self.mistake):
             self.mistake = (
                 f"the vehicle is {away_m:.2f} m beside its set point while it takes off: PX4 does"
                 " not hold it; axes of the poses, or a wind that is too strong"
             )
 
     def judge(self) -> str:
-        """Compare the newest span; return the mistake, "" if none is known."""
-        if self.confirmed or not self._begun or not self._poses:
+        """Compare the newest span; return the mistake, "" if no mistake is known."""
+        if self.mistake or not self._begun or not self._poses:
             return self.mistake
         now_ns = self._poses[-1][0]
         if now_ns == self._judged_ns:
             return self.mistake
         step_s = min((now_ns - self._judged_ns) * 1e-9, _LONGEST_STEP_S)
         self._judged_ns = now_ns
-        poses = [p for p in self._poses if now_ns - p[0] < _KEPT_NS]
-        felt = [f for f in self._felt if now_ns - f[0] < _KEPT_NS]
-        if len(poses) < 4 or len(felt) < 8:
-            return self.mistake
-        motion = (
-            np.array([(t - now_ns) * 1e-9 for t, _ in poses]),
-            np.array([p for _, p in poses]),
-            np.array([(t - now_ns) * 1e-9 for t, _ in felt]),
-            np.array([a for _, a in felt]),
-        )
-        compared = {h: accelerations_by_position(*motion, h) for h in (_HALF, _LONG_HALF)}
-        for half, level, height in self._spans:
-            seen, wanted = compared[half]
-            if len(seen):
-                (x, y, z), (u, v, w) = seen[-1].tolist(), wanted[-1].tolist()
-                level.add(complex(u, v), complex(x, y), step_s)
-                height.add(complex(w), complex(z), step_s)
-        for _, level, height in self._spans[:-1]:
-            if not self.mistake:
-                self._level, self._height = level, height
-                self._decide()
+        if now_ns - self._turned_ns >= _TURN_PERIOD_NS:
+            self._turned_ns = now_ns
+            self._judge_turns(now_ns)
+        self._judge_places(now_ns, step_s)
         return self.mistake
 
-    def _decide(self) -> None:
-        level, height = self._level, self._height
+    def _judge_places(self, now_ns: int, step_s: float) -> None:
+        poses = [p for p in self._poses if now_ns - p[0] < _WINDOW_NS]
+        imu = [s for s in self._imu if now_ns - s[0] < _WINDOW_NS and s[0] > self._strike_ns]
+        if len(poses) < 4 or len(imu) < 8:
+            return
+        motion = (
+            np.array([(p[0] - now_ns) * 1e-9 for p in poses]),
+            np.array([p[1] for p in poses]),
+            np.array([(s[0] - now_ns) * 1e-9 for s in imu]),
+            np.array([s[2] for s in imu]) - self._rest,
+        )
+        for span in self._spans:
+            seen, felt = second_differences(*motion, span.half)
+            if len(seen):
+                span.add(seen[-1], felt[-1], step_s)
+                if span.half == LONG_HALF:
+                    self._direction.add(complex(*felt[-1, :2]), complex(*seen[-1, :2]), step_s)
+        self._judge_way(now_ns)
+        struck = self._turns_agree and now_ns - self._strike_ns < _STRIKE_NS
+        weak = (self._direction, self._spans[1].height)
+        for level, height in (*((s.level, s.height) for s in self._spans), weak):
+            if not (self.confirmed or self.mistake):
+                self._judge_direction(level, height)
+        for span in self._spans:
+            if not (self.mistake or struck) and span.slope.time_s > _DECIDES_S:
+                self._judge_slope(span.slope)
+
+    def _judge_way(self, now_ns: int) -> None:
+        """Compare the way within 0.5 s: upwards, and each way once the axes are right."""
+        poses = [p for p in self._poses if now_ns - p[0] <= _WAY_NS]
+        ways = [w for w in self._ways if w[0] >= poses[0][0]]
+        if len(ways) < 8 or now_ns - poses[0][0] < 0.8 * _WAY_NS or self.mistake:
+            return
+        off = ways[-1][1] - ways[0][1] - (poses[-1][1] - poses[0][1])
+        off = off if self.confirmed else off[2:]
+        if now_ns - self._strike_ns > _STRIKE_NS and np.linalg.norm(off) > _WAY_OFF_M:
+            self.mistake = (
+                f"within 0.5 s the poses moved {np.linalg.norm(off):.2f} m less or more than PX4's"
+                " accelerometer measures: is the tracked body this vehicle?"
+            )
+
+    def _judge_slope(self, slope: MotionSlope) -> None:
+        if slope.slope + slope.error < _SLOPE_STILL:
+            still = slope.seen < _STILL_SHARE * slope.felt
+            self.mistake = (
+                "poses do not show the motion that PX4's accelerometer measures: the tracked body"
+                f" {'does not move' if still else 'moves otherwise'}; is it this vehicle?"
+            )
+        elif not self.confirmed and (
+            slope.slope - slope.error > _SLOPE_HIGH or slope.slope + slope.error < _SLOPE_LOW
+        ):
+            self.mistake = (
+                f"positions move {slope.slope:.1f} times as far as PX4's accelerometer measures:"
+                " wrong scale or unit of the motion capture"
+            )
+
+    def _judge_turns(self, now_ns: int) -> None:
+        """Compare the rotations of the last 2 s with those of the gyro."""
+        poses = [p for p in self._poses if now_ns - p[0] < _TURN_WINDOW_NS]
+        imu = [s for s in self._imu if now_ns - s[0] < _TURN_WINDOW_NS + _FRESH_NS]
+        self._turns_agree = False
+        if len(poses) < 20 or len(imu) < 20:
+            return
+        begin_ns = imu[0][0]
+        stamps = np.array([p[0] for p in poses])
+        times = np.array([(s[0] - begin_ns) * 1e-9 for s in imu])
+        turned = integrate(times, np.array([s[1] for s in imu]))
+        spans = rotation_spans(stamps, np.array([p[2] for p in poses]), begin_ns)
+        fit = fit_axes(times, turned, *spans, any_angle=False)
+        size = np.linalg.norm(fit.felt, axis=1)
+        use = (size > _TURN_LEAST_RAD) & (size < _TURN_MOST_RAD)
+        slope = MotionSlope(_TURN_SPAN_S)
+        step_s = float(stamps[-1] - stamps[0]) * 1e-9 / len(stamps)
+        for felt, seen in zip(fit.felt[use], fit.seen[use], strict=True):
+            slope.add(felt, seen, step_s)
+        if slope.time_s < _TURN_LEAST_S:
+            return
+        self._turns_agree = slope.slope - slope.error > _SLOPE_STILL
+        if slope.slope + slope.error < _SLOPE_STILL:
+            still = slope.seen < _STILL_SHARE * slope.felt
+            self.mistake = (
+                "poses do not turn as PX4's gyro does: the tracked body"
+                f" {'does not move' if still else 'turns otherwise'}; is it this vehicle, is x of"
+                " the rigid body the nose?"
+            )
+
+    def _judge_direction(self, level: _DirectionSums, height: _DirectionSums) -> None:
         falls = height.decides and height.product.real < 0.0
         if falls and height.coherence(height.product) > _COHERENT:
             self.mistake = "poses sink where PX4 feels that it climbs: z is upside down"
@@ -299,53 +437,82 @@ class TakeoffWatch:
 
 
 class FlightWatch:
-    """Tells why a flight must end.
+    """Decides whether, and why, a flight must end.
 
     Attributes:
-        takeoff: the motion since the arming against PX4's tilt.
-        pose_ns: when the last pose came that could be sent.
-        jump_ns: since when poses are elsewhere than PX4; None: they are not.
+        motion: of the poses since the arming, against PX4's sensors.
+        pose_ns: arrival of the last pose that was sent.
+        jump_ns: since when poses are elsewhere than PX4; None: they agree.
+        distrusts: poses were judged wrong in this flight: none is sent before the disarming.
     """
 
     def __init__(self, params: BridgeParams, limits: FlightLimits) -> None:
         self._params = params
         self._limits = limits
-        self.takeoff = TakeoffWatch()
+        self.motion = PoseMotionWatch()
         self.pose_ns = 0
         self.jump_ns: int | None = None
+        self.distrusts = False
         self._unfit_ns: int | None = None
         self._limit_ns: int | None = None
         self._was_armed = False
         self._beside_m = 0.0
         """Horizontal distance from the set point at the arming [m]."""
+        self._begin_m = math.nan
+        """Height of the pose at the arming, in map [m]."""
+        self._lifted_ns: int | None = None
+
+    def ceiling(self, now_ns: int, position: Array | None) -> float:
+        """Return the highest place to fly to now, in map [m]: low until the axes have shown.
+
+        Args:
+            now_ns: the present.
+            position: (3) of the newest pose [m].
+        """
+        if not self._was_armed or position is None or self.motion.confirmed:
+            self._lifted_ns, self._begin_m = None, math.nan
+            return math.inf
+        height = float(position[2])
+        if math.isnan(self._begin_m):
+            self._begin_m = height
+        if self._lifted_ns is None and height > self._begin_m + _LIFTED_M:
+            self._lifted_ns = now_ns
+        waits_ns = self._params.takeoff_check_time * SECOND_NS
+        if self._lifted_ns is not None and now_ns - self._lifted_ns > waits_ns:
+            return math.inf
+        return self._begin_m + self._params.takeoff_check_height
 
     def rest(self) -> None:
         """Forget since when something is wrong: the vehicle does not fly."""
         self._unfit_ns = self._limit_ns = None
 
-    def follow(self, armed: bool, takes_off: bool, beside_m: float) -> str:
-        """Compare the motion since the arming with PX4's tilt.
+    def follow(self, now_ns: int, armed: bool, takes_off: bool, beside_m: float) -> str:
+        """Compare the motion since the arming with that of PX4's sensors.
 
         Args:
+            now_ns: the present.
             armed: the vehicle is.
-            takes_off: the mission says so.
+            takes_off: it follows a mission that takes off.
             beside_m: horizontal distance from the set point.
 
         Returns:
-            what is wrong with the axes, when it is found; else "".
+            the mistake, in the tick in which it is detected; else "".
         """
+        motion = self.motion
         if armed != self._was_armed:
-            self._was_armed = armed
-            self.takeoff = TakeoffWatch()
+            self._was_armed, self.distrusts = armed, False
             if armed:
-                self.takeoff.begin()
+                motion.begin()
                 self._beside_m = beside_m
-        known = bool(self.takeoff.mistake)
-        drifts = beside_m - self._beside_m > self._params.takeoff_drift_max
-        if armed and takes_off and drifts:
-            self.takeoff.drifts(beside_m)
-        mistake = self.takeoff.judge() if armed else ""
-        return "" if known else mistake
+            else:
+                motion.end()
+        if not armed or self.distrusts:
+            return ""
+        if takes_off and beside_m - self._beside_m > self._params.takeoff_drift_max:
+            motion.drifts(now_ns, beside_m)
+        mistake = motion.judge()
+        self.distrusts = bool(mistake)
+        return mistake
 
     def must_land(
         self, now_ns: int, odometry: VehicleOdometry | None, blocking: Sequence[PreflightFinding]
@@ -357,14 +524,18 @@ class FlightWatch:
             odometry: PX4's last estimate.
             blocking: findings with which the bridge would not arm.
         """
-        if self.takeoff.mistake:
-            return self.takeoff.mistake
+        if self.motion.mistake:
+            return self.motion.mistake
         broken = "" if odometry is None else self._limits.broken(odometry)
         self._limit_ns = (self._limit_ns or now_ns) if broken else None
         limit_ns = self._limits.safety.limit_time * SECOND_NS
         if self._limit_ns is not None and now_ns - self._limit_ns > limit_ns:
             return broken
         pose_s = (now_ns - self.pose_ns) * 1e-9
+        repeats = next((f.text for f in blocking if f.key == "pose_repeated"), "")
+        if repeats and not self.motion.confirmed and pose_s > _TAKEOFF_REPEATS_S:
+            self.motion.mistake = repeats
+            return repeats
         if pose_s > self._params.pose_loss_time:
             refused = next((f.text for f in blocking if f.key.startswith("pose_")), "")
             return refused or f"no mocap pose for {pose_s:.1f} s"
@@ -372,4 +543,7 @@ class FlightWatch:
             return PoseRefusal.JUMP.text
         unfit = next((f.text for f in blocking if f.key in _UNFIT), "")
         self._unfit_ns = (self._unfit_ns or now_ns) if unfit else None
-        return unfit if self._unfit_ns and now_ns - self._unfit_ns > _UNFIT_NS else ""
+        if self._unfit_ns is None or now_ns - self._unfit_ns < _UNFIT_NS:
+            return ""
+        self.distrusts = True
+        return unfit

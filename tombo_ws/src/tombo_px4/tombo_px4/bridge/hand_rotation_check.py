@@ -8,7 +8,6 @@ is left is the world's heading: PX4 takes it from the poses too, so it does no h
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import deque
 from collections.abc import Callable
@@ -18,31 +17,36 @@ from typing import NamedTuple
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.rotation import body_to_map, conjugate, quaternion_multiply, unwrap_quaternions
+from tombo_dynamics.rotation import body_to_map, conjugate, unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_px4.bridge.flight_watch import accelerations_by_position
+from tombo_px4.bridge.pose_motion import (
+    FLAT_READINGS,
+    READINGS,
+    SHORT_HALF,
+    AxesFit,
+    clearest,
+    fit_axes,
+    integrate,
+    rotation_spans,
+    second_differences,
+)
 
 TURN_RAD, CARRY_M = 1.0, 1.0
 """The proof needs so much in all about each axis, and along each axis."""
 _WINDOW_NS = 40_000_000_000
-_SPAN_NS = 90_000_000
-"""Rotations are compared over this time; between two frames the noise of poses is larger."""
-_GAP_NS = 250_000_000
 _POSE_NS = 15_000_000
 """Poses that come more often are left out."""
 _TURNING = 0.3
 """[rad/s]: slower counts as rest."""
 _ENOUGH = 1.0
 """[rad] turned in all."""
-_EARLIEST, _LATEST, _COARSE, _FINE = -0.06, 0.3, 0.03, 0.005
 _AGREES = 0.25
 """Share of the rotation that may stay unexplained."""
-_CLEARER = 0.5
-"""Another reading of the axes must leave less than this share of what the plain one leaves."""
-_MOVES_AGREE = 0.5
-"""Share of the motion that may stay unexplained: hands turn the vehicle about other points."""
-_AXIS_AGREES = 0.7
-"""Correlation of positions and accelerometer along each axis."""
+_MOVES_AGREE = 0.7
+"""Correlation of positions and accelerometer, in all and along each axis: hands turn the vehicle
+about other points."""
+_SCALE_OFF = 0.25
+"""Motion of positions over that of the accelerometer may be off by this."""
 _NAMES = "xyz"
 _INVERSE = (
     "mocap attitude is the inverse: it turns map into base_link; let the driver send the rotation"
@@ -71,6 +75,8 @@ class HandVerdict:
     """Along each axis of map, to and fro [m]."""
     moves: bool = False
     """The positions were compared with the accelerometer along each axis."""
+    least_carried: float = 0.0
+    """Along the direction in which it was carried least, to and fro [m]."""
 
     @property
     def proven(self) -> bool:
@@ -135,19 +141,18 @@ class MotionCheck:
         turned = turns[fast].sum(axis=0)
         if float(np.linalg.norm(rates[1:], axis=1)[fast] @ steps[fast]) < _ENOUGH:
             return None
-        parts = 0.5 * (rates[1:] + rates[:-1]) * steps[:, None]
-        gyro = np.vstack([np.zeros(3), np.cumsum(parts, axis=0)])
+        gyro = integrate(times, rates)
         stamps = np.array([p[0] for p in poses])
         attitudes = np.array([p[2] for p in poses])
         about: tuple[float, float, float] = tuple(turned.tolist())
         complete = bool((turned >= TURN_RAD).all())
         unsure = HandVerdict(math.nan, _UNEXPLAINED, sure=False, turned=about)
-        fits: list[tuple[str, _AxesFit]] = []
+        fits: list[tuple[str, AxesFit]] = []
         for mistake, meant in _QUATERNIONS:
-            spans = _spans(stamps, meant(attitudes), begin_ns)
-            if spans is None:
+            spans = rotation_spans(stamps, meant(attitudes), begin_ns)
+            fit = fit_axes(times, gyro, *spans, complete)
+            if not len(fit.felt):
                 return None
-            fit = _best(times, gyro, *spans, complete)
             if fit.left <= _AGREES:
                 fits.append((mistake, fit))
             if fits and not mistake:
@@ -156,30 +161,48 @@ class MotionCheck:
             return unsure
         mistake, best = min(fits, key=lambda f: _angle(f[1].axes))
         if mistake:
-            return HandVerdict(best.delay, mistake, turned=about)
+            return HandVerdict(best.delay_s, mistake, turned=about)
         axes = best.axes
         if complete and _angle(axes) <= self._angle_max:
             axes = np.eye(3)
-        seconds = (stamps - begin_ns) * 1e-9 - best.delay
+        seconds = (stamps - begin_ns) * 1e-9 - best.delay_s
         force = np.array([f for _, _, f in imu]) @ axes.T
         motion = _compare_motion(seconds, np.array([p[1] for p in poses]), attitudes, times, force)
         carried: tuple[float, float, float] = tuple(motion.carried.tolist())
         mistake = _explain(axes, motion, self._angle_max)
-        return HandVerdict(best.delay, mistake, True, about, carried, motion.compared)
+        return HandVerdict(
+            best.delay_s, mistake, True, about, carried, motion.compared, motion.least_carried
+        )
 
 
 class _PositionMotion(NamedTuple):
-    """How positions move, against the accelerometer turned by the attitudes."""
+    """Motion of the positions against the accelerometer turned by the attitudes."""
 
     up: Array
     """Direction of up in the mocap's world."""
     carried: Array
     """Way to and fro along each axis [m]."""
-    reading: Array | None
-    """Which signed exchange of axes turns accelerations into those of the positions; None: the
-    motion was too small to say."""
-    compared: bool
-    """Each axis of the positions was moved enough, and agrees."""
+    least_carried: float
+    """The same along the direction in which it was carried least [m]."""
+    reading: Array | None = None
+    """Signed exchange of axes that turns accelerations into those of the positions; None: the
+    motion was too small to tell."""
+    scale: float = 1.0
+    """Motion of the positions over that of the accelerometer."""
+    scale_error: float = math.inf
+    """Three standard errors of it."""
+    agrees: bool = False
+    """Each axis of the positions agrees."""
+
+    @property
+    def wrong_scale(self) -> bool:
+        """The scale is surely wrong."""
+        return abs(self.scale - 1.0) - self.scale_error > _SCALE_OFF
+
+    @property
+    def compared(self) -> bool:
+        """Positions were carried along each direction, and agree."""
+        return self.agrees and self.least_carried >= CARRY_M and self.scale_error < _SCALE_OFF
 
 
 def _compare_motion(
@@ -202,115 +225,26 @@ def _compare_motion(
     felt = body_to_map(between, force)
     mean = felt.mean(axis=0)
     up = mean / max(float(np.linalg.norm(mean)), 1e-9)
-    seen, wanted = accelerations_by_position(times, position, felt_times, felt - GRAVITY * up)
-    carried = np.abs(np.diff(position, axis=0)).sum(axis=0)
-    nothing = _PositionMotion(up, carried, None, False)
-    total = float((wanted**2).sum())
-    if len(seen) < 50 or total <= 0.0:
-        return nothing
-    left = (float((seen**2).sum()) + total - 2.0 * (_FLAT @ (seen.T @ wanted).ravel())) / total
-    k = int(np.argmin(left))
-    if left[k] > _CLEARER * left[0]:
-        k = 0
-    if left[k] > _MOVES_AGREE:
-        return nothing
-    product = (seen * wanted).sum(axis=0)
+    seen, wanted = second_differences(times, position, felt_times, felt - GRAVITY * up)
+    known = _PositionMotion(up, *_carried(position))
+    W, S = float((wanted**2).sum()), float((seen**2).sum())
+    if len(seen) < 50 or min(W, S) <= 0.0:
+        return known
+    products = FLAT_READINGS @ (seen.T @ wanted).ravel()
+    k = clearest(1.0 - np.maximum(products, 0.0) ** 2 / (S * W))
+    correlation = products[k] / math.sqrt(S * W)
+    if correlation < _MOVES_AGREE:
+        return known
+    count = len(seen) / (2 * SHORT_HALF)
+    error = math.sqrt((1.0 / correlation**2 - 1.0) / count)
     size = np.sqrt((seen**2).sum(axis=0) * (wanted**2).sum(axis=0))
-    agree = bool((product >= _AXIS_AGREES * size).all())
-    enough = bool((_moved(position) >= CARRY_M).all())
-    return _PositionMotion(up, carried, _READINGS[k], k == 0 and agree and enough)
+    agrees = k == 0 and bool(((seen * wanted).sum(axis=0) >= _MOVES_AGREE * size).all())
+    scale = float(products[k]) / W
+    return known._replace(
+        reading=READINGS[k], scale=scale, scale_error=3.0 * error * scale, agrees=agrees
+    )
 
 
-class _AxesFit(NamedTuple):
-    left: float
-    """Share of the turning that stays unexplained."""
-    delay: float
-    axes: Array
-
-
-def _best(
-    times: Array, turned: Array, first: Array, last: Array, seen: Array, any_angle: bool
-) -> _AxesFit:
-    """Return the delay and the axes that explain most."""
-    best = _AxesFit(math.inf, 0.0, np.eye(3))
-    delays = [*np.arange(_EARLIEST, _LATEST, _COARSE)]
-    for step in (_COARSE, _FINE):
-        for delay in delays:
-            left, axes = _misfit(times, turned, first - delay, last - delay, seen, any_angle)
-            if left < best.left:
-                best = _AxesFit(left, float(delay), axes)
-        delays = [best.delay + d for d in np.arange(-step, step, _FINE)]
-    return best
-
-
-def _spans(stamps: Array, attitude: Array, begin_ns: int) -> tuple[Array, Array, Array] | None:
-    """Return begin, end [s] and turn (N, 3) [rad, body] between poses a span apart."""
-    early = np.searchsorted(stamps, stamps - _SPAN_NS, side="right") - 1
-    late = np.arange(len(stamps))
-    apart = stamps - stamps[np.maximum(early, 0)]
-    use = (early >= 0) & (apart >= _SPAN_NS) & (apart <= _GAP_NS)
-    if use.sum() < 20:
-        return None
-    early, late = early[use], late[use]
-    turn = quaternion_multiply(conjugate(attitude[early]), attitude[late])
-    turn = np.where(turn[:, 3:] < 0.0, -turn, turn)
-    sine = np.linalg.norm(turn[:, :3], axis=1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, turn[:, 3:])
-    vector = turn[:, :3] * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 2.0)
-    seconds = (stamps - begin_ns) * 1e-9
-    return seconds[early], seconds[late], vector
-
-
-def _misfit(
-    times: Array, turned: Array, first: Array, last: Array, seen: Array, any_angle: bool
-) -> tuple[float, Array]:
-    """Return the share of the turning that no axes explain, and the axes that explain most.
-
-    Args:
-        times: (N) of the gyro [s].
-        turned: (N, 3) its integral [rad].
-        first: (M) begin of each rotation of the poses.
-        last: (M) its end.
-        seen: (M, 3) [rad].
-        any_angle: turned about each axis, so that any rotation between the axes can be told; else
-            only signed exchanges, of which the plain one stands unless another explains much more.
-    """
-    inside = (first >= times[0]) & (last <= times[-1])
-    if inside.sum() < 20:
-        return math.inf, np.eye(3)
-    first, last, seen = first[inside], last[inside], seen[inside]
-    both = [(np.interp(last, times, w), np.interp(first, times, w)) for w in turned.T]
-    felt = np.stack([end - begin for end, begin in both], axis=1)
-    total = float((felt**2).sum())
-    if total <= 0.0:
-        return math.inf, np.eye(3)
-    # the sum of squares of `seen - felt @ axes.T`, from one 3x3 matrix
-    common, matrix = float((seen**2).sum()) + total, seen.T @ felt
-    if any_angle:
-        left_, _, right = np.linalg.svd(matrix)
-        handed = np.array([1.0, 1.0, np.linalg.det(left_ @ right)])
-        axes: Array = (left_ * handed) @ right
-        return (common - 2.0 * float((axes * matrix).sum())) / total, axes
-    left = (common - 2.0 * (_FLAT @ matrix.ravel())) / total
-    k = int(np.argmin(left))
-    if left[k] > _CLEARER * left[0]:
-        k = 0
-    return float(left[k]), _READINGS[k]
-
-
-def _readings() -> list[Array]:
-    """Return all 48 signed exchanges of axes, the plain one first, then the likeliest."""
-    readings = [
-        np.eye(3)[list(order)] * np.array(signs)[:, None]
-        for order in itertools.permutations(range(3))
-        for signs in itertools.product((1.0, -1.0), repeat=3)
-    ]
-    # few changes before many, turns before mirrors
-    return sorted(readings, key=lambda a: (-float(np.trace(a)), -round(float(np.linalg.det(a)))))
-
-
-_READINGS = _readings()
-_FLAT = np.array([axes.ravel() for axes in _READINGS])
 _QUATERNIONS: tuple[tuple[str, Callable[[Array], Array]], ...] = (
     ("", lambda q: q),
     (_INVERSE, conjugate),
@@ -319,11 +253,15 @@ _QUATERNIONS: tuple[tuple[str, Callable[[Array], Array]], ...] = (
 """What is wrong with the quaternion itself -> what was meant."""
 
 
-def _moved(position: Array) -> Array:
-    """Return the way to and fro along each axis (3) [m], without the tremble of the poses."""
-    calm = position[:: max(len(position) // 400, 1)]
-    way: Array = np.abs(np.diff(calm, axis=0)).sum(axis=0)
-    return way
+def _carried(position: Array) -> tuple[Array, float]:
+    """Return the way to and fro along each axis (3), and along the weakest direction [m].
+
+    Positions (N, 3) are thinned, so that their noise adds nothing.
+    """
+    steps = np.diff(position[:: max(len(position) // 400, 1)], axis=0)
+    _, directions = np.linalg.eigh(steps.T @ steps)
+    way: Array = np.abs(steps).sum(axis=0)
+    return way, float(np.abs(steps @ directions).sum(axis=0).min())
 
 
 def _angle(axes: Array) -> float:
@@ -352,6 +290,11 @@ def _explain(axes: Array, motion: _PositionMotion, angle_max: float) -> str:
     up = -motion.up if mirrored else motion.up
     if up[2] < math.cos(angle_max) and (reading is not None or not body):
         parts.append(_explain_world(up))
+    if motion.wrong_scale:
+        parts.append(
+            f"positions move {motion.scale:.2g} times as far as PX4's accelerometer measures:"
+            " unit or scale of the motion capture; poses are in metres"
+        )
     if reading is not None and not mirrored and not np.array_equal(reading, np.eye(3)):
         parts.append(
             f"mocap positions move along other axes than the attitude says: {_exchange(reading)};"
@@ -361,7 +304,7 @@ def _explain(axes: Array, motion: _PositionMotion, angle_max: float) -> str:
 
 
 def _explain_body(axes: Array, mirrored: bool, carried: bool) -> str:
-    nearest = _READINGS[int(np.argmax(_FLAT @ axes.ravel()))]
+    nearest = READINGS[int(np.argmax(FLAT_READINGS @ axes.ravel()))]
     exchange = _exchange(nearest)
     if np.array_equal(axes, np.eye(3)):
         return ""

@@ -15,7 +15,7 @@ _WINDOW_NS = 2 * SECOND_NS
 _TOO_SLOW, _MOST_REQUESTS = 0.6, 5
 _SLOW_SHARE = 0.4
 """Less than this share of the rate asked for is a fault."""
-_STATE_HZ, _BATTERY_HZ, _ESTIMATOR_HZ = 10.0, 2.0, 5.0
+_STATE_HZ, _BATTERY_HZ, _ESTIMATOR_HZ, _THRUST_HZ = 10.0, 2.0, 5.0, 10.0
 
 
 class MessageRates:
@@ -29,6 +29,7 @@ class MessageRates:
             "EXTENDED_SYS_STATE": _STATE_HZ,
             "BATTERY_STATUS": _BATTERY_HZ,
             "ESTIMATOR_STATUS": _ESTIMATOR_HZ,
+            "ATTITUDE_TARGET": _THRUST_HZ,
         }
         self._times: dict[str, deque[int]] = {}
         self._requests: Counter[str] = Counter()

@@ -61,6 +61,7 @@ _QUIET_NS = SECOND_NS
 is so late: it gets none before the next heartbeat has shown what it flies."""
 _LEVEL_DESCENT_NS = 20 * SECOND_NS
 """A descent without positions that has not ended by then becomes PX4's own landing."""
+_ON_GROUND = "the vehicle is on the ground"
 _LAND_AGAIN_NS = 2 * SECOND_NS
 """A landing that PX4 refuses is commanded again after this time."""
 
@@ -90,6 +91,8 @@ class Session:
         self._ours = False
         """An external mode that our operator has asked for."""
         self._land_again_ns = 0
+        self._descended_level = False
+        """A descent by thrust was begun in this flight."""
         self._level_descent_ns: int | None = None
         """When a descent without positions began; None: there is none."""
         self._landing_from: Mode | None = None
@@ -145,7 +148,7 @@ class Session:
         if self.stage in (SessionStage.WAITING, SessionStage.LINK_LOST):
             self._on_link_up(view)
         if not view.beat.armed:
-            self._flight_lost = False
+            self._flight_lost = self._descended_level = False
         self._end_lost_flight(view, stopped_s)
         if view.fresh:
             self._update_mission(view)
@@ -217,7 +220,11 @@ class Session:
         """Land a vehicle that flies by us if PX4's fail-safe, the caller or a gap asks for it."""
         ours = self.stage in (SessionStage.FLYING, SessionStage.LANDING) or self._ours
         by_setpoints = self.stage == SessionStage.EXTERNAL_MODE and view.beat.mode == OFFBOARD
-        if not view.beat.armed or self._flight_lost or not (ours or by_setpoints):
+        if not view.beat.armed or not (ours or by_setpoints):
+            return
+        if self._flight_lost:
+            if view.poses_wrong and not self._descended_level:
+                self._begin_level_descent(view)
             return
         if view.beat.failsafe:
             mode = mode_name(view.beat.mode)
@@ -225,10 +232,15 @@ class Session:
             self._land(view, why)
         elif view.must_land:
             self._land(view, view.must_land)
-            if view.axes_wrong and view.beat.mode == OFFBOARD:
-                self._transaction, self._level_descent_ns = None, view.now_ns
+            if view.poses_wrong:
+                self._begin_level_descent(view)
         elif stopped_s * SECOND_NS > self._timeout_ns:
             self._land(view, f"this bridge was stopped for {stopped_s:.1f} s")
+
+    def _begin_level_descent(self, view: SessionInput) -> None:
+        """Descend by thrust: PX4's own landing would follow the poses."""
+        self._descended_level, self._level_descent_ns = True, view.now_ns
+        self._transaction = CommandTransaction(_OFFBOARD, _MODE_TRIES)
 
     def _land(self, view: SessionInput, why: str) -> None:
         """End the flight: PX4 lands, and gets no set point any more."""
@@ -254,7 +266,10 @@ class Session:
             return
         self._tick_transaction(transaction, view)
         if transaction.failed and transaction.order == _HOLD and view.streaming:
-            self._begin_order((_OFFBOARD,))  # without a global position PX4 has no hold of its own
+            if view.landed == MavLandedState.ON_GROUND:
+                self._reply(False, _ON_GROUND)
+            else:  # without a global position PX4 has no hold of its own
+                self._begin_order((_OFFBOARD,))
         elif transaction.failed:
             self._reply(False, transaction.refusal)
         elif transaction.done and self._request_orders:
@@ -263,7 +278,8 @@ class Session:
             self._request_confirmed(view)
 
     def _begin_order(self, orders: tuple[VehicleCommand, ...]) -> None:
-        self._request_transaction = CommandTransaction(orders[0], _ASKED_TRIES)
+        tries = 1 if orders[0] == _HOLD else _ASKED_TRIES
+        self._request_transaction = CommandTransaction(orders[0], tries)
         self._request_orders = orders[1:]
 
     def _begin_request(self, request: OperatorRequest, view: SessionInput) -> None:
@@ -276,10 +292,14 @@ class Session:
             why_not = "; ".join(view.blockers)
         elif kind in ("land", "hold") and not view.beat.armed:
             why_not = "the vehicle is not armed"
+        elif kind == "hold" and view.landed == MavLandedState.ON_GROUND:
+            why_not = _ON_GROUND
         elif kind in ("hold", "offboard") and self._flight_lost:
             why_not = f"the flight ends: {self.why}"
         elif kind == "offboard" and not view.streaming:
             why_not = "PX4 gives no position: there is nothing to stream, and it would refuse"
+        elif kind == "offboard" and view.beat.armed and not view.fresh:
+            why_not = "no set point of the mission comes: there is nothing to follow"
         if why_not:
             self._reply(False, why_not)
             return
@@ -437,9 +457,8 @@ class Session:
         if not view.beat.armed:
             self._set_stage(SessionStage.READY, "landed")
             return
-        if self._descends_level(view):
-            self._disarm_on_ground(view)
-            self._step_transaction(view)
+        if self._level_descent_ns is not None:
+            self._descend_level(view, self._level_descent_ns)
             return
         if self._step_transaction(view):
             self._landing_by_setpoints = not self._flight_lost
@@ -457,11 +476,20 @@ class Session:
         else:
             self._disarm_on_ground(view)
 
-    def _descends_level(self, view: SessionInput) -> bool:
-        """Return whether the vehicle comes down without positions, and may go on with it."""
-        since_ns = self._level_descent_ns
-        in_time = since_ns is not None and view.now_ns - since_ns < _LEVEL_DESCENT_NS
-        return in_time and view.beat.mode == OFFBOARD and not view.beat.failsafe
+    def _descend_level(self, view: SessionInput, since_ns: int) -> None:
+        """Come down by thrust in OFFBOARD; switch the rotors off on the ground."""
+        if view.touched and (self._transaction is None or self._transaction.order != _KILL):
+            self._transaction = CommandTransaction(_KILL, _MODE_TRIES)
+        command = self._transaction
+        entering = command is not None and command.order == _OFFBOARD and not command.done
+        taken = view.beat.mode != OFFBOARD and not entering
+        refused = self._step_transaction(view)
+        if refused or taken or view.now_ns - since_ns > _LEVEL_DESCENT_NS:
+            if taken and not view.beat.failsafe and not refused:
+                self._mode_taken(view, "offboard")
+                return
+            self._level_descent_ns = None
+            self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
 
     def _disarm_on_ground(self, view: SessionInput) -> None:
         if self._stays_on_ground(view) and self._transaction is None:
@@ -470,6 +498,10 @@ class Session:
     def _external_mode(self, view: SessionInput) -> None:
         if not view.beat.armed:
             self._set_stage(SessionStage.READY, "disarmed")
+            return
+        if self._ours and view.beat.mode == OFFBOARD:  # PX4 itself does not end a hold
+            self._disarm_on_ground(view)
+        self._step_transaction(view)
 
     def _given_up(self, view: SessionInput) -> None:
         """Do nothing until asked again; a vehicle that our command has armed late is disarmed."""
@@ -566,12 +598,11 @@ class Session:
         quiet = view.now_ns - view.beat.arrival_ns > _QUIET_NS
         if view.beat.armed and (self._flight_lost or view.beat.failsafe or quiet):
             self._out.stream = SetpointSource.NONE
-        if view.beat.armed and self._descends_level(view):
+        if view.beat.armed and self._level_descent_ns is not None:
             self._out.stream = SetpointSource.LEVEL_DESCENT
         if self._flight_lost:
             self._out.faults["flight_lost"] = (
-                f"{self.why}: PX4 lands, no set point is sent any more; nothing flies again"
-                " before /mission/takeoff"
+                f"{self.why}: the vehicle lands; nothing flies again before /mission/takeoff"
             )
         if self.stage == SessionStage.EXTERNAL_MODE and view.phase not in _GROUND:
             self._out.faults["mode_taken"] = (

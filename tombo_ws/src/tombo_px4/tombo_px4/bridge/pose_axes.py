@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -95,7 +95,7 @@ class AxesEvidence:
     Attributes:
         date: UTC, ISO 8601.
         body: name of the tracked body, as the bridge's parameter says.
-        system: MAVLink system of the vehicle.
+        vehicle: hardware id of its autopilot.
         mistake: what is wrong with the axes; empty: they are right.
         turned_rad: about x, y and z of the vehicle.
         carried_m: along x, y and z of map.
@@ -105,7 +105,7 @@ class AxesEvidence:
 
     date: str
     body: str
-    system: int
+    vehicle: str
     mistake: str = ""
     turned_rad: tuple[float, ...] = ()
     carried_m: tuple[float, ...] = ()
@@ -125,7 +125,7 @@ class AxesEvidence:
         """
         known = {f.name for f in fields(cls)}
         wrong = sorted(set(values) - known)
-        missing = sorted({"date", "body", "system", "tilt_rad"} - set(values))
+        missing = sorted({"date", "body", "vehicle", "tilt_rad"} - set(values))
         if wrong or missing:
             raise InputError(
                 f"proof of the axes: {', '.join([*wrong, *missing])} unknown or missing; accepted:"
@@ -160,7 +160,15 @@ def explain_place(theirs: Array, ours: Array, limit: float) -> str:
     return ""
 
 
+def valid_proof(proofs: Iterable[AxesEvidence], vehicle: str) -> AxesEvidence | None:
+    """Return the last record of a vehicle, by its hardware id; None without one, or a mistake."""
+    last = [e for e in proofs if vehicle and e.vehicle == vehicle][-1:]
+    return last[0] if last and not last[0].mistake else None
+
+
 _DEFAULT = Path("tombo/px4_axes.yaml")
+_SYSTEM = "system"
+"""Key of records before 0.2, which name the MAVLink system, the same for every vehicle."""
 
 
 class AxesFile:
@@ -172,14 +180,13 @@ class AxesFile:
         named = Path(axes_evidence).expanduser() if axes_evidence else base / _DEFAULT
         self._path = None if axes_evidence == SIMULATED else named
 
-    def last(self, body: str, system: int) -> AxesEvidence | None:
-        """Return the last record of a body and a vehicle; None: there is none, or it was refuted.
+    def of_body(self, body: str) -> tuple[AxesEvidence, ...]:
+        """Return all records of a named body, the oldest first; none for a body without a name.
 
         Raises:
             InputError: the file can't be read, or holds something else.
         """
-        fitting = [e for e in self._records() if (e.body, e.system) == (body, system)]
-        return fitting[-1] if fitting and not fitting[-1].mistake else None
+        return tuple(e for e in self._records() if body and e.body == body)
 
     def add(self, evidence: AxesEvidence) -> str:
         """Add a record; return where, as the end of a sentence.
@@ -189,6 +196,8 @@ class AxesFile:
         """
         if self._path is None:
             return ""
+        if not (evidence.body and evidence.vehicle):
+            return ", for this run alone: px4.tracked_body, or PX4's hardware id, has no name"
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             with self._path.open("a", encoding="utf-8") as file:
@@ -205,7 +214,7 @@ class AxesFile:
             return []
         try:
             entries = yaml.safe_load(self._path.read_text(encoding="utf-8")) or []
-            return [AxesEvidence.of_mapping(values) for values in entries]
+            return [AxesEvidence.of_mapping(v) for v in entries if _SYSTEM not in v]
         except (OSError, UnicodeDecodeError, yaml.YAMLError, InputError, TypeError, ValueError):
             raise InputError(
                 f"px4.axes_evidence '{self._path}': no list of proofs of axes; accepted: the file"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import TypeVar
@@ -21,9 +21,14 @@ from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
-from tombo_px4.bridge.flight_watch import FROZEN
 from tombo_px4.bridge.hand_rotation_check import CARRY_M, TURN_RAD, HandVerdict, MotionCheck
-from tombo_px4.bridge.pose_axes import AxesEvidence, explain_place, explain_up, up_in_pose_body
+from tombo_px4.bridge.pose_axes import (
+    AxesEvidence,
+    explain_place,
+    explain_up,
+    up_in_pose_body,
+    valid_proof,
+)
 from tombo_px4.bridge.vehicle_parameters import (
     DELAY_MAX,
     EV_DELAY,
@@ -53,6 +58,8 @@ _PAIR_NS = 50_000_000
 _DELAY_OFF_MS = 20.0
 _OTHER_BODY_RAD = 0.035
 """The tilt of a body at rest against gravity tells it from another definition of it: 2 deg."""
+_LARGEST_ROOM_M, _LARGEST_NOISE_M = 100.0, 0.02
+"""[m]: places further from the origin, and more noise of a vehicle at rest, are wrong."""
 _LONG_ROUND_TRIP_NS = 20_000_000
 _REQUESTS_NS = 3 * SECOND_NS
 _REFUSED = {
@@ -72,6 +79,10 @@ _REFUSED = {
         "mocap poses are elsewhere than PX4 in flight: another body, or exchanged markers"
     ),
     PoseRefusal.TWO_PUBLISHERS: "two nodes publish mocap poses: stop one of them",
+    PoseRefusal.REPEATED: (
+        "mocap repeats its last pose though the vehicle moves: the tracker does not see the body"
+    ),
+    PoseRefusal.DISTRUSTED: "poses were judged wrong in this flight: no pose is sent any more",
 }
 _WARNING = FindingSeverity.WARNING
 
@@ -90,9 +101,15 @@ _Arrived = TypeVar("_Arrived", _SentPose, VehicleImu, VehicleOdometry)
 class Preflight:
     """Collects the data of the last second; `findings` checks them."""
 
-    def __init__(self, params: BridgeParams, system: int) -> None:
+    def __init__(
+        self, params: BridgeParams, system: int, proofs: Sequence[AxesEvidence] = ()
+    ) -> None:
+        """Make the checks, for a MAVLink system; `proofs` are those of the tracked body."""
         self._params = params
         self._system = system
+        self._proofs = proofs
+        self.vehicle = ""
+        """Hardware id of the autopilot; empty: not known yet."""
         self._poses: deque[_SentPose] = deque(maxlen=_KEPT)
         self._refused: dict[PoseRefusal, tuple[int, float]] = {}
         self._imu: deque[VehicleImu] = deque(maxlen=_KEPT)
@@ -135,6 +152,12 @@ class Preflight:
         self.estimator = None
         self.motion.reset()
 
+    def take_vehicle(self, hardware_id: str) -> None:
+        """Take the hardware id of the autopilot: the last proof with it is valid."""
+        if hardware_id != self.vehicle:
+            self.vehicle = hardware_id
+            self.evidence = valid_proof(self._proofs, hardware_id)
+
     def take_evidence(self) -> AxesEvidence | None:
         """Return what has been shown since the last call, to be kept; None: nothing new."""
         evidence, self._new_evidence = self._new_evidence, None
@@ -151,11 +174,11 @@ class Preflight:
         date = str(np.datetime_as_string(np.datetime64(now_ns, "ns"), unit="s", timezone="UTC"))
         verdict = self.motion.verdict
         if verdict is None:
-            return AxesEvidence(date, self._params.tracked_body, self._system, mistake)
+            return AxesEvidence(date, self._params.tracked_body, self.vehicle, mistake)
         return AxesEvidence(
             date,
             self._params.tracked_body,
-            self._system,
+            self.vehicle,
             mistake,
             tuple(round(v, 2) for v in verdict.turned),
             tuple(round(v, 2) for v in verdict.carried),
@@ -241,26 +264,18 @@ class Preflight:
                 )
                 yield PreflightFinding("pose_stale", text)
             return
-        if self._frozen(self._recent(now_ns)) and self._trembles(now_ns):
+        recent = self._recent(now_ns)
+        if not flying and _frozen(recent) and self._trembles(now_ns):
             text = (
                 "mocap pose is frozen: not one bit has changed for a second; the tracker repeats"
                 " its last pose, the body is not seen (or it is simulated, without noise)"
             )
-            yield PreflightFinding(FROZEN, text, FindingSeverity.BLOCKS if flying else _WARNING)
+            yield PreflightFinding("pose_frozen", text, _WARNING)
+        yield from _findings_of_place(recent, not flying and self._at_rest(now_ns))
         rate = self.pose_rate_hz(now_ns)
         if now_ns - self._poses[0].arrival_ns > _WINDOW_NS and rate < _SLOWEST_HZ:
             text = f"mocap poses come at {rate:.0f} Hz: EKF2 wants {_SLOWEST_HZ:.0f} Hz and more"
             yield PreflightFinding("pose_rate", text, _WARNING)
-
-    def _frozen(self, recent: list[_SentPose]) -> bool:
-        if len(recent) < _ENOUGH or recent[-1].arrival_ns - recent[0].arrival_ns < 0.8e9:
-            return False
-        first = recent[0]
-        return all(
-            np.array_equal(p.position, first.position)
-            and np.array_equal(p.attitude, first.attitude)
-            for p in recent
-        )
 
     def _trembles(self, now_ns: int) -> bool:
         """Return whether PX4's sensors show any noise: if not, nothing real is there to move."""
@@ -425,18 +440,30 @@ class Preflight:
         if verdict is not None:
             turned = ", ".join(f"{v:.1f}" for v in verdict.turned)
             carried = ", ".join(f"{v:.1f}" for v in verdict.carried)
-            text += f" (until now: turned {turned} rad, carried {carried} m)"
+            least = f"{verdict.least_carried:.1f}"
+            text += (
+                f" (until now: turned {turned} rad, carried {carried} m, {least} m in the"
+                " direction of least motion)"
+            )
         yield PreflightFinding("axes_unproven", text)
+
+    def _at_rest(self, now_ns: int) -> bool:
+        """Return whether PX4's sensors show a vehicle that stands."""
+        samples = _newest(self._imu, now_ns)
+        if len(samples) < _ENOUGH:
+            return False
+        gyro = np.array([s.gyro for s in samples])
+        accel = np.array([s.accel for s in samples])
+        return bool(
+            np.ptp(gyro, axis=0).max() < _STANDS_GYRO and accel.std(axis=0).max() < _STANDS_ACCEL
+        )
 
     def _tilt_at_rest(self, now_ns: int) -> tuple[float, float] | None:
         """Return how the tracked body's z is tilted in the vehicle; None: it is moved."""
         samples, poses = _newest(self._imu, now_ns), self._recent(now_ns)
-        if len(samples) < _ENOUGH or len(poses) < _ENOUGH:
+        if len(poses) < _ENOUGH or not self._at_rest(now_ns):
             return None
-        gyro = np.array([s.gyro for s in samples])
         accel = np.array([s.accel for s in samples])
-        if np.ptp(gyro, axis=0).max() > _STANDS_GYRO or accel.std(axis=0).max() > _STANDS_ACCEL:
-            return None
         tilts = [up_in_pose_body(p.attitude, accel.mean(axis=0)) for p in poses]
         about_y, about_x = np.mean(tilts, axis=0).tolist()
         return about_y, about_x
@@ -458,8 +485,7 @@ class Preflight:
         if verdict.mistake:
             if verdict.sure and self.evidence is not None:
                 self.refute(verdict.mistake, now_ns)
-            weight = FindingSeverity.BLOCKS if verdict.sure else _WARNING
-            yield PreflightFinding("mocap_axes", verdict.mistake, weight)
+            yield PreflightFinding("mocap_axes", verdict.mistake)
             return
         delay_ms, told_ms = 1e3 * verdict.delay_s, parameters.get(EV_DELAY, 0.0)
         if abs(delay_ms - told_ms) > _DELAY_OFF_MS:
@@ -469,6 +495,37 @@ class Preflight:
                 f" or set it to {max(delay_ms, 0.0):.0f}"
             )
             yield PreflightFinding("stamp_delay", text, _WARNING)
+
+
+def _frozen(recent: list[_SentPose]) -> bool:
+    """Return whether no bit of the poses has changed for most of the last second."""
+    if len(recent) < _ENOUGH or recent[-1].arrival_ns - recent[0].arrival_ns < 0.8e9:
+        return False
+    first = recent[0]
+    return all(
+        np.array_equal(p.position, first.position) and np.array_equal(p.attitude, first.attitude)
+        for p in recent
+    )
+
+
+def _findings_of_place(recent: list[_SentPose], at_rest: bool) -> Iterator[PreflightFinding]:
+    """Yield findings on poses that can't be in metres, and on moving poses of a body at rest."""
+    if len(recent) < _ENOUGH:
+        return
+    place = np.array([p.position for p in recent])
+    size, spread = float(np.abs(place).max()), float(place.std(axis=0).max())
+    if size > _LARGEST_ROOM_M:
+        where = _place(np.median(place, axis=0))
+        text = (
+            f"mocap poses are not in metres (millimetres?): ({where}); let the driver send metres"
+        )
+        yield PreflightFinding("pose_unit", text)
+    elif at_rest and spread > _LARGEST_NOISE_M:
+        text = (
+            f"mocap poses move by {spread:.2g} m (standard deviation) while PX4's sensors are at"
+            " rest: another body is tracked, or poses are in millimetres"
+        )
+        yield PreflightFinding("pose_moves", text)
 
 
 def _explain_offset(ours: Array, theirs: Array, limit: float) -> str:

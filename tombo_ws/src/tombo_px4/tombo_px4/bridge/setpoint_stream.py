@@ -62,8 +62,6 @@ class FlightLimits:
 
 
 _UNIT = 0.2
-_DESCENT_M_S = 0.8
-"""Of a descent without a position."""
 
 
 class SetpointStream:
@@ -82,6 +80,8 @@ class SetpointStream:
         self._setpoint_ns = -(10**18)
         self._attitude_or_rates: tuple[Array, float, int] | None = None
         self._new = self._attitude_or_rates_new = False
+        self.ceiling = math.inf
+        """Highest set point now [m], in map."""
         self._stream = SetpointSource.PRESENT
         self._hold_setpoint: PositionSetpoint | None = None
         self._streamed_ns = 0
@@ -145,12 +145,7 @@ class SetpointStream:
         self._setpoint_ns = min(self._setpoint_ns, now_ns)
 
     def message(
-        self,
-        stream: SetpointSource,
-        present: PositionSetpoint | None,
-        hover: float,
-        now_ns: int,
-        brake: complex = 0.0,
+        self, stream: SetpointSource, present: PositionSetpoint | None, hover: float, now_ns: int
     ) -> Any | None:
         """Return what is to be sent now; None: nothing.
 
@@ -159,7 +154,6 @@ class SetpointStream:
             present: the vehicle's own position; None: not known.
             hover: throttle that hovers; 0: not known.
             now_ns: the present.
-            brake: horizontal acceleration of a level descent, x + i y in map [m/s^2].
         """
         if stream != self._stream:
             self._stream, self._hold_setpoint = stream, None
@@ -170,8 +164,6 @@ class SetpointStream:
         if stream == SetpointSource.SETPOINT:
             if due or self._new or self._attitude_or_rates_new:
                 message = self._wanted(now_ns, due, hover)
-        elif due and stream == SetpointSource.LEVEL_DESCENT:
-            message = message_encoder.level_descent(_DESCENT_M_S, brake, self._target, now_ns)
         elif due:
             if stream == SetpointSource.HOLD:
                 present = self._hold_setpoint = self._hold_setpoint or present
@@ -184,6 +176,15 @@ class SetpointStream:
 
     def _position(self, setpoint: PositionSetpoint, now_ns: int) -> Any:
         """Return a set point as a message; its velocity is ahead by the lag of PX4's attitude."""
+        if setpoint.position[2] > self.ceiling:
+            x, y, _ = setpoint.position
+            level = np.array([1.0, 1.0, 0.0])
+            setpoint = replace(
+                setpoint,
+                position=np.array([x, y, self.ceiling]),
+                velocity=level * setpoint.velocity,
+                acceleration=level * setpoint.acceleration,
+            )
         lead = self._params.attitude_lag * setpoint.acceleration
         setpoint = replace(setpoint, velocity=setpoint.velocity + lead)
         return message_encoder.position_target(setpoint, self._target, now_ns)

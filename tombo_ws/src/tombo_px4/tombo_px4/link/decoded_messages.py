@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
@@ -117,6 +118,17 @@ class VehicleImu(StampedMessage):
     """(3) base_link [rad/s]."""
     accel: Array
     """(3) specific force, base_link [m/s^2]."""
+    pressure_altitude: float = math.nan
+    """Height that the barometer shows [m]; NaN: not sent."""
+
+
+@dataclass(frozen=True)
+class ThrustSetpoint:
+    """Collective thrust that PX4 commands (ATTITUDE_TARGET)."""
+
+    arrival_ns: int
+    throttle: float
+    """0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -208,8 +220,14 @@ class TimesyncMessage:
     ts1: int
 
 
-class FirmwareVersion(str):
-    """Firmware, as `major.minor.patch`."""
+@dataclass(frozen=True)
+class AutopilotVersion:
+    """AUTOPILOT_VERSION."""
+
+    firmware: str
+    """`major.minor.patch`."""
+    hardware_id: str
+    """The autopilot's unique number, hexadecimal; empty: it has none."""
 
 
 class MetadataUri(str):

@@ -129,6 +129,7 @@ _FASTEST_TURN, _HARDEST = 100.0, 1e4
 """[rad/s], [m/s^2] of sensors that work."""
 _BOTH_SENSORS = 0x3F
 """HIGHRES_IMU.fields_updated: three axes of accelerometer and gyro."""
+_PRESSURE_ALTITUDE = mav.HIGHRES_IMU_UPDATED_PRESSURE_ALT
 _INTEGERS = {
     mav.MAV_PARAM_TYPE_UINT8: "<B3x",
     mav.MAV_PARAM_TYPE_INT8: "<b3x",
@@ -245,7 +246,15 @@ class MessageDecoder:
         accel = _bounded(_HARDEST, m.xacc, m.yacc, m.zacc)
         gyro = _bounded(_FASTEST_TURN, m.xgyro, m.ygyro, m.zgyro)
         times = self._times(m.time_usec * _MICRO_NS, arrival_ns)
-        return decoded.VehicleImu(*times, flu_from_frd(gyro), flu_from_frd(accel))
+        measures_height = bool(m.fields_updated & _PRESSURE_ALTITUDE) and math.isfinite(
+            m.pressure_alt
+        )
+        altitude = float(m.pressure_alt) if measures_height else math.nan
+        return decoded.VehicleImu(*times, flu_from_frd(gyro), flu_from_frd(accel), altitude)
+
+    def _thrust(self, m: Any, arrival_ns: int) -> object:
+        (throttle,) = _bounded(1.0, m.thrust)
+        return decoded.ThrustSetpoint(arrival_ns, float(throttle))
 
     def _battery(self, m: Any, arrival_ns: int) -> object:
         if m.id != 0:  # a second one: PX4 counts on the first
@@ -317,7 +326,9 @@ class MessageDecoder:
 
     def _version(self, m: Any, arrival_ns: int) -> object:
         major, minor, patch, _ = m.flight_sw_version.to_bytes(4, "big")
-        return decoded.FirmwareVersion(f"{major}.{minor}.{patch}")
+        number = bytes(m.uid2) if any(m.uid2) else int(m.uid).to_bytes(8, "big")
+        hardware_id = number.hex().lstrip("0")
+        return decoded.AutopilotVersion(f"{major}.{minor}.{patch}", hardware_id)
 
 
 _Reader = Callable[[MessageDecoder, Any, int], object]
@@ -327,6 +338,7 @@ _READERS: dict[str, _Reader] = {
     "LOCAL_POSITION_NED": MessageDecoder._local_position,
     "ATTITUDE_QUATERNION": MessageDecoder._attitude,
     "HIGHRES_IMU": MessageDecoder._imu,
+    "ATTITUDE_TARGET": MessageDecoder._thrust,
     "BATTERY_STATUS": MessageDecoder._battery,
     "SYS_STATUS": MessageDecoder._system,
     "EXTENDED_SYS_STATE": MessageDecoder._landed,

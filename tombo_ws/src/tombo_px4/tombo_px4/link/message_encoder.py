@@ -25,15 +25,6 @@ from tombo_px4.link.link_params import GROUND_STATION, MOCAP, ODOMETRY, ONBOARD,
 from tombo_px4.modes import Mode
 
 POSITION_MASK = mav.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
-DESCENT_MASK = (
-    mav.POSITION_TARGET_TYPEMASK_X_IGNORE
-    | mav.POSITION_TARGET_TYPEMASK_Y_IGNORE
-    | mav.POSITION_TARGET_TYPEMASK_Z_IGNORE
-    | mav.POSITION_TARGET_TYPEMASK_VX_IGNORE
-    | mav.POSITION_TARGET_TYPEMASK_VY_IGNORE
-    | mav.POSITION_TARGET_TYPEMASK_AZ_IGNORE
-    | mav.POSITION_TARGET_TYPEMASK_YAW_IGNORE
-)
 """Position, velocity, acceleration and yaw count; the rate of yaw doesn't."""
 ATTITUDE_MASK = (
     mav.ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE
@@ -119,29 +110,6 @@ def position_target(setpoint: PositionSetpoint, to: MessageTarget, now_ns: int) 
         *ned_from_enu(setpoint.velocity).tolist(),
         *ned_from_enu(setpoint.acceleration).tolist(),
         px4_yaw(setpoint.yaw),
-        0.0,
-    )
-
-
-def level_descent(speed: float, push: complex, to: MessageTarget, now_ns: int) -> Any:
-    """Return a set point that descends without a position, heading as it is.
-
-    Args:
-        speed: downward [m/s].
-        push: horizontal acceleration x + i y in PX4's own map [m/s^2]: level, but for this.
-        to: who follows it.
-        now_ns: the present.
-    """
-    north, east, _ = ned_from_enu(np.array([push.real, push.imag, 0.0])).tolist()
-    return mav.MAVLink_set_position_target_local_ned_message(
-        _milliseconds(now_ns),
-        *to,
-        mav.MAV_FRAME_LOCAL_NED,
-        DESCENT_MASK,
-        *(0.0, 0.0, 0.0),
-        *(0.0, 0.0, speed),
-        *(north, east, 0.0),
-        0.0,
         0.0,
     )
 

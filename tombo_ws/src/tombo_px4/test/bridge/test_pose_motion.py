@@ -1,0 +1,178 @@
+"""Poses must move as PX4's sensors say; else the vehicle lands by thrust."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from tombo_px4.bridge.flight_watch import PoseMotionWatch, RepeatedPose
+from tombo_px4.bridge.pose_motion import MotionSlope, second_differences
+from tombo_px4.link.decoded_messages import VehicleImu, VehicleOdometry
+
+MS = 1_000_000
+GRAVITY = 9.80665
+LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def turned(degrees):
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def still(place):
+    return np.array([0.01, -0.01, 0.18])
+
+
+def stuck(height):
+    """Return what a body shows that stays where it was when the vehicle was so high."""
+    kept = []
+
+    def shown(place):
+        if not kept and place[2] > height:
+            kept.append(place.copy())
+        return kept[0] if kept else place
+
+    return shown
+
+
+class Flight:
+    """A point mass takes off; a loop tilts it against the distance that the poses show."""
+
+    def __init__(self, as_mocap, lean=0.05, rate_hz=50, noise_m=0.0007, closed=True, wobble=0.0):
+        self.as_mocap = as_mocap if callable(as_mocap) else lambda place: as_mocap @ place
+        self.lean, self.rate_hz, self.noise, self.closed = lean, rate_hz, noise_m, closed
+        self.wobble = wobble
+        self.rng = np.random.default_rng(4)
+        self.watch = PoseMotionWatch()
+        self.place, self.speed = np.array([0.01, -0.01, 0.18]), np.zeros(3)
+        self.farthest = self.highest = 0.0
+        self.shown = self.as_mocap(self.place)
+
+    def run(self, seconds=3.0, lifts_off=True, goal_m=2.0):
+        for k in range(-1000, round(seconds * 1000)):
+            if k == 0:
+                self.watch.begin()
+            shown = self.as_mocap(self.place)
+            rate, self.shown = (shown - self.shown) * 1e3, shown
+            push, rates = np.zeros(3), np.zeros(3)
+            if k > 300 and lifts_off:
+                if self.closed:
+                    push[:2] = np.clip(-shown[:2] - 1.5 * rate[:2], -2.0, 2.0)
+                push[0] += self.lean * GRAVITY * math.sin(4.0 * k * 1e-3)
+                push[1] += self.lean * GRAVITY * math.cos(3.0 * k * 1e-3)
+                push[2] = np.clip(2.0 * (goal_m - shown[2]) - 3.0 * rate[2], -2.0, 2.0)
+                rates[0] = self.wobble * math.sin(6.0 * k * 1e-3)
+            self.speed, self.place = self.speed + push * 1e-3, self.place + self.speed * 1e-3
+            self.highest = max(self.highest, float(self.place[2]))
+            self.farthest = max(self.farthest, float(np.linalg.norm(self.place[:2])))
+            self._send(k, push, rates, airborne=k > 300)
+            if k > 0 and (self.watch.mistake or self.watch.confirmed):
+                break
+        return self
+
+    def _send(self, k, push, rates, airborne):
+        if k % 10 == 0:
+            force = push + np.array([0.0, 0.0, GRAVITY]) + self.rng.normal(0.0, 0.1, 3)
+            estimate = VehicleOdometry(
+                k * MS, k * MS, k * MS, self.shown, LEVEL, np.zeros(3), rates, None, 0
+            )
+            self.watch.imu(VehicleImu(k * MS, k * MS, k * MS, rates, force), estimate, airborne)
+        if k % (1000 // self.rate_hz) == 0:
+            shown = self.shown + self.rng.normal(0.0, self.noise, 3)
+            self.watch.pose(k * MS, shown, LEVEL)
+            self.watch.judge()
+
+
+@pytest.mark.parametrize("rate_hz", [30, 50, 100])
+@pytest.mark.parametrize("degrees", [0.0, 8.0, -8.0])
+def test_right_axes_are_confirmed(degrees, rate_hz):
+    watch = Flight(turned(degrees), rate_hz=rate_hz).run(8.0).watch
+    assert watch.mistake == "" and watch.confirmed
+
+
+@pytest.mark.parametrize("degrees", [60, 90, -90, 135, 180])
+def test_a_turned_body_is_named_within_the_first_metre(degrees):
+    flight = Flight(turned(degrees)).run()
+    assert "is not the nose" in flight.watch.mistake
+    named_degrees = int(re.search(r"move ([+-]\d+) deg", flight.watch.mistake)[1])
+    assert abs((named_degrees - degrees + 180) % 360 - 180) < 25
+    assert flight.farthest < 0.3 and flight.highest < 1.2
+
+
+def test_heights_that_are_upside_down_are_named_while_it_climbs():
+    flight = Flight(np.diag([1.0, 1.0, -1.0])).run()
+    assert "z is upside down" in flight.watch.mistake and flight.highest < 0.6
+
+
+@pytest.mark.parametrize("rate_hz", [30, 100])
+def test_a_body_that_does_not_move_is_named_before_the_vehicle_is_half_a_metre_high(rate_hz):
+    flight = Flight(still, rate_hz=rate_hz).run(6.0)
+    assert "does not move" in flight.watch.mistake and flight.highest < 0.68
+
+
+def test_a_body_that_stays_behind_in_flight_is_named_soon():
+    flight = Flight(stuck(0.8)).run(10.0)
+    assert flight.watch.mistake and flight.highest < 1.3
+
+
+@pytest.mark.parametrize("scale", [0.6, 1.5, 1000.0])
+def test_positions_of_another_scale_are_named(scale):
+    flight = Flight(lambda place: scale * place).run()
+    assert "times as far" in flight.watch.mistake and flight.highest < 1.0
+
+
+def test_a_vehicle_that_turns_while_its_poses_do_not_is_named():
+    watch = Flight(np.eye(3), lean=0.0, wobble=0.5).run(4.0, goal_m=0.5).watch
+    assert "do not turn as PX4's gyro" in watch.mistake
+
+
+def test_a_vehicle_that_stands_with_rotors_on_is_not_judged():
+    watch = Flight(still).run(6.0, lifts_off=False).watch
+    assert watch.mistake == "" and not watch.confirmed
+
+
+def test_the_velocity_of_the_accelerometer_is_that_of_the_vehicle():
+    flight = Flight(still).run(6.0)
+    assert np.linalg.norm(flight.watch.velocity - flight.speed) < 0.15
+
+
+def test_poses_that_repeat_count_only_while_the_vehicle_moves():
+    repeated, place = RepeatedPose(), np.array([1.0, 2.0, 0.2])
+    assert not any(repeated.repeats(k * 10 * MS, place, LEVEL) for k in range(300))
+    repeated.moves()
+    assert repeated.repeats(3001 * MS, place, LEVEL)
+    assert not repeated.repeats(3010 * MS, place + 1e-6, LEVEL)
+
+
+def test_noise_of_the_poses_widens_the_slope_and_does_not_move_it():
+    rng = np.random.default_rng(0)
+    quiet, noisy = MotionSlope(0.1), MotionSlope(0.1)
+    for _ in range(400):
+        felt = rng.normal(0.0, 0.1, 3)
+        quiet.add(felt, felt, 0.02)
+        noisy.add(felt, felt + rng.normal(0.0, 0.2, 3), 0.02)
+    assert quiet.slope == pytest.approx(1.0) and quiet.error < 0.01
+    assert abs(noisy.slope - 1.0) < noisy.error and noisy.error > 0.2
+
+
+def test_second_differences_are_those_of_the_acceleration():
+    t = np.linspace(0.0, 3.0, 151)
+    position = np.stack([0.1 * np.sin(3.0 * t), 0.5 * t**2, 4.0 * t], axis=1)
+    fast = np.linspace(0.0, 3.0, 601)
+    acceleration = np.stack(
+        [-0.9 * np.sin(3.0 * fast), np.ones_like(fast), np.zeros_like(fast)], axis=1
+    )
+    seen, felt = second_differences(t, position, fast, acceleration)
+    assert len(seen) > 100
+    np.testing.assert_allclose(seen, felt, atol=2e-4)
+
+
+def test_spans_with_a_gap_are_left_out():
+    t = np.concatenate([np.linspace(0.0, 1.0, 51), np.linspace(1.5, 2.5, 51)])
+    position = np.stack([t, t, t], axis=1)
+    seen, _ = second_differences(t, position, t, np.zeros_like(position))
+    whole, _ = second_differences(
+        np.linspace(0.0, 2.5, 126), np.zeros((126, 3)), t, np.zeros_like(position)
+    )
+    assert 0 < len(seen) < len(whole) - 30
