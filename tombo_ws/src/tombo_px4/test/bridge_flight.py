@@ -114,7 +114,7 @@ class Flight:
         self.phase, self.goal = Phase.TAKEOFF, np.array([0.0, 0.0, 1.5])
         self.until(lambda f: f.px4.place[2] > 1.4)
         self.phase = Phase.HOVER
-        return self.run(0.5)
+        return self.run(1.5)
 
     def ask(self, kind):
         number = self.bridge.request(kind)

@@ -115,8 +115,8 @@ BAD_BODIES: Final[Mapping[str, tuple[Callable[[], AsMocap], str]]] = {
     "frozen in flight": (lambda: _OtherBody(0.6, noise_m=0.0), "repeats"),
     "stuck in flight, with noise": (lambda: _OtherBody(0.6), ""),
     "body of another vehicle": (lambda: _OtherBody(swing_m=0.1), "another body"),
-    "positions x 1.5": (lambda: lambda place, q: (1.5 * place, q), "1.5 times"),
-    "positions x 0.6": (lambda: lambda place, q: (0.6 * place, q), "0.6 times"),
+    "positions x 1.5": (lambda: lambda place, q: (1.5 * place, q), "times as far"),
+    "positions x 0.6": (lambda: lambda place, q: (0.6 * place, q), "times as far"),
     "millimetres": (lambda: lambda place, q: (1e3 * place, q), "millimetres"),
 }
 """Name -> what the motion capture sends, made anew for each flight, and a word of the message."""

@@ -107,11 +107,11 @@ class BridgeParams:
         "PX4 coasts for 5 s (EKF2_NOAID_TOUT), which a landing from 2 m takes",
     )
     takeoff_drift_max: float = param(
-        0.2,
+        0.15,
         "m",
         (0.05, 2.0),
         "so far beside its set point in the take-off: lands without positions",
-        "hover over a real PX4 in gusts: 0.06 m RMS; with a body yawed by 90 deg 0.2 m at 1.2 m",
+        "hover over a real PX4 in gusts: 0.06 m RMS, in the first seconds at most 0.1 m",
     )
     takeoff_check_height: float = param(
         0.6,

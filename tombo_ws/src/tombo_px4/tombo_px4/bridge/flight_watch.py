@@ -65,8 +65,9 @@ _REST_STD_M_S2, _REST_RATE, _REST_OFF_M_S2 = 0.5, 0.15, 0.6
 _FOLLOWS_S = 1.0
 """Time in which the velocity by the accelerometer follows that of the poses, where the motion has
 shown their axes: an error of tilt by 1 deg then makes 0.17 m/s [s]."""
-_WAY_NS, _WAY_OFF_M = SECOND_NS // 2, 0.2
-"""Within 0.5 s [ns] the way of the poses and that of the accelerometer differ by less [m]."""
+_WAY_NS, _WAY_OFF_M, _WAY_LASTS_NS = SECOND_NS // 2, 0.2, SECOND_NS // 7
+"""Within 0.5 s [ns] the way of the poses and that of the accelerometer differ by less [m]; single
+poses with exchanged markers do not last [ns]."""
 _VELOCITY_NS = 150_000_000
 """The velocity of the poses is that over this time [ns]."""
 _WEAK_LEAST_M = 0.012
@@ -91,7 +92,7 @@ _LIFTED_M = 0.05
 _JUMP_NS = SECOND_NS // 4
 """Single poses with exchanged markers are left out; what stays away for longer has moved."""
 _TAKEOFF_REPEATS_S = 0.2
-"""A tracker that repeats its pose so long before the axes were confirmed ends the flight [s]."""
+"""A tracker that repeats its pose so long in the check at take-off ends the flight [s]."""
 _REPEATED_NS = 100_000_000
 """A driver may send a pose twice; the same bits for longer are no new pose [ns]."""
 
@@ -192,6 +193,7 @@ class PoseMotionWatch:
     Attributes:
         confirmed: the motion has shown that the axes are right.
         mistake: what is wrong with the poses; "" as long as no fault is known.
+        voids_proof: the mistake is one of axes, scale or body: the proof of axes is void.
         velocity: (3) by the accelerometer since the arming, in PX4's map [m/s].
     """
 
@@ -207,8 +209,10 @@ class PoseMotionWatch:
         self._spans = _Span(SHORT_HALF, _SHORT_LEAST_M), _Span(LONG_HALF, _LONG_LEAST_M)
         self._direction = _DirectionSums(_WEAK_LEAST_M, _WEAK_DECIDES_S)
         self._ways: deque[tuple[int, Array]] = deque(maxlen=100)
-        self._judged_ns = self._turned_ns = self._strike_ns = 0
-        self.confirmed, self.mistake = False, ""
+        self._judged_ns = self._turned_ns = 0
+        self._strike_ns = -_STRIKE_NS
+        self._way_off_ns: int | None = None
+        self.confirmed, self.mistake, self.voids_proof = False, "", False
         self._turns_agree = False
         self.velocity: Array = np.zeros(3)
         self._heights.clear()
@@ -361,23 +365,29 @@ class PoseMotionWatch:
             return
         off = ways[-1][1] - ways[0][1] - (poses[-1][1] - poses[0][1])
         off = off if self.confirmed else off[2:]
-        if now_ns - self._strike_ns > _STRIKE_NS and np.linalg.norm(off) > _WAY_OFF_M:
+        far = now_ns - self._strike_ns > _STRIKE_NS and np.linalg.norm(off) > _WAY_OFF_M
+        self._way_off_ns = (self._way_off_ns or now_ns) if far else None
+        if self._way_off_ns is not None and now_ns - self._way_off_ns > _WAY_LASTS_NS:
             self.mistake = (
                 f"within 0.5 s the poses moved {np.linalg.norm(off):.2f} m less or more than PX4's"
                 " accelerometer measures: is the tracked body this vehicle?"
             )
 
+    def _accuse(self, mistake: str) -> None:
+        """Take a mistake of axes, scale or body."""
+        self.mistake, self.voids_proof = mistake, True
+
     def _judge_slope(self, slope: MotionSlope) -> None:
         if slope.slope + slope.error < _SLOPE_STILL:
             still = slope.seen < _STILL_SHARE * slope.felt
-            self.mistake = (
+            self._accuse(
                 "poses do not show the motion that PX4's accelerometer measures: the tracked body"
                 f" {'does not move' if still else 'moves otherwise'}; is it this vehicle?"
             )
         elif not self.confirmed and (
             slope.slope - slope.error > _SLOPE_HIGH or slope.slope + slope.error < _SLOPE_LOW
         ):
-            self.mistake = (
+            self._accuse(
                 f"positions move {slope.slope:.1f} times as far as PX4's accelerometer measures:"
                 " wrong scale or unit of the motion capture"
             )
@@ -406,7 +416,7 @@ class PoseMotionWatch:
         self._turns_agree = slope.slope - slope.error > _SLOPE_STILL
         if slope.slope + slope.error < _SLOPE_STILL:
             still = slope.seen < _STILL_SHARE * slope.felt
-            self.mistake = (
+            self._accuse(
                 "poses do not turn as PX4's gyro does: the tracked body"
                 f" {'does not move' if still else 'turns otherwise'}; is it this vehicle, is x of"
                 " the rigid body the nose?"
@@ -415,19 +425,19 @@ class PoseMotionWatch:
     def _judge_direction(self, level: _DirectionSums, height: _DirectionSums) -> None:
         falls = height.decides and height.product.real < 0.0
         if falls and height.coherence(height.product) > _COHERENT:
-            self.mistake = "poses sink where PX4 feels that it climbs: z is upside down"
+            self._accuse("poses sink where PX4 feels that it climbs: z is upside down")
             return
         if not level.decides:
             return
         turn = math.atan2(level.product.imag, level.product.real)
         along = level.coherence(level.product)
         if level.coherence(level.mirrored) > max(_COHERENT, 1.5 * along):
-            self.mistake = (
+            self._accuse(
                 "poses move mirrored to where PX4's tilt drives the vehicle: positions are"
                 " left-handed, or x and y are exchanged"
             )
         elif along > _COHERENT and abs(turn) > _WRONG:
-            self.mistake = (
+            self._accuse(
                 f"poses move {math.degrees(turn):+.0f} deg beside where PX4's tilt drives the"
                 " vehicle: x of the rigid body is not the nose, or the axes of the positions are"
                 " not those of the attitude"
@@ -477,10 +487,15 @@ class FlightWatch:
             self._begin_m = height
         if self._lifted_ns is None and height > self._begin_m + _LIFTED_M:
             self._lifted_ns = now_ns
-        waits_ns = self._params.takeoff_check_time * SECOND_NS
-        if self._lifted_ns is not None and now_ns - self._lifted_ns > waits_ns:
+        if not self._checks_takeoff(now_ns):
             return math.inf
         return self._begin_m + self._params.takeoff_check_height
+
+    def _checks_takeoff(self, now_ns: int) -> bool:
+        """Return whether the axes have to show yet."""
+        waits_ns = self._params.takeoff_check_time * SECOND_NS
+        waits = self._lifted_ns is None or now_ns - self._lifted_ns < waits_ns
+        return waits and not self.motion.confirmed
 
     def rest(self) -> None:
         """Forget since when something is wrong: the vehicle does not fly."""
@@ -533,7 +548,7 @@ class FlightWatch:
             return broken
         pose_s = (now_ns - self.pose_ns) * 1e-9
         repeats = next((f.text for f in blocking if f.key == "pose_repeated"), "")
-        if repeats and not self.motion.confirmed and pose_s > _TAKEOFF_REPEATS_S:
+        if repeats and self._checks_takeoff(now_ns) and pose_s > _TAKEOFF_REPEATS_S:
             self.motion.mistake = repeats
             return repeats
         if pose_s > self._params.pose_loss_time:
