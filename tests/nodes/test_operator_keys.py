@@ -2,95 +2,38 @@
 
 from __future__ import annotations
 
-import json
 import os
-import pty
 import signal
-import subprocess
-import sys
-import time
-from contextlib import contextmanager, suppress
 
 import pytest
 
 from ros_bench import die_with_the_test
 from tombo_bag.topics import PX4_STATUS, ROTOR_COMMAND, TRUE_ODOMETRY
+from tombo_benchmarks.px4.terminal import Terminal
 
 pytestmark = pytest.mark.real_time
 
 pytest.importorskip("rclpy")
 PATIENCE_S = 120.0
 HELPERS = ("mission", "reaction", "detector", "recorder")
-FLIES_ON = ("--set", "mission.land_time=3000")
 SLOW = ("--speed", "0.4")
 """Without PX4, simulated time: a busy machine flies too."""
 
 
-class Terminal:
-    """`tombo up --json` in a terminal of its own."""
-
-    def __init__(self, ours):
-        self._ours, self._text = ours, ""
-        self.lines = []
-
-    def press(self, keys):
-        os.write(self._ours, keys.encode())
-
-    def wait(self, condition):
-        """Return the first line from now on that meets a condition."""
-        since, end = len(self.lines), time.monotonic() + PATIENCE_S
-        while True:
-            for line in self.lines[since:]:
-                if condition(line):
-                    return line
-            since = len(self.lines)
-            assert time.monotonic() < end, self.lines[-3:]
-            with suppress(OSError):
-                self._text += os.read(self._ours, 65536).decode("utf-8", "replace")
-            *whole, self._text = self._text.split("\n")
-            self.lines += [json.loads(line) for line in whole if line.startswith("{")]
-
-    def answer(self, request):
-        return self.wait(lambda e: e["event"] == "answer" and e["request"] == request)
-
-    def kill(self, names):
-        """Kill nodes, and wait until they have ended."""
-        nodes = self.wait(lambda e: e["event"] == "status")["nodes"]
-        for name in names:
-            os.kill(nodes[name]["pid"], signal.SIGKILL)
-        left = set(names)
-        while left:
-            left.discard(self.wait(lambda e: e["event"] == "ended")["node"])
-
-
-@contextmanager
 def up(folder, *arguments):
-    ours, theirs = pty.openpty()
-    words = ["up", "hover", *FLIES_ON, "-o", str(folder / "up"), "--json", *arguments]
-    code = "import os, fcntl, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
-    code += "from tombo_bringup.cli.main import run; import sys; run(sys.argv[1:])"
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, *words],
-        stdin=theirs, stdout=theirs, stderr=theirs,
-        start_new_session=True, preexec_fn=die_with_the_test,
-    )  # fmt: skip
-    os.close(theirs)
-    try:
-        yield Terminal(ours)
-    finally:
-        process.send_signal(signal.SIGINT)
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(30.0)
-        process.kill()
-        process.wait()
-        os.close(ours)
+    words = ("up", "hover", "--set", "mission.land_time=3000", "-o", "up", "--json", *arguments)
+    return Terminal(words, folder, PATIENCE_S, die_with_the_test)
 
 
 def flies(world, terminal, dead):
-    """Wait until it hovers, and let nodes die."""
+    """Wait until it hovers, let nodes die, and wait until they have ended."""
     world.subscribe(TRUE_ODOMETRY, PX4_STATUS, ROTOR_COMMAND)
     world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 1.5, patience_s=PATIENCE_S)
-    terminal.kill(dead)
+    nodes = terminal.wait(lambda e: e["event"] == "status")["nodes"]
+    for name in dead:
+        os.kill(nodes[name]["pid"], signal.SIGKILL)
+    for _ in dead:
+        assert terminal.wait(lambda e: e["event"] == "ended")["node"] in dead
 
 
 def test_over_px4_it_holds_and_lands_with_all_others_dead(world, tmp_path):

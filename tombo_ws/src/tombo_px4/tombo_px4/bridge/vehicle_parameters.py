@@ -55,10 +55,12 @@ LOSS_PARAMETERS = (
 """With these a real PX4 1.17 ends on the ground, disarmed, also without the bridge."""
 SAFE_PARAMETERS: Mapping[str, float] = {
     **{parameter.name: parameter.value for parameter in LOSS_PARAMETERS},
+    "COM_LOW_BAT_ACT": 2,
     "COM_RCL_EXCEPT": 4,
     "NAV_DLL_ACT": 0,
 }
-"""What `px4_parameters=safe` sets; OFFBOARD needs neither remote control nor ground station."""
+"""What `px4_parameters=safe` sets; a critical battery lands, and OFFBOARD needs neither remote
+control nor ground station."""
 MOCAP_ONLY: Mapping[str, float] = {
     "SYS_HAS_GPS": 0,
     "SYS_HAS_MAG": 0,
