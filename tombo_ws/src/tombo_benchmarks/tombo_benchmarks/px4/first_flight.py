@@ -1,8 +1,8 @@
 """Steps 3 to 6 of docs/first_real_flight.md over a PX4 SITL: a script plays the person.
 
 The commands are read from the page. The simulator is the vehicle: without thrust as long as the
-propellers are off, moved by a simulated hand in step 4. What a person does at the driver of the
-motion capture, `Driver` does.
+propellers are off, moved by a simulated hand in step 4. `Driver` is the driver of the motion
+capture, and what the person sets in it.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ _URL: Final = "serial:///dev/ttyUSB0:921600"
 _BLOCK: Final = re.compile(r"^```(\w+)\n(.*?)^```", re.M | re.S)
 _INLINE: Final = re.compile(r"`([^`]*)`")
 _COMMAND: Final = re.compile(r"ros2 service call .|tombo \w+ .")
+_ESCAPE: Final = re.compile(r"\x1b\[[\d;?]*[A-Za-z]")
 _PATIENCE_S = 180.0
 _TRIES = 5
 _STOPS_S = 1.0
@@ -231,7 +232,9 @@ _STANDS_RAD_S = 20.0
 
 
 def _last_line(text: str) -> str:
-    return text.strip().splitlines()[-1].strip() if text.strip() else ""
+    """Return the last line that is no cursor movement."""
+    lines = _ESCAPE.sub("", text).replace("\r", "\n").splitlines()
+    return next((line.strip() for line in reversed(lines) if line.strip()), "")
 
 
 def _bridge(event: Mapping[str, Any]) -> Mapping[str, Any]:
