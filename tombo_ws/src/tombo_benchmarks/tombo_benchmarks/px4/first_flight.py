@@ -65,7 +65,7 @@ def commands_of(page: str, step: int) -> list[str]:
 
 def scenario_of(page: str) -> str:
     """Return the scenario file of step 2."""
-    return next(text for kind, text in _BLOCK.findall(page) if kind == "yaml")
+    return next(str(text) for kind, text in _BLOCK.findall(page) if kind == "yaml")
 
 
 @dataclass(frozen=True)
@@ -315,7 +315,7 @@ class Driver:
         self._stop.set()
         self._thread.join()
         self._node.destroy_node()
-        rclpy.try_shutdown()
+        rclpy.shutdown()
 
     def _run(self) -> None:
         import rclpy
