@@ -13,11 +13,10 @@ import shlex
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -92,7 +91,9 @@ def fly_first(build: Path, folder: Path, instance: int) -> Iterator[Outcome]:
     (folder / SCENARIO).write_text(scenario_of(page), encoding="utf-8")
     person = _Person(build, folder, instance)
     (folder / VEHICLE).write_text(person.vehicle_file, encoding="utf-8")
-    with _environment(folder), Driver() as driver:
+    # ROS is loaded by who flies, and by nobody who reads the page
+    driver_node = import_module("tombo_benchmarks.px4.driver_node")
+    with _environment(folder), driver_node.Driver() as driver:
         with person.vehicle(propellers=False):
             yield from person.steps_3_to_5(page, driver)
         with person.vehicle(propellers=True):
@@ -160,7 +161,7 @@ class _Person:
             words += ["--bridge", f"link.system={self._instance + 1}"]
         return Terminal([*words[1:], *more], self._folder, _PATIENCE_S)
 
-    def steps_3_to_5(self, page: str, driver: Driver) -> Iterator[Outcome]:
+    def steps_3_to_5(self, page: str, driver: Any) -> Iterator[Outcome]:
         """Prepare the vehicle, prove the axes, stop the motors."""
         command = commands_of(page, 3)[0]
         with self._tombo(command, "--json", "-o", "up") as up:
@@ -176,7 +177,7 @@ class _Person:
             yield Outcome(4, "turned and carried by hand", "nothing forbids to arm", True)
             yield from self._step_5(page, up, driver)
 
-    def _step_5(self, page: str, up: Terminal, driver: Driver) -> Iterator[Outcome]:
+    def _step_5(self, page: str, up: Terminal, driver: Any) -> Iterator[Outcome]:
         arm, kill = commands_of(page, 5)[:2], commands_of(page, 5)[-1]
         for does, stop in (
             ("kk", lambda: up.press("kk")),
@@ -195,7 +196,7 @@ class _Person:
         self,
         does: str,
         arm: Sequence[str],
-        driver: Driver,
+        driver: Any,
         stop: Callable[[], object],
         within_s: float = _STOPS_S,
     ) -> Outcome:
@@ -271,91 +272,6 @@ def _environment(folder: Path) -> Iterator[None]:
     finally:
         os.environ.clear()
         os.environ.update(before)
-
-
-class Driver:
-    """The driver of the motion capture, and a terminal with `ros2`; use as a context manager.
-
-    Attributes:
-        frame: `frame_id` of its poses; at first that of VRPN's driver.
-        on: the markers are seen.
-        status: the newest of `/px4/status`.
-        rotor_speed: of the true rotors [rad/s].
-    """
-
-    def __init__(self) -> None:
-        self.frame, self.on = "world", True
-        self.status: Any = None
-        self.rotor_speed: Sequence[float] = (0.0,)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run)
-        self._call: tuple[Any, Any] | None = None
-
-    def __enter__(self) -> Driver:
-        """Start."""
-        import rclpy
-        from rclpy.signals import SignalHandlerOptions
-
-        from tombo_bag.topics import MOCAP_POSE, PX4_STATUS, TRUE_ROTORS
-        from tombo_ros.topic import PolledSubscription, TopicPublisher
-
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node("driver")
-        self._poses = PolledSubscription(self._node, replace(MOCAP_POSE, name="/driver/pose"), 20)
-        self._out = TopicPublisher(self._node, MOCAP_POSE)
-        self._states = PolledSubscription(self._node, PX4_STATUS)
-        self._rotors = PolledSubscription(self._node, TRUE_ROTORS, 1)
-        self._thread.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """End."""
-        import rclpy
-
-        self._stop.set()
-        self._thread.join()
-        self._node.destroy_node()
-        rclpy.shutdown()
-
-    def _run(self) -> None:
-        import rclpy
-
-        while not self._stop.is_set():
-            for taken in self._poses.take():
-                taken.message.header.frame_id = self.frame
-                if self.on:
-                    self._out.publish(taken.message)
-            for taken in self._states.take():
-                self.status = taken.message
-            newest = self._rotors.newest()
-            self.rotor_speed = self.rotor_speed if newest is None else newest.message.speed
-            rclpy.spin_once(self._node, timeout_sec=0.0)
-            time.sleep(0.002)
-
-    def until(self, condition: Callable[[], object]) -> None:
-        """Wait.
-
-        Raises:
-            TimeoutError: it does not come.
-        """
-        end_s = time.monotonic() + _PATIENCE_S
-        while self.status is None or not condition():
-            if time.monotonic() > end_s:
-                raise TimeoutError(f"waited too long; PX4 and bridge: {self.status}")
-            time.sleep(0.005)
-
-    def call(self, command: str) -> tuple[bool, str]:
-        """Do what `ros2 service call NAME TYPE [VALUES]` does; return the answer."""
-        from std_srvs.srv import SetBool, Trigger
-
-        _, _, _, name, kind, *values = shlex.split(command)
-        service: Any = {"Trigger": Trigger, "SetBool": SetBool}[kind.rpartition("/")[2]]
-        request = service.Request(**(yaml.safe_load(values[0]) if values else {}))
-        client = self._node.create_client(service, name)
-        client.wait_for_service(_PATIENCE_S)
-        future = client.call_async(request)
-        self.until(future.done)
-        return future.result().success, future.result().message
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
