@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tombo_px4.autopilot.parameters import PARAMETERS
-from tombo_px4.hil.hil_start_help import MOCAP_ONLY
+from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY
 
 ROOT = Path(__file__).parents[4]
 PAGE = (ROOT / "docs" / "px4.md").read_text()

@@ -273,38 +273,35 @@ ON_THE_FLOOR = [0.9, 0.0, 0.17]
 """Legs 1 cm in the floor."""
 
 
-def test_touching_the_ground_before_landing_is_commanded_is_a_crash():
-    made = collision().set("position", 5.0, 99.0, ON_THE_FLOOR)
-    figures, events = made.summary()
+def on_the_floor(made, at, sinks, *, until=99.0):
+    """Down from `at` on; it hits the floor so fast [m/s]."""
+    made.set("position", at, until, ON_THE_FLOOR)
+    return made.set("velocity", at, at + 0.001, [0.0, 0.0, -sinks])
+
+
+def test_a_hard_hit_of_the_ground_is_a_crash():
+    figures, events = on_the_floor(collision(), 5.0, 3.0).summary()
     assert figures["crashed"]
     assert figures["crash_time_s"] == 5.0
     assert times(events, "crash") == [5.0]
-    bounced = collision().set("position", 5.0, 5.002, ON_THE_FLOOR)
-    assert bounced.figures()["crashed"]
+    assert on_the_floor(collision(), 5.0, 3.0, until=5.002).figures()["crashed"]
 
 
-@pytest.mark.parametrize(
-    "mode", [Phase.LAND, Phase.LANDED, Phase.DESCEND_BLIND, Phase.TAKEOFF, Phase.IDLE]
-)
-def test_touching_the_ground_is_no_crash_when_it_is_meant(mode):
-    made = Made().set("position", 5.0, 99.0, ON_THE_FLOOR).set("mode", 4.9, 99.0, mode)
-    assert not made.figures()["crashed"]
+@pytest.mark.parametrize("mode", list(Phase))
+def test_how_hard_it_is_decides_and_not_who_lands(mode):
+    """PX4 lands at 0.7 m/s by itself; a quarter of the energy of a fall of 0.2 m is too much."""
+    for sinks, crashes in ((0.3, False), (0.7, False), (0.9, False), (1.1, True), (20.0, True)):
+        made = on_the_floor(Made().set("mode", 4.9, 99.0, mode), 5.0, sinks)
+        assert made.figures()["crashed"] is crashes, sinks
+        # landing that is commanded afterwards does not mend it
+        made.set("mode", 6.0, 99.0, Phase.LANDED)
+        assert made.figures()["landed"] is not crashes, sinks
 
 
-@pytest.mark.parametrize("mode", [Phase.HOVER, Phase.APPROACH, Phase.REACT, Phase.HOLD])
-def test_touching_the_ground_is_a_crash_in_every_mode_of_flight(mode):
-    made = Made().set("position", 5.0, 99.0, ON_THE_FLOOR).set("mode", 4.9, 99.0, mode)
-    assert made.figures()["crashed"]
-    # landing that is commanded afterwards does not mend it
-    made.set("mode", 6.0, 99.0, Phase.LANDED)
-    assert made.figures()["crashed"]
-    assert not made.figures()["landed"]
-
-
-def test_the_frame_reaches_the_ground_earlier_when_it_is_tilted():
-    low = Made().set("position", 5.0, 5.5, [0.9, 0.0, 0.19])
-    assert not low.figures()["crashed"]
-    assert low.tilted(5.2, 5.3, 0.8).figures()["crash_time_s"] == 5.2
+def test_a_motor_on_the_ground_is_a_crash_however_slow():
+    low = Made().set("position", 5.0, 5.5, [0.9, 0.0, 0.12])
+    assert not low.figures()["crashed"]  # on folded legs, say
+    assert low.tilted(5.2, 5.3, 1.5).figures()["crash_time_s"] == 5.2
 
 
 def test_before_it_has_flown_it_cannot_crash():
@@ -323,8 +320,7 @@ def test_turned_over_for_good_is_a_crash_and_a_loop_is_not():
 
 
 def test_a_crash_after_contact_has_its_fall():
-    made = collision().set("position", 4.5, 99.0, ON_THE_FLOOR)
-    figures = made.figures()
+    figures = on_the_floor(collision(), 4.5, 5.0).figures()
     assert figures["crashed"]
     assert figures["recovery_time_s"] is None
     assert figures["max_falling_distance_m"] == pytest.approx(2.0 - 0.17)

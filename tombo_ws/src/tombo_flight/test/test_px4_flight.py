@@ -26,10 +26,12 @@ from tombo_flight.recorded_flight import measured_track, read_flight
 from tombo_flight.report.flight_plot import draw_flight, figure_bytes
 from tombo_flight.report.flight_report import write_report
 from tombo_flight.scenario import load_scenario
+from tombo_flight.suite.node_diagnostics import NodeStatus
 from tombo_flight.suite.node_flight import over_mavlink
 from tombo_flight.suite.nodes import SUITE
 from tombo_flight.suite.px4_connection import find_vehicle, px4_connection
 from tombo_flight.suite.px4_flight import READY_S, START_S, BridgeMonitor, px4_metrics
+from tombo_px4.bridge.vehicle_parameters import parse_assignments
 from tombo_px4.link.link_params import LinkParams
 
 
@@ -258,7 +260,7 @@ def test_a_vehicle_that_does_not_arm_is_given_up_with_the_reason(looks, reason):
     ("last", "phase", "reason"),
     [
         ({"status_text": "Disarmed by auto preflight disarming"}, 7, "auto preflight disarming"),
-        ({"why": "landed"}, 7, "never left the ground: landed"),
+        ({"why": "landed"}, 7, "it never left the ground: landed"),
         ({"stage": "given up", "why": "disarmed in flight", "status_text": "x"}, 1, "in flight"),
         ({"why": "landed"}, 1, ""),
         ({"armed": True}, 7, ""),
@@ -268,7 +270,35 @@ def test_what_arms_and_stays_on_the_ground_is_given_up(last, phase, reason):
     looks = [(0.0, {"armed": True}, 1, False), (5.0, last, phase, False)]
     found = watched(*looks).refusal
     assert found.endswith(reason) and bool(found) == bool(reason)
-    assert not reason or found.startswith("it armed, but never left the ground: ")
+    assert not reason or found.startswith("it armed, but by its poses it never left the ground: ")
+
+
+LOST = NodeStatus(1, "flight_lost: poses stand still: PX4 lands", {"fault.flight_lost": "active"})
+
+
+def test_a_loss_is_named_by_the_bridge_and_not_by_px4s_last_words():
+    """A body that lies on the floor: by its poses nothing has lifted off."""
+    words = {"status_text": "Disarmed by landing"}
+    found = watched((0.0, {"armed": True}, 1, False))
+    assert found.loss == ""
+    found.see(None, 1, 4.0, over=False, bridge=LOST)  # the report may come before the status
+    landing = {"armed": True, "stage": "landing", "why": "poses stand still"}
+    found.see({**READY, **landing}, 2, 4.1, over=False, bridge=LOST)
+    over = NodeStatus(0, "", {"fault.flight_lost": "over, 1 times"})
+    found.see({**READY, **words, "why": "landed"}, 7, 12.0, over=False, bridge=over)
+    assert found.loss == "poses stand still"
+    assert found.refusal.endswith("it never left the ground: poses stand still")
+
+
+@pytest.mark.parametrize(
+    ("counted", "why"), [("axes_wrong", "axes"), ("disarmed", "in flight"), ("mode_taken", "")]
+)
+def test_only_what_nobody_has_asked_for_is_a_loss(counted, why):
+    found = watched((0.0, {"armed": True}, 1, False))
+    bridge = NodeStatus(1, why, {f"fault.{counted}": "active, 1 times"})
+    found.see(READY, 2, 5.0, over=False, airborne=True, bridge=bridge)
+    found.see(READY, 7, 9.0, over=True, airborne=True, bridge=bridge)
+    assert (found.loss, found.refusal) == (why, "")
 
 
 def test_what_lands_after_a_flight_is_no_refusal():
@@ -279,7 +309,8 @@ def test_what_lands_after_a_flight_is_no_refusal():
 
 def test_the_bridges_own_fault_says_why_nothing_is_armed():
     found = watched((0.0, {}, 1, False))
-    found.see(None, 1, READY_S + 1, over=False, fault="not_engaged: the mission wants to fly")
+    bridge = NodeStatus(1, "not_engaged: the mission wants to fly")
+    found.see(None, 1, READY_S + 1, over=False, bridge=bridge)
     assert found.refusal.endswith("26 s: not_engaged: the mission wants to fly")
 
 
@@ -315,6 +346,8 @@ def test_parameters_of_px4_go_to_the_bridge():
     assert "px4_parameters" not in px4_connection(None, []).parameters["px4_bridge"]
     safe = px4_connection(None, ["px4_parameters=safe"])
     assert safe.parameters["px4_bridge"]["px4_parameters"] == ["safe"]
+    both = parse_assignments(px4_connection(None, ["px4_parameters=[safe, mocap]"]).writes)
+    assert both["COM_OBL_RC_ACT"] == 4 and both["SYS_HAS_GPS"] == 0 == both["EKF2_RNG_CTRL"]
 
 
 def test_a_px4_that_signs_wants_a_key_on_this_side(tmp_path):

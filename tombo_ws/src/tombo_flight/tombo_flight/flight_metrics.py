@@ -39,6 +39,10 @@ _SETTLED_RADIUS = 0.1
 _SETTLED_SPEED = 0.1
 _SETTLED_TIME = 1.0
 _OVERTURNED = 2.1
+_HARD = 1.0
+"""[m/s]: a leg need not bear more. A rotorcraft's gear is tested by a level drop of 0.2 m, 2 m/s
+(CS 27.725: at least 8 inches); of four legs the one that touches first bears a quarter of that
+energy. PX4 lands at 0.7 m/s (MPC_LAND_SPEED)."""
 _LANDS_WITHIN = 3.0
 """[m]: twice the drift of a descent without a position."""
 _LANDS_BELOW = 0.5
@@ -206,18 +210,23 @@ def first_sustained(condition: NDArray[np.bool_], length: int) -> int | None:
 
 def lowest_point(vehicle: VehicleParams, position: Array, attitude: Array) -> Array:
     """Return the height of the lowest point of legs and motors (N,) [m]."""
+    return np.minimum(*_lowest_points(vehicle, position, attitude))
+
+
+def _lowest_points(
+    vehicle: VehicleParams, position: Array, attitude: Array
+) -> tuple[Array, Array]:
+    """Return the heights of the lowest leg and of the lowest motor, (N,) each [m]."""
     up = up_in_body(attitude)
     spread = vehicle.leg_spread * math.sqrt(2.0)
-    lowest = np.full(position.shape[0], np.inf)
-    for i in range(4):
-        for reach, height in (
-            (spread, -vehicle.leg_height),
-            (vehicle.arm_length, vehicle.rotor_height),
-        ):
-            point = up @ np.array([reach * ARM_X[i], reach * ARM_Y[i], height])
-            lowest = np.minimum(lowest, point)
-    result: Array = position[:, 2] + lowest
-    return result
+    legs, motors = (
+        position[:, 2]
+        + np.min(
+            [up @ [reach * x, reach * y, z] for x, y in zip(ARM_X, ARM_Y, strict=True)], axis=0
+        )
+        for reach, z in ((spread, -vehicle.leg_height), (vehicle.arm_length, vehicle.rotor_height))
+    )
+    return legs, motors
 
 
 def squares(vectors: Array) -> Array:
@@ -249,7 +258,7 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
 
     tilted = tilt(log["attitude"])
 
-    crash = _crash(vehicle, log, phases, tilted)
+    crash = _crash(vehicle, log, tilted)
     if crash is not None:
         events.append(event(t[crash], "crash", "crashed"))
     where_else = _elsewhere(vehicle, log, tilted) if t.size else ""
@@ -300,36 +309,24 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
     return summary, events
 
 
-def _crash(
-    vehicle: VehicleParams, log: Mapping[str, Array], phases: Array, tilted: Array
-) -> int | None:
+def _crash(vehicle: VehicleParams, log: Mapping[str, Array], tilted: Array) -> int | None:
     """Return the tick of the crash, or None.
 
-    The frame touches the ground before landing is commanded (a level descent without mocap counts
-    as a landing), or tilt stays beyond 2.1 rad to the end.
+    After it has flown, whoever lands it: a motor touches the ground, the legs hit it at more than
+    1 m/s, or tilt stays beyond 2.1 rad to the end.
     """
-    position = log["position"]
+    position, attitude = log["position"], log["attitude"]
     flown = np.flatnonzero(position[:, 2] > vehicle.leg_height + 0.3)
     if not flown.size:
         return None
-    after = np.arange(phases.size) > flown[0]
-    calm = np.isin(
-        phases, (Phase.IDLE, Phase.TAKEOFF, Phase.LAND, Phase.LANDED, Phase.DESCEND_BLIND)
-    )
-    near = after & ~calm & (position[:, 2] < 0.5)
-    ground = None
-    where = np.flatnonzero(near)
-    if where.size:
-        low = lowest_point(vehicle, position[where], log["attitude"][where])
-        touched = np.flatnonzero(low < 0.0)
-        ground = int(where[touched[0]]) if touched.size else None
+    where = flown[0] + np.flatnonzero(position[flown[0] :, 2] < 0.5)
+    legs, motors = _lowest_points(vehicle, position[where], attitude[where])
+    hard = -log["velocity"][where, 2] > _HARD
+    hits = where[(motors < 0.0) | ((legs < 0.0) & hard)][:1].tolist()
     over = tilted > _OVERTURNED
-    turned = None
     if over[-1]:
-        last_upright = np.flatnonzero(~over)
-        turned = int(last_upright[-1]) + 1 if last_upright.size else 0
-    hits = [i for i in (ground, turned) if i is not None]
-    return min(hits) if hits else None
+        hits.append(int(np.flatnonzero(~over)[-1]) + 1 if not over.all() else 0)
+    return min(hits, default=None)
 
 
 def _elsewhere(vehicle: VehicleParams, log: Mapping[str, Array], tilted: Array) -> str:

@@ -143,6 +143,8 @@ class Px4BridgeNode(LoopNode):
         )
         rotate_vector(np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))  # loads its compiled code now
         self._pose_in = self.subscribe(MOCAP_POSE, depth=20)
+        self._pose_came_ns: int | None = None
+        """Capture of the newest pose, whether or not it can be used."""
         self._setpoint_in = self.subscribe(SETPOINT)
         self._setpoint_codec = MessageCodec(SETPOINT.typename)
         rotations = {ATTITUDE: ATTITUDE_SETPOINT, RATES: RATES_SETPOINT}
@@ -250,8 +252,9 @@ class Px4BridgeNode(LoopNode):
             if multiple_publishers:
                 continue
             message = arrival.message
+            self._pose_came_ns = to_ns(message.header.stamp)
             why = self._bridge.pose(
-                to_ns(message.header.stamp),
+                self._pose_came_ns,
                 arrival.received_ns,
                 message.header.frame_id,
                 array(message.pose.position),
@@ -371,6 +374,10 @@ class Px4BridgeNode(LoopNode):
             if count:
                 self.health.value(f"link.{key}", count)
         self.health.value("link.url", self._link.url)
+        if self._pose_came_ns is not None:
+            self.health.value(
+                "mocap_age_s", round((time.time_ns() - self._pose_came_ns) * 1e-9, 3)
+            )
         super().report(now_ns)
 
     def stop(self) -> None:

@@ -17,8 +17,7 @@ from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.autopilot.parameters import PARAMETERS, ParameterTable
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle import Px4Vehicle
-from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
-from tombo_px4.hil.hil_start_help import MOCAP_ONLY
+from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY, SAFE_PARAMETERS
 from tombo_px4.link.decoded_messages import Severity
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.signing import key_of

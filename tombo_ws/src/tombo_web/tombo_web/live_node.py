@@ -16,7 +16,7 @@ import rclpy
 from rclpy.serialization import deserialize_message
 
 from tombo_bag.message_codec import FORMS, MessageCodec
-from tombo_bag.topics import DIAGNOSTICS, MARKERS, POSE_TYPES, PX4_STATUS, TF, TOPICS, TopicSpec
+from tombo_bag.topics import DIAGNOSTICS, MARKERS, POSE_TYPES, TF, TOPICS, TopicSpec
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.operator_requests import OperatorRequests
@@ -66,7 +66,7 @@ class LiveTopics:
                 self._subscribe(spec.name, spec)
         for theirs, name in names.items():
             self._subscribe(name, replace(TOPICS[name], name=theirs, typename=self._type(theirs)))
-        self._requests: OperatorRequests | None = None
+        self._requests = OperatorRequests(self._node)
         self._answers: list[dict[str, Any]] = []
 
     @property
@@ -95,16 +95,12 @@ class LiveTopics:
         return sorted(messages, key=lambda message: message.arrival_s)
 
     def request(self, name: str) -> None:
-        """Call the operator's service hold, land or kill, over PX4 the bridge's."""
-        if self._requests is None:
-            px4 = bool(self._node.get_publishers_info_by_topic(PX4_STATUS.name))
-            self._requests = OperatorRequests(self._node, px4=px4)
+        """Call the operator's services for hold, land or kill."""
         self._answers += self._requests.read(f"{name}\n")
 
     def answers(self) -> list[dict[str, Any]]:
         """Return what the nodes have answered since the last call."""
-        more = [] if self._requests is None else self._requests.answers()
-        answers, self._answers = [*self._answers, *more], []
+        answers, self._answers = [*self._answers, *self._requests.answers()], []
         return [{"kind": "answer", **answer["answer"]} for answer in answers]
 
     def close(self) -> None:

@@ -17,6 +17,8 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from tombo_benchmarks.docs.markdown import table_markdown, updated
+from tombo_benchmarks.px4.first_flight import fly_first
+from tombo_benchmarks.px4.first_flight import table as first_flight_table
 from tombo_benchmarks.px4.lockstep_flight import fly_lockstep
 from tombo_benchmarks.px4.losses import LOSSES, LossResult, fly_loss
 from tombo_benchmarks.px4.node_flight import fly_nodes_with
@@ -79,6 +81,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         build = None if options.simulated else px4_build(options.px4)
         with TemporaryDirectory() as scratch, StopSignals(signal.SIGHUP) as stop:
+            if options.first_flight and build is not None:
+                return _fly_first(build, options.keep or Path(scratch) / "first", options)
             if options.wrong_axes:
                 return _fly_wrong_axes(build, Path(scratch), options, stop)
             found = list(_fly_all(build, Path(scratch), options, stop))
@@ -177,6 +181,10 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         help="fly with wrong axes of the motion capture, each once, and nothing else",
     )  # fmt: skip
     parser.add_argument(
+        "--first-flight", action="store_true",
+        help="do steps 3 to 6 of docs/first_real_flight.md over the nodes, and nothing else",
+    )  # fmt: skip
+    parser.add_argument(
         "--row", action="append", help="with --losses and --wrong-axes: only rows with this word"
     )
     parser.add_argument(
@@ -187,7 +195,9 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--instance", type=int, default=0, help="of PX4: its ports and its id")
     parser.add_argument("--output", type=Path, help="write all figures as JSON")
-    parser.add_argument("--keep", type=Path, help="with --nodes: folder of the flights' files")
+    parser.add_argument(
+        "--keep", type=Path, help="with --nodes and --first-flight: folder of the files"
+    )
     parser.add_argument("--docs", action="store_true", help="write the table of docs/px4.md")
     options = parser.parse_args(arguments)
     return options
@@ -227,6 +237,21 @@ def _fly_wrong_axes(
     if options.output is not None:
         options.output.write_text(as_json(rows), encoding="utf-8")
     return int(not all(row["as_wanted"] for row in rows))
+
+
+def _fly_first(build: Path, folder: Path, options: argparse.Namespace) -> int:
+    """Do the steps of docs/first_real_flight.md; return 1 if one is not as it is written."""
+    outcomes = []
+    try:
+        for outcome in fly_first(build, folder, options.instance):
+            outcomes.append(outcome)
+            state = "as written" if outcome.as_written else "NOT as written"
+            print(f"step {outcome.step}, {outcome.does}: {state}: {outcome.seen}", flush=True)
+    except TimeoutError as error:
+        print_error(str(error))
+        return 1
+    print(f"\n{first_flight_table(outcomes)}")
+    return int(not all(outcome.as_written for outcome in outcomes))
 
 
 def _fly_all(

@@ -14,9 +14,9 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
-from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
+from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY, SAFE_PARAMETERS
 from tombo_px4.hil.flight import Watch
-from tombo_px4.hil.hil_start_help import MOCAP_ONLY, airframe_parameters, mocap_parameters
+from tombo_px4.hil.hil_start_help import airframe_parameters, mocap_parameters
 from tombo_px4.hil.link import PX4_PORT, HilLink
 from tombo_px4.hil.lockstep import HilSimulator
 from tombo_px4.hil.params import HilParams

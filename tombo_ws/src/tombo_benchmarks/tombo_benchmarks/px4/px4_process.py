@@ -42,7 +42,7 @@ class Px4Process:
 
         Args:
             build: `px4_build`.
-            folder: new; for its parameters and logs.
+            folder: for its parameters, which it finds again, and its logs.
             parameters: of PX4, at its start.
             instance: PX4's: ports are 4560 and 14540 plus this, the system's id this plus 1.
         """
@@ -53,7 +53,7 @@ class Px4Process:
 
     def __enter__(self) -> Px4Process:
         """Start it."""
-        self._folder.mkdir(parents=True)
+        self._folder.mkdir(parents=True, exist_ok=True)
         _forget_dead(self._instance)
         command = [str(self._build / "bin/px4"), "-d", "-i", str(self._instance), "-s", _START]
         command += ["-w", ".", str(self._build / "etc")]

@@ -14,10 +14,13 @@ from suite_bench import FAKES, names
 
 from in_time import in_time
 from tombo_bag.formats.mcap_sink import McapSink
+from tombo_bringup.cli.flight.fly_nodes import may_arm
 from tombo_bringup.cli.flight.optional_url import expand_url_option
 from tombo_flight.flight import fly_scenario
+from tombo_flight.process.stop_signals import StopSignals
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite import node_flight, nodes
+from tombo_flight.suite.px4_connection import px4_connection
 from tombo_flight.suite.px4_flight import BridgeMonitor
 
 
@@ -63,6 +66,15 @@ def test_who_is_asked_and_says_no_arms_nothing(tombo, tmp_path, monkeypatch):
     assert "takes off to 2 m and flies hover" in result.err
     assert "not confirmed: nothing was armed" in result.err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_without_the_mission_nothing_is_said_to_fly_and_nobody_is_asked(capsys):
+    scenario = load_scenario("hover")
+    with speaking(1) as url, StopSignals() as stop:
+        connection = px4_connection(url, [])
+        assert may_arm(connection, scenario, stop, yes=False, flies=False)
+    said = capsys.readouterr().err
+    assert "Without the mission nothing arms it." in said and "takes off" not in said
 
 
 @pytest.fixture
@@ -121,9 +133,10 @@ def test_a_vehicle_that_arms_but_never_lifts_off_ends_with_the_reason(fly, tmp_p
 
     assert result.code == 1
     wanted = (
-        f"Error: it armed, but never left the ground: {words}; recording and logs are in 'out'"
+        f"Error: it armed, but by its poses it never left the ground: {words}; recording and logs "
+        "are in 'out'\n"
     )
-    assert result.err == f"{wanted}\n"
+    assert result.err == wanted
     assert "flight.mcap" in names(tmp_path / "out")
 
 
@@ -139,6 +152,20 @@ def test_a_vehicle_that_stays_armed_is_reported_as_an_error(fly, monkeypatch, tm
         "Error: the vehicle is still armed, in mode position",
     ]
     assert "summary.json" in names(tmp_path / "out")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("flown")
+def test_a_flight_that_a_loss_has_ended_is_no_success(fly, monkeypatch, tmp_path):
+    monkeypatch.setattr(node_flight, "draw_pictures", lambda *arguments: None)
+    monkeypatch.setattr(node_flight, "px4_metrics", lambda recording, flight: {})
+    lost = {"armed": True, "stage": "landing", "why": "poses stand still", "faults": "flight_lost"}
+    result = fly("--set", "duration=2.0", says=lost, then={"armed": False, "phase": 6})
+
+    assert result.code == 1
+    assert result.err.splitlines() == ["Error: a loss ended the flight: poses stand still"]
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["px4"]["loss"] == "poses stand still"
 
 
 @pytest.mark.real_time

@@ -9,9 +9,8 @@ second, `{"flight": {...}}`: the newest true pose with its stamp, and the missio
 `--mocap` it is the pose that the motion capture sees: the truth of a real vehicle is unknown.
 With `--px4` also `{"px4": {...}}`: each change of `/px4/status`.
 
-A line on standard input, as `hold`, calls that service of the mission node (`mission/hold`), or
-`kill` that of the node which has the last word before the rotors (`controller/kill`;
-std_srvs/Trigger); `{"answer": {"request", "success", "message"}}` says what came of it.
+A line on standard input, `hold`, `land` or `kill`, calls the services for it (std_srvs/Trigger,
+`operator_requests`); `{"answer": {"request", "success", "message"}}` says what came of it.
 """
 
 from __future__ import annotations
@@ -120,9 +119,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     rclpy.init(args=arguments, signal_handler_options=rclpy.SignalHandlerOptions.NO)
     node = Node("monitor", start_parameter_services=False)
     words = remove_ros_args(arguments)
-    px4 = "--px4" in words
-    monitor = Monitor(node, _known(words), px4=px4)
-    requests = OperatorRequests(node, px4=px4)
+    monitor = Monitor(node, _known(words), px4="--px4" in words)
+    requests = OperatorRequests(node)
     try:
         while not stopped:
             refused = requests.read(_typed())

@@ -66,12 +66,14 @@ class NodeFlight:
         died: nodes that ended by themselves.
         warnings: (node, line) of their logs: warnings and errors.
         left_armed: that the vehicle is armed still, and in what mode; empty: it is not.
+        loss: which loss has ended a flight over PX4; empty: none has.
     """
 
     flight: FlightResult
     died: list[ProcessExit]
     warnings: list[tuple[str, str]]
     left_armed: str = ""
+    loss: str = ""
 
 
 class NotFlown(Exception):
@@ -186,7 +188,7 @@ def fly_nodes_and_save(
     (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
     if not flown.interrupted:
         draw_pictures(flight.record, folder, stop, on_progress)
-    return NodeFlight(flight, flown.died, flown.warnings, flown.left_armed)
+    return NodeFlight(flight, flown.died, flown.warnings, flown.left_armed, flown.loss)
 
 
 def _domain(px4: Px4Connection | None) -> int | None:
@@ -220,6 +222,7 @@ class _FlownByNodes:
     interrupted: bool = False
     refused: str = ""
     left_armed: str = ""
+    loss: str = ""
     died: list[ProcessExit] = dataclasses.field(default_factory=list)
     warnings: list[tuple[str, str]] = dataclasses.field(default_factory=list)
 
@@ -262,12 +265,11 @@ def _fly(
                 watch.see(news.flight)
                 on_progress("flying", watch.flown_s / config.scenario.duration)
             if bridge is not None:
-                status = suite.node_diagnostics.nodes.get("px4_bridge")
                 bridge.see(
                     news.px4, watch.phase, now_s, over=watch.over, airborne=watch.airborne,
-                    fault="" if status is None else status.message,
+                    bridge=suite.node_diagnostics.nodes.get("px4_bridge"),
                 )  # fmt: skip
-                flown.refused = bridge.refusal
+                flown.refused, flown.loss = bridge.refusal, bridge.loss
             flown.interrupted = stop.asked()
             gone = [name for name in needed if name not in suite.running]
             if patience_s == _START_S and now_s - heard_s > patience_s:
@@ -341,7 +343,7 @@ def _summarize(flown: _FlownByNodes, bag: Path, mode: str) -> FlightResult:
         with Recording(bag) as recording:
             metrics = node_metrics(recording)
             if mode == "px4":
-                metrics["px4"] = px4_metrics(recording, record)
+                metrics["px4"] = px4_metrics(recording, record) | {"loss": flown.loss or None}
             messages = sum(stream.count for stream in recording.topics.values())
     except InputError as error:
         if flown.interrupted:

@@ -15,7 +15,7 @@ from tombo_dynamics.params import from_mapping
 from tombo_flight.scenario import override
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.bridge.bridge_params import POSITION, SIMULATED, BridgeParams
-from tombo_px4.bridge.vehicle_parameters import SAFE, parse_assignments
+from tombo_px4.bridge.vehicle_parameters import SETS, parse_assignments
 from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.message_encoder import MessageTarget, read_parameter
@@ -130,11 +130,12 @@ def _writes(given: Any) -> tuple[str, ...]:
     Raises:
         InputError: they are no list of NAME=VALUE.
     """
-    if given == SAFE:
-        given = [SAFE]
+    if isinstance(given, str):
+        given = [given]
     if not isinstance(given, list):
         raise InputError(
-            f"{_PX4_PARAMETERS}: {shown(given)} is no list; accepted: {SAFE}, or [NAME=VALUE, …]"
+            f"{_PX4_PARAMETERS}: {shown(given)} is no list; accepted: {', '.join(SETS)}, or a list"
+            " as [safe, NAME=VALUE]"
         )
     found = tuple(map(str, given))
     parse_assignments(found)

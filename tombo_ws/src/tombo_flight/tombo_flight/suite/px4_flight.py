@@ -9,7 +9,8 @@ from tombo_bag.flight import Flight, Topic
 from tombo_bag.recording import Recording
 from tombo_bag.topics import PX4_STATUS
 from tombo_dynamics.messages import Phase
-from tombo_flight.suite.node_diagnostics import recorded_diagnostics
+from tombo_flight.suite.node_diagnostics import NodeStatus, recorded_diagnostics
+from tombo_px4.bridge.bridge_records import SessionStage
 
 READY_S: Final = 25.0
 """From the first word of the bridge: EKF2 converges, checks pass, the vehicle arms."""
@@ -17,8 +18,9 @@ START_S: Final = 60.0
 """From the start of the processes to the first word of the bridge."""
 _DISARM_S: Final = 12.0
 """After the flight: PX4 disarms 2 s after landing, the bridge asks 4 s after it."""
-_STAGE_GIVEN_UP: Final = "given up"
-"""The stage of a bridge that was refused."""
+_GIVEN_UP: Final = SessionStage.GIVEN_UP.value
+_LOSSES: Final = ("flight_lost", "axes_wrong", "disarmed")
+"""Faults with which the bridge, or PX4, ends a flight that nobody has ended."""
 _METRIC_KEYS: Final = {
     "time_offset_ns": "timesync_offset_ns",
     "time_round_trip_us": "timesync_round_trip_us",
@@ -49,6 +51,10 @@ class BridgeMonitor:
         self._over_s: float | None = None
         self._armed_once = False
         self._now_s = 0.0
+        self._lost = False
+        self._ended_because = ""
+        """Why the bridge has begun to land, or has given up; what it said last."""
+        self._fault = ""
 
     @property
     def armed(self) -> bool:
@@ -59,6 +65,11 @@ class BridgeMonitor:
     def mode(self) -> str:
         """Of PX4."""
         return str(self._status.get("mode", "")) or "unknown"
+
+    @property
+    def loss(self) -> str:
+        """Which loss has ended the flight; empty: none has."""
+        return (self._ended_because or self._fault) if self._lost else ""
 
     @property
     def at_rest(self) -> bool:
@@ -75,7 +86,7 @@ class BridgeMonitor:
         *,
         over: bool,
         airborne: bool = False,
-        fault: str = "",
+        bridge: NodeStatus | None = None,
     ) -> None:
         """Take a look.
 
@@ -85,7 +96,7 @@ class BridgeMonitor:
             now_s: any clock that goes on.
             over: the flight is over.
             airborne: the vehicle has left the ground.
-            fault: what the bridge says on `/diagnostics` is wrong.
+            bridge: what the bridge says on `/diagnostics`; None: nothing yet.
         """
         self._now_s = now_s
         self._phase = phase
@@ -97,21 +108,29 @@ class BridgeMonitor:
             self._over_s = now_s
         if status is not None:
             self._status = status
+            if status["stage"] in (SessionStage.LANDING.value, _GIVEN_UP):
+                self._ended_because = str(status["why"]) or self._ended_because
         self._armed_once |= self.armed
+        if bridge is not None:
+            self._fault = bridge.message or self._fault
+            counted = (f"fault.{key}" in bridge.values for key in _LOSSES)
+            self._lost |= self._armed_once and any(counted)
+        fault = "" if bridge is None else bridge.message
         if not self._armed_once:
             self.refusal = self._why_not(phase, now_s, fault)
         elif not (self.armed or airborne or over) and self._flight_impossible(phase):
-            self.refusal = f"it armed, but never left the ground: {self._failure_text(fault)}"
+            why = self._failure_text(fault)
+            self.refusal = f"it armed, but by its poses it never left the ground: {why}"
 
     def _flight_impossible(self, phase: int | None) -> bool:
         """Whether neither mission nor bridge will fly any more."""
-        return phase == Phase.LANDED or self._status.get("stage") == _STAGE_GIVEN_UP
+        return phase == Phase.LANDED or self._status.get("stage") == _GIVEN_UP
 
     def _failure_text(self, fault: str) -> str:
+        """Return what the bridge knows of it; PX4's last words only where it knows nothing."""
+        said = self.loss or self._ended_because or fault
         status = self._status
-        if status.get("stage") == _STAGE_GIVEN_UP:
-            return str(status["why"])
-        return str(status["status_text"] or fault or status["why"] or "PX4 disarmed it")
+        return str(said or status["status_text"] or status["why"] or "PX4 disarmed it")
 
     def _why_not(self, phase: int | None, now_s: float, fault: str) -> str:
         """Return why it is not armed, once it has had its time; "" before."""
@@ -121,7 +140,7 @@ class BridgeMonitor:
             silent = "the bridge has said nothing"
             return f"{silent} for {waited_s:.0f} s" if waited_s >= START_S else ""
         waited_s = now_s - self._first_s
-        if status.get("stage") == _STAGE_GIVEN_UP:
+        if status.get("stage") == _GIVEN_UP:
             return f"PX4 did not take off: {status['why']}"
         if phase != Phase.LANDED and waited_s < READY_S:
             return ""

@@ -206,7 +206,7 @@ class RunningSuite:
         )
 
     def request(self, name: str) -> bool:
-        """Ask the mission node for something, as `hold`; False: there is nobody to pass it on."""
+        """Ask the nodes for hold, land or kill; False: there is nobody to pass it on."""
         return self._supervisor.send(MONITOR, name)
 
     def send_signal(self, name: str, number: signal.Signals) -> None:

@@ -17,7 +17,7 @@ from tombo_px4.autopilot.ekf2_model import Ekf2Model
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle import Px4Vehicle
-from tombo_px4.hil.hil_start_help import MOCAP_ONLY
+from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY
 from tombo_px4.link.decoded_messages import Result
 from tombo_px4.modes import OFFBOARD
 

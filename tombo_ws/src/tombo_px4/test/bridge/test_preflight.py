@@ -208,6 +208,15 @@ def test_a_fault_that_may_be_flown_with_is_a_warning(lab, change, key, words):
     assert words in lab.warning(key)
 
 
+def test_after_a_loss_no_axes_and_no_poses_are_made_up(lab):
+    vars(lab).update(follows(1.0, -0.18, 2.0) | told(is_aided=False))  # that is Y-up of the pose
+    assert "m away from the pose" in lab.text("position_differs")
+    vars(lab).update(told() | {"flying": True})
+    assert "m away from the pose" in lab.text("position_differs")
+    vars(lab).update(told(is_aided=False) | {"rate": 0})
+    assert "pose_stale" in lab.finding_keys() and "not_fused" not in lab.finding_keys()
+
+
 @pytest.mark.parametrize(
     "change",
     [

@@ -329,7 +329,7 @@ class Preflight:
     def _of_estimate(self, now_ns: int, flying: bool, fused: bool) -> Iterator[PreflightFinding]:
         state = self.estimator
         if state is not None and now_ns - state.arrival_ns <= _ESTIMATOR_SILENT_NS:
-            if fused and not (state.is_aided and state.has_position):
+            if fused and self._recent(now_ns) and not (state.is_aided and state.has_position):
                 text = (
                     "PX4 knows no position though poses are sent: nothing is fused; EKF2_EV_CTRL,"
                     " stamps, or poses that jump"
@@ -355,7 +355,10 @@ class Preflight:
         ours, theirs, turn = pairs
         limit = self._params.position_error_max
         if math.dist(ours, theirs) > limit * (_IN_FLIGHT if flying else 1.0):
-            yield PreflightFinding("position_differs", _explain_offset(ours, theirs, limit))
+            # dead reckoning after a loss may lead anywhere: no axes explain it
+            fuses = state is not None and state.is_aided and not flying
+            text = _explain_offset(ours, theirs, limit, by_axes=fuses)
+            yield PreflightFinding("position_differs", text)
         if abs(turn) > self._params.yaw_error_max:
             yield PreflightFinding("yaw_differs", _explain_turn(math.degrees(turn)))
 
@@ -528,9 +531,9 @@ def _findings_of_place(recent: list[_SentPose], at_rest: bool) -> Iterator[Prefl
         yield PreflightFinding("pose_moves", text)
 
 
-def _explain_offset(ours: Array, theirs: Array, limit: float) -> str:
+def _explain_offset(ours: Array, theirs: Array, limit: float, *, by_axes: bool) -> str:
     places = f"pose ({_place(ours)}), PX4 ({_place(theirs)})"
-    mistake = explain_place(theirs, ours, limit)
+    mistake = explain_place(theirs, ours, limit) if by_axes else ""
     if mistake:
         return (
             f"PX4's position is the pose with {mistake}: {places}; does somebody else feed PX4"

@@ -55,10 +55,23 @@ LOSS_PARAMETERS = (
 """With these a real PX4 1.17 ends on the ground, disarmed, also without the bridge."""
 SAFE_PARAMETERS: Mapping[str, float] = {
     **{parameter.name: parameter.value for parameter in LOSS_PARAMETERS},
+    "COM_LOW_BAT_ACT": 2,
     "COM_RCL_EXCEPT": 4,
     "NAV_DLL_ACT": 0,
 }
-"""What `px4_parameters=safe` sets; OFFBOARD needs neither remote control nor ground station."""
+"""What `px4_parameters=safe` sets; a critical battery lands, and OFFBOARD needs neither remote
+control nor ground station."""
+MOCAP_ONLY: Mapping[str, float] = {
+    "SYS_HAS_GPS": 0,
+    "SYS_HAS_MAG": 0,
+    "EKF2_GPS_CTRL": 0,
+    "EKF2_RNG_CTRL": 0,
+    "EKF2_MAG_TYPE": 5,
+    "EKF2_EV_CTRL": 11,
+    "EKF2_HGT_REF": 3,
+}
+"""What `px4_parameters=mocap` sets. With these PX4 1.17 flew by external poses alone: position,
+height and yaw."""
 READ = (
     EV_CTRL,
     EV_DELAY,
@@ -116,7 +129,10 @@ def parameter_findings(values: Values, system: int) -> Iterator[PreflightFinding
         yield from _fusion(int(values[EV_CTRL]), int(values.get(HGT_REF, _VISION_HEIGHT)))
     others = _competing_sensors(values)
     if others:
-        text = f"EKF2 also uses {others}: indoors they pull the estimate off; set them to 0"
+        text = (
+            f"EKF2 also uses {others}: indoors they pull the estimate off; switch them off, as"
+            " --bridge px4_parameters=mocap does"
+        )
         yield PreflightFinding("other_sensors", text, _WARNING)
     delay = values.get(EV_DELAY, 0.0)
     if delay > _HIGHEST_DELAY_MS:
@@ -190,8 +206,9 @@ def _competing_sensors(values: Values) -> str:
     return ", ".join(sensor for sensor, on in used.items() if on)
 
 
-SAFE = "safe"
-"""Word for all parameters that let a loss end on the ground."""
+SETS: Mapping[str, Mapping[str, float]] = {"safe": SAFE_PARAMETERS, "mocap": MOCAP_ONLY}
+"""Word in `px4_parameters` → what it stands for: a loss ends on the ground; by poses alone."""
+WRITES_ACCEPTED = f"{', '.join(SETS)}, or NAME=VALUE as EKF2_EV_CTRL=11"
 _AGAIN_NS = SECOND_NS
 _TRIES = 4
 _AFRESH_NS = 15 * SECOND_NS
@@ -212,15 +229,15 @@ _AT_START = (
 
 
 def parse_assignments(texts: Sequence[str]) -> dict[str, float]:
-    """Read `NAME=VALUE` of parameters to be written; `safe` stands for `SAFE_PARAMETERS`.
+    """Read `NAME=VALUE` of parameters to be written; a word of `SETS` stands for all of a set.
 
     Raises:
         InputError: names what is not of that form.
     """
     wanted: dict[str, float] = {}
     for text in texts:
-        if text == SAFE:
-            wanted |= SAFE_PARAMETERS
+        if text in SETS:
+            wanted |= SETS[text]
             continue
         name, equals, value = text.partition("=")
         name = name.strip()
@@ -230,8 +247,7 @@ def parse_assignments(texts: Sequence[str]) -> dict[str, float]:
             number = math.nan
         if not equals or not 0 < len(name) <= 16 or not math.isfinite(number):
             raise InputError(
-                f"px4_parameters: '{text}' can't be used; accepted: {SAFE}, or NAME=VALUE as"
-                " EKF2_EV_CTRL=11"
+                f"px4_parameters: '{text}' can't be used; accepted: {WRITES_ACCEPTED}"
             )
         wanted[name] = number
     return wanted

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from tombo_dynamics.vehicle import SPIN
-from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
+from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY, SAFE_PARAMETERS
 from tombo_px4.frames import PX4_ROTORS, frd_from_flu
 from tombo_px4.hil.flight import HilFlight
 from tombo_px4.hil.link import PX4_PORT
@@ -13,16 +13,6 @@ from tombo_px4.hil.lockstep import PX4_RATE
 from tombo_sim.world import World
 
 AIRFRAME = {"PX4_SIM_MODEL": "none_iris", "PX4_SYS_AUTOSTART": "10016"}
-MOCAP_ONLY: Mapping[str, float] = {
-    "SYS_HAS_GPS": 0,
-    "SYS_HAS_MAG": 0,
-    "EKF2_GPS_CTRL": 0,
-    "EKF2_RNG_CTRL": 0,
-    "EKF2_MAG_TYPE": 5,
-    "EKF2_EV_CTRL": 11,
-    "EKF2_HGT_REF": 3,
-}
-"""With these PX4 1.17 flew by external poses alone: position, height and yaw."""
 _IMAGE = "px4io/px4-sitl:v1.18.0-rc1"
 """PX4's containers begin with 1.18."""
 _MOST_INSTANCES = 255

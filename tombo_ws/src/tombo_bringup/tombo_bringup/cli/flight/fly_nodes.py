@@ -81,13 +81,23 @@ def fly_nodes(
     elsewhere = flown.flight.summary["ends_elsewhere"] if px4 is not None else None
     if elsewhere and not stop.exit_code:
         print_error(f"the flight did not end in a landing where it should: {elsewhere}")
-    return stop.exit_code or (1 if flown.died or flown.left_armed or elsewhere else 0)
+    if flown.loss:
+        print_error(f"a loss ended the flight: {flown.loss}")
+    failed = flown.died or flown.left_armed or elsewhere or flown.loss
+    return stop.exit_code or int(bool(failed))
 
 
 def may_arm(
-    connection: Px4Connection | None, scenario: Scenario, stop: StopSignals, *, yes: bool
+    connection: Px4Connection | None,
+    scenario: Scenario,
+    stop: StopSignals,
+    *,
+    yes: bool,
+    flies: bool = True,
 ) -> bool:
     """Return True without a real vehicle; else print what is about to be armed, and ask.
+
+    Without a mission (`flies` false) nothing arms by itself: there is nothing to ask.
 
     Raises:
         InputError: there is nothing to arm, or nobody to ask.
@@ -96,7 +106,7 @@ def may_arm(
     if connection is None or connection.simulated:
         return True
     url = connection.link.url
-    if not yes and not sys.stdin.isatty():
+    if flies and not yes and not sys.stdin.isatty():
         raise InputError(
             f"--px4 {url}: this arms a vehicle and flies it; accepted: with --yes, or on a "
             "terminal where it can be confirmed"
@@ -110,12 +120,10 @@ def may_arm(
             f"--px4 {url}: {vehicle.description}: somebody else flies it; "
             "accepted: a disarmed vehicle"
         )
-    typer.echo(
-        f"At {url} is {vehicle.description}. This arms it, takes off to "
-        f"{scenario.mission.height:g} m and flies {scenario.name}.",
-        err=True,
-    )
-    if yes:
+    plan = f"takes off to {scenario.mission.height:g} m and flies {scenario.name}"
+    will = f"This arms it, {plan}." if flies else "Without the mission nothing arms it."
+    typer.echo(f"At {url} is {vehicle.description}. {will}", err=True)
+    if yes or not flies:
         return True
     with stop.at_once():
         if typer.confirm("Is the flight space clear? Arm and fly", err=True):

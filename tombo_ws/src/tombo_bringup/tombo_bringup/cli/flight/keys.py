@@ -1,4 +1,4 @@
-"""Keys of `tombo up`: what the operator asks of the mission, one key each."""
+"""Keys of `tombo up`: what the operator asks of the nodes, one key each."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ from types import TracebackType
 from typing import Any
 
 REQUESTS = {"h": "hold", "l": "land", "k": "kill"}
-"""Key → what is asked of the monitor, and by it of a node: `/mission/hold`, `/controller/kill`.
-
-Over PX4: `/px4/hold`, `/px4/kill`."""
+"""Key → what is asked of the monitor, and by it of the nodes (`tombo_ros.operator_requests`)."""
 HELP = "keys: h hold, l land, kk kill (rotors off at once)"
 _TWICE_S = 1.0
 """Two strokes of the key that switches the rotors off count within this time."""

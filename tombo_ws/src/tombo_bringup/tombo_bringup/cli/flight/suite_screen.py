@@ -92,7 +92,7 @@ class TextScreen:
         self._put(text, "bold")
 
     def answer(self, answer: Mapping[str, Any]) -> None:
-        """Print what the mission said to a request."""
+        """Print what the nodes said to a request."""
         done = "" if answer["success"] else " refused"
         style = "bold" if answer["success"] else "bold red"
         self._put(f"{answer['request']}{done}: {answer['message']}", style)

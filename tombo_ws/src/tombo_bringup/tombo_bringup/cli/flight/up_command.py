@@ -84,8 +84,8 @@ def up(
 ) -> None:
     """Start simulator, estimator, detector, reaction, mission, controller and recorder.
 
-    On a terminal the keys h, l and kk ask the mission to hold, to land, and to switch the rotors
-    off at once.
+    On a terminal the keys h, l and kk ask the nodes to hold, to land, and to switch the rotors off
+    at once.
 
     With --px4 PX4 stands for estimator and controller. Each is a process of its own and a ROS 2
     node; Ctrl-C stops them. A node that ends by itself is reported and not started again; the
@@ -127,7 +127,8 @@ def up(
     warm_up_nodes(config.scenario)  # compiles what is not compiled yet, and finds bad input
     try:
         with StopSignals() as stop:
-            allowed = may_arm(connection, config.scenario, stop, yes=yes)
+            flies = "mission" in config.nodes
+            allowed = may_arm(connection, config.scenario, stop, yes=yes, flies=flies)
     except Stopped:
         allowed = False
     if allowed and named is None:

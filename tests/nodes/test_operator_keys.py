@@ -1,0 +1,74 @@
+"""The keys of `tombo up`, pressed in flight while every node that may be dead is dead."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import pytest
+
+from ros_bench import die_with_the_test
+from tombo_bag.topics import PX4_STATUS, ROTOR_COMMAND, TRUE_ODOMETRY
+from tombo_benchmarks.px4.terminal import Terminal
+
+pytestmark = pytest.mark.real_time
+
+pytest.importorskip("rclpy")
+PATIENCE_S = 120.0
+HELPERS = ("mission", "reaction", "detector", "recorder")
+SLOW = ("--speed", "0.4")
+"""Without PX4, simulated time: a busy machine flies too."""
+
+
+def up(folder, *arguments):
+    words = ("up", "hover", "--set", "mission.land_time=3000", "-o", "up", "--json", *arguments)
+    return Terminal(words, folder, PATIENCE_S, die_with_the_test)
+
+
+def flies(world, terminal, dead):
+    """Wait until it hovers, let nodes die, and wait until they have ended."""
+    world.subscribe(TRUE_ODOMETRY, PX4_STATUS, ROTOR_COMMAND)
+    world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 1.5, patience_s=PATIENCE_S)
+    nodes = terminal.wait(lambda e: e["event"] == "status")["nodes"]
+    for name in dead:
+        os.kill(nodes[name]["pid"], signal.SIGKILL)
+    for _ in dead:
+        assert terminal.wait(lambda e: e["event"] == "ended")["node"] in dead
+
+
+def test_over_px4_it_holds_and_lands_with_all_others_dead(world, tmp_path):
+    with up(tmp_path, "--px4") as terminal:
+        flies(world, terminal, HELPERS)
+        terminal.press("h")
+        assert terminal.answer("hold")["success"]
+        terminal.press("l")
+        assert terminal.answer("land")["success"]
+        world.wait_for(PX4_STATUS, lambda m: not m.armed, patience_s=PATIENCE_S)
+        assert world.heard[TRUE_ODOMETRY.name][-1].pose.pose.position.z < 0.3
+
+
+def test_over_px4_two_strokes_stop_the_rotors_with_all_others_dead(world, tmp_path):
+    with up(tmp_path, "--px4") as terminal:
+        flies(world, terminal, HELPERS)
+        terminal.press("kk")
+        assert terminal.answer("kill")["success"]
+        world.wait_for(PX4_STATUS, lambda m: not m.armed, patience_s=PATIENCE_S)
+
+
+@pytest.mark.parametrize("key", ["h", "l"])
+def test_the_controller_lands_it_with_all_others_dead(world, tmp_path, key):
+    with up(tmp_path, *SLOW) as terminal:
+        flies(world, terminal, HELPERS)
+        terminal.press(key)
+        answer = terminal.answer({"h": "hold", "l": "land"}[key])
+        assert answer["success"] and "controller/abort" in answer["message"], answer
+        world.wait_for(ROTOR_COMMAND, lambda m: max(m.speed) == 0.0, patience_s=PATIENCE_S)
+        assert world.heard[TRUE_ODOMETRY.name][-1].pose.pose.position.z < 0.3
+
+
+def test_two_strokes_stop_the_rotors_with_all_but_the_controller_dead(world, tmp_path):
+    with up(tmp_path, *SLOW) as terminal:
+        flies(world, terminal, (*HELPERS, "estimator"))
+        terminal.press("kk")
+        assert terminal.answer("kill")["success"]
+        world.wait_for(ROTOR_COMMAND, lambda m: max(m.speed) == 0.0, patience_s=PATIENCE_S)
