@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import signal
+import subprocess
 import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,8 +18,6 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from tombo_benchmarks.docs.markdown import table_markdown, updated
-from tombo_benchmarks.px4.first_flight import fly_first
-from tombo_benchmarks.px4.first_flight import table as first_flight_table
 from tombo_benchmarks.px4.lockstep_flight import fly_lockstep
 from tombo_benchmarks.px4.losses import LOSSES, LossResult, fly_loss
 from tombo_benchmarks.px4.node_flight import fly_nodes_with
@@ -82,7 +81,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         build = None if options.simulated else px4_build(options.px4)
         with TemporaryDirectory() as scratch, StopSignals(signal.SIGHUP) as stop:
             if options.first_flight and build is not None:
-                return _fly_first(build, options.keep or Path(scratch) / "first", options)
+                folder = options.keep or Path(scratch) / "first"
+                words = [str(build), str(folder), str(options.instance)]
+                command = [sys.executable, "-m", "tombo_benchmarks.px4.driver_node", *words]
+                return subprocess.run(command).returncode
             if options.wrong_axes:
                 return _fly_wrong_axes(build, Path(scratch), options, stop)
             found = list(_fly_all(build, Path(scratch), options, stop))
@@ -237,21 +239,6 @@ def _fly_wrong_axes(
     if options.output is not None:
         options.output.write_text(as_json(rows), encoding="utf-8")
     return int(not all(row["as_wanted"] for row in rows))
-
-
-def _fly_first(build: Path, folder: Path, options: argparse.Namespace) -> int:
-    """Do the steps of docs/first_real_flight.md; return 1 if one is not as it is written."""
-    outcomes = []
-    try:
-        for outcome in fly_first(build, folder, options.instance):
-            outcomes.append(outcome)
-            state = "as written" if outcome.as_written else "NOT as written"
-            print(f"step {outcome.step}, {outcome.does}: {state}: {outcome.seen}", flush=True)
-    except TimeoutError as error:
-        print_error(str(error))
-        return 1
-    print(f"\n{first_flight_table(outcomes)}")
-    return int(not all(outcome.as_written for outcome in outcomes))
 
 
 def _fly_all(

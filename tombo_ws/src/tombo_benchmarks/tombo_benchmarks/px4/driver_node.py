@@ -1,12 +1,14 @@
-"""The driver of a motion capture, and a terminal with `ros2`, for `first_flight`."""
+"""The driver of a motion capture, and a terminal with `ros2`; does the steps of `first_flight`."""
 
 from __future__ import annotations
 
 import shlex
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -15,6 +17,8 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
 from tombo_bag.topics import MOCAP_POSE, PX4_STATUS, TRUE_ROTORS
+from tombo_benchmarks.px4.first_flight import fly_first, table
+from tombo_bringup.cli.errors import print_error
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
 PATIENCE_S = 180.0
@@ -92,3 +96,23 @@ class Driver:
         future = client.call_async(request)
         self.until(future.done)
         return future.result().success, future.result().message
+
+
+def main() -> int:
+    """Do the steps of docs/first_real_flight.md; return 1 if one is not as it is written."""
+    build, folder, instance = sys.argv[1:]
+    outcomes = []
+    try:
+        for outcome in fly_first(Path(build), Path(folder), int(instance), Driver):
+            outcomes.append(outcome)
+            state = "as written" if outcome.as_written else "NOT as written"
+            print(f"step {outcome.step}, {outcome.does}: {state}: {outcome.seen}", flush=True)
+    except TimeoutError as error:
+        print_error(str(error))
+        return 1
+    print(f"\n{table(outcomes)}")
+    return int(not all(outcome.as_written for outcome in outcomes))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -17,7 +17,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
@@ -78,13 +77,16 @@ class Outcome:
     as_written: bool
 
 
-def fly_first(build: Path, folder: Path, instance: int) -> Iterator[Outcome]:
+def fly_first(
+    build: Path, folder: Path, instance: int, new_driver: Callable[[], Any]
+) -> Iterator[Outcome]:
     """Do steps 3 to 6 of the page; yield what each has led to.
 
     Args:
         build: of PX4 (`px4_build`).
         folder: new; for all files.
         instance: of PX4.
+        new_driver: makes the driver of the motion capture, in its environment.
     """
     page = PAGE.read_text(encoding="utf-8")
     folder.mkdir(parents=True)
@@ -92,9 +94,7 @@ def fly_first(build: Path, folder: Path, instance: int) -> Iterator[Outcome]:
     (folder / SCENARIO).write_text(scenario_of(page), encoding="utf-8")
     person = _Person(build, folder, instance)
     (folder / VEHICLE).write_text(person.vehicle_file, encoding="utf-8")
-    # ROS is loaded by who flies, and by nobody who reads the page
-    driver_node = import_module("tombo_benchmarks.px4.driver_node")
-    with _environment(folder), driver_node.Driver() as driver:
+    with _environment(folder), new_driver() as driver:
         with person.vehicle(propellers=False):
             yield from person.steps_3_to_5(page, driver)
         with person.vehicle(propellers=True):

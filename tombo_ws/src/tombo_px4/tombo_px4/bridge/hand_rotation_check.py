@@ -43,8 +43,8 @@ _ENOUGH = 1.0
 _AGREES = 0.25
 """Share of the rotation that may stay unexplained."""
 _MOVES_AGREE = 0.7
-"""Correlation of positions and accelerometer, in all and along each axis: hands turn the vehicle
-about other points."""
+"""Correlation of positions and accelerometer, in all and along each direction: hands turn the
+vehicle about other points."""
 _SCALE_OFF = 0.25
 """Motion of positions over that of the accelerometer may be off by this."""
 _NAMES = "xyz"
@@ -192,7 +192,7 @@ class _PositionMotion(NamedTuple):
     scale_error: float = math.inf
     """Three standard errors of it."""
     agrees: bool = False
-    """Each axis of the positions agrees."""
+    """Positions agree along each principal direction of the motion."""
 
     @property
     def wrong_scale(self) -> bool:
@@ -202,7 +202,8 @@ class _PositionMotion(NamedTuple):
     @property
     def compared(self) -> bool:
         """Positions were carried along each direction, and agree."""
-        return self.agrees and self.least_carried >= CARRY_M and self.scale_error < _SCALE_OFF
+        right = max(abs(self.scale - 1.0), self.scale_error) < _SCALE_OFF
+        return self.agrees and right and self.least_carried >= CARRY_M
 
 
 def _compare_motion(
@@ -237,8 +238,11 @@ def _compare_motion(
         return known
     count = len(seen) / (2 * SHORT_HALF)
     error = math.sqrt((1.0 / correlation**2 - 1.0) / count)
-    size = np.sqrt((seen**2).sum(axis=0) * (wanted**2).sum(axis=0))
-    agrees = k == 0 and bool(((seen * wanted).sum(axis=0) >= _MOVES_AGREE * size).all())
+    # a vehicle carried along a diagonal alone would agree along exchanged axes, too
+    _, directions = np.linalg.eigh(wanted.T @ wanted)
+    s, w = seen @ directions, wanted @ directions
+    size = np.sqrt((s**2).sum(axis=0) * (w**2).sum(axis=0))
+    agrees = k == 0 and bool(((s * w).sum(axis=0) >= _MOVES_AGREE * size).all())
     scale = float(products[k]) / W
     return known._replace(
         reading=READINGS[k], scale=scale, scale_error=3.0 * error * scale, agrees=agrees
