@@ -290,7 +290,8 @@ class _LossRun(LockstepRun):
         """Return what the loss has led to."""
         result = LossResult(self.loss.name, self._seed, self._lost_ns is not None)
         if self._lost_ns is None:
-            return replace(result, why_not=self._status_why)
+            notes = dict.fromkeys(text for _, text in self._notes)
+            return replace(result, why_not="; ".join(notes) or self._status_why)
         track = np.array(self._track)
         texts = tuple(
             ((at - self._lost_ns) * 1e-9, text) for at, text in self._texts if at >= self._lost_ns

@@ -71,9 +71,10 @@ poses with exchanged markers do not last [ns]."""
 _VELOCITY_NS = 150_000_000
 """The velocity of the poses is that over this time [ns]."""
 _WEAK_LEAST_M = 0.012
-"""[m]: as `_LONG_LEAST_M`, 0.075 m/s^2: more time has to decide."""
-_SHOWS_S, _WEAK_DECIDES_S = 0.03, 0.5
-"""Time of weak motion that shows a direction to brake by, and that decides [s]."""
+"""[m]: as `_LONG_LEAST_M`, for a direction to brake by: 0.075 m/s^2 may be an error of tilt, so
+it accuses nothing."""
+_SHOWS_S = 0.03
+"""Time of motion after which it shows a direction to brake by [s]."""
 _STRIKE_RAD_S = 3.0
 """Change of rate between two samples: a strike [rad/s]."""
 _STRIKE_NS = 2 * SECOND_NS
@@ -127,8 +128,6 @@ class _DirectionSums:
 
     least: float
     """[m]: a smaller second difference is noise."""
-    enough_s: float = _DECIDES_S
-    """Time of motion that decides [s]."""
     time_s: float = 0.0
     felt: float = 0.0
     seen: float = 0.0
@@ -159,7 +158,7 @@ class _DirectionSums:
     @property
     def decides(self) -> bool:
         """Both have moved for long enough: poses that jump alone are no matter of axes."""
-        return self.time_s >= self.enough_s
+        return self.time_s >= _DECIDES_S
 
 
 class _Span:
@@ -207,7 +206,7 @@ class PoseMotionWatch:
 
     def _start(self) -> None:
         self._spans = _Span(SHORT_HALF, _SHORT_LEAST_M), _Span(LONG_HALF, _LONG_LEAST_M)
-        self._direction = _DirectionSums(_WEAK_LEAST_M, _WEAK_DECIDES_S)
+        self._direction = _DirectionSums(_WEAK_LEAST_M)
         self._ways: deque[tuple[int, Array]] = deque(maxlen=100)
         self._judged_ns = self._turned_ns = 0
         self._strike_ns = -_STRIKE_NS
@@ -349,11 +348,9 @@ class PoseMotionWatch:
                     self._direction.add(complex(*felt[-1, :2]), complex(*seen[-1, :2]), step_s)
         self._judge_way(now_ns)
         struck = self._turns_agree and now_ns - self._strike_ns < _STRIKE_NS
-        weak = (self._direction, self._spans[1].height)
-        for level, height in (*((s.level, s.height) for s in self._spans), weak):
-            if not (self.confirmed or self.mistake):
-                self._judge_direction(level, height)
         for span in self._spans:
+            if not (self.confirmed or self.mistake):
+                self._judge_direction(span.level, span.height)
             if not (self.mistake or struck) and span.slope.time_s > _DECIDES_S:
                 self._judge_slope(span.slope)
 
