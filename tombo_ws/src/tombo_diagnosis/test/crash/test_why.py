@@ -83,7 +83,7 @@ def test_cause_and_time_of_what_goes_wrong(changed, cause):
 
 
 def shuttle(hertz, rate):
-    """A sound flight from side to side: the lean that accelerates it, and the rates of that lean."""
+    """A sound flight from side to side: the lean that accelerates it, and its rates."""
     w = 2.0 * np.pi * hertz
     reach = rate * GRAVITY / w**3
 

@@ -152,7 +152,7 @@ def crash_motion(log: Flight) -> CrashMotion:
     demand = _demand(series, t, learnt)
     missing = _missing(demand, force[:, 2], learnt)
     controlled = control_signals(log, None)
-    course = np.zeros((t.size, 2))
+    course: Array = np.zeros((t.size, 2))
     if controlled is not None:
         course = _at(controlled.t, course_rates(controlled), t)
     return CrashMotion(

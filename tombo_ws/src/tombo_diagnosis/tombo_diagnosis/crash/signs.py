@@ -380,12 +380,13 @@ def _fast(values: Array) -> Array:
     """Return what swings of values (N, k); before a blow, where the filter rings, nothing does."""
     sos = butter(2, _SWING_HZ, "band", fs=RATE, output="sos")
     most = np.abs(values - np.median(values, axis=0))
-    return np.clip(sosfiltfilt(sos, values, axis=0), -most, most)
+    return np.asarray(np.clip(sosfiltfilt(sos, values, axis=0), -most, most))
 
 
 def _size(fast: Array) -> Array:
     """Return the standard deviation lately."""
-    return np.sqrt(np.maximum(uniform_filter1d(fast**2, round(0.4 * RATE), axis=0), 0.0))
+    power = uniform_filter1d(fast**2, round(0.4 * RATE), axis=0)
+    return np.asarray(np.sqrt(np.maximum(power, 0.0)))
 
 
 def _swinging(m: CrashMotion, name: str, fast: Array, least: float) -> Iterator[Sign]:

@@ -136,9 +136,11 @@ def _throughout(first: Signal, other: Signal, seen: Match) -> bool:
 
     Clocks differ all the time; the echo of one blow is no clock.
     """
-    rows = np.array_split(np.flatnonzero(first.known), 2)
-    halves = [match(Signal(first.t[r], first.values[r], np.asarray(first.known[r])), other)
-              for r in (slice(part[0], part[-1] + 1) for part in rows)]  # fmt: skip
+    halves = []
+    for part in np.array_split(np.flatnonzero(first.known), 2):
+        rows = slice(part[0], part[-1] + 1)
+        half = Signal(first.t[rows], first.values[rows], np.asarray(first.known[rows], np.bool_))
+        halves.append(match(half, other))
     clear = [m for m in halves if m is not None and (m.is_one_clock or m.is_other_clock)]
     return bool(clear) and all(
         m.is_other_clock and abs(m.lag - seen.lag) < 0.5 * DELAY_S for m in clear
