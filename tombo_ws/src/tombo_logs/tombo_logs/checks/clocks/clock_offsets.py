@@ -149,7 +149,7 @@ def _throughout(first: Signal, other: Signal, seen: Match) -> bool:
 
 def _signal(t: Array, values: Array, *channels: Series) -> Signal | None:
     """Return values (N, k) with their outliers cut, known where all channels were measured."""
-    known = np.isfinite(values).all(axis=1)
+    known: Mask = np.asarray(np.isfinite(values).all(axis=1))
     for series in channels:
         missing = [*gap_spans(series.t), *interpolated_spans(series.t, series.values)]
         known &= ~inside(t, missing) & (t >= series.t[0]) & (t <= series.t[-1])
