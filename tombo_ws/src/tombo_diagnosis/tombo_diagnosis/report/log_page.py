@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from scipy.signal import welch
 
 from tombo_bag.channels import CHANNELS, ROTOR_SPEED
-from tombo_bag.flight import Finding, Flight, Series
+from tombo_bag.flight import Flight, Series, finding_mapping
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
     BATTERY,
@@ -429,9 +429,5 @@ def _log_data(flight: Flight, figures: Mapping[str, Any], why: Why | InputError)
         "figures": dict(figures),
         "cause": judged.cause if judged else None,
         "time_s": judged.time_s if judged else None,
-        "findings": [_finding_data(finding) for finding in flight.findings],
+        "findings": [finding_mapping(finding) for finding in flight.findings],
     }
-
-
-def _finding_data(finding: Finding) -> dict[str, str]:
-    return {"check": finding.check, "severity": finding.severity, "message": finding.message}
