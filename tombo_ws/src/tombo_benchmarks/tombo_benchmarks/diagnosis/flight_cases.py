@@ -163,14 +163,10 @@ def nominal_value(parameter: FreeParameter) -> float:
 
 
 def _perturb_within_tolerances(effects: Effects, rng: np.random.Generator) -> None:
-    """Put every parameter off its nominal value by what a careful lab leaves."""
+    """Put every parameter off its nominal value by the spread between healthy vehicles."""
     for p in PARAMETERS:
-        if p.label in _SWINGS:
-            continue
         off = p.tolerance * float(rng.standard_normal())
-        if p.effect in EXCLUDED_EFFECTS or p.effect in ("mocap_dropouts", "thrust_scatter"):
-            continue
-        if p.label == "gusts.time":
+        if not off:
             continue
         base = nominal_value(p)
         if base <= p.low:
