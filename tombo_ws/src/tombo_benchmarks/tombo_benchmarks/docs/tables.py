@@ -282,8 +282,8 @@ Deviations from the nominal model. The simulation can switch them on, the diagno
 Switch one on in a scenario (`effects: {steady_wind: {east: 2.0}}`) or by
 `--set effects.steady_wind.east=2`. A parameter that is not given has its *null*
 value; with all of its parameters at null an effect adds exactly nothing. *Typical* is a size
-that clearly matters in flight. Between healthy vehicles a parameter differs by a standard deviation
-of 5 % of it, unless the effect says otherwise.
+that clearly matters in flight. Between healthy vehicles a parameter differs by a standard
+deviation of 5 % of it, unless the effect states another.
 
 `blade_strike`, `propeller_wear` and `thrust_scatter` are filled in from the chosen propeller
 (its figures of the paper's Table III, and how well the set is matched), unless the scenario
