@@ -41,8 +41,8 @@ def plant():
     return DrivePlant(model.vehicle, model.maps, model.maps.torque_ratio)
 
 
-def report(*settings, seed=3):
-    scenario = load_scenario("no_obstacle", [f"control.{s}" for s in settings])
+def report(*settings, seed=3, name="no_obstacle"):
+    scenario = load_scenario(name, [f"control.{s}" for s in settings])
     flight = fly_scenario(scenario, seed)
     found = controller_report([flight], plant(), OWN, "the suite's own")
     return found, {g.label: g for g in cascade_gains(scenario.control)}
@@ -67,9 +67,11 @@ def test_a_changed_gain_is_named_with_its_size(setting, differing):
         assert gain.low <= size <= gain.high
 
 
-@pytest.mark.parametrize("seed", [3, 8])
-def test_unchanged_gains_are_known_and_not_accused(seed):
-    found, true = report(seed=seed)
+@pytest.mark.parametrize(
+    ("name", "seed"), [("no_obstacle", 3), ("no_obstacle", 8), ("aggressive", 7)]
+)
+def test_unchanged_gains_are_known_and_not_accused(name, seed):
+    found, true = report(seed=seed, name=name)
     assert found.changed == () and found.oscillations == () and found.summary == ""
     assert len(found.gains) > 12
     for gain in found.gains:
