@@ -80,7 +80,15 @@ def test_one_table_for_all_flights(tombo, tmp_path):
     assert result.code == 0
     assert "2 flights: 0 collided" in result.out
     assert "median" in result.out and "mean" not in result.out
+    assert "–" not in result.out and "paper" not in result.out, "figures of no collision"
     assert names(tmp_path / "runs") == {"hover-0-2-duration_0.5"}
+
+
+def test_the_papers_figures_stand_beside_its_vehicle_alone():
+    for vehicle, of_paper in ((None, True), ("racer_5_inch", False)):
+        scenario = load_scenario("paper_collision", ["duration=0.2"], vehicle=vehicle)
+        campaign = fly_campaign(scenario, range(1), workers=1)
+        assert campaign["of_paper"] == of_paper
 
 
 def test_a_stopped_campaign_keeps_the_flights_up_to_the_first_one_missing():
