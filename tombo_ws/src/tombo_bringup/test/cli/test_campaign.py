@@ -179,6 +179,7 @@ def test_the_figure_copes_with_flights_without_a_collision():
     none = flight(**dict.fromkeys(SPREAD_METRICS) | {"duration_s": 1.0})
     campaign = {
         "scenario": "a $x_b name", "conf": 13, "reaction": "none", "disturbances": False,
+        "of_paper": True,
         "first_seed": 0, "last_seed": 1,
         "flights": [none, none], "aggregate": aggregate([none, none], 1.0),
     }  # fmt: skip
@@ -187,3 +188,15 @@ def test_the_figure_copes_with_flights_without_a_collision():
     figure.canvas.draw()
 
     assert len(figure.axes) == 6
+
+
+def test_the_figure_shows_tilt_in_degrees_and_latency_in_milliseconds_as_the_table_does():
+    flights = [flight(max_tilt_rad=math.pi / 6, contact_known_s=0.036)] * 2
+    campaign = {
+        "scenario": "hover", "conf": 13, "reaction": "none", "disturbances": False,
+        "of_paper": True, "first_seed": 0, "last_seed": 1,
+        "flights": flights, "aggregate": aggregate(flights, 1.0),
+    }  # fmt: skip
+    legends = {a.get_xlabel(): str(a.get_legend().texts) for a in draw_campaign(campaign).axes}
+    assert "median 30'" in legends["largest tilt [°]"]
+    assert "median 36'" in legends["detection latency [ms]"]

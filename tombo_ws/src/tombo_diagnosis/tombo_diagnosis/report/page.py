@@ -147,7 +147,10 @@ def _cards(diagnosis: Diagnosis) -> list[Card]:
         name = f"error in {display_name(gain.channel)}, {gain.horizon}"
         cards.append(Card(name, f"−{percent(gain.reduction)}", "", beside))
     used = sum(flight.used_s for flight in diagnosis.flights)
-    cards.append(Card("flights", str(len(diagnosis.flights)), "", f"{used:.0f} s used"))
+    logs, parts = len({f.source for f in diagnosis.flights}), len(diagnosis.flights)
+    # a single flight is cut into parts that are held out in turn
+    beside = f"{used:.0f} s used" + (f", in {parts} parts" if logs < parts else "")
+    cards.append(Card("flights", str(logs), "", beside))
     return cards
 
 

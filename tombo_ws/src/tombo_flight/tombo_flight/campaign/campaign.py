@@ -181,14 +181,19 @@ def _campaign_of(
 
 
 PANELS: Final = (
-    ("max_falling_distance_m", "largest falling distance [m]", paper.MEAN_MAX_FALLING_DISTANCE_M),
-    ("unstable_phase_s", "unstable phase [s]", paper.UNSTABLE_PHASE_S),
-    ("recovery_time_s", "recovery time [s]", paper.MEAN_RECOVERY_TIME_S),
-    ("contact_known_s", "detection latency [s]", None),
-    ("max_tilt_rad", "largest tilt [rad]", None),
-    ("approach_rms_m", "RMS error in the approach [m]", None),
+    (
+        "max_falling_distance_m",
+        "largest falling distance [m]",
+        1.0,
+        paper.MEAN_MAX_FALLING_DISTANCE_M,
+    ),
+    ("unstable_phase_s", "unstable phase [s]", 1.0, paper.UNSTABLE_PHASE_S),
+    ("recovery_time_s", "recovery time [s]", 1.0, paper.MEAN_RECOVERY_TIME_S),
+    ("contact_known_s", "detection latency [ms]", 1e3, None),
+    ("max_tilt_rad", "largest tilt [°]", 180.0 / math.pi, None),
+    ("approach_rms_m", "RMS error in the approach [m]", 1.0, None),
 )
-"""Figure, label of its axis, the paper's value."""
+"""Figure, label of its axis, factor to the unit shown, the paper's value."""
 _ROWS: Final = (
     ("max_falling_distance_m", "fall [m]", 1.0, 2, paper.MEAN_MAX_FALLING_DISTANCE_M),
     ("unstable_phase_s", "unstable [s]", 1.0, 2, paper.UNSTABLE_PHASE_S),
@@ -281,8 +286,8 @@ def draw_campaign(campaign: Mapping[str, Any]) -> Figure:
     flights, total = campaign["flights"], campaign["aggregate"]
     reaction = reaction_words(campaign["reaction"])
     with new_figure(12.0, 7.0, 150) as figure:
-        for axes, (key, label, printed) in zip(histograms(figure), PANELS, strict=True):
-            values = [flight[key] for flight in flights if flight[key] is not None]
+        for axes, (key, label, scale, printed) in zip(histograms(figure), PANELS, strict=True):
+            values = [scale * flight[key] for flight in flights if flight[key] is not None]
             of_paper = printed if campaign["of_paper"] else None
             draw_histogram(axes, np.array(values, dtype=np.float64), label, of_paper)
         figure.suptitle(

@@ -25,13 +25,12 @@ _LOOK_S = 0.02
 
 
 def _asks_px4(node: Node, request: str) -> bool:
-    """Return whether PX4's bridge has the last word on a request, once a node offers it."""
-    if request == "takeoff":  # of the mission's plan; the bridge arms for it
-        return False
+    """Wait until a node offers a request; return whether PX4's bridge has the last word on it."""
     end = time.monotonic() + _DISCOVERY_S
     while time.monotonic() < end:
         offered = {name for name, _ in node.get_service_names_and_types()}
-        if f"/px4/{request}" in offered:
+        # a takeoff is the mission's plan, for which the bridge arms
+        if request != "takeoff" and f"/px4/{request}" in offered:
             return True
         if offered & {f"/mission/{request}", f"/controller/{request}"}:
             end = min(end, time.monotonic() + _BRIDGE_S)
