@@ -9,9 +9,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import os
 import re
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +48,15 @@ FAST = "not slow and not nodes and not real_time"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Modules stay: looking through them for garbage, again and again, takes a third of the collection.
 gc.disable()
+
+
+RUN = "TOMBO_TEST_RUN"
+"""Environment of all that a run of the tests starts: the process number of pytest."""
+
+
+def pytest_configure() -> None:
+    """Mark what is started from here on."""
+    os.environ.setdefault(RUN, str(os.getpid()))
 
 
 def pytest_collection_finish() -> None:
@@ -98,10 +109,20 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """End the empty loop."""
+    """End the empty loop, and whatever an interrupted test has left running."""
     loop = config.stash.get(LOOP, None)
     if loop is not None:
         loop.close()
+    if os.environ.get(RUN) == str(os.getpid()):  # not in a worker: others still run
+        end_marked(f"{RUN}={os.getpid()}".encode())
+
+
+def end_marked(mark: bytes) -> None:
+    """Kill all other processes with a mark in their environment."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # it has ended, or is another user's
+            if int(folder.name) != os.getpid() and mark in (folder / "environ").read_bytes():
+                os.kill(int(folder.name), signal.SIGKILL)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -1,4 +1,4 @@
-"""A sixth core in one file and one line of the wiring: the same bits wherever it is flown."""
+"""A sixth core by --import of its file: the same bits wherever it is flown."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ __all__ = ["domain", "start"]
 HERE = Path(__file__).parent
 
 
-def run(kind: str, folder: Path, *ways: str) -> None:
+def with_core(file: str, module: str) -> tuple[str, ...]:
+    return ("tombo_flight.own_files", str(HERE / file), "--", module)
+
+
+def run(file: str, folder: Path, *ways: str) -> None:
+    path = os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
-        [sys.executable, "-m", "with_wind", "wind_flights", str(folder), *ways],
-        env=environment(kind), capture_output=True, text=True, timeout=280,
+        [sys.executable, "-m", *with_core(file, "wind_flights"), str(folder), *ways],
+        env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, timeout=280,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-
-
-def environment(kind: str) -> dict[str, str]:
-    path = os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")])
-    return os.environ | {"PYTHONPATH": path, "TOMBO_TEST_CORE": kind}
 
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wind")
-    run("WindCore", folder, "compiled", "batch", "replay", "parameters")
+    run("wind_core.py", folder, "compiled", "batch", "replay", "parameters")
     return folder
 
 
@@ -56,21 +56,19 @@ def test_a_batch_and_the_replay_give_the_same_bits(flown):
 
 @pytest.mark.slow
 def test_plain_python_gives_the_same_bits(flown, tmp_path):
-    run("WindInPython", tmp_path, "compiled")
+    run("wind_in_python.py", tmp_path, "compiled")
     assert np.array_equal(np.load(tmp_path / "compiled.npy"), np.load(flown / "compiled.npy"))
 
 
 @pytest.mark.slow
-def test_nodes_in_lockstep_give_the_same_bits(flown, start, monkeypatch):
+def test_nodes_in_lockstep_give_the_same_bits(flown, start):
     pytest.importorskip("rclpy")
     from tombo_flight.suite.nodes import HOST, SUITE
 
-    for name, value in environment("WindCore").items():
-        monkeypatch.setenv(name, value)
     file = ("--params-file", str(flown / "parameters.yaml"))
     nodes = {name: start(module, *file) for name, module in SUITE.items()}
-    nodes["wind"] = start(f"with_wind {HOST}", "-p", "core:=wind", *file)
+    nodes["wind"] = start(" ".join(with_core("wind_core.py", HOST)), "-p", "core:=wind", *file)
     assert nodes["sim"].process.wait(200.0) == 0, nodes["sim"].output
     assert nodes["recorder"].end() == 0
-    run("WindCore", flown, "nodes")
+    run("wind_core.py", flown, "nodes")
     assert np.array_equal(np.load(flown / "nodes.npy"), np.load(flown / "compiled.npy"))

@@ -9,8 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from tombo_dynamics.core import Compiled, Core, Output
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.message_records import OdometryRecord
@@ -89,33 +87,3 @@ class WindCore(Core):
         super().__init__()
         self.memory = WindMemory.new()
         self.vehicle, self.params = parameter_record(vehicle), parameter_record(params)
-
-
-class WindInPython(WindCore):
-    """The same, in plain Python: it is told to nobody how compiled code would run it."""
-
-    outputs = {"/wind": Output(Odometry, every=20)}  # noqa: RUF012
-    compiled = None
-
-    def __init__(self, vehicle, params):
-        super().__init__(vehicle, params)
-        self.odometry = None
-        self.wind = [0.0, 0.0]
-        self.gain = 1.0 - math.exp(-1e-3 / params.time)
-        self.through = vehicle.mass / params.drag
-
-    def on(self, topic, message, now_ns):
-        if topic == "/odometry":
-            self.odometry = message
-        elif self.odometry is not None:
-            v, a = self.odometry.velocity, message.accel
-            x, y = v[0] + self.through * a[0], v[1] + self.through * a[1]
-            found = rotated(self.odometry.attitude, (x, y, v[2]))[:2]
-            self.wind = [w + self.gain * (f - w) for w, f in zip(self.wind, found, strict=True)]
-
-    def step(self, now_ns):
-        if self.odometry is None:
-            return []
-        level, still = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
-        wind = np.array([*self.wind, 0.0])
-        return [("/wind", Odometry(now_ns, self.odometry.position, level, wind, still))]

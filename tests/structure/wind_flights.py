@@ -1,4 +1,4 @@
-"""Flies with six cores: python -m with_wind wind_flights FOLDER WAY...; writes what they publish.
+"""Flies with six cores: FOLDER WAY...; writes what they publish.
 
 Ways: `compiled`, `batch`, `replay` (of the compiled flight's recording), `parameters`.
 """

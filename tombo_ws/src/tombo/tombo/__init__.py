@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from tombo.propellers import propeller
     from tombo.studies import arena, risk, sweep
     from tombo_collision.decision import Decision, Estimate
-    from tombo_collision.own_reactions import import_reactions
     from tombo_collision.reactions import Reaction
     from tombo_dynamics.errors import InputError
     from tombo_dynamics.messages import CollisionEvent
     from tombo_dynamics.params import param
+    from tombo_flight.own_files import import_files, import_reactions
 
 __all__ = [
     "CollisionEvent",
@@ -38,6 +38,7 @@ __all__ = [
     "arena",
     "diagnose",
     "fly",
+    "import_files",
     "import_reactions",
     "param",
     "propeller",
@@ -59,11 +60,14 @@ _WHERE = {
     "tombo.propellers": {"propeller": "propeller"},
     "tombo.studies": {"arena": "arena", "risk": "risk", "sweep": "sweep"},
     "tombo_collision.decision": {"Decision": "Decision", "Estimate": "Estimate"},
-    "tombo_collision.own_reactions": {"import_reactions": "import_reactions"},
     "tombo_collision.reactions": {"Reaction": "Reaction"},
     "tombo_dynamics.errors": {"InputError": "InputError"},
     "tombo_dynamics.messages": {"CollisionEvent": "CollisionEvent"},
     "tombo_dynamics.params": {"param": "param"},
+    "tombo_flight.own_files": {
+        "import_files": "import_files",
+        "import_reactions": "import_reactions",
+    },
 }
 """Module → public name → its name there. A module is imported when a name of it is asked for."""
 

@@ -162,6 +162,12 @@ def test_a_folder_without_metadata_is_read_whole_in_order_of_log_time(tmp_path):
     check_whole(tmp_path, damage=1)
 
 
+def test_a_folder_with_one_whole_file_is_undamaged(tmp_path):
+    write_mcap(tmp_path / "flight.mcap")
+    (tmp_path / "summary.json").write_text("{}")
+    check_whole(tmp_path)
+
+
 def test_metadata_says_which_split_files_belong_to_the_run(tmp_path):
     write_mcap(tmp_path / "a_0.mcap", slice(0, 20))
     write_mcap(tmp_path / "a_1.mcap", slice(20, None))

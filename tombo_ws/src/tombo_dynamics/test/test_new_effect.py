@@ -101,7 +101,7 @@ def run(tmp_path_factory):
         ignore=shutil.ignore_patterns("__pycache__"),
     )  # fmt: skip
 
-    def run(source=None):
+    def run(source=None, *, fails=False):
         if source is not None:
             (package / "effects" / "rope.py").write_text(source)
         path = os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])])
@@ -112,7 +112,9 @@ def run(tmp_path_factory):
             [sys.executable, "-c", FLY], env=environment, capture_output=True, text=True,
             timeout=60, cwd=folder,
         )  # fmt: skip
-        assert done.returncode == 0, done.stderr
+        assert (done.returncode != 0) == fails, done.stderr
+        if fails:
+            return done.stderr.splitlines()[-1]
         return json.loads(done.stdout)
 
     return run
@@ -157,3 +159,9 @@ def test_machine_code_of_other_sources_is_not_reused(run, without, with_rope):
     edited = run(ROPE.replace("stiffness * max", "1.0 * stiffness * max"))
     assert len({without["cache"], with_rope["cache"], edited["cache"]}) == 3
     assert run(ROPE)["cache"] == with_rope["cache"]
+
+
+def test_a_broken_file_is_named_in_one_line(run, without):
+    broken = run(f"nobody{ROPE}", fails=True)
+    assert "InputError" in broken and "effects/rope.py" in broken and "line " in broken
+    run(ROPE)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import difflib
 import itertools
+import pkgutil
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
+from importlib import import_module
 from pathlib import Path
 
 _LONGEST = 4000
@@ -87,8 +89,12 @@ def problem_in(error: Exception, file: Path | None = None) -> str:
         error: the exception.
         file: whose lines are meant; None: where it was raised.
     """
+    lines, where = str(error).splitlines(), ""
+    if type(error).__module__.startswith("numba"):  # the first line names the compiler's step
+        where = "".join(f" ({line.strip()})" for line in lines if line.startswith("File "))
+        lines = [line for line in lines[1:] if line.strip()] or lines
+        return f"{type(error).__name__}: {lines[0]}{where.replace(':)', ')')}"
     text = shown(str(error)) if str(error) else "no text"
-    where = ""
     if isinstance(error, SyntaxError) and error.lineno is not None:
         where = f" (line {error.lineno})"
     trace = error.__traceback__
@@ -98,3 +104,26 @@ def problem_in(error: Exception, file: Path | None = None) -> str:
             where = f" ({Path(code.co_filename).name}, line {trace.tb_lineno})"
         trace = trace.tb_next
     return f"{type(error).__name__}: {text}{where}"
+
+
+def import_each(package: str, folders: Iterable[str], but: Collection[str] = ()) -> None:
+    """Import all modules of a package, each for what it enters into a registry.
+
+    Args:
+        package: dotted name.
+        folders: its `__path__`.
+        but: modules that are left out.
+
+    Raises:
+        InputError: one fails; the error names its file.
+    """
+    for module in sorted(pkgutil.iter_modules(folders), key=lambda module: module.name):
+        if module.name in but:
+            continue
+        try:
+            import_module(f"{package}.{module.name}")
+        except Exception as error:
+            file = Path(getattr(module.module_finder, "path", "")) / f"{module.name}.py"
+            raise InputError(
+                f"'{file}': {problem_in(error, file)}; accepted: a file that Python can import"
+            ) from error

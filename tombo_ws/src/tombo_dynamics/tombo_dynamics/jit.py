@@ -79,9 +79,8 @@ def _root() -> Path:
     return Path(tempfile.mkdtemp(prefix="tombo_cache_"))
 
 
-def _open_cache() -> Path:
-    root = _root()
-    folder = root / _source_hash()
+def _open_cache(root: Path, version: str) -> Path:
+    folder = root / version
     if not folder.is_dir():
         folder.mkdir(parents=True, exist_ok=True)
         versions = sorted(
@@ -92,7 +91,19 @@ def _open_cache() -> Path:
     return folder
 
 
-CACHE_FOLDER: Path = _open_cache()
+CACHE_FOLDER: Path = _open_cache(_root(), _source_hash())
+_SUITE_CACHE, _added = CACHE_FOLDER, hashlib.sha256()
+
+
+def add_sources(content: str) -> None:
+    """Keep the machine code of modules that are loaded from now on apart from the suite's alone.
+
+    Args:
+        content: stands for a file whose code is compiled into theirs: its path and a hash.
+    """
+    global CACHE_FOLDER
+    _added.update(content.encode())
+    CACHE_FOLDER = _open_cache(_SUITE_CACHE / "own", _added.hexdigest()[:16])
 
 
 @cache
@@ -107,7 +118,7 @@ class _ModuleLocator(_CacheLocator):  # type: ignore[misc]
     """
 
     def __init__(self, function: Any, path: str) -> None:
-        self._function, self._py_file = function, path
+        self._function, self._py_file, self._cache = function, path, CACHE_FOLDER
 
     @classmethod
     def from_function(cls, function: Any, path: str) -> _ModuleLocator:
@@ -120,7 +131,7 @@ class _ModuleLocator(_CacheLocator):  # type: ignore[misc]
 
     def get_cache_path(self) -> str:
         """Return the folder."""
-        return str(CACHE_FOLDER / self._function.__module__)
+        return str(self._cache / self._function.__module__)
 
     def get_source_stamp(self) -> str:
         """Return what must be the same for the machine code to count."""

@@ -44,7 +44,7 @@ def fly_command(
         settings: texts of --set.
         model: a model.yaml, empty: none.
         vehicle: name or file, empty: the scenario's.
-        imports: files with the user's reactions, as of `imported_files`.
+        imports: files of the user, as of `imported_files`.
         reaction: its name, empty: the scenario's.
         disturbances: whether those of the suite lie over the scenario.
     """

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from tombo_collision.own_reactions import imported_files, is_own
 from tombo_dynamics.errors import InputError
 from tombo_flight.command_line import command_line
+from tombo_flight.own_files import imported_files
 from tombo_flight.scenario import Scenario, as_mapping, load_scenario
 from tombo_flight.version import tombo_version
 from tombo_flight.yaml_file import yaml_of
@@ -29,8 +29,7 @@ def write_scenario(path: Path, scenario: Scenario, seeds: str) -> None:
     Raises:
         OSError: it can't be written.
     """
-    own = imported_files() if is_own(scenario.reaction.name) else ()
-    imports = [("--import", file) for file, _ in own]
+    imports = [("--import", file) for file, _ in imported_files()]
     again = command_line(("fly", SCENARIO_FILE, *seeds.split()), imports)
     head = f"# tombo {tombo_version()}; to fly it again: {again}\n"
     if scenario.model:

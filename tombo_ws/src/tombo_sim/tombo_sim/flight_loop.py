@@ -541,7 +541,9 @@ def _publish(flights: Flights, i: int, topic: str, message: Any, tick: int) -> N
     k = _INDEX[topic]
     row, table = int(flights.counts[i, k]), flights.published[k][i]
     if row >= table.size:
-        raise InputError(f"{topic}: more than {row} messages; accepted: one in each tick")
+        raise InputError(
+            f"{topic}: more than {row} messages; accepted: one in {TABLES[topic].every} ticks"
+        )
     entry = table[row]
     entry["tick"] = tick
     for name in TABLES[topic].layout.fields:
@@ -562,7 +564,9 @@ def published_by(flights: Flights, i: int) -> dict[str, Any]:
     for k, (topic, output) in enumerate(TABLES.items()):
         table, rows = flights.published[k][i], int(flights.counts[i, k])
         if rows >= table.size:
-            raise InputError(f"{topic}: more than {rows} messages; accepted: one in each tick")
+            raise InputError(
+                f"{topic}: more than {rows} messages; accepted: one in {output.every} ticks"
+            )
         if topic not in SENSORS and not output.logged:
             published[topic] = table[:rows]
     return published

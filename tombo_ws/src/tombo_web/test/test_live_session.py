@@ -34,6 +34,7 @@ def flight_of(duration_s=10.0, contact_s=6.0):
             TRUE_CONTACT.name: Topic.of(touch, columns),
         },
         name="climb",
+        summary={"collision_time_s": contact_s},
     )
 
 
@@ -170,9 +171,41 @@ def test_silent_poses_are_a_fault_and_so_is_their_return_told():
         if not 0.5 < now < 1.0:
             view.take(TopicMessage(MOCAP_POSE.name, pose, now - 0.01, now))
         told += [(c["time_s"], c["text"]) for c in view.frame(now, [])["changes"]]
-    assert [text for _, text in told] == ["no poses of the motion capture", "poses come again"]
+    assert [text for _, text in told] == ["none", "come again"]
     assert told[0][0] == pytest.approx(0.5 + STALE_POSE_S, abs=0.041)
     assert told[1][0] == pytest.approx(1.0, abs=0.021)
+
+
+def status(topic, now, **fields):
+    return TopicMessage(topic.name, fields, now, now)
+
+
+def test_a_suite_that_is_started_again_is_another_flight():
+    suite = Suite()
+    session = LiveSession(suite, "suite", None)
+    pose = {"position": np.zeros(3), "attitude": np.array([0, 0, 0, 1.0])}
+    reacted = {"state": 1, "x_c": np.ones(3), "x_r": np.zeros(3), "n_r": np.ones(3)}
+
+    def frame(*messages):
+        suite.advance = lambda elapsed_s: list(messages)
+        return session.advance(1.0 / FRAME_HZ)
+
+    frame(status(MISSION_STATUS, 0.0, phase=0), status(MOCAP_POSE, 0.0, **pose))
+    flown = frame(status(MISSION_STATUS, 1.0, phase=4), status(REACTION_STATUS, 1.0, **reacted))
+    assert flown["marks"]["x_c_m"] == [1.0, 1.0, 1.0] and not session.sought()
+    assert flown["state"]["reaction"] == "reacting"
+    again = frame(status(MISSION_STATUS, 9.0, phase=0))
+    assert session.sought(), "pages are not told to begin again"
+    assert again["marks"]["x_c_m"] is None and again["state"] == {"phase": "idle"}
+    assert session.hello()["frames"] == [again]
+
+
+def test_signals_have_the_units_of_their_messages():
+    session = session_of()
+    session.advance(1.0)
+    units = session.hello()["signals"]
+    assert units["/mocap/pose.position.z"] == "m"
+    assert units["/mocap/pose.attitude.w"] == ""
 
 
 @pytest.mark.parametrize("rows", [[2, 1, 0], [1, 2, 0]])

@@ -61,7 +61,8 @@ class LiveSession:
             "operable": hasattr(source, "request"),
             "first_s": source.first_s if source.seekable else None,
             "last_s": source.last_s if source.seekable else None,
-            "signals": sorted(self._view.signals),
+            "contact_s": source.contact_s if source.seekable else None,
+            "signals": self._view.units(),
             "picked": list(self._picked),
             "frames": list(self.recent),
         }
@@ -108,7 +109,7 @@ class LiveSession:
         return {"kind": "playing", "paused": source.paused, "speed": source.speed}
 
     def sought(self) -> bool:
-        """Return whether the source was sought in since the last call: pages begin again."""
+        """Return whether pages begin again: the source was sought in, or flies another flight."""
         sought, self._sought = self._sought, False
         return sought
 
@@ -120,6 +121,9 @@ class LiveSession:
     def _take(self, messages: Iterable[TopicMessage]) -> None:
         self.messages = list(messages)
         for message in self.messages:
+            if self._view.begins_again(message):
+                self._forget()
+                self._sought = True
             self._view.take(message)
 
     def _frame(self) -> dict[str, Any]:
@@ -131,7 +135,7 @@ class LiveSession:
             frame["playing"] = {"paused": source.paused, "speed": source.speed}
         if len(self._view.signals) != self._signals:
             self._signals = len(self._view.signals)
-            frame["signals"] = sorted(self._view.signals)
+            frame["signals"] = self._view.units()
         self.recent.append(frame)
         return frame
 
@@ -139,13 +143,16 @@ class LiveSession:
         """Go to a time; make the frames before it again, for curves and trail."""
         source = self.source
         time_s = min(max(time_s, source.first_s), source.last_s)
-        self._view, self._signals = LiveView(), 0
-        self.recent.clear()
+        self._forget()
         self._take(source.seek(max(source.first_s, time_s - _HISTORY_S)))
         while source.now_s < time_s:
             self._frame()
             self._take(source.step(min(1.0 / FRAME_HZ, time_s - source.now_s)))
         self._sought = True
+
+    def _forget(self) -> None:
+        self._view, self._signals = LiveView(), 0
+        self.recent.clear()
 
     def _pick(self, names: Any) -> None:
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):

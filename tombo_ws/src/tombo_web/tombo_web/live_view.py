@@ -8,10 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from enum import IntEnum
+from functools import cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from tombo_bag.message_codec import FORMS
 from tombo_bag.topics import (
     COLLISION_EVENT,
     CONTACT_EVENT,
@@ -23,10 +25,12 @@ from tombo_bag.topics import (
     REACTION_STATUS,
     ROTOR_COMMAND,
     SETPOINT,
+    TOPICS,
     TRUE_CONTACT,
     TRUE_ODOMETRY,
     TRUE_ROTORS,
 )
+from tombo_dynamics.message_records import record_of
 from tombo_dynamics.messages import Phase, ReactionPhase, Trigger
 from tombo_dynamics.rotation import body_to_map
 
@@ -51,6 +55,7 @@ _LEVELS: Final = ("ok", "warning", "error", "stale")
 _AXES: Final = {2: "xy", 3: "xyz", 4: "xyzw"}
 _NOT_SHOWN: Final = ("stamp_ns", "frame_id", "pose_covariance", "twist_covariance")
 _DIGITS: Final = 5
+_POSES: Final = "poses of the motion capture"
 
 
 class TopicMessage(NamedTuple):
@@ -77,6 +82,16 @@ class LiveView:
         self._contact_n = 0.0
         self._pose_arrival_s = self._latency_s = math.nan
 
+    def units(self) -> dict[str, str]:
+        """Return the name of every signal → its unit; empty where the type says none."""
+        return {name: _unit(name) for name in sorted(self.signals)}
+
+    def begins_again(self, message: TopicMessage) -> bool:
+        """Return whether a message is of another flight: a mission waits that was under way."""
+        waits = message.topic == MISSION_STATUS.name and int(message.fields["phase"]) == Phase.IDLE
+        before = self._latest.get(MISSION_STATUS.name)
+        return waits and before is not None and int(before["phase"]) != Phase.IDLE
+
     def take(self, message: TopicMessage) -> None:
         """Note a message."""
         topic, fields = message.topic, message.fields
@@ -99,8 +114,8 @@ class LiveView:
         """
         silent = now_s - self._pose_arrival_s > STALE_POSE_S
         if not math.isnan(self._pose_arrival_s):
-            text = "no poses of the motion capture" if silent else "poses come again"
-            self._tell("pose", "fault", text, now_s, first="poses come again")
+            text = "none" if silent else "come again"
+            self._tell(_POSES, "fault", text, now_s, first="come again")
         changes, self._changes = self._changes, []
         row, self._contact_n = self._row(), 0.0
         return {
@@ -113,7 +128,7 @@ class LiveView:
                 "age_ms": _plain(1e3 * (now_s - self._pose_arrival_s)),
                 "silent": bool(silent),
             },
-            "state": {key: text for key, (_, text) in self._told.items()},
+            "state": {key: text for key, (_, text) in self._told.items() if key != _POSES},
             "marks": self._marks(),
         }
 
@@ -122,7 +137,8 @@ class LiveView:
         before = self._told.get(key, ("", first))[1]
         self._told[key] = (kind, text)
         if text != before:
-            self._changes.append({"time_s": round(time_s, 3), "kind": kind, "text": text})
+            change = {"time_s": round(time_s, 3), "kind": kind, "of": key, "text": text}
+            self._changes.append(change)
 
     def _row(self) -> list[float]:
         row: list[float] = []
@@ -163,6 +179,15 @@ class LiveView:
         return marks
 
 
+@cache
+def _unit(signal: str) -> str:
+    """Return the unit of a signal by the dataclass of its topic's messages."""
+    topic, _, field = signal.partition(".")
+    form = FORMS.get(TOPICS[topic].typename) if topic in TOPICS else None
+    known = None if form is None else record_of(form.kind).fields.get(field.partition(".")[0])
+    return known.unit if known is not None and known.unit != "1" else ""
+
+
 def _numbers(topic: str, fields: Mapping[str, Any]) -> dict[str, float]:
     """Return every number of a message by its name."""
     numbers: dict[str, float] = {}
@@ -186,24 +211,23 @@ _OF_ROTORS = (TRUE_ROTORS.name, ROTOR_COMMAND.name)
 
 
 def _statements(topic: str, fields: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """Return what a status or an event says: of what, its kind, the text."""
+    """Return what a status or an event says: of what, its kind, the text after that."""
     if topic == MISSION_STATUS.name:
         return [("phase", "phase", _name(Phase, fields["phase"]))]
     if topic == REACTION_STATUS.name:
-        return [("reaction", "reaction", f"reaction {_name(ReactionPhase, fields['state'])}")]
+        return [("reaction", "reaction", _name(ReactionPhase, fields["state"]))]
     if topic in (COLLISION_EVENT.name, CONTACT_EVENT.name):
-        kind = topic.strip("/").replace("_", " ")
-        seen_by = _name(Trigger, fields["trigger"])
-        text = f"{kind} {int(fields['count'])}: {seen_by}, confidence {fields['confidence']:.2f}"
-        return [(topic, "collision", text)]
+        seen_by, number = _name(Trigger, fields["trigger"]), int(fields["count"])
+        text = f"number {number}, {seen_by}, confidence {fields['confidence']:.2f}"
+        return [(topic.strip("/").replace("_", " "), "collision", text)]
     if topic == PX4_STATUS.name:
         armed = "armed" if fields.get("armed") else "disarmed"
-        words = [f"PX4 {fields.get('mode', '')}, {armed}, {fields.get('stage', '')}"]
+        words = [f"{fields.get('mode', '')}, {armed}, {fields.get('stage', '')}"]
         words += [str(fields[key]) for key in ("why", "status_text") if fields.get(key)]
-        return [("px4", "px4", "; ".join(words))]
+        return [("PX4", "px4", "; ".join(words))]
     if topic == DIAGNOSTICS.name:
         return [
-            (f"node {name}", "fault" if level else "node", f"{name}: {_LEVELS[level]}, {text}")
+            (f"node {name}", "fault" if level else "node", f"{_LEVELS[level]}, {text}")
             for name, level, text in fields["nodes"]
         ]
     return []

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.flight import Flight, Topic
-from tombo_bag.topics import TOPICS
+from tombo_bag.topics import COLLISION_EVENT, CONTACT_EVENT, TOPICS
 from tombo_dynamics.errors import InputError
 from tombo_web.live_view import TopicMessage
 
@@ -41,6 +41,8 @@ class Playback:
         self._next = dict.fromkeys(self._topics, 0)
         self.now_s = self.first_s
         self.paused = False
+        self.contact_s = _contact_s(flight)
+        """When the vehicle touched the obstacle, or was first told to have [s]; None: never."""
         self.set_speed(speed)
         self._start_s = self.first_s if start_s is None else start_s
 
@@ -88,6 +90,12 @@ class Playback:
         for i in self._orders[name][first:stop].tolist():
             fields = _fields_at(topic, i)
             yield TopicMessage(name, fields, float(topic.t[i]), float(topic.arrival[i]))
+
+
+def _contact_s(flight: Flight) -> float | None:
+    events = (COLLISION_EVENT.name, CONTACT_EVENT.name)
+    told = [float(flight.topics[name].t.min()) for name in events if flight.topics.get(name)]
+    return flight.summary.get("collision_time_s") or min(told, default=None)
 
 
 def _order(topic: Topic) -> NDArray[np.intp]:

@@ -161,6 +161,8 @@ class LiveServer:
         self._session, self._access, self._page = session, access, page
         self._publish = publish
         self._clients: set[asyncio.Queue[str]] = set()
+        self._begun = not session.source.seekable or publish is not None
+        """A recording is played from when the first page is open."""
         self.app = Starlette(
             routes=[Route("/", self._index), WebSocketRoute("/stream", self._stream)],
             lifespan=self._lifespan,
@@ -181,7 +183,7 @@ class LiveServer:
             due = max(due + 1.0 / FRAME_HZ, time.monotonic() - 1.0 / FRAME_HZ)
             await asyncio.sleep(max(0.0, due - time.monotonic()))
             now = time.monotonic()
-            frame, last = self._session.advance(now - last), now
+            frame, last = self._session.advance(now - last if self._begun else 0.0), now
             if self._publish is not None:
                 self._publish(self._session)
             for answer in self._session.answers():
@@ -205,6 +207,7 @@ class LiveServer:
         queue: asyncio.Queue[str] = asyncio.Queue(_QUEUED)
         queue.put_nowait(json.dumps(self._session.hello(), separators=(",", ":")))
         self._clients.add(queue)
+        self._begun = True
         sending = asyncio.create_task(_send_all(client, queue))
         try:
             while True:

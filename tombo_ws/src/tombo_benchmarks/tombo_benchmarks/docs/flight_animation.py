@@ -19,6 +19,8 @@ _BEFORE_S: Final = 1.4
 _AFTER_S: Final = 5.6
 _SLOW_S: Final = (-0.1, 0.9)
 """From the contact, what is shown four times slower."""
+_CONTACT_S: Final = 0.15
+"""From the contact, what is called so: in slow motion 0.6 s, long enough to be read."""
 _STEP_S: Final = 0.1
 _FRAME_MS: Final = 100
 _DPI: Final = 50
@@ -52,19 +54,33 @@ def _times(contact_s: float) -> list[float]:
     return [contact_s + float(t) for t in np.concatenate((before, slow, after))]
 
 
+def _stage(milestones: FlightMilestones, time_s: float) -> str:
+    """Return in a word what the vehicle does at a time [s] of the flight."""
+    contact_s, settled_s = milestones.contact_s or 0.0, milestones.recovery_end_s
+    if time_s < contact_s:
+        return "approach"
+    if time_s < contact_s + _CONTACT_S:
+        return "contact"
+    if milestones.unstable_end_s is None or time_s < milestones.unstable_end_s:
+        return "fall"
+    return "recovered" if settled_s is not None and time_s >= settled_s else "return to x_r"
+
+
 def _frame(flight: Flight, milestones: FlightMilestones, time_s: float) -> Image.Image:
     contact_s = milestones.contact_s or 0.0
     first, last = (nearest(flight.t, contact_s + t) for t in (-_BEFORE_S, _AFTER_S))
     after = time_s - contact_s
-    name = f"{'−' if after < 0 else '+'}{abs(after):.2f} s"
     with new_figure(*SIZE_IN, _DPI, font_size=20.0, facecolor="#F4F7F9") as figure:
         axes = figure.add_axes((0.0, -0.13, 1.0, 1.13))
         limits = []
-        for instants in ({contact_s: "", contact_s + _AFTER_S: ""}, {time_s: name}):
+        for instants in ({contact_s: "", contact_s + _AFTER_S: ""}, {time_s: ""}):
             axes.clear()
             draw_scene(axes, flight, milestones, instants, slice(first, last + 1))
             limits.append((axes.get_xlim(), axes.get_ylim()))
         axes.set(xlim=limits[0][0], ylim=limits[0][1])  # the same of all frames
+        sign = "−" if after < 0 else "+"
+        figure.text(0.03, 0.9, f"{sign}{abs(after):.2f} s", size=30.0)
+        figure.text(0.27, 0.9, _stage(milestones, time_s), size=30.0, weight="bold")
         figure.canvas.draw()
         image = Image.frombuffer("RGBA", figure.canvas.get_width_height(),
                                  figure.canvas.buffer_rgba())  # type: ignore[attr-defined]  # fmt: skip

@@ -80,7 +80,15 @@ def test_one_table_for_all_flights(tombo, tmp_path):
     assert result.code == 0
     assert "2 flights: 0 collided" in result.out
     assert "median" in result.out and "mean" not in result.out
+    assert "–" not in result.out and "paper" not in result.out, "figures of no collision"
     assert names(tmp_path / "runs") == {"hover-0-2-duration_0.5"}
+
+
+def test_the_papers_figures_stand_beside_its_vehicle_alone():
+    for vehicle, of_paper in ((None, True), ("racer_5_inch", False)):
+        scenario = load_scenario("paper_collision", ["duration=0.2"], vehicle=vehicle)
+        campaign = fly_campaign(scenario, range(1), workers=1)
+        assert campaign["of_paper"] == of_paper
 
 
 def test_a_stopped_campaign_keeps_the_flights_up_to_the_first_one_missing():
@@ -171,6 +179,7 @@ def test_the_figure_copes_with_flights_without_a_collision():
     none = flight(**dict.fromkeys(SPREAD_METRICS) | {"duration_s": 1.0})
     campaign = {
         "scenario": "a $x_b name", "conf": 13, "reaction": "none", "disturbances": False,
+        "of_paper": True,
         "first_seed": 0, "last_seed": 1,
         "flights": [none, none], "aggregate": aggregate([none, none], 1.0),
     }  # fmt: skip
@@ -179,3 +188,15 @@ def test_the_figure_copes_with_flights_without_a_collision():
     figure.canvas.draw()
 
     assert len(figure.axes) == 6
+
+
+def test_the_figure_shows_tilt_in_degrees_and_latency_in_milliseconds_as_the_table_does():
+    flights = [flight(max_tilt_rad=math.pi / 6, contact_known_s=0.036)] * 2
+    campaign = {
+        "scenario": "hover", "conf": 13, "reaction": "none", "disturbances": False,
+        "of_paper": True, "first_seed": 0, "last_seed": 1,
+        "flights": flights, "aggregate": aggregate(flights, 1.0),
+    }  # fmt: skip
+    legends = {a.get_xlabel(): str(a.get_legend().texts) for a in draw_campaign(campaign).axes}
+    assert "median 30'" in legends["largest tilt [°]"]
+    assert "median 36'" in legends["detection latency [ms]"]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tombo_bringup.cli.options import JsonOnly
+from tombo_bringup.cli.options import Imports, JsonOnly
 
 if TYPE_CHECKING:
     from tombo_collision.reactions import Reaction
@@ -57,7 +57,7 @@ def scenarios(as_json: JsonOnly = False) -> None:
 
 
 @app.command()
-def effects(as_json: JsonOnly = False) -> None:
+def effects(imports: Imports = None, as_json: JsonOnly = False) -> None:
     """List every effect that a scenario can switch on, with its parameters.
 
     Each is set by `effects.NAME.PARAMETER` in a scenario file or with --set. With all parameters
@@ -70,7 +70,7 @@ def effects(as_json: JsonOnly = False) -> None:
 
 
 @app.command()
-def reactions(as_json: JsonOnly = False) -> None:
+def reactions(imports: Imports = None, as_json: JsonOnly = False) -> None:
     """List every reaction to a collision, with its parameters and what it needs.
 
     `tombo fly --reaction NAME` chooses one, as `reaction: {name: NAME}` in a scenario file does;

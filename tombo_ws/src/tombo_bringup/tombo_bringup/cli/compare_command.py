@@ -48,8 +48,8 @@ def compare(
 ) -> None:
     """Compare two recordings topic by topic: every message, every field, to the last bit.
 
-    Messages are paired by the stamp of their header, without one by publish time. Times of receipt
-    are not compared; NaN equals NaN.
+    With --topic each field that differs is listed, too. Messages are paired by the stamp of their
+    header, without one by publish time. Times of receipt are not compared; NaN equals NaN.
     """
     from tombo_bag.comparison import compare_recordings
     from tombo_bringup.cli.result_files import check_output
@@ -68,7 +68,8 @@ def compare(
         from tombo_flight.report.comparison import comparison_page
 
         place = None if output is None else Path(output)
-        show_page(comparison_page(found, a, b), False, place, FILES[: 1 if found.equal else 2])
+        page = comparison_page(found, a, b, fields=bool(topics))
+        show_page(page, False, place, FILES[: 1 if found.equal else 2])
     raise typer.Exit(0 if found.equal else 1)
 
 

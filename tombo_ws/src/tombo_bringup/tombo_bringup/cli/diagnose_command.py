@@ -14,6 +14,7 @@ from typer.core import TyperCommand
 
 from tombo_bringup.cli.options import (
     Force,
+    Imports,
     LogMapping,
     TopicNames,
     UnpackLimit,
@@ -91,6 +92,7 @@ def diagnose(
             "tolerances say what is no finding. Default: the suite's own.",
         ),
     ] = None,
+    imports: Imports = None,
     mapping: LogMapping = None,
     explain: Annotated[
         bool,

@@ -18,6 +18,7 @@ _COMMANDS: Final = (
     "flight.fly_command",
     "flight.arena_command",
     "flight.up_command",
+    "flight.call_command",
     "flight.px4_command",
     "flight.hil_command",
     "flight.replay_command",

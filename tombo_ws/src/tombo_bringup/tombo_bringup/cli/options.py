@@ -99,9 +99,9 @@ def _check_seed(seed: int | None) -> int | None:
 
 def _import(files: list[str] | None) -> list[str] | None:
     if files:
-        from tombo_collision.own_reactions import import_reactions
+        from tombo_flight.own_files import import_files
 
-        import_reactions(files)
+        import_files(files)
     return files
 
 
@@ -253,8 +253,8 @@ Imports = Annotated[
     list[str] | None,
     option(
         "--import FILE",
-        "A Python file that defines reactions of your own, for --reaction and the scenario "
-        "(docs/reactions.md). May be given many times.",
+        "A Python file with effects, reactions or cores of your own (docs/own_collision.md). May "
+        "be given many times.",
         callback=_import,
         is_eager=True,
     ),

@@ -1,4 +1,4 @@
-"""A progress bar on standard error, if that is a terminal; elsewhere nothing."""
+"""Progress on standard error: a bar on a terminal, elsewhere a line every ten seconds."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from typing import Protocol
 
 _REFRESH_S = 0.1
+_LINE_S = 10.0
+"""Between two lines, and before the first."""
 
 
 class ProgressCallback(Protocol):
@@ -26,7 +28,7 @@ def progress_bar() -> Iterator[ProgressCallback]:
     The bar is gone at the end.
     """
     if not sys.stderr.isatty():
-        yield lambda stage, share: None
+        yield _lines()
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -52,6 +54,18 @@ def progress_bar() -> Iterator[ProgressCallback]:
 
     with progress:
         yield on_progress
+
+
+def _lines() -> ProgressCallback:
+    due = time.monotonic() + _LINE_S
+
+    def on_progress(stage: str, share: float) -> None:
+        nonlocal due
+        if (now := time.monotonic()) >= due:
+            due = now + _LINE_S
+            print(f"{stage}, {min(share, 1.0):.0%}", file=sys.stderr, flush=True)
+
+    return on_progress
 
 
 def duration_text(seconds: float) -> str:

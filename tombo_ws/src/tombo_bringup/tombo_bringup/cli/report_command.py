@@ -7,16 +7,27 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tombo_bringup.cli.options import LogMapping, TopicNames, json_option, option, topic_names
+from tombo_bringup.cli.options import (
+    Force,
+    LogMapping,
+    TopicNames,
+    json_option,
+    output_option,
+    topic_names,
+)
 from tombo_bringup.cli.tables import show_page
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight
+    from tombo_bringup.cli.progress import ProgressCallback
     from tombo_diagnosis.crash.reason import Why
+    from tombo_flight.process.output_folder import OutputFolder
+    from tombo_flight.report.page import Page
 
 app = typer.Typer()
 
+PAGE = "report.html"
 NAMELESS = "recording"
 """Name of a flight whose recording says none."""
 
@@ -37,34 +48,43 @@ def report(
     mapping: LogMapping = None,
     maps: TopicNames = None,
     output: Annotated[
-        Path,
-        typer.Option(
-            *("-o", "--output"),
-            metavar="FILE",
-            help="The page, an HTML file that needs nothing else.",
+        str | None,
+        output_option(
+            "Folder of report.html, new or empty. Default: runs/report-LOG, numbered; with --json "
+            "nothing is written."
         ),
-    ] = Path("report.html"),
-    force: Annotated[bool, option("--force", "Replace FILE.")] = False,
-    as_json: Annotated[bool, json_option("Print the figures as JSON; write no page.")] = False,
+    ] = None,
+    force: Force = False,
+    as_json: Annotated[bool, json_option("Print the figures as JSON, and nothing else.")] = False,
 ) -> None:
     """Show what was asked for and flown, vibration, rotors, battery, motion capture, events.
 
     Set points against estimates, spectra, saturation, health of the motion capture and a first
     diagnosis; logs side by side are drawn in the same plots, each from its own beginning.
     """
-    from tombo_bringup.cli.result_files import write_file
+    from tombo_bringup.cli.result_files import compute_into, results_folder
     from tombo_diagnosis.report.log_page import MOST_LOGS, log_page
     from tombo_flight.report.html import page_html
 
-    if not as_json and output.exists() and not force:
-        raise InputError(f"'{output}' exists; accepted: a new file, or --force")
     if len(logs) > MOST_LOGS:
         raise InputError(f"{len(logs)} logs; accepted: 1 to {MOST_LOGS}")
-    flights = read(logs, mapping, topic_names("--map", maps or []))
-    page = log_page(flights, [reason(flight) for flight in flights])
-    if not as_json:
-        write_file(output, page_html(page))
-    show_page(page, as_json, None if as_json else output.parent, [output.name])
+    if output is not None and output.endswith(".html"):
+        raise InputError(f"-o '{output}': accepted: a folder; the page in it is {PAGE}")
+    names = topic_names("--map", maps or [])
+
+    def compute(on_progress: ProgressCallback) -> Page:
+        on_progress("reading", 0.0)
+        flights = read(logs, mapping, names)
+        return log_page(flights, [reason(flight) for flight in flights])
+
+    def write(folder: OutputFolder, page: Page, on_progress: ProgressCallback) -> None:
+        (folder / PAGE).write_text(page_html(page), encoding="utf-8", newline="\n")
+
+    path = results_folder(output, "report", logs[0].name.split(".")[0], as_json, "log")
+    page, path, written = compute_into(
+        path, force, [PAGE], compute, write, numbered=output is None
+    )
+    show_page(page, as_json, None if as_json else path, written)
 
 
 def read(logs: list[Path], mapping: str | None, names: dict[str, str]) -> list[Flight]:

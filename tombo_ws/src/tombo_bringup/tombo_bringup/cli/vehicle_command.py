@@ -222,7 +222,7 @@ def _ask(flag: str, question: str, default: Any = None) -> Any:
         return typer.prompt(question, default=default, type=kind)
     line = "" if sys.stdin is None else sys.stdin.readline()
     answer = line.strip() or default
-    if not line or answer is None:
+    if answer is None:
         raise InputError(f"{flag}: missing; accepted: the option, or an answer: {question}")
     try:
         return kind(answer)

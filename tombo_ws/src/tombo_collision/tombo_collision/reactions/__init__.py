@@ -8,16 +8,14 @@ node's parameters, the documentation and the generic tests follow.
 
 from __future__ import annotations
 
-import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any, ClassVar
 
 from tombo_collision.decision import Decision, Estimate, Guided, against_flight, back_off, length
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import unknown_name
+from tombo_dynamics.errors import import_each, unknown_name
 from tombo_dynamics.messages import CollisionEvent
 from tombo_dynamics.params import from_mapping, param
 from tombo_dynamics.rotation import yaw_of
@@ -125,5 +123,4 @@ def reaction_from_mapping(values: Any, section: str = "reaction") -> Reaction:
     return from_mapping(REGISTRY[name], given, section)
 
 
-for _module in pkgutil.iter_modules(__path__):
-    import_module(f"{__name__}.{_module.name}")
+import_each(__name__, __path__)

@@ -210,6 +210,13 @@ def test_the_page_stays_small_whatever_the_number_of_flights(flights, clock):
         assert "25.00–28.50" in page.text  # of the crash, from the flight's start
 
 
+def test_the_parts_of_one_log_are_one_flight():
+    several = sample(flights=4, seconds=10.0)
+    parts = [replace(f, source="lab/circle.mcap (MCAP)") for f in several.flights]
+    assert "s used, in" not in text_of(several)
+    assert "s used, in 4 parts" in text_of(replace(several, flights=tuple(parts)))
+
+
 @pytest.mark.slow
 def test_the_residual_that_was_removed_is_drawn_before_and_after(html):
     drawn = re.findall(r'<path d="([^"]*)"[^>]*stroke: var\(--(vermillion|blue|same)\)', html)

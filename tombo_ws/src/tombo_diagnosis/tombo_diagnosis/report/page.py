@@ -95,6 +95,7 @@ def diagnosis_page(diagnosis: Diagnosis, folder: str = "", vehicle: str = "") ->
     model, seconds = diagnosis.model or "the suite’s own", figure(diagnosis.seconds, 2)
     pairs = residual_data.pairs(diagnosis, 7)
     several = diagnosis.verdict != "set" and len(diagnosis.causes) > 1
+    candidates = candidate_items(diagnosis.candidates, several)
     return Page(
         title=f"Diagnosis: {headline(diagnosis)}",
         eyebrow="Tombo diagnosis",
@@ -114,12 +115,12 @@ def diagnosis_page(diagnosis: Diagnosis, folder: str = "", vehicle: str = "") ->
             ),
             Section("What can’t be certified", sentences(diagnosis.notes)),
             Section("The controller", controller_items(diagnosis.controller)),
-            Section("What drives it", _drivers(diagnosis, pairs[1:]), "page"),
-            Section("All channels", _channels(diagnosis), "page"),
+            Section("", _opened("What drives it", _drivers(diagnosis, pairs[1:])), "page"),
+            Section("", _opened("All channels", _channels(diagnosis)), "page"),
             Section("Other candidates", _rivals(diagnosis)),
-            Section("All candidates", candidate_items(diagnosis.candidates, several), "page"),
+            Section("", _opened("All candidates", candidates), "page"),
             Section("The logs", check_items(diagnosis.prechecks, "flight", zeros)),
-            Section("Flights used", flight_items(diagnosis.flights), "page"),
+            Section("", _opened("Flights used", flight_items(diagnosis.flights)), "page"),
         ],
         data=diagnosis_mapping(diagnosis),
         footer="Residual: measured minus model, all channels through the same zero-phase "
@@ -146,8 +147,16 @@ def _cards(diagnosis: Diagnosis) -> list[Card]:
         name = f"error in {display_name(gain.channel)}, {gain.horizon}"
         cards.append(Card(name, f"−{percent(gain.reduction)}", "", beside))
     used = sum(flight.used_s for flight in diagnosis.flights)
-    cards.append(Card("flights", str(len(diagnosis.flights)), "", f"{used:.0f} s used"))
+    logs, parts = len({f.source for f in diagnosis.flights}), len(diagnosis.flights)
+    # a single flight is cut into parts that are held out in turn
+    beside = f"{used:.0f} s used" + (f", in {parts} parts" if logs < parts else "")
+    cards.append(Card("flights", str(logs), "", beside))
     return cards
+
+
+def _opened(title: str, items: Sequence[Item]) -> list[Item]:
+    """Return items below a title that opens them; nothing where there are none."""
+    return [Folded(title, items)] if items else []
 
 
 def _gap(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> list[Item]:

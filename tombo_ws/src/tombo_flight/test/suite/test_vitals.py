@@ -75,6 +75,17 @@ def test_a_height_is_not_shown_as_present_once_poses_are_lost():
     assert "no pose for 12 s, last at 1.99 m" in lost and "hover" not in lost
 
 
+def test_a_fault_is_one_line_on_a_narrow_terminal():
+    text = "imu_silent: no gyro sample for 1.2 s; the vehicle descends on the last attitude"
+    found = node_diagnostics()
+    found.take([status("estimator", 2, text[:60], mocap_age_s="0.031")], 10.0)
+    console = Console(width=80, height=24, force_terminal=False)
+    with console.capture() as capture:
+        console.print(status_table(replace(suite(), node_diagnostics=found)))
+    assert f"estimator: {text[:60]}" in capture.get()
+    assert len(capture.get().splitlines()) < 24
+
+
 def test_the_table_shows_every_loop_and_every_trouble():
     text = shown(suite())
 
@@ -86,7 +97,7 @@ def test_the_table_shows_every_loop_and_every_trouble():
     lines = {line.split()[0]: line for line in text.splitlines() if line.split()}
     assert "running" in lines["controller"] and "60 us" in lines["controller"]
     assert text.count("250.0 Hz") == 2
-    assert "imu_silent: no gyro" in lines["estimator"]
+    assert "estimator: imu_silent: no gyro" in text
     assert "starting" in lines["mission"]
     assert "killed by SIGKILL" in lines["sim"]
 

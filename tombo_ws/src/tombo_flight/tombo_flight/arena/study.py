@@ -13,7 +13,6 @@ import numpy as np
 
 from tombo_bag.flight import Flight
 from tombo_collision.network import read_network
-from tombo_collision.own_reactions import imported_files, is_own
 from tombo_collision.reactions import REGISTRY
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
@@ -21,6 +20,7 @@ from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.campaign.statistics import SPREAD_METRICS
 from tombo_flight.command_line import fly_command
 from tombo_flight.flight_output import flight_summary, warm_up_flight
+from tombo_flight.own_files import imported_files
 from tombo_flight.process.study import FlightRow, Task
 from tombo_flight.report.paper_values import COLLISION_POINT_M
 from tombo_flight.scenario import Scenario, load_scenario
@@ -103,7 +103,7 @@ class Match:
             self.case.scenario,
             seed,
             settings=settings,
-            imports=imported_files() if is_own(name) else (),
+            imports=imported_files(),
             reaction=name,
             disturbances=self.disturbed,
         )
@@ -314,7 +314,5 @@ def new_arena(
 
 def _hash(scenario: Scenario) -> str:
     """Return what tells rows apart: other parameters, figures kept, or code of the user."""
-    told = repr((ROW_KEYS, scenario))
-    if is_own(scenario.reaction.name):
-        told += repr(imported_files())
+    told = repr((ROW_KEYS, scenario, imported_files()))
     return hashlib.sha256(told.encode()).hexdigest()[:8]

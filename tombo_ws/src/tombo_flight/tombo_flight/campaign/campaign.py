@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from tombo_bag.flight import Flight
-from tombo_collision.own_reactions import imported_files, is_own
 from tombo_dynamics.errors import InputError
 from tombo_flight.campaign.statistics import aggregate
 from tombo_flight.flight_output import flight_summary
 from tombo_flight.json_text import plain
+from tombo_flight.own_files import imported_files
 from tombo_flight.process.study import Task, fly_seeds
 from tombo_flight.process.study_folder import Fly, StudyFolder
 from tombo_flight.report import paper_values as paper
@@ -23,8 +24,8 @@ from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.milestones import reaction_words
 from tombo_flight.report.page import Page, Section, Table, Text
-from tombo_flight.report.paper_comparison import PAPER_SCENARIOS, fixed
-from tombo_flight.scenario import Scenario
+from tombo_flight.report.paper_comparison import fixed, is_paper_flight
+from tombo_flight.scenario import Scenario, as_mapping
 from tombo_flight.scenario_file import complete_mapping
 from tombo_flight.sweep.study import figure_columns, figures_of, row_of
 from tombo_flight.version import tombo_version
@@ -55,7 +56,7 @@ class CampaignStudy:
             "scenario": self.scenario.name,
             "values": plain(complete_mapping(self.scenario)),
             "seeds": [self.seeds.start, self.seeds.stop],
-            "imports": plain(imported_files()) if is_own(self.scenario.reaction.name) else [],
+            "imports": plain(imported_files()),
         }
         return values
 
@@ -164,6 +165,7 @@ def _campaign_of(
     return {
         "tombo_version": tombo_version(),
         "scenario": scenario.name,
+        "of_paper": is_paper_flight(as_mapping(scenario)),
         "model": scenario.model or None,
         "conf": None if scenario.propeller.plain else scenario.propeller.conf,
         "law": None if scenario.propeller.plain else scenario.propeller.law,
@@ -179,14 +181,19 @@ def _campaign_of(
 
 
 PANELS: Final = (
-    ("max_falling_distance_m", "largest falling distance [m]", paper.MEAN_MAX_FALLING_DISTANCE_M),
-    ("unstable_phase_s", "unstable phase [s]", paper.UNSTABLE_PHASE_S),
-    ("recovery_time_s", "recovery time [s]", paper.MEAN_RECOVERY_TIME_S),
-    ("contact_known_s", "detection latency [s]", None),
-    ("max_tilt_rad", "largest tilt [rad]", None),
-    ("approach_rms_m", "RMS error in the approach [m]", None),
+    (
+        "max_falling_distance_m",
+        "largest falling distance [m]",
+        1.0,
+        paper.MEAN_MAX_FALLING_DISTANCE_M,
+    ),
+    ("unstable_phase_s", "unstable phase [s]", 1.0, paper.UNSTABLE_PHASE_S),
+    ("recovery_time_s", "recovery time [s]", 1.0, paper.MEAN_RECOVERY_TIME_S),
+    ("contact_known_s", "detection latency [ms]", 1e3, None),
+    ("max_tilt_rad", "largest tilt [°]", 180.0 / math.pi, None),
+    ("approach_rms_m", "RMS error in the approach [m]", 1.0, None),
 )
-"""Figure, label of its axis, the paper's value."""
+"""Figure, label of its axis, factor to the unit shown, the paper's value."""
 _ROWS: Final = (
     ("max_falling_distance_m", "fall [m]", 1.0, 2, paper.MEAN_MAX_FALLING_DISTANCE_M),
     ("unstable_phase_s", "unstable [s]", 1.0, 2, paper.UNSTABLE_PHASE_S),
@@ -194,7 +201,7 @@ _ROWS: Final = (
     ("strikes", "strikes", 1.0, 1, None),
     ("contact_known_s", "latency [ms]", 1e3, 0, None),
     ("settled_error_m", "settled [m]", 1.0, 3, None),
-    ("max_tilt_rad", "tilt [rad]", 1.0, 2, None),
+    ("max_tilt_rad", "tilt [°]", 180.0 / math.pi, 1, None),
     ("hover_rms_m", "hover RMS [m]", 1.0, 3, None),
     ("approach_rms_m", "approach RMS [m]", 1.0, 3, None),
 )
@@ -217,10 +224,12 @@ def campaign_page(campaign: Mapping[str, Any]) -> Page:
 
 
 def _figures(campaign: Mapping[str, Any]) -> Table:
-    of_paper = campaign["scenario"] in PAPER_SCENARIOS
+    of_paper = campaign["of_paper"]
     lines = []
     for key, name, scale, digits, printed in _ROWS:
         values = campaign["aggregate"][key]
+        if not values["count"]:  # as of the figures of a collision where there is no obstacle
+            continue
         cells = [name, "–" if printed is None else f"{printed:g}"] if of_paper else [name]
         for part in ("median", "p05", "p95", "max"):
             value = values[part]
@@ -277,9 +286,9 @@ def draw_campaign(campaign: Mapping[str, Any]) -> Figure:
     flights, total = campaign["flights"], campaign["aggregate"]
     reaction = reaction_words(campaign["reaction"])
     with new_figure(12.0, 7.0, 150) as figure:
-        for axes, (key, label, printed) in zip(histograms(figure), PANELS, strict=True):
-            values = [flight[key] for flight in flights if flight[key] is not None]
-            of_paper = printed if campaign["scenario"] in PAPER_SCENARIOS else None
+        for axes, (key, label, scale, printed) in zip(histograms(figure), PANELS, strict=True):
+            values = [scale * flight[key] for flight in flights if flight[key] is not None]
+            of_paper = printed if campaign["of_paper"] else None
             draw_histogram(axes, np.array(values, dtype=np.float64), label, of_paper)
         figure.suptitle(
             f"{campaign['scenario']}, seeds {campaign['first_seed']} to {campaign['last_seed']}, "

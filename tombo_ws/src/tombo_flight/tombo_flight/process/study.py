@@ -14,12 +14,12 @@ from itertools import chain, islice, takewhile
 from typing import Any, NamedTuple, Protocol
 
 from tombo_bag.flight import Flight
-from tombo_collision.own_reactions import imported_files
 from tombo_dynamics.errors import InputError
 from tombo_flight.command_line import fly_command
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import warm_up_flight
 from tombo_flight.json_text import plain
+from tombo_flight.own_files import imported_files
 from tombo_flight.process.workers import process_count, run_in_processes, run_on_cluster
 from tombo_flight.scenario import Scenario, scenario_values, with_settings
 from tombo_flight.version import tombo_version
@@ -107,7 +107,7 @@ class StudiedScenario:
     model: str
     vehicle: str
     imports: tuple[tuple[str, str], ...]
-    """Files with the user's reactions, as of `imported_files`."""
+    """Files of the user, as of `imported_files`."""
 
     def scenario_with(self, more: Iterable[str]) -> Scenario:
         """Return what is flown with further settings.

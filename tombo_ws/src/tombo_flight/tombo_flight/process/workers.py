@@ -20,8 +20,8 @@ from concurrent.futures import (
 )
 from typing import Any, TypeVar
 
-from tombo_collision.own_reactions import import_reactions, imported_files
 from tombo_dynamics.errors import InputError
+from tombo_flight.own_files import import_files, imported_files
 from tombo_flight.version import tombo_version
 
 _Item = TypeVar("_Item")
@@ -70,7 +70,7 @@ def run_in_processes(
     left = iter(items)
     # The locks of other threads would be taken for ever in a copy.
     start = "fork" if copies and threading.active_count() == 1 else "spawn"
-    # A new process has the user's reactions before it reads what may be made of them.
+    # A new process has the user's files before it reads what may be made of them.
     told = (begin, given) if start == "fork" else pickle.dumps((begin, given))
     executor = ProcessPoolExecutor(
         workers, multiprocessing.get_context(start), _begin, (imported_files(), told)
@@ -110,7 +110,7 @@ def _submit(
 def _begin(files: Sequence[tuple[str, str]], told: Any) -> None:
     """Prepare a process: it ends when its parent does, and has imported the same files."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    import_reactions(path for path, _ in files)
+    import_files(path for path, _ in files)
     begin, given = pickle.loads(told) if isinstance(told, bytes) else told
     if begin is not None:
         begin(*given)
@@ -183,12 +183,12 @@ def _on_worker(
     """Do the work on a worker.
 
     Raises:
-        InputError: the worker has another version of the suite, or not the user's reactions.
+        InputError: the worker has another version of the suite, or not the user's files.
     """
     begin, given, version, imports = told
     if version != tombo_version():
         raise InputError(f"--scheduler: a worker has tombo {tombo_version()}; accepted: {version}")
-    import_reactions(path for path, _ in imports)
+    import_files(path for path, _ in imports)
     if getattr(_here, "begun", None) != (begin, given):
         begin(*given)
         _here.begun = (begin, given)

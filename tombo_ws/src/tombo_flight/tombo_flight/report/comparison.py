@@ -23,13 +23,26 @@ _FEW: Final = 30
 """Below this number of points each is marked."""
 
 
-def comparison_page(comparison: Comparison, name_a: str, name_b: str) -> Page:
-    """Return the page of a comparison: a row for each topic, and for each field that differs."""
+def comparison_page(
+    comparison: Comparison, name_a: str, name_b: str, *, fields: bool = True
+) -> Page:
+    """Return the page of a comparison.
+
+    Args:
+        comparison: the result.
+        name_a: of the first recording.
+        name_b: of the second one.
+        fields: a row for each field that differs, too, not for each topic alone.
+    """
     differing = sum(not topic.equal for topic in comparison.topics)
     total = len(comparison.topics)
-    left_out = f"Not compared without --topic: {', '.join(comparison.left_out)}."
+    remarks = []
+    if comparison.left_out:
+        remarks.append(f"Not compared without --topic: {', '.join(comparison.left_out)}.")
+    if differing and not fields:
+        remarks.append("Each field that differs: --topic NAME, or --json.")
     items: list[Item] = [_topics(comparison)]
-    if any(topic.fields for topic in comparison.topics):
+    if fields and any(topic.fields for topic in comparison.topics):
         items.append(_fields(comparison))
     return Page(
         title="Comparison of two recordings",
@@ -40,10 +53,7 @@ def comparison_page(comparison: Comparison, name_a: str, name_b: str) -> Page:
         summary=f"{differing} of {total} topics differ."
         if differing
         else f"Nothing differs on {total} topics.",
-        sections=[
-            Section("", items),
-            Section("", [Text([left_out])] if comparison.left_out else []),
-        ],
+        sections=[Section("", items), Section("", [Text(remarks)] if remarks else [])],
     )
 
 

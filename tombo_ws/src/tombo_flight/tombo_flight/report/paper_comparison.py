@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from tombo_collision.reactions.none import NoReaction
 from tombo_flight.report import paper_values as paper
 from tombo_flight.report.milestones import FlightMilestones, number
+from tombo_flight.scenario import as_mapping, load_scenario
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight
@@ -77,9 +78,14 @@ class FigureRow:
 
 
 def is_paper_flight(scenario: Mapping[str, Any]) -> bool:
-    """Return whether a scenario, as a flight has it, is the paper's experiment."""
+    """Return whether a scenario, as flown, is the paper's experiment with its vehicle."""
     course = (scenario.get("mission") or {}).get("course")
-    return scenario.get("name") in PAPER_SCENARIOS and not course
+    if scenario.get("name") not in PAPER_SCENARIOS or course:
+        return False
+    paper = as_mapping(load_scenario(str(scenario["name"])))
+    conf = (scenario.get("propeller") or {}).get("conf", paper["propeller"]["conf"])
+    same_vehicle = scenario.get("vehicle", paper["vehicle"]) == paper["vehicle"]
+    return bool(same_vehicle and conf == paper["propeller"]["conf"])
 
 
 def comparison_rows(milestones: FlightMilestones, flight: Flight) -> list[FigureRow]:

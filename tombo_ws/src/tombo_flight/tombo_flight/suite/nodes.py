@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from tombo_dynamics.core import Core
+from tombo_flight.own_files import with_imports
 from tombo_flight.suite.supervisor import Program
 from tombo_sim.wiring import CORES, PX4_REPLACES
 
@@ -89,7 +90,9 @@ def node_program(
     words += [word for path in parameter_files for word in ("--params-file", str(path))]
     ros = ["--ros-args", *words] if words else []
     return Program(
-        name, (sys.executable, "-m", modules[name], *ros), ends_last=modules[name] == RECORDER
+        name,
+        (sys.executable, *with_imports(modules[name]), *ros),
+        ends_last=modules[name] == RECORDER,
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
+from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
@@ -71,8 +72,8 @@ class SuiteState:
         return "silent" if self.now_s - status.heard_s > SILENT_S else "running"
 
 
-def status_table(suite: SuiteState) -> Table:
-    """Return the table: a row a loop, the node's own beside its first one."""
+def status_table(suite: SuiteState) -> Group:
+    """Return the table, a row a loop; below it what nodes say is wrong, on lines of its own."""
     age = suite.node_diagnostics.mocap_age_s
     mocap = "mocap: no message" if math.isnan(age) else f"mocap: {1e3 * age:.0f} ms old"
     parts = (f"{suite.uptime_s:.0f} s up", suite.flight_text, mocap)
@@ -82,24 +83,23 @@ def status_table(suite: SuiteState) -> Table:
         table.add_column(heading, no_wrap=True)
     for heading in ("pid", "rate", "p99 late", "missed"):
         table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("faults")
+    faults = []
     for name in suite.names:
         state = suite.state(name)
         status = suite.node_diagnostics.nodes.get(name, NodeStatus())
         loops = status.loops if name in suite.pids else ()
         style = _STYLES.get(state, "bold red")
         pid = str(suite.pids.get(name, ""))
-        fault = status.message if pid else ""
+        if pid and status.level:
+            style_of_fault = _FAULT_STYLES[min(status.level, 2)]
+            faults.append(Text(f"{name}: {status.message}", style_of_fault))
         first, *others = loops or (Loop("", {}),)
         table.add_row(
-            Text(name, "bold"),
-            Text(state, style),
-            *_cells(first, pid, alone=not others),
-            Text(fault, _FAULT_STYLES[min(status.level, 2)]),
+            Text(name, "bold"), Text(state, style), *_cells(first, pid, alone=not others)
         )
         for loop in others:
-            table.add_row("", "", *_cells(loop, "", alone=False), "")
-    return table
+            table.add_row("", "", *_cells(loop, "", alone=False))
+    return Group(table, *faults)
 
 
 def status_line(suite: SuiteState) -> str:

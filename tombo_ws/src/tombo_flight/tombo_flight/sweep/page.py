@@ -80,8 +80,8 @@ def dependence_pictures(axes: Sequence[Axis], columns: Columns) -> list[Picture]
 def draw_distributions(columns: Columns) -> Figure:
     """Draw a histogram of each of the collision's figures."""
     with new_figure(12.0, 7.0, 110) as figure:
-        for axes, (key, label, printed) in zip(histograms(figure), PANELS, strict=True):
-            values = columns[key]
+        for axes, (key, label, scale, printed) in zip(histograms(figure), PANELS, strict=True):
+            values = scale * columns[key]
             draw_histogram(axes, values[np.isfinite(values)], label, printed)
     return figure
 
@@ -154,7 +154,7 @@ def _value(values: Array, kind: str) -> float:
 
 MOST_FAILURES = 200
 """Failures that are listed; the table has all of them."""
-_NEEDED = ("crashed", "collided", "landed", *(key for key, _, _ in PANELS))
+_NEEDED = ("crashed", "collided", "landed", *(key for key, *_ in PANELS))
 
 
 def analyse_sweep(sweep: SweepStudy, opened: StudyFolder, fly: Fly) -> Page:

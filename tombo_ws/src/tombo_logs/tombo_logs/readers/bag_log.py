@@ -43,8 +43,6 @@ _TYPES = {
 }
 _CONTROL = {t.name: t.typename for t in (SETPOINT, ATTITUDE_SETPOINT, RATES_SETPOINT, ODOMETRY)}
 """Topic → type of what the suite's controller estimates and asks for."""
-_ALONE = "no metadata.yaml: the recorder was not closed"
-"""No damage if the folder has one recording, as of a headless flight."""
 _POSE = {"position", "attitude"}
 _TRUTH = "ground_truth"
 _OTHER_CLOCK_S = 30.0
@@ -82,7 +80,7 @@ def read_bag(
         tables = {key: table for key, table in tables.items() if len(table["log_time_ns"])}
         starts = [s.first_ns for s in recording.topics.values() if s.count]
         metadata = _scenario_name(recording.metadata)
-        damage = [text for text in recording.damage if text != _ALONE or len(recording.files) > 1]
+        damage = recording.damage
     findings = damage_findings(name, path, damage)
     used = {key for key, _ in foreign.channels.values()} | ({PX4} if foreign.px4 else set())
     others = {key: foreign.tables[key] for key in used}

@@ -102,18 +102,24 @@ class Live {
     this.marks = { ...data.milestones, obstacle: null, x_c_m: null, x_r_m: null, n_r: null };
     find("changes").replaceChildren();
     this.seekable = hello.seekable;
+    this.contact = hello.contact_s;
+    find("contact-key").hidden = this.contact === null;
     find("playback").hidden = !hello.seekable;
     find("operator").hidden = !hello.operable;
     if (hello.seekable) Object.assign(find("time"), { min: hello.first_s, max: hello.last_s });
     this.offer(hello.signals);
     hello.frames.forEach((frame) => this.frame(frame));
     if (hello.picked.length) this.pickedNow(hello.picked);
-    else this.ask("pick", data.first_picked.filter((name) => hello.signals.includes(name)));
+    else this.askFirst(hello.signals);
+  }
+
+  askFirst(signals) {
+    this.ask("pick", data.first_picked.filter((name) => name in signals));
   }
 
   offer(signals) {
-    find("signals").replaceChildren(...signals.map((name) => Object.assign(document.createElement("option"), { value: name })));
-    this.offered = signals;
+    find("signals").replaceChildren(...Object.keys(signals).map((name) => Object.assign(document.createElement("option"), { value: name })));
+    this.units = signals;
   }
 
   frame(frame) {
@@ -121,7 +127,7 @@ class Live {
     this.rows.add(frame.t, frame.row);
     if (frame.signals) {
       this.offer(frame.signals);
-      if (!this.picked.length) this.ask("pick", data.first_picked.filter((name) => frame.signals.includes(name)));
+      if (!this.picked.length) this.askFirst(frame.signals);
     }
     for (const [name, value] of Object.entries(frame.values)) {
       if (!this.curves.has(name)) this.curves.set(name, []);
@@ -136,11 +142,11 @@ class Live {
     if (frame.playing) this.playing(frame.playing);
   }
 
-  change({ time_s, kind, text }) {
+  change({ time_s, kind, of, text }) {
     const line = document.createElement("li"), time = document.createElement("time");
     line.className = kind.replace(/\W/g, "");
     time.textContent = `${time_s.toFixed(2)} s`;
-    line.append(time, text);
+    line.append(time, `${of}: ${text}`);
     find("changes").prepend(line);
     while (find("changes").children.length > 200) find("changes").lastChild.remove();
   }
@@ -188,12 +194,12 @@ class Live {
     phase.style.background = data.milestones.phase_colours[Math.round(heldAt(rows, "mode", now)[0])] || "";
     fillList(find("gauges"), gaugeRows(rows, now));
     const { pose } = last, shown = (x) => (x === null ? "–" : `${x.toFixed(0)} ms`);
-    const states = Object.entries(last.state).filter(([key]) => key !== "pose" && !key.startsWith("node "));
-    const faulty = Object.entries(last.state).filter(([key, text]) => key.startsWith("node ") && !text.includes(": ok"));
+    const states = Object.entries(last.state).filter(([key]) => !key.startsWith("node "));
+    const faulty = Object.entries(last.state).filter(([key, text]) => key.startsWith("node ") && !text.startsWith("ok"));
     fillList(find("states"), [
       ["poses", `latency ${shown(pose.latency_ms)}, age ${shown(pose.age_ms)}`, pose.silent ? "bad" : ""],
-      ...states.map(([key, text]) => [key.replace(/^\//, "").replace(/_/g, " "), text]),
-      ...faulty.map(([, text]) => ["node", text, "bad"]),
+      ...states,
+      ...faulty.map(([key, text]) => [key, text, "bad"]),
     ]);
     if (this.seekable && document.activeElement !== find("time")) find("time").value = String(now);
   }
@@ -209,11 +215,13 @@ class Live {
       pen.setTransform(sharp, 0, 0, sharp, 0, 0);
       let low = Infinity, high = -Infinity;
       for (const [, v] of curve) { low = Math.min(low, v); high = Math.max(high, v); }
-      strip.querySelector("output").textContent = curve.length ? curve.at(-1)[1].toPrecision(4) : "–";
+      const unit = this.units[strip.dataset.name] || "";
+      strip.querySelector("output").textContent = curve.length ? `${curve.at(-1)[1].toPrecision(4)} ${unit}` : "–";
       if (!(low <= high)) continue;
+      const bottom = height - 16;
       const { ticks, digits } = niceTicks(low - 1e-3, high + 1e-3 + (high - low) * 0.05, 3);
       const x = (t) => 44 + ((t - start) / SPAN_S) * (width - 50);
-      const y = (v) => height - 6 - ((v - low) / Math.max(high - low, 1e-3)) * (height - 12);
+      const y = (v) => bottom - ((v - low) / Math.max(high - low, 1e-3)) * (bottom - 6);
       pen.font = "10px system-ui, sans-serif";
       pen.textAlign = "right";
       for (const tick of ticks) {
@@ -223,6 +231,14 @@ class Live {
         pen.beginPath();
         pen.moveTo(44, y(tick));
         pen.lineTo(width, y(tick));
+        pen.stroke();
+      }
+      pen.textAlign = "center";
+      for (const tick of niceTicks(Math.max(start, 0), end, width / 80).ticks) {
+        pen.fillText(`${tick.toFixed(0)} s`, x(tick), height - 3);
+        pen.beginPath();
+        pen.moveTo(x(tick), bottom);
+        pen.lineTo(x(tick), bottom + 3);
         pen.stroke();
       }
       pen.strokeStyle = colour("blue");
@@ -287,7 +303,8 @@ class Live {
         ".": () => this.ask("step", 0.01),
         ArrowLeft: () => this.ask("seek", this.now - 1),
         ArrowRight: () => this.ask("seek", this.now + 1),
-      }[event.key];
+        c: () => { if (this.contact !== null) this.ask("seek", this.contact - 0.4); },
+      }[event.key.length > 1 ? event.key : event.key.toLowerCase()];
       if (!act) return;
       event.preventDefault();
       act();

@@ -63,7 +63,6 @@ _RULES = (
     OptionRule("--nodes", "nodes", (), ("seeds", "no_record")),
     OptionRule("--px4", "px4", (), ("nodes", "seeds", "no_record")),
     *PX4_RULES,
-    OptionRule("--import {imports[0]}", "imports", (), ("nodes", "px4")),
     OptionRule("--figure", "figure", (), ("seeds", "nodes", "px4")),
 )
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tombo_bringup.cli.options import (
+    Imports,
     TopicNames,
     UnpackLimit,
     former_option,
@@ -52,6 +53,7 @@ def replay(
             "Default: each whose inputs are in the bag.",
         ),
     ] = None,
+    imports: Imports = None,
     maps: TopicNames = None,
     scenario: Annotated[
         str | None,

@@ -15,6 +15,7 @@ from tombo_bringup.cli.options import (
     BridgeSettings,
     Disturbed,
     Duration,
+    Imports,
     ModelFile,
     Px4Url,
     ReactionName,
@@ -50,6 +51,7 @@ def up(
     scenario: ScenarioArgument = "paper_collision",
     reaction: ReactionName = None,
     disturbances: Disturbed = False,
+    imports: Imports = None,
     settings: Settings = None,
     model: ModelFile = None,
     vehicle: VehicleName = None,
@@ -89,8 +91,7 @@ def up(
 
     With --px4 PX4 stands for estimator and controller. Each is a process of its own and a ROS 2
     node; Ctrl-C stops them. A node that ends by itself is reported and not started again; the
-    others go on. Without the simulator nothing flies before `ros2 service call /mission/takeoff
-    std_srvs/srv/Trigger`.
+    others go on. Without the simulator nothing flies before `tombo call takeoff`.
     """
     from tombo_bringup.cli.flight.fly_command import over_scenario
     from tombo_bringup.cli.flight.fly_nodes import may_arm

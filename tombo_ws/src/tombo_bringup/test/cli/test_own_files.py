@@ -1,15 +1,17 @@
-"""Reactions of the user on the command line: imported in every process, checked, and named."""
+"""Files of the user on the command line: imported in every process, checked, and named."""
 
 from __future__ import annotations
 
 import json
 import shlex
+import subprocess
+import sys
 
 import pyarrow.parquet as pq
 import pytest
 
-from tombo_collision import own_reactions
 from tombo_collision.reactions import REGISTRY
+from tombo_flight import own_files
 
 TEXT = '''
 from dataclasses import dataclass
@@ -37,6 +39,18 @@ class Mine(tombo.Reaction):
             5.0: (x_c, n_r),
         }[self.wrong]
 '''
+LATE = """
+from tombo_dynamics.effects import Param, Stage, effect
+
+@effect("late", Stage.WRENCH, [Param("force", "N", 0.0, (0.0, 1.0), "up", 1.0)], signature="up")
+def late(plant, noise, force):
+    plant.force[2] += force
+"""
+BROKEN = {
+    "no_name.py": (LATE.replace("+= force", "+= force * nobody"), "'nobody' is not defined"),
+    "not_null.py": (LATE.replace("+= force", "+= 1.0 + force"), "when its parameters are null"),
+    "no_text.py": (LATE.replace("plant.force", "plant.nothing"), "effect 'late'"),
+}
 SHORT = ("--set", "duration=12", "--set", "mission.approach_time=6")
 
 
@@ -44,7 +58,7 @@ SHORT = ("--set", "duration=12", "--set", "mission.approach_time=6")
 def mine(tmp_path, monkeypatch):
     """File with a reaction, in a folder with a space; the registry is as before afterwards."""
     before = dict(REGISTRY)
-    monkeypatch.setattr(own_reactions, "_IMPORTED", {})
+    monkeypatch.setattr(own_files, "_IMPORTED", {})
     path = tmp_path / "my files" / "yours.py"
     path.parent.mkdir()
     path.write_text(TEXT)
@@ -96,10 +110,24 @@ def test_what_is_no_file_with_a_reaction_is_refused(refused, tmp_path):
     for name, text, word in (
         ("broken.py", "x = (", "SyntaxError"),
         ("fails.py", "1 / 0", "line 1"),
-        ("empty.py", "x = 1", "no reaction"),
+        ("empty.py", "x = 1", "nothing that can be flown"),
+        ("late.py", LATE, "import the file first"),
         ("half.py", "import tombo\nclass A(tombo.Reaction):\n    name = 'half'\n", "begin()"),
     ):
         (tmp_path / name).write_text(text)
         refused(("fly", "--import", name), name, word)
     assert "half" not in REGISTRY
     refused(("fly", "--import", "nothere.py"), "nothere.py", "no such file")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_effect_is_refused_before_it_flies(name, tmp_path):
+    text, word = BROKEN[name]
+    (tmp_path / name).write_text(text)
+    done = subprocess.run(  # of its own: this one has loaded the flight
+        [sys.executable, "-m", "tombo_bringup.cli.main", "effects", "--import", name],
+        cwd=tmp_path, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert name in done.stderr and word in done.stderr and "Traceback" not in done.stderr

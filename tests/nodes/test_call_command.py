@@ -1,0 +1,33 @@
+"""`tombo call` asks running nodes, and says what they answer."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tombo_bag.topics import MISSION_STATUS
+
+pytest.importorskip("rclpy")
+PATIENCE_S = 300.0
+
+
+def call(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "tombo_bringup.cli.main", "call", *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+
+
+def test_the_mission_answers_and_no_other_node_is_asked(world, start):
+    world.subscribe(MISSION_STATUS)
+    start("tombo_control.mission_node")
+    world.meet(MISSION_STATUS, patience_s=PATIENCE_S)
+    held = call("hold", "--json")
+    answer = json.loads(held.stdout)
+    assert answer["request"] == "hold" and answer["message"], held.stderr
+    assert "no node offers" not in answer["message"]
+    assert held.returncode == (0 if answer["success"] else 1)
+    absent = call("kill")
+    assert absent.returncode == 1
+    assert "kill refused: no node offers controller/kill" in absent.stdout

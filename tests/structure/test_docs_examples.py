@@ -1,0 +1,98 @@
+"""The examples of all pages and of CONTRIBUTING do as they are printed what the page says.
+
+Python runs, in a folder of its own, block after block of a page. A file that the page asks to save
+is there for its commands, which are run, too. YAML is read by what reads such a file.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tombo_diagnosis.stand.tables import table_reader
+from tombo_flight.scenario import load_scenario
+from tombo_flight.vehicle_file import vehicle_from_text
+from tombo_logs.readers.csv_mapping import parse_mapping
+
+ROOT = Path(__file__).parents[2]
+PAGES = [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+TEXTS = {page.name: page.read_text(encoding="utf-8") for page in PAGES}
+SAVED = re.compile(r"Save as `([\w.]+)`:\n\n```\w+\n(.*?)^```", re.M | re.S)
+
+
+def blocks(name: str, language: str, text: str | None = None) -> list[str]:
+    text = TEXTS[name] if text is None else text
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.M | re.S)
+
+
+def pages(language: str) -> list[str]:
+    """Return the pages with blocks that are no files to be saved."""
+    return [name for name, text in TEXTS.items() if blocks(name, language, SAVED.sub("", text))]
+
+
+def run(words: list[str], folder: Path) -> str:
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        words, cwd=folder, env=os.environ | {"PATH": path}, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", pages("python"))
+def test_python_runs(name, tmp_path):
+    printed = blocks(name, "python", SAVED.sub("", TEXTS[name]))
+    installed = [
+        block
+        for block in printed
+        if all(importlib.util.find_spec(m) for m in re.findall(r"^(?:from|import) (\w+)", block))
+    ]
+    (tmp_path / "page.py").write_text("\n\n".join(installed), encoding="utf-8")
+    run([sys.executable, "page.py"], tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name, text in TEXTS.items() if SAVED.search(text)])
+def test_saved_files_fly_with_the_commands_of_the_page(name, tmp_path):
+    for file, block in SAVED.findall(TEXTS[name]):
+        (tmp_path / file).write_text(block, encoding="utf-8")
+    commands = [block for block in blocks(name, "sh") if block.startswith("tombo ")]
+    run(["bash", "-e", "-c", "\n".join(commands)], tmp_path)
+    summaries = {p.parent.name: json.loads(p.read_text()) for p in tmp_path.rglob("summary.json")}
+    if name == "own_collision.md":
+        post, up = summaries["post"], summaries["up"]
+        assert post["collided"] and up["reaction"] == "back_and_up"
+        assert up["x_r_m"][2] - up["x_c_m"][2] == pytest.approx(0.4, abs=0.01)
+    if name == "CONTRIBUTING.md":
+        from tombo_bag.recording import Recording
+
+        (recorded,) = tmp_path.rglob("flight.mcap")
+        with Recording(recorded) as recording:
+            assert recording.topics["/climb"].count > 100
+            height = recording.columns("/ground_truth/odometry")["pose.pose.position.z"]
+        assert height.max() < 1.2, "the rope has not held the vehicle down"
+
+
+@pytest.mark.parametrize("name", pages("yaml"))
+def test_yaml_is_accepted(name, tmp_path):
+    for block in blocks(name, "yaml", SAVED.sub("", TEXTS[name])):
+        keys = set(yaml.safe_load(block))
+        file = tmp_path / "page.yaml"
+        file.write_text(block if "extends" in keys else f"extends: hover\n{block}")
+        if "tombo_vehicle" in keys:
+            vehicle_from_text(block, name)
+        elif {"channels", "model"} <= keys:
+            table_reader.parse_mapping(block, name)
+        elif "channels" in keys:
+            parse_mapping(block, name)
+        else:
+            load_scenario(str(file))

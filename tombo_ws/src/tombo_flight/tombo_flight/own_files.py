@@ -1,0 +1,197 @@
+"""Effects, reactions and cores from files of the user, in this process and in those that fly.
+
+    python -m tombo_flight.own_files FILE... -- MODULE [ARGUMENT ...]
+
+runs a module, such as that of a node, after the files were imported.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import inspect
+import runpy
+import sys
+import warnings
+from collections.abc import Iterable, Sequence
+from importlib.machinery import SourceFileLoader
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from tombo_collision import reactions
+from tombo_dynamics import effects, jit
+from tombo_dynamics.core import Core
+from tombo_dynamics.effects import Effect
+from tombo_dynamics.errors import InputError, problem_in
+from tombo_dynamics.plant import Plant
+from tombo_dynamics.records import fill_record
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_sim import wiring
+
+_IMPORTED: dict[str, str] = {}
+"""Absolute path → a hash of the content, of the files that are imported in this process."""
+_NORMALS = 9
+"""Numbers in a row of noise."""
+_COMPOSED = "tombo_dynamics.effects.compose"
+_ACCEPTED = (
+    "a file with a function that @effect decorates, a subclass of tombo.Reaction, or one of "
+    "tombo_dynamics.core.Core, each with its name"
+)
+
+
+def imported_files() -> tuple[tuple[str, str], ...]:
+    """Return absolute path and a hash of the content of each file that was imported."""
+    return tuple(_IMPORTED.items())
+
+
+def import_files(paths: Iterable[str | Path]) -> None:
+    """Import Python files, each with the effects, reactions and cores that it defines.
+
+    A file that was imported before stays. Effects and cores are compiled into the flight, so they
+    come before the first one of a process.
+
+    Raises:
+        InputError: no such file, it fails, it defines nothing that can be flown, or it comes late.
+    """
+    for path in paths:
+        _import(str(path))
+
+
+def import_reactions(paths: Iterable[str | Path]) -> None:
+    """Import files under the former name of `import_files`."""
+    text = "tombo.import_reactions is deprecated: use tombo.import_files"
+    warnings.warn(text, DeprecationWarning, stacklevel=2)
+    import_files(paths)
+
+
+def with_imports(module: str) -> tuple[str, ...]:
+    """Return arguments of Python that run a module with the files of this process."""
+    if not _IMPORTED:
+        return ("-m", module)
+    return ("-m", __name__, *_IMPORTED, "--", module)
+
+
+class _Loader(SourceFileLoader):
+    """Writes no compiled file into the user's folder."""
+
+    def set_data(self, path: str, data: Any, *, _mode: int = 0o666) -> None:
+        """Keep nothing."""
+
+
+def _import(given: str) -> None:
+    path, what = Path(given).resolve(), f"--import '{given}'"
+    if str(path) in _IMPORTED:
+        return
+    if path.suffix != ".py" or not path.is_file():
+        raise InputError(f"{what}: no such file; accepted: {_ACCEPTED}")
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+    registries: tuple[dict[str, Any], ...] = (effects.REGISTRY, reactions.REGISTRY)
+    before, cores = [dict(registry) for registry in registries], wiring.CORES
+    # A name of its own, the same in each process, so that objects can be sent between them, and
+    # in each folder, so that machine code is found again.
+    name = f"{path.stem}_{digest}"
+    spec = importlib.util.spec_from_file_location(name, path, loader=_Loader(name, str(path)))
+    assert spec is not None and spec.loader is not None  # of every file that ends with .py
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    if str(path.parent) not in sys.path:
+        sys.path.append(str(path.parent))  # for what lies beside it
+    try:
+        spec.loader.exec_module(module)
+        if _enter(module, what):
+            jit.add_sources(name)
+    except BaseException as error:
+        del sys.modules[name]
+        for registry, entries in zip(registries, before, strict=True):
+            registry.clear()
+            registry.update(entries)
+        wiring.CORES = cores
+        if isinstance(error, Exception) and not isinstance(error, InputError):
+            raise InputError(f"{what}: {problem_in(error, path)}; accepted: a file that "
+                             "Python can import") from error  # fmt: skip
+        raise
+    _IMPORTED[str(path)] = digest
+
+
+def _enter(module: ModuleType, what: str) -> bool:
+    """Check what a module defines, and enter its cores; return whether it is compiled code."""
+    name = module.__name__
+    new_effects = [effect for effect in effects.REGISTRY.values() if effect.module == name]
+    new_reactions = [kind for kind in reactions.REGISTRY.values() if kind.__module__ == name]
+    new_cores = [
+        kind
+        for kind in vars(module).values()
+        if inspect.isclass(kind) and issubclass(kind, Core) and kind.__module__ == name
+        and "name" in vars(kind)
+    ]  # fmt: skip
+    if not [*new_effects, *new_reactions, *new_cores]:
+        raise InputError(f"{what}: nothing that can be flown; accepted: {_ACCEPTED}")
+    for kind in (*new_reactions, *new_cores):
+        if inspect.isabstract(kind):
+            lacks = " and ".join(f"{method}()" for method in sorted(kind.__abstractmethods__))
+            raise InputError(f"{what}: {kind.__name__} has no {lacks}; accepted: with it")
+    names = [core.name for core in (*wiring.CORES, *new_cores)]
+    for core in new_cores:
+        if names.count(core.name) > 1:
+            raise InputError(f"{what}: core '{core.name}' is there already; accepted: a new name")
+    late = (new_effects and _COMPOSED in sys.modules) or (new_cores and _wired())
+    if late:
+        raise InputError(
+            f"{what}: effects and cores are compiled into the flight, and this process has loaded "
+            "it; accepted: import the file first"
+        )
+    for effect in new_effects:
+        _try(effect, what)
+    wiring.CORES = (*wiring.CORES, *new_cores)
+    return bool(new_effects or new_cores)
+
+
+def _wired() -> bool:
+    """Return whether a module has read which cores there are."""
+    others = (module for name, module in list(sys.modules.items()) if name != wiring.__name__)
+    return any(getattr(m, "__dict__", {}).get("CORES") is wiring.CORES for m in others)
+
+
+def _try(effect: Effect, what: str) -> None:
+    """Compile an effect, and refuse one that changes a vehicle by its null values."""
+    plant = Plant.new()
+    for name, declared in Plant.fields.items():
+        if declared.kind is float:  # no division by zero in what the effect reads
+            plant[name] = 1.0
+    plant.state.attitude[3] = plant.state.position[2] = 1.0
+    fill_record(plant.vehicle, VehicleParams())
+    before = plant.tobytes()
+    memory = [] if effect.state is None else [effect.state.new()]
+    nulls = [float(parameter.null) for parameter in effect.theta]
+    plain = getattr(effect.function, "py_func", effect.function)
+    # compiled apart: numba would take code for `Plant` for that of a `SimulatedPlant`, too
+    function = jit.compiled(plain)
+    try:
+        function(plant, np.zeros(_NORMALS), *memory, *nulls)
+    except Exception as error:
+        raise InputError(
+            f"{what}: effect '{effect.name}': {problem_in(error)}; accepted: a function that "
+            "numba can compile"
+        ) from error
+    if plant.tobytes() != before:
+        raise InputError(
+            f"{what}: effect '{effect.name}' changes the vehicle when its parameters are null; "
+            "accepted: one that then does nothing"
+        )
+
+
+def _main(words: Sequence[str]) -> None:
+    """Import files, then run a module with the arguments after it."""
+    files = words[: words.index("--")]
+    import_files(files)
+    sys.argv = list(words[len(files) + 1 :])
+    runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+
+
+if __name__ == "__main__":
+    from tombo_flight.own_files import _main as main_of_the_module  # not this copy of it
+
+    main_of_the_module(sys.argv[1:])
