@@ -23,9 +23,9 @@ def test_the_mission_answers_and_no_other_node_is_asked(world, start):
     world.subscribe(MISSION_STATUS)
     start("tombo_control.mission_node")
     world.meet(MISSION_STATUS, patience_s=PATIENCE_S)
-    held = call("hold", "--json")
+    held = call("takeoff", "--json")
     answer = json.loads(held.stdout)
-    assert answer["request"] == "hold" and answer["message"], held.stderr
+    assert answer["request"] == "takeoff" and answer["message"], held.stderr
     assert "no node offers" not in answer["message"]
     assert held.returncode == (0 if answer["success"] else 1)
     absent = call("kill")

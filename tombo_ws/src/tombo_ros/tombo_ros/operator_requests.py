@@ -1,4 +1,4 @@
-"""What an operator asks of running nodes: hold, land, kill, by their services."""
+"""Requests of an operator to running nodes: take off, hold, land, abort, kill, by services."""
 
 from __future__ import annotations
 
@@ -13,13 +13,21 @@ from std_srvs.srv import Trigger
 from tombo_bag.topics import PX4_STATUS
 
 SERVICES = {
+    "takeoff": ("mission/takeoff",),
+    "abort": ("controller/abort", "mission/abort"),
     "hold": ("mission/hold",),
     "land": ("controller/abort", "mission/land"),
     "kill": ("controller/kill",),
 }
 """Request → services that are called together; it is obeyed if one of them obeys. The node with
 the last word before the rotors needs no other; the mission is told so that it does not go on."""
-PX4_SERVICES = {"hold": ("px4/hold",), "land": ("px4/land", "mission/land"), "kill": ("px4/kill",)}
+PX4_SERVICES = {
+    "takeoff": ("mission/takeoff",),
+    "abort": ("px4/abort", "mission/land"),
+    "hold": ("px4/hold",),
+    "land": ("px4/land", "mission/land"),
+    "kill": ("px4/kill",),
+}
 """The same over PX4, where the bridge has the last word."""
 _INSTEAD = {"hold": "land"}
 """Request that no node obeys → what is asked then."""
@@ -57,6 +65,11 @@ class OperatorRequests:
         self._clients = {name: node.create_client(Trigger, name) for name in sorted(names)}
         self._open: list[_Request] = []
         self._rest = ""
+
+    def offered(self, name: str) -> bool:
+        """Return whether a node offers a service of a request."""
+        services = (*SERVICES[name], *PX4_SERVICES[name])
+        return any(self._clients[service].service_is_ready() for service in services)
 
     def read(self, data: str) -> list[dict[str, Any]]:
         """Call what whole lines ask for; return what can't be called."""

@@ -20,22 +20,8 @@ from tombo_ros.operator_requests import OperatorRequests
 _DISCOVERY_S = 20.0
 """So long a node may take to be discovered, on a busy machine."""
 _BRIDGE_S = 0.5
-"""So much longer the bridge to PX4 may take than another node."""
+"""Time in which all nodes have been discovered after the first [s]."""
 _LOOK_S = 0.02
-
-
-def _asks_px4(node: Node, request: str) -> bool:
-    """Wait until a node offers a request; return whether PX4's bridge has the last word on it."""
-    end = time.monotonic() + _DISCOVERY_S
-    while time.monotonic() < end:
-        offered = {name for name, _ in node.get_service_names_and_types()}
-        # a takeoff is the mission's plan, for which the bridge arms
-        if request != "takeoff" and f"/px4/{request}" in offered:
-            return True
-        if offered & {f"/mission/{request}", f"/controller/{request}"}:
-            end = min(end, time.monotonic() + _BRIDGE_S)
-        time.sleep(_LOOK_S)
-    return False
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -44,7 +30,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     rclpy.init()
     node = Node("operator", start_parameter_services=False)
     try:
-        requests = OperatorRequests(node, px4=_asks_px4(node, request))
+        requests = OperatorRequests(node)
+        end_s = time.monotonic() + _DISCOVERY_S
+        while not requests.offered(request) and time.monotonic() < end_s:
+            time.sleep(_LOOK_S)
+        time.sleep(_BRIDGE_S)
         answers = requests.read(f"{request}\n")
         while not answers:
             answers = requests.answers()
