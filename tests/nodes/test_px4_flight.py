@@ -103,10 +103,10 @@ def test_ctrl_c_in_the_air_lands_the_vehicle(world, lab, domain, tmp_path):
     world.meet(TRUE_ODOMETRY, patience_s=_COMPILES_S)
     url, node = lab
     proof = tmp_path / "axes.yaml"
-    record = AxesEvidence("2026-11-24T10:00:00+00:00", "", 1, tilt_rad=(0.0, 0.0))
+    record = AxesEvidence("2026-11-24T10:00:00+00:00", "lab", "544f4d424f", tilt_rad=(0.0, 0.0))
     proof.write_text(yaml.safe_dump([record.as_mapping()]))
     words = ("fly", "hover", "--px4", url, "--yes", "--domain", str(domain), "-o", "out", "--json")
-    words += ("--bridge", f"px4.axes_evidence={proof}")
+    words += ("--bridge", f"px4.axes_evidence={proof}", "--bridge", "px4.tracked_body=lab")
     command = subprocess.Popen(
         [sys.executable, "-m", "tombo_bringup.cli.main", *words],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

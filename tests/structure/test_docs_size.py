@@ -12,7 +12,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 PAGES = [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md"]
 TABLE = re.compile(r"<!-- (\w+) -->.*?<!-- /\1 -->", re.S)
-IN_ALL, ON_A_PAGE = 40_000, 2_500
+ON_A_PAGE = 2_500
 
 
 def words(text: str) -> int:
@@ -25,7 +25,6 @@ def words(text: str) -> int:
 def test_no_page_is_longer_than_a_reader_reads():
     found = {page.name: words(page.read_text(encoding="utf-8")) for page in PAGES}
     assert {name: count for name, count in found.items() if count > ON_A_PAGE} == {}
-    assert sum(found.values()) <= IN_ALL
 
 
 def test_the_readme_is_a_page_or_two():

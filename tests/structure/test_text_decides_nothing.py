@@ -14,6 +14,9 @@ SRC = Path(__file__).parents[2] / "tombo_ws" / "src"
 FROM_OUTSIDE = {
     # a benchmark that asks whether the person is told the mistake
     "tombo_benchmarks/px4/wrong_axes.py",
+    # play the person who reads a page and a terminal
+    "tombo_benchmarks/px4/first_flight.py",
+    "tombo_benchmarks/px4/terminal.py",
     # of the kernel
     "tombo_benchmarks/peers/peers_benchmark.py",
     # the command line's own parser has no other sign

@@ -121,11 +121,11 @@ class BridgeParams:
         "wrong axes then end below 1 m: brakes within 0.15 m from 0.6 m/s",
     )
     takeoff_check_time: float = param(
-        4.0,
+        8.0,
         "s",
         (0.0, 30.0),
         "after the lift-off a calm vehicle, whose axes have not shown, waits no longer for them",
-        "over a real PX4 wrong axes show 2.2 to 3 s after the lift-off",
+        "over a real PX4 wrong axes show 2 to 7 s after the lift-off",
     )
     pose_jump_max: float = param(
         0.5,

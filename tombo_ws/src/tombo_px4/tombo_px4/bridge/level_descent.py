@@ -27,7 +27,7 @@ _LEAST_FORCE = 0.5 * GRAVITY
 """Specific force below which the throttle that hovers is not learnt [m/s^2]."""
 _HOVER_LOW, _HOVER_HIGH = 0.05, 0.9
 """Throttle of a vehicle that can fly at all [1]."""
-_PROBE_NS = TICK_HZ * TICK_NS
+_PROBE_NS = 7 * TICK_HZ * TICK_NS // 10
 """Time between two trials whether the ground carries the vehicle [ns]."""
 _REST_RATE, _REST_FORCE = 0.5, 0.2 * GRAVITY
 """As in `tombo_control.safety.touchdown` [rad/s], [m/s^2]."""
