@@ -170,6 +170,8 @@ def log_figures(flight: Flight) -> dict[str, float | str | None]:
     voltage = series.get("voltage")
     interval = None if pose is None else intervals(pose.t)
     late = None if pose is None or pose.arrival is None else 1e3 * (pose.arrival - pose.t)
+    if (_of_known(np.median, late) or 0.0) < 0.0:
+        late = None  # stamps later than arrival are of another clock, and tell no latency
     return {
         "duration [s]": _of_known(np.max, np.array([flight.duration_s])),
         "poses [Hz]": None if interval is None else 1.0 / float(np.median(interval)),
