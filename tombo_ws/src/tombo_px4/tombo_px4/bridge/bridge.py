@@ -281,6 +281,8 @@ class Bridge:
         if why:
             self.poses_refused[why.key] += 1
             self.preflight.refused_pose(why, now_ns, age_s)
+            if why == PoseRefusal.DISTRUSTED:  # its motion shows the direction to brake by
+                self.watch.motion.pose(stamp_ns, position, attitude / np.linalg.norm(attitude))
             return why
         self.pose_stamp_ns, self.watch.pose_ns = stamp_ns, now_ns
         unit = attitude / np.linalg.norm(attitude)

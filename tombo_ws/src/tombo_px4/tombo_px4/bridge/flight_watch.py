@@ -70,9 +70,6 @@ _WAY_NS, _WAY_OFF_M, _WAY_LASTS_NS = SECOND_NS // 2, 0.2, SECOND_NS // 7
 poses with exchanged markers do not last [ns]."""
 _VELOCITY_NS = 150_000_000
 """The velocity of the poses is that over this time [ns]."""
-_WEAK_LEAST_M = 0.012
-"""[m]: as `_LONG_LEAST_M`, for a direction to brake by: 0.075 m/s^2 may be an error of tilt, so
-it accuses nothing."""
 _SHOWS_S = 0.03
 """Time of motion after which it shows a direction to brake by [s]."""
 _STRIKE_RAD_S = 3.0
@@ -206,7 +203,6 @@ class PoseMotionWatch:
 
     def _start(self) -> None:
         self._spans = _Span(SHORT_HALF, _SHORT_LEAST_M), _Span(LONG_HALF, _LONG_LEAST_M)
-        self._direction = _DirectionSums(_WEAK_LEAST_M)
         self._ways: deque[tuple[int, Array]] = deque(maxlen=100)
         self._judged_ns = self._turned_ns = 0
         self._strike_ns = -_STRIKE_NS
@@ -263,9 +259,9 @@ class PoseMotionWatch:
 
     def _shown_velocity(self) -> Array | None:
         """Return the velocity (3) of the poses in PX4's map; None: their axes are not known."""
-        sums = self._spans[1].height
-        upward = sums.decides and sums.product.real > _COHERENT * sums.felt
-        direction = (1.0, False) if self.confirmed else self._direction.turn
+        span = self._spans[1]
+        upward = span.height.decides and span.height.product.real > _COHERENT * span.height.felt
+        direction = (1.0, False) if self.confirmed else span.level.turn
         known = direction is not None or upward
         if not (known and self._poses) or (self.mistake and (self.confirmed or direction is None)):
             return None
@@ -315,15 +311,18 @@ class PoseMotionWatch:
             )
 
     def judge(self) -> str:
-        """Compare the newest span; return the mistake, "" if no mistake is known."""
-        if self.mistake or not self._begun or not self._poses:
+        """Compare the newest span; return the mistake, "" if no mistake is known.
+
+        After a mistake the motion goes on to show the direction to brake by.
+        """
+        if not self._begun or not self._poses:
             return self.mistake
         now_ns = self._poses[-1][0]
         if now_ns == self._judged_ns:
             return self.mistake
         step_s = min((now_ns - self._judged_ns) * 1e-9, _LONGEST_STEP_S)
         self._judged_ns = now_ns
-        if now_ns - self._turned_ns >= _TURN_PERIOD_NS:
+        if not self.mistake and now_ns - self._turned_ns >= _TURN_PERIOD_NS:
             self._turned_ns = now_ns
             self._judge_turns(now_ns)
         self._judge_places(now_ns, step_s)
@@ -344,8 +343,6 @@ class PoseMotionWatch:
             seen, felt = second_differences(*motion, span.half)
             if len(seen):
                 span.add(seen[-1], felt[-1], step_s)
-                if span.half == LONG_HALF:
-                    self._direction.add(complex(*felt[-1, :2]), complex(*seen[-1, :2]), step_s)
         self._judge_way(now_ns)
         struck = self._turns_agree and now_ns - self._strike_ns < _STRIKE_NS
         for span in self._spans:
@@ -518,13 +515,14 @@ class FlightWatch:
                 self._beside_m = beside_m
             else:
                 motion.end()
-        if not armed or self.distrusts:
+        if not armed:
             return ""
+        known = bool(motion.mistake)
         if takes_off and beside_m - self._beside_m > self._params.takeoff_drift_max:
             motion.drifts(now_ns, beside_m)
         mistake = motion.judge()
-        self.distrusts = bool(mistake)
-        return mistake
+        self.distrusts = self.distrusts or bool(mistake)
+        return "" if known else mistake
 
     def must_land(
         self, now_ns: int, odometry: VehicleOdometry | None, blocking: Sequence[PreflightFinding]
