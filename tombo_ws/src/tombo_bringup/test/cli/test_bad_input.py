@@ -101,7 +101,7 @@ REFUSED = [
     ("fly hover --px4 serial:///dev/null:57600 --yes", "can't open it (inappropriate ioctl"),
     (
         "fly hover --px4 --bridge 'px4_parameters=[EKF2_EV_CTRL]'",
-        "accepted: safe, or NAME=VALUE as EKF2",
+        "or NAME=VALUE as EKF2",
     ),
     ("fly hover --px4 --bridge px4_parameters=3", "px4_parameters: 3 is no list"),
     ("fly hover --px4 --bridge 'px4_parameters=[EKF2_EV_CTLR=11]'", "did you mean 'EKF2_EV_CTRL'"),
