@@ -228,8 +228,8 @@ def test_offboard_chosen_by_somebody_else_holds_where_it_was():
     flight.px4.mode = OFFBOARD
     flight.goal = np.array([3.0, 0.0, 1.5])
     flight.run(1.5)
-    flight.px4.place = flight.px4.place + np.array([0.15, 0.0, 0.0])  # a push
-    flight.run(1.0)
+    flight.px4.velocity = flight.px4.velocity + np.array([0.3, 0.0, 0.0])  # a push
+    flight.run(4.0)
     last = flight.px4.targets[-1]
     assert (last.x, last.y, last.z) == pytest.approx((0.0, 0.0, -1.5), abs=0.02)
     assert flight.px4.place == pytest.approx([0.0, 0.0, 1.5], abs=0.02)
@@ -275,7 +275,7 @@ def test_parameters_are_read_and_none_is_written():
 
 @pytest.mark.slow
 def test_parameters_for_a_loss_are_set_with_consent_and_the_vehicle_flies():
-    wrong = {"COM_OBL_RC_ACT": 0, "EKF2_BARO_CTRL": 0, "COM_DISARM_LAND": -1.0}
+    wrong = {"COM_OBL_RC_ACT": 0, "EKF2_BARO_CTRL": 0, "COM_DISARM_LAND": -1.0, "COM_LOW_BAT_ACT": 0}
     flight = Flight()
     flight.px4.parameters |= wrong
     flight.run(6.0)
