@@ -314,7 +314,9 @@ def _naming(film: Path, role: str = "") -> Iterator[None]:
     except _NamedError:
         raise
     except InputError as error:
-        raise _NamedError(f"{role} '{film}': {error}".lstrip()) from None
+        known = f"'{film}'" in str(error)
+        name = role if known else f"{role} '{film}'".lstrip()
+        raise _NamedError(f"{name}: {error}" if name else str(error)) from None
 
 
 def _share(name: str, percent: float) -> float:
