@@ -255,6 +255,8 @@ class PoseMotionWatch:
         shown = self._shown_velocity() if airborne else np.zeros(3)
         if shown is not None:
             self.velocity += (1.0 if strikes else step_s / _FOLLOWS_S) * (shown - self.velocity)
+        if airborne and not (self.confirmed or self.mistake):
+            self._shorten_velocity()
         self._compare_height(stamp_ns, sample.pressure_altitude, step_s, airborne)
 
     def _shown_velocity(self) -> Array | None:
@@ -263,13 +265,12 @@ class PoseMotionWatch:
         upward = span.height.decides and span.height.product.real > _COHERENT * span.height.felt
         direction = (1.0, False) if self.confirmed else span.level.turn
         known = direction is not None or upward
-        if not (known and self._poses) or (self.mistake and (self.confirmed or direction is None)):
+        if not known or (self.mistake and (self.confirmed or direction is None)):
             return None
-        now_ns, place, _ = self._poses[-1]
-        before_ns, before, _ = next(p for p in self._poses if now_ns - p[0] <= _VELOCITY_NS)
-        if before_ns == now_ns or now_ns < self._imu[-1][0] - _FRESH_NS:
+        seen = self._seen_velocity()
+        if seen is None:
             return None
-        vx, vy, vz = ((place - before) / ((now_ns - before_ns) * 1e-9)).tolist()
+        vx, vy, vz = seen.tolist()
         shown = self.velocity.copy()
         if direction is not None:
             turn, mirrored = direction
@@ -278,6 +279,27 @@ class PoseMotionWatch:
         if upward and not self.mistake:
             shown[2] = vz
         return shown
+
+    def _seen_velocity(self) -> Array | None:
+        """Return the velocity (3) of the newest poses, in their axes; None: they are old."""
+        if not self._poses:
+            return None
+        now_ns, place, _ = self._poses[-1]
+        before_ns, before, _ = next(p for p in self._poses if now_ns - p[0] <= _VELOCITY_NS)
+        if before_ns == now_ns or now_ns < self._imu[-1][0] - _FRESH_NS:
+            return None
+        seen: Array = (place - before) / ((now_ns - before_ns) * 1e-9)
+        return seen
+
+    def _shorten_velocity(self) -> None:
+        """Let the level velocity be no faster than the poses: axes change no speed.
+
+        The accelerometer's velocity alone drifts by PX4's error of tilt, 0.1 m/s in 3 s.
+        """
+        seen = self._seen_velocity()
+        speed = float(np.linalg.norm(self.velocity[:2]))
+        if seen is not None and speed > 0.0:
+            self.velocity[:2] *= min(float(np.linalg.norm(seen[:2])) / speed, 1.0)
 
     def _compare_height(self, now_ns: int, altitude: float, step_s: float, airborne: bool) -> None:
         if not (self._poses and math.isfinite(altitude) and airborne):
@@ -355,7 +377,7 @@ class PoseMotionWatch:
         """Compare the way within 0.5 s: upwards, and each way once the axes are right."""
         poses = [p for p in self._poses if now_ns - p[0] <= _WAY_NS]
         ways = [w for w in self._ways if w[0] >= poses[0][0]]
-        if len(ways) < 8 or now_ns - poses[0][0] < 0.8 * _WAY_NS or self.mistake:
+        if len(ways) < 8 or now_ns - ways[0][0] < 0.8 * _WAY_NS or self.mistake:
             return
         off = ways[-1][1] - ways[0][1] - (poses[-1][1] - poses[0][1])
         off = off if self.confirmed else off[2:]
@@ -438,6 +460,9 @@ class PoseMotionWatch:
             )
         elif level.time_s > _CONFIRMS_S and along > _COHERENT and abs(turn) < _RIGHT:
             self.confirmed = True
+            shown = self._shown_velocity()
+            self.velocity = self.velocity if shown is None else shown
+            self._ways.clear()
 
 
 class FlightWatch:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -213,7 +213,6 @@ class MotionSlope:
     """Sum of squares."""
     seen: float = 0.0
     product: float = 0.0
-    spans: float = field(default=0.0)
 
     def add(self, felt: Array, seen: Array, step_s: float, memory_s: float = math.inf) -> None:
         """Add the newest span; earlier ones fade with the time `memory_s`."""
