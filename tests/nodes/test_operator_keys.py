@@ -25,10 +25,15 @@ def up(folder, *arguments):
     return Terminal(words, folder, PATIENCE_S, die_with_the_test)
 
 
+def wait_for(world, terminal, spec, condition):
+    """Wait for a message; a terminal that nobody reads stops the command when it is full."""
+    world.wait_for(spec, condition, patience_s=PATIENCE_S, meanwhile=terminal.read)
+
+
 def flies(world, terminal, dead):
     """Wait until it hovers, let nodes die, and wait until they have ended."""
     world.subscribe(TRUE_ODOMETRY, PX4_STATUS, ROTOR_COMMAND)
-    world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 1.5, patience_s=PATIENCE_S)
+    wait_for(world, terminal, TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 1.5)
     nodes = terminal.wait(lambda e: e["event"] == "status")["nodes"]
     for name in dead:
         os.kill(nodes[name]["pid"], signal.SIGKILL)
@@ -43,7 +48,7 @@ def test_over_px4_it_holds_and_lands_with_all_others_dead(world, tmp_path):
         assert terminal.answer("hold")["success"]
         terminal.press("l")
         assert terminal.answer("land")["success"]
-        world.wait_for(PX4_STATUS, lambda m: not m.armed, patience_s=PATIENCE_S)
+        wait_for(world, terminal, PX4_STATUS, lambda m: not m.armed)
         assert world.heard[TRUE_ODOMETRY.name][-1].pose.pose.position.z < 0.3
 
 
@@ -52,7 +57,7 @@ def test_over_px4_two_strokes_stop_the_rotors_with_all_others_dead(world, tmp_pa
         flies(world, terminal, HELPERS)
         terminal.press("kk")
         assert terminal.answer("kill")["success"]
-        world.wait_for(PX4_STATUS, lambda m: not m.armed, patience_s=PATIENCE_S)
+        wait_for(world, terminal, PX4_STATUS, lambda m: not m.armed)
 
 
 @pytest.mark.parametrize("key", ["h", "l"])
@@ -62,7 +67,7 @@ def test_the_controller_lands_it_with_all_others_dead(world, tmp_path, key):
         terminal.press(key)
         answer = terminal.answer({"h": "hold", "l": "land"}[key])
         assert answer["success"] and "controller/abort" in answer["message"], answer
-        world.wait_for(ROTOR_COMMAND, lambda m: max(m.speed) == 0.0, patience_s=PATIENCE_S)
+        wait_for(world, terminal, ROTOR_COMMAND, lambda m: max(m.speed) == 0.0)
         assert world.heard[TRUE_ODOMETRY.name][-1].pose.pose.position.z < 0.3
 
 
@@ -71,4 +76,4 @@ def test_two_strokes_stop_the_rotors_with_all_but_the_controller_dead(world, tmp
         flies(world, terminal, (*HELPERS, "estimator"))
         terminal.press("kk")
         assert terminal.answer("kill")["success"]
-        world.wait_for(ROTOR_COMMAND, lambda m: max(m.speed) == 0.0, patience_s=PATIENCE_S)
+        wait_for(world, terminal, ROTOR_COMMAND, lambda m: max(m.speed) == 0.0)

@@ -7,6 +7,7 @@ without a PX4 the simulated one flies.
 from __future__ import annotations
 
 import argparse
+import itertools
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from tombo_benchmarks.px4.lockstep_flight import fly_lockstep
 from tombo_benchmarks.px4.losses import LOSSES, LossResult, fly_loss
 from tombo_benchmarks.px4.node_flight import fly_nodes_with
 from tombo_benchmarks.px4.px4_process import px4_build
+from tombo_benchmarks.px4.services import SHOWS, STATES, fly_service
 from tombo_benchmarks.px4.wrong_axes import fly_wrong_axes, wrong_axes_flights
 from tombo_benchmarks.px4.wrong_axes import table as wrong_axes_table
 from tombo_bringup.cli.errors import print_error
@@ -85,6 +87,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 words = [str(build), str(folder), str(options.instance)]
                 command = [sys.executable, "-m", "tombo_benchmarks.px4.driver_node", *words]
                 return subprocess.run(command).returncode
+            if options.services:
+                return _fly_services(build, Path(scratch), options, stop)
             if options.wrong_axes:
                 return _fly_wrong_axes(build, Path(scratch), options, stop)
             found = list(_fly_all(build, Path(scratch), options, stop))
@@ -183,12 +187,17 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         help="fly with wrong axes of the motion capture, each once, and nothing else",
     )  # fmt: skip
     parser.add_argument(
+        "--services", action="store_true",
+        help="ask for each service in each state, and nothing else",
+    )  # fmt: skip
+    parser.add_argument(
         "--first-flight", action="store_true",
         help="do steps 3 to 6 of docs/first_real_flight.md over the nodes, and nothing else",
     )  # fmt: skip
     parser.add_argument(
-        "--row", action="append", help="with --losses and --wrong-axes: only rows with this word"
-    )
+        "--row", action="append",
+        help="with --losses, --services and --wrong-axes: only rows with this word",
+    )  # fmt: skip
     parser.add_argument(
         "--reaction", choices=sorted(REGISTRY), help="of the collision, in place of the scenario's"
     )
@@ -239,6 +248,29 @@ def _fly_wrong_axes(
     if options.output is not None:
         options.output.write_text(as_json(rows), encoding="utf-8")
     return int(not all(row["as_wanted"] for row in rows))
+
+
+def _fly_services(
+    build: Path | None, scratch: Path, options: argparse.Namespace, stop: StopSignals
+) -> int:
+    """Ask for each service in each state; return 1 if an answer or a flight was wrong."""
+    rows = []
+    for state, service in itertools.product(STATES, SHOWS):
+        name = f"{service} in {state}"
+        if stop.asked() or (options.row and not any(word in name for word in options.row)):
+            continue
+        folder = scratch / str(len(rows))
+        rows.append(
+            fly_service(build, folder, service, state, options.first, instance=options.instance)
+        )
+        wrong = rows[-1]["wrong"]
+        print(f"{name}: {f'WRONG ({wrong})' if wrong else 'right'}: {rows[-1]['answer']}",
+              flush=True)  # fmt: skip
+    wrong_rows = sum(bool(row["wrong"]) for row in rows)
+    print(f"\n{len(rows)} services and states, {wrong_rows} wrong")
+    if options.output is not None:
+        options.output.write_text(as_json(rows), encoding="utf-8")
+    return int(wrong_rows > 0)
 
 
 def _fly_all(

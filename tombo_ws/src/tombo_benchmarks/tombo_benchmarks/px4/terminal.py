@@ -69,7 +69,7 @@ class Terminal:
         """Wait for the end, and return the exit code; what does not end is killed: -9."""
         end_s = time.monotonic() + patience_s
         while self.process.poll() is None and time.monotonic() < end_s:
-            self._read()
+            self.read()
         if self.process.poll() is None:
             self.process.kill()
         return self.process.wait()
@@ -86,7 +86,7 @@ class Terminal:
                 self._seen += 1
                 if condition(line):
                     return line
-            if time.monotonic() > end_s or not self._read():
+            if time.monotonic() > end_s or not self.read():
                 raise TimeoutError(f"waited too long; it has printed {self.text[-2000:]}")
 
     def skip(self) -> None:
@@ -94,7 +94,7 @@ class Terminal:
         before = -1
         while len(self.text) > before:
             before = len(self.text)
-            self._read()
+            self.read()
         self._seen = len(self.lines)
 
     def wait_for_text(self, text: str) -> None:
@@ -105,14 +105,14 @@ class Terminal:
         """
         end_s = time.monotonic() + self._patience_s
         while text not in self.text:
-            if time.monotonic() > end_s or not self._read():
+            if time.monotonic() > end_s or not self.read():
                 raise TimeoutError(f"no {text!r} in {self.text[-2000:]!r}")
 
     def answer(self, request: str) -> dict[str, Any]:
         """Return what `tombo up --json` says came of a key."""
         return self.wait(lambda e: e["event"] == "answer" and e["request"] == request)
 
-    def _read(self) -> bool:
+    def read(self) -> bool:
         """Take what has been printed; False: the command has ended."""
         os.set_blocking(self._ours, False)
         data = b""

@@ -65,13 +65,16 @@ _REST_STD_M_S2, _REST_RATE, _REST_OFF_M_S2 = 0.5, 0.15, 0.6
 _FOLLOWS_S = 1.0
 """Time in which the velocity by the accelerometer follows that of the poses, where the motion has
 shown their axes: an error of tilt by 1 deg then makes 0.17 m/s [s]."""
+_BRAKES_S = 0.3
+"""The same while it brakes after a mistake of axes: the direction is better known by then [s]."""
 _WAY_NS, _WAY_OFF_M, _WAY_LASTS_NS = SECOND_NS // 2, 0.2, SECOND_NS // 7
 """Within 0.5 s [ns] the way of the poses and that of the accelerometer differ by less [m]; single
 poses with exchanged markers do not last [ns]."""
 _VELOCITY_NS = 150_000_000
 """The velocity of the poses is that over this time [ns]."""
-_SHOWS_S = 0.03
-"""Time of motion after which it shows a direction to brake by [s]."""
+_SHOWS_S, _SHOWS_COHERENT = 1.0, 0.25
+"""Time [s] and coherence after which even weak motion shows a direction to brake by: over real
+PX4 it then was right to 26 deg in ten of ten flights. It does not suffice to call axes wrong."""
 _STRIKE_RAD_S = 3.0
 """Change of rate between two samples: a strike [rad/s]."""
 _STRIKE_NS = 2 * SECOND_NS
@@ -148,7 +151,7 @@ class _DirectionSums:
         """Turn of a motion of the poses into the felt one, and whether it is mirrored first."""
         mirrored = abs(self.mirrored) > abs(self.product)
         product = self.mirrored if mirrored else self.product.conjugate()
-        if self.time_s < _SHOWS_S or self.coherence(product) < _COHERENT:
+        if self.time_s < _SHOWS_S or self.coherence(product) < _SHOWS_COHERENT:
             return None
         return product / abs(product), mirrored
 
@@ -203,11 +206,13 @@ class PoseMotionWatch:
 
     def _start(self) -> None:
         self._spans = _Span(SHORT_HALF, _SHORT_LEAST_M), _Span(LONG_HALF, _LONG_LEAST_M)
+        self._drift = _DirectionSums(0.0)
         self._ways: deque[tuple[int, Array]] = deque(maxlen=100)
         self._judged_ns = self._turned_ns = 0
         self._strike_ns = -_STRIKE_NS
         self._way_off_ns: int | None = None
         self.confirmed, self.mistake, self.voids_proof = False, "", False
+        self._only_turned = False
         self._turns_agree = False
         self.velocity: Array = np.zeros(3)
         self._heights.clear()
@@ -254,7 +259,8 @@ class PoseMotionWatch:
         # PX4 calls a vehicle airborne some 0.1 s late
         shown = self._shown_velocity() if airborne else np.zeros(3)
         if shown is not None:
-            self.velocity += (1.0 if strikes else step_s / _FOLLOWS_S) * (shown - self.velocity)
+            share = step_s / (_BRAKES_S if self.mistake else _FOLLOWS_S)
+            self.velocity += (1.0 if strikes else share) * (shown - self.velocity)
         if airborne and not (self.confirmed or self.mistake):
             self._shorten_velocity()
         self._compare_height(stamp_ns, sample.pressure_altitude, step_s, airborne)
@@ -263,12 +269,9 @@ class PoseMotionWatch:
         """Return the velocity (3) of the poses in PX4's map; None: their axes are not known."""
         span = self._spans[1]
         upward = span.height.decides and span.height.product.real > _COHERENT * span.height.felt
-        direction = (1.0, False) if self.confirmed else span.level.turn
-        known = direction is not None or upward
-        if not known or (self.mistake and (self.confirmed or direction is None)):
-            return None
+        direction = (1.0, False) if self.confirmed else self._drift.turn
         seen = self._seen_velocity()
-        if seen is None:
+        if seen is None or (self.mistake and not self._only_turned):
             return None
         vx, vy, vz = seen.tolist()
         shown = self.velocity.copy()
@@ -327,10 +330,12 @@ class PoseMotionWatch:
         """
         fresh = bool(self._poses) and now_ns - self._poses[-1][0] < _FRESH_NS
         if fresh and not (self.confirmed or self.mistake):
-            self.mistake = (
+            self._accuse(
                 f"the vehicle is {away_m:.2f} m beside its set point while it takes off: PX4 does"
-                " not hold it; axes of the poses, or a wind that is too strong"
+                " not hold it; axes of the poses, or a wind that is too strong",
+                turned=True,
             )
+            self.voids_proof = False
 
     def judge(self) -> str:
         """Compare the newest span; return the mistake, "" if no mistake is known.
@@ -365,6 +370,8 @@ class PoseMotionWatch:
             seen, felt = second_differences(*motion, span.half)
             if len(seen):
                 span.add(seen[-1], felt[-1], step_s)
+                if span.half == LONG_HALF:
+                    self._drift.add(complex(*felt[-1, :2]), complex(*seen[-1, :2]), step_s)
         self._judge_way(now_ns)
         struck = self._turns_agree and now_ns - self._strike_ns < _STRIKE_NS
         for span in self._spans:
@@ -389,20 +396,32 @@ class PoseMotionWatch:
                 " accelerometer measures: is the tracked body this vehicle?"
             )
 
-    def _accuse(self, mistake: str) -> None:
-        """Take a mistake of axes, scale or body."""
-        self.mistake, self.voids_proof = mistake, True
+    def _accuse(self, mistake: str, *, turned: bool = False) -> None:
+        """Take a mistake for which a proof of axes is void.
+
+        Args:
+            mistake: to tell.
+            turned: the poses are turned or mirrored, but are this vehicle's: it brakes by them.
+        """
+        self.mistake, self.voids_proof, self._only_turned = mistake, True, turned
+        if turned:
+            self._follow_poses()
+
+    def _follow_poses(self) -> None:
+        """Take over the velocity that the poses show."""
+        shown = self._shown_velocity()
+        self.velocity = self.velocity if shown is None else shown
 
     def _judge_slope(self, slope: MotionSlope) -> None:
-        if slope.slope + slope.error < _SLOPE_STILL:
+        most = slope.slope + slope.error
+        wrong = most < _SLOPE_LOW or slope.slope - slope.error > _SLOPE_HIGH
+        if most < _SLOPE_STILL or (wrong and not self.confirmed and slope.slope < _STILL_SHARE):
             still = slope.seen < _STILL_SHARE * slope.felt
             self._accuse(
                 "poses do not show the motion that PX4's accelerometer measures: the tracked body"
                 f" {'does not move' if still else 'moves otherwise'}; is it this vehicle?"
             )
-        elif not self.confirmed and (
-            slope.slope - slope.error > _SLOPE_HIGH or slope.slope + slope.error < _SLOPE_LOW
-        ):
+        elif wrong and not self.confirmed:
             self._accuse(
                 f"positions move {slope.slope:.1f} times as far as PX4's accelerometer measures:"
                 " wrong scale or unit of the motion capture"
@@ -450,18 +469,19 @@ class PoseMotionWatch:
         if level.coherence(level.mirrored) > max(_COHERENT, 1.5 * along):
             self._accuse(
                 "poses move mirrored to where PX4's tilt drives the vehicle: positions are"
-                " left-handed, or x and y are exchanged"
+                " left-handed, or x and y are exchanged",
+                turned=True,
             )
         elif along > _COHERENT and abs(turn) > _WRONG:
             self._accuse(
                 f"poses move {math.degrees(turn):+.0f} deg beside where PX4's tilt drives the"
                 " vehicle: x of the rigid body is not the nose, or the axes of the positions are"
-                " not those of the attitude"
+                " not those of the attitude",
+                turned=True,
             )
         elif level.time_s > _CONFIRMS_S and along > _COHERENT and abs(turn) < _RIGHT:
             self.confirmed = True
-            shown = self._shown_velocity()
-            self.velocity = self.velocity if shown is None else shown
+            self._follow_poses()
             self._ways.clear()
 
 
