@@ -11,7 +11,7 @@ from scipy.stats import t as student
 
 from tombo_bag.flight import Flight
 from tombo_diagnosis.control.actuators import ACTUATORS, AS_ASKED, thrust_gain
-from tombo_diagnosis.control.gains import LoopFit, LoopGain, loop_fits
+from tombo_diagnosis.control.gains import FREEDOM, LoopFit, LoopGain, loop_fits
 from tombo_diagnosis.control.oscillation import Oscillation, oscillation
 from tombo_diagnosis.control.signals import DrivePlant, control_signals
 
@@ -107,11 +107,9 @@ def controller_report(
         unknown = ["no set points of attitude or rates: loops are not known"]
     swings = [(f.name, o) for f, s in seen if (o := oscillation(s)) is not None]
     known = {g.label: g for g in (AS_ASKED, *expected)}
-    changed = tuple(
-        GainChange(g, known[g.label])
-        for g in gains
-        if g.label in known and known[g.label].unit == g.unit and _differ(g, known[g.label])
-    )
+    pairs = [(g, known[g.label]) for g in gains if g.label in known]
+    pairs = [(g, k) for g, k in pairs if k.unit == g.unit]
+    changed = tuple(GainChange(g, k) for g, k in pairs if _differ(g, k, len(pairs)))
     compared = {g.label for g in expected} & {g.label for g in gains}
     stated = compared_with if compared else ""
     return ControllerReport(tuple(gains), tuple(unknown), tuple(swings), changed, stated)
@@ -146,10 +144,15 @@ def _pooled(group: Sequence[LoopGain]) -> LoopGain:
     )
 
 
-def _differ(gain: LoopGain, expected: LoopGain) -> bool:
-    """Return whether a gain is another: beyond intervals, and the spread between flights."""
+def _differ(gain: LoopGain, expected: LoopGain, among: int) -> bool:
+    """Return whether a gain is another: beyond intervals, and the spread between flights.
+
+    Of `among` gains that are compared none is called another by chance in 95 % (Bonferroni).
+    """
     apart, least = abs(gain.value - expected.value), _OTHER
-    error = np.hypot(gain.high - gain.low, expected.high - expected.low) / 2.0
+    sure = 1.0 - 0.025 / among
+    wider = float(student.ppf(sure, FREEDOM) / student.ppf(0.975, FREEDOM))
+    error = wider * np.hypot(gain.high - gain.low, expected.high - expected.low) / 2.0
     if expected.flights:
         free = gain.flights + expected.flights - 2
         if free < 1:
@@ -157,7 +160,7 @@ def _differ(gain: LoopGain, expected: LoopGain) -> bool:
         else:
             sums = [(g.flights - 1) * g.spread**2 for g in (gain, expected)]
             mean = np.sqrt(sum(sums) / free * (1.0 / gain.flights + 1.0 / expected.flights))
-            error = max(error, float(student.ppf(0.975, free) * mean))
+            error = max(error, float(student.ppf(sure, free) * mean))
     return bool(apart > least * abs(expected.value) and apart > error)
 
 

@@ -12,6 +12,7 @@ from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from tombo_diagnosis.change.features import MODES
+from tombo_diagnosis.control.oscillation import BEYOND
 from tombo_diagnosis.crash.motion import RATE, CrashMotion
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES
@@ -358,21 +359,39 @@ def _stretch(mask: Mask, row: int) -> tuple[int, int]:
 
 
 def _swings(m: CrashMotion) -> Iterator[Sign]:
-    """Body rates or commands that swing with one frequency, more than they did."""
+    """Body rates or commands that swing with one frequency, more than they did and need to."""
     demand = np.nan_to_num(m.demand) @ MODES[1:].T
-    for name, values, least in (
-        ("the body's rate", np.nan_to_num(m.rates), _SWING),
-        ("the command", demand, _SWING_ASKED),
-    ):
-        if m.t.size > RATE and values.any():
-            yield from _swinging(m, name, values, least)
+    rates = np.nan_to_num(m.rates)
+    if m.t.size <= RATE:
+        return
+    swing, needed = _fast(rates), _fast(m.course)
+    turned, asked = (np.linalg.norm(_size(x), axis=1) for x in (swing[:, :2], needed))
+    beyond = (turned > BEYOND * asked)[:, None]
+    swing[:, :2] *= beyond
+    if rates.any():
+        yield from _swinging(m, "the body's rate", swing, _SWING)
+        # a moment that the course needs turns the vehicle as the course does
+        demand = demand * beyond
+    if demand.any():
+        yield from _swinging(m, "the command", _fast(demand), _SWING_ASKED)
 
 
-def _swinging(m: CrashMotion, name: str, values: Array, least: float) -> Iterator[Sign]:
-    """Return the first swing of a channel (N, 3) beyond `least` and its usual size."""
+def _fast(values: Array) -> Array:
+    """Return what swings of values (N, k); before a blow, where the filter rings, nothing does."""
     sos = butter(2, _SWING_HZ, "band", fs=RATE, output="sos")
-    fast = sosfiltfilt(sos, values, axis=0)
-    size = np.sqrt(np.maximum(uniform_filter1d(fast**2, round(0.4 * RATE), axis=0), 0.0))
+    most = np.abs(values - np.median(values, axis=0))
+    return np.asarray(np.clip(sosfiltfilt(sos, values, axis=0), -most, most))
+
+
+def _size(fast: Array) -> Array:
+    """Return the standard deviation lately."""
+    power = uniform_filter1d(fast**2, round(0.4 * RATE), axis=0)
+    return np.asarray(np.sqrt(np.maximum(power, 0.0)))
+
+
+def _swinging(m: CrashMotion, name: str, fast: Array, least: float) -> Iterator[Sign]:
+    """Return the first swing of a channel (N, 3) of a size beyond `least` and its usual one."""
+    size = _size(fast)
     for axis in range(3):
         usual = float(np.nanmedian(size[m.learnt, axis]))
         limit = max(least, min(_GROWS * usual, 1.25 * least))
