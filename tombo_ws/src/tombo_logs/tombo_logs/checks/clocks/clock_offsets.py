@@ -232,26 +232,46 @@ def one_clock(
 ) -> tuple[dict[str, Series], list[Finding]]:
     """Return the channels on one clock, and which ones were on another.
 
-    The clock is that of the IMU and of what the autopilot said, for the poses are what comes from
-    elsewhere; without an IMU that of the poses. Where the motion tells nothing, arrival does.
+    The clock is that of the IMU, for the poses come from elsewhere; without an IMU that of the
+    poses. Where all others agree on another clock, the IMU is moved to theirs: channels without
+    motion, as the voltage, stay where they are. Where the motion tells nothing, arrival does.
     """
     series = dict(series)
     findings = _by_arrival(flight, series)
-    poses: list[str] = [name for name in ("position", "attitude") if name in series]
+    seen: list[tuple[list[str], Match]] = []
+
+    def align(names: list[str], first: Signal | None, other: Signal | None) -> None:
+        compared = _compared(first, other)
+        if compared is not None:
+            seen.append((names, compared))
+            if compared.is_other_clock:
+                _shift(series, names, -compared.lag)
+
     imu = [name for name in ("gyro", "accel") if name in series]
     if len(imu) == 2 and not _together(series, imu):
-        findings += _moved(flight, series, ["accel"], _compared(*_pair(series, "accel")))
+        align(["accel"], *_pair(series, "accel"))
         imu = ["gyro"]
     if imu and "position" in series:
-        findings += _moved(flight, series, poses, _compared(*_pair(series, imu[0])[::-1]))
+        poses = [name for name in ("position", "attitude") if name in series]
+        align(poses, *_pair(series, imu[0])[::-1])
     rates = _channel(series["gyro"]) if "gyro" in series else None
     if rates is None and "attitude" in series:
         rates = _rates(series["attitude"])
     for name in DRIVES:
         if name in series:
-            seen = _compared(_turning(rates), _moments(series[name]))
-            findings += _moved(flight, series, [name], seen)
-    return series, findings
+            align([name], _turning(rates), _moments(series[name]))
+    lags = [compared.lag for _, compared in seen if compared.is_other_clock]
+    if imu and len(lags) == len(seen) > 1 and np.ptp(lags) < DELAY_S:
+        lag = float(np.median(lags))
+        _shift(series, [*imu, *(name for names, _ in seen for name in names)], lag)
+        seen = [(imu, replace(seen[0][1], lag=-lag))]
+    return series, [*findings, *(f for names, x in seen for f in _reported(flight, names, x))]
+
+
+def _shift(series: dict[str, Series], names: Iterable[str], seconds: float) -> None:
+    """Move the stamps of channels."""
+    for name in names:
+        series[name] = replace(series[name], t=series[name].t + seconds)
 
 
 def _pair(series: Mapping[str, Series], name: str) -> tuple[Signal | None, Signal | None]:
@@ -269,16 +289,10 @@ def _together(series: Mapping[str, Series], names: Iterable[str]) -> bool:
     return bool((np.ptp(ends, axis=0) < DELAY_S).all())
 
 
-def _moved(
-    flight: str, series: dict[str, Series], names: list[str], seen: Match | None
-) -> list[Finding]:
-    """Put channels on the clock of those that they were compared with, where theirs is another."""
-    if seen is None:
-        return []
+def _reported(flight: str, names: list[str], seen: Match) -> list[Finding]:
+    """Report a clock that is not that of the channels that it was compared with."""
     channel = names[0]
     if seen.is_other_clock:
-        for name in names:
-            series[name] = replace(series[name], t=series[name].t - seen.lag)
         text = (
             f"{', '.join(names)}: stamps are {abs(seen.lag):.2f} s "
             f"{'later' if seen.lag > 0.0 else 'earlier'} than those of the other channels for the "
@@ -319,8 +333,7 @@ def _by_arrival(flight: str, series: dict[str, Series]) -> list[Finding]:
             "messages; expected: earlier, by the latency; another clock"
         )
         if usual - latency > DELAY_S:
-            for name in names:
-                series[name] = replace(series[name], t=series[name].t + latency - usual)
+            _shift(series, names, latency - usual)
             text += "; corrected by the times of arrival"
         findings.append(
             Finding("stamps", "warning", flight, text, channel=names[0], key="ahead of arrival",
