@@ -44,7 +44,7 @@ _DELAYS: Final = 4
 """Samples by which stamps of what is asked for may be late or early."""
 FREEDOM: Final = _BLOCKS - 1
 """Degrees of freedom of an interval."""
-_T975: Final = 2.2
+T975: Final = 2.2
 """Of Student's distribution with so many."""
 _CASCADE: Final = 0.8
 """Correlation of the asked rate with the error of attitude from which on the one follows from
@@ -155,7 +155,7 @@ def _fit(
 
 
 def _gain(loop: str, axis: str, term: str, unit: str, value: float, error: float) -> LoopGain:
-    return LoopGain(loop, axis, term, unit, value, value - _T975 * error, value + _T975 * error)
+    return LoopGain(loop, axis, term, unit, value, value - T975 * error, value + T975 * error)
 
 
 def _trimmed(xs: Array, ys: Array) -> tuple[Array, Array, float]:

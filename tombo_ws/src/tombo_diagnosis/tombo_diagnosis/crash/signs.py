@@ -44,6 +44,8 @@ _LAG_S: Final = 0.12
 """s by which thrust may follow the drives at most."""
 _PUSH: Final = 4.0
 """m/s^2 by which a touch changes the force at least."""
+_SPREAD: Final = 4
+"""Rows by which a push is seen early and late in smoothed rates."""
 _BUMP: Final = 0.3
 """m/s that a touch changes the velocity at least, seen in poses alone."""
 _CUT: Final = 0.4
@@ -220,7 +222,7 @@ def _rotor_lost(m: CrashMotion) -> Iterator[Sign]:
     lost = against & both & helps & lacks & (push > max(_MOMENT, 1.5 * weak))
     lost &= size > max(_TURNED, 2.0 * usual)
     lost |= _compensated(m, towards) & lacks
-    lost &= np.nan_to_num(m.lean) < _LEAN
+    lost &= (np.nan_to_num(m.lean) < _LEAN) & ~_turned_by_push(m, width)
     for begin, end in runs(lost & m.flying):
         if end - begin < _OFF_S * RATE or np.ptp(towards[begin:end]) > 0:
             continue
@@ -242,10 +244,13 @@ def _compensated(m: CrashMotion, rotor: IntArray) -> Mask:
     return np.asarray(share > max(_FAR_MORE, 1.5 * float(np.percentile(share[m.learnt], 99.5))))
 
 
-def _touches(m: CrashMotion) -> Iterator[Sign]:
-    """A push on the accelerometer that neither the drives nor the usual vibration explain."""
+def _pushes(m: CrashMotion) -> tuple[Array, float]:
+    """Return force on the accelerometer that neither drives nor vibration explain, and its limit.
+
+    The force (N,) is a size [m/s^2]; 0: no accelerometer.
+    """
     if "accel" not in m.series:
-        return
+        return np.zeros(m.t.size), np.inf
     force = m.force.copy()
     if np.isfinite(m.missing).any():
         # what was asked for lately is explained, whatever the lag
@@ -257,8 +262,22 @@ def _touches(m: CrashMotion) -> Iterator[Sign]:
     force = np.nan_to_num(force)
     fast = force - np.column_stack([median_filter(f, 41, mode="nearest") for f in force.T])
     usual = np.nanpercentile(np.linalg.norm(fast[m.learnt], axis=1), 99.5)
-    size = np.linalg.norm(fast, axis=1)
-    limit = max(_PUSH, 2.5 * float(usual))
+    return np.linalg.norm(fast, axis=1), max(_PUSH, 2.5 * float(usual))
+
+
+def _turned_by_push(m: CrashMotion, width: int) -> Mask:
+    """Return where the turn of the last `width` rows may be that of a push: it ends with it."""
+    size, limit = _pushes(m)
+    turned: Mask = np.zeros(m.t.size, np.bool_)
+    for begin, end in runs(size > limit):
+        # the filter spreads it
+        turned[max(begin - _SPREAD, 0) : min(end, begin + width) + width + _SPREAD] = True
+    return turned
+
+
+def _touches(m: CrashMotion) -> Iterator[Sign]:
+    """A push on the accelerometer that neither the drives nor the usual vibration explain."""
+    size, limit = _pushes(m)
     for begin, end in runs((size > limit) & m.flying)[:3]:
         peak = begin + int(np.argmax(size[begin:end]))
         row = begin
