@@ -7,6 +7,7 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from tombo_bag.flight import Flight, Series
+from tombo_diagnosis.change.features import MODES
 from tombo_diagnosis.crash.reason import judged, why, why_mapping
 from tombo_diagnosis.crash.signs import Sign
 from tombo_dynamics.errors import InputError
@@ -104,6 +105,35 @@ def shuttle(hertz, rate):
 @pytest.mark.parametrize(("hertz", "rate"), [(0.9, 2.0), (1.2, 3.0), (1.6, 3.0)])
 def test_rates_that_move_the_vehicle_are_a_manoeuvre(hertz, rate):
     assert why(shuttle(hertz, rate)).cause == "none"
+
+
+def turned_down_at_front_right(within_s, accel):
+    """It turns by 3 rad/s, against what its rotors are asked for, which give less thrust."""
+    turn = -3.0 * MODES[1:3, 0] / np.linalg.norm(MODES[1:3, 0])
+
+    def since(t):
+        return np.clip((t - AT) / within_s, 0.0, 1.0) * np.clip(
+            1.0 - (t - AT - 0.3) / 0.2, 0.0, 1.0
+        )
+
+    def asked(t, command):
+        more = np.array([0.1, 0.0, 0.0, 0.0]) - 0.1 * (MODES[1:3].T @ turn > 1.0)
+        return command * np.sqrt(1.0 + np.outer(since(t), more))
+
+    return hover(
+        gyro=lambda t, w: w + np.outer(since(t), [*turn, 0.0]),
+        rotor_command=asked,
+        accel=lambda t, a: accel(t, a - np.outer(since(t), [0.0, 0.0, 1.0])),
+    )
+
+
+def test_the_turn_of_a_strike_is_no_lost_rotor():
+    def rotors(log):
+        return [s for s in why(log).timeline if s.kind == "rotor"]
+
+    (lost,) = rotors(turned_down_at_front_right(0.2, lambda t, accel: accel))
+    assert lost.time == pytest.approx(AT, abs=0.1)
+    assert not rotors(turned_down_at_front_right(0.02, struck))
 
 
 def test_what_the_checks_doubt_is_said_and_stated_lower():

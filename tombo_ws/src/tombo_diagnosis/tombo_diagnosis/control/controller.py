@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -177,7 +178,7 @@ def _chance(gain: LoopGain, expected: LoopGain) -> float:
         mean = np.sqrt(sum(sums) / free * (1.0 / gain.flights + 1.0 / expected.flights))
         if apart < mean * student.isf(chance / 2.0, free):
             chance = 2.0 * float(student.sf(apart / mean, free))
-    return max(chance, np.finfo(float).tiny)
+    return max(chance, sys.float_info.min)
 
 
 def _is_large(change: GainChange) -> bool:
