@@ -186,7 +186,7 @@ def _tolerance(key: str, value: float, vehicle: VehicleFile) -> tuple[float, str
     effect, _, name = label.partition(".")
     for param in REGISTRY[effect].theta if effect in REGISTRY else ():
         if param.name == name:
-            usual = param.tolerance * (abs(value) if share else 1.0)
+            usual = REGISTRY[effect].tolerance(param) * (abs(value) if share else 1.0)
             return usual, f"usual tolerance, that of effects.{label}"
     raise InputError(
         f"--given '{key}': no tolerance of it is known; accepted: with a distribution, as in "

@@ -314,9 +314,7 @@ def _naming(film: Path, role: str = "") -> Iterator[None]:
     except _NamedError:
         raise
     except InputError as error:
-        known = f"'{film}'" in str(error)
-        name = role if known else f"{role} '{film}'".lstrip()
-        raise _NamedError(f"{name}: {error}" if name else str(error)) from None
+        raise _NamedError(f"{role} '{film}': {error}".lstrip()) from None
 
 
 def _share(name: str, percent: float) -> float:
