@@ -74,7 +74,9 @@ def test_every_wrong_set_up_is_named_by_a_motion_by_hand(by_hand, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["body yawed by 90 deg", "body yawed by 180 deg", "body on the floor"])
+@pytest.mark.parametrize(
+    "name", ["body yawed by 90 deg", "body yawed by 180 deg", "body on the floor"]
+)
 def test_with_the_proof_of_another_body_it_lands_near_where_it_took_off(tmp_path, name):
     row = fly_wrong_axes(None, tmp_path / "px4", f"{name}, old proof", 0)
     assert row["armed"] and row["disarmed"]

@@ -99,10 +99,7 @@ REFUSED = [
     ("fly hover --px4 /dev/ttyUSB0", "is no URL of a link; accepted: udpin://HOST:PORT"),
     ("fly hover --px4 udpin:0.0.0.0:14540 --yes", "--bridge link.allow_remote=true"),
     ("fly hover --px4 serial:///dev/null:57600 --yes", "can't open it (inappropriate ioctl"),
-    (
-        "fly hover --px4 --bridge 'px4_parameters=[EKF2_EV_CTRL]'",
-        "or NAME=VALUE as EKF2",
-    ),
+    ("fly hover --px4 --bridge 'px4_parameters=[EKF2_EV_CTRL]'", "or NAME=VALUE as EKF2"),
     ("fly hover --px4 --bridge px4_parameters=3", "px4_parameters: 3 is no list"),
     ("fly hover --px4 --bridge 'px4_parameters=[EKF2_EV_CTLR=11]'", "did you mean 'EKF2_EV_CTRL'"),
     (

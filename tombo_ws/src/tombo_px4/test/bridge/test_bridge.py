@@ -275,7 +275,8 @@ def test_parameters_are_read_and_none_is_written():
 
 @pytest.mark.slow
 def test_parameters_for_a_loss_are_set_with_consent_and_the_vehicle_flies():
-    wrong = {"COM_OBL_RC_ACT": 0, "EKF2_BARO_CTRL": 0, "COM_DISARM_LAND": -1.0, "COM_LOW_BAT_ACT": 0}
+    wrong = {"COM_OBL_RC_ACT": 0, "EKF2_BARO_CTRL": 0}
+    wrong |= {"COM_DISARM_LAND": -1.0, "COM_LOW_BAT_ACT": 0}
     flight = Flight()
     flight.px4.parameters |= wrong
     flight.run(6.0)
