@@ -35,7 +35,6 @@ from tombo_logs.checks.pipeline import check_log
 from tombo_logs.proposal.explain import explain_mapping
 from tombo_logs.readers.csv_mapping import load_mapping
 from tombo_logs.readers.log_reader import read_log
-from tombo_propeller.flap_video.video import open_video
 from tombo_propeller.rotor_trace import read_trace
 
 from .mutate import mutated
@@ -90,12 +89,6 @@ def _stand(path: Path, original: Path) -> Counts:
     return {}
 
 
-def _film(path: Path, original: Path) -> Counts:
-    for _ in open_video(path).parts([(0, 8)]):
-        pass
-    return {}
-
-
 def _library(path: Path, original: Path) -> Counts:
     folder = path.parent / "library"
     folder.mkdir(exist_ok=True)
@@ -136,7 +129,6 @@ READERS: dict[str, Callable[[Path, Path], Counts]] = {
     "model": _reads(read_model),
     "stand_model": _reads(read_stand_model),
     "library": _library,
-    "film": _film,
 }
 
 
@@ -196,12 +188,11 @@ def _warm() -> None:
     import bz2
     import lzma
 
-    import cv2
     import lz4.frame
     import scipy.optimize
     import scipy.signal
 
-    _ = bz2, lzma, cv2, lz4.frame, scipy.optimize, scipy.signal
+    _ = bz2, lzma, lz4.frame, scipy.optimize, scipy.signal
 
 
 if __name__ == "__main__":

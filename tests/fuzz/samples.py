@@ -58,7 +58,7 @@ def make_samples(folder: Path) -> list[Sample]:
     """Write all samples into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     log = _log()
-    return [*_recordings(folder, log), *_logs(folder, log), *_texts(folder), *_films(folder)]
+    return [*_recordings(folder, log), *_logs(folder, log), *_texts(folder)]
 
 
 def _log() -> Flight:
@@ -245,14 +245,3 @@ def _texts(folder: Path) -> list[Sample]:
         shutil.copyfile(_LIBRARY / path.name, path)
         found.append(Sample(f"library_{name}", path, "library", "text"))
     return found
-
-
-def _films(folder: Path) -> list[Sample]:
-    import cv2
-
-    path = folder / "film.avi"
-    film = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 960.0, (64, 64), False)
-    for k in range(4):
-        film.write(np.full((64, 64), 40 * k, np.uint8))
-    film.release()
-    return [Sample("film", path, "film")]

@@ -368,9 +368,6 @@ PRODUCTS: Final = {
         ("docs/stand.png",),
         _picture("plots/table3.png", "stand.png", "propeller", "diagnose", "--table3"),
     ),
-    "beta": Product(
-        ("docs/beta.png",), _picture("overlay.png", "beta.png", "propeller", "beta", "--demo")
-    ),
     "design": Product(
         ("docs/design.png",),
         _picture(
