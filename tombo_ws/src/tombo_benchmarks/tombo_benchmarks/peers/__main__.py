@@ -31,6 +31,7 @@ from tombo_dynamics.errors import InputError
 
 CASES: Final = {"1": 12000, "64": 6000, "4096": 1000}
 """Number of vehicles -> ticks of the course that they fly."""
+_SCRIPT: Final = Path(__file__).parents[2] / "other_environments" / "crazyflow_course.py"
 REPLAYED_TICKS: Final = 2000
 """Of the rotor commands that both fly without a controller."""
 
@@ -67,7 +68,7 @@ def fly_crazyflow(python: Path, sent: Mapping[str, Any]) -> dict[str, Any]:
     with TemporaryDirectory(prefix="tombo-") as folder:
         asked, answer = Path(folder) / "order.json", Path(folder) / "answer.json"
         asked.write_text(json.dumps(sent))
-        command = [python, Path(__file__).with_name("crazyflow_course.py"), asked, answer]
+        command = [python, _SCRIPT, asked, answer]
         environment |= {"JAX_PLATFORMS": "cpu"}
         done = subprocess.run(
             command, capture_output=True, text=True, env=environment, cwd=folder, check=False
@@ -89,7 +90,7 @@ def comparison(
         positions: (T, 3) of our vehicle over the course, map [m].
         answer: of crazyflow.
     """
-    rows = []
+    rows: list[Sequence[str]] = []
     for count, ours in rates.items():
         here, there = median(ours), median(answer["rates"][count])
         row = (f"steps of {count} vehicles", _short(here), _short(there), f"{here / there:.3g}")
