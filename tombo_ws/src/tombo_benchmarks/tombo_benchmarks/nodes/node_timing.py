@@ -16,15 +16,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
+import numpy as np
+
 from tombo_bag.recording import Recording
+from tombo_dynamics.time_base import TICK_S
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.node_diagnostics import node_metrics
 from tombo_flight.suite.nodes import SUITE, free_domain, udp_ports
 from tombo_flight.suite.running import RunningSuite, SuiteConfig
-from tombo_ros.loop_statistics import LoopStatistics
-from tombo_ros.pacing import SIMULATOR, request_realtime_priority, sleep_until
 
-_TICK_NS: Final = 1_000_000
+_PRIORITY: Final = 50
+"""That of the simulator's loop under SCHED_FIFO."""
 
 
 @contextmanager
@@ -60,17 +62,20 @@ def busy_processes(number: int) -> Iterator[None]:
 
 def empty_loop(seconds: float) -> dict[str, float | int]:
     """Return how late a loop of 1 kHz with nothing in it runs here and now."""
-    statistics = LoopStatistics()
-    request_realtime_priority(SIMULATOR, set())
-    deadline = time.monotonic_ns()
-    for _ in range(round(1000 * seconds)):
-        deadline += _TICK_NS
-        sleep_until(deadline)
-        woke = time.monotonic_ns()
-        statistics.ran(woke, woke - deadline)
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    began_s = time.monotonic()
+    due_s = began_s + TICK_S * np.arange(1, round(seconds / TICK_S) + 1)
+    late_us = np.empty(len(due_s))
+    for k, due in enumerate(due_s.tolist()):
+        time.sleep(max(0.0, due - time.monotonic()))
+        late_us[k] = 1e6 * (time.monotonic() - due)
+    took_s = time.monotonic() - began_s
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    return statistics.metrics()
+    median, p99 = np.percentile(late_us, (50.0, 99.0)).tolist()
+    rate_hz = len(due_s) / took_s
+    return {"rate_hz": rate_hz, "jitter_p50_us": median, "jitter_p99_us": p99, "missed": 0}
 
 
 def fly_and_measure(seconds: float, busy: int) -> dict[str, Any]:
