@@ -18,12 +18,7 @@ ROOT = Path(__file__).parents[2]
 SCRIPTS = ROOT / "docker" / "scripts"
 STEPS = sorted(path.name for path in SCRIPTS.glob("*.sh") if path.name != "common.sh")
 TEST_ONLY = {"python3-hypothesis", "python3-pytest"}
-PIP_NAME = {
-    "python3-pil": "pillow",
-    "python3-yaml": "pyyaml",
-    "python3-opencv": "opencv-python-headless",
-    "mcap-ros2-support": "mcap",
-}
+PIP_NAME = {"python3-pil": "pillow", "python3-yaml": "pyyaml", "mcap-ros2-support": "mcap"}
 
 
 class Box:

@@ -27,7 +27,6 @@ SHARE = ("config", "foxglove", "launch", "rviz")
 # rosdep/python.yaml of github.com/ros/rosdistro.
 ROSDEP_KEY = {
     "PIL": "python3-pil",
-    "cv2": "python3-opencv",
     "filterpy": "python3-filterpy-pip",
     "jinja2": "python3-jinja2",
     "lz4": "mcap-ros2-support",

@@ -1,8 +1,8 @@
 """Who may import whom: the rules that keep the maths pure and the graph of packages a tree.
 
 - A pure file reaches no ROS: `rclpy`, generated messages and `tombo_ros` belong to `*_node.py`
-  files and to the package tombo_ros. `pymavlink` belongs to tombo_px4, `cv2` to
-  `tombo_propeller/flap_video/`, compiled code to the packages of the compile cache.
+  files and to the package tombo_ros. `pymavlink` belongs to tombo_px4, compiled
+  code to the packages of the compile cache.
 - A package imports only what `MAY_IMPORT` lists for it, and nobody's node.
 - Names with `ned` or `frd` as a part live in tombo_px4 and where PX4's logs are read: everywhere
   else the world is ENU and the body FLU.
@@ -166,8 +166,6 @@ def violations(package: str, path: Path, source: str) -> list[str]:
         elif root == "pymavlink":
             if package != "tombo_px4":
                 complain(line, "imports pymavlink: that belongs to tombo_px4")
-        elif root == "cv2" and here[:2] != ("tombo_propeller", "flap_video"):
-            complain(line, "imports cv2: that belongs to tombo_propeller/flap_video/")
         elif package in LIBRARIES and not shell:
             known = {package, *LIBRARIES[package], *sys.stdlib_module_names}
             if root not in known and not root.startswith("tombo_") and not ROS.fullmatch(root):
@@ -300,8 +298,6 @@ def test_no_files_import_each_other_in_a_loop():
         ("tombo_control", "rate_node.py", "import tombo_sim", "tombo_control may not"),
         ("tombo_dynamics", "params.py", "import pandas", "may use"),
         ("tombo_control", "a.py", "import pymavlink", "belongs to tombo_px4"),
-        ("tombo_diagnosis", "track.py", "import cv2", "belongs to tombo_propeller"),
-        ("tombo_propeller", "flap_video/disc.py", "import cv2", ""),
         ("tombo_px4", "hil/a.py", "from tombo_dynamics.jit import compiled", "cache's key"),
         ("tombo_control", "b_node.py", "from tombo_control import a_node, x\nimport rclpy", ""),
         ("tombo_control", "a.py", "from . import rate_node", "nodes are started"),

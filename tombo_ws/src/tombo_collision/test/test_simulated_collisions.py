@@ -98,3 +98,23 @@ def test_gaps_of_mocap_are_sat_out_level_and_are_no_collisions():
         assert record.summary["false_alarms"] == 0
         assert record.summary["max_tilt_rad"] < 0.4
     assert spells > 5
+
+
+@pytest.mark.slow
+def test_an_unknown_obstacle_is_detected_in_time_and_never_too_early():
+    summaries = [record.summary for _, record in flown("paper_collision", seeds=range(40))]
+    latency = [s["detection_latency_s"] for s in summaries]
+    assert np.percentile(latency, 95) <= 0.120
+    assert min(latency) > 0.0
+    assert sum(s["false_alarms"] for s in summaries) == 0
+    assert max(s["hover_rms_m"] for s in summaries) <= 0.05
+    assert max(s["approach_rms_m"] for s in summaries) <= 0.15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("share", "alarms"), [(1.0, False), (0.5, False), (0.08, True)])
+def test_no_jump_and_no_gust_is_an_alarm_unless_the_threshold_is_tiny(share, alarms):
+    threshold = share * load_scenario().detector.threshold
+    settings = ("reaction.name=none", f"detector.threshold={threshold}")
+    flights = flown("aggressive", *settings, seeds=range(20))
+    assert (sum(record.summary["false_alarms"] for _, record in flights) > 0) is alarms

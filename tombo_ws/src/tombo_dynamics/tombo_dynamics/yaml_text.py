@@ -1,7 +1,6 @@
 """YAML as the suite reads it: bounded, numbers as in YAML 1.2, an error that says what and where.
 
-A file may come from anyone. What it can make a reader do is bounded before anything is built: its
-size, how deep it nests, what its aliases stand for, how long a number or a key is.
+Size, depth, and what aliases stand for, are bounded before anything is built.
 """
 
 from __future__ import annotations
@@ -21,10 +20,8 @@ _DEEPEST = 40
 """Lists and mappings within each other."""
 _MOST_VALUES = 200_000
 """Values, those that an alias repeats counted again."""
-_MOST_TEXT = 2 * LARGEST
-"""Characters of all values, counted in the same way."""
-_LONGEST_NUMBER, _LONGEST_KEY = 64, 1000
-"""Characters. Any number of 64 is within the range of a float."""
+_LONGEST_NUMBER = 64
+"""Characters: any such number is within the range of a float."""
 _C_OR_PYTHON: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the C one is ten times faster
 _C_OR_PYTHON_TEXT: Any = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 _TAG = "tag:yaml.org,2002:"
@@ -123,46 +120,42 @@ def _reason(error: Any) -> tuple[str, str]:
 
 
 def _check_size(text: str) -> None:
-    """Bound depth and size, aliases written out, while nothing is built yet.
+    """Bound depth and number of values, aliases written out, while nothing is built yet.
 
     Raises:
         _Refused: beyond a bound, or an alias of what it stands in.
         yaml.YAMLError: no YAML.
     """
-    values = size = 0
-    extent: dict[str, tuple[int, int]] = {}
-    open_anchors: list[tuple[str | None, int, int]] = []
+    values = 0
+    extent: dict[str, int] = {}
+    open_anchors: list[tuple[str | None, int]] = []
     for event in yaml.parse(text, Loader=_C_OR_PYTHON):
-        before = values, size
         if isinstance(event, yaml.CollectionEndEvent):
-            anchor, values_before, size_before = open_anchors.pop()
+            anchor, before = open_anchors.pop()
             if anchor:
-                extent[anchor] = values - values_before, size - size_before
+                extent[anchor] = values - before
         elif isinstance(event, yaml.AliasEvent):
-            if any(anchor == event.anchor for anchor, _, _ in open_anchors):
+            if any(anchor == event.anchor for anchor, _ in open_anchors):
                 raise _Refused(f"*{event.anchor} stands within itself", event.start_mark)
-            more_values, more_size = extent.get(event.anchor or "", (1, 1))
-            values, size = values + more_values, size + more_size
-        elif isinstance(event, yaml.NodeEvent):
+            values += extent.get(event.anchor or "", 1)
+        elif isinstance(event, yaml.CollectionStartEvent):
+            open_anchors.append((event.anchor, values))
+            extent.pop(event.anchor or "", None)
             values += 1
-            if isinstance(event, yaml.ScalarEvent):
-                size += len(event.value)
-                if event.anchor:
-                    extent[event.anchor] = 1, len(event.value)
-            else:
-                open_anchors.append((event.anchor, *before))
-                extent.pop(event.anchor or "", None)
+        elif isinstance(event, yaml.ScalarEvent):
+            extent.pop(event.anchor or "", None)
+            values += 1
         if len(open_anchors) > _DEEPEST:
             raise _Refused(f"nested more than {_DEEPEST} deep", event.start_mark)
-        if values > _MOST_VALUES or size > _MOST_TEXT:
+        if values > _MOST_VALUES:
             raise _Refused(f"more than {_MOST_VALUES} values", event.start_mark)
 
 
 def _check_nodes(root: Any) -> None:
-    """Bound keys and numbers.
+    """Refuse keys that stand twice, and numbers beyond a float.
 
     Raises:
-        _Refused: a key is there twice or too long, or a number is too long.
+        _Refused: a key is there twice, or a number is too long.
     """
     left, seen = [root], set()
     while left:
@@ -184,8 +177,6 @@ def _check_keys(node: Any) -> None:
     for key, _ in node.value:
         if not isinstance(key, yaml.ScalarNode) or key.tag == f"{_TAG}merge":
             continue
-        if len(key.value) > _LONGEST_KEY:
-            raise _Refused(f"a key of {len(key.value)} characters", key.start_mark)
         if (key.tag, key.value) in keys:
             raise _Refused(f"key {shown(key.value)} twice", key.start_mark)
         keys.add((key.tag, key.value))

@@ -10,6 +10,7 @@ import typer
 from tombo_benchmarks.cli.benchmark_faults_command import FAULT_EXIT_CODES, benchmark_faults
 from tombo_benchmarks.cli.benchmark_foreign_command import benchmark_foreign
 from tombo_benchmarks.cli.benchmark_mutations_command import benchmark_mutations
+from tombo_benchmarks.cli.benchmark_nodes_command import benchmark_nodes
 from tombo_benchmarks.cli.benchmark_real_command import benchmark_real
 from tombo_benchmarks.cli.benchmark_run import (
     EXIT_CODES,
@@ -77,5 +78,6 @@ app.command("stand", epilog=EXIT_CODES)(benchmark_stand)
 app.command("foreign", epilog=EXIT_CODES)(benchmark_foreign)
 app.command("faults", epilog=FAULT_EXIT_CODES)(benchmark_faults)
 app.command("mutations")(benchmark_mutations)
+app.command("nodes")(benchmark_nodes)
 app.command("real", epilog=EXIT_CODES)(benchmark_real)
 app.command("why", epilog=EXIT_CODES)(benchmark_why)

@@ -19,8 +19,8 @@ def benchmark_why(
         Path | None,
         option(
             "--rotorpy PYTHON",
-            "Fly every other crash with rotorpy: the Python of an environment that has it, such "
-            "as `python -m tombo_benchmarks.peers` makes. Default: all in the second simulator.",
+            "Fly every other crash with rotorpy: the Python of an environment that has it. "
+            "Default: all in the second simulator.",
         ),
     ] = None,
     seed: Seed = 0,

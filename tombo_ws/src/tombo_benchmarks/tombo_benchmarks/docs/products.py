@@ -1,4 +1,4 @@
-"""The products of `make docs`: how each is made, and what it depends on."""
+"""The products of `make docs`: which files each writes, and the function that makes it."""
 
 from __future__ import annotations
 
@@ -18,23 +18,8 @@ from tombo_dynamics.errors import InputError
 
 CONFIG: Final = "tombo_ws/src/tombo_bringup/config"
 CAMPAIGN: Final = "tombo_ws/src/tombo_propeller/tombo_propeller/reproduce/campaign.yaml"
-_DIAGNOSIS: Final = "tombo_diagnosis/tombo_diagnosis"
-_PROPELLER: Final = "tombo_dynamics/tombo_dynamics/propeller"
-_GROWTH_S: Final = 300.0
-"""How cost grows is measured for so long [s]."""
-FLIGHTS: Final = "flights"
-"""In `depends`: the reference flights, in place of code."""
-LEFT: Final = (
-    "docs/diagnosis_benchmarks.md: tombo benchmark diagnosis --cases 1000 --seed 2031",
-    "docs/stand.md, Benchmark: tombo benchmark stand --cases 500 --seed 48",
-    "docs/stand.md, A real stand: tombo propeller diagnose, on a data set",
-    "docs/beta.md, Tested on rendered films: tombo_benchmarks/scripts/beta_from_video.py",
-    "docs/design.md, regressions and flights of the check: tombo propeller design",
-    "docs/arena.md, Reflex and Bounce: tombo fly SCENARIO --disturbances --seeds 5000:5100",
-    "docs/gym.md, Beside other simulators: python -m tombo_benchmarks.peers --page docs/gym.md",
-    "docs/px4.md, README, How fast: make bench, tombo_benchmarks/scripts",
-)
-"""Tables that are not regenerated: they take half an hour, or depend on the machine."""
+Make = Callable[[Path, Path], None]
+"""Writes a product; takes the project's folder and that of the shared data."""
 
 
 @dataclass(frozen=True)
@@ -42,25 +27,14 @@ class Product:
     """Something in the documentation that comes from the code.
 
     Attributes:
-        name: by which it is asked for.
         written: files, and `PAGE#NAME` for what stands between the markers of a page.
-        make: writes it; takes the project's folder and the folder of shared data.
-        depends: folders of `tombo_ws/src`, or FLIGHTS.
-        data: folder of the shared data that it needs, None if it needs none.
-        quick: True if it is made again to see whether it is out of date.
+        make: writes them.
+        data: folder of the shared data that it needs; empty if it needs none.
     """
 
-    name: str
     written: tuple[str, ...]
-    make: Callable[[Path, Path], None]
-    depends: tuple[str, ...] = ()
-    data: str | None = None
-    quick: bool = False
-
-    @property
-    def files(self) -> set[str]:
-        """Files of which something is written."""
-        return {place.partition("#")[0] for place in self.written}
+    make: Make
+    data: str = ""
 
 
 def _tables(root: Path, data: Path) -> None:
@@ -293,24 +267,6 @@ def shortened(table: str) -> str:
     return "\n".join(short) + "\n"
 
 
-def _growth(root: Path, data: Path) -> None:
-    from tombo_benchmarks.growth.cost_growth import measure
-    from tombo_benchmarks.growth.growth_page import draw_growth, growth_markdown
-    from tombo_flight.report.flight_plot import figure_bytes
-
-    found = measure(_GROWTH_S)
-    (root / "docs" / "growth.png").write_bytes(figure_bytes(draw_growth(found)))
-    _fill(root / "docs" / "gym.md", {"growth": growth_markdown(found, "growth.png")})
-
-
-def _threshold(root: Path, data: Path) -> None:
-    from tombo_benchmarks import detector_threshold_study as study
-
-    found = study.run_study(120)
-    study.draw(found, root / "docs" / "detector_threshold.png")
-    _fill(root / "docs" / "collision.md", {"threshold": study.markdown(found)})
-
-
 def _px4(root: Path, data: Path) -> None:
     with TemporaryDirectory() as folder:
         _tombo("fly", "--px4", "--seed", "0", "-o", folder, "--force")
@@ -371,7 +327,7 @@ def crazyflie_text(found: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _picture(name: str, target: str, *command: str) -> Callable[[Path, Path], None]:
+def _picture(name: str, target: str, *command: str) -> Make:
     """Return what runs a command of tombo, and copies one of its pictures into the docs."""
 
     def make(root: Path, data: Path) -> None:
@@ -382,9 +338,8 @@ def _picture(name: str, target: str, *command: str) -> Callable[[Path, Path], No
     return make
 
 
-PRODUCTS: Final = (
-    Product(
-        "tables",
+PRODUCTS: Final = {
+    "tables": Product(
         (
             *("docs/effects.md", "docs/nodes.md#nodes", "docs/nodes.md#topics"),
             *("docs/px4.md#px4_nodes", f"{CONFIG}/all_parameters.yaml", f"{CONFIG}/suite.yaml"),
@@ -392,82 +347,36 @@ PRODUCTS: Final = (
             "docs/architecture.md#wiring",
         ),
         _tables,
-        quick=True,
     ),
-    Product(
-        "drawings",
-        ("docs/propeller.png", "docs/frames.png", "docs/lab.png", "docs/safety.png"),
-        _drawings,
-        (
-            "tombo_control/tombo_control/safety",
-            "tombo_benchmarks/tombo_benchmarks/docs/drawings.py",
-        ),
+    "drawings": Product(
+        ("docs/propeller.png", "docs/frames.png", "docs/lab.png", "docs/safety.png"), _drawings
     ),
-    Product("flight", ("docs/flight.png", "docs/flight.gif"), _flight, (FLIGHTS,)),
-    Product("campaign", (CAMPAIGN, "README.md#campaign"), _campaign, (FLIGHTS,)),
-    Product(
-        "reproduction",
-        ("docs/reproduction.png",),
-        _reproduction,
-        ("tombo_propeller/tombo_propeller/reproduce", _PROPELLER),
+    "flight": Product(("docs/flight.png", "docs/flight.gif"), _flight),
+    "campaign": Product((CAMPAIGN, "README.md#campaign"), _campaign),
+    "reproduction": Product(
+        ("docs/reproduction.png", "docs/reproduction.md#claims"), _reproduction
     ),
-    Product("calibration", ("docs/calibration.md#variations",), _calibration, (FLIGHTS,)),
-    Product(
-        "arena",
-        ("docs/arena.md#arena",),
-        _arena,
-        (
-            *(FLIGHTS, "tombo_flight/tombo_flight/arena", "tombo_control/tombo_control/recovery"),
-            "tombo_collision/tombo_collision/reactions",
-        ),
-    ),
-    Product("growth", ("docs/growth.png", "docs/gym.md#growth"), _growth),
-    Product(
-        "threshold",
-        ("docs/detector_threshold.png", "docs/collision.md#threshold"),
-        _threshold,
-        (FLIGHTS,),
-    ),
-    Product(
-        "px4",
-        ("docs/px4_flight.png", "docs/px4.md#px4_flight"),
-        _px4,
-        (FLIGHTS, "tombo_px4/tombo_px4/autopilot"),
-    ),
-    Product(
-        "diagnosis",
+    "calibration": Product(("docs/calibration.md#variations",), _calibration),
+    "arena": Product(("docs/arena.md#arena",), _arena),
+    "px4": Product(("docs/px4_flight.png", "docs/px4.md#px4_flight"), _px4),
+    "diagnosis": Product(
         ("docs/diagnosis.png", "docs/diagnosis.md#crazyflie", "README.md#diagnosis"),
         _diagnosis,
-        (
-            *(f"{_DIAGNOSIS}/{part}" for part in ("engine", "flight")),
-            "tombo_logs/tombo_logs",
-            "tombo_dynamics/tombo_dynamics/effects",
-        ),
         data="flights",
     ),
-    Product(
-        "stand",
+    "stand": Product(
         ("docs/stand.png",),
         _picture("plots/table3.png", "stand.png", "propeller", "diagnose", "--table3"),
-        (f"{_DIAGNOSIS}/engine", f"{_DIAGNOSIS}/stand", _PROPELLER),
     ),
-    Product(
-        "beta",
-        ("docs/beta.png",),
-        _picture("overlay.png", "beta.png", "propeller", "beta", "--demo"),
-        ("tombo_propeller/tombo_propeller/flap_video",),
-    ),
-    Product(
-        "design",
+    "design": Product(
         ("docs/design.png",),
         _picture(
             *("pareto.png", "design.png", "propeller", "design", "--mass", "1.3"),
             *("--frame", "s500", "--min-thrust-margin", "1.7", "--max-collision-force", "150"),
         ),
-        ("tombo_propeller/tombo_propeller/design", _PROPELLER),
     ),
-)
-"""In the order in which they are made: the reproduction quotes the campaign."""
+}
+"""By name, in the order in which they are made: the reproduction quotes the campaign."""
 
 
 def _fly_many(base: str, settings: Sequence[str], seeds: range) -> dict[str, Any]:

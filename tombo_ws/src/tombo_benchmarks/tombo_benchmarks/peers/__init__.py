@@ -1,1 +1,1 @@
-"""Flies other simulators on the same course as this one: `python -m tombo_benchmarks.peers`."""
+"""Flies crazyflow over the same course as this simulator: `python -m tombo_benchmarks.peers`."""

@@ -1,45 +1,116 @@
-"""Flies rotorpy, crazyflow and this simulator on the same course in turn, and counts steps."""
+"""Fly a Crazyflie over one course here and with crazyflow, and compare speed and positions.
+
+    python -m tombo_benchmarks.peers PYTHON [--rounds 5]
+
+PYTHON is that of an environment with crazyflow: `python -m venv FOLDER`, then
+`FOLDER/bin/pip install crazyflow==0.4.0 jax==0.10.1 jaxlib==0.10.1` (1.6 GB).
+"""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+from typing import Any, Final
 
-from rich.console import Console
+import numpy as np
+import typer
 
-from tombo_benchmarks.docs.markdown import updated
-from tombo_benchmarks.peers.peer_process import default_folder
-from tombo_benchmarks.peers.peers_benchmark import measure
-from tombo_benchmarks.peers.peers_page import peers_markdown, peers_page
-from tombo_bringup.cli.tables import show_page
+from tombo_benchmarks.docs.markdown import table_markdown
+from tombo_benchmarks.peers.course import CORNERS, course_scenario, order, starts
+from tombo_benchmarks.peers.our_flights import OurVehicles, flown_course
+from tombo_bringup.cli.errors import exit_code_of
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
+
+CASES: Final = {"1": 12000, "64": 6000, "4096": 1000}
+"""Number of vehicles -> ticks of the course that they fly."""
+_SCRIPT: Final = Path(__file__).parents[2] / "other_environments" / "crazyflow_course.py"
+REPLAYED_TICKS: Final = 2000
+"""Of the rotor commands that both fly without a controller."""
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(prog="python -m tombo_benchmarks.peers", description=__doc__)
+def main() -> None:
+    """Measure and print the table."""
+    parser = argparse.ArgumentParser(prog="python -m tombo_benchmarks.peers")
+    parser.add_argument("python", type=Path, help="of an environment with crazyflow")
     parser.add_argument("--rounds", type=int, default=5, help="of all cases (default: 5)")
-    parser.add_argument(
-        "--environments", type=Path, default=default_folder(), metavar="FOLDER",
-        help="keeps their environments, made at the first run: 1.6 GB (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print JSON only")
-    parser.add_argument(
-        "--page", type=Path, metavar="FILE",
-        help="also write the table between the markers <!-- peers --> and <!-- /peers --> of it",
-    )  # fmt: skip
-    chosen = parser.parse_args(arguments)
-    if not 1 <= chosen.rounds <= 1000:
-        parser.error(f"--rounds {chosen.rounds}: out of bounds; accepted: 1 to 1000")
-    waiting = Console(stderr=True)
-    with waiting.status("measuring") as status:
-        result = measure(chosen.environments.absolute(), chosen.rounds, status.update)
-    page = peers_page(result)
-    if chosen.page is not None:
-        text = chosen.page.read_text(encoding="utf-8")
-        chosen.page.write_text(updated(text, {"peers": peers_markdown(page.data)}))
-    show_page(page, chosen.json)
+    options = parser.parse_args()
+    if not 1 <= options.rounds <= 1000:
+        raise InputError(f"--rounds {options.rounds}: out of bounds; accepted: 1 to 1000")
+    commands, positions = flown_course()
+    sent = order(course_scenario()) | {
+        "rounds": options.rounds, "cases": CASES, "starts": starts(4096).tolist(),
+        "ticks": len(positions), "commands": commands[:REPLAYED_TICKS].tolist(),
+    }  # fmt: skip
+    answer = fly_crazyflow(options.python.absolute(), sent)
+    rates = {}
+    for count, ticks in CASES.items():
+        vehicles = OurVehicles(int(count), ticks)
+        vehicles.fly()  # compiles
+        rates[count] = [vehicles.fly() for _ in range(options.rounds)]
+    typer.echo(comparison(rates, positions, answer), nl=False)
+
+
+def fly_crazyflow(python: Path, sent: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what `crazyflow_course.py` answers: rates, end, replayed, versions.
+
+    Raises:
+        InputError: it fails.
+    """
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+    with TemporaryDirectory(prefix="tombo-") as folder:
+        asked, answer = Path(folder) / "order.json", Path(folder) / "answer.json"
+        asked.write_text(json.dumps(sent))
+        command = [python, _SCRIPT, asked, answer]
+        environment |= {"JAX_PLATFORMS": "cpu"}
+        done = subprocess.run(
+            command, capture_output=True, text=True, env=environment, cwd=folder, check=False
+        )
+        if done.returncode:
+            last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+            raise InputError(f"'{python}': {last}; accepted: a Python that has crazyflow")
+        result: dict[str, Any] = json.loads(answer.read_text())
+        return result
+
+
+def comparison(
+    rates: Mapping[str, Sequence[float]], positions: Array, answer: Mapping[str, Any]
+) -> str:
+    """Return the table: steps in a second of a core, and where both vehicles are.
+
+    Args:
+        rates: number of vehicles -> our steps in a second of a core, a number a round.
+        positions: (T, 3) of our vehicle over the course, map [m].
+        answer: of crazyflow.
+    """
+    rows: list[Sequence[str]] = []
+    for count, ours in rates.items():
+        here, there = median(ours), median(answer["rates"][count])
+        row = (f"steps of {count} vehicles", _short(here), _short(there), f"{here / there:.3g}")
+        rows.append(row)
+    goal = np.array(CORNERS[-1])
+    ends = [f"{1e3 * np.linalg.norm(end - goal):.1f} mm" for end in (positions[-1], answer["end"])]
+    apart = np.linalg.norm(np.array(answer["replayed"]) - positions[REPLAYED_TICKS - 1])
+    rows.append(("end of the course, from its goal", *ends, ""))
+    rows.append(("apart after 2 s of the same rotor commands", "", f"{1e3 * apart:.1f} mm", ""))
+    table = table_markdown(("a second of a core, steps of 1 ms", "here", "crazyflow", "×"), rows)
+    rounds, cores = len(ours), len(os.sched_getaffinity(0))
+    versions = ", ".join(f"{name} {number}" for name, number in answer["versions"].items())
+    return (
+        f"{table}\n{versions}; medians of {rounds} rounds, {cores} cores, without compilation.\n"
+    )
+
+
+def _short(value: float) -> str:
+    return f"{1e-6 * value:.3g} M"
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(exit_code_of(main))

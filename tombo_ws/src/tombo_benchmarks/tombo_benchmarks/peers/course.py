@@ -1,4 +1,4 @@
-"""The course and the vehicle that all simulators fly, as plain numbers that go to their processes.
+"""The course and the vehicle that both simulators fly, as plain numbers.
 
 A Crazyflie 2.1 starts in hover, flies three legs of a triangle and holds: thrust and torque with
 the square of the rotors' speed, a lag of first order, drag linear in the velocity, gravity.
@@ -16,7 +16,7 @@ from tombo_control.planning.leg import Leg, straight_leg
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.time_base import TICK_S
-from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN
+from tombo_dynamics.vehicle import ARM_X, GRAVITY
 from tombo_flight.scenario import Scenario, load_scenario
 
 SECONDS: Final = 12.0
@@ -34,9 +34,8 @@ _NULL: Final = (
     "effects.gusts.deviation=0",
     "effects.thrust_scatter.deviation=0",
 )
-"""What the others do not have."""
-_SPREAD_M: Final = 0.1
-_GOLDEN: Final = 0.6180339887498949
+"""What crazyflow does not have."""
+_SPREAD_M: Final = 0.05
 
 
 def course_scenario() -> Scenario:
@@ -76,9 +75,9 @@ def set_points() -> Array:
 
 def starts(count: int) -> Array:
     """Return where N vehicles hover at first (N, 3), map [m]: the first on the course."""
-    turns = np.outer(np.arange(count), [_GOLDEN, _GOLDEN**2, _GOLDEN**3])
-    shifts = (turns + 0.5) % 1.0 - 0.5
-    return np.asarray(np.array(CORNERS[0]) + _SPREAD_M * shifts, dtype=float)
+    shifts = np.random.default_rng(0).uniform(-_SPREAD_M, _SPREAD_M, (count, 3))
+    shifts[0] = 0.0
+    return np.asarray(np.array(CORNERS[0]) + shifts)
 
 
 def hover_speed(scenario: Scenario) -> float:
@@ -87,18 +86,15 @@ def hover_speed(scenario: Scenario) -> float:
 
 
 def order(scenario: Scenario) -> dict[str, Any]:
-    """Return what a peer's process reads: SI units, map ENU, body FLU, rotors as PX4 counts."""
+    """Return what crazyflow's process reads: SI units, map ENU, body FLU, rotors as PX4 counts."""
     vehicle, propeller = scenario.vehicle, scenario.propeller
     return {
         "mass": vehicle.mass,
         "inertia": [vehicle.inertia_xx, vehicle.inertia_yy, vehicle.inertia_zz],
-        "arm_x": (vehicle.arm_length * ARM_X).tolist(),
-        "arm_y": (vehicle.arm_length * ARM_Y).tolist(),
-        "spin": SPIN.tolist(),
+        "arm": float(abs(vehicle.arm_length * ARM_X[0])),
         "k_thrust": propeller.k_thrust,
         "k_torque": propeller.k_torque,
         "rotor_inertia": vehicle.rotor_inertia,
-        "rotor_speed_max": vehicle.rotor_speed_max,
         "motor_time_constant": vehicle.motor_time_constant,
         "drag": [_DRAG, _DRAG, 0.0],
         "gravity": GRAVITY,

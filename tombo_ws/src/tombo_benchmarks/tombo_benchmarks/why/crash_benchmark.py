@@ -23,7 +23,7 @@ from tombo_logs.readers.csv_mapping import load_mapping
 from tombo_logs.readers.log_reader import read_log
 
 _PACKAGE: Final = Path(__file__).parents[2]
-_PEER: Final = _PACKAGE / "scripts" / "peers" / "rotorpy_crashes.py"
+_PEER: Final = _PACKAGE / "other_environments" / "rotorpy_crashes.py"
 _OUR_ORDER, _PEER_ORDER = (1, 2, 3, 0), (1, 3, 0, 2)
 """Columns of the rotors in the order of ROTOR_NAMES."""
 _CLOSE_S: Final = 0.1

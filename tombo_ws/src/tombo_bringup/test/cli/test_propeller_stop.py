@@ -9,7 +9,6 @@ import time
 import pytest
 
 from tombo_propeller.design import design
-from tombo_propeller.flap_video import measure
 from tombo_propeller.reproduce import page, reproduction
 
 
@@ -37,13 +36,8 @@ def test_reproduce(tombo, tmp_path, monkeypatch, where):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("module", "command"),
-    [(design, ("design", "--mass", "1.3", "--flights", "0")), (measure, ("beta", "--demo"))],
-)
-def test_design_and_beta(tombo, tmp_path, monkeypatch, module, command):
-    name = module.__name__.rpartition(".")[2]
-    monkeypatch.setattr(module, name, interrupted(getattr(module, name)))
-    result = tombo("propeller", *command, "-o", "out")
+def test_design(tombo, tmp_path, monkeypatch):
+    monkeypatch.setattr(design, "design", interrupted(design.design))
+    result = tombo("propeller", "design", "--mass", "1.3", "--flights", "0", "-o", "out")
     assert result.code == 130 and result.out == ""
     assert not list(tmp_path.iterdir())

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tombo_bringup.cli.options import HELP_OPTIONS, JsonOnly, integer_option, json_option, option
-from tombo_bringup.cli.propeller.beta_command import beta
 from tombo_bringup.cli.propeller.design_command import design
 from tombo_bringup.cli.propeller.diagnose_command import diagnose
 from tombo_bringup.cli.propeller.recovery_command import recovery
@@ -311,5 +310,19 @@ def _whole_lines(command: Callable[..., None]) -> str:
     return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
 
 
-for _command in (design, reproduce, diagnose, beta, recovery):
+for _command in (design, reproduce, diagnose, recovery):
     app.command(help=_whole_lines(_command))(_command)
+
+
+@app.command(
+    "beta",
+    hidden=True,
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
+)
+def beta() -> None:
+    """Say what has taken the place of the removed command."""
+    from tombo_dynamics.errors import InputError
+
+    raise InputError(
+        "tombo propeller beta was removed; accepted: python examples/flap_angle/flap_angle.py FILM"
+    )

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError
+Array = NDArray[np.float64]
 
 LIMIT_95 = 1.96
 _STEP = math.radians(0.01)
@@ -28,7 +28,7 @@ class BladeSpan:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.nodus < self.tip < 10.0:
-            raise InputError(
+            raise ValueError(
                 f"tip radius {self.tip * 1e3:g} mm, nodus radius {self.nodus * 1e3:g} mm; "
                 "accepted: 0 < nodus < tip < 10000 mm"
             )
@@ -48,9 +48,9 @@ class CameraPose:
 
     def __post_init__(self) -> None:
         if not self.height > 0.0:
-            raise InputError(f"camera height {self.height:g} m; accepted: above 0")
+            raise ValueError(f"camera height {self.height:g} m; accepted: above 0")
         if not 0.0 <= self.height_error < 0.5:
-            raise InputError(
+            raise ValueError(
                 f"error of the camera height {self.height_error:g}; accepted: a share, 0 to 0.5"
             )
 
@@ -112,12 +112,6 @@ def apparent_radius(beta: Array, span: BladeSpan, view: CameraPose) -> Array:
     return np.asarray(seen / (1.0 - sign * tip_height(beta, span) / view.height))
 
 
-def magnified(beta: float, span: BladeSpan, view: CameraPose) -> float:
-    """Return by how much the tip at a flap [rad] looks larger for being nearer to the camera."""
-    sign = 1.0 if view.towards else -1.0
-    return 1.0 / (1.0 - sign * (span.tip - span.nodus) * math.sin(beta) / view.height)
-
-
 def paper_angle(radius: float, span: BladeSpan) -> float:
     """Return acos((r_d - r_N) / (r - r_N)) [rad], the paper's beta; NaN where there is none.
 
@@ -134,10 +128,10 @@ def angle(radius: float, sd: float, span: BladeSpan, view: CameraPose) -> FlapAn
     than 95 % allow; so the interval is never empty, also where noise makes the disc too large.
 
     Raises:
-        InputError: no finite radius, or no positive standard deviation.
+        ValueError: no finite radius, or no positive standard deviation.
     """
     if not (math.isfinite(radius) and radius > 0.0 and math.isfinite(sd) and sd > 0.0):
-        raise InputError(f"disc radius {radius:g} +- {sd:g} m; accepted: finite and above 0")
+        raise ValueError(f"disc radius {radius:g} +- {sd:g} m; accepted: finite and above 0")
     beta: Any = np.arange(0.0, _LARGEST + _STEP, _STEP)
     seen = apparent_radius(beta, span, view)
     from_height = seen * tip_height(beta, span) / view.height * view.height_error

@@ -1,7 +1,7 @@
 """The paper's measurement: frames combined, so that the blades fill a disc; its hull; its circle.
 
 It finds the disc to a pixel or two. How far it is from the truth depends on speed and exposure, as
-a tip covers a point of the rim for a small share of the time only; `rim` goes on from here.
+a tip covers a point of the rim for a small share of the time only.
 """
 
 from __future__ import annotations
@@ -14,9 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError
-
+Array = NDArray[np.float64]
 Frames = NDArray[np.uint8]
 """(frames, height, width), grey."""
 
@@ -34,10 +32,6 @@ _ROUND = 0.006
 """Share of the radius by which a point of the hull may miss the circle."""
 _LEAST_ARC = 0.2
 """Share of the hull's directions that must lie on the circle."""
-
-
-class NothingMovesError(InputError):
-    """Frames that show no motion."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +71,7 @@ def find_disc(frames: Frames) -> Disc:
     """Find the one spinning propeller in a few frames.
 
     Raises:
-        NothingMovesError: all stand still.
-        InputError: black or saturated frames, nothing large that moves, several things that
+        ValueError: black or saturated frames, nothing large that moves, several things that
             move, or what moves is not round.
     """
     _refuse_unlit(frames)
@@ -87,7 +80,7 @@ def find_disc(frames: Frames) -> Disc:
     strong = float(np.percentile(swing, 99.5))
     floor = max(_QUIET * still, 3.0, 0.05 * strong)
     if strong < max(_LEAST_SWING, 2.0 * floor):
-        raise NothingMovesError(
+        raise ValueError(
             f"nothing moves by more than {strong:.0f} grey levels (noise {still:.1f}); accepted: "
             "frames with a spinning propeller that stands out from what is behind it"
         )
@@ -99,7 +92,7 @@ def find_disc(frames: Frames) -> Disc:
     count, labels, stats, _ = cv2.connectedComponentsWithStats(joined)
     areas = stats[1:, cv2.CC_STAT_AREA]
     if count < 2 or areas.max() < 0.005 * swing.size:
-        raise InputError(
+        raise ValueError(
             "nothing large moves; accepted: frames in which a spinning propeller fills a good part"
         )
     large = np.isin(labels, 1 + np.flatnonzero(areas > _SECOND * areas.max()))
@@ -112,7 +105,7 @@ def find_disc(frames: Frames) -> Disc:
     y, x = np.nonzero(large)
     outside = float(np.mean(np.hypot(x - disc.x, y - disc.y) > 1.03 * disc.radius + 2.0))
     if outside > _OUTSIDE:
-        raise InputError(
+        raise ValueError(
             f"{100 * outside:.0f} % of what moves is outside of the disc; accepted: one "
             "propeller and nothing else that moves (cut the picture, cover others), camera at rest"
         )
@@ -123,7 +116,7 @@ def circle_of(hull: Array) -> Disc:
     """Fit a circle to the corners of a hull, in order, ignoring those that miss it (RANSAC).
 
     Raises:
-        InputError: too few corners lie on one circle.
+        ValueError: too few corners lie on one circle.
     """
     rng = np.random.default_rng(0)
     best: tuple[int, tuple[float, float, float]] = (0, (0.0, 0.0, 0.0))
@@ -145,7 +138,7 @@ def circle_of(hull: Array) -> Disc:
         x, y, r = _least_squares(hull[near])
     share = _filled(outline, x, y, r) / _BINS if r > 0.0 else 0.0
     if share < _LEAST_ARC:
-        raise InputError(
+        raise ValueError(
             f"what moves is not round: {100 * share:.0f} % of its hull is on a circle; accepted: "
             "one propeller seen along its axis, ten frames or more, camera at rest"
         )
@@ -182,11 +175,11 @@ def _refuse_unlit(frames: Frames) -> None:
     sample = frames[:, ::3, ::3]
     dark, white = float(np.mean(sample < 6)), float(np.mean(sample > 250))
     if dark > 0.97:
-        raise InputError(
+        raise ValueError(
             f"the frames are black ({100 * dark:.0f} % of the pixels); accepted: lit ones"
         )
     if white > 0.6:
-        raise InputError(
+        raise ValueError(
             f"the frames are saturated ({100 * white:.0f} % of the pixels are white); accepted: a "
             "shorter exposure or less light"
         )

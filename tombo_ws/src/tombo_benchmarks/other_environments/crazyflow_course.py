@@ -1,15 +1,19 @@
 """Flies the course of `tombo_benchmarks.peers` with crazyflow on JAX. Runs in its own environment.
 
-    python crazyflow_course.py ORDER.json
+    python crazyflow_course.py ORDER.json ANSWER.json
 
 Rigid body of first principles under Runge-Kutta, its Mellinger controller with its own gains; one
-compiled call a flight.
+compiled call a flight. It needs nothing of Tombo: the order is plain numbers.
 """
 
 from __future__ import annotations
 
+import json
 import math
+import sys
 import time
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import crazyflow.sim.functional as F
@@ -20,8 +24,8 @@ from crazyflow.control import Control
 from crazyflow.dynamics import Dynamics
 from crazyflow.sim import Sim
 from crazyflow.sim.integration import Integrator
-from peer_worker import Order, read_order, serve, timed
 
+Order = dict[str, Any]
 _RPM = 60.0 / (2.0 * math.pi)
 _ROTORS = [0, 3, 1, 2]
 """Crazyflow's front right, rear right, rear left, front left, as PX4 counts them."""
@@ -40,9 +44,8 @@ def simulation(order: Order, count: int, control: Control) -> Sim:
     thrust, torque = ([0.0, 0.0, order[k] / _RPM**2] for k in ("k_thrust", "k_torque"))
     lag = 1.0 / order["motor_time_constant"]
     inertia = np.diag(order["inertia"])
-    arm = abs(order["arm_x"][0])
     new: dict[str, Any] = {
-        "mass": [order["mass"]], "L": [arm], "prop_inertia": [order["rotor_inertia"]],
+        "mass": [order["mass"]], "L": [order["arm"]], "prop_inertia": [order["rotor_inertia"]],
         "gravity_vec": [0.0, 0.0, -order["gravity"]], "J": inertia,
         "J_inv": np.linalg.inv(inertia), "rpm2thrust": [thrust], "rpm2torque": [torque],
         "drag_matrix": -np.diag(order["drag"]), "rotor_dyn_coef": [[lag, 0.0, lag, 0.0]],
@@ -65,7 +68,7 @@ def known_vehicle(order: Order, controls: Any, thrust: list[float]) -> Any:
         controls.state.params["pwm_max"] / (4.0 * controls.state.params["thrust_max"])
     )
     new = {
-        "mass": order["mass"], "mass_thrust": mass_thrust, "L": abs(order["arm_x"][0]),
+        "mass": order["mass"], "mass_thrust": mass_thrust, "L": order["arm"],
         "gravity_vec": [0.0, 0.0, -order["gravity"]],
         "thrust2torque": order["k_torque"] / order["k_thrust"], "rpm2thrust": thrust,
     }  # fmt: skip
@@ -92,49 +95,41 @@ def course_call(order: Order, sim: Sim, ticks: int) -> tuple[Any, Any]:
     return compiled.lower(sim.data, set_points).compile(), set_points
 
 
-def main() -> None:
-    """Answer orders."""
-    order = read_order()
-    flights: dict[int, Any] = {}
+def fly(order: Order, count: int, ticks: int) -> tuple[list[float], list[float]]:
+    """Return steps in a second of a processor core, a number a round, and where one ends [m]."""
+    sim = simulation(order, count, Control.state)
+    places = jnp.asarray(np.array(order["starts"][:count])[:, None], sim.data.states.pos.dtype)
+    data = sim.data.replace(states=sim.data.states.replace(pos=places))
+    compiled, set_points = course_call(order, sim, ticks)
+    rates = []
+    for _ in range(order["rounds"] + 1):  # the first one warms up
+        began_s = time.process_time()
+        flown = compiled(data, set_points)
+        flown.states.pos.block_until_ready()
+        rates.append(count * ticks / (time.process_time() - began_s))
+    return rates[1:], np.asarray(flown.states.pos)[0, 0].tolist()
 
-    def prepare(count: int, ticks: int, starts: list[list[float]]) -> dict[str, Any]:
-        """Make `count` worlds and compile their flight."""
-        began = time.perf_counter()
-        sim = simulation(order, count, Control.state)
-        places = jnp.asarray(np.array(starts)[:, None], sim.data.states.pos.dtype)
-        data = sim.data.replace(states=sim.data.states.replace(pos=places))
-        made_s = time.perf_counter() - began
-        began = time.perf_counter()
-        flights[count] = (*course_call(order, sim, ticks), data, ticks)
-        return {"made_s": made_s, "compile_s": time.perf_counter() - began}
 
-    def fly(count: int, ticks: int) -> dict[str, Any]:
-        """Fly all worlds over the course."""
-        compiled, set_points, data, length = flights[count]
-        flown: dict[str, Any] = {}
+def replay(order: Order) -> list[float]:
+    """Fly rotor commands [rad/s], one a step, without a controller; return where it ends [m]."""
+    sim = simulation(order, 1, Control.rotor_vel)
+    commands = np.array(order["commands"])[:, None, None, _ROTORS]
+    rows = jnp.asarray(commands * _RPM, jnp.float32)
 
-        def steps() -> int:
-            flown["data"] = compiled(data, set_points)
-            flown["data"].states.pos.block_until_ready()
-            return int(count * length)
+    def one_step(data: Any, row: Any) -> tuple[Any, None]:
+        return sim._step(F.rotor_vel_control(data, row), n_steps=1), None
 
-        answer = timed(steps)
-        return answer | {"position": np.asarray(flown["data"].states.pos)[0, 0].tolist()}
-
-    def replay(commands: list[list[float]]) -> dict[str, Any]:
-        """Fly rotor commands [rad/s], one a step, without a controller."""
-        sim = simulation(order, 1, Control.rotor_vel)
-        rows = jnp.asarray(np.array(commands)[:, None, None, _ROTORS] * _RPM, jnp.float32)
-
-        def one_step(data: Any, row: Any) -> tuple[Any, None]:
-            return sim._step(F.rotor_vel_control(data, row), n_steps=1), None
-
-        data = jax.jit(lambda data, rows: jax.lax.scan(one_step, data, rows)[0])(sim.data, rows)
-        return {"position": np.asarray(data.states.pos)[0, 0].tolist()}
-
-    actions = {"prepare": prepare, "fly": fly, "replay": replay}
-    serve(actions, ["crazyflow", "jax", "jaxlib", "numpy"])
+    data = jax.jit(lambda data, rows: jax.lax.scan(one_step, data, rows)[0])(sim.data, rows)
+    end: list[float] = np.asarray(data.states.pos)[0, 0].tolist()
+    return end
 
 
 if __name__ == "__main__":
-    main()
+    asked: Order = json.loads(Path(sys.argv[1]).read_text())
+    answer = {
+        "rates": {c: fly(asked, int(c), ticks)[0] for c, ticks in asked["cases"].items()},
+        "end": fly({**asked, "rounds": 1}, 1, asked["ticks"])[1],
+        "replayed": replay(asked),
+        "versions": {name: version(name) for name in ("crazyflow", "jax")},
+    }
+    Path(sys.argv[2]).write_text(json.dumps(answer))

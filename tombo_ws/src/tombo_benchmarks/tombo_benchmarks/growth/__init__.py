@@ -1,1 +1,0 @@
-"""How cost grows, by `python -m tombo_benchmarks.growth`."""

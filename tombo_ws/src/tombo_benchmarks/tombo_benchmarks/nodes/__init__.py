@@ -1,0 +1,1 @@
+"""Timing of the nodes in real time."""

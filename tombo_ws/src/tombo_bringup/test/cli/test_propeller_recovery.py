@@ -1,0 +1,99 @@
+"""`tombo propeller recovery`: files and words out, refusals in; and what replaces `beta`."""
+
+from __future__ import annotations
+
+import csv
+import math
+
+import numpy as np
+import pytest
+from suite_bench import names
+
+
+def test_the_removed_command_names_what_replaces_it(refused):
+    refused(("propeller", "beta", "film.mp4", "--scale", "1"), "examples/flap_angle")
+
+
+def write_trace(path, tau=0.15, level=6.0, unit="thrust_N"):
+    t = np.arange(3000) * 1e-3
+    folded = np.where(t < 1.0, 0.0, np.exp(-(t - 1.0) / tau))
+    value = level * (1.0 - folded) + 0.02 * np.random.default_rng(0).normal(size=len(t))
+    lines = [f"time,{unit}", *(f"{a:.4f},{b:.5f}" for a, b in zip(t, value, strict=True))]
+    path.write_text("\n".join(lines) + "\n")
+    return tau * math.log(10.0)
+
+
+def write_flat(folder):
+    rows = "".join(f"{k / 1000},5.0\n" for k in range(500))
+    (folder / "flat.csv").write_text("time,thrust\n" + rows)
+
+
+@pytest.mark.slow
+def test_a_trace_gives_its_recovery_time(tombo, tmp_path):
+    truth = write_trace(tmp_path / "t.csv")
+    result = tombo("propeller", "recovery", "t.csv", "-o", "out")
+    assert result.code == 0, result.err
+    assert "1 collision" not in result.err
+    assert names(tmp_path / "out") == {"recovery.json", "recovery.csv", "recovery.png"}
+    (values,) = tombo("propeller", "recovery", "t.csv", "--json").json["collisions"]
+    assert values["low_s"] <= truth <= values["high_s"]
+    assert values["time_s"] == pytest.approx(1.0, abs=0.003)
+
+
+def test_speed_recovers_at_the_root_of_the_share(tombo, tmp_path):
+    write_trace(tmp_path / "t.csv", level=4000.0, unit="rpm")
+    values = tombo("propeller", "recovery", "t.csv", "--json").json
+    assert values["recovered_at_share"] == pytest.approx(math.sqrt(0.9))
+    (hit,) = values["collisions"]
+    assert hit["recovery_s"] == pytest.approx(-0.15 * math.log(1.0 - math.sqrt(0.9)), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "arguments, why",
+    [
+        (["none.csv"], "can't read"),
+        (["t.csv", "--column", "thurst_N"], "thrust_N"),
+        (["t.csv", "--unit", "stone"], "unit"),
+        (["t.csv", "--time-unit", "h"], "unit of time"),
+        (["t.csv", "--share", "2"], "share"),
+        (["t.csv", "--tare", "7"], "tare too large"),
+        (["flat.csv"], "no collision"),
+    ],
+)
+def test_bad_traces_are_refused(refused, tmp_path, arguments, why):
+    write_trace(tmp_path / "t.csv")
+    write_flat(tmp_path)
+    refused(("propeller", "recovery", *arguments, "-o", "out"), why)
+
+
+@pytest.mark.slow
+def test_thrust_is_named_in_its_unit(tombo, tmp_path):
+    write_trace(tmp_path / "t.csv", level=600.0, unit="thrust [gf]")
+    text = tombo("propeller", "recovery", "t.csv").out
+    assert "from 600 gf: recovered after 0." in text
+    assert "at least" not in text
+    values = tombo("propeller", "recovery", "t.csv", "--json").json
+    assert (values["kind"], values["unit"], values["lower_bound"]) == ("thrust", "gf", False)
+    assert values["collisions"][0]["level"] == pytest.approx(600.0, rel=0.01)
+
+
+@pytest.mark.slow
+def test_a_speed_trace_says_at_least(tombo, tmp_path):
+    write_trace(tmp_path / "t.csv", level=4507.0, unit="rpm")
+    text = tombo("propeller", "recovery", "t.csv", "-o", "out").out
+    assert "from 4507 rpm: recovered after at least 0.4" in text
+    assert "lower bound" in text
+    values = tombo("propeller", "recovery", "t.csv", "--json").json
+    assert (values["kind"], values["unit"], values["lower_bound"]) == ("speed", "rpm", True)
+    (hit,) = values["collisions"]
+    assert hit["level"] == pytest.approx(4507.0, rel=0.01)
+    assert hit["words"].startswith("at least")
+    (row,) = csv.DictReader((tmp_path / "out" / "recovery.csv").open())
+    assert row["unit"] == "rpm" and row["words"].startswith("at least")
+
+
+def test_a_refused_trace_is_named(tombo, tmp_path):
+    write_flat(tmp_path)
+    assert tombo("propeller", "recovery", "flat.csv").err.startswith("Error: 'flat.csv': no coll")
+    share = tombo("propeller", "recovery", "flat.csv", "--share", "2").err
+    assert share == "Error: --share 2; accepted: 0.5 to 0.99\n"
