@@ -15,12 +15,12 @@ from tombo_flight.sweep.page import sweep_page
 from tombo_flight.sweep.pictures import draw_distributions, draw_maps
 from tombo_flight.sweep.results import HEAD, SweepFlights, markdown, point_rows
 from tombo_flight.sweep.statistics import COUNTED, SPREAD_METRICS
-from tombo_flight.sweep.study import FIGURES, new_sweep
+from tombo_flight.sweep.study import figure_columns, new_sweep
 
 
 def row(**changes):
     """Return the figures of a flight that has touched the pillar and recovered."""
-    figures = dict.fromkeys(FIGURES) | {
+    figures = dict.fromkeys(figure_columns()) | {
         "collided": True, "detected": True, "crashed": False, "landed": True, "false_alarms": 0,
         "contact_rotor": "front_left", "duration_s": 36.0, "strikes": 1, "recovery_time_s": 2.0,
         "max_falling_distance_m": 0.3,
