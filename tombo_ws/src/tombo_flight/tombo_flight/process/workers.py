@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import importlib.util
 import multiprocessing
 import os
@@ -9,8 +10,14 @@ import pickle
 import signal
 import threading
 import time
-from collections.abc import Callable, Generator, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from typing import Any, TypeVar
 
 from tombo_dynamics.errors import InputError
@@ -146,21 +153,10 @@ def run_on_cluster(
     Raises:
         InputError: the scheduler can't be reached, or has another version of the suite.
     """
-    if importlib.util.find_spec("distributed") is None:
-        raise InputError(
-            f"--scheduler {address}: Dask is not installed; accepted: after "
-            "pip install -r requirements-study.txt"
-        )
+    check_scheduler(address)
     from distributed import Client, as_completed
 
-    try:
-        connected = Client(address, timeout=_ANSWERS_S, set_as_default=False)
-    except (OSError, ValueError, RuntimeError) as error:
-        raise InputError(
-            f"--scheduler {address}: it can't be reached ({error}); accepted: the address of a "
-            "Dask scheduler, as in tcp://10.0.0.1:8786"
-        ) from error
-    with connected as client:
+    with Client(address, timeout=_ANSWERS_S, set_as_default=False) as client:
         told = (begin, given, tombo_version(), imported_files())
         shared = client.scatter(told, broadcast=True)
         left = iter(items)
@@ -197,6 +193,46 @@ def _on_worker(
         begin(*given)
         _here.begun = (begin, given)
     return work(item)
+
+
+def check_scheduler(address: str) -> None:
+    """Ask for a Dask scheduler at an address; its client would wait half a minute for none.
+
+    Raises:
+        InputError: Dask is not installed, or no scheduler answers.
+    """
+    if importlib.util.find_spec("distributed") is None:
+        raise InputError(
+            f"--scheduler {address}: Dask is not installed; accepted: after "
+            "pip install -r requirements-study.txt"
+        )
+    with ThreadPoolExecutor(1) as other:  # this thread may have a loop of its own
+        problem = other.submit(asyncio.run, _problem_with(address)).result()
+    if problem:
+        raise InputError(
+            f"--scheduler {address}: it can't be reached ({problem}); accepted: the address of a "
+            "Dask scheduler, as in tcp://10.0.0.1:8786"
+        )
+
+
+async def _problem_with(address: str) -> str:
+    """Return why no Dask scheduler answers at an address; empty: one does."""
+    from distributed.comm.core import connect
+
+    async def ask() -> Any:
+        stream = await connect(address, timeout=_ANSWERS_S)
+        try:
+            await stream.write({"op": "identity", "reply": True})
+            return await stream.read()
+        finally:
+            stream.abort()
+
+    try:
+        answer = await asyncio.wait_for(ask(), _ANSWERS_S)
+    except (OSError, ValueError) as error:
+        return str(error) or f"no answer within {_ANSWERS_S:g} s"
+    kind = answer.get("type") if isinstance(answer, Mapping) else None
+    return "" if kind == "Scheduler" else f"it is no scheduler: {kind}"
 
 
 def _after(seconds: float) -> tuple[()]:
