@@ -1,7 +1,7 @@
 """Train a small policy to recover from a collision, by the cross-entropy method: numpy alone.
 
     python examples/train_policy.py policy.json
-    tombo arena --reactions bounce,reflex,policy:policy.json --seeds 5000:5030 --groups collisions
+    tombo sweep collisions reaction.name=bounce,reflex,policy:policy.json --seeds 5000:5030
 
 Minutes on one core. Each generation flies policies drawn about the mean of the last one's best,
 all from the same collisions. The first mean is no action: what reaction `reflex` does. A policy

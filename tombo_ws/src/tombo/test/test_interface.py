@@ -103,10 +103,7 @@ def test_points_of_a_propeller_are_those_of_the_model():
     assert stiff["gamma_rad"].iloc[0] < table["gamma_rad"].iloc[1]
 
 
-@pytest.mark.slow
-def test_a_risk_is_that_of_a_folder(tmp_path):
-    asked = {"flights": 100, "method": "monte-carlo", "settings": {"duration": 0.3}, "workers": 1}
-    result = tombo.risk("hover", ["vehicle.mass"], **asked)
-    assert result["probability"] is None and result["flights"] == 100
-    assert tombo.risk("hover", ["vehicle.mass"], **asked, output=tmp_path / "r") == result
-    assert (tmp_path / "r" / "risk.html").is_file()
+@pytest.mark.parametrize("name", ["arena", "risk"])
+def test_a_former_name_says_what_replaces_it(name):
+    with pytest.raises(AttributeError, match=r"removed, use tombo\.sweep"):
+        getattr(tombo, name)

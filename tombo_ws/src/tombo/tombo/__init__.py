@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tombo.measured import LogTables as Log
     from tombo.measured import diagnose, read, stand
     from tombo.propellers import propeller
-    from tombo.studies import arena, risk, sweep
+    from tombo.studies import sweep
     from tombo_collision.decision import Decision, Estimate
     from tombo_collision.reactions import Reaction
     from tombo_dynamics.errors import InputError
@@ -35,7 +35,6 @@ __all__ = [
     "InputError",
     "Log",
     "Reaction",
-    "arena",
     "diagnose",
     "fly",
     "import_files",
@@ -43,7 +42,6 @@ __all__ = [
     "param",
     "propeller",
     "read",
-    "risk",
     "stand",
     "sweep",
 ]
@@ -58,7 +56,7 @@ _WHERE = {
         "stand": "stand",
     },
     "tombo.propellers": {"propeller": "propeller"},
-    "tombo.studies": {"arena": "arena", "risk": "risk", "sweep": "sweep"},
+    "tombo.studies": {"sweep": "sweep"},
     "tombo_collision.decision": {"Decision": "Decision", "Estimate": "Estimate"},
     "tombo_collision.reactions": {"Reaction": "Reaction"},
     "tombo_dynamics.errors": {"InputError": "InputError"},
@@ -70,6 +68,13 @@ _WHERE = {
     },
 }
 """Module → public name → its name there. A module is imported when a name of it is asked for."""
+_REMOVED = {
+    "arena": 'tombo.sweep("collisions", {"reaction.name": ["bounce", "reflex"]}, range(30), '
+    'settings={"disturbances": True})',
+    "risk": 'tombo.sweep("paper_collision", {"vehicle.mass": "norm(1.3,0.02)"}, design="lhs", '
+    "samples=4000)",
+}
+"""Former name → what to use in its place."""
 
 
 def __getattr__(name: str) -> Any:
@@ -78,7 +83,8 @@ def __getattr__(name: str) -> Any:
         if name in names:
             value = globals()[name] = getattr(import_module(module), names[name])
             return value
-    raise AttributeError(f"module 'tombo' has no attribute {name!r}")
+    more = f"; it was removed, use {_REMOVED[name]}" if name in _REMOVED else ""
+    raise AttributeError(f"module 'tombo' has no attribute {name!r}{more}")
 
 
 def __dir__() -> list[str]:

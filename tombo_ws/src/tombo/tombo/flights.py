@@ -200,7 +200,7 @@ def scenario_of(
 
 def texts_of(settings: dict[str, Any]) -> list[str]:
     """Return settings as texts of --set."""
-    from tombo_flight.sweep.study import value_text
+    from tombo_flight.sweep.design import value_text
 
     return [f"{key}={value_text(value)}" for key, value in settings.items()]
 

@@ -1,1 +1,1 @@
-"""Scenarios and their flights: headless, with nodes, replayed; metrics, reports, campaigns."""
+"""Scenarios and their flights: headless, with nodes, replayed; metrics, reports, sweeps."""

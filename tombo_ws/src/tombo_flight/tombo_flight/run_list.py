@@ -21,8 +21,7 @@ class Run:
 
     folder: str
     kind: str
-    """flight, campaign, sweep, risk, diagnosis, change, recovery, beta, suite; unfinished: nothing
-    is in it (yet)."""
+    """flight, sweep, diagnosis, change, recovery, beta, suite; unfinished: nothing is in it."""
     what: str
     """Scenario and seeds of flights, files of measurements."""
     when: str
@@ -89,32 +88,16 @@ _Described = tuple[str, str, str]
 """Kind, what, outcome."""
 
 
-def _flights(values: Mapping[str, Any]) -> _Described:
-    name = str(values["scenario"])
-    if "flights" not in values:
-        return "flight", f"{name} seed {values['seed']}", flight_outcome(values)
-    total = values["aggregate"]
-    seeds = f"seeds {values['first_seed']} to {values['last_seed']}"
-    outcome = f"{total['crashed']} of {total['flights']} crashed"
-    return "campaign", f"{name} {seeds}", outcome + (", interrupted" * bool(values["interrupted"]))
-
-
-def _unfinished_campaign(values: Mapping[str, Any]) -> _Described:
-    first, end = values["seeds"]
-    return "campaign", f"{values['scenario']} seeds {first} to {end - 1}", "not finished"
+def _flight(values: Mapping[str, Any]) -> _Described:
+    return "flight", f"{values['scenario']} seed {values['seed']}", flight_outcome(values)
 
 
 def _sweep(values: Mapping[str, Any]) -> _Described:
-    axes = " ".join(axis["key"] for axis in values["axes"])
+    cases = ", ".join(case["name"] for case in values["cases"])
+    axes = "".join(f" {axis['key']}" for axis in values["axes"])
     first, end = values["seeds"]
-    what = f"{values['scenario']} {axes} seeds {first} to {end - 1}"
+    what = f"{cases}{axes} seeds {first} to {end - 1}"
     return "sweep", what, str(values.get("outcome") or "not finished")
-
-
-def _risk(values: Mapping[str, Any]) -> _Described:
-    keys = " ".join(str(one["key"]) for one in values["inputs"])
-    what = f"{values['scenario']} {keys}".strip()
-    return "risk", what, str(values.get("outcome") or "not finished")
 
 
 def _diagnosis(values: Mapping[str, Any]) -> _Described:
@@ -128,10 +111,8 @@ def _of_kind(kind: str) -> Callable[[Mapping[str, Any]], _Described]:
 
 
 _HEADS: Mapping[str, Callable[[Mapping[str, Any]], _Described]] = {
-    "summary.json": _flights,
-    "campaign.json": _unfinished_campaign,
+    "summary.json": _flight,
     "sweep.json": _sweep,
-    "risk.json": _risk,
     "diagnosis.json": _diagnosis,
     "recovery.json": _of_kind("recovery"),
     "beta.json": _of_kind("beta"),

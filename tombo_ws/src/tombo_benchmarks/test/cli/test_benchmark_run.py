@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from tombo_benchmarks.cli.journal import Journal
 from tombo_benchmarks.diagnosis.runner import run_benchmark
 from tombo_dynamics.errors import InputError
-from tombo_flight.process.study_folder import Journal
 
 CASES, SEED = 9, 5
 RUN = "stand --seed 5"

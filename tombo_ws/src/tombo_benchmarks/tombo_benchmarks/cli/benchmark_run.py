@@ -90,10 +90,10 @@ def run_and_print(
         typer.Exit: stopped by a signal; with an output, the scores so far are kept beside it.
         InputError: the output can't be written any more.
     """
+    from tombo_benchmarks.cli.journal import Journal
     from tombo_bringup.cli.progress import progress_bar
     from tombo_flight.json_text import as_json as to_json
     from tombo_flight.process.stop_signals import StopSignals
-    from tombo_flight.process.study_folder import Journal
 
     part = None if output is None else output.with_name(f"{output.name}.part")
     kept = None if part is None else Journal(part, f"{name} --seed {seed}")

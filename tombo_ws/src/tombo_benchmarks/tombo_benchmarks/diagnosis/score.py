@@ -10,7 +10,7 @@ import numpy as np
 
 from tombo_benchmarks.diagnosis.stand_cases import STANDS
 from tombo_dynamics.effects import REGISTRY
-from tombo_flight.campaign.statistics import share_interval
+from tombo_flight.sweep.statistics import share_interval
 
 Row = Mapping[str, Any]
 STOCHASTIC_EFFECTS = frozenset(name for name, effect in REGISTRY.items() if effect.stochastic)

@@ -242,29 +242,17 @@ def _spread(values: Mapping[str, Any]) -> str:
 
 
 def _arena(root: Path, data: Path) -> None:
-    from tombo_flight.arena.results import markdown
+    from tombo_flight.sweep.folder import RESULT, read_head
+    from tombo_flight.sweep.results import markdown
 
-    asked = ("arena", "--seeds", "5000:5030", "--groups", "collisions,free")
+    reactions = "reaction.name=admittance,bounce,mpc,none,reflex"
+    asked = ("sweep", "collisions", reactions, "--disturbances", "--seeds", "5000:5030")
     with TemporaryDirectory() as folder:
         _tombo(*asked, "-o", folder)
-        results = json.loads((Path(folder) / "arena.json").read_text(encoding="utf-8"))
-    table = markdown(results, f"tombo {' '.join(asked)}")
-    _fill(root / "docs" / "arena.md", {"arena": shortened(table)})
-
-
-def shortened(table: str) -> str:
-    """Return the arena's table without what is the same in nearly all rows, or in arena.json."""
+        results = read_head(Path(folder))[RESULT]
     left_out = ("unstable [s]", "peak force [N]", "rotor right", "false alarms/h")
-    lines = table.splitlines()
-    head = next(line for line in lines if line.startswith("| collision"))
-    kept = [name.strip() not in left_out for name in head.split("|")]
-    short = (
-        "|".join(cell for cell, keep in zip(line.split("|"), kept, strict=True) if keep)
-        if line.startswith("|")
-        else line
-        for line in lines
-    )
-    return "\n".join(short) + "\n"
+    table = markdown(results, f"tombo {' '.join(asked)}", left_out)
+    _fill(root / "docs" / "sweep.md", {"arena": table})
 
 
 def _px4(root: Path, data: Path) -> None:
@@ -357,7 +345,7 @@ PRODUCTS: Final = {
         ("docs/reproduction.png", "docs/reproduction.md#claims"), _reproduction
     ),
     "calibration": Product(("docs/calibration.md#variations",), _calibration),
-    "arena": Product(("docs/arena.md#arena",), _arena),
+    "arena": Product(("docs/sweep.md#arena",), _arena),
     "px4": Product(("docs/px4_flight.png", "docs/px4.md#px4_flight"), _px4),
     "diagnosis": Product(
         ("docs/diagnosis.png", "docs/diagnosis.md#crazyflie", "README.md#diagnosis"),
@@ -380,13 +368,14 @@ PRODUCTS: Final = {
 
 
 def _fly_many(base: str, settings: Sequence[str], seeds: range) -> dict[str, Any]:
-    from tombo_flight.campaign.campaign import fly_campaign
-    from tombo_flight.flight_output import warm_up_flight
+    from tombo_flight.flight_output import flight_summary
+    from tombo_flight.process.study import fly_seeds
     from tombo_flight.scenario import load_scenario
+    from tombo_flight.sweep.statistics import columns_of, flight_statistics
 
-    scenario = load_scenario(base, settings)
-    warm_up_flight(scenario)
-    return fly_campaign(scenario, seeds)
+    rows = fly_seeds(load_scenario(base, settings), seeds, flight_summary, summary_only=True)
+    flights = list(rows.values())
+    return {"flights": flights, "aggregate": flight_statistics(columns_of(flights))}
 
 
 def _tombo(*arguments: str) -> None:

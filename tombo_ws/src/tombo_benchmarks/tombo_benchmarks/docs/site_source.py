@@ -40,9 +40,9 @@ SECTIONS: Final = {
             "diagnosis",
             "changed",
         ),
-        *("reactions", "python", "risk", "gym", "propeller", "design", "stand", "beta"),
+        *("reactions", "python", "sweep", "gym", "propeller", "design", "stand", "beta"),
     ),
-    "Reference": ("arena", "faults", "figures", "effects", "conventions", "glossary"),
+    "Reference": ("faults", "figures", "effects", "conventions", "glossary"),
     "Explanation": (
         *("architecture", "model", "control", "collision", "diagnosis_method"),
         *("diagnosis_benchmarks", "calibration", "reproduction"),

@@ -254,7 +254,7 @@ def _fly_services(
     build: Path | None, scratch: Path, options: argparse.Namespace, stop: StopSignals
 ) -> int:
     """Ask for each service in each state; return 1 if an answer or a flight was wrong."""
-    rows = []
+    rows: list[dict[str, Any]] = []
     for state, service in itertools.product(STATES, SHOWS):
         name = f"{service} in {state}"
         if stop.asked() or (options.row and not any(word in name for word in options.row)):

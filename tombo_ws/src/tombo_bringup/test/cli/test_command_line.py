@@ -4,12 +4,11 @@ import shlex
 
 import pytest
 
-from tombo_bringup.cli.flight.fly_command import over_scenario
 from tombo_bringup.cli.main import application
-from tombo_flight.arena.study import Match, arena_cases
 from tombo_flight.command_line import command_line, fly_command
 from tombo_flight.scenario import load_scenario
-from tombo_flight.sweep.study import SweepDesign, new_sweep, parse_axis
+from tombo_flight.sweep.design import SweepDesign, parse_axis
+from tombo_flight.sweep.study import new_sweep
 
 
 def parsed(line):
@@ -36,18 +35,9 @@ def test_every_value_comes_back_as_it_was():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", arena_cases(), ids=lambda case: case.name)
-def test_the_command_of_an_arenas_flight_flies_its_scenario(case):
-    match = Match("reflex", case, disturbed=True)
-    values = parsed(match.command(5))
-    over = over_scenario(values["reaction"], disturbances=values["disturbances"])
-    assert load_scenario(values["scenario"], [*over, *values["settings"]]) == match.scenario()
-
-
-@pytest.mark.slow
 def test_the_command_of_a_sweeps_flight_flies_its_scenario():
     axes = (parse_axis("vehicle.mass=1.2,1.3"), parse_axis("reaction.name=none,reflex"))
-    study = new_sweep("pole", SweepDesign(axes), range(2, 4), ("disturbances=true",))
+    study = new_sweep("collisions", SweepDesign(axes), range(2, 4), ("disturbances=true",))
     for flight in range(study.flights):
         values = parsed(study.command(flight))
         point, seed = study.place(flight)

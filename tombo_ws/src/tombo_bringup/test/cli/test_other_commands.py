@@ -131,7 +131,7 @@ def test_what_only_lists_loads_no_model(arguments):
         ("tombo fly pill", ["pillar_right", "pillar_wide"]),
         ("tombo fly --reaction re", ["reflex"]),
         ("tombo up --vehicle px4", ["px4_x500"]),
-        ("tombo aren", ["arena"]),
+        ("tombo swee", ["sweep"]),
     ],
 )
 def test_the_shell_completes_names(words, wanted, monkeypatch, capfd):

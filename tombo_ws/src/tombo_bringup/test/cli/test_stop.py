@@ -100,7 +100,7 @@ def test_a_stopped_flight_leaves_what_was_flown(start, tmp_path, number, code):
 
 
 @pytest.mark.real_time
-def test_ctrl_c_ends_a_campaign_with_all_its_processes(start, tmp_path):
+def test_ctrl_c_ends_a_sweep_with_all_its_processes(start, tmp_path):
     process = start("--seeds", "0:5000", "-o", "out", "--json")
     wait_for(lambda: workers(process.pid))
     time.sleep(0.3)
@@ -111,7 +111,7 @@ def test_ctrl_c_ends_a_campaign_with_all_its_processes(start, tmp_path):
     with in_time():
         assert time.monotonic() - began < 5.0
     assert process.returncode == 130
-    assert err == ""
+    assert "goes on" in err and len(err.splitlines()) == 1
     with in_time():
         wait_for(lambda: not alive_in_session(process.pid), 2.0)
     assert names(tmp_path) <= {"out"}
@@ -132,7 +132,7 @@ def test_processes_that_do_not_answer_are_ended_too(start):
 
 
 @pytest.mark.slow
-def test_idle_processes_of_a_campaign_end_when_the_parent_is_killed(start):
+def test_idle_processes_of_a_sweep_end_when_the_parent_is_killed(start):
     process = start("hover", "--seeds", "0:5000", "--set", "duration=0.1", "-o", "out")
     wait_for(lambda: sum(worker.cpu for worker in workers(process.pid)) > 150)
     os.kill(process.pid, signal.SIGSTOP)  # no new flights: they run out of work

@@ -13,10 +13,11 @@ import typer
 
 from tombo_bringup.cli.errors import exit_code_of
 from tombo_bringup.cli.options import HELP_OPTIONS, option
+from tombo_dynamics.errors import InputError
 
 _COMMANDS: Final = (
     "flight.fly_command",
-    "flight.arena_command",
+    "flight.sweep_command",
     "flight.up_command",
     "flight.call_command",
     "flight.px4_command",
@@ -29,13 +30,17 @@ _COMMANDS: Final = (
     "diagnose_command",
     "why_command",
     "run_command",
-    "flight.sweep_command",
-    "flight.risk_command",
     "catalogue_commands",
     "propeller.propeller_command",
     "vehicle_command",
 )
 """Modules of this package; each has a Typer application `app` with its commands."""
+_REMOVED: Final = {
+    "arena": "tombo sweep collisions reaction.name=bounce,reflex --disturbances --seeds 0:30",
+    "risk": "tombo sweep paper_collision 'vehicle.mass=norm(1.3,0.02)' --design lhs --samples "
+    "4000",
+}
+"""Former command → what to use in its place."""
 
 
 def _print_version(wanted: bool) -> None:
@@ -101,6 +106,11 @@ def run(arguments: Sequence[str] | None = None) -> None:
 def _command(args: list[str]) -> object:
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # as `tombo_bringup.start` leaves it
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if args and args[0] in _REMOVED:
+        raise InputError(
+            f"tombo {args[0]} was removed; accepted: tombo sweep, as in {_REMOVED[args[0]]} "
+            "(docs/sweep.md)"
+        )
     return application(_modules_of(args))(args, prog_name="tombo", standalone_mode=False)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -14,9 +14,7 @@ import typer
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import ProgressCallback
     from tombo_flight.process.output_folder import OutputFolder
-    from tombo_flight.process.study import Study
-    from tombo_flight.process.study_folder import Fly, StudyFolder
-    from tombo_flight.report.page import Page
+    from tombo_flight.sweep.study import SweepStudy
 
 _Found = TypeVar("_Found")
 _LONGEST_NAME = 120
@@ -157,67 +155,56 @@ def compute_into(
             raise typer.Exit(stop.exit_code) from None
 
 
-def run_study(
-    study: Study,
-    analyse: Callable[[StudyFolder, Fly], Page],
-    output: str | None,
-    default: str,
+def run_sweep(
+    study: SweepStudy,
+    place: Place,
     as_json: bool,
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    numbered: bool = True,
-    again: bool | None = None,
-) -> tuple[Path, int, Page]:
-    """Fly what a study's folder lacks, with a progress bar and the time left.
+) -> None:
+    """Fly what a sweep's folder lacks, with a progress bar and the time left, and show its page.
 
     Args:
         study: what is flown.
-        analyse: as of `fly_study`.
-        output: the folder, as given.
-        default: the folder where none is given.
+        place: of the results.
         as_json: only JSON is printed.
         workers: processes of this machine; the cores that this process may use if None.
         scheduler: address of a Dask scheduler, in place of processes of this machine.
-        numbered: the default folder is a new one, with a number where the name is taken.
-        again: what is in the folder is flown again; None: there is no such option.
-
-    Returns:
-        The path, the flights flown now, and the page.
 
     Raises:
         typer.Exit: a signal came; what was flown is kept.
-        InputError: the folder can't be used.
+        InputError: the folder can't be used, or the scheduler can't be reached.
     """
     from tombo_bringup.cli.progress import duration_text, progress_bar
+    from tombo_bringup.cli.tables import show_page
     from tombo_flight.process.stop_signals import StopSignals
-    from tombo_flight.process.study_folder import fly_study, open_study
+    from tombo_flight.sweep.folder import HEAD, PAGE, TABLE, fly_sweep, open_sweep
 
-    check_output(output)
-    path, numbered, flights = Path(output or default), numbered and output is None, len(study.keys)
     with (
         StopSignals() as stop,
-        open_study(path, study, numbered=numbered, again=again) as opened,
+        open_sweep(place.path, study, numbered=place.numbered, again=place.replace) as opened,
         progress_bar() as on_progress,
     ):
-        path, before = opened.folder, opened.kept
+        path, before, flights = opened.folder, opened.kept, study.flights
         if before and not as_json:
             typer.echo(f"{path}: {before} of {flights} flights are there already.")
 
         def tell(kept: int, left_s: float) -> None:
             words = f"{kept} of {flights} flights, {duration_text(left_s)} left"
             on_progress(words, kept / flights)
+            import matplotlib.figure  # noqa: F401  # for the page, while the processes fly
 
         on_progress("loading", 0.0)
-        page = fly_study(
-            opened, analyse, workers=workers, scheduler=scheduler, progress=tell, stop=stop.asked
+        page = fly_sweep(
+            opened, workers=workers, scheduler=scheduler, progress=tell, stop=stop.asked
         )
-        kept = opened.kept
     if page is None:
-        words = f"{kept} of {flights} flights are kept; the same command with -o {path}"
+        words = f"{opened.kept} of {flights} flights are kept; the same command with -o {path}"
         typer.echo(f"Interrupted: {words} goes on.", err=True)
         raise typer.Exit(stop.exit_code)
-    return path, kept - before, page
+    shown = replace(page, data={**page.data, "flown": flights - before})
+    show_page(shown, as_json, path, (TABLE, PAGE, HEAD))
 
 
 def write_file(path: Path, text: str) -> None:

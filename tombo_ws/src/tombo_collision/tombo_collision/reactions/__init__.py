@@ -40,9 +40,6 @@ class Reaction(ABC):
     """At a contact, and while a `Guided` decision holds, the controller flies with the gains of
     the recovery."""
 
-    compared: ClassVar[bool] = True
-    """`tombo arena` flies it where no reaction is named."""
-
     def __init_subclass__(cls) -> None:
         """Enter it into the registry, if it has a name of its own."""
         super().__init_subclass__()

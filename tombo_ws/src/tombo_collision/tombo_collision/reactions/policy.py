@@ -27,7 +27,6 @@ class Policy(OffSurface):
 
     name: ClassVar[str] = "policy"
     recovers: ClassVar[bool] = True
-    compared: ClassVar[bool] = False
 
     network: tuple[tuple[Row, ...], ...] | None = structure(
         read_network, "the policy: a file's path, or the layers that stood in it", "docs/gym.md"

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
+from scipy import stats
 
 from tombo_dynamics.errors import InputError
-from tombo_flight.sweep.study import SweepDesign, axis_of, number_text, parse_axis
+from tombo_flight.sweep.design import SweepDesign, axis_of, number_text, parse_axis
 
 
 def levels(text):
@@ -30,7 +33,7 @@ def test_what_is_no_axis_is_refused(text):
 
 def test_a_full_design_has_each_combination_once_the_last_axis_fastest():
     design = SweepDesign((parse_axis("a=1,2,3"), parse_axis("b=x,y")))
-    points = [design.settings()[n] for n in range(design.points)]
+    points = [design.settings(n) for n in range(design.points)]
     assert points[:3] == [{"a": "1", "b": "x"}, {"a": "1", "b": "y"}, {"a": "2", "b": "x"}]
     assert len({tuple(point.items()) for point in points}) == design.points == 6
 
@@ -38,12 +41,34 @@ def test_a_full_design_has_each_combination_once_the_last_axis_fastest():
 @pytest.mark.parametrize("kind", ["lhs", "sobol"])
 def test_a_drawn_design_fills_its_ranges_evenly(kind):
     design = SweepDesign((parse_axis("a=10:20"), parse_axis("b=x,y")), kind, 64)
-    points = [design.settings()[n] for n in range(64)]
+    points = [design.settings(n) for n in range(64)]
     a = np.array([float(point["a"]) for point in points])
     # one in each of 64 cells: what both promise, and random numbers do not
     assert sorted(np.floor((a - 10.0) * 6.4)) == list(range(64))
     assert sum(point["b"] == "x" for point in points) == 32
-    assert points == [design.settings()[n] for n in range(64)]
+    assert points == [design.settings(n) for n in range(64)]
+
+
+@pytest.mark.parametrize("kind", ["lhs", "sobol"])
+def test_values_with_a_distribution_are_distributed_so(kind):
+    design = SweepDesign((parse_axis("a=norm(1.3, 0.02)"), parse_axis("b=0:1")), kind, 256)
+    a, b = np.array([list(map(float, design.settings(n).values())) for n in range(256)]).T
+    # far below the 0.085 that 256 independent draws exceed in 5 % of all cases
+    assert stats.kstest(a, stats.norm(1.3, 0.02).cdf).statistic < 0.01
+    assert stats.kstest(b, "uniform").statistic < 0.01
+    assert abs(stats.spearmanr(a, b).statistic) < 0.1
+    low, high = (float(value) for value in design.values_to_check(design.axes[0]))
+    assert (low, high) == (a.min(), a.max())
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("a=normal(1,2)", "no continuous distribution 'normal'"), ("a=norm(1,2,3)", "norm"),
+     ("a=norm(1,-2)", "outside of what norm accepts"), ("a=poisson(3)", "poisson")],
+)  # fmt: skip
+def test_what_is_no_distribution_is_refused(text, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        SweepDesign((parse_axis(text),), "lhs", 8)
 
 
 def test_a_number_is_read_back_to_the_last_digit():
@@ -54,7 +79,8 @@ def test_a_number_is_read_back_to_the_last_digit():
 @pytest.mark.parametrize(
     ("kind", "samples", "axes"),
     [("full", 0, ["a=0:1"]), ("full", 5, ["a=0,1"]), ("lhs", 0, ["a=0:1"]), ("lhs", 5, []),
-     ("grid", 0, []), ("full", 0, ["a=0,1", "a=2,3"])],
+     ("grid", 0, []), ("full", 0, ["a=0,1", "a=2,3"]),
+     ("full", 0, ["a=norm(1,2)"])],
 )  # fmt: skip
 def test_a_design_that_does_not_fit_is_refused(kind, samples, axes):
     with pytest.raises(InputError, match="accepted"):

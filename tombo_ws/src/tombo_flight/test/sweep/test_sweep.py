@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.util
 import json
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -20,23 +20,23 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from tombo_collision.network import network_text
+from tombo_collision.steering import ACTIONS, HIGH
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import flight_summary
-from tombo_flight.process import study_folder
 from tombo_flight.process.study import Task, begin_flying, fly_batch
-from tombo_flight.process.study_folder import OUTCOME, RESULT, fly_study, open_study, read_head
 from tombo_flight.scenario import load_scenario
-from tombo_flight.sweep.page import analyse_sweep
-from tombo_flight.sweep.study import (
-    FIGURES,
-    LEFT_OUT,
-    WALL_COLUMNS,
-    SweepDesign,
-    new_sweep,
-    parse_axis,
-    row_of,
+from tombo_flight.sweep.design import SweepDesign, parse_axis
+from tombo_flight.sweep.folder import (
+    OUTCOME,
+    RESULT,
+    SweepFolder,
+    fly_sweep,
+    open_sweep,
+    read_head,
 )
+from tombo_flight.sweep.study import FIGURES, LEFT_OUT, WALL_COLUMNS, new_sweep, row_of
 
 AXES = ("vehicle.mass=1.1,1.3", "mission.height=1.5:2.5:0.5")
 SHORT = ("duration=1.5",)
@@ -48,11 +48,8 @@ def study(seeds=range(3), axes=AXES, settings=SHORT, name="hover"):
 
 def flown(folder, what=None, **options):
     what = what or study()
-    with open_study(folder, what) as opened:
-        assert (
-            fly_study(opened, partial(analyse_sweep, what), **{"workers": 1, **options})
-            is not None
-        )
+    with open_sweep(folder, what) as opened:
+        assert fly_sweep(opened, **{"workers": 1, **options}) is not None
     return pq.read_table(folder / "flights.parquet").drop_columns(list(WALL_COLUMNS))
 
 
@@ -83,7 +80,7 @@ def test_the_table_says_units_and_what_was_flown(whole):
     said = json.loads(table.schema.metadata[b"tombo"])
     assert said["axes"][0] == {**said["axes"][0], "key": "vehicle.mass", "levels": ["1.1", "1.3"]}
     assert said["tombo_version"].startswith("0.")
-    head = read_head(folder, "sweep")
+    head = read_head(folder)
     assert {key: value for key, value in head.items() if key not in (OUTCOME, RESULT)} == said
 
 
@@ -97,52 +94,49 @@ def test_every_figure_of_a_summary_has_a_column():
 def test_a_sweep_goes_on_where_it_was_stopped_and_flies_nothing_twice(
     tmp_path, whole, monkeypatch
 ):
-    monkeypatch.setattr(study_folder, "PART_FLIGHTS", 4)  # whole parts, and one that is not
     flights = []
 
     def count(self, flown):
         flights.extend(task.key for task, _ in flown)
         keep(self, flown)
 
-    keep = study_folder.StudyFolder.keep
-    monkeypatch.setattr(study_folder.StudyFolder, "keep", count)
+    keep = SweepFolder.keep
+    monkeypatch.setattr(SweepFolder, "keep", count)
     for limit in (5, 9, 14):
-        with open_study(tmp_path / "s", study()) as opened:
+        with open_sweep(tmp_path / "s", study()) as opened:
             assert opened.kept == len(flights)
             stop = partial(lambda n: len(flights) >= n, limit)
-            assert fly_study(opened, partial(analyse_sweep, study()), workers=1, stop=stop) is None
-    journal = tmp_path / "s" / "flights.jsonl"
-    part = tmp_path / "s" / "parts" / "000000.parquet"
-    row = pq.read_table(part).to_pylist()[0]
-    with journal.open("a") as file:  # killed between the part and the end of its lines
-        file.write("\n" + json.dumps(["sweep", row.pop("flight"), row]))
-        file.write('\n["sweep", 17, {"po')  # torn when the process was killed
-    with open_study(tmp_path / "s", study()) as opened:
-        assert (
-            fly_study(opened, partial(analyse_sweep, study()), workers=1).data["outcome"]
-            == "0 of 18 crashed"
-        )
-    assert not part.parent.exists() and not journal.exists()
-
+            assert fly_sweep(opened, workers=1, stop=stop) is None
+    parts = tmp_path / "s" / "parts"
+    torn = parts / ".000000017.parquet.unfinished"
+    torn.write_bytes(b"PAR1")  # killed while it wrote
+    kept_part = min(parts.glob("0*.parquet"))
+    content = kept_part.read_bytes()
+    table = flown(tmp_path / "s")
+    assert not parts.exists()
     assert sorted(flights) == list(range(18))
-    table = pq.read_table(tmp_path / "s" / "flights.parquet").drop_columns(list(WALL_COLUMNS))
     assert table.equals(whole[1])
+
+    parts.mkdir()
+    kept_part.write_bytes(content)  # killed between the table and the removal of its parts
+    assert flown(tmp_path / "s").equals(whole[1])
+    assert sorted(flights) == list(range(18))
 
 
 @pytest.mark.slow
-def test_a_sweep_that_was_killed_gives_the_same_table(tmp_path, whole):
+def test_a_sweep_killed_at_40_percent_gives_the_same_table(tmp_path, whole):
     code = "from tombo_bringup.cli.main import run; run()"
     words = ["sweep", "hover", *AXES, "--seeds", "0:3", "--set", *SHORT, "-o", "s"]
     command = [sys.executable, "-c", code, *words, "--workers", "1"]
     process = subprocess.Popen(command, cwd=tmp_path, start_new_session=True)
-    journal = tmp_path / "s" / "flights.jsonl"
+    parts = tmp_path / "s" / "parts"
     end = time.monotonic() + 120.0
-    while not (journal.is_file() and journal.read_bytes().count(b"\n") >= 4):
+    while len(list(parts.glob("0*.parquet"))) < 0.4 * 18:
         assert time.monotonic() < end and process.poll() is None
         time.sleep(0.005)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    there = journal.read_bytes().count(b"\n") if journal.is_file() else 18
+    there = len(list(parts.glob("0*.parquet"))) or 18
 
     again = subprocess.run(
         [*command, "--json"], cwd=tmp_path, check=True, capture_output=True, text=True
@@ -200,10 +194,10 @@ def test_a_value_that_is_never_accepted_is_refused_before_the_first_flight():
 
 @pytest.mark.slow
 def test_a_folder_with_another_sweep_or_other_things_is_refused(tmp_path, whole):
-    with pytest.raises(InputError, match="another seeds"), open_study(whole[0], study(range(4))):
+    with pytest.raises(InputError, match="another seeds"), open_sweep(whole[0], study(range(4))):
         pass
     (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match=r"notes\.txt"), open_study(tmp_path, study()):
+    with pytest.raises(InputError, match=r"notes\.txt"), open_sweep(tmp_path, study()):
         pass
 
 
@@ -223,7 +217,7 @@ def test_a_sweep_of_which_nothing_was_flown_leaves_nothing(tmp_path):
     for numbered in (False, True):
         with (
             pytest.raises(InputError, match="reached"),
-            open_study(tmp_path / "s", study(), numbered=numbered) as opened,
+            open_sweep(tmp_path / "s", study(), numbered=numbered) as opened,
         ):
             assert opened.folder.is_dir()
             raise InputError("it can't be reached")
@@ -232,9 +226,9 @@ def test_a_sweep_of_which_nothing_was_flown_leaves_nothing(tmp_path):
 
 def test_two_processes_can_not_fly_the_same_sweep(tmp_path):
     with (
-        open_study(tmp_path, study()),
+        open_sweep(tmp_path, study()),
         pytest.raises(InputError, match="another process"),
-        open_study(tmp_path, study()),
+        open_sweep(tmp_path, study()),
     ):
         pass
 
@@ -256,12 +250,71 @@ def test_the_command_of_a_flight_flies_it_again():
 
 
 @pytest.mark.slow
-def test_failures_are_on_the_page_with_their_commands(tmp_path):
+def test_failures_and_the_worst_flight_are_on_the_page_with_their_commands(tmp_path):
     what = study(range(2), ("vehicle.mass=1.2,1.25",), (), "rigid_propeller")
-    table = flown(tmp_path / "s", what)
-    crashed = int(np.sum(table.column("crashed").to_numpy(zero_copy_only=False)))
-    assert crashed
+    table = flown(tmp_path / "s", what).to_pandas()
+    crashes = table[table["crashed"]]
+    assert len(crashes)
     page = (tmp_path / "s" / "sweep.html").read_text()
-    assert page.count("tombo fly rigid_propeller --seed") == crashed
-    assert dataclasses.asdict(what)["scenario"] == "rigid_propeller"
-    assert Path(tmp_path / "s" / "parts").exists() is False
+    listed = page[page.index("Failures, and how") :]
+    assert listed.count("<code>tombo fly rigid_propeller --seed") == len(crashes)
+    worst = crashes.loc[crashes["max_falling_distance_m"].idxmax()]
+    result = read_head(tmp_path / "s")[RESULT]
+    assert result["worst"]["flight"] == worst["flight"]
+    assert result["worst"]["command"] == what.command(int(worst["flight"]))
+    assert 'id="flight-0"' in page  # it is replayed in 3-D
+    assert not re.findall(r'(?:src|href)="(?!data:|#)', page)  # nothing from elsewhere
+
+
+@pytest.mark.slow
+def test_cases_of_a_file_are_flown_with_their_settings(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.yaml").write_text(
+        "cases:\n  hover: {}\n  high: {scenario: hover, mission.height: 2.5}\n"
+    )
+    axes = ("vehicle.mass=1.2,1.3",)
+    table = flown(tmp_path / "s", study(range(1), axes, SHORT, "mine.yaml,no_obstacle"))
+    rows = table.to_pylist()
+    assert [row["case"] for row in rows] == [
+        n for n in ("hover", "high", "no_obstacle") for _ in "12"
+    ]
+    alone = fly_scenario(
+        load_scenario("hover", [*SHORT, "mission.height=2.5", "vehicle.mass=1.3"]), 0
+    )
+    assert rows[3]["hover_rms_m"] == flight_summary(alone)["hover_rms_m"]
+    assert rows[3]["scenario"] == "hover"
+
+
+def test_the_collisions_of_the_suite_are_cases_and_refuse_a_second_one():
+    what = new_sweep("collisions", SweepDesign(), range(1))
+    scenarios = [what.scenario_at(point) for point in range(what.points)]
+    assert len(scenarios) == 12
+    speeds = [s.mission.approach_speed for s in scenarios]
+    assert speeds[7:11] == [0.5, 0.9, 1.2, 1.5] and speeds[0] == 0.7
+    assert scenarios[3].name == "pole"
+    with pytest.raises(InputError, match="given twice"):
+        new_sweep("collisions,pole", SweepDesign(), range(1))
+
+
+def test_a_policy_is_named_with_its_network_and_an_unknown_reaction_is_refused(tmp_path):
+    network = tmp_path / "net.json"
+    network.write_text(network_text([np.zeros((ACTIONS, HIGH.size + 1))]))
+    what = study(range(1), (f"reaction.name=reflex,policy:{network}",), (), "pole")
+    assert what.scenario_at(1).reaction.name == "policy"
+    assert f"reaction.network={network}" in what.command(1)
+    for name in ("bounze", "policy:nothing.json"):
+        with pytest.raises(InputError, match=r"accepted|did you mean"):
+            study(range(1), (f"reaction.name=reflex,{name}",), (), "pole")
+
+
+def test_points_of_a_drawn_design_have_seeds_of_their_own():
+    axes = (parse_axis("vehicle.mass=norm(1.3,0.02)"),)
+    what = new_sweep("hover,no_obstacle", SweepDesign(axes, "lhs", 4), range(10, 12), SHORT)
+    seeds = [what.place(flight)[1] for flight in range(what.flights)]
+    assert seeds == 2 * list(range(10, 18))  # both cases meet the same noise
+
+
+def test_a_distribution_beyond_the_bounds_of_its_setting_is_refused():
+    axes = (parse_axis("vehicle.mass=norm(0.1,0.2)"),)
+    with pytest.raises(InputError, match=r"vehicle\.mass"):
+        new_sweep("hover", SweepDesign(axes, "lhs", 64), range(1), SHORT)

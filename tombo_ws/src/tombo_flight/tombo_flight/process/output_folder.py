@@ -19,10 +19,10 @@ from pathlib import Path
 from tombo_dynamics.errors import InputError
 
 RESULT_FILES = (
-    *("flight.mcap", "summary.json", "flight.png", "report.html", "campaign.png", "nodes.log"),
+    *("flight.mcap", "summary.json", "flight.png", "report.html", "nodes.log"),
     *("scenario.yaml", "flight_column.pdf", "flight_column.svg"),
 )
-"""All names that a flight or a campaign writes; a new run replaces those of an earlier one."""
+"""All names that a flight writes; a new run replaces those of an earlier one."""
 
 
 @contextmanager

@@ -1,13 +1,9 @@
-"""Many flights: a study says what is flown at a point, processes or a cluster fly it.
-
-A campaign, a sweep, a question about risk and an arena are studies: points, seeds, and what is
-kept of each flight.
-"""
+"""Many flights: a study says what is flown at a point, processes or a cluster fly it."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from itertools import chain, islice, takewhile
@@ -15,14 +11,10 @@ from typing import Any, NamedTuple, Protocol
 
 from tombo_bag.flight import Flight
 from tombo_dynamics.errors import InputError
-from tombo_flight.command_line import fly_command
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import warm_up_flight
-from tombo_flight.json_text import plain
-from tombo_flight.own_files import imported_files
 from tombo_flight.process.workers import process_count, run_in_processes, run_on_cluster
-from tombo_flight.scenario import Scenario, scenario_values, with_settings
-from tombo_flight.version import tombo_version
+from tombo_flight.scenario import Scenario
 
 FlightRow = dict[str, Any]
 """What is kept of a flight; `error` says why one could not be flown."""
@@ -30,7 +22,7 @@ _CLUSTER_WORKERS = 64
 """Of a cluster, whose size may change: for so many the flights are divided."""
 _BATCHES = 24
 """Batches that each worker gets at least, so that all end at about the same time."""
-_LARGEST_BATCH = 16
+_LARGEST_BATCH = 64
 
 
 class Task(NamedTuple):
@@ -39,7 +31,7 @@ class Task(NamedTuple):
     key: Any
     """Number or name of its row."""
     point: Any
-    """As `Study.scenario_at` takes it."""
+    """As `FlownStudy.scenario_at` takes it."""
     seed: int
 
 
@@ -62,88 +54,6 @@ class FlownStudy(Protocol):
     def figures(self, flight: Flight, scenario: Scenario, /) -> FlightRow:
         """Return what is kept of a flight."""
         ...
-
-
-class Study(FlownStudy, Protocol):
-    """What is flown, with its rows in a folder."""
-
-    kind: str
-    """What it is called: "sweep"; its file is `sweep.json`."""
-
-    @property
-    def keys(self) -> Collection[Any]:
-        """The keys of its flights."""
-        ...
-
-    def as_mapping(self) -> Mapping[str, Any]:
-        """Return it in the types of JSON; empty where its flights may change."""
-        ...
-
-    def columns(self) -> Mapping[str, str]:
-        """Return column of a row → text, yes or no, count or number; the first is its key."""
-        ...
-
-    def labels(self, point: Any, /) -> FlightRow:
-        """Return the columns that say what is flown at a point."""
-        ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class StudiedScenario:
-    """A scenario with what is the same in all flights of a study.
-
-    Its values are complete: nothing is read again when the study goes on.
-    """
-
-    scenario: str
-    """Name or file, as given."""
-    settings: tuple[str, ...]
-    """Texts of --set."""
-    label: str
-    """Name of the scenario."""
-    values: Mapping[str, Any]
-    """Of the scenario, in the types of JSON."""
-    tombo_version: str
-    model: str
-    vehicle: str
-    imports: tuple[tuple[str, str], ...]
-    """Files of the user, as of `imported_files`."""
-
-    def scenario_with(self, more: Iterable[str]) -> Scenario:
-        """Return what is flown with further settings.
-
-        Raises:
-            InputError: it is no scenario.
-        """
-        return with_settings(dict(self.values), [*self.settings, *more], self.label)
-
-    def command_with(self, more: Iterable[str], seed: int) -> str:
-        """Return the command line that flies a flight with further settings again."""
-        return fly_command(
-            self.scenario,
-            seed,
-            settings=[*self.settings, *more],
-            model=self.model,
-            vehicle=self.vehicle,
-            imports=self.imports,
-        )
-
-
-def read_scenario(
-    scenario: str, settings: Iterable[str], model: str | None, vehicle: str | None
-) -> dict[str, Any]:
-    """Return the fields of a `StudiedScenario`; arguments and errors as of `load_scenario`."""
-    values, label = scenario_values(scenario, model, vehicle)
-    return {
-        "scenario": scenario,
-        "settings": tuple(settings),
-        "label": label,
-        "values": plain(values),
-        "tombo_version": tombo_version(),
-        "model": model or "",
-        "vehicle": vehicle or "",
-        "imports": imported_files(),
-    }
 
 
 Flown = list[tuple[Task, FlightRow]]

@@ -1,1 +1,1 @@
-"""Sweeps: one scenario flown over a design of settings and seeds, into one table."""
+"""Sweeps: scenarios flown over a design of settings and seeds, into one table and one page."""

@@ -1,253 +1,249 @@
-"""The page of a sweep: maps, distributions, and failures with the command of each."""
+"""The page of a sweep: crash rates, what decides, tables, pictures, the worst flight in 3-D."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
 from functools import partial
-from itertools import combinations, islice, pairwise
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from itertools import combinations, groupby, islice
+from operator import itemgetter
+from typing import Any, Final
 
-import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
-from tombo_dynamics.arrays import Array
-from tombo_flight.campaign.campaign import PANELS, draw_histogram, histograms
-from tombo_flight.process.study import Task
-from tombo_flight.process.study_folder import Fly, StudyFolder
-from tombo_flight.report import style
-from tombo_flight.report.figure import new_figure
-from tombo_flight.report.page import Card, Cell, Item, Page, Picture, Section, Table, Text
-from tombo_flight.sweep.study import Axis, SweepStudy
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-
-_MOST_CELLS = 40
-"""Levels that are shown one by one; more are put together."""
-_BINS = 12
-_MOST_MAPS = 3
-_MOST_TICKS = 12
-_SHOWN = (
-    ("crashed", "crashed [%]", "mean"),
-    ("recovery_time_s", "recovery time, median [s]", "median"),
-    ("max_falling_distance_m", "largest falling distance, median [m]", "median"),
+from tombo_flight.flight import fly_scenario
+from tombo_flight.report import paper_values as paper
+from tombo_flight.report.flight_report import replay_scripts
+from tombo_flight.report.html import asset
+from tombo_flight.report.page import (
+    Card,
+    Cell,
+    Item,
+    Markup,
+    Page,
+    Picture,
+    Section,
+    Table,
+    TableRow,
+    Text,
 )
-"""Figure, label, what is made of it in a cell."""
-Columns = Mapping[str, Array]
-"""Name → (N,) floats, NaN for null."""
+from tombo_flight.report.paper_comparison import fixed
+from tombo_flight.sweep.folder import OUTCOME, SweepFolder
+from tombo_flight.sweep.pictures import draw_curves, draw_distributions, draw_maps
+from tombo_flight.sweep.results import (
+    HEAD,
+    MEANING,
+    Result,
+    SweepFlights,
+    crashed_text,
+    point_rows,
+    setting_words,
+)
+from tombo_flight.sweep.study import SweepStudy
 
-
-class AxisCells:
-    """The cells of an axis: its levels, or bins of equal width."""
-
-    def __init__(self, axis: Axis, values: Array) -> None:
-        self.key = axis.key
-        if axis.levels and len(axis.levels) <= _MOST_CELLS:
-            self.labels = list(axis.levels)
-            keys = np.array([float(v) for v in axis.levels]) if axis.numeric else None
-            self.cell = (
-                np.argmin(np.abs(values[:, None] - keys), axis=1)
-                if keys is not None
-                else values.astype(np.int64)
-            )
-            self.centres = keys if keys is not None else np.arange(len(axis.levels), dtype=float)
-            return
-        low, high = float(values.min()), float(values.max())
-        edges = np.linspace(low, high if high > low else low + 1.0, _BINS + 1)
-        self.cell = np.clip(np.searchsorted(edges, values, "right") - 1, 0, _BINS - 1)
-        self.centres = 0.5 * (edges[1:] + edges[:-1])
-        self.labels = [f"{centre:.3g}" for centre in self.centres]
-
-
-def dependence_pictures(axes: Sequence[Axis], columns: Columns) -> list[Picture]:
-    """Return maps over each pair of axes, or curves over the only one."""
-    scales = [AxisCells(axis, columns[axis.key]) for axis in axes]
-    if len(scales) == 1:
-        words = f"Over {scales[0].key}; band: 5 to 95 %"
-        return [Picture(partial(_curves, scales[0], columns), words)]
-    return [
-        Picture(
-            partial(_maps, across, up, columns),
-            f"Over {across.key} and {up.key}, all else together",
-        )
-        for up, across in islice(combinations(scales, 2), _MOST_MAPS)
-    ]
-
-
-def draw_distributions(columns: Columns) -> Figure:
-    """Draw a histogram of each of the collision's figures."""
-    with new_figure(12.0, 7.0, 110) as figure:
-        for axes, (key, label, scale, printed) in zip(histograms(figure), PANELS, strict=True):
-            values = scale * columns[key]
-            draw_histogram(axes, values[np.isfinite(values)], label, printed)
-    return figure
-
-
-def _curves(scale: AxisCells, columns: Columns) -> Figure:
-    with new_figure(12.0, 3.6, 110, layout="constrained") as figure:
-        for axes, (key, label, kind) in zip(figure.subplots(1, 3), _SHOWN, strict=True):
-            factor = 100.0 if kind == "mean" else 1.0
-            cells = [scale.cell == cell for cell in range(len(scale.centres))]
-            found = [factor * columns[key][cell] for cell in cells]
-            middle = [_value(values, kind) for values in found]
-            axes.plot(scale.centres, middle, color=style.BLUE, lw=1.8, marker=".")
-            if kind == "median":
-                low, high = ([_value(v, f"p{share}") for v in found] for share in (5, 95))
-                axes.fill_between(scale.centres, low, high, color=style.FAINT, lw=0.0)
-            axes.set(xlabel=scale.key, ylabel=label)
-            if len(scale.labels) <= _MOST_TICKS:
-                axes.set_xticks(scale.centres, scale.labels)
-    return figure
-
-
-def _maps(across: AxisCells, up: AxisCells, columns: Columns) -> Figure:
-    with new_figure(12.0, 4.2, 110, layout="constrained") as figure:
-        for axes, (key, label, kind) in zip(figure.subplots(1, 3), _SHOWN, strict=True):
-            _map(figure, axes, across, up, columns[key], label, kind)
-    return figure
-
-
-def _map(
-    figure: Figure,
-    axes: Axes,
-    across: AxisCells,
-    up: AxisCells,
-    values: Array,
-    label: str,
-    kind: str,
-) -> None:
-    shape = (len(up.labels), len(across.labels))
-    cells = np.full(shape, np.nan)
-    place = up.cell * shape[1] + across.cell
-    order = np.argsort(place, kind="stable")
-    first = np.searchsorted(place[order], np.arange(shape[0] * shape[1] + 1))
-    for cell, (a, b) in enumerate(pairwise(first)):
-        cells.flat[cell] = _value(values[order[a:b]], kind)
-    limits = (0.0, 100.0) if kind == "mean" else (None, None)
-    shown = axes.imshow(
-        100.0 * cells if kind == "mean" else cells,
-        origin="lower", aspect="auto", cmap="viridis", vmin=limits[0], vmax=limits[1],
-    )  # fmt: skip
-    figure.colorbar(shown, ax=axes)
-    axes.set(title=label, xlabel=across.key, ylabel=up.key)
-    axes.grid(visible=False)
-    _ticks(axes.set_xticks, across.labels)
-    _ticks(axes.set_yticks, up.labels)
-
-
-def _ticks(set_ticks: Callable[..., Any], labels: Sequence[str]) -> None:
-    every = -(-len(labels) // _MOST_TICKS)
-    set_ticks(range(0, len(labels), every), labels[::every])
-
-
-def _value(values: Array, kind: str) -> float:
-    values = values[np.isfinite(values)]
-    if not values.size:
-        return np.nan
-    if kind == "mean":
-        return float(values.mean())
-    return float(np.percentile(values, 50.0 if kind == "median" else float(kind[1:])))
-
-
-MOST_FAILURES = 200
+MOST_FAILURES: Final = 200
 """Failures that are listed; the table has all of them."""
-_NEEDED = ("crashed", "collided", "landed", *(key for key, *_ in PANELS))
+_MOST_MAPS: Final = 3
+_MOST_ON_TERMINAL: Final = 60
+"""Points that a terminal shows."""
+_FEW_COLUMNS: Final = (0, 1, 3, 5)
+"""Of the table of points, for which a terminal has room; of ranges the median."""
+_DESIGNS: Final = {"full": "full factorial", "lhs": "Latin hypercube", "sobol": "Sobol sequence"}
+_CSS: Final = """
+header, main, footer { max-width: 1400px; }
+.points { font-size: 0.78rem; width: 100%; }
+.points thead th { vertical-align: bottom; padding: 0.22rem 0.7rem 0.22rem 0; }
+.points td, .points tbody th { padding: 0.22rem 0.7rem 0.22rem 0; }
+.points td:first-of-type, .points tbody th { white-space: nowrap; }
+.points .group th { color: var(--muted); font-weight: 650; padding-top: 0.6rem; }
+.stage .view .key { display: none; }
+"""
+_FIGURES: Final = (
+    ("max_falling_distance_m", "fall [m]", 1.0, 2, paper.MEAN_MAX_FALLING_DISTANCE_M),
+    ("unstable_phase_s", "unstable [s]", 1.0, 2, paper.UNSTABLE_PHASE_S),
+    ("recovery_time_s", "recovery [s]", 1.0, 2, paper.MEAN_RECOVERY_TIME_S),
+    ("strikes", "strikes", 1.0, 1, None),
+    ("contact_known_s", "latency [ms]", 1e3, 0, None),
+    ("settled_error_m", "settled [m]", 1.0, 3, None),
+    ("max_tilt_rad", "tilt [°]", 180.0 / math.pi, 1, None),
+    ("hover_rms_m", "hover RMS [m]", 1.0, 3, None),
+    ("approach_rms_m", "approach RMS [m]", 1.0, 3, None),
+)
+"""Key of the aggregate, words, factor to the unit shown, decimals, the paper's value."""
 
 
-def analyse_sweep(sweep: SweepStudy, opened: StudyFolder, fly: Fly) -> Page:
-    """Fly all points and return their page."""
-    fly((Task(n, *sweep.place(n)) for n in range(sweep.flights)), sweep.flights)
-    opened.finish()
-    return sweep_page(opened.table, sweep)
+def sweep_page(opened: SweepFolder) -> Page:
+    """Return the page of a sweep whose flights are all in its folder; the worst is flown again."""
+    study, flights = opened.study, SweepFlights(opened)
+    results = flights.results()
+    total, worst = results["aggregate"], results["worst"]
+    replayed = worst and fly_scenario(
+        study.scenario_at(study.place(worst["flight"])[0]), worst["seed"]
+    )
+    return Page(
+        title=f"Sweep of {study.label}",
+        eyebrow="Sweep",
+        headline=study.label,
+        summary=_summary(study, results),
+        verdict_style="bad" if 2 * total["crashed"] > total["flights"] else "good",
+        cards=_cards(total),
+        sections=[
+            Section("All flights", _all_flights(results)),
+            Section("Crash rate for each setting", _crash_rates(results)),
+            Section("What decides", _decides(results)),
+            Section("Points", _points(results, range(len(HEAD) + 1)), "page"),
+            Section("Points", _points_on_terminal(results), "terminal"),
+            Section("How it depends on what was varied", _dependence(flights)),
+            Section("Distributions", _distributions(flights, results)),
+            Section("Worst flight", _worst(results)),
+            Section("Failures, and how to fly them again", _failures(flights), "page"),
+        ],
+        data=results,
+        css=_CSS,
+        scripts=replay_scripts([replayed]) if replayed else "",
+        footer=f"tombo {study.tombo_version}; all figures of all flights: flights.parquet",
+    )
 
 
-def sweep_page(table_file: Path, sweep: SweepStudy) -> Page:
-    """Return the page of a sweep's table."""
-    import pyarrow.parquet as pq
-
-    keys = [axis.key for axis in sweep.design.axes]
-    names = dict.fromkeys(("flight", *keys, *_NEEDED, "error"))
-    read = pq.read_table(table_file, columns=list(names))
-    columns = {name: _numbers(read, name, sweep) for name in names if name != "error"}
-    return _page(sweep, columns, read.column("error"))
-
-
-def _outcome(columns: Columns, errors: pa.ChunkedArray) -> str:
-    """Return how the flights of a sweep ended, in one line."""
-    line = f"{int(np.nansum(columns['crashed']))} of {len(errors)} crashed"
-    not_flown = len(errors) - errors.null_count
-    return f"{line}, {not_flown} not flown" if not_flown else line
-
-
-def _numbers(read: pa.Table, name: str, sweep: SweepStudy) -> Array:
-    """Return a column as floats: NaN for null, a level's number for text."""
-    import pyarrow as pa
-
-    column = read.column(name)
-    if pa.types.is_string(column.type):
-        levels = next(axis.levels for axis in sweep.design.axes if axis.key == name)
-        return np.array([levels.index(value) for value in column.to_pylist()], dtype=np.float64)
-    found: Array = column.cast(pa.float64()).to_numpy()
-    return found
+def _summary(study: SweepStudy, results: Result) -> str:
+    total, first, end = results["aggregate"], *study.seeds
+    if not study.keys:
+        what = f"seeds {first} to {end - 1}"
+    else:
+        varied = ", ".join(study.keys)
+        seeds = f"{end - first} seeds each"
+        kind = _DESIGNS[study.design.kind]
+        what = f"{kind}: {study.points} points over {varied}, {seeds}"
+    low, high = total["crash_rate_95"] or (0.0, 1.0)
+    counts = ", ".join(f"{total[name]} {name}" for name in ("collided", "detected", "recovered"))
+    return (
+        f"{what}; {results['flights']} flights: {results[OUTCOME]} ({100.0 * low:.1f} to "
+        f"{100.0 * high:.1f} %), {counts}, {total['landed']} landed; {total['false_alarms']} "
+        "false alarms."
+    )
 
 
-def _page(sweep: SweepStudy, columns: Columns, errors: pa.ChunkedArray) -> Page:
-    seeds = sweep.seeds[1] - sweep.seeds[0]
-    kinds = {"full": "full factorial", "lhs": "Latin hypercube", "sobol": "Sobol sequence"}
-    flights, outcome = len(errors), _outcome(columns, errors)
-    crashed, collided = (int(np.nansum(columns[name])) for name in ("crashed", "collided"))
-    recovered = int(np.isfinite(columns["recovery_time_s"]).sum())
+def _cards(total: Result) -> list[Card]:
+    rate = total["crash_rate"]
     cards = [
-        Card("flights", f"{flights}"),
-        Card("crashed", f"{100.0 * crashed / flights:.1f}", "%", f"{crashed} of {flights}"),
-        Card("settled", f"{recovered}", "", f"of {collided} that collided"),
+        Card("flights", f"{total['flights']}"),
+        Card("crashed", "–" if rate is None else f"{100.0 * rate:.1f}", "%", crashed_text(total)),
+        Card("recovered", f"{total['recovered']}", "", f"of {total['collided']} that collided"),
     ]
     for key, name, unit in (
         ("recovery_time_s", "recovery time", "s"),
         ("max_falling_distance_m", "falling distance", "m"),
     ):
-        there = columns[key][np.isfinite(columns[key])]
-        if there.size:
-            low, median, high = np.percentile(there, (5.0, 50.0, 95.0))
-            cards.append(Card(name, f"{median:.2f}", unit, f"5 to 95 %: {low:.2f} to {high:.2f}"))
-    spread = Picture(partial(draw_distributions, columns), "All flights; line: median")
-    return Page(
-        title=f"Sweep of {sweep.label}",
-        eyebrow="Sweep",
-        headline=sweep.label,
-        summary=(
-            f"{kinds[sweep.design.kind]}: {sweep.design.points} points over "
-            f"{', '.join(axis.key for axis in sweep.design.axes) or 'no axis'}, {seeds} "
-            f"seeds each; {flights} flights: {outcome}."
-        ),
-        cards=cards,
-        sections=[
-            Section(
-                "How it depends on what was varied",
-                dependence_pictures(sweep.design.axes, columns),
-            ),
-            Section("Distributions", [spread]),
-            Section(
-                "Failures, and how to fly them again", _failures(sweep, columns, errors), "page"
-            ),
-        ],
-        data={"flights": flights, "outcome": outcome},
-        footer=f"tombo {sweep.tombo_version}; all figures of all flights: flights.parquet",
+        values = total[key]
+        if values["count"]:
+            beside = f"5 to 95 %: {values['p05']:.2f} to {values['p95']:.2f}"
+            cards.append(Card(name, f"{values['median']:.2f}", unit, beside))
+    return cards
+
+
+def _all_flights(results: Result) -> list[Item]:
+    of_paper, rows = results["of_paper"], []
+    for key, name, scale, digits, printed in _FIGURES:
+        values = results["aggregate"][key]
+        if values["count"]:  # none of the figures of a collision where there is no obstacle
+            cells = [name, "–" if printed is None else f"{printed:g}"] if of_paper else [name]
+            parts = (values[part] for part in ("median", "p05", "p95", "max"))
+            cells += [fixed(scale * value, digits) for value in parts]
+            rows.append([*cells, str(values["count"])])
+    head = ["", *(["paper"] if of_paper else []), "median", "5 %", "95 %", "max", "of"]
+    not_flown = results["not_flown"]
+    items: list[Item] = [Table(head, rows)] if rows else []
+    if not_flown["flights"]:
+        first = f"flight {not_flown['first']}: {not_flown['why']}"
+        items.append(Text([f"{not_flown['flights']} not flown; the first: {first}"]))
+    return items
+
+
+def _crash_rates(results: Result) -> list[Item]:
+    rows: list[TableRow] = []
+    for key, group in groupby(results["settings"], key=itemgetter("key")):
+        rows.append(TableRow([key], "group"))
+        for row in group:
+            rate, style = row["crash_rate"], "bad" if row["crashed"] else ""
+            rows.append(TableRow([row["value"], Cell(crashed_text(row), style, bar=rate or 0.0)]))
+    note = "All flights with this setting, whatever else was varied; exact 95 % interval."
+    return [Table(("setting", "crashed"), rows, note=note)] if rows else []
+
+
+def _decides(results: Result) -> list[Item]:
+    rows = [
+        (row["key"], row["figure"], f"{row['rho']:+.2f}", f"{row['p']:.2g}", str(row["flights"]))
+        for row in results["decides"]
+    ]
+    note = (
+        "Spearman's rank correlation of a setting with a figure, over all flights: +1 where the "
+        "figure always grows with the setting, 0 where neither grows with the other. p: "
+        "probability of one as strong where there is none."
     )
+    head = ("setting", "figure", "rank correlation", "p", "flights")
+    return [Table(head, rows, note=note)] if rows else []
 
 
-def _failures(sweep: SweepStudy, columns: Columns, errors: pa.ChunkedArray) -> list[Item]:
-    failed = np.flatnonzero((columns["crashed"] > 0.0) | np.array(errors.is_valid()))
-    if not failed.size:
+def _points(results: Result, columns: range | tuple[int, ...]) -> list[Item]:
+    """Return the table of points with some columns of `point_rows`."""
+    if len(results["points"]) < 2:
+        return []
+    short = len(columns) == len(_FEW_COLUMNS)
+    rows: list[TableRow] = []
+    head, compared = ("", *HEAD), False
+    for group, lines in point_rows(results):
+        if group:
+            rows.append(TableRow([group], "group"))
+            compared = True
+        for line in lines:
+            cells = [Cell(line[n].split(" (")[0] if short else line[n]) for n in columns]
+            cells[1] = Cell(line[1], "" if line[1].startswith(("0 ", "–")) else "bad")
+            rows.append(TableRow(cells))
+    names = ["reaction" if compared else "setting", *head[1:]]
+    return [Table([names[n] for n in columns], rows, "points", note=MEANING)]
+
+
+def _points_on_terminal(results: Result) -> list[Item]:
+    return _points(results, _FEW_COLUMNS) if len(results["points"]) <= _MOST_ON_TERMINAL else []
+
+
+def _dependence(flights: SweepFlights) -> list[Item]:
+    """Return maps over each pair of settings, or curves over the only one."""
+    cells = flights.cells
+    if len(cells) == 1:
+        words = f"Over {cells[0].key}; band: 5 to 95 %"
+        return [Picture(partial(draw_curves, cells[0], flights.columns), words)]
+    return [
+        Picture(
+            partial(draw_maps, across, up, flights.columns),
+            f"Over {across.key} and {up.key}, all else together",
+        )
+        for up, across in islice(combinations(cells, 2), _MOST_MAPS)
+    ]
+
+
+def _distributions(flights: SweepFlights, results: Result) -> list[Item]:
+    draw = partial(draw_distributions, flights.columns, of_paper=results["of_paper"])
+    return [Picture(draw, "All flights; line: median")]
+
+
+def _worst(results: Result) -> list[Item]:
+    worst: dict[str, Any] | None = results["worst"]
+    if worst is None:
+        return []
+    how = "crashed" if worst["crashed"] else "did not crash"
+    words = (
+        f"{setting_words(worst['varied'])}, seed {worst['seed']}: it {how}, and of these it fell "
+        "farthest. This command flies it again, to the last bit:"
+    )
+    return [Text([words]), Text([worst["command"]], "command"), Markup(asset("stage.html"))]
+
+
+def _failures(flights: SweepFlights) -> list[Item]:
+    reasons = dict.fromkeys(flights.crashed, "crashed") | flights.errors
+    if not reasons:
         return [Text(["None."])]
-    rows = []
-    for row in failed[:MOST_FAILURES].tolist():
-        flight = int(columns["flight"][row])
-        why = errors[row].as_py() or "crashed"
-        rows.append((str(flight), why, Cell(sweep.command(flight), code=True)))
-    more = failed.size - len(rows)
+    rows = [
+        (str(flight), reasons[flight], Cell(flights.study.command(flight), code=True))
+        for flight in sorted(reasons)[:MOST_FAILURES]
+    ]
+    more = len(reasons) - len(rows)
     note = f"And {more} more in the table." if more > 0 else ""
     return [Table(("flight", "outcome", "command"), rows, note=note)]

@@ -1,207 +1,36 @@
-"""A sweep as data: what is varied, the flight of a number, and the columns of its table."""
+"""A sweep as data: its cases, what is varied, the flight of a number, the columns of its table."""
 
 from __future__ import annotations
 
-import math
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from importlib import resources
+from pathlib import Path
 from typing import Any
 
 from tombo_bag.flight import Flight
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_collision.reactions import REGISTRY
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_seed
+from tombo_dynamics.yaml_text import parse_yaml, read_text
+from tombo_flight.command_line import fly_command
 from tombo_flight.flight_output import flight_summary
 from tombo_flight.json_text import plain
-from tombo_flight.process.study import StudiedScenario, read_scenario
-from tombo_flight.scenario import Scenario
+from tombo_flight.own_files import imported_files
+from tombo_flight.process.study import FlightRow
+from tombo_flight.scenario import Scenario, scenario_values, with_settings
+from tombo_flight.sweep.design import SweepDesign, value_text
+from tombo_flight.version import tombo_version
+from tombo_flight.yaml_file import mapping_of
 
-DESIGNS = ("full", "lhs", "sobol")
-"""Full factorial, Latin hypercube, Sobol sequence (scrambled)."""
-MOST_LEVELS = 10_000
-_DRAWN_SEED = 0
-"""Of Latin hypercube and Sobol: the same command has the same points."""
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_RANGE = re.compile(rf"({_NUMBER}):({_NUMBER})(?::({_NUMBER}))?")
-_ACCEPTED = "accepted: KEY=A:B:STEP or KEY=V1,V2,..., as in vehicle.mass=1.1:1.7:0.1"
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One setting of the scenario that is varied: over levels, or between two numbers."""
-
-    key: str
-    """As of --set: "vehicle.mass"."""
-    levels: tuple[str, ...] = ()
-    """Values as texts of --set."""
-    low: float = 0.0
-    high: float = 0.0
-    """Ends, where there are no levels."""
-
-    @property
-    def numeric(self) -> bool:
-        """Whether its values are numbers."""
-        return all(re.fullmatch(_NUMBER, level) for level in self.levels)
-
-    @property
-    def ends(self) -> tuple[str, ...]:
-        """Values that are to be possible: all levels, or both ends."""
-        return self.levels or (number_text(self.low), number_text(self.high))
-
-    def at(self, share: float) -> str:
-        """Return the value at a share (0 to 1) of the axis."""
-        if self.levels:
-            return self.levels[min(int(share * len(self.levels)), len(self.levels) - 1)]
-        return number_text(self.low + share * (self.high - self.low))
-
-
-@dataclass(frozen=True)
-class SweepDesign:
-    """The points of a sweep."""
-
-    axes: tuple[Axis, ...]
-    kind: str = "full"
-    """One of `DESIGNS`."""
-    samples: int = 0
-    """Points of a Latin hypercube or a Sobol sequence."""
-
-    def __post_init__(self) -> None:
-        """Refuse a design that has no points.
-
-        Raises:
-            InputError: unknown kind, a key or a value twice, a range without a step, or samples
-                that do not fit.
-        """
-        if self.kind not in DESIGNS:
-            raise unknown_name("--design", self.kind, DESIGNS)
-        keys = [axis.key for axis in self.axes]
-        for key in keys:
-            if keys.count(key) > 1:
-                raise InputError(f"{key} is varied twice; accepted: once")
-        for axis in self.axes:
-            values = [float(level) if axis.numeric else level for level in axis.levels]
-            for value, level in zip(values, axis.levels, strict=True):
-                if values.count(value) > 1:
-                    raise InputError(f"{axis.key}: {level} is given twice; accepted: once")
-        if self.kind == "full":
-            if self.samples:
-                raise InputError("--samples: accepted: with --design lhs or sobol")
-            for axis in self.axes:
-                if not axis.levels:
-                    given = f"{axis.key}={axis.low:g}:{axis.high:g}"
-                    raise InputError(f"{given}: no step; {_ACCEPTED}, or --design lhs")
-        elif not self.axes:
-            raise InputError(f"--design {self.kind}: nothing is varied; {_ACCEPTED}")
-        elif not 1 <= self.samples <= 10_000_000:
-            raise InputError(
-                f"--design {self.kind}: {self.samples} samples; accepted: --samples N, at least 1"
-            )
-
-    @property
-    def points(self) -> int:
-        """Number of points."""
-        return self.samples or math.prod(len(axis.levels) for axis in self.axes)
-
-    def settings(self) -> Points:
-        """Return the points, to be asked for by number."""
-        return Points(self)
-
-
-class Points:
-    """Settings of each point of a design; nothing but the drawn numbers is kept."""
-
-    def __init__(self, design: SweepDesign) -> None:
-        self._design = design
-        self._drawn = _drawn(design) if design.samples else None
-
-    def __getitem__(self, point: int) -> dict[str, str]:
-        """Return key → text of the value; in a full design the last axis runs fastest."""
-        axes = self._design.axes
-        if self._drawn is not None:
-            row = self._drawn[point]
-            return {axis.key: axis.at(float(u)) for axis, u in zip(axes, row, strict=True)}
-        found = {}
-        for axis in reversed(axes):
-            point, level = divmod(point, len(axis.levels))
-            found[axis.key] = axis.levels[level]
-        return {axis.key: found[axis.key] for axis in axes}
-
-
-def _drawn(design: SweepDesign) -> Any:
-    """Return an (samples, axes) array of shares from 0 to 1."""
-    from scipy.stats import qmc
-
-    count = len(design.axes)
-    if design.kind == "lhs":
-        return qmc.LatinHypercube(count, seed=_DRAWN_SEED).random(design.samples)
-    whole = math.ceil(math.log2(design.samples)) if design.samples > 1 else 0
-    return qmc.Sobol(count, seed=_DRAWN_SEED).random_base2(whole)[: design.samples]
-
-
-def parse_axis(text: str) -> Axis:
-    """Return the axis that `KEY=A:B:STEP`, `KEY=A:B` or `KEY=V1,V2,...` means; ends included.
-
-    Raises:
-        InputError: of none of these forms.
-    """
-    key, sign, values = text.partition("=")
-    if not sign or not key.strip() or not values.strip():
-        raise InputError(f"'{text}': {_ACCEPTED}")
-    return axis_of(key.strip(), values.strip())
-
-
-def axis_of(key: str, values: str | Sequence[Any]) -> Axis:
-    """Return the axis of a key: from the text behind KEY=, or from its values.
-
-    Raises:
-        InputError: there are none, or too many.
-    """
-    if not isinstance(values, str):
-        levels = tuple(value_text(value) for value in values)
-        if not levels:
-            raise InputError(f"{key}: no values; accepted: at least one")
-        return Axis(key, levels)
-    text = f"{key}={values}"
-    found = _RANGE.fullmatch(values)
-    if found is None:
-        parts = tuple(part.strip() for part in values.split(","))
-        if not all(parts):
-            raise InputError(f"'{text}': an empty value; {_ACCEPTED}")
-        return Axis(key, parts)
-    low, high = float(found[1]), float(found[2])
-    if low > high:
-        raise InputError(f"'{text}': {low:g} is above {high:g}; {_ACCEPTED}")
-    if found[3] is None:
-        return Axis(key, (), low, high)
-    step = float(found[3])
-    if not step > 0.0 or (high - low) / step >= MOST_LEVELS:
-        raise InputError(
-            f"'{text}': STEP {step:g}; accepted: above 0, {MOST_LEVELS} values at most"
-        )
-    count = math.floor((high - low) / step + 1e-9) + 1
-    return Axis(key, tuple(number_text(round(low + i * step, 12)) for i in range(count)))
-
-
-def number_text(value: float) -> str:
-    """Return a number as --set reads it back to the last digit."""
-    return repr(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
-
-
-def value_text(value: Any) -> str:
-    """Return a plain value as --set reads it."""
-    if isinstance(value, bool) or value is None:
-        return "null" if value is None else str(value).lower()
-    if isinstance(value, str):
-        return value
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, int | float):
-        return number_text(value) if math.isfinite(value) else str(value)
-    if isinstance(value, Mapping):
-        return f"{{{', '.join(f'{k}: {value_text(v)}' for k, v in value.items())}}}"
-    return f"[{', '.join(value_text(inner) for inner in value)}]"
-
+COLLISIONS = "collisions"
+"""The cases that come with the suite, beside this module."""
+CASE = "case"
+"""Column of the case, where there is more than one."""
+REACTION = "reaction.name"
+_NETWORK = ":"
+"""Between the reaction `policy` and the file of its network."""
+_CASES = "cases"
 
 FIGURES: Mapping[str, str] = {
     **dict.fromkeys(("scenario", "law", "reaction", "contact_rotor", "struck_rotor"), "text"),
@@ -213,16 +42,10 @@ FIGURES: Mapping[str, str] = {
     **dict.fromkeys(("contact_point_m", "contact_position_m", "x_c_m", "n_r", "x_r_m"), "vector"),
     **dict.fromkeys(
         (
-            *(
-                "collision_time_s",
-                "detection_time_s",
-                "detection_latency_s",
-                "contact_known_s",
-                "crash_time_s",
-            ),
-            *("detection_confidence", "max_falling_distance_m", "unstable_phase_s"),
-            *("recovery_time_s", "settled_error_m", "max_tilt_rad", "duration_s"),
-            *("hover_rms_m", "approach_rms_m", "peak_contact_force_n"),
+            *("collision_time_s", "detection_time_s", "detection_latency_s", "contact_known_s"),
+            *("crash_time_s", "detection_confidence", "max_falling_distance_m"),
+            *("unstable_phase_s", "recovery_time_s", "settled_error_m", "max_tilt_rad"),
+            *("duration_s", "hover_rms_m", "approach_rms_m", "peak_contact_force_n"),
             *("wall_time_s", "real_time_factor"),
         ),
         "number",
@@ -236,9 +59,9 @@ WALL_COLUMNS = ("wall_time_s", "real_time_factor")
 _AXES = ("x", "y", "z")
 
 
-def row_of(summary: Mapping[str, Any]) -> dict[str, Any]:
+def row_of(summary: Mapping[str, Any]) -> FlightRow:
     """Return the columns of a summary; a vector has one for each of x, y and z."""
-    row: dict[str, Any] = {}
+    row: FlightRow = {}
     for name, kind in FIGURES.items():
         value = summary[name]
         if kind == "vector":
@@ -249,63 +72,101 @@ def row_of(summary: Mapping[str, Any]) -> dict[str, Any]:
     return row
 
 
-def figures_of(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the figures of a summary that columns are of: the inverse of `row_of`."""
-    figures: dict[str, Any] = {}
+def figure_columns() -> dict[str, str]:
+    """Return the columns that `row_of` gives, with their kinds."""
+    columns: dict[str, str] = {}
     for name, kind in FIGURES.items():
         if kind == "vector":
-            parts = [row[f"{name}_{a}"] for a in _AXES]
-            figures[name] = None if all(part is None for part in parts) else parts
+            columns |= dict.fromkeys([f"{name}_{a}" for a in _AXES], "number")
         else:
-            figures[name] = row[name]
-    return figures
-
-
-def figure_columns(names: Iterable[str] = FIGURES) -> dict[str, str]:
-    """Return the columns that `row_of` gives of some figures, with their kinds."""
-    columns: dict[str, str] = {}
-    for name in names:
-        kind = FIGURES[name]
-        parts = [f"{name}_{a}" for a in _AXES] if kind == "vector" else [name]
-        columns |= dict.fromkeys(parts, "number" if kind == "vector" else kind)
+            columns[name] = kind
     return columns
 
 
-MOST_FLIGHTS = 10**9
-_KEYS = (
-    *("tombo_version", "scenario", "seeds", "settings", "label", "values", "model", "vehicle"),
-    "imports",
-)
-"""Of `sweep.json`, with those of the design."""
+@dataclass(frozen=True)
+class Case:
+    """One of the scenarios of a sweep; complete, so that nothing is read again."""
+
+    name: str
+    scenario: str
+    """Name or file, as given."""
+    settings: tuple[str, ...]
+    """Texts of --set that belong to the case."""
+    label: str
+    """Name of the scenario."""
+    values: Mapping[str, Any]
+    """Of the scenario without settings, in the types of JSON."""
+
+
+MOST_FLIGHTS = 10_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepStudy(StudiedScenario):
-    """A scenario, what is varied, and the seeds that each point is flown with.
+class SweepStudy:
+    """Cases, what is varied, and the seeds that each point is flown with.
 
-    Flight n has point n // seeds and seed first + n % seeds.
+    The points of the first case come first, and of each point all its seeds. A drawn design has
+    other seeds at each point, so that its flights are independent of each other.
     """
 
-    kind = "sweep"
     summary_only = True
+    cases: tuple[Case, ...]
+    settings: tuple[str, ...]
+    """Texts of --set that are the same in all flights."""
     design: SweepDesign
     seeds: tuple[int, int]
-    """First, and the one after the last."""
+    """First of the seeds, and the one after the last."""
+    model: str
+    vehicle: str
+    imports: tuple[tuple[str, str], ...]
+    """Files of the user, as of `imported_files`."""
+    tombo_version: str
+
+    @property
+    def seeds_each(self) -> int:
+        """How many seeds a point is flown with."""
+        return self.seeds[1] - self.seeds[0]
+
+    @property
+    def points(self) -> int:
+        """How many points there are, in all cases."""
+        return len(self.cases) * self.design.points
 
     @property
     def flights(self) -> int:
         """How many flights there are."""
-        return self.design.points * (self.seeds[1] - self.seeds[0])
+        return self.points * self.seeds_each
 
-    @cached_property
-    def points(self) -> Points:
-        """The settings of each point."""
-        return self.design.settings()
+    @property
+    def label(self) -> str:
+        """The names of all cases."""
+        return ", ".join(case.name for case in self.cases)
+
+    @property
+    def keys(self) -> list[str]:
+        """What is varied: the columns of `varied`."""
+        return [*([CASE] if len(self.cases) > 1 else []), *(a.key for a in self.design.axes)]
 
     def place(self, flight: int) -> tuple[int, int]:
-        """Return point and seed of a flight."""
-        point, seed = divmod(flight, self.seeds[1] - self.seeds[0])
+        """Return point and seed of a flight, by number."""
+        point, seed = divmod(flight, self.seeds_each)
+        if self.design.samples:
+            seed += point % self.design.points * self.seeds_each
         return point, self.seeds[0] + seed
+
+    def varied(self, point: int) -> dict[str, str]:
+        """Return what is varied → its value at a point, as texts."""
+        case, number = divmod(point, self.design.points)
+        named = {CASE: self.cases[case].name} if len(self.cases) > 1 else {}
+        return named | self.design.settings(number)
+
+    def _case_and_settings(self, point: int) -> tuple[Case, list[str]]:
+        case, number = divmod(point, self.design.points)
+        return self.cases[case], [
+            *self.settings,
+            *self.cases[case].settings,
+            *(text for one in self.design.settings(number).items() for text in _texts(*one)),
+        ]
 
     def scenario_at(self, point: int) -> Scenario:
         """Return what is flown at a point.
@@ -313,65 +174,141 @@ class SweepStudy(StudiedScenario):
         Raises:
             InputError: it is no scenario.
         """
-        return self.scenario_with(self._varied(point))
+        case, settings = self._case_and_settings(point)
+        return with_settings(dict(case.values), settings, case.label)
 
-    def _varied(self, point: int) -> list[str]:
-        return [f"{key}={text}" for key, text in self.points[point].items()]
-
-    @property
-    def keys(self) -> range:
-        """The keys of its flights."""
-        return range(self.flights)
-
-    def columns(self) -> dict[str, str]:
-        """Return the columns of the table."""
-        axes = {axis.key: "number" if axis.numeric else "text" for axis in self.design.axes}
-        place = dict.fromkeys(("flight", "point", "seed"), "count")
-        return {**place, **axes, **figure_columns(), "error": "text"}
-
-    def labels(self, point: int) -> dict[str, Any]:
-        """Return number and settings of a point."""
-        texts = self.points[point]
-        numeric = {axis.key for axis in self.design.axes if axis.numeric}
-        axes = {key: float(text) if key in numeric else text for key, text in texts.items()}
-        return {"point": point, **axes}
-
-    def figures(self, flight: Flight, scenario: Scenario) -> dict[str, Any]:
+    def figures(self, flight: Flight, scenario: Scenario) -> FlightRow:
         """Return the columns of a flight."""
         return row_of(flight_summary(flight))
 
+    def columns(self) -> dict[str, str]:
+        """Return the columns of the table → text, yes or no, count or number."""
+        numeric = {axis.key for axis in self.design.axes if axis.numeric}
+        varied = {key: "number" if key in numeric else "text" for key in self.keys}
+        place = dict.fromkeys(("flight", "point", "seed"), "count")
+        return {**place, **varied, **figure_columns(), "error": "text"}
+
+    def labels(self, point: int) -> FlightRow:
+        """Return the columns that say what is flown at a point."""
+        kinds = self.columns()
+        varied = self.varied(point).items()
+        return {"point": point} | {k: float(v) if kinds[k] == "number" else v for k, v in varied}
+
     def command(self, flight: int) -> str:
-        """Return the command line that flies a flight again."""
+        """Return the command line that flies a flight again, alone."""
         point, seed = self.place(flight)
-        return self.command_with(self._varied(point), seed)
+        case, settings = self._case_and_settings(point)
+        return fly_command(
+            case.scenario,
+            seed,
+            settings=settings,
+            model=self.model,
+            vehicle=self.vehicle,
+            imports=self.imports,
+        )
 
     def as_mapping(self) -> dict[str, Any]:
-        """Return it in the types of JSON: what `sweep.json` says."""
+        """Return it in the types of JSON: what `sweep.json` says of what is flown."""
         values: dict[str, Any] = plain(asdict(self))
-        return {**{key: values[key] for key in _KEYS}, **values["design"]}
+        return {**values.pop("design"), **values}
+
+
+def _texts(key: str, value: str) -> list[str]:
+    """Return the texts of --set for a value of an axis; `policy:FILE` names its network, too."""
+    name, sign, network = value.partition(_NETWORK)
+    if key == REACTION and sign:
+        return [f"{key}={name}", f"reaction.network={network}"]
+    return [f"{key}={value}"]
 
 
 def new_sweep(
-    scenario: str,
+    scenarios: str,
     design: SweepDesign,
     seeds: range,
-    settings: tuple[str, ...] = (),
+    settings: Iterable[str] = (),
     model: str | None = None,
     vehicle: str | None = None,
 ) -> SweepStudy:
-    """Read and check a sweep: the scenario, and each value of an axis by itself.
+    """Read and check a sweep: its cases, and each value of an axis by itself.
+
+    Args:
+        scenarios: names or files with commas between them; a file may have cases in it.
+        design: what is varied.
+        seeds: of the flights of each point.
+        settings: texts of --set.
+        model: a model.yaml.
+        vehicle: a name or file.
 
     Raises:
-        InputError: as `load_scenario`, or there are too many flights.
+        InputError: as `load_scenario`, no cases, or there are too many flights.
     """
-    for seed in (seeds.start, seeds.stop - 1) if seeds else ():
-        check_seed("seed", seed)
-    base = read_scenario(scenario, settings, model, vehicle)
-    sweep = SweepStudy(**base, design=design, seeds=(seeds.start, seeds.stop))
+    cases = tuple(
+        Case(name, scenario, texts, label, plain(values))
+        for name, scenario, texts in _case_texts(scenarios)
+        for values, label in [scenario_values(scenario, model, vehicle)]
+    )
+    names = [case.name for case in cases]
+    if len(set(names)) < len(names):
+        raise InputError(f"'{scenarios}': a case is given twice; accepted: each once")
+    sweep = SweepStudy(
+        cases=cases,
+        settings=tuple(settings),
+        design=design,
+        seeds=(seeds.start, seeds.stop),
+        model=model or "",
+        vehicle=vehicle or "",
+        imports=imported_files(),
+        tombo_version=tombo_version(),
+    )
     if not 1 <= sweep.flights <= MOST_FLIGHTS:
         raise InputError(f"{sweep.flights} flights; accepted: 1 to {MOST_FLIGHTS}")
-    sweep.scenario_at(0)
-    for axis in design.axes:
-        for text in axis.ends:
-            sweep.scenario_with([f"{axis.key}={text}"])
+    for flight in (0, sweep.flights - 1):
+        check_seed("seed", sweep.place(flight)[1])
+    _check_values(sweep)
     return sweep
+
+
+def _check_values(sweep: SweepStudy) -> None:
+    """Refuse settings that no case accepts, and values that the first one does not accept."""
+    for number, case in enumerate(sweep.cases):
+        fixed = [*sweep.settings, *case.settings]
+        with_settings(dict(case.values), fixed, case.label)
+        for axis in sweep.design.axes if number == 0 else ():
+            for value in sweep.design.values_to_check(axis):
+                if axis.key == REACTION and value.partition(_NETWORK)[0] not in REGISTRY:
+                    raise unknown_name(f"reaction in {axis.key}=", value, REGISTRY)
+                with_settings(dict(case.values), [*fixed, *_texts(axis.key, value)], case.label)
+
+
+def _case_texts(scenarios: str) -> list[tuple[str, str, tuple[str, ...]]]:
+    """Return name, scenario and settings of each case."""
+    cases: list[tuple[str, str, tuple[str, ...]]] = []
+    for word in (part.strip() for part in scenarios.split(",")):
+        text = _text_with_cases(word)
+        if text is None:
+            cases.append((word, word, ()))
+            continue
+        what = f"'{word}'"
+        values = mapping_of(parse_yaml(text, what), what)
+        for name, given in mapping_of(values[_CASES], f"{what}: {_CASES}").items():
+            settings = dict(mapping_of(given or {}, f"{what}: {name}"))
+            scenario = settings.pop("scenario", name)
+            if not isinstance(name, str) or not isinstance(scenario, str):
+                raise InputError(
+                    f"{what}: {shown(name)}: {shown(scenario)}; accepted: a name with its "
+                    "scenario, as in fast: {scenario: paper_collision, KEY: VALUE}"
+                )
+            texts = tuple(f"{key}={value_text(value)}" for key, value in settings.items())
+            cases.append((name, scenario, texts))
+    return cases
+
+
+def _text_with_cases(word: str) -> str | None:
+    """Return the text of a file that has cases; None: it is a scenario."""
+    if word == COLLISIONS:
+        source = resources.files("tombo_flight").joinpath("sweep", f"{COLLISIONS}.yaml")
+        return source.read_text(encoding="utf-8")
+    if not Path(word).is_file():
+        return None
+    text = read_text(Path(word), f"'{word}'")
+    return text if f"\n{_CASES}:" in f"\n{text}" else None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -141,10 +140,12 @@ def fly(
 ) -> None:
     """Fly a scenario and write flight.mcap, summary.json, scenario.yaml, flight.png, report.html.
 
-    With --seeds: flights.parquet, summary.json with all summaries and their statistics, and
-    campaign.png. What is flown is on disk at once: killed, the same command with -o DIR goes on.
+    With --seeds: flights.parquet, sweep.html and sweep.json, as `tombo sweep` of nothing but
+    seeds. Killed, the same command with -o DIR goes on.
     """
     given = locals()
+    from tombo_flight.scenario import load_scenario
+
     many = None if seeds is None else parse_seeds(seeds)
     check_options(_RULES, {**given, "px4_url": None if px4 is None else url_of(px4)})
     if figure not in (None, *_FIGURES):
@@ -155,7 +156,8 @@ def fly(
         reaction = "none"
     one = seed or 0
     over = over_scenario(reaction, disturbances=disturbances)
-    chosen = _load(scenario, [*over, *(settings or [])], conf, law, model, vehicle)
+    fixed = [*over, *(settings or []), *_propeller(conf, law)]
+    chosen = load_scenario(scenario, fixed, model, vehicle)
     warn_of(chosen)
     check_output(output)
     rest = f"{many.start}-{many.stop}" if many else str(one)
@@ -184,7 +186,13 @@ def fly(
     elif many is None:
         code = _fly_one(chosen, one, place, not no_record, figure, as_json)
     else:
-        code = _fly_many(chosen, many, place, as_json)
+        from tombo_bringup.cli.result_files import run_sweep
+        from tombo_flight.sweep.design import SweepDesign
+        from tombo_flight.sweep.study import new_sweep
+
+        study = new_sweep(scenario, SweepDesign(), many, fixed, model, vehicle)
+        run_sweep(study, place, as_json)
+        code = 0
     raise typer.Exit(code)
 
 
@@ -227,22 +235,16 @@ def parse_seeds(text: str, most: int = _MOST_FLIGHTS) -> range:
     return range(first, end)
 
 
-def _load(
-    name: str,
-    settings: list[str],
-    conf: int | None,
-    law: str | None,
-    model: str | None,
-    vehicle: str | None,
-) -> Scenario:
-    """Read the scenario; options win over --set, as they are more to the point."""
-    from tombo_flight.scenario import load_scenario
+def _propeller(conf: int | None, law: str | None) -> list[str]:
+    """Return the settings that --conf and --law mean; they win over --set.
 
+    Raises:
+        InputError: there is no such configuration.
+    """
     if conf is not None and not 0 <= conf <= 13:
         raise InputError(f"--conf {conf}: unknown configuration; accepted: 0 (rigid) to 13")
     options = [] if conf is None else [f"propeller.conf={conf}"]
-    options += [] if law is None else [f"propeller.law={law}"]
-    return load_scenario(name, [*settings, *options], model, vehicle)
+    return options if law is None else [*options, f"propeller.law={law}"]
 
 
 @contextmanager
@@ -275,59 +277,4 @@ def _fly_one(
     if not as_json and stop.asked() and not flight.summary["interrupted"]:
         typer.echo("Interrupted after the flight: the pictures are not drawn.")
     show_page(flight.page, as_json, None if as_json else folder.path, names)
-    return stop.exit_code
-
-
-def _fly_many(scenario: Scenario, seeds: range, place: Place, as_json: bool) -> int:
-    from tombo_bringup.cli.progress import progress_bar
-    from tombo_flight.campaign.campaign import (
-        CampaignStudy,
-        analyse_campaign,
-        campaign_page,
-        draw_campaign,
-        kept_campaign,
-    )
-    from tombo_flight.flight_output import warm_up_flight
-    from tombo_flight.process.output_folder import RESULT_FILES, write_whole
-    from tombo_flight.process.stop_signals import StopSignals
-    from tombo_flight.process.study_folder import fly_study, open_study
-    from tombo_flight.report.page import page_json
-    from tombo_flight.scenario_file import SCENARIO_FILE, write_scenario
-
-    study, again = CampaignStudy(scenario, seeds), place.replace
-    with progress_bar() as on_progress, StopSignals() as stop:
-
-        def tell(kept: int, left_s: float) -> None:
-            on_progress(f"{kept} of {len(seeds)} flights", kept / len(seeds))
-            import matplotlib.figure  # noqa: F401  # for the picture, while the processes fly
-
-        on_progress("loading", 0.0)
-        warm_up_flight(scenario)
-        with open_study(place.path, study, numbered=place.numbered, again=again) as opened:
-            on_progress(f"{opened.kept} of {len(seeds)} flights", 0.0)
-            page = fly_study(
-                opened,
-                partial(analyse_campaign, study),
-                progress=tell,
-                stop=stop.asked,
-                page=False,
-            )
-            if page is None:
-                page = campaign_page(kept_campaign(study, opened))
-            if not page.data["flights"]:  # stopped before the first landing
-                return stop.exit_code
-            for name in RESULT_FILES if again else ():
-                (opened.folder / name).unlink(missing_ok=True)
-            write_whole(opened.folder / "summary.json", page_json(page))
-            path = opened.folder / SCENARIO_FILE
-            write_scenario(path, scenario, f"--seeds {seeds.start}:{seeds.stop}")
-            names = [SCENARIO_FILE, "summary.json"]
-            if not stop.asked():
-                on_progress("drawing campaign.png", 1.0)
-                from tombo_flight.report.flight_plot import figure_bytes
-
-                picture = opened.folder / "campaign.png"
-                picture.write_bytes(figure_bytes(draw_campaign(page.data)))
-                names = ["campaign.png", "flights.parquet", *names]
-    show_page(page, as_json, None if as_json else opened.folder, names)
     return stop.exit_code

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -24,8 +23,7 @@ from tombo_bringup.cli.options import (
     option,
     output_option,
 )
-from tombo_bringup.cli.result_files import plain_name, run_study
-from tombo_bringup.cli.tables import show_page
+from tombo_bringup.cli.result_files import Place, check_output, plain_name, run_sweep
 
 app = typer.Typer()
 
@@ -34,7 +32,6 @@ SWEEP_EXIT_CODES = (
     "output that can't be written; 130 after Ctrl-C, 143 after SIGTERM: the same command with -o "
     "DIR goes on."
 )
-MOST_SEEDS = 10**9
 _RULES = (OptionRule("--workers and --scheduler", "workers", (), ("scheduler",), "one of them"),)
 
 
@@ -42,17 +39,29 @@ _RULES = (OptionRule("--workers and --scheduler", "workers", (), ("scheduler",),
 def sweep(
     scenario: Annotated[
         str,
-        typer.Argument(metavar="SCENARIO", help="A name of `tombo scenarios`, or a YAML file."),
+        typer.Argument(
+            metavar="SCENARIO[,...]",
+            help="Names of `tombo scenarios`, or YAML files, which may have cases in them "
+            "(docs/sweep.md); collisions: 11 collisions and a flight without one.",
+        ),
     ],
     axes: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="KEY=A:B:STEP|V1,V2...",
             help="What is varied, keys as of --set; ends included. With --design lhs or sobol "
-            "also KEY=A:B.",
+            "also KEY=A:B, and a distribution of scipy.stats, as in "
+            "'vehicle.mass=norm(1.3,0.02)'.",
         ),
     ] = None,
-    seeds: Annotated[str, option("--seeds A:B", "Fly each point with seeds A to B-1.")] = "0:1",
+    seeds: Annotated[
+        str,
+        option(
+            "--seeds A:B",
+            "Fly each point with seeds A to B-1. With --design lhs or sobol each point has seeds "
+            "of its own, from A on.",
+        ),
+    ] = "0:1",
     reaction: ReactionName = None,
     disturbances: Disturbed = False,
     design: Annotated[
@@ -84,33 +93,22 @@ def sweep(
     ] = None,
     as_json: JsonOnly = False,
 ) -> None:
-    """Fly a scenario over settings and seeds: flights.parquet, one row a flight, and sweep.html.
+    """Fly scenarios over settings and seeds: crash rates, what decides them, and a table.
 
-    What is flown is on disk at once: killed, the same command with -o DIR goes on, flies nothing
-    twice and gives the same table.
+    Writes flights.parquet, one row a flight, sweep.html and sweep.json. With reaction.name=A,B the
+    reactions are compared; with --design lhs or sobol settings are drawn.
+
+    Batches of flights are on disk at once: killed, the same command with -o DIR goes on, flies
+    nothing twice and gives the same table.
     """
     check_options(_RULES, {"workers": workers, "scheduler": scheduler})
-    from tombo_flight.sweep.page import analyse_sweep
-    from tombo_flight.sweep.study import SweepDesign, new_sweep, parse_axis
+    from tombo_flight.sweep.design import SweepDesign, parse_axis
+    from tombo_flight.sweep.study import new_sweep
 
     chosen = [*over_scenario(reaction, disturbances=disturbances), *(settings or [])]
     points = SweepDesign(tuple(parse_axis(text) for text in axes or []), design, samples)
-    range_ = parse_seeds(seeds, MOST_SEEDS)
-    study = new_sweep(scenario, points, range_, tuple(chosen), model, vehicle)
-    if scheduler is not None:  # before anything is written
-        from tombo_flight.process.workers import check_scheduler
-
-        check_scheduler(scheduler)
-    default = f"runs/sweep-{plain_name(study.label, 'scenario')}"
-    folder, flown, page = run_study(
-        study,
-        partial(analyse_sweep, study),
-        output,
-        default,
-        as_json,
-        workers=workers,
-        scheduler=scheduler,
-    )
-    data = {"flights": study.flights, "flown": flown, "outcome": page.data["outcome"]}
-    files = ("flights.parquet", "sweep.html", "sweep.json")
-    show_page(replace(page, data=data), as_json, folder, files)
+    study = new_sweep(scenario, points, parse_seeds(seeds), chosen, model, vehicle)
+    check_output(output)
+    default = Path("runs") / f"sweep-{plain_name(scenario, 'scenario')}"
+    place = Place(default, numbered=True) if output is None else Place(Path(output))
+    run_sweep(study, place, as_json, workers=workers, scheduler=scheduler)

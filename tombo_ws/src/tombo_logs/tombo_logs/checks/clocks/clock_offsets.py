@@ -247,12 +247,12 @@ def one_clock(
             if compared.is_other_clock:
                 _shift(series, names, -compared.lag)
 
-    imu = [name for name in ("gyro", "accel") if name in series]
+    imu: list[str] = [name for name in ("gyro", "accel") if name in series]
     if len(imu) == 2 and not _together(series, imu):
         align(["accel"], *_pair(series, "accel"))
         imu = ["gyro"]
     if imu and "position" in series:
-        poses = [name for name in ("position", "attitude") if name in series]
+        poses: list[str] = [name for name in ("position", "attitude") if name in series]
         align(poses, *_pair(series, imu[0])[::-1])
     rates = _channel(series["gyro"]) if "gyro" in series else None
     if rates is None and "attitude" in series:

@@ -1,0 +1,70 @@
+"""Scores of a benchmark's cases as they come: a benchmark that was stopped goes on."""
+
+from __future__ import annotations
+
+import json
+from collections import UserDict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tombo_dynamics.errors import InputError, shown
+
+Row = dict[str, Any]
+
+
+class Journal(UserDict[Any, Row]):
+    """Rows by number or name, one a line of a file; a line cut by a kill is left out."""
+
+    def __init__(self, path: Path, run: str) -> None:
+        """Read what is there.
+
+        Args:
+            path: the file, made with the first row.
+            run: what the rows are of.
+
+        Raises:
+            InputError: it is of another run, or can't be read.
+        """
+        super().__init__()
+        self.path = path
+        self._run = run
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"'{path}' can't be read: {error}") from error
+        for line in lines:
+            try:
+                kept_run, key, row = json.loads(line)
+            except (ValueError, TypeError):
+                continue
+            if kept_run != run or not isinstance(key, int | str) or not isinstance(row, dict):
+                raise InputError(
+                    f"'{path}' is of {shown(kept_run)}, this is {shown(run)}; accepted: the same "
+                    "command and seed, or another -o"
+                )
+            self.data[key] = row
+
+    def __setitem__(self, key: Any, row: Row) -> None:
+        """Append a row; errors as of `append`."""
+        self.append([(key, row)])
+
+    def append(self, rows: Sequence[tuple[Any, Row]]) -> None:
+        """Append rows with their keys.
+
+        Raises:
+            OSError: they can't be written.
+        """
+        lines = [json.dumps([self._run, key, row], default=_number) for key, row in rows]
+        try:
+            with self.path.open("a", encoding="utf-8") as file:
+                # a line that a kill has cut ends here
+                file.write("".join(f"\n{line}" for line in lines))
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self.path)) from error
+        self.data.update(rows)
+
+
+def _number(value: Any) -> Any:
+    """Return a number or list of numpy as Python's own."""
+    return value.tolist()

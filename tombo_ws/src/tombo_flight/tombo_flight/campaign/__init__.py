@@ -1,1 +1,0 @@
-"""Many flights: campaigns, their statistics and plots."""

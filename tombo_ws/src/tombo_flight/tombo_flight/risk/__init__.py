@@ -1,1 +1,0 @@
-"""Risk: how probable a crash is when inputs are uncertain, and what decides it."""

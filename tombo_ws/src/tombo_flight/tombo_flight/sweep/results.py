@@ -1,0 +1,256 @@
+"""What came out of a sweep, as plain values and as cells of tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+
+from tombo_dynamics.arrays import Array
+from tombo_flight.report.paper_comparison import is_paper_flight
+from tombo_flight.scenario import as_mapping
+from tombo_flight.sweep.design import Axis
+from tombo_flight.sweep.folder import KEY, OUTCOME, SweepFolder
+from tombo_flight.sweep.statistics import (
+    COUNTED,
+    SPREAD_METRICS,
+    Columns,
+    crash_rate,
+    flight_statistics,
+    rank_correlation,
+)
+from tombo_flight.sweep.study import CASE, REACTION
+
+MOST_POINTS = 1000
+"""Points whose figures are given one by one; of more, and of drawn ones, the table has all."""
+_MOST_LEVELS = 40
+"""Values of a setting that are shown one by one; more are put together."""
+_BINS = 12
+_RANKED = ("crashed", "max_falling_distance_m", "recovery_time_s")
+"""Figures for which it is said what decides them."""
+Result = Mapping[str, Any]
+
+
+class SettingCells:
+    """The cells of a setting: its values, or bins of equal width, or of equal probability."""
+
+    def __init__(self, key: str, axis: Axis | None, values: np.ndarray[Any, Any]) -> None:
+        """Sort (N,) values of all flights into cells."""
+        self.key = key
+        levels = list(dict.fromkeys(values.tolist())) if axis is None else list(axis.levels)
+        if levels and len(levels) <= _MOST_LEVELS:
+            numbers = [float(v) for v in levels] if axis and axis.numeric else None
+            self.labels = [str(level) for level in levels]
+            self.centres = np.array(numbers or range(len(levels)), dtype=np.float64)
+            place = {v: n for n, v in enumerate(numbers or levels)}
+            self.cell = np.array([place[value] for value in values.tolist()], dtype=np.int64)
+            return
+        shares: Array = np.linspace(0.0, 1.0, _BINS + 1)
+        low, high = float(values.min()), float(values.max())
+        edges: Array = np.linspace(low, high, _BINS + 1)
+        if axis is not None and axis.distribution:
+            edges = np.quantile(values, shares)
+        self.cell = np.clip(np.searchsorted(edges, values, "right") - 1, 0, _BINS - 1)
+        self.centres = 0.5 * (edges[1:] + edges[:-1])
+        self.labels = [f"{a:.4g} to {b:.4g}" for a, b in pairwise(edges)]
+
+    def flights(self) -> list[np.ndarray[Any, np.dtype[np.bool_]]]:
+        """Return of each cell which of the flights (N,) are in it."""
+        return [self.cell == n for n in range(len(self.labels))]
+
+
+class SweepFlights:
+    """The flights of a sweep that were flown, as columns."""
+
+    def __init__(self, opened: SweepFolder) -> None:
+        """Read them from the table."""
+        self.study = opened.study
+        names = (KEY, "point", *self.study.keys, *COUNTED, *SPREAD_METRICS, "error")
+        read = opened.columns(names)
+        flown = np.array([error is None for error in read["error"]])
+        self.columns: Columns = {name: values[flown] for name, values in read.items()}
+        self.errors: dict[int, str] = dict(
+            zip(read[KEY][~flown].astype(int).tolist(), read["error"][~flown], strict=True)
+        )
+        """Number of a flight that could not be flown → the reason."""
+        axes = {axis.key: axis for axis in self.study.design.axes}
+        count = self.columns[KEY].size
+        self.cells = [
+            SettingCells(key, axes.get(key), self.columns[key]) for key in self.study.keys if count
+        ]
+
+    @property
+    def crashed(self) -> list[int]:
+        """The numbers of the flights that crashed."""
+        return [int(number) for number in self.columns[KEY][self.columns["crashed"] > 0.0]]
+
+    def results(self) -> dict[str, Any]:
+        """Return the result of the sweep.
+
+        Returns:
+            scenario, seeds, flights, of_paper; `aggregate`: `flight_statistics` of all flights;
+            `points`: of each point of a full design what is varied, the command of its first
+            flight, and `flight_statistics`; `settings`: crash rate for each value of each setting;
+            `decides`: rank correlation of each setting that is a number with figures; `worst`:
+            flight, seed, what is varied, command; `not_flown`: how many, and the reason of the
+            first; `outcome` in a line.
+        """
+        study, errors = self.study, self.errors
+        first = min(errors, default=None)
+        aggregate = flight_statistics(self.columns)
+        not_flown = f", {len(errors)} not flown" if errors else ""
+        return {
+            "scenario": study.label,
+            "tombo_version": study.tombo_version,
+            "model": study.model or None,
+            "seeds": list(study.seeds),
+            "varied": study.keys,
+            "flights": study.flights,
+            "of_paper": study.points == 1 and is_paper_flight(as_mapping(study.scenario_at(0))),
+            "aggregate": aggregate,
+            "points": self._points(),
+            "settings": [
+                {"key": cells.key, "value": label, **crash_rate(self.columns["crashed"][inside])}
+                for cells in self.cells
+                for label, inside in zip(cells.labels, cells.flights(), strict=True)
+            ],
+            "decides": self._decides(),
+            "worst": self._worst(),
+            "not_flown": {
+                "flights": len(errors), "first": first,
+                "why": None if first is None else errors[first],
+            },
+            OUTCOME: f"{aggregate['crashed']} of {study.flights} crashed{not_flown}",
+        }  # fmt: skip
+
+    def _points(self) -> list[dict[str, Any]]:
+        study = self.study
+        if study.design.samples or study.points > MOST_POINTS:
+            return []
+        points = []
+        for point in range(study.points):
+            inside = self.columns["point"] == point
+            points.append({
+                "varied": study.varied(point),
+                "command": study.command(point * study.seeds_each),
+                **flight_statistics({name: of[inside] for name, of in self.columns.items()}),
+            })  # fmt: skip
+        return points
+
+    def _decides(self) -> list[dict[str, Any]]:
+        """Return the rank correlations, the strongest first."""
+        kinds = self.study.columns()
+        rows = [
+            {"key": key, "figure": figure, **found}
+            for key in self.study.keys
+            if kinds[key] == "number"
+            for figure in _RANKED
+            if (found := rank_correlation(self.columns[key], self.columns[figure])) is not None
+        ]
+        return sorted(rows, key=lambda row: -abs(row["rho"]))
+
+    def _worst(self) -> dict[str, Any] | None:
+        """Return the flight that crashed, of several the one that fell farthest; None: none."""
+        crashed, fall = self.columns["crashed"], self.columns["max_falling_distance_m"]
+        order = np.lexsort((np.nan_to_num(fall, nan=-1.0), crashed))
+        if not order.size or (crashed[order[-1]] == 0.0 and np.isnan(fall[order[-1]])):
+            return None
+        flight = int(self.columns[KEY][order[-1]])
+        point, seed = self.study.place(flight)
+        return {
+            "flight": flight,
+            "seed": seed,
+            "crashed": bool(crashed[order[-1]]),
+            "varied": self.study.varied(point),
+            "command": self.study.command(flight),
+        }
+
+
+def setting_words(varied: Mapping[str, str]) -> str:
+    """Return what is varied at a point, in words."""
+    return ", ".join(v if key == CASE else f"{key} = {v}" for key, v in varied.items()) or "all"
+
+
+def crashed_text(result: Result) -> str:
+    """Return how many of the flights crashed, with the interval of the rate."""
+    if not result["flights"]:
+        return "–"
+    low, high = (100.0 * end for end in result["crash_rate_95"])
+    return f"{result['crashed']} of {result['flights']} ({low:.1f} to {high:.1f} %)"
+
+
+HEAD: Final = (
+    *("crashed", "recovered", "fall [m]", "unstable [s]", "recovery [s]"),
+    *("strikes", "peak force [N]", "known, 95 % [ms]", "rotor right", "false alarms/h"),
+)
+"""Columns of `point_rows` behind the first."""
+MEANING: Final = (
+    "Crashed: share of the flights, with its exact 95 % interval. Fall, unstable and recovery: "
+    "median, and 5 to 95 % of the flights that have the figure. Strikes: mean of a flight. Peak "
+    "force: largest of the obstacle on the vehicle, median. Known: from touch until the reaction "
+    "knows of it, 95th percentile. Rotor right: of the flights in which the reaction named a "
+    "rotor. Definitions: docs/figures.md."
+)
+
+
+def point_rows(results: Result) -> Iterator[tuple[str, list[list[str]]]]:
+    """Yield groups of rows, a row for each point: its name, and the cells of `HEAD`.
+
+    Where reactions are compared, a group is what is flown with each of them, and a row is named by
+    its reaction; else all points are one group without a name.
+    """
+    groups: dict[str, list[list[str]]] = {}
+    for point in results["points"]:
+        varied = dict(point["varied"])
+        name = varied.pop(REACTION, None)
+        group = "" if name is None else setting_words(varied)
+        groups.setdefault(group, []).append([name or setting_words(varied), *_cells(point)])
+    yield from groups.items()
+
+
+def markdown(results: Result, command: str, left_out: Sequence[str] = ()) -> str:
+    """Return the table of reactions as Markdown, below the command that it comes from.
+
+    Args:
+        results: of `SweepFlights`.
+        command: shown above.
+        left_out: columns of `HEAD` that are not shown.
+    """
+    shown = [name not in left_out for name in ("reaction", *HEAD)]
+    head = ["collision", "reaction", *(name for name in HEAD if name not in left_out)]
+    lines = [f"`{command}`:", "", f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
+    for group, rows in point_rows(results):
+        for n, row in enumerate(rows):
+            cells = [cell for cell, is_shown in zip(row, shown, strict=True) if is_shown]
+            lines.append(f"| {'' if n else group} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _cells(result: Result) -> list[str]:
+    share = result["struck_rotor_right"]
+    return [
+        crashed_text(result),
+        f"{result['recovered']} of {result['collided']}" if result["collided"] else "–",
+        *(
+            _spread(result[name])
+            for name in ("max_falling_distance_m", "unstable_phase_s", "recovery_time_s")
+        ),
+        _figure(result["strikes"]["mean"], 1),
+        _figure(result["peak_contact_force_n"]["median"], 0),
+        _figure(result["contact_known_s"]["p95"], 0, 1e3),
+        "–" if share is None else f"{100.0 * share:.1f} % of {result['struck_rotor_named']}",
+        _figure(result["false_alarms_per_hour"], 2),
+    ]
+
+
+def _spread(values: Mapping[str, float | None]) -> str:
+    if not values["count"]:
+        return "–"
+    median, low, high = (_figure(values[key], 2) for key in ("median", "p05", "p95"))
+    return f"{median} ({low} to {high})"
+
+
+def _figure(value: float | None, digits: int, factor: float = 1.0) -> str:
+    return "–" if value is None else f"{factor * value:.{digits}f}"

@@ -1,0 +1,143 @@
+"""Statistics of many flights: outcomes, crash rates with intervals, spread of figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+Columns = Mapping[str, np.ndarray[Any, Any]]
+"""Name of a figure → (N,) values of N flights: numbers (NaN: none), or texts (None: none)."""
+
+SPREAD_METRICS = (
+    "detection_latency_s",
+    "contact_known_s",
+    "max_falling_distance_m",
+    "unstable_phase_s",
+    "recovery_time_s",
+    "strikes",
+    "peak_contact_force_n",
+    "settled_error_m",
+    "max_tilt_rad",
+    "hover_rms_m",
+    "approach_rms_m",
+    "collision_time_s",
+    "duration_s",
+)
+"""Figures of a summary whose spread over the flights is given; SI units as the names say."""
+TEXTS = ("contact_rotor", "struck_rotor")
+COUNTED = ("collided", "detected", "crashed", "landed", "false_alarms", *TEXTS)
+"""Further figures that `flight_statistics` reads."""
+_SHARES = ("mean", "std", "median", "p05", "p95", "max")
+
+
+def columns_of(summaries: Sequence[Mapping[str, Any]]) -> Columns:
+    """Return the figures that `flight_statistics` reads, as columns."""
+    return {
+        name: np.array([s[name] for s in summaries], dtype=object if name in TEXTS else np.float64)
+        for name in (*COUNTED, *SPREAD_METRICS)
+    }
+
+
+def spread(values: np.ndarray[Any, Any]) -> dict[str, float | int | None]:
+    """Return how (N,) values are spread; flights without the figure (NaN) are left out.
+
+    Returns:
+        count, mean, std (of the sample; None for less than two), median, p05, p95 (percentiles,
+        linear between neighbours) and max; None without any value. Where the values have two
+        modes, the mean may be a value that no flight has: median and percentiles are what to
+        quote.
+    """
+    there = values[~np.isnan(values)]
+    if not there.size:
+        return {"count": 0, **dict.fromkeys(_SHARES)}
+    p05, median, p95 = (round(float(p), 6) for p in np.percentile(there, (5.0, 50.0, 95.0)))
+    return {
+        "count": int(there.size),
+        "mean": round(float(there.mean()), 6),
+        "std": round(float(there.std(ddof=1)), 6) if there.size > 1 else None,
+        "median": median,
+        "p05": p05,
+        "p95": p95,
+        "max": round(float(there.max()), 6),
+    }
+
+
+def share_interval(count: int, of: int) -> tuple[float, float] | None:
+    """Return the exact 95 % interval of a share (Clopper and Pearson 1934); None of none."""
+    if not of:
+        return None
+    if count in (0, of):  # in closed form, without the tenth of a second that scipy takes to load
+        one_sided = -math.expm1(math.log(0.025) / of)
+        low, high = (0.0, one_sided) if count == 0 else (1.0 - one_sided, 1.0)
+    else:
+        from scipy.special import betaincinv
+
+        low = float(betaincinv(count, of - count + 1, 0.025))
+        high = float(betaincinv(count + 1, of - count, 0.975))
+    return round(low, 6), round(high, 6)
+
+
+def crash_rate(crashed: np.ndarray[Any, Any]) -> dict[str, Any]:
+    """Return flights, crashed, crash_rate and its 95 % interval of (N,) outcomes, 1: crashed."""
+    count, of = int(crashed.sum()), int(crashed.size)
+    return {
+        "flights": of,
+        "crashed": count,
+        "crash_rate": _share(count, of),
+        "crash_rate_95": share_interval(count, of),
+    }
+
+
+def flight_statistics(flights: Columns) -> dict[str, Any]:
+    """Return the figures of many flights.
+
+    Args:
+        flights: the columns `COUNTED` and `SPREAD_METRICS`.
+
+    Returns:
+        what `crash_rate` returns, counts of outcomes, `false_alarms` in all flights and an hour of
+        flight, `struck_rotor_named`: flights with the reaction's estimate of the rotor that has
+        touched, `struck_rotor_right`: the share of these in which it is the true one, and the
+        spread of each of `SPREAD_METRICS`. Shares and rates of nothing are None.
+    """
+    crashed = flights["crashed"]
+    collided = flights["collided"] > 0.0
+    settled = ~np.isnan(flights["recovery_time_s"])
+    named = np.array([rotor is not None for rotor in flights["struck_rotor"]], bool) & collided
+    right = (flights["struck_rotor"] == flights["contact_rotor"]) & named
+    alarms = int(flights["false_alarms"].sum())
+    return {
+        **crash_rate(crashed),
+        "collided": int(collided.sum()),
+        "detected": int(flights["detected"].sum()),
+        "not_crashed": int((crashed == 0.0).sum()),
+        "recovered": int((settled & (crashed == 0.0)).sum()),
+        "landed": int(flights["landed"].sum()),
+        "false_alarms": alarms,
+        "false_alarms_per_hour": _share(alarms, float(flights["duration_s"].sum()) / 3600.0),
+        "struck_rotor_named": int(named.sum()),
+        "struck_rotor_right": _share(int(right.sum()), int(named.sum())),
+        **{name: spread(flights[name]) for name in SPREAD_METRICS},
+    }
+
+
+def _share(count: int, of: float) -> float | None:
+    return round(count / of, 6) if of else None
+
+
+def rank_correlation(x: np.ndarray[Any, Any], y: np.ndarray[Any, Any]) -> dict[str, Any] | None:
+    """Return Spearman's rank correlation of two figures (N,), and its p-value.
+
+    Flights without one of the two (NaN) are left out; None: fewer than three have both, or one of
+    the two is the same in all.
+    """
+    both = ~(np.isnan(x) | np.isnan(y))
+    if both.sum() < 3 or np.ptp(x[both]) == 0.0 or np.ptp(y[both]) == 0.0:
+        return None
+    from scipy.stats import spearmanr
+
+    result = spearmanr(x[both], y[both])
+    return {"flights": int(both.sum()), "rho": float(result.statistic), "p": float(result.pvalue)}
