@@ -235,12 +235,12 @@ ADDITIONS = {
             Edit(
                 "tombo_benchmarks/tombo_benchmarks/docs/products.py",
                 PRODUCT,
-                before="PRODUCTS: Final = (",
+                before="PRODUCTS: Final",
             ),
             Edit(
                 "tombo_benchmarks/tombo_benchmarks/docs/products.py",
-                '    Product("greeting", ("greeting.txt",), _greeting),\n',
-                before='    Product("flight", ',
+                '    "greeting": Product(("greeting.txt",), _greeting),\n',
+                before='    "flight": Product(',
             ),
         ),
         "made('greeting', 'greeting.txt')",
@@ -265,9 +265,7 @@ def printed(*arguments):
     return out.getvalue()
 
 def made(name, file):
-    for product in from_("tombo_benchmarks.docs.products").PRODUCTS:
-        if product.name == name:
-            product.make(Path("."), Path("."))
+    from_("tombo_benchmarks.docs.products").PRODUCTS[name].make(Path("."), Path("."))
     return Path(file).read_text()
 
 def sent_and_recorded(topic, name, *values):

@@ -63,7 +63,8 @@ def sweep(
     import pyarrow.parquet as pq
 
     from tombo_flight.sweep.design import SweepDesign, axis_of
-    from tombo_flight.sweep.folder import TABLE, fly_sweep, open_sweep
+    from tombo_flight.sweep.flying import fly_sweep
+    from tombo_flight.sweep.folder import TABLE, open_sweep
     from tombo_flight.sweep.study import new_sweep
 
     if seeds.step != 1:

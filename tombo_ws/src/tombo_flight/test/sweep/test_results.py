@@ -10,7 +10,8 @@ import pytest
 from tombo_flight.process.study import Task
 from tombo_flight.report.page import Table
 from tombo_flight.sweep.design import SweepDesign, parse_axis
-from tombo_flight.sweep.folder import fly_sweep, open_sweep
+from tombo_flight.sweep.flying import fly_sweep
+from tombo_flight.sweep.folder import open_sweep
 from tombo_flight.sweep.page import sweep_page
 from tombo_flight.sweep.pictures import draw_distributions, draw_maps
 from tombo_flight.sweep.results import HEAD, SweepFlights, markdown, point_rows

@@ -28,14 +28,8 @@ from tombo_flight.flight_output import flight_summary
 from tombo_flight.process.study import Task, begin_flying, fly_batch
 from tombo_flight.scenario import load_scenario
 from tombo_flight.sweep.design import SweepDesign, parse_axis
-from tombo_flight.sweep.folder import (
-    OUTCOME,
-    RESULT,
-    SweepFolder,
-    fly_sweep,
-    open_sweep,
-    read_head,
-)
+from tombo_flight.sweep.flying import fly_sweep
+from tombo_flight.sweep.folder import OUTCOME, RESULT, SweepFolder, open_sweep, read_head
 from tombo_flight.sweep.study import FIGURES, LEFT_OUT, WALL_COLUMNS, new_sweep, row_of
 
 AXES = ("vehicle.mass=1.1,1.3", "mission.height=1.5:2.5:0.5")

@@ -11,8 +11,7 @@ import io
 import json
 import os
 import shutil
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,16 +21,12 @@ import numpy as np
 from tombo_dynamics.errors import InputError
 from tombo_flight.json_text import as_json
 from tombo_flight.process.output_folder import RESULT_FILES, make_numbered, whole_file, write_whole
-from tombo_flight.process.study import FlightRow, Flown, Task, fly_tasks
+from tombo_flight.process.study import FlightRow, Flown, Task
 from tombo_flight.sweep.study import SweepStudy
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from tombo_flight.report.page import Page
-
-Progress = Callable[[int, float], None]
-"""Called with the number of flights that are on disk, and the time left [s]."""
 HEAD = "sweep.json"
 PAGE = "sweep.html"
 TABLE = "flights.parquet"
@@ -280,60 +275,3 @@ def read_head(folder: Path) -> dict[str, Any]:
     if not isinstance(values, dict):
         raise InputError(f"'{path}': no sweep; accepted: a folder of a sweep")
     return values
-
-
-def fly_sweep(
-    opened: SweepFolder,
-    *,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    progress: Progress | None = None,
-    stop: Callable[[], bool] | None = None,
-    page: bool = True,
-) -> Page | None:
-    """Fly what a sweep's folder does not have, and write table, page and result.
-
-    Args:
-        opened: the folder.
-        workers: processes of this machine; the cores that this process may use if None.
-        scheduler: address of a Dask scheduler, in place of processes of this machine.
-        progress: told the progress.
-        stop: asked now and then; True ends it, with what was flown on disk.
-        page: make page and result, too.
-
-    Returns:
-        The page; None: it was stopped, or there is none.
-
-    Raises:
-        InputError: the scheduler can't be reached.
-        OSError: the folder can't be written.
-    """
-    study, began, before = opened.study, time.monotonic(), opened.kept
-
-    def keep(flown: Flown) -> None:
-        opened.keep(flown)
-        if progress is not None:
-            rate = (opened.kept - before) / max(time.monotonic() - began, 1e-6)
-            progress(opened.kept, (study.flights - opened.kept) / rate)
-
-    fly_tasks(
-        study,
-        opened.missing(),
-        study.flights - before,
-        keep,
-        workers=workers,
-        scheduler=scheduler,
-        stop=stop,
-    )
-    if opened.kept < study.flights:
-        return None
-    opened.finish()
-    if not page:
-        return None
-    from tombo_flight.report.html import write_page
-    from tombo_flight.sweep.page import sweep_page
-
-    made = sweep_page(opened)
-    write_page(opened.folder / PAGE, made)
-    opened.write_head(made.data)
-    return made

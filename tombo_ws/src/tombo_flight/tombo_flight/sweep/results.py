@@ -47,9 +47,9 @@ class SettingCells:
             place = {v: n for n, v in enumerate(numbers or levels)}
             self.cell = np.array([place[value] for value in values.tolist()], dtype=np.int64)
             return
-        shares: Array = np.linspace(0.0, 1.0, _BINS + 1)
+        shares: Array = np.arange(_BINS + 1, dtype=np.float64) / _BINS
         low, high = float(values.min()), float(values.max())
-        edges: Array = np.linspace(low, high, _BINS + 1)
+        edges: Array = low + shares * (high - low)
         if axis is not None and axis.distribution:
             edges = np.quantile(values, shares)
         self.cell = np.clip(np.searchsorted(edges, values, "right") - 1, 0, _BINS - 1)
