@@ -72,6 +72,8 @@ _WAY_NS, _WAY_OFF_M, _WAY_LASTS_NS = SECOND_NS // 2, 0.2, SECOND_NS // 7
 poses with exchanged markers do not last [ns]."""
 _VELOCITY_NS = 150_000_000
 """The velocity of the poses is that over this time [ns]."""
+_BEFORE_NS = 2 * SECOND_NS
+"""Poses of another body were followed for so long, at most, before it is known [ns]."""
 _SHOWS_S, _SHOWS_COHERENT = 1.0, 0.25
 """Time [s] and coherence after which even weak motion shows a direction to brake by: over real
 PX4 it then was right to 26 deg in ten of ten flights. It does not suffice to call axes wrong."""
@@ -208,6 +210,8 @@ class PoseMotionWatch:
         self._spans = _Span(SHORT_HALF, _SHORT_LEAST_M), _Span(LONG_HALF, _LONG_LEAST_M)
         self._drift = _DirectionSums(0.0)
         self._ways: deque[tuple[int, Array]] = deque(maxlen=100)
+        self._velocities: deque[tuple[int, Array, Array]] = deque()
+        self._measured: Array = np.zeros(3)
         self._judged_ns = self._turned_ns = 0
         self._strike_ns = -_STRIKE_NS
         self._way_off_ns: int | None = None
@@ -256,13 +260,17 @@ class PoseMotionWatch:
         way = self._ways[-1][1] if self._ways else np.zeros(3)
         self._ways.append((stamp_ns, way + step_s * self.velocity))
         self.velocity = self.velocity + step_s * (force - self._rest)
+        self._measured = self._measured + step_s * (force - self._rest)
         # PX4 calls a vehicle airborne some 0.1 s late
         shown = self._shown_velocity() if airborne else np.zeros(3)
         if shown is not None:
             share = step_s / (_BRAKES_S if self.mistake else _FOLLOWS_S)
-            self.velocity += (1.0 if strikes else share) * (shown - self.velocity)
+            self.velocity = self.velocity + (1.0 if strikes else share) * (shown - self.velocity)
         if airborne and not (self.confirmed or self.mistake):
             self._shorten_velocity()
+        self._velocities.append((stamp_ns, self.velocity, self._measured))
+        while self._velocities[0][0] < max(stamp_ns - _BEFORE_NS, self._strike_ns):
+            self._velocities.popleft()
         self._compare_height(stamp_ns, sample.pressure_altitude, step_s, airborne)
 
     def _shown_velocity(self) -> Array | None:
@@ -302,7 +310,8 @@ class PoseMotionWatch:
         seen = self._seen_velocity()
         speed = float(np.linalg.norm(self.velocity[:2]))
         if seen is not None and speed > 0.0:
-            self.velocity[:2] *= min(float(np.linalg.norm(seen[:2])) / speed, 1.0)
+            share = min(float(np.linalg.norm(seen[:2])) / speed, 1.0)
+            self.velocity = self.velocity * np.array([share, share, 1.0])
 
     def _compare_height(self, now_ns: int, altitude: float, step_s: float, airborne: bool) -> None:
         if not (self._poses and math.isfinite(altitude) and airborne):
@@ -316,7 +325,7 @@ class PoseMotionWatch:
             self._heights.popleft()
         climbed = above - self._heights[0][1]
         if abs(climbed) > _HEIGHT_OFF_M and self._begun and not self.mistake:
-            self.mistake = (
+            self.accuse(
                 f"within 5 s PX4's barometer has moved {climbed:+.1f} m against the height of the"
                 " poses: the tracked body is not this vehicle"
             )
@@ -330,12 +339,11 @@ class PoseMotionWatch:
         """
         fresh = bool(self._poses) and now_ns - self._poses[-1][0] < _FRESH_NS
         if fresh and not (self.confirmed or self.mistake):
-            self._accuse(
+            self.accuse(
                 f"the vehicle is {away_m:.2f} m beside its set point while it takes off: PX4 does"
                 " not hold it; axes of the poses, or a wind that is too strong",
                 turned=True,
             )
-            self.voids_proof = False
 
     def judge(self) -> str:
         """Compare the newest span; return the mistake, "" if no mistake is known.
@@ -391,21 +399,26 @@ class PoseMotionWatch:
         far = now_ns - self._strike_ns > _STRIKE_NS and np.linalg.norm(off) > _WAY_OFF_M
         self._way_off_ns = (self._way_off_ns or now_ns) if far else None
         if self._way_off_ns is not None and now_ns - self._way_off_ns > _WAY_LASTS_NS:
-            self.mistake = (
+            self.accuse(
                 f"within 0.5 s the poses moved {np.linalg.norm(off):.2f} m less or more than PX4's"
                 " accelerometer measures: is the tracked body this vehicle?"
             )
 
-    def _accuse(self, mistake: str, *, turned: bool = False) -> None:
-        """Take a mistake for which a proof of axes is void.
+    def accuse(self, mistake: str, *, turned: bool = False, voids_proof: bool = False) -> None:
+        """Take a mistake.
 
         Args:
             mistake: to tell.
             turned: the poses are turned or mirrored, but are this vehicle's: it brakes by them.
+                Else the velocity is as if they had not been followed lately.
+            voids_proof: it is one of axes, scale or body.
         """
-        self.mistake, self.voids_proof, self._only_turned = mistake, True, turned
+        self.mistake, self.voids_proof, self._only_turned = mistake, voids_proof, turned
         if turned:
             self._follow_poses()
+        elif self._velocities:
+            _, velocity, measured = self._velocities[0]
+            self.velocity = velocity + self._measured - measured
 
     def _follow_poses(self) -> None:
         """Take over the velocity that the poses show."""
@@ -417,14 +430,16 @@ class PoseMotionWatch:
         wrong = most < _SLOPE_LOW or slope.slope - slope.error > _SLOPE_HIGH
         if most < _SLOPE_STILL or (wrong and not self.confirmed and slope.slope < _STILL_SHARE):
             still = slope.seen < _STILL_SHARE * slope.felt
-            self._accuse(
+            self.accuse(
                 "poses do not show the motion that PX4's accelerometer measures: the tracked body"
-                f" {'does not move' if still else 'moves otherwise'}; is it this vehicle?"
+                f" {'does not move' if still else 'moves otherwise'}; is it this vehicle?",
+                voids_proof=True,
             )
         elif wrong and not self.confirmed:
-            self._accuse(
+            self.accuse(
                 f"positions move {slope.slope:.1f} times as far as PX4's accelerometer measures:"
-                " wrong scale or unit of the motion capture"
+                " wrong scale or unit of the motion capture",
+                voids_proof=True,
             )
 
     def _judge_turns(self, now_ns: int) -> None:
@@ -451,33 +466,38 @@ class PoseMotionWatch:
         self._turns_agree = slope.slope - slope.error > _SLOPE_STILL
         if slope.slope + slope.error < _SLOPE_STILL:
             still = slope.seen < _STILL_SHARE * slope.felt
-            self._accuse(
+            self.accuse(
                 "poses do not turn as PX4's gyro does: the tracked body"
                 f" {'does not move' if still else 'turns otherwise'}; is it this vehicle, is x of"
-                " the rigid body the nose?"
+                " the rigid body the nose?",
+                voids_proof=True,
             )
 
     def _judge_direction(self, level: _DirectionSums, height: _DirectionSums) -> None:
         falls = height.decides and height.product.real < 0.0
         if falls and height.coherence(height.product) > _COHERENT:
-            self._accuse("poses sink where PX4 feels that it climbs: z is upside down")
+            self.accuse(
+                "poses sink where PX4 feels that it climbs: z is upside down", voids_proof=True
+            )
             return
         if not level.decides:
             return
         turn = math.atan2(level.product.imag, level.product.real)
         along = level.coherence(level.product)
         if level.coherence(level.mirrored) > max(_COHERENT, 1.5 * along):
-            self._accuse(
+            self.accuse(
                 "poses move mirrored to where PX4's tilt drives the vehicle: positions are"
                 " left-handed, or x and y are exchanged",
                 turned=True,
+                voids_proof=True,
             )
         elif along > _COHERENT and abs(turn) > _WRONG:
-            self._accuse(
+            self.accuse(
                 f"poses move {math.degrees(turn):+.0f} deg beside where PX4's tilt drives the"
                 " vehicle: x of the rigid body is not the nose, or the axes of the positions are"
                 " not those of the attitude",
                 turned=True,
+                voids_proof=True,
             )
         elif level.time_s > _CONFIRMS_S and along > _COHERENT and abs(turn) < _RIGHT:
             self.confirmed = True
@@ -589,7 +609,7 @@ class FlightWatch:
         pose_s = (now_ns - self.pose_ns) * 1e-9
         repeats = next((f.text for f in blocking if f.key == "pose_repeated"), "")
         if repeats and self._checks_takeoff(now_ns) and pose_s > _TAKEOFF_REPEATS_S:
-            self.motion.mistake = repeats
+            self.motion.accuse(repeats)
             return repeats
         if pose_s > self._params.pose_loss_time:
             refused = next((f.text for f in blocking if f.key.startswith("pose_")), "")
