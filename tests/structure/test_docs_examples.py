@@ -19,6 +19,8 @@ import yaml
 
 from tombo_diagnosis.stand.tables import table_reader
 from tombo_flight.scenario import load_scenario
+from tombo_flight.sweep.design import SweepDesign
+from tombo_flight.sweep.study import new_sweep
 from tombo_flight.vehicle_file import vehicle_from_text
 from tombo_logs.readers.csv_mapping import parse_mapping
 
@@ -87,8 +89,10 @@ def test_yaml_is_accepted(name, tmp_path):
     for block in blocks(name, "yaml", SAVED.sub("", TEXTS[name])):
         keys = set(yaml.safe_load(block))
         file = tmp_path / "page.yaml"
-        file.write_text(block if "extends" in keys else f"extends: hover\n{block}")
-        if "tombo_vehicle" in keys:
+        file.write_text(block if keys & {"extends", "cases"} else f"extends: hover\n{block}")
+        if "cases" in keys:
+            new_sweep(str(file), SweepDesign(()), range(1))
+        elif "tombo_vehicle" in keys:
             vehicle_from_text(block, name)
         elif {"channels", "model"} <= keys:
             table_reader.parse_mapping(block, name)
