@@ -83,11 +83,12 @@ def share_interval(count: int, of: int) -> tuple[float, float] | None:
 def crash_rate(crashed: np.ndarray[Any, Any]) -> dict[str, Any]:
     """Return flights, crashed, crash_rate and its 95 % interval of (N,) outcomes, 1: crashed."""
     count, of = int(crashed.sum()), int(crashed.size)
+    interval = share_interval(count, of)
     return {
         "flights": of,
         "crashed": count,
         "crash_rate": _share(count, of),
-        "crash_rate_95": share_interval(count, of),
+        "crash_rate_95": None if interval is None else list(interval),
     }
 
 
