@@ -39,10 +39,14 @@ def stuck(height):
 class Flight:
     """A point mass takes off; a loop tilts it against the distance that the poses show."""
 
-    def __init__(self, as_mocap, lean=0.05, rate_hz=50, noise_m=0.0007, closed=True, wobble=0.0):
+    def __init__(
+        self, as_mocap, lean=0.05, rate_hz=50, noise_m=0.0007, closed=True, wobble=0.0,
+        leans_s=0.0, tilt_error_m_s2=0.0, drift_m=math.inf,
+    ):  # fmt: skip
         self.as_mocap = as_mocap if callable(as_mocap) else lambda place: as_mocap @ place
         self.lean, self.rate_hz, self.noise, self.closed = lean, rate_hz, noise_m, closed
         self.wobble = wobble
+        self.leans_s, self.tilt_error, self.drift_m = leans_s, tilt_error_m_s2, drift_m
         self.rng = np.random.default_rng(4)
         self.watch = PoseMotionWatch()
         self.place, self.speed = np.array([0.01, -0.01, 0.18]), np.zeros(3)
@@ -59,14 +63,17 @@ class Flight:
             if k > 300 and lifts_off:
                 if self.closed:
                     push[:2] = np.clip(-shown[:2] - 1.5 * rate[:2], -2.0, 2.0)
-                push[0] += self.lean * GRAVITY * math.sin(4.0 * k * 1e-3)
-                push[1] += self.lean * GRAVITY * math.cos(3.0 * k * 1e-3)
+                lean = self.lean * GRAVITY * (k > 1000 * self.leans_s)
+                push[0] += lean * math.sin(4.0 * k * 1e-3)
+                push[1] += lean * math.cos(3.0 * k * 1e-3)
                 push[2] = np.clip(2.0 * (goal_m - shown[2]) - 3.0 * rate[2], -2.0, 2.0)
                 rates[0] = self.wobble * math.sin(6.0 * k * 1e-3)
             self.speed, self.place = self.speed + push * 1e-3, self.place + self.speed * 1e-3
             self.highest = max(self.highest, float(self.place[2]))
             self.farthest = max(self.farthest, float(np.linalg.norm(self.place[:2])))
             self._send(k, push, rates, airborne=k > 300)
+            if np.linalg.norm(shown[:2]) > self.drift_m:
+                self.watch.drifts(k * MS, float(np.linalg.norm(shown[:2])))
             if k > 0 and self.watch.mistake:
                 break
         return self
@@ -74,6 +81,7 @@ class Flight:
     def _send(self, k, push, rates, airborne):
         if k % 10 == 0:
             force = push + np.array([0.0, 0.0, GRAVITY]) + self.rng.normal(0.0, 0.1, 3)
+            force[0] += self.tilt_error * airborne
             estimate = VehicleOdometry(
                 k * MS, k * MS, k * MS, self.shown, LEVEL, np.zeros(3), rates, None, 0
             )
@@ -135,6 +143,27 @@ def test_a_vehicle_that_stands_with_rotors_on_is_not_judged():
 def test_the_velocity_of_the_accelerometer_is_that_of_the_vehicle():
     flight = Flight(still).run(6.0)
     assert np.linalg.norm(flight.watch.velocity - flight.speed) < 0.15
+
+
+def test_axes_that_show_late_are_confirmed_though_the_tilt_is_wrong():
+    """0.5 deg: after 20 s the velocity by the accelerometer alone would be 1.6 m/s off."""
+    watch = Flight(np.eye(3), leans_s=20.0, tilt_error_m_s2=0.08).run(24.0).watch
+    assert watch.mistake == "" and watch.confirmed
+
+
+def test_a_body_that_stays_behind_leaves_the_velocity_of_the_vehicle():
+    flight = Flight(stuck(0.8)).run(10.0)
+    assert flight.watch.mistake
+    assert np.linalg.norm(flight.watch.velocity - flight.speed) < 0.12
+
+
+@pytest.mark.parametrize("axes", [turned(110), turned(180), np.diag([1.0, -1.0, 1.0])])
+def test_wrong_axes_leave_the_velocity_to_brake_by(axes):
+    flight = Flight(axes, lean=0.002, tilt_error_m_s2=0.08, drift_m=0.15).run(20.0)
+    assert flight.watch.mistake
+    speed = np.linalg.norm(flight.speed[:2])
+    assert speed > 0.05
+    assert np.linalg.norm((flight.watch.velocity - flight.speed)[:2]) < 0.6 * speed
 
 
 def test_poses_that_repeat_count_only_while_the_vehicle_moves():

@@ -169,6 +169,8 @@ class _Span:
     def __init__(self, half: int, least_m: float) -> None:
         self.half = half
         self.level, self.height = _DirectionSums(least_m), _DirectionSums(least_m)
+        self.weak = _DirectionSums(0.0)
+        """Of level motion, however small."""
         self.slope = MotionSlope(2 * half * GRID_S)
         scale = (half * GRID_S) ** 2
         self._least = scale * _LEVEL_LEAST_M_S2, scale * _VERTICAL_LEAST_M_S2
@@ -177,6 +179,7 @@ class _Span:
         """Add the newest second difference (3) of the poses, and that of the accelerometer."""
         (x, y, z), (u, v, w) = seen.tolist(), felt.tolist()
         self.level.add(complex(u, v), complex(x, y), step_s)
+        self.weak.add(complex(u, v), complex(x, y), step_s)
         self.height.add(complex(w), complex(z), step_s)
         level, vertical = math.hypot(u, v) > self._least[0], abs(w) > self._least[1]
         use = np.array([level, level, vertical])
@@ -208,10 +211,11 @@ class PoseMotionWatch:
 
     def _start(self) -> None:
         self._spans = _Span(SHORT_HALF, _SHORT_LEAST_M), _Span(LONG_HALF, _LONG_LEAST_M)
-        self._drift = _DirectionSums(0.0)
         self._ways: deque[tuple[int, Array]] = deque(maxlen=100)
-        self._velocities: deque[tuple[int, Array, Array]] = deque()
         self._measured: Array = np.zeros(3)
+        """Velocity by the accelerometer alone."""
+        self._velocities: deque[tuple[int, Array, Array]] = deque()
+        """Stamp, `velocity` and `_measured`, lately."""
         self._judged_ns = self._turned_ns = 0
         self._strike_ns = -_STRIKE_NS
         self._way_off_ns: int | None = None
@@ -259,8 +263,8 @@ class PoseMotionWatch:
             self._strike_ns = stamp_ns
         way = self._ways[-1][1] if self._ways else np.zeros(3)
         self._ways.append((stamp_ns, way + step_s * self.velocity))
-        self.velocity = self.velocity + step_s * (force - self._rest)
-        self._measured = self._measured + step_s * (force - self._rest)
+        change = step_s * (force - self._rest)
+        self.velocity, self._measured = self.velocity + change, self._measured + change
         # PX4 calls a vehicle airborne some 0.1 s late
         shown = self._shown_velocity() if airborne else np.zeros(3)
         if shown is not None:
@@ -277,7 +281,7 @@ class PoseMotionWatch:
         """Return the velocity (3) of the poses in PX4's map; None: their axes are not known."""
         span = self._spans[1]
         upward = span.height.decides and span.height.product.real > _COHERENT * span.height.felt
-        direction = (1.0, False) if self.confirmed else self._drift.turn
+        direction = (1.0, False) if self.confirmed else span.weak.turn
         seen = self._seen_velocity()
         if seen is None or (self.mistake and not self._only_turned):
             return None
@@ -378,8 +382,6 @@ class PoseMotionWatch:
             seen, felt = second_differences(*motion, span.half)
             if len(seen):
                 span.add(seen[-1], felt[-1], step_s)
-                if span.half == LONG_HALF:
-                    self._drift.add(complex(*felt[-1, :2]), complex(*seen[-1, :2]), step_s)
         self._judge_way(now_ns)
         struck = self._turns_agree and now_ns - self._strike_ns < _STRIKE_NS
         for span in self._spans:
