@@ -7,20 +7,20 @@ without a PX4 the simulated one flies.
 from __future__ import annotations
 
 import argparse
-import itertools
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from tombo_benchmarks.docs.markdown import table_markdown, updated
 from tombo_benchmarks.px4.lockstep_flight import fly_lockstep
-from tombo_benchmarks.px4.losses import LOSSES, LossResult, fly_loss
+from tombo_benchmarks.px4.losses import LOSSES, Loss, LossResult, fly_loss
 from tombo_benchmarks.px4.node_flight import fly_nodes_with
 from tombo_benchmarks.px4.px4_process import px4_build
 from tombo_benchmarks.px4.services import SHOWS, STATES, fly_service
@@ -97,8 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     table = markdown_table(found)
     print(f"\n{table}")
-    if options.output is not None:
-        options.output.write_text(as_json(found), encoding="utf-8")
+    _write_rows(options, found)
     if options.docs and _PAGE.is_file():
         page = _PAGE.read_text(encoding="utf-8")
         _PAGE.write_text(updated(page, {_TABLE: f"\n{table}\n"}), encoding="utf-8")
@@ -107,25 +106,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _fly_losses(options: argparse.Namespace) -> int:
     """Fly the losses; return 1 if one did not end on the ground, disarmed."""
-    rows = [loss for loss in LOSSES if not options.row or any(r in loss.name for r in options.row)]
-    results: list[LossResult] = []
+    seeds = range(options.first, options.first + options.few)
     try:
         build = None if options.px4 is None else px4_build(options.px4)
+
+        def fly(loss: Loss, seed: int, folder: Path) -> LossResult:
+            return fly_loss(loss, seed, build, folder, instance=options.instance)
+
+        named = [(loss.name, partial(fly, loss, seed)) for loss in LOSSES for seed in seeds]
         with TemporaryDirectory() as scratch, StopSignals(signal.SIGHUP) as stop:
-            for loss in rows:
-                for seed in range(options.first, options.first + options.few):
-                    if stop.asked():
-                        break
-                    folder = Path(scratch) / str(len(results))
-                    results.append(fly_loss(loss, seed, build, folder, instance=options.instance))
-                    print(_loss_line(results[-1]), flush=True)
+            results = _fly_rows(named, Path(scratch), options, stop, _loss_line)
     except InputError as error:
         print_error(str(error))
         return 2
     table = loss_table(results)
     print(f"\n{table}")
-    if options.output is not None:
-        options.output.write_text(as_json([asdict(r) for r in results]), encoding="utf-8")
+    _write_rows(options, [asdict(result) for result in results])
     if options.docs and _LOSS_PAGE.is_file():
         name = _LOSS_TABLE if build is not None else f"{_LOSS_TABLE}_simulated"
         page = _LOSS_PAGE.read_text(encoding="utf-8")
@@ -133,13 +129,13 @@ def _fly_losses(options: argparse.Namespace) -> int:
     return int(not all(result.ended for result in results))
 
 
-def _loss_line(result: LossResult) -> str:
+def _loss_line(name: str, result: LossResult) -> str:
     """Return a line about a flight that has lost something."""
     if not result.armed:
-        return f"{result.loss} {result.seed}: never armed: {result.why_not}"
+        return f"{name} {result.seed}: never armed: {result.why_not}"
     modes = ", ".join(f"{at:.1f} s {name}" for at, name in result.modes)
     state = "down, disarmed, stays so" if result.ended else "NOT ENDED"
-    return f"{result.loss} {result.seed}: {state}; {modes}"
+    return f"{name} {result.seed}: {state}; {modes}"
 
 
 def loss_table(results: Sequence[LossResult]) -> str:
@@ -226,27 +222,51 @@ def _plan(options: argparse.Namespace) -> Iterable[tuple[str, Scenario, int]]:
             yield name, load_scenario(scenario, list(settings)), seed
 
 
-def _fly_wrong_axes(
-    build: Path | None, scratch: Path, options: argparse.Namespace, stop: StopSignals
-) -> int:
-    """Fly with each wrong set-up; print the table; return the exit code."""
-    rows = []
-    for number, name in enumerate(wrong_axes_flights()):
+Row = TypeVar("Row")
+
+
+def _fly_rows(
+    named: Iterable[tuple[str, Callable[[Path], Row]]],
+    scratch: Path,
+    options: argparse.Namespace,
+    stop: StopSignals,
+    line: Callable[[str, Row], str],
+) -> list[Row]:
+    """Fly the rows that --row leaves, each in a folder of its own, and print a line about each."""
+    rows: list[Row] = []
+    for name, fly in named:
         if stop.asked():
             break
         if options.row and not any(word in name for word in options.row):
             continue
-        folder = scratch / str(number)
-        row = fly_wrong_axes(build, folder, name, options.first, instance=options.instance)
-        rows.append(row)
+        rows.append(fly(scratch / str(len(rows))))
+        print(line(name, rows[-1]), flush=True)
+    return rows
+
+
+def _write_rows(options: argparse.Namespace, rows: Sequence[Mapping[str, Any]]) -> None:
+    if options.output is not None:
+        options.output.write_text(as_json(rows), encoding="utf-8")
+
+
+def _fly_wrong_axes(
+    build: Path | None, scratch: Path, options: argparse.Namespace, stop: StopSignals
+) -> int:
+    """Fly with each wrong set-up; print the table; return the exit code."""
+
+    def fly(name: str, folder: Path) -> dict[str, Any]:
+        return fly_wrong_axes(build, folder, name, options.first, instance=options.instance)
+
+    def line(name: str, row: Mapping[str, Any]) -> str:
         state = "as wanted" if row["as_wanted"] else "NOT as wanted"
         figures = f"{row['away_m']:.2f} m away, {row['height_m']:.2f} m high"
         ends = f"{row['aloft_s']:.1f} s aloft, disarmed {row['disarmed']}"
-        print(f"{name}: {state}, armed {row['armed']}, {figures}, {ends}: {row['text']}",
-              flush=True)  # fmt: skip
+        return f"{name}: {state}, armed {row['armed']}, {figures}, {ends}: {row['text']}"
+
+    named = [(name, partial(fly, name)) for name in wrong_axes_flights()]
+    rows = _fly_rows(named, scratch, options, stop, line)
     print(f"\n{wrong_axes_table(rows)}")
-    if options.output is not None:
-        options.output.write_text(as_json(rows), encoding="utf-8")
+    _write_rows(options, rows)
     return int(not all(row["as_wanted"] for row in rows))
 
 
@@ -254,23 +274,24 @@ def _fly_services(
     build: Path | None, scratch: Path, options: argparse.Namespace, stop: StopSignals
 ) -> int:
     """Ask for each service in each state; return 1 if an answer or a flight was wrong."""
-    rows: list[dict[str, Any]] = []
-    for state, service in itertools.product(STATES, SHOWS):
-        name = f"{service} in {state}"
-        if stop.asked() or (options.row and not any(word in name for word in options.row)):
-            continue
-        folder = scratch / str(len(rows))
-        rows.append(
-            fly_service(build, folder, service, state, options.first, instance=options.instance)
-        )
-        wrong = rows[-1]["wrong"]
-        print(f"{name}: {f'WRONG ({wrong})' if wrong else 'right'}: {rows[-1]['answer']}",
-              flush=True)  # fmt: skip
-    wrong_rows = sum(bool(row["wrong"]) for row in rows)
-    print(f"\n{len(rows)} services and states, {wrong_rows} wrong")
-    if options.output is not None:
-        options.output.write_text(as_json(rows), encoding="utf-8")
-    return int(wrong_rows > 0)
+
+    def fly(service: str, state: str, folder: Path) -> dict[str, Any]:
+        return fly_service(build, folder, service, state, options.first, instance=options.instance)
+
+    def line(name: str, row: Mapping[str, Any]) -> str:
+        verdict = f"WRONG ({row['wrong']})" if row["wrong"] else "right"
+        return f"{name}: {verdict}: {row['answer']}"
+
+    named = [
+        (f"{service} in {state}", partial(fly, service, state))
+        for state in STATES
+        for service in SHOWS
+    ]
+    rows = _fly_rows(named, scratch, options, stop, line)
+    wrong = sum(bool(row["wrong"]) for row in rows)
+    print(f"\n{len(rows)} services and states, {wrong} wrong")
+    _write_rows(options, rows)
+    return int(wrong > 0)
 
 
 def _fly_all(

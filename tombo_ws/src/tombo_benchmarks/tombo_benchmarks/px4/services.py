@@ -20,7 +20,7 @@ from tombo_benchmarks.px4.losses import hover_scenario
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase, Pose
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS
-from tombo_flight.scenario import world_of
+from tombo_flight.scenario import Scenario, world_of
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.bridge.bridge_records import BridgeOutput, Reply, SessionStage
 from tombo_px4.modes import OFFBOARD, mode_name
@@ -81,8 +81,10 @@ A track has columns: height, distance, whether its mode is OFFBOARD, and armed.
 class _ServiceRun(LockstepRun):
     """A flight with a request in a state."""
 
-    def __init__(self, service: str, state: State, px4: LockstepPx4, seed: int) -> None:
-        super().__init__(px4, hover_scenario(), seed, BridgeParams(axes_evidence=SIMULATED))
+    def __init__(
+        self, service: str, state: State, px4: LockstepPx4, scenario: Scenario, seed: int
+    ) -> None:
+        super().__init__(px4, scenario, seed, BridgeParams(axes_evidence=SIMULATED))
         self._state = state
         self._requests = [*state.before, service]
         self._begun_ns = self._due_ns = self._asked_ns = self._answered_ns = 0
@@ -148,17 +150,17 @@ def fly_service(
     Raises:
         InputError: PX4 does not start, or stops answering.
     """
-    world = world_of(hover_scenario())
-    with lockstep_px4(build, folder, world, seed, {}, instance=instance) as px4:
-        run = _ServiceRun(service, STATES[state], px4, seed)
+    scenario = hover_scenario()
+    with lockstep_px4(build, folder, world_of(scenario), seed, {}, instance=instance) as px4:
+        run = _ServiceRun(service, STATES[state], px4, scenario, seed)
         run.fly()
     reply = run.reply
     row = {"state": state, "service": service, "seed": seed}
     if reply is None or not run.track:
         return row | {"answer": "", "wrong": "no answer"}
     track = np.array(run.track)
-    far = track[:, 0].max() > _HIGHEST_M or track[:, 1].max() > _FARTHEST_M
-    armed_on_ground = track[-1, 0] < _ON_GROUND_M and bool(track[-1, 3])
+    far = bool(track[:, 0].max() > _HIGHEST_M or track[:, 1].max() > _FARTHEST_M)
+    armed_on_ground = bool(track[-1, 0] < _ON_GROUND_M and track[-1, 3])
     shown = SHOWS[service](track) if reply.success else bool(reply.text)
     wrong = ["flew away"] * far + ["armed on the ground"] * armed_on_ground
     wrong += [] if shown else ["answer is not true"]
