@@ -145,16 +145,3 @@ def angle(radius: float, sd: float, span: BladeSpan, view: CameraPose) -> FlapAn
     return FlapAngle(
         float(beta[k]), pieces[0][0], pieces[-1][1], pieces, math.sqrt(float(distance[k]))
     )
-
-
-def ambiguous_angle_limit(span: BladeSpan, view: CameraPose) -> float:
-    """Return the flap [rad] up to which two angles look the same; 0 if perspective hides none.
-
-    From above the disc first grows, by its tips' coming nearer, and has its size at rest again
-    at about twice atan(r / H).
-    """
-    if not view.towards or math.isinf(view.height):
-        return 0.0
-    beta: Any = np.arange(_STEP, _LARGEST + _STEP, _STEP)
-    larger = apparent_radius(beta, span, view) > span.tip
-    return float(beta[np.flatnonzero(larger)[-1]]) if larger.any() else 0.0

@@ -33,8 +33,6 @@ def fly_command(
     model: str = "",
     vehicle: str = "",
     imports: Sequence[tuple[str, str]] = (),
-    reaction: str = "",
-    disturbances: bool = False,
 ) -> str:
     """Return the command that flies one flight again.
 
@@ -45,13 +43,10 @@ def fly_command(
         model: a model.yaml, empty: none.
         vehicle: name or file, empty: the scenario's.
         imports: files of the user, as of `imported_files`.
-        reaction: its name, empty: the scenario's.
-        disturbances: whether those of the suite lie over the scenario.
     """
     return command_line(
-        ("fly", scenario, *(["--disturbances"] if disturbances else [])),
+        ("fly", scenario),
         [
-            ("--reaction", reaction),
             ("--seed", str(seed)),
             ("--model", model),
             ("--vehicle", vehicle),

@@ -179,12 +179,9 @@ def run_sweep(
     from tombo_bringup.cli.progress import duration_text, progress_bar
     from tombo_bringup.cli.tables import show_page
     from tombo_flight.process.stop_signals import StopSignals
-    from tombo_flight.process.workers import check_scheduler
     from tombo_flight.sweep.flying import fly_sweep
     from tombo_flight.sweep.folder import HEAD, PAGE, TABLE, open_sweep
 
-    if scheduler is not None:
-        check_scheduler(scheduler)  # before a folder is made
     with (
         StopSignals() as stop,
         open_sweep(place.path, study, numbered=place.numbered, again=place.replace) as opened,

@@ -72,6 +72,32 @@ def make_numbered(path: Path) -> Path:
     raise AssertionError
 
 
+def make_parents(path: Path) -> list[Path]:
+    """Make the parents of a path that are not there, and return them, the outermost first.
+
+    Raises:
+        OSError: they can't be made; none is left.
+    """
+    made: list[Path] = []
+    try:
+        for parent in reversed([p for p in path.parents if not p.exists()]):
+            parent.mkdir(exist_ok=True)
+            made.append(parent)
+    except OSError:
+        remove_empty(made)
+        raise
+    return made
+
+
+def remove_empty(folders: Sequence[Path]) -> None:
+    """Remove folders, the last first, up to one that is not empty."""
+    for folder in reversed(folders):
+        try:
+            folder.rmdir()
+        except OSError:
+            return
+
+
 class OutputFolder:
     """Results before they are moved into a folder; see `open_output`."""
 
@@ -93,14 +119,14 @@ class OutputFolder:
         self._made: list[Path] = []
         try:
             if numbered:
-                self._make_parents()
+                self._made += make_parents(target)
                 self._take(make_numbered(target))
             self._inside = target.is_dir() and not numbered
             if not numbered:
                 self._refuse_unsuitable()
             self.staging = self._make_staging()
         except OSError as error:
-            self._remove_made()
+            remove_empty(self._made)
             raise self._unwritable(error) from error
         self._published = False
 
@@ -157,29 +183,17 @@ class OutputFolder:
         """Remove everything that was made, unless it has been published."""
         if not self._published:
             shutil.rmtree(self.staging, ignore_errors=True)
-            self._remove_made()
+            remove_empty(self._made)
 
     def _make_staging(self) -> Path:
         """Make the hidden folder: inside the target if that is there, else beside it."""
         if self._inside:
             staging = self._target / f".tombo-{secrets.token_hex(4)}"
         else:
-            self._make_parents()
+            self._made += make_parents(self._target)
             staging = self._target.parent / f".{self._target.name}-{secrets.token_hex(4)}"
         staging.mkdir()
         return staging
-
-    def _make_parents(self) -> None:
-        for parent in reversed([p for p in self._target.parents if not p.exists()]):
-            parent.mkdir(exist_ok=True)
-            self._made.append(parent)
-
-    def _remove_made(self) -> None:
-        for folder in reversed(self._made):
-            try:
-                folder.rmdir()
-            except OSError:
-                return
 
     def _refuse_unsuitable(self) -> None:
         if not os.path.lexists(self._target):

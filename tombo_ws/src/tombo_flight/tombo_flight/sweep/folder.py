@@ -12,7 +12,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,14 @@ import numpy as np
 
 from tombo_dynamics.errors import InputError
 from tombo_flight.json_text import as_json
-from tombo_flight.process.output_folder import RESULT_FILES, make_numbered, whole_file, write_whole
+from tombo_flight.process.output_folder import (
+    RESULT_FILES,
+    make_numbered,
+    make_parents,
+    remove_empty,
+    whole_file,
+    write_whole,
+)
 from tombo_flight.process.study import FlightRow, Flown, Task
 from tombo_flight.sweep.study import SweepStudy
 
@@ -184,7 +191,7 @@ def open_sweep(
 ) -> Iterator[SweepFolder]:
     """Open the folder of a sweep: a new or empty one, or that of the same sweep, to go on with.
 
-    A new one is gone again where not one flight was flown.
+    A new one, with the parents made for it, is gone again where not one flight was flown.
 
     Args:
         folder: the folder; its parents are made as needed.
@@ -196,13 +203,16 @@ def open_sweep(
         InputError: something else is in it, or another process flies it.
     """
     new = numbered or not folder.exists()
+    made: list[Path] = []
     try:
+        made += make_parents(folder)
         if numbered:
-            folder.parent.mkdir(parents=True, exist_ok=True)
             folder = make_numbered(folder)
         else:
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(exist_ok=True)
+        made += [folder] if new else []
     except OSError as error:
+        remove_empty(made)
         raise InputError(
             f"-o {folder}: can't be written ({error.strerror}); accepted: a folder, new or empty"
         ) from error
@@ -228,9 +238,7 @@ def open_sweep(
             if not begun and not opened.kept:
                 (folder / HEAD).unlink(missing_ok=True)
                 opened.remove_flights()
-                if new:
-                    with suppress(OSError):
-                        folder.rmdir()
+                remove_empty(made)
     finally:
         os.close(lock)
 

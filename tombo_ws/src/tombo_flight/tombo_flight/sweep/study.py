@@ -284,13 +284,12 @@ def _case_texts(scenarios: str) -> list[tuple[str, str, tuple[str, ...]]]:
     """Return name, scenario and settings of each case."""
     cases: list[tuple[str, str, tuple[str, ...]]] = []
     for word in (part.strip() for part in scenarios.split(",")):
-        text = _text_with_cases(word)
-        if text is None:
+        given_cases = _cases_of(word)
+        if given_cases is None:
             cases.append((word, word, ()))
             continue
         what = f"'{word}'"
-        values = mapping_of(parse_yaml(text, what), what)
-        for name, given in mapping_of(values[_CASES], f"{what}: {_CASES}").items():
+        for name, given in given_cases.items():
             settings = dict(mapping_of(given or {}, f"{what}: {name}"))
             scenario = settings.pop("scenario", name)
             if not isinstance(name, str) or not isinstance(scenario, str):
@@ -303,12 +302,17 @@ def _case_texts(scenarios: str) -> list[tuple[str, str, tuple[str, ...]]]:
     return cases
 
 
-def _text_with_cases(word: str) -> str | None:
-    """Return the text of a file that has cases; None: it is a scenario."""
+def _cases_of(word: str) -> Mapping[str, Any] | None:
+    """Return the cases of a file that has some; None: it is a scenario."""
+    what = f"'{word}'"
     if word == COLLISIONS:
         source = resources.files("tombo_flight").joinpath("sweep", f"{COLLISIONS}.yaml")
-        return source.read_text(encoding="utf-8")
-    if not Path(word).is_file():
+        text = source.read_text(encoding="utf-8")
+    elif Path(word).is_file():
+        text = read_text(Path(word), what)
+    else:
         return None
-    text = read_text(Path(word), f"'{word}'")
-    return text if f"\n{_CASES}:" in f"\n{text}" else None
+    values = parse_yaml(text, what)
+    if not isinstance(values, Mapping) or _CASES not in values:
+        return None
+    return mapping_of(values[_CASES], f"{what}: {_CASES}")
