@@ -8,6 +8,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from tombo_ros.core_node import LOOP_SILENT
+
 RESEND_S = 10.0
 """How long an answer may take."""
 
@@ -21,9 +23,15 @@ def set_parameters(world, node, patience_s=60.0, **values):
 
 
 def call_trigger(world, node, name, patience_s=60.0):
-    """Give a node a command; return whether it is obeyed, and why not."""
-    answer = call(world, Trigger, f"/{node}/{name}", Trigger.Request(), patience_s)
-    return answer.success, answer.message
+    """Give a node a command; return whether it is obeyed, and why not.
+
+    A loop that a busy machine has held up withdraws the command, which is given again then.
+    """
+    end = time.monotonic() + patience_s
+    while True:
+        answer = call(world, Trigger, f"/{node}/{name}", Trigger.Request(), patience_s)
+        if answer.message != LOOP_SILENT or time.monotonic() > end:
+            return answer.success, answer.message
 
 
 def call(world, kind, service, request, patience_s):

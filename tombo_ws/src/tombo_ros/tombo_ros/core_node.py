@@ -34,7 +34,9 @@ _RECHECK_NS, _RECHECKS = 100_000, 4
 """Time between further checks for a late sample, and their number."""
 _WARM_UP_TICKS, _WARM_UP_POSE = 120, 30
 _ANSWER_S = 2.0
-"""A command that the loop has not taken by then was not obeyed."""
+"""Time that the loop has for taking a command."""
+LOOP_SILENT = f"the loop has not run for {_ANSWER_S:g} s: the command is withdrawn"
+"""Refusal of a command that it has not taken."""
 
 
 class CoreInput:
@@ -120,10 +122,14 @@ class CoreNode(LoopNode):
         def serve(request: Any, response: Any) -> Any:
             command = _Command(name)
             self._commands.append(command)
-            if command.done.wait(_ANSWER_S):
-                response.success, response.message = not command.refusal, command.refusal
-            else:
-                response.message = "the loop does not run: no time passes"
+            if not command.done.wait(_ANSWER_S):
+                try:  # what was called refused is not obeyed later
+                    self._commands.remove(command)
+                except ValueError:  # the loop has just taken it
+                    command.done.wait()
+                else:
+                    command.refusal = LOOP_SILENT
+            response.success, response.message = not command.refusal, command.refusal
             return response
 
         return serve
