@@ -37,7 +37,11 @@ class CrashingMultirotor(Multirotor):
 
 
 def fly(mishap: Mishap, rng: np.random.Generator) -> tuple[Array, float]:
-    """Fly as `crash_flight.fly_crash` does."""
+    """Fly until some time after the mishap, or until nothing can be computed any more.
+
+    Returns:
+        Rows as `crash_log.write_crash` takes them, and when the mishap began [s].
+    """
     true = dict(quad_params)
     for name in ("k_eta", "mass", "tau_m"):
         true[name] = true[name] * (1.0 + 0.03 * rng.standard_normal())
@@ -97,4 +101,4 @@ if __name__ == "__main__":
     for order in orders:
         chance = np.random.default_rng(order["seed"])
         rows, began = fly(Mishap.draw(order["kind"], chance), chance)
-        np.savez(order["path"], rows=rows, began=began)
+        np.savez_compressed(order["path"], rows=rows.astype(np.float32), began=began)

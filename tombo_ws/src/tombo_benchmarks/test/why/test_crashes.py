@@ -1,12 +1,24 @@
-"""Simulated crashes do what they are called, and `why` names them from their logs."""
+"""Recorded crashes of rotorpy do what they are called, and `why` names them from their logs.
+
+`recordings/orders.json` makes the recordings again, in their folder:
+`PYTHONPATH=../.. ENV/bin/python ../../other_environments/rotorpy_crashes.py orders.json`.
+"""
+
+import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tombo_benchmarks.diagnosis.second_simulator.vehicles import S500
-from tombo_benchmarks.why.crash_benchmark import aggregate, examine
-from tombo_benchmarks.why.crash_flight import fly_crash
-from tombo_benchmarks.why.mishap import KINDS, Mishap, began
+from tombo_benchmarks.why.crash_benchmark import aggregate, examine_crash, read_crash
+from tombo_benchmarks.why.mishap import Mishap, began
+
+RECORDINGS = Path(__file__).parents[1] / "recordings"
+SEEDS = {
+    o["kind"]: o["seed"]
+    for o in json.loads((RECORDINGS / "orders.json").read_text())
+    if "kind" in o
+}
 
 
 def test_a_crash_is_drawn_alike_from_its_seed_and_sizes_differ():
@@ -15,21 +27,20 @@ def test_a_crash_is_drawn_alike_from_its_seed_and_sizes_differ():
     assert once.size != other.size
 
 
-@pytest.mark.slow
 def test_a_stopped_vehicle_falls_freely_from_the_time_of_the_mishap():
-    mishap = Mishap.draw("killed", np.random.default_rng(3))
-    rows, start = fly_crash(S500, mishap, np.random.default_rng(3))
-    assert start == pytest.approx(mishap.time, abs=0.005)
+    mishap = Mishap.draw("killed", np.random.default_rng(SEEDS["killed"]))
+    rows, start = read_crash(RECORDINGS / "killed.npz")
+    assert start == pytest.approx(mishap.time, abs=0.01)
     before, after = rows[rows[:, 0] < start], rows[rows[:, 0] > start + 0.2]
     assert before[:, 13].mean() == pytest.approx(9.8, abs=0.5)
     assert np.abs(after[:20, 13]).max() < 2.0
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [1, 6, 10, 18])
-def test_cause_and_time_of_a_crash_are_named_from_its_log(number):
-    row = examine("", 300, number)
-    assert row["kind"] == list(KINDS)[number // 2]
+@pytest.mark.parametrize("kind", SEEDS)
+def test_cause_and_time_of_a_crash_are_named_from_its_log(kind):
+    seed = SEEDS[kind]
+    row = examine_crash(kind, (seed[0], seed[1]), *read_crash(RECORDINGS / f"{kind}.npz"))
     assert row["said"] == row["cause"]
     assert row["said_s"] == pytest.approx(row["time_s"], abs=0.1)
 

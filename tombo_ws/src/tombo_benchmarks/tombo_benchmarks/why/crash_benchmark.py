@@ -14,54 +14,51 @@ from typing import Any, Final
 import numpy as np
 
 from tombo_benchmarks.diagnosis.runner import BenchmarkResult, Row, run_benchmark
-from tombo_benchmarks.diagnosis.second_simulator.vehicles import VEHICLES
-from tombo_benchmarks.why.crash_flight import fly_crash
 from tombo_benchmarks.why.crash_log import write_crash
 from tombo_benchmarks.why.mishap import KINDS, Array, Mishap, began
 from tombo_diagnosis.crash.reason import why
 from tombo_logs.readers.csv_mapping import load_mapping
 from tombo_logs.readers.log_reader import read_log
 
+_ROTOR_COLUMNS: Final = (1, 3, 0, 2)
+"""Columns of the Hummingbird's rotors in the order of ROTOR_NAMES."""
 _PACKAGE: Final = Path(__file__).parents[2]
-_PEER: Final = _PACKAGE / "other_environments" / "rotorpy_crashes.py"
-_OUR_ORDER, _PEER_ORDER = (1, 2, 3, 0), (1, 3, 0, 2)
-"""Columns of the rotors in the order of ROTOR_NAMES."""
+_SCRIPT: Final = _PACKAGE / "other_environments" / "rotorpy_crashes.py"
 _CLOSE_S: Final = 0.1
 _ABSTAINED: Final = ("set", "unknown", "none")
 
 
 def examine(rotorpy: str, seed: int, number: int) -> Row:
-    """Fly, write and ask; odd numbers fly with rotorpy, if its Python is given."""
-    kind = list(KINDS)[number // 2 % len(KINDS)]
-    peer = bool(rotorpy) and number % 2 == 1
-    rng = np.random.default_rng([seed, number])
-    mishap = Mishap.draw(kind, rng)
+    """Fly with the Python that has rotorpy, write and ask."""
+    kind = list(KINDS)[number % len(KINDS)]
     with tempfile.TemporaryDirectory() as folder:
-        if peer:
-            rows, start = _fly_peer(rotorpy, Path(folder), [seed, number], kind)
-        else:
-            quad = VEHICLES[sorted(VEHICLES)[number // 20 % len(VEHICLES)]]
-            rows, start = fly_crash(quad, mishap, rng)
-        true = began(mishap, rows[:, 0], rows[:, 8:11], rows[:, 18:22], start)
-        order = _PEER_ORDER if peer else _OUR_ORDER
-        noise = np.random.default_rng([seed, number, 5])
-        log, mapping = write_crash(Path(folder), rows, mishap, order, noise)
-        found = why(read_log(log, "crash", load_mapping(mapping)))
-    return {
-        "case": number, "kind": kind, "simulator": "rotorpy" if peer else "second",
-        "cause": KINDS[kind], "time_s": true, "said": found.cause, "said_s": found.time_s,
-        "confidence": found.confidence, "channels": sorted(found.flight.series),
-    }  # fmt: skip
+        orders, path = Path(folder) / "orders.json", Path(folder) / "crash.npz"
+        order = {"path": str(path), "seed": [seed, number], "kind": kind}
+        orders.write_text(json.dumps([order]), encoding="utf-8")
+        env = {**os.environ, "PYTHONPATH": str(_PACKAGE), "OPENBLAS_NUM_THREADS": "1"}
+        subprocess.run([rotorpy, _SCRIPT, orders], check=True, env=env)
+        return examine_crash(kind, (seed, number), *read_crash(path))
 
 
-def _fly_peer(python: str, folder: Path, seed: list[int], kind: str) -> tuple[Array, float]:
-    orders = folder / "orders.json"
-    path = folder / "rows.npz"
-    orders.write_text(json.dumps([{"path": str(path), "seed": seed, "kind": kind}]))
-    env = {**os.environ, "PYTHONPATH": str(_PACKAGE), "OPENBLAS_NUM_THREADS": "1"}
-    subprocess.run([python, _PEER, orders], check=True, env=env)
+def read_crash(path: Path) -> tuple[Array, float]:
+    """Return the rows of a recorded crash, as `write_crash` takes them, and when it began [s]."""
     with np.load(path) as flown:
-        return flown["rows"], float(flown["began"])
+        return flown["rows"].astype(np.float64), float(flown["began"])
+
+
+def examine_crash(kind: str, seed: tuple[int, int], rows: Array, start: float) -> Row:
+    """Write a crash and ask what it was."""
+    mishap = Mishap.draw(kind, np.random.default_rng(seed))
+    true = began(mishap, rows[:, 0], rows[:, 8:11], rows[:, 18:22], start)
+    noise = np.random.default_rng([*seed, 5])
+    with tempfile.TemporaryDirectory() as folder:
+        log, mapping = write_crash(Path(folder), rows, mishap, _ROTOR_COLUMNS, noise)
+        said = why(read_log(log, "crash", load_mapping(mapping)))
+    return {
+        "case": seed[1], "kind": kind, "cause": KINDS[kind], "time_s": true, "said": said.cause,
+        "said_s": said.time_s, "confidence": said.confidence,
+        "channels": sorted(said.flight.series),
+    }  # fmt: skip
 
 
 def aggregate(rows: Sequence[Row]) -> dict[str, Any]:
@@ -89,6 +86,6 @@ def _score(rows: Sequence[Row]) -> dict[str, Any]:
 def benchmark(rotorpy: str, *options: Any) -> BenchmarkResult:
     """Ask about many crashes.
 
-    `rotorpy`: a Python that has it, or empty; `options`: of `run_benchmark`.
+    `rotorpy`: a Python that has it; `options`: of `run_benchmark`.
     """
     return run_benchmark(partial(examine, rotorpy), aggregate, *options)

@@ -53,7 +53,7 @@ _SILENT_S = 5.0
 _LIFTED_M = 0.1
 _COMES_DOWN_S = 21.0
 """A little longer than the bridge stays with a vehicle that lands."""
-_RELAYED_S = 1.0
+_RELAYED_S = 5.0
 """Wait for the bridge's last status, which the monitor forwards."""
 
 

@@ -10,6 +10,9 @@ signal.signal(signal.SIGINT, lambda number, frame: sys.exit(0))
 assert sys.argv[1:] == ["--flight"]
 ends = {"land": (0.18, 7)}
 k = 0
+recorded = os.environ["FAKE_FLIGHT"] != "early"
+while recorded and not os.path.exists(os.environ["FAKE_METADATA"]):  # the recorder runs
+    time.sleep(0.02)
 while True:
     flying = k > 4
     height, phase = (

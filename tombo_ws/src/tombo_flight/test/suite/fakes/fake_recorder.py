@@ -14,15 +14,11 @@ file = Path(sys.argv[sys.argv.index("--params-file") + 1])
 mine = yaml.safe_load(file.read_text())["/**/recorder"]["ros__parameters"]
 
 
-def finish(number, frame):
-    shutil.copyfile(os.environ["FAKE_BAG"], mine["single_file"])
-    shutil.copyfile(mine["metadata_file"], os.environ["FAKE_METADATA"])
-    sys.exit(0)
-
-
-signal.signal(signal.SIGINT, finish)
+signal.signal(signal.SIGINT, lambda number, frame: sys.exit(0))
+json.loads(Path(mine["metadata_file"]).read_text())
+shutil.copyfile(os.environ["FAKE_BAG"], mine["single_file"])
+shutil.copyfile(mine["metadata_file"], os.environ["FAKE_METADATA"])  # the flight waits for it
 if os.environ["FAKE_FLIGHT"] == "interrupt":
     os.kill(os.getppid(), signal.SIGINT)
-json.loads(Path(mine["metadata_file"]).read_text())
 while True:
     time.sleep(0.05)
