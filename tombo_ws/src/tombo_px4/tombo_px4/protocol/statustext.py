@@ -18,7 +18,7 @@ from tombo_px4.link.event_definitions import (
     KNOWN_EVENTS,
     event_number,
 )
-from tombo_px4.link.framing import ARGUMENTS, EventMessage
+from tombo_px4.link.extra_messages import EventMessage
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
 
 _ALL_MODES = 0xFFFFFFFF
@@ -158,7 +158,7 @@ class StatusTextSender:
     def _send_event(self, name: str, severity: int, boot_us: int, first: int = 0) -> None:
         kinds = KNOWN_EVENTS[name].format if name in KNOWN_EVENTS else "<"
         values = [first, *([0] * 8)][: len(kinds) - 1]
-        arguments = list(struct.pack(kinds, *values).ljust(ARGUMENTS, b"\0"))
+        arguments = list(struct.pack(kinds, *values).ljust(40, b"\0"))
         self._event_sequence = (self._event_sequence + 1) % 65536
         content = (event_number(name), boot_us // 1000 % 2**32, self._event_sequence)
         for port in self._channels:
