@@ -15,7 +15,7 @@ from tombo_px4.link.mavlink_link import Link
 PX4_PORT = 4560
 """Of PX4 instance 0; instance N asks for this port plus N."""
 SYSTEM, COMPONENT = 1, 200
-"""Who PX4's simulators say they are."""
+"""MAVLink ids that PX4's simulators use."""
 
 
 class ActuatorControls(NamedTuple):
@@ -118,7 +118,7 @@ class HilLink:
         return interval_us
 
     def send(self, data: bytes) -> None:
-        """Send frames to PX4; what the socket does not take now goes later, too much ends it."""
+        """Send frames to PX4, later if the socket is full; too many of them end the connection."""
         if not self._link.send_frames(data):
             self._link.disconnect()
 

@@ -1,6 +1,6 @@
 """A link to a MAVLink partner: pymavlink's parser and signing over a transport.
 
-Nothing here blocks, and no received bytes raise an exception: what is refused is counted. A link
+Calls do not block, and no received bytes raise an exception: refused frames are counted. A link
 has one peer at a time, and is for one thread.
 """
 
@@ -30,7 +30,7 @@ _ACCEPTED_KEY = (
 
 
 def read_key(path: str, warn: Callable[[str], object]) -> bytes | None:
-    """Return the key of a file, None for an empty path; `warn` is told if others may read it.
+    """Return the key of a file, None for an empty path; `warn` is called if others may read it.
 
     Raises:
         InputError: no such file, or no key in it.
@@ -128,8 +128,8 @@ class Codec(common.MAVLink):  # type: ignore[misc]
     def set_key(self, key: bytes, link_id: int, now_ns: int) -> None:
         """Sign what is sent, and take signed messages only.
 
-        What was signed before `now_ns` is refused: it may be a recording. A sender whose clock is
-        behind takes over our time when it hears us, as the protocol has it.
+        Messages signed before `now_ns` are refused: they may be a recording. A sender whose clock
+        is behind takes over our time when it hears us, as the protocol has it.
         """
         self.signing.secret_key = check_key(key)
         self.signing.link_id = link_id

@@ -263,13 +263,13 @@ class _Udp:
         self.peer = peer
 
     def maintain(self) -> None:
-        """Nothing is ever due."""
+        """Do nothing: a datagram needs no connection."""
 
     def due_ns(self) -> int | None:
         return None
 
     def lose(self) -> None:
-        """There is no connection."""
+        """Do nothing: UDP has no connection."""
 
     def close(self) -> None:
         self._socket.close()
@@ -346,7 +346,7 @@ class _Stream:
         return "" if self.connected else "send_failed"
 
     def answer(self, peer: Any) -> None:
-        """Nobody else can speak here."""
+        """Do nothing: the one peer is known."""
 
     def maintain(self) -> None:
         """Open the file again if it was lost."""
@@ -362,7 +362,7 @@ class _Stream:
         return _RETRY_NS - waited_ns if 0 <= waited_ns < _RETRY_NS else 0
 
     def close(self) -> None:
-        """Close the file; the next `read` tells that the stream has ended."""
+        """Close the file; the next `read` returns the end of the stream."""
         self.lose()
         self._watch.close()
 
@@ -382,7 +382,7 @@ class _Stream:
             self.lose()
 
     def lose(self) -> None:
-        """Close the file; the next `read` tells that the stream has ended."""
+        """Close the file; the next `read` returns the end of the stream."""
         if self._file is not None:
             self._file.close()
             self._file = None

@@ -22,7 +22,7 @@ class Px4Event(NamedTuple):
     kinds: str = ""
     """Of its arguments, as `struct` takes them."""
     modes: int = 0
-    """Of a check: modes that it stands in the way of, bits of PX4's `navigation_state_t`."""
+    """Of a check: modes that it forbids, bits of PX4's `navigation_state_t`."""
 
 
 _CHECK = "IB"
