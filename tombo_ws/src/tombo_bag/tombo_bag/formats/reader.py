@@ -140,8 +140,14 @@ class Bag(BagFile):
             data = self._open(place) if wanted else b""
             for number in wanted:
                 rows = (place.index or {}).get(number)
-                if rows is not None:
-                    yield number, *extract_messages(data, rows[:, 1])
+                if rows is None:
+                    continue
+                piece = extract_messages(data, number, rows[:, 1])
+                if piece is None:
+                    place.index = index_chunk(data, self._map)
+                    piece = extract_messages(data, number, place.index.get(number, rows[:0])[:, 1])
+                if piece is not None:
+                    yield number, *piece
 
     def _open(self, place: ChunkPlace) -> bytes | memoryview:
         data, damage = open_chunk(place, self._largest)

@@ -238,12 +238,17 @@ def index_chunk(data: bytes | memoryview, file_map: FileMap) -> dict[int, NDArra
 
 
 def extract_messages(
-    data: bytes | memoryview, offsets: NDArray[np.uint64]
-) -> tuple[NDArray[np.void], list[bytes]]:
-    """Take messages out of a chunk: their heads and their bytes."""
+    data: bytes | memoryview, channel: int, offsets: NDArray[np.uint64]
+) -> tuple[NDArray[np.void], list[bytes]] | None:
+    """Take messages out of a chunk: their heads and their bytes; None if the index is damaged."""
     starts = offsets.astype(np.int64)
+    if starts.size and not 0 <= starts.min() <= starts.max() <= len(data) - HEAD.itemsize:
+        return None
     block = np.frombuffer(data, np.uint8)[starts[:, None] + np.arange(HEAD.itemsize)]
     heads: NDArray[np.void] = block.view(HEAD).ravel()
     ends = starts + PREFIX_SIZE + heads["length"].astype(np.int64)
+    right = (heads["opcode"] == Opcode.MESSAGE) & (heads["channel"] == channel)
+    if not (right & (ends <= len(data)) & (ends >= starts + HEAD.itemsize)).all():
+        return None
     pairs = zip((starts + HEAD.itemsize).tolist(), ends.tolist(), strict=True)
     return heads, [bytes(data[start:end]) for start, end in pairs]
