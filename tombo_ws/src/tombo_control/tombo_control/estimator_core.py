@@ -211,7 +211,7 @@ def _initialize(
 def _is_apart(observer: Any, position: AnyVector, other: AnyVector, since_ns: int) -> bool:
     """Return whether two places are further apart than the vehicle moves within a time [ns]."""
     limit = observer.jump_min + observer.jump_speed * since_ns * 1e-9
-    return norm(subtract(position, other)) > limit
+    return bool(norm(subtract(position, other)) > limit)
 
 
 @compiled(inline=False)
