@@ -42,8 +42,8 @@ _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 
 
 @dataclass(frozen=True)
-class ShapeGroup:
-    """Messages of one shape: which ones, and their (N, size) bytes."""
+class _Group:
+    """Messages of one shape: which ones, and their bytes as a structured array."""
 
     layout: Layout
     rows: NDArray[np.intp]
@@ -51,7 +51,6 @@ class ShapeGroup:
 
     @cached_property
     def records(self) -> NDArray[np.void]:
-        """The messages as a structured array."""
         return self.block.view(self.layout.dtype).ravel()
 
 
@@ -65,7 +64,7 @@ def columns_of(typename: str, messages: list[bytes], types: Types) -> ColumnTabl
     Raises:
         InputError: a message doesn't fit its type.
     """
-    groups = grouped_by_shape(typename, messages, types)
+    groups = _groups(typename, messages, types)
     table: ColumnTable = {}
     leaves: dict[str, dict[int, Leaf]] = {}
     texts: dict[str, dict[int, TextPlace]] = {}
@@ -87,17 +86,17 @@ def columns_of(typename: str, messages: list[bytes], types: Types) -> ColumnTabl
 def rows_that_fit(typename: str, messages: list[bytes], types: Types) -> list[int]:
     """Return which messages fit their type."""
     lost: list[int] = []
-    grouped_by_shape(typename, messages, types, lost)
+    _groups(typename, messages, types, lost)
     return np.delete(np.arange(len(messages)), lost).tolist()  # type: ignore[no-any-return]
 
 
-def grouped_by_shape(
+def _groups(
     typename: str, messages: list[bytes], types: Types, lost: list[int] | None = None
-) -> list[ShapeGroup]:
+) -> list[_Group]:
     """Put messages of one shape together; those that don't fit go to `lost`, else it raises."""
     sizes = np.fromiter(map(len, messages), np.intp, len(messages))
     left = np.ones(len(messages), bool)
-    groups: list[ShapeGroup] = []
+    groups: list[_Group] = []
     while left.any():
         row = int(np.argmax(left))
         first = messages[row]
@@ -117,12 +116,12 @@ def grouped_by_shape(
         if not fits.all():
             rows, block = rows[fits], np.ascontiguousarray(block[fits])
         left[rows] = False
-        groups.append(ShapeGroup(shape, rows, block))
+        groups.append(_Group(shape, rows, block))
     return groups
 
 
 def _numbers(
-    path: str, leaves: Mapping[int, Leaf], groups: list[ShapeGroup], number: int
+    path: str, leaves: Mapping[int, Leaf], groups: list[_Group], number: int
 ) -> NDArray[Any]:
     leaf = next(iter(leaves.values()))
     counts = {leaf.count for leaf in leaves.values()}
@@ -143,9 +142,7 @@ def _numbers(
     return ragged
 
 
-def _strings(
-    texts: Mapping[int, TextPlace], groups: list[ShapeGroup], number: int
-) -> NDArray[Any]:
+def _strings(texts: Mapping[int, TextPlace], groups: list[_Group], number: int) -> NDArray[Any]:
     column = np.full(number, "", object)
     for i, text in texts.items():
         column[groups[i].rows] = _decoded(text, groups[i].block)

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_bag.flight import Finding, Flight, RefusedLog, Series
+from tombo_bag.channels import CHANNELS
+from tombo_bag.flight import Finding, Flight, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
@@ -59,8 +60,9 @@ class LogFault:
         )
 
     def named_by_error(self, error: InputError) -> bool:
-        """Return whether checks refuse the flight by a channel that it concerns."""
-        return isinstance(error, RefusedLog) and self.concerns(error.finding.channel)
+        """Return whether an error names a channel that it concerns."""
+        text = str(error)
+        return any(name in text for name in CHANNELS if self.concerns(name))
 
     def concerns(self, channel: str) -> bool:
         """Return whether the channel is changed, or compared with one that is."""
