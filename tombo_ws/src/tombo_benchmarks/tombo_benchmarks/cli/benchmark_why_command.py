@@ -15,7 +15,6 @@ from tombo_benchmarks.cli.benchmark_run import (
     checked_python,
     run_and_print,
 )
-from tombo_benchmarks.why.crash_benchmark import benchmark
 from tombo_bringup.cli.options import Seed, Workers
 from tombo_flight.report.page import Table
 
@@ -33,6 +32,8 @@ def benchmark_why(
     Times and sizes are drawn; sensors and channels of the logs differ.
     """
     count = checked(cases, workers, output)
+    from tombo_benchmarks.why.crash_benchmark import benchmark
+
     run = partial(benchmark, checked_python(rotorpy))
     run_and_print("why", run, cases, seed, count, output, as_json, print_score)
 
