@@ -104,7 +104,7 @@ class CoreNode(LoopNode):
         self._outputs = {topic: self.advertise(TOPICS[topic]) for topic in core.outputs}
         self._commands: deque[_Command] = deque()  # filled by the services' thread
         for name in core.commands:
-            self.ros.create_service(Trigger, f"~/{name}", self._server(name))
+            self.ros.create_service(Trigger, f"~/{name}", self._command_service(name))
         self._shown_faults: set[str] = set()
         self._late_samples = 0
         self.step_ns = 0
@@ -116,7 +116,7 @@ class CoreNode(LoopNode):
         self.core.set_params(name, value)
         self._take_over_faults()
 
-    def _server(self, name: str) -> Callable[[Any, Any], Any]:
+    def _command_service(self, name: str) -> Callable[[Any, Any], Any]:
         """Return the service that hands a command to the loop and waits for its answer."""
 
         def serve(request: Any, response: Any) -> Any:
