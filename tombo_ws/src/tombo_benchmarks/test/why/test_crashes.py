@@ -5,6 +5,7 @@
 """
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,8 @@ from tombo_benchmarks.why.crash_benchmark import aggregate, examine_crash, read_
 from tombo_benchmarks.why.mishap import Mishap, began
 
 RECORDINGS = Path(__file__).parents[1] / "recordings"
-SEEDS = {
-    o["kind"]: o["seed"]
-    for o in json.loads((RECORDINGS / "orders.json").read_text())
-    if "kind" in o
-}
+ORDERS = json.loads((RECORDINGS / "orders.json").read_text())
+SEEDS = {order["kind"]: tuple(order["seed"]) for order in ORDERS}
 
 
 def test_a_crash_is_drawn_alike_from_its_seed_and_sizes_differ():
@@ -39,8 +37,7 @@ def test_a_stopped_vehicle_falls_freely_from_the_time_of_the_mishap():
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", SEEDS)
 def test_cause_and_time_of_a_crash_are_named_from_its_log(kind):
-    seed = SEEDS[kind]
-    row = examine_crash(kind, (seed[0], seed[1]), *read_crash(RECORDINGS / f"{kind}.npz"))
+    row = examine_crash(kind, SEEDS[kind], *read_crash(RECORDINGS / f"{kind}.npz"))
     assert row["said"] == row["cause"]
     assert row["said_s"] == pytest.approx(row["time_s"], abs=0.1)
 
@@ -62,3 +59,10 @@ def test_loops_that_swing_deviate_when_their_rates_do():
     assert began(mishap, t, rates, command, mishap.time) == pytest.approx(
         mishap.time + 0.3, abs=0.02
     )
+
+
+def test_a_python_without_rotorpy_is_refused(tombo):
+    for python in ("/no/such/python", sys.executable):
+        result = tombo("benchmark", "why", "--rotorpy", python)
+        assert result.code == 2
+        assert f"--rotorpy '{python}' can't import rotorpy; accepted: " in result.err

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -46,14 +45,6 @@ Output = Annotated[
 ]
 AsJson = Annotated[bool, json_option("Print cases and aggregate as JSON, and nothing else.")]
 
-Rotorpy = Annotated[
-    Path,
-    typer.Option(
-        "--rotorpy", metavar="PYTHON", show_default=False,
-        help="Python of an environment that has rotorpy 3.0.0 (`pip install rotorpy==3.0.0`).",
-    ),
-]  # fmt: skip
-
 
 def checked(cases: int, workers: int | None, output: Path | None) -> int:
     """Return how many processes to use.
@@ -68,23 +59,6 @@ def checked(cases: int, workers: int | None, output: Path | None) -> int:
     from tombo_flight.process.workers import process_count
 
     return process_count(workers)
-
-
-def checked_python(rotorpy: Path) -> str:
-    """Return the absolute path of a Python that has rotorpy.
-
-    Raises:
-        InputError: it does not run, or can't import rotorpy.
-    """
-    python = str(rotorpy.absolute())
-    try:
-        subprocess.run([python, "-c", "import rotorpy"], check=True, capture_output=True)
-    except (OSError, subprocess.CalledProcessError):
-        raise InputError(
-            f"--rotorpy '{rotorpy}' can't import rotorpy; accepted: the Python of an environment "
-            "that has it (`python -m venv ENV; ENV/bin/pip install rotorpy==3.0.0`)"
-        ) from None
-    return python
 
 
 def run_and_print(

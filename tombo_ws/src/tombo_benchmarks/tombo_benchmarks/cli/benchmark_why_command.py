@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
-from tombo_benchmarks.cli.benchmark_run import (
-    AsJson,
-    Cases,
-    Output,
-    Rotorpy,
-    checked,
-    checked_python,
-    run_and_print,
-)
-from tombo_bringup.cli.options import Seed, Workers
+from tombo_benchmarks.cli.benchmark_run import AsJson, Cases, Output, checked, run_and_print
+from tombo_bringup.cli.options import Seed, Workers, option
+from tombo_dynamics.errors import InputError
 from tombo_flight.report.page import Table
 
 
 def benchmark_why(
-    rotorpy: Rotorpy,
+    rotorpy: Annotated[
+        Path,
+        option(
+            "--rotorpy PYTHON",
+            "Python of an environment that has rotorpy 3.0.0 (`pip install rotorpy==3.0.0`).",
+            show_default=False,
+        ),
+    ],
     cases: Cases = 200,
     seed: Seed = 0,
     workers: Workers = None,
@@ -34,8 +36,21 @@ def benchmark_why(
     count = checked(cases, workers, output)
     from tombo_benchmarks.why.crash_benchmark import benchmark
 
-    run = partial(benchmark, checked_python(rotorpy))
+    run = partial(benchmark, _checked_python(rotorpy))
     run_and_print("why", run, cases, seed, count, output, as_json, print_score)
+
+
+def _checked_python(rotorpy: Path) -> str:
+    """Return the absolute path of a Python that has rotorpy."""
+    python = str(rotorpy.absolute())
+    try:
+        subprocess.run([python, "-c", "import rotorpy"], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        raise InputError(
+            f"--rotorpy '{rotorpy}' can't import rotorpy; accepted: the Python of an environment "
+            "that has it (`python -m venv ENV; ENV/bin/pip install rotorpy==3.0.0`)"
+        ) from None
+    return python
 
 
 def print_score(found: Mapping[str, Any], cases: int) -> None:
