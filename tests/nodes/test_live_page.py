@@ -127,10 +127,11 @@ class Watch:
         self.world.wait_for(MISSION_STATUS, lambda m: m.phase == phase, patience_s=PATIENCE_S)
 
     def climbs(self):
-        """Wait until it is high enough to fall."""
-        self.world.wait_for(
-            TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 0.8, patience_s=PATIENCE_S
-        )
+        """Wait until it is high enough to fall; nodes that are late do not fly it there."""
+        with in_time():
+            self.world.wait_for(
+                TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 0.8, patience_s=PATIENCE_S
+            )
 
     def positions(self, seconds):
         """Return those of so much time of the flight (n, 3)."""
