@@ -10,7 +10,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_px4.frames import enu_from_ned, ned_from_enu, px4_quaternion
-from tombo_px4.link.framing import COMPONENT_METADATA, ComponentMetadata, EventMessage
+from tombo_px4.link.extra_messages import COMPONENT_METADATA, ComponentMetadata, EventMessage
 from tombo_px4.link.message_encoder import float_of_int
 from tombo_px4.link.timesync import TimeSync
 from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD, custom_mode, mode_of

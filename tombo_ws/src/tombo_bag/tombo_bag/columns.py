@@ -42,8 +42,8 @@ _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 
 
 @dataclass(frozen=True)
-class _Group:
-    """Messages of one shape: which ones, and their bytes as a structured array."""
+class ShapeGroup:
+    """Messages of one shape: which ones, and their (N, size) bytes."""
 
     layout: Layout
     rows: NDArray[np.intp]
@@ -51,6 +51,7 @@ class _Group:
 
     @cached_property
     def records(self) -> NDArray[np.void]:
+        """The messages as a structured array."""
         return self.block.view(self.layout.dtype).ravel()
 
 
@@ -64,7 +65,7 @@ def columns_of(typename: str, messages: list[bytes], types: Types) -> ColumnTabl
     Raises:
         InputError: a message doesn't fit its type.
     """
-    groups = _groups(typename, messages, types)
+    groups = grouped_by_shape(typename, messages, types)
     table: ColumnTable = {}
     leaves: dict[str, dict[int, Leaf]] = {}
     texts: dict[str, dict[int, TextPlace]] = {}
@@ -86,17 +87,17 @@ def columns_of(typename: str, messages: list[bytes], types: Types) -> ColumnTabl
 def rows_that_fit(typename: str, messages: list[bytes], types: Types) -> list[int]:
     """Return which messages fit their type."""
     lost: list[int] = []
-    _groups(typename, messages, types, lost)
+    grouped_by_shape(typename, messages, types, lost)
     return np.delete(np.arange(len(messages)), lost).tolist()  # type: ignore[no-any-return]
 
 
-def _groups(
+def grouped_by_shape(
     typename: str, messages: list[bytes], types: Types, lost: list[int] | None = None
-) -> list[_Group]:
+) -> list[ShapeGroup]:
     """Put messages of one shape together; those that don't fit go to `lost`, else it raises."""
     sizes = np.fromiter(map(len, messages), np.intp, len(messages))
     left = np.ones(len(messages), bool)
-    groups: list[_Group] = []
+    groups: list[ShapeGroup] = []
     while left.any():
         row = int(np.argmax(left))
         first = messages[row]
@@ -116,12 +117,12 @@ def _groups(
         if not fits.all():
             rows, block = rows[fits], np.ascontiguousarray(block[fits])
         left[rows] = False
-        groups.append(_Group(shape, rows, block))
+        groups.append(ShapeGroup(shape, rows, block))
     return groups
 
 
 def _numbers(
-    path: str, leaves: Mapping[int, Leaf], groups: list[_Group], number: int
+    path: str, leaves: Mapping[int, Leaf], groups: list[ShapeGroup], number: int
 ) -> NDArray[Any]:
     leaf = next(iter(leaves.values()))
     counts = {leaf.count for leaf in leaves.values()}
@@ -142,7 +143,9 @@ def _numbers(
     return ragged
 
 
-def _strings(texts: Mapping[int, TextPlace], groups: list[_Group], number: int) -> NDArray[Any]:
+def _strings(
+    texts: Mapping[int, TextPlace], groups: list[ShapeGroup], number: int
+) -> NDArray[Any]:
     column = np.full(number, "", object)
     for i, text in texts.items():
         column[groups[i].rows] = _decoded(text, groups[i].block)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tombo_bag.channels import ALL_CHANNELS, CHANNELS, CONTROL_CHANNELS, ROTOR_SPEEDS
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import unknown_name
+from tombo_dynamics.errors import InputError, unknown_name
 
 _NAMES = {(channel.topic, channel.field): name for name, channel in CHANNELS.items()}
 """Topic and field → name of the channel."""
@@ -79,6 +79,31 @@ class Finding:
     """On the flight's clock; NaN: it concerns the whole flight."""
     end_s: float = float("nan")
     channel: str = ""
+    key: str = ""
+    """Which mistake of those that the check tells apart; empty: it tells one."""
+    subject: str = ""
+    """The rotor or the axis that it is about, or where the channel was read from."""
+    numbers: tuple[float, ...] = ()
+    """What was measured, in the order and the units of the message."""
+
+
+def finding_mapping(finding: Finding) -> dict[str, Any]:
+    """Return a finding as plain values; null: it concerns the whole flight."""
+    times = (finding.start_s, finding.end_s)
+    begin, end = (None if x != x else x for x in times)
+    return {
+        "check": finding.check, "key": finding.key, "severity": finding.severity,
+        "channel": finding.channel, "subject": finding.subject, "numbers": list(finding.numbers),
+        "start_s": begin, "end_s": end, "message": finding.message,
+    }  # fmt: skip
+
+
+class RefusedLog(InputError):
+    """A flight that can't be used, with the finding that says why."""
+
+    def __init__(self, flight: str, channel: str, text: str, key: str = "") -> None:
+        super().__init__(f"flight '{flight}': {text}")
+        self.finding = Finding("refused", "fault", flight, text, channel=channel, key=key)
 
 
 def why_left_out(findings: Iterable[Finding], channels: Iterable[str]) -> str:

@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable, TopicColumns, columns_of, rows_that_fit
-from tombo_bag.formats import ros1_bag, sqlite_bag
 from tombo_bag.formats.bag_files import READABLE, BagFile, RawMessages, TopicSummary, in_log_order
 from tombo_bag.formats.chunks import MAGIC
 from tombo_bag.formats.reader import Bag
-from tombo_bag.formats.unpacking import (
-    Allowance,
-    plausible_size,
-    unpack_file,
-    unpacking_limit,
-    unzstd,
+from tombo_bag.formats.rosbags_files import (
+    ROS1_MAGIC,
+    SQLITE_MAGIC,
+    Ros1Reader,
+    RosbagsFile,
+    SqliteReader,
 )
+from tombo_bag.formats.unpacking import Allowance, plausible_size, unpack, unpack_file
 from tombo_bag.schemas import Types, check_like_known
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.yaml_text import read_yaml
@@ -290,7 +290,7 @@ class Recording:
         if self._unpacked is None:
             self._unpacked = tempfile.TemporaryDirectory(prefix="tombo-")
         target = Path(self._unpacked.name) / path.name.removesuffix(".zstd")
-        allowance = Allowance(path, unpacking_limit(path.stat().st_size))
+        allowance = Allowance.of_file(path, path.stat().st_size)
         with path.open("rb") as source, target.open("wb") as out:
             wrong = unpack_file(source, out, allowance)
         if wrong:
@@ -308,8 +308,8 @@ class Recording:
 
 _KINDS: dict[bytes, Callable[[Path], BagFile]] = {
     MAGIC: Bag,
-    sqlite_bag.MAGIC: sqlite_bag.SqliteBag,
-    ros1_bag.MAGIC: ros1_bag.Ros1Bag,
+    SQLITE_MAGIC: lambda path: RosbagsFile(path, SqliteReader),
+    ROS1_MAGIC: lambda path: RosbagsFile(path, Ros1Reader),
 }
 
 
@@ -317,14 +317,14 @@ def _plain(raw: RawMessages, path: Path) -> RawMessages:
     """Unpack messages that rosbag2 compressed one by one; CDR itself never starts like zstd."""
     if not raw.messages[0].startswith(ZSTD_MAGIC):
         return raw
-    allowance = Allowance(path, unpacking_limit(sum(map(len, raw.messages))))
+    allowance = Allowance.of_file(path, sum(map(len, raw.messages)))
     messages = [_unpacked(message, allowance) for message in raw.messages]
     return RawMessages(raw.log_times_ns, raw.publish_times_ns, messages)
 
 
 def _unpacked(message: bytes, allowance: Allowance) -> bytes:
     try:
-        plain = unzstd(message, plausible_size(len(message)))
+        plain: bytes = unpack("zstd", message, plausible_size(len(message)))
     except ValueError:
         return b""  # fits no type, and is counted as damage there
     allowance.take(len(plain))

@@ -8,7 +8,7 @@ the motion.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,10 @@ from tombo_dynamics.arrays import Array
 PULSE_US = (1000.0, 2000.0)
 """Length of a servo pulse that stands for 0 and for 1 [us]."""
 _RPM = math.pi / 30.0
+_DSHOT = 1999.0
+"""Throttle of DShot that stands for 1; PX4 logs it beside pulses, in the same field."""
+_SHORTEST = 0.95
+"""Share of the shortest pulse below which values are no pulses."""
 _SLOWED = "Gazebo may turn its joints slower than the rotors (rotorVelocitySlowdownSim)"
 
 
@@ -44,10 +48,28 @@ def is_rotor_type(typename: str) -> bool:
 
 
 def share_of_pulse(pulses: Array) -> Array | None:
-    """Return commands, 0 to 1, of servo pulses [us]; None: these are none."""
-    if not len(pulses) or not 0.8 * PULSE_US[0] < np.nanmedian(pulses) < 1.2 * PULSE_US[1]:
+    """Return commands, 0 to 1, of servo pulses [us] or of DShot; None: these are neither."""
+    turning = pulses[pulses > 0.0]
+    if not turning.size or not 0.2 * PULSE_US[0] < np.median(turning) < 1.2 * PULSE_US[1]:
         return None
+    if np.quantile(turning, 0.005) < _SHORTEST * PULSE_US[0]:
+        return pulses / _DSHOT if turning.max() <= PULSE_US[1] else None
     return np.clip((pulses - PULSE_US[0]) / (PULSE_US[1] - PULSE_US[0]), 0.0, None)
+
+
+def moving(candidates: Sequence[Array]) -> int:
+    """Return which of several outputs (N, k) moves most, all its columns; else the first.
+
+    Motors of a vehicle that flies all move; a servo, or what is not connected, does not.
+    """
+    return int(
+        np.argmax(
+            [
+                np.std(np.nan_to_num(c), axis=0).min(initial=np.inf) if len(c) else 0.0
+                for c in candidates
+            ]
+        )
+    )
 
 
 def _actuators(topic: str, table: ColumnTable) -> RotorReading | None:

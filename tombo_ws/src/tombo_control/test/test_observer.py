@@ -131,6 +131,16 @@ def test_poses_far_apart_do_not_begin_an_estimate() -> None:
     assert ride.observer.estimate is None
 
 
+@pytest.mark.parametrize("bodies", [2, 3])
+def test_bodies_that_take_turns_in_one_topic_do_not_begin_an_estimate(bodies: int) -> None:
+    ride = _Ride()
+    for k in range(20):
+        ride.run(30, poses=False)
+        place = np.array([1.5 * (k % bodies), 0.0, 2.0])
+        assert ride.pose(position=place) == (PoseRefusal.JUMP if k else PoseRefusal.NONE)
+    assert ride.observer.estimate is None
+
+
 def test_without_imu_there_is_no_estimate() -> None:
     ride = _Ride()
     ride.run(500, imu=False)

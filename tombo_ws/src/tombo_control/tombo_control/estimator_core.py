@@ -47,7 +47,7 @@ from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometr
 from tombo_dynamics.records import Record, field, fill_record
 from tombo_dynamics.rotation import rotated_back, rotation_vector
 from tombo_dynamics.time_base import TICK_NS, TICK_S
-from tombo_dynamics.vectors import add_scaled, dot, norm, store, subtract, vector
+from tombo_dynamics.vectors import AnyVector, add_scaled, dot, norm, store, subtract, vector
 from tombo_dynamics.vehicle import VehicleParams
 
 _INITIAL_POSES = 3
@@ -137,7 +137,7 @@ def take_pose(
         for i in range(4):
             rotation[i] = factor * attitude[i]
         if not memory.running:
-            _initialize(memory, autopilot, stamp_ns, position, rotation)
+            why = _initialize(memory, autopilot, stamp_ns, position, rotation)
         else:
             why = _check_jump(memory, autopilot, stamp_ns, position)
             if why == PoseRefusal.NONE:
@@ -169,11 +169,19 @@ def _drop_first_pending(memory: EstimatorMemory) -> None:
 @compiled(inline=False)
 def _initialize(
     memory: EstimatorMemory, autopilot: Autopilot, stamp_ns: int, position: Array, attitude: Array
-) -> None:
-    """Begin the estimate from three poses in a row: position, attitude, velocity."""
-    poses = memory.initial_poses
-    if memory.initial > 0 and stamp_ns - poses[memory.initial - 1].stamp_ns > _MAX_INITIAL_GAP_NS:
-        memory.initial = 0
+) -> PoseRefusal:
+    """Begin the estimate from three poses in a row: position, attitude, velocity.
+
+    Poses of two bodies that take turns in the topic never do: each is a jump from the last.
+    """
+    poses, why = memory.initial_poses, PoseRefusal.NONE
+    if memory.initial > 0:
+        last = poses[memory.initial - 1]
+        since_ns = stamp_ns - last.stamp_ns
+        if _is_apart(autopilot.observer, position, last.position, since_ns):
+            why = PoseRefusal.JUMP
+        if why != PoseRefusal.NONE or since_ns > _MAX_INITIAL_GAP_NS:
+            memory.initial = 0
     if memory.initial == _INITIAL_POSES:  # the oldest goes
         memory.initial -= 1
         for k in range(memory.initial):
@@ -182,7 +190,7 @@ def _initialize(
     store(poses[memory.initial].position, position)
     memory.initial += 1
     if memory.initial < _INITIAL_POSES or memory.stamp_ns == _NO_STAMP:
-        return
+        return why
     first = poses[0]
     lasted = (stamp_ns - first.stamp_ns) * 1e-9
     late = (memory.next_tick - nearest_tick(stamp_ns)) * TICK_S
@@ -196,6 +204,14 @@ def _initialize(
     memory.pose_stamp_ns = stamp_ns
     memory.poses += 1
     memory.initial = 0
+    return why
+
+
+@compiled
+def _is_apart(observer: Any, position: AnyVector, other: AnyVector, since_ns: int) -> bool:
+    """Return whether two places are further apart than the vehicle moves within a time [ns]."""
+    limit = observer.jump_min + observer.jump_speed * since_ns * 1e-9
+    return bool(norm(subtract(position, other)) > limit)
 
 
 @compiled(inline=False)
@@ -212,12 +228,11 @@ def _check_jump(
         expected = add_scaled(state.position, ahead, state.velocity)
     elif past.tick != tick:
         return PoseRefusal.NONE  # `correct` says so in its turn
-    since = max(stamp_ns - memory.pose_stamp_ns, 0) * 1e-9
-    limit = observer.jump_min + observer.jump_speed * since
-    if norm(subtract(position, expected)) <= limit:
+    since_ns = max(stamp_ns - memory.pose_stamp_ns, 0)
+    if not _is_apart(observer, position, expected, since_ns):
         memory.jumps = 0
         return PoseRefusal.NONE
-    if memory.jumps > 0 and norm(subtract(position, memory.jump)) > limit:
+    if memory.jumps > 0 and _is_apart(observer, position, memory.jump, since_ns):
         memory.jumps = 0
     memory.jumps += 1
     store(memory.jump, position)

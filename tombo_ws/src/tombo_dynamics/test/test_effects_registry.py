@@ -50,6 +50,20 @@ def test_declaration_is_complete(name):
     assert any(p.typical != p.null for p in entry.theta)
 
 
+@pytest.mark.parametrize(
+    "name", ["hanging_load", "steady_wind", "mocap_dropouts", "contact_force", "blade_strike"]
+)
+def test_what_is_added_to_a_vehicle_has_no_spread_between_healthy_ones(name):
+    assert all(REGISTRY[name].tolerance(p) == 0.0 for p in REGISTRY[name].theta)
+
+
+def test_a_spread_between_healthy_vehicles_is_far_below_what_matters():
+    for entry in REGISTRY.values():
+        assert 0.0 <= entry.healthy_spread < 0.25
+        assert not (entry.contact and entry.healthy_spread), entry.name
+        assert all(entry.size(p) > 0.0 for p in entry.theta), entry.name
+
+
 @every_effect
 def test_values_by_name_reach_their_place(name):
     values = typical(name)

@@ -15,8 +15,9 @@ from typing import Any, TypeVar
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number
 
-TOLERANCE = 0.05
-"""Standard deviation of what counts as healthy, as a share of a size that clearly matters."""
+HEALTHY_SPREAD = 0.05
+"""Standard deviation between healthy vehicles, as a share of a size that clearly matters: as after
+careful weighing, balancing and calibration."""
 _Function = TypeVar("_Function", bound=Callable[..., None])
 
 
@@ -33,11 +34,6 @@ class Param:
     """A size that clearly matters, for examples, tests and benchmarks."""
     scales_with: str = ""
     """That size grows with the range of this channel of a stand: thrust, torque."""
-
-    @property
-    def tolerance(self) -> float:
-        """Standard deviation of what counts as healthy, as after careful weighing."""
-        return TOLERANCE * self.typical
 
 
 @dataclass(frozen=True)
@@ -69,6 +65,21 @@ class Effect:
     """Its slope at the null value promises nothing: only a fit tells what it explains."""
     confounded_with: tuple[str, ...] = ()
     """Effects that are no cause beside it: what one takes away the other may give back."""
+    healthy_spread: float = HEALTHY_SPREAD
+    """Standard deviation of its parameters between healthy vehicles, as a share of the size that
+    clearly matters; 0: every healthy vehicle has exactly the nominal value."""
+
+    def size(self, p: Param) -> float:
+        """Return the change of a parameter that clearly matters, in its unit.
+
+        One without a typical size of its own has the largest of its unit.
+        """
+        alike = [abs(other.typical - other.null) for other in self.theta if other.unit == p.unit]
+        return abs(p.typical - p.null) or max(alike) or abs(p.typical) or 1.0
+
+    def tolerance(self, p: Param) -> float:
+        """Return the standard deviation of a parameter between healthy vehicles, in its unit."""
+        return self.healthy_spread * self.size(p)
 
     def suits(self, model: str) -> bool:
         """Return whether the effect makes sense for a nominal model."""
@@ -114,7 +125,7 @@ class Registry(dict[str, Effect]):
             separates_from: other effects that look alike, and what tells them apart.
             confounded_with: see `Effect`.
             traits: further fields of `Effect`: state, stochastic, contact, vibration, saturates,
-                models.
+                models, healthy_spread.
 
         Raises:
             ValueError: the name is taken, or the arguments and `theta` do not agree.

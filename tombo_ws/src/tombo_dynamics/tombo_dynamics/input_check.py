@@ -49,7 +49,7 @@ class PoseRefusal(Reason):
     FUTURE = 4, "a pose stamped in the future"
     OUT_OF_ORDER = 5, "a pose not newer than the one before"
     LATE = 6, "a pose that is too old when it arrives"
-    JUMP = 7, "a pose where the vehicle can't be: markers mixed up?"
+    JUMP = 7, "a pose where the vehicle can't be: markers mixed up, or two bodies in one topic?"
     TWO_PUBLISHERS = 8, "two nodes publish poses: which is true is unknown"
     REPEATED = 9, "the same pose again, though the vehicle moves"
     DISTRUSTED = 10, "a pose of a motion capture that was judged wrong in this flight"

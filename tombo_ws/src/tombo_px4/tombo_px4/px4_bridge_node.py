@@ -62,8 +62,7 @@ from tombo_px4.link.decoded_messages import (
     VehicleOdometry,
 )
 from tombo_px4.link.link_params import LinkParams
-from tombo_px4.link.mavlink_link import Link, link_faults
-from tombo_px4.link.signing import key_of
+from tombo_px4.link.mavlink_link import Link, link_faults, read_key
 from tombo_px4.modes import OFFBOARD, mode_name
 from tombo_ros.conversion import array, to_ns, to_time
 from tombo_ros.core_node import main_of
@@ -118,7 +117,7 @@ class Px4BridgeNode(LoopNode):
         if self.sim_time:
             raise InputError("use_sim_time: true; accepted: false, PX4 flies in real time")
         link = self.records["link"]
-        key = key_of(link.key_file, partial(self.health.fault, "key_file", True))
+        key = read_key(link.key_file, partial(self.health.fault, "key_file", True))
         mass = self.records["vehicle"].mass
         params = self.records["px4"]
         check_volume(self.records["volume"])

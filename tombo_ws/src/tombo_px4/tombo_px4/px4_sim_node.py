@@ -19,8 +19,7 @@ from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY, SAFE_PARAMETERS
 from tombo_px4.link.decoded_messages import Severity
-from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.signing import key_of
+from tombo_px4.link.mavlink_link import Link, read_key
 from tombo_px4.modes import OFFBOARD, mode_name
 from tombo_px4.protocol.endpoint import Endpoint
 from tombo_ros.core_node import main_of
@@ -84,7 +83,7 @@ class Px4SimNode(VehicleNode):
         if not onboard and not ground:
             raise InputError("onboard_url and ground_url: both empty; accepted: at least one link")
         table = self._table()
-        key = key_of(key_file, partial(self.health.fault, "key_file", True))
+        key = read_key(key_file, partial(self.health.fault, "key_file", True))
         self._links = {
             kind: Link(
                 url,

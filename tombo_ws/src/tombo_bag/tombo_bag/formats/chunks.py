@@ -6,8 +6,7 @@ columns are turned into message records by numpy, cut apart, sorted and joined: 
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,58 +30,33 @@ HEAD = np.dtype(
 )
 """What stands before a message's own bytes in an MCAP file: head of record and of message."""
 
-_HEAD = struct.Struct("<BQHIQQ")
 PREFIX_SIZE = 9
 """Opcode and length: the part of HEAD that `length` does not count."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """Messages of one or more channels, sorted by log time.
+    """Messages of one channel, sorted by log time.
 
     Attributes:
-        log_times_ns: (N,).
-        channels: (N,).
-        records: returns the MCAP message records from one up to, not including, another.
+        heads: (N,) of HEAD.
+        messages: N messages as bytes, or (N,) items of plain bytes of one length.
     """
 
-    log_times_ns: NDArray[np.uint64]
-    channels: NDArray[np.uint16]
-    records: Callable[[int, int], list[bytes]]
+    heads: NDArray[np.void]
+    messages: NDArray[np.void] | list[bytes]
 
-
-def records_source(times_ns: Any, channels: Any, records: Sequence[bytes]) -> Source:
-    """Return finished records, written one at a time, as a source."""
-    times, numbers = np.array(times_ns, np.uint64), np.array(channels, np.uint16)
-    return Source(times, numbers, lambda first, last: list(records[first:last]))
-
-
-def _column_source(
-    channel: int,
-    log_ns: NDArray[np.uint64],
-    publish_ns: NDArray[np.uint64],
-    messages: NDArray[np.void],
-    first_sequence: int,
-) -> Source:
-    """Return one channel's messages, (N,) items of plain bytes of one length, as a source."""
-    size = messages.dtype.itemsize
-
-    def records(first: int, last: int) -> list[bytes]:
-        """Put a head before each message and cut the block into records."""
-        head = np.empty(last - first, HEAD)
-        head["opcode"] = Opcode.MESSAGE
-        head["length"] = HEAD.itemsize - PREFIX_SIZE + size
-        head["channel"] = channel
-        head["sequence"] = np.arange(first, last) + first_sequence
-        head["log_time"] = log_ns[first:last]
-        head["publish_time"] = publish_ns[first:last]
-        block = np.empty((last - first, HEAD.itemsize + size), np.uint8)
-        block[:, : HEAD.itemsize] = head.view(np.uint8).reshape(len(block), -1)
-        block[:, HEAD.itemsize :] = messages[first:last].view(np.uint8).reshape(len(block), -1)
+    def records(self, first: int, last: int) -> list[bytes]:
+        """Return the MCAP message records from one up to, not including, another."""
+        heads, messages = self.heads[first:last], self.messages[first:last]
+        if isinstance(messages, list):
+            plain = heads.view(f"V{HEAD.itemsize}").tolist()
+            return [head + message for head, message in zip(plain, messages, strict=True)]
+        block = np.hstack(
+            [part.view(np.uint8).reshape(last - first, -1) for part in (heads, messages)]
+        )
         cut: list[bytes] = block.view(f"V{block.shape[1]}").ravel().tolist()
         return cut
-
-    return Source(log_ns, np.full(len(log_ns), channel, np.uint16), records)
 
 
 @dataclass(frozen=True)
@@ -104,38 +78,25 @@ class ChunkBody:
 
 def slices(sources: list[Source], span_ns: int) -> Iterator[list[tuple[Source, int, int]]]:
     """Cut sources into slices of at most `span_ns` of log time, each (source, first, last)."""
+    times = [source.heads["log_time"] for source in sources]
     position = [0] * len(sources)
-    while True:
-        ahead = [
-            source.log_times_ns[at]
-            for source, at in zip(sources, position, strict=True)
-            if at < len(source.log_times_ns)
-        ]
-        if not ahead:
-            return
+    while ahead := [of[at] for of, at in zip(times, position, strict=True) if at < len(of)]:
         end = np.uint64(int(min(ahead)) + span_ns)
-        part: list[tuple[Source, int, int]] = []
-        for i, source in enumerate(sources):
-            last = int(np.searchsorted(source.log_times_ns, end))
-            if last > position[i]:
-                part.append((source, position[i], last))
-                position[i] = last
-        yield part
+        before, position = position, [int(np.searchsorted(of, end)) for of in times]
+        rows = zip(sources, before, position, strict=True)
+        yield [(source, first, last) for source, first, last in rows if last > first]
 
 
 def assemble(prefix: bytes, part: list[tuple[Source, int, int]]) -> ChunkBody:
     """Merge a slice of messages by log time; among equal times the earlier source comes first."""
-    records: list[bytes] = []
-    for source, first, last in part:
-        records += source.records(first, last)
-    times = np.concatenate([source.log_times_ns[a:b] for source, a, b in part])
-    channels = np.concatenate([source.channels[a:b] for source, a, b in part])
-    order = np.argsort(times, kind="stable")
+    records = [record for source, a, b in part for record in source.records(a, b)]
+    heads = np.concatenate([source.heads[["channel", "log_time"]][a:b] for source, a, b in part])
+    order = np.argsort(heads["log_time"], kind="stable")
     ordered = [records[i] for i in order.tolist()]
     sizes = np.fromiter(map(len, ordered), np.uint64, len(ordered))
     offsets = np.cumsum(sizes) - sizes + np.uint64(len(prefix))
-    rows = np.stack([times[order], offsets], axis=1)
-    owner = channels[order]
+    rows = np.stack([heads["log_time"][order], offsets], axis=1)
+    owner = heads["channel"][order]
     return ChunkBody(
         data=b"".join((prefix, *ordered)),
         start_ns=int(rows[0, 0]),
@@ -171,44 +132,26 @@ def source_of(
             f"channel {channel}: {len(log_times_ns)} log times, {len(publish)} publish times, "
             f"{len(messages)} messages; accepted: the same number of each"
         )
-    log, published = _times(log_times_ns, channel), _times(publish, channel)
-    order = np.argsort(log, kind="stable") if np.any(log[1:] < log[:-1]) else None
-    if order is not None:
-        log, published = log[order], published[order]
+    heads: NDArray[np.void] = np.empty(len(messages), HEAD)
+    heads["opcode"] = Opcode.MESSAGE
+    heads["channel"] = channel
+    heads["log_time"], heads["publish_time"] = (
+        _times(log_times_ns, channel),
+        _times(publish, channel),
+    )
+    order = np.argsort(heads["log_time"], kind="stable")
+    heads = heads[order]
+    heads["sequence"] = np.arange(len(heads)) + first_sequence
+    in_order: NDArray[np.void] | list[bytes]
     if isinstance(messages, np.ndarray):
         # numpy copies only the named fields of a structured array; as plain bytes, it copies all
-        plain = messages.view(f"V{messages.dtype.itemsize}")
-        block = np.ascontiguousarray(plain if order is None else plain[order])
-        return _column_source(channel, log, published, block, first_sequence)
-    places = range(len(messages)) if order is None else order.tolist()
-    records = [
-        message_record(channel, first_sequence + i, time, sent, messages[place])
-        for i, (place, time, sent) in enumerate(
-            zip(places, log.tolist(), published.tolist(), strict=True)
-        )
-    ]
-    return records_source(log, np.full(len(records), channel), records)
-
-
-def message_record(
-    channel: int, sequence: int, log_time_ns: int, publish_time_ns: int, message: bytes
-) -> bytes:
-    """Put the head before one message.
-
-    Raises:
-        InputError: a time is negative or past the year 2554.
-    """
-    length = HEAD.itemsize - PREFIX_SIZE + len(message)
-    try:
-        head = _HEAD.pack(
-            Opcode.MESSAGE, length, channel, sequence & 0xFFFFFFFF, log_time_ns, publish_time_ns
-        )
-    except struct.error as error:
-        raise InputError(
-            f"channel {channel}: log time {log_time_ns}, publish time {publish_time_ns}; "
-            "accepted: integers from 0 to 2^64 - 1, in ns"
-        ) from error
-    return head + message
+        in_order = np.ascontiguousarray(messages.view(f"V{messages.dtype.itemsize}")[order])
+        sizes: Any = in_order.dtype.itemsize
+    else:
+        in_order = [messages[i] for i in order.tolist()]
+        sizes = np.fromiter(map(len, in_order), np.uint64, len(in_order))
+    heads["length"] = HEAD.itemsize - PREFIX_SIZE + sizes
+    return Source(heads, in_order)
 
 
 def _times(times: NDArray[Any], channel: int) -> NDArray[np.uint64]:

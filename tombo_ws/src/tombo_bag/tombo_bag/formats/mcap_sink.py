@@ -39,8 +39,6 @@ from tombo_bag.formats.chunks import (
     MAGIC,
     Source,
     assemble,
-    message_record,
-    records_source,
     slices,
     source_of,
     write_message_index,
@@ -121,7 +119,7 @@ class McapSink:
         self.message_counts: Counter[int] = Counter()
         """Messages of each channel handed to the system so far."""
         self._metadata: list[MetadataIndex] = []
-        self._waiting: list[tuple[int, int, bytes]] = []
+        self._waiting: list[tuple[int, int, int, bytes]] = []
         self._waiting_bytes = 0
         self.closed = False
         try:
@@ -200,16 +198,19 @@ class McapSink:
             log_time_ns: when it was recorded.
             publish_time_ns: when it was published; the log time if None.
         """
-        sequence = self._next_sequence(channel)
+        self._next_sequence(channel)
+        sent = log_time_ns if publish_time_ns is None else publish_time_ns
+        if not 0 <= min(log_time_ns, sent) <= max(log_time_ns, sent) < 1 << 64:
+            raise InputError(
+                f"channel {channel}: log time {log_time_ns}, publish time {sent}; "
+                "accepted: integers from 0 to 2^64 - 1, in ns"
+            )
         if self._waiting:
-            span = abs(log_time_ns - self._waiting[0][0])
+            span = abs(log_time_ns - self._waiting[0][1])
             if span >= self._span_ns or self._waiting_bytes >= self._chunk_bytes:
                 self.flush()
-        sent = log_time_ns if publish_time_ns is None else publish_time_ns
-        record = message_record(channel, sequence, log_time_ns, sent, message)
-        self._waiting.append((log_time_ns, channel, record))
-        self._waiting_bytes += len(record)
-        self._sequence[channel] += 1
+        self._waiting.append((channel, log_time_ns, sent, message))
+        self._waiting_bytes += len(message)
 
     def write_columns(self, *columns: Columns) -> None:
         """Write whole columns, merged by log time.
@@ -220,8 +221,10 @@ class McapSink:
             InputError: unknown channel, columns of different length, or times that are no
                 integers from 0 up.
         """
-        self._check_open()
         self.flush()
+        self._write_columns(columns)
+
+    def _write_columns(self, columns: Sequence[Columns]) -> None:
         sources: list[Source] = []
         for column in columns:
             sequence = self._next_sequence(column.channel)
@@ -236,11 +239,11 @@ class McapSink:
         A recorder calls this when no message has come for a while.
         """
         self._check_open()
-        if self._waiting:
-            waiting = sorted(self._waiting, key=lambda item: item[0])
-            times, channels, records = zip(*waiting, strict=True)
-            self._write_chunks([records_source(times, channels, records)])
-            self._waiting, self._waiting_bytes = [], 0
+        by_channel: dict[int, list[tuple[int, int, bytes]]] = {}
+        for channel, log, sent, message in self._waiting:
+            by_channel.setdefault(channel, []).append((log, sent, message))
+        self._write_columns([_columns(channel, rows) for channel, rows in by_channel.items()])
+        self._waiting, self._waiting_bytes = [], 0
 
     def close(self, final_records: FinalRecords | None = None) -> None:
         """Finish the file: last chunk, indexes, statistics, footer. A second call does nothing.
@@ -390,6 +393,11 @@ class McapSink:
             view = view[self._file.write(view) :]
         self._crc = zlib.crc32(data, self._crc)
         self._offset += len(data)
+
+
+def _columns(channel: int, rows: Sequence[tuple[int, int, bytes]]) -> Columns:
+    log, sent, messages = zip(*rows, strict=True)
+    return Columns(channel, np.array(log, np.uint64), messages, np.array(sent, np.uint64))
 
 
 def _bytes(*records: McapRecord) -> bytes:

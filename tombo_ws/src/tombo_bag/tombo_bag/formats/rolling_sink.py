@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias
@@ -18,7 +18,7 @@ import numpy as np
 
 from tombo_bag.formats.bag_metadata import BagMetadata, FileEntry, TopicEntry
 from tombo_bag.formats.mcap_sink import Columns, McapSink
-from tombo_bag.formats.padding import PaddingNormalizer
+from tombo_bag.formats.padding import without_padding
 from tombo_bag.qos import Qos
 from tombo_bag.schemas import known_types, type_hash
 from tombo_dynamics.errors import InputError
@@ -69,8 +69,8 @@ class _Topic:
     typename: str
     type_hash: str
     qos: Qos
-    cleaner: PaddingNormalizer | None
     channel: int
+    padded: bool = False
     waiting: Waiting = field(default_factory=list)
     held: Waiting = field(default_factory=list)
 
@@ -157,8 +157,7 @@ class RollingSink:
         if known is None:
             hashed = type_hash(typename)
             channel = 0 if self._sink.closed else self._sink.add_channel(name, typename, qos)
-            cleaner = PaddingNormalizer(typename, known_types())
-            self._topics[name] = _Topic(typename, hashed, qos, cleaner, channel)
+            self._topics[name] = _Topic(typename, hashed, qos, channel)
         elif known.typename != typename:
             raise InputError(
                 f"topic '{name}' has type {typename}; it is {known.typename} in this recording"
@@ -166,7 +165,7 @@ class RollingSink:
 
     def keep_padding(self, name: str) -> None:
         """Don't clean a topic's messages: its publisher means something else by their type."""
-        self._topics[name].cleaner = None
+        self._topics[name].padded = True
 
     def write(self, topic: str, message: bytes, log_time_ns: int, publish_time_ns: int) -> None:
         """Take a message of a topic that was added; `flush` writes it."""
@@ -248,12 +247,15 @@ class RollingSink:
         return rest
 
     def _columns(self, name: str, items: Waiting) -> Columns:
-        log_times, publish_times, messages = zip(*items, strict=True)
+        log_times, publish_times, taken = zip(*items, strict=True)
+        messages: Sequence[bytes] = taken
         topic = self._topics[name]
+        if not topic.padded:
+            messages = without_padding(topic.typename, messages, known_types())
         return Columns(
             topic.channel,
             np.array(log_times, np.uint64),
-            topic.cleaner.clean(messages) if topic.cleaner else messages,
+            messages,
             np.array(publish_times, np.uint64),
         )
 

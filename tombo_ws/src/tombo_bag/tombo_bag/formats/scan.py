@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 
@@ -20,12 +20,14 @@ from mcap.records import Channel, Metadata, Schema
 from numpy.typing import NDArray
 
 from tombo_bag.formats.chunks import HEAD, MAGIC, PREFIX_SIZE
-from tombo_bag.formats.unpacking import UNPACK
+from tombo_bag.formats.unpacking import unpack
 
 _RECORD = struct.Struct("<BQ")
-_CHUNK = struct.Struct("<QQQI")
+_CHUNK = struct.Struct("<QQQII")
 _MESSAGE = struct.Struct("<HIQQ")
 FIRST_PRIVATE_OPCODE = 0x80
+_DAMAGE = (struct.error, ValueError, IndexError, EndOfFile)
+"""What reading the fields of a record that is none raises."""
 
 
 @dataclass(frozen=True)
@@ -91,51 +93,54 @@ class FileMap:
 
 def walk(file: memoryview) -> FileMap:
     """Walk through a whole file that begins with the MCAP magic, or with a part of it."""
-    file_map = FileMap()
+    file_map, end = FileMap(), len(MAGIC)
     loose: dict[int, list[tuple[int, int]]] = {}
     indexed: dict[int, NDArray[np.uint64]] = {}
-    at = len(MAGIC)
-    while not file_map.finished:
-        if at + PREFIX_SIZE > len(file):
-            break
-        opcode, length = _RECORD.unpack_from(file, at)
-        body = at + PREFIX_SIZE
-        if opcode == 0 or Opcode.DATA_END < opcode < FIRST_PRIVATE_OPCODE:
-            break
-        if opcode != Opcode.MESSAGE_INDEX:
-            if indexed and file_map.chunks and file_map.chunks[-1].index is None:
-                file_map.chunks[-1].index = indexed
-            indexed = {}
-        if body + length > len(file):
+    try:
+        for opcode, at, body in _records(file, len(MAGIC)):
+            if opcode == 0 or Opcode.DATA_END < opcode < FIRST_PRIVATE_OPCODE:
+                break
             if opcode == Opcode.CHUNK:
-                _chunk(file_map, file, at, len(file) - body, length)
-            break
-        try:
-            if opcode == Opcode.CHUNK:
-                _chunk(file_map, file, at, length, length)
+                indexed = {}
+                _chunk(file_map, at, body, whole=True)
             elif opcode == Opcode.MESSAGE_INDEX:
-                channel, size = struct.unpack_from("<HI", file, body)
-                rows = np.frombuffer(file, "<u8", size // 8, body + 6).reshape(-1, 2)
-                indexed[channel] = rows
+                channel, size = struct.unpack_from("<HI", body)
+                indexed[channel] = np.frombuffer(body, "<u8", size // 8, 6).reshape(-1, 2)
+                file_map.chunks[-1].index = indexed
             elif opcode == Opcode.MESSAGE:
-                channel, _, log_time, _ = _MESSAGE.unpack_from(file, body)
+                channel, _, log_time, _ = _MESSAGE.unpack_from(body)
                 loose.setdefault(channel, []).append((log_time, at))
             else:
-                note(file_map, opcode, file[body : body + length])
-        except (struct.error, ValueError, EndOfFile):
-            break
-        file_map.data_ended |= opcode == Opcode.DATA_END
-        file_map.finished = opcode == Opcode.FOOTER
-        at = body + length
+                note(file_map, opcode, body)
+            end = at + PREFIX_SIZE + len(body)
+            file_map.data_ended |= opcode == Opcode.DATA_END
+            if opcode == Opcode.FOOTER:
+                file_map.finished = True
+                break
+    except _DAMAGE:
+        pass  # the records before it count
+    if end + PREFIX_SIZE <= len(file) and file[end] == Opcode.CHUNK:
+        _chunk(file_map, end, file[end + PREFIX_SIZE :], whole=False)
     if loose:
         index = {channel: np.array(places, np.uint64) for channel, places in loose.items()}
         times = np.concatenate([of[:, 0] for of in index.values()])
         file_map.chunks.append(
             ChunkPlace(0, int(times.min()), int(times.max()), len(file), 0, "", file, index=index)
         )
-    if not file_map.finished or file[at:] != MAGIC:
-        file_map.damage.append(_stopped(file_map, file, at))
+    if not file_map.finished or file[end:] != MAGIC:
+        file_map.damage.append(_stopped(file_map, file, end))
     return file_map
+
+
+def _records(data: memoryview, at: int) -> Iterator[tuple[int, int, memoryview]]:
+    """Yield opcode, place and body of each record that is whole."""
+    while at + PREFIX_SIZE <= len(data):
+        opcode, length = _RECORD.unpack_from(data, at)
+        body = at + PREFIX_SIZE
+        if body + length > len(data):
+            return
+        yield opcode, at, data[body : body + length]
+        at = body + length
 
 
 def note(file_map: FileMap, opcode: int, body: memoryview) -> None:
@@ -151,19 +156,15 @@ def note(file_map: FileMap, opcode: int, body: memoryview) -> None:
         file_map.metadata.append(Metadata.read(stream))
 
 
-def _chunk(file_map: FileMap, file: memoryview, at: int, there: int, length: int) -> None:
-    body = file[at + PREFIX_SIZE : at + PREFIX_SIZE + there]
-    if len(body) < _CHUNK.size + 4:
+def _chunk(file_map: FileMap, at: int, body: memoryview, *, whole: bool) -> None:
+    if len(body) < _CHUNK.size:
         return
-    start, end, size, checksum = _CHUNK.unpack_from(body)
-    (name_size,) = struct.unpack_from("<I", body, _CHUNK.size)
-    data = _CHUNK.size + 4 + name_size + 8
-    compression = bytes(body[_CHUNK.size + 4 : data - 8]).decode("ascii", "replace")
-    if len(body) < data:
-        return
-    file_map.chunks.append(
-        ChunkPlace(at, start, end, size, checksum, compression, body[data:], there == length)
-    )
+    start, end, size, checksum, name_size = _CHUNK.unpack_from(body)
+    data = _CHUNK.size + name_size + 8
+    compression = bytes(body[_CHUNK.size : data - 8]).decode("ascii", "replace")
+    if len(body) >= data:
+        place = ChunkPlace(at, start, end, size, checksum, compression, body[data:], whole)
+        file_map.chunks.append(place)
 
 
 def _stopped(file_map: FileMap, file: memoryview, at: int) -> Damage:
@@ -190,28 +191,21 @@ def _stopped(file_map: FileMap, file: memoryview, at: int) -> Damage:
 
 def open_chunk(place: ChunkPlace, largest: int) -> tuple[bytes | memoryview, Damage | None]:
     """Decompress a chunk of at most `largest` bytes, as far as it is there, and check it."""
-    size = PREFIX_SIZE + len(place.data)
-
-    def corrupt(why: str) -> Damage:
-        text = f"{place} is corrupt: {why}"
-        return Damage("corrupt", place.offset, size, place.start_ns, place.end_ns, text)
-
-    unpack = _DECOMPRESS.get(place.compression)
-    if unpack is None:
-        return b"", corrupt(f"compression '{place.compression}' is none of zstd, lz4 or none")
-    if place.compression and place.size > largest:
-        return b"", corrupt(f"it states {place.size} bytes, more than {largest}")
+    why = ""
     try:
-        data = unpack(place.data, place.size)
-    except (ValueError, MemoryError) as error:
-        return b"", corrupt((str(error) or "not enough memory").splitlines()[0])
-    if not place.whole:
+        data = unpack(place.compression, place.data, min(place.size, largest))
+        if not place.whole:
+            return data, None
+        if len(data) != place.size:
+            why = f"{len(data)} bytes instead of {place.size}"
+        elif place.checksum and zlib.crc32(data) != place.checksum:
+            why = "its checksum is wrong"
+    except ValueError as error:
+        why = str(error)
+    if not why:
         return data, None
-    if len(data) != place.size:
-        return b"", corrupt(f"{len(data)} bytes instead of {place.size}")
-    if place.checksum and zlib.crc32(data) != place.checksum:
-        return b"", corrupt("its checksum is wrong")
-    return data, None
+    size, text = PREFIX_SIZE + len(place.data), f"{place} is corrupt: {why}"
+    return b"", Damage("corrupt", place.offset, size, place.start_ns, place.end_ns, text)
 
 
 def refine_truncation(file_map: FileMap, place: ChunkPlace) -> None:
@@ -229,51 +223,32 @@ def index_chunk(data: bytes | memoryview, file_map: FileMap) -> dict[int, NDArra
     """List a chunk's messages and note its schemas and channels."""
     view = memoryview(data)
     places: dict[int, list[tuple[int, int]]] = {}
-    at = 0
-    while at + PREFIX_SIZE <= len(view):
-        opcode, length = _RECORD.unpack_from(view, at)
-        body = at + PREFIX_SIZE
-        if body + length > len(view):
-            break
-        if opcode == 0:
-            break  # no record: zeros
-        if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
-            channel, _, log_time, _ = _MESSAGE.unpack_from(view, body)
-            places.setdefault(channel, []).append((log_time, at))
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            try:
-                note(file_map, opcode, view[body : body + length])
-            except (struct.error, ValueError, EndOfFile):
-                break
-        at = body + length
+    try:
+        for opcode, at, body in _records(view, 0):
+            if opcode == 0:
+                break  # no record: zeros
+            if opcode == Opcode.MESSAGE:
+                channel, _, log_time, _ = _MESSAGE.unpack_from(body)
+                places.setdefault(channel, []).append((log_time, at))
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                note(file_map, opcode, body)
+    except _DAMAGE:
+        pass  # the records before it count
     return {channel: np.array(rows, np.uint64) for channel, rows in places.items()}
 
 
 def extract_messages(
     data: bytes | memoryview, channel: int, offsets: NDArray[np.uint64]
 ) -> tuple[NDArray[np.void], list[bytes]] | None:
-    """Take messages out of a chunk: their heads and their bytes; None if the index is wrong."""
+    """Take messages out of a chunk: their heads and their bytes; None if the index is damaged."""
     starts = offsets.astype(np.int64)
-    if len(starts) and (starts.min() < 0 or starts.max() + HEAD.itemsize > len(data)):
+    if starts.size and not 0 <= starts.min() <= starts.max() <= len(data) - HEAD.itemsize:
         return None
-    bytes_of = np.frombuffer(data, np.uint8)
-    heads = bytes_of[starts[:, None] + np.arange(HEAD.itemsize)].view(HEAD).ravel()
-    if not ((heads["opcode"] == Opcode.MESSAGE) & (heads["channel"] == channel)).all():
+    block = np.frombuffer(data, np.uint8)[starts[:, None] + np.arange(HEAD.itemsize)]
+    heads: NDArray[np.void] = block.view(HEAD).ravel()
+    ends = starts + PREFIX_SIZE + heads["length"].astype(np.int64)
+    right = (heads["opcode"] == Opcode.MESSAGE) & (heads["channel"] == channel)
+    if not (right & (ends <= len(data)) & (ends >= starts + HEAD.itemsize)).all():
         return None
-    lengths = heads["length"]
-    if (lengths < _MESSAGE.size).any() or (lengths > len(data)).any():
-        return None
-    ends = starts + PREFIX_SIZE + lengths.astype(np.int64)
-    if len(ends) and (ends.max() > len(data) or int(lengths.sum()) > len(data)):
-        return None  # beyond the chunk, or one message many times
     pairs = zip((starts + HEAD.itemsize).tolist(), ends.tolist(), strict=True)
-    if isinstance(data, bytes):
-        return heads, [data[start:end] for start, end in pairs]
     return heads, [bytes(data[start:end]) for start, end in pairs]
-
-
-_DECOMPRESS: dict[str, Callable[[memoryview, int], bytes | memoryview]] = {
-    "": lambda data, size: data,
-    "zstd": UNPACK["zstd"],
-    "lz4": UNPACK["lz4"],
-}

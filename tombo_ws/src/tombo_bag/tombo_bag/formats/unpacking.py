@@ -1,20 +1,20 @@
-"""Unpack what a file holds compressed: against the size that it states, and against a total.
+"""Unpack what a file holds compressed, within a limit on its size.
 
-A few kilobytes can stand for gigabytes. Whatever is unpacked is streamed, and ends where the file
-said that it would, or at the limit. The limit is the user's, else what the machine's memory allows
-and, of a file, a multiple of its own size: no recording packs as well as a bomb.
+The limit is the user's, else what the machine's memory allows and, of a file, a multiple of its
+own size.
 """
 
 from __future__ import annotations
 
-import bz2
+import gzip
 import os
 import resource
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -28,7 +28,7 @@ _PLAIN = 1 << 25
 """Bytes to which any file may be unpacked."""
 _RATIO = 100
 """To how many times its size a file may be unpacked; flights pack to a half or a tenth."""
-_SMALL_PIECE, _PIECE, _LARGE_PIECE = 1 << 12, 1 << 20, 1 << 24
+_PIECE = 1 << 20
 _GIVEN: ContextVar[int | None] = ContextVar("unpacking limit", default=None)
 
 
@@ -59,18 +59,13 @@ def plausible_size(packed: int) -> int:
 
 
 def implausible(size: int, packed: int) -> bool:
-    """Return whether a part that states this size is damaged, or a bomb: it is left out."""
+    """Return whether a part that states this size is damaged: it is left out."""
     return _GIVEN.get() is None and size > plausible_size(packed)
-
-
-def unpacking_limit(packed: int) -> int:
-    """Return to how many bytes `packed` bytes may be unpacked that stay in memory, or on disk."""
-    return min(memory_limit(), plausible_size(packed))
 
 
 @dataclass
 class Allowance:
-    """What one file may still be unpacked to, or its messages may still take.
+    """Bytes that one file may still be unpacked to, or its messages may still take.
 
     Attributes:
         path: the file.
@@ -80,6 +75,11 @@ class Allowance:
     path: Path
     left: int
 
+    @staticmethod
+    def of_file(path: Path, packed: int) -> Allowance:
+        """Return the allowance of `packed` bytes that, unpacked, stay in memory or on disk."""
+        return Allowance(path, min(memory_limit(), plausible_size(packed)))
+
     def take(self, size: int) -> None:
         """Count some bytes.
 
@@ -87,57 +87,48 @@ class Allowance:
             InputError: beyond the limit.
         """
         self.left -= size
-        if self.left < 0 or size > memory_limit():
-            raise _too_large(self.path)
+        if self.left < 0:
+            given = _GIVEN.get()
+            why = f"{_RATIO} times its size or {memory_limit() / GIGABYTE:.3g} GB; more with"
+            accepted = f"{why} --unpack-limit" if given is None else (
+                f"up to {given / GIGABYTE:.3g} GB, as --unpack-limit says"
+            )  # fmt: skip
+            raise InputError(f"'{self.path}' unpacks to too much; accepted: {accepted}")
 
 
-def _too_large(path: Path) -> InputError:
-    given = _GIVEN.get()
-    limit = f"{(memory_limit() if given is None else given) / GIGABYTE:.3g} GB"
-    why = "as --unpack-limit says" if given is not None else (
-        f"{_RATIO} times its size or {limit}; more with --unpack-limit"
-    )  # fmt: skip
-    return InputError(f"'{path}' unpacks to too much; accepted: up to {limit}, {why}")
+def unpack(how: str, data: Any, size: int) -> Any:
+    """Unpack a chunk or a message; of one that is cut, its beginning.
 
-
-def unzstd(data: Any, size: int) -> bytes:
-    """Return what zstd has packed, of a cut frame what is there.
+    Args:
+        how: "zstd", "lz4", "bz2", or nothing.
+        data: compressed bytes.
+        size: largest size [bytes].
 
     Raises:
-        ValueError: it is more than `size` bytes, states another size, or is none.
+        ValueError: it is more than `size` bytes, or can't be unpacked.
     """
+    import bz2
+
     import zstandard
-
-    try:
-        stated = zstandard.frame_content_size(bytes(data[:32]))
-        if stated > size:
-            raise ValueError(f"{stated} bytes instead of {size}")
-        with zstandard.ZstdDecompressor().stream_reader(data) as reader:
-            return _all_of(reader.read, size, size if stated < 0 else stated)
-    except zstandard.ZstdError as error:
-        raise ValueError(str(error)) from error
-
-
-def unlz4(data: Any, size: int) -> bytes:
-    """Return what lz4 has packed: see `unzstd`."""
     from lz4.frame import LZ4FrameDecompressor
 
     try:
-        unpacked: bytes = LZ4FrameDecompressor().decompress(bytes(data), max_length=size + 1)
-    except (RuntimeError, EOFError) as error:
-        raise ValueError(str(error)) from error
-    return _checked(unpacked, size)
-
-
-def unbz2(data: Any, size: int) -> bytes:
-    """Return what bzip2 has packed: see `unzstd`."""
-    try:
-        return _checked(bz2.BZ2Decompressor().decompress(data, size + 1), size)
-    except (OSError, EOFError) as error:
-        raise ValueError(str(error)) from error
-
-
-UNPACK: dict[str, Callable[[Any, int], bytes]] = {"zstd": unzstd, "lz4": unlz4, "bz2": unbz2}
+        if how == "zstd":
+            with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+                plain = reader.read(size + 1)
+        elif how == "lz4":
+            plain = LZ4FrameDecompressor().decompress(bytes(data), max_length=size + 1)
+        elif how == "bz2":
+            plain = bz2.BZ2Decompressor().decompress(data, size + 1)
+        elif how in ("", "none"):
+            plain = data
+        else:
+            raise ValueError(f"compression '{how}' is none of zstd, lz4, bz2 or none")
+    except (zstandard.ZstdError, RuntimeError, OSError, EOFError, MemoryError) as error:
+        raise ValueError((str(error) or "not enough memory").splitlines()[0]) from error
+    if len(plain) > size:
+        raise ValueError(f"it holds more than {size} bytes")
+    return plain
 
 
 def unpack_file(source: BinaryIO, out: BinaryIO, allowance: Allowance) -> str:
@@ -148,32 +139,15 @@ def unpack_file(source: BinaryIO, out: BinaryIO, allowance: Allowance) -> str:
     """
     import zstandard
 
-    with zstandard.ZstdDecompressor().stream_reader(source, closefd=False) as reader:
-        try:
-            while piece := reader.read(_PIECE):
-                allowance.take(len(piece))
-                out.write(piece)
-        except zstandard.ZstdError as error:
-            return f"{error}; what was unpacked before that is read"
-    return "" if _ends_whole(source) else "the compressed file is cut off"
-
-
-def _ends_whole(source: BinaryIO) -> bool:
-    """Walk over the blocks of a frame of zstd, to its last (RFC 8878, section 3.1.1)."""
-    import zstandard
-
-    source.seek(0)
-    start = source.read(18)
-    at = zstandard.frame_header_size(start) if len(start) == 18 else 0
-    ends_with = 4 * bool(len(start) > 4 and start[4] & 4)  # a checksum
-    size = source.seek(0, os.SEEK_END)
-    last = False
-    while at and not last and at + 3 <= size:
-        source.seek(at)
-        head = int.from_bytes(source.read(3), "little")
-        last, kind = bool(head & 1), head >> 1 & 3
-        at += 3 + (1 if kind == 1 else head >> 3)
-    return last and at + ends_with <= size
+    unpacker = zstandard.ZstdDecompressor().decompressobj()
+    try:
+        while not unpacker.eof and (packed := source.read(_PIECE >> 8)):
+            piece = unpacker.decompress(packed)
+            allowance.take(len(piece))
+            out.write(piece)
+    except zstandard.ZstdError as error:
+        return f"{error}; what was unpacked before that is read"
+    return "" if unpacker.eof else "the compressed file is cut off"
 
 
 def ungzip(raw: bytes, allowance: Allowance) -> tuple[bytes, str]:
@@ -183,40 +157,13 @@ def ungzip(raw: bytes, allowance: Allowance) -> tuple[bytes, str]:
         InputError: it unpacks to more than is allowed.
     """
     parts: list[bytes] = []
-    left = memoryview(raw)
-    while left:
-        unpacker, at = zlib.decompressobj(wbits=31), 0
+    with gzip.GzipFile(fileobj=BytesIO(raw)) as file:
         try:
-            while not unpacker.eof:
-                packed: Any = unpacker.unconsumed_tail
-                if not packed:
-                    packed = left[at : at + _SMALL_PIECE]
-                    at += len(packed)
-                if not packed:
-                    return b"".join(parts), "the compressed file is cut off; read up to there"
-                part = unpacker.decompress(packed, _PIECE)
+            while part := file.read1(_PIECE):
                 allowance.take(len(part))
                 parts.append(part)
-        except zlib.error as error:
-            if parts and bytes(left[:2]) != GZIP_MAGIC:
-                return b"".join(parts), "bytes behind its end are left out"
+        except EOFError:
+            return b"".join(parts), "the compressed file is cut off; read up to there"
+        except (OSError, zlib.error) as error:
             return b"".join(parts), f"the compressed file is damaged ({error}); read up to there"
-        left = left[at - len(unpacker.unused_data) :]
     return b"".join(parts), ""
-
-
-def _all_of(read: Callable[[int], bytes], size: int, stated: int) -> bytes:
-    """Read to the end, which comes after at most `size` bytes; memory is taken as it comes."""
-    parts, total = [], 0
-    while part := read(min(max(stated, 1), _LARGE_PIECE)):
-        parts.append(part)
-        total += len(part)
-        if total > size:
-            raise ValueError(f"more than {size} bytes")
-    return parts[0] if len(parts) == 1 else b"".join(parts)
-
-
-def _checked(unpacked: bytes, size: int) -> bytes:
-    if len(unpacked) > size:
-        raise ValueError(f"more than {size} bytes")
-    return unpacked

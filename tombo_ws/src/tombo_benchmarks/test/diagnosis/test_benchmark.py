@@ -1,4 +1,7 @@
-"""Two cases of the blind benchmark: what is hidden is found, and nothing else is named."""
+"""A case of the blind benchmark, whole: what is hidden is found, with its size.
+
+How often a healthy vehicle is accused is a rate: `test_benchmark_slice` asks twelve.
+"""
 
 import json
 
@@ -13,28 +16,16 @@ pytestmark = pytest.mark.slow
 SEED = 3
 
 
-def first(count, kind, size, formulations):
-    """Return numbers of the first cases of a kind, no two of them hiding the same."""
-    found = {}
-    for number in range(400):
-        case = make_case(SEED, number)
-        if (case.kind, case.size) == (kind, size) and case.formulation in formulations:
-            found.setdefault(case.hidden, number)
-    return list(found.values())[:count]
-
-
-IMU, MOCAP = ("imu", "imu_rpm"), ("mocap_rpm",)
-
-
 @pytest.fixture(scope="module")
-def rows():
-    large = first(1, "single", "large", MOCAP)
-    healthy = first(1, "none", "", IMU)
-    return [examine(SEED, number) for number in large + healthy]
+def row():
+    """The first case that hides a large effect from poses and rotor speeds."""
+    cases = (make_case(SEED, number) for number in range(400))
+    like = ("single", "large", "mocap_rpm")
+    number = next(c.number for c in cases if (c.kind, c.size, c.formulation) == like)
+    return examine(SEED, number)
 
 
-def test_a_large_effect_is_found(rows):
-    row = rows[0]
+def test_a_large_effect_is_found(row):
     assert row["verdict"] in ("named", "set") and row["causes"][:1] == row["hidden"]
     if "parameters" in row:
         (compared,) = row["parameters"].values()
@@ -42,13 +33,8 @@ def test_a_large_effect_is_found(rows):
         assert row["gain_share"] is None or row["gain_share"] > 0.8
 
 
-def test_no_name_is_given_where_none_is_due(rows):
-    assert (rows[1]["kind"], rows[1]["verdict"]) == ("none", "none")
-
-
-def test_rows_are_plain_and_score(rows):
-    assert json.loads(json.dumps(rows)) == rows
-    said = score_of_flights(rows)
+def test_a_row_is_plain_and_scores(row):
+    assert json.loads(json.dumps(row)) == row
+    said = score_of_flights([row])
     assert said["mocap_only"]["top1_large"] == 1.0
-    assert said["false_alarm"] == 0.0
-    assert said["seconds_per_case"] > 0.0
+    assert said["mocap_only"]["seconds_per_case"] > 0.0

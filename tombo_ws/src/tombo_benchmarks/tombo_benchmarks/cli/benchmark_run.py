@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -73,6 +74,8 @@ def run_and_print(
 ) -> None:
     """Run a benchmark with a progress bar; write its JSON, print its score.
 
+    Without a terminal each finished case is a line, if there is an output.
+
     Args:
         name: of the benchmark.
         run: (cases, seed, workers, progress, stop, kept) to a BenchmarkResult.
@@ -95,7 +98,13 @@ def run_and_print(
     part = None if output is None else output.with_name(f"{output.name}.part")
     kept = None if part is None else Journal(part, f"{name} --seed {seed}")
     with StopSignals() as stop:
-        with progress_bar() as on_progress:
+        with progress_bar() as bar:
+
+            def on_progress(stage: str, share: float) -> None:
+                bar(stage, share)
+                if part is not None and not sys.stderr.isatty():
+                    typer.echo(stage, err=True)  # a run of hours in the background
+
             result = run(cases, seed, workers, on_progress, stop.asked, kept)
         if stop.asked():
             more = f"; the same command goes on with '{part}'" if part and part.exists() else ""

@@ -40,9 +40,12 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.scenario import load_scenario
 
 
-def examine(seed: int, number: int) -> dict[str, Any]:
-    """Fly and record one case, diagnose the files, and return its score as plain values."""
-    return _examined(make_case(seed, number))
+def examine(seed: int, number: int, **shorter: Any) -> dict[str, Any]:
+    """Fly and record one case, diagnose the files, and return its score as plain values.
+
+    `shorter`: fewer flights, or a shorter course, as of `make_case`.
+    """
+    return _examined(make_case(seed, number, **shorter))
 
 
 def examine_scenario(

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
 
 from tombo_bag.flight import Flight, Series
 from tombo_benchmarks.diagnosis.disturbances import set_disturbance
-from tombo_benchmarks.diagnosis.flight_cases import FlightCase
+from tombo_benchmarks.diagnosis.flight_cases import COURSE_S, FlightCase
 from tombo_benchmarks.diagnosis.log_recording import record_log
 from tombo_diagnosis.flight.experiment_design import sensor_series
 from tombo_dynamics.arrays import Array
@@ -20,9 +19,8 @@ from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import write_mcap
 from tombo_flight.scenario import Scenario, load_scenario, scenario_over
 
-DURATION_S = 34.0
-_COURSE_DURATION_S = 20.0
-"""About so long is a course, with hover and turns coming on top."""
+_BESIDES_S = 14.0
+"""Take-off, hover and turns, beside the course."""
 _CLIMB = 1.5
 """m/s"""
 _RPM_NOISE, _RPM_STEP = 1.5, 0.5
@@ -35,12 +33,12 @@ _VOLTAGE_NOISE = 0.01
 """V"""
 
 
-def course(rng: np.random.Generator) -> list[dict[str, float]]:
+def course(rng: np.random.Generator, length_s: float = COURSE_S) -> list[dict[str, float]]:
     """Return a random course inside 4 m x 4 m x 2.2 m, with turns, three paces and two heights."""
     points: list[dict[str, float]] = []
     time = 0.0
     x, y, z, yaw = 0.0, 0.0, 1.2, 0.0
-    while time < _COURSE_DURATION_S:
+    while time < length_s:
         kind = rng.choice(["leg", "leg", "leg", "turn", "shuttle", "low"])
         speed = float(rng.choice([0.7, 1.4, 2.5]))
         pace = {"speed": speed, "acceleration": float(rng.uniform(1.0, 4.0))}
@@ -65,13 +63,13 @@ def course(rng: np.random.Generator) -> list[dict[str, float]]:
     return points
 
 
-def _scenario(effects: Any, points: list[dict[str, float]]) -> Scenario:
+def _scenario(case: FlightCase, points: list[dict[str, float]]) -> Scenario:
     return scenario_over(
         {
             "reaction": {"name": "none"},
-            "duration": DURATION_S,
+            "duration": case.course_s + _BESIDES_S,
             "control": {"velocity_max_xy": 3.5, "velocity_max_z": _CLIMB},
-            "effects": {name: dict(values) for name, values in effects.items()},
+            "effects": {name: dict(values) for name, values in case.effects.items()},
             "mission": {
                 "takeoff_time": 0.5, "height": 1.2, "climb_speed": 1.0, "approach_time": 2.5,
                 "land_time": 3000.0, "course": points,
@@ -100,7 +98,7 @@ def simulate_case(case: FlightCase) -> list[Flight]:
             if case.disturbance:
                 set_disturbance(plant, case.hidden[0], *case.disturbance)
 
-        scenario = _scenario(case.effects, course(rng))
+        scenario = _scenario(case, course(rng, case.course_s))
         flown = fly_scenario(scenario, int(rng.integers(2**31)), workspace=space, prepare=prepare)
         logs.append(measured(flown, f"flight {number + 1}", case.formulation, rng))
     return logs

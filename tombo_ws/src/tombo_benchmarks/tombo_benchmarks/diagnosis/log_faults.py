@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_bag.channels import CHANNELS
-from tombo_bag.flight import Finding, Flight, Series
+from tombo_bag.flight import Finding, Flight, RefusedLog, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
@@ -60,9 +59,8 @@ class LogFault:
         )
 
     def named_by_error(self, error: InputError) -> bool:
-        """Return whether an error names a channel that it concerns."""
-        text = str(error)
-        return any(name in text for name in CHANNELS if self.concerns(name))
+        """Return whether checks refuse the flight by a channel that it concerns."""
+        return isinstance(error, RefusedLog) and self.concerns(error.finding.channel)
 
     def concerns(self, channel: str) -> bool:
         """Return whether the channel is changed, or compared with one that is."""

@@ -23,7 +23,7 @@ from tombo_benchmarks.diagnosis.cases import (
 )
 from tombo_benchmarks.diagnosis.unmodelled_effects import UNMODELLED_EFFECTS
 from tombo_diagnosis.engine.regression import FreeParameter
-from tombo_diagnosis.stand.problem import HEALTHY_SHARE, parameters
+from tombo_diagnosis.stand.problem import parameters
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import configuration, parameter_row, speed_of_maximum_thrust
@@ -172,7 +172,7 @@ def _read(
 def _healthy(p: FreeParameter, rng: np.random.Generator) -> float:
     """Return how far a parameter is off its null on a healthy stand."""
     if p.stochastic:
-        return HEALTHY_SHARE[p.effect] * p.scale
+        return p.tolerance
     off = p.tolerance * float(rng.standard_normal())
     return abs(off) if p.null <= p.low else off
 

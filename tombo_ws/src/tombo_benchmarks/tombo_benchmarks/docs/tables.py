@@ -20,6 +20,7 @@ from tombo_benchmarks.docs.markdown import table_markdown
 from tombo_benchmarks.faults.fault_model import FAULT_TEXTS
 from tombo_control.safety.state_machine import TABLE, SafetyState
 from tombo_dynamics.core import Core
+from tombo_dynamics.effect_registry import HEALTHY_SPREAD
 from tombo_dynamics.effects import REGISTRY, Effect, Stage
 from tombo_dynamics.errors import InputError
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
@@ -281,7 +282,8 @@ Deviations from the nominal model. The simulation can switch them on, the diagno
 Switch one on in a scenario (`effects: {steady_wind: {east: 2.0}}`) or by
 `--set effects.steady_wind.east=2`. A parameter that is not given has its *null*
 value; with all of its parameters at null an effect adds exactly nothing. *Typical* is a size
-that clearly matters in flight.
+that clearly matters in flight. Between healthy vehicles a parameter differs by a standard
+deviation of 5 % of it, unless the effect states another.
 
 `blade_strike`, `propeller_wear` and `thrust_scatter` are filled in from the chosen propeller
 (its figures of the paper's Table III, and how well the set is matched), unless the scenario
@@ -308,6 +310,10 @@ def _section(entry: Effect) -> str:
     ]  # fmt: skip
     table = table_markdown(("parameter", "unit", "null", "bounds", "typical", "what"), rows)
     lines = [f"### `{entry.name}`", entry.doc, "", f"{table}\nShows as: {entry.signature}."]
+    if not entry.healthy_spread:
+        lines.append("Of a healthy vehicle it is exactly as in the nominal model.")
+    elif entry.healthy_spread != HEALTHY_SPREAD:
+        lines.append(f"Between healthy vehicles: {entry.healthy_spread:.1%} of the typical size.")
     for other, manoeuvre in entry.separates_from.items():
         lines.append(f"Distinguished from `{other}` by: {manoeuvre}.")
     return "\n".join(lines) + "\n"

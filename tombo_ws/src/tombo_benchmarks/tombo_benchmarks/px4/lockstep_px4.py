@@ -20,9 +20,8 @@ from tombo_px4.hil.hil_start_help import airframe_parameters, mocap_parameters
 from tombo_px4.hil.link import PX4_PORT, HilLink
 from tombo_px4.hil.lockstep import HilSimulator
 from tombo_px4.hil.params import HilParams
-from tombo_px4.link.framing import FrameCounts, decode, encoder, frames_of
 from tombo_px4.link.link_params import LinkParams
-from tombo_px4.link.mavlink_link import Link, Received
+from tombo_px4.link.mavlink_link import Codec, Link, Received
 from tombo_px4.protocol.endpoint import Endpoint
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
@@ -169,7 +168,7 @@ class _MemoryLink:
     """One end of a MAVLink link within the process: as much of `Link` as is used, no socket."""
 
     def __init__(self, system: int, component: int) -> None:
-        self.mav = encoder(system, component)
+        self.mav = Codec(system, component)
         self.now_ns = EPOCH_NS
         """Time that arrivals are stamped with; the owner sets it."""
         self.other: _MemoryLink = self
@@ -184,9 +183,9 @@ class _MemoryLink:
 
     def arrive(self, data: bytes) -> None:
         """Take the bytes of one message."""
-        for frame in frames_of(data, FrameCounts()):
-            ids = (frame.system, frame.component)
-            self._came.append(Received(decode(frame), self.now_ns, *ids, None))
+        for message in self.mav.feed(data, whole=True):
+            sender = (message.get_srcSystem(), message.get_srcComponent())
+            self._came.append(Received(message, self.now_ns, *sender, None))
 
     def receive(self, limit: int = 200) -> list[Received]:
         """Return the messages that have come."""

@@ -95,20 +95,14 @@ def read(logs: list[Path], mapping: str | None, names: dict[str, str]) -> list[F
     """
     from dataclasses import replace
 
-    from tombo_bag.flight import Finding
-    from tombo_logs.checks.pipeline import check_log
+    from tombo_logs.checks import findings_of
     from tombo_logs.readers.log_reader import read_every_topic
 
     flights: list[Flight] = []
     sources = []
     for path in logs:
         for flight in read_every_topic(path, mapping, names):
-            try:
-                findings = check_log(flight).findings
-            except InputError as error:
-                refused = Finding("refused", "fault", flight.name, str(error))
-                findings = (*flight.findings, refused)
-            flights.append(replace(flight, findings=findings))
+            flights.append(replace(flight, findings=findings_of(flight)))
             sources.append(path.absolute())
     called = different_names([flight.name for flight in flights], sources)
     return [replace(flight, name=name) for flight, name in zip(flights, called, strict=True)]

@@ -37,6 +37,25 @@ def test_wind_is_named_with_its_speed(calm, heading):
     assert all(p.low < p.value < p.high for p in change.theta)
 
 
+TRIM = {"mocap_body_misalignment": {"pitch": 0.087}, "quadratic_body_drag": {"c_area": 0.05}}
+"""A body that was defined leaning by 5 deg, and drag that grows faster than the speed."""
+
+
+@pytest.mark.parametrize(
+    ("speed", "heading"), [(2.0, 1.0), (3.0, 4.0), (4.2, 0.0), (6.0, 5.5), (8.5, 3.1), (12.0, 2.0)]
+)
+def test_wind_on_a_trimmed_vehicle_is_wind_or_unknown_and_its_speed_is_covered(speed, heading):
+    east, north = speed * np.cos(heading), speed * np.sin(heading)
+    before = checked(TRIM, 1, 2)
+    result = diagnose_change(checked({**TRIM, **wind(east, north)}, 7, 1), before, nominal())[0]
+    assert {c.effect for c in result.changed} <= {"steady_wind"} and result.verdict != "none"
+    assert result.verdict == ("named" if speed > 4.0 else result.verdict)
+    for change in result.changed:
+        for p, true in zip(change.theta, (east, north), strict=True):
+            assert p.low < true < p.high
+        assert "in proportion to the speed" in result.summary
+
+
 def test_the_same_wind_before_and_now_is_no_change():
     before, now = (checked(wind(SPEED, 0.0), seed, 2) for seed in (2, 8))
     result = diagnose_change(now, before, nominal(), sessions={"*": "today"})[0]

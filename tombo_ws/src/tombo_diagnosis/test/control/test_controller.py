@@ -41,8 +41,8 @@ def plant():
     return DrivePlant(model.vehicle, model.maps, model.maps.torque_ratio)
 
 
-def report(*settings, seed=3):
-    scenario = load_scenario("no_obstacle", [f"control.{s}" for s in settings])
+def report(*settings, seed=3, name="no_obstacle"):
+    scenario = load_scenario(name, [f"control.{s}" for s in settings])
     flight = fly_scenario(scenario, seed)
     found = controller_report([flight], plant(), OWN, "the suite's own")
     return found, {g.label: g for g in cascade_gains(scenario.control)}
@@ -65,6 +65,15 @@ def test_a_changed_gain_is_named_with_its_size(setting, differing):
         gain, size = change.gain, true[change.gain.label].value
         assert gain.value == pytest.approx(size, rel=0.15)
         assert gain.low <= size <= gain.high
+
+
+def test_set_points_that_jump_accuse_no_gain():
+    found, true = report(seed=7, name="aggressive")
+    assert found.changed == ()
+    loops = [g for g in found.gains if g.loop == "position"]
+    assert {f"{g.axis} {g.term}" for g in loops} == {f"{a} {t}" for a in "xy" for t in "PID"}
+    for gain in loops:
+        assert gain.value == pytest.approx(true[gain.label].value, rel=0.1), gain.label
 
 
 @pytest.mark.parametrize("seed", [3, 8])

@@ -7,7 +7,9 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from tombo_bag.flight import Flight, Series
-from tombo_diagnosis.crash.reason import why
+from tombo_diagnosis.change.features import MODES
+from tombo_diagnosis.crash.reason import judged, why, why_mapping
+from tombo_diagnosis.crash.signs import Sign
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.readers.csv_mapping import load_mapping
@@ -81,6 +83,77 @@ def test_cause_and_time_of_what_goes_wrong(changed, cause):
         assert found.timeline
 
 
+def shuttle(hertz, rate):
+    """A sound flight from side to side: the lean that accelerates it, and its rates."""
+    w = 2.0 * np.pi * hertz
+    reach = rate * GRAVITY / w**3
+
+    def eased(t):
+        return np.clip(t / 1.0, 0.0, 1.0) ** 2 * (3.0 - 2.0 * np.clip(t / 1.0, 0.0, 1.0))
+
+    def lean(t):
+        x = reach * np.sin(w * t) * eased(t)
+        return np.gradient(np.gradient(x, t), t) / GRAVITY
+
+    return hover(
+        position=lambda t, p: p + np.outer(reach * np.sin(w * t) * eased(t), [1.0, 0.0, 0.0]),
+        attitude=lambda t, q: q + np.outer(0.5 * lean(t), [0.0, 1.0, 0.0, 0.0]),
+        gyro=lambda t, g: g + np.outer(np.gradient(lean(t), t), [0.0, 1.0, 0.0]),
+    )
+
+
+@pytest.mark.parametrize(("hertz", "rate"), [(0.9, 2.0), (1.2, 3.0), (1.6, 3.0)])
+def test_rates_that_move_the_vehicle_are_a_manoeuvre(hertz, rate):
+    assert why(shuttle(hertz, rate)).cause == "none"
+
+
+def turned_down_at_front_right(within_s, accel):
+    """It turns by 3 rad/s, against what its rotors are asked for, which give less thrust."""
+    turn = -3.0 * MODES[1:3, 0] / np.linalg.norm(MODES[1:3, 0])
+
+    def since(t):
+        return np.clip((t - AT) / within_s, 0.0, 1.0) * np.clip(
+            1.0 - (t - AT - 0.3) / 0.2, 0.0, 1.0
+        )
+
+    def asked(t, command):
+        more = np.array([0.1, 0.0, 0.0, 0.0]) - 0.1 * (MODES[1:3].T @ turn > 1.0)
+        return command * np.sqrt(1.0 + np.outer(since(t), more))
+
+    return hover(
+        gyro=lambda t, w: w + np.outer(since(t), [*turn, 0.0]),
+        rotor_command=asked,
+        accel=lambda t, a: accel(t, a - np.outer(since(t), [0.0, 0.0, 1.0])),
+    )
+
+
+def test_the_turn_of_a_strike_is_no_lost_rotor():
+    def rotors(log):
+        return [s for s in why(log).timeline if s.kind == "rotor"]
+
+    (lost,) = rotors(turned_down_at_front_right(0.2, lambda t, accel: accel))
+    assert lost.time == pytest.approx(AT, abs=0.1)
+    assert not rotors(turned_down_at_front_right(0.02, struck))
+
+
+def test_what_the_checks_doubt_is_said_and_stated_lower():
+    log = hover(gyro=swinging)
+    doubted = log.with_series(
+        {**log.series, "rotor_command": Series(log.series["gyro"].t, np.full((600, 4), 500.0))}
+    )
+    found = why(doubted)
+    said = [f for f in why_mapping(found)["findings"] if f["key"] == "constant"]
+    assert said and said[0]["channel"] == "rotor_command" and said[0]["severity"] == "fault"
+    assert found.confidence <= why(log).confidence
+
+
+def test_what_follows_an_impact_is_no_cause():
+    line = [Sign(5.0, "impact", ""), Sign(5.02, "position", "", np.inf)]
+    assert judged(line)[0] == "unknown"
+    line = [Sign(4.0, "position", "", np.inf), Sign(5.0, "impact", "")]
+    assert judged(line)[:2] == ("loss_of_position", 4.0)
+
+
 def test_a_log_without_positions_is_refused():
     log = hover()
     without = log.with_series({n: s for n, s in log.series.items() if n != "position"})
@@ -122,7 +195,7 @@ def test_nothing_is_wrong_with_healthy_flights(log):
 def test_samples_within_a_microsecond_are_no_flight():
     whole = hover()
     series = {n: Series(1e-7 * s.t, s.values) for n, s in whole.series.items()}
-    with pytest.raises(InputError, match="for a second at least"):
+    with pytest.raises(InputError, match="its stamps are 1e-09 s apart"):
         why(Flight.measured("tiny", "", series))
     gyro = {**whole.series, "gyro": series["gyro"]}
     assert why(Flight.measured("tiny gyro", "", gyro)).cause == "none"

@@ -13,9 +13,12 @@ from measured_flights import SLOW, logs, nominal
 from tombo_bag.flight import Airframe, Finding, Series
 from tombo_diagnosis.diagnosis import VERDICTS, Experiment
 from tombo_diagnosis.flight import diagnose as diagnose_module
+from tombo_diagnosis.flight.cause_estimates import shown_by_scale
 from tombo_diagnosis.flight.diagnose import diagnose
+from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
+from tombo_flight.extended_model import FittedParameter
 
 pytestmark = pytest.mark.slow
 
@@ -215,3 +218,17 @@ def test_poses_that_repeat_stumble_or_are_not_finite_do_no_harm():
               "attitude": Series(t, flipped, turn.arrival)}  # fmt: skip
     diagnosis = diagnose([log.with_series(series)], nominal())
     assert diagnosis.verdict == "named" and diagnosis.causes[0].effect == "steady_wind"
+
+
+@pytest.mark.parametrize(
+    ("effect", "name", "value", "shown"),
+    [
+        ("cog_offset", "x", 1e-3, False), ("cog_offset", "y", -3e-3, True),
+        ("mass_error", "fraction", 0.02, False), ("mass_error", "fraction", 0.1, True),
+        ("imu_bias", "accel_x", 1e-3, True),
+    ],
+)  # fmt: skip
+def test_a_change_that_no_scale_shows_is_told_from_one_that_it_shows(effect, name, value, shown):
+    small = nominal_model(vehicle="crazyflie_2_1").vehicle
+    fitted = FittedParameter(name, "", 0.0, value, value, value)
+    assert shown_by_scale(effect, (fitted,), small) is shown

@@ -48,6 +48,14 @@ def test_latency_and_gaps_of_the_motion_capture():
     assert figures["longest gap [ms]"] == pytest.approx(520.0, abs=11.0)
 
 
+def test_stamps_later_than_arrival_tell_no_latency():
+    pose = log_of().topics[MOCAP_POSE.name]
+    ahead = Topic.of(pose.t, {n: s.values for n, s in pose.items()}, pose.t - 0.589)
+    figures = log_figures(Flight({MOCAP_POSE.name: ahead}, "ahead"))
+    assert figures["latency of poses, median [ms]"] is None
+    assert figures["latency of poses, 95 % [ms]"] is None
+
+
 @pytest.mark.parametrize(("hz", "expected"), [(80.0, 2.0 / np.sqrt(2.0)), (10.0, 0.0)])
 def test_vibration_is_what_shakes_above_30_hz(hz, expected):
     figures = log_figures(log_of(**{IMU.name: imu(hz, 2.0)}))

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 from scipy.special import logsumexp
 
 from tombo_diagnosis.change.features import MODES, Features, mean_of
@@ -30,11 +31,12 @@ from tombo_diagnosis.change.signatures import (
 )
 from tombo_dynamics.arrays import Array
 
-SESSION_MODES = (0.02, 0.0075, 0.0095, 0.0095)
+SESSION_MODES = (0.028, 0.006, 0.011, 0.049)
 """Spread of demand between sessions before any flight is seen, of logarithms: part of all rotors,
-roll, pitch, yaw. Two days of a Crazyflie differ by 3.3, 0.9, 2.3 and 1.9 %. Air density varies by
-0.9 % with the pressure (9 hPa), batteries by 3 % of a third of the mass; one that sits 0.7 % of
-the arm off its place moves roll or pitch by 1 %."""
+roll, pitch, yaw. Learnt, with `_VEHICLES`, from 14 healthy sessions of four Crazyflies of three
+laboratories (maximum of the posterior of a Student's t, sessions of a vehicle together)."""
+_VEHICLES = 5.0
+"""Degrees of freedom of that t: how much the spread as a whole differs between vehicles."""
 _SESSION_ROTOR = 0.003
 """The same of a single rotor."""
 SESSION_SCATTER = math.hypot(_SESSION_ROTOR, *SESSION_MODES[1:])
@@ -47,10 +49,6 @@ _FLIGHT_COMMON = 0.01
 """The same of all rotors together: batteries differ in mass by 3 % of a third of the vehicle."""
 _PRIOR_SESSIONS, _PRIOR_FLIGHTS = 4.0, 4.0
 """How many of each that weighs."""
-_ALIKE_SESSIONS = 2.0
-"""Sessions that "no more than other vehicles" weighs, where a vehicle's spread as a whole is asked
-for: from vehicle to vehicle it differs by a factor of two, more than its parts do."""
-
 NONE = 0.3
 """Probability that nothing has changed before the data: who asks has a reason."""
 _PRIOR: Mapping[str, float] = {
@@ -78,6 +76,11 @@ class Spread:
     flights: int
     """That `mean` is of."""
     sessions: int
+
+    @property
+    def days_unknown(self) -> bool:
+        """True: new flights are of a further session, and the healthy ones of a single one."""
+        return self.sessions == 1 and bool(self.session.any())
 
     def scale(self, new: int) -> Array:
         """Return the scale matrix (9, 9) of the mean of `new` flights of one further session."""
@@ -108,6 +111,8 @@ class HealthyComparison:
     """All candidates, most probable first."""
     shift: Features
     """New minus healthy."""
+    usual: float
+    """Share of healthy sessions of which the demand of the four rotors together is as far off."""
 
 
 def spread_of(healthy: Sequence[Features], sessions: Sequence[str], same: str = "") -> Spread:
@@ -127,10 +132,9 @@ def spread_of(healthy: Sequence[Features], sessions: Sequence[str], same: str = 
     prior[:4, :4] = (modes * np.square(SESSION_MODES)) @ modes.T + _SESSION_ROTOR**2 * np.eye(4)
     moved = means - middle
     apart = moved[:, :4]
-    # a vehicle that varies more in some directions does so in those not yet seen
+    # a vehicle that varies more, or less, in some directions does so in those not yet seen
     loose = float(np.sum(apart * np.linalg.solve(prior[:4, :4], apart.T).T))
-    loose = (4.0 * _ALIKE_SESSIONS + loose) / (4.0 * _ALIKE_SESSIONS + 4.0 * (n - 1.0))
-    prior[:4, :4] *= max(loose, 1.0) if n > 1 else 1.0
+    prior[:4, :4] *= (_VEHICLES + loose) / (_VEHICLES + 4.0 * (n - 1.0))
     alike = np.diag(np.square(_FLIGHT))
     alike[:4, :4] += _FLIGHT_COMMON**2
     degrees = _PRIOR_FLIGHTS + count - n
@@ -141,7 +145,7 @@ def spread_of(healthy: Sequence[Features], sessions: Sequence[str], same: str = 
         return Spread(mean_of(near), none, flight, degrees, len(near), n)
     session = (moved.T @ moved + _PRIOR_SESSIONS * prior) / (_PRIOR_SESSIONS + n - 1.0)
     mean = Features.of(middle, mean_of(healthy).supply)
-    return Spread(mean, session, flight, _PRIOR_SESSIONS + n - 1.0, count, n)
+    return Spread(mean, session, flight, _VEHICLES + n - 1.0, count, n)
 
 
 def compare(
@@ -169,6 +173,9 @@ def compare(
     scale = spread.scale(len(new))
     if math.isfinite(shift.supply):
         scale[:4, :4] += (supply_doubt * shift.supply) ** 2
+    demand = shift.demand
+    distance = float(demand @ np.linalg.solve(scale[:4, :4], demand)) / demand.size
+    usual = float(stats.f.sf(distance, demand.size, spread.degrees))
     nothing = float(log_density(scale, spread.degrees, shift.vector, None, widths)[0]) + math.log(
         NONE / (1.0 - NONE)
     )
@@ -190,7 +197,7 @@ def compare(
         for c, log, part in zip(tried, logs, parts, strict=True)
     ]
     results.sort(key=lambda r: -r.probability)
-    return HealthyComparison(math.exp(nothing - highest) / whole, tuple(results), shift)
+    return HealthyComparison(math.exp(nothing - highest) / whole, tuple(results), shift, usual)
 
 
 def smallest_seen(

@@ -107,7 +107,8 @@ def diagnose_change(
     curve = data.curve
     exponent_doubt, supply_doubt = curve.deviation[0] / curve.exponent, curve.deviation[1]
     comparison = compare(spread, data.new, tried, supply_doubt, exponent_doubt, widths)
-    verdict = judge_change(comparison, accused, asked)
+    most = most_confident(accused, asked, spread)
+    verdict = judge_change(comparison, most)
     seen: dict[str, float] = {}
     if verdict.verdict == "none":
         seen = smallest_seen(spread, data.new, tried, supply_doubt, _TOLD)
@@ -123,7 +124,6 @@ def diagnose_change(
     text = summary(verdict, spread, comparison, seen)
     wind = new_wind(new, healthy)
     if wind is not None:
-        most = most_confident(accused, asked)
         changed, text = wind.change(most), wind.summary
         verdict = ChangeVerdict("named" if changed else "unknown", (), most)
     stated = "set" if any(c.effect == _EQUAL for c in changed) else verdict.verdict
@@ -264,7 +264,7 @@ def _changes(
     """Return a member as it is reported; of a named pair one entry each."""
     candidate = member.candidate
     whole = sum(m.probability for m in verdict.members)
-    sure = member.probability * min(1.0, verdict.confidence / whole)
+    sure = member.probability * verdict.confidence / whole
     theta = _theta(member, mass, arm)
     if verdict.verdict == "named" and "+" in candidate.rotor:
         return [

@@ -63,8 +63,8 @@ class Widths:
 GUESSED = Widths()
 """Before any flight of a known change is seen."""
 LEARNT = Widths(
-    yaw_share=0.43, wash=0.11, misfit=0.086, rough=0.42, weighed=0.14, detuned=5.8, swung=0.51,
-    dragged=0.061,
+    yaw_share=0.38, wash=0.058, misfit=0.077, rough=0.43, weighed=0.14, detuned=5.3, swung=0.51,
+    dragged=0.062,
 )  # fmt: skip
 """Of the ten conditions of CrazyPAD, vehicle E9: `learning.learnt_widths`."""
 

@@ -40,26 +40,41 @@ class ChangeVerdict:
     confidence: float
 
 
-def most_confident(accused: int, asked: int) -> float:
-    """Return the bound of confidence, as `judge_change` says."""
-    return 1.0 - (accused + 0.4) / (asked + 10.0)
+_OTHERS = 2.0
+"""Sessions of other vehicles that count with those of the vehicle itself."""
+_ACCUSED_OF_MANY, _ACCUSED_OF_ONE = 0.08, 1.0 / 3.0
+"""Share of healthy sessions of other vehicles that are called changed: by three others of the
+vehicle 1 of 12; by a single one, the share of vehicles, by Laplace's rule: one of four
+Crazyflies, in 5 of its 12 pairs (of the three others in none of 26)."""
 
 
-def judge_change(comparison: HealthyComparison, accused: int, asked: int) -> ChangeVerdict:
+def most_confident(accused: int, asked: int, spread: Spread) -> float:
+    """Return the share of healthy sessions that are not called changed, a bound of confidence.
+
+    Args:
+        accused: of `asked` healthy sessions, those that the others call changed.
+        asked: sessions; flights, if all are of one.
+        spread: of the healthy flights. A single session says nothing of a further one.
+    """
+    usual = _ACCUSED_OF_ONE if spread.days_unknown else _ACCUSED_OF_MANY
+    weight = 0.0 if spread.days_unknown else 1.0
+    return 1.0 - (weight * accused + _OTHERS * usual) / (weight * asked + _OTHERS)
+
+
+def judge_change(comparison: HealthyComparison, most: float) -> ChangeVerdict:
     """Return the verdict.
 
-    Its confidence is bounded by how many of `asked` healthy sessions the others accuse, with ten
-    of other vehicles, of which 4 % are.
+    `most` (`most_confident`) bounds its confidence; a cause is as probable as its share of what
+    has changed, times that.
     """
-    most = most_confident(accused, asked)
     if comparison.none > CHANGED:
         return ChangeVerdict("none", (), min(comparison.none, most))
     known = [r for r in comparison.results if r.candidate.effect != OTHER]
-    members, covered = [known[0]], known[0].probability
+    members, covered = [known[0]], most * known[0].probability
     if covered < NAMED:
         for result in known[1:_LARGEST_SET]:
             members.append(result)
-            covered += result.probability
+            covered += most * result.probability
             if covered >= COVERED:
                 break
         else:
@@ -67,9 +82,9 @@ def judge_change(comparison: HealthyComparison, accused: int, asked: int) -> Cha
     for result in known:
         if len(members) < _LARGEST_SET and result not in members and _alike(result, known[0]):
             members.append(result)
-            covered += result.probability
+            covered += most * result.probability
     verdict = "named" if len(members) == 1 else "set"
-    return ChangeVerdict(verdict, tuple(members), min(covered, most))
+    return ChangeVerdict(verdict, tuple(members), covered)
 
 
 def _alike(result: CandidateResult, first: CandidateResult) -> bool:
@@ -119,15 +134,17 @@ def summary(
     """
     day = np.sqrt(np.diag(spread.scale(1))[:4])
     k = int(np.abs(comparison.shift.demand / day).argmax())
-    share, usual = np.expm1([comparison.shift.demand[k], day[k]])  # of logarithms
+    share = np.expm1(comparison.shift.demand[k])  # of a logarithm
     more = "more" if share > 0.0 else "less"
     text = (
         f"Rotor {ROTOR_NAMES[k].replace('_', ' ')} is asked for {percent(abs(share), 1)} "
-        f"{more} thrust than in {counted(spread.flights, 'healthy flight')}, which spread by "
-        f"{percent(usual, 1)}; swing {percent(np.expm1(comparison.shift.swing))}."
+        f"{more} thrust than in {counted(spread.flights, 'healthy flight')}; all four rotors "
+        f"together are as far off in {percent(comparison.usual)} of healthy flights of "
+        f"{'a further' if spread.session.any() else 'this'} session; swing "
+        f"{percent(np.expm1(comparison.shift.swing))}."
     )
     if verdict.verdict == "none":
-        return f"{text} Healthy flights differ as much. {_would_show(seen)}"
+        return f"{text} {_would_show(seen)}"
     if verdict.verdict == "unknown":
         return f"{text} Most probable: {listed(_kinds(verdict.members)[:3])}."
     members = listed([phrase(m.candidate.label) for m in verdict.members], "or")

@@ -1,7 +1,7 @@
 """Wind that new flights have and healthy ones have not: nothing of the vehicle has changed then.
 
-Wind leans the vehicle and asks for other commands, as other causes do: where the checks see it,
-none of these is named.
+Wind leans the vehicle and asks for other commands, as other causes do: where the new flights are
+pushed sideways otherwise than the healthy ones, none of these is named.
 """
 
 from __future__ import annotations
@@ -22,7 +22,12 @@ from tombo_flight.extended_model import FittedParameter
 from tombo_logs.checks.wind import DRAG_KNOWN, LEAST
 
 _SAME = 0.5
-"""Share of the new flights' push within which the healthy ones have the same wind."""
+"""Share of the healthy flights' push within which the new ones have the same wind."""
+_RELEVELLED = 0.2
+"""Standard deviation of what a map that was levelled anew, or a body that was defined anew, looks
+like [m/s^2]: 1.2 deg."""
+_SEEN, _SURE = 2.0, 4.0
+"""Standard deviations of a difference from which on there may be wind, and from which there is."""
 
 
 @dataclass(frozen=True)
@@ -30,19 +35,34 @@ class NewWind:
     """Wind of new flights, more than the healthy ones have."""
 
     speed: Array | None
-    """(2,) along map x, y [m/s]; None: not known, without the drag, or as it swings."""
+    """(2,) along map x, y [m/s], by a drag in proportion to the speed; None: not known, without
+    the drag, or as it swings, or as the level may be another."""
     deviation: float
     """Of each [m/s]."""
+    own_speed: float = 0.0
+    """Of the flights that show the drag [m/s]."""
+
+    @property
+    def by_square(self) -> float:
+        """Share of `speed` if drag grows with the square of the speed from `own_speed` on."""
+        assert self.speed is not None
+        return math.sqrt(self.own_speed / float(np.linalg.norm(self.speed)))
 
     def change(self, confidence: float) -> tuple[Change, ...]:
-        """Return it as what has changed; nothing where its speed is not known."""
+        """Return it as what has changed; nothing where its speed is not known.
+
+        The interval holds both laws of drag.
+        """
         if self.speed is None:
             return ()
         half = TWO_SIDED * self.deviation
         theta = tuple(
-            FittedParameter(name, "m/s", 0.0, v, v - half, v + half)
+            FittedParameter(
+                name, "m/s", 0.0, v, min(v, v * self.by_square) - half,
+                max(v, v * self.by_square) + half,
+            )
             for name, v in zip(("east", "north"), self.speed.tolist(), strict=True)
-        )
+        )  # fmt: skip
         return (Change(WIND, "", theta, confidence),)
 
     @property
@@ -50,34 +70,52 @@ class NewWind:
         """In a sentence or two."""
         if self.speed is None:
             return (
-                "There is wind in the new flights, of a speed that they do not show; what else "
-                "may have changed is not told in wind."
+                "The new flights are pushed sideways more than the healthy ones: by wind of a "
+                "speed that they do not show, or their level is another. What else may have "
+                "changed is not told then."
             )
+        size = float(np.linalg.norm(self.speed))
         return (
-            f"There is wind in the new flights: air of {np.linalg.norm(self.speed):.1f} m/s more "
-            "than in the healthy ones. What else may have changed is not told in wind."
+            f"There is wind in the new flights: air of {size:.1f} m/s more than in the healthy "
+            "ones, if drag grows in proportion to the speed, as that of rotors does; "
+            f"{size * self.by_square:.1f} m/s if it grows with the square, as that of a body "
+            "does. What else may have changed is not told in wind."
         )
 
 
 def new_wind(new: Sequence[Flight], healthy: Sequence[Flight]) -> NewWind | None:
-    """Return the wind of most new flights; None: there is none, or the healthy ones have it, too.
+    """Return the wind of the new flights; None: there is none, or the healthy ones have it, too.
 
-    `new` and `healthy` are checked.
+    A lean of body, accelerometer or map is the same in both and drops out of their difference, so
+    a wind shows in it that no flight shows alone. `new` and `healthy` are checked.
     """
-    windy = windy_flights(new)
-    if 2 * len(windy) <= len(new):
-        return None
-    after = [push for log in windy if (push := push_in(log)) is not None]
-    before = [push for log in healthy if (push := push_in(log)) is not None]
+    after, before = (
+        [p for log in logs if (p := push_in(log)) is not None] for logs in (new, healthy)
+    )
     if not after or not before:
-        return None if windy_flights(healthy) else NewWind(None, math.inf)
-    now, old = (np.mean([p.steady for p in pushes], axis=0) for pushes in (after, before))
+        windy = 2 * len(windy_flights(new)) > len(new) and not windy_flights(healthy)
+        return NewWind(None, math.inf) if windy else None
+    steady = [np.array([p.steady for p in pushes]) for pushes in (after, before)]
+    now, old = (each.mean(axis=0) for each in steady)
     size = float(np.linalg.norm(now - old))
-    if max(p.swing for p in after) == 0.0 and size < max(LEAST, _SAME * np.linalg.norm(now)):
-        return None
+    doubt = math.hypot(_between_flights(*steady), _RELEVELLED)
+    swings = 2 * sum(p.swing > 0.0 for p in after) > len(after)
+    swings = swings and not any(p.swing > 0.0 for p in before)
+    if size < max(LEAST, _SEEN * doubt, _SAME * float(np.linalg.norm(old))):
+        return NewWind(None, math.inf) if swings else None
     drag, deviation = drag_shown([*after, *before])
-    if size < LEAST or not deviation < DRAG_KNOWN * drag:
+    if size < _SURE * doubt or not deviation < DRAG_KNOWN * drag:
         return NewWind(None, math.inf)
-    doubt = math.hypot(*(np.mean([p.deviation for p in pushes]) for pushes in (after, before)))
+    own_speed = float(np.mean([p.speed for p in (*after, *before)]))
     speed = (now - old) / drag
-    return NewWind(speed, math.hypot(doubt / drag, deviation / drag * size / drag))
+    return NewWind(speed, math.hypot(doubt / drag, deviation / drag * size / drag), own_speed)
+
+
+def _between_flights(after: Array, before: Array) -> float:
+    """Return the deviation of the difference of means of pushes (N, 2), from their scatter.
+
+    Of one flight on each side it is not known, and 0.
+    """
+    free = len(after) + len(before) - 2
+    squares = sum(float(np.sum((each - each.mean(axis=0)) ** 2)) for each in (after, before))
+    return math.sqrt(squares / (2 * max(free, 1)) * (1.0 / len(after) + 1.0 / len(before)))

@@ -42,8 +42,10 @@ _CUTOFFS: Final = (60.0, 125.0, 250.0, 500.0)
 """rad/s of the low-pass of a derivative that are tried."""
 _DELAYS: Final = 4
 """Samples by which stamps of what is asked for may be late or early."""
-_T975: Final = 2.2
-"""Of Student's distribution with _BLOCKS - 1 degrees of freedom."""
+FREEDOM: Final = _BLOCKS - 1
+"""Degrees of freedom of an interval."""
+T975: Final = 2.2
+"""Of Student's distribution with so many."""
 _CASCADE: Final = 0.8
 """Correlation of the asked rate with the error of attitude from which on the one follows from
 the other."""
@@ -153,7 +155,7 @@ def _fit(
 
 
 def _gain(loop: str, axis: str, term: str, unit: str, value: float, error: float) -> LoopGain:
-    return LoopGain(loop, axis, term, unit, value, value - _T975 * error, value + _T975 * error)
+    return LoopGain(loop, axis, term, unit, value, value - T975 * error, value + T975 * error)
 
 
 def _trimmed(xs: Array, ys: Array) -> tuple[Array, Array, float]:
@@ -333,7 +335,10 @@ def _position_loops(s: ControlSignals) -> list[LoopFit]:
     for k, axis in enumerate(AXES["position"]):
         e, off = wanted[:, k] - s.position[:, k], speed[:, k] - s.velocity[:, k]
         named = {"P": e, "D": off, "I": _integral(e, free, s.step)}
-        nuisance = [s.t - s.t[0], pushes[:, k], taken_back[:, k]]
+        # A loop on velocity integrates what the set point's own velocity leaves: where the set
+        # point jumps, that is not the error of position.
+        jumped = _integral(off, free, s.step) - e
+        nuisance = [s.t - s.t[0], pushes[:, k], taken_back[:, k], jumped]
         fits.append(_fit(s, "position", axis, pushed[:, k], named, units, nuisance, free, fresh))
     return fits
 

@@ -19,8 +19,9 @@ from tombo_logs.checks.spans import Mask
 _BAND_HZ: Final = (0.9, 20.0)
 _LEAST: Final = 0.8
 """rad/s: standard deviation of rates in the band from which on it is an oscillation."""
-_BEYOND: Final = 2.0
-"""Rates in the band over those that the course asks for, at least."""
+BEYOND: Final = 2.0
+"""Rates in the band over those that the course needs, about both axes together, at least: a
+figure-eight is in one axis twice as fast as in the other."""
 _COURSE_HZ: Final = 2.5
 """A course has nothing above it."""
 _WINDOW_S: Final = 2.0
@@ -53,12 +54,15 @@ def oscillation(s: ControlSignals) -> Oscillation | None:
     if s.rates is None or np.count_nonzero(s.usable) * s.step < _WINDOW_S:
         return None
     rows = s.usable & np.isfinite(s.rates).all(axis=1)
-    course = _course_rates(s)
+    turned, needed = (
+        [_peak(values[rows, k], s.step) for k in (0, 1)] for values in (s.rates, course_rates(s))
+    )
+    if math.hypot(*(size for _, size in turned)) < BEYOND * math.hypot(*(x for _, x in needed)):
+        return None
     strongest: Oscillation | None = None
     for k, axis in enumerate(("roll", "pitch")):
-        hertz, size = _peak(s.rates[rows, k], s.step)
-        asked = 0.0 if course is None else _peak(course[rows, k], s.step)[1]
-        if size < max(_LEAST, _BEYOND * asked, 0.0 if strongest is None else strongest.size):
+        hertz, size = turned[k]
+        if size < max(_LEAST, 0.0 if strongest is None else strongest.size):
             continue
         strongest = Oscillation(axis, hertz, size, _loop(s, k, hertz), _begin(s, k))
     return strongest
@@ -76,18 +80,24 @@ def _peak(values: Array, step: float) -> tuple[float, float]:
     )
 
 
-def _course_rates(s: ControlSignals) -> Array | None:
-    """Return the body rates that the position asked for needs; None: it is not known."""
+def course_rates(s: ControlSignals) -> Array:
+    """Return the body rates (N, 2) about x and y that the course needs, as asked for or as flown.
+
+    Thrust accelerates the vehicle along its body z, so a jerk j needs the rates z x j / g. Without
+    set points the course is what was flown: rates that move the vehicle are a manoeuvre.
+    """
     course, order = s.velocity_asked, 2
     if course is None:
         course, order = s.position_asked, 3
     if course is None:
-        return None
-    sos = butter(2, min(2.0 * _COURSE_HZ * s.step, 0.9), output="sos")
-    jerk = sosfiltfilt(sos, course, axis=0)
+        course = s.position
+    jerk = course
     for _ in range(order):
         jerk = np.gradient(jerk, s.step, axis=0)
-    return np.column_stack([-jerk[:, 1], jerk[:, 0]]) / GRAVITY
+    sos = butter(4, min(2.0 * _COURSE_HZ * s.step, 0.9), output="sos")
+    jerk = sosfiltfilt(sos, jerk, axis=0, padtype="even")
+    rates = np.column_stack([-jerk[:, 1], jerk[:, 0], np.zeros(len(jerk))]) / GRAVITY
+    return np.asarray(rates if s.turns is None else s.turns.inv().apply(rates))[:, :2]
 
 
 def _swing(values: Array, rows: Mask, hertz: float, step: float) -> float:

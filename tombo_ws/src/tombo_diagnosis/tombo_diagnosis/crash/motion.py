@@ -13,6 +13,8 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Flight, Series
 from tombo_diagnosis.change.features import EXPONENT
+from tombo_diagnosis.control.oscillation import course_rates
+from tombo_diagnosis.control.signals import ControlSignals, control_signals
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
@@ -20,7 +22,8 @@ from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.clocks.timestamps import jitter
 from tombo_logs.checks.frozen_values import interpolated_spans
 from tombo_logs.checks.ground import ground_spans
-from tombo_logs.checks.series_cleaning import clean_series, nothing_left
+from tombo_logs.checks.recording import recorded
+from tombo_logs.checks.series_cleaning import nothing_left
 from tombo_logs.checks.spans import Mask, block_means, check_extent, inside, sample_interval
 from tombo_logs.checks.track_smoothing import SmoothTrack, smooth_track
 from tombo_logs.readers.frames import is_usable
@@ -83,6 +86,10 @@ class CrashMotion:
     """Stamps of the poses are so even that jumps and fast swings can be told."""
     learnt: Mask
     """The part from which is learnt what is usual."""
+    controlled: ControlSignals | None
+    """What the controller saw and asked for; None: too little."""
+    course: Array
+    """(N, 2) rad/s, body x and y, that the course needs."""
     missing: Array
     """(N,) thrust over hover's that is there beyond what the drives ask for; NaN: no drives."""
 
@@ -103,7 +110,9 @@ def crash_motion(log: Flight) -> CrashMotion:
     Raises:
         InputError: no position, or never in the air.
     """
-    series = {n: s for n, raw in log.series.items() if not nothing_left(s := _clean(log, n, raw))}
+    channels, _ = recorded(log)
+    log = log.with_series(channels)
+    series = {n: s for n, raw in channels.items() if not nothing_left(s := _measured(n, raw))}
     position = series.get("position")
     if position is None or position.t.size < 20 or np.ptp(position.t) < _SHORTEST_S:
         raise InputError(
@@ -142,14 +151,18 @@ def crash_motion(log: Flight) -> CrashMotion:
     learnt = flying & (row >= settled) & (row < first + _LEARNT * (last - first))
     demand = _demand(series, t, learnt)
     missing = _missing(demand, force[:, 2], learnt)
+    controlled = control_signals(log, None)
+    course: Array = np.zeros((t.size, 2))
+    if controlled is not None:
+        course = _at(controlled.t, course_rates(controlled), t)
     return CrashMotion(
         log, series, track, t, place[:, 2], speed, pushed, lean, rates, force, demand,
-        flying, seen, even, learnt, missing,
+        flying, seen, even, learnt, controlled, course, missing,
     )  # fmt: skip
 
 
-def _clean(log: Flight, name: str, raw: Series) -> Series:
-    series = clean_series(log.name, name, raw)[0]
+def _measured(name: str, series: Series) -> Series:
+    """Return what was measured of a channel: no straight lines, no attitudes that are none."""
     if name in _MEASURED and series.t.size:
         lines = [(b, e) for b, e in interpolated_spans(series.t, series.values) if e - b > _LINE_S]
         keep = ~inside(series.t, lines)

@@ -12,6 +12,7 @@ from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from tombo_diagnosis.change.features import MODES
+from tombo_diagnosis.control.oscillation import BEYOND
 from tombo_diagnosis.crash.motion import RATE, CrashMotion
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES
@@ -43,6 +44,8 @@ _LAG_S: Final = 0.12
 """s by which thrust may follow the drives at most."""
 _PUSH: Final = 4.0
 """m/s^2 by which a touch changes the force at least."""
+_SPREAD: Final = 4
+"""Rows by which a push is seen early and late in smoothed rates."""
 _BUMP: Final = 0.3
 """m/s that a touch changes the velocity at least, seen in poses alone."""
 _CUT: Final = 0.4
@@ -219,7 +222,7 @@ def _rotor_lost(m: CrashMotion) -> Iterator[Sign]:
     lost = against & both & helps & lacks & (push > max(_MOMENT, 1.5 * weak))
     lost &= size > max(_TURNED, 2.0 * usual)
     lost |= _compensated(m, towards) & lacks
-    lost &= np.nan_to_num(m.lean) < _LEAN
+    lost &= (np.nan_to_num(m.lean) < _LEAN) & ~_turned_by_push(m, width)
     for begin, end in runs(lost & m.flying):
         if end - begin < _OFF_S * RATE or np.ptp(towards[begin:end]) > 0:
             continue
@@ -241,10 +244,13 @@ def _compensated(m: CrashMotion, rotor: IntArray) -> Mask:
     return np.asarray(share > max(_FAR_MORE, 1.5 * float(np.percentile(share[m.learnt], 99.5))))
 
 
-def _touches(m: CrashMotion) -> Iterator[Sign]:
-    """A push on the accelerometer that neither the drives nor the usual vibration explain."""
+def _pushes(m: CrashMotion) -> tuple[Array, float]:
+    """Return force on the accelerometer that neither drives nor vibration explain, and its limit.
+
+    The force (N,) is a size [m/s^2]; 0: no accelerometer.
+    """
     if "accel" not in m.series:
-        return
+        return np.zeros(m.t.size), np.inf
     force = m.force.copy()
     if np.isfinite(m.missing).any():
         # what was asked for lately is explained, whatever the lag
@@ -256,8 +262,22 @@ def _touches(m: CrashMotion) -> Iterator[Sign]:
     force = np.nan_to_num(force)
     fast = force - np.column_stack([median_filter(f, 41, mode="nearest") for f in force.T])
     usual = np.nanpercentile(np.linalg.norm(fast[m.learnt], axis=1), 99.5)
-    size = np.linalg.norm(fast, axis=1)
-    limit = max(_PUSH, 2.5 * float(usual))
+    return np.linalg.norm(fast, axis=1), max(_PUSH, 2.5 * float(usual))
+
+
+def _turned_by_push(m: CrashMotion, width: int) -> Mask:
+    """Return where the turn of the last `width` rows may be that of a push: it ends with it."""
+    size, limit = _pushes(m)
+    turned: Mask = np.zeros(m.t.size, np.bool_)
+    for begin, end in runs(size > limit):
+        # the filter spreads it
+        turned[max(begin - _SPREAD, 0) : min(end, begin + width) + width + _SPREAD] = True
+    return turned
+
+
+def _touches(m: CrashMotion) -> Iterator[Sign]:
+    """A push on the accelerometer that neither the drives nor the usual vibration explain."""
+    size, limit = _pushes(m)
     for begin, end in runs((size > limit) & m.flying)[:3]:
         peak = begin + int(np.argmax(size[begin:end]))
         row = begin
@@ -358,21 +378,39 @@ def _stretch(mask: Mask, row: int) -> tuple[int, int]:
 
 
 def _swings(m: CrashMotion) -> Iterator[Sign]:
-    """Body rates or commands that swing with one frequency, more than they did."""
+    """Body rates or commands that swing with one frequency, more than they did and need to."""
     demand = np.nan_to_num(m.demand) @ MODES[1:].T
-    for name, values, least in (
-        ("the body's rate", np.nan_to_num(m.rates), _SWING),
-        ("the command", demand, _SWING_ASKED),
-    ):
-        if m.t.size > RATE and values.any():
-            yield from _swinging(m, name, values, least)
+    rates = np.nan_to_num(m.rates)
+    if m.t.size <= RATE:
+        return
+    swing, needed = _fast(rates), _fast(m.course)
+    turned, asked = (np.linalg.norm(_size(x), axis=1) for x in (swing[:, :2], needed))
+    beyond = (turned > BEYOND * asked)[:, None]
+    swing[:, :2] *= beyond
+    if rates.any():
+        yield from _swinging(m, "the body's rate", swing, _SWING)
+        # a moment that the course needs turns the vehicle as the course does
+        demand = demand * beyond
+    if demand.any():
+        yield from _swinging(m, "the command", _fast(demand), _SWING_ASKED)
 
 
-def _swinging(m: CrashMotion, name: str, values: Array, least: float) -> Iterator[Sign]:
-    """Return the first swing of a channel (N, 3) beyond `least` and its usual size."""
+def _fast(values: Array) -> Array:
+    """Return what swings of values (N, k); before a blow, where the filter rings, nothing does."""
     sos = butter(2, _SWING_HZ, "band", fs=RATE, output="sos")
-    fast = sosfiltfilt(sos, values, axis=0)
-    size = np.sqrt(np.maximum(uniform_filter1d(fast**2, round(0.4 * RATE), axis=0), 0.0))
+    most = np.abs(values - np.median(values, axis=0))
+    return np.asarray(np.clip(sosfiltfilt(sos, values, axis=0), -most, most))
+
+
+def _size(fast: Array) -> Array:
+    """Return the standard deviation lately."""
+    power = uniform_filter1d(fast**2, round(0.4 * RATE), axis=0)
+    return np.asarray(np.sqrt(np.maximum(power, 0.0)))
+
+
+def _swinging(m: CrashMotion, name: str, fast: Array, least: float) -> Iterator[Sign]:
+    """Return the first swing of a channel (N, 3) of a size beyond `least` and its usual one."""
+    size = _size(fast)
     for axis in range(3):
         usual = float(np.nanmedian(size[m.learnt, axis]))
         limit = max(least, min(_GROWS * usual, 1.25 * least))

@@ -109,11 +109,11 @@ def _with_tight_priors(model: RegressionModel, explanation: Explanation) -> list
     fit = explanation.fit
     columns = model.columns
     limits = columns.deviations(fit.free, fit.widths)
-    stretched = np.abs(fit.solution.mean - fit.prior_mean) / limits
+    stretched = np.abs(fit.solution.mean - fit.prior_mean) > _STRETCHED_SIGMAS * limits
     places = [
         k for k, i in enumerate(columns.indices) if i in columns.identifiable and i not in fit.free
     ]
-    if not places or float(stretched[places].max()) < _STRETCHED_SIGMAS:
+    if not stretched[places].any():
         return []
     best: dict[str, Hypothesis] = {}
     for gain, hypothesis in rank_hypotheses(model, explanation, TIGHT):

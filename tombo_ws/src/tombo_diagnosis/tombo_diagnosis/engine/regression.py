@@ -1,8 +1,8 @@
 """The unknowns of a diagnosis, and the evidence of a set of causes: Bayesian linear regression.
 
-A lab knows its nominal parameters only to a *tolerance*: an error of this size is no finding. The
-tolerance is a twentieth of the size that clearly matters, as after careful weighing, balancing and
-calibration. It also keeps a cause from being named for the small change of another parameter.
+A lab knows its nominal parameters only to a *tolerance*: an error of this size is no finding. Each
+effect states in its registration how much of it healthy vehicles have (`Effect.healthy_spread`).
+It also keeps a cause from being named for the small change of another parameter.
 
 Near one theta the residuals are linear in the free parameters. With Gaussian noise and priors, the
 probability of the data under "these effects are present, all else within its tolerance" then has a
@@ -22,7 +22,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.effect_registry import TOLERANCE
+from tombo_dynamics.effect_registry import HEALTHY_SPREAD
 
 
 @dataclass(frozen=True)
@@ -112,6 +112,8 @@ class FreeParameter:
     """A change of this size clearly matters; the prior's standard deviation of a cause."""
     stochastic: bool = False
     """Of a stochastic effect, which is fitted by its width and has no place in theta."""
+    healthy_spread: float = HEALTHY_SPREAD
+    """Standard deviation between healthy vehicles, as a share of `scale`."""
     known_to: float | None = None
     """Standard deviation with which this vehicle's own value is known; None: as usual."""
     doubt: float = 1.0
@@ -124,8 +126,13 @@ class FreeParameter:
 
     @property
     def tolerance(self) -> float:
-        """Standard deviation of what counts as healthy."""
-        return TOLERANCE * self.scale if self.known_to is None else self.known_to
+        """Standard deviation of what counts as healthy; 0: exactly the nominal value is."""
+        return self.healthy_spread * self.scale if self.known_to is None else self.known_to
+
+    @property
+    def resolution(self) -> float:
+        """A change that is small for a fit: the tolerance, a usual one where there is none."""
+        return self.tolerance or HEALTHY_SPREAD * self.scale
 
     @property
     def step(self) -> float:
@@ -247,7 +254,7 @@ class Unknowns:
             value = theta[index] + solution.mean[place]
             over = max(p.low - value, value - p.high, 0.0)
             variance = max(float(solution.covariance[place, place]), 1e-18)
-            deviation = math.sqrt(variance) + p.tolerance
+            deviation = math.sqrt(variance) + p.resolution
             if fitted and over > _MAX_BOUND_EXCESS_SIGMAS * deviation:
                 return math.inf
             cost += 0.5 * (over / deviation) ** 2

@@ -27,7 +27,14 @@ from tombo_diagnosis.flight.nominal import SCATTER, SCATTER_LABEL
 from tombo_diagnosis.flight.swing import swing_estimate
 from tombo_diagnosis.wording import capital, counted, display_name, listed
 from tombo_dynamics.effects import REGISTRY
+from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.extended_model import FittedParameter, Gain
+
+_SCALE_KG = 1e-3
+"""kg: what the scales of most labs resolve."""
+UNWEIGHED = 0.5
+"""Confidence, at most, in a change of mass or balance that such a scale would not show: so little
+may stand for a cause that is no candidate."""
 
 
 def estimate_cause(effect: str, findings: FlightAnalysis, explanation: Explanation) -> Cause:
@@ -42,7 +49,24 @@ def estimate_cause(effect: str, findings: FlightAnalysis, explanation: Explanati
     if effect == SCATTER and not theta:
         theta, covariance = _scatter_estimate(findings, explanation)
     confidence = findings.judgement.each.get(effect, 0.0)
+    if not shown_by_scale(effect, theta, findings.problem.nominal.vehicle):
+        confidence = min(confidence, UNWEIGHED)
     return Cause(effect, theta, confidence, REGISTRY[effect].signature, covariance)
+
+
+def shown_by_scale(effect: str, theta: Sequence[FittedParameter], vehicle: VehicleParams) -> bool:
+    """Return whether a scale of 1 g shows a change of mass or balance; True for other effects.
+
+    A centre of gravity moved by x shows as the mass m x / arm on a scale below one arm.
+    """
+    mass = vehicle.mass
+    masses = {
+        "mass_error": {"fraction": mass},
+        "cog_offset": dict.fromkeys("xy", mass / vehicle.arm_length),
+        "hanging_load": {"mass": 1.0},
+    }.get(effect, {})
+    shown = [abs(p.value - p.nominal) * masses[p.name] for p in theta if p.name in masses]
+    return not shown or max(shown) >= _SCALE_KG
 
 
 def _noise_estimate(effect: str, findings: FlightAnalysis) -> ParameterEstimate:

@@ -156,7 +156,7 @@ def _solved(problem: FlightProblem, fit: Fit, flights: Sequence[int]) -> tuple[f
 
 
 def _in_bounds(p: FreeParameter, value: float) -> bool:
-    slack = 1e-3 * p.tolerance
+    slack = 1e-3 * p.resolution
     return p.low - slack <= value <= p.high + slack
 
 

@@ -24,7 +24,14 @@ from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightSummary, Resi
 from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.flight.analyse import DOUBTS, FlightAnalysis, analyse
 from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
-from tombo_diagnosis.flight.cause_estimates import estimate_cause, notes, scores, summary
+from tombo_diagnosis.flight.cause_estimates import (
+    UNWEIGHED,
+    estimate_cause,
+    notes,
+    scores,
+    shown_by_scale,
+    summary,
+)
 from tombo_diagnosis.flight.cross_validation import (
     extended,
     gain_by_effect,
@@ -112,6 +119,8 @@ def diagnose_flights(
         estimate_cause(e, findings, final if e in final.effects else search.explaining(e))
         for e in judgement.effects
     )
+    vehicle = problem.nominal.vehicle
+    unweighed = any(not shown_by_scale(c.effect, c.theta, vehicle) for c in causes)
     experiment = None
     if judgement.members and separate is not None:
         progress("looking for a separating experiment", 0.85)
@@ -137,7 +146,7 @@ def diagnose_flights(
             for t in problem.tracks
         ),
         residuals=tuple(_residuals(findings, final)),
-        confidence=judgement.confidence,
+        confidence=min(judgement.confidence, UNWEIGHED) if unweighed else judgement.confidence,
         summary=with_controller(summary(findings, causes, gains), controller),
         notes=tuple(notes(findings)),
         model=nominal.label,

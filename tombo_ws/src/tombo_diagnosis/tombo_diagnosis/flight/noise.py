@@ -370,7 +370,7 @@ def _fit(
     covariance = np.linalg.inv(precision)
     cost = float(residual @ residual) + float(np.sum(((at - start) / scales) ** 2))
     occam = 0.5 * float(np.linalg.slogdet(covariance)[1]) - float(np.log(scales).sum())
-    evidence = -0.5 * cost + occam - _healthy_cost(off(base), slopes, scales)
+    evidence = -0.5 * cost + occam - _healthy_cost(off(base), slopes, [p.tolerance for p in free])
     return NoiseFit(
         effect,
         tuple(p.index for p in free),
@@ -380,10 +380,9 @@ def _fit(
     )
 
 
-def _healthy_cost(none: Array, slopes: Array, scales: Array) -> float:
+def _healthy_cost(none: Array, slopes: Array, tolerances: Sequence[float]) -> float:
     """Return the log evidence of the nominal model, its parameters off by their tolerances."""
-    tolerance = np.array([0.05]) * scales
-    moved = slopes * tolerance
+    moved = slopes * np.asarray(tolerances)
     covariance = np.eye(none.size) + moved @ moved.T
     return -0.5 * float(none @ np.linalg.solve(covariance, none)) - 0.5 * float(
         np.linalg.slogdet(covariance)[1]

@@ -39,12 +39,16 @@ def parameters(mass: float = _OWN.mass, arm: float = _OWN.arm_length) -> tuple[F
     places = layout()
     for name, effect in REGISTRY.items():
         for p in effect.theta:
-            alike = [abs(o.typical - o.null) for o in effect.theta if o.unit == p.unit]
-            scale = abs(p.typical - p.null) or max(alike) or abs(p.typical) or 1.0
+            scale = effect.size(p)
             place = places[name][p.name]
             if not name.startswith(("mocap_noise", "contact")):
                 scale *= sizes.get(p.unit, 1.0)
-            every.append(FreeParameter(place, name, p.name, p.unit, p.null, *p.bounds, scale))
+            every.append(
+                FreeParameter(
+                    place, name, p.name, p.unit, p.null, *p.bounds, scale,
+                    healthy_spread=effect.healthy_spread,
+                )
+            )  # fmt: skip
     return tuple(sorted(every, key=lambda p: p.index))
 
 
@@ -116,13 +120,13 @@ class NominalModel:
 def nominal_tolerances(nominal: NominalModel) -> dict[str, float]:
     """Return effect.parameter → standard deviation within which a value may be off unnoticed.
 
-    Of effects without contact; what was fitted to the flights has none. The scatter of the
-    propellers is the nominal one, where there is some, or what healthy flights differ by.
+    What was fitted to the flights has none. The scatter of the propellers is the nominal one,
+    where there is some, or what healthy flights differ by.
     """
     tolerances = {
         p.label: p.tolerance
         for p in nominal.parameters
-        if not REGISTRY[p.effect].contact and p.label not in nominal.fitted
+        if p.tolerance > 0.0 and p.label not in nominal.fitted
     }
     scatter = nominal.effects.get("thrust_scatter", {}).get("deviation", 0.0)
     scatter = max(scatter, nominal.tolerances.get(SCATTER_LABEL, 0.0))

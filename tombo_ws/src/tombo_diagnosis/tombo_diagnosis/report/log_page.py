@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from scipy.signal import welch
 
 from tombo_bag.channels import CHANNELS, ROTOR_SPEED
-from tombo_bag.flight import Finding, Flight, Series
+from tombo_bag.flight import Flight, Series, finding_mapping
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
     BATTERY,
@@ -170,6 +170,8 @@ def log_figures(flight: Flight) -> dict[str, float | str | None]:
     voltage = series.get("voltage")
     interval = None if pose is None else intervals(pose.t)
     late = None if pose is None or pose.arrival is None else 1e3 * (pose.arrival - pose.t)
+    if (_of_known(np.median, late) or 0.0) < 0.0:
+        late = None  # stamps later than arrival are of another clock, and tell no latency
     return {
         "duration [s]": _of_known(np.max, np.array([flight.duration_s])),
         "poses [Hz]": None if interval is None else 1.0 / float(np.median(interval)),
@@ -429,9 +431,5 @@ def _log_data(flight: Flight, figures: Mapping[str, Any], why: Why | InputError)
         "figures": dict(figures),
         "cause": judged.cause if judged else None,
         "time_s": judged.time_s if judged else None,
-        "findings": [_finding_data(finding) for finding in flight.findings],
+        "findings": [finding_mapping(finding) for finding in flight.findings],
     }
-
-
-def _finding_data(finding: Finding) -> dict[str, str]:
-    return {"check": finding.check, "severity": finding.severity, "message": finding.message}

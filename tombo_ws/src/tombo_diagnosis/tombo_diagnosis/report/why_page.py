@@ -48,6 +48,7 @@ def why_page(found: Why) -> Page:
             Section(
                 "What was seen", [Table(["time", "speaks for", "sign"], rows)] if rows else []
             ),
+            Section("What the checks have against the log", findings_table(found)),
             Section("Around it", [picture] if found.time_s is not None else [], "page"),
         ],
         data=why_mapping(found),
@@ -55,6 +56,12 @@ def why_page(found: Why) -> Page:
         verdict=found.cause.replace("_", " "),
         verdict_style="good" if found.cause == "none" else "bad",
     )
+
+
+def findings_table(found: Why) -> list[Table]:
+    """Return what the checks have against a log; nothing where there is nothing."""
+    rows = [[f.severity, f.check, f.message] for f in found.findings if f.severity != "info"]
+    return [Table(["severity", "check", "what"], rows)] if rows else []
 
 
 def _headline(found: Why) -> str:

@@ -40,17 +40,11 @@ def parameters(setup: Setup) -> tuple[FreeParameter, ...]:
             place = -1 if effect.stochastic else sum(not q.stochastic for q in every)
             every.append(
                 FreeParameter(
-                    place, name, p.name, p.unit, p.null, *p.bounds, scale, effect.stochastic
+                    place, name, p.name, p.unit, p.null, *p.bounds, scale, effect.stochastic,
+                    effect.healthy_spread,
                 )
-            )
+            )  # fmt: skip
     return tuple(every)
-
-
-HEALTHY_SHARE = {
-    "fabrication_scatter": 0.125, "tare_scatter": 0.05, "speed_noise": 0.05, "run_scatter": 0.125,
-}  # fmt: skip
-"""Widths of stochastic effects on a healthy stand, in sizes that matter: 1 % between propellers,
-half a percent between runs."""
 
 
 _STEP = 0.02
@@ -99,7 +93,7 @@ class StandProblem:
         self.points = points
         every = parameters(setup)
         with_mean = tuple(p for p in every if not p.stochastic)
-        self.healthy = {p.label: HEALTHY_SHARE[p.effect] * p.scale for p in every if p.stochastic}
+        self.healthy = {p.label: p.tolerance for p in every if p.stochastic}
         self.theta = np.array([p.null for p in with_mean])
         for name, values in (base or {}).items():
             places = [p.index for p in with_mean if p.effect == name]

@@ -25,6 +25,7 @@ _FARTHEST_CENTRE = 0.15
     ],
     signature="a short push away from the obstacle, at the arm that touches",
     contact=True,
+    healthy_spread=0.0,
 )
 def contact_force(plant: Plant, noise: Array, stiffness: float, damping: float) -> None:
     """Push the arms (cylinders from centre to motor) off the vertical cylinder.

@@ -73,6 +73,7 @@ def _move(plant: Plant, state: LoadState, length: float, end: AnyVector) -> None
         "cog_offset": "stop from a fast straight: a centre of gravity does not swing",
     },
     state=LoadState,
+    healthy_spread=0.0,
 )
 def hanging_load(
     plant: Plant, noise: Array, state: LoadState, mass: float, length: float, x: float, y: float

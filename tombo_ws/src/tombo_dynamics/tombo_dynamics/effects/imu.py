@@ -126,6 +126,7 @@ def imu_vibration(
     [Param("limit", "m/s^2", 1e4, (5.0, 1e4), "largest reading of an axis", 19.6)],
     signature="specific force stays at a round number of g in a hard contact",
     contact=True,
+    healthy_spread=0.0,
 )
 def accel_range(plant: Plant, noise: Array, limit: float) -> None:
     """Clip each axis of the accelerometer: parts have ranges of 2 to 32 g."""

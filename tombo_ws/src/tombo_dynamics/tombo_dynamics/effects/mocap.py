@@ -171,6 +171,7 @@ class DropoutState(Record):
     signature="missing samples, singly or in gaps",
     state=DropoutState,
     stochastic=True,
+    healthy_spread=0.0,
 )
 def mocap_dropouts(
     plant: Plant, noise: Array, state: DropoutState, probability: float, duration: float

@@ -94,6 +94,7 @@ class StrikeState(Record):
     separates_from={"weak_propeller": "a weak propeller does not recover"},
     state=StrikeState,
     contact=True,
+    healthy_spread=0.0,
 )
 def blade_strike(
     plant: Plant,
@@ -158,6 +159,7 @@ def blade_strike(
     signature="a corner's thrust does not come back after one of several strikes",
     separates_from={"weak_propeller": "a torn blade begins with a strike"},
     contact=True,
+    healthy_spread=0.0,
 )
 def propeller_wear(plant: Plant, noise: Array, collisions: float) -> None:
     """Add a strike's energy to the damage; at 1 the blade is torn off.

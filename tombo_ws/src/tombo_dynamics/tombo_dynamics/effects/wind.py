@@ -28,6 +28,7 @@ from tombo_dynamics.vectors import add, add_scaled, scale
         "mocap_misalignment": "the pose at rest on a level floor: wind does not lean it",
         "linear_rotor_drag": "both ways",
     },
+    healthy_spread=0.0,
 )
 def steady_wind(
     plant: Plant,

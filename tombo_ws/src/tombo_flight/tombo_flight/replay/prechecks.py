@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.frames import FRAME_MAP
+from tombo_dynamics.pose_tracks import bodies_apart
 from tombo_dynamics.rotation import body_to_map
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_flight.replay.recorded import PoseTrack
@@ -119,6 +120,7 @@ def check_poses(poses: PoseTrack, gap_max_s: float) -> list[str]:
     sound: NDArray[np.bool_] = np.isfinite(values).all(axis=1)
     norms = np.linalg.norm(poses.attitude, axis=1)
     findings = [
+        *_bodies(poses),
         *_frames(poses),
         *_numbers(poses, sound, norms),
         *_stamps(poses),
@@ -140,6 +142,16 @@ def latency_s(poses: PoseTrack) -> Array:
     stamped = poses.stamp_ns != 0
     latency: Array = (poses.arrival_ns[stamped] - poses.stamp_ns[stamped]) / 1e9
     return latency
+
+
+def _bodies(poses: PoseTrack) -> list[str]:
+    apart = bodies_apart(poses.position)
+    if apart <= 0.0:
+        return []
+    return [
+        f"poses of two bodies or more take turns in one topic, {apart:.2f} m apart: is it "
+        "published twice? The nodes take them for one body that leaps"
+    ]
 
 
 def _frames(poses: PoseTrack) -> list[str]:

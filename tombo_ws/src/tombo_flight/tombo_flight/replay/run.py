@@ -144,15 +144,12 @@ def _prepare(recording: Recording, request: ReplayRequest, result: Replay) -> In
         there.add(MOCAP_POSE.name)
         if pose_topic != MOCAP_POSE.name:
             findings.append(f"poses are taken from {pose_topic}, the only candidate")
-    nodes: list[str] = []
-    for name in request.nodes or NODES:
-        missing = [topic for topic in NODES[name].inputs if topic not in there]
-        if missing:
-            findings.append(f"{name} can't be replayed: no {', '.join(missing)} in the bag")
-        else:
-            nodes.append(name)
+    asked = request.nodes or tuple(NODES)
+    missing = {name: [t for t in NODES[name].inputs if t not in there] for name in asked}
+    nodes = [name for name in asked if not missing[name]]
+    why = [f"{n} can't be replayed: no {', '.join(m)} in the bag" for n, m in missing.items() if m]
+    findings += why
     if not nodes:
-        why = [line for line in findings if "can't be replayed" in line]
         why += [f"damage: {line}" for line in recording.damage]
         listed = ", ".join(f"{name} ({stream.typename})" for name, stream in topics.items())
         raise InputError(

@@ -7,7 +7,6 @@ import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
@@ -17,9 +16,8 @@ from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.bridge.bridge_params import POSITION, SIMULATED, BridgeParams
 from tombo_px4.bridge.vehicle_parameters import SETS, parse_assignments
 from tombo_px4.link.link_params import LinkParams
-from tombo_px4.link.mavlink_link import Link
+from tombo_px4.link.mavlink_link import Link, read_key
 from tombo_px4.link.message_encoder import MessageTarget, read_parameter
-from tombo_px4.link.signing import read_key
 from tombo_px4.link.transport import parse_url
 from tombo_px4.modes import mode_name, mode_of
 
@@ -167,7 +165,7 @@ def link_key(link: LinkParams) -> bytes | None:
     Raises:
         InputError: its file can't be read, or is no key.
     """
-    return read_key(Path(link.key_file)).key if link.key_file else None
+    return read_key(link.key_file, lambda warning: None)
 
 
 def free_udp_port() -> int:

@@ -46,6 +46,14 @@ def test_everything_comes_back_in_our_frames_and_units(path):
     close(log.series["current"].values, 7.0)
 
 
+def test_a_sample_later_than_its_message_is_of_another_clock(path):
+    write_ulog(path, FLIGHT, age_us=-1_500_000)
+    log = read_ulog(path, "a")
+    (said,) = [f for f in log.findings if f.key == "sample later"]
+    assert said.channel == "vehicle_visual_odometry" and said.numbers[0] == pytest.approx(1.5)
+    close(log.series["position"].t, FLIGHT.series["position"].t - 1.5 + 1.0)
+
+
 def test_the_checks_find_nothing_wrong_with_it(path):
     write_ulog(path, made_flight(duration=12.0, mocap_hz=50.0))
     log = check_log(read_ulog(path, "a"))

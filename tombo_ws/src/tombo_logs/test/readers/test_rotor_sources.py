@@ -165,7 +165,22 @@ def test_places_of_px4s_motors_are_from_its_parameters(tmp_path):
     close(command, written[:, [0, 2, 3, 1]], 1e-6)
 
 
-def test_servo_pulses_of_an_old_px4_log(tmp_path):
+ARMED = np.where(SHARE < 0.05, 0.0, SHARE)
+"""Motors stand, then turn."""
+PULSES = 1000.0 + 1000.0 * ARMED
+DSHOT = np.round(1999.0 * ARMED)
+AUX = np.full_like(SHARE, 1500.0)
+SERVO = AUX + [0.0, 300.0, 0.0, 0.0] * np.sin(SPEED.t)[:, None]
+
+
+@pytest.mark.parametrize(
+    ("instances", "chosen"),
+    [
+        ([PULSES], 0), ([AUX, PULSES], 1), ([SERVO, AUX, PULSES], 2), ([DSHOT], 0),
+        ([AUX, DSHOT], 1), ([PULSES, np.zeros_like(SHARE)], 0),
+    ],
+)  # fmt: skip
+def test_outputs_of_a_px4_log_are_those_that_move_in_pulses_or_dshot(tmp_path, instances, chosen):
     path = tmp_path / "a.ulg"
     out = write_ulog(path, FLIGHT)
     out.data.clear()
@@ -174,10 +189,31 @@ def test_servo_pulses_of_an_old_px4_log(tmp_path):
     stamps = microseconds(p.t)
     out.topic("vehicle_visual_odometry", ["float x", "float y", "float z", "float[4] q"],
               [*p.values.T, q], stamps)  # fmt: skip
-    pulses = np.column_stack([1000.0 + 1000.0 * SHARE, np.zeros((len(SHARE), 12))])
-    out.topic("actuator_outputs", ["float[16] output"], [pulses], microseconds(SPEED.t))
+    for instance, outputs in enumerate(instances):
+        wide = np.column_stack([outputs, np.zeros((len(SHARE), 12))])
+        out.topic(
+            "actuator_outputs", ["float[16] output"], [wide], microseconds(SPEED.t), instance
+        )
     path.write_bytes(out.content())
-    close(read_ulog(path, "a").series["motor_command"].values, SHARE, 1e-4)
+    log = read_ulog(path, "a")
+    close(log.series["motor_command"].values, ARMED, 1e-3)
+    assert [f.numbers for f in log.findings if f.key == "instance"] == [(chosen,)] * (chosen > 0)
+
+
+@pytest.mark.parametrize("late_s", [-6.0, -0.6, 0.4, 12.0])
+def test_px4_topics_of_two_clocks_are_aligned_by_their_times_of_recording(tmp_path, late_s):
+    (topic, typename, t, posed), *others = px4_streams()
+    us = round(1e6 * late_s)
+
+    def shifted(i):
+        row = posed(i)
+        return row | {k: row[k] + us for k in ("timestamp", "timestamp_sample")}
+
+    log = read_bag(write_foreign(tmp_path / "a", [(topic, typename, t, shifted), *others]), "a")
+    start = log.series["position"].t[0] - FLIGHT.series["position"].t[0]
+    close(log.series["motor_command"].t - start, SPEED.t, 0.02)
+    said = [f for f in log.findings if f.key == "other clock"]
+    assert said and all(abs(abs(f.numbers[0]) - abs(late_s)) < 0.02 for f in said)
 
 
 def test_a_mapping_names_a_topic_of_a_px4_log(tmp_path):

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from tombo_bag.channels import DRIVES
-from tombo_bag.flight import Finding, Series
+from tombo_bag.flight import Finding, RefusedLog, Series
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError
 from tombo_logs.checks.spans import Mask, Span, merged, runs, sample_interval
 
 _RISE = 0.12
@@ -46,16 +45,18 @@ def check_flies(flight: str, position: Series, series: Mapping[str, Series]) -> 
     """Refuse a log in which the vehicle stands with its motors off.
 
     Raises:
-        InputError: says so.
+        RefusedLog: says so.
     """
     if position.t[-1] - position.t[0] < 2.0 * _WINDOW_S:
         return
     drives = [name for name in DRIVES if name in series]
     off = all(float(np.percentile(series[n].values, 99.0)) < _NO_DRIVE[n] for n in drives)
     if drives and off and not rises(position):
-        raise InputError(
-            f"flight '{flight}': it does not fly: z stays where it is, and the motors are off "
-            f"({', '.join(drives)}); {CUT_BEFORE_TAKE_OFF}"
+        raise RefusedLog(
+            flight,
+            drives[0],
+            f"it does not fly: z stays where it is, and the motors are off "
+            f"({', '.join(drives)}); {CUT_BEFORE_TAKE_OFF}",
         )
 
 
@@ -82,9 +83,10 @@ def ground_spans(position: Series, series: Mapping[str, Series]) -> list[Span]:
         level = float(np.median(z[begin:end]))
         if top - level < _RISE or level > floor + _NEAR + _RISE:
             continue
-        if np.isfinite(drive[begin:end]).any():
-            # idling before take-off is below hover for a while
-            standing = bool((drive[begin:end] < _IDLE).mean() > _PART_IDLE)
+        known = drive[begin:end][np.isfinite(drive[begin:end])]
+        if known.size:
+            # idling before take-off is below hover for a while; nothing is said before arming
+            standing = bool((known < _IDLE).mean() > _PART_IDLE)
         else:
             standing = _is_still(t[begin:end], position.values[begin:end])
         if not standing:

@@ -50,7 +50,7 @@ def check_accel(flight: str, accel: Series, flying: Mask) -> list[Finding]:
     size = float(np.median(np.linalg.norm(values, axis=1)))
     ratio = size / GRAVITY
     if not 0.6 < ratio < 1.6:
-        why = guess(ratio, ("g declared", "as g"))
+        why = guess(ratio, "force")
         if ratio < 0.3 and not why:
             why = ": gravity taken out, or nothing measured?"
         text = (
@@ -137,7 +137,7 @@ def check_gyro(flight: str, motion: Motion) -> tuple[list[Finding], float | None
     if not 0.33 < together.scale < 3.0:
         text = (
             f"gyro: rates are {together.scale:.3g} times those of the attitude; expected: the same"
-            f"{guess(together.scale, ('degrees', 'radians', 'rpm'))}; gyro and accel are left out"
+            f"{guess(together.scale, 'angle', 'turning')}; gyro and accel are left out"
         )
         return [Finding("unit", "fault", flight, text, channel="gyro")], together.scale
     findings = _turned(flight, together)
@@ -166,7 +166,7 @@ def _check_gyro_scale(flight: str, motion: Motion) -> tuple[list[Finding], float
         return [], None
     text = (
         f"gyro: rates of {gyro:.3g} rad/s where the attitude turns by {rates:.3g} rad/s"
-        f"{guess(ratio, ('degrees', 'rpm'))}; gyro and accel are left out"
+        f"{guess(ratio, 'angle', 'turning')}; gyro and accel are left out"
     )
     return [Finding("unit", "fault", flight, text, channel="gyro")], ratio
 

@@ -8,23 +8,22 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from tombo_bag.channels import DRIVES, ROTOR_SPEEDS
-from tombo_bag.flight import Finding, Flight, Series, why_left_out
+from tombo_bag.flight import Finding, Flight, RefusedLog, Series, why_left_out
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks import coverage, events, frozen_values, impacts, imu, poses, sensor_range
 from tombo_logs.checks.clocks.clock_rates import common_clock
 from tombo_logs.checks.clocks.gaps import gaps
-from tombo_logs.checks.clocks.time_units import check_pose_rate, other_times
 from tombo_logs.checks.clocks.timestamps import arrival_stamps
 from tombo_logs.checks.ground import check_flies, ground, motor_drive, rises
 from tombo_logs.checks.motion import Motion, in_body, motion_of
+from tombo_logs.checks.recording import drop_faulty, recorded
 from tombo_logs.checks.rotors import motors, rotor_order
 from tombo_logs.checks.rotors.change_points import changes
 from tombo_logs.checks.rotors.hover import Hover, check_vehicle
 from tombo_logs.checks.rotors.rotor_sensors import sensor_faults
 from tombo_logs.checks.scales import accel_offsets, rotor_scales, track_scales
-from tombo_logs.checks.series_cleaning import clean_series, nothing_left, without_wrong_poses
+from tombo_logs.checks.series_cleaning import without_wrong_poses
 from tombo_logs.checks.spans import Mask, Span, block_means, inside, merged, sample_interval
 from tombo_logs.checks.wind import wind
 
@@ -52,14 +51,17 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
             attitude, what would be compared with it is not checked.
 
     Raises:
-        InputError: a channel that is needed is missing or can't be used, the vehicle does not fly,
+        RefusedLog: a channel that is needed is missing or can't be used, the vehicle does not fly,
             or another vehicle flew.
     """
-    series, findings = _cleaned(log)
+    series, findings = recorded(log)
+    if "position" in series:
+        series["position"], more = without_wrong_poses(log.name, series["position"])
+        findings += more
+    for name in tuple(series):
+        findings += drop_faulty(series, sensor_range.resolution(log.name, name, series[name]))
     _check_poses(log.name, series, findings, needed)
-    begin, end = series["position"].t[0], series["position"].t[-1]
-    findings += _drop_faulty(series, other_times(log.name, series))
-    _check_there(log.name, series, findings, needed)
+    flown = _extent(series["position"])
     stood_still = _frozen(log.name, series)
     lost = _spans(f for f in stood_still if f.channel in POSE)
     position = series["position"]
@@ -69,9 +71,11 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
     poses.check_height(log.name, position, motor_drive(position.t, series))
     findings += ground(log.name, seen, series)
     down = _spans(f for f in findings if f.check == "ground")
-    # motors stand still on the ground
+    # motors stand still on the ground, and before the first pose
     findings += [
-        f for f in stood_still if not any(b <= f.start_s and f.end_s <= e for b, e in down)
+        f
+        for f in stood_still
+        if not any(b <= max(f.start_s, flown[0]) and min(f.end_s, flown[1]) <= e for b, e in down)
     ]
     findings += _accel_unit(log.name, series, down)
     known = [*log.exclude, *_spans(findings)]
@@ -83,7 +87,7 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
     if motion is not None:
         series, more = common_clock(log.name, series, motion, frozenset(set_back))
         findings += more
-    uncovered, more = _limit_spans(log.name, series, (begin, end), down)
+    uncovered, more = _limit_spans(log.name, series, flown, down)
     findings += more
     excluded = [*log.exclude, *uncovered]
     motion = _motion(series, [*excluded, *_spans(findings)])
@@ -107,23 +111,12 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
     )
 
 
-def _cleaned(log: Flight) -> tuple[dict[str, Series], list[Finding]]:
-    series: dict[str, Series] = {}
-    findings: list[Finding] = []
-    for name, raw in log.series.items():
-        clean, more = clean_series(log.name, name, raw)
-        findings += more
-        if nothing_left(clean):
-            text = f"{name}: {raw.t.size} samples, {clean.t.size} of them usable; left out"
-            findings.append(Finding("missing", "fault", log.name, text, channel=name))
-        else:
-            series[name] = clean
-    if "position" in series:
-        series["position"], more = without_wrong_poses(log.name, series["position"])
-        findings += more
-    for name in tuple(series):
-        findings += _drop_faulty(series, sensor_range.resolution(log.name, name, series[name]))
-    return series, findings
+def findings_of(log: Flight) -> tuple[Finding, ...]:
+    """Return what checks find in a log, whatever it is of; the last one says if they refuse it."""
+    try:
+        return check_log(log, needed=("position",)).findings
+    except RefusedLog as error:
+        return (*log.findings, error.finding)
 
 
 def _check_there(
@@ -131,14 +124,18 @@ def _check_there(
 ) -> None:
     for name in needed:
         if name not in series:
-            raise InputError(
-                f"flight '{flight}': no usable {name}{why_left_out(findings, (name,))}; needed: "
-                f"{' and '.join(needed)} of the motion capture"
+            raise RefusedLog(
+                flight,
+                name,
+                f"no usable {name}{why_left_out(findings, (name,))}; needed: "
+                f"{' and '.join(needed)} of the motion capture",
             )
         if series[name].t.size < _LEAST:
-            raise InputError(
-                f"flight '{flight}': {name}: {series[name].t.size} samples; needed: at least "
-                f"{_LEAST}, and seconds of flight for a diagnosis"
+            raise RefusedLog(
+                flight,
+                name,
+                f"{name}: {series[name].t.size} samples; needed: at least "
+                f"{_LEAST}, and seconds of flight for a diagnosis",
             )
 
 
@@ -146,18 +143,9 @@ def _check_poses(
     flight: str, series: dict[str, Series], findings: list[Finding], needed: Sequence[str]
 ) -> None:
     _check_there(flight, series, findings, needed)
-    check_pose_rate(flight, series)
     if "attitude" in series:
         poses.check_attitude(flight, series["attitude"])
     poses.check_position(flight, series["position"])
-
-
-def _drop_faulty(series: dict[str, Series], findings: list[Finding]) -> list[Finding]:
-    """Take channels with a fault out of `series`; returns the findings."""
-    for f in findings:
-        if f.severity == "fault":
-            series.pop(f.channel, None)
-    return findings
 
 
 def _limit_spans(
@@ -295,9 +283,9 @@ def _rotor_sensors(flight: str, series: dict[str, Series], apart: list[Span]) ->
     speed = series.pop("rotor_speed")
     # its clock and that of the poses may differ: not close to take-off and landing
     wide = [(b - _NEAR_GROUND_S, e + _NEAR_GROUND_S) for b, e in apart]
-    kept, findings = sensor_faults(
-        flight, speed, series.get("rotor_command"), _flying(speed, wide)
-    )
+    flying = _flying(speed, wide) & inside(speed.t, [_extent(series["position"])])
+    replaced = any(name in series for name in DRIVES)
+    kept, findings = sensor_faults(flight, speed, series.get("rotor_command"), flying, replaced)
     if kept is not None:
         series["rotor_speed"] = kept
     return findings
@@ -315,26 +303,26 @@ def _motors(
     if "motor_command" in series:
         command = series["motor_command"]
         faults = motors.range_of(flight, command, _flying(command, apart))
-        findings += _drop_faulty(series, faults)
+        findings += drop_faulty(series, faults)
     for name in DRIVES:
         if name in series and "gyro" in series:
             faults = rotor_order.rotor_order(flight, name, series[name], series["gyro"], apart)
             faults = faults or rotor_order.command_delay(
                 flight, name, series[name], series["gyro"], apart
             )
-            findings += _drop_faulty(series, faults)
+            findings += drop_faulty(series, faults)
     if "rotor_speed" in series and "rotor_command" in series:
         speed = series["rotor_speed"]
         flying = _flying(speed, apart)
         faults = motors.speed_against_command(flight, speed, series["rotor_command"], flying)
-        findings += _drop_faulty(series, faults)
+        findings += drop_faulty(series, faults)
     if hover is not None:
         drives: dict[str, tuple[Series, Mask]] = {
             name: (series[name], _flying(series[name], apart))
             for name in ROTOR_SPEEDS
             if name in series
         }
-        findings += _drop_faulty(
+        findings += drop_faulty(
             series, check_vehicle(flight, drives, hover, rises(series["position"]))
         )
     return findings
@@ -350,6 +338,10 @@ def _changes(flight: str, series: dict[str, Series], apart: list[Span]) -> list[
     asked = np.interp(t, drive.t, np.mean(drive.values**2, axis=1))
     rows = ~inside(t, apart) & (t >= drive.t[0]) & (t <= drive.t[-1])
     return changes(flight, t[rows], force[rows], asked[rows])
+
+
+def _extent(series: Series) -> Span:
+    return float(series.t[0]), float(series.t[-1])
 
 
 def _flying(series: Series, apart: list[Span]) -> Mask:

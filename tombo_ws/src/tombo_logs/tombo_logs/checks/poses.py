@@ -6,9 +6,8 @@ from itertools import product
 
 import numpy as np
 
-from tombo_bag.flight import Series
+from tombo_bag.flight import RefusedLog, Series
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.motion import Motion
 from tombo_logs.checks.pose_imu_consistency import (
@@ -39,18 +38,18 @@ _STANDS = 0.5
 def check_attitude(flight: str, attitude: Series) -> None:
     """Refuse quaternions whose usual norm is not 1, or that never change."""
     if len(attitude.values) > 20 and not np.ptp(attitude.values, axis=0).any():
-        raise InputError(f"flight '{flight}': attitude: one value throughout; expected: a flight")
+        raise RefusedLog(flight, "attitude", "attitude: one value throughout; expected: a flight")
     norm = np.linalg.norm(attitude.values, axis=1)
     usual = float(np.median(norm))
     if abs(usual - 1.0) > 0.02:
         text = f"quaternions have norm {usual:.3g}; expected: 1"
-        raise InputError(f"flight '{flight}': attitude: {text}")
+        raise RefusedLog(flight, "attitude", f"attitude: {text}")
 
 
 def check_position(flight: str, position: Series) -> None:
     """Refuse positions that never change."""
     if len(position.values) > 20 and not np.ptp(position.values, axis=0).any():
-        raise InputError(f"flight '{flight}': position: one value throughout; expected: a flight")
+        raise RefusedLog(flight, "position", "position: one value throughout; expected: a flight")
 
 
 def check_tilt(flight: str, motion: Motion) -> None:
@@ -61,17 +60,21 @@ def check_tilt(flight: str, motion: Motion) -> None:
     up = motion.up[usable]
     mean = up.mean(axis=0)
     if mean[2] < 0.5 and np.linalg.norm(mean) > 0.7:
-        raise InputError(
-            f"flight '{flight}': attitude: body z points along ({_shown(mean[None])}) of map in "
-            "flight; expected: up, (0 0 1); is it wxyz read as xyzw, y up, NED or FRD?"
+        raise RefusedLog(
+            flight,
+            "attitude",
+            f"attitude: body z points along ({_shown(mean[None])}) of map in "
+            "flight; expected: up, (0 0 1); is it wxyz read as xyzw, y up, NED or FRD?",
         )
     share = float(np.mean(up[:, 2] < 0.5))
     push = float(np.median(np.linalg.norm(motion.acceleration[usable], axis=1)))
     if share > 0.15 and push < 0.5 * GRAVITY:
-        raise InputError(
-            f"flight '{flight}': attitude: leans by more than 60 deg for {100 * share:.0f} % of "
+        raise RefusedLog(
+            flight,
+            "attitude",
+            f"attitude: leans by more than 60 deg for {100 * share:.0f} % of "
             f"the flight while the track accelerates by {push:.1f} m/s^2; expected: lean and "
-            "acceleration go together; degrees declared as radians, or another order?"
+            "acceleration go together; degrees declared as radians, or another order?",
         )
 
 
@@ -101,10 +104,12 @@ def check_lean(flight: str, motion: Motion) -> None:
     shares = {text: lean_explains(motion, rows, *way) for text, way in others.items()}
     best = max(shares, key=lambda text: shares[text])
     if _are_right(share, shares[best]) and _right_throughout(motion, *others[best]):
-        raise InputError(
-            f"flight '{flight}': the lean of the attitude does not give the acceleration of the "
+        raise RefusedLog(
+            flight,
+            "attitude",
+            f"the lean of the attitude does not give the acceleration of the "
             f"position ({100 * max(share, 0.0):.0f} % explained, else "
-            f"{100 * shares[best]:.0f} %); {best}"
+            f"{100 * shares[best]:.0f} %); {best}",
         )
 
 
@@ -131,14 +136,16 @@ def check_poses(flight: str, motion: Motion, scale: float | None, imu: bool) -> 
     says whether the accelerometer can be relied upon.
 
     Raises:
-        InputError: says what is seen and what is expected.
+        RefusedLog: says what is seen and what is expected.
     """
     lean = tilt_response(motion)
     size = _size(motion)
     if scale is not None and not 0.33 < scale < 3.0 and not _SIZES[0] < size < _SIZES[1]:
-        raise InputError(
-            f"flight '{flight}': attitude: leans and turns {1.0 / size:.3g} times as much as "
-            f"position and gyro show{guess(1.0 / size, ('degrees', 'radians'))}"
+        raise RefusedLog(
+            flight,
+            "attitude",
+            f"attitude: leans and turns {1.0 / size:.3g} times as much as "
+            f"position and gyro show{guess(1.0 / size, 'angle')}",
         )
     _check_size(flight, motion, size)
     if imu and motion.accel.size:
@@ -163,14 +170,16 @@ def _check_size(flight: str, motion: Motion, size: float) -> None:
     if np.count_nonzero(usable) < 50 or _SIZES[0] < size < _SIZES[1]:
         return
     usual = float(np.median(np.linalg.norm(motion.acceleration[usable], axis=1)))
-    among: tuple[str, ...] = ("m declared", "ft declared")
-    seen, times, given = f"position: accelerates by {usual:.3g} m/s^2,", size, "lean"
+    channel, seen, times = "position", f"accelerates by {usual:.3g} m/s^2,", size
+    given, quantity = "lean", "length"
     if size > _LEANS and usual < 2.0 * GRAVITY:
-        seen, times, given = "attitude: leans", 1.0 / size, "acceleration"
-        among = ("radians declared",)
-    raise InputError(
-        f"flight '{flight}': {seen} {times:.3g} times what its {given} gives"
-        f"{guess(times, among)}; expected: about 1, both in the axes of map, z up"
+        channel, seen, times = "attitude", "leans", 1.0 / size
+        given, quantity = "acceleration", "angle"
+    raise RefusedLog(
+        flight,
+        channel,
+        f"{channel}: {seen} {times:.3g} times what its {given} gives"
+        f"{guess(times, quantity)}; expected: about 1, both in the axes of map, z up",
     )
 
 
@@ -183,17 +192,21 @@ def _check_axes(
     turn = response[0]
     size = len(turn)
     if np.linalg.det(turn) < 0.0:
-        raise InputError(
-            f"flight '{flight}': position: it moves mirrored to where {where} ({_shown(turn)}); "
-            "expected: the same way; are two axes swapped, or is one reversed?"
+        raise RefusedLog(
+            flight,
+            "position",
+            f"position: it moves mirrored to where {where} ({_shown(turn)}); "
+            "expected: the same way; are two axes swapped, or is one reversed?",
         )
     cosine = (np.trace(turn) - (size - 2)) / 2.0
     angle = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
     if angle > limit_deg:
-        raise InputError(
-            f"flight '{flight}': position: it moves {angle:.0f} deg off where {where} "
+        raise RefusedLog(
+            flight,
+            "position",
+            f"position: it moves {angle:.0f} deg off where {where} "
             f"({_shown(turn)}); expected: the same way; are position and attitude in one world "
-            "frame, as in ENU and not NED, and is the attitude map from base_link?"
+            "frame, as in ENU and not NED, and is the attitude map from base_link?",
         )
 
 
@@ -211,9 +224,11 @@ def check_height(flight: str, position: Series, drive: Array) -> None:
     level = float(np.median(z[begin]))
     still = np.ptp(z[begin]) < max(8.0 * noise, 0.004)
     if still and np.median(z) < level - 0.3 and np.percentile(z, 98.0) < level + 0.05:
-        raise InputError(
-            f"flight '{flight}': position: z goes from {level:.2f} m, where it stands, to "
-            f"{np.median(z):.2f} m; expected: up, as in ENU; is it NED, or y up?"
+        raise RefusedLog(
+            flight,
+            "position",
+            f"position: z goes from {level:.2f} m, where it stands, to "
+            f"{np.median(z):.2f} m; expected: up, as in ENU; is it NED, or y up?",
         )
 
 
@@ -224,9 +239,11 @@ def check_up(flight: str, motion: Motion) -> None:
         return
     slope, sigma = response
     if sigma < _UP_KNOWN and abs(slope + 1.0) < _UP_REVERSED:
-        raise InputError(
-            f"flight '{flight}': position: z accelerates {slope:.2f} ± {sigma:.2f} times what "
-            "thrust gives; expected: up, as in ENU, about 1; is it NED, or y up?"
+        raise RefusedLog(
+            flight,
+            "position",
+            f"position: z accelerates {slope:.2f} ± {sigma:.2f} times what "
+            "thrust gives; expected: up, as in ENU, about 1; is it NED, or y up?",
         )
 
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tombo_bag.flight import Finding, Series
+from tombo_bag.flight import Finding, RefusedLog, Series
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError
 from tombo_logs.checks.spans import Mask, Span, merged, runs
 
 _CLIPPED = 20
@@ -82,7 +81,7 @@ def resolution(flight: str, name: str, series: Series) -> list[Finding]:
     """Report values that are rounded coarsely; a fault is to be left out.
 
     Raises:
-        InputError: positions so coarse that nothing can be diagnosed.
+        RefusedLog: positions so coarse that nothing can be diagnosed.
     """
     if name not in _COARSE or series.t.size < 100:
         return []
@@ -95,5 +94,5 @@ def resolution(flight: str, name: str, series: Series) -> list[Finding]:
         return [Finding("resolution", "warning", flight, text, channel=name)]
     text += f"; needed: finer than {_USELESS[name]:g}"
     if name == "position":
-        raise InputError(f"flight '{flight}': {text}")
+        raise RefusedLog(flight, name, text)
     return [Finding("resolution", "fault", flight, f"{text}; left out", channel=name)]

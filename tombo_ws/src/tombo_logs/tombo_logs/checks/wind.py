@@ -63,6 +63,8 @@ class Push:
     """Amplitude [m/s^2]; 0: it does not swing."""
     frequency: float
     """Of the swing [Hz]."""
+    speed: float
+    """Root of the mean square of the vehicle's own horizontal speed [m/s]."""
 
     @property
     def size(self) -> float:
@@ -162,6 +164,7 @@ def _fitted(t: Array, forces: list[Array], speed: Array, ahead: Array) -> Push:
     return Push(
         value[:2], math.sqrt(float(along @ spread @ along)), float(value[2]),
         math.sqrt(float(covariance[2, 2])), swing, frequency,
+        float(np.sqrt(np.mean(np.sum(speed**2, axis=1)))),
     )  # fmt: skip
 
 

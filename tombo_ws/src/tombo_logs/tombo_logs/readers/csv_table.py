@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tombo_bag.formats.unpacking import GZIP_MAGIC, Allowance, ungzip, unpacking_limit
+from tombo_bag.formats.unpacking import GZIP_MAGIC, Allowance, ungzip
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 
@@ -125,7 +125,7 @@ def open_table(path: Path) -> CsvTable:
         raise InputError(f"can't read '{path}': {error.strerror}") from error
     damage: tuple[str, ...] = ()
     if raw.startswith(GZIP_MAGIC):
-        raw, wrong = ungzip(raw, Allowance(path, unpacking_limit(len(raw))))
+        raw, wrong = ungzip(raw, Allowance.of_file(path, len(raw)))
         if wrong and not raw:
             raise InputError(f"'{path}' can't be unpacked: {wrong}")
         damage = (wrong,) if wrong else ()

@@ -15,9 +15,10 @@ from tombo_bag.recording import Recording
 from tombo_bag.rotor_topics import RANKS, is_rotor_type, rotor_reading
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
+from tombo_logs.checks.clocks.clock_offsets import DELAY_S
 from tombo_logs.readers.csv_log import converted
 from tombo_logs.readers.csv_mapping import LogMapping
-from tombo_logs.readers.ulog import PX4_TOPICS, estimate_findings, px4_series
+from tombo_logs.readers.ulog import PX4_TOPICS, pose_findings, possible_stamps, px4_series
 from tombo_logs.readers.units import factor
 
 PX4 = "px4_msgs"
@@ -101,6 +102,7 @@ class ForeignTopics:
     def _read_px4(self) -> None:
         """Read px4_msgs as a PX4 log's topics are read."""
         topics: dict[str, Mapping[str, NDArray[Any]]] = {}
+        late_us: dict[str, float] = {}
         for topic, typename in self._streams():
             name = re.sub(r"_v\d+$", "", topic.rpartition("/")[2])
             if not typename.startswith(f"{PX4}/") or name not in PX4_TOPICS or name in topics:
@@ -108,9 +110,32 @@ class ForeignTopics:
             table = self._table(topic)
             if table is not None:
                 topics[name] = dict(number_columns(table))
+                late_us[name] = float(np.median(1e-3 * table["log_time_ns"] - table["timestamp"]))
                 self.tables.setdefault(PX4, table)
+        topics, findings = possible_stamps(self._flight, topics)
+        self.findings += findings
+        for name, late in late_us.items():
+            self._align(name, topics, late - next(iter(late_us.values())))
         self.px4, source = px4_series(topics, 0.0)
-        self.findings += estimate_findings(self._flight, source)
+        self.findings += pose_findings(self._flight, source)
+
+    def _align(self, name: str, topics: dict[str, Mapping[str, NDArray[Any]]], us: float) -> None:
+        """Put a topic of PX4, or one to it, on the clock of the first, by times of recording."""
+        if abs(us) * 1e-6 <= DELAY_S:
+            return
+        topics[name] = {
+            key: np.asarray(column, np.float64) + us if key.startswith("timestamp") else column
+            for key, column in topics[name].items()
+        }
+        text = (
+            f"{name}: stamps are {abs(us) * 1e-6:.3g} s {'earlier' if us > 0.0 else 'later'} than "
+            "those of the other topics, recorded at the same time: another clock; aligned by the "
+            "times of recording"
+        )
+        self.findings.append(
+            Finding("stamps", "warning", self._flight, text, channel=name, key="other clock",
+                    numbers=(-us * 1e-6,))
+        )  # fmt: skip
 
     def _read_mapped(self, mapping: LogMapping) -> None:
         for topic, channels in mapping.by_topic.items():

@@ -13,7 +13,7 @@ from tombo_bag.columns import ColumnTable
 from tombo_bag.flight import Flight, damage_findings
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.readers.ulog import estimate_findings, px4_series
+from tombo_logs.readers.ulog import pose_findings, px4_series
 from tombo_px4.telemetry_log import MOCAP, telemetry_messages
 
 
@@ -35,7 +35,7 @@ def read_tlog(path: Path, name: str) -> Flight:
             "VICON_POSITION_ESTIMATE, VISION_POSITION_ESTIMATE or LOCAL_POSITION_NED with "
             f"ATTITUDE; of these it has {', '.join(sorted(topics)) or 'none'}"
         )
-    findings = [*damage_findings(name, path, damage), *estimate_findings(name, source)]
+    findings = [*damage_findings(name, path, damage), *pose_findings(name, source)]
     return Flight.measured(name, f"{path} (telemetry log)", series, findings=tuple(findings))
 
 

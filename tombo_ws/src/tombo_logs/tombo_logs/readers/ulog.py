@@ -19,7 +19,7 @@ from pyulog.exceptions import ULogException
 from tombo_bag.columns import stacked_columns
 from tombo_bag.flight import Finding, Flight, Series, Topic, damage_findings
 from tombo_bag.formats.ulog_messages import UlogMessages, whole_messages
-from tombo_bag.rotor_topics import share_of_pulse
+from tombo_bag.rotor_topics import moving, share_of_pulse
 from tombo_bag.topics import ATTITUDE_SETPOINT, ODOMETRY, RATES_SETPOINT, SETPOINT
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
@@ -27,7 +27,8 @@ from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_logs.readers.csv_log import converted
 from tombo_logs.readers.csv_mapping import LogMapping
 
-Topics = Mapping[str, Mapping[str, NDArray[Any]]]
+Columns = Mapping[str, NDArray[Any]]
+Topics = Mapping[str, Columns]
 
 MAGIC = ULog.HEADER_BYTES[:4]
 _POSES = ("vehicle_visual_odometry", "vehicle_mocap_odometry", "vehicle_odometry")
@@ -49,6 +50,13 @@ PX4_TOPICS = (
     "estimator_innovation_test_ratios",
     "vehicle_status",
 )
+_MOVING = {
+    "actuator_outputs": tuple(f"output[{i}]" for i in range(4)),
+    "battery_status": ("voltage_v",),
+}
+"""Topics with an instance for each driver or battery → fields by which the right one is told."""
+_LATER_S = 1e-3
+"""s by which a sample may be later than its message: two stamps of one clock are so close."""
 _HALF = math.sqrt(0.5)
 _RPM = math.pi / 30.0
 _MOTOR_1 = 101
@@ -75,8 +83,10 @@ def read_ulog(path: Path, name: str, mapping: LogMapping | None = None) -> Fligh
     """
     mapped = {} if mapping is None else mapping.by_topic
     log, messages = _opened(path, [*PX4_TOPICS, *(topic.strip("/") for topic in mapped)])
-    topics = _first_instances(log)
-    findings = damage_findings(name, path, _damage(log, messages))
+    topics, findings = _instances(name, log)
+    findings += damage_findings(name, path, _damage(log, messages))
+    topics, more = possible_stamps(name, topics)
+    findings += more
     start = float(log.start_timestamp)
     series, source = px4_series(topics, start, log.initial_parameters)
     for topic, channels in mapped.items():
@@ -92,7 +102,7 @@ def read_ulog(path: Path, name: str, mapping: LogMapping | None = None) -> Fligh
             f"'{path}' has no poses; needed: position and attitude, as {', '.join(_POSES)} or "
             f"vehicle_local_position with vehicle_attitude; of these it has {there}"
         )
-    findings += estimate_findings(name, source)
+    findings += pose_findings(name, source)
     info = {k: str(v) for k, v in log.msg_info_dict.items() if k in ("sys_name", "ver_hw")}
     flight = Flight.measured(
         name=name,
@@ -125,9 +135,9 @@ def px4_series(
     return {key: s for key, s in series.items() if s.t.size}, source
 
 
-def estimate_findings(flight: str, source: str) -> list[Finding]:
-    """Report poses that are an estimate of the autopilot."""
-    if "estimate" not in source:
+def pose_findings(flight: str, source: str) -> list[Finding]:
+    """Report poses that are an estimate of the autopilot; `source` as `px4_series` returns it."""
+    if source in ("", *_POSES[:2]):
         return []
     text = (
         f"position and attitude are the autopilot's {source}, smoothed with the IMU's; expected: "
@@ -182,12 +192,51 @@ def _damage(log: Any, messages: UlogMessages) -> list[str]:
     return lines
 
 
-def _first_instances(log: Any) -> Topics:
-    topics: dict[str, Mapping[str, NDArray[Any]]] = {}
+def _instances(flight: str, log: Any) -> tuple[dict[str, Columns], list[Finding]]:
+    """Return each topic in its first instance, or in the one that moves with the flight."""
+    every: dict[str, dict[int, Columns]] = {}
     for data in sorted(log.data_list, key=lambda d: d.multi_id):
         if len(data.data.get("timestamp", ())):
-            topics.setdefault(data.name, data.data)
-    return topics
+            every.setdefault(data.name, {})[data.multi_id] = data.data
+    topics, findings = {}, []
+    for name, tables in every.items():
+        numbers = list(tables)
+        chosen = numbers[0]
+        if name in _MOVING and len(numbers) > 1:
+            columns = [_columns(table, *_MOVING[name]) for table in tables.values()]
+            chosen = numbers[moving([np.zeros((0, 1)) if c is None else c for c in columns])]
+        if chosen != numbers[0]:
+            text = f"{name}: instance {chosen} of {len(numbers)} is read: it moves with the flight"
+            findings.append(
+                Finding("rpm", "info", flight, text, channel=name, key="instance",
+                        numbers=(float(chosen),))
+            )  # fmt: skip
+        topics[name] = tables[chosen]
+    return topics, findings
+
+
+def possible_stamps(flight: str, topics: Topics) -> tuple[dict[str, Columns], list[Finding]]:
+    """Return topics without the times of samples that would be later than their messages."""
+    possible, findings = dict(topics), []
+    for name, table in topics.items():
+        sample = table.get("timestamp_sample")
+        if sample is None or not np.any(sample):
+            continue
+        later = float(np.median(np.asarray(sample, np.float64) - table["timestamp"])) * 1e-6
+        if later <= _LATER_S:
+            continue
+        possible[name] = {
+            key: column for key, column in table.items() if key != "timestamp_sample"
+        }
+        text = (
+            f"{name}: timestamp_sample is {later:.3g} s later than timestamp; expected: earlier, "
+            "by the latency; another clock; timestamp is taken instead"
+        )
+        findings.append(
+            Finding("stamps", "warning", flight, text, channel=name, key="sample later",
+                    numbers=(later,))
+        )  # fmt: skip
+    return possible, findings
 
 
 def _seconds(table: Mapping[str, NDArray[Any]], start: float, key: str = "timestamp") -> Array:

@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from mavlink_packets import frame_with
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_px4.link.event_definitions import event_number
+from tombo_px4.link import event_definitions
 from tombo_px4.link.message_decoder import StatusTextAssembler
-from tombo_px4.protocol.statustext import StatusTextSender
+from tombo_px4.protocol import statustext
+from tombo_px4.protocol.statustext import PROBLEMS, StatusTextSender
 
 MAV = mavlink.MAVLink(None, 245, 191)
 REQUEST = 512
@@ -248,14 +249,29 @@ def test_texts_come_where_a_ground_station_is_heard_and_events_everywhere():
         assert not of(ground.seen, "STATUSTEXT")
 
 
+def test_the_bridge_knows_every_event_by_the_number_and_the_arguments_of_px4():
+    """Numbers recorded from PX4's build against hashes of the names that the bridge knows."""
+    tables = (statustext.TEXTS, statustext.BEGINNINGS, PROBLEMS)
+    for text, event in ((t, e) for table in tables for t, e in table.items()):
+        known = event_definitions.KNOWN_NUMBERS[event.number]
+        assert known.format == f"<{event.kinds}", text
+        assert known.names_modes == (text in PROBLEMS), text
+    for event, name in (
+        (statustext.CHECKS_BEGIN, event_definitions.CHECKS_BEGIN),
+        (statustext.CHECKS_END, event_definitions.CHECKS_END),
+    ):
+        assert event.number == event_definitions.event_number(name)
+
+
 def test_a_check_of_hold_does_not_stand_in_the_way_of_offboard():
     sent = []
     sender = StatusTextSender([SimpleNamespace(send=sent.append)])
-    sender.report_checks(("Navigation error: No valid global position estimate",), 0)
+    problem = "Navigation error: No valid global position estimate"
+    sender.report_checks((problem,), 0)
     (modes,) = [
         int.from_bytes(bytes(event.arguments[:4]), "little")
         for event in sent
-        if event.id == event_number("check_modes_global_pos")
+        if event.id == PROBLEMS[problem].number
     ]
     hold, offboard = 1 << 4, 1 << 14  # as in PX4's navigation_state_t
     assert modes & hold and not modes & offboard

@@ -268,14 +268,14 @@ def test_a_px4_that_reconnects_unnoticed_gets_a_new_flight(b):
 def test_a_second_px4_is_turned_away(b):
     b.fly(1.0)
     with socket.create_connection(("127.0.0.1", b.link.port), timeout=5.0) as second:
-        b.until(lambda: b.link.refused == 1)
+        b.until(lambda: b.link.counters["refused_connections"] == 1)
         assert second.recv(10) == b""
     b.fly(2.0)
     assert b.hil.flights == 1
     assert b.hil.missed == 0
 
 
-def test_a_silent_client_gives_the_port_to_the_first_that_speaks():
+def test_a_silent_client_gives_the_port_to_the_next_and_px4_to_none():
     heartbeat = common.MAVLink(None).heartbeat_encode(2, 12, 0, 0, 0)
     with closing(HilLink(0)) as link:
 
@@ -289,7 +289,7 @@ def test_a_silent_client_gives_the_port_to_the_first_that_speaks():
 
         address = ("127.0.0.1", link.port)
         with socket.create_connection(address) as silent, socket.create_connection(address) as px4:
-            until(lambda: link.connected)
+            until(lambda: link.connections == 2)
             px4.sendall(heartbeat.pack(common.MAVLink(None)))
             until(lambda: link.heartbeats == 1)
             assert link.connections == 2
@@ -298,7 +298,7 @@ def test_a_silent_client_gives_the_port_to_the_first_that_speaks():
             link.send(b"x")
             assert px4.recv(1) == b"x"
             with socket.create_connection(address) as late:
-                until(lambda: link.refused == 1)
+                until(lambda: link.counters["refused_connections"] == 1)
                 late.settimeout(5.0)
                 assert late.recv(1) == b""
 

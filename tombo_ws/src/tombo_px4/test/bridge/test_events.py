@@ -15,8 +15,8 @@ from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import BridgeParams
 from tombo_px4.bridge.bridge_records import SessionStage
 from tombo_px4.link.event_definitions import BadMetadata, definitions, events_file, unpacked
-from tombo_px4.link.framing import FrameCounts, decode, frames_of
 from tombo_px4.link.link_params import LinkParams
+from tombo_px4.link.mavlink_link import Codec
 
 # numbers as in the file of events of PX4 1.17
 NO_POSITION, NO_STICKS, CPU, DISARMED_BY = 30612409, 17231145, 17836172, 32794487
@@ -75,13 +75,12 @@ def test_an_event_is_decoded_from_its_bytes():
     head = struct.pack("<BBBBBBBHB", 0xFD, len(payload), 0, 0, 0, 1, 1, 410, 0)
     checksum = x25crc(head[1:] + payload + bytes([160])).crc
     frame = head + payload + struct.pack("<H", checksum)
-    findings = FrameCounts()
-    (received,) = frames_of(frame, findings)
-    message = decode(received)
+    codec = Codec(1, 1)
+    (message,) = codec.feed(frame, whole=True)
     assert message.get_type() == "EVENT"
     assert (message.id, message.sequence, message.log_levels) == (DENIED, 7, 0x22)
     assert bytes(message.arguments) == b"\x01".ljust(40, b"\0")
-    assert findings.unknown_message == 0
+    assert codec.counters["unknown_message"] == 0
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Each fault of a laboratory is named with cause and cure; a good set-up passes."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -243,6 +244,12 @@ def test_a_frozen_pose(lab):
 def test_poses_of_a_vehicle_that_stands_must_stand(lab):
     lab.noise = 0.05
     assert "another body is tracked" in lab.text("pose_moves")
+
+
+def test_poses_of_two_bodies_in_one_topic_forbid_arming(lab):
+    turns = itertools.cycle([0.0, 1.5])
+    lab.as_mocap = lambda p, q: (p + np.array([next(turns), 0.0, 0.0]), q)
+    assert "take turns in one topic, 1.50 m apart" in lab.text("pose_bodies")
 
 
 def test_millimetres_are_named(lab):

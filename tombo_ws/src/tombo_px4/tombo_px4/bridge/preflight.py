@@ -17,6 +17,7 @@ import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.input_check import PoseRefusal
+from tombo_dynamics.pose_tracks import bodies_apart
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import GRAVITY
@@ -512,10 +513,11 @@ def _frozen(recent: list[_SentPose]) -> bool:
 
 
 def _findings_of_place(recent: list[_SentPose], at_rest: bool) -> Iterator[PreflightFinding]:
-    """Yield findings on poses that can't be in metres, and on moving poses of a body at rest."""
+    """Yield findings on poses not in metres, of several bodies, or of a body moving at rest."""
     if len(recent) < _ENOUGH:
         return
     place = np.array([p.position for p in recent])
+    apart = bodies_apart(place)
     size, spread = float(np.abs(place).max()), float(place.std(axis=0).max())
     if size > _LARGEST_ROOM_M:
         where = _place(np.median(place, axis=0))
@@ -523,6 +525,12 @@ def _findings_of_place(recent: list[_SentPose], at_rest: bool) -> Iterator[Prefl
             f"mocap poses are not in metres (millimetres?): ({where}); let the driver send metres"
         )
         yield PreflightFinding("pose_unit", text)
+    elif apart > 0.0:
+        text = (
+            f"mocap poses of two bodies or more take turns in one topic, {apart:.2f} m apart: give"
+            " each body a topic of its own"
+        )
+        yield PreflightFinding("pose_bodies", text)
     elif at_rest and spread > _LARGEST_NOISE_M:
         text = (
             f"mocap poses move by {spread:.2g} m (standard deviation) while PX4's sensors are at"

@@ -24,8 +24,8 @@ from tombo_px4.link.event_definitions import (
     path_of,
     unpacked,
 )
+from tombo_px4.link.extra_messages import COMPONENT_METADATA
 from tombo_px4.link.file_transfer import FileAnswer, FileReader
-from tombo_px4.link.framing import COMPONENT_METADATA
 from tombo_px4.link.message_encoder import MessageTarget, request_message, run_checks
 
 _AGAIN_NS = SECOND_NS

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from pymavlink.dialects.v20 import common
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import Plant
@@ -17,8 +18,8 @@ from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 from tombo_dynamics.time_base import TICK_NS
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 from tombo_px4.frames import PX4_ROTORS, GeoOrigin, enu_from_ned, frd_from_flu, ned_from_enu
+from tombo_px4.hil.link import COMPONENT, SYSTEM
 from tombo_px4.hil.params import HilParams
-from tombo_px4.link.framing import encoder
 from tombo_px4.link.link_params import ODOMETRY
 from tombo_px4.link.message_encoder import pose_message
 from tombo_px4.protocol.telemetry_snapshot import (
@@ -170,8 +171,6 @@ class HilSensors:
         )
 
 
-SYSTEM, COMPONENT = 1, 200
-"""Who PX4's simulators say they are."""
 INERTIAL = 0x3F
 """Accelerometer and gyro."""
 ALL_SENSORS = 0x1FFF
@@ -223,7 +222,7 @@ class HilFlight:
         self.poses: list[PoseSample] = []
         self.rotors: Array = np.zeros(4)
         self.steps = 0
-        self._mav = encoder(SYSTEM, COMPONENT)
+        self._mav = common.MAVLink(None, SYSTEM, COMPONENT)
         self._slow: tuple[float, ...] = ()
         self._gps_due = _RateTimer(params.gps_rate if params.gps else 0.0)
         self._truth_due = _RateTimer(params.truth_rate)

@@ -1,27 +1,21 @@
-"""The simulator link: PX4 is the client of a TCP server, one at a time.
-
-The first client that connects is taken for PX4, which speaks at once. While it has said nothing,
-others wait beside it, and the first of them that speaks takes its place.
-"""
+"""The simulator link: PX4 is the client of a TCP server, one at a time."""
 
 from __future__ import annotations
 
 import errno
 import math
-import select
-import socket
-from typing import Any, NamedTuple
+import time
+from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.errors import InputError
-from tombo_px4.link.framing import Frame, FrameCounts, StreamFramer, decode
-from tombo_px4.link.tcp import TcpIn
-from tombo_px4.link.transport import Url
+from tombo_px4.link.mavlink_link import Link
 
 PX4_PORT = 4560
 """Of PX4 instance 0; instance N asks for this port plus N."""
-_MOST_WAITING = 4
+SYSTEM, COMPONENT = 1, 200
+"""MAVLink ids that PX4's simulators use."""
 
 
 class ActuatorControls(NamedTuple):
@@ -34,19 +28,16 @@ class ActuatorControls(NamedTuple):
     lockstep: bool
 
 
-class HilLink(TcpIn):
+class HilLink:
     """The server's side of PX4's TCP connection. Polled; only `wait` blocks.
 
     Attributes:
         port: the one listened on.
         heartbeats: how many have come.
+        others: how many messages of other kinds have come.
         interval_us: what PX4 asked for by SET_MESSAGE_INTERVAL for HIL_STATE_QUATERNION; None: it
             did not, or `take_interval` has returned it.
-        connections: how many there have been.
-        refused: connections closed because another client speaks.
     """
-
-    room = 1 << 20
 
     def __init__(self, port: int = PX4_PORT) -> None:
         """Listen on this machine. Port 0 takes a free one.
@@ -54,101 +45,72 @@ class HilLink(TcpIn):
         Raises:
             InputError: the port is taken or not allowed.
         """
-        url = Url(f"tcpin://127.0.0.1:{port}", "tcpin", "127.0.0.1", port)
+        url = f"tcpin://127.0.0.1:{port}"
         try:
-            super().__init__(url, lambda: 0, {"foreign_address": 0}, False)
-        except (InputError, OverflowError) as error:
-            cause = error.__cause__ or error
-            busy = getattr(cause, "errno", None) == errno.EADDRINUSE
-            why = "is taken by another program" if busy else f"can't be listened on ({cause})"
+            self._link = Link(url, system=SYSTEM, component=COMPONENT, clock=time.time_ns)
+        except InputError as error:
+            busy = getattr(error.__cause__, "errno", None) == errno.EADDRINUSE
+            why = "is taken by another program" if busy else f"can't be listened on ({error})"
             raise InputError(
-                f"port {port} of {url.host} {why}; accepted: a free port (PX4 instance N asks for "
+                f"port {port} of 127.0.0.1 {why}; accepted: a free port (PX4 instance N asks for "
                 f"{PX4_PORT} + N)"
             ) from error
-        self.port = int(self._listener.getsockname()[1])
-        self._counts = FrameCounts()
-        self._framers: dict[Any, StreamFramer] = {}
+        self.port = self._link.address[1] if self._link.address else port
+        self.heartbeats = self.others = 0
         self.interval_us: float | None = None
-        self.heartbeats = 0
-        self.connections = 0
-        self.refused = 0
-        self._other = 0
 
     @property
     def connected(self) -> bool:
         """Whether PX4 is there."""
-        return self._connection(self._peer) is not None
+        return self._link.connected
+
+    @property
+    def connections(self) -> int:
+        """How many connections there have been."""
+        return self._link.opened
 
     @property
     def counters(self) -> dict[str, int]:
         """Counts of received data other than actuator controls."""
+        link = self._link.counters
+        names = ("garbage_bytes", "bad_checksum", "unknown_message")
         return {
             "heartbeats": self.heartbeats,
-            **self._counts.counts(),
-            "other_message": self._other,
-            "refused_connections": self.refused,
+            **{name: link[name] for name in names},
+            "other_message": self.others,
+            "refused_connections": link["dropped"],
         }
 
     def wait(self, timeout_s: float) -> None:
         """Sleep until something comes or the time is over."""
-        select.select([self.fileno()], (), (), max(timeout_s, 0.0))
+        self._link.wait(timeout_s)
 
     def receive(self) -> list[ActuatorControls]:
-        """Return the received actuator controls; without PX4, take the first client for it."""
-        frames = self._receive_frames()
-        if not self.connected and self._connections:
-            self._take_peer(next(iter(self._connections.values())).peer)
-        if self.connected and not self._peer_spoke:
-            clients = [c.peer for c in self._connections.values() if frames.get(c.peer)]
-            speaks = self._peer if self._peer in clients else next(iter(clients), None)
-            if speaks is not None:
-                if speaks != self._peer:
-                    self._close(self._peer)
-                    self._take_peer(speaks)
-                self.peer = speaks
-                others = [c.peer for c in self._connections.values() if c.peer != speaks]
-                self.refused += len(others)
-                for other in others:
-                    self._close(other)
+        """Return the received actuator controls."""
+        connections = self.connections
         answers = []
-        for frame in frames.get(self._peer, ()):
-            if frame.message_id == mav.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
-                message = decode(frame)
-                answers.append(
-                    ActuatorControls(
-                        int(message.time_usec),
-                        tuple(message.controls[:4]),
-                        bool(message.mode & mav.MAV_MODE_FLAG_SAFETY_ARMED),
-                        bool(message.flags & mav.HIL_ACTUATOR_CONTROLS_FLAGS_LOCKSTEP),
-                    )
-                )
-            elif frame.message_id == mav.MAVLINK_MSG_ID_HEARTBEAT:
+        for message in (received.message for received in self._link.receive()):
+            kind = message.get_msgId()
+            if kind == mav.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
+                armed = bool(message.mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
+                lockstep = bool(message.flags & mav.HIL_ACTUATOR_CONTROLS_FLAGS_LOCKSTEP)
+                controls = tuple(message.controls[:4])
+                answers.append(ActuatorControls(int(message.time_usec), controls, armed, lockstep))
+            elif kind == mav.MAVLINK_MSG_ID_HEARTBEAT:
                 self.heartbeats += 1
-            elif frame.message_id == mav.MAVLINK_MSG_ID_COMMAND_LONG:
-                self._take_command(decode(frame))
+            elif (
+                kind == mav.MAVLINK_MSG_ID_COMMAND_LONG
+                and message.command == mav.MAV_CMD_SET_MESSAGE_INTERVAL
+                and message.param1 == mav.MAVLINK_MSG_ID_HIL_STATE_QUATERNION
+                and math.isfinite(message.param2)
+            ):
+                self.interval_us = message.param2
             else:
-                self._other += 1
+                self.others += 1
+        if self.connections != connections:  # another client: nothing of the one before counts
+            self.interval_us = None
+            return []
         return answers
-
-    def _receive_frames(self) -> dict[Any, list[Frame]]:
-        """Return client -> frames, of one piece of each stream at most."""
-        frames: dict[Any, list[Frame]] = {}
-        packet = self.read()
-        while packet is not None:
-            if packet.data:
-                framer = self._framers.setdefault(packet.peer, StreamFramer(self._counts))
-                frames[packet.peer] = framer.feed(packet.data)
-            else:
-                self._framers.pop(packet.peer, None)
-            packet = self.read() if self._ready or self._ended else None
-        return frames
-
-    def _take_command(self, message: Any) -> None:
-        wanted = (mav.MAV_CMD_SET_MESSAGE_INTERVAL, mav.MAVLINK_MSG_ID_HIL_STATE_QUATERNION)
-        if (message.command, message.param1) == wanted and math.isfinite(message.param2):
-            self.interval_us = message.param2
-        else:
-            self._other += 1
 
     def take_interval(self) -> float | None:
         """Return once the interval [us] that PX4 requested for HIL_STATE_QUATERNION."""
@@ -156,38 +118,10 @@ class HilLink(TcpIn):
         return interval_us
 
     def send(self, data: bytes) -> None:
-        """Send to PX4; what the socket does not take now goes later, too much of it ends it."""
-        if self.write(data, self._peer) == "send_failed":
-            self._close(self._peer)
+        """Send frames to PX4, later if the socket is full; too many of them end the connection."""
+        if not self._link.send_frames(data):
+            self._link.disconnect()
 
-    @property
-    def _peer_spoke(self) -> bool:
-        connection = self._connection(self._peer)
-        return connection is not None and connection.spoke
-
-    def _refuses(self, peer: Any) -> bool:
-        if self._peer_spoke and self._peer_ended():
-            self._close(self._peer)
-        refuses = self._peer_spoke or len(self._connections) > _MOST_WAITING
-        self.refused += refuses
-        return refuses
-
-    def _peer_ended(self) -> bool:
-        """Whether the connection has ended, after all that has been read: PX4 was restarted."""
-        connection = self._connection(self._peer)
-        try:
-            return connection is None or not connection.socket.recv(1, socket.MSG_PEEK)
-        except BlockingIOError:
-            return False
-        except OSError:
-            return True
-
-    def _take_peer(self, peer: Any) -> None:
-        self._peer = peer
-        self.interval_us = None
-        self.connections += 1
-
-    def _close(self, peer: Any) -> None:
-        """Close a client's connection; the next one can connect."""
-        for number in [n for n, c in self._connections.items() if c.peer == peer]:
-            self._drop(number)
+    def close(self) -> None:
+        """Close the port."""
+        self._link.close()

@@ -1,19 +1,19 @@
-"""URL of a link, and transport of bytes: interface of UDP, TCP and serial ports; none blocks."""
+"""URL of a link, and transport of bytes over UDP, TCP and serial ports; none blocks."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import ipaddress
 import os
 import re
 import select
 import socket
+import struct
 import termios
 import tty
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
 from tombo_dynamics.errors import InputError
@@ -136,14 +136,27 @@ def _numeric(host: str, what: str, allow_remote: bool) -> str:
 
 Clock = Callable[[], int]
 """Time now, CLOCK_REALTIME [ns]."""
-
 Counters = dict[str, int]
-
-CHUNK = 4096
+MAX_DATAGRAM = 2048
+"""Longest datagram that is taken whole; MAVLink's fit into a packet of the network."""
+_CHUNK = 4096
 """Most bytes of a stream that are read at once."""
-
-ROOM = 1 << 18
-"""Most bytes that wait to be sent."""
+_ROOM = 1 << 18
+"""Most bytes of a stream that wait to be sent."""
+_RETRY_NS = SECOND_NS // 2
+_CONNECTING_NS = SECOND_NS // 50
+_SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40
+_STAMP, _COUNT = struct.Struct("@qq"), struct.Struct("@I")
+_ANCILLARY = socket.CMSG_SPACE(_STAMP.size) + socket.CMSG_SPACE(_COUNT.size)
+_RECEIVE_BUFFER = 1 << 20
+_SPEEDS = {
+    int(name[1:]): getattr(termios, name)
+    for name in dir(termios)
+    if name[0] == "B" and name[1:].isdecimal() and int(name[1:]) >= 9600
+}
+_OUTPUT_SPEED, _INPUT_SPEED, _FLAGS = 5, 4, 2
+"""Places in the attributes of a terminal."""
+_FREE_PORT = "a free port of this machine"
 
 
 class Packet(NamedTuple):
@@ -154,231 +167,388 @@ class Packet(NamedTuple):
     peer: Any
 
 
-class Transport(ABC):
-    """An open transport."""
+class _Udp:
+    """Datagrams with the kernel's arrival stamps, and the count of those it had no room for.
+
+    A listener answers the last accepted sender. A sender is connected to its address: the kernel
+    drops the datagrams of others.
+    """
 
     stream = False
-    """It carries a stream, not datagrams."""
+    opened = 0
 
-    address: Address | None = None
-    """Where it listens or sends from."""
-
-    peer: Any
-    """Peer to answer; None: not known yet."""
+    def __init__(
+        self, url: Url, clock: Clock, counters: Counters, allow_remote: bool, peer: Address | None
+    ) -> None:
+        self._clock = clock
+        self._counters = counters
+        self._foreign = allow_remote
+        self._overflowed = 0
+        self._listens = url.kind == "udpin"
+        self._socket = socket.socket(url.family, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        for option, value in (
+            (_SO_TIMESTAMPNS, 1),
+            (_SO_RXQ_OVFL, 1),
+            (socket.SO_RCVBUF, _RECEIVE_BUFFER),
+        ):
+            with contextlib.suppress(OSError):
+                self._socket.setsockopt(socket.SOL_SOCKET, option, value)
+        doing, accepted = "listen there", _FREE_PORT
+        try:
+            if self._listens:
+                self._socket.bind(url.address)
+            else:
+                doing, accepted = "send there", "a host this machine can reach, a free local port"
+                if url.local:
+                    anywhere = "::" if url.family == socket.AF_INET6 else "0.0.0.0"
+                    self._socket.bind((url.host if is_loopback(url.host) else anywhere, url.local))
+                self._socket.connect(url.address)
+        except OSError as error:
+            self.close()
+            raise _refused(url, doing, error, accepted) from error
+        self.peer: Any = peer if self._listens else url.address
+        self.address = self._socket.getsockname()[:2]
 
     @property
     def connected(self) -> bool:
-        """There is a peer to send to."""
-        return True
+        return self.peer is not None
 
-    @abstractmethod
     def fileno(self) -> int:
-        """Return what select() can wait on, the same one until it is closed."""
+        return self._socket.fileno()
 
-    @abstractmethod
     def read(self) -> Packet | None:
-        """Return what came next; None: nothing more for now."""
+        """Return the next datagram, empty if it is refused; None: nothing more for now."""
+        try:
+            data, ancillary, flags, sender = self._socket.recvmsg(MAX_DATAGRAM, _ANCILLARY)
+        except BlockingIOError:
+            return None
+        except OSError:  # told by the network that nobody listens there: the next read goes on
+            return Packet(b"", 0, None)
+        arrival_ns = 0
+        for _, kind, value in ancillary:
+            if kind == _SO_TIMESTAMPNS and len(value) == _STAMP.size:
+                seconds, rest = _STAMP.unpack(value)
+                arrival_ns = seconds * SECOND_NS + rest
+            elif kind == _SO_RXQ_OVFL and len(value) == _COUNT.size:
+                (total,) = _COUNT.unpack(value)
+                self._counters["dropped"] += (total - self._overflowed) & 0xFFFFFFFF
+                self._overflowed = total
+        refusal = ""
+        if not self._foreign and not is_loopback(sender[0]):
+            refusal = "foreign_address"
+        elif flags & socket.MSG_TRUNC:
+            refusal = "oversized"
+        if refusal:
+            self._counters[refusal] += 1
+            data = b""
+        return Packet(data, arrival_ns or self._clock(), sender)
 
-    @abstractmethod
     def write(self, data: bytes, peer: Any) -> str:
         """Send one frame; return "" or the counter of what went wrong."""
+        peer = peer or self.peer
+        if peer is None:
+            return "no_peer"
+        try:
+            if self._listens:
+                self._socket.sendto(data, peer)
+            else:
+                self._socket.send(data)
+        except (OSError, TypeError, ValueError):
+            return "send_failed"
+        return ""
+
+    def answer(self, peer: Any) -> None:
+        """Take the sender of a valid message for the peer."""
+        self.peer = peer
 
     def maintain(self) -> None:
-        """Do what is due: connect again; by default nothing."""
-        return
+        """Do nothing: a datagram needs no connection."""
 
     def due_ns(self) -> int | None:
-        """Return the time until `maintain` has something to do; None: it has nothing."""
         return None
 
-    @abstractmethod
+    def lose(self) -> None:
+        """Do nothing: UDP has no connection."""
+
     def close(self) -> None:
-        """Close all sockets or files."""
+        self._socket.close()
 
 
-class RetryTimer:
-    """Timer for repeated attempts, by a clock that may be set back."""
-
-    def __init__(self, clock: Clock, period_ns: int = SECOND_NS // 2) -> None:
-        self._clock = clock
-        self._period_ns = period_ns
-        self._last_ns: int | None = None
-
-    def now(self) -> None:
-        """Note that it is being tried now."""
-        self._last_ns = self._clock()
-
-    def due_ns(self) -> int:
-        """Return the time until the next try, 0 if it is due."""
-        if self._last_ns is None:
-            return 0
-        waited = self._clock() - self._last_ns
-        return max(0, self._period_ns - waited) if waited >= 0 else 0
-
-
-class SendBuffer:
-    """Buffer for sending on a watched file: a frame is sent whole or not at all.
+class _Stream:
+    """A stream of bytes over one file, opened again after it was lost; see the three kinds.
 
     Attributes:
-        broken: the other side has gone; nothing more is sent.
+        opened: how often there was a connection.
     """
 
-    def __init__(
-        self, watch: select.epoll, number: int, write: Callable[[bytes], int], room: int = ROOM
-    ) -> None:
-        """Watch the file for what comes, and for room while something waits.
-
-        Args:
-            watch: where it is registered; unregistering it is up to the caller.
-            number: of the file.
-            write: writes to it as far as there is room.
-            room: most bytes that wait.
-        """
-        self._watch = watch
-        self._number = number
-        self._write = write
-        self._room = room
-        self._waiting = bytearray()
-        self._full = False
-        self.broken = False
-        watch.register(number, select.EPOLLIN)
-
-    def push(self, data: bytes) -> bool:
-        """Write a frame behind what waits; False: there is no room for it, or it is broken."""
-        if len(self._waiting) + len(data) > self._room:
-            self.flush()
-            if len(self._waiting) + len(data) > self._room:
-                return False
-        self._waiting += data
-        self.flush()
-        return not self.broken
-
-    def flush(self) -> None:
-        """Write what waits, as far as there is room."""
-        try:
-            while self._waiting:
-                del self._waiting[: self._write(bytes(self._waiting[:65536]))]
-        except (BlockingIOError, InterruptedError):
-            pass
-        except OSError:
-            self.broken = True
-            return
-        if bool(self._waiting) != self._full:
-            self._full = not self._full
-            room = select.EPOLLOUT if self._full else 0
-            self._watch.modify(self._number, select.EPOLLIN | room)
-
-
-def refused(url: Url, doing: str, error: Exception, accepted: str) -> InputError:
-    """Build the error for a transport that can't be opened."""
-    number = getattr(error, "errno", None)
-    why = os.strerror(number).lower() if isinstance(number, int) and number > 0 else str(error)
-    return InputError(f"link '{url.text}': can't {doing} ({why}); accepted: {accepted}")
-
-
-_SPEEDS = {
-    int(name[1:]): getattr(termios, name)
-    for name in dir(termios)
-    if name[0] == "B" and name[1:].isdecimal() and int(name[1:]) >= 9600
-}
-_OUTPUT_SPEED, _INPUT_SPEED, _FLAGS = 5, 4, 2
-
-
-class SerialPort(Transport):
-    """A serial port, raw, 8 bits, no parity, no flow control."""
-
     stream = True
+    address: Address | None = None
+    peer: Any = None
 
-    def __init__(self, url: Url, clock: Clock) -> None:
-        self.peer: Any = url.host
+    def __init__(self, url: Url, clock: Clock, doing: str, accepted: str) -> None:
+        """Open it; `doing` and `accepted` are words of the error.
+
+        Raises:
+            InputError: it can't be opened.
+        """
+        self.opened = 0
         self._url = url
         self._clock = clock
-        self._retry = RetryTimer(clock, 1_000_000_000)
-        self._out: SendBuffer
-        self._port: int | None = None
-        if url.port not in _SPEEDS:
-            speeds = ", ".join(str(speed) for speed in sorted(_SPEEDS))
-            raise InputError(f"link '{url.text}': no baud rate {url.port}; accepted: {speeds}")
-        self._watch = select.epoll()
+        self._watch = select.epoll()  # one descriptor, whichever file is open
+        self._file: Any = None
+        self._waiting = bytearray()
+        self._ended = False
+        self._tried_ns = 0
         try:
             self._open()
         except (OSError, termios.error) as error:
             self.close()
-            if not isinstance(error, OSError):  # termios has number and words, but no errno
-                error = OSError(*error.args)
-            raise refused(
-                url, "open it", error, "a serial device that this user may read and write"
-            ) from error
+            raise _refused(url, doing, error, accepted) from error
+
+    def _open(self) -> None:
+        raise NotImplementedError
 
     @property
     def connected(self) -> bool:
-        """The device is there."""
-        return self._port is not None
+        return self._file is not None
 
     def fileno(self) -> int:
-        """Return what select() can wait on."""
         return self._watch.fileno()
 
     def read(self) -> Packet | None:
         """Return some bytes; None: nothing more for now."""
-        if self._port is None:
-            return None
-        self._out.flush()
-        try:
-            data = b"" if self._out.broken else os.read(self._port, CHUNK)
-        except BlockingIOError:
-            return None
-        except OSError:
-            data = b""
-        if not data:
-            self._close_and_retry()
-        return Packet(data, self._clock(), self.peer)
+        self._flush()
+        if self._file is not None:
+            try:
+                data = os.read(self._file.fileno(), _CHUNK)
+            except BlockingIOError:
+                return None
+            except OSError:
+                data = b""
+            if data:
+                return Packet(data, self._clock(), self.peer)
+            self.lose()
+        if self._ended:
+            self._ended = False
+            return Packet(b"", 0, self.peer)
+        return None
 
     def write(self, data: bytes, peer: Any) -> str:
-        """Send one frame; return "" or the counter of what went wrong."""
-        if self._port is None:
+        """Send one frame, whole or not at all; return "" or the counter of what went wrong."""
+        if not self.connected or peer not in (None, self.peer):
             return "no_peer"
-        if self._out.push(data):
-            return ""
-        if self._out.broken:
-            self._close_and_retry()
-        return "send_failed"
+        self._flush()
+        if len(self._waiting) + len(data) > _ROOM:
+            return "send_failed"
+        self._waiting += data
+        self._flush()
+        return "" if self.connected else "send_failed"
+
+    def answer(self, peer: Any) -> None:
+        """Do nothing: the one peer is known."""
 
     def maintain(self) -> None:
-        """Open the device again if it went away."""
-        if self._port is None and self._retry.due_ns() == 0:
+        """Open the file again if it was lost."""
+        if self._file is None and self.due_ns() == 0:
             with contextlib.suppress(OSError, termios.error):
                 self._open()
 
     def due_ns(self) -> int | None:
-        """Return the time until the next try."""
-        return self._retry.due_ns() if self._port is None else None
+        """Return the time until `maintain` has something to do; the clock may be set back."""
+        if self._file is not None:
+            return None
+        waited_ns = self._clock() - self._tried_ns
+        return _RETRY_NS - waited_ns if 0 <= waited_ns < _RETRY_NS else 0
 
     def close(self) -> None:
-        """Close the device."""
-        self._close_and_retry()
+        """Close the file; the next `read` returns the end of the stream."""
+        self.lose()
         self._watch.close()
 
-    def _open(self) -> None:
-        self._retry.now()
-        port = os.open(self._url.host, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+    def _take(self, file: Any, peer: Any) -> None:
+        self._watch.register(file.fileno(), select.EPOLLIN)
+        self._file, self.peer = file, peer
+        self.opened += 1
+
+    def _flush(self) -> None:
+        """Write what waits, as far as there is room."""
         try:
-            tty.setraw(port, termios.TCSANOW)
+            while self._waiting:
+                del self._waiting[: os.write(self._file.fileno(), self._waiting[:65536])]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self.lose()
+
+    def lose(self) -> None:
+        """Close the file; the next `read` returns the end of the stream."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+            self._ended = True
+            self._tried_ns = self._clock()
+        self._waiting.clear()
+
+
+class _SerialPort(_Stream):
+    """A serial port, raw, 8 bits, no parity, no flow control."""
+
+    def __init__(self, url: Url, clock: Clock) -> None:
+        if url.port not in _SPEEDS:
+            speeds = ", ".join(str(speed) for speed in sorted(_SPEEDS))
+            raise InputError(f"link '{url.text}': no baud rate {url.port}; accepted: {speeds}")
+        accepted = "a serial device that this user may read and write"
+        super().__init__(url, clock, "open it", accepted)
+
+    def _open(self) -> None:
+        self._tried_ns = self._clock()
+        flags = os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC
+        with contextlib.ExitStack() as stack:
+            port = stack.enter_context(open(os.open(self._url.host, flags), "r+b", buffering=0))
+            tty.setraw(port.fileno(), termios.TCSANOW)
             mode = termios.tcgetattr(port)
             mode[_FLAGS] |= termios.CLOCAL | termios.CREAD
             mode[_FLAGS] &= ~(termios.CRTSCTS | termios.CSTOPB | termios.PARENB)
             mode[_INPUT_SPEED] = mode[_OUTPUT_SPEED] = _SPEEDS[self._url.port]
             termios.tcsetattr(port, termios.TCSANOW, mode)
             termios.tcflush(port, termios.TCIOFLUSH)
-            self._out = SendBuffer(self._watch, port, partial(os.write, port))
-        except BaseException:
-            os.close(port)
-            raise
-        self._port = port
+            self._take(port, self._url.host)
+            stack.pop_all()
 
-    def _close_and_retry(self) -> None:
-        if self._port is not None:
-            with contextlib.suppress(OSError, ValueError):
-                self._watch.unregister(self._port)
-            os.close(self._port)
-            self._port = None
+
+class _TcpOut(_Stream):
+    """A TCP client. It connects in the background, and again when the connection is lost."""
+
+    _connecting = False
+
+    def __init__(self, url: Url, clock: Clock) -> None:
+        super().__init__(url, clock, "connect", "a host this machine can reach")
+
+    @property
+    def connected(self) -> bool:
+        return self._file is not None and not self._connecting
+
+    def maintain(self) -> None:
+        """Begin to connect, or look whether it is connected; `read` meets a refusal."""
+        super().maintain()
+        if self._file is not None and self._connecting:
+            with contextlib.suppress(OSError):
+                itself = _is_itself(self._file)
+                self._connecting = False
+                if itself:
+                    self.lose()
+
+    def due_ns(self) -> int | None:
+        connecting = self._file is not None and self._connecting
+        return _CONNECTING_NS if connecting else super().due_ns()
+
+    def _open(self) -> None:
+        self._tried_ns = self._clock()
+        self._connecting = True
+        sock = _tcp_socket(self._url.family)
+        result = sock.connect_ex(self._url.address)
+        if result in (0, errno.EINPROGRESS):
+            self._take(sock, self._url.address)
+            return
+        sock.close()
+        if result != errno.ECONNREFUSED:
+            raise OSError(result, "connect")
+
+
+class _TcpIn(_Stream):
+    """A TCP server with one client; one that has sent no valid message makes room for the next."""
+
+    def __init__(self, url: Url, clock: Clock, counters: Counters, allow_remote: bool) -> None:
+        self._counters = counters
+        self._foreign = allow_remote
+        self._spoke = False
+        self._listener = _tcp_socket(url.family)
+        super().__init__(url, clock, "listen there", _FREE_PORT)
+        self.address = self._listener.getsockname()[:2]
+
+    def answer(self, peer: Any) -> None:
+        """Keep the client: it has sent a valid message."""
+        self._spoke = True
+
+    def read(self) -> Packet | None:
+        """Return some bytes; None: nothing more for now. Then a client may have come."""
+        packet = super().read()
+        if packet is None:
+            self._accept()
+        return packet
+
+    def maintain(self) -> None:
+        """Clients come by themselves."""
+
+    def due_ns(self) -> int | None:
+        return None
+
+    def close(self) -> None:
+        self._listener.close()
+        super().close()
+
+    def _open(self) -> None:
+        # A server that comes back finds its port although old connections still linger.
+        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self._listener.bind(self._url.address)
+        self._listener.listen()
+        self._watch.register(self._listener.fileno(), select.EPOLLIN)
+
+    def _accept(self) -> None:
+        try:
+            sock, peer = self._listener.accept()
+        except OSError:
+            return
+        refusal = ""
+        if not self._foreign and not is_loopback(peer[0]):
+            refusal = "foreign_address"
+        elif self._spoke and self.connected:
+            refusal = "dropped"
+        if refusal:
+            self._counters[refusal] += 1
+            sock.close()
+            return
+        self.lose()
+        sock.setblocking(False)
+        self._spoke = False
+        self._take(sock, peer)
+
+
+def _tcp_socket(family: socket.AddressFamily) -> socket.socket:
+    """Return a socket that neither blocks nor gathers bytes; accepted ones inherit the latter."""
+    sock = socket.socket(family, socket.SOCK_STREAM)
+    sock.setblocking(False)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return sock
+
+
+def _is_itself(sock: socket.socket) -> bool:
+    """Whether TCP has connected a port without a server to itself: it is tried often enough.
+
+    Raises:
+        OSError: it is not connected yet.
+    """
+    return bool(sock.getsockname() == sock.getpeername())
+
+
+def _refused(url: Url, doing: str, error: Exception, accepted: str) -> InputError:
+    """Build the error for a transport that can't be opened."""
+    number = error.args[0] if error.args else None  # termios.error has no errno
+    why = os.strerror(number).lower() if isinstance(number, int) and number > 0 else str(error)
+    return InputError(f"link '{url.text}': can't {doing} ({why}); accepted: {accepted}")
+
+
+def open_transport(
+    url: Url, clock: Clock, counters: Counters, allow_remote: bool, peer: Address | None
+) -> _Udp | _Stream:
+    """Open what the URL names.
+
+    Raises:
+        InputError: busy port, no such device, no such host.
+    """
+    if url.kind in ("udpin", "udpout"):
+        return _Udp(url, clock, counters, allow_remote, peer)
+    if url.kind == "tcpin":
+        return _TcpIn(url, clock, counters, allow_remote)
+    return _TcpOut(url, clock) if url.kind == "tcpout" else _SerialPort(url, clock)

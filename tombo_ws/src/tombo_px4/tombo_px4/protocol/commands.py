@@ -13,7 +13,7 @@ from tombo_dynamics.arrays import Array
 from tombo_px4 import modes
 from tombo_px4.frames import GeoOrigin, ros_yaw
 from tombo_px4.link.decoded_messages import FORCE_ARMING, Result
-from tombo_px4.link.framing import PROTOCOL_VERSION
+from tombo_px4.link.extra_messages import PROTOCOL_VERSION
 from tombo_px4.modes import Mode
 
 if TYPE_CHECKING:

@@ -8,28 +8,61 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from tombo_px4.link.decoded_messages import Severity
-from tombo_px4.link.event_definitions import (
-    ARMING_DENIED,
-    CHECKS_BEGIN,
-    CHECKS_END,
-    KNOWN_EVENTS,
-    event_number,
-)
-from tombo_px4.link.framing import ARGUMENTS, EventMessage
+from tombo_px4.link.extra_messages import EventMessage
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
 
+
+class Px4Event(NamedTuple):
+    """An event as PX4 sends it."""
+
+    number: int
+    kinds: str = ""
+    """Of its arguments, as `struct` takes them."""
+    modes: int = 0
+    """Of a check: modes that it forbids, bits of PX4's `navigation_state_t`."""
+
+
+_CHECK = "IB"
 _ALL_MODES = 0xFFFFFFFF
-_MODES = {
-    "check_modes_global_pos": 1 << 4 | 1 << 5,  # hold and return
-    "check_modes_manual_control": 1 << 0 | 1 << 1 | 1 << 2 | 1 << 10 | 1 << 15,  # with sticks
-    "check_modes_offboard_signal": 1 << 14,
-    "check_modes_mission": 1 << 3,
-    "check_modes_home_position": 1 << 5,
+_STICKS = 1 << 0 | 1 << 1 | 1 << 2 | 1 << 10 | 1 << 15
+CHECKS_BEGIN, CHECKS_END = Px4Event(0x01A893E0, "BIIII"), Px4Event(0x011D3727, "BIII")
+TEXTS = {
+    "Arming denied: Resolve system health failures first": Px4Event(0x0102089D),
+    "Disarming denied: not landed": Px4Event(0x018AB9B5),
+    "Takeoff detected": Px4Event(0x01414569),
+    "Landing detected": Px4Event(0x019638AC),
+    "Landing at current position": Px4Event(0x0132B2DE),
+    "Returning to launch": Px4Event(0x01352CE4),
+    "Unsupported auto mode": Px4Event(0x012F2F05),
 }
-"""Checks that stand in the way of some modes alone, bits of PX4's `navigation_state_t`."""
+"""Text to the event that says the same. Numbers and kinds are those of `all_events.json`, which
+the build of PX4 1.17 writes."""
+BEGINNINGS = {
+    "Armed by ": Px4Event(0x0190CAF3, "B"),
+    "Disarmed by ": Px4Event(0x01F46777, "B"),
+    "Switching to ": Px4Event(0x01A04397, "IB"),
+    "Failsafe activated: ": Px4Event(0x0194CA8A, "IBB"),
+}
+"""The same by the beginning of a text."""
+PROBLEMS = {
+    "No valid attitude estimate": Px4Event(0x019F748F, _CHECK, _ALL_MODES),
+    "Navigation error: No valid position estimate": Px4Event(0x01D31BB9, _CHECK, _ALL_MODES),
+    "Navigation error: No valid global position estimate": Px4Event(
+        0x0198C273, _CHECK, 1 << 4 | 1 << 5
+    ),
+    "No offboard signal": Px4Event(0x012F1DC7, _CHECK, 1 << 14),
+    "No manual control input": Px4Event(0x0106ED29, _CHECK, _STICKS),
+    "No valid mission available": Px4Event(0x0105C2D9, _CHECK, 1 << 3),
+    "Home position not set": Px4Event(0x01013630, _CHECK, 1 << 5),
+    "Mode not suitable for arming": Px4Event(0x011C8F61, _CHECK, _ALL_MODES),
+    "Critical battery": Px4Event(0x0128180B, _CHECK, _ALL_MODES),
+    "Emergency battery level": Px4Event(0x01AD1B07, _CHECK, _ALL_MODES),
+    "Flight termination active": Px4Event(0x01C2A00A, _CHECK, _ALL_MODES),
+}
+"""The same of a failed check of arming."""
 _PROTOCOL = 8
 _REASONS = {
     "external command": 4,
@@ -40,46 +73,14 @@ _REASONS = {
     "flight termination": 14,
 }
 """Of arming and disarming, as PX4's `arm_disarm_reason_t`."""
-_TEXTS = {
-    "Arming denied: Resolve system health failures first": ARMING_DENIED,
-    "Disarming denied: not landed": "commander_disarm_denied_not_landed",
-    "Takeoff detected": "commander_takeoff_detected",
-    "Landing detected": "commander_landing_detected",
-    "Landing at current position": "commander_landing_current_pos",
-    "Returning to launch": "commander_rtl",
-    "Unsupported auto mode": "commander_unsupported_auto_mode",
-}
-_BEGINNINGS = {
-    "Switching to ": "commander_modeswitch_not_avail",
-    "Failsafe activated: ": "commander_failsafe_enter",
-}
-_PROBLEMS = {
-    "No valid attitude estimate": "check_modes_attitude",
-    "Navigation error: No valid position estimate": "check_modes_local_pos",
-    "Navigation error: No valid global position estimate": "check_modes_global_pos",
-    "No offboard signal": "check_modes_offboard_signal",
-    "No manual control input": "check_modes_manual_control",
-    "No valid mission available": "check_modes_mission",
-    "Home position not set": "check_modes_home_position",
-    "Mode not suitable for arming": "check_modes_cannot_takeoff",
-    "Critical battery": "check_battery_critical",
-    "Emergency battery level": "check_battery_emergency",
-    "Flight termination active": "check_system_flight_term_active",
-}
 
 
-def event_of(text: str) -> tuple[str, int] | None:
-    """Return name and first argument of the event that says the same; None: there is none."""
-    for verb, name in (
-        ("Armed by ", "commander_armed_by"),
-        ("Disarmed by ", "commander_disarmed_by"),
-    ):
-        if text.startswith(verb):
-            return name, _REASONS.get(text.removeprefix(verb), 0)
-    for beginning, name in _BEGINNINGS.items():
+def event_of(text: str) -> tuple[Px4Event, int] | None:
+    """Return the event that says the same, and its first argument; None: there is none."""
+    for beginning, event in BEGINNINGS.items():
         if text.startswith(beginning):
-            return name, 0
-    named = _TEXTS.get(text)
+            return event, _REASONS.get(text.removeprefix(beginning), 0)
+    named = TEXTS.get(text)
     return None if named is None else (named, 0)
 
 
@@ -149,18 +150,15 @@ class StatusTextSender:
             return
         self._reported = problems
         self._send_event(CHECKS_BEGIN, _PROTOCOL, boot_us)
-        for problem in problems:
-            if problem in _PROBLEMS:
-                name = _PROBLEMS[problem]
-                self._send_event(name, Severity.ERROR, boot_us, _MODES.get(name, _ALL_MODES))
+        for event in (PROBLEMS[problem] for problem in problems if problem in PROBLEMS):
+            self._send_event(event, Severity.ERROR, boot_us, event.modes)
         self._send_event(CHECKS_END, _PROTOCOL, boot_us)
 
-    def _send_event(self, name: str, severity: int, boot_us: int, first: int = 0) -> None:
-        kinds = KNOWN_EVENTS[name].format if name in KNOWN_EVENTS else "<"
-        values = [first, *([0] * 8)][: len(kinds) - 1]
-        arguments = list(struct.pack(kinds, *values).ljust(ARGUMENTS, b"\0"))
+    def _send_event(self, event: Px4Event, severity: int, boot_us: int, first: int = 0) -> None:
+        values = [first, *([0] * 8)][: len(event.kinds)]
+        arguments = list(struct.pack(f"<{event.kinds}", *values).ljust(40, b"\0"))
         self._event_sequence = (self._event_sequence + 1) % 65536
-        content = (event_number(name), boot_us // 1000 % 2**32, self._event_sequence)
+        content = (event.number, boot_us // 1000 % 2**32, self._event_sequence)
         for port in self._channels:
             port.send(EventMessage(*content, 0, 0, severity << 4 | severity, arguments))
 

@@ -23,7 +23,7 @@ from tombo_px4.frames import (
     ned_from_enu,
     px4_quaternion,
 )
-from tombo_px4.link.framing import ProtocolVersion
+from tombo_px4.link.extra_messages import ProtocolVersion
 
 if TYPE_CHECKING:
     from tombo_control.estimate import StampedEstimate

@@ -50,6 +50,8 @@ POSITIVE = frozenset(
      "gusts", "mocap_latency", "translational_lift"}
 )  # fmt: skip
 """Effects of one sign."""
+ABSENT = frozenset({"steady_wind"})
+"""Effects that no healthy vehicle has."""
 LATENCY_S = 0.010
 """From capture to arrival of a pose in good order."""
 NEEDS_IMU = frozenset({"imu_lever_arm", "imu_misalignment", "accel_scale", "imu_bias"})
@@ -122,8 +124,9 @@ def draw_tolerances(quad: Quadrotor, rng: np.random.Generator) -> dict[str, floa
     """Return what a careful lab leaves: a twentieth of what clearly matters, propellers 1 %."""
     found = {}
     for name, parameters in TYPICAL.items():
+        share = 0.0 if name in ABSENT else 0.05
         for p in parameters:
-            off = 0.05 * typical(name, p, quad) * float(rng.standard_normal())
+            off = share * typical(name, p, quad) * float(rng.standard_normal())
             found[f"{name}.{p}"] = abs(off) if name in POSITIVE else off
     for r in ROTORS:
         found[f"matched.{r}"] = 0.01 * float(rng.standard_normal())

@@ -136,19 +136,14 @@ def _open_links(
     allow_remote: bool,
 ) -> list[tuple[Link, str]]:
     from tombo_dynamics.errors import InputError
-    from tombo_px4.link.mavlink_link import Link
-    from tombo_px4.link.signing import read_key
+    from tombo_px4.link.mavlink_link import Link, read_key
 
     highest = 65535 - _OWN_GROUND
     if not 1 <= port <= highest:
         raise InputError(f"--port {port}: out of bounds; accepted: 1 to {highest}")
     if not 1 <= ground_port <= 65535:
         raise InputError(f"--ground-port {ground_port}: out of bounds; accepted: 1 to 65535")
-    secret = None
-    if key is not None:
-        secret, warning = read_key(key)
-        if warning:
-            typer.echo(f"Warning: {warning}", err=True)
+    secret = read_key(str(key or ""), lambda text: typer.echo(f"Warning: {text}", err=True))
     links: list[tuple[Link, str]] = []
     try:
         for number, (own, client, streams) in enumerate(

@@ -300,7 +300,7 @@ class FlightProblem:
             for place, index in enumerate(columns.indices):
                 p = columns.parameters[index]
                 value = theta[index] + solution.mean[place]
-                slack = _BEYOND * p.tolerance
+                slack = _BEYOND * p.resolution
                 outside = value < p.low - slack or value > p.high + slack
                 bound = p.low if value < p.low else p.high
                 held = index not in free or bound == self.theta[index]
@@ -334,7 +334,7 @@ class FlightProblem:
                 moved[index] = np.clip(fit.theta[index] + solution.mean[place], p.low, p.high)
             # Every parameter moves: the model is nonlinear within a tolerance too.
             change = max(
-                abs(moved[i] - fit.theta[i]) / columns.parameters[i].tolerance
+                abs(moved[i] - fit.theta[i]) / columns.parameters[i].resolution
                 for i in columns.indices
             )
             if change < _CLOSE:

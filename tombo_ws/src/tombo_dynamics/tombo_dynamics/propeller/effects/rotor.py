@@ -115,6 +115,7 @@ def speed_exponent(m: StandRun, change: float) -> None:
     separates_from={"thrust_coefficient": "more propellers of one configuration"},
     models=("tombo",),
     stochastic=True,
+    healthy_spread=0.125,
 )
 def fabrication_scatter(m: StandRun, thrust: float, torque: float) -> None:
     """Make each propeller's lift and drag differ by chance."""
@@ -140,6 +141,7 @@ def fabrication_scatter(m: StandRun, thrust: float, torque: float) -> None:
         "fabrication_scatter": "the same propeller mounted again",
     },
     stochastic=True,
+    healthy_spread=0.125,
 )
 def run_scatter(m: StandRun, thrust: float, torque: float) -> None:
     """Let each run be off by its own share: air of the day, mount, warmth of the motor."""

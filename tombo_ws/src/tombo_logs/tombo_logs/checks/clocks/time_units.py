@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tombo_bag.flight import Finding, Series
-from tombo_dynamics.errors import InputError
+from tombo_bag.flight import Finding, RefusedLog, Series
 from tombo_logs.checks.spans import sample_interval
 
 _FASTEST_S, _SLOWEST_S = 2e-4, 0.5
@@ -22,7 +21,7 @@ def check_pose_rate(flight: str, series: Mapping[str, Series]) -> None:
     """Refuse poses whose stamps can't be seconds.
 
     Raises:
-        InputError: one pose comes too soon or too late after the other.
+        RefusedLog: one pose comes too soon or too late after the other.
     """
     for name in ("position", "attitude"):
         if name not in series:
@@ -31,31 +30,38 @@ def check_pose_rate(flight: str, series: Mapping[str, Series]) -> None:
         step = sample_interval(t)
         if t.size < _LEAST or _FASTEST_S <= step <= _SLOWEST_S:
             continue
-        raise InputError(
-            f"flight '{flight}': {name}: its stamps are {step:.3g} s apart, over "
-            f"{t[-1] - t[0]:.3g} s; expected: {_FASTEST_S:g} to {_SLOWEST_S:g} s{_unit(step)}"
+        raise RefusedLog(
+            flight,
+            name,
+            f"{name}: its stamps are {step:.3g} s apart, over "
+            f"{t[-1] - t[0]:.3g} s; expected: {_FASTEST_S:g} to {_SLOWEST_S:g} s{_unit(step)}",
         )
 
 
-def other_times(flight: str, series: Mapping[str, Series]) -> list[Finding]:
-    """Report channels whose stamps are not on the poses' clock; they are to be left out."""
-    poses = series["position"].t
-    begin, end = float(poses[0]), float(poses[-1])
-    findings = []
-    for name, s in series.items():
-        length = float(s.t[-1] - s.t[0])
-        ratio = length / max(end - begin, 1e-9)
-        common = min(end, float(s.t[-1])) - max(begin, float(s.t[0]))
-        why = _factor(ratio)
-        if common > 0.0 and not why:
-            continue
-        text = (
-            f"{name}: its stamps run from {s.t[0]:.6g} to {s.t[-1]:.6g} s, those of the poses "
-            f"from {begin:.6g} to {end:.6g} s{why or ': no common time'}; left out"
-        )
-        check = "unit" if why else "stamps"
-        findings.append(Finding(check, "fault", flight, text, channel=name))
-    return findings
+def other_units(flight: str, series: Mapping[str, Series]) -> list[Finding]:
+    """Report channels whose stamps are in another unit than the poses'; to be left out."""
+    length = float(np.ptp(series["position"].t))
+    whys = {n: _factor(float(np.ptp(s.t)) / max(length, 1e-9)) for n, s in series.items()}
+    return [_left_out("unit", flight, n, series, why) for n, why in whys.items() if why]
+
+
+def no_common_time(flight: str, series: Mapping[str, Series]) -> list[Finding]:
+    """Report channels of which nothing is from the time of the poses; to be left out."""
+    begin, end = series["position"].t[[0, -1]]
+    apart = [n for n, s in series.items() if s.t[-1] <= begin or end <= s.t[0]]
+    return [_left_out("stamps", flight, n, series, ": no common time") for n in apart]
+
+
+def _left_out(
+    check: str, flight: str, name: str, series: Mapping[str, Series], why: str
+) -> Finding:
+    spans = [series[n].t[[0, -1]] for n in (name, "position")]
+    (first, last), (begin, end) = spans
+    text = (
+        f"{name}: its stamps run from {first:.6g} to {last:.6g} s, those of the poses "
+        f"from {begin:.6g} to {end:.6g} s{why}; left out"
+    )
+    return Finding(check, "fault", flight, text, channel=name)
 
 
 def _factor(ratio: float) -> str:

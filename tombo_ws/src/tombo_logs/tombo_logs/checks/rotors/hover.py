@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tombo_bag.flight import Finding, Series
-from tombo_dynamics.errors import InputError
+from tombo_bag.flight import Finding, RefusedLog, Series
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 from tombo_logs.checks.ground import CUT_BEFORE_TAKE_OFF
@@ -62,7 +61,7 @@ def check_vehicle(
         rises: whether the track leaves the ground (`ground.rises`).
 
     Raises:
-        InputError: none of them can: it does not fly, or another vehicle, or another unit.
+        RefusedLog: none of them can: it does not fly, or another vehicle, or another unit.
     """
     masses = {
         name: mass
@@ -75,16 +74,20 @@ def check_vehicle(
         return []
     if all(mass < _STANDING * hover.mass for mass in masses.values()) and not rises:
         name, mass = next(iter(masses.items()))
-        raise InputError(
-            f"flight '{flight}': it does not fly: z stays where it is, and {name} has the rotors "
+        raise RefusedLog(
+            flight,
+            name,
+            f"it does not fly: z stays where it is, and {name} has the rotors "
             f"at {_ratio(mass, hover) * hover.rotor_speed:.0f} rad/s where the model "
-            f"({hover.label}) hovers at {hover.rotor_speed:.0f}; {CUT_BEFORE_TAKE_OFF}"
+            f"({hover.label}) hovers at {hover.rotor_speed:.0f}; {CUT_BEFORE_TAKE_OFF}",
         )
     texts = {name: _text(name, mass, hover) for name, mass in wrong.items()}
     if len(wrong) == len(masses):
-        raise InputError(
-            f"flight '{flight}': {next(iter(texts.values()))}; is this another vehicle than the "
-            "model's? Accepted: flights of the model's vehicle, or a log that says its airframe"
+        raise RefusedLog(
+            flight,
+            next(iter(texts)),
+            f"{next(iter(texts.values()))}; is this another vehicle than the "
+            "model's? Accepted: flights of the model's vehicle, or a log that says its airframe",
         )
     return [
         Finding("vehicle", "fault", flight, f"{text}; left out", channel=name)
@@ -102,5 +105,5 @@ def _text(name: str, mass: float, hover: Hover) -> str:
     return (
         f"{name}: with the propellers of the model ({hover.label}) such speeds carry "
         f"{mass:.2g} kg in flight, not {hover.mass:.2g} kg; it hovers at {hover.rotor_speed:.0f} "
-        f"rad/s, here at {ratio * hover.rotor_speed:.0f}{guess(ratio, ('rpm', 'rad/s'))}"
+        f"rad/s, here at {ratio * hover.rotor_speed:.0f}{guess(ratio, 'turning')}"
     )

@@ -70,7 +70,7 @@ def speed_against_command(
     findings = []
     middle = float(np.median(ratio))
     if not _SCALES[0] < middle < _SCALES[1]:
-        why = guess(middle, ("rpm", "electrical", "per pulse"))
+        why = guess(middle, "turning", "rotor")
         text = f"{middle:.3g} times what is asked for; expected: about 1{why}; left out"
         return [_rpm(flight, "fault", text)]
     if not 0.8 < middle < 1.25:

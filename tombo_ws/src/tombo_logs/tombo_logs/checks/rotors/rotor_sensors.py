@@ -9,12 +9,14 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ROTOR_NAMES
 from tombo_logs.checks.spans import Mask, runs, sample_interval
 
-_NOTHING = 0.1
-"""Share of a rotor's usual speed below which it reads nothing: no rotor in flight is so slow."""
+_NOTHING, _TURNS = 0.1, 0.5
+"""Share of a rotor's usual speed below which it reads nothing, and above which it turns: a rotor
+that reads nothing while most others turn has a sensor that fails; all four stand on the ground."""
 _ZEROS = 0.003
 """Share of samples that read nothing from which on it is reported."""
-_FEW = 0.3
-"""Up to this share of zeros the samples are left out, where no command could replace them."""
+_FEW, _FEW_BESIDE = 0.3, 0.03
+"""Up to this share of zeros the samples are left out, alone and beside a command that could
+replace them."""
 _STUCK_S = 0.25
 """s for which a rotor's reading may stay the same while the others change."""
 _REPEATS = 0.4
@@ -28,31 +30,40 @@ _OFF_PEERS = (0.75, 1.33)
 
 
 def sensor_faults(
-    flight: str, speed: Series, command: Series | None, flying: Mask
+    flight: str, speed: Series, command: Series | None, flying: Mask, replaced: bool
 ) -> tuple[Series | None, list[Finding]]:
     """Return the speeds that can be used, None for none, and the faults of single sensors.
 
-    `flying` (N,): rows of `speed` in flight.
+    Args:
+        flight: name.
+        speed: measured.
+        command: rotor speeds that were asked for.
+        flying: (N,) rows of `speed` in flight.
+        replaced: another channel tells what the rotors do.
     """
     if np.count_nonzero(flying) < 50:
         return speed, []
     values = speed.values[flying]
-    zeros = values < _NOTHING * np.maximum(_usual(values), 1e-9)
-    texts = [*_zeros(values, zeros), *_repeats(speed.t[flying], values, zeros)]
-    texts += _scales(speed, command, flying, zeros)
-    if not texts:
+    zeros = lone_zeros(values, _usual(values))
+    faults = [*_zeros(values, zeros), *_repeats(speed.t[flying], values, zeros)]
+    faults += _scales(speed, command, flying, zeros)
+    if not faults:
         return speed, []
-    few = command is None and all(" reads 0" in text for text in texts)
-    few &= float(zeros.any(axis=1).mean()) < _FEW
+    few = all(key == "zeros" for key, *_ in faults)
+    few &= float(zeros.any(axis=1).mean()) < (_FEW_BESIDE if replaced else _FEW)
     kept = None
     if few:
-        rows = ~(flying & (speed.values < _NOTHING * _usual(values)).any(axis=1))
+        rows = ~(flying & lone_zeros(speed.values, _usual(values)).any(axis=1))
         kept = Series(speed.t[rows], speed.values[rows])
     remedy = "those samples are left out" if few else "rotor_speed is left out"
+    severity = "warning" if few else "fault"
     return kept, [
-        Finding("rpm", "fault", flight, f"rotor_speed: {t}; {remedy}", channel="rotor_speed")
-        for t in texts
-    ]
+        Finding(
+            "rpm", severity, flight, f"rotor_speed: {name} {text}; {remedy}",
+            channel="rotor_speed", key=key, subject=name, numbers=(number,),
+        )
+        for key, name, number, text in faults
+    ]  # fmt: skip
 
 
 def _usual(values: Array) -> float:
@@ -60,21 +71,33 @@ def _usual(values: Array) -> float:
     return float(np.median(np.percentile(values, 80.0, axis=0)))
 
 
-def _zeros(values: Array, zeros: Mask) -> list[str]:
-    shares = zeros.mean(axis=0)
+def lone_zeros(values: Array, usual: float) -> Mask:
+    """Return where (N, 4) a rotor reads nothing while most of the others turn."""
+    others = np.column_stack([np.median(np.delete(values, k, axis=1), axis=1) for k in range(4)])
+    return np.asarray((values < _NOTHING * usual) & (others > _TURNS * usual))
+
+
+Fault = tuple[str, str, float, str]
+"""Key of the mistake, rotor, size, what was seen."""
+
+
+def _zeros(values: Array, zeros: Mask) -> list[Fault]:
     return [
-        f"{name} reads 0 in {100 * share:.0f} % of the samples in flight; expected: about "
-        f"{_usual(values):.0f} rad/s, as the others"
-        for name, share in zip(ROTOR_NAMES, shares, strict=True)
+        (
+            "zeros", name, float(share),
+            f"reads 0 in {100 * share:.3g} % of the samples in flight; expected: about "
+            f"{_usual(values):.0f} rad/s, as the others",
+        )
+        for name, share in zip(ROTOR_NAMES, zeros.mean(axis=0), strict=True)
         if share > _ZEROS
-    ]
+    ]  # fmt: skip
 
 
-def _repeats(t: Array, values: Array, zeros: Mask) -> list[str]:
+def _repeats(t: Array, values: Array, zeros: Mask) -> list[Fault]:
     """Report rotors whose readings stay the same while the others' change."""
     same = np.diff(values, axis=0) == 0.0
     shares, step = same.mean(axis=0), sample_interval(t)
-    texts = []
+    faults: list[Fault] = []
     for i, name in enumerate(ROTOR_NAMES):
         alone = same[:, i] & ~zeros[1:, i]
         moving = np.asarray(~np.delete(same, i, axis=1).all(axis=1))
@@ -85,20 +108,22 @@ def _repeats(t: Array, values: Array, zeros: Mask) -> list[str]:
         ]
         least = float(np.median(np.delete(shares, i)))
         if held:
-            longest = max(held, key=lambda run: run[1] - run[0])
-            texts.append(
-                f"{name} is stuck {len(held)} times while the others change, for "
-                f"{(longest[1] - longest[0]) * step:.2f} s from {t[longest[0]]:.2f} s on"
+            begin, end = max(held, key=lambda run: run[1] - run[0])
+            text = (
+                f"is stuck {len(held)} times while the others change, for "
+                f"{(end - begin) * step:.2f} s from {t[begin]:.2f} s on"
             )
+            faults.append(("stuck", name, (end - begin) * step, text))
         elif alone.mean() > least + _REPEATS:
-            texts.append(
-                f"{name} repeats the reading before in {100 * alone.mean():.0f} % of the samples, "
+            text = (
+                f"repeats the reading before in {100 * alone.mean():.0f} % of the samples, "
                 f"the others in {100 * least:.0f} %"
             )
-    return texts
+            faults.append(("repeats", name, float(alone.mean()), text))
+    return faults
 
 
-def _scales(speed: Series, command: Series | None, flying: Mask, zeros: Mask) -> list[str]:
+def _scales(speed: Series, command: Series | None, flying: Mask, zeros: Mask) -> list[Fault]:
     """Report rotors whose scale differs from that of the others."""
     if command is not None and command.t.size > 10:
         covered = (speed.t[flying] >= command.t[0]) & (speed.t[flying] <= command.t[-1])
@@ -117,13 +142,14 @@ def _scales(speed: Series, command: Series | None, flying: Mask, zeros: Mask) ->
             ratio[i] = np.median(speed.values[flying][rows, i] / asked[rows, i])
     if np.isfinite(ratio).sum() < 3:
         return []
-    texts = []
+    faults: list[Fault] = []
     for i, name in enumerate(ROTOR_NAMES):
         relative = ratio[i] / np.nanmedian(np.delete(ratio, i))
         if not low <= relative <= high and np.isfinite(relative):
             mean_speed = f"{speed.values[flying][:, i].mean():.0f} rad/s on average"
-            texts.append(
-                f"{name} reads {relative:.3g} times {against}, measured by the other rotors "
+            text = (
+                f"reads {relative:.3g} times {against}, measured by the other rotors "
                 f"({mean_speed}): its sensor's scale"
             )
-    return texts
+            faults.append(("scale", name, float(relative), text))
+    return faults

@@ -1,7 +1,6 @@
 """Recordings of others: too large, of wrong types, with wrong stamps; read in part or refused."""
 
 import sqlite3
-import struct
 from contextlib import closing
 
 import numpy as np
@@ -21,39 +20,25 @@ TIMES = np.arange(1, 41) * 50_000_000
 MESSAGES = [encode(POSE, {"pose": {"position": {"x": float(i)}}}) for i in range(40)]
 
 
-def record(code, body):
-    return bytes([code]) + len(body).to_bytes(8, "little") + body
-
-
-def chunk(raw, packed, how, stated=None):
-    size = len(raw) if stated is None else stated
-    head = struct.pack("<QQQI", 1, 2, size, 0) + len(how).to_bytes(4, "little") + how.encode()
-    return record(6, head + len(packed).to_bytes(8, "little") + packed)
-
-
 def good_mcap(path, **more):
     with McapSink(path, **more) as sink:
         sink.write_columns(Columns(sink.add_channel("/pose", POSE), TIMES, MESSAGES))
     return path
 
 
-def with_chunk(path, bomb):
-    """A good recording with another chunk before its own."""
-    raw = good_mcap(path).read_bytes()
-    head = 8 + 9 + int.from_bytes(raw[9:17], "little")  # magic and header
-    path.write_bytes(raw[:head] + bomb + raw[head:])
-    return path
-
-
-def zeros_of_zstd(size):
-    return zstandard.ZstdCompressor(level=19, write_content_size=False).compress(bytes(size))
-
-
-def test_many_chunks_of_a_plausible_size_are_too_much_together(tmp_path):
-    packed = zeros_of_zstd(30_000_000)
-    path = with_chunk(tmp_path / "bomb.mcap", 300 * chunk(b"", packed, "zstd", 30_000_000))
+@pytest.mark.parametrize("how", ["chunks", "file"])
+def test_what_unpacks_to_more_than_a_hundred_times_its_size_is_refused(tmp_path, how):
+    messages = [encode("std_msgs/msg/String", {"data": "x" * 2_000_000})] * 40
+    path = tmp_path / "large.mcap"
+    with McapSink(path, compression="zstd" if how == "chunks" else "none") as sink:
+        channel = sink.add_channel("/word", "std_msgs/msg/String")
+        sink.write_columns(Columns(channel, TIMES * 20, messages))
+    if how == "file":
+        path.write_bytes(zstandard.compress(path.read_bytes()))
     with pytest.raises(InputError, match=r"unpacks to too much; .*--unpack-limit"):
         Recording(path)
+    with unpacking_up_to(10**8), Recording(path) as recording:
+        assert len(recording.messages("/word").messages) == 40
 
 
 def test_the_limit_can_be_given(tmp_path):
@@ -145,20 +130,7 @@ def messages_table(path):
     return path
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        "timestamp = 'soon'",
-        "timestamp = 9e999",
-        "timestamp = -9e999",
-        "timestamp = -5",
-        f"timestamp = {2**62}",
-        "timestamp = NULL",
-        "data = 9000000000",
-        "data = 'text'",
-        "data = NULL",
-    ],
-)
+@pytest.mark.parametrize("change", ["timestamp = 'soon'", "timestamp = -5", "data = 'text'"])
 def test_rows_of_other_types_are_left_out(tmp_path, change):
     path = messages_table(tmp_path / "x.db3")
     with closing(sqlite3.connect(path)) as file:
@@ -167,4 +139,4 @@ def test_rows_of_other_types_are_left_out(tmp_path, change):
     with Recording(path) as recording:
         assert recording.topics["/pose"].count == 30
         assert recording.columns("/pose")["log_time_ns"].size == 30
-        assert any("10 rows are no messages" in line for line in recording.damage)
+        assert any("10 rows of topic /pose are no messages" in line for line in recording.damage)

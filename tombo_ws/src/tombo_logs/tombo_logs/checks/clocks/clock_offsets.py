@@ -1,0 +1,342 @@
+"""Whether all channels have one clock: the lag between what two of them see of the same motion.
+
+It is searched over the whole flight, however far the clocks are apart. A latency, or the answer of
+a rotor, lasts a quarter of a second at most; beyond it the stamps are those of another clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.signal import correlate
+
+from tombo_bag.channels import DRIVES
+from tombo_bag.flight import Finding, Series
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.rotation import conjugate, quaternion_multiply, unwrap_quaternions
+from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY
+from tombo_logs.checks.clocks.gaps import gap_spans
+from tombo_logs.checks.frozen_values import interpolated_spans
+from tombo_logs.checks.motion import RATE, accelerations, resampled
+from tombo_logs.checks.spans import Mask, inside
+from tombo_logs.readers.frames import is_usable
+
+DELAY_S: Final = 0.25
+"""s that a latency or the answer of a rotor may last: more is another clock."""
+_MATCH: Final = 0.7
+"""Correlation from which on two channels see the same motion."""
+_CLEARER: Final = 0.5
+"""Share of what no delay explains that another clock may leave: a course that repeats itself is
+alike after each round, too, but not so alike."""
+_SIGMAS: Final = 6.0
+"""Correlation over its root mean square at other lags from which on a weaker one counts: the
+commands of small motors explain a tenth of what the gyro sees. By chance it reaches 4."""
+_ASIDE_S: Final = 1.0
+"""s from the best lag from which on others count."""
+_OVERLAP: Final = 0.5
+"""Share of the shorter channel that must be compared: it was recorded in the same flight."""
+_SHORTEST_S, _LONGEST_S = 3.0, 3600.0
+"""s of both channels that are compared."""
+_OUTLIER: Final = 5.0
+"""Times their usual size up to which values count: a blow is no course."""
+_MOMENTS: Final = np.array([ARM_Y, -ARM_X])
+"""Rows: what a rotor's thrust does about body x and y."""
+_AHEAD_S: Final = 0.002
+"""s by which stamps may be later than arrival: two clocks that are kept together are so close."""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """What one channel sees of the motion, on an even clock of `motion.RATE`."""
+
+    t: Array
+    """(N,) s"""
+    values: Array
+    """(N, k)"""
+    known: Mask
+    """(N,) rows that were measured."""
+
+
+@dataclass(frozen=True)
+class Match:
+    """How well two channels go together."""
+
+    lag: float
+    """s by which the other's stamps are later."""
+    correlation: float
+    at_once: float
+    """The largest correlation at a lag that is a delay."""
+    usual: float
+    """Root mean square of the correlation at other lags."""
+
+    @property
+    def is_other_clock(self) -> bool:
+        """Whether they see the same motion, but not at the same time."""
+        sure = self.correlation >= _MATCH and (
+            1.0 - self.correlation < _CLEARER * (1.0 - self.at_once)
+        )
+        weak = self.correlation >= _SIGMAS * self.usual and (
+            self.at_once < _CLEARER * self.correlation
+        )
+        return abs(self.lag) > DELAY_S and (sure or weak)
+
+    @property
+    def is_one_clock(self) -> bool:
+        """Whether they see the same motion at the same time."""
+        return not self.is_other_clock and self.at_once >= min(_MATCH, _SIGMAS * self.usual)
+
+
+def match(first: Signal, other: Signal) -> Match | None:
+    """Return how well two signals go together at the best lag; None: too short.
+
+    Correlated at each lag are the rows that both have there (Padfield, 2012), by the sum of the
+    singular values of their covariance: whatever the axes of each, turned or mirrored.
+    """
+    if min(np.count_nonzero(s.known) for s in (first, other)) < _SHORTEST_S * RATE:
+        return None
+    a, b = (s.known.astype(np.float64) for s in (first, other))
+
+    def over(x: Array, y: Array) -> Array:
+        return np.asarray(correlate(y, x, "full", "fft"))
+
+    count = np.maximum(over(a, b), 1e-9)
+    sums_a = [over(x, b) for x in first.values.T]
+    sums_b = [over(a, y) for y in other.values.T]
+    size_a = sum(over(x**2, b) - s**2 / count for x, s in zip(first.values.T, sums_a, strict=True))
+    size_b = sum(over(a, y**2) - s**2 / count for y, s in zip(other.values.T, sums_b, strict=True))
+    usable = count >= max(_OVERLAP * min(a.sum(), b.sum()), _SHORTEST_S * RATE)
+    usable &= np.minimum(size_a, size_b) > 1e-9 * count
+    covariance = np.array([
+        [(over(x, y) - s_x * s_y / count)[usable]
+         for y, s_y in zip(other.values.T, sums_b, strict=True)]
+        for x, s_x in zip(first.values.T, sums_a, strict=True)
+    ])  # fmt: skip
+    together = np.linalg.svd(np.moveaxis(covariance, 2, 0), compute_uv=False).sum(axis=1)
+    correlation = np.full(count.size, -1.0)
+    correlation[usable] = together / np.sqrt((size_a * size_b)[usable])
+    if not usable.any():
+        return None
+    lags = (np.arange(count.size) - (a.size - 1)) / RATE + other.t[0] - first.t[0]
+    best = int(np.argmax(correlation))
+    aside = usable & (np.abs(lags - lags[best]) > _ASIDE_S)
+    near = np.abs(lags) <= DELAY_S
+    return Match(
+        float(lags[best]),
+        float(correlation[best]),
+        float(correlation[near].max(initial=-1.0)),
+        float(np.sqrt(np.mean(correlation[aside] ** 2))) if aside.any() else 1.0,
+    )
+
+
+def _throughout(first: Signal, other: Signal, seen: Match) -> bool:
+    """Return whether one half of the flight has the same lag, and none has another.
+
+    Clocks differ all the time; the echo of one blow is no clock.
+    """
+    halves = []
+    for part in np.array_split(np.flatnonzero(first.known), 2):
+        rows = slice(part[0], part[-1] + 1)
+        half = Signal(first.t[rows], first.values[rows], np.asarray(first.known[rows], np.bool_))
+        halves.append(match(half, other))
+    clear = [m for m in halves if m is not None and (m.is_one_clock or m.is_other_clock)]
+    return bool(clear) and all(
+        m.is_other_clock and abs(m.lag - seen.lag) < 0.5 * DELAY_S for m in clear
+    )
+
+
+def _signal(t: Array, values: Array, *channels: Series) -> Signal | None:
+    """Return values (N, k) with their outliers cut, known where all channels were measured."""
+    known: Mask = np.asarray(np.isfinite(values).all(axis=1))
+    for series in channels:
+        missing = [*gap_spans(series.t), *interpolated_spans(series.t, series.values)]
+        known &= ~inside(t, missing) & (t >= series.t[0]) & (t <= series.t[-1])
+    if not known.any():
+        return None
+    off = values - np.median(values[known], axis=0)
+    usual = np.sqrt(
+        np.mean(np.minimum(off**2, np.quantile(off[known] ** 2, 0.95, axis=0)), axis=0)
+    )
+    limit = _OUTLIER * usual
+    return Signal(t, np.where(known[:, None], np.clip(off, -limit, limit), 0.0), known)
+
+
+def _even(series: Series) -> Array:
+    """Return even times [s] over a channel; none over one that is no flight."""
+    compared = _SHORTEST_S <= float(series.t[-1] - series.t[0]) < _LONGEST_S
+    return np.arange(series.t[0], series.t[-1], 1.0 / RATE) if compared else np.zeros(0)
+
+
+def _channel(series: Series) -> Signal | None:
+    t = _even(series)
+    return _signal(t, resampled(series, t), series) if t.size else None
+
+
+def _rates(attitude: Series) -> Signal | None:
+    """Return the body rates of an attitude (N, 3)."""
+    usable = is_usable(attitude.values)
+    if np.count_nonzero(usable) < 2:
+        return None
+    turns = Series(attitude.t[usable], unwrap_quaternions(attitude.values[usable]))
+    t = _even(turns)
+    if not t.size:
+        return None
+    q = resampled(turns, t)
+    q /= np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9)
+    slope = np.gradient(q, 1.0 / RATE, axis=0)
+    return _signal(t, 2.0 * quaternion_multiply(conjugate(q), slope)[:, :3], turns)
+
+
+def _force(series: Mapping[str, Series], name: str) -> Signal | None:
+    """Return the size of the specific force (N, 1), of the accelerometer or of the track."""
+    t = _even(series[name])
+    if not t.size:
+        return None
+    if name == "accel":
+        force = resampled(series[name], t)
+    else:
+        force = accelerations(series[name], t) + np.array([0.0, 0.0, GRAVITY])
+    return _signal(t, np.linalg.norm(force, axis=1)[:, None], series[name])
+
+
+def _turning(rates: Signal | None) -> Signal | None:
+    """Return the acceleration about body x and y (N, 2), each over its own size."""
+    if rates is None:
+        return None
+    values = np.gradient(rates.values[:, :2], 1.0 / RATE, axis=0)
+    return replace(rates, values=_scaled(values))
+
+
+def _moments(drive: Series) -> Signal | None:
+    """Return the moments about body x and y that drives ask for (N, 2), each over its own size."""
+    thrust = _channel(Series(drive.t, drive.values**2))
+    return None if thrust is None else replace(thrust, values=_scaled(thrust.values @ _MOMENTS.T))
+
+
+def _scaled(values: Array) -> Array:
+    return np.asarray(values / np.maximum(values.std(axis=0), 1e-12))
+
+
+def _compared(first: Signal | None, other: Signal | None) -> Match | None:
+    """Return the match of two signals; None: too short, or not the same all along."""
+    seen = None if first is None or other is None else match(first, other)
+    if first is None or other is None or seen is None or not seen.is_other_clock:
+        return seen
+    return seen if _throughout(first, other, seen) else None
+
+
+def one_clock(
+    flight: str, series: Mapping[str, Series]
+) -> tuple[dict[str, Series], list[Finding]]:
+    """Return the channels on one clock, and which ones were on another.
+
+    The clock is that of the IMU, for the poses come from elsewhere; without an IMU that of the
+    poses. Where all others agree on another clock, the IMU is moved to theirs: channels without
+    motion, as the voltage, stay where they are. Where the motion tells nothing, arrival does.
+    """
+    series = dict(series)
+    findings = _by_arrival(flight, series)
+    seen: list[tuple[list[str], Match]] = []
+
+    def align(names: list[str], first: Signal | None, other: Signal | None) -> None:
+        compared = _compared(first, other)
+        if compared is not None:
+            seen.append((names, compared))
+            if compared.is_other_clock:
+                _shift(series, names, -compared.lag)
+
+    imu: list[str] = [name for name in ("gyro", "accel") if name in series]
+    if len(imu) == 2 and not _together(series, imu):
+        align(["accel"], *_pair(series, "accel"))
+        imu = ["gyro"]
+    if imu and "position" in series:
+        poses: list[str] = [name for name in ("position", "attitude") if name in series]
+        align(poses, *_pair(series, imu[0])[::-1])
+    rates = _channel(series["gyro"]) if "gyro" in series else None
+    if rates is None and "attitude" in series:
+        rates = _rates(series["attitude"])
+    for name in DRIVES:
+        if name in series:
+            align([name], _turning(rates), _moments(series[name]))
+    lags = [compared.lag for _, compared in seen if compared.is_other_clock]
+    if imu and len(lags) == len(seen) > 1 and np.ptp(lags) < DELAY_S:
+        lag = float(np.median(lags))
+        _shift(series, [*imu, *(name for names, _ in seen for name in names)], lag)
+        seen = [(imu, replace(seen[0][1], lag=-lag))]
+    return series, [*findings, *(f for names, x in seen for f in _reported(flight, names, x))]
+
+
+def _shift(series: dict[str, Series], names: Iterable[str], seconds: float) -> None:
+    """Move the stamps of channels."""
+    for name in names:
+        series[name] = replace(series[name], t=series[name].t + seconds)
+
+
+def _pair(series: Mapping[str, Series], name: str) -> tuple[Signal | None, Signal | None]:
+    """Return what the poses and a channel of the IMU see of the same quantity."""
+    if name == "gyro" and "attitude" in series:
+        return _rates(series["attitude"]), _channel(series["gyro"])
+    if name == "accel" or "accel" in series:
+        return _force(series, "position"), _force(series, "accel")
+    return None, None
+
+
+def _together(series: Mapping[str, Series], names: Iterable[str]) -> bool:
+    """Return whether channels begin and end within a delay of each other."""
+    ends = np.array([[series[name].t[0], series[name].t[-1]] for name in names])
+    return bool((np.ptp(ends, axis=0) < DELAY_S).all())
+
+
+def _reported(flight: str, names: list[str], seen: Match) -> list[Finding]:
+    """Report a clock that is not that of the channels that it was compared with."""
+    channel = names[0]
+    if seen.is_other_clock:
+        text = (
+            f"{', '.join(names)}: stamps are {abs(seen.lag):.2f} s "
+            f"{'later' if seen.lag > 0.0 else 'earlier'} than those of the other channels for the "
+            "same motion: another clock; corrected by that"
+        )
+        return [
+            Finding("stamps", "warning", flight, text, channel=channel, key="other clock",
+                    numbers=(seen.lag,))
+        ]  # fmt: skip
+    if seen.is_one_clock:
+        return []
+    text = (
+        f"{', '.join(names)}: the motion does not tell whether the stamps are of the clock of the "
+        "other channels"
+    )
+    return [Finding("stamps", "info", flight, text, channel=channel, key="unknown clock")]
+
+
+def _by_arrival(flight: str, series: dict[str, Series]) -> list[Finding]:
+    """Report stamps that are later than the arrival of their messages: no sample is from then.
+
+    Those that are far off are put where the arrival of the other channels has them.
+    """
+    late = {
+        name: float(np.nanmedian(s.arrival - s.t))
+        for name, s in series.items()
+        if s.arrival is not None and np.isfinite(s.arrival - s.t).any()
+    }
+    usual = float(np.median([x for x in late.values() if x >= -_AHEAD_S] or [0.0]))
+    ahead: dict[float, list[str]] = {}
+    for name, latency in late.items():
+        if latency < -_AHEAD_S:
+            ahead.setdefault(round(latency, 4), []).append(name)
+    findings = []
+    for latency, names in ahead.items():
+        text = (
+            f"{', '.join(names)}: stamps are {-latency:.3g} s later than the arrival of the "
+            "messages; expected: earlier, by the latency; another clock"
+        )
+        if usual - latency > DELAY_S:
+            _shift(series, names, latency - usual)
+            text += "; corrected by the times of arrival"
+        findings.append(
+            Finding("stamps", "warning", flight, text, channel=names[0], key="ahead of arrival",
+                    numbers=(latency,))
+        )  # fmt: skip
+    return findings
