@@ -27,12 +27,6 @@ Types: TypeAlias = "dict[str, tuple[list[Any], list[tuple[str, Any]]]]"
 
 OWN_PACKAGE = "tombo_msgs"
 SEPARATOR = "=" * 80
-_LONGEST_SCHEMA = 200_000
-"""Characters; the longest of ROS 2 have some 20 000."""
-_LARGEST_TYPE = 1 << 24
-"""Values of a type, sequences and strings left empty."""
-_DEEPEST_TYPE = 32
-_PLACEHOLDER = "structure_needs_at_least_one_member"
 
 
 def message_directory() -> Path:
@@ -179,17 +173,12 @@ def parse_schema(typename: str, text: str) -> Types:
     """Read a `ros2msg` schema as it stands in a file: the type and all it depends on.
 
     Raises:
-        InputError: the text is no message definition, or one of a type that contains itself or
-            of arrays whose elements have no size.
+        InputError: the text is no message definition.
     """
     from rosbags.typesys import TypesysError, get_types_from_msg
 
-    if len(text) > _LONGEST_SCHEMA:
-        raise InputError(
-            f"schema of {shown(typename)}: {len(text)} characters; accepted: {_LONGEST_SCHEMA}"
-        )
     try:
-        types: Types = get_types_from_msg(text, typename)
+        return get_types_from_msg(text, typename)
     except TypesysError as error:
         raise _not_readable(typename, error, "schema") from error
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
@@ -198,52 +187,6 @@ def parse_schema(typename: str, text: str) -> Types:
             f"schema of {shown(typename)} can't be read ({shown(why)}); accepted: a ROS 2 message "
             "definition"
         ) from error
-    _check_types(typename, types, empty=1)
-    return types
-
-
-def _check_types(typename: str, types: Types, empty: int) -> None:
-    """Refuse a type whose messages take no bytes for what they hold, or have no end.
-
-    `empty` is what a message without fields takes: a byte in ROS 2, nothing in ROS 1.
-
-    Raises:
-        InputError: a type contains itself, nests too deep, or has an array without elements.
-    """
-    sizes: dict[str, int] = {}
-
-    def refuse(why: str) -> InputError:
-        return InputError(
-            f"schema of {shown(typename)}: {why}; accepted: a ROS 2 message definition"
-        )
-
-    def least_size(name: str, outer: tuple[str, ...]) -> int:
-        """Return how many bytes a type has at least; that of one defined elsewhere is not 0."""
-        if name in outer or len(outer) > _DEEPEST_TYPE:
-            raise refuse(f"{shown(name)} contains itself, or too much")
-        if name not in sizes:
-            fields = types[name][1] if name in types else [(name, (Nodetype.BASE, ""))]
-            declared = [field for field in fields if field[0] != _PLACEHOLDER]
-            sizes[name] = sum(least(field, (*outer, name)) for field in declared) or empty
-            if sizes[name] > _LARGEST_TYPE:
-                raise refuse(f"{shown(name)} has more than {_LARGEST_TYPE} values")
-        return sizes[name]
-
-    def least(field: tuple[str, Any], outer: tuple[str, ...]) -> int:
-        kind, content = field[1]
-        if kind == Nodetype.NAME:
-            return least_size(str(content), outer)
-        if kind == Nodetype.BASE:
-            return 1
-        element, count = content
-        size = least((field[0], element), outer)
-        if kind == Nodetype.ARRAY and not 0 < count <= _LARGEST_TYPE:
-            raise refuse(f"{shown(field[0])} has {count} elements")
-        if size == 0:
-            raise refuse(f"{shown(field[0])} is made of elements without a field")
-        return size * int(count) if kind == Nodetype.ARRAY else 4
-
-    least_size(typename, ())
 
 
 def check_like_known(typename: str, types: Types) -> None:
@@ -298,7 +241,6 @@ def extended_store(typename: str, text: str) -> Typestore:
 
     store = get_typestore(Stores.ROS2_JAZZY)
     definitions = parse_schema(typename, text)
-    _check_types(typename, {**definitions, **store.fielddefs}, empty=0)
     try:
         store.register(
             {name: fields for name, fields in definitions.items() if name not in store.types}

@@ -1,32 +1,21 @@
 """A walk over the messages of a PX4 log (ULog), before its library reads it.
 
-`pyulog` looks for the next message of a damaged file byte by byte and takes a definition at its
-word, whatever it asks for. This walk takes the whole messages alone, finds the next one behind
-damage by the log's sync messages, and bounds what the definitions ask for.
+`pyulog` looks for the next message of a damaged file byte by byte. This walk takes the whole
+messages alone and finds the next one behind damage by the log's sync messages.
 (https://docs.px4.io/main/en/dev_log/ulog_file_format)
 """
 
 from __future__ import annotations
 
-import re
 import struct
 from dataclasses import dataclass, field
 
-from tombo_dynamics.errors import InputError
-
 _HEADER = 16
 _KNOWN = frozenset(b"BFIMPQARDLCSO")
-_FLAGS, _FORMAT, _ADDED = b"BFA"
+_FLAGS = ord("B")
 _SYNC = b"\x08\x00S\x2f\x73\x13\x20\x25\x0c\xbb\x12"
 _LARGEST_UNKNOWN = 10_000
 """Bytes of a message of another kind, which is left out; a larger one is damage."""
-_MOST_FIELDS = 500_000
-"""Of all topics that are added; PX4's have some 20 000."""
-_FIELD = re.compile(rb"^\s*([^\s\[]+)(?:\[(\d{1,9})\])? ")
-_PLAIN = frozenset(
-    f"{kind}_t".encode() for kind in ("int8", "uint8", "int16", "uint16", "int32", "uint32",
-                                      "int64", "uint64")
-) | {b"float", b"double", b"bool", b"char"}  # fmt: skip
 _FLAGS_SIZE = 40
 _OFFSETS = struct.Struct("<3Q")
 
@@ -52,17 +41,13 @@ class UlogMessages:
         self.spans.append((start, end))
 
 
-def whole_messages(raw: bytes, what: str) -> tuple[bytes, UlogMessages]:
-    """Return a log without what is no message, and what was found; a whole log as it is.
-
-    Raises:
-        InputError: its definitions ask for more than any log has; `what` names it.
-    """
-    messages, formats, fields = UlogMessages(), _Formats(what), 0
+def whole_messages(raw: bytes) -> tuple[bytes, UlogMessages]:
+    """Return a log without bytes that are no message, and its messages; a whole log as it is."""
+    messages = UlogMessages()
     ends = [*_appended(raw), len(raw)]
     at = _HEADER
     for end in ends:
-        at, fields = _walk(raw, at, end, messages, formats, fields)
+        at = _walk(raw, at, end, messages)
         if at != end and end != len(raw):
             messages.damaged, at = True, end
     messages.cut = at != len(raw)
@@ -72,10 +57,8 @@ def whole_messages(raw: bytes, what: str) -> tuple[bytes, UlogMessages]:
     return _without_offsets(b"".join(parts)), messages
 
 
-def _walk(
-    raw: bytes, at: int, end: int, messages: UlogMessages, formats: _Formats, fields: int
-) -> tuple[int, int]:
-    """Take messages up to an end; return where they stop, and the fields of topics so far."""
+def _walk(raw: bytes, at: int, end: int, messages: UlogMessages) -> int:
+    """Take messages up to an end; return where they stop."""
     begun = at
     while at + 3 <= end:
         size, kind = raw[at] | raw[at + 1] << 8, raw[at + 2]
@@ -89,11 +72,6 @@ def _walk(
                 at = begun = next_sync
                 messages.damaged = True
                 continue
-            if kind == _FORMAT:
-                formats.add(raw[at + 3 : after])
-            elif kind == _ADDED:
-                fields += formats.fields_of(raw[at + 6 : after])
-                formats.check(fields)
             at = after
             continue
         if at > begun:
@@ -102,11 +80,11 @@ def _walk(
         unknown = kind != 0 and 0 < size <= _LARGEST_UNKNOWN and after <= end
         next_sync = raw.find(_SYNC, at + 1, after if unknown else end)
         if next_sync < 0 and not unknown:
-            return end, fields  # nothing says where the next message begins
+            return end  # nothing says where the next message begins
         at = begun = after if next_sync < 0 else next_sync
     if at > begun:
         messages.take(begun, at)
-    return at, fields
+    return at
 
 
 def _appended(raw: bytes) -> list[int]:
@@ -130,49 +108,3 @@ def _without_offsets(raw: bytes) -> bytes:
     flags[8] &= 0xFE
     flags[16:_FLAGS_SIZE] = bytes(_FLAGS_SIZE - 16)
     return raw[:body] + bytes(flags) + raw[body + _FLAGS_SIZE :]
-
-
-class _Formats:
-    """Formats of messages, by name, and how many fields each has in all."""
-
-    def __init__(self, what: str) -> None:
-        self._what = what
-        self._parts: dict[bytes, list[tuple[bytes, int]]] = {}
-        self._counts: dict[bytes, int] = {}
-
-    def add(self, text: bytes) -> None:
-        """Take a format: `name:type[n] field;type field;`."""
-        name, _, rest = text.partition(b":")
-        matches = (_FIELD.match(part) for part in rest.split(b";"))
-        self._parts[name] = [(m[1], max(int(m[2] or 1), 1)) for m in matches if m is not None]
-        self._counts.clear()
-
-    def fields_of(self, name: bytes, outer: tuple[bytes, ...] = ()) -> int:
-        """Return how many fields a message has, those within its fields counted.
-
-        Raises:
-            InputError: it contains itself, or too many.
-        """
-        if name in _PLAIN or name not in self._parts:
-            return 1
-        if name in outer:
-            raise self._refused("a message that contains itself")
-        if name not in self._counts:
-            total = 0
-            for kind, count in self._parts[name]:
-                total += count * self.fields_of(kind, (*outer, name))
-                self.check(total)
-            self._counts[name] = total
-        return self._counts[name]
-
-    def check(self, fields: int) -> None:
-        """Refuse more fields than any log has.
-
-        Raises:
-            InputError: there are.
-        """
-        if fields > _MOST_FIELDS:
-            raise self._refused(f"messages of more than {_MOST_FIELDS} fields")
-
-    def _refused(self, why: str) -> InputError:
-        return InputError(f"{self._what} defines {why}; accepted: a PX4 log")

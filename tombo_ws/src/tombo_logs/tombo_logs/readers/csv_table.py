@@ -21,7 +21,6 @@ from tombo_bag.formats.unpacking import GZIP_MAGIC, Allowance, ungzip
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 
-_MOST_COLUMNS = 5000
 _BETWEEN_CELLS = rb"(?:^|[;\t])\s*[-+]?\d+%b\d+(?:[eE][-+]?\d+)?\s*(?=[;\t]|$)"
 _DECIMAL_COMMA = re.compile(_BETWEEN_CELLS % b",", re.MULTILINE)
 _DECIMAL_POINT = re.compile(_BETWEEN_CELLS % rb"\.", re.MULTILINE)
@@ -157,10 +156,6 @@ def _header(path: Path, line: str, body: bytes, damage: tuple[str, ...]) -> CsvT
         raise InputError(
             f"'{path}' starts with '{_shown(line.encode())}'; accepted: a header with the names "
             "of columns, parted by commas, semicolons or tabs"
-        )
-    if len(columns) > _MOST_COLUMNS:
-        raise InputError(
-            f"'{path}' has {len(columns)} columns; accepted: a table of up to {_MOST_COLUMNS}"
         )
     body, remarks = _with_points(body) if delimiter != "," else (body, ())
     return CsvTable(path, columns, delimiter, body, damage, remarks)

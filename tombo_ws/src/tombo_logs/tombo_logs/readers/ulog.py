@@ -168,7 +168,7 @@ def _number(value: object) -> float:
 
 def _opened(path: Path, topics: list[str]) -> tuple[Any, UlogMessages]:
     try:
-        raw, messages = whole_messages(path.read_bytes(), f"'{path}'")
+        raw, messages = whole_messages(path.read_bytes())
         with contextlib.redirect_stdout(io.StringIO()):
             return ULog(io.BytesIO(raw), message_name_filter_list=topics), messages
     except OSError as error:

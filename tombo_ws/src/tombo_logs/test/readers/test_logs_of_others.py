@@ -35,10 +35,10 @@ def log():
 def test_a_whole_ulog_is_left_as_it_is(tmp_path, log):
     write_ulog(tmp_path / "x.ulg", log)
     raw = (tmp_path / "x.ulg").read_bytes()
-    same, found = whole_messages(raw, "x")
+    same, found = whole_messages(raw)
     assert same is raw
     assert not found.damaged and not found.cut
-    same, found = whole_messages(raw[:-3], "x")
+    same, found = whole_messages(raw[:-3])
     assert same == raw[:-3]
     assert found.cut and not found.damaged
 
