@@ -37,6 +37,9 @@ def write(path: Path, result, *, replace: bool = False, **options) -> set[str]:
     return {str(p.relative_to(path)) for p in path.rglob("*") if p.is_file()}
 
 
+CHECK = "check severity flight channel message start_s end_s key subject numbers"
+
+
 def test_the_fields_are_exactly_those_agreed_on():
     result = strict(sample("set"))
     assert list(result) == [
@@ -50,7 +53,7 @@ def test_the_fields_are_exactly_those_agreed_on():
         (cause, "effect theta confidence covariance"),
         (cause["theta"]["fraction"], "value unit nominal low high"),
         (gain, "channel unit horizon before after reduction low high flights"),
-        (result["prechecks"][0], "check severity flight channel message start_s end_s"),
+        (result["prechecks"][0], CHECK),
     ):
         assert set(fields) == set(names.split())
     assert result["set"] == ["mass_error", "thrust_coefficient_error"]
@@ -70,6 +73,7 @@ def test_values_survive_the_round_trip_and_what_is_not_finite_is_null():
     assert read["prechecks"][2] == {
         "check": "crash", "severity": "fault", "flight": "circle_3", "channel": "accel",
         "message": "accel: 2.5 g, then upside down; set apart", "start_s": 25.0, "end_s": 28.5,
+            "key": "", "subject": "", "numbers": [],
     }  # fmt: skip
     assert read["separating_experiment"] is None
     assert read["gain"][-1]["low"] is None

@@ -281,8 +281,11 @@ LETTERS = {
     "int8_t": "b", "uint8_t": "B", "int16_t": "h", "uint16_t": "H", "int32_t": "i",
     "uint32_t": "I", "int64_t": "q", "uint64_t": "Q", "float": "f", "double": "d", "char": "c",
 }  # fmt: skip
-KINDS = sorted(mavlink.mavlink_map.values(), key=lambda kind: kind.id)
-"""All messages of the dialect."""
+KINDS = sorted(
+    (kind for kind in mavlink.mavlink_map.values() if kind.__module__ == mavlink.__name__),
+    key=lambda kind: kind.id,
+)
+"""All messages of the dialect, without those that the suite adds."""
 USED = [
     kind
     for kind in KINDS

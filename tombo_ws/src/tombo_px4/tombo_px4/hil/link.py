@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import math
-import time
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common as mav
@@ -47,7 +46,8 @@ class HilLink:
         """
         url = f"tcpin://127.0.0.1:{port}"
         try:
-            self._link = Link(url, system=SYSTEM, component=COMPONENT, clock=time.time_ns)
+            # PX4's messages carry the simulation's time: their arrival is not read.
+            self._link = Link(url, system=SYSTEM, component=COMPONENT, clock=lambda: 0)
         except InputError as error:
             busy = getattr(error.__cause__, "errno", None) == errno.EADDRINUSE
             why = "is taken by another program" if busy else f"can't be listened on ({error})"
