@@ -389,8 +389,8 @@ def _swings(m: CrashMotion) -> Iterator[Sign]:
     swing[:, :2] *= beyond
     if rates.any():
         yield from _swinging(m, "the body's rate", swing, _SWING)
-        # a moment that the course needs turns the vehicle as the course does
-        demand = demand * beyond
+        # a moment that the course needs turns the vehicle as the course does, about x and y
+        demand[:, :2] *= beyond
     if demand.any():
         yield from _swinging(m, "the command", _fast(demand), _SWING_ASKED)
 
