@@ -54,7 +54,7 @@ def test_a_hover_with_little_lean_does_not_turn_the_world_on_its_side():
     for path in GARAGE:
         table = open_table(path)
         columns, _ = table.numbers(table.number_columns())
-        axes = {line.key: line.content for line in propose(columns).top}
+        axes = {line.key: line.content for line in propose(columns).axes}
         assert axes["world"] == {"": "ENU"} and axes["body"] == {"": "FLU"}, path.name
 
 

@@ -2,25 +2,36 @@
 
 from __future__ import annotations
 
+import re
+import textwrap
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Final
 
-import numpy as np
+import yaml
 
-from tombo_bag.flight import Airframe, Flight, Series
+from tombo_bag.columns import number_columns
+from tombo_bag.flight import Airframe, Flight
 from tombo_bag.recording import Recording
+from tombo_bag.topics import BATTERY, IMU, POSE_TYPES
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks import check_log
-from tombo_logs.proposal.mapping_text import mapping_text
 from tombo_logs.proposal.propose import Line, Proposal, propose
-from tombo_logs.proposal.topics import propose_topics, reordered
+from tombo_logs.readers.bag_log import usable_topics
 from tombo_logs.readers.csv_mapping import LogMapping, parse_mapping, shipped
 from tombo_logs.readers.csv_table import open_table
 from tombo_logs.readers.log_reader import kind_of, read_log
 
-_SHOWN = {"unit", "frame", "rpm", "stamps", "missing", "frozen", "gap", "duplicate", "damage"}
+_TELLING: Final = {"unit", "frame", "rpm", "stamps", "missing", "frozen", "gap", "duplicate",
+                   "damage"}  # fmt: skip
 """Checks that say whether a mapping is right."""
-_MOST = 8
-_SAMPLES = 60_000
+_MOST_FINDINGS: Final = 8
+_WIDTH: Final = 96
+_TYPES: Final = (
+    *POSE_TYPES, IMU.typename, BATTERY.typename,
+    *(f"std_msgs/msg/{kind}MultiArray" for kind in ("Float32", "Float64", "Int32", "UInt16")),
+)  # fmt: skip
 
 
 def explain_mapping(path: Path) -> str:
@@ -31,107 +42,126 @@ def explain_mapping(path: Path) -> str:
     """
     if not path.exists():
         raise InputError(f"'{path}' does not exist; accepted: one log")
-    kind = kind_of(path)
+    kind, read, why = kind_of(path), None, ""
     if kind == "table":
-        return _of_table(path)
-    log, why = _tried(path, None)
-    if kind != "recording":
-        if log is None:
+        table = open_table(path)
+        names = table.number_columns()
+        if not names:
+            raise InputError(f"'{path}' has no column of numbers; accepted: a table of a flight")
+        columns, damage = table.numbers(names)
+        proposal = propose(columns)
+        twice = sorted({name for name in table.columns if table.columns.count(name) > 1})
+        if twice:
+            proposal.notes.append(f"{', '.join(twice)}: more than one column of that name")
+        proposal.notes += damage
+    else:
+        read, why = _tried(path, None)
+        if kind != "recording" and read is None:
             raise InputError(why)
-        return _text(Proposal(), path, _as_read(log), None)
-    return _of_recording(path, log)
-
-
-def _of_table(path: Path) -> str:
-    table = open_table(path)
-    names = table.number_columns()
-    if not names:
-        raise InputError(f"'{path}' has no column of numbers; accepted: a table of a flight")
-    columns, damage = table.numbers(names)
-    proposal = propose(columns)
-    twice = sorted({name for name in table.columns if table.columns.count(name) > 1})
-    if twice:
-        proposal.notes.append(f"{', '.join(twice)}: more than one column of that name")
-    proposal.notes += damage
-    if not proposal.channels:
+        known = set() if read is None else set(read.series)
+        proposal = _propose_topics(path, known) if kind == "recording" else Proposal()
+    if read is None and not proposal.channels:
         raise InputError(f"'{path}': {'; '.join(proposal.notes)}")
     airframe = shipped()["nanobench"].airframe if proposal.is_crazyflie else None
-    return _text(proposal, path, [], airframe)
-
-
-def _of_recording(path: Path, log: Flight | None) -> str:
-    known = set() if log is None else set(log.series)
-    with Recording(path) as recording:
-        proposal = propose_topics(recording, known)
-        there = sorted(recording.topics)
-    if log is None and not proposal.channels:
-        raise InputError(f"'{path}' has no poses; topics there: {', '.join(there) or 'none'}")
-    if proposal.channels:
-        proposal = _ordered(path, proposal)
-    return _text(proposal, path, [] if log is None else _as_read(log), None)
-
-
-def _ordered(path: Path, proposal: Proposal) -> Proposal:
-    """Put rotors into the order that the motion tells."""
-    log, _ = _tried(path, _parsed(mapping_text(proposal, path.name, [], None)), checked=False)
-    if log is None or "gyro" not in log.series:
-        return proposal
-
-    def turned(line: Line) -> Line:
-        drive = log.series.get(line.key) if log is not None else None
-        rotors = line.key in ("rotor_speed", "motor_command") and drive is not None
-        return reordered(line, drive, log.series["gyro"]) if rotors and drive else line
-
-    lines = [turned(line) for line in proposal.channels]
-    return Proposal(proposal.top, lines, proposal.notes, proposal.is_crazyflie)
-
-
-def _text(proposal: Proposal, path: Path, remarks: list[str], airframe: Airframe | None) -> str:
-    """Return the mapping, after reading the log with it: what the checks say stands in it."""
-    log, why = _tried(path, _parsed(mapping_text(proposal, path.name, [], airframe)))
+    remarks = [] if read is None else _as_read(read)
+    log, why = _tried(path, parse_mapping(_text(proposal, path.name, [], airframe), "proposed"))
     findings = () if log is None else log.findings
-    messages = [f.message for f in findings if f.check in _SHOWN and f.severity != "info"]
-    checked = [f"The checks say: {text}" for text in dict.fromkeys([why] if why else messages)]
-    if log is not None and not checked:
-        checked = ["Read with this mapping, the checks find no contradiction in the log."]
-    return mapping_text(proposal, path.name, [*remarks, *checked[:_MOST]], airframe)
+    said = [f.message for f in findings if f.check in _TELLING and f.severity != "info"]
+    said = [f"The checks say: {text}" for text in dict.fromkeys([why] if why else said)]
+    if not said:
+        said = ["Read with this mapping, the checks find no contradiction in the log."]
+    return _text(proposal, path.name, [*remarks, *said[:_MOST_FINDINGS]], airframe)
 
 
-def _parsed(text: str) -> LogMapping:
-    return parse_mapping(text, "proposed")
+def _propose_topics(path: Path, known: set[str]) -> Proposal:
+    """Propose topics for the channels that are not `known`: a topic is a table of its own."""
+    columns: dict[str, Array] = {}
+    times: dict[str, Array] = {}
+    with Recording(path) as recording:
+        there = sorted(recording.topics)
+        for topic in usable_topics(recording, _TYPES):
+            table = recording.columns(topic)
+            stamps = table.get("stamp_ns", table["log_time_ns"])
+            stamps = stamps if len(stamps) and stamps[0] > 0 else table["log_time_ns"]
+            for name, values in number_columns(table):
+                if not name.startswith("header.") and not name.endswith("_ns"):
+                    columns[f"{topic} {name}"] = values
+                    times[f"{topic} {name}"] = 1e-9 * (stamps - stamps[:1].sum())
+    proposal = propose(columns, times)
+    kept = [line for line in proposal.channels if line.key not in known]
+    if "position" not in known and "position" not in {line.key for line in kept}:
+        raise InputError(f"'{path}' has no poses; topics there: {', '.join(there) or 'none'}")
+    axes = [] if "position" in known else proposal.axes
+    return Proposal(axes, [_of_topic(line) for line in kept], proposal.notes)
 
 
-def _tried(
-    path: Path, mapping: LogMapping | None, checked: bool = True
-) -> tuple[Flight | None, str]:
+def _of_topic(line: Line) -> Line:
+    columns = line.content["columns"]
+    assert isinstance(columns, Sequence)
+    topic = str(columns[0]).lstrip("-").split(" ")[0]
+    names = [str(c).replace(f"{topic} ", "") for c in columns]
+    return line._replace(content={"topic": topic, **line.content, "columns": names})
+
+
+def _tried(path: Path, mapping: LogMapping | None) -> tuple[Flight | None, str]:
     """Return the log as read and checked, or why not."""
     try:
-        log = read_log(path, path.name, mapping)
-        return (check_log(_first_part(log)) if checked else log), ""
+        return check_log(read_log(path, path.name, mapping)), ""
     except InputError as error:
         return None, str(error)
-
-
-def _first_part(log: Flight) -> Flight:
-    """Return what a log holds up to the last of so many samples, which is enough to try it."""
-    ends = [s.t[_SAMPLES] for s in log.series.values() if s.t.size > _SAMPLES]
-    if not ends:
-        return log
-    return log.with_series({k: _until(s, min(ends)) for k, s in log.series.items()})
-
-
-def _until(series: Series, end: float) -> Series:
-    rows = slice(int(np.searchsorted(series.t, end)))
-    arrival = None if series.arrival is None else series.arrival[rows]
-    return Series(series.t[rows], series.values[rows], arrival)
 
 
 def _as_read(log: Flight) -> list[str]:
     """Return where the channels are from, as read without a mapping."""
     lines = [f"As read without a mapping: {log.source}."]
     lines += [f.message for f in log.findings if f.check == "rpm" and f.severity == "info"]
-    for key, series in log.series.items():
-        if series.t.size > 1:
-            rate = 1.0 / max(float(np.median(np.diff(series.t))), 1e-9)
-            lines.append(f"{key}: {series.t.size} samples, {rate:.4g} a second")
-    return lines
+    return lines + [f"{key}: {series.t.size} samples" for key, series in log.series.items()]
+
+
+def _text(
+    proposal: Proposal, source: str, remarks: Iterable[str], airframe: Airframe | None
+) -> str:
+    """Return a mapping file; reasons, notes and remarks are comments."""
+    lines = _comment(f"Proposed for {source}. Look at the lines marked DOUBTFUL.")
+    for text in [*(f"Not used: {note}." for note in proposal.notes), *remarks]:
+        lines += _comment(text)
+    lines.append(f"about: {_flow(f'proposed for {source}')}")
+    for line in proposal.axes:
+        lines += _entry(line, "")
+    lines.append("channels:" if proposal.channels else "channels: {}")
+    for line in proposal.channels:
+        lines += _entry(line, "  ")
+    if airframe is None:
+        lines += _comment("The vehicle: by --vehicle, or here; without it the suite's S500:")
+        lines.append("# airframe: {name: mine, mass: 1.2, arm_length: 0.225, rotor_radius: 0.12}")
+    else:
+        lines += _comment("DOUBTFUL: the names are a Crazyflie's; weigh yours, decks included")
+        known = {key: value for key, value in vars(airframe).items() if value is not None}
+        lines.append(f"airframe: {_flow({k: _plain(v) for k, v in known.items()})}")
+    return "\n".join(lines) + "\n"
+
+
+def _plain(value: object) -> object:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _entry(line: Line, indent: str) -> Iterable[str]:
+    yield from _comment(line.why, indent)
+    if line.doubt:
+        yield from _comment(f"DOUBTFUL: {line.doubt}", indent)
+    yield f"{indent}{line.key}: {_flow(line.content.get('', dict(line.content)))}"
+
+
+def _comment(text: str, indent: str = "") -> list[str]:
+    plain = re.sub(r"\s+", " ", "".join(c if c.isprintable() else " " for c in text))
+    return textwrap.wrap(
+        plain, _WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}#   ",
+        break_long_words=False, break_on_hyphens=False,
+    )  # fmt: skip
+
+
+def _flow(value: object) -> str:
+    """Return a value as YAML in a line."""
+    text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10**6,
+                          allow_unicode=True)  # fmt: skip
+    return text.removesuffix("\n...\n").strip()

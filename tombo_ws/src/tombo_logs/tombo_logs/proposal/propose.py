@@ -1,9 +1,10 @@
-"""A mapping for a table of numbers: from names, sizes and motion, each line with its reason."""
+"""A mapping for columns of numbers: from names, units and two tests of motion, with reasons."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,47 +12,45 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.channels import CHANNELS
 from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.rotors.rotor_order import clear_order
-from tombo_logs.proposal import roles
-from tombo_logs.proposal.column_names import ColumnGroup, grouped, parsed
-from tombo_logs.proposal.motion_evidence import (
+from tombo_logs.proposal.motion import (
+    AGREES,
     BODY_AXES,
-    CLOSE_SCORE,
+    CLOSE,
     WORLD_AXES,
     Reading,
     attitude_rates,
+    compare_acceleration,
     readings,
-    track_acceleration,
 )
-from tombo_logs.proposal.value_evidence import (
-    Guess,
-    accel_unit,
-    angle_unit,
-    gyro_unit,
-    motor_scale,
-    speed_unit,
-    time_unit,
-    voltage_unit,
+from tombo_logs.proposal.names import (
+    Candidate,
+    ColumnGroup,
+    candidates,
+    grouped,
+    is_estimate,
+    is_speed,
 )
 from tombo_logs.readers.frames import axes_matrix, is_usable
 from tombo_logs.readers.units import UNITS
 
-_BITCRAZE, _PX4 = (0, 2, 3, 1), (0, 1, 2, 3)
-"""Which of the columns front right, rear left, front left and rear right are."""
-_CRAZYFLIE = {"stabilizer", "ctrltarget"}
-_ENOUGH = 20
-"""Rows that a channel must have."""
-_LARGEST_METRES = 10.0
-"""Steps that a position in whole numbers moves by at least."""
-_FASTEST = 40.0
-"""m/s that a vehicle under motion capture does not fly most of the time."""
-_LARGEST = 1e9
-"""What is larger is no value of a sensor, in any unit."""
+_BITCRAZE: Final[tuple[int, ...]] = (0, 2, 3, 1)
+"""Columns of the rotors front right, rear left, front left and rear right."""
+_PX4: Final[tuple[int, ...]] = (0, 1, 2, 3)
+_PWM: Final = (0.0, 65535.0)
+_COMMAND_RANGES: Final = ((0.0, 1.0), (0.0, 100.0), (0.0, 255.0), (1000.0, 2000.0), _PWM)
+"""Values of a motor at rest and at full power: share, percent, byte, pulse [us], Crazyflie's."""
+_LEAST_ROWS: Final = 20
+_LARGEST: Final = 1e9
+"""No sensor has a larger value, in any unit."""
+_USUAL_STEP_S: Final = 0.01
+_FASTEST: Final = 40.0
+"""m/s: no vehicle flies faster under motion capture for most of a flight."""
 
 
-@dataclass(frozen=True)
-class Line:
-    """One entry of the mapping."""
+class Line(NamedTuple):
+    """One entry of a mapping."""
 
     key: str
     content: Mapping[str, object]
@@ -59,344 +58,352 @@ class Line:
     doubt: str = ""
 
 
+class Form(NamedTuple):
+    """One way to read the columns of an attitude."""
+
+    columns: tuple[str, ...]
+    content: Mapping[str, object]
+    series: Series
+    """(N, 4) xyzw."""
+    why: str
+
+
 @dataclass
 class Proposal:
     """Entries of a mapping, and what it can't hold."""
 
-    top: list[Line] = field(default_factory=list)
+    axes: list[Line] = field(default_factory=list)
     """time, world, body."""
     channels: list[Line] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     is_crazyflie: bool = False
 
 
-def propose(columns: Mapping[str, Array]) -> Proposal:
-    """Propose a mapping for the columns of a table, (N,) each, NaN where a row has no value."""
-    return _Proposer(columns).proposal
+def propose(columns: Mapping[str, Array], times: Mapping[str, Array] | None = None) -> Proposal:
+    """Propose a mapping.
+
+    Args:
+        columns: name → (N,), NaN where a row has no value.
+        times: name → (N,) s, of columns that have stamps; None: a column has those of all.
+    """
+    groups = grouped(columns)
+    words = {word for group in groups for word in group.words}
+    proposal = Proposal(is_crazyflie="stabilizer" in words or {"pm", "vbat"} <= words)
+    if times is None:
+        times = _time(columns, candidates("time", groups), proposal)
+    if not times:
+        return proposal
+    usable = {
+        role: [(c, s) for c in candidates(role, groups) if (s := _series(columns, times, c))]
+        for role in ("position", "quaternion", "angles", "gyro", "accel", "rotors")
+    }
+    place = next(iter(usable["position"]), None)
+    gyro = next(iter(usable["gyro"]), None)
+    forms = _attitude_forms(usable["quaternion"], usable["angles"], proposal)
+    track = None if place is None else _scaled(place[1], UNITS["m"][place[0].group.unit or "m"])
+    accel = _accelerometer(usable["accel"], track, proposal)
+    allowed: list[Reading] = []
+    if track is not None and forms:
+        spoken = {name: form.series for name, form in forms.items()}
+        allowed = readings(track, spoken, None if gyro is None else gyro[1], accel)
+        if not allowed:
+            proposal.notes.append("no reading of position and attitude agrees with gravity")
+    best = allowed[0] if allowed else None
+    proposal.axes += _axes(allowed)
+    if place is None:
+        proposal.notes.append("no columns of a position (x, y, z): needed for a diagnosis")
+    else:
+        others = [c.columns[0] for c, _ in usable["position"][1:4]]
+        proposal.channels.append(_position(*place, best, others))
+    if forms:
+        proposal.channels.append(_attitude(forms, allowed))
+    body = axes_matrix(BODY_AXES["FLU" if best is None else best.body], "body")
+    turning = None
+    if gyro is not None:
+        line, unit = _gyro(*gyro, best)
+        proposal.channels.append(line)
+        turning = Series(gyro[1].t, gyro[1].values @ body.T * UNITS["rad/s"][unit])
+    elif best is not None:
+        rates = attitude_rates(forms[best.form].series)
+        turning = Series(rates.t, rates.values @ body.T)
+    _rotors(usable["rotors"], turning, proposal)
+    _supply(columns, groups, proposal)
+    proposal.channels.sort(key=lambda line: list(CHANNELS).index(line.key))
+    return proposal
 
 
-class _Proposer:
-    """Finds the channels one after the other; later ones use what earlier ones have shown."""
+def _series(
+    columns: Mapping[str, Array], times: Mapping[str, Array], candidate: Candidate
+) -> Series | None:
+    """Return the rows in which all columns have a value; None: too few, or constant."""
+    t = times[candidate.columns[0]]
+    if any(columns[c].size != t.size for c in candidate.columns):
+        return None
+    values = np.column_stack([columns[c] for c in candidate.columns])
+    rows = (np.abs(values) < _LARGEST).all(axis=1) & np.isfinite(t)
+    t, values = t[rows], values[rows]
+    rising = np.diff(np.maximum.accumulate(t), prepend=-np.inf) > 0.0
+    if np.count_nonzero(rising) < _LEAST_ROWS or not np.ptp(values[rising], axis=0).any():
+        return None
+    return Series(t[rising], values[rising])
 
-    def __init__(self, columns: Mapping[str, Array]) -> None:
-        self.proposal = Proposal()
-        self._columns = columns
-        self._groups = grouped(columns)
-        self._t: Array = np.zeros(0)
-        self._best: Reading | None = None
-        self._gyro: Series | None = None
-        words = {word for group in self._groups for word in group.words}
-        self.proposal.is_crazyflie = bool(_CRAZYFLIE & words) or {"pm", "vbat"} <= words
-        if self._time():
-            self._poses_and_imu()
-            self._rotors()
-            self._supply()
-        self.proposal.channels.sort(key=lambda line: list(CHANNELS).index(line.key))
 
-    def _note(self, text: str) -> None:
-        self.proposal.notes.append(text)
+def _scaled(series: Series, factor: float) -> Series:
+    return Series(series.t, factor * series.values)
 
-    def _add(self, key: str, why: str, doubt: str = "", **content: object) -> None:
-        self.proposal.channels.append(Line(key, content, why, doubt))
 
-    def _series(self, columns: Sequence[str], scale: float = 1.0) -> Series | None:
-        """Return the rows in which all columns have a value; None: too few."""
-        values = np.column_stack([self._columns[c] for c in columns])
-        rows = (np.abs(values) < _LARGEST).all(axis=1) & np.isfinite(self._t)
-        t = self._t[rows]
-        rising = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]]) if t.size else []
-        if np.count_nonzero(rising) < _ENOUGH:
-            return None
-        return Series(t[rising], scale * values[rows][rising])
+def _nearest(quantity: str, units: Sequence[str], size: float) -> str:
+    """Return the unit in which a value of `size` is nearest to 1 of the quantity's unit."""
+    return min(units, key=lambda unit: abs(np.log(size * UNITS[quantity][unit])))
 
-    def _usable(
-        self, candidates: Sequence[roles.Candidate]
-    ) -> Iterator[tuple[roles.Candidate, Series]]:
-        """Yield candidates whose columns have values that change."""
-        for candidate in candidates:
-            series = self._series(candidate.columns)
-            if series is not None and np.ptp(series.values, axis=0).any():
-                yield candidate, series
 
-    def _time(self) -> bool:
-        named = roles.times(self._groups)
-        for column in named:
-            guess = time_unit(self._columns[column], parsed(column).unit)
-            if guess is not None:
-                content = {"column": column, "unit": guess.unit}
-                self.proposal.top.append(Line("time", content, guess.why, guess.doubt))
-                self._t = self._columns[column] * UNITS["s"][guess.unit]
-                self._t = self._t - np.nanmin(self._t)
-                return True
-        tried = f" ({', '.join(named)}: too short, or it does not rise)" if named else ""
-        self._note(f"no column of times{tried}; needed: one that rises, named time or timestamp")
-        return False
+def _time(
+    columns: Mapping[str, Array], named: Sequence[Candidate], proposal: Proposal
+) -> dict[str, Array]:
+    """Return the times [s] of all columns: those of the first column that rises."""
+    for candidate in named:
+        (column,), unit = candidate.columns, candidate.group.unit
+        steps = np.diff(columns[column][np.isfinite(columns[column])])
+        if steps.size < 9 or np.mean(steps < 0.0) > 0.05 or not (steps > 0.0).any():
+            continue
+        step = float(np.median(steps[steps > 0.0]))
+        usual = _nearest("s", ("s", "ms", "us", "ns"), step / _USUAL_STEP_S)
+        unit = unit if unit in UNITS["s"] else usual
+        rate = 1.0 / (step * UNITS["s"][unit])
+        doubt = f"{rate:.3g} rows/s is unusual; in {usual} it would be usual"
+        why = f"median step {step:.6g}: {rate:.4g} rows/s"
+        content = {"column": column, "unit": unit}
+        proposal.axes.append(Line("time", content, why, "" if 2.0 < rate < 5000.0 else doubt))
+        t = columns[column] * UNITS["s"][unit]
+        return dict.fromkeys(columns, t - np.nanmin(t))
+    tried = ", ".join(c.columns[0] for c in named)
+    tried = f" ({tried}: too short, or it does not rise)" if tried else ""
+    text = f"no column of times{tried}; needed: one that rises, named time or timestamp"
+    proposal.notes.append(text)
+    return {}
 
-    def _poses_and_imu(self) -> None:
-        place = next(self._usable(roles.positions(self._groups)), None)
-        forms = self._attitudes()
-        gyro = next(self._usable(roles.rates(self._groups)), None)
-        accel, unit = self._accelerometer(None if place is None else _metres(place))
-        if place is None:
-            self._note("no columns of a position (x, y, z): needed for a diagnosis")
-        candidates: list[Reading] = []
-        if place is not None and forms:
-            candidates = readings(
-                _metres(place), {name: form.series for name, form in forms.items()},
-                None if gyro is None else gyro[1], accel,
-            )  # fmt: skip
-            if not candidates:
-                self._note("no reading of position and attitude agrees with gravity")
-        self._best = candidates[0] if candidates else None
-        self._axes(candidates)
-        if place is not None:
-            self._position(*place)
-        if forms:
-            self._attitude(forms)
-        if gyro is not None:
-            self._add_gyro(*gyro)
-        elif self._best is not None:
-            rates = attitude_rates(forms[self._best.attitude].series)
-            self._gyro = Series(rates.t, rates.values @ self._body().T)
-        if accel is not None and unit is not None:
-            columns, guess = unit
-            self._add("accel", guess.why, guess.doubt, columns=list(columns), unit=guess.unit)
 
-    def _attitudes(self) -> dict[str, _Form]:
-        """Return the forms in which the best columns of an attitude may be read."""
-        for candidate, series in self._usable(roles.quaternions(self._groups)):
-            norm = np.linalg.norm(series.values, axis=1)
-            if np.mean(np.abs(norm - 1.0) < 0.02) < 0.95 or not is_usable(series.values).any():
-                continue
-            share = 100.0 * np.mean(np.abs(norm - 1.0) < 0.02)
-            why = f"norm 1 within 2 % in {share:.0f} % of the rows"
-            if candidate.group.by_axis:
-                return {"xyzw": _Form(candidate.columns, "xyzw", "", series, f"{why}, as named")}
-            turned = Series(series.t, series.values[:, [1, 2, 3, 0]])
-            return {
-                "wxyz": _Form(candidate.columns, "wxyz", "", turned, why),
-                "xyzw": _Form(candidate.columns, "xyzw", "", series, why),
-            }
-        for candidate, series in self._usable(roles.angles(self._groups)):
-            if len(candidate.columns) < 3:
-                lacking = {"roll", "pitch", "yaw"} - set(candidate.group.by_axis)
-                self._note(
-                    f"{', '.join(candidate.columns)}: {' and '.join(sorted(lacking))} not there; "
-                    "an attitude needs roll, pitch and yaw, or a quaternion"
-                )
-                break
-            return self._angle_forms(candidate, series)
-        else:
-            self._note("no columns of an attitude (quaternion, or roll, pitch and yaw)")
-        return {}
-
-    def _angle_forms(self, candidate: roles.Candidate, series: Series) -> dict[str, _Form]:
-        guess = angle_unit(series.values, candidate.group.unit)
-        units = ["rad", "deg"] if guess is None else [guess.unit]
-        why = "values that could be either" if guess is None else guess.why
+def _attitude_forms(
+    quaternions: Sequence[tuple[Candidate, Series]],
+    angles: Sequence[tuple[Candidate, Series]],
+    proposal: Proposal,
+) -> dict[str, Form]:
+    """Return the forms in which the best columns of an attitude may be read."""
+    for candidate, series in quaternions:
+        columns, group = candidate.columns, candidate.group
+        share = float(np.mean(np.abs(np.linalg.norm(series.values, axis=1) - 1.0) < 0.02))
+        if share < 0.95 or not is_usable(series.values).any():
+            continue
+        why = f"norm 1 within 2 % in {100.0 * share:.0f} % of the rows"
+        as_named = Form(columns, {"order": "xyzw"}, series, why)
+        if group.by_axis:
+            return {"xyzw": as_named}
+        turned = Series(series.t, series.values[:, [1, 2, 3, 0]])
+        return {"wxyz": Form(columns, {"order": "wxyz"}, turned, why), "xyzw": as_named}
+    for candidate, series in angles:
+        columns, group = candidate.columns, candidate.group
+        lacking = sorted({"roll", "pitch", "yaw"} - set(group.by_axis))
+        if lacking:
+            proposal.notes.append(
+                f"{', '.join(columns)}: {' and '.join(lacking)} not there; "
+                "an attitude needs roll, pitch and yaw, or a quaternion"
+            )
+            return {}
+        high = float(np.nanpercentile(np.abs(series.values), 99.5))
+        units = ["deg"] if high > 6.4 else ["rad", "deg"]
+        units = [group.unit] if group.unit in UNITS["rad"] else units
         forms = {}
         for unit in units:
             for sign in (1.0, -1.0):
                 roll, pitch, yaw = (series.values * UNITS["rad"][unit]).T
                 turn = Rotation.from_euler("ZYX", np.column_stack([yaw, sign * pitch, roll]))
-                names = list(candidate.columns)
-                names[1] = names[1] if sign > 0.0 else f"-{names[1]}"
-                name = f"rpy {unit} {sign:+.0f}"
-                quaternions = Series(series.t, turn.as_quat())
-                forms[name] = _Form(tuple(names), "rpy", unit, quaternions, why)
+                names = (columns[0], "-" * (sign < 0.0) + columns[1], columns[2])
+                content = {"order": "rpy", "unit": unit}
+                values, why = Series(series.t, turn.as_quat()), f"values up to {high:.3g}"
+                forms[f"{unit} {sign:+.0f}"] = Form(names, content, values, why)
         return forms
+    proposal.notes.append("no columns of an attitude (quaternion, or roll, pitch and yaw)")
+    return {}
 
-    def _accelerometer(
-        self, track: Series | None
-    ) -> tuple[Series | None, tuple[tuple[str, ...], Guess] | None]:
-        for candidate, series in self._usable(roles.accels(self._groups)):
-            guess = accel_unit(series.values, candidate.group.unit)
-            if guess is not None:
-                return series, (candidate.columns, guess)
-            self._track_acceleration(candidate, series, track)
-        return None, None
 
-    def _track_acceleration(
-        self, candidate: roles.Candidate, series: Series, track: Series | None
-    ) -> None:
-        """Take an acceleration without gravity as one in the world, if it is that of the track."""
+def _accelerometer(
+    usable: Sequence[tuple[Candidate, Series]], track: Series | None, proposal: Proposal
+) -> Series | None:
+    """Propose the first columns with gravity as `accel`, those of the track as `acceleration`."""
+    for candidate, series in usable:
+        columns, group = candidate.columns, candidate.group
         size = float(np.median(np.linalg.norm(series.values, axis=1)))
-        agrees, scale = (0.0, 0.0) if track is None else track_acceleration(track, series)
-        names = ", ".join(candidate.columns)
-        text = f"median size {size:.3g}, so gravity is not in it"
-        if not agrees > 0.5:
-            self._note(f"{names}: {text}, and it is not the acceleration of the track")
-            return
-        unit = min(("m/s^2", "g"), key=lambda u: abs(np.log(scale * UNITS["m/s^2"][u])))
-        named = candidate.group.unit
-        self._add(
-            "acceleration",
-            f"{text}; it agrees with the track's ({agrees:.2f} of 1), {scale:.3g} times its size",
-            f"the name says {named}" if named and named != unit else "",
-            columns=list(candidate.columns),
-            unit=unit,
-        )
-
-    def _axes(self, candidates: Sequence[Reading]) -> None:
-        best = self._best
-        if best is None:
-            why, doubt = "not to be told here", "ENU and FLU are assumed"
+        upright = np.linalg.norm(np.median(series.values, axis=0)) > 0.6 * size
+        unit = _nearest("m/s^2", ("m/s^2", "g", "mg"), size / GRAVITY)
+        if upright and 0.8 < size * UNITS["m/s^2"][unit] / GRAVITY < 1.25:
+            why, key = f"median size {size:.4g}: gravity in {unit}", "accel"
         else:
-            why = _evidence(best)
-            rivals = [r for r in candidates[1:] if (r.world, r.body) != (best.world, best.body)]
-            close = [r for r in rivals if r.score > best.score - CLOSE_SCORE]
-            doubt = ""
-            if not best.score > 0.5:
-                doubt = "the motion agrees badly; fly with more lean, or look at the axes"
-            if close:
-                texts = " or ".join(f"{r.world} with {r.body}" for r in close[:3])
-                doubt = f"{texts} would do as well"
-            if "up" in best.body or "down" in best.body:
-                doubt = "of the body only up is known; which axis is forward is a guess"
-        world, body = ("ENU", "FLU") if best is None else (best.world, best.body)
-        for key, name, known in (("world", world, WORLD_AXES), ("body", body, BODY_AXES)):
-            axes = name if name.isupper() else list(known[name])
-            self.proposal.top.append(Line(key, {"": axes}, why, doubt))
-
-    def _position(self, candidate: roles.Candidate, series: Series) -> None:
-        unit, why, doubt = candidate.group.unit or "m", "as named", ""
-        slope = float("nan") if self._best is None else self._best.slope
-        if not candidate.group.unit:
-            extent = float(np.ptp(series.values, axis=0).max())
-            why = f"it moves by {extent:.3g}"
-            if slope > 0.0 and self._best is not None and self._best.lean > 0.5:
-                unit = min(("m", "cm", "mm"), key=lambda u: abs(np.log(slope / UNITS["m"][u])))
-                why += f", and lean calls for {slope:.3g} times the acceleration"
-            elif extent > _LARGEST_METRES and not np.any(series.values % 1.0):
-                unit, why = "mm", f"{why} in whole numbers, too coarse for metres"
-            elif (speed := _usual_speed(series)) > _FASTEST:
-                unit, why = "mm", f"{why} at {speed:.3g} a second, too fast for metres"
-            elif extent > 100.0:
-                doubt = "much for metres; mm?"
-        others = [c.text for c in roles.positions(self._groups) if c.columns != candidate.columns]
-        also = f"; there is also {', '.join(others[:3])}" if others else ""
-        if roles.is_estimate(candidate.group):
-            doubt = "an estimate of the vehicle, no motion capture: smoothed with its IMU"
-        self._add("position", why + also, doubt, columns=list(candidate.columns), unit=unit)
-
-    def _attitude(self, forms: Mapping[str, _Form]) -> None:
-        best = self._best
-        form = forms[best.attitude] if best is not None else next(iter(forms.values()))
-        why, doubt = form.why, ""
-        if len(forms) > 1:
-            why += "; the motion says so" if best is not None else ""
-            doubt = "" if best is not None and best.score > 0.5 else "order and signs are a guess"
-        if form.columns[1].startswith("-"):
-            why += "; pitch with the other sign, as a Crazyflie logs it"
-        content: dict[str, object] = {"columns": list(form.columns), "order": form.order}
-        if form.unit:
-            content["unit"] = form.unit
-        self._add("attitude", why, doubt, **content)
-
-    def _add_gyro(self, candidate: roles.Candidate, series: Series) -> None:
-        scale = float("nan") if self._best is None else self._best.gyro_scale
-        guess = gyro_unit(scale, series.values, candidate.group.unit)
-        doubt = guess.doubt
-        if self._best is not None and self._best.rates < 0.5:
-            doubt = f"agrees badly with the rates of the attitude ({self._best.rates:.2f})"
-        values = series.values @ self._body().T * UNITS["rad/s"][guess.unit]
-        self._gyro = Series(series.t, values)
-        self._add("gyro", guess.why, doubt, columns=list(candidate.columns), unit=guess.unit)
-
-    def _body(self) -> Array:
-        return axes_matrix(BODY_AXES["FLU" if self._best is None else self._best.body], "body")
-
-    def _rotors(self) -> None:
-        taken: set[str] = set()
-        for candidate, series in self._usable(roles.rotors(self._groups)):
-            speeds = roles.is_speed(candidate.group)
-            key = "rotor_speed" if speeds else "motor_command"
-            scale = None if speeds else motor_scale(series.values)
-            if not speeds and scale is None:
-                low, high = series.values.min(), series.values.max()
-                self._note(f"{candidate.text}: {low:.4g} to {high:.4g} is no range of a motor")
+            why, key = f"median size {size:.3g}, so gravity is not in it", "acceleration"
+            agrees, scale = (0.0, 1.0) if track is None else compare_acceleration(track, series)
+            if not agrees > AGREES:
+                text = f"{', '.join(columns)}: {why}, and it is not the acceleration of the track"
+                proposal.notes.append(text)
                 continue
-            if key in taken:
-                self._note(f"{', '.join(candidate.columns)} could be {key} too")
-                continue
-            taken.add(key)
-            order, why, doubt = self._order(candidate.group, series, scale)
-            columns = [candidate.columns[i] for i in order]
-            if scale is not None:
-                low, high = series.values.min(), series.values.max()
-                text = f"values from {low:.4g} to {high:.4g}; {why}"
-                self._add(key, text, doubt, columns=columns, range=list(scale))
-                continue
-            guess = speed_unit(series.values, candidate.group.unit, candidate.group.words)
-            doubts = "; ".join(text for text in (guess.doubt, doubt) if text)
-            self._add(key, f"{guess.why}; {why}", doubts, columns=columns, unit=guess.unit)
+            unit = _nearest("m/s^2", ("m/s^2", "g"), scale)
+            why += f"; it agrees with the track's ({agrees:.2f} of 1)"
+        doubt = f"the name says {group.unit}" if group.unit not in ("", unit) else ""
+        content = {"columns": list(columns), "unit": unit}
+        proposal.channels.append(Line(key, content, why, doubt))
+        if key == "accel":
+            return series
+    return None
 
-    def _order(
-        self, group: ColumnGroup, series: Series, scale: tuple[float, float] | None
-    ) -> tuple[Sequence[int], str, str]:
-        """Return which column each of our rotors is, why, and what is doubtful."""
-        if self.proposal.is_crazyflie or scale == (0.0, 65535.0):
-            named, maker = _BITCRAZE, "Bitcraze's M1 to M4"
+
+def _axes(allowed: Sequence[Reading]) -> list[Line]:
+    why, doubt, world, body = "the motion does not tell", "ENU and FLU are assumed", "ENU", "FLU"
+    if allowed:
+        best, world, body = allowed[0], allowed[0].world, allowed[0].body
+        why = f"tilt agrees with acceleration ({best.tilt:.2f} of 1)"
+        why += f", the gyro with the attitude ({best.rates:.2f})"
+        rivals = [r for r in _rivals(allowed) if (r.world, r.body) != (world, body)]
+        doubt = "" if best.score > AGREES else "the motion agrees badly: fly with more tilt"
+        if rivals:
+            doubt = f"{' or '.join(f'{r.world} with {r.body}' for r in rivals[:3])} fit as well"
+        if not body.isupper():
+            doubt = "of the body only up is known; which axis is forward is a guess"
+    return [
+        Line(key, {"": name if name.isupper() else list(known[name])}, why, doubt)
+        for key, name, known in (("world", world, WORLD_AXES), ("body", body, BODY_AXES))
+    ]
+
+
+def _rivals(allowed: Sequence[Reading]) -> list[Reading]:
+    """Return the readings with which the motion agrees nearly as well as with the first."""
+    return [r for r in allowed[1:] if r.score > allowed[0].score - CLOSE]
+
+
+def _position(
+    candidate: Candidate, series: Series, best: Reading | None, others: Sequence[str]
+) -> Line:
+    unit, why, doubt = candidate.group.unit, "as named", ""
+    if not unit:
+        extent = float(np.ptp(series.values, axis=0).max())
+        seconds = np.arange(series.t[0], series.t[-1] + 1.0)
+        places = np.column_stack([np.interp(seconds, series.t, c) for c in series.values.T])
+        speed = float(np.median(np.linalg.norm(np.diff(places, axis=0), axis=1)))
+        unit, why = "m", f"it moves by {extent:.3g}, {speed:.3g} a second"
+        if best is not None and best.tilt > AGREES and best.slope > 0.0:
+            unit = _nearest("m", ("m", "cm", "mm"), 1.0 / best.slope)
+            why += f"; tilt asks for {best.slope:.3g} times its acceleration"
+        elif speed > _FASTEST or (extent > 10.0 and not np.any(series.values % 1.0)):
+            unit, why = "mm", f"{why}: too fast for metres, or whole numbers"
+        elif extent > 100.0:
+            doubt = "much for metres; mm?"
+    if others:
+        why += f"; there is also {', '.join(others)}"
+    if is_estimate(candidate.group):
+        doubt = "an estimate of the vehicle, no motion capture: smoothed with its IMU"
+    return Line("position", {"columns": list(candidate.columns), "unit": unit}, why, doubt)
+
+
+def _attitude(forms: Mapping[str, Form], allowed: Sequence[Reading]) -> Line:
+    form = forms[allowed[0].form] if allowed else next(iter(forms.values()))
+    why, doubt = form.why, ""
+    if len(forms) > 1:
+        why += "; order, sign and unit by the motion"
+        rivals = sorted({r.form for r in _rivals(allowed)} - {allowed[0].form}) if allowed else []
+        if rivals:
+            doubt = f"{' or '.join(rivals)} would agree as well with the motion"
+        if not allowed or not allowed[0].score > AGREES:
+            doubt = "order and signs are a guess"
+    if form.columns[1].startswith("-"):
+        why += "; pitch with the other sign, as a Crazyflie logs it"
+    return Line("attitude", {"columns": list(form.columns), **form.content}, why, doubt)
+
+
+def _gyro(candidate: Candidate, series: Series, best: Reading | None) -> tuple[Line, str]:
+    named = {"rad": "rad/s", "deg": "deg/s"}.get(candidate.group.unit, candidate.group.unit)
+    if best is not None and np.isfinite(best.rates):
+        unit = _nearest("rad/s", ("rad/s", "deg/s", "mrad/s"), best.gyro_scale)
+        off = best.gyro_scale * UNITS["rad/s"][unit]
+        why = f"{best.gyro_scale:.3g} times the rates of the attitude"
+        doubt = "" if 0.7 < off < 1.4 else f"{off:.2g} times the size that {unit} would have"
+        doubt = f"the name says {named}" if named not in ("", unit) else doubt
+        if best.rates < AGREES:
+            doubt = f"agrees badly with the rates of the attitude ({best.rates:.2f})"
+    else:
+        high = float(np.percentile(np.abs(series.values), 99))
+        unit = named if named in UNITS["rad/s"] else "deg/s" if high > 15.0 else "rad/s"
+        why = f"99 % of the values are below {high:.3g}"
+        doubt = "" if unit == named else "too little motion to tell the unit"
+    return Line("gyro", {"columns": list(candidate.columns), "unit": unit}, why, doubt), unit
+
+
+def _rotors(
+    usable: Sequence[tuple[Candidate, Series]], turning: Series | None, proposal: Proposal
+) -> None:
+    """Propose rotor speeds and motor commands, in the order that the motion tells."""
+    for candidate, series in usable:
+        columns, group = candidate.columns, candidate.group
+        low, high = float(series.values.min()), float(series.values.max())
+        span, key = _command_range(series.values), "motor_command"
+        drive, doubts = series, []
+        if is_speed(group):
+            key = "rotor_speed"
+            unit = "rpm" if "rpm" in group.words or high > 3000.0 else "rad/s"
+            if group.unit not in UNITS["rad/s"] and "rpm" not in group.words:
+                doubts.append("rpm and rad/s differ in size alone")
+            unit = group.unit if group.unit in UNITS["rad/s"] else unit
+            content: dict[str, object] = {"unit": unit}
+        elif span is not None:
+            drive = Series(series.t, np.sqrt(np.clip(series.values - span[0], 0.0, None)))
+            content = {"range": list(span)}
         else:
-            named, maker = _PX4, "PX4's and ArduCopter's quad-X"
-        drive = series
-        if scale is not None:
-            drive = Series(series.t, np.sqrt(np.clip(series.values - scale[0], 0.0, None)))
-        clear = None if self._gyro is None else clear_order(drive, self._gyro)
-        if clear == named:
-            return named, f"order of {maker}, and the motion says so", ""
-        if clear is not None:
-            return clear, "order as the motion says", f"it is not that of {maker}"
-        return named, f"order of {maker}", "the motion does not tell the order of rotors"
+            text = f"{', '.join(columns)}: {low:.4g} to {high:.4g} is no range of a motor"
+            proposal.notes.append(text)
+            continue
+        if any(line.key == key for line in proposal.channels):
+            proposal.notes.append(f"{', '.join(columns)} could be {key} too")
+            continue
+        crazyflie = proposal.is_crazyflie or content.get("range") == list(_PWM)
+        maker, order = ("Bitcraze", _BITCRAZE) if crazyflie else ("PX4 and ArduCopter", _PX4)
+        why = f"values from {low:.4g} to {high:.4g}; order of {maker}"
+        clear = None if turning is None else clear_order(drive, turning)
+        if clear is None:
+            doubts.append("the motion does not tell the order of rotors")
+        elif clear != order:
+            order, why = clear, f"values from {low:.4g} to {high:.4g}; order by the motion"
+            doubts.append(f"it is not that of {maker}")
+        content = {"columns": [columns[i] for i in order], **content}
+        proposal.channels.append(Line(key, content, why, "; ".join(doubts)))
 
-    def _supply(self) -> None:
-        for column in roles.voltages(self._groups):
-            series = self._series([column])
-            if series is None:
+
+def _command_range(values: Array) -> tuple[float, float] | None:
+    """Return the values of no and full power; None: these are no motor commands.
+
+    Nearly all values lie between them, or at least most: the end of a log may be damaged.
+    """
+    running = values[values > 1e-3 * values.max(initial=0.0)]
+    middle = float(np.median(running)) if running.size else 0.0
+    for share in (0.985, 0.7):
+        for low, high in _COMMAND_RANGES:
+            level = (values - low) / (high - low)
+            inside = float(np.mean((level > -0.12) & (level < 1.05)))
+            if inside >= share and 0.1 < (middle - low) / (high - low) <= 1.0:
+                return low, high
+    return None
+
+
+def _supply(
+    columns: Mapping[str, Array], groups: Sequence[ColumnGroup], proposal: Proposal
+) -> None:
+    for key, quantity, low, high in (("voltage", "V", 2.5, 60.0), ("current", "A", -1e3, 1e3)):
+        for candidate in candidates(key, groups):
+            values = columns[candidate.columns[0]]
+            values = values[np.abs(values) < _LARGEST]
+            if values.size < _LEAST_ROWS:
                 continue
-            guess = voltage_unit(series.values, parsed(column).unit)
-            if not guess.doubt:
-                self._add("voltage", guess.why, columns=[column], unit=guess.unit)
+            middle, unit = float(np.median(values)), candidate.group.unit
+            if unit not in UNITS[quantity]:
+                unit = f"m{quantity}" if middle > 200.0 else quantity
+            if low < middle * UNITS[quantity][unit] < high:
+                guessed = key == "current" and unit != candidate.group.unit
+                doubt = "the unit is a guess" if guessed else ""
+                content = {"columns": list(candidate.columns), "unit": unit}
+                proposal.channels.append(Line(key, content, f"median {middle:.4g}", doubt))
                 break
-        for column in roles.currents(self._groups):
-            if self._series([column]) is not None:
-                unit = parsed(column).unit
-                doubt = "" if unit in UNITS["A"] else "the unit is a guess"
-                unit = unit if unit in UNITS["A"] else "A"
-                self._add("current", "as named", doubt, columns=[column], unit=unit)
-                break
-
-
-@dataclass(frozen=True)
-class _Form:
-    """One way to read the columns of an attitude."""
-
-    columns: tuple[str, ...]
-    order: str
-    unit: str
-    series: Series
-    """(N, 4) xyzw."""
-    why: str
-
-
-def _metres(place: tuple[roles.Candidate, Series]) -> Series:
-    candidate, series = place
-    return Series(series.t, series.values * UNITS["m"][candidate.group.unit or "m"])
-
-
-def _usual_speed(series: Series) -> float:
-    """Return the median distance from one second to the next."""
-    t = np.arange(series.t[0], series.t[-1], 1.0)
-    if t.size < 2:
-        return 0.0
-    places = np.column_stack([np.interp(t, series.t, column) for column in series.values.T])
-    return float(np.median(np.linalg.norm(np.diff(places, axis=0), axis=1)))
-
-
-def _evidence(reading: Reading) -> str:
-    parts = []
-    if np.isfinite(reading.lean):
-        parts.append(f"lean agrees with acceleration ({reading.lean:.2f} of 1)")
-    if np.isfinite(reading.rates):
-        parts.append(f"the gyro with the attitude ({reading.rates:.2f})")
-    return ", ".join(parts) or "gravity alone"
