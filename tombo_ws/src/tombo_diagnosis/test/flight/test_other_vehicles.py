@@ -27,7 +27,8 @@ FRAME = Airframe("Unknown", 1.3, 0.24, 0.12)
 
 @pytest.fixture(scope="module")
 def real():
-    return [check_log(log) for log in read_logs([FOLDER])]
+    names = ("B10_lissajous_fast_rep1", CRASH, "B3_figure8_fast_rep1")
+    return [check_log(log) for log in read_logs([FOLDER / f"{name}.csv.gz" for name in names])]
 
 
 @pytest.fixture(scope="module")
