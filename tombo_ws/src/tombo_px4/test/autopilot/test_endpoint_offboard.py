@@ -3,11 +3,8 @@ import math
 import numpy as np
 import pytest
 from endpoint_bench import ARM, OFFBOARD, SET_MODE, texts
-from hypothesis import given
-from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_px4.autopilot.setpoint_controller import ControlLevel, resolve_setpoint
 from tombo_px4.frames import GeoOrigin, px4_quaternion
 from tombo_px4.protocol.input_decoder import decode_setpoint
 
@@ -61,17 +58,6 @@ def test_what_the_mask_ignores_is_not_commanded(mask, kept):
         assert np.isfinite(getattr(target, name)).any() == (name == kept)
     assert math.isnan(target.yaw) == bool(mask & 1 << 10)
     assert math.isnan(target.yaw_rate)
-
-
-@given(st.integers(0, 0b111111111), st.integers(0, 0b111111111))
-def test_each_axis_is_commanded_alone(mask, missing):
-    """As with PX4, NaN and a bit of the mask mean the same."""
-    values = [float(i + 1) if not missing & 1 << i else NAN for i in range(9)]
-    target = read(local(mask, values[:3], values[3:6], values[6:]))
-    left = [values[i] if not (mask | missing) & 1 << i else NAN for i in range(9)]
-    for k, name in enumerate(("position", "velocity", "acceleration")):
-        north, east, down = left[3 * k : 3 * k + 3]
-        assert getattr(target, name) == pytest.approx([east, north, -down], nan_ok=True)
 
 
 def test_a_velocity_in_the_body_is_front_left_up():
@@ -129,43 +115,6 @@ def test_a_place_on_the_globe_is_turned_to_the_map(frame, altitude, up):
         *6 * [0.0], 0.0, 0.0,
     )  # fmt: skip
     assert read(message).position == pytest.approx([30.0, -20.0, up], abs=0.02)
-
-
-def test_a_frame_that_is_not_of_the_globe_is_refused():
-    message = MAV.set_position_target_global_int_encode(
-        0, 1, 1, 1, POSITION, 0, 0, 400.0, *6 * [0.0], 0.0, 0.0
-    )
-    assert read(message) == "coordinate frame 1 unsupported"
-
-
-anything = st.floats(width=32)
-
-
-@pytest.mark.slow
-@given(
-    st.integers(0, 255),
-    st.integers(0, 65535),
-    st.lists(anything, min_size=11, max_size=11),
-    st.lists(anything, min_size=8, max_size=8),
-)
-def test_whatever_comes_is_resolved_within_bounds_or_refused(frame, mask, motion, pointing):
-    for message in (
-        MAV.set_position_target_local_ned_encode(0, 1, 1, frame, mask, *motion),
-        MAV.set_attitude_target_encode(0, 1, 1, mask & 255, pointing[:4], *pointing[4:]),
-    ):
-        target = read(message)
-        level = np.array([0.0, 0.0, 0.0, 1.0])
-        resolved = target if isinstance(target, str) else resolve_setpoint(target, level)
-        if isinstance(resolved, str):
-            assert resolved
-        elif resolved.kind <= ControlLevel.ACCELERATION:
-            given_axes = [resolved.position, resolved.velocity, resolved.acceleration]
-            assert np.isfinite(given_axes).any(axis=0).all()
-            assert not (np.abs(given_axes) > 1e5).any()
-        else:
-            assert 0.0 <= resolved.thrust <= 1.0
-            assert not (np.abs(resolved.rates) > 100.0).any()
-            assert np.linalg.norm(resolved.attitude) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("target", [(2, 1), (1, 9)])

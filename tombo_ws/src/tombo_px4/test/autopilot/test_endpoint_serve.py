@@ -1,12 +1,10 @@
-import select
 import time
-from types import SimpleNamespace
 
 import pytest
 from endpoint_bench import bench, of
 
 from in_time import in_time
-from tombo_px4.protocol.endpoint import BootClock, _watch, serve
+from tombo_px4.protocol.endpoint import BootClock, serve
 
 MS = 1_000_000
 
@@ -55,17 +53,3 @@ def test_a_machine_that_is_too_slow_is_told_and_time_slips(fresh):
     assert any("too slow" in text for _, text in fresh.endpoint.statustext.sent_texts)
     asked_for_ns = clock.boot_ns(fast.now_ns)
     assert asked_for_ns - fresh.vehicle.tick * MS < 1_000 * MS
-
-
-def test_links_are_watched_for_what_comes_as_they_change():
-    """Those of TCP come and go."""
-    watched = {}
-    poll = SimpleNamespace(register=watched.__setitem__, unregister=watched.pop)
-    links = [SimpleNamespace(fileno=lambda: 7), SimpleNamespace(fileno=lambda: 8)]
-    endpoint = SimpleNamespace(channels=[SimpleNamespace(link=link) for link in links])
-    known = _watch(poll, endpoint, {})
-    assert watched == {7: select.POLLIN, 8: select.POLLIN}
-    links[1].fileno = lambda: 9
-    known = _watch(poll, endpoint, known)
-    assert watched == {7: select.POLLIN, 9: select.POLLIN}
-    assert _watch(poll, endpoint, known) == known

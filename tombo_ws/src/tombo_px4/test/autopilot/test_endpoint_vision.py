@@ -5,7 +5,7 @@ import pytest
 from endpoint_bench import bench, of, texts
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_px4.frames import ned_from_enu, px4_quaternion, quaternion_of_angles
+from tombo_px4.frames import ned_from_enu, px4_quaternion
 from tombo_px4.protocol.input_decoder import decode_vision
 
 NAN = math.nan
@@ -45,13 +45,6 @@ def test_a_pose_is_read_in_our_frames(message):
     assert pose.stamp_us == 5
     assert pose.position == pytest.approx(PLACE)
     assert pose.attitude == pytest.approx(ATTITUDE)
-
-
-def test_angles_are_turned_in_the_order_yaw_pitch_roll():
-    w, x, y, z = quaternion_of_angles(0.3, -0.4, 1.2)
-    assert math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)) == pytest.approx(0.3)
-    assert math.asin(2 * (w * y - z * x)) == pytest.approx(-0.4)
-    assert math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) == pytest.approx(1.2)
 
 
 @pytest.mark.parametrize(
@@ -117,24 +110,6 @@ def test_stamps_are_converted_with_timesync(monkeypatch):
     ages = [boot_ns / 1e3 - us for boot_ns, us in stamps]
     assert max(ages[:10]) < 20_000, "before TIMESYNC has converged the time of arrival counts"
     assert ages[-20:] == pytest.approx(20 * [40_000], abs=8_000)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda b: odometry(b.client.mav, kind=MOCAP),
-        lambda b: b.client.mav.att_pos_mocap_encode(0, [1, 0, 0, 0], 0, 0, 0, NOTHING),
-    ],
-)
-def test_poses_of_a_motion_capture_are_not_fused_and_it_is_reported_once(make):
-    with bench(**LAB) as b:
-        b.each_round = lambda: b.client.send(make(b))
-        refusals = [t for t in texts(b.run(3.0)) if "is not fused" in t]
-        assert len(refusals) == 1
-        assert "VISION" in refusals[0]
-        assert not b.vehicle.health.local_position
-        assert max(b.endpoint.statustext.counts.values()) > 500
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,7 @@ def test_px4_flies_a_minute_in_lockstep_without_a_missed_step(b):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("params", [{"rate": 500.0}, {"rate": 1000.0}, {"mapping": "speed"}])
+@pytest.mark.parametrize("params", [{"rate": 1000.0, "mapping": "speed"}])
 def test_it_hovers_at_other_rates_and_with_the_other_mapping(params):
     pilot = Pilot()
     if "mapping" in params:
@@ -168,18 +168,6 @@ def test_an_answer_with_another_time_is_counted_and_not_flown(b):
     b.hovers()
 
 
-@pytest.mark.slow
-def test_a_repeated_answer_is_counted_and_the_last_one_counts(b):
-    b.fly(4.0)
-    b.peer.answer = lambda sensor, values: (
-        b.peer.controls(sensor, [0.1] * 4) + b.peer.controls(sensor, values)
-    )
-    b.fly(5.0)
-    assert b.hil.repeated == pytest.approx(250, abs=3)
-    assert b.hil.answered == pytest.approx(b.hil.steps - 9, abs=1)
-    b.hovers()
-
-
 # ---- silence, and PX4 gone
 
 
@@ -255,16 +243,6 @@ def test_a_new_connection_begins_a_new_flight_on_the_ground(b):
     b.hovers()
 
 
-@pytest.mark.slow
-def test_a_px4_that_reconnects_unnoticed_gets_a_new_flight(b):
-    b.fly(3.0)
-    b.peer.close()
-    b.peer = Peer(b.link.port)
-    b.until(lambda: b.hil.flights == 2)
-    b.fly(1.0)
-    assert b.hil.answered > 200
-
-
 def test_a_second_px4_is_turned_away(b):
     b.fly(1.0)
     with socket.create_connection(("127.0.0.1", b.link.port), timeout=5.0) as second:
@@ -314,17 +292,11 @@ def test_px4_without_lockstep_is_told_and_its_answers_are_taken(b):
     assert b.position[2] == pytest.approx(2.2, abs=0.5)
 
 
-def test_a_px4_that_reads_nothing_is_dropped_when_too_much_waits(b):
-    b.fly(0.5)
-    b.link.send(b"\x00" * (32 << 20))
-    assert not b.link.connected
-
-
 # ---- pace
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("speed", [1.0, 4.0])
+@pytest.mark.parametrize("speed", [4.0])
 def test_the_pace_is_the_speed(speed):
     with bench(speed=speed, silent=0) as b:
         b.until(lambda: b.hil.steps == 10)

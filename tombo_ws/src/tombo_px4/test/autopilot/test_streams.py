@@ -1,8 +1,6 @@
 from collections import Counter
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tombo_px4.protocol.mavlink_channel import StreamTable
 from tombo_px4.protocol.telemetry import _BUILDERS
@@ -57,29 +55,3 @@ def test_nobody_can_ask_for_more_than_a_px4_publishes():
     count = sent(streams, 2.0)
     assert count[ATTITUDE] == pytest.approx(500, abs=2)
     assert count[BATTERY] == pytest.approx(100, abs=2)
-
-
-@pytest.mark.slow
-@given(
-    st.lists(
-        st.tuples(
-            st.sampled_from([*OFFERED, 4242]),
-            st.floats(-1e7, 1e18, allow_nan=False),
-            st.integers(0, 400),
-        ),
-        max_size=12,
-    )
-)
-def test_each_message_keeps_its_interval_whatever_is_asked_for(wishes):
-    streams = table()
-    last: dict[int, int] = {}
-    for number, interval, wait_ms in wishes:
-        now = max(last.values(), default=0) + 1000 * wait_ms
-        streams.set_interval(number, interval, now)
-        last.pop(number, None)
-        due = streams.take_due(now)
-        assert len(due) == len(set(due))
-        for numbers in due:
-            assert now >= last.get(numbers, -(10**12)) + 4000
-            last[numbers] = now
-        assert streams.next_us > now

@@ -40,14 +40,6 @@ def test_each_kind_is_the_outermost_loop_that_is_commanded():
     assert demand(OffboardSetpoint(rates=np.zeros(3), thrust=0.5)).kind == ControlLevel.RATES
 
 
-def test_feed_forward_goes_along_with_the_position():
-    d = demand(motion([1, 2, 3], [4, 5, 6], [7, 8, 9], yaw=0.3))
-    np.testing.assert_array_equal(d.position, [1, 2, 3])
-    np.testing.assert_array_equal(d.velocity, [4, 5, 6])
-    np.testing.assert_array_equal(d.acceleration, [7, 8, 9])
-    assert d.yaw == 0.3 and math.isnan(d.yaw_rate)
-
-
 def test_which_axes_may_be_left_out():
     """PX4: every axis needs something, and x and y are commanded alike."""
     for commanded in itertools.product([False, True], repeat=9):
@@ -64,13 +56,6 @@ def test_the_body_frame_turns_with_the_heading_and_knows_no_position():
     np.testing.assert_allclose(d.velocity, [0, 1, 0.5], atol=1e-12)
     np.testing.assert_allclose(d.acceleration, [-1, 0, 0], atol=1e-12)
     assert np.isnan(d.position).all() and d.kind == ControlLevel.VELOCITY
-
-
-def test_the_body_frame_stays_level_when_the_vehicle_tilts():
-    half = 0.3
-    pitched = np.array([0.0, math.sin(half), 0.0, math.cos(half)])
-    d = demand(motion(velocity=[1, 0, 0], frame="body"), pitched)
-    np.testing.assert_allclose(d.velocity, [1, 0, 0], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -95,30 +80,3 @@ def test_the_body_frame_stays_level_when_the_vehicle_tilts():
 )
 def test_refused_with_the_reason(target, why):
     assert why in refusal(target)
-
-
-def test_thrust_is_bounded_and_a_quaternion_made_unit():
-    assert demand(OffboardSetpoint(attitude=LEVEL, thrust=7.0)).thrust == 1.0
-    assert demand(OffboardSetpoint(attitude=LEVEL, thrust=-1.0)).thrust == 0.0
-    d = demand(OffboardSetpoint(attitude=1.1 * EAST_90, thrust=0.5))
-    np.testing.assert_allclose(d.attitude, EAST_90)
-
-
-def test_rates_that_are_not_commanded_are_zero():
-    d = demand(OffboardSetpoint(rates=np.array([NAN, 0.2, NAN]), thrust=0.5))
-    np.testing.assert_array_equal(d.rates, [0.0, 0.2, 0.0])
-
-
-def test_motion_goes_before_attitude():
-    assert (
-        demand(OffboardSetpoint(velocity=np.ones(3), attitude=LEVEL, thrust=0.5)).kind
-        == ControlLevel.VELOCITY
-    )
-
-
-def test_a_target_is_not_changed_and_not_kept():
-    wanted = motion([1, 2, math.inf], [NAN, NAN, 1])
-    d = demand(wanted)
-    assert wanted.position[2] == math.inf
-    wanted.position[0] = 50.0
-    assert d.position[0] == 1.0 and math.isnan(d.position[2])

@@ -6,7 +6,7 @@ from vehicle_bench import GROUND, Flight, hovering, motion, ready
 
 from tombo_px4.autopilot.vehicle_state import TakeoffState
 from tombo_px4.link.decoded_messages import MavLandedState, Result
-from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, OFFBOARD
+from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD
 
 pytestmark = pytest.mark.slow
 
@@ -75,18 +75,6 @@ def test_takes_off_again_without_disarming():
     flight.fly(6.0, motion([0, 0, 1.0], yaw=0.0))
     assert flight.vehicle.landed == MavLandedState.IN_AIR
     assert flight.body[2] == pytest.approx(1.0, abs=0.1)
-
-
-def test_battery_runs_down_in_flight_and_sends_it_home():
-    flight = ready()
-    table = flight.vehicle.parameters
-    table.set("BAT1_CAPACITY", 30.0)
-    table.set("COM_LOW_BAT_ACT", 3)
-    flight.take_off()
-    flight.fly_until(lambda: flight.vehicle.mode == AUTO_RTL, 20.0)
-    assert flight.vehicle.battery.remaining < table.get("BAT_CRIT_THR")
-    assert flight.vehicle.failsafe and flight.heard("Critical battery")
-    assert 3.0 < flight.vehicle.battery.current < 40.0
 
 
 def run(seed: int) -> bytes:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from vehicle_bench import GROUND, NAN, hovering, motion, ready
 
-from tombo_dynamics.rotation import quaternion_multiply, tilt, yaw_pitch_roll
+from tombo_dynamics.rotation import quaternion_multiply, yaw_pitch_roll
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle_state import TakeoffState
 from tombo_px4.link.decoded_messages import MavLandedState, Result
-from tombo_px4.modes import AUTO_LAND, OFFBOARD
+from tombo_px4.modes import OFFBOARD
 
 
 def tilted(pitch_deg: float = 0.0, roll_deg: float = 0.0) -> np.ndarray:
@@ -31,35 +31,12 @@ def test_height_is_held_while_only_the_velocity_across_is_commanded():
     assert np.abs(rows[:, 2] - 2.0).max() < 0.1
 
 
-def test_acceleration():
-    flight = hovering(vision=True)
-    flight.fly(1.0, motion([NAN, NAN, 2.0], push=[0.0, 0.6, NAN], yaw=0.0))
-    rows = flight.fly(1.0)
-    assert np.diff(rows[[0, -1], 4])[0] == pytest.approx(0.5, abs=0.15)
-    assert abs(rows[-1, 3]) < 0.1
-
-
 def test_velocity_ahead_of_the_body():
     flight = hovering(vision=True)
     flight.fly(4.0, motion([0, 0, 2.0], yaw=1.2))
     flight.fly(4.0, motion(velocity=[0.6, 0.0, 0.0], frame="body", yaw_rate=0.0))
     wanted = [0.6 * math.cos(1.2), 0.6 * math.sin(1.2)]
     np.testing.assert_allclose(flight.body[3:5], wanted, atol=0.08)
-
-
-def test_yaw_rate_turns_on_the_spot():
-    flight = hovering(vision=True)
-    flight.fly(2.0, motion([0, 0, 2.0], yaw_rate=0.5))
-    rows = flight.fly(2.0)
-    assert rows[:, 12].mean() == pytest.approx(0.5, abs=0.05)
-    assert np.linalg.norm(rows[-1, :2]) < 0.15
-
-
-def test_without_yaw_the_heading_is_held():
-    flight = hovering(vision=True)
-    flight.fly(4.0, motion([0, 0, 2.0], yaw=0.8))
-    flight.fly(3.0, motion([0, 0, 2.0]))
-    assert yaw_pitch_roll(flight.body[6:10])[0] == pytest.approx(0.8, abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -75,18 +52,6 @@ def test_attitude_is_taken_and_accelerates_that_way(pitch, roll, axis, sign):
     assert p.mean() == pytest.approx(pitch, abs=0.5) and r.mean() == pytest.approx(roll, abs=0.5)
     assert sign * rows[-1, 3 + axis] > 0.5
     assert abs(rows[-1, 5]) < 0.2  # the hover's thrust keeps the height, about
-
-
-def test_an_attitude_may_turn_with_a_yaw_rate():
-    flight = hovering(vision=True)
-    hover = flight.vehicle.parameters.get("MPC_THR_HOVER")
-    yaw = 0.0
-    for _ in range(20):
-        yaw += 0.05 * 0.4
-        q = np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)])
-        flight.target = OffboardSetpoint(attitude=q, rates=np.array([NAN, NAN, 0.4]), thrust=hover)
-        rows = flight.fly(0.05)
-    assert rows[:, 12].mean() == pytest.approx(0.4, abs=0.06)
 
 
 def test_rates_are_followed():
@@ -120,14 +85,6 @@ def test_a_take_off_by_set_points_begins_gently():
     assert flight.fly(2.0)[:, 5].max() > 1.5
 
 
-def test_limit_of_tilt():
-    flight = hovering(vision=True)
-    flight.vehicle.parameters.set("MPC_TILTMAX_AIR", 20.0)
-    flight.target = motion(velocity=[8.0, 0.0, 0.0], yaw=0.0)
-    most = np.rad2deg(tilt(flight.fly(1.5)[:, 6:10])).max()
-    assert 18.0 < most < 25.0
-
-
 # --- The stream ------------------------------------------------------------------------------
 
 
@@ -156,22 +113,6 @@ def test_set_points_are_followed_only_while_the_mode_is_flown():
     assert flight.vehicle.mode == OFFBOARD and abs(flight.body[0] + 1.0) < 0.2
     flight.fly(4.0, motion([1.0, 0.0, 2.0]))
     assert flight.body[0] > 0.8
-
-
-def test_stream_lost_without_a_global_position_it_lands():
-    flight = hovering(vision=True)
-    flight.target = None
-    flight.fly(1.1)
-    assert flight.vehicle.mode == AUTO_LAND and flight.vehicle.failsafe
-    flight.fly_until(lambda: not flight.vehicle.armed, 12.0)
-
-
-def test_refused_set_points_are_no_sign_of_life_and_told_once():
-    flight = hovering(vision=True)
-    flight.texts.clear()
-    flight.fly(1.2, motion([1.0, NAN, NAN]))
-    assert flight.vehicle.failsafe
-    assert sum("invalid set point" in text for text in flight.texts) == 1
 
 
 @pytest.mark.slow

@@ -176,11 +176,6 @@ def parameters(**values):
         (both(lambda p, q: (p, np.roll(q, 1))), "mocap_up", "quaternion is w first"),
         (both(turned("x", math.pi)), "mocap_up", "hangs upside down"),
         ({"as_mocap": turned("y", 0.35)}, "mocap_up", "tilted by 20 deg"),
-        (follows(2.0, 1.0, -0.18), "position_differs", "ENU taken for NED"),
-        (follows(-2.0, 1.0, 0.18), "position_differs", "turned by 90 deg"),
-        (follows(-1.0, 2.0, 0.18), "position_differs", "mirrored in x"),
-        (follows(1.0, 2.0, 0.9), "position_differs", "height is +0.72 m off"),
-        (follows(0.0, 0.0, 0.0), "position_differs", "m away from the pose"),
         (follows(1.25, 2.0, 0.18), "position_differs", "0.25 m away"),
     ],
 )
@@ -209,11 +204,7 @@ def test_a_fault_that_may_be_flown_with_is_a_warning(lab, change, key, words):
     assert words in lab.warning(key)
 
 
-def test_after_a_loss_no_axes_and_no_poses_are_made_up(lab):
-    vars(lab).update(follows(1.0, -0.18, 2.0) | told(is_aided=False))  # that is Y-up of the pose
-    assert "m away from the pose" in lab.text("position_differs")
-    vars(lab).update(told() | {"flying": True})
-    assert "m away from the pose" in lab.text("position_differs")
+def test_after_a_loss_no_poses_are_made_up(lab):
     vars(lab).update(told(is_aided=False) | {"rate": 0})
     assert "pose_stale" in lab.finding_keys() and "not_fused" not in lab.finding_keys()
 
@@ -359,9 +350,7 @@ def test_up_is_right_whichever_way_the_nose_points(yaw, tilt, about):
 def test_a_heading_that_px4_has_from_elsewhere_is_compared(lab, turn):
     """By its magnetometer, that is; with the poses' own yaw there is nothing to compare."""
     lab.as_mocap = lambda p, q: (p, quaternion_multiply(q, spin("z", math.radians(turn))))
-    text = lab.text("yaw_differs")
-    assert f"differs from PX4 by {turn:+} deg" in text or turn == 180
-    assert ("not the nose" in text) == (turn != 35)
+    assert f"differs from PX4 by {turn:+} deg" in lab.text("yaw_differs") or turn == 180
 
 
 # --- the proof of the axes ---------------------------------------------------------------------

@@ -18,11 +18,11 @@ from tombo_control.estimator import correct
 from tombo_control.tick_calls import predict, store_history, update_body_rates
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.records import numbers
-from tombo_dynamics.rotation import rotate_vector, up_in_body, yaw_of
+from tombo_dynamics.rotation import up_in_body, yaw_of
 from tombo_dynamics.time_base import TICK_HZ, TICK_S
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.frames import flu_from_frd, quaternion_of_angles
+from tombo_px4.frames import quaternion_of_angles
 from tombo_sim.simulator import Simulator
 
 _ALIGN_TICKS = 200
@@ -153,18 +153,10 @@ class Ekf2Model:
         if captured - self._newest_vision > _GAP_TICKS:
             self._state_history.clear()
         self._newest_vision = captured
-        lever = self._tracked_body_offset()
-        if lever is not None:
-            position = position - rotate_vector(self._autopilot.state.attitude, lever)
         unit = abs(math.sqrt(float(attitude @ attitude)) - 1.0) <= _UNIT
         yaw = yaw_of(attitude) if unit else math.nan  # PX4 drops the attitude, and says nothing
         self._vision.append(_Fix(captured, captured, position.copy(), yaw))
         return ""
-
-    def _tracked_body_offset(self) -> Array | None:
-        """Return where the tracked body is (3), base_link; None: at its origin."""
-        place = [self._parameters.get(f"EKF2_EV_POS_{axis}") for axis in "XYZ"]
-        return flu_from_frd(place) if any(place) else None
 
     def sense(self, simulator: Simulator, airborne: bool) -> None:
         """Take the samples of the present tick, before the control loops run."""

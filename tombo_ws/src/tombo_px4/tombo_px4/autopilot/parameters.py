@@ -70,9 +70,6 @@ PARAMETERS: tuple[Px4Parameter, ...] = (
     _float("EKF2_EVA_NOISE", 0.1, 0.05, 1.0, "rad", "noise of vision's yaw, for the gate"),
     _float("EKF2_EVP_GATE", 5.0, 1.0, 50.0, "SD", "vision beyond so many deviations is refused"),
     _int("EKF2_EV_NOISE_MD", 0, 0, 1, "where vision's noise is taken from", acts=False),
-    _float("EKF2_EV_POS_X", 0.0, -10.0, 10.0, "m", "the tracked body is so far ahead"),
-    _float("EKF2_EV_POS_Y", 0.0, -10.0, 10.0, "m", "the tracked body is so far to the right"),
-    _float("EKF2_EV_POS_Z", 0.0, -10.0, 10.0, "m", "the tracked body is so far below"),
     _float("EKF2_GPS_DELAY", 110.0, 0.0, 300.0, "ms", "age of a GPS fix when it arrives"),
     _float("EKF2_GPS_P_NOISE", 0.5, 0.01, 10.0, "m", "noise that a GPS fix is taken to have"),
     _int(

@@ -1,4 +1,4 @@
-"""Which mistake in axes explains a pose, found by gravity and by PX4's own estimate.
+"""Which mistake in axes explains a pose, found by gravity.
 
 At rest the accelerometer points up. Turned by the pose's attitude it must point along +z of
 `map`. If it does only after one of the usual mistakes is undone, that mistake is named. What a
@@ -136,28 +136,6 @@ class AxesEvidence:
             for key, value in values.items()
         }
         return cls(**made)
-
-
-def explain_place(theirs: Array, ours: Array, limit: float) -> str:
-    """Return which mistake in axes makes PX4's position (3) differ from the pose's (3); or "".
-
-    The bridge itself turns poses into PX4's axes, so another one must be feeding PX4 as well.
-    """
-    x, y, z = (float(v) for v in ours)
-    for mistake, place in (
-        ("ENU taken for NED", (y, x, -z)),
-        ("x and y exchanged", (y, x, z)),
-        ("z upside down", (x, y, -z)),
-        ("turned by 90 deg", (-y, x, z)),
-        ("turned by -90 deg", (y, -x, z)),
-        ("turned by 180 deg", (-x, -y, z)),
-        ("mirrored in x", (-x, y, z)),
-        ("mirrored in y", (x, -y, z)),
-        ("Y-up", (x, -z, y)),
-    ):
-        if math.dist(place, theirs) <= limit < math.dist(place, (x, y, z)):
-            return mistake
-    return ""
 
 
 def valid_proof(proofs: Iterable[AxesEvidence], vehicle: str) -> AxesEvidence | None:

@@ -23,13 +23,7 @@ from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.bridge.hand_rotation_check import CARRY_M, TURN_RAD, HandVerdict, MotionCheck
-from tombo_px4.bridge.pose_axes import (
-    AxesEvidence,
-    explain_place,
-    explain_up,
-    up_in_pose_body,
-    valid_proof,
-)
+from tombo_px4.bridge.pose_axes import AxesEvidence, explain_up, up_in_pose_body, valid_proof
 from tombo_px4.bridge.vehicle_parameters import (
     DELAY_MAX,
     EV_DELAY,
@@ -354,14 +348,21 @@ class Preflight:
         if pairs is None:
             return
         ours, theirs, turn = pairs
-        limit = self._params.position_error_max
-        if math.dist(ours, theirs) > limit * (_IN_FLIGHT if flying else 1.0):
-            # dead reckoning after a loss may lead anywhere: no axes explain it
-            fuses = state is not None and state.is_aided and not flying
-            text = _explain_offset(ours, theirs, limit, by_axes=fuses)
+        off, limit = math.dist(ours, theirs), self._params.position_error_max
+        if off > limit * (_IN_FLIGHT if flying else 1.0):
+            text = (
+                f"PX4's position is {off:.2f} m away from the pose: pose ({_place(ours)}), PX4"
+                f" ({_place(theirs)}); are the poses fused (EKF2_EV_CTRL 11, EKF2_HGT_REF 3), does"
+                " another sensor, or another sender with other axes, feed PX4?"
+            )
             yield PreflightFinding("position_differs", text)
         if abs(turn) > self._params.yaw_error_max:
-            yield PreflightFinding("yaw_differs", _explain_turn(math.degrees(turn)))
+            text = (
+                f"yaw of mocap body differs from PX4 by {math.degrees(turn):+.0f} deg: x of the"
+                " rigid body is not the nose, or PX4's heading comes from the magnetometer"
+                " (EKF2_EV_CTRL bit 3)"
+            )
+            yield PreflightFinding("yaw_differs", text)
 
     def _pairs(self, now_ns: int) -> tuple[Array, Array, float] | None:
         """Return position of the pose, that of PX4, and yaw of the pose against PX4's.
@@ -539,42 +540,8 @@ def _findings_of_place(recent: list[_SentPose], at_rest: bool) -> Iterator[Prefl
         yield PreflightFinding("pose_moves", text)
 
 
-def _explain_offset(ours: Array, theirs: Array, limit: float, *, by_axes: bool) -> str:
-    places = f"pose ({_place(ours)}), PX4 ({_place(theirs)})"
-    mistake = explain_place(theirs, ours, limit) if by_axes else ""
-    if mistake:
-        return (
-            f"PX4's position is the pose with {mistake}: {places}; does somebody else feed PX4"
-            " too, with other axes?"
-        )
-    off = math.dist(ours, theirs)
-    if abs(off - abs(float(ours[2] - theirs[2]))) < 0.3 * limit:
-        return (
-            f"PX4's height is {theirs[2] - ours[2]:+.2f} m off the pose's: {places}; height must"
-            " come from vision (EKF2_HGT_REF 3, EKF2_EV_CTRL bit 1)"
-        )
-    return (
-        f"PX4's position is {off:.2f} m away from the pose: {places}; it does not follow: are the"
-        " poses fused (EKF2_EV_CTRL), is another sensor stronger?"
-    )
-
-
 def _place(position: Array) -> str:
     return ", ".join(f"{p:.2f}" for p in position)
-
-
-def _explain_turn(degrees: float) -> str:
-    text = f"yaw of mocap body differs from PX4 by {degrees:+.0f} deg: "
-    quarter = round(degrees / 90.0) * 90
-    if quarter and abs(degrees - quarter) < 10.0:
-        return text + (
-            "x of the rigid body is not the nose; define it again with the nose along +x, or PX4's"
-            " heading comes from the magnetometer (EKF2_EV_CTRL bit 3)"
-        )
-    return text + (
-        "PX4 takes its heading from elsewhere (magnetometer; EKF2_EV_CTRL bit 3), or the body was"
-        " defined at an angle"
-    )
 
 
 def _newest(records: deque[_Arrived], now_ns: int) -> list[_Arrived]:
