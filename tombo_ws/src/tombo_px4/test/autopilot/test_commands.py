@@ -148,29 +148,3 @@ def test_places_of_command_int_are_degrees_and_the_highest_number_is_none():
     assert command.params[4] == pytest.approx(47.397742)
     assert math.isnan(command.params[5])
     assert (command.params[6], command.frame) == (500.0, 5)
-
-
-def test_home_is_moved(b):
-    latitude, longitude, altitude = b.endpoint.origin.global_of((3.0, 4.0, 0.1))
-    b.client.send(
-        b.client.mav.command_int_encode(
-            1, 1, 0, 179, 0, 0, 0, 0, 0, 0, round(1e7 * latitude), round(1e7 * longitude),
-            altitude,
-        )
-    )  # fmt: skip
-    assert b.wait("COMMAND_ACK", command=179).result == ACCEPTED
-    home = b.wait("HOME_POSITION", 3.0)
-    assert (home.x, home.y, home.z) == pytest.approx((4.0, 3.0, -0.1), abs=0.02)
-    for place in ((91.0, 8.0), (47.0, 181.0)):
-        assert b.acks(179, 0.0, 0.0, 0.0, 0.0, *place, 500.0) == [DENIED]
-    assert b.vehicle.home[0] == pytest.approx(3.0, abs=0.02)
-    assert b.acks(179, 1.0) == [ACCEPTED]
-    assert b.vehicle.home[0] == pytest.approx(0.0, abs=0.1)
-
-
-def test_the_speed_of_auto_modes_is_changed(fresh):
-    assert fresh.acks(SPEED, 1.0, 0.7) == [ACCEPTED]
-    assert fresh.vehicle.parameters.get("MPC_XY_CRUISE") == pytest.approx(0.7)
-    assert fresh.acks(SPEED, 1.0, 500.0) == [DENIED]
-    assert fresh.acks(SPEED, 3.0, 0.7) == [UNSUPPORTED]
-    assert fresh.vehicle.parameters.get("MPC_XY_CRUISE") == pytest.approx(0.7)

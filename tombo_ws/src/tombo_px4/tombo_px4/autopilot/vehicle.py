@@ -329,15 +329,6 @@ class Px4Vehicle:
             self._navigator.go_to(goal, finite_or_nan(yaw))
         return result
 
-    def set_home(self, position: Array | None = None) -> Result:
-        """Make a place (3) in map home; None: where it is."""
-        place = self._state.position if position is None else np.array(position, dtype=float)
-        possible = place.shape == (3,) and bool((np.abs(place) < _FARTHEST).all())
-        if not self.ekf2_model.local_ok(self.tick) or not possible:
-            return Result.DENIED
-        self._home = place.copy()
-        return Result.ACCEPTED
-
     def terminate(self) -> Result:
         """Stop the rotors for good, wherever it is."""
         return self._commander.terminate(self._commander_input())

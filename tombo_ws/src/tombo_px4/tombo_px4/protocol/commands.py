@@ -25,7 +25,6 @@ _GLOBAL_FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 _NO_PLACE = 0x7FFFFFFF
 _MAIN_MODES = {mode.main for mode in modes.MODE_NAMES}
 _CHANGE_MODE = mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
-_AIR_SPEED, _GROUND_SPEED = 0, 1
 _LARGEST_ID = 0xFFFFFF
 
 
@@ -96,12 +95,8 @@ class CommandServer:
             mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda c: vehicle.return_home(),
             mavlink.MAV_CMD_NAV_LOITER_UNLIM: lambda c: vehicle.hold(),
             mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
-            mavlink.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
-            mavlink.MAV_CMD_DO_SET_HOME: self._set_home,
             mavlink.MAV_CMD_DO_FLIGHTTERMINATION: self._terminate,
-            mavlink.MAV_CMD_MISSION_START: lambda c: _NO_MISSION,
             mavlink.MAV_CMD_RUN_PREARM_CHECKS: self._check,
-            mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: self._reboot,
             mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
             mavlink.MAV_CMD_REQUEST_MESSAGE: self._request_message,
             mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda c: _send(
@@ -168,24 +163,6 @@ class CommandServer:
         place = self._origin.local_of(latitude, longitude, self._origin.altitude_m)
         return np.array([place[0], place[1], height])
 
-    def _change_speed(self, command: ReceivedCommand) -> Answer:
-        """Change the speed of AUTO modes, by its parameter: PX4 keeps it apart."""
-        kind, speed = whole(command.params[0]), command.params[1]
-        if kind not in (_AIR_SPEED, _GROUND_SPEED):
-            return Result.UNSUPPORTED
-        if speed < 0.0:  # no change, or back to the default, which the parameter is
-            return Result.ACCEPTED
-        refusal = self._vehicle.parameters.set("MPC_XY_CRUISE", speed)
-        return Result.DENIED if refusal else Result.ACCEPTED
-
-    def _set_home(self, command: ReceivedCommand) -> Answer:
-        if whole(command.params[0]) == 1:
-            return self._vehicle.set_home()
-        place = self._place(command)
-        if command.frame not in _GLOBAL_FRAMES:
-            return Result.UNSUPPORTED_FRAME
-        return Result.DENIED if place is None else self._vehicle.set_home(place)
-
     def _terminate(self, command: ReceivedCommand) -> Answer:
         return self._vehicle.terminate() if command.params[0] > 0.5 else Result.DENIED
 
@@ -193,14 +170,6 @@ class CommandServer:
         if self._vehicle.armed:
             return Result.TEMPORARILY_REJECTED
         return CommandReply(Result.ACCEPTED, text="; ".join(self._vehicle.health.problems))
-
-    def _reboot(self, command: ReceivedCommand) -> Answer:
-        if whole(command.params[0]) == 0:
-            return Result.ACCEPTED
-        if self._vehicle.armed:
-            return CommandReply(Result.DENIED, text="reboot denied: armed")
-        text = "reboot denied: start the simulation again instead"
-        return CommandReply(Result.DENIED, text=text)
 
     def _set_interval(self, command: ReceivedCommand, streams: StreamTable) -> Result:
         number, interval = whole(command.params[0]), command.params[1]
@@ -224,6 +193,3 @@ class CommandServer:
 
 def _send(number: int) -> CommandReply:
     return CommandReply(Result.ACCEPTED, message=number)
-
-
-_NO_MISSION = CommandReply(Result.DENIED, text="mission refused: there is none")

@@ -84,7 +84,6 @@ def no_files(mav: Any, message: Any, system: int, component: int) -> Any | None:
 
 
 _EVERYBODY = 0
-_MOST_NEIGHBOURS = 64
 _BROADCAST = (
     mavlink.MAV_CMD_REQUEST_MESSAGE,
     mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION,
@@ -144,8 +143,6 @@ class MessageRouter:
             "SET_POSITION_TARGET_GLOBAL_INT": (self._target, False),
             "SET_ATTITUDE_TARGET": (self._target, False),
             "SET_GPS_GLOBAL_ORIGIN": (self._set_origin, True),
-            "MANUAL_CONTROL": (self._manual_control, False),
-            "RC_CHANNELS_OVERRIDE": (self._manual_control, True),
             "LOG_REQUEST_LIST": (self._reply_with(no_logs), True),
             "FILE_TRANSFER_PROTOCOL": (self._reply_with(no_files), True),
             "PING": (self._reply_with(ping_answer), False),
@@ -156,11 +153,7 @@ class MessageRouter:
         """Take a message."""
         received = routed.received
         sender = (received.system, received.component)
-        if sender == (self.system, self.component):
-            self._report_refusal("messages with this vehicle's own ids are ignored")
-            return
-        if sender in self.heard_systems or len(self.heard_systems) < _MOST_NEIGHBOURS:
-            self.heard_systems[sender] = routed.arrival_us
+        self.heard_systems[sender] = routed.arrival_us
         kind = received.message.get_type()
         handler, only_ours = self._handlers.get(kind, (None, False))
         if handler is None:
@@ -285,9 +278,6 @@ class MessageRouter:
         message = self._telemetry.message(number, routed.port.mav)
         if message is not None:
             routed.port.link.send(message, routed.received.peer)
-
-    def _manual_control(self, routed: RoutedMessage) -> None:
-        self._report_refusal(f"{routed.received.message.get_type()} ignored: no manual modes here")
 
     def _reply_with(
         self, make: Callable[[Any, Any, int, int], Any]

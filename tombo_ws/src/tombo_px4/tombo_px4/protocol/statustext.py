@@ -1,6 +1,6 @@
 """STATUSTEXT where a ground station is heard, events on all links; refusals are counted.
 
-Texts come in pieces if they are long, and are limited in rate. Events say the same as the texts;
+Texts come in pieces if they are long. Events say the same as the texts;
 no file explains them.
 """
 
@@ -87,11 +87,9 @@ def event_of(text: str) -> tuple[Px4Event, int] | None:
 PIECE = 50
 """Bytes of text that a message carries."""
 _MOST_PIECES = 6
-_BURST, _PER_SECOND = 40.0, 10.0
 _MOST_UNREAD = 256
 _AGAIN_US = 30_000_000
 """A refusal for the same reason is sent again after this time."""
-_MOST_REASONS = 256
 
 
 class StatusTextSender:
@@ -107,19 +105,11 @@ class StatusTextSender:
         self.counts: dict[str, int] = {}
         """How often something was refused, by reason."""
         self._refusal_sent_us: dict[str, int] = {}
-        self._rate_tokens = _BURST
-        self._refilled_us = 0
         self.sent_texts: list[tuple[int, str]] = []
         """Severity and text of what was sent; the reader empties the list."""
 
     def say(self, severity: int, text: str, boot_us: int) -> None:
-        """Send a text now, unless there were too many."""
-        self._rate_tokens += (boot_us - self._refilled_us) * 1e-6 * _PER_SECOND
-        self._rate_tokens = min(self._rate_tokens, _BURST)
-        self._refilled_us = boot_us
-        if self._rate_tokens < 1.0:
-            return
-        self._rate_tokens -= 1.0
+        """Send a text now."""
         if len(self.sent_texts) < _MOST_UNREAD:
             self.sent_texts.append((severity, text))
         event, mark = event_of(text), ""
@@ -170,8 +160,6 @@ class StatusTextSender:
 
     def note(self, reason: str, boot_us: int) -> bool:
         """Count a refusal; return whether a text may be sent about it now."""
-        if reason not in self.counts and len(self.counts) >= _MOST_REASONS:
-            reason = "other"
         self.counts[reason] = self.counts.get(reason, 0) + 1
         last_us = self._refusal_sent_us.get(reason)
         if last_us is not None and boot_us - last_us < _AGAIN_US:
