@@ -284,8 +284,8 @@ def test_in_wind_the_order_of_a_quaternion_is_right_or_doubtful(across):
     t = np.arange(0.0, 40.0, 0.01)
     swing = np.sin(np.array([1.3, 2.1, 0.7]) * t[:, None])
     place = np.array([0.8, across, 0.1]) * swing
-    curve = -np.array([1.3, 2.1, 0.7]) ** 2 * place
-    force = curve + [0.0, 0.0, GRAVITY] - [2.5, -1.0, 0.0]  # of the air: a steady wind
+    curve = -(np.array([1.3, 2.1, 0.7]) ** 2) * place
+    force = curve + np.array([-2.5, 1.0, GRAVITY])  # of the air: a steady wind
     z = force / np.linalg.norm(force, axis=1)[:, None]
     y = np.cross(z, [np.cos(0.24), np.sin(0.24), 0.0])
     y /= np.linalg.norm(y, axis=1)[:, None]
