@@ -164,7 +164,7 @@ def fly(
     """Fly a scenario, headless: the flight of `tombo fly`, to the last bit.
 
     Args:
-        scenario: a name of `tombo scenarios`, or a YAML file.
+        scenario: a name of `tombo list scenarios`, or a YAML file.
         seed: all random draws come from it.
         reaction: to collisions, in place of the scenario's: a name, or one of your own.
         model: a model.yaml, whose effects are laid over those of the scenario.

@@ -85,7 +85,7 @@ class CollisionEnv(gymnasium.Env[Any, Any]):
         """Prepare the flights.
 
         Args:
-            scenario: a name of `tombo scenarios`, or a YAML file.
+            scenario: a name of `tombo list scenarios`, or a YAML file.
             disturbances: as --disturbances.
             starts: so many flights up to the collision, of seeds 0 to `starts` - 1, are flown once
                 and begun from again. None: every episode has a flight of its own.

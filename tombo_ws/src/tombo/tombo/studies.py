@@ -34,7 +34,7 @@ def sweep(
     """Fly a scenario over a design of settings and seeds: what `tombo sweep` does.
 
     Args:
-        scenario: names of `tombo scenarios` or YAML files, with commas between them; also
+        scenario: names of `tombo list scenarios` or YAML files, with commas between them; also
             "collisions", and a file with cases (docs/sweep.md).
         axes: key of a setting → values, or a text as "1.1:1.7:0.1" or, for drawn designs, "1:2" or
             "norm(1.3,0.02)".

@@ -10,7 +10,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch import LaunchDescription
 from tombo_bringup.launching import description, suite_node
 
-ARGUMENTS = {"reaction": ("", "a name of `tombo reactions`; empty: that of params_file")}
+ARGUMENTS = {"reaction": ("", "a name of `tombo list reactions`; empty: that of params_file")}
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -17,7 +17,7 @@ def generate_launch_description() -> LaunchDescription:
         (
             "scenario",
             "paper_collision",
-            "built-in name (`tombo scenarios`) or path of a YAML file",
+            "built-in name (`tombo list scenarios`) or path of a YAML file",
         ),
         ("seed", "0", "all randomness of the flight derives from it"),
         ("folder", _FOLDER, "where the files go: a folder, new or empty"),

@@ -23,7 +23,7 @@ ARGUMENTS = {
         LaunchConfiguration("sim"),
         "true: the poses are of a model, their axes need no proof; with hil:=true, set it",
     ),
-    "reaction": ("", "a name of `tombo reactions`; empty: that of params_file"),
+    "reaction": ("", "a name of `tombo list reactions`; empty: that of params_file"),
     "record": ("", "folder for the bag; empty: nothing is recorded"),
 }
 

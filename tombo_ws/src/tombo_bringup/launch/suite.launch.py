@@ -17,7 +17,7 @@ ARGUMENTS = {
         LaunchConfiguration("sim"),
         "true: take off without a command; default: only a simulated vehicle",
     ),
-    "reaction": ("", "a name of `tombo reactions`; empty: that of params_file"),
+    "reaction": ("", "a name of `tombo list reactions`; empty: that of params_file"),
     "speed": ("1.0", "of the simulation, times real time; not 1 only with use_sim_time:=true"),
     "record": ("", "folder for the bag; empty: nothing is recorded"),
     "rviz": ("false", "true: start RViz (rviz2)"),

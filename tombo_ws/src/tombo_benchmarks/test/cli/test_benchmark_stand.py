@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tombo_benchmarks.cli.benchmark_stand_command import benchmark_stand
+from tombo_benchmarks.cli.benchmark_run import DrawnCases
 from tombo_benchmarks.diagnosis.cases import SIZES
 from tombo_benchmarks.diagnosis.stand_cases import make_case
 from tombo_benchmarks.diagnosis.stand_evaluation import benchmark
@@ -22,7 +22,7 @@ from tombo_dynamics.propeller.effects import STAND_EFFECTS
 def test_a_benchmark_that_can_not_be_written_says_so_at_once(tmp_path, monkeypatch, place):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="can't be written"):
-        benchmark_stand(cases=1, output=Path(place))
+        DrawnCases(cases=1, output=Path(place))
     assert not any(tmp_path.iterdir())
 
 

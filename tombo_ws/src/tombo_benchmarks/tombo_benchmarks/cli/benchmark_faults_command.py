@@ -4,42 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Annotated, Any, Final
+from typing import Any
 
 import typer
 
-from tombo_benchmarks.cli.benchmark_run import AsJson, Cases, Output, checked, run_and_print
-from tombo_bringup.cli.options import Seed, Workers, integer_option, number_option
+from tombo_benchmarks.cli.benchmark_run import DrawnCases
+from tombo_bringup.cli.options import option, record
 from tombo_dynamics.errors import InputError
 
-FAULT_EXIT_CODES: Final = (
-    "Exit code: 0 whatever is found; 2 for bad input or output that can't be written; 130 after "
-    "Ctrl-C."
-)
-_MOST_FLIGHTS: Final = 10_000
 _FEWEST_S, _MOST_S = 1.0, 3600.0
 
 
-def benchmark_faults(
-    cases: Cases = 1000,
-    flights: Annotated[
-        int,
-        integer_option("--flights N", "Fly each scenario N times: does the touchdown test fire?"),
-    ] = 0,
-    nodes: Annotated[
-        float,
-        number_option(
-            "--nodes S",
-            "Kill or stop each node in flight; look at S seconds behind.",
-            f"0, or {_FEWEST_S:g} to {_MOST_S:g}",
-        ),
-    ] = 0.0,
-    seed: Seed = 0,
-    workers: Workers = None,
-    output: Output = None,
-    as_json: AsJson = False,
-) -> None:
-    """Check every fault, every pair in every phase, and N random sequences of faults.
+@record
+class _InFlight:
+    flights: int = option(
+        "--flights N",
+        "Fly each scenario N times: does the touchdown test fire?",
+        0,
+        bounds=(0, 10_000),
+    )
+    nodes: float = option(
+        "--nodes S",
+        "Kill or stop each node in flight; look at S seconds behind.",
+        0.0,
+        accepted=f"0, or {_FEWEST_S:g} to {_MOST_S:g}",
+    )
+
+
+def benchmark_faults(drawn: DrawnCases, in_flight: _InFlight) -> None:
+    """Check every fault, every pair in every phase, and N (1000) random sequences of faults.
 
     Mission, reaction and controller are those of the flight, around a point that flies
     (docs/faults.md). Counted: thrust after touchdown, take-offs without a command, set points
@@ -51,12 +44,10 @@ def benchmark_faults(
     from tombo_benchmarks.faults.fault_benchmark import check_faults, touchdown_in_flight
     from tombo_benchmarks.faults.fault_flights import fly_faults
 
-    if not 0 <= flights <= _MOST_FLIGHTS:
-        raise InputError(f"--flights {flights}: out of bounds; accepted: 0 to {_MOST_FLIGHTS}")
+    flights, nodes = in_flight.flights, in_flight.nodes
     if nodes and not _FEWEST_S <= nodes <= _MOST_S:
         accepted = f"0, or {_FEWEST_S:g} to {_MOST_S:g}"
         raise InputError(f"--nodes {nodes:g}: out of bounds; accepted: {accepted}")
-    count = checked(cases, workers, output)
 
     def run(
         cases: int, seed: int, workers: int, progress: Callable[..., Any],
@@ -70,7 +61,7 @@ def benchmark_faults(
             more["nodes"] = fly_faults(nodes, seed, progress, stop)
         return replace(found, aggregate={**found.aggregate, **more})
 
-    run_and_print("faults", run, cases, seed, count, output, as_json, _show)
+    drawn.score_drawn("faults", run, 1000, _show)
 
 
 def _show(aggregate: Mapping[str, Any], violating: int) -> None:

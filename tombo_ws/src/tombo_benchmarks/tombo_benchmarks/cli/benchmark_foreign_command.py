@@ -9,43 +9,19 @@ from functools import partial
 
 import typer
 
-from tombo_benchmarks.cli.benchmark_run import (
-    AsJson,
-    Cases,
-    Output,
-    checked,
-    print_benchmark,
-    run_and_print,
-)
-from tombo_bringup.cli.options import Seed, Workers
+from tombo_benchmarks.cli.benchmark_run import DrawnCases, print_benchmark
 from tombo_dynamics.errors import InputError
 
 
-def benchmark_foreign(
-    cases: Cases = 60,
-    seed: Seed = 0,
-    workers: Workers = None,
-    output: Output = None,
-    as_json: AsJson = False,
-) -> None:
+def benchmark_foreign(drawn: DrawnCases) -> None:
     """Hide causes in flights of a second simulator, and ask `tombo diagnose` about their logs.
 
     Equations, integrator, controller, courses, sensors and logs share nothing with
     the model that is fitted. Three vehicles; CSV in the units of a lab, or MCAP.
     """
-    count = checked(cases, workers, output)
     from tombo_benchmarks.diagnosis.foreign_evaluation import benchmark
 
-    run_and_print(
-        "foreign",
-        partial(benchmark, diagnose_files),
-        cases,
-        seed,
-        count,
-        output,
-        as_json,
-        print_benchmark,
-    )
+    drawn.score_drawn("foreign", partial(benchmark, diagnose_files), 60, print_benchmark)
 
 
 def diagnose_files(arguments: Sequence[str]) -> str:
@@ -57,9 +33,10 @@ def diagnose_files(arguments: Sequence[str]) -> str:
     """
     from tombo_bringup.cli.diagnose_command import diagnose
     from tombo_bringup.cli.errors import BAD_INPUT, exit_code_of
+    from tombo_bringup.cli.options import command
 
     app = typer.Typer(pretty_exceptions_enable=False)
-    app.command()(diagnose)
+    command(app)(diagnose)
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = exit_code_of(lambda: app(list(arguments), standalone_mode=False))

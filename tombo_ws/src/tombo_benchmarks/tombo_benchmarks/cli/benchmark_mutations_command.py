@@ -4,35 +4,22 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
 
-import typer
+from tombo_bringup.cli.options import LogMapping, Shown, VehicleName, argument, option, record
 
-from tombo_bringup.cli.options import JsonOnly, LogMapping, option
+
+@record
+class _Mutations:
+    log: Path = argument("LOG", "A sound flight.")
+    healthy: list[Path] | None = option(
+        "--healthy OLD",
+        "Another flight of the vehicle: what has changed since is asked, too. Once for each.",
+    )
+    way: str | None = option("--way NAME", "Ask in this way only: plain, vehicle or healthy.")
 
 
 def benchmark_mutations(
-    log: Annotated[
-        Path, typer.Argument(metavar="LOG", help="A sound flight.", show_default=False)
-    ],
-    healthy: Annotated[
-        list[Path] | None,
-        option(
-            "--healthy OLD",
-            "Another flight of the vehicle: what has changed since is asked, too. Once for each.",
-        ),
-    ] = None,
-    vehicle: Annotated[
-        str | None,
-        option(
-            "--vehicle NAME|FILE", "A vehicle file from other flights: it is asked with it, too."
-        ),
-    ] = None,
-    way: Annotated[
-        str | None, option("--way NAME", "Ask in this way only: plain, vehicle or healthy.")
-    ] = None,
-    mapping: LogMapping = None,
-    as_json: JsonOnly = False,
+    given: _Mutations, known: VehicleName, reading: LogMapping, shown: Shown
 ) -> None:
     """Damage a log in 22 ways, one at a time, and count how often `tombo diagnose` names it.
 
@@ -48,7 +35,7 @@ def benchmark_mutations(
     from tombo_logs.readers.log_reader import read_logs
 
     with progress_bar() as on_progress:
-        flight, *others = read_logs([log, *(healthy or [])], mapping=mapping)
-        file = None if vehicle is None else read_vehicle(vehicle)
-        answers = ask_all(flight, Reference(file, others), way, on_progress)
-    show_page(mutation_page(flight.name, answers), as_json)
+        flight, *others = read_logs([given.log, *(given.healthy or [])], mapping=reading.mapping)
+        file = None if known.vehicle is None else read_vehicle(known.vehicle)
+        answers = ask_all(flight, Reference(file, others), given.way, on_progress)
+    show_page(mutation_page(flight.name, answers), shown.as_json)

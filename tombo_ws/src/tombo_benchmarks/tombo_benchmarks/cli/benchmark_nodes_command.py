@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated
 
 import typer
 
-from tombo_bringup.cli.options import JsonOnly, option
+from tombo_bringup.cli.options import Shown, option, record
 
 
-def benchmark_nodes(
-    seconds: Annotated[float, option("--seconds S", "Fly so long.", min=4.0, max=3600.0)] = 60.0,
-    busy: Annotated[
-        int, option("--busy N", "Beside N processes that never sleep.", min=0, max=64)
-    ] = 0,
-    as_json: JsonOnly = False,
-) -> None:
+@record
+class _Load:
+    seconds: float = option("--seconds S", "Fly so long.", 60.0, bounds=(4.0, 3600.0))
+    busy: int = option("--busy N", "Beside N processes that never sleep.", 0, bounds=(0, 64))
+
+
+def benchmark_nodes(load: _Load, shown: Shown) -> None:
     """Fly with all nodes in real time, and print how late each loop began its runs.
 
     An empty loop of 1 kHz, before and after the flight, tells how punctual the machine is.
@@ -26,8 +25,8 @@ def benchmark_nodes(
     from tombo_flight.report.page import Table
     from tombo_flight.suite.node_diagnostics import lateness_text
 
-    measured = fly_and_measure(seconds, busy)
-    if as_json:
+    measured = fly_and_measure(load.seconds, load.busy)
+    if shown.as_json:
         print(json.dumps(measured, indent=1))
         return
     rows = [

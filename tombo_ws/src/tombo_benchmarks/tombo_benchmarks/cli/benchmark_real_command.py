@@ -4,43 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from tombo_benchmarks.cli.benchmark_run import AsJson, Output, checked, run_and_print
-from tombo_bringup.cli.options import Workers, option
+from tombo_benchmarks.cli.benchmark_run import Scored
+from tombo_bringup.cli.options import option, record
 from tombo_dynamics.errors import InputError
 
 
-def benchmark_real(
-    data: Annotated[
-        Path | None,
-        option(
-            "--data DIR",
-            "Folder with crazypad, crazyswarm2, air_garage, flights, nanobench_controllers; what "
-            "is not there is left out. Default: shared/data beside the repository.",
-        ),
-    ] = None,
-    few: Annotated[
-        int | None, option("--few N", "At most N trials of each data set. Default: all.")
-    ] = None,
-    left_out: Annotated[
-        bool,
-        option(
-            "--left-out",
-            "Only changes of a vehicle against its healthy flights, each with the constants that "
-            "are learnt from the others.",
-        ),
-    ] = False,
-    workers: Workers = None,
-    output: Output = None,
-    as_json: AsJson = False,
-) -> None:
+@record
+class _Real:
+    data: Path | None = option(
+        "--data DIR",
+        "Folder with crazypad, crazyswarm2, air_garage, flights, nanobench_controllers; what is "
+        "not there is left out. Default: shared/data beside the repository.",
+    )
+    few: int | None = option("--few N", "At most N trials of each data set. Default: all.")
+    left_out: bool = option(
+        "--left-out",
+        "Only changes of a vehicle against its healthy flights, each with the constants that are "
+        "learnt from the others.",
+        False,
+    )
+
+
+def benchmark_real(given: _Real, scored: Scored) -> None:
     """Ask about real flights of known causes, and count right, wrong and withheld answers.
 
     Flights against healthy ones of the vehicle, single logs of mishaps, and healthy flights.
     With -o the page is written beside the JSON, as .html; a run that is stopped goes on with
     the same command.
     """
+    few, left_out, output = given.few, given.left_out, scored.output
     if left_out and few is not None:
         raise InputError(f"--few {few}: accepted: without --left-out")
     if few is not None and few < 1:
@@ -55,9 +49,8 @@ def benchmark_real(
     from tombo_bringup.cli.tables import show_page
     from tombo_flight.report.html import write_page
 
-    folder = ROOT.parent / "shared" / "data" if data is None else data
+    folder = ROOT.parent / "shared" / "data" if given.data is None else given.data
     asked = conditions(folder) if left_out else trials(folder, few)
-    count = checked(len(asked), workers, output)
     rows: list[dict[str, Any]] = []
 
     def run(cases: int, *options: Any) -> Any:
@@ -71,4 +64,4 @@ def benchmark_real(
         show_page(real_page(rows, found), as_json=False)
 
     name = "real --left-out" if left_out else "real" if few is None else f"real --few {few}"
-    run_and_print(name, run, len(asked), 0, count, output, as_json, show)
+    scored.score(name, run, len(asked), 0, show)

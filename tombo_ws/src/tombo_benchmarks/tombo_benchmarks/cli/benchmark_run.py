@@ -5,13 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import typer
 
-from tombo_bringup.cli.options import integer_option, json_option
+from tombo_bringup.cli.options import Draw, Shown, Workers, option, record
 from tombo_bringup.cli.result_files import unwritable, write_file
-from tombo_dynamics.errors import InputError
 from tombo_flight.report.page import Cell, Table
 
 EXIT_CODES: Final = (
@@ -39,87 +38,101 @@ THRESHOLDS: Final[tuple[tuple[str, str, str, float, float], ...]] = (
 """Key of the aggregate, words, what is asked for, the figure, factor to what is shown."""
 _COVERAGE_MOST: Final = 0.98
 
-Cases = Annotated[int, integer_option("--cases N", "How many cases.")]
-Output = Annotated[
-    Path | None,
-    typer.Option("-o", "--output", metavar="FILE", help="Write the JSON there as well."),
-]
-AsJson = Annotated[bool, json_option("Print cases and aggregate as JSON, and nothing else.")]
+
+@record
+class Scored(Workers, Shown):
+    """How a benchmark is run, and where its score goes."""
+
+    output: Path | None = option("-o/--output FILE", "Write the JSON there as well.")
+
+    def __post_init__(self) -> None:
+        """Try the output, before hours of work.
+
+        Raises:
+            InputError: it can't be written.
+        """
+        if self.output is not None:
+            _try_to_write(self.output)
+
+    def score(
+        self,
+        name: str,
+        run: Callable[..., Any],
+        cases: int,
+        seed: int,
+        show: Callable[[Mapping[str, Any], int], None],
+    ) -> None:
+        """Run a benchmark with a progress bar; write its JSON, print its score.
+
+        Without a terminal each finished case is a line, if there is an output.
+
+        Args:
+            name: of the benchmark.
+            run: (cases, seed, workers, progress, stop, kept) to a BenchmarkResult.
+            cases: how many.
+            seed: of all random draws.
+            show: prints aggregate and number of cases.
+
+        Raises:
+            typer.Exit: stopped by a signal; with an output, the scores so far are kept beside it.
+            InputError: the output can't be written any more.
+        """
+        from tombo_benchmarks.cli.journal import Journal
+        from tombo_bringup.cli.progress import progress_bar
+        from tombo_flight.json_text import as_json as to_json
+        from tombo_flight.process.stop_signals import StopSignals
+        from tombo_flight.process.workers import process_count
+
+        workers = process_count(self.workers)
+        part = None if self.output is None else self.output.with_name(f"{self.output.name}.part")
+        kept = None if part is None else Journal(part, f"{name} --seed {seed}")
+        with StopSignals() as stop:
+            with progress_bar() as bar:
+
+                def on_progress(stage: str, share: float) -> None:
+                    bar(stage, share)
+                    if part is not None and not sys.stderr.isatty():
+                        typer.echo(stage, err=True)  # a run of hours in the background
+
+                result = run(cases, seed, workers, on_progress, stop.asked, kept)
+            if stop.asked():
+                more = (
+                    f"; the same command goes on with '{part}'" if part and part.exists() else ""
+                )
+                typer.echo(f"Error: interrupted{more}", err=True)
+                raise typer.Exit(stop.exit_code)
+        text = to_json({"cases": result.cases, "aggregate": result.aggregate})
+        if self.output is not None and part is not None:
+            write_file(self.output, text)
+            part.unlink(missing_ok=True)
+        if self.as_json:
+            typer.echo(text, nl=False)
+            return
+        show(result.aggregate, len(result.cases))
+        if self.output is not None:
+            typer.echo(f"Wrote {self.output}")
 
 
-def checked(cases: int, workers: int | None, output: Path | None) -> int:
-    """Return how many processes to use.
+@record
+class DrawnCases(Scored, Draw):
+    """A benchmark of cases that are drawn."""
 
-    Raises:
-        InputError: an option is out of bounds, or the output can't be written.
-    """
-    if not 1 <= cases <= _MOST_CASES:
-        raise InputError(f"--cases {cases}: out of bounds; accepted: 1 to {_MOST_CASES}")
-    if output is not None:
-        _try_to_write(output)
-    from tombo_flight.process.workers import process_count
+    cases: int | None = option(
+        "--cases N",
+        "How many cases. Default: 100; foreign 60, stand and why 200, faults 1000.",
+        bounds=(1, _MOST_CASES),
+    )
 
-    return process_count(workers)
-
-
-def run_and_print(
-    name: str,
-    run: Callable[..., Any],
-    cases: int,
-    seed: int,
-    workers: int,
-    output: Path | None,
-    as_json: bool,
-    show: Callable[[Mapping[str, Any], int], None],
-) -> None:
-    """Run a benchmark with a progress bar; write its JSON, print its score.
-
-    Without a terminal each finished case is a line, if there is an output.
-
-    Args:
-        name: of the benchmark.
-        run: (cases, seed, workers, progress, stop, kept) to a BenchmarkResult.
-        cases: how many.
-        seed: of all random draws.
-        workers: processes.
-        output: of the JSON.
-        as_json: print that, and nothing else.
-        show: prints aggregate and number of cases.
-
-    Raises:
-        typer.Exit: stopped by a signal; with an output, the scores so far are kept beside it.
-        InputError: the output can't be written any more.
-    """
-    from tombo_benchmarks.cli.journal import Journal
-    from tombo_bringup.cli.progress import progress_bar
-    from tombo_flight.json_text import as_json as to_json
-    from tombo_flight.process.stop_signals import StopSignals
-
-    part = None if output is None else output.with_name(f"{output.name}.part")
-    kept = None if part is None else Journal(part, f"{name} --seed {seed}")
-    with StopSignals() as stop:
-        with progress_bar() as bar:
-
-            def on_progress(stage: str, share: float) -> None:
-                bar(stage, share)
-                if part is not None and not sys.stderr.isatty():
-                    typer.echo(stage, err=True)  # a run of hours in the background
-
-            result = run(cases, seed, workers, on_progress, stop.asked, kept)
-        if stop.asked():
-            more = f"; the same command goes on with '{part}'" if part and part.exists() else ""
-            typer.echo(f"Error: interrupted{more}", err=True)
-            raise typer.Exit(stop.exit_code)
-    text = to_json({"cases": result.cases, "aggregate": result.aggregate})
-    if output is not None and part is not None:
-        write_file(output, text)
-        part.unlink(missing_ok=True)
-    if as_json:
-        typer.echo(text, nl=False)
-        return
-    show(result.aggregate, len(result.cases))
-    if output is not None:
-        typer.echo(f"Wrote {output}")
+    def score_drawn(
+        self,
+        name: str,
+        run: Callable[..., Any],
+        usual: int,
+        show: Callable[[Mapping[str, Any], int], None],
+    ) -> None:
+        """Do the same as `score`, with `usual` cases where no number is given."""
+        cases = usual if self.cases is None else self.cases
+        self.score(name, run, cases, self.seed or 0, show)
 
 
 def print_benchmark(aggregate: Mapping[str, Any], cases: int) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from tombo_benchmarks.cli.benchmark_run import AsJson, Cases, Output, checked, run_and_print
-from tombo_bringup.cli.options import Seed, Workers
+from tombo_benchmarks.cli.benchmark_run import DrawnCases
 from tombo_flight.report.page import Cell, Table
 
 _ROWS: Final[tuple[tuple[str, str, str, float], ...]] = (
@@ -35,23 +34,16 @@ _PLAIN: Final = ("mean_set_size", "seconds_per_case")
 _STANDS: Final = ("full", "beta", "torque", "thrust")
 
 
-def benchmark_stand(
-    cases: Cases = 200,
-    seed: Seed = 0,
-    workers: Workers = None,
-    output: Output = None,
-    as_json: AsJson = False,
-) -> None:
+def benchmark_stand(drawn: DrawnCases) -> None:
     """Hide what can be wrong in simulated thrust-stand runs, and count how often it is found.
 
     The stands are richer than the candidates: everything off by tolerances, heavy
     tails, unknown shapes such as stall, friction, Reynolds number, resonance, creep.
     Four kinds of stand, from thrust alone to check loads and a second tachometer.
     """
-    count = checked(cases, workers, output)
     from tombo_benchmarks.diagnosis.stand_evaluation import benchmark as run
 
-    run_and_print("stand", run, cases, seed, count, output, as_json, print_score)
+    drawn.score_drawn("stand", run, 200, print_score)
 
 
 def print_score(aggregate: Mapping[str, Any], cases: int) -> None:

@@ -57,7 +57,7 @@ def test_a_reader_that_leaves_early_is_no_error():
     read, write = os.pipe()
     os.close(read)
     run = subprocess.run(
-        [sys.executable, "-m", "tombo_bringup.cli.main", "scenarios"],
+        [sys.executable, "-m", "tombo_bringup.cli.main", "list", "scenarios"],
         stdout=write,
         stderr=subprocess.PIPE,
         text=True,

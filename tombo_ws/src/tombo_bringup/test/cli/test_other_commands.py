@@ -15,18 +15,18 @@ from tombo_flight.scenario import load_scenario
 
 
 def test_scenarios_are_listed_and_each_can_be_loaded(tombo):
-    listed = tombo("scenarios", "--json").json
+    listed = tombo("list", "scenarios", "--json").json
 
     values = [entry["name"] for entry in listed]
     assert {"paper_collision", "hover", "no_obstacle", "aggressive"} <= set(values)
     for entry in listed:
         assert load_scenario(entry["name"]).description == entry["description"] != ""
-    text = tombo("scenarios").out
+    text = tombo("list", "scenarios").out
     assert all(name in text for name in values)
 
 
 def test_effects_are_those_of_the_registry(tombo):
-    listed = tombo("effects", "--json").json
+    listed = tombo("list", "effects", "--json").json
 
     assert [entry["name"] for entry in listed] == list(REGISTRY)
     for entry in listed:
@@ -34,23 +34,23 @@ def test_effects_are_those_of_the_registry(tombo):
         for p in entry["parameters"]:
             assert p["bounds"][0] <= p["null"] <= p["bounds"][1]
             assert p["unit"] and p["doc"]
-    text = tombo("effects").out
+    text = tombo("list", "effects").out
     assert "steady_wind" in text
     assert "-15 to 15" in text
 
 
 @pytest.mark.parametrize("what", ["effects", "reactions"])
 def test_each_parameter_is_one_line_in_a_pipe(tombo, what):
-    parameters = [p for entry in tombo(what, "--json").json for p in entry["parameters"]]
+    parameters = [p for entry in tombo("list", what, "--json").json for p in entry["parameters"]]
 
-    lines = [line.strip() for line in tombo(what).out.splitlines()]
+    lines = [line.strip() for line in tombo("list", what).out.splitlines()]
 
     for p in parameters:
         assert any(line.startswith(f"{p['name']} ") and line.endswith(p["doc"]) for line in lines)
 
 
 def test_an_effect_in_the_list_can_be_set_as_the_list_says(tombo):
-    for entry in tombo("effects", "--json").json:
+    for entry in tombo("list", "effects", "--json").json:
         settings = [
             f"effects.{entry['name']}.{p['name']}={p['null']}" for p in entry["parameters"]
         ]
@@ -58,7 +58,7 @@ def test_an_effect_in_the_list_can_be_set_as_the_list_says(tombo):
 
 
 def test_a_reaction_in_the_list_can_be_flown_as_the_list_says(tombo):
-    entries = tombo("reactions", "--json").json
+    entries = tombo("list", "reactions", "--json").json
     assert {entry["name"] for entry in entries} == set(REACTIONS)
     for entry in entries:
         assert set(entry["needs"]) <= {"mocap", "imu", "rotor_speeds"}
@@ -76,7 +76,7 @@ def test_a_reaction_in_the_list_can_be_flown_as_the_list_says(tombo):
                 assert p["default"] is None and p["bounds"] is None
                 continue
             assert p["bounds"][0] <= p["default"] <= p["bounds"][1] and p["unit"]
-    assert "0.05 to 20" in tombo("reactions").out
+    assert "0.05 to 20" in tombo("list", "reactions").out
 
 
 def test_propeller_is_mounted(tombo):
@@ -86,7 +86,7 @@ def test_propeller_is_mounted(tombo):
 
 
 @pytest.mark.parametrize(
-    "arguments", [(), ("-h",), ("--help",), ("fly", "-h"), ("propeller", "-h"), ("effects", "-h")]
+    "arguments", [(), ("-h",), ("--help",), ("fly", "-h"), ("propeller", "-h"), ("list", "-h")]
 )
 def test_help(tombo, arguments):
     result = tombo(*arguments)
@@ -109,7 +109,14 @@ def test_version(tombo):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
-    [["--help"], ["scenarios"], ["--version"], ["fly", "-h"], ["sweep", "-h"], ["runs", "."]],
+    [
+        ["--help"],
+        ["list", "scenarios"],
+        ["--version"],
+        ["fly", "-h"],
+        ["sweep", "-h"],
+        ["runs", "."],
+    ],
 )
 def test_what_only_lists_loads_no_model(arguments):
     code = (
@@ -132,6 +139,7 @@ def test_what_only_lists_loads_no_model(arguments):
         ("tombo fly --reaction re", ["reflex"]),
         ("tombo up --vehicle px4", ["px4_x500"]),
         ("tombo swee", ["sweep"]),
+        ("tombo list re", ["reactions"]),
     ],
 )
 def test_the_shell_completes_names(words, wanted, monkeypatch, capfd):

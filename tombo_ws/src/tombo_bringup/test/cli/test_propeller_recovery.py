@@ -96,4 +96,4 @@ def test_a_refused_trace_is_named(tombo, tmp_path):
     write_flat(tmp_path)
     assert tombo("propeller", "recovery", "flat.csv").err.startswith("Error: 'flat.csv': no coll")
     share = tombo("propeller", "recovery", "flat.csv", "--share", "2").err
-    assert share == "Error: --share 2; accepted: 0.5 to 0.99\n"
+    assert share == "Error: --share 2: out of bounds; accepted: 0.5 to 0.99\n"

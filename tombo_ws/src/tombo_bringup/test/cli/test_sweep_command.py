@@ -70,9 +70,18 @@ def test_many_seeds_of_fly_go_into_a_named_run_and_replace_what_may_be_replaced(
     assert names(tmp_path / "one") == FILES
 
 
-@pytest.mark.parametrize("command", ["arena", "risk"])
-def test_a_former_command_names_the_sweep_that_replaces_it(refused, command):
-    refused((command, "--seeds", "0:5"), "was removed", "tombo sweep", "docs/sweep.md")
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("arena", ("tombo sweep", "docs/sweep.md")),
+        ("risk", ("tombo sweep", "docs/sweep.md")),
+        ("scenarios", ("tombo list scenarios",)),
+        ("effects", ("tombo list effects",)),
+        ("reactions", ("tombo list reactions",)),
+    ],
+)
+def test_a_former_command_names_what_replaces_it(refused, command, words):
+    refused((command, "--json"), f"tombo {command} was removed", "accepted", *words)
 
 
 @pytest.mark.parametrize("given", ["vehicle={mass: 1,4}", "mission={height: 2,5}"])

@@ -1,4 +1,4 @@
-"""`tombo runs`, `scenarios`, `effects` and `reactions`: lists of what there is."""
+"""`tombo runs` and `tombo list`: what there is."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import dataclasses
 import inspect
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
-from tombo_bringup.cli.options import Imports, JsonOnly
+from tombo_bringup.cli.options import Imports, Shown, argument, command, record
+from tombo_dynamics.errors import unknown_name
 
 if TYPE_CHECKING:
     from tombo_collision.reactions import Reaction
@@ -19,16 +20,18 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 
-@app.command()
-def runs(
-    folder: Annotated[Path, typer.Argument(help="Folder of the runs.")] = Path("runs"),
-    as_json: JsonOnly = False,
-) -> None:
+@record
+class _Folder:
+    folder: Path = argument("[FOLDER]", "Folder of the runs.", Path("runs"))
+
+
+@command(app)
+def runs(folder: _Folder, shown: Shown) -> None:
     """List the runs in a folder, the newest last: what, when, version with commit, outcome."""
     from tombo_flight.run_list import list_runs
 
-    listed = list_runs(folder)
-    if as_json:
+    listed = list_runs(folder.folder)
+    if shown.as_json:
         typer.echo(json.dumps([run.as_mapping() for run in listed], indent=1, ensure_ascii=False))
         return
     from rich.box import SIMPLE_HEAD
@@ -37,7 +40,7 @@ def runs(
 
     from tombo_bringup.cli.tables import console
 
-    names = Column(str(folder), no_wrap=True)
+    names = Column(str(folder.folder), no_wrap=True)
     table = Table(names, "what", "when (UTC)", "version", "outcome", box=SIMPLE_HEAD)
     for run in listed:
         when = run.when[:16].replace("T", " ")
@@ -46,9 +49,33 @@ def runs(
     console().print(table)
 
 
-@app.command()
-def scenarios(as_json: JsonOnly = False) -> None:
-    """List the scenarios that come with the suite."""
+def _begun(begun: str) -> list[str]:
+    return [name for name in LISTS if name.startswith(begun)]
+
+
+@record
+class _Kind:
+    kind: str = argument("WHAT", "scenarios, effects or reactions.", autocompletion=_begun)
+
+
+@command(app, "list")
+def list_names(catalogue: _Kind, imports: Imports, shown: Shown) -> None:
+    """List the scenarios, effects or reactions that there are, with their parameters.
+
+    Your own scenario: tombo fly my_scenario.yaml, with `extends: paper_collision`.
+
+    An effect is switched on by `effects.NAME.PARAMETER` in a scenario file or with --set. With all
+    parameters at their null value it adds exactly nothing.
+
+    `tombo fly --reaction NAME` chooses a reaction, as `reaction: {name: NAME}` in a scenario file
+    does; its parameters follow the name, or are set by --set `reaction.KEY=VALUE`.
+    """
+    if catalogue.kind not in LISTS:
+        raise unknown_name("list", catalogue.kind, LISTS)
+    LISTS[catalogue.kind](shown.as_json)
+
+
+def _scenarios(as_json: bool) -> None:
     from tombo_bringup.cli.tables import print_names
     from tombo_flight.scenario_catalogue import builtin_scenarios
 
@@ -56,31 +83,22 @@ def scenarios(as_json: JsonOnly = False) -> None:
     print_names(builtin_scenarios(), own, as_json)
 
 
-@app.command()
-def effects(imports: Imports = None, as_json: JsonOnly = False) -> None:
-    """List every effect that a scenario can switch on, with its parameters.
-
-    Each is set by `effects.NAME.PARAMETER` in a scenario file or with --set. With all parameters
-    at their null value an effect adds exactly nothing.
-    """
+def _effects(as_json: bool) -> None:
     from tombo_bringup.cli.tables import print_parameters
     from tombo_dynamics.effects import REGISTRY
 
     print_parameters("effect", "null", [_effect(e) for e in REGISTRY.values()], as_json)
 
 
-@app.command()
-def reactions(imports: Imports = None, as_json: JsonOnly = False) -> None:
-    """List every reaction to a collision, with its parameters and what it needs.
-
-    `tombo fly --reaction NAME` chooses one, as `reaction: {name: NAME}` in a scenario file does;
-    its parameters stand beside the name, or are --set as `reaction.KEY=VALUE`.
-    """
+def _reactions(as_json: bool) -> None:
     from tombo_bringup.cli.tables import print_parameters
     from tombo_collision.reactions import REGISTRY
 
     table = [_reaction(kind) for kind in REGISTRY.values()]
     print_parameters("reaction", "default", table, as_json)
+
+
+LISTS: Final = {"scenarios": _scenarios, "effects": _effects, "reactions": _reactions}
 
 
 def _effect(effect: Effect) -> dict[str, Any]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from tombo_bringup.cli.options import UnpackLimit, json_option, option, output_option
+from tombo_bringup.cli.options import Copies, Unpacking, argument, command, option, record
 from tombo_bringup.cli.tables import show_page
 
 if TYPE_CHECKING:
@@ -19,56 +19,42 @@ COMPARE_EXIT_CODES = "Exit code: 0 when nothing differs, 1 when something does, 
 FILES = ("compare.json", "compare.png")
 
 
-@app.command(epilog=COMPARE_EXIT_CODES)
-def compare(
-    a: Annotated[
-        str,
-        typer.Argument(metavar="A", help="MCAP file, bag folder, or a flight's results folder."),
-    ],
-    b: Annotated[str, typer.Argument(metavar="B", help="The other one.")],
-    topics: Annotated[
-        list[str] | None,
-        option(
-            "--topic T",
-            "Compare this topic only. May be given many times. Default: all but those about the "
-            "processes (/clock, /diagnostics, /events/write_split, /parameter_events, /rosout).",
-        ),
-    ] = None,
-    output: Annotated[
-        str | None,
-        output_option(
-            "Write compare.json and, if something differs, compare.png there, over those of an "
-            "earlier comparison."
-        ),
-    ] = None,
-    unpack_limit: UnpackLimit = None,
-    as_json: Annotated[
-        bool, json_option("Print a list with an object per topic, nothing else.")
-    ] = False,
-) -> None:
+@record
+class _Recordings:
+    a: str = argument("A", "MCAP file, bag folder, or a flight's results folder.")
+    b: str = argument("B", "The other one.")
+    topics: list[str] | None = option(
+        "--topic T",
+        "Compare this topic only. May be given many times. Default: all but those about the "
+        "processes (/clock, /diagnostics, /events/write_split, /parameter_events, /rosout).",
+    )
+
+
+@command(app, epilog=COMPARE_EXIT_CODES)
+def compare(given: _Recordings, unpacking: Unpacking, copies: Copies) -> None:
     """Compare two recordings topic by topic: every message, every field, to the last bit.
 
     With --topic each field that differs is listed, too. Messages are paired by the stamp of their
-    header, without one by publish time. Times of receipt are not compared; NaN equals NaN.
+    header, without one by publish time. Times of receipt are not compared; NaN equals NaN. With
+    -o also compare.json and, if something differs, compare.png, over those of an earlier one.
     """
     from tombo_bag.comparison import compare_recordings
-    from tombo_bringup.cli.result_files import check_output
     from tombo_flight.json_text import as_json as to_json
 
-    check_output(output)
-    found = compare_recordings(a, b, topics or ())
+    a, b = given.a, given.b
+    found = compare_recordings(a, b, given.topics or ())
     text = to_json(found.as_list())
     for line in found.damage:
         typer.echo(f"Damage: {line}", err=True)
-    if output is not None:
-        _write(found, text, Path(output), a, b)
-    if as_json:
+    place = None if copies.output is None else Path(copies.output)
+    if place is not None:
+        _write(found, text, place, a, b)
+    if copies.as_json:
         typer.echo(text, nl=False)
     else:
         from tombo_flight.report.comparison import comparison_page
 
-        place = None if output is None else Path(output)
-        page = comparison_page(found, a, b, fields=bool(topics))
+        page = comparison_page(found, a, b, fields=bool(given.topics))
         show_page(page, False, place, FILES[: 1 if found.equal else 2])
     raise typer.Exit(0 if found.equal else 1)
 

@@ -7,25 +7,14 @@ import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 from typer.core import TyperCommand
 
-from tombo_bringup.cli.options import (
-    Force,
-    Imports,
-    LogMapping,
-    TopicNames,
-    UnpackLimit,
-    former_option,
-    json_option,
-    option,
-    output_option,
-    topic_names,
-)
-from tombo_bringup.cli.result_files import check_output, compute_into, results_folder, write_file
-from tombo_bringup.cli.tables import show_page
+from tombo_bringup.cli import options
+from tombo_bringup.cli.options import argument, command, former_option, option, record
+from tombo_bringup.cli.result_files import publish, write_file
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -66,73 +55,40 @@ def spread_paths(args: list[str]) -> list[str]:
     return spread
 
 
-@app.command(epilog=DIAGNOSE_EXIT_CODES, cls=ManyPathsCommand)
+@record
+class _Diagnosed:
+    logs: list[Path] = argument(
+        "LOG...", "Flights of one vehicle: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV."
+    )
+    explain: bool = option(
+        "--explain-mapping",
+        "Propose a mapping file for one log and leave: YAML with a reason for each line, on "
+        "standard output or in the file of -o.",
+        False,
+    )
+    healthy: list[Path] | None = option(
+        "--healthy OLD...",
+        "Flights of the same vehicle from before: say what has changed since. They are the model; "
+        "no other is used. All paths up to the next option, or once for each.",
+    )
+    sessions: list[str] | None = option(
+        "--session NAME=PATTERN",
+        "With --healthy: flights whose names fit the pattern are of this session, as "
+        "monday='normal_[123]'. Default: their dates; without dates, demand that is alike.",
+    )
+    topics: list[str] | None = former_option("--topic TOPIC=NAME", "--map")
+    no_report: bool = option("--no-report", "Write no report.html and no plots.", False)
+
+
+@command(app, epilog=DIAGNOSE_EXIT_CODES, cls=ManyPathsCommand)
 def diagnose(
-    logs: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="LOG...",
-            help="Flights of one vehicle: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV.",
-            show_default=False,
-        ),
-    ],
-    model: Annotated[
-        Path | None,
-        option(
-            "--model FILE",
-            "Hold the flights against this model, as written by an earlier diagnosis. Default: "
-            "the suite's own.",
-        ),
-    ] = None,
-    vehicle: Annotated[
-        str | None,
-        option(
-            "--vehicle NAME|FILE",
-            "The vehicle that flew: a name of `tombo vehicle list`, or a vehicle file; its "
-            "tolerances say what is no finding. Default: the suite's own.",
-        ),
-    ] = None,
-    imports: Imports = None,
-    mapping: LogMapping = None,
-    explain: Annotated[
-        bool,
-        option(
-            "--explain-mapping",
-            "Propose a mapping file for one log and leave: YAML with a reason for each line, on "
-            "standard output or in the file of -o.",
-        ),
-    ] = False,
-    healthy: Annotated[
-        list[Path] | None,
-        option(
-            "--healthy OLD...",
-            "Flights of the same vehicle from before: say what has changed since. They are the "
-            "model; no other is used. All paths up to the next option, or once for each.",
-        ),
-    ] = None,
-    sessions: Annotated[
-        list[str] | None,
-        option(
-            "--session NAME=PATTERN",
-            "With --healthy: flights whose names fit the pattern are of this session, as "
-            "monday='normal_[123]'. Default: their dates; without dates, demand that is alike.",
-        ),
-    ] = None,
-    maps: TopicNames = None,
-    topics: Annotated[list[str] | None, former_option("--topic TOPIC=NAME", "--map")] = None,
-    output: Annotated[
-        str | None,
-        output_option(
-            "Folder of the results, new or empty. Default: runs/diagnosis-LOG, numbered; with "
-            "--json nothing is written."
-        ),
-    ] = None,
-    force: Force = False,
-    no_report: Annotated[
-        bool, option("--no-report", "Write no report.html and no plots.")
-    ] = False,
-    unpack_limit: UnpackLimit = None,
-    as_json: Annotated[bool, json_option("Print diagnosis.json, and nothing else.")] = False,
+    given: _Diagnosed,
+    known: options.VehicleName,
+    model: options.ModelFile,
+    imports: options.Imports,
+    reading: options.Reading,
+    unpacking: options.Unpacking,
+    results: options.Results,
 ) -> None:
     """Say what the simulation gets wrong in measured flights, name the cause, measure the gain.
 
@@ -142,32 +98,46 @@ def diagnose(
     """
     # One thread of linear algebra: on matrices this small more get into each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    if explain:
-        _explain_mapping(logs, output, force)
+    logs = given.logs
+    if given.explain:
+        _explain_mapping(logs, results.output, results.force)
         return
-    names = topic_names("--map", [*(maps or []), *(topics or [])])
-    if healthy is not None:
-        if model is not None:
+    names = options.topic_names([*(reading.maps or []), *(given.topics or [])])
+    name, pictures = f"diagnosis-{logs[0].name.split('.')[0]}", not given.no_report
+    if given.healthy is not None:
+        if model.model is not None:
             raise InputError("--model and --healthy: both say what to compare with; accepted: one")
-        read = _Read(logs, healthy, mapping, names, _sessions(sessions or []))
-        _compare(read, output, force, no_report, as_json)
+        from tombo_diagnosis.report.change_page import CHANGE_FILES, change_page, write_change
+
+        sessions = _sessions(given.sessions or [])
+        read = _Read(logs, given.healthy, reading.mapping, names, sessions)
+        publish(
+            results,
+            name,
+            CHANGE_FILES,
+            lambda on_progress: run_change(read, on_progress),
+            lambda folder, both, on_progress: write_change(
+                folder, *both, pictures=pictures, on_progress=on_progress
+            ),
+            lambda both, folder: change_page(*both),
+        )
         return
-    if sessions:
-        raise InputError(f"--session {sessions[0]}: accepted with --healthy OLD... only")
+    if given.sessions:
+        raise InputError(f"--session {given.sessions[0]}: accepted with --healthy OLD... only")
     from tombo_diagnosis.report.files import DIAGNOSIS_FILES, write_diagnosis
     from tombo_diagnosis.report.page import diagnosis_page
 
-    path = results_folder(output, "diagnosis", logs[0].name.split(".")[0], as_json, "log")
-    (found, _), path, written = compute_into(
-        path, force, DIAGNOSIS_FILES,
-        lambda on_progress: run(logs, model, mapping, names, on_progress, vehicle),
+    file, vehicle = None if model.model is None else Path(model.model), known.vehicle
+    publish(
+        results,
+        name,
+        DIAGNOSIS_FILES,
+        lambda on_progress: run(logs, file, reading.mapping, names, on_progress, vehicle),
         lambda folder, both, on_progress: write_diagnosis(
-            folder, *both, pictures=not no_report, on_progress=on_progress
+            folder, *both, pictures=pictures, on_progress=on_progress
         ),
-        numbered=output is None,
-    )  # fmt: skip
-    page = diagnosis_page(found, str(path or ""), vehicle or "")
-    show_page(page, as_json, None if as_json else path, written)
+        lambda both, folder: diagnosis_page(both[0], str(folder or ""), vehicle or ""),
+    )
 
 
 def run(
@@ -222,26 +192,6 @@ def _sessions(given: list[str]) -> dict[str, str]:
     return sessions
 
 
-def _compare(read: _Read, output: str | None, force: bool, no_report: bool, as_json: bool) -> None:
-    """Say what has changed on a vehicle since its healthy flights; arguments as of `diagnose`.
-
-    Raises:
-        InputError: a log or the mapping can't be used.
-    """
-    from tombo_diagnosis.report.change_page import CHANGE_FILES, change_page, write_change
-
-    path = results_folder(output, "diagnosis", read.new[0].name.split(".")[0], as_json, "log")
-    both, path, written = compute_into(
-        path, force, CHANGE_FILES,
-        lambda on_progress: run_change(read, on_progress),
-        lambda folder, both, on_progress: write_change(
-            folder, *both, pictures=not no_report, on_progress=on_progress
-        ),
-        numbered=output is None,
-    )  # fmt: skip
-    show_page(change_page(*both), as_json, None if as_json else path, written)
-
-
 def run_change(read: _Read, on_progress: ProgressCallback) -> tuple[Diagnosis, ChangeData]:
     """Read the flights, all of them once, check, and compare.
 
@@ -279,7 +229,6 @@ def _explain_mapping(logs: list[Path], output: str | None, force: bool) -> None:
     """
     if len(logs) > 1:
         raise InputError(f"--explain-mapping: {len(logs)} logs; accepted: one")
-    check_output(output)
     path = None if output is None else Path(output)
     if path is not None and (path.is_dir() or (path.exists() and not force)):
         what = "a folder" if path.is_dir() else "there already"

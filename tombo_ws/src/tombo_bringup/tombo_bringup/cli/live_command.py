@@ -6,11 +6,12 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from tombo_bringup.cli.options import Host, LogMapping, TopicNames, option, topic_names
+from tombo_bringup.cli import options
+from tombo_bringup.cli.options import argument, command, option, record
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,38 +21,38 @@ app = typer.Typer()
 
 LIVE_EXIT_CODES = "Exit code: 0 after Ctrl-C; 2 for bad input, or where `make live` was not run."
 SUITE = "suite"
+PORT = 8360
 NICENESS = 10
 """Of the page of running nodes, from its first import on: their loops come first."""
 
 
-@app.command(epilog=LIVE_EXIT_CODES)
+@record
+class _Source:
+    source: str = argument(
+        "[SOURCE]",
+        "suite: running nodes, also over PX4, and a lab's own topics. A recording or another log. "
+        "A scenario, which is flown headless first.",
+        SUITE,
+    )
+    foxglove: int | None = option(
+        "--foxglove PORT", "Serve the same messages to Foxglove too.", bounds=(1, 65535)
+    )
+
+
+@command(app, epilog=LIVE_EXIT_CODES)
 def live(
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar="[SOURCE]",
-            help="suite: running nodes, also over PX4, and a lab's own topics. A recording or "
-            "another log. A scenario, which is flown headless first.",
-        ),
-    ] = SUITE,
-    seed: Annotated[int, option("--seed N", "Of a scenario.", min=0)] = 0,
-    mapping: LogMapping = None,
-    maps: TopicNames = None,
-    speed: Annotated[
-        float, option("--speed X", "Recorded time over real time, 0.01 to 100.")
-    ] = 1.0,
-    host: Host = "127.0.0.1",
-    port: Annotated[int, option("--port P", "0: a free one.", min=0, max=65535)] = 8360,
-    foxglove: Annotated[
-        int | None,
-        option("--foxglove PORT", "Serve the same messages to Foxglove too.", min=1, max=65535),
-    ] = None,
+    given: _Source,
+    draw: options.Draw,
+    reading: options.Reading,
+    pace: options.Pace,
+    server: options.Server,
 ) -> None:
     """Show a flight in the browser: 3-D scene, curves, states, faults; pause, step and seek.
 
     Of a running suite it asks for hold, land and kill too, if the page is opened by the printed
     address: its token is needed for them.
     """
+    source = given.source
     if source == SUITE:
         os.nice(NICENESS)
     try:
@@ -59,21 +60,28 @@ def live(
 
         from tombo_web.live import Address, serve_live
 
-        if foxglove is not None:
+        if given.foxglove is not None:
             import tombo_web.foxglove_stream  # noqa: F401
     except ModuleNotFoundError as error:
         raise InputError(f"{error.name} is not installed; accepted: after `make live`") from error
-    names, address = topic_names("--map", maps or []), Address(host, port, foxglove)
+    port = PORT if server.port is None else server.port
+    names, address = reading.names, Address(server.host, port, given.foxglove)
     if source == SUITE:
         text = json.dumps({**vars(address), "names": names})
         os.execv(sys.executable, [sys.executable, "-m", "tombo_web.live_node", text])
     from tombo_flight.report.milestones import drawn_obstacle
     from tombo_web.playback import Playback
 
-    flight = _flight(source, seed, mapping, names)
+    flight = _flight(source, draw.seed or 0, reading.mapping, names)
     obstacle = drawn_obstacle(flight.scenario)
     known = None if obstacle is None else vars(obstacle)
-    serve_live(Playback(flight, speed), flight.name, address, flight.scenario, known)
+    serve_live(
+        Playback(flight, 1.0 if pace.speed is None else pace.speed),
+        flight.name,
+        address,
+        flight.scenario,
+        known,
+    )
 
 
 def _flight(source: str, seed: int, mapping: str | None, names: dict[str, str]) -> Flight:

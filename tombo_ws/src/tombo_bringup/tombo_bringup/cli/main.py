@@ -7,12 +7,12 @@ import sys
 from collections.abc import Sequence
 from functools import cache
 from importlib import import_module
-from typing import Annotated, Final
+from typing import Final
 
 import typer
 
 from tombo_bringup.cli.errors import exit_code_of
-from tombo_bringup.cli.options import HELP_OPTIONS, option
+from tombo_bringup.cli.options import HELP_OPTIONS, option, record, spelt_out
 from tombo_dynamics.errors import InputError
 
 _COMMANDS: Final = (
@@ -36,9 +36,11 @@ _COMMANDS: Final = (
 )
 """Modules of this package; each has a Typer application `app` with its commands."""
 _REMOVED: Final = {
-    "arena": "tombo sweep collisions reaction.name=bounce,reflex --disturbances --seeds 0:30",
-    "risk": "tombo sweep paper_collision 'vehicle.mass=norm(1.3,0.02)' --design lhs --samples "
-    "4000",
+    "arena": "tombo sweep, as in tombo sweep collisions reaction.name=bounce,reflex "
+    "--disturbances --seeds 0:30 (docs/sweep.md)",
+    "risk": "tombo sweep, as in tombo sweep paper_collision 'vehicle.mass=norm(1.3,0.02)' "
+    "--design lhs --samples 4000 (docs/sweep.md)",
+    **{name: f"tombo list {name}" for name in ("scenarios", "effects", "reactions")},
 }
 """Former command → what to use in its place."""
 
@@ -51,15 +53,14 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit()
 
 
-def _tombo(
-    ctx: typer.Context,
-    version: Annotated[
-        bool,
-        option(
-            "--version", "Print the version and leave.", callback=_print_version, is_eager=True
-        ),
-    ] = False,
-) -> None:
+@record
+class _Version:
+    version: bool = option(
+        "--version", "Print the version and leave.", False, check=_print_version, is_eager=True
+    )
+
+
+def _tombo(ctx: typer.Context, version: _Version) -> None:
     """Without a subcommand, say what there is."""
     if ctx.invoked_subcommand is None:
         typer.echo(ctx.get_help())
@@ -73,7 +74,7 @@ def application(modules: tuple[str, ...] = _COMMANDS) -> typer.Typer:
         help="Fly a quadrotor with Tombo propellers, which fold on impact: the collision "
         "experiment of the paper, headless.",
         context_settings=HELP_OPTIONS,
-        callback=_tombo,
+        callback=spelt_out(_tombo),
         invoke_without_command=True,
         pretty_exceptions_enable=False,
     )
@@ -107,10 +108,7 @@ def _command(args: list[str]) -> object:
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # as `tombo_bringup.start` leaves it
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if args and args[0] in _REMOVED:
-        raise InputError(
-            f"tombo {args[0]} was removed; accepted: tombo sweep, as in {_REMOVED[args[0]]} "
-            "(docs/sweep.md)"
-        )
+        raise InputError(f"tombo {args[0]} was removed; accepted: {_REMOVED[args[0]]}")
     return application(_modules_of(args))(args, prog_name="tombo", standalone_mode=False)
 
 

@@ -1,57 +1,85 @@
-"""Options that several commands have, how their texts are read, and which go together."""
+"""Options of commands, as records of the things that they set.
+
+A command takes records, and `command` makes them options of typer. An option is defined once: here
+if several commands have it, else in the file of its command.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from pathlib import Path
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    TypeVar,
+    dataclass_transform,
+    get_args,
+    get_type_hints,
+)
 
 import typer
 
-from tombo_dynamics.errors import InputError
+from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_seed
+
+if TYPE_CHECKING:
+    from tombo_dynamics.propeller import Library
 
 HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
 """Settings of a group of commands."""
+_MISSING = dataclasses.MISSING
+_Record = TypeVar("_Record")
 
 
-def option(declaration: str, text: str, **more: Any) -> Any:
-    """Return an option.
-
-    Args:
-        declaration: name, and what stands for its value in the help, as in "--set KEY=VALUE".
-        text: of the help.
-        more: further arguments of `typer.Option`.
-    """
-    name, _, metavar = declaration.partition(" ")
-    return typer.Option(name, metavar=metavar or None, help=text, **more)
+@dataclass_transform(kw_only_default=True, frozen_default=True)
+def record(cls: type[_Record]) -> type[_Record]:
+    """Make a class a record of options."""
+    return dataclass(frozen=True, kw_only=True)(cls)
 
 
-def number_option(
+def option(
     declaration: str,
     text: str,
-    accepted: str | Callable[[], str],
-    kind: type[float] = float,
+    default: Any = None,
+    *,
+    bounds: tuple[float, float] | None = None,
+    accepted: str = "",
+    check: Callable[..., Any] | None = None,
     **more: Any,
 ) -> Any:
-    """Return an option that is a number, of a `kind`: float or int.
+    """Declare a field of a record that is set by an option.
 
-    `accepted` is what the error names when the text is no number, or a function that returns it.
+    Args:
+        declaration: names, and the placeholder of its value in the help, as in "-o/--output DIR".
+        text: of the help.
+        default: where the option is not given; `...`: it must be given.
+        bounds: lowest and highest number.
+        accepted: words of the error for a text that is not a number; by default the bounds.
+        check: takes the value and returns it, or raises InputError.
+        more: further arguments of `typer.Option`.
     """
+    names, _, metavar = declaration.partition(" ")
+    flag = names.split("/")[-1]
+    if bounds is not None:
+        check = _within(flag, *bounds)
+    if check is not None:
+        more["callback"] = check
+    info = typer.Option(*names.split("/"), metavar=metavar or None, help=text, **more)
+    return _field(default, info, accepted or _range(bounds))
 
-    def complaint() -> str:
-        return f"; accepted: {accepted if isinstance(accepted, str) else accepted()}"
 
-    return option(declaration, text, parser=_parser(kind, complaint), **more)
-
-
-def integer_option(declaration: str, text: str, **more: Any) -> Any:
-    """Return an option that is a whole number, with further arguments of `typer.Option`."""
-    return option(declaration, text, parser=_parser(int, lambda: " is not a whole number"), **more)
+def argument(metavar: str, text: str, default: Any = ..., **more: Any) -> Any:
+    """Declare a field of a record that is set by an argument; others as of `option`."""
+    return _field(default, typer.Argument(metavar=metavar, help=text, **more))
 
 
 def former_option(declaration: str, now: str) -> Any:
-    """Return an option that goes by another name now: it is not listed, but obeyed with a word."""
+    """Declare an option that has another name now: it is not listed, but obeyed with a word."""
     name = declaration.partition(" ")[0]
 
     def say(value: Any) -> Any:
@@ -59,59 +87,118 @@ def former_option(declaration: str, now: str) -> Any:
             typer.echo(f"{name} is now {now}", err=True)
         return value
 
-    return option(declaration, f"Now {now}.", hidden=True, callback=say)
+    return option(declaration, f"Now {now}.", hidden=True, check=say)
 
 
-def json_option(text: str) -> Any:
-    """Return the option --json."""
-    return option("--json", text)
+def command(app: typer.Typer, name: str | None = None, **settings: Any) -> Callable[..., Any]:
+    """Return what makes a function a command of `app`, under its own name or another.
+
+    Parameters of the function are records of options, or `typer.Context`; its description is shown
+    with a line a paragraph. `settings` are further ones of the command.
+    """
+
+    def register(function: Callable[..., Any]) -> Callable[..., Any]:
+        text = inspect.cleandoc(function.__doc__ or "").split("\n\n")
+        settings.setdefault("help", "\n\n".join(" ".join(part.split()) for part in text))
+        app.command(name, **settings)(spelt_out(function))
+        return function
+
+    return register
 
 
-def output_option(text: str) -> Any:
-    """Return the option -o, a folder of results."""
-    return typer.Option("-o", "--output", metavar="DIR", help=text)
+def spelt_out(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function with an argument for each option, as typer reads it.
+
+    Args:
+        function: each parameter is a record of options, or anything that typer knows.
+    """
+    records: dict[str, type[Any]] = {}
+    parameters: list[inspect.Parameter] = []
+    for parameter in inspect.signature(function, eval_str=True).parameters.values():
+        kind = parameter.annotation
+        if isinstance(kind, type) and dataclasses.is_dataclass(kind):
+            records[parameter.name] = kind
+            parameters += _parameters(kind)
+        else:
+            parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+
+    @functools.wraps(function)
+    def call(**given: Any) -> Any:
+        made = {
+            name: kind(**{f.name: given.pop(f.name) for f in _options(kind)})
+            for name, kind in records.items()
+        }
+        return function(**made, **given)
+
+    call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    call.__annotations__ = {p.name: p.annotation for p in parameters}
+    return call
 
 
-def _parser(kind: type[float], complaint: Callable[[], str]) -> Callable[[object], float]:
-    def parse(given: object) -> float:
-        try:
-            return kind(str(given))
-        except ValueError:
-            raise typer.BadParameter(f"'{given}'{complaint()}") from None
-
-    return parse
+def _field(default: Any, info: Any, accepted: str = "") -> Any:
+    metadata = {"option": info, "accepted": accepted}
+    return dataclasses.field(default=_MISSING if default is ... else default, metadata=metadata)
 
 
-def _let_unpack(ctx: typer.Context, limit_gb: float | None) -> float | None:
-    """Set the limit until the command ends."""
-    from tombo_bag.formats.unpacking import GIGABYTE, unpacking_up_to
-
-    if limit_gb is not None and not 0.0 < limit_gb < 1e6:
-        raise InputError(f"--unpack-limit {limit_gb:g}: out of bounds; accepted: a number above 0")
-    limit = None if limit_gb is None else int(limit_gb * GIGABYTE)
-    ctx.with_resource(unpacking_up_to(limit))
-    return limit_gb
+def _options(record: type[Any]) -> list[dataclasses.Field[Any]]:
+    """Return the fields of a record that are set by options, and its numbers (`param`)."""
+    kinds = ("option", "bounds")
+    return [f for f in dataclasses.fields(record) if any(kind in f.metadata for kind in kinds)]
 
 
-def _check_seed(seed: int | None) -> int | None:
-    return None if seed is None else check_seed("--seed", seed)
+def _parameters(record: type[Any]) -> list[inspect.Parameter]:
+    """Return a parameter of a function for each option of a record."""
+    hints, made = get_type_hints(record), []
+    for field in _options(record):
+        hint, meta = hints[field.name], field.metadata
+        info, accepted = meta.get("option"), meta.get("accepted", "")
+        if info is None:  # the record checks the number itself
+            unit = meta["unit"]
+            accepted = f"{_range(meta['bounds'])} [{unit}]"
+            flag = f"--{field.name.removesuffix(f'_{unit}').replace('_', '-')}"
+            info = typer.Option(
+                flag, metavar="X" if unit == "1" else unit.upper(), help=meta["doc"]
+            )
+        for kind in (int, float):
+            if hint is kind or kind in get_args(hint):
+                info.parser = functools.partial(_number, kind, accepted)
+        missing = field.default is _MISSING
+        made.append(
+            inspect.Parameter(
+                field.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=inspect.Parameter.empty if missing else field.default,
+                annotation=Annotated[hint, info],
+            )
+        )
+    return made
 
 
-def _import(files: list[str] | None) -> list[str] | None:
-    if files:
-        from tombo_flight.own_files import import_files
-
-        import_files(files)
-    return files
-
-
-def _check_duration(duration: float | None) -> float | None:
-    if duration is not None and not duration > 0.0:
-        raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
-    return duration
+def _number(kind: type[float], accepted: str, given: object) -> float:
+    try:
+        return kind(str(given))
+    except ValueError:
+        what = "a whole number" if kind is int else "a number"
+        if accepted.startswith("from"):
+            accepted = f"{what} {accepted}"
+        more = f"; accepted: {accepted}" if accepted else ""
+        raise typer.BadParameter(f"'{given}' is not {what}{more}") from None
 
 
-def topic_names(option_name: str, texts: Sequence[str]) -> dict[str, str]:
+def _range(bounds: tuple[float, float] | None) -> str:
+    return "" if bounds is None else f"from {bounds[0]:g} to {bounds[1]:g}"
+
+
+def _within(flag: str, low: float, high: float) -> Callable[[Any], Any]:
+    def check(value: Any) -> Any:
+        if value is not None and not low <= value <= high:
+            raise InputError(f"{flag} {value:g}: out of bounds; accepted: {low:g} to {high:g}")
+        return value
+
+    return check
+
+
+def topic_names(texts: Sequence[str]) -> dict[str, str]:
     """Return recorded topic -> the suite's name, from RECORDED:=NAME or RECORDED=NAME.
 
     Raises:
@@ -122,19 +209,11 @@ def topic_names(option_name: str, texts: Sequence[str]) -> dict[str, str]:
         source, sign, name = text.partition("=")
         source = source.removesuffix(":").strip()
         if not sign or not source or not name.strip():
-            raise InputError(
-                f"{option_name} {text}: accepted: TOPIC:=NAME, as in /lab/pose:=/mocap/pose"
-            )
+            raise InputError(f"--map {text}: accepted: TOPIC:=NAME, as in /lab/pose:=/mocap/pose")
         if source in names:
-            raise InputError(f"{option_name} {text}: {source} is given twice; accepted: once")
+            raise InputError(f"--map {text}: {source} is given twice; accepted: once")
         names[source] = name.strip()
     return names
-
-
-def _check_workers(workers: int | None) -> int | None:
-    if workers is not None and not 1 <= workers <= _MOST_WORKERS:
-        raise InputError(f"--workers {workers}: out of bounds; accepted: 1 to {_MOST_WORKERS}")
-    return workers
 
 
 def _scenarios(begun: str) -> list[tuple[str, str]]:
@@ -158,6 +237,348 @@ def _reactions(begun: str) -> list[tuple[str, str]]:
 
 def _completions(table: Mapping[str, str], begun: str) -> list[tuple[str, str]]:
     return [(name, text) for name, text in table.items() if name.startswith(begun)]
+
+
+def _seed(seed: int | None) -> int | None:
+    return None if seed is None else check_seed("--seed", seed)
+
+
+def _import(files: list[str] | None) -> list[str] | None:
+    if files:
+        from tombo_flight.own_files import import_files
+
+        import_files(files)
+    return files
+
+
+def _duration(duration: float | None) -> float | None:
+    if duration is not None and not duration > 0.0:
+        raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
+    return duration
+
+
+def _let_unpack(ctx: typer.Context, limit_gb: float | None) -> float | None:
+    """Set the limit until the command ends."""
+    from tombo_bag.formats.unpacking import GIGABYTE, unpacking_up_to
+
+    if limit_gb is not None and not 0.0 < limit_gb < 1e6:
+        raise InputError(f"--unpack-limit {limit_gb:g}: out of bounds; accepted: a number above 0")
+    limit = None if limit_gb is None else int(limit_gb * GIGABYTE)
+    ctx.with_resource(unpacking_up_to(limit))
+    return limit_gb
+
+
+def _output(output: str | None) -> str | None:
+    if output is not None and not output.strip():
+        raise InputError(f"-o '{output}': no name; accepted: a folder, new or empty")
+    return output
+
+
+@record
+class Scene:
+    """The scenario."""
+
+    scenario: str = argument(
+        "SCENARIO", "A name of `tombo list scenarios`, or a YAML file.", "paper_collision",
+        autocompletion=_scenarios,
+    )  # fmt: skip
+
+
+@record
+class FormerScene(Scene):
+    """The scenario of a command that had it as an option."""
+
+    former: str | None = former_option("--scenario SCENARIO", "the argument SCENARIO")
+
+    @property
+    def name(self) -> str:
+        """The scenario, whichever way it was given."""
+        return self.former or self.scenario
+
+
+@record
+class Settings:
+    """Single values that are set."""
+
+    settings: list[str] | None = option(
+        "--set KEY=VALUE",
+        "Change a value, as in vehicle.mass=1.4 or effects.steady_wind.east=2. May be given many "
+        "times.",
+    )
+
+
+@record
+class Imports:
+    """Code of one's own."""
+
+    imports: list[str] | None = option(
+        "--import FILE",
+        "A Python file with effects, reactions or cores of your own (docs/own_collision.md). May "
+        "be given many times.",
+        check=_import,
+        is_eager=True,
+    )
+
+
+@record
+class VehicleName:
+    """The vehicle."""
+
+    vehicle: str | None = option(
+        "--vehicle NAME|FILE",
+        "A name of `tombo vehicle list`, or a vehicle file (docs/own_vehicle.md). Default: that "
+        "of the scenario or the log, else the suite's own.",
+        autocompletion=_vehicles,
+    )
+
+
+@record
+class Mass:
+    """The vehicle's mass."""
+
+    mass: float | None = option(
+        "--mass KG",
+        "Mass at take-off, as weighed: flights show thrust over mass only.",
+        accepted="a number [kg]",
+    )
+
+
+@record
+class ModelFile:
+    """The model that an earlier diagnosis found."""
+
+    model: str | None = option(
+        "--model FILE",
+        "A model file that `tombo diagnose` or `tombo propeller diagnose` has written. Its "
+        "effects are laid over those of the scenario; --set wins over both.",
+    )
+
+
+@record
+class Variation(Imports, Settings, ModelFile, VehicleName):
+    """Changes of a scenario."""
+
+    reaction: str | None = option(
+        "--reaction NAME",
+        "A name of `tombo list reactions`, in place of the scenario's reaction; its parameters: "
+        "--set reaction.KEY=VALUE.",
+        autocompletion=_reactions,
+    )
+    disturbances: bool = option(
+        "--disturbances",
+        "With what clean figures leave out: wind, vibration, a real IMU, scatter, battery "
+        "(docs/reactions.md); --set wins over each.",
+        False,
+    )
+
+    @property
+    def changes(self) -> list[str]:
+        """The settings that the options mean; those of --set come last.
+
+        Raises:
+            InputError: the reaction is unknown.
+        """
+        from tombo_collision.reactions import REGISTRY
+
+        if self.reaction is not None and self.reaction not in REGISTRY:
+            raise unknown_name("--reaction", self.reaction, REGISTRY)
+        named = [] if self.reaction is None else [f"reaction.name={self.reaction}"]
+        over = ["disturbances=true"] if self.disturbances else []
+        return [*over, *named, *(self.settings or [])]
+
+
+@record
+class Draw:
+    """Random draws."""
+
+    seed: int | None = option(
+        "--seed N", "All random draws come from it. Default: 0.", check=_seed
+    )
+
+
+@record
+class Seeds:
+    """Many random draws."""
+
+    seeds: str | None = option(
+        "--seeds A:B", "Fly seeds A to B-1 on all cores; one table, no files of single flights."
+    )
+
+
+@record
+class Duration:
+    """When a command ends by itself."""
+
+    duration: float | None = option("--duration S", "Stop after S seconds.", check=_duration)
+
+
+@record
+class Pace:
+    """How fast time goes."""
+
+    speed: float | None = option(
+        "--speed X", "Simulated or recorded time against real time. Default: 1."
+    )
+
+
+@record
+class Domain:
+    """Where the nodes are."""
+
+    domain: int | None = option(
+        "--domain N",
+        "ROS_DOMAIN_ID. Default: that of the environment; of a simulated flight one that is free.",
+    )
+
+
+@record
+class Propeller:
+    """A propeller of the paper."""
+
+    conf: int | None = option(
+        "--conf N", "Configuration of the paper's Table I, 0 (rigid) to 13, or of a --library."
+    )
+    law: str | None = option("--law L", "Law of the nodus: published, repaired or consistent.")
+
+
+@record
+class OwnLibrary:
+    """Propellers of one's own."""
+
+    library: list[Path] | None = option(
+        "--library DIR",
+        "Folder with any of materials.yaml, blades.yaml, configurations.yaml, measurements.yaml "
+        "of your own. May be given many times.",
+    )
+
+    def read(self) -> Library:
+        """Return the built-in library with the content of the folders.
+
+        Raises:
+            InputError: a folder can't be used.
+        """
+        from tombo_dynamics.propeller import read_library
+
+        for folder in self.library or ():
+            if not folder.is_dir():
+                raise InputError(
+                    f"--library {folder}: no such folder; accepted: a folder with any of "
+                    "materials.yaml, blades.yaml, configurations.yaml, measurements.yaml"
+                )
+        return read_library(*(self.library or ()))
+
+
+@record
+class LogMapping:
+    """Columns of a log."""
+
+    mapping: str | None = option(
+        "--mapping FILE|NAME",
+        "What the columns of a CSV are, in which units and frames (docs/logs.md, docs/stand.md).",
+    )
+
+
+@record
+class Topics:
+    """Topics of a recording."""
+
+    maps: list[str] | None = option(
+        "--map TOPIC:=NAME",
+        "Take a recorded topic for one of the suite's, as in /lab/pose:=/mocap/pose. May be "
+        "given many times.",
+    )
+
+    @property
+    def names(self) -> dict[str, str]:
+        """Recorded topic -> the suite's name."""
+        return topic_names(self.maps or [])
+
+
+@record
+class Reading(LogMapping, Topics):
+    """Columns and topics of a log."""
+
+
+@record
+class Unpacking:
+    """Limit on the size of an unpacked file."""
+
+    unpack_limit: float | None = option(
+        "--unpack-limit GB",
+        "Unpack a compressed file to this size at most. Default: 100 times the size of the file, "
+        "and a quarter of the machine's memory.",
+        accepted="a number of gigabytes",
+        check=_let_unpack,
+    )
+
+
+@record
+class Server:
+    """Where a page is served."""
+
+    host: str = option(
+        "--host ADDRESS", "Address to serve at; others than 127.0.0.1 need the token.", "127.0.0.1"
+    )
+    port: int | None = option(
+        "--port P", "0: a free one. Default: 8360, of the workbench 8361.", bounds=(0, 65535)
+    )
+
+
+@record
+class Workers:
+    """Processes."""
+
+    workers: int | None = option(
+        "--workers N", "Processes on this machine. Default: one for each core.", bounds=(1, 1024)
+    )
+
+
+@record
+class Force:
+    """Whether anything may be replaced."""
+
+    force: bool = option(
+        "--force", "Replace the results that are there; other files are left alone.", False
+    )
+
+
+@record
+class Shown:
+    """How results are printed."""
+
+    as_json: bool = option("--json", "Print the results as JSON, and nothing else.", False)
+
+
+@record
+class FlightFolder(Shown):
+    """Where the files of flights go."""
+
+    output: str | None = option(
+        "-o/--output DIR",
+        "Folder of the results, new or empty; with that of a sweep which was stopped, it goes on. "
+        "Default: a new one in runs/, with a number where its name is taken.",
+        check=_output,
+    )
+
+
+@record
+class Results(Force, Shown):
+    """Where results go."""
+
+    output: str | None = option(
+        "-o/--output DIR",
+        "Folder of the results, new or empty. Default: a new one in runs/; with --json none.",
+        check=_output,
+    )
+
+
+@record
+class Copies(Shown):
+    """Where results go that are printed, and written on demand only."""
+
+    output: str | None = option(
+        "-o/--output DIR", "Write the results into this folder, too.", check=_output
+    )
 
 
 @dataclass(frozen=True)
@@ -202,16 +623,18 @@ def is_given(value: Any) -> bool:
     return value is not None and value is not False and value != []
 
 
-def check_options(rules: Sequence[OptionRule], given: Mapping[str, Any]) -> None:
+def check_options(rules: Sequence[OptionRule], *records: Any, **more: Any) -> None:
     """Refuse options that don't go together, by the first rule that they break.
 
     Args:
         rules: of the command.
-        given: name of a parameter → its value.
+        records: of options.
+        more: values that no record has.
 
     Raises:
         InputError: there are some.
     """
+    given = {name: value for record in records for name, value in vars(record).items()} | more
     for rule in rules:
         rule.check(given)
 
@@ -219,135 +642,3 @@ def check_options(rules: Sequence[OptionRule], given: Mapping[str, Any]) -> None
 def _flags(names: Sequence[str], last: str) -> str:
     flags = [f"--{name.replace('_', '-')}" for name in names]
     return f" {last} ".join([", ".join(flags[:-1]), flags[-1]] if len(flags) > 1 else flags)
-
-
-_MOST_WORKERS = 1024
-_SCENARIO = "A name of `tombo scenarios`, or a YAML file."
-ScenarioArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENARIO", help=_SCENARIO, show_default=True, autocompletion=_scenarios
-    ),
-]
-FormerScenario = Annotated[
-    str | None, former_option("--scenario SCENARIO", "the argument SCENARIO")
-]
-Settings = Annotated[
-    list[str] | None,
-    option(
-        "--set KEY=VALUE",
-        "Change a value of the scenario, as in vehicle.mass=1.4 or effects.steady_wind.east=2. "
-        "May be given many times.",
-    ),
-]
-ReactionName = Annotated[
-    str | None,
-    option(
-        "--reaction NAME",
-        "A name of `tombo reactions`, in place of the scenario's reaction; its parameters: "
-        "--set reaction.KEY=VALUE.",
-        autocompletion=_reactions,
-    ),
-]
-Imports = Annotated[
-    list[str] | None,
-    option(
-        "--import FILE",
-        "A Python file with effects, reactions or cores of your own (docs/own_collision.md). May "
-        "be given many times.",
-        callback=_import,
-        is_eager=True,
-    ),
-]
-Disturbed = Annotated[
-    bool,
-    option(
-        "--disturbances",
-        "With what clean figures leave out: wind, vibration, a real IMU, scatter, battery "
-        "(docs/reactions.md); --set wins over each.",
-    ),
-]
-ModelFile = Annotated[
-    str | None,
-    option(
-        "--model FILE",
-        "Lay the effects of a model.yaml, which `tombo diagnose` writes, over those of the "
-        "scenario; --set wins over both.",
-    ),
-]
-VehicleName = Annotated[
-    str | None,
-    option(
-        "--vehicle NAME|FILE",
-        "A name of `tombo vehicle list`, or a vehicle file (docs/own_vehicle.md), in place of the "
-        "scenario's vehicle, propeller and gains; --set wins over it.",
-        autocompletion=_vehicles,
-    ),
-]
-_SEED = "All random draws come from it."
-Seed = Annotated[int, integer_option("--seed N", _SEED, callback=_check_seed)]
-SeedOrNone = Annotated[
-    int | None, integer_option("--seed N", f"{_SEED} Default: 0.", callback=_check_seed)
-]
-Yes = Annotated[bool, option("--yes", "With --px4 URL: arm without asking first.")]
-BridgeSettings = Annotated[
-    list[str] | None,
-    option(
-        "--bridge KEY=VALUE",
-        "With --px4: set a parameter of the bridge, as in link.allow_remote=true, "
-        "px4.position_std=0.002 or, of PX4 itself, px4_parameters=[EKF2_EV_CTRL=11]; "
-        "px4_parameters=safe: those with which a loss ends on the ground. May be given many "
-        "times.",
-    ),
-]
-Duration = Annotated[
-    float | None, option("--duration S", "Stop after S seconds.", callback=_check_duration)
-]
-Px4Url = Annotated[
-    str | None,
-    option(
-        "--px4 [URL]",
-        "Fly with the nodes over MAVLink: a simulated PX4, or the one at URL (udpin://, "
-        "udpout://, tcpout://, serial://), which may be a real vehicle.",
-    ),
-]
-Force = Annotated[
-    bool, option("--force", "Replace the results in DIR; other files in it are left alone.")
-]
-LogMapping = Annotated[
-    str | None,
-    option(
-        "--mapping FILE|NAME",
-        "What the columns of a CSV are, in which units and frames (docs/logs.md).",
-    ),
-]
-Host = Annotated[
-    str, option("--host ADDRESS", "Address to serve at; others than 127.0.0.1 need the token.")
-]
-TopicNames = Annotated[
-    list[str] | None,
-    option(
-        "--map TOPIC:=NAME",
-        "Take a recorded topic for one of the suite's, as in /lab/pose:=/mocap/pose. May be "
-        "given many times.",
-    ),
-]
-Workers = Annotated[
-    int | None,
-    integer_option(
-        "--workers N",
-        "Processes on this machine. Default: one for each core.",
-        callback=_check_workers,
-    ),
-]
-JsonOnly = Annotated[bool, json_option("Print JSON only.")]
-UnpackLimit = Annotated[
-    float | None,
-    number_option(
-        "--unpack-limit GB",
-        "Unpack a compressed file to this size at most. Default: 100 times the size of the file, "
-        "and a quarter of the machine's memory.",
-        "a number of gigabytes",
-        callback=_let_unpack,
-    ),
-]

@@ -3,19 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from tombo_bringup.cli.options import (
-    Force,
-    LogMapping,
-    TopicNames,
-    json_option,
-    output_option,
-    topic_names,
-)
-from tombo_bringup.cli.tables import show_page
+from tombo_bringup.cli.options import Reading, Results, argument, command, record
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,59 +24,44 @@ NAMELESS = "recording"
 """Name of a flight whose recording says none."""
 
 
-@app.command(
+@record
+class _Logs:
+    logs: list[Path] = argument(
+        "LOG...", "One to six flights: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV."
+    )
+
+
+@command(
+    app,
     epilog="Exit code: 0 when the page is made, whatever it says; 2 for bad input or output that "
-    "can't be written; 130 after Ctrl-C."
+    "can't be written; 130 after Ctrl-C.",
 )
-def report(
-    logs: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="LOG...",
-            help="One to six flights: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV.",
-            show_default=False,
-        ),
-    ],
-    mapping: LogMapping = None,
-    maps: TopicNames = None,
-    output: Annotated[
-        str | None,
-        output_option(
-            "Folder of report.html, new or empty. Default: runs/report-LOG, numbered; with --json "
-            "nothing is written."
-        ),
-    ] = None,
-    force: Force = False,
-    as_json: Annotated[bool, json_option("Print the figures as JSON, and nothing else.")] = False,
-) -> None:
+def report(logs: _Logs, reading: Reading, results: Results) -> None:
     """Show what was asked for and flown, vibration, rotors, battery, motion capture, events.
 
     Set points against estimates, spectra, saturation, health of the motion capture and a first
     diagnosis; logs side by side are drawn in the same plots, each from its own beginning.
     """
-    from tombo_bringup.cli.result_files import compute_into, results_folder
+    from tombo_bringup.cli.result_files import publish
     from tombo_diagnosis.report.log_page import MOST_LOGS, log_page
     from tombo_flight.report.html import page_html
 
-    if len(logs) > MOST_LOGS:
-        raise InputError(f"{len(logs)} logs; accepted: 1 to {MOST_LOGS}")
-    if output is not None and output.endswith(".html"):
-        raise InputError(f"-o '{output}': accepted: a folder; the page in it is {PAGE}")
-    names = topic_names("--map", maps or [])
+    if len(logs.logs) > MOST_LOGS:
+        raise InputError(f"{len(logs.logs)} logs; accepted: 1 to {MOST_LOGS}")
+    if results.output is not None and results.output.endswith(".html"):
+        raise InputError(f"-o '{results.output}': accepted: a folder; the page in it is {PAGE}")
+    names = reading.names
 
     def compute(on_progress: ProgressCallback) -> Page:
         on_progress("reading", 0.0)
-        flights = read(logs, mapping, names)
+        flights = read(logs.logs, reading.mapping, names)
         return log_page(flights, [reason(flight) for flight in flights])
 
     def write(folder: OutputFolder, page: Page, on_progress: ProgressCallback) -> None:
         (folder / PAGE).write_text(page_html(page), encoding="utf-8", newline="\n")
 
-    path = results_folder(output, "report", logs[0].name.split(".")[0], as_json, "log")
-    page, path, written = compute_into(
-        path, force, [PAGE], compute, write, numbered=output is None
-    )
-    show_page(page, as_json, None if as_json else path, written)
+    name = f"report-{logs.logs[0].name.split('.')[0]}"
+    publish(results, name, [PAGE], compute, write, lambda page, folder: page)
 
 
 def read(logs: list[Path], mapping: str | None, names: dict[str, str]) -> list[Flight]:

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, TypeVar
 import typer
 
 if TYPE_CHECKING:
+    from tombo_bringup.cli.options import Results
     from tombo_bringup.cli.progress import ProgressCallback
     from tombo_flight.process.output_folder import OutputFolder
+    from tombo_flight.report.page import Page
     from tombo_flight.sweep.study import SweepStudy
 
 _Found = TypeVar("_Found")
@@ -46,49 +48,12 @@ def new_run(name: str, seeds: str, changed: Sequence[str] = ()) -> Place:
     return Place(Path("runs") / (label + more)[:_LONGEST_NAME], numbered=True)
 
 
-def results_folder(
-    output: str | None, kind: str, name: str, as_json: bool, nameless: str
-) -> Path | None:
-    """Return where results go: `output`, or runs/KIND-NAME; None with --json alone: nowhere.
-
-    The default is to be numbered, see `open_output`.
-
-    Args:
-        output: as given.
-        kind: of results.
-        name: of what they are about.
-        as_json: only JSON is printed, unless `output` is given.
-        nameless: as in `plain_name`.
-
-    Raises:
-        InputError: `output` is no name.
-    """
-    if output is None:
-        if as_json:
-            return None
-        return Path("runs") / f"{kind}-{plain_name(name, nameless)}"
-    check_output(output)
-    return Path(output)
-
-
-def plain_name(name: str, nameless: str) -> str:
+def plain_name(name: str, nameless: str = "log") -> str:
     """Return a name for a file, which can't lead out of its folder.
 
     What is no letter, digit, dot, plus or minus becomes _; nothing at all becomes `nameless`.
     """
     return (re.sub(r"[^\w.+-]+", "_", name).lstrip(".") or nameless)[:100]
-
-
-def check_output(output: str | None) -> None:
-    """Refuse a folder without a name.
-
-    Raises:
-        InputError: `output` is empty.
-    """
-    from tombo_dynamics.errors import InputError
-
-    if output is not None and not output.strip():
-        raise InputError(f"-o '{output}': no name; accepted: a folder, new or empty")
 
 
 def check_new_yaml(path: Path, force: bool) -> None:
@@ -103,6 +68,38 @@ def check_new_yaml(path: Path, force: bool) -> None:
         raise InputError(f"'{path}': accepted: a file that ends with .yaml")
     if path.exists() and not force:
         raise InputError(f"'{path}' exists; accepted: another name, or --force")
+
+
+def publish(
+    results: Results,
+    name: str,
+    files: Sequence[str],
+    compute: Callable[[ProgressCallback], _Found],
+    write: Callable[[OutputFolder, _Found, ProgressCallback], None],
+    page: Callable[[_Found, Path | None], Page],
+) -> None:
+    """Compute, write into the folder of -o or a new one under runs/, and show the page.
+
+    Args:
+        results: where they go; to a new folder not if only JSON is printed.
+        name: of a new folder.
+        files: all names that may be written.
+        compute: what is to be found.
+        write: puts it into the folder.
+        page: of what was found, and the folder.
+
+    Raises:
+        typer.Exit: a signal came.
+        InputError: the folder can't be used.
+    """
+    from tombo_bringup.cli.tables import show_page
+
+    new = results.output is None
+    default = None if results.as_json else Path("runs") / plain_name(name)
+    path = default if results.output is None else Path(results.output)
+    found, path, written = compute_into(path, results.force, files, compute, write, numbered=new)
+    shown = page(found, path)
+    show_page(shown, results.as_json, None if results.as_json else path, written)
 
 
 def compute_into(

@@ -6,9 +6,10 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
 
 import typer
+
+from tombo_bringup.cli.options import argument, command, record
 
 app = typer.Typer()
 
@@ -20,18 +21,20 @@ PASS_ON = {
 """Settings of the command: whatever comes after the node's name is the node's."""
 
 
-@app.command("run", context_settings=PASS_ON)
-def run_executable(
-    ctx: typer.Context,
-    package: Annotated[str, typer.Argument(metavar="PACKAGE", help="As tombo_collision.")],
-    node: Annotated[str, typer.Argument(metavar="NODE", help="As detector_node.")],
-) -> None:
+@record
+class _Node:
+    package: str = argument("PACKAGE", "As tombo_collision.")
+    node: str = argument("NODE", "As detector_node.")
+
+
+@command(app, "run", context_settings=PASS_ON)
+def run_executable(ctx: typer.Context, which: _Node) -> None:
     """Start one node, as `ros2 run` does where it is installed.
 
     Arguments after NODE are passed on, as --ros-args -p detector.threshold:=80.0; the exit code
     is the node's.
     """
-    path = find_executable(package, node)
+    path = find_executable(which.package, which.node)
     sys.stdout.flush()
     command = [str(path), *ctx.args]
     if _is_python(path):  # not by its first line, which can't name a folder with a space

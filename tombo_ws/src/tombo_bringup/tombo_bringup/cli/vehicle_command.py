@@ -5,12 +5,13 @@ from __future__ import annotations
 import dataclasses
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+from tombo_bringup.cli import options
 from tombo_bringup.cli.errors import print_error
-from tombo_bringup.cli.options import HELP_OPTIONS, JsonOnly, integer_option, number_option, option
+from tombo_bringup.cli.options import argument, command, option, record
 from tombo_bringup.cli.result_files import check_new_yaml
 from tombo_bringup.cli.vehicle_fit_command import from_flights
 from tombo_dynamics.errors import InputError
@@ -23,89 +24,76 @@ app = typer.Typer(
     name="vehicle",
     no_args_is_help=True,
     help="List vehicles, show one, or write a file for your own.",
-    context_settings=HELP_OPTIONS,
+    context_settings=options.HELP_OPTIONS,
 )
 _TORQUE_RATIO = 0.016
 """m: drag torque over thrust of many propellers of 5 to 13 inch; what `new` proposes."""
 
 
-@app.command("list")
-def list_vehicles(as_json: JsonOnly = False) -> None:
+@command(app, "list")
+def list_vehicles(shown: options.Shown) -> None:
     """List the vehicles that come with the suite."""
     from tombo_bringup.cli.tables import print_names
     from tombo_flight.vehicle_file import builtin_vehicles
 
     own = "Your own: tombo vehicle new my_vehicle.yaml, then tombo fly hover --vehicle it."
-    print_names(builtin_vehicles(), own, as_json)
+    print_names(builtin_vehicles(), own, shown.as_json)
 
 
-@app.command()
-def show(
-    name: Annotated[
-        str, typer.Argument(metavar="NAME|FILE", help="A name of `tombo vehicle list`, or a file.")
-    ],
-    as_json: JsonOnly = False,
-) -> None:
+@record
+class _Name:
+    name: str = argument("NAME|FILE", "A name of `tombo vehicle list`, or a file.")
+
+
+@command(app)
+def show(which: _Name, shown: options.Shown) -> None:
     """Show each value of a vehicle, where it is from, and its hover."""
     from tombo_bringup.cli.tables import show_page
     from tombo_flight.vehicle_file import read_vehicle
 
-    show_page(_page(read_vehicle(name)), as_json)
+    show_page(_page(read_vehicle(which.name)), shown.as_json)
 
 
-@app.command()
+@record
+class _NewVehicle:
+    file: Path = argument("FILE", "What to write, a .yaml.")
+    name: str | None = option("--name TEXT", "Name of the vehicle.")
+    arm_length: float | None = option(
+        "--arm-length M", "Centre to rotor axis.", accepted="a number [m]"
+    )
+    conf: int | None = option("--conf N", "Tombo propellers, a configuration of Table I.")
+    k_thrust: float | None = option("--k-thrust K", "Plain propellers: N s^2/rad^2.")
+    k_torque: float | None = option("--k-torque K", "Plain propellers: N m s^2/rad^2.")
+    radius: float | None = option(
+        "--radius M", "Plain propellers: tip radius.", accepted="a number [m]"
+    )
+    on_impact: str | None = option("--on-impact WHAT", "Plain propellers: rigid, breaks or folds.")
+
+
+@command(app)
 def new(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write, a .yaml.")],
-    name: Annotated[str | None, option("--name TEXT", "Name of the vehicle.")] = None,
-    mass: Annotated[
-        float | None, number_option("--mass KG", "Mass at take-off.", "a number [kg]")
-    ] = None,
-    arm: Annotated[
-        float | None, number_option("--arm-length M", "Centre to rotor axis.", "a number [m]")
-    ] = None,
-    conf: Annotated[
-        int | None, integer_option("--conf N", "Tombo propellers, a configuration of Table I.")
-    ] = None,
-    k_thrust: Annotated[
-        float | None, number_option("--k-thrust K", "Plain propellers: N s^2/rad^2.", "a number")
-    ] = None,
-    k_torque: Annotated[
-        float | None, number_option("--k-torque K", "Plain propellers: N m s^2/rad^2.", "a number")
-    ] = None,
-    radius: Annotated[
-        float | None, number_option("--radius M", "Plain propellers: tip radius.", "a number [m]")
-    ] = None,
-    on_impact: Annotated[
-        str | None, option("--on-impact WHAT", "Plain propellers: rigid, breaks or folds.")
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        option(
-            "--set KEY=VALUE",
-            "Any other value, as in vehicle.inertia_xx=0.012 or vehicle.mass={value: 1.5, "
-            "tolerance: 0.005, source: weighed}. May be given many times.",
-        ),
-    ] = None,
-    force: Annotated[bool, option("--force", "Replace FILE.")] = False,
+    given: _NewVehicle, mass: options.Mass, more: options.Settings, force: options.Force
 ) -> None:
     """Ask for what is not given as an option, and write a vehicle file that flies.
 
     What is asked: name, mass, arm length, and the propeller. Everything else is taken from these
-    and can be changed in the file.
+    and can be changed in the file, or by --set, as in vehicle.inertia_xx=0.012 or
+    vehicle.mass={value: 1.5, tolerance: 0.005, source: weighed}.
     """
     from tombo_flight.command_line import command_line
     from tombo_flight.scenario import override
     from tombo_flight.vehicle_file import FORMAT, vehicle_from_mapping, write_vehicle
 
-    check_new_yaml(file, force)
-    given: dict[str, Any] = {}
-    for setting in settings or []:
-        given = override(given, setting, example="vehicle.mass=1.4")
-    label = name if name is not None else _ask("--name", "Name", file.stem)
-    values = _FileValues(given)
-    values.put("vehicle.mass", mass, "--mass", "Mass at take-off [kg]")
-    values.put("vehicle.arm_length", arm, "--arm-length", "Centre to rotor axis [m]")
-    _propeller(values, conf, k_thrust, k_torque, radius, on_impact)
+    file = given.file
+    check_new_yaml(file, force.force)
+    known: dict[str, Any] = {}
+    for setting in more.settings or []:
+        known = override(known, setting, example="vehicle.mass=1.4")
+    label = given.name if given.name is not None else _ask("--name", "Name", file.stem)
+    values = _FileValues(known)
+    values.put("vehicle.mass", mass.mass, "--mass", "Mass at take-off [kg]")
+    values.put("vehicle.arm_length", given.arm_length, "--arm-length", "Centre to rotor axis [m]")
+    _propeller(values, given)
     while True:
         content = {"tombo_vehicle": FORMAT, "name": label, **values.content}
         try:
@@ -168,20 +156,14 @@ class _FileValues:
         return True
 
 
-def _propeller(
-    values: _FileValues,
-    conf: int | None,
-    k_thrust: float | None,
-    k_torque: float | None,
-    radius: float | None,
-    on_impact: str | None,
-) -> None:
+def _propeller(values: _FileValues, given: _NewVehicle) -> None:
     """Take the propeller, or ask for it."""
-    plain = (
-        values.has("propeller.curve") or values.has("propeller.k_thrust") or k_thrust is not None
+    conf = given.conf
+    plain = given.k_thrust is not None or any(
+        values.has(key) for key in ("propeller.curve", "propeller.k_thrust")
     )
     asks = not plain
-    if plain and conf is not None and on_impact != "folds":
+    if plain and conf is not None and given.on_impact != "folds":
         raise InputError(f"--conf {conf}: accepted: without --k-thrust, or with --on-impact folds")
     if conf is None and not plain and not values.has("propeller.conf"):
         answer = _ask(
@@ -193,22 +175,23 @@ def _propeller(
             values.answered("propeller.conf", "--conf", "A Tombo configuration (0 to 13)")
     values.put("propeller.conf", conf, "--conf")
     if not plain:
-        given = {"--k-torque": k_torque, "--radius": radius, "--on-impact": on_impact}
-        for flag, value in given.items():
-            if value is not None:
+        for name in ("k_torque", "radius", "on_impact"):
+            if (value := getattr(given, name)) is not None:
+                flag = f"--{name.replace('_', '-')}"
                 raise InputError(f"{flag} {value}: accepted: with --k-thrust only")
         return
     if not values.has("propeller.curve"):
         question = "Thrust over speed squared [N s^2/rad^2]"
-        values.put("propeller.k_thrust", k_thrust, "--k-thrust", question)
+        values.put("propeller.k_thrust", given.k_thrust, "--k-thrust", question)
         k = values.content["propeller"]["k_thrust"]
         k = k["value"] if isinstance(k, dict) else k
         usual = float(f"{_TORQUE_RATIO * k:.4g}") if isinstance(k, float) else None
         question = "Drag torque over speed squared [N m s^2/rad^2]"
-        values.put("propeller.k_torque", k_torque, "--k-torque", question, usual)
-    values.put("propeller.radius", radius, "--radius", "Tip radius [m]")
+        values.put("propeller.k_torque", given.k_torque, "--k-torque", question, usual)
+    values.put("propeller.radius", given.radius, "--radius", "Tip radius [m]")
     question = "When it strikes: rigid, breaks or folds"
-    values.put("propeller.on_impact", on_impact, "--on-impact", question if asks else "", "breaks")
+    question = question if asks else ""
+    values.put("propeller.on_impact", given.on_impact, "--on-impact", question, "breaks")
 
 
 def _ask(flag: str, question: str, default: Any = None) -> Any:
@@ -323,4 +306,4 @@ def _source(file: VehicleFile, key: str) -> str:
     return "rule" if key.startswith("control.") else "as the S500, in this size"
 
 
-app.command("from-flights")(from_flights)
+command(app, "from-flights")(from_flights)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import dataclasses
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from tombo_bringup.cli.options import JsonOnly, LogMapping, UnpackLimit, number_option, option
+from tombo_bringup.cli import options
+from tombo_bringup.cli.options import argument, option, record
 from tombo_bringup.cli.progress import progress_bar
 from tombo_bringup.cli.result_files import check_new_yaml
 from tombo_dynamics.errors import InputError
@@ -21,31 +20,22 @@ if TYPE_CHECKING:
     from tombo_flight.vehicle_file import VehicleFile
 
 
+@record
+class _Flights:
+    logs: list[Path] = argument(
+        "LOG...", "Healthy flights of one vehicle: recordings, PX4 logs, CSV."
+    )
+    output: Path = option("-o/--output FILE", "What to write, a .yaml.", ...)
+
+
 def from_flights(
-    logs: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="LOG...",
-            help="Healthy flights of one vehicle: recordings, PX4 logs, CSV.",
-            show_default=False,
-        ),
-    ],
-    output: Annotated[Path, option("-o/--output FILE", "What to write, a .yaml.")],
-    vehicle: Annotated[
-        str | None,
-        option(
-            "--vehicle NAME|FILE",
-            "What is known of it before. Default: the airframe of the logs, else the suite's own.",
-        ),
-    ] = None,
-    mass: Annotated[
-        float | None,
-        number_option("--mass KG", "As weighed: flights show thrust over mass only.", "a number"),
-    ] = None,
-    mapping: LogMapping = None,
-    force: Annotated[bool, option("--force", "Replace FILE.")] = False,
-    unpack_limit: UnpackLimit = None,
-    as_json: JsonOnly = False,
+    flights: _Flights,
+    known: options.VehicleName,
+    weighed: options.Mass,
+    reading: options.LogMapping,
+    force: options.Force,
+    unpacking: options.Unpacking,
+    shown: options.Shown,
 ) -> None:
     """Fit thrust, motor lag, inertia and drag to healthy flights, and write a vehicle file.
 
@@ -61,7 +51,8 @@ def from_flights(
     from tombo_dynamics.vehicle import VehicleParams
 
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    check_new_yaml(output, force)
+    output, vehicle, mass = flights.output, known.vehicle, weighed.mass
+    check_new_yaml(output, force.force)
     if mass is not None:
         from_mapping(VehicleParams, {"mass": mass}, "--mass: vehicle")
     with progress_bar() as on_progress:
@@ -70,18 +61,18 @@ def from_flights(
         from tombo_flight.vehicle_file import write_vehicle
         from tombo_logs.readers.log_reader import read_logs
 
-        read = read_logs(logs, mapping=mapping)
+        read = read_logs(flights.logs, mapping=reading.mapping)
         if not any("position" in log.series for log in read):
             page = _inertial(read, _base(read, vehicle, mass), output)
-            show_page(page, as_json)
+            show_page(page, shown.as_json)
             return
-        flights, refused = check_flights(read, progress=on_progress)
+        healthy, refused = check_flights(read, progress=on_progress)
         if refused:  # healthy flights are all to be fit for use
             raise InputError(refused[0].message)
-        base = _base(flights, vehicle, mass)
-        fit = fit_vehicle(flights, base, on_progress)
+        base = _base(healthy, vehicle, mass)
+        fit = fit_vehicle(healthy, base, on_progress)
         write_vehicle(output, fit.file)
-    show_page(_page(fit, output), as_json)
+    show_page(_page(fit, output), shown.as_json)
 
 
 def _base(flights: list[Flight], vehicle: str | None, mass: float | None) -> VehicleFile:

@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from tombo_bringup.cli.options import (
-    Force,
-    LogMapping,
-    TopicNames,
-    json_option,
-    output_option,
-    topic_names,
-)
-from tombo_bringup.cli.result_files import compute_into, results_folder
-from tombo_bringup.cli.tables import show_page
+from tombo_bringup.cli.options import Reading, Results, argument, command, record
+from tombo_bringup.cli.result_files import publish
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,31 +20,17 @@ app = typer.Typer()
 WHY_FILES = ("why.json", "report.html")
 
 
-@app.command(
+@record
+class _Log:
+    log: Path = argument("LOG", "A flight: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV.")
+
+
+@command(
+    app,
     epilog="Exit code: 0 whatever the answer; 2 for bad input or output that can't be written; "
-    "130 after Ctrl-C."
+    "130 after Ctrl-C.",
 )
-def why(
-    log: Annotated[
-        Path,
-        typer.Argument(
-            metavar="LOG",
-            help="A flight: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV.",
-            show_default=False,
-        ),
-    ],
-    mapping: LogMapping = None,
-    maps: TopicNames = None,
-    output: Annotated[
-        str | None,
-        output_option(
-            "Folder of the results, new or empty. Default: runs/why-LOG, numbered; with --json "
-            "nothing is written."
-        ),
-    ] = None,
-    force: Force = False,
-    as_json: Annotated[bool, json_option("Print why.json, and nothing else.")] = False,
-) -> None:
+def why(log: _Log, reading: Reading, results: Results) -> None:
     """Say when a flight first went wrong, why, and what shows it.
 
     From one log of a crash or a bad flight, and no other: the first deviation, the most probable
@@ -60,15 +38,15 @@ def why(
     """
     from tombo_diagnosis.report.why_page import why_page
 
-    names = topic_names("--map", maps or [])
-    path = results_folder(output, "why", log.name.split(".")[0], as_json, "log")
-    found, path, written = compute_into(
-        path, force, WHY_FILES,
-        lambda on_progress: run(log, mapping, names, on_progress),
+    names = reading.names
+    publish(
+        results,
+        f"why-{log.log.name.split('.')[0]}",
+        WHY_FILES,
+        lambda on_progress: run(log.log, reading.mapping, names, on_progress),
         lambda folder, found, on_progress: write(folder, found),
-        numbered=output is None,
-    )  # fmt: skip
-    show_page(why_page(found), as_json, None if as_json else path, written)
+        lambda found, folder: why_page(found),
+    )
 
 
 def write(folder: OutputFolder, found: Why) -> None:

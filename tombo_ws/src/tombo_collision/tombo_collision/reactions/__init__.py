@@ -2,7 +2,7 @@
 
 A reaction is a frozen dataclass of its parameters (`tombo_dynamics.params.param`: value, unit,
 bounds, meaning) with a `name`, what it `needs`, and a method `begin`. Scenarios
-(`reaction: {name: bounce}`), `--set reaction.distance=1`, `tombo reactions`, the
+(`reaction: {name: bounce}`), `--set reaction.distance=1`, `tombo list reactions`, the
 node's parameters, the documentation and the generic tests follow.
 """
 

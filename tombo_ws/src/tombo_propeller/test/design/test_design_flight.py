@@ -88,7 +88,10 @@ def test_blade_recovery_counts_from_the_last_release():
 
 
 def test_the_s500_at_its_own_mass_is_the_suites_vehicle():
-    vehicle, plain = vehicle_for(DesignRequest(1.3), configuration(13).blade), VehicleParams()
+    vehicle, plain = (
+        vehicle_for(DesignRequest(mass_kg=1.3), configuration(13).blade),
+        VehicleParams(),
+    )
     for name in ("mass", "inertia_xx", "inertia_zz", "arm_length", "nodus_radius"):
         assert getattr(vehicle, name) == pytest.approx(getattr(plain, name), rel=1e-9)
     assert vehicle.rotor_inertia == pytest.approx(plain.rotor_inertia, rel=0.01)
@@ -96,7 +99,7 @@ def test_the_s500_at_its_own_mass_is_the_suites_vehicle():
 
 @pytest.mark.parametrize(("mass", "arm"), [(0.9, 0.2), (1.3, 0.24), (1.3, 0.4)])
 def test_another_vehicle_touches_the_pillar_at_the_same_place(mass, arm, tmp_path: Path):
-    request = DesignRequest(mass, arm)
+    request = DesignRequest(mass_kg=mass, arm_m=arm)
     path = write_flyable(
         tmp_path, scenario_of(request, configuration(13), 145.5, 0.42), configuration(13)
     )

@@ -22,7 +22,8 @@ from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_propeller.design.design import Design
 from tombo_propeller.design.flight_files import scenario_of, write_flyable
-from tombo_propeller.design.request import LEAST_MARGIN, NAMES
+from tombo_propeller.design.limits import LEAST_MARGIN
+from tombo_propeller.design.request import NAMES
 from tombo_sim.flight_setup import begin
 
 FIRST_SEED = 0

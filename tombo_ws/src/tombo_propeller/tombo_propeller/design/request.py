@@ -8,31 +8,18 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from tombo_dynamics.errors import InputError, unknown_name
-from tombo_dynamics.params import check_number, validate
+from tombo_dynamics.params import validate
 from tombo_dynamics.propeller import Blade, rotor_inertia
 from tombo_dynamics.vehicle import VehicleParams
+from tombo_propeller.design.limits import DesignLimits
 
 LAWS = ("repaired", "consistent")
 """The authors' program, law `published`, takes six fibres whatever the nodus has."""
 S500 = "s500"
-LEAST_MARGIN = 1.1
-"""The simulator flies nothing with less thrust than this over weight."""
 _LONGEST_ARM_MM = 1000.0
 _DRIVES_KG = 0.34
 _DRIVES_XX, _DRIVES_ZZ = 0.0098, 0.0196
 """kg m^2: share of the S500's inertia of four drive units of 85 g at 0.24 m; see vehicle.py."""
-
-
-BOUNDS = {
-    "--mass": ("kg", 0.2, 10.0),
-    "--min-thrust-margin": ("1", LEAST_MARGIN, 20.0),
-    "--max-collision-force": ("N", 1.0, 1000.0),
-    "--max-recovery": ("s", 0.01, 5.0),
-    "--max-noise": ("dB", 1.0, 200.0),
-    "--min-lift-over-drag": ("1", 0.01, 100.0),
-    "--confidence": ("1", 0.5, 0.999),
-}
-"""Unit, lower and upper bound of each number of a request."""
 
 
 class Criterion(NamedTuple):
@@ -75,33 +62,22 @@ class DesignLimit:
         return f"{self.quantity.words} {side} {self.value:g} {self.quantity.unit}".rstrip()
 
 
-@dataclass(frozen=True)
-class DesignRequest:
-    """Vehicle, limits and how sure a predicted figure has to be."""
+@dataclass(frozen=True, kw_only=True)
+class DesignRequest(DesignLimits):
+    """Vehicle, limits, and the law that predicts."""
 
-    mass_kg: float
     arm_m: float = 0.24
-    min_thrust_margin: float = 2.0
-    max_collision_force_N: float | None = None
-    max_recovery_s: float | None = None
-    max_noise_dB: float | None = None
-    min_lift_over_drag: float | None = None
     law: str = "repaired"
-    confidence: float = 0.9
-    """A predicted figure counts at the end of its interval that it keeps with this probability."""
     extrapolate: bool = False
     """Whether predictions of the measured figures count outside of what was tested, too."""
 
     def __post_init__(self) -> None:
-        """Refuse what is out of bounds.
+        """Refuse what can't be used.
 
         Raises:
             InputError: names the option, the value and what is accepted.
         """
-        given = (self.mass_kg, *self._asked, self.confidence)
-        for (option, (unit, low, high)), value in zip(BOUNDS.items(), given, strict=True):
-            if value is not None:
-                check_number(option, value, unit, (low, high))
+        super().__post_init__()
         if self.law == "published":
             raise InputError(
                 "--law published: the authors' program takes six fibres whatever the nodus has, "

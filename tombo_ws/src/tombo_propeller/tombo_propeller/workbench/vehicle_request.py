@@ -65,7 +65,7 @@ def design_request(values: Mapping[str, Any], blade: Blade) -> DesignRequest:
     arm = values.get("arm_mm", round(240.0 * size))
     check_number("arm_mm", arm, "mm", (1.0, 1000.0))
     arm_m = arm_of(f"{arm:g}", blade)
-    return DesignRequest(mass, arm_m, law=law, extrapolate=extrapolate, **given)
+    return DesignRequest(mass_kg=mass, arm_m=arm_m, law=law, extrapolate=extrapolate, **given)
 
 
 def flyable(choice: ChosenPropeller, request: DesignRequest, library: Library) -> dict[str, Any]:

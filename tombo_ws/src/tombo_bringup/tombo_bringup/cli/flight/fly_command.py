@@ -5,34 +5,22 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
+from tombo_bringup.cli import options
 from tombo_bringup.cli.errors import print_warnings
-from tombo_bringup.cli.flight.optional_url import PX4_RULES, PX4_SPEED, OptionalUrlCommand, url_of
-from tombo_bringup.cli.options import (
-    BridgeSettings,
-    Disturbed,
-    Force,
-    Imports,
-    ModelFile,
-    OptionRule,
-    Px4Url,
-    ReactionName,
-    ScenarioArgument,
-    SeedOrNone,
-    Settings,
-    VehicleName,
-    Yes,
-    check_options,
-    integer_option,
-    json_option,
-    option,
-    output_option,
+from tombo_bringup.cli.flight.optional_url import (
+    PX4_RULES,
+    PX4_SPEED,
+    OptionalUrlCommand,
+    Px4Options,
 )
-from tombo_bringup.cli.result_files import Place, check_output, new_run
+from tombo_bringup.cli.options import command, option, record
+from tombo_bringup.cli.result_files import Place, new_run
 from tombo_bringup.cli.tables import show_page
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import SEED_LIMIT
@@ -54,167 +42,110 @@ EXIT_CODES = (
 _MOST_FLIGHTS = 100_000
 _FIGURES = ("pdf", "svg")
 _RULES = (
-    OptionRule("--seed {seed} and --seeds {seeds}", "seed", (), ("seeds",), "one of them"),
+    options.OptionRule("--seed {seed} and --seeds {seeds}", "seed", (), ("seeds",), "one of them"),
     PX4_SPEED,
-    OptionRule("--speed {speed:g}", "speed", ("nodes",)),
-    OptionRule("--lockstep", "lockstep", ("nodes",), ("speed",)),
-    OptionRule("--domain {domain}", "domain", ("nodes", "px4")),
-    OptionRule("--nodes", "nodes", (), ("seeds", "no_record")),
-    OptionRule("--px4", "px4", (), ("nodes", "seeds", "no_record")),
+    options.OptionRule("--speed {speed:g}", "speed", ("nodes",)),
+    options.OptionRule("--lockstep", "lockstep", ("nodes",), ("speed",)),
+    options.OptionRule("--domain {domain}", "domain", ("nodes", "px4")),
+    options.OptionRule("--nodes", "nodes", (), ("seeds", "no_record")),
+    options.OptionRule("--px4", "px4", (), ("nodes", "seeds", "no_record")),
     *PX4_RULES,
-    OptionRule("--figure", "figure", (), ("seeds", "nodes", "px4")),
+    options.OptionRule("--figure", "figure", (), ("seeds", "nodes", "px4")),
 )
 
 
-@app.command(epilog=EXIT_CODES, cls=OptionalUrlCommand)
+@record
+class _Fly:
+    no_reaction: bool = option(
+        "--no-reaction", "The same as --reaction none: detect, but do nothing.", False
+    )
+    nodes: bool = option(
+        "--nodes", "Fly with the ROS 2 nodes, each a process, in real time.", False
+    )
+    lockstep: bool = option(
+        "--lockstep",
+        "With --nodes: the ticks of the headless flight, each answered by all nodes, as fast as "
+        "the machine can: the same flight to the last bit.",
+        False,
+    )
+    no_record: bool = option("--no-record", "Write no flight.mcap.", False)
+    figure: str | None = option(
+        "--figure FORMAT",
+        "Write flight_column.FORMAT too, pdf or svg: the figure as wide as a column of print, "
+        "88 mm.",
+    )
+
+
+@command(app, epilog=EXIT_CODES, cls=OptionalUrlCommand)
 def fly(
-    scenario: ScenarioArgument = "paper_collision",
-    seed: SeedOrNone = None,
-    seeds: Annotated[
-        str | None,
-        option(
-            "--seeds A:B",
-            "Fly seeds A to B-1 on all cores; one table, no files of single flights.",
-        ),
-    ] = None,
-    reaction: ReactionName = None,
-    no_reaction: Annotated[
-        bool, option("--no-reaction", "The same as --reaction none: detect, but do nothing.")
-    ] = False,
-    disturbances: Disturbed = False,
-    conf: Annotated[
-        int | None,
-        integer_option("--conf N", "Propeller configuration of the paper's Table I, 0 to 13."),
-    ] = None,
-    law: Annotated[
-        str | None, option("--law L", "Law of the nodus: published, repaired, consistent.")
-    ] = None,
-    imports: Imports = None,
-    settings: Settings = None,
-    model: ModelFile = None,
-    vehicle: VehicleName = None,
-    nodes: Annotated[
-        bool, option("--nodes", "Fly with the ROS 2 nodes, each a process, in real time.")
-    ] = False,
-    lockstep: Annotated[
-        bool,
-        option(
-            "--lockstep",
-            "With --nodes: the ticks of the headless flight, each answered by all nodes, as fast "
-            "as the machine can: the same flight to the last bit.",
-        ),
-    ] = False,
-    px4: Px4Url = None,
-    yes: Yes = False,
-    bridge: BridgeSettings = None,
-    speed: Annotated[
-        float | None, option("--speed X", "With --nodes: simulated time against real time.")
-    ] = None,
-    domain: Annotated[
-        int | None,
-        integer_option(
-            "--domain N",
-            "With --nodes and --px4: ROS_DOMAIN_ID. Default: one that is free; with --px4 URL "
-            "that of the environment, where the motion capture is.",
-        ),
-    ] = None,
-    no_record: Annotated[bool, option("--no-record", "Write no flight.mcap.")] = False,
-    figure: Annotated[
-        str | None,
-        option(
-            "--figure FORMAT",
-            "Write flight_column.FORMAT too, pdf or svg: the figure as wide as a column of print, "
-            "88 mm.",
-        ),
-    ] = None,
-    output: Annotated[
-        str | None,
-        output_option(
-            "Folder of the results, new or empty; with --seeds also that of the same command, "
-            "which then goes on. Default: a new one, runs/SCENARIO-SEED with what was changed, "
-            "and a number where that is taken."
-        ),
-    ] = None,
-    force: Force = False,
-    as_json: Annotated[bool, json_option("Print the summary as JSON, and nothing else.")] = False,
+    scene: options.Scene,
+    draw: options.Draw,
+    several: options.Seeds,
+    variation: options.Variation,
+    propeller: options.Propeller,
+    px4: Px4Options,
+    pace: options.Pace,
+    domain: options.Domain,
+    more: _Fly,
+    force: options.Force,
+    place: options.FlightFolder,
 ) -> None:
     """Fly a scenario and write flight.mcap, summary.json, scenario.yaml, flight.png, report.html.
 
     With --seeds: flights.parquet, sweep.html and sweep.json, as `tombo sweep` of nothing but
     seeds. Killed, the same command with -o DIR goes on.
     """
-    given = locals()
-    from tombo_flight.scenario import load_scenario
+    from tombo_flight.scenario import load_scenario, scenario_warnings
+    from tombo_flight.scenario_file import changes
 
-    many = None if seeds is None else parse_seeds(seeds)
-    check_options(_RULES, {**given, "px4_url": None if px4 is None else url_of(px4)})
-    if figure not in (None, *_FIGURES):
-        raise unknown_name("--figure", str(figure), _FIGURES)
-    if no_reaction:
-        if reaction not in (None, "none"):
-            raise InputError(f"--reaction {reaction} and --no-reaction: accepted: one of them")
-        reaction = "none"
-    one = seed or 0
-    over = over_scenario(reaction, disturbances=disturbances)
-    fixed = [*over, *(settings or []), *_propeller(conf, law)]
-    chosen = load_scenario(scenario, fixed, model, vehicle)
-    warn_of(chosen)
-    check_output(output)
-    rest = f"{many.start}-{many.stop}" if many else str(one)
-    rest += "-px4" if px4 is not None else "-nodes" if nodes else ""
-    if output is not None:
-        place = Place(Path(output), replace=force)
+    many = None if several.seeds is None else parse_seeds(several.seeds)
+    options.check_options(
+        _RULES, draw, several, variation, px4, pace, domain, more, px4_url=px4.url
+    )
+    if more.figure not in (None, *_FIGURES):
+        raise unknown_name("--figure", str(more.figure), _FIGURES)
+    if more.no_reaction:
+        if variation.reaction not in (None, "none"):
+            raise InputError(
+                f"--reaction {variation.reaction} and --no-reaction: accepted: one of them"
+            )
+        variation = replace(variation, reaction="none")
+    seed, scenario = draw.seed or 0, scene.scenario
+    fixed = [*variation.changes, *_propeller(propeller)]
+    chosen = load_scenario(scenario, fixed, variation.model, variation.vehicle)
+    print_warnings(scenario_warnings(chosen))
+    rest = f"{many.start}-{many.stop}" if many else str(seed)
+    rest += "-px4" if px4.px4 is not None else "-nodes" if more.nodes else ""
+    if place.output is not None:
+        folder = Place(Path(place.output), replace=force.force)
     else:
-        from tombo_flight.scenario_file import changes
-
-        place = new_run(chosen.name, rest, changes(scenario, chosen, vehicle))
-    if nodes or px4 is not None:
+        folder = new_run(chosen.name, rest, changes(scenario, chosen, variation.vehicle))
+    if more.nodes or px4.px4 is not None:
         from tombo_bringup.cli.flight.fly_nodes import fly_nodes
-        from tombo_flight.suite.px4_connection import px4_connection
 
         code = fly_nodes(
             chosen,
-            one,
-            place,
-            as_json=as_json,
-            speed=1.0 if speed is None else speed,
-            domain=domain,
-            lockstep=lockstep,
-            px4=None if px4 is None else px4_connection(url_of(px4), bridge or []),
-            yes=yes,
+            seed,
+            folder,
+            as_json=place.as_json,
+            speed=1.0 if pace.speed is None else pace.speed,
+            domain=domain.domain,
+            lockstep=more.lockstep,
+            px4=px4.connection(),
+            yes=px4.yes,
         )
     elif many is None:
-        code = _fly_one(chosen, one, place, not no_record, figure, as_json)
+        code = _fly_one(chosen, seed, folder, not more.no_record, more.figure, place.as_json)
     else:
         from tombo_bringup.cli.result_files import run_sweep
         from tombo_flight.sweep.design import SweepDesign
         from tombo_flight.sweep.study import new_sweep
 
+        model, vehicle = variation.model, variation.vehicle
         study = new_sweep(scenario, SweepDesign(), many, fixed, model, vehicle)
-        run_sweep(study, place, as_json)
+        run_sweep(study, folder, place.as_json)
         code = 0
     raise typer.Exit(code)
-
-
-def over_scenario(reaction: str | None, *, disturbances: bool) -> list[str]:
-    """Return the settings that --reaction and --disturbances mean; those of --set come after.
-
-    Raises:
-        InputError: there is no reaction of this name.
-    """
-    from tombo_collision.reactions import REGISTRY
-
-    if reaction is not None and reaction not in REGISTRY:
-        raise unknown_name("--reaction", reaction, REGISTRY)
-    named = [] if reaction is None else [f"reaction.name={reaction}"]
-    return ["disturbances=true", *named] if disturbances else named
-
-
-def warn_of(scenario: Scenario) -> None:
-    """Say on standard error what a scenario asks for that is hardly meant."""
-    from tombo_flight.scenario import scenario_warnings
-
-    print_warnings(scenario_warnings(scenario))
 
 
 def parse_seeds(text: str, most: int = _MOST_FLIGHTS) -> range:
@@ -235,12 +166,13 @@ def parse_seeds(text: str, most: int = _MOST_FLIGHTS) -> range:
     return range(first, end)
 
 
-def _propeller(conf: int | None, law: str | None) -> list[str]:
+def _propeller(propeller: options.Propeller) -> list[str]:
     """Return the settings that --conf and --law mean; they win over --set.
 
     Raises:
         InputError: there is no such configuration.
     """
+    conf, law = propeller.conf, propeller.law
     if conf is not None and not 0 <= conf <= 13:
         raise InputError(f"--conf {conf}: unknown configuration; accepted: 0 (rigid) to 13")
     options = [] if conf is None else [f"propeller.conf={conf}"]

@@ -4,19 +4,12 @@ from __future__ import annotations
 
 import signal
 import time
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from tombo_bringup.cli.options import (
-    Duration,
-    FormerScenario,
-    ScenarioArgument,
-    Seed,
-    Settings,
-    integer_option,
-    option,
-)
+from tombo_bringup.cli import options
+from tombo_bringup.cli.options import command, option, record
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.tables import Scroll
@@ -36,41 +29,37 @@ _SYSTEM, _COMPONENT = 1, 197
 """Of the motion capture's messages: PX4's own system, a source of visual odometry."""
 
 
-@app.command(epilog=HIL_EXIT_CODES)
+@record
+class _Hil:
+    port: int = option("--port N", "TCP port for PX4: 4560 plus its instance.", 4560)
+    rate: float = option("--rate HZ", "HIL_SENSOR: 250, 333, 500 or 1000.", 250.0)
+    mapping: str = option(
+        "--mapping M",
+        "What a motor's control is linear in: thrust (hovers near 0.5) or speed.",
+        "thrust",
+    )
+    no_gps: bool = option("--no-gps", "Send no HIL_GPS.", False)
+    mocap: str | None = option(
+        "--mocap URL",
+        "Send the motion capture's poses too: 'link' for this connection, or "
+        "udpout://127.0.0.1:14280, PX4's payload port (14580 would take PX4's on-board link away "
+        "from MAVSDK and others).",
+    )
+
+
+@command(app, epilog=HIL_EXIT_CODES)
 def hil(
-    scenario: ScenarioArgument = "paper_collision",
-    port: Annotated[
-        int, integer_option("--port N", "TCP port for PX4: 4560 plus its instance.")
-    ] = 4560,
-    former_scenario: FormerScenario = None,
-    settings: Settings = None,
-    seed: Seed = 0,
-    rate: Annotated[float, option("--rate HZ", "HIL_SENSOR: 250, 333, 500 or 1000.")] = 250.0,
-    speed: Annotated[
-        float, option("--speed X", "Simulated time against real time; 0: as fast as PX4 answers.")
-    ] = 1.0,
-    mapping: Annotated[
-        str,
-        option(
-            "--mapping M",
-            "What a motor's control is linear in: thrust (hovers near 0.5) or speed.",
-        ),
-    ] = "thrust",
-    no_gps: Annotated[bool, option("--no-gps", "Send no HIL_GPS.")] = False,
-    mocap: Annotated[
-        str | None,
-        option(
-            "--mocap URL",
-            "Send the motion capture's poses too: 'link' for this connection, or "
-            "udpout://127.0.0.1:14280, PX4's payload port (14580 would take PX4's on-board link "
-            "away from MAVSDK and others).",
-        ),
-    ] = None,
-    duration: Duration = None,
+    scene: options.FormerScene,
+    given: _Hil,
+    settings: options.Settings,
+    draw: options.Draw,
+    pace: options.Pace,
+    duration: options.Duration,
 ) -> None:
     """Let a real PX4 (SITL, none_iris) fly the Tombo vehicle: physics in lockstep over TCP.
 
-    The scenario's vehicle, propeller, effects and obstacle are simulated; PX4 does the rest.
+    The scenario's vehicle, propeller, effects and obstacle are simulated; PX4 does the rest. With
+    --speed 0 time goes as fast as PX4 answers.
     """
     from tombo_dynamics.errors import InputError
     from tombo_flight.process.stop_signals import StopSignals
@@ -79,18 +68,20 @@ def hil(
     from tombo_px4.hil.lockstep import HilSimulator
     from tombo_px4.hil.params import HilParams
 
+    speed, seed, mocap = 1.0 if pace.speed is None else pace.speed, draw.seed or 0, given.mocap
     if not 0.0 <= speed <= 100.0:
         raise InputError(f"--speed {speed:g}: out of bounds; accepted: a number from 0 to 100")
-    params = HilParams(rate=rate, mapping=mapping, gps=not no_gps, mocap=mocap == ON_LINK).check()
-    scenario = former_scenario or scenario
-    world = world_of(load_scenario(scenario, settings or []))
-    link = HilLink(port)
-    feed = None if mocap is None or mocap == ON_LINK else _feed(mocap)
+    gps, by_link = not given.no_gps, mocap == ON_LINK
+    params = HilParams(rate=given.rate, mapping=given.mapping, gps=gps, mocap=by_link).check()
+    scenario = scene.name
+    world = world_of(load_scenario(scenario, settings.settings or []))
+    link = HilLink(given.port)
+    feed = None if mocap is None or by_link else _feed(mocap)
     try:
         with StopSignals(signal.SIGHUP) as stop:
             one = HilSimulator(world, seed, params, link, speed=speed, mocap=feed)
             print(_introduction(one, world, link.port, mocap, scenario, seed), flush=True)
-            _serve(one, stop, duration)
+            _serve(one, stop, duration.duration)
     finally:
         link.close()
         if feed is not None:

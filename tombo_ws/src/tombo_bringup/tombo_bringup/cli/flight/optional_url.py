@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from typer.core import TyperCommand
 
-from tombo_bringup.cli.options import OptionRule
+from tombo_bringup.cli.options import OptionRule, option, record
+
+if TYPE_CHECKING:
+    from tombo_flight.suite.px4_connection import Px4Connection
 
 OPTION = "--px4"
 SIMULATED = "sim"
@@ -30,6 +33,40 @@ PX4_RULES = (
 """Of commands with this option; `px4_url` is the URL that is given."""
 
 
+@record
+class Px4Options:
+    """A PX4 that flies, and how it is reached."""
+
+    px4: str | None = option(
+        "--px4 [URL]",
+        "Fly with the nodes over MAVLink: a simulated PX4, or the one at URL (udpin://, "
+        "udpout://, tcpout://, serial://), which may be a real vehicle.",
+    )
+    yes: bool = option("--yes", "With --px4 URL: arm without asking first.", False)
+    bridge: list[str] | None = option(
+        "--bridge KEY=VALUE",
+        "With --px4: set a parameter of the bridge, as in link.allow_remote=true, "
+        "px4.position_std=0.002 or, of PX4 itself, px4_parameters=[EKF2_EV_CTRL=11]; "
+        "px4_parameters=safe: those with which a loss ends on the ground. May be given many "
+        "times.",
+    )
+
+    @property
+    def url(self) -> str | None:
+        """The URL that is given; None: PX4 is simulated, or does not fly."""
+        return None if self.px4 == SIMULATED else self.px4
+
+    def connection(self) -> Px4Connection | None:
+        """Return the connection; None without PX4.
+
+        Raises:
+            InputError: the URL, or a setting of the bridge, can't be used.
+        """
+        from tombo_flight.suite.px4_connection import px4_connection
+
+        return None if self.px4 is None else px4_connection(self.url, self.bridge or [])
+
+
 def expand_url_option(words: Sequence[str]) -> list[str]:
     """Return the arguments with a value for the option.
 
@@ -49,11 +86,6 @@ def expand_url_option(words: Sequence[str]) -> list[str]:
             word = f"{OPTION}={_spelt_out(word.removeprefix(f'{OPTION}='))}"
         found.append(word)
     return found
-
-
-def url_of(px4: str) -> str | None:
-    """Return the URL that a value of the option names; None: PX4 is simulated."""
-    return None if px4 == SIMULATED else px4
 
 
 def _spelt_out(url: str) -> str:

@@ -6,19 +6,12 @@ import signal
 import time
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from tombo_bringup.cli.options import (
-    Duration,
-    FormerScenario,
-    ScenarioArgument,
-    Seed,
-    Settings,
-    integer_option,
-    option,
-)
+from tombo_bringup.cli import options
+from tombo_bringup.cli.options import command, option, record
 
 if TYPE_CHECKING:
     from tombo_flight.scenario import Scenario
@@ -37,48 +30,46 @@ _PORT, _GROUND_PORT = 14540, 14550
 _OWN, _OWN_GROUND = 40, 4030
 """From the client's port to the vehicle's own, as with PX4's instances: 14580 and 18570 for
 14540, 14581 and 18571 for 14541."""
+_HIGHEST = 65535
 _WARM_UP_TICKS = 60
 
 
-@app.command(epilog=PX4_EXIT_CODES)
+@record
+class _Px4:
+    port: int = option(
+        "--port N",
+        "UDP port of the on-board client; the vehicle's own are N+40 and N+4030, as with PX4's "
+        "instances.",
+        _PORT,
+        bounds=(1, _HIGHEST - _OWN_GROUND),
+    )
+    ground_port: int = option(
+        "--ground-port N", "UDP port of the ground station.", _GROUND_PORT, bounds=(1, _HIGHEST)
+    )
+    parameters: list[str] | None = option(
+        "--param NAME=VALUE",
+        "Change a parameter of the autopilot, as in COM_OF_LOSS_T=0.5. May be given many times.",
+    )
+    key: Path | None = option(
+        "--key FILE", "Key of MAVLink's signatures: only who has it is heard."
+    )
+    host: str = option(
+        "--host HOST", "Where the clients are; others with --allow-remote.", "127.0.0.1"
+    )
+    allow_remote: bool = option(
+        "--allow-remote",
+        "Listen to other machines too: whoever reaches the ports can fly the vehicle.",
+        False,
+    )
+
+
+@command(app, epilog=PX4_EXIT_CODES)
 def px4(
-    scenario: ScenarioArgument = "paper_collision",
-    former_scenario: FormerScenario = None,
-    port: Annotated[
-        int,
-        integer_option(
-            "--port N",
-            "UDP port of the on-board client; the vehicle's own are N+40 and N+4030, as with "
-            "PX4's instances.",
-        ),
-    ] = _PORT,
-    ground_port: Annotated[
-        int, integer_option("--ground-port N", "UDP port of the ground station.")
-    ] = _GROUND_PORT,
-    seed: Seed = 0,
-    settings: Settings = None,
-    parameters: Annotated[
-        list[str] | None,
-        option(
-            "--param NAME=VALUE",
-            "Change a parameter of the autopilot, as in COM_OF_LOSS_T=0.5. May be given many "
-            "times.",
-        ),
-    ] = None,
-    key: Annotated[
-        Path | None, option("--key FILE", "Key of MAVLink's signatures: only who has it is heard.")
-    ] = None,
-    host: Annotated[
-        str, option("--host HOST", "Where the clients are; others with --allow-remote.")
-    ] = "127.0.0.1",
-    allow_remote: Annotated[
-        bool,
-        option(
-            "--allow-remote",
-            "Listen to other machines too: whoever reaches the ports can fly the vehicle.",
-        ),
-    ] = False,
-    duration: Duration = None,
+    scene: options.FormerScene,
+    given: _Px4,
+    draw: options.Draw,
+    settings: options.Settings,
+    duration: options.Duration,
 ) -> None:
     """Simulate a vehicle with a PX4 autopilot and serve MAVLink, as PX4's own simulation does.
 
@@ -91,18 +82,19 @@ def px4(
     from tombo_px4.protocol.endpoint import Endpoint
 
     table = ParameterTable()
-    for text in parameters or []:
+    for text in given.parameters or []:
         set_parameter(table, text)
-    chosen = load_scenario(former_scenario or scenario, settings or [])
+    chosen = load_scenario(scene.name, settings.settings or [])
     with ExitStack() as stack:
         links = [
             (stack.enter_context(closing(link)), streams)
-            for link, streams in _open_links(port, ground_port, table, key, host, allow_remote)
+            for link, streams in _open_links(given, table)
         ]
-        vehicle = _vehicle(chosen, seed, table)
-        homes = [parse_peer(f"{host}:{number}", allow_remote) for number in (port, ground_port)]
+        vehicle = _vehicle(chosen, draw.seed or 0, table)
+        host, ports = given.host, (given.port, given.ground_port)
+        homes = [parse_peer(f"{host}:{number}", given.allow_remote) for number in ports]
         endpoint = Endpoint(vehicle, links, homes=homes)
-        _serve(endpoint, duration, where_to_connect(host, port, ground_port))
+        _serve(endpoint, duration.duration, where_to_connect(host, *ports))
 
 
 def set_parameter(table: ParameterTable, text: str) -> None:
@@ -127,37 +119,27 @@ def set_parameter(table: ParameterTable, text: str) -> None:
         raise InputError(f"--param {refusal}")
 
 
-def _open_links(
-    port: int,
-    ground_port: int,
-    table: ParameterTable,
-    key: Path | None,
-    host: str,
-    allow_remote: bool,
-) -> list[tuple[Link, str]]:
+def _open_links(given: _Px4, table: ParameterTable) -> list[tuple[Link, str]]:
     from tombo_dynamics.errors import InputError
     from tombo_px4.link.mavlink_link import Link, read_key
 
-    highest = 65535 - _OWN_GROUND
-    if not 1 <= port <= highest:
-        raise InputError(f"--port {port}: out of bounds; accepted: 1 to {highest}")
-    if not 1 <= ground_port <= 65535:
-        raise InputError(f"--ground-port {ground_port}: out of bounds; accepted: 1 to 65535")
-    secret = read_key(str(key or ""), lambda text: typer.echo(f"Warning: {text}", err=True))
+    port, ground_port = given.port, given.ground_port
+    text = "" if given.key is None else str(given.key)
+    secret = read_key(text, lambda warning: typer.echo(f"Warning: {warning}", err=True))
     links: list[tuple[Link, str]] = []
     try:
         for number, (own, client, streams) in enumerate(
             ((port + _OWN, port, "onboard"), (port + _OWN_GROUND, ground_port, "ground"))
         ):
             link = Link(
-                f"udpin://{'0.0.0.0' if allow_remote else '127.0.0.1'}:{own}",
+                f"udpin://{'0.0.0.0' if given.allow_remote else '127.0.0.1'}:{own}",
                 system=int(table.get("MAV_SYS_ID")),
                 component=int(table.get("MAV_COMP_ID")),
                 clock=time.time_ns,
                 key=secret,
                 link_id=number,
-                allow_remote=allow_remote,
-                default_peer=f"{host}:{client}",
+                allow_remote=given.allow_remote,
+                default_peer=f"{given.host}:{client}",
             )
             links.append((link, streams))
     except InputError:

@@ -6,21 +6,12 @@ import dataclasses
 import signal
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from tombo_bringup.cli.options import (
-    Imports,
-    TopicNames,
-    UnpackLimit,
-    former_option,
-    json_option,
-    option,
-    output_option,
-    topic_names,
-)
-from tombo_bringup.cli.result_files import check_output
+from tombo_bringup.cli import options
+from tombo_bringup.cli.options import argument, command, former_option, option, record
 from tombo_bringup.cli.tables import show_page
 from tombo_dynamics.errors import InputError
 
@@ -37,71 +28,50 @@ REPLAY_EXIT_CODES = (
 FILES = ("replay.json", "replay.png")
 
 
-@app.command(epilog=REPLAY_EXIT_CODES)
+@record
+class _Replay:
+    bag: Path = argument("BAG", "MCAP file, rosbag2 folder (MCAP or SQLite), .db3, or ROS 1 .bag.")
+    nodes: list[str] | None = option(
+        "--node NODE",
+        "detector, reaction, mission, estimator or controller; may be given many times. Default: "
+        "each whose inputs are in the bag.",
+    )
+    scenario: str | None = option(
+        "--scenario SCENARIO", "Its parameters over the bag's: YAML file or name."
+    )
+    params: str | None = former_option("--params SCENARIO", "--scenario")
+    frame_ok: str | None = option("--frame-ok NAME", "Take this frame_id of poses for map.")
+    shift_stamps: float = option("--shift-stamps S", "Add S seconds to the poses' stamps.", 0.0)
+    stamp_on_arrival: bool = option(
+        "--stamp-on-arrival", "Stamp poses when they arrived, not by header.", False
+    )
+    dds: bool = option(
+        "--dds", "Through the real nodes over DDS, as stamped, not the cores.", False
+    )
+    strict: bool = option("--strict", "Exit with 1 if there is a difference.", False)
+    tolerances: list[str] | None = option(
+        "--tolerance KEY=VALUE",
+        "What counts as a difference: time_ms, x_c_m, statistic, setpoint_m, odometry_m or "
+        "command_rad_s. May be given many times.",
+    )
+
+
+@command(app, epilog=REPLAY_EXIT_CODES)
 def replay(
-    bag: Annotated[
-        Path,
-        typer.Argument(
-            metavar="BAG", help="MCAP file, rosbag2 folder (MCAP or SQLite), .db3, or ROS 1 .bag."
-        ),
-    ],
-    nodes: Annotated[
-        list[str] | None,
-        option(
-            "--node NODE",
-            "detector, reaction, mission, estimator or controller; may be given many times. "
-            "Default: each whose inputs are in the bag.",
-        ),
-    ] = None,
-    imports: Imports = None,
-    maps: TopicNames = None,
-    scenario: Annotated[
-        str | None,
-        option("--scenario SCENARIO", "Its parameters over the bag's: YAML file or name."),
-    ] = None,
-    params: Annotated[str | None, former_option("--params SCENARIO", "--scenario")] = None,
-    settings: Annotated[
-        list[str] | None,
-        option(
-            "--set KEY=VALUE",
-            "One parameter over the bag's, as in detector.threshold=30. May be given many times.",
-        ),
-    ] = None,
-    frame_ok: Annotated[
-        str | None, option("--frame-ok NAME", "Take this frame_id of poses for map.")
-    ] = None,
-    shift_stamps: Annotated[
-        float, option("--shift-stamps S", "Add S seconds to the poses' stamps.")
-    ] = 0.0,
-    stamp_on_arrival: Annotated[
-        bool, option("--stamp-on-arrival", "Stamp poses when they arrived, not by header.")
-    ] = False,
-    dds: Annotated[
-        bool, option("--dds", "Through the real nodes over DDS, as stamped, not the cores.")
-    ] = False,
-    speed: Annotated[
-        float, option("--speed X", "With --dds: recorded time against real time.")
-    ] = 1.0,
-    strict: Annotated[bool, option("--strict", "Exit with 1 if there is a difference.")] = False,
-    tolerances: Annotated[
-        list[str] | None,
-        option(
-            "--tolerance KEY=VALUE",
-            "What counts as a difference: time_ms, x_c_m, statistic, setpoint_m, odometry_m or "
-            "command_rad_s. May be given many times.",
-        ),
-    ] = None,
-    output: Annotated[
-        str | None,
-        output_option("Write replay.json and replay.png there, over those of an earlier replay."),
-    ] = None,
-    unpack_limit: UnpackLimit = None,
-    as_json: Annotated[bool, json_option("Print one JSON object, and nothing else.")] = False,
+    given: _Replay,
+    imports: options.Imports,
+    topics: options.Topics,
+    settings: options.Settings,
+    pace: options.Pace,
+    unpacking: options.Unpacking,
+    copies: options.Copies,
 ) -> None:
     """Feed a recorded run to the nodes' own code and compare with what was recorded.
 
     Inputs are fed in the order and at the times of their arrival, with the stamps of their
-    headers. Parameters are those of the recorded flight if the bag has them.
+    headers. Parameters are those of the recorded flight if the bag has them; --set changes one
+    over them, as detector.threshold=30. With --dds --speed is that of the recorded time.
+    With -o also replay.json and replay.png, over those of an earlier replay.
     """
     from tombo_flight.process.output_folder import open_output
     from tombo_flight.replay.page import draw_replay, replay_page
@@ -109,30 +79,32 @@ def replay(
     from tombo_flight.report.flight_plot import figure_bytes
     from tombo_flight.report.page import page_json
 
+    speed = 1.0 if pace.speed is None else pace.speed
     request = ReplayRequest(
-        nodes=_nodes(nodes or []),
-        names=topic_names("--map", maps or []),
-        frame_ok=frame_ok,
-        shift_stamps_s=_finite("--shift-stamps", shift_stamps),
-        stamp_on_arrival=stamp_on_arrival,
-        scenario=scenario or params,
-        settings=tuple(settings or ()),
-        tolerances=_tolerances(tolerances or []),
+        nodes=_nodes(given.nodes or []),
+        names=topics.names,
+        frame_ok=given.frame_ok,
+        shift_stamps_s=_finite("--shift-stamps", given.shift_stamps),
+        stamp_on_arrival=given.stamp_on_arrival,
+        scenario=given.scenario or given.params,
+        settings=tuple(settings.settings or ()),
+        tolerances=_tolerances(given.tolerances or []),
     )
-    _check_speed(dds, speed)
-    check_output(output)
+    _check_speed(given.dds, speed)
+    place = None if copies.output is None else Path(copies.output)
     with ExitStack() as stack:
         folder = None
-        if output is not None:
-            folder = stack.enter_context(open_output(Path(output), replace=True, results=FILES))
-        result = _through_nodes(bag, request, speed) if dds else replay_bag(bag, request)
+        if place is not None:
+            folder = stack.enter_context(open_output(place, replace=True, results=FILES))
+        bag = given.bag
+        result = _through_nodes(bag, request, speed) if given.dds else replay_bag(bag, request)
         page = replay_page(result)
         if folder is not None:
             (folder / FILES[0]).write_text(page_json(page), encoding="utf-8", newline="\n")
             (folder / FILES[1]).write_bytes(figure_bytes(draw_replay(result)))
             folder.publish()
-    show_page(page, as_json, None if as_json or output is None else Path(output), FILES)
-    raise typer.Exit(1 if strict and result.differences else 0)
+    show_page(page, copies.as_json, None if copies.as_json else place, FILES)
+    raise typer.Exit(1 if given.strict and result.differences else 0)
 
 
 def _check_speed(dds: bool, speed: float) -> None:

@@ -6,32 +6,18 @@ import dataclasses
 import signal
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from tombo_bringup.cli.flight.optional_url import PX4_RULES, PX4_SPEED, OptionalUrlCommand, url_of
-from tombo_bringup.cli.options import (
-    BridgeSettings,
-    Disturbed,
-    Duration,
-    Imports,
-    ModelFile,
-    Px4Url,
-    ReactionName,
-    ScenarioArgument,
-    Seed,
-    Settings,
-    VehicleName,
-    Yes,
-    check_options,
-    former_option,
-    integer_option,
-    json_option,
-    option,
-    output_option,
+from tombo_bringup.cli import options
+from tombo_bringup.cli.flight.optional_url import (
+    PX4_RULES,
+    PX4_SPEED,
+    OptionalUrlCommand,
+    Px4Options,
 )
-from tombo_bringup.cli.result_files import check_output
+from tombo_bringup.cli.options import command, former_option, option, record
 
 if TYPE_CHECKING:
     from tombo_flight.suite.running import SuiteConfig
@@ -46,43 +32,29 @@ UP_EXIT_CODES = (
 _LOOK_S = 0.1
 
 
-@app.command(epilog=UP_EXIT_CODES, cls=OptionalUrlCommand)
+@record
+class _Up:
+    without: list[str] | None = option(
+        "--without NODE", "Leave a node out. May be given many times."
+    )
+    params: list[Path] | None = option(
+        "--params FILE",
+        "A ROS parameter file over those of the scenario. May be given many times.",
+    )
+    record: str | None = former_option("--record DIR", "-o")
+
+
+@command(app, epilog=UP_EXIT_CODES, cls=OptionalUrlCommand)
 def up(
-    scenario: ScenarioArgument = "paper_collision",
-    reaction: ReactionName = None,
-    disturbances: Disturbed = False,
-    imports: Imports = None,
-    settings: Settings = None,
-    model: ModelFile = None,
-    vehicle: VehicleName = None,
-    seed: Seed = 0,
-    without: Annotated[
-        list[str] | None, option("--without NODE", "Leave a node out. May be given many times.")
-    ] = None,
-    params: Annotated[
-        list[Path] | None,
-        option(
-            "--params FILE",
-            "A ROS parameter file over those of the scenario. May be given many times.",
-        ),
-    ] = None,
-    output: Annotated[
-        str | None,
-        output_option("Folder of recording, parameters and logs. Default: runs/up-DATE-TIME."),
-    ] = None,
-    record: Annotated[str | None, former_option("--record DIR", "-o")] = None,
-    px4: Px4Url = None,
-    yes: Yes = False,
-    bridge: BridgeSettings = None,
-    speed: Annotated[float, option("--speed X", "Simulated time against real time.")] = 1.0,
-    domain: Annotated[
-        int | None,
-        integer_option("--domain N", "ROS_DOMAIN_ID. Default: that of the environment."),
-    ] = None,
-    duration: Duration = None,
-    as_json: Annotated[
-        bool, json_option("Print JSON lines: the status each 5 s, ends at once.")
-    ] = False,
+    scene: options.Scene,
+    variation: options.Variation,
+    draw: options.Draw,
+    more: _Up,
+    px4: Px4Options,
+    pace: options.Pace,
+    domain: options.Domain,
+    duration: options.Duration,
+    place: options.FlightFolder,
 ) -> None:
     """Start simulator, estimator, detector, reaction, mission, controller and recorder.
 
@@ -92,49 +64,50 @@ def up(
     With --px4 PX4 stands for estimator and controller. Each is a process of its own and a ROS 2
     node; Ctrl-C stops them. A node that ends by itself is reported and not started again; the
     others go on. Without the simulator nothing flies before `tombo call takeoff`.
+
+    The folder has recording, parameters and logs. With --json each line is JSON: the status each
+    5 s, ends at once.
     """
-    from tombo_bringup.cli.flight.fly_command import over_scenario
     from tombo_bringup.cli.flight.fly_nodes import may_arm
     from tombo_flight.process.stop_signals import Stopped, StopSignals
     from tombo_flight.run_wiring import warm_up_nodes
     from tombo_flight.scenario import load_scenario
     from tombo_flight.suite.node_flight import over_mavlink
-    from tombo_flight.suite.px4_connection import px4_connection
     from tombo_flight.suite.running import SuiteConfig
 
-    url = None if px4 is None else url_of(px4)
-    given = {"px4": px4, "px4_url": url, "model": model, "yes": yes, "bridge": bridge}
-    check_options((*PX4_RULES, PX4_SPEED), {**given, "speed": None if speed == 1.0 else speed})
-    connection = None if px4 is None else px4_connection(url, bridge or [])
-    over_set = over_scenario(reaction, disturbances=disturbances)
+    speed = 1.0 if pace.speed is None else pace.speed
+    given = {"px4_url": px4.url, "speed": None if speed == 1.0 else speed}
+    options.check_options((*PX4_RULES, PX4_SPEED), variation, px4, **given)
+    connection = px4.connection()
+    changes, without = variation.changes, tuple(more.without or ())
     over = {} if connection is None else over_mavlink(connection)
-    real = "sim" in (*(without or ()), *over.get("without", ()))
+    real = "sim" in (*without, *over.get("without", ()))
     if real:  # what really flies waits for ~/takeoff
         over["more"] = {**over.get("more", {}), "mission": {"auto_start": False}}
-    named = output if output is not None else record
-    check_output(named)
+    named = place.output if place.output is not None else more.record
     folder = Path(named or time.strftime("runs/up-%Y%m%d-%H%M%S"))
     config = SuiteConfig(
-        scenario=load_scenario(scenario, [*over_set, *(settings or [])], model, vehicle),
-        seed=seed,
+        scenario=load_scenario(scene.scenario, changes, variation.model, variation.vehicle),
+        seed=draw.seed or 0,
         folder=folder,
         recording=_recording(folder),
-        files=tuple(params or ()),
+        files=tuple(more.params or ()),
         speed=speed,
-        domain=domain,
+        domain=domain.domain,
         monitor=("--flight", "--mocap"),
-        **{**over, "without": (*over.get("without", ()), *(without or ()))},
+        **{**over, "without": (*over.get("without", ()), *without)},
     )
     warm_up_nodes(config.scenario)  # compiles what is not compiled yet, and finds bad input
     try:
         with StopSignals() as stop:
             flies = "mission" in config.nodes
-            allowed = may_arm(connection, config.scenario, stop, yes=yes, flies=flies)
+            allowed = may_arm(connection, config.scenario, stop, yes=px4.yes, flies=flies)
     except Stopped:
         allowed = False
     if allowed and named is None:
         config = _in_new_folder(config)
-    raise typer.Exit(_watch(config, duration, as_json) if allowed else 1)
+    code = _watch(config, duration.duration, place.as_json) if allowed else 1
+    raise typer.Exit(code)
 
 
 def _recording(folder: Path) -> dict[str, str]:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 import math
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from tombo_bringup.cli.options import HELP_OPTIONS, JsonOnly, integer_option, json_option, option
+from tombo_bringup.cli import options
+from tombo_bringup.cli.options import command, option, record
 from tombo_bringup.cli.propeller.design_command import design
 from tombo_bringup.cli.propeller.diagnose_command import diagnose
 from tombo_bringup.cli.propeller.recovery_command import recovery
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 app = typer.Typer(
     name="propeller",
     help="The propeller model: thrust, drag, torque, deformation.",
-    context_settings=HELP_OPTIONS,
+    context_settings=options.HELP_OPTIONS,
 )
 
 _MOST_ROWS = 100_000
@@ -39,33 +38,22 @@ _FORMATS = (".png", ".svg", ".pdf")
 _RPM = 30.0 / math.pi
 
 
-_LIBRARY = option(
-    "--library DIR",
-    "Folder with own materials, blades, configurations, measurements; may be repeated.",
-)
+@record
+class _Points:
+    rpm: str | None = option("--rpm A:B:STEP", "Both ends included; or one speed. Default: all.")
+    output: Path | None = option("-o/--output FILE", "Plot all valid speeds into FILE.")
 
 
-@app.callback(invoke_without_command=True)
 def propeller(
     ctx: typer.Context,
-    conf: Annotated[
-        int,
-        integer_option(
-            "--conf N", "Configuration of the paper's Table I, 0 is rigid, or of the --library."
-        ),
-    ] = 13,
-    law: Annotated[str, option("--law", "published, repaired or consistent.")] = "repaired",
-    rpm: Annotated[
-        str | None, option("--rpm A:B:STEP", "Both ends included; or one speed. Default: all.")
-    ] = None,
-    as_json: Annotated[bool, json_option("Print JSON only.")] = False,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Plot all valid speeds into FILE."),
-    ] = None,
-    library: Annotated[list[Path] | None, _LIBRARY] = None,
+    which: options.Propeller,
+    own: options.OwnLibrary,
+    given: _Points,
+    shown: options.Shown,
 ) -> None:
     """Print the operating points of a propeller; with -o, plot them over speed.
+
+    Default: configuration 13, law repaired.
 
     Speeds of a range at which the law is not valid come out as valid = false and empty; if there
     is no valid one at all, that is an error.
@@ -73,18 +61,20 @@ def propeller(
     if ctx.invoked_subcommand is not None:
         _refuse_options_before(ctx, ctx.invoked_subcommand)
         return
-    from tombo_dynamics.propeller import evaluate, read_library, valid_speed
+    from tombo_dynamics.propeller import evaluate, valid_speed
 
-    chosen = read_library(*(library or ())).configuration(conf)
+    conf = 13 if which.conf is None else which.conf
+    law = "repaired" if which.law is None else which.law
+    chosen, output = own.read().configuration(conf), given.output
     limit = valid_speed(chosen, law) * _RPM
-    speeds = _default_speeds(limit) if rpm is None else parse_rpm(rpm)
+    speeds = _default_speeds(limit) if given.rpm is None else parse_rpm(given.rpm)
     radians = [speed / _RPM for speed in speeds]
     if output is not None:
         _check_writable(output)
     points = evaluate(chosen, radians, law, outside="mask")
     if not points.valid.any():
         evaluate(chosen, radians, law)  # says which range is valid
-    if as_json:
+    if shown.as_json:
         typer.echo(json.dumps(rows(points, speeds, conf, law), indent=1))
     else:
         from tombo_bringup.cli.tables import show_page
@@ -92,7 +82,7 @@ def propeller(
         show_page(_page(points, speeds, chosen, law, limit), False)
     if output is not None:
         _plot(output, chosen, law, limit)
-        typer.echo(f"Plot: {output.resolve()}", err=as_json)
+        typer.echo(f"Plot: {output.resolve()}", err=shown.as_json)
 
 
 def _refuse_options_before(ctx: typer.Context, command: str) -> None:
@@ -114,17 +104,15 @@ def _refuse_options_before(ctx: typer.Context, command: str) -> None:
         raise InputError(f"{option} before {command} has no effect; accepted: {accepted}")
 
 
-@app.command()
-def moduli(
-    as_json: JsonOnly = False, library: Annotated[list[Path] | None, _LIBRARY] = None
-) -> None:
+@command(app)
+def moduli(output: options.Shown, own: options.OwnLibrary) -> None:
     """Print the moduli of every nodus beside those that the paper's Table I prints."""
-    from tombo_dynamics.propeller import nodus_moduli, read_library
+    from tombo_dynamics.propeller import nodus_moduli
 
-    known = read_library(*(library or ())).configurations
+    known = own.read().configurations
     soft = [c for c in known.values() if not c.rigid]
     computed = [(c, nodus_moduli(c)) for c in soft]
-    if as_json:
+    if output.as_json:
         values = [
             {"conf": c.number, "E_N_MPa": m.E_N_MPa, "G_N_MPa": m.G_N_MPa} for c, m in computed
         ]
@@ -304,14 +292,9 @@ def _plot(path: Path, chosen: Configuration, law: str, limit: float) -> None:
     figure.savefig(path, dpi=120)
 
 
-def _whole_lines(command: Callable[..., None]) -> str:
-    """Return a function's description with a line a paragraph, for any width of the terminal."""
-    paragraphs = inspect.cleandoc(command.__doc__ or "").split("\n\n")
-    return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
-
-
+app.callback(invoke_without_command=True)(options.spelt_out(propeller))
 for _command in (design, reproduce, diagnose, recovery):
-    app.command(help=_whole_lines(_command))(_command)
+    command(app)(_command)
 
 
 @app.command(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from tombo_bringup.cli.options import Force, json_option, option, output_option
-from tombo_bringup.cli.result_files import check_output, compute_into
+from tombo_bringup.cli.options import Copies, Force, option, record
+from tombo_bringup.cli.result_files import compute_into
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import ProgressCallback
@@ -17,35 +17,24 @@ if TYPE_CHECKING:
     from tombo_propeller.reproduce.reproduction import Reproduction
 
 
-def reproduce(
-    law: Annotated[
-        list[str] | None,
-        option(
-            "--law",
-            "Compute under this law only: published, repaired or consistent. May be given "
-            "several times. Default: all three.",
-        ),
-    ] = None,
-    output: Annotated[
-        str | None,
-        output_option(
-            "Write reproduction.html, reproduction.json and the figures into this folder, new or "
-            "empty."
-        ),
-    ] = None,
-    force: Force = False,
-    as_json: Annotated[
-        bool, json_option("Print the list of claims as JSON, and nothing else.")
-    ] = False,
-) -> None:
+@record
+class _Laws:
+    law: list[str] | None = option(
+        "--law L",
+        "Compute under this law only: published, repaired or consistent. May be given several "
+        "times. Default: all three.",
+    )
+
+
+def reproduce(given: _Laws, force: Force, copies: Copies) -> None:
     """Recompute what the paper prints, and give each of its claims a verdict.
 
     Holds, fails or can't be checked, with the evidence. A claim about the paper's model is judged
-    by law published, its program with all defects, unless --law leaves that out.
+    by law published, its program with all defects, unless --law leaves that out. With -o also
+    reproduction.html, reproduction.json and the figures.
     """
-    check_output(output)
-    laws = _checked(law)
-    path = None if output is None else Path(output)
+    laws = _checked(given.law)
+    path, as_json = None if copies.output is None else Path(copies.output), copies.as_json
     names: tuple[str, ...] = ()
     if path is not None:
         from tombo_propeller.reproduce.page import REPRODUCTION_FILES
@@ -64,7 +53,7 @@ def reproduce(
 
         write_reproduction(folder, result, on_progress)
 
-    result, _, _ = compute_into(path, force, names, run, write)
+    result, _, _ = compute_into(path, force.force, names, run, write)
     if as_json:
         claims = [claim.mapping() for claim in result.claims]
         typer.echo(json.dumps(claims, indent=1, ensure_ascii=False, allow_nan=False))
