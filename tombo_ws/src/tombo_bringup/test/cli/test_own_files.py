@@ -126,7 +126,7 @@ def test_a_broken_effect_is_refused_before_it_flies(name, tmp_path):
     text, word = BROKEN[name]
     (tmp_path / name).write_text(text)
     done = subprocess.run(  # of its own: this one has loaded the flight
-        [sys.executable, "-m", "tombo_bringup.cli.main", "effects", "--import", name],
+        [sys.executable, "-m", "tombo_bringup.cli.main", "list", "effects", "--import", name],
         cwd=tmp_path, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 2
