@@ -1,3 +1,4 @@
+import dataclasses
 import io
 import shutil
 import threading
@@ -10,10 +11,10 @@ pytest.importorskip("httpx", reason="`make workbench` was not run")
 import uvicorn
 from starlette.testclient import TestClient
 
+from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import read_library
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
-from tombo_propeller.workbench.presets import APC_10X7
 from tombo_web.server import Access, bound_socket
 from tombo_web.workbench import Workbench
 from tombo_web.workbench_page import workbench_page
@@ -61,7 +62,7 @@ def test_who_may_ask(host, headers, query, status):
         ("curves", b'{"a": "' + b"x" * 200_000, "too large"),
         ("curves", b'{"propeller": 3}', "propeller"),
         ("curves", b'{"top_rpm": "fast"}', "top_rpm"),
-        ("curves", b'{"propeller": {"blade": "table", "table": "1,2"}}', "rows"),
+        ("curves", b'{"propeller": {"blade": "table"}}', "blade"),
         ("no", b"{}", "request"),
     ],
 )
@@ -118,59 +119,19 @@ def test_the_page_by_keyboard_alone(page):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [1280], indirect=True)
-def test_a_typed_blade_is_drawn_and_a_bad_one_is_refused_on_the_page(page):
-    page.select_option("#blade", "table")
-    page.fill("#table", "<img src=x onerror=alert(1)> 2 3")
-    page.wait_for_selector("#refused:text-matches('columns')")
-    page.fill("#diameter_mm", "254")
-    page.fill("#table", APC_10X7)
-    page.wait_for_selector("#label:text-matches('^table:')")
-    assert page.text_content("#refused") == ""
-
-
-TABLE = "r_mm, chord_mm, twist_deg\n" + "".join(
-    f"{r}, {chord}, {twist}\n" for r, chord, twist in [(19, 17, 38), (38, 24, 38), (64, 25, 25),
-                                                       (95, 17, 17), (121, 8, 13)]
-)  # fmt: skip
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("page", [1280], indirect=True)
-def test_an_uploaded_blade_is_drawn_and_a_hostile_file_is_refused_on_the_page(page):
-    def upload(name, content):
-        page.set_input_files("#file", {"name": name, "mimeType": "text/csv", "buffer": content})
-
-    page.select_option("#blade", "table")
-    for name, content, refusal in [
-        ("<img src=x onerror=alert(1)>.csv", b"1, 2, 3\n" * 10_000, "80000 bytes; accepted"),
-        ("nan.csv", TABLE.replace("25,", "NaN,").encode(), "row 3"),
-        ("columns.csv", TABLE.replace("twist_deg", "pitch").encode(), "columns"),
-        ("../../../etc/passwd", b"root:x:0:0:root:/root:/bin/bash\n", "columns"),
-        ("picture.csv", bytes(range(256)) * 4, "columns"),
-        ("backwards.csv", TABLE.replace("38, 24", "10, 24").encode(), "radius"),
-    ]:
-        upload(name, content)
-        page.wait_for_selector(f"#refused:text-matches('{refusal}')")
-        upload("../../own blade.csv", TABLE.encode())
-        page.wait_for_selector("#refused:text-is('')", state="attached")
-        page.wait_for_selector("#label:text-matches('^table:')")
-    assert page.said == [] and page.locator("#refused img").count() == 0
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("page", [1280, 390], indirect=True)
-def test_a_blade_of_a_published_table_is_recommended_a_nodus_and_flown(page):
-    page.select_option("#blade", "table")
-    page.fill("#diameter_mm", "254")
-    page.fill("#table", APC_10X7)
-    page.wait_for_selector("[data-law=published] small:text-matches('no published figures')")
-    page.fill("#min_thrust_margin", "1.3")
+def test_a_vehicle_is_recommended_a_nodus_and_flown(page):
+    page.fill("#min_thrust_margin", "1.7")
+    page.fill("#max_collision_force_N", "150")
     page.click("#recommend")
     page.wait_for_selector("#answer tr.best", timeout=120_000)
     assert page.locator("#answer .fronts canvas").count() == 4
     known = page.locator("#answer tr.best small").all_inner_texts()[1:]
-    assert len(known) == 5 and all(text.startswith("extrapolated") for text in known)
+    assert [text.split()[0] for text in known] == [
+        "extrapolated",
+        *3 * ["measured"],
+        "extrapolated",
+    ]
     drawn = page.evaluate(
         """[...document.querySelectorAll(".fronts canvas")].map((canvas) => {
           const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
@@ -188,21 +149,20 @@ def test_a_blade_of_a_published_table_is_recommended_a_nodus_and_flown(page):
     assert page.said == []
 
 
-def test_a_typed_blade_gets_a_recommendation_files_and_a_report():
-    client = client_of()
-    blade = {"blade": "table", "table": APC_10X7, "diameter_mm": 254.0}
-    asked = {"propeller": blade, "vehicle": {"extrapolate": True, "min_thrust_margin": 1.3}}
-    found = client.post("/ask/design", json=asked).json()
+def test_another_blade_gets_a_recommendation_and_files():
+    own = dataclasses.replace(LIBRARY.blades["nine_inch"], name="own", published=None)
+    library = dataclasses.replace(LIBRARY, blades={**LIBRARY.blades, "own": own})
+    bench = Workbench(library)
+    asked = {"propeller": {"blade": "own"}, "vehicle": {"extrapolate": True}}
+    found = bench.answer("design", asked).content
     figures = found["recommended"]["figures"]
     assert {figure["known"] for figure in figures.values()} == {"extrapolated"}
     assert "blade, tested nine_inch" in found["recommended"]["outside_of_tests"]
-    assert found["pareto"] and client.get(f"/page/{found['page']}").status_code == 200
-    files = client.post("/ask/library", json=asked)
-    with zipfile.ZipFile(io.BytesIO(files.content)) as archive:
+    assert found["pareto"] and bench.page(found["page"])
+    with zipfile.ZipFile(io.BytesIO(bench.answer("library", asked).content)) as archive:
         assert "propeller/library/blades.yaml" in archive.namelist()
-    assert client.post("/ask/report", json={"propeller": blade}).content.startswith(b"%PDF-")
-    refused = client.post("/ask/design", json={"propeller": blade}).json()["error"]
-    assert "no measured soft propeller" in refused
+    with pytest.raises(InputError, match="no measured soft propeller"):
+        bench.answer("design", {"propeller": {"blade": "own"}})
 
 
 def test_results_are_seen_by_whom_the_page_is_seen(monkeypatch):

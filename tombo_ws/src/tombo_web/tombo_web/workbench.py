@@ -15,13 +15,12 @@ from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.propeller import Library
 from tombo_flight.report.flight_report import report_html
 from tombo_flight.report.html import page_html
-from tombo_propeller.design.design import Design, design
-from tombo_propeller.design.flight_check import Recommendation, recommend
+from tombo_propeller.design.design import design
+from tombo_propeller.design.flight_check import recommend
 from tombo_propeller.design.page import design_page
 from tombo_propeller.design.request import DesignRequest
-from tombo_propeller.workbench.curves import PropellerCurves, propeller_curves
+from tombo_propeller.workbench.curves import propeller_curves
 from tombo_propeller.workbench.propeller_choice import ChosenPropeller, propeller_choice
-from tombo_propeller.workbench.report import report_pdf
 from tombo_propeller.workbench.vehicle_request import (
     STRONGEST_N,
     design_request,
@@ -54,11 +53,10 @@ class Workbench:
         self._numbers = count(1)
         self._long = threading.Lock()
         self._functions: dict[str, Callable[[Mapping[str, Any]], Answer]] = {
-            "curves": lambda values: Answer(self._curves(values).mapping()),
+            "curves": self._curves,
             "design": self._alone(self._design),
             "fly": self._alone(self._fly),
             "library": self._files,
-            "report": self._alone(self._report),
         }
 
     def answer(self, what: str, values: Mapping[str, Any]) -> Answer:
@@ -90,12 +88,14 @@ class Workbench:
 
         return alone
 
-    def _curves(self, values: Mapping[str, Any]) -> PropellerCurves:
-        return propeller_curves(self._choice(values), self._library, values.get("top_rpm"))
+    def _curves(self, values: Mapping[str, Any]) -> Answer:
+        curves = propeller_curves(self._choice(values), self._library, values.get("top_rpm"))
+        return Answer(curves.mapping())
 
     def _design(self, values: Mapping[str, Any]) -> Answer:
-        found, recommendation = self._recommended(values)
-        page = design_page(found, recommendation)
+        choice, request = self._both(values)
+        found = design(request, self._library, choice.blade)
+        page = design_page(found, recommend(found, ()))
         keys = ("headline", "feasible", "reasons", "must_give_text", "recommended", "pareto")
         content = {key: page.data[key] for key in keys}
         content["pareto"] = content["pareto"][:_FRONT_SHOWN]
@@ -117,15 +117,6 @@ class Workbench:
             for name, text in flyable_files(choice, request, self._library).items():
                 archive.writestr(f"propeller/{name}", text)
         return Answer(buffer.getvalue(), "propeller.zip")
-
-    def _report(self, values: Mapping[str, Any]) -> Answer:
-        both = self._recommended(values) if values.get("vehicle") else None
-        return Answer(report_pdf(self._curves(values), both), "propeller.pdf")
-
-    def _recommended(self, values: Mapping[str, Any]) -> tuple[Design, Recommendation]:
-        choice, request = self._both(values)
-        found = design(request, self._library, choice.blade)
-        return found, recommend(found, ())
 
     def _both(self, values: Mapping[str, Any]) -> tuple[ChosenPropeller, DesignRequest]:
         choice = self._choice(values)

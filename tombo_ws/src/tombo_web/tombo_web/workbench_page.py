@@ -9,8 +9,7 @@ from markupsafe import Markup
 from tombo_dynamics.propeller import LAWS, Library
 from tombo_flight.report.html import asset
 from tombo_flight.report.replay_data import script_json
-from tombo_propeller.workbench.presets import PRESETS, preset
-from tombo_propeller.workbench.propeller_choice import KNOBS, TABLE, default_knobs
+from tombo_propeller.workbench.propeller_choice import KNOBS, default_knobs
 from tombo_web.live_page import asset_text, template
 
 _LAW_COLOURS: Final = dict(zip(LAWS, ("vermillion", "blue", "green"), strict=True))
@@ -24,18 +23,12 @@ _KNOB_WORDS: Final = {
 
 def workbench_page(library: Library) -> str:
     """Return the HTML of the page for the materials and configurations of a library."""
-    blades = {**PRESETS, **{n: n for n in library.blades if n not in PRESETS}}
-    blades[TABLE] = "own blade: a table"
     data: dict[str, Any] = {
         "colours": _LAW_COLOURS,
         "measured_blades": sorted(
             {c.blade.name for c in library.configurations.values() if c.nodus and c.measured}
         ),
-        "knobs": {
-            name: default_knobs(library.blades.get(name) or preset(name))
-            for name in blades
-            if name != TABLE
-        },
+        "knobs": {name: default_knobs(blade) for name, blade in library.blades.items()},
         "configurations": {
             c.number: {
                 "blade": c.blade.name,
@@ -51,7 +44,7 @@ def workbench_page(library: Library) -> str:
         },
     }
     return template("workbench.html.j2").render(
-        blades=blades,
+        blades=list(library.blades),
         matrices=list(library.matrices),
         fibres=list(library.fibres),
         configurations=[c.number for c in library.configurations.values() if c.nodus],

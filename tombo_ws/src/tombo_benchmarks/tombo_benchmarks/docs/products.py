@@ -63,11 +63,11 @@ def _reproduction(root: Path, data: Path) -> None:
 
 def _drawings(root: Path, data: Path) -> None:
     from tombo_benchmarks.docs.drawings import draw_frames, draw_lab, draw_propeller, draw_states
+    from tombo_dynamics.propeller import configuration
     from tombo_flight.report.flight_plot import figure_bytes
-    from tombo_propeller.workbench.presets import PAPER, preset
 
     for name, figure in (
-        ("propeller", draw_propeller(preset(PAPER))),
+        ("propeller", draw_propeller(configuration(13).blade)),
         ("frames", draw_frames()),
         ("lab", draw_lab()),
         ("safety", draw_states()),

@@ -1,10 +1,11 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import RPM, evaluate, read_library
 from tombo_propeller.workbench.curves import bench_force, propeller_curves
-from tombo_propeller.workbench.presets import APC_10X7, PRESETS
 from tombo_propeller.workbench.propeller_choice import propeller_choice
 
 LIBRARY = read_library()
@@ -58,18 +59,18 @@ def test_a_nodus_that_was_not_measured_gets_the_mean_force_and_its_interval():
     assert low < value < high
 
 
-@pytest.mark.parametrize("blade", [name for name in PRESETS if name != "nine_inch"])
-def test_of_another_blade_nothing_is_called_measured(blade):
-    curves = propeller_curves(choice_of(blade=blade), LIBRARY)
+def test_of_another_blade_nothing_is_called_measured():
+    own = dataclasses.replace(LIBRARY.blades["nine_inch"], name="own", published=None)
+    library = dataclasses.replace(LIBRARY, blades={**LIBRARY.blades, "own": own})
+    curves = propeller_curves(propeller_choice({"blade": "own"}, library), library)
     assert not any(panel.readings for panel in curves.panels)
     assert "extrapolated" in next(p for p in curves.panels if p.name == "thrust_N").known
     assert list(curves.refused) == ["published"]
 
 
-def test_a_typed_blade_is_computed_and_its_curves_are_plain_numbers():
-    choice = choice_of(blade="table", table=APC_10X7, diameter_mm=254.0)
-    mapping = propeller_curves(choice, LIBRARY).mapping()
-    assert mapping["outer_radius_mm"] == pytest.approx(40.0, abs=0.1)
+def test_curves_are_plain_numbers():
+    mapping = propeller_curves(choice_of(), LIBRARY).mapping()
+    assert mapping["outer_radius_mm"] == pytest.approx(35.0, abs=0.1)
     (thrust,) = [p for p in mapping["panels"] if p["name"] == "thrust_N"]
     assert all(v is None or isinstance(v, float) for v in thrust["curves"][0]["values"])
 
@@ -79,7 +80,6 @@ def test_a_typed_blade_is_computed_and_its_curves_are_plain_numbers():
     [
         ({"blade": "../../etc/passwd"}, "blade"),
         ({"blade": ["x"]}, "blade"),
-        ({"blade": "table"}, "table"),
         ({"matrix": "steel"}, "matrix"),
         ({"fibres": 2.5}, "fibres"),
         ({"fibres": True}, "fibres"),

@@ -1,191 +1,85 @@
-"""All figures of the reproduction by file name: curves over speed, law by law, and an overview."""
+"""The figures of the reproduction by file name: an overview, and curves over speed, law by law."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Final
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.propeller import RPM, Operation, configuration, evaluate, valid_speed
 from tombo_flight.report import style
-from tombo_propeller.reproduce import table_plots
 from tombo_propeller.reproduce.claims.claim import FAILS, HOLDS, OPEN
 from tombo_propeller.reproduce.computed_values import collapse
-from tombo_propeller.reproduce.plot_style import (
-    CONF_COLOURS,
-    LAW_COLOURS,
-    MEASURED,
-    curve,
-    heading,
-    legend_below,
-    name_of,
-    over_speed,
-    sheet,
-    styled,
-)
 from tombo_propeller.reproduce.reproduction import Reproduction
 
-_CONFS = (0, 1, 2, 3)
-_DEGREES = 180.0 / math.pi
+_LAW_COLOURS: Final = {
+    "published": style.VERMILLION,
+    "repaired": style.BLUE,
+    "consistent": style.GREEN,
+}
+_LAW_MARKS: Final = {"published": "o", "repaired": "s", "consistent": "D"}
+_CONF_COLOURS: Final = {0: style.MUTED, 1: style.ORANGE, 2: style.PURPLE, 3: style.SKY}
+_MEASURED: Final = style.INK
+_BLIND: Final = "#8A97A3"
+_DPI: Final = 140
+_RC: Final = {**style.RC, "font.size": 10.0, "legend.fontsize": 9.0, "lines.linewidth": 1.7}
+_TOP_RPM: Final = 18000.0
+_DEGREES: Final = 180.0 / math.pi
+_styled: Final = mpl.rc_context(_RC)
+"""Decorates what draws a whole figure."""
+_QUANTITIES: Final = (
+    ("thrust_N", "value", "thrust [N]", 1.0, (0.0, 14.0)),
+    ("lift_over_drag", "value", "lift over drag", 1.0, (1.2, 2.3)),
+    ("alpha_rad", "alpha_deg", "lag α [deg]", _DEGREES, None),
+    ("beta_rad", "beta_deg", "flap β [deg]", _DEGREES, None),
+    ("gamma_rad", "gamma_deg", "twist γ [deg]", _DEGREES, (0.0, 30.0)),
+)
+"""Of an operation, of an optimum, axis, factor, limits of the axis."""
 
 
-@styled
-def thrust_low(r: Reproduction) -> Figure:
-    """Thrust of Conf. 0–3 in the measured range of speeds."""
-    low, high = (float(s) for s in r.paper.texts["model"]["thrust_speeds_rpm"])
-    title = "Measured range: softer means less thrust in every law; one point is in print"
-    figure, panels = sheet(title, 1, len(r.numbers.laws), (11.0, 4.1), share_y=True)
-    for axes, law in zip(panels, r.numbers.laws, strict=True):
-        for conf in _CONFS:
-            rpm, points = curve(conf, law, low, high)
-            axes.plot(rpm, points.thrust_N, color=CONF_COLOURS[conf], label=name_of(conf))
-        row = r.paper.table_3[0]
-        axes.errorbar(
-            [low], [row.thrust_N.value], yerr=[row.thrust_dev_N.value], fmt="o", ms=5,
-            color=MEASURED, capsize=3, label="Conf. 0 measured (Table III)", clip_on=False,
-            zorder=5,
-        )  # fmt: skip
-        over_speed(axes, low, high)
-        axes.set_xlim(low - 40.0, high)
-        heading(axes, law)
-    panels[0].set_ylabel("thrust [N]")
-    panels[0].set_ylim(0.4, None)
-    legend_below(figure, panels[0])
-    return figure
-
-
-@styled
-def thrust_high(r: Reproduction) -> Figure:
-    """Thrust of Conf. 0–3 as far as the paper's figures go."""
-    some = any(law.thrust[3].inside for law in r.numbers.laws.values())
-    none = [n for n, law in r.numbers.laws.items() if not law.thrust[3].inside]
-    title = "To 18 000 rpm: " + (
-        f"a maximum of thrust, but none under law {', '.join(none)}" if some and none
-        else "a maximum of thrust" if some else "no maximum of thrust"
-    )  # fmt: skip
-    figure, panels = sheet(title, 1, len(r.numbers.laws), (11.0, 4.3), share_y=True)
-    for axes, (name, law) in zip(panels, r.numbers.laws.items(), strict=True):
-        axes.axvspan(2000.0, 3200.0, color=style.FAINT, alpha=0.8, lw=0, zorder=0)
-        for conf in _CONFS:
-            rpm, points = curve(conf, name, 0.0, 18000.0)
-            axes.plot(rpm, points.thrust_N, color=CONF_COLOURS[conf], label=name_of(conf))
-            if conf and law.thrust[conf].inside:
-                best = law.thrust[conf]
-                axes.plot(best.speed_rpm, best.value, "o", ms=5, color=CONF_COLOURS[conf])
-                axes.annotate(
-                    f"{best.value:.1f} N\n{best.speed_rpm:.0f} rpm",
-                    (best.speed_rpm, best.value), (0, -7), textcoords="offset points",
-                    ha="center", va="top", size=8.5, color=style.INK,
-                )  # fmt: skip
-        over_speed(axes)
-        axes.set_ylim(0.0, 14.0)
-        heading(axes, name)
-    panels[0].set_ylabel("thrust [N]")
-    panels[0].text(2600.0, 13.7, "measured\nrange", ha="center", va="top", size=8,
-                   color=style.MUTED)  # fmt: skip
-    legend_below(figure, panels[0])
-    return figure
-
-
-@styled
-def deformation(r: Reproduction) -> Figure:
-    """Lag, flap and twist of Conf. 1–3."""
-    title = "Deformation: the twist grows without end, or saturates, by one term of the model"
+@_styled
+def curves(r: Reproduction) -> Figure:
+    """Draw thrust, lift over drag, lag, flap and twist of Conf. 0-3, with their optima."""
+    title = "A maximum of thrust, or a twist that saturates: one term of the model decides"
     laws = list(r.numbers.laws.items())
-    figure, panels = sheet(title, 3, len(laws), (11.0, 8.0), share_y=True)
-    for i, (field, label) in enumerate(
-        (("alpha", "lag α [deg]"), ("beta", "flap β [deg]"), ("gamma", "twist γ [deg]"))
-    ):
+    figure, panels = _sheet(title, len(_QUANTITIES), len(laws), (11.0, 14.0), share_y=True)
+    for i, (quantity, at_optimum, label, factor, limits) in enumerate(_QUANTITIES):
         for k, (name, law) in enumerate(laws):
             axes = panels[i * len(laws) + k]
-            for conf in _CONFS[1:]:
-                rpm, points = curve(conf, name, 0.0, 18000.0)
-                values = getattr(points, f"{field}_rad") * _DEGREES
-                axes.plot(rpm, values, color=CONF_COLOURS[conf], label=name_of(conf))
-                for best, mark in ((law.thrust[conf], "o"), (law.ratio[conf], "^")):
+            optima = {"o": law.thrust, "^": law.ratio}
+            if at_optimum == "value":
+                optima = {"o": law.thrust} if quantity == "thrust_N" else {"^": law.ratio}
+            for conf, colour in _CONF_COLOURS.items():
+                rpm, points = _curve(conf, name, 50.0)
+                axes.plot(rpm, getattr(points, quantity) * factor, color=colour,
+                          label="Conf. 0, rigid" if conf == 0 else f"Conf. {conf}")  # fmt: skip
+                for mark, best in ((m, by_conf[conf]) for m, by_conf in optima.items() if conf):
                     if best.inside:
-                        angle = getattr(best, f"{field}_deg")
-                        axes.plot(best.speed_rpm, angle, mark, ms=5.5, color=CONF_COLOURS[conf])
-            over_speed(axes)
-            if i < 2:
-                axes.set_xlabel("")
+                        y = getattr(best, at_optimum)
+                        axes.plot(best.speed_rpm, y, mark, ms=5.5, color=colour)
+            _over_speed(axes)
+            if limits is not None:
+                axes.set_ylim(*limits)
             if not i:
-                heading(axes, name)
+                _heading(axes, name)
             if not k:
                 axes.set_ylabel(label)
-        if field == "gamma":
-            panels[i * len(laws)].set_ylim(0.0, 30.0)
     for mark, text in (("o", "maximum thrust"), ("^", "maximum lift over drag")):
         panels[0].plot([], [], mark, color=style.MUTED, ms=5.5, label=text)
-    legend_below(figure, panels[0])
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     return figure
 
 
-@styled
-def lift_over_drag(r: Reproduction) -> Figure:
-    """Lift over drag of Conf. 0–3."""
-    printed = r.paper.number("model", "largest_lift_over_drag")
-    laws = r.laws("eps_mld")
-    where = f"is law {' and '.join(laws)} alone" if laws else "comes out nowhere"
-    title = f"Lift over drag: the printed {printed.text} {where}"
-    figure, panels = sheet(title, 1, len(r.numbers.laws), (11.0, 4.1), share_y=True)
-    for axes, (name, law) in zip(panels, r.numbers.laws.items(), strict=True):
-        ratio_axes(axes, r, name)
-        heading(axes, name)
-        best = law.ratio[3]
-        text = f"{best.value:.2f}" if best.inside else "no maximum"
-        axes.annotate(text, (best.speed_rpm, best.value), (0, 5), textcoords="offset points",
-                      ha="center" if best.inside else "right", weight="bold")  # fmt: skip
-    panels[0].set_ylabel("lift over drag")
-    legend_below(figure, panels[0])
-    return figure
-
-
-def ratio_axes(axes: Axes, r: Reproduction, law: str) -> None:
-    """Draw lift over drag of Conf. 0–3 under one law, and the printed largest value."""
-    printed = r.paper.number("model", "largest_lift_over_drag")
-    axes.axhline(printed.value, color=MEASURED, lw=1.2, ls=(0, (4, 2)),
-                 label=f"largest as printed, {printed.text}")  # fmt: skip
-    for conf in _CONFS:
-        rpm, points = curve(conf, law, 50.0, 18000.0)
-        axes.plot(rpm, points.lift_over_drag, color=CONF_COLOURS[conf], label=name_of(conf))
-    axes.set_ylim(1.2, 2.3)
-    over_speed(axes)
-
-
-@styled
-def universal(r: Reproduction) -> Figure:
-    """All configurations over omega / sqrt(G_N), without gravity."""
-    worst = max(law.collapse for law in r.numbers.laws.values())
-    title = f"Without gravity thirteen propellers are one curve (to {worst:.0e}): a theorem"
-    figure, panels = sheet(title, 1, 2, (11.0, 4.3))
-    thrust, twist = panels
-    for law in r.numbers.laws:
-        universal_axes(thrust, law)
-        s, curves = collapse(law)
-        for one in curves:
-            twist.plot(np.sqrt(s), one[1] * _DEGREES, ".", ms=3, color=LAW_COLOURS[law])
-        twist.plot([], [], color=LAW_COLOURS[law], label=law)
-    twist.set(xlabel="ω / √G_N [rad/(s √Pa)]", ylabel="twist γ [deg]")
-    heading(thrust, "thrust")
-    heading(twist, "twist")
-    twist.legend()
-    return figure
-
-
-def universal_axes(axes: Axes, law: str) -> None:
-    """Draw thrust over G_N of all configurations under one law."""
-    s, curves = collapse(law)
-    for one in curves:
-        axes.plot(np.sqrt(s), 1e6 * one[0], ".", ms=3, color=LAW_COLOURS[law])
-    axes.plot([], [], color=LAW_COLOURS[law], label=law)
-    axes.set(xlabel="ω / √G_N [rad/(s √Pa)]", ylabel="T / G_N [µN/Pa]")
-
-
-@styled
+@_styled
 def overview(r: Reproduction) -> Figure:
     """Draw six findings on one sheet: what docs/reproduction.md shows."""
     counts = r.counts()
@@ -193,33 +87,33 @@ def overview(r: Reproduction) -> Figure:
         f"The paper, recomputed: of its {sum(counts.values())} claims {counts[HOLDS]} hold, "
         f"{counts[FAILS]} fail, {counts[OPEN]} can't be checked"
     )
-    figure, panels = sheet(title, 2, 3, (15.0, 8.2))
-    table_plots.ratio_axes(panels[0], r)
+    figure, panels = _sheet(title, 2, 3, (15.0, 8.2))
+    _table_3_ratio(panels[0], r)
     panels[0].legend(ncols=2, loc="upper right")
     laws = r.laws("table_3_lift_over_drag")
-    heading(panels[0], f"Simulated lift over drag: {_under(laws)}")
-    table_plots.thrust_axes(panels[1], r)
+    _heading(panels[0], f"Simulated lift over drag: {_under(laws)}")
+    _table_3_thrust(panels[1], r)
     panels[1].set_ylim(0.3, 1.08)
     panels[1].legend(ncols=2, loc="upper right")
     order = {HOLDS: "grows with stiffness", FAILS: "does not grow with stiffness"}
     verdict = r.claim("thrust_follows_stiffness").verdict
-    heading(panels[1], f"Measured thrust: {order.get(verdict, 'no order, but much scatter')}")
-    table_plots.share_axes(panels[2], r)
+    _heading(panels[1], f"Measured thrust: {order.get(verdict, 'no order, but much scatter')}")
+    _force_shares(panels[2], r)
     below = "all" if r.claim("collision_force").verdict == HOLDS else "not all"
-    heading(panels[2], f"Collision force: {below} below two-thirds")
+    _heading(panels[2], f"Collision force: {below} below two-thirds")
     _maxima(panels[3], r)
-    heading(panels[3], f"A maximum of thrust: {_under(r.laws('omega_mtf_order'))}")
+    _heading(panels[3], f"A maximum of thrust: {_under(r.laws('omega_mtf_order'))}")
     law = "published" if "published" in r.numbers.laws else next(iter(r.numbers.laws))
-    ratio_axes(panels[4], r, law)
+    _ratio_over_speed(panels[4], r, law)
     panels[4].set_ylabel("lift over drag")
     low, high = panels[4].get_ylim()
     panels[4].set_ylim(low, high + 0.45 * (high - low))  # room for the legend above the curves
     panels[4].legend(loc="upper right", ncols=2)
-    heading(panels[4], f"The printed ε_mld: {_under(r.laws('eps_mld'))} (shown: {law})")
+    _heading(panels[4], f"The printed ε_mld: {_under(r.laws('eps_mld'))} (shown: {law})")
     for name in r.numbers.laws:
-        universal_axes(panels[5], name)
+        _universal(panels[5], name)
     panels[5].legend()
-    heading(panels[5], "13 propellers, one curve: a theorem")
+    _heading(panels[5], "13 propellers, one curve: a theorem")
     return figure
 
 
@@ -227,74 +121,151 @@ def _under(laws: list[str]) -> str:
     return f"law {', '.join(laws)}" if laws else "under no law"
 
 
+def _table_3_ratio(axes: Axes, r: Reproduction) -> None:
+    """Draw Table III's lift over drag, printed as rings, computed as dots."""
+    confs, at = _places(r)
+    for law, numbers in r.numbers.laws.items():
+        axes.plot(at, [numbers.low[c].ratio for c in confs], _LAW_MARKS[law], ms=5,
+                  color=_LAW_COLOURS[law], label=law, zorder=4)  # fmt: skip
+    axes.plot(at, [r.paper.table_3[c].ratio.value for c in confs], "o", ms=12, mfc="none",
+              mew=1.5, color=_MEASURED, label="printed")  # fmt: skip
+    axes.set(ylabel="lift over drag", ylim=(1.7, 2.2))
+    _configurations(axes, confs)
+
+
+def _table_3_thrust(axes: Axes, r: Reproduction) -> None:
+    """Draw Table III's thrusts with their deviations, and what each law computes."""
+    confs, at = _places(r)
+    rows = [r.paper.table_3[c] for c in confs]
+    soft = [row.thrust_N.value for row, c in zip(rows, confs, strict=True) if c]
+    bound = 0.01 * r.paper.number("model", "thrust_error_percent").value
+    for x, row in zip(at, rows, strict=True):
+        t = row.thrust_N.value
+        axes.fill_between([x - 0.36, x + 0.36], t * (1 - bound), t * (1 + bound), lw=0,
+                          color=style.FAINT, zorder=1,
+                          label="± 8 % of measured" if not x else None)  # fmt: skip
+    axes.errorbar(
+        at, [row.thrust_N.value for row in rows], yerr=[row.thrust_dev_N.value for row in rows],
+        fmt="_", ms=14, mew=2.2, color=_MEASURED, elinewidth=1.0, capsize=3, label="measured",
+        zorder=3,
+    )  # fmt: skip
+    mean = float(np.mean(soft))
+    axes.plot([0.5, len(confs) - 0.5], [mean, mean], color=_BLIND, ls=(0, (4, 2)), lw=1.3,
+              label="mean of Conf. 5–13", zorder=2)  # fmt: skip
+    shift = np.linspace(-0.16, 0.16, max(len(r.numbers.laws), 2))
+    for dx, (law, numbers) in zip(shift, r.numbers.laws.items(), strict=False):
+        axes.plot([x + dx for x in at], [numbers.low[c].thrust_N for c in confs], _LAW_MARKS[law],
+                  ms=5.5, color=_LAW_COLOURS[law], label=law, zorder=4)  # fmt: skip
+    axes.set(ylabel="thrust [N]", ylim=(0.3, 0.95))
+    _configurations(axes, confs)
+
+
+def _force_shares(axes: Axes, r: Reproduction) -> None:
+    """Draw each configuration's collision force over the rigid propeller's."""
+    confs = [c for c in r.paper.table_3 if c]
+    bound = 2.0 / 3.0
+    shares = [_share(r, c) for c in confs]
+    colours = [style.VERMILLION if s >= bound else "#9DB4C8" for s in shares]
+    axes.bar(range(len(confs)), shares, width=0.72, color=colours, lw=0)
+    for k, s in enumerate(shares):
+        axes.text(k, s + 0.01, f"{s:.2f}", ha="center", size=8.5)
+    axes.axhline(bound, color=_MEASURED, lw=1.2, ls=(0, (4, 2)))
+    axes.text(-0.45, bound + 0.012, "two-thirds", size=8.5, va="bottom")
+    axes.set(ylabel="force / force of Conf. 0", ylim=(0.0, 0.82))
+    _configurations(axes, confs)
+
+
+def _share(r: Reproduction, conf: int) -> float:
+    return r.paper.table_3[conf].force_N.value / r.paper.table_3[0].force_N.value
+
+
+def _places(r: Reproduction) -> tuple[list[int], list[int]]:
+    confs = list(r.paper.table_3)
+    return confs, list(range(len(confs)))
+
+
+def _configurations(axes: Axes, confs: list[int]) -> None:
+    axes.set_xticks(range(len(confs)), ["rigid" if c == 0 else str(c) for c in confs])
+    axes.set_xlabel("configuration; softest matrix first")
+    axes.grid(visible=False, axis="x")
+
+
 def _maxima(axes: Axes, r: Reproduction) -> None:
     axes.axvspan(2000.0, 3200.0, color=style.FAINT, alpha=0.8, lw=0, zorder=0)
     axes.text(2600.0, 15.6, "measured", ha="center", va="top", size=8, color=style.MUTED)
     for name, law in r.numbers.laws.items():
-        rpm, points = curve(13, name, 0.0, 18000.0)
-        axes.plot(rpm, points.thrust_N, color=LAW_COLOURS[name], label=name)
+        rpm, points = _curve(13, name, 0.0)
+        axes.plot(rpm, points.thrust_N, color=_LAW_COLOURS[name], label=name)
         best = law.thrust[13]
         if best.inside:
-            axes.plot(best.speed_rpm, best.value, "o", color=LAW_COLOURS[name], ms=6)
+            axes.plot(best.speed_rpm, best.value, "o", color=_LAW_COLOURS[name], ms=6)
     axes.set(ylabel="thrust of Conf. 13 [N]", ylim=(0.0, 16.0))
-    over_speed(axes)
+    _over_speed(axes)
     axes.legend(loc="upper right")
 
 
+def _ratio_over_speed(axes: Axes, r: Reproduction, law: str) -> None:
+    """Draw lift over drag of Conf. 0–3 under one law, and the printed largest value."""
+    printed = r.paper.number("model", "largest_lift_over_drag")
+    axes.axhline(printed.value, color=_MEASURED, lw=1.2, ls=(0, (4, 2)),
+                 label=f"largest as printed, {printed.text}")  # fmt: skip
+    for conf, colour in _CONF_COLOURS.items():
+        rpm, points = _curve(conf, law, 50.0)
+        axes.plot(rpm, points.lift_over_drag, color=colour,
+                  label="Conf. 0, rigid" if conf == 0 else f"Conf. {conf}")  # fmt: skip
+    axes.set_ylim(1.2, 2.3)
+    _over_speed(axes)
+
+
+def _universal(axes: Axes, law: str) -> None:
+    """Draw thrust over G_N of all configurations under one law."""
+    s, curves = collapse(law)
+    for one in curves:
+        axes.plot(np.sqrt(s), 1e6 * one[0], ".", ms=3, color=_LAW_COLOURS[law])
+    axes.plot([], [], color=_LAW_COLOURS[law], label=law)
+    axes.set(xlabel="ω / √G_N [rad/(s √Pa)]", ylabel="T / G_N [µN/Pa]")
+
+
+def _sheet(
+    title: str, rows: int, columns: int, size_in: tuple[float, float], *, share_y: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure with a title that tells its finding, and its axes row by row."""
+    figure = Figure(figsize=size_in, dpi=_DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, x=0.01, ha="left", weight="bold", size=12.5, parse_math=False)
+    grid = figure.subplots(rows, columns, squeeze=False, sharey="row" if share_y else "none")
+    return figure, [axes for row in grid for axes in row]
+
+
+@lru_cache(maxsize=64)
+def _curve(conf: int, law: str, low_rpm: float) -> tuple[Array, Operation]:
+    """Return speeds [rpm] up to _TOP_RPM and operating points, as far as the law is valid."""
+    chosen = configuration(conf)
+    top = min(_TOP_RPM, valid_speed(chosen, law) / RPM)
+    rpm: Array = np.linspace(low_rpm, top, 361, dtype=np.float64)
+    return rpm, evaluate(chosen, rpm * RPM, law, outside="mask")
+
+
+def _heading(axes: Axes, text: str) -> None:
+    """Put the finding of a panel above it."""
+    axes.set_title(text, loc="left", size=10.5, weight="bold", parse_math=False)
+
+
+def _over_speed(axes: Axes) -> None:
+    """Label the axis of speed."""
+    axes.set_xlim(0.0, _TOP_RPM)
+    axes.set_xlabel("speed [1000 rpm]")
+    ticks = np.arange(0.0, _TOP_RPM + 1.0, 4000.0)
+    axes.set_xticks(ticks, [f"{t / 1000.0:g}" for t in ticks])
+
+
 FIGURES: Final[dict[str, tuple[Callable[[Reproduction], Figure], str, str]]] = {
-    "overview.png": (overview, "What came out, on one sheet", "Overview"),
-    "table_1.png": (
-        table_plots.table_1,
-        "Moduli, computed less printed, in units of the last printed digit. A point in the band "
-        "rounds to what is printed",
-        "Table I",
-    ),
-    "table_3_lift_over_drag.png": (
-        table_plots.table_3_ratio,
-        "The simulated column of Table III. Rings are what is printed",
-        "Table III",
-    ),
-    "lift_over_drag.png": (
-        lift_over_drag,
-        "Lift over drag against speed; the dashed line is the printed largest value",
-        "figure of ε against ω",
-    ),
-    "thrust_measured_range.png": (
-        thrust_low,
-        "Thrust where it was measured. Of the measured points only one is printed as a number",
-        "figure of thrust, 2000–3200 rpm",
-    ),
-    "thrust_to_18000_rpm.png": (
-        thrust_high,
-        "Thrust as far as the paper computes it. A curve ends where the coefficients' range does",
-        "figure of thrust to 18 000 rpm",
-    ),
-    "deformation.png": (
-        deformation,
-        "Lag, flap and twist. Circles: maximum thrust; triangles: maximum lift over drag: the "
-        "same twist for every configuration",
-        "figure of α, β, γ",
-    ),
-    "table_3_thrust.png": (
-        table_plots.table_3_thrust,
-        "Measured thrust with its printed deviation, and what each law computes",
-        "Table III",
-    ),
-    "comparison.png": (
-        table_plots.comparison,
-        "The nine configurations by criterion, as a share of the best one (green). Lift over drag "
-        "is simulated, the rest measured",
-        "comparison chart",
-    ),
-    "collision_force.png": (
-        table_plots.collision_force,
-        "Collision force by configuration, and by where Conf. 13 is struck",
-        "Tables II and III",
-    ),
-    "universal_curve.png": (
-        universal,
-        "Thirteen configurations over each other, without gravity",
-        "not in the paper",
+    "overview.png": (overview, "The results on one sheet", "Overview"),
+    "curves.png": (
+        curves,
+        "Thrust, lift over drag and deformation over speed. A curve ends where the coefficients' "
+        "range does; the twist at an optimum is the same for every configuration",
+        "figures of thrust, ε, α, β and γ against ω",
     ),
 }
-"""File name → how it is drawn, what it shows, and which figure or table of the paper it is."""
+"""File name → how it is drawn, what it shows, and which figures of the paper it has."""

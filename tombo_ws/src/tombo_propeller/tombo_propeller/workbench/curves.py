@@ -34,8 +34,7 @@ from tombo_propeller.design.design import (
     thrust_error,
 )
 from tombo_propeller.design.response_regression import ResponseModel, read
-from tombo_propeller.workbench.presets import PAPER
-from tombo_propeller.workbench.propeller_choice import ChosenPropeller
+from tombo_propeller.workbench.propeller_choice import PAPER, ChosenPropeller
 
 BENCH_RPM: Final = 2000.0
 """Speed of Table III."""

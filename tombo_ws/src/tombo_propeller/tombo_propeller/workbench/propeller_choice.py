@@ -10,11 +10,9 @@ from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number, validate
 from tombo_dynamics.propeller import Blade, Configuration, Library, Nodus
 from tombo_propeller.design.candidates import describe, free_number, with_nodus_at
-from tombo_propeller.workbench.blade_table import DIAMETER_MM, blade_from_table, parse_blade_table
-from tombo_propeller.workbench.presets import PAPER, PRESETS, preset
 
-TABLE: Final = "table"
-"""Name of the blade that is given as a table."""
+PAPER: Final = "nine_inch"
+"""Blade of the paper, which Table III was measured with."""
 KNOBS: Final = {
     "fibres": ("", 0.0, 12.0, 1.0),
     "fibre_diameter_mm": ("mm", 0.1, 1.5, 0.01),
@@ -22,7 +20,7 @@ KNOBS: Final = {
     "outer_radius_mm": ("mm", 10.0, 150.0, 0.1),
 }
 """Unit, lowest, highest value and step of what a nodus is described by."""
-_KEYS: Final = (*("blade", "table", "diameter_mm", "soft", "matrix", "fibre"), *KNOBS)
+_KEYS: Final = ("blade", "soft", "matrix", "fibre", *KNOBS)
 
 
 @dataclass(frozen=True)
@@ -48,9 +46,10 @@ def propeller_choice(values: Mapping[str, Any], library: Library) -> ChosenPrope
     """Return the propeller that is described.
 
     Args:
-        values: blade (of PRESETS, of the library, or `table` with table and diameter_mm); soft;
-            matrix and fibre by name; the KNOBS. What is missing is as in configuration 13.
-        library: of materials and configurations; one that is described exactly is taken as it is.
+        values: blade, matrix and fibre by name; soft; the KNOBS. What is missing is as in
+            configuration 13.
+        library: of blades, materials and configurations; a configuration that is described
+            exactly is taken as it is.
 
     Raises:
         InputError: names the key, the value and what is accepted.
@@ -58,7 +57,7 @@ def propeller_choice(values: Mapping[str, Any], library: Library) -> ChosenPrope
     for key in values:
         if key not in _KEYS:
             raise unknown_name("key of a propeller", key, _KEYS)
-    blade = _blade(values, library)
+    blade = _named(values.get("blade", PAPER), library.blades, "blade")
     soft = values.get("soft", True)
     if not isinstance(soft, bool):
         raise InputError(f"soft: {shown(soft)}; accepted: true or false")
@@ -81,20 +80,6 @@ def propeller_choice(values: Mapping[str, Any], library: Library) -> ChosenPrope
         if known.blade == placed and known.nodus == nodus:
             return ChosenPropeller(known, blade)
     return ChosenPropeller(Configuration(free_number(library), placed, nodus), blade)
-
-
-def _blade(values: Mapping[str, Any], library: Library) -> Blade:
-    name = values.get("blade", PAPER)
-    if name == TABLE:
-        text, diameter = values.get("table"), values.get("diameter_mm")
-        if not isinstance(text, str):
-            raise InputError(f"table: {shown(text)}; accepted: the text of a table")
-        if diameter is not None:
-            check_number("diameter_mm", diameter, "mm", DIAMETER_MM)
-        return blade_from_table(TABLE, parse_blade_table(text, diameter), library.blades[PAPER])
-    if isinstance(name, str) and name in library.blades:
-        return library.blades[name]
-    return preset(_named(name, {key: key for key in PRESETS}, "blade"))
 
 
 def _number(values: Mapping[str, Any], name: str, blade: Blade) -> float:

@@ -26,8 +26,7 @@ from tombo_propeller.design.operating_points import flight_performance
 from tombo_propeller.design.request import DesignRequest, arm_of, vehicle_for
 from tombo_propeller.design.response_regression import read
 from tombo_propeller.workbench.curves import bench_force
-from tombo_propeller.workbench.presets import PAPER
-from tombo_propeller.workbench.propeller_choice import ChosenPropeller
+from tombo_propeller.workbench.propeller_choice import PAPER, ChosenPropeller
 
 LIMITS: Final = (
     *("min_thrust_margin", "max_collision_force_N", "max_recovery_s", "max_noise_dB"),

@@ -28,14 +28,10 @@ async function ask(what, values) {
 /** The propeller as it is described by the form. */
 function propeller() {
   const blade = find("blade").value, values = { blade, soft: find("soft").checked };
-  if (blade === "table") {
-    values.table = find("table").value;
-    if (find("diameter_mm").value) values.diameter_mm = Number(find("diameter_mm").value);
-  }
   if (!values.soft) return values;
   values.matrix = find("matrix").value;
   values.fibre = find("fibre").value;
-  for (const name of KNOBS) if (find(name).dataset.set) values[name] = Number(find(name).value);
+  for (const name of KNOBS) values[name] = Number(find(name).value);
   return values;
 }
 
@@ -63,45 +59,31 @@ class Bench {
     find("recommend").addEventListener("click", () => this.work("design", "searching candidates", (answer) => this.showDesign(answer)));
     find("fly").addEventListener("click", () => this.work("fly", "flying", (answer) => this.showFlight(answer)));
     find("library").addEventListener("click", () => this.work("library", "writing", save));
-    find("report").addEventListener("click", () => this.work("report", "drawing", save));
-    find("file").addEventListener("change", async () => {
-      const [file] = find("file").files;
-      if (!file) return;
-      if (file.size > 65536) return this.refuse(`${file.name}: ${file.size} bytes; accepted: up to 65536`);
-      find("table").value = await file.text();
-      this.refresh();
-    });
   }
 
   changed(input) {
-    if (input.id === "file") return;
     if (input.id === "speed") return this.draw();
     if (input.id === "conf" && input.value) this.setKnobs(data.configurations[input.value]);
     if (input.id === "blade") {
-      find("own").hidden = input.value !== "table";
-      this.setKnobs(data.knobs[input.value] || null);
+      this.setKnobs(data.knobs[input.value]);
       find("extrapolate").checked = !data.measured_blades.includes(input.value);
     }
-    if (KNOBS.includes(input.id)) input.dataset.set = "yes";
     if (!["conf", "soft", "top"].includes(input.id)) find("conf").value = "";
     find("nodus").disabled = !find("soft").checked;
     this.showKnobs();
     this.refresh();
   }
 
-  /** Set the knobs; without values the server takes those that fit the blade. */
   setKnobs(values) {
-    for (const name of KNOBS) {
-      if (values) { find(name).value = values[name]; find(name).dataset.set = "yes"; } else delete find(name).dataset.set;
-    }
-    if (values?.matrix) { find("matrix").value = values.matrix; find("fibre").value = values.fibre; }
+    for (const name of KNOBS) find(name).value = values[name];
+    if (values.matrix) { find("matrix").value = values.matrix; find("fibre").value = values.fibre; }
     this.showKnobs();
   }
 
   showKnobs() {
     for (const name of KNOBS) {
       const input = find(name);
-      find(`${name}-shown`).textContent = input.dataset.set ? `${input.value} ${input.dataset.unit}` : "to fit";
+      find(`${name}-shown`).textContent = `${input.value} ${input.dataset.unit}`;
     }
   }
 
@@ -148,7 +130,7 @@ class Bench {
 
   /** Ask for what takes longer, one thing at a time. */
   async work(what, doing, show) {
-    const buttons = ["recommend", "fly", "library", "report"].map(find), began = performance.now();
+    const buttons = ["recommend", "fly", "library"].map(find), began = performance.now();
     for (const button of buttons) button.disabled = true;
     find("busy").textContent = `${doing} …`;
     find("told").textContent = "";
