@@ -39,6 +39,7 @@ ORDER = (  # the mathematics first: the rest is built on it
     f"{SRC}tombo_bringup",
     f"{SRC}tombo_benchmarks",
 )
+settings.register_profile("ci", settings.get_profile("ci"), max_examples=40)
 settings.register_profile("few", settings.get_profile("ci"), max_examples=25)  # for `make check`
 
 FAST = "not slow and not nodes and not real_time"

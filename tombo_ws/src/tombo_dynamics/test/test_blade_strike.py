@@ -64,7 +64,7 @@ def outward(v, rotor):
 
 # --- one tick's bookkeeping -----------------------------------------------------------------
 
-SPOTS = [(0, -0.8), (0, 0.0), (1, 2.4), (1, 3.0), (2, 0.0), (2, 0.8), (3, -1.6), (3, -2.4)]
+SPOTS = [(0, -0.8), (1, 3.0), (2, 0.0), (3, -2.4)]
 """Rotor, and bearing of the obstacle from its hub."""
 
 
@@ -172,8 +172,7 @@ def test_the_push_fades_while_the_blade_folds():
     assert max(folds) <= 1.0
 
 
-@pytest.mark.parametrize("conf", [5, 7, 9, 10, 12, 13])
-@pytest.mark.parametrize("speed", [2000 * math.pi / 30, HOVER])
+@pytest.mark.parametrize(("conf", "speed"), [(5, HOVER), (9, 2000 * math.pi / 30), (13, HOVER)])
 def test_thrust_collapses_and_returns_in_the_measured_time(conf, speed):
     """A bench test at constant command, as behind Table III; drive and folding add their own."""
     figures = propeller_performance(configuration(conf), configurations())
@@ -195,17 +194,6 @@ def test_thrust_collapses_and_returns_in_the_measured_time(conf, speed):
     assert share[-1] == pytest.approx(1.0, abs=0.01)
 
 
-def test_a_longer_recovery_time_is_a_longer_recovery():
-    halves = []
-    for recovery_time in (0.2, 0.4, 0.8):
-        v = struck(recovery_time=recovery_time)
-        bench(v, 0.02)
-        v.plant.obstacle.radius = 0.0
-        share = bench(v, 1.0)[:, 2]
-        halves.append(np.argmax(share > 0.5 * share[-1]))
-    assert halves[0] < halves[1] < halves[2]
-
-
 def test_a_blade_that_straightens_into_the_obstacle_is_struck_again():
     v = struck(depth=0.03)
     pushed = []
@@ -220,9 +208,9 @@ def test_a_blade_that_straightens_into_the_obstacle_is_struck_again():
     assert v.plant.fold[2] > 0.1  # it cannot stand where the pole is
 
 
-@pytest.mark.parametrize("conf", [5, 9, 12, 13])
-@pytest.mark.parametrize("speed", [400.0, HOVER, 600.0])
-@pytest.mark.parametrize("bearing", [-0.5, 0.0, 0.8])
+@pytest.mark.parametrize(
+    ("conf", "speed", "bearing"), [(5, 400.0, 0.8), (9, HOVER, -0.5), (13, 600.0, 0.0)]
+)
 def test_the_airframe_gets_less_energy_than_the_rotor_loses(conf, speed, bearing):
     """At flight speeds; the push does not ask the rotor what it has, so idling ones give more."""
     figures = propeller_performance(configuration(conf), configurations())
@@ -277,14 +265,6 @@ def test_a_lighter_strike_wears_by_its_energy():
     strike_and_recover(light)
     ratio = light.plant.damage[2] / full.plant.damage[2]
     assert ratio == pytest.approx(0.25, abs=0.05)
-
-
-@pytest.mark.slow
-def test_without_wear_a_blade_never_tears():
-    v = struck(wear=0.0)
-    for _ in range(6):
-        strike_and_recover(v)
-    assert not v.plant.damage.any()
 
 
 # --- where nothing happens ------------------------------------------------------------------

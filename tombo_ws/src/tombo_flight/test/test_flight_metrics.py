@@ -287,7 +287,7 @@ def test_a_hard_hit_of_the_ground_is_a_crash():
     assert on_the_floor(collision(), 5.0, 3.0, until=5.002).figures()["crashed"]
 
 
-@pytest.mark.parametrize("mode", list(Phase))
+@pytest.mark.parametrize("mode", [Phase.APPROACH, Phase.LAND])
 def test_how_hard_it_is_decides_and_not_who_lands(mode):
     """PX4 lands at 0.7 m/s by itself; a quarter of the energy of a fall of 0.2 m is too much."""
     for sinks, crashes in ((0.3, False), (0.7, False), (0.9, False), (1.1, True), (20.0, True)):
@@ -329,7 +329,7 @@ def test_a_crash_after_contact_has_its_fall():
 # --- The rest -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("ticks", [0, 1, 2, 299, 1000, 4000, 4001, 4100, 7500])
+@pytest.mark.parametrize("ticks", [0, 1, 1000, 4001, 7500])
 def test_a_flight_cut_off_at_any_time_has_figures(ticks):
     made = collision().tilted(CONTACT + 0.001, CONTACT + 0.6, 0.3)
     made.t = made.t[:ticks]
