@@ -308,8 +308,8 @@ def crazyflie_text(found: Mapping[str, Any]) -> str:
     lines += [
         "",
         f"Linear drag has a log evidence {apart:.0f} higher than quadratic drag. With the causes "
-        f"in the model, the error\nof the force falls by {100 * x:.0f} % in x and by "
-        f"{100 * y:.0f} % in y on flights held out.",
+        f"in the model, the\nforce error on held-out flights falls by {100 * x:.0f} % in x and "
+        f"{100 * y:.0f} % in y.",
         "",
     ]
     return "\n".join(lines)
