@@ -161,8 +161,13 @@ def campaign_table(v: Mapping[str, str]) -> str:
         (
             "largest falling distance",
             "0.5 m (mean)",
-            f"{v['falls_m']} m ({v['falls_m_range']}); {v['falls_modes_m']}",
+            f"{v['falls_m']} m ({v['falls_m_range']})",
             f"{v['reflex_falls_m']} m ({v['reflex_falls_m_range']})",
+        ),
+        *(
+            (f"falling distance, {count} of the flights", "–", f"{fallen} m", "")
+            for mode in v["falls_modes_m"].split("; ")
+            for count, _, fallen in [mode.split(" ", 2)]
         ),
         (
             "unstable phase",
@@ -284,7 +289,7 @@ def _certainty_text(found: Mapping[str, Any]) -> str:
     if found["set"]:
         *first, last = (name.replace("_", " ") for name in found["set"])
         others = f"{', '.join(first)} or {last}" if first else last
-        text += f" Besides, {others} is at work: these flights can't tell."
+        text += f" One more cause is present, {others}: these flights can't distinguish them."
     return f"{text}*\n"
 
 
