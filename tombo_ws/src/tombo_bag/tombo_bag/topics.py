@@ -69,7 +69,7 @@ SETPOINT = TopicSpec(
     "tombo_msgs/msg/PositionSetpoint",
     STATE,
     50.0,
-    "what the controller follows: the mission's set point, or x_r after a collision",
+    "set point of the controller: the mission's, or x_r after a collision",
 )
 ATTITUDE_SETPOINT = TopicSpec(
     "/attitude_setpoint", "tombo_msgs/msg/AttitudeSetpoint", STATE, 50.0, "of the position loop"
