@@ -257,7 +257,7 @@ def safety_tables() -> dict[str, str]:
     ]
     faults = [(f"`{fault.name.lower()}`", text) for fault, text in FAULT_TEXTS.items()]
     return {
-        "states": table_markdown(("state", "what the controller commands"), states),
+        "states": table_markdown(("state", "command of the controller"), states),
         "transitions": table_markdown(("state", "if", "then"), transitions),
         "faults": table_markdown(("fault", "what happens"), faults),
     }
@@ -285,9 +285,8 @@ value; with all of its parameters at null an effect adds exactly nothing. *Typic
 that clearly matters in flight. Between healthy vehicles a parameter differs by a standard
 deviation of 5 % of it, unless the effect states another.
 
-`blade_strike`, `propeller_wear` and `thrust_scatter` are filled in from the chosen propeller
-(its figures of the paper's Table III, and how well the set is matched), unless the scenario
-says otherwise.
+The chosen propeller sets `blade_strike`, `propeller_wear` and `thrust_scatter`: its figures of the
+paper's Table III, and the scatter of its set. A scenario can replace them.
 """
 
 

@@ -58,7 +58,7 @@ def imu_lever_arm(plant: Plant, noise: Array, x: float, y: float, z: float) -> N
     separates_from={
         "mocap_body_misalignment": "roll and pitch steps with the rotors' commands or speeds: an "
         "IMU askew turns about other axes than their moments; mocap alone: it knows no IMU",
-        "imu_bias": "full and low thrust, and turns: what is askew grows with force and rate",
+        "imu_bias": "full and low thrust, and turns: the error grows with force and rate",
         "accel_scale": "roll and pitch steps: a turned gyro shows the rate of one axis on another",
     },
 )

@@ -91,9 +91,9 @@ def mocap_body_misalignment(
 def mocap_misalignment(plant: Plant, noise: Array, yaw: float, roll: float, pitch: float) -> None:
     """Turn position and attitude by Rz(yaw) Ry(pitch) Rx(roll) about the map's origin.
 
-    The whole world is turned, so only what is fixed in it can tell: gravity tells roll and pitch.
-    Nothing in flight tells yaw, as physics knows no north; a wind of known direction or an
-    obstacle of known place does.
+    The whole world is turned, so only things fixed in it show the error: gravity shows roll and
+    pitch. The dynamics do not depend on yaw; a wind of known direction or an obstacle of known
+    place shows it.
     """
     turn = np.zeros(4)
     turn[3] = 1.0

@@ -112,8 +112,8 @@ def blade_strike(
     against the blade's motion. (A blade enters a flat surface by some millimetres between two
     passes, which with friction makes about 0.4 rad; a thin post inside the disc makes pi/2.)
 
-    The folded share f lowers the speed that the drive reaches to (1 - f) of the command, and
-    thrust at a given speed to (1 - f); it decays so that 90 % of the thrust are back after the
+    A folded share f lowers the drive's speed to (1 - f) of the command, and thrust at a given
+    speed to (1 - f). It decays so that 90 % of the thrust are back after the
     recovery time (`tombo_dynamics.rotors`). A straightening blade that reaches the obstacle is
     struck again. A blade whose damage has reached 1 is gone.
     """
