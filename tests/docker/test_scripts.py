@@ -193,7 +193,7 @@ def test_packages_are_built_start_and_list_scenarios(box: Box):
     asked = box.run("entrypoint.sh", python, "-c", where, **given)
     assert asked.returncode == 0, asked.stderr
     assert asked.stdout.count(str(box.folder / "install")) == 2
-    flown = box.run("entrypoint.sh", "tombo", "scenarios", **given)
+    flown = box.run("entrypoint.sh", "tombo", "list", "scenarios", **given)
     assert flown.returncode == 0 and "paper_collision" in flown.stdout
 
     # One that needs no compiled kernels: with changed sources these take their time.
