@@ -272,3 +272,53 @@ def test_thrust_in_a_wrong_unit_is_reported(tmp_path, speed, thrust, words):
         with pytest.raises(InputError) as error:
             assemble(tables, 13, "repaired")
         assert all(x in str(error.value) for x in ("a.csv", "'thrust_N' as N", "times", words))
+
+
+def ramp(rng, steps=0):
+    """Command [us], speed [rpm] and thrust [N] of a ramp, with plateaus of 30 rows behind it."""
+    share = np.concatenate(
+        [np.linspace(0.0, 1.0, 400), np.repeat(np.linspace(0.2, 0.8, 3), 30 * (steps > 0))]
+    )
+    speed = 6000.0 * share
+    thrust = 9e-6 * (speed * math.pi / 30.0) ** 2 + rng.normal(0.0, 0.01, share.size)
+    return 1000.0 + 1000.0 * share, speed, thrust
+
+
+@pytest.mark.parametrize("steps", [0, 3])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_ramp_of_commands_is_cut_into_points_and_its_rows_are_said(tmp_path, steps, seed):
+    columns = ramp(np.random.default_rng(seed), steps)
+    points = plateaus(read_stand(write(tmp_path / "a.csv", "pwm,rpm,thrust_N", *columns)))
+    assert points.speed.size >= 38 and points.speed.max() > 5800.0 * math.pi / 30.0
+    k = points.readings[:, 0] @ points.speed**2 / (points.speed**2 @ points.speed**2)
+    assert k == pytest.approx(9e-6, rel=0.01)
+    (said,) = [f.message for f in points.findings if f.check == "rows"]
+    assert said.startswith(f"{points.speed.size} points from ") and int(said.split()[3]) >= 360
+
+
+@pytest.mark.parametrize(("lost", "count"), [([5], 1), ([0, 1, 2], 2), ([4, 11], 2)])
+def test_a_tachometer_that_drops_out_is_no_standstill(tmp_path, lost, count):
+    """The first of several rows before the start may be one of a rotor that stands."""
+    speed = RPM.copy()
+    speed[lost] = 0.0
+    table = read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", speed, POINT.thrust_N))
+    assert table.rows == RPM.size - count
+    (said,) = [f for f in table.findings if f.check == "speed_dropout"]
+    assert f"in {count} rows" in said.message
+
+
+def test_rows_at_standstill_stay(tmp_path):
+    speed = np.concatenate([np.zeros(3), RPM])
+    thrust = 0.4 + np.concatenate([np.zeros(3), POINT.thrust_N])  # a zero that is off
+    table = read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", speed, thrust))
+    assert table.rows == speed.size and not table.findings
+
+
+@pytest.mark.parametrize("unit", ["N·m", "N⋅m", "N.m", "N-m", "Nm"])
+def test_a_dead_tachometer_gives_way_in_a_table_of_rcbenchmark(tmp_path, unit):
+    header = f"ESC signal (µs),Torque ({unit}),Thrust (N)"
+    header += ",Motor Optical Speed (RPM),Motor Electrical Speed (RPM)"
+    columns = (RPM, POINT.torque_Nm, POINT.thrust_N, 0.0 * RPM, RPM)
+    table = read_stand(write(tmp_path / "a.csv", header, *columns))
+    assert np.allclose(table.channels["speed"], RPM * math.pi / 30.0)
+    assert np.allclose(table.channels["torque"], POINT.torque_Nm)

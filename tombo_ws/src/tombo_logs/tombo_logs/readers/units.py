@@ -54,6 +54,8 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 SPELLINGS = {
     **{unit.replace(" ", ""): unit for unit in UNITS["N m"]},
     "N·m": "N m",
+    "N⋅m": "N m",
+    "N.m": "N m",
     "N-m": "N m",
     "N*m": "N m",
     "rad_s": "rad/s",

@@ -10,20 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.flight import Finding
-from tombo_diagnosis.stand.tables.table_reader import StandTable
+from tombo_diagnosis.stand.tables.table_reader import StandTable, is_recording, stands
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import RPM
 
 LOADS = ("thrust", "torque", "beta", "reference_speed")
-_RAW_ROWS = 60
-"""A table with more rows than this whose speed hardly moves from row to row is a recording."""
-_RAW_STEP = 0.004
 _MOST_LAG = 0.05
 """Of a recording's rows."""
 _FEWEST = 5
 """Rows of a plateau."""
-_STILL = 0.002
-"""Share of the highest speed below which the rotor stands."""
 _OUTLIER = 6.0
 _PAR = 0.01
 """Noise in shares of a channel's range where too few points are there to find it."""
@@ -51,7 +47,7 @@ def plateaus(table: StandTable) -> Plateaus:
     channels = {k: table.channels[k].copy() for k in LOADS if k in table.channels}
     speed = table.channels["speed"]
     findings: list[Finding] = []
-    still = speed <= _STILL * float(speed.max())
+    still = stands(speed)
     before = _leading(still)
     known = "applied_thrust" in table.channels or "applied_torque" in table.channels
     ends = [math.nan, math.nan]
@@ -66,8 +62,7 @@ def plateaus(table: StandTable) -> Plateaus:
     after = _leading(still[::-1])
     if "thrust" in channels and after and before < still.size:
         ends[1] = float(np.median(channels["thrust"][-after:]))
-    steps = np.abs(np.diff(speed)) / max(float(speed.max()), 1e-9)
-    raw = speed.size > _RAW_ROWS and float(np.median(steps)) < _RAW_STEP
+    raw = is_recording(speed)
     lag = _lag(channels, speed) if raw else 0
     if lag:
         text = f"thrust is {lag} rows behind the tachometer; moved back"
@@ -76,6 +71,15 @@ def plateaus(table: StandTable) -> Plateaus:
             if name in channels:
                 channels[name] = np.append(channels[name][lag:], np.full(lag, np.nan))
     parts = _stretches(table, speed) if raw else [slice(k, k + 1) for k in range(speed.size)]
+    if raw:
+        used = sum(p.stop - p.start for p in parts)
+        text = f"{len(parts)} points from {used} of {speed.size} rows"
+        findings.append(Finding("rows", "info", table.name, text))
+    if not parts:
+        raise InputError(
+            f"'{table.source}': no {_FEWEST} rows at one command or speed, of {speed.size}; "
+            "accepted: plateaus, or a slow ramp"
+        )
     at, readings, sigma, first = _averages(channels, speed, parts)
     keep, outliers = _outliers(at, readings, table.name)
     at, readings, sigma, first = (each[keep] for each in (at, readings, sigma, first))
@@ -111,24 +115,35 @@ def _lag(channels: dict[str, Array], speed: Array) -> int:
 
 
 def _stretches(table: StandTable, speed: Array) -> list[slice]:
-    """Return the rows of each plateau: constant command, else steady speed; settling left out."""
+    """Return the rows of each point: plateaus of command or speed, and pieces of ramps.
+
+    The rows in which a plateau settles are left out. A command that changes from row to row is a
+    ramp, which is cut into pieces.
+    """
+    size = max(10, speed.size // 200)
     command = table.channels.get("command")
-    if command is not None and np.unique(command).size > 3:
+    ramps = command is not None and np.unique(command).size > 3
+    if command is not None and ramps:
         edges = np.flatnonzero(np.diff(command) != 0.0) + 1
     else:
-        size = max(10, speed.size // 200)
         smooth = np.convolve(speed, np.ones(5) / 5.0, "same")
         moving = np.abs(np.gradient(smooth)) > 0.004 * float(speed.max())
         edges = np.flatnonzero(np.diff(moving.astype(int)) != 0) + 1
         every = np.arange(size, speed.size, size)
         edges = np.union1d(edges, every) if edges.size < 8 else edges
-    bounds = [0, *edges.tolist(), speed.size]
-    parts = []
-    for a, b in pairwise(bounds):
+    parts: list[slice] = []
+    taken = 0
+    for a, b in pairwise([0, *edges.tolist(), speed.size]):
         settle = (b - a) // 2 if b - a > 20 else (b - a) // 4
         if b - a - settle >= _FEWEST:
+            parts += _pieces(taken, a, size) if ramps else []
             parts.append(slice(a + settle, b))
-    return parts
+            taken = b
+    return parts + (_pieces(taken, speed.size, size) if ramps else [])
+
+
+def _pieces(first: int, last: int, size: int) -> list[slice]:
+    return [slice(k, k + size) for k in range(first, last - size + 1, size)]
 
 
 def _averages(
@@ -202,7 +217,7 @@ def _with_noise(
 ) -> Array:
     """Return the noise: as said in the table, else within plateaus and between neighbours."""
     out = sigma.copy()
-    turning = speed > _STILL * float(speed.max(initial=1.0))
+    turning = ~stands(speed)
     for c, name in enumerate(LOADS):
         y = readings[:, c]
         known = np.isfinite(y) & turning

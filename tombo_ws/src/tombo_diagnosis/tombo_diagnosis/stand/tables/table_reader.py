@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tombo_bag.flight import Finding
 from tombo_dynamics.arrays import Array
@@ -55,7 +56,10 @@ CHANNELS: Mapping[str, str] = {
 MULTI_COLUMN_CHANNELS = ("speed", "reference_speed")
 """Channels that may have several columns, one a rotor."""
 _NAMES = {
-    "speed": ("rpm", "speed", "omega", "motor_speed", "motor_optical_speed", "rotor_speed"),
+    "speed": (
+        "rpm", "speed", "omega", "motor_speed", "motor_optical_speed", "motor_electrical_speed",
+        "rotor_speed",
+    ),
     "reference_speed": ("reference_speed", "second_speed", "reference_rpm"),
     "thrust": ("thrust", "weight", "force", "lift"),
     "torque": ("torque", "moment"),
@@ -64,7 +68,7 @@ _NAMES = {
     "applied_torque": ("applied_torque", "known_torque"),
     "thrust_sigma": ("thrust_sigma", "thrust_dev", "thrust_std"),
     "torque_sigma": ("torque_sigma", "torque_dev", "torque_std"),
-    "command": ("pwm", "command", "esc", "throttle"),
+    "command": ("pwm", "command", "esc", "esc_signal", "throttle"),
     "voltage": ("voltage", "v", "vbat"),
     "current": ("current", "i"),
     "power": ("power", "p", "electrical_power"),
@@ -72,7 +76,7 @@ _NAMES = {
     "conf": ("conf", "configuration"),
     "run": ("run", "repeat"),
     "propeller": ("propeller", "specimen"),
-}
+}  # fmt: skip
 _HEADING = re.compile(r"^\s*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
 _OTHERS = ("rpm", "rad_s", "Hz", "deg", "rad", "V", "A", "W", "mW", "s", "ms")
 _UNITS_IN_NAMES = (*UNITS["N"], *(u.replace(" ", "") for u in UNITS["N m"]), *_OTHERS)
@@ -168,6 +172,8 @@ def mapping_for_header(columns: Sequence[str]) -> StandMapping | None:
 def infer_mapping(columns: Sequence[str], path: Path) -> StandMapping:
     """Return a mapping from plain names of columns: thrust_N, rpm, torque [mN m], beta_deg ...
 
+    The first of several columns for a channel is taken.
+
     Raises:
         InputError: no speed, or neither thrust nor torque; or a unit that is not known.
     """
@@ -177,6 +183,8 @@ def infer_mapping(columns: Sequence[str], path: Path) -> StandMapping:
         channel = next((c for c, names in _NAMES.items() if name in names), None)
         if channel is None or channel in channels:
             continue
+        if channel == "command":
+            unit = "1"  # compared with itself alone
         if not unit:
             unit = "rpm" if name.endswith("rpm") else CHANNELS[channel]
             if channel in ("thrust", "torque", "beta") or (channel == "speed" and name != "rpm"):
@@ -215,6 +223,16 @@ def _split(column: str) -> tuple[str, str]:
     return name, SPELLINGS.get(unit, unit)
 
 
+_STILL = 0.002
+"""Share of the highest speed below which the rotor stands."""
+_RECORDING_ROWS = 60
+"""A table with more rows than this whose speed hardly moves from row to row is a recording."""
+_RECORDING_STEP = 0.004
+"""Share of the highest speed: the largest median step of a recording."""
+_TURNS = 0.1
+"""Share of the loads' range over the load at standstill with which a rotor turns."""
+_DIFFERS = 0.02
+"""The same of rows before the start, which stand alike."""
 _SOUND = 340.0
 _MACH = 0.95
 _SLOWEST = 20.0
@@ -252,7 +270,12 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
     """
     loaded = None if mapping is None else load_mapping(mapping)
     table = open_table(path)
-    chosen = loaded or mapping_for_header(table.columns) or infer_mapping(table.columns, path)
+    chosen = loaded or mapping_for_header(table.columns)
+    if chosen is None:
+        numbers, _ = table.numbers(table.number_columns())
+        dead = {name for name, values in numbers.items() if not np.nan_to_num(values).any()}
+        # of two sensors of a quantity the one that says something
+        chosen = infer_mapping(sorted(table.columns, key=lambda name: name in dead), path)
     wanted = [c for channel in chosen.channels.values() for c in channel.columns]
     missing = [c for c in wanted if c not in table.columns]
     if missing or "speed" not in chosen.channels:
@@ -294,6 +317,8 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
             f"'{path}': {int(rows.sum())} rows with numbers in speed and a load; accepted: 3 or "
             f"more with {', '.join(wanted)}"
         )
+    rows, dropouts = _without_dropouts(channels, rows, name)
+    findings += dropouts
     channels = {key: values[rows] for key, values in channels.items()}
     source = f"{path} ({chosen.name})"
     result = StandTable(name, source, chosen, channels, rotor_speed[rows], tuple(findings))
@@ -321,7 +346,7 @@ def _without_glitches(
 ) -> tuple[Array, list[Finding]]:
     """Put single samples in which one rotor alone is far off back to its neighbours' median."""
     findings: list[Finding] = []
-    if speed.shape[0] < 7:
+    if not is_recording(np.nan_to_num(speed).max(axis=1)):  # points have no neighbours in time
         return speed, findings
     padded = np.pad(speed, ((3, 3), (0, 0)), mode="edge")
     around = np.median(np.lib.stride_tricks.sliding_window_view(padded, 7, axis=0), axis=2)
@@ -338,6 +363,41 @@ def _without_glitches(
         text = f"samples far from their neighbours set apart: {per}"
         findings.append(Finding("speed_glitch", "warning", name, text, channel="speed"))
     return np.where(bad, around, speed), findings
+
+
+def stands(speed: Array) -> NDArray[np.bool_]:
+    """Return where the rotor stands, of speeds (N,)."""
+    return np.asarray(speed <= _STILL * float(speed.max(initial=1.0)))
+
+
+def is_recording(speed: Array) -> bool:
+    """Return whether rows are samples of a recording, whose speed hardly moves between them."""
+    steps = np.abs(np.diff(speed)) / max(float(speed.max()), 1e-9)
+    return speed.size > _RECORDING_ROWS and float(np.median(steps)) < _RECORDING_STEP
+
+
+def _without_dropouts(
+    channels: Mapping[str, Array], rows: NDArray[np.bool_], name: str
+) -> tuple[NDArray[np.bool_], list[Finding]]:
+    """Leave out operating points at 0 rpm whose load lies on that of a turning rotor."""
+    load = channels.get("thrust", channels.get("torque", np.zeros(0)))
+    speed, y = channels["speed"][rows], load[rows]
+    still = stands(speed)
+    known = np.isfinite(y) & ~still
+    if is_recording(speed) or not still.any() or known.sum() < 3:
+        return rows, []
+    # the load is a zero and a share of the square of speed
+    k, zero = np.polyfit(speed[known] ** 2, y[known], 1)
+    share = np.sign(k) * (y - zero) / max(float(np.ptp(y[known])), 1e-12)
+    first = int(np.argmin(still))
+    lost = still & (share > _TURNS)
+    lost[:first] |= share[:first] > share[:first].min(initial=np.inf) + _DIFFERS
+    if not lost.any():
+        return rows, []
+    kept = rows.copy()
+    kept[np.flatnonzero(rows)[lost]] = False
+    text = f"0 rpm in {lost.sum()} rows whose load says that the rotor turns; left out"
+    return kept, [Finding("speed_dropout", "warning", name, text, channel="speed")]
 
 
 def _check_plausible(table: StandTable, path: Path) -> None:
