@@ -158,7 +158,7 @@ def test_another_blade_gets_a_recommendation_and_files():
     figures = found["recommended"]["figures"]
     assert {figure["known"] for figure in figures.values()} == {"extrapolated"}
     assert "blade, tested nine_inch" in found["recommended"]["outside_of_tests"]
-    assert found["pareto"] and bench.page(found["page"])
+    assert found["ranked"] and bench.page(found["page"])
     with zipfile.ZipFile(io.BytesIO(bench.answer("library", asked).content)) as archive:
         assert "propeller/library/blades.yaml" in archive.namelist()
     with pytest.raises(InputError, match="no measured soft propeller"):

@@ -29,7 +29,6 @@ from tombo_propeller.workbench.vehicle_request import (
 )
 
 _PAGES_KEPT: Final = 12
-_FRONT_SHOWN: Final = 15
 
 
 @dataclass(frozen=True)
@@ -96,9 +95,8 @@ class Workbench:
         choice, request = self._both(values)
         found = design(request, self._library, choice.blade)
         page = design_page(found, recommend(found, ()))
-        keys = ("headline", "feasible", "reasons", "must_give_text", "recommended", "pareto")
+        keys = ("headline", "feasible", "reasons", "must_give_text", "recommended", "ranked")
         content = {key: page.data[key] for key in keys}
-        content["pareto"] = content["pareto"][:_FRONT_SHOWN]
         return Answer({**content, "page": self._keep(page_html(page))})
 
     def _fly(self, values: Mapping[str, Any]) -> Answer:

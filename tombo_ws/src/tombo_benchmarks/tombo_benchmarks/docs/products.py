@@ -364,7 +364,7 @@ PRODUCTS: Final = {
     "design": Product(
         ("docs/design.png",),
         _picture(
-            *("pareto.png", "design.png", "propeller", "design", "--mass", "1.3"),
+            *("candidates.png", "design.png", "propeller", "design", "--mass", "1.3"),
             *("--frame", "s500", "--min-thrust-margin", "1.7", "--max-collision-force", "150"),
         ),
     ),

@@ -24,7 +24,7 @@ def test_a_design_leaves_everything_to_fly_it(tombo, tmp_path):
     assert values["recommended"]["figures"]["thrust_margin"]["known"] == "extrapolated"
     assert values["check"]["flights"] == 3
     written = {p.name for p in (tmp_path / "out").iterdir()}
-    assert written == {"design.json", "report.html", "design.yaml", "pareto.png", "readings.png"}
+    assert written == {"design.json", "report.html", "design.yaml", "candidates.png"}
     assert (tmp_path / "out" / "design.json").read_text() == result.out
     assert "http" not in (tmp_path / "out" / "report.html").read_text().replace("http-equiv", "")
     flown = tombo("fly", "out/design.yaml", "--no-record", "--json", "-o", "flight")

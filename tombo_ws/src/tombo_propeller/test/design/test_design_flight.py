@@ -57,7 +57,6 @@ def test_blades_with_too_weak_a_push_let_it_fall_and_are_rejected(made):
     assert design.judged.configurations[failed].number == 8
     assert not check.held
     assert check.falls_m > 1.0
-    assert design.judged.configurations[recommendation.instead].number == 11
 
 
 def test_a_false_claim_is_seen(made):
@@ -116,7 +115,7 @@ def test_files_of_a_design_can_be_moved_and_flown(made, tmp_path: Path):
     moved = (tmp_path / "a").rename(tmp_path / "b")
     files = {str(p.relative_to(moved)) for p in moved.rglob("*") if p.is_file()}
     assert files <= set(DESIGN_FILES)
-    assert {"design.json", "design.yaml", "pareto.png", "library/configurations.yaml"} <= files
+    assert {"design.json", "design.yaml", "candidates.png", "library/configurations.yaml"} <= files
     scenario = load_scenario(str(moved / "design.yaml"))
     chosen = design.judged.configurations[recommendation.index]
     assert mounted_configuration(scenario.propeller) == chosen

@@ -17,15 +17,14 @@ from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_propeller.design.candidates import TestedRange, candidates, measured_soft, tested
 from tombo_propeller.design.operating_points import FlightPerformance, flight_performance
+from tombo_propeller.design.readings import MeanReading, read
 from tombo_propeller.design.request import MEASURED, NAMES, DesignLimit, DesignRequest, vehicle_for
-from tombo_propeller.design.response_regression import ResponseModel, read
 
 MEASURED_HERE: Final = "measured"
 MODELLED: Final = "modelled"
 EXTRAPOLATED: Final = "extrapolated"
 _BENCH_SPEED = 2000.0 * RPM
 _NEAREST = 3
-_FORCE = "collision_force_N"
 """Candidates that break a limit and are named."""
 
 
@@ -57,7 +56,7 @@ class CandidateEvaluation:
 def judge(
     configurations: Sequence[Configuration],
     operating: FlightPerformance,
-    readings: Mapping[str, ResponseModel],
+    readings: Mapping[str, MeanReading],
     tested: TestedRange,
     request: DesignRequest,
     vehicle: VehicleParams,
@@ -73,48 +72,36 @@ def judge(
     beyond 3200 rpm, so their interval is not known and stands at the value. The other three are
     readings, or predictions with an interval.
     """
-    count = len(configurations)
-    value = np.full((count, len(NAMES)), np.nan)
     margin = operating.usable_thrust / vehicle.hover_thrust()
+    beyond = [tested.outside(c) for c in configurations]
+    if measured_blade is not None:
+        beyond = [(f"blade, tested {measured_blade.name}", *words) for words in beyond]
+    outside = np.array([bool(words) for words in beyond])
+    value = np.empty((len(configurations), len(NAMES)))
     value[:, 0] = np.where(np.isfinite(margin), margin, 0.0)
     value[:, 4] = operating.hover_lift_over_drag
-    low, high = value.copy(), value.copy()
-    counted = value.copy()
-    labels: list[tuple[str, ...]] = []
-    outside: list[tuple[str, ...]] = []
-    tier = np.zeros(count, dtype=np.int64)
-    distance = np.zeros(count)
-    reaches = {n: readings[n].quantile(request.confidence) for n in MEASURED}
-    strike = 1.0 if measured_blade is None else strike_share(blade, measured_blade)
-    for i, configuration in enumerate(configurations):
-        beyond = tested.outside(configuration)
-        if measured_blade is not None:
-            beyond = (f"blade, tested {measured_blade.name}", *beyond)
-        distance[i] = tested.distance(configuration) if beyond else 0.0
-        label = {NAMES[0]: EXTRAPOLATED, NAMES[4]: EXTRAPOLATED}
-        for name in MEASURED:
-            column = NAMES.index(name)
-            taken = getattr(configuration.measured, name, None)
-            if taken is not None:
-                low[i, column] = high[i, column] = counted[i, column] = taken
-                value[i, column] = taken
-                label[name] = MEASURED_HERE
-                continue
-            best, error = readings[name].predict(configuration)
-            if name == _FORCE:
-                best, error = best * strike, error * strike
-            reach = error * reaches[name]
-            value[i, column] = best
-            low[i, column], high[i, column] = max(best - reach, 0.0), best + reach
-            label[name] = EXTRAPOLATED if beyond else MODELLED
-            usable = not beyond or request.extrapolate
-            counted[i, column] = high[i, column] if usable else np.nan
-        labels.append(tuple(label[name] for name in NAMES))
-        outside.append(beyond)
-        all_measured = all(label[name] == MEASURED_HERE for name in MEASURED)
-        tier[i] = 0 if all_measured else 2 if beyond else 1
+    low, high, counted = value.copy(), value.copy(), value.copy()
+    labels = np.full(value.shape, EXTRAPOLATED, dtype=object)
+    for name in MEASURED:
+        k = NAMES.index(name)
+        taken = np.array([getattr(c.measured, name, None) for c in configurations], dtype=float)
+        has = np.isfinite(taken)
+        share = 1.0
+        if name == "collision_force_N" and measured_blade is not None:
+            share = strike_share(blade, measured_blade)
+        mean, reach = share * readings[name].mean, share * readings[name].reach(request.confidence)
+        value[:, k] = np.where(has, taken, mean)
+        low[:, k] = np.where(has, taken, max(mean - reach, 0.0))
+        high[:, k] = np.where(has, taken, mean + reach)
+        usable = has | ~outside | request.extrapolate
+        counted[:, k] = np.where(usable, high[:, k], np.nan)
+        labels[:, k] = np.where(has, MEASURED_HERE, np.where(outside, EXTRAPOLATED, MODELLED))
+    whole = (labels[:, [NAMES.index(name) for name in MEASURED]] == MEASURED_HERE).all(axis=1)
+    tier = np.where(whole, 0, np.where(outside, 2, 1))
+    distance = np.array([tested.distance(c) for c in configurations]) * outside
+    rows = [tuple(row) for row in labels]
     return CandidateEvaluation(
-        configurations, operating, value, low, high, counted, labels, outside, tier, distance
+        configurations, operating, value, low, high, counted, rows, beyond, tier, distance
     )
 
 
@@ -147,12 +134,6 @@ def slack(counted: Array, limits: Sequence[DesignLimit]) -> Array:
     return shares
 
 
-def costs(counted: Array) -> Array:
-    """Return the figures with less being better, for the Pareto front."""
-    sign = np.array([-1.0, 1.0, 1.0, 1.0, -1.0])
-    return np.asarray(counted * sign)
-
-
 def thrust_error(measured: Sequence[Configuration], law: str) -> float:
     """Return the model's RMS error of thrust at 2000 rpm, as a share of what was measured."""
     shares = [
@@ -171,9 +152,6 @@ class Choice:
     slack: Array
     """(n, limits), see `slack`."""
     feasible: NDArray[np.bool_]
-    front: NDArray[np.bool_]
-    """Feasible and not beaten by another one of as good evidence; less far outside of what was
-    tested is better, too."""
     order: tuple[int, ...]
     """Feasible candidates, the recommended one first."""
     relief: tuple[float | None, ...]
@@ -199,40 +177,24 @@ def choose(judged: CandidateEvaluation, limits: Sequence[DesignLimit], gain: flo
     left = slack(judged.counted, limits)
     worst = left.min(axis=1)
     feasible = worst >= 0.0
-    front = np.zeros_like(feasible)
-    for tier in range(3):
-        here = feasible & (judged.tier == tier)
-        front[here] = _front(judged, here)
     return Choice(
         tuple(limits),
         left,
         feasible,
-        front,
-        _order(judged, worst, feasible, front, gain),
+        _order(judged, worst, feasible, gain),
         tuple(_relief(judged, left, k, limits) for k in range(len(limits))),
         tuple(int(i) for i in _by_slack(worst, ~feasible, judged.tier)[:_NEAREST]),
     )
 
 
-def _front(judged: CandidateEvaluation, here: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which candidates `here` are on their Pareto front; unknown figures are left out."""
-    figures = np.column_stack([costs(judged.counted[here]), judged.distance[here]])
-    known = np.isfinite(figures).any(axis=0)
-    return nondominated(figures[:, known]) if here.any() else np.zeros(0, dtype=bool)
-
-
 def _order(
-    judged: CandidateEvaluation,
-    worst: Array,
-    feasible: NDArray[np.bool_],
-    front: NDArray[np.bool_],
-    gain: float,
+    judged: CandidateEvaluation, worst: Array, feasible: NDArray[np.bool_], gain: float
 ) -> tuple[int, ...]:
     indices = np.flatnonzero(feasible)
     if not indices.size:
         return ()
     keys = (-judged.counted[indices, 0], -worst[indices], judged.distance[indices],
-            ~front[indices], judged.tier[indices])  # fmt: skip
+            judged.tier[indices])  # fmt: skip
     ordered = [int(i) for i in indices[np.lexsort(keys)]]
     first = ordered[0]
     within = [i for i in ordered if judged.tier[i] == 1]
@@ -259,28 +221,6 @@ def _relief(
     return float(figures.max() if limits[k].quantity.more_is_better else figures.min())
 
 
-def nondominated(costs: Array) -> NDArray[np.bool_]:
-    """Return which rows no other row dominates.
-
-    A row dominates another one if it is nowhere worse and somewhere better. Rows that are equal
-    don't dominate each other; a row with a NaN is never in the set and dominates nothing.
-
-    Args:
-        costs: (n, k), less is better.
-    """
-    kept: NDArray[np.bool_] = np.asarray(np.isfinite(costs).all(axis=1))
-    order = np.flatnonzero(kept)
-    order = order[np.lexsort(costs[order].T[::-1])]
-    front: Array = np.empty((0, costs.shape[1]))
-    for row in order:  # whatever dominates a row comes before it in the order
-        cost = costs[row]
-        if ((front <= cost).all(axis=1) & (front < cost).any(axis=1)).any():
-            kept[row] = False
-        else:
-            front = np.vstack([front, cost])
-    return kept
-
-
 @dataclass(frozen=True, eq=False)
 class Design:
     """All candidates with their evaluation and ranking."""
@@ -291,7 +231,7 @@ class Design:
     blade: Blade
     measured: tuple[Configuration, ...]
     tested: TestedRange
-    readings: Mapping[str, ResponseModel]
+    readings: Mapping[str, MeanReading]
     thrust_error: float
     """RMS error of the model's thrust at 2000 rpm, as a share."""
     judged: CandidateEvaluation

@@ -22,7 +22,6 @@ from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_propeller.design.design import Design
 from tombo_propeller.design.flight_files import scenario_of, write_flyable
-from tombo_propeller.design.limits import LEAST_MARGIN
 from tombo_propeller.design.request import NAMES
 from tombo_sim.flight_setup import begin
 
@@ -87,14 +86,10 @@ class Recommendation:
     """Of the candidate; None: nothing keeps to the limits and recovers as well."""
     check: Check | None
     """Its flights; None without flights."""
-    upper: Check | None
-    """The same with force and recovery time at the upper end of what all readings predict."""
     failed: tuple[tuple[int, Check], ...]
     """Candidates that keep to the limits but not to their claims in flight."""
     unflown: int = 0
     """Feasible candidates that were not flown: too many failed, or one like them did."""
-    instead: int | None = None
-    """Where all that keep to the limits fail in flight: the nearest candidate that flies."""
 
 
 def recommend(
@@ -109,24 +104,18 @@ def recommend(
     """
     order = design.choice.order
     if not order or not seeds:
-        return Recommendation(order[0] if order else None, None, None, ())
+        return Recommendation(order[0] if order else None, None, ())
     failed: list[tuple[int, Check]] = []
     for index in order:
         if len(failed) >= MOST_FLOWN:
             break
         if any(_alike(design, index, other) for other, _ in failed):
             continue
-        check = check_design(design, index, seeds, on_progress=on_progress)
+        check = check_design(design, index, seeds, on_progress)
         if check.held:
-            upper = check_design(design, index, seeds, upper=True, on_progress=on_progress)
-            return Recommendation(index, check, upper, tuple(failed))
+            return Recommendation(index, check, tuple(failed))
         failed.append((index, check))
-    left = len(order) - len(failed)
-    for index in design.choice.nearest:
-        lifts = design.judged.value[index, 0] >= LEAST_MARGIN
-        if lifts and check_design(design, index, seeds, on_progress=on_progress).flies:
-            return Recommendation(None, None, None, tuple(failed), left, index)
-    return Recommendation(None, None, None, tuple(failed), left)
+    return Recommendation(None, None, tuple(failed), len(order) - len(failed))
 
 
 def _alike(design: Design, one: int, other: int) -> bool:
@@ -140,12 +129,7 @@ def _alike(design: Design, one: int, other: int) -> bool:
 
 
 def check_design(
-    design: Design,
-    index: int,
-    seeds: Sequence[int],
-    *,
-    upper: bool = False,
-    on_progress: ProgressCallback = no_progress,
+    design: Design, index: int, seeds: Sequence[int], on_progress: ProgressCallback = no_progress
 ) -> Check:
     """Fly the collision with a candidate and hold its claims against the flights.
 
@@ -153,17 +137,13 @@ def check_design(
         design: the design.
         index: of the candidate.
         seeds: of the flights; one at least.
-        upper: with the upper ends of the predictions from all readings in place of a reading, as
-            if the next propeller of the kind were any other one.
         on_progress: called with the progress.
 
     Raises:
         InputError: the simulator refuses the vehicle.
     """
     configuration = design.judged.configurations[index]
-    force, recovery = (
-        _flown(design, index, n, upper) for n in ("collision_force_N", "recovery_s")
-    )
+    force, recovery = strike_of(design, index)
     values = scenario_of(design.request, configuration, force, recovery)
     with tempfile.TemporaryDirectory(prefix="tombo-design-") as folder:
         scenario = load_scenario(str(write_flyable(Path(folder), values, configuration)))
@@ -316,15 +296,10 @@ def _limits(design: Design, simulated: dict[str, float]) -> tuple[FigureCheck, .
     return tuple(kept)
 
 
-def _flown(design: Design, index: int, name: str, upper: bool) -> float:
-    """Return what is claimed of a figure, or the end of what all readings together predict."""
-    column = NAMES.index(name)
-    if not upper:
-        counted = float(design.judged.counted[index, column])
-        return counted if math.isfinite(counted) else float(design.judged.high[index, column])
-    reading = design.readings[name]
-    best, error = reading.predict(design.judged.configurations[index])
-    return best + error * reading.quantile(design.request.confidence)
+def strike_of(design: Design, index: int) -> tuple[float, float]:
+    """Return collision force [N] and recovery time [s], of a prediction the upper end."""
+    high = design.judged.high[index]
+    return float(high[NAMES.index("collision_force_N")]), float(high[NAMES.index("recovery_s")])
 
 
 def _table(scenario: Scenario) -> tuple[float, float]:

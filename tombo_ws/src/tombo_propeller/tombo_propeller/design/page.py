@@ -28,7 +28,7 @@ from tombo_flight.version import tombo_version
 from tombo_propeller.design import summary_text as words
 from tombo_propeller.design.candidates import describe, properties
 from tombo_propeller.design.design import Design
-from tombo_propeller.design.flight_check import Check, Recommendation
+from tombo_propeller.design.flight_check import Check, Recommendation, strike_of
 from tombo_propeller.design.flight_files import (
     LIBRARY,
     LIBRARY_FILES,
@@ -36,20 +36,22 @@ from tombo_propeller.design.flight_files import (
     scenario_of,
     write_flyable,
 )
-from tombo_propeller.design.plots import draw_pareto, draw_readings
-from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES
+from tombo_propeller.design.plots import draw_candidates
+from tombo_propeller.design.request import QUANTITIES
 
 JSON: Final = "design.json"
 PAGE: Final = "report.html"
-PICTURES: Final = ("pareto.png", "readings.png")
+PICTURE: Final = "candidates.png"
 DESIGN_FILES: Final = (
     JSON,
     PAGE,
     SCENARIO,
-    *PICTURES,
+    PICTURE,
     *(f"{LIBRARY}/{name}" for name in LIBRARY_FILES),
 )
 """All names that a design may write: those of an earlier one give way."""
+_RANKED: Final = 15
+"""Candidates that keep to all limits and are listed, in their order."""
 _FOOTER: Final = (
     "Thrust margin and lift over drag are the model's; collision force, recovery time and noise "
     "are Table III's, at 2000 rpm, or predicted from it. The same in design.json."
@@ -62,8 +64,9 @@ def design_page(design: Design, recommendation: Recommendation) -> Page:
     data = design_mapping(design, recommendation)
     why = [*data["reasons"], *data["must_give_text"]]
     fly = [] if index is None else [Text([f"tombo fly {SCENARIO}"], "command")]
-    pareto = Picture(lambda: draw_pareto(design, recommendation), "Figures against thrust margin")
-    readings = Picture(lambda: draw_readings(design), "What predicts a reading")
+    picture = Picture(
+        lambda: draw_candidates(design, recommendation), "Figures against thrust margin"
+    )
     return Page(
         title=f"Design: {data['headline']}",
         eyebrow="Tombo propeller design",
@@ -72,12 +75,11 @@ def design_page(design: Design, recommendation: Recommendation) -> Page:
         cards=[] if index is None else _cards(design, index),
         sections=[
             Section("Why", [Text(why)]),
-            Section("What can be had", [pareto]),
+            Section("What can be had", [picture]),
             Section("Fly it, in this folder", fly, "page"),
             Section("Claimed and simulated", _check_table(recommendation.check)),
             Section("Candidates", [_candidate_table(design, recommendation)]),
             Section("Not measured", [Text(data["caveats"])]),
-            Section("Where the predictions come from", [Text(words.sources(design)), readings]),
         ],
         data=data,
         footer=_FOOTER,
@@ -101,16 +103,11 @@ def write_design(
     (folder / JSON).write_text(page_json(page), encoding="utf-8", newline="\n")
     if recommendation.index is not None:
         configuration = design.judged.configurations[recommendation.index]
-        high = design.judged.high[recommendation.index]
-        force, recovery = (
-            float(high[NAMES.index(name)]) for name in ("collision_force_N", "recovery_s")
-        )
-        scenario = scenario_of(design.request, configuration, force, recovery)
+        strike = strike_of(design, recommendation.index)
+        scenario = scenario_of(design.request, configuration, *strike)
         write_flyable(folder, scenario, configuration)
     on_progress("drawing", 0.5)
-    figures = (draw_pareto(design, recommendation), draw_readings(design))
-    for name, figure in zip(PICTURES, figures, strict=True):
-        (folder / name).write_bytes(figure_bytes(figure))
+    (folder / PICTURE).write_bytes(figure_bytes(draw_candidates(design, recommendation)))
     write_page(folder / PAGE, page)
 
 
@@ -159,10 +156,7 @@ def _candidate_table(design: Design, recommendation: Recommendation) -> Table:
 def design_mapping(design: Design, recommendation: Recommendation) -> dict[str, Any]:
     """Return the content of `design.json`; None for what is not known."""
     choice, judged = design.choice, design.judged
-    index, instead = recommendation.index, recommendation.instead
-
-    def each(indices: Any) -> list[dict[str, Any]]:
-        return [_candidate(design, int(i)) for i in indices]
+    index = recommendation.index
 
     mapping: dict[str, Any] = plain(
         {
@@ -185,25 +179,23 @@ def design_mapping(design: Design, recommendation: Recommendation) -> dict[str, 
             ],
             "must_give_text": words.relief_lines(design),
             "check": _check(recommendation.check),
-            "check_at_upper_ends": _check(recommendation.upper),
             "failed_in_flight": [
                 {"candidate": _candidate(design, i), "check": _check(c)}
                 for i, c in recommendation.failed
             ],
-            "nearest_that_flies": None if instead is None else _candidate(design, instead),
             "alternatives": [
                 {**_candidate(design, i), "why": why}
                 for i, why in words.alternatives(design, recommendation)
             ],
-            "measured": each((judged.tier == 0).nonzero()[0]),
-            "pareto": each(i for i in choice.order if choice.front[i]),
+            "ranked": [_candidate(design, i) for i in choice.order[:_RANKED]],
+            "measured": [_candidate(design, int(i)) for i in (judged.tier == 0).nonzero()[0]],
             "candidates": len(judged.configurations),
             "candidates_feasible": int(choice.feasible.sum()),
             "request": dataclasses.asdict(design.request),
             "limits": [limit.text for limit in choice.limits],
             "vehicle": dataclasses.asdict(design.vehicle),
             "tested": dataclasses.asdict(design.tested),
-            "predictions": {name: _reading(design, name) for name in MEASURED},
+            "predictions": {name: dataclasses.asdict(r) for name, r in design.readings.items()},
             "thrust_error": design.thrust_error,
             "caveats": words.caveats(design, recommendation),
             "version": tombo_version(),
@@ -262,20 +254,4 @@ def _check(check: Check | None) -> dict[str, Any] | None:
         "longest_settling_s": check.settles_s,
         "limits": [dataclasses.asdict(limit) for limit in check.limits],
         "claims": [dataclasses.asdict(claim) for claim in check.claims],
-    }
-
-
-def _reading(design: Design, name: str) -> dict[str, Any]:
-    reading = design.readings[name]
-    return {
-        "readings": reading.count,
-        "used": reading.regressor,
-        "mean": reading.mean,
-        "left_out_error": reading.error,
-        "left_out_error_of_mean": reading.mean_error,
-        "regressors": {t.regressor: t.error for t in reading.trials},
-        "chance": reading.chance,
-        "rank_correlation_with_stiffness": reading.rank_correlation,
-        "rank_correlation_chance": reading.rank_p_value,
-        "text": words.sources(design)[MEASURED.index(name)],
     }

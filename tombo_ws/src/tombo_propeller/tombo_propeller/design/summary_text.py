@@ -1,20 +1,17 @@
-"""A design in words: reasons, binding limit, sources of predictions, cells of its table."""
+"""A design in words: reasons, binding limit, cells of its table."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from scipy import stats
 
-from tombo_dynamics.propeller import RPM, Configuration
+from tombo_dynamics.propeller import RPM
 from tombo_propeller.design.candidates import describe, short
 from tombo_propeller.design.design import Design, slack
 from tombo_propeller.design.flight_check import Recommendation
 from tombo_propeller.design.flight_files import is_built_in
-from tombo_propeller.design.operating_points import flight_performance
 from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES, Criterion, DesignLimit
-from tombo_propeller.design.response_regression import MEAN, ResponseModel
 
 _BENCH_RPM = 2000.0
 EVIDENCE = ("measured", "predicted within what was tested", "extrapolated")
@@ -66,20 +63,10 @@ def reasons(design: Design, recommendation: Recommendation) -> list[str]:
         if check.falls_m is not None and check.falls_m > 1.0:
             more = f", falls up to {check.falls_m:.1f} m"
         lines.append(f"Passed over: {name_of(design, index)}, fails in flight ({broken}{more}).")
-    if recommendation.failed:
-        lines.append(
-            "In this flight too little thrust, too weak a push or too slow a blade lets a vehicle "
-            "fall."
-        )
     if recommendation.unflown and recommendation.index is None:
         lines.append(
             f"{recommendation.unflown} more keep to the limits and were not flown: like those, or "
             "after too many failures."
-        )
-    if recommendation.instead is not None:
-        lines.append(
-            f"Nearest that flies: {name_of(design, recommendation.instead)}, it "
-            f"{broken_by(design, recommendation.instead)}."
         )
     if recommendation.index is None:
         return lines
@@ -144,59 +131,12 @@ def _predictions_would_do(design: Design) -> bool:
     return bool((slack(counted, design.choice.limits).min(axis=1) >= 0.0).any())
 
 
-def sources(design: Design) -> list[str]:
-    """Return how each measured figure is predicted where it was not measured."""
-    return [_source(design.readings[q.name], q) for q in QUANTITIES if q.name in MEASURED]
-
-
-def _source(reading: ResponseModel, quantity: Criterion) -> str:
-    unit = quantity.unit
-    if not reading.trials:
-        return f"{quantity.words}: {reading.count} readings, too few to predict any."
-    best = reading.trials[0]
-    rank = f"rank correlation with stiffness {reading.rank_correlation:.2f}"
-    rank += f" (p = {reading.rank_p_value:.2f})"
-    if reading.regressor == MEAN:
-        verdict = (
-            f"no regressor predicts it: best {best.regressor} with {best.error:.3g} {unit} on "
-            f"readings left out, the mean {reading.mean_error:.3g} {unit}; chance does as well "
-            f"with p = {reading.chance:.2f}. Used: the mean, {reading.mean:.3g} {unit}"
-        )
-    else:
-        verdict = (
-            f"predicted from {best.regressor}: {best.error:.3g} {unit} on readings left out, "
-            f"the mean {reading.mean_error:.3g} {unit} (chance: p = {reading.chance:.3f})"
-        )
-    return f"{quantity.words}: {reading.count} readings; {rank}; {verdict}."
-
-
-def chance_of(design: Design, limit: DesignLimit) -> float:
-    """Return how likely any new soft propeller keeps to a limit, from all readings; NaN: unknown.
-
-    That is what a measured one is worth if the scatter between propellers is that of readings.
-    """
-    name = limit.quantity.name
-    if name not in MEASURED or design.readings[name].count < 4:
-        return math.nan
-    reading = design.readings[name]
-    away = (limit.value - reading.mean) / reading.mean_error
-    return float(stats.t.cdf(away, reading.count - 1))
-
-
 def caveats(design: Design, recommendation: Recommendation) -> list[str]:
     """Return what is extrapolated or not known, most important first."""
     lines = []
     index = recommendation.index
     if index is not None:
         lines += _of_the_recommended(design, index)
-        upper = recommendation.upper
-        if upper is not None:
-            flown = upper.claims[1]
-            lines.append(
-                f"With {upper.force_N:.0f} N and {upper.recovery_s:.2f} s, the upper ends of what "
-                f"all readings predict, {flown.simulated:.0f} of {flown.claimed:.0f} flights "
-                "recover."
-            )
     lines.append(
         f"The model's thrust is off by {design.thrust_error:.1%} (RMS) at 2000 rpm, where it was "
         "measured; measured thrust does not follow stiffness."
@@ -212,20 +152,14 @@ def caveats(design: Design, recommendation: Recommendation) -> list[str]:
 
 def _of_the_recommended(design: Design, index: int) -> list[str]:
     judged = design.judged
-    configuration = judged.configurations[index]
     hover = judged.operating.hover_speed[index] / RPM
     top = judged.operating.usable_speed[index] / RPM
     lines = []
     if judged.outside[index]:
         lines.append(f"Outside of what was tested: {'; '.join(judged.outside[index])}.")
-    others = [
-        f"{law} {_thrust_margin(design, configuration, law):.2f}"
-        for law in ("repaired", "consistent", "published")
-        if law != design.request.law and (law != "published" or configuration.blade.published)
-    ]
     lines.append(
         f"Hover at {hover:.0f} rpm and the thrust margin at {top:.0f} rpm are the model's: nobody "
-        f"measured beyond 3200 rpm. Thrust margin under other laws: {', '.join(others)}."
+        "measured beyond 3200 rpm."
     )
     force = float(judged.value[index, NAMES.index("collision_force_N")])
     if math.isfinite(force):
@@ -233,20 +167,7 @@ def _of_the_recommended(design: Design, index: int) -> list[str]:
             f"If the force grows in proportion to speed, {force:.0f} N at 2000 rpm are "
             f"{force * hover / _BENCH_RPM:.0f} N in hover. Nobody measured how it grows."
         )
-    for limit in design.choice.limits:
-        label = judged.labels[index][NAMES.index(limit.quantity.name)]
-        chance = chance_of(design, limit)
-        if label == "measured" and math.isfinite(chance):
-            lines.append(
-                f"{limit.text}: kept by its one reading. If readings scatter as much as "
-                f"configurations do, the next one keeps it with {chance:.0%}."
-            )
     return lines
-
-
-def _thrust_margin(design: Design, configuration: Configuration, law: str) -> float:
-    usable = flight_performance([configuration], design.vehicle, law).usable_thrust[0]
-    return float(usable / design.vehicle.hover_thrust())
 
 
 def _reached(value: float, limit: DesignLimit) -> str:

@@ -33,7 +33,7 @@ from tombo_propeller.design.design import (
     strike_share,
     thrust_error,
 )
-from tombo_propeller.design.response_regression import ResponseModel, read
+from tombo_propeller.design.readings import MeanReading, read
 from tombo_propeller.workbench.propeller_choice import PAPER, ChosenPropeller
 
 BENCH_RPM: Final = 2000.0
@@ -185,23 +185,21 @@ def bench_force(choice: ChosenPropeller, library: Library) -> tuple[float, float
             if c.nodus is None and c.measured is not None
         )
     reading = force_model(library)
-    reach = reading.error * reading.quantile(_CONFIDENCE)
+    reach = reading.reach(_CONFIDENCE)
     if taken is not None:
         known = MEASURED_HERE if choice.on_paper_blade else EXTRAPOLATED
         return taken, max(taken - reach, 0.0), taken + reach, known
-    best, error = reading.predict(chosen)
-    reach *= error / reading.error
     known = MODELLED if choice.on_paper_blade else EXTRAPOLATED
-    return best, max(best - reach, 0.0), best + reach, known
+    return reading.mean, max(reading.mean - reach, 0.0), reading.mean + reach, known
 
 
-def force_model(library: Library) -> ResponseModel:
+def force_model(library: Library) -> MeanReading:
     """Return what predicts the collision force of a nodus that was not measured."""
     return _force_model(measured_soft(library, library.blades[PAPER]))
 
 
 @lru_cache(maxsize=4)
-def _force_model(measured: tuple[Configuration, ...]) -> ResponseModel:
+def _force_model(measured: tuple[Configuration, ...]) -> MeanReading:
     return read(_FORCE, measured)
 
 

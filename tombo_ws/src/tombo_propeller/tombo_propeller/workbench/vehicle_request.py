@@ -23,8 +23,8 @@ from tombo_propeller.design.flight_files import (
     write_flyable,
 )
 from tombo_propeller.design.operating_points import flight_performance
+from tombo_propeller.design.readings import read
 from tombo_propeller.design.request import DesignRequest, arm_of, vehicle_for
-from tombo_propeller.design.response_regression import read
 from tombo_propeller.workbench.curves import bench_force
 from tombo_propeller.workbench.propeller_choice import PAPER, ChosenPropeller
 
@@ -95,8 +95,7 @@ def flyable(choice: ChosenPropeller, request: DesignRequest, library: Library) -
     recovery = chosen.measured.recovery_s if chosen.measured is not None else None
     if recovery is None:
         model = read("recovery_s", measured_soft(library, library.blades[PAPER]))
-        best, error = model.predict(chosen)
-        recovery = best + error * model.quantile(request.confidence)
+        recovery = model.mean + model.reach(request.confidence)
     return scenario_of(request, chosen, min(force, STRONGEST_N), recovery)
 
 

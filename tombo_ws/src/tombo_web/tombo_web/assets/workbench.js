@@ -144,8 +144,8 @@ class Bench {
     for (const button of buttons) button.disabled = false;
   }
 
-  showDesign({ headline, recommended, reasons, must_give_text, pareto, page }) {
-    const known = pareto.filter((candidate) => candidate.name !== recommended?.name);
+  showDesign({ headline, recommended, reasons, must_give_text, ranked, page }) {
+    const known = ranked.filter((candidate) => candidate.name !== recommended?.name);
     const rows = [recommended, ...known].filter(Boolean).map((candidate, i) => this.candidate(candidate, i === 0 && recommended));
     const head = element("tr", "", ...["nodus", ...Object.values(FIGURES).map(([words, unit]) => `${words} ${unit}`), ""].map((text) => element("th", "", text)));
     const fronts = Object.entries(FIGURES).slice(1).map(([name, [words, unit]]) => this.frontBox(name, words, unit));
@@ -160,7 +160,7 @@ class Bench {
     const box = element("section", "panel", element("h2", "", `${words}${unit && ` [${unit}]`}`), element("canvas", ""));
     box.dataset.figure = name;
     box.lastChild.setAttribute("role", "img");
-    box.lastChild.setAttribute("aria-label", `Pareto front: ${words} against thrust margin`);
+    box.lastChild.setAttribute("aria-label", `Candidates: ${words} against thrust margin`);
     return box;
   }
 
