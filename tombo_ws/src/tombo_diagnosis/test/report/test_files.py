@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 import yaml
-from diagnosis_samples import EXPERIMENT, MISSION, leftover, sample
+from diagnosis_samples import EXPERIMENT, MISSION, sample
 
 from tombo_diagnosis.report.files import DIAGNOSIS_FILES, NominalReference, write_diagnosis
 from tombo_diagnosis.report.page import diagnosis_page
-from tombo_dynamics.errors import InputError
 from tombo_flight.model_file import read_model
 from tombo_flight.process.output_folder import open_output
 from tombo_flight.report.page import page_json
@@ -102,26 +101,6 @@ def test_a_set_leaves_the_mission_and_no_model(tmp_path):
     assert text.startswith(f"# {EXPERIMENT.text}")
 
 
-@pytest.mark.parametrize("verdict", ["none", "unknown"])
-def test_without_a_cause_there_is_neither(tmp_path, verdict):
-    result = short(verdict)
-    assert write(tmp_path / "o", result, pictures=False) == {"diagnosis.json"}
-
-
-@pytest.mark.slow
-def test_an_earlier_diagnosis_gives_way_and_other_files_stay(tmp_path):
-    target = tmp_path / "o"
-    write(target, short())
-    (target / "mine.txt").write_text("mine")
-    (target / "plots" / "mine.png").write_text("mine")
-    names = write(target, short("set"), replace=True, pictures=False)
-    assert names == {
-        "diagnosis.json", "separating_experiment.yaml", "mine.txt", "plots/mine.png",
-    }  # fmt: skip
-    with pytest.raises(InputError, match="not empty"):
-        write(target, short())
-
-
 @pytest.mark.slow
 def test_a_failure_half_way_leaves_the_folder_as_it_was(tmp_path, monkeypatch):
     from tombo_diagnosis.report import figures
@@ -140,20 +119,3 @@ def test_a_failure_half_way_leaves_the_folder_as_it_was(tmp_path, monkeypatch):
     with pytest.raises(RuntimeError, match="a bug"):
         write(tmp_path / "new" / "deep", short())
     assert {p.name for p in tmp_path.iterdir()} == {"o"}
-
-
-def test_a_file_where_the_plots_go_is_refused_before_anything_is_replaced(tmp_path):
-    target = tmp_path / "o"
-    target.mkdir()
-    (target / "plots").write_text("a file")
-    (target / "diagnosis.json").write_text("old")
-    with pytest.raises(InputError, match="plots in it is a file"):
-        write(target, short(), replace=True)
-    assert (target / "diagnosis.json").read_text() == "old"
-
-
-def test_what_is_left_over_is_written_without_its_samples():
-    result = strict(dataclasses.replace(sample("unknown"), leftover=leftover()))
-    assert set(result["leftover"]) == {"terms", "r2", "rms", "effect"}
-    assert result["leftover"]["terms"][0]["name"] == "spring to a point"
-    assert result["tolerances"]["mass_error.fraction"] == 0.015
