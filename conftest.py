@@ -1,8 +1,8 @@
 """Which tests run when, by their markers. See `make check` and `make test`.
 
 - `real_time`: it promises something in real time. It runs alone, last. Where what it asserts
-  `in_time` fails, and a loop beside it that does nothing was late, too, the machine was taken
-  away: it is skipped.
+  `in_time` fails, or what it waits for does not come, and a loop beside it that does nothing was
+  late, too, the machine was taken away: it is skipped.
 - `nodes`: it starts nodes, each test in a ROS domain of its own. `make check` leaves it out.
 - `slow`: it takes more than a quarter of a second of a quiet core. `make check` leaves it out.
 """
@@ -133,7 +133,8 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[Any]) -> 
     if report.failed and call.excinfo is not None:
         item.stash[FAILED] = True
         loop = item.stash.get(LOOP, None)
-        if loop and loop.late_ms() > LATE_MS and isinstance(call.excinfo.value, NotInTime):
+        missed = isinstance(call.excinfo.value, NotInTime | TimeoutError)
+        if missed and loop and loop.late_ms() > LATE_MS:
             why = call.excinfo.exconly().splitlines()[0]
             text = f"Skipped: the machine was late by {loop.late_ms():.0f} ms ({why})"
             report.outcome = "skipped"

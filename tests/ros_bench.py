@@ -20,6 +20,7 @@ from typing import Any
 
 import pytest
 
+from in_time import NotInTime
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.suite.nodes import local_discovery
 
@@ -179,7 +180,11 @@ class Counterpart:
         meanwhile: Callable[[], object] | None = None,
         since: int | None = None,
     ) -> Any:
-        """Return the first message, from the `since`th or now on, that meets a condition."""
+        """Return the first message, from the `since`th or now on, that meets a condition.
+
+        Raises:
+            NotInTime: none has come.
+        """
         end = time.monotonic() + patience_s
         seen = len(self.heard[spec.name]) if since is None else since
         while time.monotonic() < end:
@@ -191,7 +196,7 @@ class Counterpart:
             if meanwhile is not None:
                 meanwhile()
             time.sleep(0.002)
-        raise AssertionError(f"no such message on {spec.name} within {patience_s} s")
+        raise NotInTime(f"no such message on {spec.name} within {patience_s} s")
 
     def wait_for_fault(self, node: str, key: str, text: str = "", **more: Any) -> str:
         """Return the first report of a node on `/diagnostics` with a fault and a text."""

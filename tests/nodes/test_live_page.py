@@ -128,10 +128,9 @@ class Watch:
 
     def climbs(self):
         """Wait until it is high enough to fall; nodes that are late do not fly it there."""
-        with in_time():
-            self.world.wait_for(
-                TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 0.8, patience_s=PATIENCE_S
-            )
+        self.world.wait_for(
+            TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 0.8, patience_s=PATIENCE_S
+        )
 
     def positions(self, seconds):
         """Return those of so much time of the flight (n, 3)."""
