@@ -23,7 +23,7 @@ from unittest import mock
 
 import pytest
 
-from in_time import in_time
+from in_time import NotInTime, in_time
 from ros_bench import Counterpart, NodeProcess, failed
 
 pytest.importorskip("rclpy")
@@ -254,9 +254,9 @@ class Suite(SimpleNamespace):
         """Wait until a node has reported a fault since the last `settle`."""
         try:
             self.world.wait_for_fault(node, key, since=self.mark, meanwhile=meanwhile)
-        except AssertionError as error:
+        except NotInTime as error:
             words = self.nodes[node].output.splitlines()[-5:]
-            raise AssertionError(f"{node}: no {key}; its last words: {words}") from error
+            raise NotInTime(f"{node}: no {key}; its last words: {words}") from error
 
 
 @contextlib.contextmanager

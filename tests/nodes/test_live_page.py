@@ -31,6 +31,8 @@ PATIENCE_S = 90.0
 CLIMB_M_S = 0.1
 SETTINGS = ("mission.land_time=3000", "mission.height=4", f"mission.climb_speed={CLIMB_M_S}")
 """It climbs while the page is used, so that to hold is to stop."""
+SLOW = ("--speed", "0.4")
+"""A busy machine flies too."""
 
 
 @contextmanager
@@ -158,7 +160,7 @@ def flying(world, tmp_path):
     watch = Watch(world)
     settings = [word for setting in SETTINGS for word in ("--set", setting)]
     with (
-        tombo(tmp_path, "up", "hover", *settings, "-o", str(tmp_path / "up"), "--json"),
+        tombo(tmp_path, "up", "hover", *SLOW, *settings, "-o", str(tmp_path / "up"), "--json"),
         tombo(tmp_path, "live", "--port", "0") as (live, log),
     ):
         url = address_of(live, log)

@@ -163,7 +163,7 @@ class RecordParameters:
             if name in declared or self._node.has_parameter(name) or name.startswith("qos_"):
                 continue
             near = get_close_matches(name, declared, 1, 0.85)
-            if near and name.partition(".")[0] == near[0].partition(".")[0]:
+            if near and name.rpartition(".")[0] == near[0].rpartition(".")[0]:
                 lines.append(f"unknown parameter '{name}'; did you mean '{near[0]}'?")
         return lines
 
@@ -177,7 +177,7 @@ class RecordParameters:
             value = list(value)
         if type(value) is not type(default):
             kind = _KINDS[type(default)].name.lower().replace("_", " ")
-            raise InputError(f"parameter {name}: {shown(value)} is no {kind}; accepted: a {kind}")
+            raise InputError(f"parameter {name}: {shown(value)} is no {kind}; accepted: {kind}")
         return value
 
     def _declare(self, name: str, value: Any, descriptor: ParameterDescriptor) -> None:
