@@ -327,8 +327,8 @@ def test_bad_values_at_the_start_are_refused(_domain: None, argument: str, named
 
 
 def test_a_misspelt_name_is_told_with_the_one_that_is_meant(_domain: None) -> None:
-    made = _started(("estimator.jmp_min:=2.0", "anmial:=cow", "nothing.like_it:=1.0"))
+    made = _started(("estimator.jmp_min:=2.0", "animals:=cow", "nothing.like_it:=1.0"))
     assert made.unknown() == [
         "unknown parameter 'estimator.jmp_min'; did you mean 'estimator.jump_min'?",
-        "unknown parameter 'anmial'; did you mean 'animal'?",
+        "unknown parameter 'animals'; did you mean 'animal'?",
     ]
