@@ -27,7 +27,8 @@ _MAX_TIGHT_REFITS = 2
 _STRETCHED_SIGMAS = 3.0
 _BEAM_WIDTH = 2
 """Number of explanations that each step of the search extends."""
-_MAX_CAUSES = 3
+MAX_CAUSES = 3
+"""Causes that an explanation may have."""
 _RELINEARIZE_LOG_BF = 25.0
 """Above this evidence the slopes of the nominal model are not accurate enough."""
 _RELINEARIZE_WITHIN_LOG_BF = 10.0
@@ -37,9 +38,7 @@ _WIDTHS = np.geomspace(1.5, 40.0, 10)
 
 
 def search(
-    model: RegressionModel,
-    progress: Callable[[float], None] | None = None,
-    most: int = _MAX_CAUSES,
+    model: RegressionModel, progress: Callable[[float], None] | None = None, most: int = MAX_CAUSES
 ) -> SearchResult:
     """Return the best explanation of the data and its alternatives."""
     null = Explanation((), model.null_hypothesis, 0.0)

@@ -25,7 +25,12 @@ from tombo_diagnosis.engine.model import (
     SearchResult,
     Setting,
 )
-from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST, search
+from tombo_diagnosis.engine.model_selection import (
+    LOG_BF_ADDITIONAL,
+    LOG_BF_FIRST,
+    MAX_CAUSES,
+    search,
+)
 from tombo_flight.progress import ProgressCallback
 
 P = TypeVar("P", bound=RegressionModel)
@@ -38,7 +43,6 @@ _STRONG_LOG_BF = 50.0
 _SURE_LOG_BF = 10.0
 """From this evidence on causes may be named although other channels hold something else."""
 _NONE_SLOPE, _NONE_EVEN_LOG_BF = 1.3, 2.0
-_MAX_CAUSES = 3
 _MAX_EXPONENT = 50.0
 
 
@@ -157,7 +161,7 @@ def _facts(
     rivals: Sequence[Explanation],
 ) -> Facts:
     share = setting.model_error_share
-    causes = tuple(sorted(weights, key=lambda e: -weights[e]))[:_MAX_CAUSES]
+    causes = tuple(sorted(weights, key=lambda e: -weights[e]))[:MAX_CAUSES]
     random = [e for e in remainder.imitated if e in causes]
     forces = {e for r in random for e in causes if e in remainder.imitated[r]}
     lead = max(result.single_log_bf.values(), default=0.0)

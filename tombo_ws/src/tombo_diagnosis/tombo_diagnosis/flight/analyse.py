@@ -23,6 +23,7 @@ from tombo_diagnosis.flight.fit.transients import (
 from tombo_diagnosis.flight.noise import NoiseFit, fit_noise_effects
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.residual_check import (
+    FORCE_CHANNELS,
     GustFit,
     ResidualExcess,
     ScaleVariances,
@@ -41,7 +42,6 @@ from tombo_flight.progress import ProgressCallback, no_progress
 
 MAX_LOG_VARIANCE_EXCESS = 0.6
 """Excess (logarithm of a ratio of variances) up to which a remainder counts as noise."""
-_FORCES = ("force", "acceleration")
 _FORCE_EFFECTS = frozenset(
     name for name, e in REGISTRY.items() if e.stage in (Stage.WRENCH, Stage.AIR)
 )
@@ -223,10 +223,10 @@ def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemain
     gusts = None
     residual_r2 = 0.0
     forces_unexplained = any(
-        each.excess > 0.0 and each.channel.startswith(_FORCES) for each in rest
+        each.excess > 0.0 and each.channel.startswith(FORCE_CHANNELS) for each in rest
     )
     if forces_unexplained:
-        residual_r2 = cross_validated_r2(problem, best, _FORCES)
+        residual_r2 = cross_validated_r2(problem, best, FORCE_CHANNELS)
     if (
         forces_unexplained
         and not nominal.calibrated
@@ -259,7 +259,11 @@ def _share_of_one_flight(problem: FlightProblem, fit: Fit, expected: ScaleVarian
     excess = []
     for f in range(len(problem.tracks)):
         variances = residual_variances(problem, fit, (f,))
-        each = [e for e in residual_excesses(variances, expected) if e.channel.startswith(_FORCES)]
+        each = [
+            e
+            for e in residual_excesses(variances, expected)
+            if e.channel.startswith(FORCE_CHANNELS)
+        ]
         excess.append(sum(max((e.measured / e.expected) ** 2 - 1.0, 0.0) for e in each))
     return max(excess) / sum(excess) if sum(excess) > 0.0 else 0.0
 

@@ -227,7 +227,8 @@ _LONGEST = 3.0
 """s: a force that holds for longer while the vehicle moves on is one of place, not of air."""
 _TIME_TOLERANCE = 0.3
 """Healthy scatter of the logarithm of the gusts' time."""
-_FORCES = ("force", "acceleration")
+FORCE_CHANNELS = ("force", "acceleration")
+"""How the names of residuals begin that are forces per mass."""
 _DEVIATIONS = np.geomspace(0.05, 4.0, 120)
 """m/s"""
 _MODEL_LOG_SD = 0.1
@@ -255,7 +256,7 @@ class GustFit:
 def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> GustFit:
     """Fit deviation and time of the gusts to what a fit leaves of the forces, `measured`."""
     places = layout()["gusts"]
-    forces = [j for j, n in enumerate(measured.names) if n.startswith(_FORCES)]
+    forces = [j for j, n in enumerate(measured.names) if n.startswith(FORCE_CHANNELS)]
     values = measured.variances[:, forces]
     error = np.sqrt(4.0 / np.maximum(measured.counts[:, forces], 1.0) + _MODEL_LOG_SD**2)
     usable = np.isfinite(values)

@@ -18,11 +18,11 @@ from tombo_diagnosis.engine.cause_estimates import ParameterEstimate, as_tuples,
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.fit.problem import FlightProblem, tangent_of
 from tombo_diagnosis.flight.fit.track import WIND, Swing, Track
+from tombo_diagnosis.flight.residual_check import FORCE_CHANNELS
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import layout
 from tombo_logs.checks.spans import block_means
 
-_FORCES = ("force", "acceleration")
 _BLOCK_S = 0.24
 """Means over such blocks are fitted."""
 _CORRELATED = 5.0
@@ -97,7 +97,7 @@ def _push(problem: FlightProblem, fit: Fit, flight: int) -> _Push | None:
     places = [layout()[WIND][axis] for axis in ("east", "north")]
     group = "fast" if track.formulation == "imu" else "slow"
     channels = problem.channels[flight][group]
-    chosen = [j for j, c in enumerate(channels) if c.name.startswith(_FORCES)]
+    chosen = [j for j, c in enumerate(channels) if c.name.startswith(FORCE_CHANNELS)]
     if not chosen or not all(i in linear.slopes for i in places):
         return None  # without drag the air does nothing
     length = max(1, round(_BLOCK_S * problem.per_second(group)))
