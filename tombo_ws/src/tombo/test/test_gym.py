@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import warnings
 
 import gymnasium
@@ -158,6 +159,14 @@ def test_vehicles_of_one_batch_share_the_kept_starts(monkeypatch):
     for i in range(6):
         assert (seen[i] == alone.reset(seed=i)[0]).all()
     env.close()
+
+
+def test_it_is_pickled_and_refuses_to_draw_by_the_error_that_trainers_catch():
+    with pytest.raises(TypeError, match="'rgb_array'"):
+        make(render_mode="rgb_array")
+    env = make(scenario="pole", disturbances=True).unwrapped
+    again = pickle.loads(pickle.dumps(env))
+    assert again.episodes.scenario == env.episodes.scenario != make().unwrapped.episodes.scenario
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.utils import seeding
+from gymnasium.utils import EzPickle, seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
@@ -66,7 +66,7 @@ def _info(episodes: Episodes, outcome: Outcome | None = None) -> dict[str, Any]:
     }
 
 
-class CollisionEnv(gymnasium.Env[Any, Any]):
+class CollisionEnv(gymnasium.Env[Any, Any], EzPickle):
     """One vehicle, from the reaction's decision until it rests, crashes, or time is up.
 
     `reset(seed=3)` is the collision of `tombo fly --seed 3`; a reset without a seed draws one.
@@ -80,6 +80,7 @@ class CollisionEnv(gymnasium.Env[Any, Any]):
         *,
         disturbances: bool = False,
         starts: int | None = None,
+        render_mode: None = None,
         **settings: Any,
     ) -> None:
         """Prepare the flights.
@@ -89,11 +90,16 @@ class CollisionEnv(gymnasium.Env[Any, Any]):
             disturbances: as --disturbances.
             starts: so many flights up to the collision, of seeds 0 to `starts` - 1, are flown once
                 and begun from again. None: every episode has a flight of its own.
+            render_mode: None; nothing is drawn.
             **settings: values of the scenario, keys as of --set.
 
         Raises:
             InputError: as of `tombo.fly`.
+            TypeError: another `render_mode`, for callers that then leave it out.
         """
+        if render_mode is not None:
+            raise TypeError(f"render_mode {render_mode!r}: nothing is drawn; accepted: None")
+        EzPickle.__init__(self, scenario, disturbances=disturbances, starts=starts, **settings)
         self.episodes = _episodes(scenario, 1, 1, starts, disturbances, settings)
         self.observation_space, self.action_space = _observed(), _acted()
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mcap.writer import Writer
+
 from tombo_bag.columnar_cdr import encode
 from tombo_bag.comparison import Comparison, compare_recordings
 from tombo_bag.flight_time import stamp
@@ -200,6 +202,26 @@ def test_unknown_topic_is_refused_with_the_nearest_name(tmp_path):
     one = write(tmp_path / "a.mcap", {"/pose": (POSE, poses())})
     with pytest.raises(InputError, match=r"'/pos' \(did you mean '/pose'\?\)"):
         compare_recordings(one, one, ["/pos"])
+
+
+def test_topic_that_can_not_be_read_is_reported_and_the_others_are_compared(tmp_path):
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2")
+        for topic, kind, text in (
+            ("/word", "std_msgs/msg/String", "string data"),
+            ("/measured", "lab_msgs/msg/Reading", "lab_tools/Encoder encoder"),
+        ):
+            schema = writer.register_schema(kind, "ros2msg", text.encode())
+            channel = writer.register_channel(topic, "cdr", schema)
+            writer.add_message(channel, 5, encode("std_msgs/msg/String", {"data": "x"}), 5)
+        writer.finish()
+    found = compare_recordings(path, path)
+    assert [(t.topic, t.equal) for t in found.topics] == [("/word", True)]
+    assert any("/measured is not compared" in line for line in found.damage)
+    with pytest.raises(InputError, match="lab_tools/msg/Encoder"):
+        compare_recordings(path, path, ["/measured"])
 
 
 def test_number_that_differs_first_is_kept_for_the_picture(tmp_path):

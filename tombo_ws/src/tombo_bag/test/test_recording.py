@@ -187,6 +187,24 @@ def test_metadata_says_which_split_files_belong_to_the_run(tmp_path):
     assert "other.mcap" in recording.damage[1]
 
 
+@pytest.mark.parametrize("named", ["a_0.mcap.zstd", "as_it_was_called.mcap"])
+def test_a_file_that_was_unpacked_or_renamed_is_read_and_it_is_said(tmp_path, named):
+    write_mcap(tmp_path / "a_0.mcap")
+    (tmp_path / "metadata.yaml").write_text(
+        f"rosbag2_bagfile_information:\n  relative_file_paths: [{named}]\n"
+    )
+    recording = check_whole(tmp_path, damage=1)
+    assert f"{named}, which metadata.yaml names, is missing" in recording.damage[0]
+
+
+def test_a_folder_of_ros_1_bags_is_one_recording(tmp_path):
+    write_ros1(tmp_path / "run_0.bag")
+    check_whole(tmp_path)
+    write_ros1(tmp_path / "run_1.bag", times=[time + 10 * SECOND for time in TIMES])
+    with Recording(tmp_path) as recording:
+        assert recording.topics["/mocap/pose"].count == 2 * len(TIMES)
+
+
 def test_metadata_that_is_garbage_is_said_and_passed_over(tmp_path):
     write_mcap(tmp_path / "run.mcap")
     (tmp_path / "metadata.yaml").write_text("{]")

@@ -188,6 +188,10 @@ def compare_recordings(a: str | Path, b: str | Path, topics: Sequence[str] = ())
             if name not in recorded:
                 raise unknown_name(f"topic in '{a}' and '{b}'", name, recorded)
         chosen = [n for n in recorded if n in topics or (not topics and n not in PROCESS_TOPICS)]
+        unread = _unread(((a, first), (b, second)), chosen)
+        if unread and topics:
+            raise InputError(next(iter(unread.values())))
+        chosen = [name for name in chosen if name not in unread]
         first.load(chosen)
         second.load(chosen)
         compared = tuple(_compare(first, second, name) for name in chosen)
@@ -198,8 +202,24 @@ def compare_recordings(a: str | Path, b: str | Path, topics: Sequence[str] = ())
             (
                 *(f"{a}: {line}" for line in first.damage),
                 *(f"{b}: {line}" for line in second.damage),
+                *(f"{name} is not compared: {why}" for name, why in unread.items()),
             ),
         )
+
+
+def _unread(
+    recordings: Iterable[tuple[str | Path, Recording]], topics: Iterable[str]
+) -> dict[str, str]:
+    """Return topic → why it can't be read in one of the recordings."""
+    unread = {}
+    for path, recording in recordings:
+        for name in topics:
+            try:
+                if name in recording.topics:
+                    recording.columns(name)
+            except InputError as error:
+                unread[name] = f"'{path}': {error}"
+    return unread
 
 
 def _bag(path: str | Path) -> Path:

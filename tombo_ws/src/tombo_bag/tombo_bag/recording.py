@@ -31,7 +31,7 @@ from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.yaml_text import read_yaml
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
+SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd", ".bag")
 """What files of a recording end in; a folder without `metadata.yaml` is searched for them."""
 
 
@@ -241,24 +241,33 @@ class Recording:
         listed = self._listed(described) if described.is_file() else None
         if listed is None:
             # one MCAP file alone, as of a flight of the suite, says itself whether it was closed
-            alone = [path.suffix for path in there] == [".mcap"]
-            if there and not alone and not described.is_file():
+            kinds = [path.suffix for path in there]
+            if not described.is_file() and kinds != [".mcap"] and set(kinds) - {".bag"}:
                 self._note("no metadata.yaml: the recorder was not closed")
             return there
-        for path in listed:
-            if not path.is_file():
-                self._note(f"{path.name}, which metadata.yaml names, is missing")
+        files = []
+        for name in listed:
+            plain = name.removesuffix(".zstd")
+            paths = (self.path / same for same in (name, plain, f"{plain}.zstd"))
+            path = next((path for path in paths if path.is_file()), None)
+            if path is not None:
+                files.append(path)
+            if path is None or path.name != name:
+                instead = "" if path is None else f"; {path.name} is read"
+                self._note(f"{name}, which metadata.yaml names, is missing{instead}")
+        if not files:
+            return there
         for path in there:
-            if path not in listed:
+            if path not in files:
                 self._note(f"{path.name} is not named in metadata.yaml and is left out")
-        return [path for path in listed if path.is_file()]
+        return files
 
-    def _listed(self, described: Path) -> list[Path] | None:
-        """Return the files that `metadata.yaml` names; None if it can't be read."""
+    def _listed(self, described: Path) -> list[str] | None:
+        """Return the names of files in `metadata.yaml`; None if it can't be read."""
         try:
             content = read_yaml(described, described.name)
             names = content["rosbag2_bagfile_information"]["relative_file_paths"]
-            return [self.path / Path(str(name)).name for name in names]
+            return [Path(str(name)).name for name in names]
         except (InputError, TypeError, LookupError):
             self._note("metadata.yaml can't be read: all files of the folder are taken")
             return None

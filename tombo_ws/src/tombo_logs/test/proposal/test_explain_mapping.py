@@ -71,6 +71,16 @@ def test_a_place_without_attitude_is_the_vehicles_and_in_its_unit(beside):
     assert line.content == {"columns": ["state.x", "state.y", "state.z"], "unit": "mm"}
 
 
+def test_the_stamp_of_the_header_is_the_time_before_that_of_arrival():
+    """As `rostopic echo -p` names them; what the motion does not tell is not stated as a number."""
+    columns = {"time": 1e9 * tables.T + 7e6, "field.header.stamp": 1e9 * tables.T}
+    columns |= tables.named([f"field.pose.position.{a}" for a in "xyz"], tables.P)
+    columns |= tables.named([f"field.pose.orientation.{a}" for a in "xyzw"], tables.Q)
+    time, world, _ = propose(columns).axes
+    assert time.content == {"column": "field.header.stamp", "unit": "ns"}
+    assert "tilt" in world.why and "nan" not in world.why
+
+
 def test_millimetres_that_are_no_whole_numbers_are_too_fast_for_metres():
     place = tables.named(["x", "y", "z"], 5e4 * tables.P)
     (line,) = propose({"t": tables.T, **place}).channels

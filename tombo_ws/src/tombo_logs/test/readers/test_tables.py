@@ -96,9 +96,15 @@ def test_decimal_commas_beside_decimal_points_are_left_out_and_said(tmp_path):
     assert "'1,234' has a comma" in table.remarks[0] and "2 cells" in damage[0]
 
 
-def test_a_header_may_stand_behind_a_hash(tmp_path):
-    text = "# from the lab\n#" + table_text(FLIGHT, POSE)
-    log = read_csv(written(tmp_path / "a.csv", text), "a")
+@pytest.mark.parametrize(
+    ("names", "cells"),
+    [("", ""), ("frame_id,", "map,"), ("frame_id,child,", ",base_link,"), ("1,frame,", "0,map,")],
+)
+@pytest.mark.parametrize("mark", ["#", "%"])
+def test_a_header_may_stand_behind_a_mark_with_texts_in_the_rows(tmp_path, mark, names, cells):
+    header, *rows = table_text(FLIGHT, POSE).splitlines()
+    text = "\n".join([f"{mark} from the lab", mark + names + header, *(cells + r for r in rows)])
+    log = read_csv(written(tmp_path / "a.csv", text + "\n"), "a")
     close(log.series["position"].values, FLIGHT.series["position"].values)
 
 

@@ -170,7 +170,10 @@ ROLES: Final = {
         _QUATERNION | _ACCEL | {"a"} | _GYRO,
         _set("motor motors command cmd control controls throttle normalized"), 0.0,
     ),
-    "time": Role("single", _set("t time timestamp stamp secs seconds ts")),
+    # the stamp of a message's header is the capture; another time is when it was recorded
+    "time": Role(
+        "single", _set("t time timestamp stamp secs seconds ts"), preferred=_set("header")
+    ),
     "voltage": Role("single", _set("vbat vbatt voltage volt volts battery bat")),
     "current": Role("single", _set("current amps ibat")),
 }  # fmt: skip

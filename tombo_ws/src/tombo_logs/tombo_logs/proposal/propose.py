@@ -258,8 +258,9 @@ def _axes(allowed: Sequence[Reading]) -> list[Line]:
     why, doubt, world, body = "the motion does not tell", "ENU and FLU are assumed", "ENU", "FLU"
     if allowed:
         best, world, body = allowed[0], allowed[0].world, allowed[0].body
-        why = f"tilt agrees with acceleration ({best.tilt:.2f} of 1)"
-        why += f", the gyro with the attitude ({best.rates:.2f})"
+        tests = {"tilt with acceleration": best.tilt, "the gyro with the attitude": best.rates}
+        agree = [f"{name} ({value:.2f} of 1)" for name, value in tests.items() if value == value]
+        why = f"the motion agrees: {', '.join(agree)}" if agree else "gravity alone"
         rivals = [r for r in _rivals(allowed) if (r.world, r.body) != (world, body)]
         doubt = "" if best.score > AGREES else "the motion agrees badly: fly with more tilt"
         if rivals:

@@ -143,11 +143,19 @@ def open_table(path: Path) -> CsvTable:
         end = raw.find(b"\n", at) + 1 or len(raw)
         line = raw[at:end].decode("utf-8", "replace").strip()
         if line and not line.startswith(("#", "%")):
-            if remark and _is_numbers(line) and len(_cells(line)) == len(_cells(remark)):
+            if _is_header_of(remark, line):
                 return _header(path, remark, raw[at:], damage)  # as in "#timestamp [ns],x [m]"
             return _header(path, line, raw[end:], damage)
         remark, at = line.lstrip("#% ") or remark, end
     raise InputError(f"'{path}' has no header; accepted: a first line with names of columns")
+
+
+def _is_header_of(remark: str, row: str) -> bool:
+    """Return whether a remark names the cells of a row, which has numbers, and maybe texts."""
+    names, cells = _cells(remark), _cells(row)
+    numbers = [number for cell in cells if (number := _number(cell)) is not None]
+    named = sum(_number(name) is None for name in names)
+    return len(names) == len(cells) > 1 and np.isfinite(numbers).any() and 2 * named > len(names)
 
 
 def _header(path: Path, line: str, body: bytes, damage: tuple[str, ...]) -> CsvTable:

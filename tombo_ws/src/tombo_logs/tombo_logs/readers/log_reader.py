@@ -26,8 +26,7 @@ from tombo_px4.telemetry_log import is_tlog
 
 READABLE = "MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, telemetry log (tlog), CSV, CSV.gz"
 _BAG_MAGIC = (MCAP_MAGIC, SQLITE_MAGIC, b"#ROSBAG", ZSTD_MAGIC)
-_BAG_SUFFIXES = (*SUFFIXES, ".bag")
-_LOG_SUFFIXES = (*_BAG_SUFFIXES, ".ulg", ".tlog", ".csv", ".csv.gz")
+_LOG_SUFFIXES = (*SUFFIXES, ".ulg", ".tlog", ".csv", ".csv.gz")
 _GZIP = b"\x1f\x8b"
 
 
@@ -130,7 +129,7 @@ def logs_in(path: Path) -> list[Path]:
     files = sorted(p for p in path.iterdir() if p.name.endswith(_LOG_SUFFIXES))
     if not files:
         raise InputError(f"folder '{path}' holds no logs; accepted: {READABLE}")
-    bags = [p for p in files if p.name.endswith(_BAG_SUFFIXES)]
+    bags = [p for p in files if p.name.endswith(SUFFIXES)]
     if bags == files and (len(bags) == 1 or _pieces(bags)):
         return [path]
     return files
