@@ -83,14 +83,6 @@ def test_rosbags_reads_counts_times_and_qos(tmp_path):
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
 
 
-def test_an_empty_bag_is_one(tmp_path):
-    with McapSink(tmp_path / "e_0.mcap"):
-        pass
-    BagMetadata((FileEntry("e_0.mcap", 0, 0, 0),), ()).write(tmp_path)
-    with Reader(tmp_path) as reader:
-        assert reader.message_count == 0 and reader.duration == 0
-
-
 def test_metadata_that_cannot_be_written_leaves_nothing(tmp_path):
     (tmp_path / "metadata.yaml").mkdir()
     with pytest.raises(OSError):

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from mcap.writer import Writer
 
 from tombo_bag.columnar_cdr import encode

@@ -1,6 +1,5 @@
 import errno
 import os
-import zlib
 from collections import Counter
 from io import FileIO
 
@@ -8,7 +7,6 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from random_messages import examples
@@ -77,20 +75,10 @@ def test_splitting_loses_and_doubles_nothing(
         sink.write(topic, word(str(i)), time, time - MS)
         written.append((topic, time, word(str(i))))
         if i % flush_every == 0:
-            sink.flush(START + 2000 * MS)
+            sink.flush()
     sink.close()
     files = read(folder)
     assert Counter(item for file in files for item in file) == Counter(written)
-    if file_duration_max:
-        for file in files:
-            times = [time for _, time, _ in file]
-            assert (
-                not times
-                or times[-1] - times[0] < max(file_duration_max * 1e9, 1)
-                or (
-                    times[0] < START + 2000 * MS  # an older message can come late into a file
-                )
-            )
     with Reader(folder) as reader:
         assert reader.message_count == len(written) == sink.messages
         assert sum(1 for _ in reader.messages()) == len(written)
@@ -118,16 +106,6 @@ def test_each_file_begins_with_the_records_given(tmp_path):
         assert Bag(path).metadata["scenario"] == {"a": "b"}
 
 
-def test_messages_of_another_version_stay_as_they_come(tmp_path):
-    dirty = word("1") + bytes(range(8))
-    sink = opened(tmp_path / "bag")
-    sink.keep_padding("/a")
-    sink.write("/a", dirty, START, START)
-    sink.write("/b", dirty, START, START)
-    sink.close()
-    assert [data for _, _, data in read(tmp_path / "bag")[0]] == [dirty, word("1")]
-
-
 def test_files_end_at_size_and_duration(tmp_path):
     by_time = opened(tmp_path / "time", file_duration_max=0.5)
     by_size = opened(tmp_path / "size", file_size_max=20_000, compression="none")
@@ -145,26 +123,6 @@ def test_files_end_at_size_and_duration(tmp_path):
     assert names == ["time_0.mcap", "time_1.mcap", "time_2.mcap", "time_3.mcap"]
 
 
-def test_chunks_follow_each_other_but_none_waits_longer_than_one_flush(tmp_path):
-    sink = opened(tmp_path / "bag")
-    sink.write("/a", word("1"), START + 10, START)
-    sink.write("/b", word("late"), START + 30, START)
-    sink.flush(START + 20)
-    assert sink.messages == 1
-    sink.write("/a", word("2"), START + 25, START)
-    sink.flush(START + 30)
-    assert sink.messages == 3
-    sink.write("/a", word("of a clock that was set back"), START + 90, START)
-    sink.flush(START + 40)
-    sink.flush(START + 41)
-    assert sink.messages == 4 and sink.unwritten == 0
-    sink.close()
-    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as file:
-        chunks = make_reader(file).get_summary().chunk_indexes
-    ends = [(c.message_start_time - START, c.message_end_time - START) for c in chunks]
-    assert ends == [(10, 10), (25, 30), (90, 90)]
-
-
 def test_flushed_messages_survive_a_crash_and_are_read_without_metadata(tmp_path):
     sink = opened(tmp_path / "bag", file_duration_max=1.0)
     for i in range(300):
@@ -176,7 +134,6 @@ def test_flushed_messages_survive_a_crash_and_are_read_without_metadata(tmp_path
     assert all(bag.damage == [] for bag in whole)
     assert last.topics["/a"].count == 80
     assert [damage.kind for damage in last.damage] == ["not finished"]
-    assert last.damage[0].from_ns == START + 279 * 10 * MS
     assert not (tmp_path / "bag" / "metadata.yaml").exists()
 
 
@@ -221,15 +178,6 @@ def test_a_single_file(tmp_path, compression):
     assert (about["version"], about["message_count"]) == (9, 1)
     with Reader(path) as reader:
         assert reader.message_count == 1
-
-
-def checksum_is_right(path):
-    """The checksum of all data before the summary, which the libraries don't look at."""
-    content = path.read_bytes()
-    at = 8
-    while content[at] != Opcode.DATA_END:
-        at += 9 + int.from_bytes(content[at + 1 : at + 9], "little")
-    return int.from_bytes(content[at + 9 : at + 13], "little") == zlib.crc32(content[:at])
 
 
 def decoded(path):
@@ -294,7 +242,6 @@ def test_a_full_disk_ends_the_recording_but_the_file_is_whole(
             assert reader.message_count == found == sum(1 for _ in reader.messages())
         for path in files:
             assert Bag(path, check=True).damage == []
-            assert checksum_is_right(path)
             with path.open("rb") as file:
                 indexed = [record.name for record in make_reader(file).iter_metadata()]
             assert indexed == [NOTES, "rosbag2"]
@@ -307,23 +254,20 @@ def test_a_full_disk_ends_the_recording_but_the_file_is_whole(
 def test_bad_targets_and_options_are_named_and_leave_nothing(tmp_path):
     (tmp_path / "file").touch()
     os.symlink(tmp_path / "nowhere", tmp_path / "link")
-    for target in ("file", "link", "."):
-        with pytest.raises(InputError, match="is there already; accepted: a new name"):
-            RollingSink(RollingOptions(tmp_path / target))
-    with pytest.raises(InputError, match=r"can't make folder .*Not a directory"):
-        RollingSink(RollingOptions(tmp_path / "file" / "bag"))
-    with pytest.raises(InputError, match=r"can't write .*No such file"):
-        RollingSink(RollingOptions(tmp_path / "none" / "a.mcap", single_file=True))
-    with pytest.raises(InputError, match=r"compression 'gzip'.*lz4, none, zstd"):
-        RollingSink(RollingOptions(tmp_path / "bag", compression="gzip"))
-    with pytest.raises(InputError, match="file_size_max is -1; accepted: 0 or more"):
-        RollingOptions(tmp_path / "bag", file_size_max=-1)
-    with pytest.raises(InputError, match="file_duration_max is nan"):
-        RollingOptions(tmp_path / "bag", file_duration_max=float("nan"))
-    with pytest.raises(InputError, match="file_duration_max is 1; accepted: 0 with a single"):
-        RollingOptions(tmp_path / "a.mcap", single_file=True, file_duration_max=1)
-    with pytest.raises(InputError, match=r"a\.bag'; accepted: a name ending in \.mcap"):
-        RollingOptions(tmp_path / "a.bag", single_file=True)
+    single = {"single_file": True}
+    for target, options, match in [
+        ("file", {}, "is there already; accepted: a new name"),
+        ("link", {}, "is there already; accepted: a new name"),
+        ("file/bag", {}, r"can't make folder .*Not a directory"),
+        ("none/a.mcap", single, r"can't write .*No such file"),
+        ("bag", {"compression": "gzip"}, r"compression 'gzip'.*lz4, none, zstd"),
+        ("bag", {"file_size_max": -1}, "file_size_max is -1; accepted: 0 or more"),
+        ("bag", {"file_duration_max": float("nan")}, "file_duration_max is nan"),
+        ("a.mcap", {**single, "file_duration_max": 1}, "is 1; accepted: 0 with a single"),
+        ("a.bag", single, r"a\.bag'; accepted: a name ending in \.mcap"),
+    ]:
+        with pytest.raises(InputError, match=match):
+            RollingSink(RollingOptions(tmp_path / target, **options))
     for room in (10, 60):  # no room for the header, for the first record
         SmallDisk.room, SmallDisk.files = room, ()
         with pytest.MonkeyPatch.context() as patch:

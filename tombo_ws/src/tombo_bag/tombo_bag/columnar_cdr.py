@@ -45,9 +45,6 @@ NUMBERS: dict[str, np.dtype[Any]] = {
     "float64": np.dtype("<f8"),
 }
 
-_MOST_LEAVES = 50_000
-"""Numbers of one message that stand alone, as those of the elements of a sequence of messages."""
-
 EMPTY_MEMBER = ("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))
 """What stands in a message without fields, such as std_msgs/Empty."""
 
@@ -306,10 +303,6 @@ class _Reader:
     def numbers(self, dtype: np.dtype[Any], count: int | None, path: str) -> None:
         if count != 0:
             self.align(dtype.itemsize)
-        if len(self.leaves) >= _MOST_LEAVES:
-            raise InputError(
-                f"message with more than {_MOST_LEAVES} numbers that have a name each"
-            )
         self.leaves.append(Leaf(path, dtype, count, self.position))
         self.skip(dtype.itemsize * (1 if count is None else count))
 

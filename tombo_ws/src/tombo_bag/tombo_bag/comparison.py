@@ -9,7 +9,7 @@ files, are not compared. NaN equals NaN, 0.0 does not equal -0.0.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -28,7 +28,6 @@ from tombo_dynamics.time_base import SECOND_NS
 PROCESS_TOPICS = ("/clock", "/diagnostics", "/events/write_split", "/parameter_events", "/rosout")
 """Topics about the processes that ran, not about the flight: compared only where asked for."""
 
-_RAW = "(bytes)"
 _NO_FIELDS = ("log_time_ns", "publish_time_ns", "stamp_ns")
 
 Rows = NDArray[np.intp]
@@ -188,12 +187,12 @@ def compare_recordings(a: str | Path, b: str | Path, topics: Sequence[str] = ())
             if name not in recorded:
                 raise unknown_name(f"topic in '{a}' and '{b}'", name, recorded)
         chosen = [n for n in recorded if n in topics or (not topics and n not in PROCESS_TOPICS)]
-        unread = _unread(((a, first), (b, second)), chosen)
+        first.load(chosen)
+        second.load(chosen)
+        unread = {**_unread(a, first, chosen), **_unread(b, second, chosen)}
         if unread and topics:
             raise InputError(next(iter(unread.values())))
         chosen = [name for name in chosen if name not in unread]
-        first.load(chosen)
-        second.load(chosen)
         compared = tuple(_compare(first, second, name) for name in chosen)
         return Comparison(
             compared,
@@ -207,18 +206,15 @@ def compare_recordings(a: str | Path, b: str | Path, topics: Sequence[str] = ())
         )
 
 
-def _unread(
-    recordings: Iterable[tuple[str | Path, Recording]], topics: Iterable[str]
-) -> dict[str, str]:
-    """Return topic → why it can't be read in one of the recordings."""
+def _unread(path: str | Path, recording: Recording, topics: Iterable[str]) -> dict[str, str]:
+    """Return topic → why its messages can't be read."""
     unread = {}
-    for path, recording in recordings:
-        for name in topics:
-            try:
-                if name in recording.topics:
-                    recording.columns(name)
-            except InputError as error:
-                unread[name] = f"'{path}': {error}"
+    for name in topics:
+        try:
+            if name in recording.topics:
+                recording.columns(name)
+        except InputError as error:
+            unread[name] = f"'{path}': {error}"
     return unread
 
 
@@ -238,7 +234,9 @@ def _epoch(first: Recording, second: Recording, topics: Iterable[str]) -> int:
 
 def _compare(first: Recording, second: Recording, topic: str) -> TopicComparison:
     types = (_type(first, topic), _type(second, topic))
-    tables = _tables(first, second, topic)
+    none = np.zeros(0, np.int64)
+    nothing: ColumnTable = {"log_time_ns": none, "publish_time_ns": none}
+    tables = [r.columns(topic) if topic in r.topics else nothing for r in (first, second)]
     stamps = [_stamps(table) for table in tables]
     result = TopicComparison(topic, types, len(stamps[0]), len(stamps[1]), stamps[0], stamps[1])
     if None in types or types[0] != types[1]:
@@ -278,29 +276,6 @@ def _compare(first: Recording, second: Recording, topic: str) -> TopicComparison
 def _type(recording: Recording, topic: str) -> str | None:
     stream = recording.topics.get(topic)
     return None if stream is None or not stream.count else stream.typename
-
-
-def _tables(first: Recording, second: Recording, topic: str) -> list[ColumnTable]:
-    """Return a topic of both as columns; of a type that can't be read, as bytes."""
-    none = np.zeros(0, np.int64)
-    nothing: ColumnTable = {"log_time_ns": none, "publish_time_ns": none}
-
-    def both(read: Callable[[Recording, str], ColumnTable]) -> list[ColumnTable]:
-        return [read(r, topic) if topic in r.topics else nothing for r in (first, second)]
-
-    try:
-        return both(Recording.columns)
-    except InputError:
-        return both(_bytes)
-
-
-def _bytes(recording: Recording, topic: str) -> ColumnTable:
-    raw = recording.messages(topic)
-    return {
-        "log_time_ns": raw.log_times_ns,
-        "publish_time_ns": raw.publish_times_ns,
-        _RAW: _ragged(np.frombuffer(message, np.uint8) for message in raw.messages),
-    }
 
 
 def _stamps(table: ColumnTable) -> Times:

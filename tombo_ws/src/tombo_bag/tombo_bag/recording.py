@@ -25,8 +25,8 @@ from tombo_bag.formats.rosbags_files import (
     RosbagsFile,
     SqliteReader,
 )
-from tombo_bag.formats.unpacking import Allowance, plausible_size, unpack, unpack_file
-from tombo_bag.schemas import Types, check_like_known
+from tombo_bag.formats.unpacking import Allowance, unpack, unpack_file
+from tombo_bag.schemas import Types
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.yaml_text import read_yaml
 
@@ -189,7 +189,6 @@ class Recording:
 
     def _table(self, topic: str, raw: RawMessages, typename: str, types: Types) -> dict[str, Any]:
         times = {"log_time_ns": raw.log_times_ns, "publish_time_ns": raw.publish_times_ns}
-        check_like_known(typename, types)
         try:
             return {**times, **columns_of(typename, raw.messages, types)}
         except InputError:
@@ -299,7 +298,7 @@ class Recording:
         if self._unpacked is None:
             self._unpacked = tempfile.TemporaryDirectory(prefix="tombo-")
         target = Path(self._unpacked.name) / path.name.removesuffix(".zstd")
-        allowance = Allowance.of_file(path, path.stat().st_size)
+        allowance = Allowance(path, path.stat().st_size)
         with path.open("rb") as source, target.open("wb") as out:
             wrong = unpack_file(source, out, allowance)
         if wrong:
@@ -326,14 +325,14 @@ def _plain(raw: RawMessages, path: Path) -> RawMessages:
     """Unpack messages that rosbag2 compressed one by one; CDR itself never starts like zstd."""
     if not raw.messages[0].startswith(ZSTD_MAGIC):
         return raw
-    allowance = Allowance.of_file(path, sum(map(len, raw.messages)))
+    allowance = Allowance(path, sum(map(len, raw.messages)))
     messages = [_unpacked(message, allowance) for message in raw.messages]
     return RawMessages(raw.log_times_ns, raw.publish_times_ns, messages)
 
 
 def _unpacked(message: bytes, allowance: Allowance) -> bytes:
     try:
-        plain: bytes = unpack("zstd", message, plausible_size(len(message)))
+        plain: bytes = unpack("zstd", message, allowance.left)
     except ValueError:
         return b""  # fits no type, and is counted as damage there
     allowance.take(len(plain))

@@ -189,45 +189,6 @@ def parse_schema(typename: str, text: str) -> Types:
         ) from error
 
 
-def check_like_known(typename: str, types: Types) -> None:
-    """Refuse a type that a file defines otherwise than ROS 2 and `tombo_msgs` do.
-
-    Fields may be missing or more, and numbers of another kind.
-
-    Raises:
-        InputError: a field of one is a number, of the other a text, a message or an array.
-    """
-    known = known_types()
-    if types is known:
-        return
-    left, seen = [typename], set()
-    while left:
-        name = left.pop()
-        if name in seen or name not in known or name not in types:
-            continue
-        seen.add(name)
-        file_fields = dict(types[name][1])
-        for field, descriptor in known[name][1]:
-            in_file = file_fields.get(field)
-            if in_file is not None and _shape(in_file) != _shape(descriptor):
-                raise InputError(
-                    f"type {name} has a field '{field}' in this file that is not that of ROS 2; "
-                    "accepted: the standard definition"
-                )
-            left += [name for name in [named_type(descriptor)] if name is not None]
-
-
-def _shape(descriptor: Any) -> Any:
-    """Return what makes the columns of a field: all numbers are alike."""
-    kind, content = descriptor
-    if kind == Nodetype.BASE:
-        return "text" if content[0] == "string" else "number"
-    if kind == Nodetype.NAME:
-        return str(content)
-    element, count = content
-    return _shape(element), count if kind == Nodetype.ARRAY else None
-
-
 @cache
 def extended_store(typename: str, text: str) -> Typestore:
     """Return a type store of its own with a type as it stands in a file, and all it depends on.

@@ -177,7 +177,6 @@ def test_after_kill_9_all_but_the_last_second_is_there(start, world, tmp_path):
     assert len(table["log_time_ns"]) >= old > 10
     x = table["angular_velocity.x"]
     np.testing.assert_array_equal(x, np.arange(len(x)))
-    assert bag.damage[0].from_ns >= table["log_time_ns"][-1]
 
     time.sleep(0.7)  # nothing comes any more, and still what came is written
     quiet.process.kill()

@@ -196,7 +196,7 @@ class RecorderNode(LoopNode):
         clock = time.monotonic_ns()
         if clock - self._written_at >= FLUSH_NS:
             self._written_at = clock
-            self._guarded(lambda: self.sink.flush(now_ns))
+            self._guarded(self.sink.flush)
         elif clock - self._searched_at >= SEARCH_PERIOD_NS:
             self._searched_at = clock
             self._discover_publishers()

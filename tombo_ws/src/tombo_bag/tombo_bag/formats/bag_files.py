@@ -16,10 +16,6 @@ from tombo_dynamics.errors import InputError
 
 READABLE = "an MCAP file, a rosbag2 folder, an SQLite .db3 or a ROS 1 .bag"
 
-LATEST_NS = 1 << 62
-"""Times [ns] from here on, after the year 2116, are damage; differences of those before it are
-within what int64 holds."""
-
 
 @dataclass(frozen=True)
 class TopicSummary:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.formats.bag_files import LATEST_NS, BagFile, RawMessages, TopicSummary, in_log_order
+from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, in_log_order
 from tombo_bag.formats.chunks import HEAD, MAGIC
 from tombo_bag.formats.scan import (
     ChunkPlace,
@@ -18,10 +18,9 @@ from tombo_bag.formats.scan import (
     extract_messages,
     index_chunk,
     open_chunk,
-    refine_truncation,
     walk,
 )
-from tombo_bag.formats.unpacking import Allowance, implausible, memory_limit, plausible_size
+from tombo_bag.formats.unpacking import Allowance
 from tombo_bag.schemas import Types, parse_schema
 from tombo_dynamics.errors import InputError
 
@@ -45,17 +44,11 @@ class Bag(BagFile):
         self.path = Path(path)
         contents = _contents(self.path)
         self._map = walk(contents)
-        self._largest = plausible_size(len(contents))
-        allowance = Allowance(self.path, self._largest)
-        for place in self._map.chunks:
-            if place.compression and not implausible(place.size, len(contents)):
-                allowance.take(place.size)
+        self._size = len(contents)
         unannounced = not self._map.finished or not self._map.channels
         for place in self._map.chunks:
             if place.offset and (check or unannounced or place.index is None):
                 place.index = index_chunk(self._open(place), self._map)
-                if not place.whole:
-                    refine_truncation(self._map, place)
         self.damage: list[Damage] = self._map.damage
         self.metadata = {record.name: record.metadata for record in self._map.metadata}
         self._numbers: dict[str, list[int]] = {}
@@ -66,16 +59,19 @@ class Bag(BagFile):
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
         """Read the messages of some topics, each chunk once."""
         here = [topic for topic in topics if topic in self.topics]
-        topic_of = {number: topic for topic in here for number in self._channels_of(topic)}
+        topic_of = {number: topic for topic in here for number in self._numbers[topic]}
         heads: dict[str, list[NDArray[np.void]]] = {topic: [] for topic in here}
         messages: dict[str, list[bytes]] = {topic: [] for topic in here}
-        allowance = Allowance(self.path, memory_limit())
+        allowance = Allowance(self.path, self._size)
         for number, head, part in self._pieces(tuple(topic_of)):
             allowance.take(int(head["length"].sum()))
             heads[topic_of[number]].append(head)
             messages[topic_of[number]] += part
         joined = {t: np.concatenate([np.empty(0, HEAD), *parts]) for t, parts in heads.items()}
-        return {topic: self._in_order(topic, joined[topic], messages[topic]) for topic in here}
+        return {
+            topic: in_log_order(of["log_time"], of["publish_time"], messages[topic])
+            for topic, of in joined.items()
+        }
 
     def damage_lines(self) -> list[str]:
         """Say what could not be read so far; of several damaged chunks how many, and the first."""
@@ -87,22 +83,9 @@ class Bag(BagFile):
         lines = [str(damage) for damage in self.damage if damage not in broken]
         return [f"{len(broken)} of {len(chunks)} chunks damaged, first the {first}", *lines]
 
-    def _in_order(self, topic: str, heads: NDArray[np.void], messages: list[bytes]) -> RawMessages:
-        """Return messages in order of log time; without those of no time that there is."""
-        possible = heads["log_time"] < LATEST_NS
-        if not possible.all():
-            lost = int((~possible).sum())
-            text = f"{lost} messages of {topic} have a log time after the year 2116: left out"
-            if all(known.text != text for known in self._map.damage):
-                self._map.damage.append(Damage("corrupt", 0, 0, None, None, text))
-            heads = heads[possible]
-            messages = [messages[i] for i in np.flatnonzero(possible).tolist()]
-        log, publish = heads["log_time"], heads["publish_time"]
-        return in_log_order(log, np.where(publish < LATEST_NS, publish, log), messages)
-
     def types(self, topic: str) -> Types:
         """Return a topic's type as the file itself describes it, else as ROS 2 Jazzy does."""
-        channel = self._map.channels[self._channels_of(topic)[0]]
+        channel = self._map.channels[self._numbers[topic][0]]
         schema = self._map.schemas.get(channel.schema_id)
         if channel.message_encoding != "cdr" or schema is None:
             raise InputError(
@@ -118,9 +101,8 @@ class Bag(BagFile):
         rows_of: dict[int, list[NDArray[np.uint64]]] = {}
         for place in self._map.chunks:
             for number, found in (place.index or {}).items():
-                times = found[found[:, 0] < LATEST_NS, 0]
-                if len(times):
-                    rows_of.setdefault(number, []).append(times)
+                if len(found):
+                    rows_of.setdefault(number, []).append(found[:, 0])
         for name, numbers in sorted(self._numbers.items()):
             rows = [times for number in numbers for times in rows_of.get(number, ())]
             schema = self._map.schemas.get(self._map.channels[numbers[0]].schema_id)
@@ -150,15 +132,12 @@ class Bag(BagFile):
                     yield number, *piece
 
     def _open(self, place: ChunkPlace) -> bytes | memoryview:
-        data, damage = open_chunk(place, self._largest)
+        data, damage = open_chunk(place, Allowance(self.path, self._size).left)
         if damage is not None:
             place.index = {}
             if all(known.offset != damage.offset for known in self._map.damage):
                 self._map.damage.append(damage)
         return data
-
-    def _channels_of(self, topic: str) -> list[int]:
-        return self._numbers[topic]
 
 
 def _contents(path: Path) -> memoryview:

@@ -72,7 +72,6 @@ class _Topic:
     channel: int
     padded: bool = False
     waiting: Waiting = field(default_factory=list)
-    held: Waiting = field(default_factory=list)
 
 
 class RollingSink:
@@ -144,7 +143,7 @@ class RollingSink:
     @property
     def unwritten(self) -> int:
         """Messages that were taken but could not be written: the disk was full or failed."""
-        waiting = sum(len(topic.waiting) + len(topic.held) for topic in self._topics.values())
+        waiting = sum(len(topic.waiting) for topic in self._topics.values())
         return self._received - self.messages - waiting
 
     def add_topic(self, name: str, typename: str, qos: Qos) -> None:
@@ -172,12 +171,8 @@ class RollingSink:
         self._topics[topic].waiting.append((log_time_ns, publish_time_ns, message))
         self._received += 1
 
-    def flush(self, before_ns: int | None = None) -> None:
+    def flush(self) -> None:
         """Hand what waits to the system.
-
-        Args:
-            before_ns: a log time up to which all messages are here. Later ones wait for the next
-                flush, but not longer, so that chunks follow each other without overlap.
 
         Raises:
             OSError: the disk is full or failed. The messages are given up and counted as
@@ -185,13 +180,9 @@ class RollingSink:
         """
         batch: dict[str, Waiting] = {}
         for name, topic in self._topics.items():
-            ready, topic.held = topic.held, []
-            for item in topic.waiting:
-                (ready if before_ns is None or item[0] < before_ns else topic.held).append(item)
-            topic.waiting = []
-            if ready:
-                ready.sort(key=lambda item: item[0])
-                batch[name] = ready
+            if topic.waiting:
+                batch[name] = sorted(topic.waiting, key=lambda item: item[0])
+                topic.waiting = []
         while batch:
             batch = self._write(batch)
 

@@ -23,8 +23,8 @@ from rosbags.rosbag1 import reader as rosbag1
 from rosbags.rosbag1.reader import Header, IndexData, ReaderError, RecordType
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
-from tombo_bag.formats.bag_files import LATEST_NS, BagFile, RawMessages, TopicSummary, in_log_order
-from tombo_bag.formats.unpacking import Allowance, memory_limit, plausible_size, unpack
+from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, in_log_order
+from tombo_bag.formats.unpacking import Allowance, unpack
 from tombo_bag.schemas import Types, extended_store, known_types, parse_schema, type_store
 from tombo_dynamics.errors import InputError
 
@@ -34,12 +34,6 @@ if TYPE_CHECKING:
 SQLITE_MAGIC = b"SQLite format 3\0"
 ROS1_MAGIC = b"#ROSBAG V2.0\n"
 _TABLES = ("schema", "metadata", "topics", "message_definitions", "messages")
-_PROPER = (
-    f"typeof(timestamp) = 'integer' AND timestamp BETWEEN 0 AND {LATEST_NS - 1} "
-    "AND typeof(data) = 'blob'"
-)
-"""Rows that are messages; SQLite takes any value in any column."""
-
 Extent: TypeAlias = tuple[int, int, int]
 """Number of messages, first and last log time [ns]."""
 
@@ -93,9 +87,7 @@ class SqliteReader(Sqlite3Reader):
         """Return number of a topic → its messages."""
         columns = "topic_id, count(*), min(timestamp), max(timestamp)"
         assert self.dbconn is not None
-        rows: Any = self.dbconn.execute(
-            f"SELECT {columns} FROM messages WHERE {_PROPER} GROUP BY topic_id"
-        )
+        rows: Any = self.dbconn.execute(f"SELECT {columns} FROM messages GROUP BY topic_id")
         return {number: (count, first, last) for number, count, first, last in rows}
 
 
@@ -142,7 +134,7 @@ class Ros1Reader(rosbag1.Reader):
         header = Header.read(self.bio)
         self.bio.seek(place)
         how, stated = header.get_string("compression"), header.get_uint32("size")
-        size = min(stated, plausible_size(self.path.stat().st_size))
+        size = min(stated, Allowance(self.path, self.path.stat().st_size).left)
         return super().read_chunk()._replace(decompressor=lambda data: unpack(how, data, size))
 
     def mend(self) -> list[str]:
@@ -278,10 +270,10 @@ class RosbagsFile(BagFile):
         times: dict[str, list[int]] = {topic: [] for topic in topics}
         messages: dict[str, list[bytes]] = {topic: [] for topic in topics}
         lost: Counter[str] = Counter()
-        allowance = Allowance(self.path, memory_limit())
+        allowance = Allowance(self.path, self.path.stat().st_size)
         connections = [c for c in self._reader.connections if c.topic in times]
         for connection, time, data in self._reader.messages(connections) if connections else ():
-            message = self._as_cdr(connection, time, data)
+            message = self._as_cdr(connection, data)
             if message is None:
                 lost[connection.topic] += 1
                 continue
@@ -292,9 +284,7 @@ class RosbagsFile(BagFile):
             self.damage.append(f"{count} rows of topic {topic} are no messages of its type")
         return {t: in_log_order(times[t], times[t], messages[t]) for t in topics}
 
-    def _as_cdr(self, connection: Connection, time: object, data: object) -> bytes | None:
-        if not (isinstance(time, int) and 0 <= time < LATEST_NS and isinstance(data, bytes)):
-            return None
+    def _as_cdr(self, connection: Connection, data: bytes) -> bytes | None:
         if isinstance(self._reader, SqliteReader):
             return data
         store = self._store(connection.topic)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from io import BytesIO
 
 import numpy as np
@@ -38,17 +38,11 @@ class Damage:
         kind: `cut off` (the file ends too early), `not finished` (whole, but never closed) or
             `corrupt` (bytes are not what was written).
         offset: first byte of the file that is affected.
-        size: number of bytes from there that give no, or no checked, messages.
-        from_ns: log time from which messages may be missing; None if not known.
-        to_ns: log time up to which messages may be missing; None if not known.
         text: the same in one line, for a person.
     """
 
     kind: str
     offset: int
-    size: int
-    from_ns: int | None
-    to_ns: int | None
     text: str
 
     def __str__(self) -> str:
@@ -170,30 +164,33 @@ def _chunk(file_map: FileMap, at: int, body: memoryview, *, whole: bool) -> None
 def _stopped(file_map: FileMap, file: memoryview, at: int) -> Damage:
     """Describe why the walk did not end with footer and magic."""
     lost = max(len(file) - at, 0)
+    last = file_map.chunks[-1] if file_map.chunks else None
+    opcode, length = _RECORD.unpack_from(file, at) if lost >= PREFIX_SIZE else (None, 0)
+    kind = "cut off"
     if file_map.data_ended:
         text = f"all messages are there, but the summary is damaged from byte {at}"
-        return Damage("cut off", at, lost, None, None, text)
-    last = file_map.chunks[-1] if file_map.chunks else None
-    if last is not None and not last.whole:
+    elif last is not None and not last.whole:
         text = f"file cut off at byte {len(file)}, inside {last}"
-        return Damage("cut off", at, lost, last.start_ns, last.end_ns, text)
-    since = None if last is None else last.end_ns
-    if lost == 0:
+    elif lost == 0:
+        kind = "not finished"
         text = f"file ends at byte {at} without its summary: the writer was not closed"
-        return Damage("not finished", at, 0, since, None, text)
-    opcode, length = _RECORD.unpack_from(file, at) if lost >= PREFIX_SIZE else (None, 0)
-    if opcode is None or (0 < opcode <= Opcode.DATA_END and at + PREFIX_SIZE + length > len(file)):
+    elif opcode is None or (
+        0 < opcode <= Opcode.DATA_END and at + PREFIX_SIZE + length > len(file)
+    ):
         text = f"file cut off at byte {len(file)}, inside the record that starts at byte {at}"
-        return Damage("cut off", at, lost, since, None, text)
-    text = f"no MCAP record at byte {at}: the {lost} bytes from there can't be read"
-    return Damage("corrupt", at, lost, since, None, text)
+    else:
+        kind = "corrupt"
+        text = f"no MCAP record at byte {at}: the {lost} bytes from there can't be read"
+    return Damage(kind, at, text)
 
 
 def open_chunk(place: ChunkPlace, largest: int) -> tuple[bytes | memoryview, Damage | None]:
     """Decompress a chunk of at most `largest` bytes, as far as it is there, and check it."""
     why = ""
     try:
-        data = unpack(place.compression, place.data, min(place.size, largest))
+        if place.size > largest:
+            raise ValueError(f"it states {place.size} bytes; more only with --unpack-limit")
+        data = unpack(place.compression, place.data, place.size)
         if not place.whole:
             return data, None
         if len(data) != place.size:
@@ -204,19 +201,7 @@ def open_chunk(place: ChunkPlace, largest: int) -> tuple[bytes | memoryview, Dam
         why = str(error)
     if not why:
         return data, None
-    size, text = PREFIX_SIZE + len(place.data), f"{place} is corrupt: {why}"
-    return b"", Damage("corrupt", place.offset, size, place.start_ns, place.end_ns, text)
-
-
-def refine_truncation(file_map: FileMap, place: ChunkPlace) -> None:
-    """Say in the damage of a chunk that was cut off how far its messages could be read."""
-    times = [int(rows[:, 0].max()) for rows in (place.index or {}).values()]
-    if not times:
-        return
-    for i, damage in enumerate(file_map.damage):
-        if damage.offset == place.offset and damage.kind == "cut off":
-            text = f"{damage.text}; its messages up to {max(times)} ns are read, unchecked"
-            file_map.damage[i] = replace(damage, from_ns=max(times), text=text)
+    return b"", Damage("corrupt", place.offset, f"{place} is corrupt: {why}")
 
 
 def index_chunk(data: bytes | memoryview, file_map: FileMap) -> dict[int, NDArray[np.uint64]]:

@@ -13,7 +13,6 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -52,33 +51,14 @@ def memory_limit() -> int:
     return int(_SHARE * (memory if allowed < 0 else min(memory, allowed)))
 
 
-def plausible_size(packed: int) -> int:
-    """Return to how many bytes `packed` bytes may be unpacked in all, if piece by piece."""
-    given = _GIVEN.get()
-    return max(_PLAIN, _RATIO * packed) if given is None else given
-
-
-def implausible(size: int, packed: int) -> bool:
-    """Return whether a part that states this size is damaged: it is left out."""
-    return _GIVEN.get() is None and size > plausible_size(packed)
-
-
-@dataclass
 class Allowance:
-    """Bytes that one file may still be unpacked to, or its messages may still take.
+    """How many bytes `packed` bytes of a file may still be unpacked to."""
 
-    Attributes:
-        path: the file.
-        left: [bytes].
-    """
-
-    path: Path
-    left: int
-
-    @staticmethod
-    def of_file(path: Path, packed: int) -> Allowance:
-        """Return the allowance of `packed` bytes that, unpacked, stay in memory or on disk."""
-        return Allowance(path, min(memory_limit(), plausible_size(packed)))
+    def __init__(self, path: Path, packed: int) -> None:
+        self.path = path
+        given = _GIVEN.get()
+        plausible = max(_PLAIN, _RATIO * packed)
+        self.left = min(memory_limit(), plausible) if given is None else given
 
     def take(self, size: int) -> None:
         """Count some bytes.

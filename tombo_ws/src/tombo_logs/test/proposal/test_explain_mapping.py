@@ -72,7 +72,7 @@ def test_a_place_without_attitude_is_the_vehicles_and_in_its_unit(beside):
 
 
 def test_the_stamp_of_the_header_is_the_time_before_that_of_arrival():
-    """As `rostopic echo -p` names them; what the motion does not tell is not stated as a number."""
+    """As `rostopic echo -p` names them; without a gyro no share of it is stated."""
     columns = {"time": 1e9 * tables.T + 7e6, "field.header.stamp": 1e9 * tables.T}
     columns |= tables.named([f"field.pose.position.{a}" for a in "xyz"], tables.P)
     columns |= tables.named([f"field.pose.orientation.{a}" for a in "xyzw"], tables.Q)
