@@ -19,7 +19,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.spans import merged, sample_interval
+from tombo_logs.checks.spans import interpolated, merged, sample_interval
 from tombo_logs.checks.track_smoothing import smooth_track
 
 EXPONENT = {"rotor_speed": (2.0, 0.15), "rotor_command": (2.0, 0.15), "motor_command": (1.0, 0.3)}
@@ -168,7 +168,7 @@ def _load_factor(series: Mapping[str, Series], t: Array) -> Array:
 
 
 def _at(series: Series, t: Array) -> Array:
-    return np.column_stack([np.interp(t, series.t, v) for v in series.values.T])
+    return interpolated(t, series.t, series.values)
 
 
 def _attitude(series: Series, t: Array) -> Rotation:
@@ -233,10 +233,7 @@ def _trail(flight: AirborneFlight, curve: DriveCurve) -> Array:
     t = command.t[(command.values > 0.0).all(axis=1)]
     position = series["position"]
     half = 0.5 * _SPEED_S
-    ends = [
-        np.column_stack([np.interp(t + d, position.t, v) for v in position.values[:, :2].T])
-        for d in (-half, half)
-    ]
+    ends = [interpolated(t + d, position.t, position.values[:, :2]) for d in (-half, half)]
     speed = (ends[1] - ends[0]) / _SPEED_S
     if "attitude" in series:
         ahead = _attitude(series["attitude"], t).apply([1.0, 0.0, 0.0])
@@ -259,7 +256,7 @@ def _swing(track: Sequence[Series]) -> float:
         if step <= 0.0 or 0.5 / step < 1.2 * _SWING_HZ[1] or s.t[-1] - s.t[0] < _SHORTEST_S - 1.5:
             continue
         t = np.arange(s.t[0], s.t[-1], step)
-        even = np.column_stack([np.interp(t, s.t, v) for v in s.values.T])
+        even = interpolated(t, s.t, s.values)
         sos = butter(2, _SWING_HZ, "band", fs=1.0 / step, output="sos")
         second = np.gradient(
             np.gradient(sosfiltfilt(sos, even, axis=0), step, axis=0), step, axis=0
@@ -276,7 +273,7 @@ def _band(parts: Sequence[Series], low: float, factor: float) -> float:
         if step <= 0.0 or 0.5 / step < 2.0 * low:
             continue
         t = np.arange(s.t[0], s.t[-1], step)
-        even = np.column_stack([np.interp(t, s.t, v) for v in s.values.T])
+        even = interpolated(t, s.t, s.values)
         sos = butter(4, low, "high", fs=1.0 / step, output="sos")
         out.append(factor * sosfiltfilt(sos, even, axis=0))
     return _log_rms(out)

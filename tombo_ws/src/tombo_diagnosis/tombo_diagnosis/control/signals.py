@@ -18,7 +18,7 @@ from tombo_dynamics.rotor_maps import RotorMaps, rotor_thrust
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 from tombo_logs.checks.ground import ground_spans
 from tombo_logs.checks.series_cleaning import clean_series, nothing_left
-from tombo_logs.checks.spans import Mask, inside, sample_interval
+from tombo_logs.checks.spans import Mask, inside, interpolated, sample_interval
 from tombo_logs.readers.frames import is_usable
 
 _RATE: Final = (50.0, 1000.0)
@@ -169,7 +169,7 @@ def _optional(
 
 
 def _linear(series: Series, t: Array) -> Array:
-    return np.column_stack([np.interp(t, series.t, v) for v in series.values.T])
+    return interpolated(t, series.t, series.values)
 
 
 def _held(series: Series, t: Array, arrived: bool = False) -> Array:

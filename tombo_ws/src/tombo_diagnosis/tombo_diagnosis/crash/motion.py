@@ -24,7 +24,14 @@ from tombo_logs.checks.frozen_values import interpolated_spans
 from tombo_logs.checks.ground import ground_spans
 from tombo_logs.checks.recording import recorded
 from tombo_logs.checks.series_cleaning import nothing_left
-from tombo_logs.checks.spans import Mask, block_means, check_extent, inside, sample_interval
+from tombo_logs.checks.spans import (
+    Mask,
+    block_means,
+    check_extent,
+    inside,
+    interpolated,
+    sample_interval,
+)
 from tombo_logs.checks.track_smoothing import SmoothTrack, smooth_track
 from tombo_logs.readers.frames import is_usable
 
@@ -124,7 +131,7 @@ def crash_motion(log: Flight) -> CrashMotion:
     t = np.arange(position.t[0], end, 1.0 / RATE)
     track = smooth_track(position)
     seen = _known(position, t)
-    place, speed, pushed = (_at(track.t, x, t) for x in _track_parts(track))
+    place, speed, pushed = (interpolated(t, track.t, x) for x in _track_parts(track))
     flying = ~inside(t, ground_spans(position, series))
     if np.count_nonzero(flying) < RATE:
         flying = np.ones(t.size, np.bool_)
@@ -154,7 +161,7 @@ def crash_motion(log: Flight) -> CrashMotion:
     controlled = control_signals(log, None)
     course: Array = np.zeros((t.size, 2))
     if controlled is not None:
-        course = _at(controlled.t, course_rates(controlled), t)
+        course = interpolated(t, controlled.t, course_rates(controlled))
     return CrashMotion(
         log, series, track, t, place[:, 2], speed, pushed, lean, rates, force, demand,
         flying, seen, even, learnt, controlled, course, missing,
@@ -177,10 +184,6 @@ def _track_parts(track: SmoothTrack) -> tuple[Array, Array, Array]:
     return track.position, track.velocity, track.acceleration
 
 
-def _at(stamps: Array, values: Array, t: Array) -> Array:
-    return np.column_stack([np.interp(t, stamps, v) for v in values.T])
-
-
 def _known(series: Series, t: Array) -> Mask:
     """Return where a sample is near."""
     after = np.clip(np.searchsorted(series.t, t), 1, series.t.size - 1)
@@ -192,7 +195,7 @@ def _smooth(series: Series, t: Array, sigma: float) -> Array:
     """Return a channel on the clock behind a Gaussian [s]; NaN where it is not known."""
     every = max(round(1.0 / RATE / max(sample_interval(series.t), 1e-6)), 1)
     every = min(every, series.t.size)
-    values = _at(block_means(series.t, every), block_means(series.values, every), t)
+    values = interpolated(t, block_means(series.t, every), block_means(series.values, every))
     out = gaussian_filter1d(values, sigma * RATE, axis=0)
     out[~_known(series, t)] = np.nan
     return np.asarray(out)
@@ -203,7 +206,7 @@ def _attitude(series: Mapping[str, Series], t: Array) -> tuple[Array, Array]:
     attitude = series.get("attitude")
     if attitude is None:
         return np.tile(np.eye(3), (t.size, 1, 1)), np.full((t.size, 3), np.nan)
-    q = _at(attitude.t, attitude.values, t)
+    q = interpolated(t, attitude.t, attitude.values)
     turns = Rotation.from_quat(q / np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9))
     steps = np.zeros((t.size, 3))
     steps[1:] = (turns[:-1].inv() * turns[1:]).as_rotvec() * RATE

@@ -17,7 +17,7 @@ from tombo_diagnosis.crash.motion import RATE, CrashMotion
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES
 from tombo_logs.checks.clocks.gaps import gap_spans
-from tombo_logs.checks.spans import Mask, runs, sample_interval
+from tombo_logs.checks.spans import Mask, interpolated, runs, sample_interval
 
 IntArray = NDArray[np.int64]
 OFF: Final = 0.15
@@ -169,8 +169,8 @@ def _rotor_behind(m: CrashMotion) -> Iterator[Sign]:
     speed, command = m.series.get("rotor_speed"), m.series.get("rotor_command")
     if speed is None or command is None:
         return
-    got = np.column_stack([np.interp(m.t, speed.t, v) for v in speed.values.T])
-    asked = np.column_stack([np.interp(m.t, command.t, v) for v in command.values.T])
+    got = interpolated(m.t, speed.t, speed.values)
+    asked = interpolated(m.t, command.t, command.values)
     width = round(_LATELY_S * RATE)
     least = np.column_stack([_least_lately(a, width) for a in asked.T])
     ratio = got / np.maximum(least, 1e-6)

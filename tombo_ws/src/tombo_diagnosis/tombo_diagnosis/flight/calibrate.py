@@ -17,13 +17,14 @@ from scipy.spatial.transform import Rotation
 
 from tombo_bag.channels import DRIVES, ROTOR_SPEEDS
 from tombo_bag.flight import Airframe, Flight, Series, why_left_out
-from tombo_diagnosis.flight.fit.track import Track, interpolated, track_of
+from tombo_diagnosis.flight.fit.track import Track, track_of
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES, VehicleParams
 from tombo_logs.checks.motion import motion_of
+from tombo_logs.checks.spans import interpolated
 from tombo_logs.checks.wind import DRAG_KNOWN, USUAL_DRAG, Push, push_of
 
 HOVER_SPEED = 1000.0
@@ -199,9 +200,7 @@ def _with_asked_speeds(log: Flight) -> Flight:
         return log
     speed = log.series["rotor_speed"]
     good = np.isfinite(speed.values).all(axis=1)
-    asked = np.column_stack(
-        [np.interp(command.t, speed.t[good], speed.values[good, i]) for i in range(4)]
-    )
+    asked = interpolated(command.t, speed.t[good], speed.values[good])
     finite = np.isfinite(command.values).all(axis=1)
     x = command.values[finite].ravel()
     slope, offset = np.polyfit(x, asked[finite].ravel(), 1) if np.ptp(x) > 0.0 else (0.0, 0.0)

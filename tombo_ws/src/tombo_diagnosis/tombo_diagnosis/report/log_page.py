@@ -35,6 +35,7 @@ from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.page import Card, Page, Picture, Section, Table, Text
+from tombo_logs.checks.spans import interpolated
 
 MOST_LOGS: Final = 6
 _COLOURS: Final = (
@@ -252,7 +253,7 @@ def spectrum_of(series: Series) -> tuple[Array, Array] | None:
     if not 256 <= (t[-1] - t[0]) * rate <= 20 * len(t):
         return None
     even = np.arange(t[0], t[-1], 1.0 / rate)
-    evened = np.stack([np.interp(even, t, column) for column in values.T], axis=1)
+    evened = interpolated(even, t, values)
     frequency, power = welch(evened, rate, nperseg=min(1024, len(even)), axis=0)
     return frequency, power
 

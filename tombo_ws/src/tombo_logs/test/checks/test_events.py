@@ -252,13 +252,6 @@ def test_rotor_speeds_against_commands(change, severity, texts):
     assert ("rotor_speed" in checked.series) == (severity == "warning")
 
 
-def test_rotor_order_is_found_from_commands_without_gyro():
-    flight = with_values(FLIGHT, "rotor_speed", lambda s: s[:, [1, 0, 2, 3]])
-    checked = check_log(with_series(flight, gyro=None))
-    assert wrote(checked, "in the order rear_left, front_right, front_left")
-    assert "rotor_speed" not in checked.series
-
-
 def test_commands_in_another_order_are_told_by_the_gyro():
     """As a Crazyflie numbers its motors: clockwise from front right."""
     flight = with_series(FLIGHT, rotor_speed=None)
@@ -272,11 +265,3 @@ def test_saturated_motors_are_said():
     flight = with_values(FLIGHT, "rotor_command", lambda s: np.minimum(s, 404.0))
     (said,) = found(check_log(flight), "saturation")
     assert "rotor_command" in said.message and "%" in said.message
-
-
-def test_motor_commands_have_a_range():
-    command = FLIGHT.series["rotor_command"]
-    pwm = Series(command.t, 1000.0 + command.values)
-    checked = check_log(with_series(FLIGHT, motor_command=pwm))
-    assert "motor_command" not in checked.series
-    assert wrote(checked, "motor_command: values from", "expected: 0 to 1")

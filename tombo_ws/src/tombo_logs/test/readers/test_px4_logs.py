@@ -97,21 +97,6 @@ def test_a_cut_log_is_read_as_far_as_it_goes_or_refused_in_a_line(path, share, c
     assert capsys.readouterr().out == ""
 
 
-def test_bytes_that_are_wrong_are_survived(path):
-    write_ulog(path, FLIGHT)
-    whole = bytearray(path.read_bytes())
-    rng = np.random.default_rng(4)
-    for _ in range(20):
-        bad = whole.copy()
-        for at in rng.integers(24, len(bad), 30):
-            bad[at] = int(rng.integers(256))
-        path.write_bytes(bytes(bad))
-        try:
-            read_ulog(path, "a")
-        except InputError as error:
-            assert "\n" not in str(error)
-
-
 def test_what_px4_asked_for_and_its_modes_come_along(path):
     out = write_ulog(path, FLIGHT)
     stamps = np.array([3_000_000, 5_000_000])

@@ -65,13 +65,6 @@ def test_two_topics_that_could_be_it_are_left_out_and_said(tmp_path):
     assert any("/a/esc and /b/esc could be it" in f.message for f in log.findings)
 
 
-def test_six_rotors_are_not_taken_for_four(tmp_path):
-    six = "/hexa/command/motor_speed", "mav_msgs/msg/Actuators", SPEED.t
-    fields = {"angular_velocities": np.full(6, 500.0)}
-    log = read_bag(write_foreign(tmp_path / "a", [pose(FLIGHT), (*six, lambda i: fields)]), "a")
-    assert set(log.series) == {"position", "attitude"}
-
-
 def px4_streams():
     """Poses, commands and speeds as PX4 sends them: NED and FRD, its own clock in us."""
     p, q = FLIGHT.series["position"], FLIGHT.series["attitude"].values

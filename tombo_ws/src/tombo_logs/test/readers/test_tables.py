@@ -108,13 +108,6 @@ def test_a_header_may_stand_behind_a_mark_with_texts_in_the_rows(tmp_path, mark,
     close(log.series["position"].values, FLIGHT.series["position"].values)
 
 
-def test_infinite_values_are_gaps(tmp_path):
-    lines = table_text(FLIGHT, POSE).splitlines()
-    lines[7] = lines[7].replace(lines[7].split(",")[1], "-inf")
-    position = read_csv(written(tmp_path / "a.csv", "\n".join(lines)), "a").series["position"]
-    assert np.isnan(position.values[6, 0]) and np.isfinite(np.delete(position.values, 6, 0)).all()
-
-
 def test_a_minus_before_a_column_and_a_scale_turn_it_round(tmp_path):
     slow = {
         f"w{i}": 0.1 * column for i, column in enumerate(FLIGHT.series["rotor_speed"].values.T)
@@ -199,15 +192,6 @@ def test_turn_deg_takes_a_rigid_body_back_to_base_link(tmp_path):
     turn = off.inv().as_euler("xyz", degrees=True).tolist()
     log = read(path, f"time: t\nturn_deg: {turn}\nchannels:{COLUMNS}")
     same_turns(log.series["attitude"].values, Q)
-
-
-def test_axes_of_the_imu_alone(tmp_path):
-    path = posed(tmp_path / "a.csv", P, Q, **numbered("g", GYRO[:, [1, 0, 2]] * [1, -1, 1]))
-    text = (
-        f"time: t\nchannels:{COLUMNS}"
-        "  gyro: {columns: [g0, g1, g2], unit: rad/s, axes: [-y, x, z]}\n"
-    )
-    close(read(path, text).series["gyro"].values, GYRO)
 
 
 def test_a_channel_may_have_stamps_and_arrivals_of_its_own(tmp_path):

@@ -21,7 +21,7 @@ from tombo_logs.checks.pose_imu_consistency import (
     time_offset,
 )
 from tombo_logs.checks.scales import gyro_scales
-from tombo_logs.checks.spans import Mask
+from tombo_logs.checks.spans import Mask, interpolated
 from tombo_logs.checks.unit_mistakes import guess
 
 _DRAG_SEEN = 0.9
@@ -109,7 +109,7 @@ def gyro_about_map(flight: str, motion: Motion) -> list[Finding]:
     gyro = motion.gyro[good] - motion.gyro[good].mean(axis=0)
     left = []
     for rates in (motion.rates, in_map):
-        moved = np.column_stack([np.interp(t + lag, t, c) for c in rates.T])[good]
+        moved = interpolated(t + lag, t, rates)[good]
         left.append(float(np.mean((gyro - moved + moved.mean(axis=0)) ** 2)))
     shares = 1.0 - np.array(left) / max(float(np.mean(gyro**2)), 1e-12)
     # a body defined yawed is common, and at one heading it looks the same

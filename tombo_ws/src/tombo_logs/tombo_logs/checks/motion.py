@@ -12,7 +12,7 @@ from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, quaternion_multiply, unwrap_quaternions
 from tombo_logs.checks.clocks.gaps import gap_spans
-from tombo_logs.checks.spans import Mask, Span, check_extent, inside
+from tombo_logs.checks.spans import Mask, Span, check_extent, inside, interpolated
 from tombo_logs.readers.frames import is_usable
 
 RATE = 50.0
@@ -95,7 +95,7 @@ def _sampled(series: Series, t: Array) -> Array:
     """Return values at `t`: means over a step of `t` where there are many, else straight lines."""
     stamps, values = series.t, series.values
     if stamps.size < 2 or np.median(np.diff(stamps)) > 0.5 / RATE:
-        return np.column_stack([np.interp(t, stamps, column) for column in values.T])
+        return interpolated(t, stamps, values)
     edges = np.concatenate([t - 0.5 / RATE, t[-1:] + 0.5 / RATE])
     areas = []
     for column in values.T:
@@ -115,7 +115,7 @@ def in_body(rates: Series, attitude: Series) -> Series:
     """Return rates about the axes of map (N, 3) about those of the body."""
     usable = is_usable(attitude.values)
     turns = Series(attitude.t[usable], unwrap_quaternions(attitude.values[usable]))
-    q = np.column_stack([np.interp(rates.t, turns.t, c) for c in turns.values.T])
+    q = interpolated(rates.t, turns.t, turns.values)
     q /= np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9)
     values = np.asarray(Rotation.from_quat(q).inv().apply(rates.values))
     return Series(rates.t, values, rates.arrival)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.motion import INDEPENDENT, RATE, Motion
-from tombo_logs.checks.spans import Mask
+from tombo_logs.checks.spans import Mask, interpolated
 
 _EXCITED = 0.04
 """rad/s: root mean square of a rate that tells anything."""
@@ -85,7 +85,7 @@ def alignment(motion: Motion, lag: float) -> Alignment | None:
         return None
     usable = motion.good
     t = motion.t
-    shifted = np.column_stack([np.interp(t + lag, t, c) for c in motion.rates.T])
+    shifted = interpolated(t + lag, t, motion.rates)
     w, g = _centred(shifted[usable]), _centred(motion.gyro[usable])
     if _rms(w) < _EXCITED:
         return None

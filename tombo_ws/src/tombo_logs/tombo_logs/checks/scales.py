@@ -14,7 +14,7 @@ from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES
 from tombo_logs.checks.motion import INDEPENDENT, Motion
-from tombo_logs.checks.spans import Mask
+from tombo_logs.checks.spans import Mask, interpolated
 
 _SIGMAS = 3.0
 _FEWEST = 100
@@ -46,7 +46,7 @@ def gyro_scales(flight: str, motion: Motion, late_s: float) -> list[Finding]:
     good = motion.good
     if not motion.gyro.size or np.count_nonzero(good) < _FEWEST:
         return []
-    rates = np.column_stack([np.interp(motion.t + late_s, motion.t, c) for c in motion.rates.T])
+    rates = interpolated(motion.t + late_s, motion.t, motion.rates)
     findings = []
     for k, axis in enumerate("xyz"):
         expected, found = rates[good, k], motion.gyro[good, k]

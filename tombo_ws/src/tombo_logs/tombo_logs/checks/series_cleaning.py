@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tombo_bag.flight import Finding, Series
 from tombo_logs.checks.sensor_range import resolution
-from tombo_logs.checks.spans import Mask, runs, sample_interval
+from tombo_logs.checks.spans import Mask, interpolated, runs, sample_interval
 
 _RESET_S = 0.5
 """Stamps that go back by more are a clock that was set, not messages out of order."""
@@ -47,7 +47,7 @@ def _twice(series: Series, last: int, usual: float) -> bool:
     again = last + 1 + np.flatnonzero((after >= low) & (after <= high))
     if min(first.size, again.size) < 3 or first.size + again.size < _DOUBLE * usual:
         return False
-    at = np.column_stack([np.interp(t[again], t[first], c) for c in series.values[first].T])
+    at = interpolated(t[again], t[first], series.values[first])
     return bool(np.mean((at == series.values[again]).all(axis=1)) < 0.5)
 
 

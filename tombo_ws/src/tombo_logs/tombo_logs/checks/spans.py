@@ -54,6 +54,11 @@ def inside(t: Array, spans: Iterable[Span]) -> Mask:
     return mask
 
 
+def interpolated(at: Array, t: Array, values: Array) -> Array:
+    """Return (N, k): values (M, k) at rising times t (M,), on straight lines at times (N,)."""
+    return np.column_stack([np.interp(at, t, column) for column in values.T])
+
+
 def block_means(values: Array, length: int) -> Array:
     """Return the means of blocks of `length` rows of (N,) or (N, k); a rest is left out."""
     count = len(values) // length

@@ -15,7 +15,7 @@ from filterpy.kalman import KalmanFilter
 
 from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
-from tombo_logs.checks.spans import block_means, sample_interval
+from tombo_logs.checks.spans import block_means, interpolated, sample_interval
 
 _STEP_S: Final = 0.01
 """Faster positions are averaged to this step: the filter takes 0.1 ms a sample."""
@@ -51,7 +51,7 @@ class SmoothTrack:
 
     def acceleration_at(self, t: Array) -> Array:
         """Return the acceleration at other times, (M, 3)."""
-        return np.column_stack([np.interp(t, self.t, a) for a in self.acceleration.T])
+        return interpolated(t, self.t, self.acceleration)
 
 
 def position_noise(position: Array) -> float:

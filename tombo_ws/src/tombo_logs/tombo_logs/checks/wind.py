@@ -19,7 +19,7 @@ from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.motion import RATE, WIDTH, Motion
-from tombo_logs.checks.spans import block_means
+from tombo_logs.checks.spans import block_means, interpolated
 
 _BLOCK_S = 0.24
 """Means over such blocks are fitted."""
@@ -111,7 +111,7 @@ def push_of(motion: Motion, position: Series) -> Push | None:
     good = block_means(motion.good.astype(np.float64), block) > 0.99
     if np.count_nonzero(good) * _BLOCK_S < _SHORTEST_S:
         return None
-    track = np.column_stack([np.interp(motion.t, position.t, c) for c in position.values[:, :2].T])
+    track = interpolated(motion.t, position.t, position.values[:, :2])
     speed = gaussian_filter1d(track, WIDTH * RATE, axis=0, order=1) * RATE
     t, speed = block_means(motion.t, block)[good], block_means(speed, block)[good]
     turn = np.asarray(Rotation.from_quat(motion.attitude).as_matrix())

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.spans import Mask, check_extent
+from tombo_logs.checks.spans import Mask, check_extent, interpolated
 from tombo_logs.readers.frames import BODIES, WORLDS, axes_matrix, is_usable
 
 RATE_HZ: Final = 50.0
@@ -195,7 +195,7 @@ def _points_up(accel: Series | None, up: Array) -> bool:
 
 def _values_at(series: Series, t: Array) -> Array:
     usable = np.isfinite(series.values).all(axis=1)
-    return np.column_stack([np.interp(t, series.t[usable], c) for c in series.values[usable].T])
+    return interpolated(t, series.t[usable], series.values[usable])
 
 
 def _attitude_at(attitude: Series, t: Array) -> Rotation:

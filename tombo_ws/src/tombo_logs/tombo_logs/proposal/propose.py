@@ -14,6 +14,7 @@ from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.rotors.rotor_order import clear_order
+from tombo_logs.checks.spans import interpolated
 from tombo_logs.proposal.motion import (
     AGREES,
     BODY_AXES,
@@ -285,7 +286,7 @@ def _position(
     if not unit:
         extent = float(np.ptp(series.values, axis=0).max())
         seconds = np.arange(series.t[0], series.t[-1] + 1.0)
-        places = np.column_stack([np.interp(seconds, series.t, c) for c in series.values.T])
+        places = interpolated(seconds, series.t, series.values)
         speed = float(np.median(np.linalg.norm(np.diff(places, axis=0), axis=1)))
         unit, why = "m", f"it moves by {extent:.3g}, {speed:.3g} a second"
         if best is not None and best.tilt > AGREES and best.slope > 0.0:

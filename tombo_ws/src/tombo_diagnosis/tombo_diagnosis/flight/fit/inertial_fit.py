@@ -27,6 +27,7 @@ from tombo_bag.flight import Flight
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, DriveParams
+from tombo_logs.checks.spans import interpolated
 
 NEEDED = ("gyro", "accel", "motor_command")
 _RATE = 1000.0
@@ -109,9 +110,7 @@ def samples_of(log: Flight) -> InertialSamples:
         raise InputError(
             f"flight '{log.name}': {max(end - begin, 0.0):.1f} s; accepted: {_LEAST_S:g} s to 1 h"
         )
-    rates, accel, command = (
-        np.column_stack([np.interp(t, s.t, c) for c in s.values.T]) for s in series
-    )
+    rates, accel, command = (interpolated(t, s.t, s.values) for s in series)
     mean = command.mean(axis=1)
     flies = mean > _CARRIES * np.percentile(mean, 80.0)
     flies &= np.linalg.norm(accel, axis=1) < _KNOCK

@@ -15,7 +15,7 @@ from tombo_bag.flight import Flight, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
-from tombo_logs.checks.spans import Mask, Span, inside
+from tombo_logs.checks.spans import Mask, Span, inside, interpolated
 
 _REACH = 4.0
 """Half length of the kernel, in widths."""
@@ -88,11 +88,6 @@ def rows_of(kernel: Kernel, chosen: Mask) -> Kernel:
     """Return the kernel with some of its rows (R,) only."""
     parts = (kernel.smooth[chosen], kernel.slope[chosen], kernel.curvature[chosen])
     return Kernel(kernel.t[chosen], kernel.reach, *parts)
-
-
-def interpolated(at: Array, t: Array, values: Array) -> Array:
-    """Return (N, k): values (M, k) at rising times t (M,), on straight lines at times (N,)."""
-    return np.column_stack([np.interp(at, t, column) for column in values.T])
 
 
 def tick_means(t: Array, values: Array, ticks: Array) -> Array:

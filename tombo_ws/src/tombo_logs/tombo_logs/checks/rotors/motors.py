@@ -9,7 +9,7 @@ import numpy as np
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ROTOR_NAMES
-from tombo_logs.checks.spans import Mask
+from tombo_logs.checks.spans import Mask, interpolated
 from tombo_logs.checks.unit_mistakes import guess
 
 _SCALES = (0.65, 1.5)
@@ -63,7 +63,7 @@ def speed_against_command(
     rows = flying & (speed.t >= command.t[0]) & (speed.t <= command.t[-1])
     if np.count_nonzero(rows) < 50:
         return []
-    asked = np.column_stack([np.interp(speed.t[rows], command.t, c) for c in command.values.T])
+    asked = interpolated(speed.t[rows], command.t, command.values)
     got = speed.values[rows]
     usual = np.median(asked, axis=0)
     ratio = np.median(got, axis=0) / np.maximum(usual, 1e-9)

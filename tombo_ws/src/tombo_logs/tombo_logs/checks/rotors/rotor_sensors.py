@@ -7,7 +7,7 @@ import numpy as np
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ROTOR_NAMES
-from tombo_logs.checks.spans import Mask, runs, sample_interval
+from tombo_logs.checks.spans import Mask, interpolated, runs, sample_interval
 
 _NOTHING, _TURNS = 0.1, 0.5
 """Share of a rotor's usual speed below which it reads nothing, and above which it turns: a rotor
@@ -127,9 +127,7 @@ def _scales(speed: Series, command: Series | None, flying: Mask, zeros: Mask) ->
     """Report rotors whose scale differs from that of the others."""
     if command is not None and command.t.size > 10:
         covered = (speed.t[flying] >= command.t[0]) & (speed.t[flying] <= command.t[-1])
-        asked = np.column_stack(
-            [np.interp(speed.t[flying], command.t, c) for c in command.values.T]
-        )
+        asked = interpolated(speed.t[flying], command.t, command.values)
         against, low, high = "its command", 1.0 - _OFF_COMMAND, 1.0 + _OFF_COMMAND
     else:
         covered = np.ones(np.count_nonzero(flying), np.bool_)
