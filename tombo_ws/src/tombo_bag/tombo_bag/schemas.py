@@ -84,8 +84,6 @@ def load_installed_type(typename: str) -> None:
     Raises:
         InputError: the type, or one it depends on, is neither known nor installed.
     """
-    from rosbags.typesys import TypesysError, get_types_from_msg
-
     added: Types = {}
     queue = [typename]
     while queue:
@@ -96,10 +94,7 @@ def load_installed_type(typename: str) -> None:
         if text is None:
             part = "" if name == typename else f" in {typename}"
             raise unknown_name(f"message type{part}", name, known_types())
-        try:
-            added.update(get_types_from_msg(text, name))
-        except TypesysError as error:
-            raise _not_readable(name, error, "message definition") from error
+        added.update(parse_schema(name, text))
         queue += _direct(added[name][1])
     if added:
         type_store().register(added)
@@ -175,18 +170,12 @@ def parse_schema(typename: str, text: str) -> Types:
     Raises:
         InputError: the text is no message definition.
     """
-    from rosbags.typesys import TypesysError, get_types_from_msg
+    from rosbags.typesys import get_types_from_msg
 
     try:
         return get_types_from_msg(text, typename)
-    except TypesysError as error:
-        raise _not_readable(typename, error, "schema") from error
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-        why = f"{type(error).__name__}: {error}"
-        raise InputError(
-            f"schema of {shown(typename)} can't be read ({shown(why)}); accepted: a ROS 2 message "
-            "definition"
-        ) from error
+    except Exception as error:  # on other texts rosbags fails in many ways
+        raise _not_readable(typename, error) from error
 
 
 @cache
@@ -198,7 +187,7 @@ def extended_store(typename: str, text: str) -> Typestore:
     Raises:
         InputError: the text is no message definition.
     """
-    from rosbags.typesys import Stores, TypesysError, get_typestore
+    from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
     definitions = parse_schema(typename, text)
@@ -206,20 +195,16 @@ def extended_store(typename: str, text: str) -> Typestore:
         store.register(
             {name: fields for name, fields in definitions.items() if name not in store.types}
         )
-    except TypesysError as error:
-        raise _not_readable(typename, error, "schema") from error
-    except (SyntaxError, ValueError, LookupError, TypeError, NameError) as error:
-        raise InputError(
-            f"schema of {shown(typename)} can't be used: {shown(str(error))}; accepted: a ROS "
-            "message definition"
-        ) from error
+    except Exception as error:  # on other texts rosbags fails in many ways
+        raise _not_readable(typename, error) from error
     return store
 
 
-def _not_readable(typename: str, error: Exception, what: str) -> InputError:
+def _not_readable(typename: str, error: Exception) -> InputError:
     # the library's error: "Could not parse:", the whole text, a position, what is left of it
-    rest = (str(error).splitlines() + [""] * 4)[3]
+    lines = str(error).splitlines()
+    rest = (lines[3] if len(lines) > 3 else str(error)).strip()[:60]
     return InputError(
-        f"{what} of '{typename}' can't be read from {rest.strip()[:60]!r}; "
-        "accepted: a ROS 2 message definition"
+        f"definition of message type {shown(typename)} can't be read from {rest!r}; "
+        "accepted: a ROS message definition"
     )

@@ -12,6 +12,7 @@ import numpy as np
 from tombo_bag.flight import Flight
 from tombo_bag.formats.chunks import MAGIC as MCAP_MAGIC
 from tombo_bag.formats.rosbags_files import SQLITE_MAGIC
+from tombo_bag.formats.unpacking import GZIP_MAGIC
 from tombo_bag.recording import SUFFIXES, ZSTD_MAGIC
 from tombo_dynamics.errors import InputError
 from tombo_flight.recorded_flight import read_flight
@@ -27,7 +28,6 @@ from tombo_px4.telemetry_log import is_tlog
 READABLE = "MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, telemetry log (tlog), CSV, CSV.gz"
 _BAG_MAGIC = (MCAP_MAGIC, SQLITE_MAGIC, b"#ROSBAG", ZSTD_MAGIC)
 _LOG_SUFFIXES = (*SUFFIXES, ".ulg", ".tlog", ".csv", ".csv.gz")
-_GZIP = b"\x1f\x8b"
 
 
 def read_logs(
@@ -69,29 +69,36 @@ def read_log(
     Raises:
         InputError: it can't be read; says why and what is accepted.
     """
-    start = _first_bytes(path)
-    if _is_recording(start):
-        return _adapted(read_bag(path, name, names, mapping), mapping)
-    if start.startswith(ULOG_MAGIC):
-        return _adapted(read_ulog(path, name, mapping), mapping)
-    if is_tlog(start):
-        return _adapted(read_tlog(path, name), mapping)
-    if _is_table(start):
+    kind = kind_of(path)
+    if kind == "table":
         return read_csv(path, name, mapping)
+    if kind == "recording":
+        log = read_bag(path, name, names, mapping)
+    else:
+        log = read_ulog(path, name, mapping) if kind == "ulog" else read_tlog(path, name)
+    return _adapted(log, mapping)
+
+
+def kind_of(path: Path) -> str:
+    """Return what a file is: "recording", "table", "ulog" or "tlog".
+
+    Raises:
+        InputError: it can't be read, is empty, or none of them.
+    """
+    start = _first_bytes(path)
+    if not start or start.startswith(_BAG_MAGIC) or MCAP_MAGIC.startswith(start):
+        return "recording"
+    if start.startswith(ULOG_MAGIC):
+        return "ulog"
+    if is_tlog(start):
+        return "tlog"
+    text = start.removeprefix(b"\xef\xbb\xbf")
+    if start.startswith(GZIP_MAGIC) or not any(byte < 9 or 13 < byte < 32 for byte in text):
+        return "table"
     raise InputError(
         f"'{path}' starts with bytes {start[:8].hex(' ')}: no log that is known; accepted: "
         f"{READABLE}"
     )
-
-
-def kind_of(path: Path) -> str:
-    """Return what a file is: "recording", "table", or "" for the logs of autopilots and others.
-
-    Raises:
-        InputError: it can't be read, or is empty.
-    """
-    start = _first_bytes(path)
-    return "recording" if _is_recording(start) else "table" if _is_table(start) else ""
 
 
 def _first_bytes(path: Path) -> bytes:
@@ -107,17 +114,6 @@ def _first_bytes(path: Path) -> bytes:
     if not start:
         raise InputError(f"'{path}' is empty; accepted: {READABLE}")
     return start
-
-
-def _is_recording(start: bytes) -> bool:
-    return start.startswith(_BAG_MAGIC) or (len(start) < 8 and MCAP_MAGIC.startswith(start))
-
-
-def _is_table(start: bytes) -> bool:
-    if start.startswith((ULOG_MAGIC, *_BAG_MAGIC)) or is_tlog(start):
-        return False
-    text = start.removeprefix(b"\xef\xbb\xbf")
-    return start.startswith(_GZIP) or not any(byte < 9 or 13 < byte < 32 for byte in text)
 
 
 def logs_in(path: Path) -> list[Path]:
