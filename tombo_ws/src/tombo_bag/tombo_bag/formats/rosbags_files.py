@@ -270,7 +270,7 @@ class RosbagsFile(BagFile):
         times: dict[str, list[int]] = {topic: [] for topic in topics}
         messages: dict[str, list[bytes]] = {topic: [] for topic in topics}
         lost: Counter[str] = Counter()
-        allowance = Allowance(self.path, self.path.stat().st_size)
+        allowance = Allowance(self.path)
         connections = [c for c in self._reader.connections if c.topic in times]
         for connection, time, data in self._reader.messages(connections) if connections else ():
             message = self._as_cdr(connection, data)

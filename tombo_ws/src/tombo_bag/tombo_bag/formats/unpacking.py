@@ -52,13 +52,13 @@ def memory_limit() -> int:
 
 
 class Allowance:
-    """How many bytes `packed` bytes of a file may still be unpacked to."""
+    """Bytes that a file may still be unpacked to: by the memory, and by its `packed` size."""
 
-    def __init__(self, path: Path, packed: int) -> None:
+    def __init__(self, path: Path, packed: int | None = None) -> None:
         self.path = path
-        given = _GIVEN.get()
-        plausible = max(_PLAIN, _RATIO * packed)
-        self.left = min(memory_limit(), plausible) if given is None else given
+        self.left = memory_limit()
+        if packed is not None and _GIVEN.get() is None:
+            self.left = min(self.left, max(_PLAIN, _RATIO * packed))
 
     def take(self, size: int) -> None:
         """Count some bytes.
