@@ -155,7 +155,8 @@ def _is_header_of(remark: str, row: str) -> bool:
     names, cells = _cells(remark), _cells(row)
     numbers = [number for cell in cells if (number := _number(cell)) is not None]
     named = sum(_number(name) is None for name in names)
-    return len(names) == len(cells) > 1 and np.isfinite(numbers).any() and 2 * named > len(names)
+    has_numbers = bool(np.isfinite(numbers).any())
+    return len(names) == len(cells) > 1 and has_numbers and 2 * named > len(names)
 
 
 def _header(path: Path, line: str, body: bytes, damage: tuple[str, ...]) -> CsvTable:
