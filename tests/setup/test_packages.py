@@ -67,11 +67,6 @@ def by_name(package: Path) -> str:
     return package.name
 
 
-def test_the_workspace_has_its_packages():
-    parts = ("msgs", "dynamics", "control", "collision", "sim", "diagnosis", "bag", "bringup")
-    assert {package.name for package in PACKAGES} >= {f"tombo_{part}" for part in parts}
-
-
 @pytest.mark.parametrize("package", PACKAGES, ids=by_name)
 def test_package_xml_is_complete(package: Path):
     root = manifest(package)

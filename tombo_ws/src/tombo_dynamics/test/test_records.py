@@ -2,11 +2,10 @@
 
 import copy
 
-import numpy as np
 import pytest
 
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.records import Record, field, fill_record, numbers
+from tombo_dynamics.records import Record, field, fill_record
 from tombo_dynamics.vehicle import VehicleParams
 
 
@@ -62,11 +61,6 @@ def test_a_record_inherits_the_fields_of_its_base():
     assert LongTrack.new().length == 0.0
 
 
-def test_fields_say_unit_and_meaning():
-    assert Point.fields["place"].unit == "m"
-    assert Point.place.__doc__ == "map [m]"
-
-
 def test_another_name_can_be_neither_read_nor_set():
     point = Point.new()
     with pytest.raises(AttributeError, match="plaec"):
@@ -78,15 +72,3 @@ def test_another_name_can_be_neither_read_nor_set():
 def test_a_name_with_a_meaning_in_numpy_is_refused():
     with pytest.raises(ValueError, match="Shape: numpy has its own meaning for shape"):
         type("Shape", (Record,), {"shape": field("1", "")})
-
-
-def test_numbers_are_a_flat_copy():
-    class Pair(Record):
-        a = field("m", "", 2)
-        b = field("m", "")
-
-    pair = Pair.new()
-    pair.a, pair.b = [1.0, 2.0], 3.0
-    copy = numbers(pair)
-    copy[0] = 9.0
-    assert np.array_equal(numbers(pair), [1.0, 2.0, 3.0])

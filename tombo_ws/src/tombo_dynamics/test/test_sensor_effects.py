@@ -103,13 +103,6 @@ def test_misalignment_turns_the_world_about_z_then_y_then_x(yaw, roll, pitch, se
     assert np.linalg.norm(seen.attitude) == pytest.approx(1.0, abs=1e-14)
 
 
-def test_a_quarter_turn_of_the_frame_makes_east_north():
-    quarter = {"mocap_misalignment": {"yaw": 0.5 * math.pi}}
-    seen = measured_pose(quarter, (2.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
-    assert seen.position == pytest.approx([0.0, 2.0, 1.0], abs=1e-15)
-    assert Rotation.from_quat(seen.attitude).as_euler("ZYX")[0] == pytest.approx(0.5 * math.pi)
-
-
 # --- noise ----------------------------------------------------------------------------------
 
 
