@@ -75,19 +75,17 @@ def test_times_survive_the_way_there_and_back(stamp: int) -> None:
 
 
 @pytest.mark.parametrize("frame", ["", "map", "base_lin", "base_link2", "base_lind"])
-def test_another_frame_is_refused(frame: str) -> None:
-    message = Imu()
-    message.header.frame_id = frame
+@pytest.mark.parametrize("kind", [Imu, Odometry])
+def test_another_frame_is_refused(kind: type, frame: str) -> None:
+    message = kind()
+    if kind is Imu:
+        message.header.frame_id = frame
+    else:
+        message.header.frame_id, message.child_frame_id = "map", frame
     with pytest.raises(InputError, match=f"'{frame}'; accepted: 'base_link'"):
-        MessageCodec("sensor_msgs/msg/Imu").decode(serialize_message(message))
-
-
-@pytest.mark.parametrize("child", ["", "base_footprint", "map"])
-def test_another_child_frame_is_refused(child: str) -> None:
-    message = Odometry()
-    message.header.frame_id, message.child_frame_id = "map", child
-    with pytest.raises(InputError, match=f"'{child}'; accepted: 'base_link'"):
-        MessageCodec("nav_msgs/msg/Odometry").decode(serialize_message(message))
+        MessageCodec(f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}").decode(
+            serialize_message(message)
+        )
 
 
 @pytest.mark.parametrize("typename", sorted(FORMS))
