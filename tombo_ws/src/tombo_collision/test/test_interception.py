@@ -351,14 +351,16 @@ def test_on_the_ground_a_silent_mission_means_nothing(phase):
     assert bench.state == IDLE
 
 
+@pytest.mark.parametrize("fails", [mission_is_silent, two_missions_speak])
 @pytest.mark.parametrize("phase", [APPROACH, REACT, HOLD])
-def test_a_mission_that_dies_after_a_collision_leaves_it_at_x_r(phase):
+def test_a_mission_that_fails_after_a_collision_leaves_it_at_x_r(phase, fails):
     bench = Bench()
     bench.hit()
     bench.tick()
     bench.mission_setpoint = at(X_R, phase, (0, 0, 0))
     bench.run(0.2)
-    bench.mission = False
+    fails(bench)
+    bench.mission_setpoint = at([5.0, 5.0, 5.0], HOLD)
     bench.place = X_C + np.array([0.1, 0.1, -0.5])
     bench.run(0.4)
     place, held_phase = only(bench.run(0.5))
@@ -384,17 +386,6 @@ def test_a_collision_while_it_holds_is_answered():
     assert bench.hit() == EventRefusal.NONE
     assert bench.tick().position == pytest.approx(X_R)
     assert bench.state == REACTING
-
-
-def test_two_missions_after_a_collision_leave_it_at_x_r():
-    bench = Bench()
-    bench.hit()
-    bench.mission_setpoint = at(X_R, HOLD, (0, 0, 0))
-    bench.run(0.1)
-    bench.logic.multiple_publishers(True)
-    bench.mission_setpoint = at([5.0, 5.0, 5.0], HOLD)
-    place, phase = only(bench.run(0.5))
-    assert place == pytest.approx(X_R) and phase == REACT
 
 
 anything = st.sampled_from([math.nan, math.inf, -math.inf])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mission_bench import HOME, World
+from mission_bench import HOME, Follower, World
 
 from tombo_control.autopilot import new_autopilot
 from tombo_control.loops.position_control import follow_leg
@@ -17,7 +17,6 @@ from tombo_control.planning.leg import store_leg, turning_leg
 from tombo_control.planning.mission import (
     MissionParams,
     advance_mission,
-    begin,
     compiled_plan,
     resume,
     start_reaction,
@@ -38,38 +37,6 @@ LEGS = [
 def plan_of(course, **more):
     settings = {"height": 1.2, "approach_time": 5.0, "land_time": 1000.0, "takeoff_time": 0.5}
     return MissionParams(**{**settings, **more}, course=read_course("course", course))
-
-
-class Follower:
-    """A vehicle that is where the reference is; looked at every `step` seconds."""
-
-    def __init__(self, plan, step=1.0 / 30.0):
-        self.plan, self.step = plan, step
-        self.state = begin(HOME)
-        self.n = 0
-        self.rows = []
-
-    @property
-    def now(self):
-        return self.n * self.step
-
-    def run(self, until=math.inf, patience=700.0):
-        end = self.now + patience
-        while self.now < min(until, end) and self.state.mode != Phase.LANDED:
-            self.n += 1
-            leg, now = self.state.leg, self.now
-            there = np.array(leg.position(now))
-            there[2] = max(there[2], HOME[2])
-            before = self.rows[-1][2] if self.rows else HOME
-            velocity = (there - before) / self.step
-            self.state = advance_mission(
-                self.state, compiled_plan(self.plan), now, there, velocity
-            )
-            self.rows.append((now, self.state.mode, there, leg.yaw_at(now), self.state.steps))
-        return self
-
-    def column(self, i):
-        return np.array([row[i] for row in self.rows])
 
 
 @pytest.mark.slow

@@ -144,13 +144,6 @@ def test_a_hovering_vehicle_gets_hover_speed_stamped_with_its_gyro_sample(bench:
 # --- set points
 
 
-def test_without_a_set_point_the_rotors_stand_still() -> None:
-    command = _Bench().run(300, setpoint=False)
-    assert not command.speed.any()
-    assert not command.held
-    assert not command.blind
-
-
 @pytest.mark.parametrize("phase", [Phase.IDLE, Phase.LANDED])
 def test_on_the_ground_the_rotors_stand_still(phase: int) -> None:
     bench = _Bench(flies=False)
@@ -191,20 +184,18 @@ def test_a_command_from_before_it_latched_is_not_obeyed_again(bench: _Bench) -> 
     "wrong",
     [
         {"position": np.array([np.nan, 0.0, 2.0])},
-        {"velocity": np.array([0.0, np.inf, 0.0])},
         {"acceleration": np.array([0.0, -np.inf, 0.0])},
         {"yaw": float("nan")},
     ],
 )
-def test_a_set_point_that_is_not_finite_is_refused(bench: _Bench, wrong: dict[str, Any]) -> None:
+def test_a_set_point_that_is_not_finite_is_refused_and_is_no_sign_of_life(
+    bench: _Bench, wrong: dict[str, Any]
+) -> None:
     before = bench.run(1).speed
     assert not bench.setpoint(**wrong)
     assert np.allclose(bench.run(19, setpoint=False).speed, before, rtol=1e-3)
-
-
-def test_refused_set_points_do_not_count_as_a_sign_of_life(bench: _Bench) -> None:
     for _ in range(400):
-        bench.setpoint(yaw=float("nan"))
+        bench.setpoint(**wrong)
         command = bench.run(1, setpoint=False)
     assert command.held
 
@@ -250,11 +241,6 @@ def test_a_bad_estimate_is_refused_and_changes_nothing(
     bench.tick += 1
     assert not bench.estimate(**wrong)
     assert np.allclose(bench.run(19).speed, before, rtol=1e-3)
-
-
-def test_a_bias_that_is_not_finite_is_refused(bench: _Bench) -> None:
-    assert not bench.controller.biases(np.array([0.0, np.nan, 0.0]), bench.now_ns)
-    assert np.isfinite(bench.run(40).speed).all()
 
 
 def test_the_bias_is_taken_from_the_gyro(bench: _Bench) -> None:
@@ -349,7 +335,8 @@ def test_a_clock_set_back_is_followed_and_silence_is_still_noticed(bench: _Bench
     bench.tick += 100_000
     bench.run(200)
     bench.tick -= 50_000
-    assert bench.run(200).blind
+    assert bench.run(40, estimate=False).blind, "estimates of the clock before are not fresh"
+    assert bench.run(160).blind
     assert not bench.run(200).blind, "it is trusted after 0.3 s"
     assert bench.run(400, setpoint=False).held
     bench.tick -= 40_000
@@ -368,13 +355,6 @@ def test_what_is_forgotten_lifts_no_vehicle_off(bench: _Bench) -> None:
             restarted.setpoint()
             command = restarted.controller.tick(restarted.now_ns, restarted.now_ns, _ZERO)
         assert command is None
-
-
-def test_estimates_of_the_clock_before_are_not_mistaken_for_fresh_ones(bench: _Bench) -> None:
-    bench.tick += 100_000
-    bench.run(200)
-    bench.tick -= 50_000
-    assert bench.run(40, estimate=False).blind
 
 
 # --- parameters in flight

@@ -5,42 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mission_bench import HOME, Follower
 
 from tombo_control.planning.mission import (
     MissionParams,
     advance_mission,
-    begin,
     compiled_plan,
     start_reaction,
 )
 from tombo_dynamics.messages import Phase
 
-HOME = np.array([0.1, -0.2, 0.18])
 PLAN = MissionParams()
 STEP = 1.0 / 30.0
 STILL = np.zeros(3)
-
-
-class Flight:
-    """A vehicle that follows the mission's reference exactly, and stops at the floor."""
-
-    def __init__(self, plan=PLAN):
-        self.plan = plan
-        self.state = begin(HOME)
-        self.position = HOME.copy()
-        self.now = 0.0
-
-    def run(self, until, mode=None):
-        """Fly until a time, or until a mode."""
-        while self.now < until and self.state.mode != mode:
-            self.now += STEP
-            there = np.array(self.state.leg.position(self.now))
-            there[2] = max(there[2], HOME[2])
-            velocity = (there - self.position) / STEP
-            self.position = there
-            plan = compiled_plan(self.plan)
-            self.state = advance_mission(self.state, plan, self.now, there, velocity)
-        return self
 
 
 def advanced(state, now, position, velocity=STILL):
@@ -50,13 +27,13 @@ def advanced(state, now, position, velocity=STILL):
 
 def collided():
     """A flight that has been told to leave for x_r in its approach."""
-    flight = Flight().run(23.0)
+    flight = Follower(PLAN).run(23.0)
     flight.state = start_reaction(flight.state, flight.position - [0.8, 0.0, 0.0], flight.now)
     return flight
 
 
 def test_goes_on_only_when_the_climb_has_come_to_rest():
-    flight = Flight().run(PLAN.takeoff_time + 1.0)
+    flight = Follower(PLAN).run(PLAN.takeoff_time + 1.0)
     late = flight.state.leg.end_s + 1.0
     top = np.array(flight.state.leg.position(late))
     low, fast = top - [0.0, 0.0, 0.1], np.array([0.0, 0.0, 0.2])
@@ -120,7 +97,7 @@ def test_landed_means_held_up_by_the_floor(lag, speed, height):
 
 def test_steps_go_round_a_square_with_changes_of_height():
     plan = replace(PLAN, step_size=1.5, step_period=2.5, approach_time=10.0, land_time=35.0)
-    flight = Flight(plan)
+    flight = Follower(plan)
     corners = []
     for t in np.arange(10.5, 34.0, plan.step_period):
         flight.run(t)

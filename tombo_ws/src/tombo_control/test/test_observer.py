@@ -175,14 +175,6 @@ def test_a_bad_pose_is_refused_by_name_and_the_estimate_goes_on(
     assert ride.age_ticks == 0
 
 
-def test_a_pose_older_than_the_history_is_late(ride: _Ride) -> None:
-    ride.run(700, poses=False)
-    ride.late = 520
-    assert ride.pose() == PoseRefusal.LATE
-    ride.late = 400
-    assert ride.pose() == PoseRefusal.NONE
-
-
 def test_a_pose_twice_is_used_once(ride: _Ride) -> None:
     used = ride.observer.memory.poses
     assert ride.pose() == PoseRefusal.NONE

@@ -16,15 +16,6 @@ DRAG = {"linear_rotor_drag": {"d_xy": 0.5, "d_z": 0.3}, "quadratic_body_drag": {
 HIGH = (0.0, 0.0, 2000.0)
 
 
-def test_wind_without_drag_does_nothing():
-    ends = []
-    for wind in ({}, {"steady_wind": {"east": 9.0, "north": -4.0}}):
-        v = Vehicle(wind, speed=hover_speed(), velocity=(1.0, 2.0, 0.5), rates=(0.1, 0.2, 0.3))
-        v.fly(0.5)
-        ends.append(v.body.copy())
-    assert (ends[0] == ends[1]).all()
-
-
 @pytest.mark.slow
 def test_wind_carries_a_falling_body_along(no_air):
     v = Vehicle(DRAG | {"steady_wind": {"east": 4.0, "north": -3.0}}, maps=no_air, position=HIGH)

@@ -91,32 +91,11 @@ def test_a_tether_keeps_energy(no_air):
     assert np.ptp(energies) < 1e-6 * energies[0]
 
 
-def test_a_periodic_push_goes_to_and_fro_along_its_heading():
-    heading = 0.7
-    attitude = Rotation.from_euler("z", 0.4)
-    for ticks, size in ((0, 0.0), (125, 2.0), (250, 0.0), (375, -2.0)):
-        push = added("periodic_push", 2.0, 2.0, heading, ticks=ticks, attitude=attitude.as_quat())
-        expected = size * np.array([math.cos(heading), math.sin(heading), 0.0])
-        assert attitude.apply(push[:3]) == pytest.approx(expected, abs=1e-9)
-        assert not push[3:].any()
-
-
 def test_a_periodic_push_over_whole_periods_gives_no_momentum(no_air):
     v = disturbed("periodic_push", 3.0, 5.0, 0.0, maps=no_air)
     v.fly(1.0)
     assert v.velocity[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
     assert v.position[0] == pytest.approx(3.0 / v.mass / (2.0 * math.pi * 5.0) * 1.0, rel=1e-3)
-
-
-def test_thrust_fades_with_the_time_since_the_start():
-    whole = added("body_push", 0.0, 0.0, 0.0, speed=hover_speed())
-    assert not whole.any()
-    v = Vehicle(speed=hover_speed())
-    v.begin()
-    thrust = v.plant.force[2]
-    for seconds, lost in ((0.0, 0.0), (10.0, 0.05), (20.0, 0.1), (1000.0, 0.8)):
-        fade = added("thrust_fade", 0.005, ticks=1000 * seconds, speed=hover_speed())
-        assert fade == pytest.approx([0.0, 0.0, -lost * thrust, 0.0, 0.0, 0.0])
 
 
 @given(SEEDS)
@@ -131,28 +110,6 @@ def test_dry_drag_is_as_large_at_any_speed_and_always_brakes(seed):
         drag = added("dry_drag", 0.6, attitude=attitude, velocity=velocity)[:3]
         assert drag == pytest.approx(-0.6 * across, abs=0.005)
     assert not added("dry_drag", 0.6, attitude=attitude).any()  # at rest
-
-
-def test_a_body_push_turns_with_the_vehicle():
-    for heading in (0.0, 2.0):
-        attitude = Rotation.from_euler("z", heading).as_quat()
-        push = added("body_push", 0.5, -0.3, 0.1, attitude=attitude)
-        assert push == pytest.approx([0.5, -0.3, 0.1, 0.0, 0.0, 0.0])
-
-
-def test_a_wall_draws_in_and_less_with_the_distance():
-    heading = 0.5 * math.pi  # a wall at y = 3
-    at_wall = added("wall_suction", 2.0, 0.4, 3.0, heading, position=(5.0, 3.0, 1.0))
-    away = added("wall_suction", 2.0, 0.4, 3.0, heading, position=(-7.0, 2.2, 1.0))
-    assert at_wall[:3] == pytest.approx([0.0, 2.0, 0.0], abs=1e-12)
-    assert away[:3] == pytest.approx([0.0, 2.0 * math.exp(-2.0), 0.0], abs=1e-12)
-
-
-def test_a_cable_turns_back_to_its_heading():
-    for heading, share in ((0.3, 0.0), (0.3 + 0.5 * math.pi, -1.0), (0.3 - 0.5 * math.pi, 1.0)):
-        attitude = Rotation.from_euler("z", heading).as_quat()
-        moment = added("yaw_spring", 0.05, 0.3, attitude=attitude)
-        assert moment == pytest.approx([0.0, 0.0, 0.0, 0.0, 0.0, 0.05 * share], abs=1e-12)
 
 
 def test_thrust_goes_round_a_loop():

@@ -114,8 +114,3 @@ def test_voltage_falls_with_the_charge_used(vehicle):
         vehicle.battery_voltage - 3.0 * charge, abs=1e-3
     )
     assert charge == pytest.approx(5.0 * v.plant.supply.current / 3600.0, rel=0.05)
-
-
-def test_without_load_the_battery_is_full(vehicle):
-    v = sagging(resistance=0.3, discharge=3.0, speed=0.0)
-    assert numbers(v.plant.supply) == pytest.approx([0.0, 0.0, vehicle.battery_voltage])

@@ -35,8 +35,8 @@ def let_go(flight, effects, hold=False, speed=None, ticks=HALF_A_SECOND):
         vehicle_of(SEED), maps(), theta, still, TICK, motion, command, measured, model
     )
     out = np.zeros(STARTS.size, State.layout)
-    open_loop(vehicle_of(SEED), *known, TICK, motion, command, measured, model, STARTS, ticks,
-              hold, out)  # fmt: skip
+    open_loop(vehicle_of(SEED), maps(), theta, TICK, motion, command, measured, model, STARTS,
+              ticks, hold, out)  # fmt: skip
     return out.view(np.float64).reshape(-1, 13) - motion[STARTS + ticks, :13]
 
 
