@@ -174,18 +174,6 @@ def test_imposed_capture_equals_the_simulators_capture():
 
 
 @pytest.mark.slow
-def test_samples_are_lost_in_gaps_of_the_length_that_was_asked_for():
-    noise = np.random.default_rng(2).standard_normal((20_000, NOISE))
-    still = np.zeros((20_000, 7))
-    still[:, 6] = 1.0
-    effects = {"mocap_dropouts": {"probability": 0.02, "duration": 0.1}}
-    lost = simulate_mocap(new_plant(VEHICLE), pack_theta(effects), noise, still, 1 / 30)[:, 8] > 0
-    starts = np.count_nonzero(lost[1:] & ~lost[:-1])
-    assert starts == pytest.approx(0.02 * np.count_nonzero(~lost), rel=0.15)
-    assert lost.sum() / starts == pytest.approx(0.1 * 30.0 + 0.5, rel=0.15)
-
-
-@pytest.mark.slow
 def test_a_stamp_error_and_the_vehicle_at_rest():
     still = np.zeros((5, 7))
     still[:, 6] = 1.0
