@@ -218,22 +218,6 @@ def test_smoke_tells_good_nodes_from_bad(
         assert words in run.stderr
 
 
-# --- The user ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("owner", ["ubuntu", ""])
-def test_a_user_id_that_is_taken_is_freed(box: Box, owner: str):
-    box.tool("getent", f"echo {owner}:x:1000:" if owner else "exit 2")
-    for name in ("userdel", "useradd", "install"):
-        box.tool(name)
-    run = box.run("40_user.sh", "tombo", "1000", "cache", "runs")
-    assert run.returncode == 0, run.stderr
-    gone = [line for line in box.calls() if line.startswith("userdel")]
-    assert gone == ([f"userdel --remove {owner}"] if owner else [])
-    assert "useradd --uid 1000 --create-home --shell /bin/bash tombo" in box.calls()
-    assert "install --directory --owner tombo cache runs" in box.calls()
-
-
 # --- The running container --------------------------------------------------------------------
 
 

@@ -154,16 +154,6 @@ def test_new_parameters_hold_from_the_next_pose_on():
     assert sum(s.event is not None for s in feed(core, begin=80)) == 1
 
 
-def test_new_noise_holds_from_the_next_pose_on():
-    core = DetectorCore(DetectorParams(trigger="none"))
-    feed(core, end=60)
-    core.set_params(
-        "detector", DetectorParams(trigger="none", position_noise=0.01, rate_noise=1.2)
-    )
-    calm = [s.statistic for s in feed(core, begin=60, end=80)]
-    assert np.mean(calm) < 0.3 * STATISTIC[60:80].mean()
-
-
 anything = st.floats(allow_nan=True, allow_infinity=True)
 
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from lockstep_bench import Lockstep, calm, hover_at
 from tombo_control.estimator_core import reset_estimator
-from tombo_dynamics.messages import Phase
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 from tombo_sim.failsafe import Failsafe
@@ -177,6 +176,9 @@ def test_handed_back_in_the_air_the_flight_goes_on(flight: _Flight) -> None:
     flight.fly(4.0)
     assert np.linalg.norm(flight.body[:3] - [0.0, 0.0, 2.0]) < 0.15
     assert not flight.failsafe.engaged
+    again = flight.land()
+    assert 3.5 < again.time_s < 6.0
+    assert again.rotors_off_s < again.time_s + 0.2
 
 
 def test_failsafe_on_the_ground_commands_nothing() -> None:
@@ -186,22 +188,3 @@ def test_failsafe_on_the_ground_commands_nothing() -> None:
         flight.command(flight.failsafe.command)
     assert not flight.failsafe.command.any()
     assert flight.body[2] < _GROUND + 0.005
-
-
-@pytest.mark.slow
-def test_failsafe_can_land_twice(flight: _Flight) -> None:
-    first = flight.land()
-    flight.failsafe.release()
-    reset_estimator(flight.lockstep.observer.memory)
-    start = replace(hover_at(0.0, 0.0, 0.5), phase=Phase.IDLE)
-    for seconds, setpoint in (
-        (4.0, start),
-        (2.0, replace(start, phase=Phase.TAKEOFF, takeoff_commands=1)),  # by itself it would not
-        (4.0, hover_at(0.0, 0.0, 2.0)),
-    ):
-        flight.lockstep.steer = lambda t, setpoint=setpoint: setpoint
-        flight.fly(seconds)
-    assert flight.body[2] > 1.8
-    second = flight.land()
-    assert abs(second.time_s - first.time_s) < 1.0
-    assert second.rotors_off_s < second.time_s + 0.2
