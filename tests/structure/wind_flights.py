@@ -44,12 +44,16 @@ def numbers(messages: Any) -> Any:
     ])  # fmt: skip
 
 
+def recorded(path: Path) -> Any:
+    with Recording(path) as recording:
+        table = recording.columns(TOPIC)
+    return numbers(messages_of(TOPICS[TOPIC].typename, table))
+
+
 def compiled(folder: Path) -> None:
     with McapSink(folder / "compiled.mcap") as sink:
         write_flight(sink, fly_scenario(SCENARIO, SEED))
-    with Recording(folder / "compiled.mcap") as recording:
-        messages = messages_of(TOPICS[TOPIC].typename, recording.columns(TOPIC))
-    np.save(folder / "compiled.npy", numbers(messages))
+    np.save(folder / "compiled.npy", recorded(folder / "compiled.mcap"))
 
 
 def batch(folder: Path) -> None:
@@ -75,6 +79,11 @@ def replay(folder: Path) -> None:
     np.save(folder / "replay.npy", numbers([message for _, _, message in published]))
 
 
+def nodes(folder: Path) -> None:
+    """Read what the nodes have recorded."""
+    np.save(folder / "nodes.npy", recorded(folder / "nodes.mcap"))
+
+
 def parameters(folder: Path) -> None:
     table = suite_parameters(SCENARIO, SEED, lockstep=True)
     table["recorder"]["single_file"] = str(folder / "nodes.mcap")
@@ -82,7 +91,7 @@ def parameters(folder: Path) -> None:
 
 
 WAYS: dict[str, Callable[[Path], None]] = {
-    way.__name__: way for way in (compiled, batch, replay, parameters)
+    way.__name__: way for way in (compiled, batch, replay, nodes, parameters)
 }
 
 if __name__ == "__main__":
