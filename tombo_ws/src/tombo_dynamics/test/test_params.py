@@ -11,7 +11,7 @@ from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_number, from_mapping, param, validate
 from tombo_dynamics.propeller import configuration
 from tombo_dynamics.propeller.blade import rotor_inertia
-from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, ROTOR_NAMES, SPIN, VehicleParams
+from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, SPIN, VehicleParams
 
 FIELDS = {f.name: f for f in dataclasses.fields(VehicleParams)}
 
@@ -106,13 +106,6 @@ def test_neighbours_turn_against_each_other():
     assert set(SPIN) == {-1.0, 1.0}
     front_right_and_rear_left = SPIN[[0, 1]]
     assert (front_right_and_rear_left == 1.0).all()  # PX4's quad-x: 1 and 2 counter-clockwise
-
-
-def test_hubs_stand_at_arms_length(vehicle):
-    hubs = vehicle.rotor_positions()
-    assert hubs.shape == (4, 3)
-    assert hubs[2] == pytest.approx([0.24 * math.sqrt(0.5), 0.24 * math.sqrt(0.5), 0.03])
-    assert 4.0 * vehicle.hover_thrust() == pytest.approx(vehicle.mass * GRAVITY)
 
 
 def test_the_defaults_agree_with_where_they_come_from(vehicle):

@@ -29,16 +29,6 @@ from tombo_dynamics.propeller import (
 SPEEDS = np.array([100.0, 300.0, 450.0])
 
 
-def test_many_configurations_are_each_of_them() -> None:
-    together = evaluate(np.arange(14)[:, None], SPEEDS, outside="mask")
-    assert together.thrust_N.shape == (14, 3)
-    for chosen in configurations():
-        alone = evaluate(chosen, SPEEDS, outside="mask")
-        for name in ("thrust_N", "gamma_rad", "torque_Nm"):
-            ours = getattr(together, name)[chosen.number]
-            np.testing.assert_allclose(ours, getattr(alone, name), rtol=1e-12)
-
-
 @pytest.mark.slow
 @settings(deadline=None)
 @given(

@@ -1,8 +1,6 @@
 import math
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from independent_propeller import span_load
 
 from tombo_dynamics.propeller import configuration
@@ -10,7 +8,6 @@ from tombo_dynamics.propeller.blade import wing
 from tombo_dynamics.propeller.laws.equilibrium import twisted
 
 BLADE = configuration(13).blade
-ANGLE = st.floats(-0.2, 1.0)
 
 
 @pytest.mark.parametrize("gamma", [-0.1, 0.0, 0.27, 0.5])
@@ -23,19 +20,6 @@ def test_closed_form_is_the_integral(gamma: float) -> None:
     ):
         value, _ = twisted(weights, rate, gamma, math.sin(gamma), math.cos(gamma))
         assert value == pytest.approx(span_load(kind, power, 0.035, 0.110, gamma), rel=1e-9)
-
-
-@settings(deadline=None)
-@given(gamma=ANGLE)
-def test_slope_is_the_derivative(gamma: float) -> None:
-    found, h = wing(BLADE), 1e-5
-    for weights, rate in ((found.lift, 2.13), (found.drag, 2.04), (found.torque, 2.04)):
-        ahead, behind = (
-            twisted(weights, rate, g, math.sin(g), math.cos(g))[0] for g in (gamma + h, gamma - h)
-        )
-        _, slope = twisted(weights, rate, gamma, math.sin(gamma), math.cos(gamma))
-        difference = (ahead - behind) / (2.0 * h)
-        assert slope == pytest.approx(difference, rel=1e-6, abs=1e-12 + 1e-7 * abs(weights).max())
 
 
 def test_twist_limit_leaves_the_tip_at_the_lowest_measured_angle() -> None:
