@@ -32,12 +32,6 @@ def run_cell(source: str, name: str, module: ModuleType) -> None:
             assert "<" in value._repr_html_()
 
 
-def test_there_is_a_notebook_for_each_first_step():
-    assert {path.stem for path in NOTEBOOKS} == {
-        *("first_flight", "sweep", "diagnosis", "thrust_stand", "own_reaction")
-    }
-
-
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebooks_are_stored_without_results(path: Path):
     notebook = json.loads(path.read_text(encoding="utf-8"))

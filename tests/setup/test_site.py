@@ -42,23 +42,8 @@ def test_commands_parameters_and_python_are_described(site):
     assert 'id="tombo.fly"' in api and 'id="tombo_dynamics.core.Core.step"' in api
 
 
-def test_links_lead_to_files_of_the_site(site):
-    dead = []
-    for page in site.rglob("*.html"):
-        for link in re.findall(r'(?:href|src)="([^"#?]+)', page.read_text(encoding="utf-8")):
-            if not re.match(r"[a-z]+:", link) and not (page.parent / link).exists():
-                dead.append(f"{page.name}: {link}")
-    assert dead == []
-
-
 def test_nothing_is_loaded_from_elsewhere(site):
     for page in site.rglob("*.html"):
         text = page.read_text(encoding="utf-8")
         assert re.findall(r'<(?:script|img|iframe)[^>]+src="https?:', text) == []
         assert re.findall(r'<link[^>]+rel="(?:stylesheet|preload)"[^>]+href="https?:', text) == []
-
-
-def test_the_search_has_its_index_as_a_script(site):
-    """A page opened as a file may load a script beside it, but fetch nothing."""
-    assert (site / "searchindex.js").read_text(encoding="utf-8").startswith("Search.setIndex(")
-    assert 'src="searchindex.js"' in (site / "search.html").read_text(encoding="utf-8")

@@ -133,44 +133,41 @@ vehicle: {mass: 1.9}
 propeller: {conf: 13}
 """
 
+SCENARIO = "extends: hover\ndescription: Short.\nduration: 2.0\n"
+HELLO_LOG = """    if start.startswith(b"HELLO"):
+        from tombo_logs.readers.hello_log import read_hello
+        return read_hello(path, name)
+"""
+ALTIMETER = "from tombo_control.altimeter_core import AltimeterCore\n"
+PANEL_OF = '    panels.{0}(rows["{0}"])'
+FLIGHT, LOGS = "tombo_flight/tombo_flight", "tombo_logs/tombo_logs/readers"
+CLI, DOCS = "tombo_bringup/tombo_bringup/cli", "tombo_benchmarks/tombo_benchmarks/docs"
+WIRING, PLOTS = "tombo_sim/tombo_sim/wiring.py", f"{FLIGHT}/report/flight_plot.py"
+LOAD = "from_('tombo_flight.scenario').load_scenario"
+
 ADDITIONS = {
     "an effect": Addition(
         (Edit("tombo_dynamics/tombo_dynamics/effects/lift_up.py", EFFECT),),
-        "from_('tombo_flight.scenario').load_scenario('hover', ['effects.lift_up.force=2'])"
-        ".effects['lift_up']",
+        f"{LOAD}('hover', ['effects.lift_up.force=2']).effects['lift_up']",
         {"force": 2.0},
     ),
     "a reaction": Addition(
         (Edit("tombo_collision/tombo_collision/reactions/go_on.py", REACTION),),
-        "from_('tombo_flight.scenario').load_scenario('hover', ['reaction.name=go_on'])"
-        ".reaction.name",
+        f"{LOAD}('hover', ['reaction.name=go_on']).reaction.name",
         "go_on",
     ),
     "a vehicle": Addition(
-        (Edit("tombo_flight/tombo_flight/vehicles/heavy.yaml", VEHICLE),),
-        "from_('tombo_flight.scenario').load_scenario('hover', vehicle='heavy').vehicle.mass",
+        (Edit(f"{FLIGHT}/vehicles/heavy.yaml", VEHICLE),),
+        f"{LOAD}('hover', vehicle='heavy').vehicle.mass",
         1.9,
     ),
     "a scenario": Addition(
-        (
-            Edit(
-                "tombo_flight/tombo_flight/scenarios/short.yaml",
-                "extends: hover\ndescription: Short.\nduration: 2.0\n",
-            ),
-        ),
-        "from_('tombo_flight.scenario').load_scenario('short').duration",
-        2.0,
+        (Edit(f"{FLIGHT}/scenarios/short.yaml", SCENARIO),), f"{LOAD}('short').duration", 2.0
     ),
     "a log format": Addition(
         (
-            Edit("tombo_logs/tombo_logs/readers/hello_log.py", READER),
-            Edit(
-                "tombo_logs/tombo_logs/readers/log_reader.py",
-                '    if start.startswith(b"HELLO"):\n'
-                "        from tombo_logs.readers.hello_log import read_hello\n"
-                "        return read_hello(path, name)\n",
-                before="    if start.startswith(ULOG_MAGIC)",
-            ),
+            Edit(f"{LOGS}/hello_log.py", READER),
+            Edit(f"{LOGS}/log_reader.py", HELLO_LOG, "    if start.startswith(ULOG_MAGIC)"),
         ),
         "from_('tombo_logs.readers.log_reader').read_log(written('HELLO'), 'mine')",
         "read mine",
@@ -178,7 +175,7 @@ ADDITIONS = {
     "a message or a topic": Addition(
         (
             Edit("tombo_msgs/msg/Greeting.msg", MESSAGE),
-            Edit("tombo_msgs/CMakeLists.txt", "  msg/Greeting.msg\n", before="  DEPENDENCIES"),
+            Edit("tombo_msgs/CMakeLists.txt", "  msg/Greeting.msg\n", "  DEPENDENCIES"),
             Edit("tombo_bag/tombo_bag/topics.py", TOPIC),
         ),
         "sent_and_recorded('/greeting', 'Greeting', 7, [1.0, 2.0, 3.0], 5, 'hello')",
@@ -187,44 +184,28 @@ ADDITIONS = {
     "a core": Addition(
         (
             Edit("tombo_control/tombo_control/altimeter_core.py", CORE),
-            Edit("tombo_sim/tombo_sim/wiring.py", "    AltimeterCore,\n", before=")\n"),
-            Edit(
-                "tombo_sim/tombo_sim/wiring.py",
-                "from tombo_control.altimeter_core import AltimeterCore\n",
-                before="from tombo_control.controller_core",
-            ),
+            Edit(WIRING, "    AltimeterCore,\n", ")\n"),
+            Edit(WIRING, ALTIMETER, "from tombo_control.controller_core"),
         ),
         "[from_('tombo_flight.suite.nodes').SUITE['altimeter'],"
         " from_('tombo_flight.replay.outputs').NODES['altimeter'].inputs,"
-        " from_('tombo_flight.flight').fly_scenario(from_('tombo_flight.scenario')"
-        ".load_scenario('hover', ['duration=0.1']), 0)['/altitude'].t.size > 5]",
+        f" from_('tombo_flight.flight').fly_scenario({LOAD}('hover', ['duration=0.1']), 0)"
+        "['/altitude'].t.size > 5]",
         ["tombo_flight.suite.core_node", ["/mocap/pose"], True],
     ),
     "a command": Addition(
         (
-            Edit("tombo_bringup/tombo_bringup/cli/hello_command.py", COMMAND),
-            Edit(
-                "tombo_bringup/tombo_bringup/cli/main.py",
-                '    "hello_command",\n',
-                before='    "catalogue_commands",',
-            ),
+            Edit(f"{CLI}/hello_command.py", COMMAND),
+            Edit(f"{CLI}/main.py", '    "hello_command",\n', '    "catalogue_commands",'),
         ),
         "printed('hello')",
         "hello, vehicle\n",
     ),
     "a plot of a flight": Addition(
         (
-            Edit("tombo_flight/tombo_flight/report/panels.py", PANEL, before="def height(panel"),
-            Edit(
-                "tombo_flight/tombo_flight/report/flight_plot.py",
-                '    panels.tilt(rows["tilt"])\n',
-                before='    panels.thrust(rows["thrust"])',
-            ),
-            Edit(
-                "tombo_flight/tombo_flight/report/flight_plot.py",
-                '    "tilt": 2.0,\n',
-                before='    "thrust": 2.0,',
-            ),
+            Edit(f"{FLIGHT}/report/panels.py", PANEL, "def height(panel"),
+            Edit(PLOTS, PANEL_OF.format("tilt") + "\n", PANEL_OF.format("thrust")),
+            Edit(PLOTS, '    "tilt": 2.0,\n', '    "thrust": 2.0,'),
         ),
         "sum(axes.get_ylabel() == 'tilt' for axes in from_('tombo_flight.report.flight_plot')"
         ".draw_flight(from_('tombo_flight.recorded_flight').read_flight(BAG, 1.0)).axes)",
@@ -232,15 +213,11 @@ ADDITIONS = {
     ),
     "a picture or table of the documentation": Addition(
         (
+            Edit(f"{DOCS}/products.py", PRODUCT, "PRODUCTS: Final"),
             Edit(
-                "tombo_benchmarks/tombo_benchmarks/docs/products.py",
-                PRODUCT,
-                before="PRODUCTS: Final",
-            ),
-            Edit(
-                "tombo_benchmarks/tombo_benchmarks/docs/products.py",
+                f"{DOCS}/products.py",
                 '    "greeting": Product(("greeting.txt",), _greeting),\n',
-                before='    "flight": Product(',
+                '    "flight": Product(',
             ),
         ),
         "made('greeting', 'greeting.txt')",

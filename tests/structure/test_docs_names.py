@@ -1,4 +1,4 @@
-"""Files and classes that the documentation names exist."""
+"""Files, classes and terms that the documentation names exist, and its pages stay short."""
 
 from __future__ import annotations
 
@@ -10,22 +10,33 @@ import pytest
 ROOT = Path(__file__).parents[2]
 SRC = ROOT / "tombo_ws" / "src"
 PAGES = [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+EACH_PAGE = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 SOURCES = [
     path
     for folder in ("tombo_ws/src", "tests", "examples", "docker", "scripts")
     for path in (ROOT / folder).rglob("*")
     if path.suffix in (".py", ".msg", ".yaml", ".sh")
 ]
+GLOSSARY = [
+    line.split(" | ")
+    for line in (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8").splitlines()
+    if line.startswith("| ") and not line.startswith("| term")
+]
+GENERATED = re.compile(r"<!-- (\w+) -->.*?<!-- /\1 -->|\A<!-- Written by.*", re.S)
+WORDS_ON_A_PAGE = 2_500
+"""With a letter or a digit; what a command writes is there to be looked up: not counted."""
 
 
 @pytest.fixture(scope="module")
-def words() -> set[str]:
+def words() -> dict[Path, set[str]]:
+    """Return the words of each source, with the names of its file and folders."""
     return {
-        word for path in SOURCES for word in [*re.findall(r"\w+", path.read_text()), path.stem]
+        path: {*re.findall(r"\w+", path.read_text()), path.stem, path.suffix[1:], *path.parts}
+        for path in SOURCES
     }
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@EACH_PAGE
 def test_files_that_a_page_names_exist(page):
     text = page.read_text(encoding="utf-8")
     found = set(re.findall(r"[`/]([\w/]+\.(?:py|msg))\b", text))
@@ -37,10 +48,33 @@ def test_files_that_a_page_names_exist(page):
     assert {n for n in found if not any(f"/{name}".endswith(f"/{n}") for name in names)} == set()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@EACH_PAGE
 def test_classes_that_a_page_names_exist(page, words):
-    text = page.read_text(encoding="utf-8")
     if page.name == "glossary.md":
         return  # its own test; the last column has names of other projects
-    found = set(re.findall(r"`([A-Z][a-z]+[A-Z]\w+)[`(.]", text))
-    assert found - words == set()
+    found = set(re.findall(r"`([A-Z][a-z]+[A-Z]\w+)[`(.]", page.read_text(encoding="utf-8")))
+    assert found - set().union(*words.values()) == set()
+
+
+@EACH_PAGE
+def test_no_page_is_longer_than_a_reader_reads(page):
+    text = page.read_text(encoding="utf-8")
+    count = sum(bool(re.search(r"\w", word)) for word in GENERATED.sub("", text).split())
+    assert count <= WORDS_ON_A_PAGE or page.name == "CONTRIBUTING.md"
+
+
+def test_the_glossary_is_short_and_lists_a_term_once():
+    assert 0 < len(GLOSSARY) <= 120  # what a reader needs; the rest stands in docstrings
+    assert {len(row) for row in GLOSSARY} == {4}
+    assert len({row[0] for row in GLOSSARY}) == len(GLOSSARY)
+
+
+def test_names_of_the_glossary_are_in_the_code(words):
+    code = [found for path, found in words.items() if SRC in path.parents and path.suffix != ".sh"]
+
+    def exists(name: str) -> bool:
+        parts = set(re.findall(r"[A-Za-z_]\w*", name))
+        return any(parts <= found for found in code)
+
+    names = [(row[0], name) for row in GLOSSARY for name in re.findall(r"`([^`]+)`", row[1])]
+    assert [f"{term}: {name}" for term, name in names if not exists(name)] == []

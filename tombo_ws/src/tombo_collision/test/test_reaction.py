@@ -1,7 +1,5 @@
 """Reactions by name; the paper's: x_r = x_c + d_r n_r, second collisions, the floor."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -58,22 +56,6 @@ def test_n_r_is_horizontal_unless_the_flight_was_nearly_vertical(direction):
         assert np.array_equal(n_r, -direction)
 
 
-def test_the_paper_s_flight():
-    """Along +x into x_c = (1.7, 0, 2): x_r is 0.8 m straight back, where the paper has 0.825 m
-    at 14 degrees, chosen by hand."""
-    state = decide(None, event([1.7, 0.0, 2.0], [1.0, 0.0, 0.0]), P)
-    assert state.x_r == pytest.approx([0.9, 0.0, 2.0])
-
-
-@given(places, units)
-def test_a_decision_leaves_the_event_as_it_was(x_c, direction):
-    given_event = event(x_c, direction)
-    before = dataclasses.asdict(given_event)
-    decide(None, given_event, P)
-    for name, value in before.items():
-        assert np.array_equal(getattr(given_event, name), value), name
-
-
 @given(st.floats(-1.0, 0.69), units)
 def test_x_r_is_not_put_below_the_floor(height, direction):
     state = decide(None, event([1.0, 2.0, height], direction), P)
@@ -81,19 +63,7 @@ def test_x_r_is_not_put_below_the_floor(height, direction):
     assert state.x_r[:2] == pytest.approx((state.x_c + P.distance * state.n_r)[:2])
 
 
-def test_down_onto_something_it_goes_up_and_up_under_something_down():
-    down = decide(None, event([0, 0, 2.0], [0.1, 0.0, -np.sqrt(0.99)]), P)
-    assert down.x_r[2] > 2.75
-    up = decide(None, event([0, 0, 2.0], [0.0, 0.0, 1.0]), P)
-    assert up.x_r == pytest.approx([0.0, 0.0, 1.2])
-
-
 FIRST = decide(None, event([1.7, 0.0, 2.0], [1.0, 0.0, 0.0]), P)
-
-
-def test_a_second_collision_elsewhere_is_answered_like_the_first():
-    state = decide(FIRST, event([0.9, 0.0, 2.0], [0.0, 1.0, 0.0]), P)
-    assert state.x_r == pytest.approx([0.9, -0.8, 2.0])
 
 
 @pytest.mark.parametrize("gap", [0.5, 0.8, 1.1])

@@ -83,7 +83,6 @@ def test_stamps_of_today_give_what_small_ones_give():
     index, (event, contact) = detected[0], (detected[1].event, detected[1].contact_ns)
     assert STRUCK.t[index] == EXPECTED.stamp_s
     assert contact == pytest.approx(EPOCH + 1e9 * EXPECTED.contact_time_s, abs=2)
-    assert contact - EPOCH == pytest.approx(1e9 * EXPECTED.contact_time_s, abs=2)
     assert event.stamp_ns == stamps()[index]
     assert event.contact_position == pytest.approx(EXPECTED.x_c, abs=1e-9)
     assert [s.statistic for s in results] == pytest.approx(STATISTIC, rel=1e-6)
@@ -94,12 +93,8 @@ def test_stamps_of_today_give_what_small_ones_give():
     ("reason", "bad"),
     [
         ("wrong_frame", {"frame": "odom"}),
-        ("wrong_frame", {"frame": ""}),
         ("not_finite", {"position": [math.nan, 0.0, 2.0]}),
-        ("not_finite", {"position": [0.0, -math.inf, 2.0]}),
         ("not_finite", {"attitude": [0.0, 0.0, math.nan, 1.0]}),
-        ("not_finite", {"attitude": [0.0, 0.0, math.inf, 1.0]}),
-        ("not_unit", {"attitude": [0.0, 0.0, 0.0, 0.0]}),
         ("not_unit", {"attitude": [0.0, 0.0, 0.0, 0.89]}),
         ("not_unit", {"attitude": [0.0, 0.0, 0.0, 1.11]}),
         ("future", {"now": -11 * MS}),
@@ -107,7 +102,6 @@ def test_stamps_of_today_give_what_small_ones_give():
         ("late", {"now": 500 * MS}),
         ("late", {"stamp": -3600 * 1000 * MS}),
         ("out_of_order", {"stamp": -10 * MS}),
-        ("out_of_order", {"stamp": -30 * MS}),
         ("out_of_order", {"stamp": -400 * MS}),
         ("jump", {"position": [5.0, 0.0, 2.0]}),
     ],
@@ -124,10 +118,8 @@ def test_a_bad_pose_is_refused_and_leaves_no_trace(reason, bad):
 
 def test_a_sample_before_the_others_is_not_used_for_the_start():
     core = DetectorCore(DetectorParams())
-    assert (
-        hand_over(core, EPOCH + 9 * MS, EPOCH, "map", [0, 0, 2.0], [0, 0, 0, 1.0]).refused
-        == "future"
-    )
+    ahead = hand_over(core, EPOCH + 9 * MS, EPOCH, "map", [0, 0, 2.0], [0, 0, 0, 1.0])
+    assert ahead.refused == "future"
     assert sum(s.event is not None for s in feed(core)) == 1
 
 
@@ -138,21 +130,15 @@ def test_what_is_only_a_little_off_is_used(norm, ahead):
     assert not results.refused
 
 
-@pytest.mark.parametrize("back", [0.1, 0.3, 1e3, 1e6])
-def test_a_clock_set_back_does_not_deafen_it(back):
+@pytest.mark.parametrize(
+    ("seen", "back"), [*(((0, 60), back) for back in (0.1, 0.3, 1e6)), ((1, 6), 3600.0)]
+)
+def test_a_clock_set_back_does_not_deafen_it(seen, back):
     """A simulation started again: the watch goes on with the new time at once."""
     core = DetectorCore(DetectorParams())
-    feed(core, end=60)
-    epoch = EPOCH - round(1e9 * back) - round(1e9 * (STRUCK.t[59] - STRUCK.t[0]))
-    again = feed(core, epoch=epoch)
-    assert not any(s.refused for s in again)
-    assert sum(s.event is not None for s in again) == 1
-
-
-def test_a_clock_set_back_at_once_does_not_deafen_it():
-    core = DetectorCore(DetectorParams())
-    feed(core, begin=1, end=6)
-    again = feed(core, epoch=EPOCH - 3600 * 1000 * MS)
+    feed(core, begin=seen[0], end=seen[1])
+    flown = STRUCK.t[seen[1] - 1] - STRUCK.t[0]
+    again = feed(core, epoch=EPOCH - round(1e9 * back) - round(1e9 * flown))
     assert not any(s.refused for s in again)
     assert sum(s.event is not None for s in again) == 1
 
@@ -166,16 +152,6 @@ def test_new_parameters_hold_from_the_next_pose_on():
     feed(core, end=80)
     core.set_params("detector", DetectorParams())
     assert sum(s.event is not None for s in feed(core, begin=80)) == 1
-
-
-def test_new_noise_holds_from_the_next_pose_on():
-    core = DetectorCore(DetectorParams(trigger="none"))
-    feed(core, end=60)
-    core.set_params(
-        "detector", DetectorParams(trigger="none", position_noise=0.01, rate_noise=1.2)
-    )
-    calm = [s.statistic for s in feed(core, begin=60, end=80)]
-    assert np.mean(calm) < 0.3 * STATISTIC[60:80].mean()
 
 
 anything = st.floats(allow_nan=True, allow_infinity=True)

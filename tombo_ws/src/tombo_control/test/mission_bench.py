@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from core_calls import Mission
-from tombo_control.planning.mission import MissionParams
+from tombo_control.planning.mission import MissionParams, advance_mission, begin, compiled_plan
 from tombo_control.planning.mission_memory import MissionLimits
 from tombo_dynamics.messages import Phase
 
@@ -65,3 +65,36 @@ class World:
     def largest_step(self, since=0):
         places = np.array([s.position for s in self.setpoints[since:]])
         return np.linalg.norm(np.diff(places, axis=0), axis=1).max(initial=0.0)
+
+
+class Follower:
+    """A vehicle that is where the mission's reference is; looked at every `step` seconds."""
+
+    def __init__(self, plan=PLAN, step=1.0 / 30.0):
+        self.plan, self.step = plan, step
+        self.state = begin(HOME)
+        self.position = HOME
+        self.n = 0
+        self.rows = []
+
+    @property
+    def now(self):
+        return self.n * self.step
+
+    def run(self, until=700.0, mode=Phase.LANDED):
+        """Fly until a time [s], or until a mode."""
+        while self.now < until and self.state.mode != mode:
+            self.n += 1
+            leg, now = self.state.leg, self.now
+            there = np.array(leg.position(now))
+            there[2] = max(there[2], HOME[2])
+            velocity = (there - self.position) / self.step
+            self.position = there
+            self.state = advance_mission(
+                self.state, compiled_plan(self.plan), now, there, velocity
+            )
+            self.rows.append((now, self.state.mode, there, leg.yaw_at(now), self.state.steps))
+        return self
+
+    def column(self, i):
+        return np.array([row[i] for row in self.rows])

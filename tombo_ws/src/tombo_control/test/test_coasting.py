@@ -83,17 +83,6 @@ def test_a_late_estimate_equals_integrating_from_it(
     assert np.array_equal(a.state.velocity, velocity)
 
 
-@given(_rates, _small, _late)
-def test_a_wrong_attitude_is_put_right_at_once(rates: Array, error: Array, late: int) -> None:
-    truth = _Truth(rates, np.zeros(3))
-    a = _coasting(truth, error)
-    truth.correct(a, _BEFORE - late, _BEFORE)
-    # the correction is applied in the body frame of the present: off by the product of two angles
-    turned = float(np.linalg.norm(rates)) * late * 1e-3
-    left = float(np.linalg.norm(error)) * turned
-    assert _angle(a.state.attitude, truth.attitude(_BEFORE)) < 1.1 * left + 1e-7
-
-
 @given(_rates, _small, _late, st.integers(1, 8))
 def test_estimates_in_a_row_do_not_correct_twice(
     rates: Array, error: Array, late: int, period: int

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mission_bench import HOME, World
+from mission_bench import HOME, Follower, World
 
 from tombo_control.autopilot import new_autopilot
 from tombo_control.loops.position_control import follow_leg
@@ -17,7 +17,6 @@ from tombo_control.planning.leg import store_leg, turning_leg
 from tombo_control.planning.mission import (
     MissionParams,
     advance_mission,
-    begin,
     compiled_plan,
     resume,
     start_reaction,
@@ -40,38 +39,6 @@ def plan_of(course, **more):
     return MissionParams(**{**settings, **more}, course=read_course("course", course))
 
 
-class Follower:
-    """A vehicle that is where the reference is; looked at every `step` seconds."""
-
-    def __init__(self, plan, step=1.0 / 30.0):
-        self.plan, self.step = plan, step
-        self.state = begin(HOME)
-        self.n = 0
-        self.rows = []
-
-    @property
-    def now(self):
-        return self.n * self.step
-
-    def run(self, until=math.inf, patience=700.0):
-        end = self.now + patience
-        while self.now < min(until, end) and self.state.mode != Phase.LANDED:
-            self.n += 1
-            leg, now = self.state.leg, self.now
-            there = np.array(leg.position(now))
-            there[2] = max(there[2], HOME[2])
-            before = self.rows[-1][2] if self.rows else HOME
-            velocity = (there - before) / self.step
-            self.state = advance_mission(
-                self.state, compiled_plan(self.plan), now, there, velocity
-            )
-            self.rows.append((now, self.state.mode, there, leg.yaw_at(now), self.state.steps))
-        return self
-
-    def column(self, i):
-        return np.array([row[i] for row in self.rows])
-
-
 @pytest.mark.slow
 def test_flies_to_every_waypoint_turns_and_holds_there_and_lands():
     plan = plan_of(LEGS)
@@ -90,13 +57,9 @@ def test_flies_to_every_waypoint_turns_and_holds_there_and_lands():
             there & (np.abs(yaw - target.yaw) < 1e-6) & (steps == i + 1) & (mode == Phase.APPROACH)
         )
         assert np.ptp(now[held]) == pytest.approx(target.hold, abs=2.1 * flight.step)
-
-
-def test_the_heading_of_the_last_waypoint_is_kept_until_the_floor():
-    flight = Follower(plan_of(LEGS)).run()
-    down = flight.column(3)[np.isin(flight.column(1), (Phase.LAND, Phase.LANDED))]
+    down = yaw[np.isin(mode, (Phase.LAND, Phase.LANDED))]
     assert len(down) > 20
-    assert down == pytest.approx(-1.5, abs=1e-9)
+    assert down == pytest.approx(-1.5, abs=1e-9), "the last heading is kept until the floor"
 
 
 def test_what_a_waypoint_leaves_out_is_as_before():
@@ -256,29 +219,16 @@ def test_low_flight_along_a_course_is_no_landing():
     assert world.place[0] == pytest.approx(1.0, abs=0.02)
 
 
-def test_a_vehicle_put_on_the_ground_in_its_course_has_landed():
-    world = World(plan=plan_of([{"z": 2.0, "hold": 30.0}])).run(12.0)
-    assert world.course.mode == Phase.APPROACH
-    world.place, world.velocity, world.follows = np.array([0.0, 0.0, 0.2]), np.zeros(3), False
-    world.run(2.0)
-    assert world.course.mode == Phase.LANDED
-
-
 BAD = [
     ([], "c: 0 waypoints"),
     ([{}] * 501, "c: 501 waypoints"),
     ("x", "c: 'x' is no list"),
-    ({"x": 1.0}, "is no list"),
-    (3, "c: 3 is no list"),
     ([{}, 4], r"c\[1\]: 4 is no mapping"),
-    ([{"x": 1.0}, None], r"c\[1\]: None"),
     ([{"sped": 1.0}], r"key in c\[0\].*'sped'.*speed"),
     ([{}, {}, {}, {"speed": 0.0}], r"c\[3\]\.speed: 0.0 is out of bounds"),
     ([{"speed": math.nan}], r"c\[0\]\.speed: nan"),
-    ([{"x": math.inf}], r"c\[0\]\.x: inf"),
     ([{"z": -1.0}], r"c\[0\]\.z: -1.0 is out of bounds; accepted: .* 0.3"),
     ([{"yaw": "east"}], r"c\[0\]\.yaw: 'east'"),
-    ([{"hold": True}], r"c\[0\]\.hold: True"),
     ([{"hold": -0.1}], r"c\[0\]\.hold"),
     ([{1: 2.0}], r"key in c\[0\]"),
 ]

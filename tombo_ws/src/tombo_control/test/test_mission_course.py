@@ -189,13 +189,9 @@ def test_it_waits_at_the_vehicle_while_the_reaction_holds(state, why, mode):
     world.run(6.0)
     assert world.largest_step(again) < 0.02
     assert world.course.mode == Phase.APPROACH
-
-
-def test_waiting_does_not_put_off_the_landing():
-    world = World().until(Phase.APPROACH)
     world.reaction(ReactionPhase.HOLDING)
     world.until(Phase.LAND)
-    assert world.course.time_s == pytest.approx(PLAN.land_time, abs=0.03)
+    assert world.course.time_s == pytest.approx(PLAN.land_time, abs=0.03), "it is not put off"
 
 
 def test_does_not_take_off_while_the_reaction_holds():
@@ -216,25 +212,34 @@ def test_a_reaction_that_has_sent_nothing_is_not_waited_for():
     world.until(Phase.HOVER)
 
 
-@pytest.mark.parametrize("mode", [Phase.TAKEOFF, Phase.APPROACH, Phase.REACT, Phase.LAND])
-def test_without_estimates_the_reference_and_the_clock_stand_still(mode):
+@pytest.mark.parametrize(
+    ("mode", "why"),
+    [
+        *((mode, WaitReason.ESTIMATE_SILENT)
+          for mode in (Phase.TAKEOFF, Phase.APPROACH, Phase.REACT, Phase.LAND)),
+        (Phase.APPROACH, WaitReason.TWO_ESTIMATORS),
+    ],
+)  # fmt: skip
+def test_without_one_source_of_estimates_reference_and_clock_stand_still(mode, why):
     world = World()
     if mode == Phase.REACT:
         world.until(Phase.APPROACH)
         world.reaction(ReactionPhase.REACTING, X_R, 1)
     world.until(mode).run(0.7)
-    world.odometry = False
+    world.odometry = why != WaitReason.ESTIMATE_SILENT
+    world.course.set_multiple_publishers("/odometry", world.odometry)
     world.run(0.28)
     begin, time_s = len(world.setpoints), world.course.time_s
-    assert world.course.wait_reason == WaitReason.ESTIMATE_SILENT
+    assert world.course.wait_reason == why
     world.run(30.0)
     assert world.course.time_s == time_s
     assert world.largest_step(begin) == 0.0
-    assert not np.any([s.velocity for s in world.setpoints[begin:]])
-    assert not np.any([s.acceleration for s in world.setpoints[begin:]])
+    assert not np.any([(s.velocity, s.acceleration) for s in world.setpoints[begin:]])
     assert world.course.mode == mode
     world.odometry = True
+    world.course.set_multiple_publishers("/odometry", False)
     world.run(3.0)
+    assert not world.course.wait_reason
     assert world.largest_step(begin) < 0.1
 
 
@@ -248,18 +253,6 @@ def test_after_drift_without_estimates_it_resumes_from_the_vehicle():
     world.run(0.02)
     assert math.dist(world.setpoints[-1].position, world.place) < 0.01
     assert world.course.mode == Phase.APPROACH
-
-
-def test_two_estimators_stop_it_as_none_does():
-    world = World().until(Phase.APPROACH)
-    world.course.set_multiple_publishers("/odometry", True)
-    begin = len(world.setpoints)
-    world.run(3.0)
-    assert world.course.wait_reason == WaitReason.TWO_ESTIMATORS
-    assert world.largest_step(begin) == 0.0
-    world.course.set_multiple_publishers("/odometry", False)
-    world.run(0.1)
-    assert not world.course.wait_reason
 
 
 def test_a_vehicle_left_behind_is_not_left_behind_for_ever():
@@ -364,11 +357,10 @@ def test_an_estimate_that_is_no_number_is_refused(value):
     assert world.course.mode == Phase.HOVER
 
 
-@pytest.mark.parametrize("stopped_ms", [3000])
-def test_a_node_that_was_stopped_goes_on_without_a_jump(stopped_ms):
+def test_a_node_that_was_stopped_goes_on_without_a_jump():
     world = World().until(Phase.APPROACH).run(1.0)
     begin = len(world.setpoints) - 1
-    world.now += stopped_ms * MS
+    world.now += 3000 * MS
     world.run(2.0)
     assert world.largest_step(begin) < 0.1
 

@@ -65,14 +65,12 @@ class _Ride:
     def error(self) -> float:
         """Of the newest estimate's position [m]."""
         estimate = self.observer.estimate
-        assert estimate is not None
         tick = (estimate.stamp_ns - EPOCH_NS) // TICK_NS
         return float(np.linalg.norm(estimate.position - self.place(tick)))
 
     @property
     def age_ticks(self) -> int:
         estimate = self.observer.estimate
-        assert estimate is not None
         return self.tick - 1 - (estimate.stamp_ns - EPOCH_NS) // TICK_NS
 
 
@@ -86,7 +84,6 @@ def ride() -> _Ride:
 
 def _estimate_error(flight: Lockstep) -> float:
     estimate = flight.observer.estimate
-    assert estimate is not None
     before = flight.position - 1e-3 * flight.velocity  # the estimate is of the tick before
     return float(np.linalg.norm(estimate.position - before))
 
@@ -94,33 +91,15 @@ def _estimate_error(flight: Lockstep) -> float:
 # --- beginning
 
 
-def test_there_is_no_estimate_before_three_poses() -> None:
-    ride = _Ride()
+def test_the_third_pose_begins_an_estimate_with_place_and_velocity() -> None:
+    ride = _Ride((0.6, -0.8, 0.0))
     ride.run(_MOCAP_TICKS + ride.late + 1)
     assert len(ride.answers) == 2
     assert ride.observer.estimate is None
-    ride.run(_MOCAP_TICKS)
-    assert ride.observer.estimate is not None
-    assert ride.observer.estimate.pose_stamp_ns == ride.ns(2 * _MOCAP_TICKS)
-
-
-def test_three_poses_at_1_m_s_give_place_and_velocity_at_once() -> None:
-    ride = _Ride((0.6, -0.8, 0.0))
-    ride.run(2 * _MOCAP_TICKS + ride.late + 2)
+    ride.run(_MOCAP_TICKS + 1)
     assert ride.error < 1e-6
-    estimate = ride.observer.estimate
-    assert estimate is not None
-    assert np.allclose(estimate.velocity, [0.6, -0.8, 0.0])
-
-
-def test_rough_quaternions_begin_a_true_rotation() -> None:
-    ride = _Ride()
-    while ride.observer.estimate is None:
-        if ride.tick % _MOCAP_TICKS == ride.late:
-            ride.pose(attitude=0.95 * _LEVEL)
-        ride.imu()
-        ride.tick += 1
-    assert np.linalg.norm(ride.observer.estimate.attitude) == pytest.approx(1.0)
+    assert np.allclose(ride.observer.estimate.velocity, ride.velocity)
+    assert ride.observer.estimate.pose_stamp_ns == ride.ns(2 * _MOCAP_TICKS)
 
 
 def test_poses_far_apart_do_not_begin_an_estimate() -> None:
@@ -174,10 +153,7 @@ def test_restarted_in_flight_it_converges_within_a_second() -> None:
     ("wrong", "why"),
     [
         ({"frame_id": "world"}, PoseRefusal.WRONG_FRAME),
-        ({"frame_id": ""}, PoseRefusal.WRONG_FRAME),
         ({"position": np.array([np.nan, 0.0, 2.0])}, PoseRefusal.NOT_FINITE),
-        ({"attitude": np.array([0.0, np.inf, 0.0, 1.0])}, PoseRefusal.NOT_FINITE),
-        ({"attitude": np.zeros(4)}, PoseRefusal.NOT_UNIT),
         ({"attitude": np.array([0.0, 0.0, 0.0, 1.2])}, PoseRefusal.NOT_UNIT),
         ({"stamp_ns": EPOCH_NS + 606 * TICK_NS}, PoseRefusal.FUTURE),
         ({"stamp_ns": EPOCH_NS + 500 * TICK_NS}, PoseRefusal.OUT_OF_ORDER),
@@ -199,14 +175,6 @@ def test_a_bad_pose_is_refused_by_name_and_the_estimate_goes_on(
     assert ride.age_ticks == 0
 
 
-def test_a_pose_older_than_the_history_is_late(ride: _Ride) -> None:
-    ride.run(700, poses=False)
-    ride.late = 520
-    assert ride.pose() == PoseRefusal.LATE
-    ride.late = 400
-    assert ride.pose() == PoseRefusal.NONE
-
-
 def test_a_pose_twice_is_used_once(ride: _Ride) -> None:
     used = ride.observer.memory.poses
     assert ride.pose() == PoseRefusal.NONE
@@ -219,7 +187,6 @@ def test_a_leading_slash_and_a_rough_quaternion_are_fine(ride: _Ride) -> None:
     assert ride.pose(frame_id="/map", attitude=1.05 * _LEVEL) == PoseRefusal.NONE
     ride.imu()
     estimate = ride.observer.estimate
-    assert estimate is not None
     assert np.linalg.norm(estimate.attitude) == pytest.approx(1.0)
 
 
@@ -234,21 +201,15 @@ def test_a_pose_that_comes_before_the_imu_of_its_time_waits_for_it(ride: _Ride) 
     assert ride.observer.memory.poses == used + 1
     assert ride.observer.memory.rejected == 0
     estimate = ride.observer.estimate
-    assert estimate is not None
     assert estimate.pose_stamp_ns == ahead
     assert ride.error < 1e-6
-
-
-def test_a_jump_ahead_of_the_imu_is_seen_too(ride: _Ride) -> None:
-    ride.late = -2
-    assert ride.pose(position=np.add(ride.place(ride.tick), [0.0, 0.0, 1.0])) == PoseRefusal.JUMP
 
 
 # --- jumps
 
 
 def test_a_jump_that_persists_begins_the_estimate_again(ride: _Ride) -> None:
-    ride.place = lambda tick: np.array([tick * 1e-3, 4.0, 2.0])  # type: ignore[method-assign]
+    ride.place = lambda tick: np.array([tick * 1e-3, 4.0, 2.0])
     ride.answers.clear()
     ride.run(12 * _MOCAP_TICKS)
     assert ride.answers[:5] == 5 * [PoseRefusal.JUMP]
@@ -277,12 +238,6 @@ def test_wrong_poses_with_good_ones_between_are_never_believed(ride: _Ride) -> N
 def test_after_a_gap_of_poses_a_larger_step_is_believed(ride: _Ride) -> None:
     ride.run(400, poses=False)
     off = np.add(ride.place(ride.tick - ride.late), [0.0, 0.9, 0.0])  # 0.25 m + 2 m/s * 0.43 s
-    assert ride.pose(position=off) == PoseRefusal.NONE
-
-
-def test_a_limit_set_in_flight_counts_from_the_next_pose(ride: _Ride) -> None:
-    ride.observer.set_params("estimator", EstimatorParams(jump_min=3.0))
-    off = np.add(ride.place(ride.tick - ride.late), [0.0, 1.0, 0.0])
     assert ride.pose(position=off) == PoseRefusal.NONE
 
 
@@ -329,7 +284,6 @@ def test_of_two_samples_within_a_millisecond_the_first_counts(ride: _Ride) -> No
 def test_an_imu_sample_that_is_not_finite_is_bridged(ride: _Ride) -> None:
     ride.observer.imu(ride.ns(600), np.full(3, np.nan), np.full(3, np.inf))
     estimate = ride.observer.estimate
-    assert estimate is not None
     values = [estimate.position, estimate.velocity, estimate.attitude, estimate.rates]
     assert np.isfinite(np.concatenate(values)).all()
     ride.tick += 1
@@ -340,13 +294,7 @@ def test_an_imu_sample_that_is_not_finite_is_bridged(ride: _Ride) -> None:
 def test_stamps_with_jitter_lose_no_state() -> None:
     chance = np.random.default_rng(0)
     ride = _Ride((1.0, 0.0, 0.0))
-    ride.ns = lambda tick: (
-        EPOCH_NS
-        + tick * TICK_NS
-        + int(  # type: ignore[method-assign]
-            chance.uniform(-0.4, 0.4) * TICK_NS
-        )
-    )
+    ride.ns = lambda tick: EPOCH_NS + int((tick + chance.uniform(-0.4, 0.4)) * TICK_NS)
     ride.run(2000)
     assert ride.observer.memory.lost_samples == 0
     assert ride.error < 2e-3
@@ -362,7 +310,7 @@ def test_a_clock_that_is_set_begins_a_new_estimate(by_s: float) -> None:
     place, tick = ride.place, ride.tick
     ride.tick += round(by_s * 1000)
     there = place(tick) - place(ride.tick)
-    ride.place = lambda tick: place(tick) + there  # type: ignore[method-assign]
+    ride.place = lambda tick: place(tick) + there
     ride.run(6 * _MOCAP_TICKS)
     assert ride.error < 1e-6
     assert ride.age_ticks == 0
@@ -389,7 +337,6 @@ def test_on_the_ground_the_velocity_is_zero() -> None:
         ride.observer.imu(ride.ns(ride.tick), np.zeros(3), np.array([3.0, 0.0, GRAVITY]))
         ride.tick += 1
     estimate = ride.observer.estimate
-    assert estimate is not None
     assert not estimate.velocity.any()
     assert ride.error < 1e-6
 
@@ -405,8 +352,6 @@ def test_other_parameters_in_flight_keep_velocity_and_biases(ride: _Ride) -> Non
     ride.observer.set_params("estimator", EstimatorParams(attitude_bandwidth=2.0))
     ride.run(1, poses=False)
     after = ride.observer.estimate
-    assert before is not None
-    assert after is not None
     assert before.gyro_bias[2] > 0.002
     assert np.array_equal(after.gyro_bias, before.gyro_bias)
     assert np.allclose(after.velocity, ride.velocity, atol=1e-3)
@@ -420,7 +365,7 @@ def test_other_parameters_in_flight_do_count() -> None:
         ride.observer.set_params(
             "estimator", EstimatorParams(position_bandwidth=bandwidth, jump_min=9.0)
         )
-        ride.place = lambda tick: np.array([0.0, 0.3, 2.0])  # type: ignore[method-assign]
+        ride.place = lambda tick: np.array([0.0, 0.3, 2.0])
         ride.run(150)
         errors.append(ride.error)
     assert errors[1] < 0.3 * errors[0]

@@ -50,13 +50,6 @@ def test_set_points_stay_within_their_limits(goal, ahead, velocity, integral, ax
     assert np.abs(a.loops.velocity_integral).max() <= C.velocity_i_max
 
 
-def test_hovers_on_target():
-    a = fresh_autopilot()
-    run(a, 10)
-    assert a.setpoint.thrust == pytest.approx(MASS * GRAVITY)
-    assert tilt(a.setpoint.attitude) == 0.0
-
-
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
 def test_force_is_mass_times_gain_times_error(ex, ey, ez):
     """With the attitude reached, the thrust vector is m (g + velocity_p position_p error)."""

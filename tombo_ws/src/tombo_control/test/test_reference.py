@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from tombo_control.planning.leg import hold_leg, straight_leg
+from tombo_control.planning.leg import straight_leg
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 
 durations = st.floats(0.1, 100.0)
@@ -42,14 +42,6 @@ def test_speed_is_the_slope_of_the_way_and_acceleration_that_of_speed(duration, 
     assert np.allclose(slope[inner], change[1:][inner], atol=1e-6 / ramp)
 
 
-@given(durations, shares)
-def test_stands_still_before_and_after(duration, share):
-    ramp = share * duration
-    assert trapezoidal_profile(-1e-9, duration, ramp) == (0.0, 0.0, 0.0)
-    way, speed, change = trapezoidal_profile(duration + 1e-9, duration, ramp)
-    assert (way, speed, change) == (pytest.approx(duration - ramp), 0.0, 0.0)
-
-
 points = st.tuples(*[st.floats(-50.0, 50.0)] * 3)
 
 
@@ -72,8 +64,3 @@ def test_a_short_leg_ramps_up_and_down_at_the_same_acceleration():
     assert top == pytest.approx(np.sqrt(0.2 * 0.8))
     assert leg.ramp_s == pytest.approx(top / 0.8)
     assert leg.end_s == pytest.approx(2.0 * leg.ramp_s)
-
-
-@given(points, st.floats(0.0, 1e5), st.floats(-10.0, 1e5))
-def test_staying_is_staying(point, now, later):
-    assert hold_leg(point, now).position(now + later) == point

@@ -6,23 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_vehicle import NOISE, QUIET, Vehicle, hover_speed, random_attitude
+from one_vehicle import NOISE, QUIET, UPRIGHT, Vehicle, hover_speed, random_attitude
 from scipy.spatial.transform import Rotation
 
-from tombo_dynamics.vehicle import GRAVITY
+from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 
 AIR_DENSITY = 1.2041
 DRAG = {"linear_rotor_drag": {"d_xy": 0.5, "d_z": 0.3}, "quadratic_body_drag": {"c_area": 0.05}}
 HIGH = (0.0, 0.0, 2000.0)
-
-
-def test_wind_without_drag_does_nothing():
-    ends = []
-    for wind in ({}, {"steady_wind": {"east": 9.0, "north": -4.0}}):
-        v = Vehicle(wind, speed=hover_speed(), velocity=(1.0, 2.0, 0.5), rates=(0.1, 0.2, 0.3))
-        v.fly(0.5)
-        ends.append(v.body.copy())
-    assert (ends[0] == ends[1]).all()
 
 
 @pytest.mark.slow
@@ -59,25 +50,24 @@ def test_drag_takes_energy_from_every_motion(seed):
     assert not v.plant.moment.any()  # at the centre of mass
 
 
-@pytest.mark.slow
-def test_terminal_speed_under_linear_drag(no_air):
-    v = Vehicle({"linear_rotor_drag": {"d_xy": 2.0, "d_z": 1.5}}, maps=no_air, position=HIGH)
-    v.fly(15.0)
-    assert v.velocity[2] == pytest.approx(-v.mass * GRAVITY / 1.5, rel=1e-4)
-    on_edge = Vehicle(
-        {"linear_rotor_drag": {"d_xy": 2.0, "d_z": 1.5}}, maps=no_air, position=HIGH,
-        attitude=Rotation.from_euler("y", 0.5 * math.pi).as_quat(),
-    )  # fmt: skip
-    on_edge.fly(15.0)
-    assert on_edge.velocity[2] == pytest.approx(-v.mass * GRAVITY / 2.0, rel=1e-4)
+ON_EDGE = Rotation.from_euler("y", 0.5 * math.pi).as_quat()
+WEIGHT = VehicleParams().mass * GRAVITY
 
 
 @pytest.mark.slow
-def test_terminal_speed_under_quadratic_drag(no_air):
-    v = Vehicle({"quadratic_body_drag": {"c_area": 0.2}}, maps=no_air, position=HIGH)
+@pytest.mark.parametrize(
+    ("drag", "attitude", "speed"),
+    [
+        ({"linear_rotor_drag": {"d_xy": 2.0, "d_z": 1.5}}, UPRIGHT, WEIGHT / 1.5),
+        ({"linear_rotor_drag": {"d_xy": 2.0, "d_z": 1.5}}, ON_EDGE, WEIGHT / 2.0),
+        ({"quadratic_body_drag": {"c_area": 0.2}}, UPRIGHT,
+         math.sqrt(2.0 * WEIGHT / (AIR_DENSITY * 0.2))),
+    ],
+)  # fmt: skip
+def test_terminal_speed(no_air, drag, attitude, speed):
+    v = Vehicle(drag, maps=no_air, position=HIGH, attitude=attitude)
     v.fly(20.0)
-    expected = math.sqrt(2.0 * v.mass * GRAVITY / (AIR_DENSITY * 0.2))
-    assert v.velocity[2] == pytest.approx(-expected, rel=1e-4)
+    assert v.velocity[2] == pytest.approx(-speed, rel=1e-4)
 
 
 def flapping(velocity, **more):
@@ -108,14 +98,6 @@ def test_flapping_is_the_moment_of_a_drag_above_the_centre_of_mass(seed):
     assert flapping(velocity, attitude=attitude) == pytest.approx(np.cross(above, drag), abs=1e-12)
 
 
-def test_a_vehicle_that_drifts_is_levelled_out_by_flapping():
-    """The moment turns thrust against the motion: the speed along x falls by itself."""
-    v = Vehicle({"flapping_moment": {"k": 0.02}}, velocity=(2.0, 0.0, 0.0), speed=hover_speed())
-    v.fly(0.3)
-    assert v.velocity[0] < 1.9
-    assert v.rotation.apply([1.0, 0.0, 0.0])[2] > 0.0  # nose up
-
-
 @pytest.mark.parametrize("k", [-0.02, 0.03])
 def test_translational_lift_grows_with_squared_in_plane_airspeed(k):
     lift = {"translational_lift": {"k": k}, "steady_wind": {"east": 1.0}}
@@ -133,17 +115,6 @@ def test_translational_lift_never_turns_thrust_around():
     v = Vehicle({"translational_lift": {"k": -0.05}}, velocity=(12.0, 0.0, 0.0), speed=500.0)
     v.begin()
     assert v.plant.efficiency == pytest.approx(np.full(4, 0.2))
-
-
-def test_quadratic_drag_is_against_the_motion_and_grows_with_its_square():
-    forces = []
-    for speed in (1.0, 2.0):
-        v = Vehicle({"quadratic_body_drag": {"c_area": 0.1}}, velocity=(speed, -speed, speed))
-        v.begin()
-        forces.append(v.plant.force.copy())
-    assert forces[1] == pytest.approx(4.0 * forces[0])
-    direction = forces[0] / np.linalg.norm(forces[0])
-    assert direction == pytest.approx(np.array([-1.0, 1.0, -1.0]) / math.sqrt(3.0))
 
 
 # --- gusts ----------------------------------------------------------------------------------

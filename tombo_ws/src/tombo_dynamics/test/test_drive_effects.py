@@ -107,11 +107,6 @@ def test_speed_and_thrust_fall_with_the_voltage(vehicle):
     assert v.plant.rotor_thrust.sum() < 0.97 * v.mass * 9.80665
 
 
-def test_a_weaker_battery_sags_more():
-    voltages = [sagging(resistance=r).plant.supply.voltage for r in (0.0, 0.03, 0.1, 0.3)]
-    assert (np.diff(voltages) < 0.0).all()
-
-
 def test_voltage_falls_with_the_charge_used(vehicle):
     v = sagging(discharge=3.0, seconds=5.0)
     charge = v.plant.supply.charge
@@ -119,8 +114,3 @@ def test_voltage_falls_with_the_charge_used(vehicle):
         vehicle.battery_voltage - 3.0 * charge, abs=1e-3
     )
     assert charge == pytest.approx(5.0 * v.plant.supply.current / 3600.0, rel=0.05)
-
-
-def test_without_load_the_battery_is_full(vehicle):
-    v = sagging(resistance=0.3, discharge=3.0, speed=0.0)
-    assert numbers(v.plant.supply) == pytest.approx([0.0, 0.0, vehicle.battery_voltage])

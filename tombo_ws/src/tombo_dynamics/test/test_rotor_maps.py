@@ -62,17 +62,6 @@ def test_speed_for_thrust_stays_within_the_drives_range(thrust):
         assert speed == pytest.approx(top, rel=1e-9)
 
 
-def test_numbers_at_the_head_of_the_table(propeller):
-    source, table = propeller
-    vehicle = VehicleParams()
-    hover = vehicle.hover_thrust()
-    speed = speed_for_thrust(table, hover)
-    assert table.thrust_highest == pytest.approx(float(source.thrust(top_speed(source))))
-    assert table.thrust_lowest == pytest.approx(rotor_thrust(table, vehicle.rotor_speed_min))
-    ratio = rotor_torque(table, speed) / rotor_thrust(table, speed)
-    assert table.torque_ratio == pytest.approx(ratio, rel=1e-3)
-
-
 def test_thrust_and_torque_of_a_propeller_at_rest_are_zero(propeller):
     _, table = propeller
     assert rotor_thrust(table, 0.0) == pytest.approx(0.0, abs=1e-12)

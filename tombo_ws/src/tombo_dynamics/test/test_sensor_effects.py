@@ -28,13 +28,6 @@ def imu_readings(effects, noise):
 # --- IMU ------------------------------------------------------------------------------------
 
 
-def test_bias_is_added_to_every_reading():
-    bias = {"gyro_x": 0.01, "gyro_y": -0.02, "gyro_z": 0.03,
-            "accel_x": 0.1, "accel_y": 0.2, "accel_z": -0.3}  # fmt: skip
-    rows = imu_readings({"imu_bias": bias}, np.zeros((5, NOISE)))
-    assert rows == pytest.approx(np.tile([0.01, -0.02, 0.03, 0.1, 0.2, -0.3], (5, 1)))
-
-
 def test_noise_has_its_deviation_on_each_axis_and_axes_are_independent():
     noise = np.random.default_rng(0).standard_normal((4000, NOISE))
     rows = imu_readings({"imu_noise": {"gyro": 0.02, "accel": 0.5}}, noise)
@@ -101,13 +94,6 @@ def test_misalignment_turns_the_world_about_z_then_y_then_x(yaw, roll, pitch, se
     assert error.magnitude() < 1e-7
     assert np.linalg.norm(seen.position) == pytest.approx(np.linalg.norm(position))
     assert np.linalg.norm(seen.attitude) == pytest.approx(1.0, abs=1e-14)
-
-
-def test_a_quarter_turn_of_the_frame_makes_east_north():
-    quarter = {"mocap_misalignment": {"yaw": 0.5 * math.pi}}
-    seen = measured_pose(quarter, (2.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
-    assert seen.position == pytest.approx([0.0, 2.0, 1.0], abs=1e-15)
-    assert Rotation.from_quat(seen.attitude).as_euler("ZYX")[0] == pytest.approx(0.5 * math.pi)
 
 
 # --- noise ----------------------------------------------------------------------------------

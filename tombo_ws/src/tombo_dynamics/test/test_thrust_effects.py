@@ -45,17 +45,6 @@ def test_scatter_is_one_draw_for_each_rotor_and_flight():
     assert shares == pytest.approx(np.tile([1.1, 0.95, 1.0, 1.2], (50, 1)))
 
 
-def test_scatter_over_many_sets_has_the_deviation_of_the_table():
-    rng = np.random.default_rng(0)
-    shares = []
-    for _ in range(500):
-        v = Vehicle({"thrust_scatter": {"deviation": 0.1}}, draws=rng.standard_normal(8))
-        v.begin()
-        shares.append(v.plant.efficiency.copy())
-    assert np.std(shares) == pytest.approx(0.1, rel=0.05)
-    assert np.mean(shares) == pytest.approx(1.0, abs=0.01)
-
-
 # --- inertia --------------------------------------------------------------------------------
 
 
@@ -96,15 +85,6 @@ def test_ground_effect_grows_towards_the_floor_and_vanishes_above():
     assert 1.0 < gains[-1] < 1.0001
     assert gains[0] < 1.5
     assert gain(0.001) == gain(0.05)  # the formula's end is held
-
-
-def test_ground_effect_holds_a_descent_up():
-    ends = []
-    for strength in (0.0, 1.0):
-        v = hovering({"ground_effect": {"strength": strength}}, height=0.3)
-        v.fly(0.5)
-        ends.append(v.position[2])
-    assert ends[1] > ends[0] + 1e-4
 
 
 # --- airframe -------------------------------------------------------------------------------

@@ -25,7 +25,6 @@ from tombo_bag.formats.rolling_sink import NOTES  # noqa: E402
 from tombo_bag.qos import SENSOR, Qos  # noqa: E402
 from tombo_bag.recording import Recording  # noqa: E402
 from tombo_bag.schemas import message_directory  # noqa: E402
-from tombo_bag.sequence_counter import SequenceCounter  # noqa: E402
 from tombo_bag.topics import (  # noqa: E402
     COLLISION_EVENT,
     DIAGNOSTICS,
@@ -36,7 +35,6 @@ from tombo_bag.topics import (  # noqa: E402
     TopicSpec,
 )
 from tombo_ros.conversion import to_time  # noqa: E402
-from tombo_ros.recorder_node import lost_text  # noqa: E402
 from tombo_ros.topic import message_class  # noqa: E402
 
 STEADY = TopicSpec("/steady", IMU.typename, Qos(5000), 0.0, "reliable, so busy machines lose none")
@@ -334,13 +332,3 @@ def test_every_topic_of_the_suite_but_the_clock_is_recorded_by_default(start, wo
                 spec.qos.reliability,
                 spec.qos.durability,
             )
-
-
-def test_the_loss_is_said_with_its_share_and_where_it_was_most() -> None:
-    counters = {name: SequenceCounter() for name in ("/a", "/b")}
-    assert lost_text(counters) == "lost 0"
-    for name, numbers in (("/a", (1, 2, 3, 8)), ("/b", (1, 3, 4))):
-        for number in numbers:
-            counters[name].seen(number)
-        counters[name].publishers(1)
-    assert lost_text(counters) == "lost 5 of 12 (42 %), most on /a (4)"

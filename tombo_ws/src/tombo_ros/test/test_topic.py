@@ -9,7 +9,6 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from tiny_node import POKE
 
@@ -78,16 +77,6 @@ def test_messages_wait_and_are_taken_once_oldest_first(world: Any) -> None:
     assert newest is not None
     assert to_ns(newest.message.clock) == 8
     assert heard.newest() is None
-
-
-def test_raw_bytes_are_the_messages(world: Any) -> None:
-    speaker = _Speaker(world)
-    heard = _listening(world, speaker)
-    speaker.output.publish(b"\x00\x01\x00\x00\x05\x00\x00\x00\x07\x00\x00\x00")
-    _wait(heard, 1)
-    (taken,) = heard.take_raw()
-    assert isinstance(taken.message, bytes)
-    assert to_ns(deserialize_message(taken.message, Clock).clock) == 5_000_000_007
 
 
 def test_bytes_that_are_no_message_are_counted_and_left_out(world: Any) -> None:

@@ -76,18 +76,12 @@ def test_times_survive_the_way_there_and_back(stamp: int) -> None:
 
 @pytest.mark.parametrize("frame", ["", "map", "base_lin", "base_link2", "base_lind"])
 def test_another_frame_is_refused(frame: str) -> None:
-    message = Imu()
-    message.header.frame_id = frame
-    with pytest.raises(InputError, match=f"'{frame}'; accepted: 'base_link'"):
-        MessageCodec("sensor_msgs/msg/Imu").decode(serialize_message(message))
-
-
-@pytest.mark.parametrize("child", ["", "base_footprint", "map"])
-def test_another_child_frame_is_refused(child: str) -> None:
-    message = Odometry()
-    message.header.frame_id, message.child_frame_id = "map", child
-    with pytest.raises(InputError, match=f"'{child}'; accepted: 'base_link'"):
-        MessageCodec("nav_msgs/msg/Odometry").decode(serialize_message(message))
+    imu, odometry = Imu(), Odometry()
+    imu.header.frame_id = odometry.child_frame_id = frame
+    odometry.header.frame_id = "map"
+    for name, message in (("sensor_msgs/msg/Imu", imu), ("nav_msgs/msg/Odometry", odometry)):
+        with pytest.raises(InputError, match=f"'{frame}'; accepted: 'base_link'"):
+            MessageCodec(name).decode(serialize_message(message))
 
 
 @pytest.mark.parametrize("typename", sorted(FORMS))
@@ -106,12 +100,6 @@ def test_big_endian_and_other_encodings_are_refused(head: bytes) -> None:
     data = codec.encode(neutral(FORMS["sensor_msgs/msg/Imu"].kind, 1))
     with pytest.raises(InputError):
         codec.decode(head + data[4:])
-
-
-@given(st.binary(max_size=400))
-def test_any_bytes_are_refused_with_a_reason(data: bytes) -> None:
-    with pytest.raises(InputError):
-        MessageCodec("tombo_msgs/msg/RotorSpeeds").decode(data)
 
 
 @pytest.mark.parametrize(

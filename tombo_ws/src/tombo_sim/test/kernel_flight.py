@@ -152,6 +152,24 @@ def fly_kernel(effects=None, seconds=1.0, seed=0, chunk=10**9, block=10**9, tick
     return Flight(log, mocap, delivered, plant, cores[-1].autopilot)
 
 
+def motion_of(flight):
+    """Return the motion of a flight, a row a tick, as the inverse simulation takes it."""
+    state = [flight[n] for n in ("position", "velocity", "attitude", "rates")]
+    return np.hstack([*state, np.gradient(flight["rates"], TICK, axis=0)])
+
+
+def commands_of(flight):
+    """Return what acts in each tick: the command of the tick before."""
+    return np.vstack([flight["rotor_command"][:1], flight["rotor_command"][:-1]])
+
+
+def vehicle_of(seed):
+    """Return the plant, with its draws, that a flight of that seed flew."""
+    plant = new_plant(VEHICLE)
+    plant.draws = np.random.default_rng(seed + 1).standard_normal(8)
+    return plant
+
+
 NOISY = {
     "gusts": {"deviation": 0.5, "time": 0.5},
     "linear_rotor_drag": {"d_xy": 0.3, "d_z": 0.1},

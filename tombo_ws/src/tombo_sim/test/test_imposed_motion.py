@@ -2,7 +2,16 @@
 
 import numpy as np
 import pytest
-from kernel_flight import NOISE, TICK, VEHICLE, fly_kernel, maps
+from kernel_flight import (
+    NOISE,
+    TICK,
+    VEHICLE,
+    commands_of,
+    fly_kernel,
+    maps,
+    motion_of,
+    vehicle_of,
+)
 
 from tombo_dynamics.effects.compose import new_plant, pack_theta
 from tombo_sim.inverse_simulation import (
@@ -47,27 +56,11 @@ def flight():
     return fly_kernel(EFFECTS, seconds=2.0, seed=SEED, tick_noise=CHANCE)
 
 
-def motion_of(flight):
-    state = [flight[n] for n in ("position", "velocity", "attitude", "rates")]
-    return np.hstack([*state, np.gradient(flight["rates"], TICK, axis=0)])
-
-
-def commands_of(flight):
-    """Return what acts in each tick: the command of the tick before."""
-    return np.vstack([flight["rotor_command"][:1], flight["rotor_command"][:-1]])
-
-
-def vehicle():
-    plant = new_plant(VEHICLE)
-    plant.draws = np.random.default_rng(SEED + 1).standard_normal(8)
-    return plant
-
-
 def along(flight, effects, speed=None, noise=CHANCE):
     motion = motion_of(flight)
     out = np.zeros(motion.shape[0], ImposedTick.layout)
     measured = np.zeros((0, 8)) if speed is None else speed
-    run_along_motion(vehicle(), maps(), pack_theta(effects), noise, TICK, motion,
+    run_along_motion(vehicle_of(SEED), maps(), pack_theta(effects), noise, TICK, motion,
                  commands_of(flight), measured, out)  # fmt: skip
     return out
 
@@ -142,8 +135,8 @@ def test_the_floor_does_not_push_on_a_motion_that_noise_carries_into_it(flight):
     for height in (0.05, 0.02):
         low[:, 2] = height
         out = np.zeros(low.shape[0], ImposedTick.layout)
-        run_along_motion(vehicle(), maps(), pack_theta({}), QUIET, TICK, low, commands_of(flight),
-                     np.zeros((0, 8)), out)  # fmt: skip
+        run_along_motion(vehicle_of(SEED), maps(), pack_theta({}), QUIET, TICK, low,
+                         commands_of(flight), np.zeros((0, 8)), out)  # fmt: skip
         outs.append(out)
     assert np.array_equal(*outs)
 
@@ -181,18 +174,6 @@ def test_imposed_capture_equals_the_simulators_capture():
 
 
 @pytest.mark.slow
-def test_samples_are_lost_in_gaps_of_the_length_that_was_asked_for():
-    noise = np.random.default_rng(2).standard_normal((20_000, NOISE))
-    still = np.zeros((20_000, 7))
-    still[:, 6] = 1.0
-    effects = {"mocap_dropouts": {"probability": 0.02, "duration": 0.1}}
-    lost = simulate_mocap(new_plant(VEHICLE), pack_theta(effects), noise, still, 1 / 30)[:, 8] > 0
-    starts = np.count_nonzero(lost[1:] & ~lost[:-1])
-    assert starts == pytest.approx(0.02 * np.count_nonzero(~lost), rel=0.15)
-    assert lost.sum() / starts == pytest.approx(0.1 * 30.0 + 0.5, rel=0.15)
-
-
-@pytest.mark.slow
 def test_a_stamp_error_and_the_vehicle_at_rest():
     still = np.zeros((5, 7))
     still[:, 6] = 1.0
@@ -226,7 +207,7 @@ def test_a_lever_arm_feels_the_angular_acceleration_that_was_measured(flight):
     motion[:, 13:16] = [0.0, 4.0, 0.0]
     out = np.zeros(motion.shape[0], ImposedTick.layout)
     theta = pack_theta({"imu_lever_arm": {"z": 0.05}})
-    run_along_motion(vehicle(), maps(), theta, QUIET, TICK, motion, commands_of(flight),
+    run_along_motion(vehicle_of(SEED), maps(), theta, QUIET, TICK, motion, commands_of(flight),
                  np.zeros((0, 8)), out)  # fmt: skip
     error = out["accel_error"]
     assert np.allclose(error, [0.2, 0.0, 0.0])

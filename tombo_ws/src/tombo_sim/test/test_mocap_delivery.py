@@ -13,24 +13,13 @@ def delivered_rows(flight):
     return ticks, rows
 
 
-def test_samples_are_captured_at_the_rate_of_the_motion_capture():
-    f = fly_kernel(seconds=1.0)
-    assert f.mocap["stamp"][:30] == pytest.approx(np.arange(30) / RATE / TICK, abs=0.5)
-
-
-def test_without_latency_a_sample_is_known_in_the_tick_of_its_capture():
-    f = fly_kernel(seconds=1.0)
-    ticks, rows = delivered_rows(f)
-    assert (rows == np.arange(30)).all()
-    assert (ticks == capture_ticks(1.0)[:-1]).all()
-
-
-@pytest.mark.parametrize("delay", [0.001, 0.010, 0.0336, 0.110])
+@pytest.mark.parametrize("delay", [0.0, 0.001, 0.0336, 0.110])
 def test_a_sample_arrives_later_by_the_latency_and_keeps_its_stamp(delay):
     late = {"mocap_latency": {"delay": delay}}
     f = fly_kernel(late, seconds=1.0, mocap_noise=np.zeros((31, NOISE)))
     ticks, rows = delivered_rows(f)
     captured = f.mocap["stamp"][rows]
+    assert rows.tolist() == list(range(rows.size)) and rows.size >= 26
     assert (captured == capture_ticks(1.0)[rows]).all()
     assert (ticks - captured == round(delay / TICK)).all()
     assert (f.mocap["arrives"][rows] == ticks).all()
@@ -87,14 +76,3 @@ def test_gap_has_the_drawn_duration():
     missing = sorted(set(range(60)) - set(rows))
     count = int(np.ceil(0.3 * np.log(2.0) * RATE))
     assert missing == list(range(5, 5 + count))
-
-
-def test_the_estimate_does_not_lag_behind_late_poses():
-    """The stamp is used: half as late is not half as wrong."""
-    errors = []
-    for delay in (0.0, 0.1):
-        f = fly_kernel(
-            {"mocap_latency": {"delay": delay}}, seconds=4.0, mocap_noise=np.zeros((121, NOISE))
-        )
-        errors.append(np.abs(f["est_position"] - f["position"]).max())
-    assert errors[1] < 0.01

@@ -4,9 +4,6 @@ import numpy as np
 import pytest
 from kernel_flight import NOISE, RATE, TICK, capture_ticks, fly_kernel
 
-from tombo_sim.simulator import Simulator
-from tombo_sim.world import World
-
 CAPTURES = capture_ticks(2.0)[:-1]
 NONE_ARRIVES = {"mocap_dropouts": {"probability": 1.0, "duration": 9.0}}
 
@@ -60,20 +57,3 @@ def test_a_stamp_from_before_the_flight_does_no_harm(offset, bound):
     f = stamped(offset)
     assert f.mocap["stamp"][0] == pytest.approx(1e3 * offset)
     assert np.abs(f["est_position"] - f["position"]).max() < bound
-
-
-# --- tick by tick ---------------------------------------------------------------------------
-
-
-def test_the_simulators_samples_carry_the_wrong_stamp():
-    world = World(
-        effects={"mocap_stamp_error": {"offset": 0.0123}, "mocap_latency": {"delay": 0.02}}
-    )
-    simulator = Simulator(world, 0)
-    arrived = []
-    for _ in range(100):
-        arrived += simulator.arrived
-        simulator.advance(np.zeros(4))
-    assert [s.stamp_ns for s in arrived] == [12_300_000, 45_300_000, 79_300_000]
-    assert [s.captured for s in arrived] == [12, 45, 79]
-    assert [s.arrives for s in arrived] == [20, 53, 87]

@@ -1,3 +1,5 @@
+"""Bad input of the propeller is refused in one line, which names it and what is accepted."""
+
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -15,55 +17,95 @@ from tombo_dynamics.propeller import (
     nodus_moduli,
     parameter_row,
     read_library,
+    speed_for_thrust,
+    sweep,
+    thrust_map,
     valid_speed,
+    with_joint,
+    with_nodus,
 )
+from tombo_dynamics.propeller.effects import check_stand_theta
 from tombo_dynamics.propeller.library import DATA
 
+ROW = parameter_row(configuration(13), "repaired")
+MODULI = {"E_N_MPa": 1.0, "G_N_MPa": 1.0}
+CALLS = [
+    *((lambda s=s: evaluate(0, [10.0, s]), r"accepted: 0 to 1885\.0 rad/s \(18000 rpm\)")
+      for s in (math.nan, -1.0, 1.001 * SPEED_LIMIT, "fast", None)),
+    (lambda: evaluate(13, 100.0, "repared"), "did you mean 'repaired'"),
+    (lambda: evaluate(13, 100.0, outside="ignore"), "outside 'ignore'; accepted"),
+    (lambda: evaluate(13, 100.0, surroundings=3), "surroundings 3; accepted"),
+    (lambda: evaluate(13, [1, 2], length_mm=[8, 9, 10]),
+     r"speed_rad_s \(2,\), length_mm \(3,\); accepted: shapes that broadcast"),
+    *((lambda n=n: configuration(n), r"accepted: 0, 1, .*, 13") for n in (14, -1, True)),
+    *((lambda rows=rows: evaluate_rows(rows, 100.0), "accepted: finite rows")
+      for rows in (ROW[:-1], np.full_like(ROW, math.nan), 3.0)),
+    (lambda: evaluate_rows(np.stack([ROW, ROW]), [1.0, 2.0, 3.0]), "broadcast"),
+    (lambda: nodus_moduli(0), "rigid"),
+    (lambda: valid_speed([13]), r"unknown configuration \[13\].*accepted"),
+    (lambda: valid_speed(13, ["repaired"]), "unknown law.*accepted"),
+    (lambda: thrust_map("13"), "unknown configuration '13'.*accepted"),
+    *((lambda w=w: thrust_map(13).thrust([1.0, w]), "accepted: 0 to") for w in (-1.0, math.nan)),
+    (lambda: propeller.with_section("x", lift_mean=1.0), "unknown configuration 'x'.*accepted"),
+    (lambda: propeller.rotor_inertia("nine_inch"), "'nine_inch'; accepted: a Blade"),
+    (lambda: with_joint(13, mass=1.0), "unknown value of a joint 'mass'.*accepted"),
+    (lambda: with_nodus(13, foo=1), "'foo'.*accepted: .*length_mm"),
+    (lambda: with_nodus(13, fibres=2.5), r"nodus.fibres: 2\.5"),
+    (lambda: with_nodus(13, length_mm=36.0), "behind the hub's centre"),
+    (lambda: with_nodus(13, outer_radius_m=math.nan), "on the blade"),
+    (lambda: with_nodus(0, fibres=5), "rigid, a nodus for it needs matrix"),
+    *((lambda bad=bad: sweep(bad, 100.0), "accepted") for bad in ("all", [13, None])),
+    (lambda: sweep(13, [[100.0, 200.0]]), "each list is an axis"),
+    (lambda: sweep(13, []), "speed_rad_s is empty"),
+    (lambda: sweep(13, 100.0).table(thrust_N=1.0), "thrust_N is there already"),
+    (lambda: sweep(13, 100.0).table(note=[1, 2, 3, 4]), "broadcasts to"),
+    (lambda: speed_for_thrust([13, 1], 3.0), r"accepted: 0 to 1\.89"),
+    *((lambda t=t: speed_for_thrust(13, t), "accepted") for t in (-1.0, math.nan, "much")),
+    (lambda: speed_for_thrust([1, 13], [1.0, 1.0, 1.0]), "accepted: shapes that broadcast"),
+    (lambda: check_stand_theta({"thrust_gian": {}}, "x"), "thrust_gain"),
+    (lambda: check_stand_theta({"thrust_gain": {"error": 9.0}}, "x"), r"from -0\.6 to 1\.5"),
+    (lambda: check_stand_theta({"thrust_gain": 3}, "x"), "accepted: a mapping|mapping"),
+]  # fmt: skip
+CHANGES = [
+    ({"fibers": 5}, "did you mean 'fibres'"),
+    ({"fibres": 5.5}, r"fibres 5\.5; accepted: whole numbers from 0"),
+    ({"length_mm": [12.0, np.nan]}, "length_mm nan; accepted: numbers from 0.1"),
+    ({"length_mm": "long"}, "length_mm 'long' is not numeric"),
+    ({"length_mm": []}, "length_mm is empty"),
+    ({"length_mm": 40.0}, "behind the hub's centre; accepted: at most 35 mm"),
+    ({"fibres": 500}, "fill the nodus' section"),
+    ({"matrix": "DragonSkin40"}, "unknown matrix"),
+    ({"matrix": "DragonSkin10", "poisson_ratio": 0.4}, "accepted: one of them"),
+    ({"fibres": 5} | MODULI, "fibres has no effect beside E_N_MPa"),
+    ({"fibre_count": 5}, "fibre_count has no effect under law repaired"),
+    ({"law": "published", "fibres": 5}, "fibres has no effect under law published"),
+    ({"law": "published", "outer_radius_m": 0.04}, "35 mm"),
+    ({"outer_radius_m": 0.2}, "outside of blade"),
+    ({"length_mm": [8, 9], "fibres": [1, 2, 3]}, "shapes that broadcast"),
+]
+CALLS += [(lambda c=c: evaluate(13, 100.0, **c), words) for c, words in CHANGES]
+CALLS += [(lambda: evaluate([13, 0], 100.0, length_mm=10.0), "configuration 0 is rigid")]
 
-@pytest.mark.parametrize("speed", [math.nan, -1.0, math.inf, 1.001 * SPEED_LIMIT, "fast"])
-@pytest.mark.parametrize("law", ["published", "repaired", "consistent"])
-def test_speeds_that_no_law_takes(speed: object, law: str) -> None:
-    with pytest.raises(InputError, match=r"accepted: 0 to 1885\.0 rad/s \(18000 rpm\)"):
-        evaluate(configuration(0), [10.0, speed], law)
+
+@pytest.mark.parametrize(("call", "words"), CALLS, ids=[words for _, words in CALLS])
+def test_a_bad_call_is_refused(call: Callable[[], object], words: str) -> None:
+    with pytest.raises(InputError, match=words) as error:
+        call()
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["published", "repaired"])
 def test_speed_beyond_validity_names_the_valid_range(law: str) -> None:
-    chosen = configuration(1)
-    limit = valid_speed(chosen, law)
-    evaluate(chosen, limit, law)
-    with pytest.raises(InputError) as error:
-        evaluate(chosen, [100.0, 1.01 * limit], law)
+    limit = valid_speed(1, law)
+    evaluate(1, limit, law)
+    with pytest.raises(InputError, match="configuration 1:") as error:
+        evaluate([[13], [1]], [100.0, 1.01 * limit], law)
     assert f"{limit:.6g} rad/s" in str(error.value)
-    assert "configuration 1" in str(error.value)
-    masked = evaluate(chosen, [100.0, 1.01 * limit], law, outside="mask")
-    assert masked.valid.tolist() == [True, False]
+    masked, kept = (evaluate(1, [100.0, 1.01 * limit], law, outside=o) for o in ("mask", "keep"))
+    assert masked.valid.tolist() == kept.valid.tolist() == [True, False]
     assert np.isnan(masked.thrust_N[1])
-    kept = evaluate(chosen, [100.0, 1.01 * limit], law, outside="keep")
-    assert kept.valid.tolist() == [True, False]
     assert np.isfinite(kept.thrust_N[1])
-
-
-def test_unknown_names() -> None:
-    with pytest.raises(InputError, match="did you mean 'repaired'"):
-        evaluate(configuration(13), 100.0, "repared")
-    with pytest.raises(InputError, match="outside 'ignore'"):
-        evaluate(configuration(13), 100.0, outside="ignore")
-    for number in (14, -1, True):
-        with pytest.raises(InputError, match=r"accepted: 0, 1, .*, 13"):
-            configuration(number)
-    with pytest.raises(InputError, match="rigid"):
-        nodus_moduli(configuration(0))
-
-
-def test_rows_of_another_kind() -> None:
-    row = parameter_row(configuration(13), "repaired")
-    for rows in (row[:-1], np.full_like(row, math.nan), 3.0):
-        with pytest.raises(InputError, match="accepted: finite rows"):
-            evaluate_rows(rows, 100.0)
-    with pytest.raises(InputError, match="broadcast"):
-        evaluate_rows(np.stack([row, row]), [1.0, 2.0, 3.0])
 
 
 def test_a_row_is_a_copy() -> None:
@@ -77,121 +119,64 @@ def write(folder: Path, name: str, text: str) -> Path:
     return folder
 
 
+NODUS = "{conf: 20, blade: nine_inch, matrix: Stiff, fibre: tendon, fibres: 4, length_mm: 8,"
+
+
 def test_own_configuration_beside_the_papers(tmp_path: Path) -> None:
-    write(
-        tmp_path,
-        "materials.yaml",
-        "matrices: {Stiff: {poisson_ratio: 0.45, strain_percent: [1, 2, 3, 4, 5],"
-        " secant_modulus_MPa: [2.0, 2.0, 2.0, 2.0, 2.0]}}",
-    )
-    row = "{conf: 20, blade: nine_inch, matrix: Stiff, fibre: tendon, fibres: 4,"
-    write(tmp_path, "configurations.yaml", f"- {row} fibre_diameter_mm: 0.5, length_mm: 8}}")
-    library = read_library(tmp_path)
-    assert set(library.configurations) == {*range(14), 20}
-    own = library.configurations[20]
-    assert nodus_moduli(own).E_N_MPa > nodus_moduli(configuration(3)).E_N_MPa
-    assert evaluate(own, 400.0).thrust_N > evaluate(configuration(3), 400.0).thrust_N
+    stiff = "poisson_ratio: 0.45, strain_percent: [1, 2, 3, 4], secant_modulus_MPa: [2, 2, 2, 2]"
+    write(tmp_path, "materials.yaml", f"matrices: {{Stiff: {{{stiff}}}}}")
+    for diameter in (0.9, 0.5):  # read anew
+        write(tmp_path, "configurations.yaml", f"- {NODUS} fibre_diameter_mm: {diameter}}}")
+        library = read_library(str(tmp_path))
+        assert set(library.configurations) == {*range(14), 20}
+        own = library.configurations[20]
+        assert own.nodus.fibre_diameter_mm == diameter
+    assert nodus_moduli(own).E_N_MPa > nodus_moduli(3).E_N_MPa
+    assert evaluate(own, 400.0).thrust_N > evaluate(3, 400.0).thrust_N
 
 
-ROW = "{conf: 20, blade: nine_inch, matrix: DragonSkin10, fibre: tendon, fibres: 4, "
+SOFT = NODUS.replace("Stiff", "DragonSkin10")
+FILES = [
+    ("configurations.yaml", f"- {SOFT}}}", "no fibre_diameter_mm"),
+    ("configurations.yaml", f"- {SOFT} fibre_diameter_mm: .nan}}", "fibre_diameter_mm: nan"),
+    ("configurations.yaml", f"- {SOFT} fibre_diametre_mm: 0.5}}", "did you mean 'fibre_diamet"),
+    ("configurations.yaml", 2 * f"- {SOFT} fibre_diameter_mm: 0.5}}\n", "conf 20 twice"),
+    ("configurations.yaml", "- {conf: 20, blade: ten_inch}", "unknown blade"),
+    ("configurations.yaml", "a: b: c", "line 1: mapping"),
+    ("configurations.yaml", "a: 1", "no list"),
+    ("materials.yaml", "fibers: {}", "did you mean 'fibres'"),
+    ("materials.yaml", "matrices: {x: {poisson_ratio: 0.4, strain_percent: [1, 2, 3], "
+     "secant_modulus_MPa: [1, 1, 1]}}", "4 or more"),
+    ("blades.yaml", "x: 3", "a mapping"),
+    ("readme.txt", "", "holds no data files"),
+]  # fmt: skip
+BLADES = [
+    ("start_m: 0.030", "start_m: 0.031", "accepted: pieces that join"),
+    ("outer_radius_m: 0.035", "outer_radius_m: 0.2", "outside of the blade"),
+    ("lift_mean: 0.225", "lift_mean: big", "lift_mean: 'big'"),
+    ("thickness_mm: [6.2, 6.2,", "thickness_mm: [6.2,", "one thickness a station"),
+]
+PRINTED = (DATA / "blades.yaml").read_text()
+FILES += [("blades.yaml", PRINTED.replace(old, new), words) for old, new, words in BLADES]
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "message"),
-    [
-        ("configurations.yaml", f"- {ROW}length_mm: 8}}", "no fibre_diameter_mm"),
-        (
-            "configurations.yaml",
-            f"- {ROW}fibre_diameter_mm: .nan, length_mm: 8}}",
-            "fibre_diameter_mm: nan",
-        ),
-        (
-            "configurations.yaml",
-            f"- {ROW}fibre_diameter_mm: 0.5, length_mm: -8}}",
-            "length_mm: -8",
-        ),
-        ("configurations.yaml", f"- {ROW}fibre_diametre_mm: 0.5}}", "did you mean 'fibre_diamet"),
-        ("configurations.yaml", "- {conf: 20, blade: ten_inch}", "unknown blade"),
-        ("configurations.yaml", "- {conf: x, blade: nine_inch}", "conf 'x'"),
-        ("configurations.yaml", "a: b: c", "line 1: mapping"),
-        ("configurations.yaml", "a: 1", "no list"),
-        ("materials.yaml", "fibers: {}", "did you mean 'fibres'"),
-        ("materials.yaml", "fibres: {x: {youngs_modulus_MPa: 1}}", "no shear_modulus_MPa"),
-        (
-            "materials.yaml",
-            "matrices: {x: {poisson_ratio: 0.4, strain_percent: [1, 2, 3], "
-            "secant_modulus_MPa: [1, 1, 1]}}",
-            "4 or more",
-        ),
-        ("blades.yaml", "x: 3", "a mapping"),
-    ],
-)
-def test_data_that_does_not_fit(tmp_path: Path, name: str, text: str, message: str) -> None:
-    with pytest.raises(InputError, match=message) as error:
+@pytest.mark.parametrize(("name", "text", "words"), FILES, ids=[words for *_, words in FILES])
+def test_data_that_does_not_fit(tmp_path: Path, name: str, text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words) as error:
         read_library(write(tmp_path, name, text))
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("start_m: 0.030", "start_m: 0.031", "accepted: pieces that join"),
-        ("outer_radius_m: 0.035", "outer_radius_m: 0.2", "outside of the blade"),
-        ("lift_mean: 0.225", "lift_mean: big", "lift_mean: 'big'"),
-        ("thickness_mm: [6.2, 6.2,", "thickness_mm: [6.2,", "one thickness a station"),
-    ],
-)
-def test_blades_that_do_not_fit(tmp_path: Path, old: str, new: str, message: str) -> None:
-    text = (DATA / "blades.yaml").read_text()
-    assert old in text
-    with pytest.raises(InputError, match=message):
-        read_library(write(tmp_path, "blades.yaml", text.replace(old, new)))
+@pytest.mark.parametrize(("folder", "words"), [(3, "accepted: a path"), ("no", "no such folder")])
+def test_what_is_no_folder(folder: object, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        read_library(folder)
 
 
 def test_law_published_is_for_the_papers_blade_only(tmp_path: Path) -> None:
-    text = (DATA / "blades.yaml").read_text()
-    start, end = text.index("  # Only the law `published`"), text.index("  # Table II")
-    library = read_library(write(tmp_path, "blades.yaml", text[:start] + text[end:]))
+    start, end = PRINTED.index("  # Only the law `published`"), PRINTED.index("  # Table II")
+    library = read_library(write(tmp_path, "blades.yaml", PRINTED[:start] + PRINTED[end:]))
     other = library.configurations[13]
     assert evaluate(other, 300.0, "repaired").valid
     with pytest.raises(InputError, match="accepted: law repaired or consistent"):
         evaluate(other, 300.0, "published")
-
-
-def test_a_number_stands_for_a_configuration_everywhere() -> None:
-    own = configuration(13)
-    assert propeller.valid_speed(13) == valid_speed(own)
-    assert propeller.nodus_moduli(13) == nodus_moduli(own)
-    assert propeller.thrust_map(13) is propeller.thrust_map(own)
-    assert propeller.speed_of_maximum_thrust(13) == propeller.speed_of_maximum_thrust(own)
-    assert np.array_equal(parameter_row(13, "repaired"), parameter_row(own, "repaired"))
-    assert propeller.with_nodus(13, fibres=8).nodus == propeller.with_nodus(own, fibres=8).nodus
-    assert propeller.with_joint(13, lift_arm_mm=1.0) == propeller.with_joint(own, lift_arm_mm=1.0)
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: propeller.nodus_moduli(0), "rigid"),
-        (lambda: propeller.valid_speed(77), "unknown configuration 77"),
-        (lambda: propeller.valid_speed([13]), r"unknown configuration \[13\]"),
-        (lambda: propeller.valid_speed(13, ["repaired"]), "unknown law"),
-        (lambda: propeller.thrust_map("13"), "unknown configuration '13'"),
-        (lambda: propeller.with_nodus(None, fibres=8), "unknown configuration None"),
-        (lambda: propeller.with_nodus(13, foo=1), "'foo'.*accepted: .*length_mm"),
-        (lambda: propeller.with_section("x", lift_mean=1.0), "unknown configuration 'x'"),
-        (lambda: propeller.rotor_inertia("nine_inch"), "'nine_inch'; accepted: a Blade"),
-        (lambda: propeller.evaluate(13, 100.0, surroundings=3), "surroundings 3; accepted"),
-        (lambda: propeller.thrust_map(13, surroundings=[3]), r"surroundings \[3\]; accepted"),
-        (lambda: propeller.read_library(3), "folder 3; accepted: a path"),
-        (lambda: propeller.evaluate(13, None), "speed None is not a number; accepted"),
-        (lambda: propeller.evaluate(13, [1.0, None]), "speed .1.0, None. is not a number"),
-        (lambda: propeller.evaluate(13, [1, 2], length_mm=[8, 9, 10]),
-         r"speed_rad_s \(2,\), length_mm \(3,\); accepted: shapes that broadcast"),
-        (lambda: propeller.speed_for_thrust(13, [1, 2], length_mm=[8, 9, 10]),
-         r"thrust_N \(2,\), length_mm \(3,\); accepted: shapes that broadcast"),
-    ],
-)  # fmt: skip
-def test_python_type_errors_are_input_errors(call: Callable[[], object], words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        call()

@@ -112,13 +112,6 @@ def test_result_depends_on_the_speed_alone_not_on_its_neighbours(law: str) -> No
     assert (rising == falling[::-1]).all()
 
 
-def test_rows_and_speeds_broadcast() -> None:
-    rows = np.stack([parameter_row(configuration(n), "repaired") for n in (1, 13)])
-    grid = evaluate_rows(rows[:, None, :], np.array([[100.0, 200.0, 300.0]]), "repaired")
-    assert grid.thrust_N.shape == (2, 3)
-    assert grid.thrust_N[1, 2] == evaluate(configuration(13), 300.0).thrust_N
-
-
 @pytest.mark.slow
 @settings(deadline=None)
 @given(m=st.just(0.0) | st.floats(1e-6, 1e4), r=st.floats(-1e3, 1e3))

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import (
     LAWS,
     RPM,
@@ -18,28 +17,16 @@ from tombo_dynamics.propeller import (
     nodus_moduli,
     parameter_row,
     parameter_rows,
-    read_library,
     speed_for_thrust,
     speed_of_maximum_thrust,
     sweep,
     thrust_peak,
-    valid_speed,
     with_joint,
     with_nodus,
     with_section,
 )
 
 SPEEDS = np.array([100.0, 300.0, 450.0])
-
-
-def test_many_configurations_are_each_of_them() -> None:
-    together = evaluate(np.arange(14)[:, None], SPEEDS, outside="mask")
-    assert together.thrust_N.shape == (14, 3)
-    for chosen in configurations():
-        alone = evaluate(chosen, SPEEDS, outside="mask")
-        for name in ("thrust_N", "gamma_rad", "torque_Nm"):
-            ours = getattr(together, name)[chosen.number]
-            np.testing.assert_allclose(ours, getattr(alone, name), rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -108,21 +95,13 @@ def test_grid_has_an_axis_for_each_list() -> None:
 def test_table_and_csv_hold_every_point_with_its_axes() -> None:
     grid = sweep([1, 13], np.array([1000.0, 8000.0]) * RPM, matrix=["DragonSkin10"])
     rows = list(csv.DictReader(io.StringIO(grid.csv(note="x"))))
-    assert [(row["configuration"], row["matrix"], row["note"]) for row in rows] == [
-        ("1", "DragonSkin10", "x"),
-        ("1", "DragonSkin10", "x"),
-        ("13", "DragonSkin10", "x"),
-        ("13", "DragonSkin10", "x"),
-    ]
+    axes = [(row["configuration"], row["matrix"], row["note"]) for row in rows]
+    assert axes == [(n, "DragonSkin10", "x") for n in ("1", "1", "13", "13")]
     assert [round(float(row["speed_rpm"])) for row in rows] == [1000, 8000, 1000, 8000]
     assert [row["valid"] for row in rows] == ["true", "false", "true", "false"]
     assert rows[1]["thrust_N"] == ""
     assert float(rows[0]["thrust_N"]) == grid.thrust_N[0, 0, 0]
     assert {len(column) for column in grid.table().values()} == {4}
-    with pytest.raises(InputError, match="thrust_N is there already"):
-        grid.table(thrust_N=1.0)
-    with pytest.raises(InputError, match="broadcasts to"):
-        grid.table(note=[1, 2, 3, 4])
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -156,78 +135,10 @@ def test_speed_for_thrust_and_back(conf: int, law: str, shares: list[float]) -> 
 
 
 def test_thrust_out_of_reach() -> None:
-    with pytest.raises(InputError, match=r"accepted: 0 to 1\.89"):
-        speed_for_thrust([13, 1], 3.0)
     masked = speed_for_thrust([13, 1], 3.0, outside="mask")
     assert np.isnan(masked).tolist() == [False, True]
     kept = speed_for_thrust([13, 1], 3.0, outside="keep")
     assert kept[1] == pytest.approx(speed_of_maximum_thrust(configuration(1))[0])
-    for bad in (-1.0, np.nan, "much"):
-        with pytest.raises(InputError, match="accepted"):
-            speed_for_thrust(13, bad)
-    with pytest.raises(InputError, match="broadcast"):
-        speed_for_thrust([1, 13], [1.0, 1.0, 1.0])
-
-
-@pytest.mark.slow
-def test_invalid_point_among_many_is_named() -> None:
-    with pytest.raises(InputError) as error:
-        evaluate([[13], [1]], [300.0, 800.0])
-    assert "configuration 1:" in str(error.value)
-    assert f"{valid_speed(configuration(1)):.6g} rad/s" in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"fibers": 5}, "did you mean 'fibres'"),
-        ({"fibres": 5.5}, r"fibres 5\.5; accepted: whole numbers from 0"),
-        ({"length_mm": [12.0, np.nan]}, "length_mm nan; accepted: numbers from 0.1"),
-        ({"length_mm": "long"}, "length_mm 'long' is not numeric"),
-        ({"length_mm": True}, "not numeric"),
-        ({"length_mm": []}, "length_mm is empty"),
-        ({"length_mm": 40.0}, "behind the hub's centre; accepted: at most 35 mm"),
-        ({"fibres": 500}, "fill the nodus' section"),
-        ({"G_N_MPa": -1.0}, "G_N_MPa -1"),
-        ({"matrix": "DragonSkin40"}, "unknown matrix"),
-        ({"matrix": 3}, "unknown matrix '3'"),
-        ({"matrix": []}, "matrix is empty"),
-        ({"matrix": "DragonSkin10", "poisson_ratio": 0.4}, "accepted: one of them"),
-        ({"fibres": 5, "E_N_MPa": 1.0, "G_N_MPa": 1.0}, "fibres has no effect beside E_N_MPa"),
-        ({"fibre_count": 5}, "fibre_count has no effect under law repaired"),
-        ({"outer_radius_m": 0.2}, "outside of blade"),
-        ({"length_mm": [8, 9], "fibres": [1, 2, 3]}, "shapes that broadcast"),
-    ],
-)
-def test_changes_that_are_not_accepted(changes: dict, message: str) -> None:
-    with pytest.raises(InputError, match=message) as error:
-        evaluate(13, 100.0, **changes)
-    assert "\n" not in str(error.value)
-    assert "accepted" in str(error.value)
-
-
-def test_quantity_without_effect_under_a_law_is_refused() -> None:
-    with pytest.raises(InputError, match="fibres has no effect under law published"):
-        evaluate(13, 100.0, "published", fibres=5)
-    with pytest.raises(InputError, match="35 mm"):
-        evaluate(13, 100.0, "published", outer_radius_m=0.04)
-    five = evaluate(13, 2000 * RPM, "published", fibre_count=5)
-    assert five.thrust_N < evaluate(13, 2000 * RPM, "published").thrust_N
-    with pytest.raises(InputError, match="configuration 0 is rigid"):
-        evaluate([13, 0], 100.0, length_mm=10.0)
-
-
-@pytest.mark.parametrize("bad", [[], "all", 14, [13, None], {}, [[1], [2, 3]], 2.5])
-def test_configurations_that_are_none(bad: object) -> None:
-    with pytest.raises(InputError, match="accepted"):
-        sweep(bad, 100.0)
-
-
-def test_lists_of_lists_are_for_evaluate() -> None:
-    with pytest.raises(InputError, match="each list is an axis"):
-        sweep(13, [[100.0, 200.0]])
-    with pytest.raises(InputError, match="speed_rad_s is empty"):
-        sweep(13, [])
 
 
 def test_derived_configurations_leave_measurements_behind() -> None:
@@ -241,38 +152,6 @@ def test_derived_configurations_leave_measurements_behind() -> None:
     assert evaluate(soft, 300.0).thrust_N == evaluate(13, 300.0).thrust_N
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"matrix": "DragonSkin40"}, "did you mean"),
-        ({"fibres": 2.5}, "nodus.fibres: 2.5"),
-        ({"length_mm": 36.0}, "behind the hub's centre"),
-        ({"outer_radius_m": 0.2}, "on the blade"),
-        ({"outer_radius_m": float("nan")}, "on the blade"),
-    ],
-)
-def test_nodus_that_can_not_be(changes: dict, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        with_nodus(configuration(13), **changes)
-    with pytest.raises(InputError, match="rigid, a nodus for it needs matrix"):
-        with_nodus(configuration(0), fibres=5)
-    with pytest.raises(InputError, match="unknown value of a joint 'mass'"):
-        with_joint(configuration(13), mass=1.0)
-
-
-def test_library_is_read_anew_and_by_text(tmp_path) -> None:
-    file = tmp_path / "configurations.yaml"
-    row = "- {conf: 20, blade: nine_inch, matrix: DragonSkin10, fibre: tendon, fibres: 4, "
-    for diameter in (0.5, 0.9):
-        file.write_text(f"{row}fibre_diameter_mm: {diameter}, length_mm: 8, name: mine}}\n")
-        own = read_library(str(tmp_path)).configuration(20)
-        assert own.nodus.fibre_diameter_mm == diameter
-        assert own.label == "mine"
-    file.write_text(2 * f"{row}fibre_diameter_mm: 0.5, length_mm: 8}}\n")
-    with pytest.raises(InputError, match="conf 20 twice"):
-        read_library(tmp_path)
-    with pytest.raises(InputError, match="no such folder"):
-        read_library(tmp_path / "nowhere")
-    with pytest.raises(InputError, match="holds no data files"):
-        (tmp_path / "empty").mkdir()
-        read_library(tmp_path / "empty")
+def test_fewer_fibres_give_less_thrust_under_the_law_published() -> None:
+    five = evaluate(13, 2000 * RPM, "published", fibre_count=5)
+    assert five.thrust_N < evaluate(13, 2000 * RPM, "published").thrust_N
