@@ -85,8 +85,8 @@ _FIELD_NOISE, _PRESSURE_NOISE = 0.002, 0.5
 _GPS_NOISE, _GPS_SPEED_NOISE = 0.1, 0.05
 """[m], [m/s] of each axis; estimated, because that is the noise under an open sky."""
 _FIELD = 0.48, math.radians(63.1), math.radians(3.3)
-"""Strength [gauss], inclination (down) and declination (east) [rad] of the earth's field at the
-place of PX4's SITL, from PX4's table of the world magnetic model."""
+"""Strength [gauss], inclination (down) and declination (east) [rad] of the earth's field. From
+PX4's table of the world magnetic model, at the place of PX4's SITL."""
 _FIX_3D, _SATELLITES = 3, 14
 _EPH_CM, _EPV_CM = 70, 110
 _SLOW = 0.1
