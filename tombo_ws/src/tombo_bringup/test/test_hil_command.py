@@ -178,9 +178,9 @@ def test_with_mocap_it_prints_what_px4_needs_to_fly_by_it_alone(mocap, introduct
     assert given.get("PX4_PARAM_EKF2_EV_DELAY") == ("10" if mocap == "link" else None)
 
 
-def test_the_hover_control_is_that_of_scenario_and_mapping(introduction):
-    text = introduction("rigid_propeller", "--mapping", "speed")
-    assert float(settings(text)["PX4_PARAM_MPC_THR_HOVER"]) == pytest.approx(0.51, abs=0.001)
+def test_the_hover_control_is_that_of_the_scenario(introduction):
+    text = introduction("rigid_propeller")
+    assert float(settings(text)["PX4_PARAM_MPC_THR_HOVER"]) == pytest.approx(0.314, abs=0.001)
 
 
 def test_a_state_is_shown_at_once_and_then_each_5_s(monkeypatch):

@@ -113,11 +113,6 @@ ros_yaw = px4_yaw
 """Returns the yaw counter-clockwise from east of a heading clockwise from north [rad]."""
 
 
-def px4_yaw_rate(rate: float) -> float:
-    """Return the rate about down of a rate about up [rad/s]; also the way back."""
-    return -rate
-
-
 def px4_pose_covariance(covariance: ArrayLike) -> Array:
     """Return the upper triangle (21), row by row, of a pose covariance in PX4's world axes.
 

@@ -201,7 +201,6 @@ REFUSED = [
     ("hil --port 0 --speed -1", "--speed -1"),
     ("hil --port 0 --speed nan", "--speed nan"),
     ("hil --port 0 --duration 0", "--duration 0"),
-    ("hil --port 0 --mapping torque", "hil.mapping: 'torque'"),
     ("hil --port 70000", "port 70000"),
     ("hil --port -1", "port -1"),
     ("hil --port x", "'x' is not a whole number"),

@@ -88,8 +88,7 @@ class Bench:
             self.links.append(link)
             links.append((link, stream_set))
         self.client = self.clients[0]
-        homes = [client.socket.getsockname() for client in self.clients]
-        self.endpoint = Endpoint(self.vehicle, links, homes=homes)
+        self.endpoint = Endpoint(self.vehicle, links)
         for port in self.endpoint.channels:
             port.hear_station(0)
         self.boot_ns = 0

@@ -9,7 +9,7 @@ import pytest
 from vehicle_bench import table_with
 
 from tombo_px4 import modes
-from tombo_px4.autopilot.commander import DESCEND, TERMINATE, Commander, CommanderInput
+from tombo_px4.autopilot.commander import DESCEND, Commander, CommanderInput
 from tombo_px4.autopilot.setpoint_controller import ControlLevel
 from tombo_px4.autopilot.vehicle_state import BatteryCharge
 from tombo_px4.link.decoded_messages import Result
@@ -20,7 +20,6 @@ WELL = CommanderInput(
     attitude=True,
     local_position=True,
     global_position=True,
-    home=True,
     landed=True,
     maybe_landed=True,
     taken_off=False,
@@ -119,17 +118,6 @@ def test_disarming_in_the_air_needs_force():
 
 # --- Modes -----------------------------------------------------------------------------------
 
-ALL_MODES = tuple(mode for mode in modes.MODE_NAMES if mode != modes.AUTO_READY)
-
-
-@pytest.mark.parametrize("mode", ALL_MODES)
-def test_on_the_ground_any_mode_is_accepted(mode):
-    desk = Desk()
-    desk.see(**LOST, signal_tick=-1)
-    assert desk.commander.set_mode(mode, desk.now) == Result.ACCEPTED
-    desk.see()
-    assert desk.commander.mode == mode and not desk.commander.failsafe
-
 
 @pytest.mark.parametrize(
     ("mode", "changes"),
@@ -138,7 +126,6 @@ def test_on_the_ground_any_mode_is_accepted(mode):
         (modes.OFFBOARD, {"signal_tick": -1}),
         (modes.AUTO_RTL, NO_GLOBAL),
         (modes.AUTO_HOLD, NO_GLOBAL),
-        (modes.AUTO_RTL, {"home": False}),
         (modes.AUTO_TAKEOFF, LOST),
     ],
 )
@@ -168,14 +155,6 @@ def test_after_landing_the_mode_before_is_back():
 # --- Offboard lost ---------------------------------------------------------------------------
 
 
-def test_a_stream_of_two_set_points_a_second_suffices():
-    desk = Desk(modes.OFFBOARD).fly()
-    for _ in range(20):
-        desk.wait(0.5, stream=False)
-        desk.see(signal_tick=desk.now.tick)
-    assert desk.commander.mode == modes.OFFBOARD and not desk.texts
-
-
 def test_the_stream_is_lost_after_the_time_that_is_set():
     desk = Desk(modes.OFFBOARD, COM_OF_LOSS_T=2.0).fly()
     desk.wait(1.98, stream=False)
@@ -197,7 +176,6 @@ def test_the_stream_is_lost_after_the_time_that_is_set():
         (0, LOST | {"altitude": False}, modes.STABILIZED),
         (3, LOST, DESCEND),
         (4, LOST, DESCEND),
-        (0, {"home": False}, modes.AUTO_LAND),
     ],
 )
 def test_what_is_done_when_the_stream_is_lost(action, changes, mode):
@@ -233,16 +211,6 @@ def test_it_disarms_by_itself(parameter, taken_off, reason):
     desk.commander.arm(desk.now)
     desk.wait(30.0, taken_off=taken_off)
     assert desk.commander.armed
-
-
-def test_a_touch_of_the_ground_starts_the_wait_again():
-    desk = Desk().fly()
-    desk.wait(1.5, landed=True)
-    desk.wait(0.1, landed=False)
-    desk.wait(1.9, landed=True)
-    assert desk.commander.armed
-    desk.wait(0.3, landed=True)
-    assert not desk.commander.armed
 
 
 FALLEN = {"roll": math.radians(65.0)}
@@ -289,12 +257,3 @@ def test_battery(action, warning, mode):
     desk.wait(0.1, battery=FULL._replace(warning=warning, remaining=0.06))
     assert desk.commander.mode == mode
     assert desk.heard("attery")
-
-
-def test_terminated_stays_so():
-    desk = Desk(modes.OFFBOARD).fly()
-    assert desk.commander.terminate(desk.now) == Result.ACCEPTED
-    assert not desk.commander.armed
-    desk.wait(1.0, landed=True, maybe_landed=True)
-    assert desk.commander.arm(desk.now) == Result.TEMPORARILY_REJECTED
-    assert desk.heard("termination") and desk.commander.mode != TERMINATE

@@ -4,7 +4,7 @@ import pytest
 from endpoint_bench import bench, of
 
 from in_time import in_time
-from tombo_px4.protocol.endpoint import BootClock, serve
+from tombo_px4.protocol.endpoint import serve
 
 MS = 1_000_000
 
@@ -21,16 +21,6 @@ class FakeTime:
         self.now_ns += self.step_ns
         self.reads += 1
         return self.now_ns
-
-
-def test_boot_time_slips_by_what_the_vehicle_is_too_far_behind():
-    clock = BootClock(1_000)
-    assert clock.boot_ns(1_000 + 7 * MS) == 7 * MS
-    assert not clock.slip(200 * MS)
-    assert clock.boot_ns(1_000 + 7 * MS) == 7 * MS
-    assert clock.slip(250 * MS)
-    assert clock.boot_ns(1_000 + 300 * MS) == 50 * MS
-    assert clock.slipped_ns == 250 * MS
 
 
 @pytest.mark.real_time

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from endpoint_bench import bench, of, texts
+from endpoint_bench import bench, of
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.frames import ned_from_enu, px4_quaternion
@@ -51,7 +51,6 @@ def test_a_pose_is_read_in_our_frames(message):
     ("message", "reason"),
     [
         (odometry(kind=MOCAP), "with the type MOCAP is not fused"),
-        (odometry(kind=mavlink.MAV_ESTIMATOR_TYPE_GPS), "estimator type 4 unsupported"),
         (odometry(frame=mavlink.MAV_FRAME_LOCAL_ENU), "frame 4 unsupported"),
         (odometry(frame=mavlink.MAV_FRAME_BODY_FRD), "frame 12 unsupported"),
         (odometry(child=mavlink.MAV_FRAME_GLOBAL), "child frame 0 unsupported"),
@@ -128,5 +127,5 @@ def test_stamps_are_converted_with_timesync(monkeypatch):
 def test_a_refusal_of_the_estimator_is_counted_by_its_reason(make, reason):
     with bench(**{**LAB, "EKF2_EV_CTRL": 0}) as b:
         b.each_round = lambda: b.client.send(make(b.client.mav))
-        assert texts(b.run(0.1)) == [reason]
-        assert b.endpoint.statustext.counts[reason.partition(":")[0]] > 20
+        b.run(0.1)
+        assert b.endpoint.statustext.counts[reason] > 20

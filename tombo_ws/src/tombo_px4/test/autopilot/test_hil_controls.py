@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
 from tombo_px4.hil.flight import MotorMapping
-from tombo_px4.hil.params import MAPPINGS
 from tombo_sim.flight_setup import begin
 from tombo_sim.world import SpreadParams, World
 
@@ -19,34 +18,28 @@ WORLD = World(spread=SpreadParams(start=0.0, yaw=0.0, obstacle=0.0), effects=EVE
 MAPS = begin(WORLD, 0).maps
 
 
-def control_map(mapping: str, world: World = WORLD) -> MotorMapping:
+def control_map(world: World = WORLD) -> MotorMapping:
     maps = MAPS if world is WORLD else begin(world, 0).maps
-    return MotorMapping(world.vehicle, maps, mapping)
+    return MotorMapping(world.vehicle, maps)
 
 
-@pytest.mark.parametrize(
-    ("conf", "mapping", "hover"),
-    [(13, "thrust", 0.460), (13, "speed", 0.573), (0, "thrust", 0.314), (0, "speed", 0.510)],
-)
-def test_hover_is_where_the_documentation_says(conf, mapping, hover):
+@pytest.mark.parametrize(("conf", "hover"), [(13, 0.460), (0, 0.314)])
+def test_hover_is_where_the_documentation_says(conf, hover):
     world = World(propeller=PropellerChoice(conf=conf), spread=WORLD.spread, effects=EVEN)
-    assert control_map(mapping, world).hover == pytest.approx(hover, abs=1e-3)
+    assert control_map(world).hover == pytest.approx(hover, abs=1e-3)
 
 
-@pytest.mark.parametrize("mapping", MAPPINGS)
-def test_controls_reach_from_idle_to_the_highest_speed_and_rise(mapping):
-    mapped = control_map(mapping)
+def test_controls_reach_from_idle_to_the_highest_speed_and_rise():
+    mapped = control_map()
     speeds = [mapped.speeds([c, 0, 0, 0], True)[0] for c in np.linspace(0.0, 1.0, 51)]
     assert speeds[0] == pytest.approx(100.0, abs=0.1)
     assert speeds[-1] == pytest.approx(820.0, abs=0.1)
     assert np.diff(speeds).min() > 0.0
-    if mapping == "speed":
-        assert np.ptp(np.diff(speeds)) < 1e-6
 
 
 @given(st.lists(st.floats(width=32), min_size=4, max_size=4))
 def test_rotors_stay_in_range_and_invalid_controls_are_counted(controls):
-    mapped = control_map("thrust")
+    mapped = control_map()
     speeds = mapped.speeds(controls, True)
     bad = [c for c in controls if not -1e-3 <= c <= 1.001]
     assert mapped.refused == len(bad)

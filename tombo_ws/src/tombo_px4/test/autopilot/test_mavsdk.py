@@ -13,7 +13,6 @@ from mavsdk.plugins.offboard import (
     AttitudeRate,
     Offboard,
     PositionNedYaw,
-    VelocityBodyYawspeed,
     VelocityNedYaw,
 )
 from mavsdk.plugins.param import Param
@@ -135,8 +134,6 @@ def test_a_flight_by_action_and_offboard(vehicle):
 
     offboard.set_velocity_ned(VelocityNedYaw(-0.4, 0.0, 0.0, 90.0))
     until(lambda: t.velocity_ned().north_m_s < -0.25, what="velocity set point")
-    offboard.set_velocity_body(VelocityBodyYawspeed(0.3, 0.0, 0.0, 0.0))
-    until(lambda: t.velocity_ned().east_m_s > 0.2, what="velocity in the body")
 
     level = place(vehicle)[2]
     offboard.set_attitude(Attitude(0.0, 0.0, 90.0, 1.15 * hover_thrust(vehicle)))

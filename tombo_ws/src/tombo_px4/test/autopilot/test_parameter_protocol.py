@@ -1,33 +1,12 @@
 import math
-import struct
 
 import pytest
 from endpoint_bench import bench, of
-from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.link.message_encoder import float_of_int
-from tombo_px4.protocol.parameter_protocol import ParameterServer, int_of_float
+from tombo_px4.protocol.parameter_protocol import int_of_float
 
-MAV = mavlink.MAVLink(None, 1, 1)
-INT32, REAL32, UINT32 = 6, 9, 5
-
-
-def crc_table():
-    for n in range(256):
-        for _ in range(8):
-            n = n >> 1 ^ (0xEDB88320 if n & 1 else 0)
-        yield n
-
-
-CRC_TABLE = list(crc_table())
-
-
-def crc_of_ground_station(data: bytes, crc: int) -> int:
-    """CRC-32 as QGroundControl's `QGC::crc32` and PX4's `crc32part`: from 0, not inverted."""
-    for byte in data:
-        crc = CRC_TABLE[(crc ^ byte) & 0xFF] ^ crc >> 8
-    return crc
+INT32, REAL32 = 6, 9
 
 
 def set_message(client, name, value, kind, target=(1, 1)):
@@ -39,43 +18,19 @@ def read_message(client, name, index=-1, target=(1, 1)):
     return client.mav.param_request_read_encode(*target, name.encode(), index)
 
 
-def test_the_list_is_complete_in_the_order_of_the_names_after_the_hash(fresh):
+def test_the_list_is_complete_in_the_order_of_the_names(fresh):
     fresh.client.send(fresh.client.mav.param_request_list_encode(1, 1))
     values = of(fresh.run(1.0), "PARAM_VALUE")
     names = sorted(fresh.vehicle.parameters.names)
-    first, *rest = values
-    assert (first.param_id, first.param_index, first.param_type) == ("_HASH_CHECK", 65535, UINT32)
-    assert [v.param_id for v in rest] == names
-    assert [v.param_index for v in rest] == list(range(len(names)))
+    assert [v.param_id for v in values] == names
+    assert [v.param_index for v in values] == list(range(len(names)))
     assert {v.param_count for v in values} == {len(names)}
-    for value in rest:
+    for value in values:
         known = fresh.vehicle.parameters
         whole = known.type_of(value.param_id) == "int32"
         assert value.param_type == (INT32 if whole else REAL32)
         stored = int_of_float(value.param_value) if whole else value.param_value
         assert stored == known.get(value.param_id)
-
-
-def test_the_hash_is_the_one_a_ground_station_works_out():
-    table = ParameterTable()
-    crc = 0
-    for name in sorted(table.names):
-        form = "<i" if table.type_of(name) == "int32" else "<f"
-        value = int(table.get(name)) if form == "<i" else table.get(name)
-        crc = crc_of_ground_station(name.encode() + struct.pack(form, value), crc)
-    server = ParameterServer(table)
-    assert server.hash() == crc
-    assert int_of_float(server.value(MAV, "_HASH_CHECK").param_value) & 0xFFFFFFFF == crc
-    table.set("COM_RC_IN_MODE", 1)
-    assert server.hash() != crc
-
-
-def test_a_ground_station_that_knows_the_hash_stops_the_list(fresh):
-    fresh.client.send(fresh.client.mav.param_request_list_encode(1, 1))
-    fresh.wait("PARAM_VALUE", param_id="_HASH_CHECK")
-    fresh.client.send(set_message(fresh.client, "_HASH_CHECK", 0, UINT32))
-    fresh.run(0.02)
-    assert not of(fresh.run(0.5), "PARAM_VALUE")
 
 
 def test_a_new_value_acts_and_is_told_on_every_link():

@@ -31,14 +31,6 @@ def test_height_is_held_while_only_the_velocity_across_is_commanded():
     assert np.abs(rows[:, 2] - 2.0).max() < 0.1
 
 
-def test_velocity_ahead_of_the_body():
-    flight = hovering(vision=True)
-    flight.fly(4.0, motion([0, 0, 2.0], yaw=1.2))
-    flight.fly(4.0, motion(velocity=[0.6, 0.0, 0.0], frame="body", yaw_rate=0.0))
-    wanted = [0.6 * math.cos(1.2), 0.6 * math.sin(1.2)]
-    np.testing.assert_allclose(flight.body[3:5], wanted, atol=0.08)
-
-
 @pytest.mark.parametrize(
     ("pitch", "roll", "axis", "sign"),
     [(5.0, 0.0, 0, 1.0), (-5.0, 0.0, 0, -1.0), (0.0, 5.0, 1, -1.0), (0.0, -5.0, 1, 1.0)],

@@ -8,28 +8,13 @@ from vehicle_bench import Flight, hovering, ready
 
 from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
 from tombo_px4.link.decoded_messages import MavLandedState, Result
-from tombo_px4.modes import ALTCTL, AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, STABILIZED
+from tombo_px4.modes import ALTCTL, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, STABILIZED
 
 AWAY = np.array([3.0, 0.0, 0.0])
 
 
 def error(flight: Flight) -> float:
     return float(np.linalg.norm(flight.vehicle.estimate.position - flight.body[:3]))
-
-
-def test_it_is_used_in_place_of_gps():
-    flight = ready()
-    assert flight.vehicle.parameters.set("EKF2_EV_CTRL", 11) == ""
-    assert flight.ekf2.source == "gps"
-    flight.see = True
-    flight.fly(0.3)
-    assert flight.ekf2.source == "vision" and error(flight) < 0.005
-    resets = flight.ekf2.resets
-    flight.fly(1.0)
-    assert flight.ekf2.source == "vision" and flight.ekf2.resets == resets
-    flight.see = False
-    flight.fly(2.0)
-    assert flight.ekf2.source == "gps"
 
 
 @pytest.mark.slow
@@ -54,7 +39,6 @@ def test_late_poses_with_right_stamps_cost_little(late):
         (0, [math.nan, 0, 0], [0, 0, 0, 1], "not_finite"),
         (0, [0, 0, 0], [0, math.inf, 0, 1], "not_finite"),
         (0, [1e9, 0, 0], [0, 0, 0, 1], "out_of_range"),
-        (0, [0, 0], [0, 0, 0, 1], "wrong_shape"),
     ],
 )
 def test_bad_vision_samples_are_refused_with_the_reason(boot_us, position, attitude, word):
@@ -120,9 +104,6 @@ def test_take_off_without_a_global_position_stays_at_the_top():
     flight.fly(9.0)
     assert flight.vehicle.mode == AUTO_TAKEOFF and flight.height == pytest.approx(1.5, abs=0.05)
     assert not flight.heard("not available")
-    flight.ekf2.origin_known = True
-    flight.fly(0.1)
-    assert flight.vehicle.mode == AUTO_HOLD
 
 
 # --- Lost, as a real PX4 1.17 without a remote control ------------------------------------------

@@ -7,14 +7,10 @@ import pytest
 from bridge_flight import MS, NOW, STEP, ZERO, Flight
 
 from scripted_px4 import GROUND
-from tombo_dynamics.errors import InputError
 from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.messages import Phase, PositionSetpoint
-from tombo_px4.bridge.bridge import Bridge
-from tombo_px4.bridge.bridge_params import BridgeParams
 from tombo_px4.bridge.bridge_records import SessionStage
 from tombo_px4.bridge.vehicle_parameters import parse_assignments
-from tombo_px4.link.link_params import LinkParams
 from tombo_px4.modes import AUTO_LAND, OFFBOARD, POSCTL
 
 
@@ -49,29 +45,6 @@ def test_stamps_reach_px4_within_two_milliseconds_of_the_truth():
     assert 24.0 < seen < 31.0
 
 
-@pytest.mark.parametrize("kind", ["odometry", "vision", "mocap"])
-def test_poses_leave_as_the_parameter_says(kind):
-    flight = Flight(mocap=kind).run(1.0)
-    names = {m.get_type() for m in flight.px4.received}
-    expected = {
-        "odometry": "ODOMETRY",
-        "vision": "VISION_POSITION_ESTIMATE",
-        "mocap": "ATT_POS_MOCAP",
-    }
-    assert names & set(expected.values()) == {expected[kind]}
-
-
-@pytest.mark.slow
-def test_the_stream_is_kept_up_on_the_ground_with_the_present_position():
-    flight = Flight().run(5.0)
-    flight.px4.targets.clear()
-    flight.run(2.0)
-    assert 36 <= len(flight.px4.targets) <= 44
-    assert (flight.px4.targets[-1].x, flight.px4.targets[-1].z) == pytest.approx(
-        (0.0, -GROUND), abs=0.01
-    )
-
-
 @pytest.mark.slow
 def test_without_an_estimate_nothing_is_streamed_and_nothing_armed():
     flight = Flight()
@@ -80,25 +53,6 @@ def test_without_an_estimate_nothing_is_streamed_and_nothing_armed():
     flight.run(8.0)
     assert not flight.px4.targets and not flight.px4.armed
     assert any("nothing is fused" in text for text in flight.out.status.findings)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("fault", "words"),
-    [
-        (lambda f: setattr(f, "mocap_shift", 1_200 * MS), "stamps are 1.19 s in the future"),
-        (lambda f: f.px4.parameters.update(EKF2_EV_CTRL=0), "EKF2_EV_CTRL is 0"),
-    ],
-)
-def test_a_fault_of_the_laboratory_keeps_it_on_the_ground(fault, words):
-    flight = Flight()
-    fault(flight)
-    flight.run(3.0)
-    flight.phase, flight.goal = Phase.TAKEOFF, np.array([0.0, 0.0, 1.5])
-    flight.run(5.0)
-    assert not flight.px4.armed
-    text = flight.out.faults.get("preflight", "") + flight.out.faults.get("not_engaged", "")
-    assert words in text + " ".join(flight.out.status.findings)
 
 
 @pytest.mark.slow
@@ -265,15 +219,6 @@ def test_a_vehicle_that_was_started_again():
 
 
 @pytest.mark.slow
-def test_parameters_are_read_and_none_is_written():
-    flight = Flight().run(5.0)
-    assert flight.bridge.parameters.values == flight.px4.parameters | {
-        "MPC_THR_HOVER": (pytest.approx(0.47))
-    }
-    assert not any(m.get_type() == "PARAM_SET" for m in flight.px4.received)
-
-
-@pytest.mark.slow
 def test_parameters_for_a_loss_are_set_with_consent_and_the_vehicle_flies():
     wrong = {"COM_OBL_RC_ACT": 0, "EKF2_BARO_CTRL": 0}
     wrong |= {"COM_DISARM_LAND": -1.0, "COM_LOW_BAT_ACT": 0}
@@ -317,12 +262,6 @@ def test_telemetry_too_slow_is_reported():
     assert "ODOMETRY comes at 50 Hz, 200 Hz were asked for" in flight.out.faults["slow.ODOMETRY"]
     asked = [m for m in flight.px4.received if m.get_type() == "COMMAND_LONG"]
     assert sum(m.command == 511 and m.param1 == 331 for m in asked) <= 5
-
-
-@pytest.mark.parametrize(("name", "word"), [("mocap", "vicon"), ("setpoint", "positon")])
-def test_words_that_mean_nothing_are_refused(name, word):
-    with pytest.raises(InputError, match=f"px4.{name} '{word}'"):
-        Bridge(BridgeParams(**{name: word}), LinkParams(), 1.3)
 
 
 @pytest.mark.slow

@@ -9,7 +9,6 @@ from bridge_flight import Flight
 from pymavlink.dialects.v20.common import x25crc
 
 from scripted_px4 import DENIED, GROUND
-from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
 from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import BridgeParams
@@ -134,11 +133,6 @@ def test_texts_come_where_the_bridge_is_a_ground_station_and_once():
     assert texts(onboard) == ["Arming denied: see the failures"]
     assert texts(station) == ["Takeoff detected", "Arming denied: see the failures"]
     assert onboard.px4.place[2] == GROUND
-
-
-def test_a_type_of_heartbeat_that_means_nothing_is_refused():
-    with pytest.raises(InputError, match=r"link.heartbeat_type 'station'.*onboard"):
-        Bridge(BridgeParams(), LinkParams(heartbeat_type="station"), 1.3)
 
 
 def test_arguments_stand_in_their_places():

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mav
 
-from tombo_px4.link.decoded_messages import MavLandedState
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.message_decoder import MessageDecoder
 from tombo_px4.link.timesync import TimeSync
@@ -144,53 +143,6 @@ def test_the_imu_comes_forward_left_up(decoder):
         assert decoder.refused[f"HIGHRES_IMU.{word}"] > 0
 
 
-def test_position_and_attitude_alone(decoder):
-    record = read(decoder, mav.MAVLink_local_position_ned_message(20_000, 2, 1, -3, 5, 4, -6))
-    assert record.position == pytest.approx([1, 2, 3])
-    assert record.velocity == pytest.approx([4, 5, 6])
-    assert record.stamp_ns is not None
-    m = mav.MAVLink_attitude_quaternion_message(20_000, 1, 0, 0, 0, 0.1, 0.2, 0.3)
-    record = read(decoder, m)
-    assert record.attitude == pytest.approx([0, 0, math.sqrt(0.5), math.sqrt(0.5)])
-    assert record.rates == pytest.approx([0.1, -0.2, -0.3])
-    bad = mav.MAVLink_attitude_quaternion_message(20_000, 0, 0, 0, 0, 0.1, 0.2, 0.3)
-    assert read(decoder, bad) is None
-
-
-def battery(voltages, current=1234, left=71, number=0):
-    cells = [*voltages, *(10 - len(voltages)) * [0xFFFF]]
-    return mav.MAVLink_battery_status_message(number, 0, 0, 2000, cells, current, 0, 0, left)
-
-
-def test_batteries(decoder):
-    record = read(decoder, battery([4100, 4000, 3900]))
-    assert record.voltage == pytest.approx(12.0)
-    assert record.current == pytest.approx(12.34)
-    assert record.remaining == pytest.approx(0.71)
-    assert record.cells == pytest.approx((4.1, 4.0, 3.9))
-    unknown = read(decoder, battery([], -1, -1))
-    assert all(math.isnan(v) for v in (unknown.voltage, unknown.current, unknown.remaining))
-    assert read(decoder, battery([4100], number=1)) is None
-
-
-def test_system_status_tells_px4s_own_checks(decoder):
-    bit = mav.MAV_SYS_STATUS_PREARM_CHECK
-    m = mav.MAVLink_sys_status_message(bit, bit, 0, 0, 11_800, 560, 80, 0, 0, 0, 0, 0, 0)
-    record = read(decoder, m)
-    assert (record.checked, record.ready) == (True, False)
-    assert record.battery.voltage == pytest.approx(11.8)
-    m = mav.MAVLink_sys_status_message(0, 0, bit, 0, 0xFFFF, -1, -1, 0, 0, 0, 0, 0, 0)
-    record = read(decoder, m)
-    assert (record.checked, record.ready) == (False, True)
-    assert math.isnan(record.battery.voltage)
-
-
-def test_landed_states(decoder):
-    assert read(decoder, mav.MAVLink_extended_sys_state_message(0, 2)) == MavLandedState.IN_AIR
-    assert read(decoder, mav.MAVLink_extended_sys_state_message(0, 99)) is None
-    assert sum(decoder.refused.values()) == 1
-
-
 def test_acks_for_others_are_not_ours(decoder):
     def ack(*target):
         return read(decoder, mav.MAVLink_command_ack_message(176, 1, 0, 0, *target))
@@ -220,30 +172,6 @@ def _sealed(frame):
     crc.accumulate(bytes([mav.MAVLink_param_value_message.crc_extra]))
     frame[-2:] = struct.pack("<H", crc.crc)
     return frame
-
-
-def test_other_kinds_of_parameters(decoder):
-    m = mav.MAVLink_param_value_message(b"MPC_THR_HOVER", 0.47, mav.MAV_PARAM_TYPE_REAL32, 9, 7)
-    assert read(decoder, m).value == pytest.approx(0.47)
-    m = mav.MAVLink_param_value_message(b"X", NAN, mav.MAV_PARAM_TYPE_REAL32, 9, 7)
-    assert read(decoder, m) is None
-    m = mav.MAVLink_param_value_message(b"X", 0.0, mav.MAV_PARAM_TYPE_REAL64, 9, 7)
-    assert read(decoder, m) is None
-    assert decoder.refused["PARAM_VALUE.unknown_kind"] == 1
-
-
-def test_estimator_status(decoder):
-    flags = mav.ESTIMATOR_ATTITUDE | mav.ESTIMATOR_POS_HORIZ_REL | mav.ESTIMATOR_POS_VERT_ABS
-    flags |= mav.ESTIMATOR_PRED_POS_HORIZ_REL | mav.ESTIMATOR_CONST_POS_MODE  # as PX4 at rest
-    m = mav.MAVLink_estimator_status_message(1, flags, 0, 0.3, 0.2, 0, 0, 0, 0, 0)
-    record = read(decoder, m)
-    assert record.has_position and record.is_aided
-    assert record.position_ratio == pytest.approx(0.3)
-    m = mav.MAVLink_estimator_status_message(
-        1, mav.ESTIMATOR_CONST_POS_MODE, 0, 0, 0, 0, 0, 0, 0, 0
-    )
-    record = read(decoder, m)
-    assert not record.is_aided and not record.has_position
 
 
 def text(words, number=0, chunk=0, severity=4):

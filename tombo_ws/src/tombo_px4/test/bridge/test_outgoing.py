@@ -65,14 +65,6 @@ def test_vision_angles_are_those_of_the_quaternion(yaw, pitch, roll):
     assert math.remainder(m.yaw - (math.pi / 2 - yaw), 2 * math.pi) == pytest.approx(0, abs=1e-9)
 
 
-def test_a_known_covariance_goes_out_in_their_order():
-    covariance = message_encoder.diagonal_covariance(0.1, 0.2)
-    m = message_encoder.pose_message("odometry", STAMP, np.zeros(3), NOSE_NORTH, covariance)
-    assert [m.pose_covariance[k] for k in (0, 6, 11)] == pytest.approx(3 * [0.01])
-    assert [m.pose_covariance[k] for k in (15, 18, 20)] == pytest.approx(3 * [0.04])
-    assert message_encoder.diagonal_covariance(0.0, 0.0) is None
-
-
 def test_a_position_set_point_carries_all_but_the_rate_of_yaw():
     place, speed, push = np.array([1.0, 2, 3]), np.array([4.0, 5, 6]), np.array([7.0, 8, 9])
     m = sent(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tombo_px4.bridge.flight_watch import PoseMotionWatch, RepeatedPose
-from tombo_px4.bridge.pose_motion import MotionSlope, second_differences
+from tombo_px4.bridge.pose_motion import MotionSlope
 from tombo_px4.link.decoded_messages import VehicleImu, VehicleOdometry
 
 MS = 1_000_000
@@ -183,25 +183,3 @@ def test_noise_of_the_poses_widens_the_slope_and_does_not_move_it():
         noisy.add(felt, felt + rng.normal(0.0, 0.2, 3), 0.02)
     assert quiet.slope == pytest.approx(1.0) and quiet.error < 0.01
     assert abs(noisy.slope - 1.0) < noisy.error and noisy.error > 0.2
-
-
-def test_second_differences_are_those_of_the_acceleration():
-    t = np.linspace(0.0, 3.0, 151)
-    position = np.stack([0.1 * np.sin(3.0 * t), 0.5 * t**2, 4.0 * t], axis=1)
-    fast = np.linspace(0.0, 3.0, 601)
-    acceleration = np.stack(
-        [-0.9 * np.sin(3.0 * fast), np.ones_like(fast), np.zeros_like(fast)], axis=1
-    )
-    seen, felt = second_differences(t, position, fast, acceleration)
-    assert len(seen) > 100
-    np.testing.assert_allclose(seen, felt, atol=2e-4)
-
-
-def test_spans_with_a_gap_are_left_out():
-    t = np.concatenate([np.linspace(0.0, 1.0, 51), np.linspace(1.5, 2.5, 51)])
-    position = np.stack([t, t, t], axis=1)
-    seen, _ = second_differences(t, position, t, np.zeros_like(position))
-    whole, _ = second_differences(
-        np.linspace(0.0, 2.5, 126), np.zeros((126, 3)), t, np.zeros_like(position)
-    )
-    assert 0 < len(seen) < len(whole) - 30

@@ -72,7 +72,6 @@ class CommanderInput(NamedTuple):
     attitude: bool
     local_position: bool
     global_position: bool
-    home: bool
     landed: bool
     maybe_landed: bool
     taken_off: bool
@@ -134,8 +133,6 @@ class Commander:
             return _NO_POSITION
         if mode in (AUTO_HOLD, AUTO_RTL) and not now.global_position:
             return "Navigation error: No valid global position estimate"
-        if mode == AUTO_RTL and not now.home:
-            return "Home position not set"
         return ""
 
     def signal_lost(self, now: CommanderInput) -> bool:
@@ -157,7 +154,6 @@ class Commander:
             now.attitude,
             now.local_position,
             now.global_position,
-            now.home,
         )
 
     # --- commands
@@ -210,15 +206,6 @@ class Commander:
             self._after_disarming = mode
         self._battery_action = None
         self._select_mode(now)
-        return Result.ACCEPTED
-
-    def terminate(self, now: CommanderInput) -> Result:
-        """Stop the rotors for good."""
-        if not self.armed:
-            return Result.DENIED
-        self.terminated = True
-        self._say(Severity.EMERGENCY, "Flight termination commanded")
-        self.disarm(now, True, "flight termination")
         return Result.ACCEPTED
 
     # --- fail-safes and automatic changes

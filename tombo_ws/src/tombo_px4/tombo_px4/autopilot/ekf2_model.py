@@ -93,11 +93,7 @@ class Ekf2Model:
         self._refused_since = -1
         self.source = ""
         """What the position comes from: `vision`, `gps` or "" for nothing."""
-        self.origin_known = False
-        """The place of the map's origin on earth is known, as by SET_GPS_GLOBAL_ORIGIN."""
         self.attitude_ok = False
-        self.rejected = 0
-        """Samples refused by the gate."""
         self.resets = 0
         """How often position and yaw have jumped to a source."""
         autopilot.state.position = 0.0
@@ -115,7 +111,7 @@ class Ekf2Model:
 
     def global_ok(self, tick: int) -> bool:
         """Return whether the position on earth is known."""
-        return self.local_ok(tick) and (self.origin_known or self.source == "gps")
+        return self.local_ok(tick) and self.source == "gps"
 
     def variances(self, tick: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return those of the pose and of the motion.
@@ -133,8 +129,6 @@ class Ekf2Model:
 
     def vision(self, tick: int, boot_us: int, position: Array, attitude: Array) -> str:
         """Take a pose from outside; "" or why it is refused: see `Px4Vehicle.vision`."""
-        if position.shape != (3,) or attitude.shape != (4,):
-            return "wrong_shape"
         if not (np.isfinite(position).all() and np.isfinite(attitude).all()):
             return "not_finite"
         if np.abs(position).max() > _FARTHEST:
@@ -241,10 +235,8 @@ class Ekf2Model:
             return
         past = self._past(fix.captured)
         if past.tick != fix.captured:
-            self.rejected += 1
             return
         if self._is_far(fix, source, control, past, tick):
-            self.rejected += 1
             if self._refused_since < 0:
                 self._refused_since = tick
             elif tick - self._refused_since >= _RESET_TICKS:
@@ -281,16 +273,7 @@ class Ekf2Model:
         return get("EKF2_EVP_GATE") * get("EKF2_EVP_NOISE")
 
     def _change_source(self, fix: _Fix, source: str, tick: int, airborne: bool) -> None:
-        """Begin with a source: none is in use, or it was lost, or this one is better."""
-        if source == "vision" and self.source == "gps" and airborne and self.local_ok(tick):
-            # in flight only a vision that agrees takes over: the estimate must not jump
-            gap = fix.position - self._autopilot.state.position
-            if float(np.abs(gap).max()) > self._innovation_gate(source):
-                self.rejected += 1
-                return
-            self.source = source
-            self._autopilot.observer.position_bandwidth = self._vision_bandwidth
-            return
+        """Begin with a source: none is in use, or it was lost."""
         if source == "vision" and len(self._state_history) < 3:
             return
         self._reset(fix, source, tick, airborne)

@@ -28,7 +28,6 @@ class Navigator:
         self._leg = hold_leg((0.0, 0.0, 0.0), 0.0)
         self._yaw = 0.0
         self._stage = 0
-        self._since = math.inf
         self._goal: Point | None = None
         self._goal_yaw = math.nan
         self.takeoff_height = math.nan
@@ -124,7 +123,7 @@ class Navigator:
         return now_s >= self._leg.end_s or self._leg.velocity == (0.0, 0.0, 0.0)
 
     def _return(self, now_s: float, here: Point, velocity: Array, home: Array) -> None:
-        """Climb, go above home, descend, pause, land."""
+        """Climb, go above home, land."""
         get = self._parameters.get
         goal = self._leg.position(self._leg.end_s)
         reached = self._over(now_s) and math.dist(here, goal) < get("NAV_ACC_RAD")
@@ -134,20 +133,12 @@ class Navigator:
             self._leg = straight_leg(goal, above, get("MPC_XY_CRUISE"), now_s)
         elif self._stage == 1 and reached and math.hypot(*velocity) < _STILL:
             self._stage = 2
-            low = min(goal[2], float(home[2]) + get("RTL_DESCEND_ALT"))
-            self._leg = straight_leg(goal, (goal[0], goal[1], low), get("MPC_Z_V_AUTO_DN"), now_s)
-        elif self._stage == 2 and reached:
-            self._stage, self._since = 3, now_s
-        elif self._stage == 3:
-            delay = get("RTL_LAND_DELAY")
-            if delay >= 0.0 and now_s - self._since >= delay:
-                self._stage = 4
-                self._sink(now_s, goal)
+            self._sink(now_s, goal)
 
     @property
     def landing(self) -> bool:
         """Whether the vehicle descends to the ground."""
-        return self._mode == AUTO_LAND or (self._mode == AUTO_RTL and self._stage == 4)
+        return self._mode == AUTO_LAND or (self._mode == AUTO_RTL and self._stage == 2)
 
 
 def _point(place: Array) -> Point:

@@ -49,10 +49,6 @@ PARAMETERS: tuple[Px4Parameter, ...] = (
     # identity
     _int("MAV_SYS_ID", 1, 1, 250, "system id on the link; taken at the start"),
     _int("MAV_COMP_ID", 1, 1, 250, "component id on the link; taken at the start"),
-    _int("MAV_TYPE", 2, 0, 22, "kind of vehicle: 2 quadrotor", acts=False),
-    _int("SYS_AUTOSTART", 10016, 0, 9999999, "airframe number", acts=False),
-    _int("CA_AIRFRAME", 0, 0, 20, "geometry: 0 multirotor", acts=False),
-    _int("CA_ROTOR_COUNT", 4, 0, 12, "number of rotors", acts=False),
     # sensors and estimator
     _int("SYS_HAS_GPS", 1, 0, 1, "1: there is a GPS receiver"),
     _int("SYS_HAS_MAG", 1, 0, 1, "1: there is a magnetometer, which gives the heading with GPS"),
@@ -60,7 +56,6 @@ PARAMETERS: tuple[Px4Parameter, ...] = (
     _int("EKF2_GPS_CTRL", 7, 0, 15, "bits 0 position, 1 height, 2 velocity, 3 heading of GPS"),
     _int("EKF2_BARO_CTRL", 1, 0, 1, "1: barometer's height, where vision gives none, is fused"),
     _int("EKF2_RNG_CTRL", 1, 0, 2, "range finder; there is none", acts=False),
-    _int("EKF2_OF_CTRL", 1, 0, 1, "optical flow; there is none", acts=False),
     _int("EKF2_MAG_TYPE", 0, 0, 6, "0 automatic, 5 none: no heading without vision"),
     _int("EKF2_EV_CTRL", 0, 0, 15, "bits 0 x and y, 1 height, 2 velocity, 3 yaw of vision"),
     _int("EKF2_HGT_REF", 1, 0, 3, "height from 0 barometer, 1 GPS, 2 range finder, 3 vision"),
@@ -69,7 +64,6 @@ PARAMETERS: tuple[Px4Parameter, ...] = (
     _float("EKF2_EVP_NOISE", 0.1, 0.01, 10.0, "m", "noise of vision's position, for the gate"),
     _float("EKF2_EVA_NOISE", 0.1, 0.05, 1.0, "rad", "noise of vision's yaw, for the gate"),
     _float("EKF2_EVP_GATE", 5.0, 1.0, 50.0, "SD", "vision beyond so many deviations is refused"),
-    _int("EKF2_EV_NOISE_MD", 0, 0, 1, "where vision's noise is taken from", acts=False),
     _float("EKF2_GPS_DELAY", 110.0, 0.0, 300.0, "ms", "age of a GPS fix when it arrives"),
     _float("EKF2_GPS_P_NOISE", 0.5, 0.01, 10.0, "m", "noise that a GPS fix is taken to have"),
     _int(
@@ -83,7 +77,6 @@ PARAMETERS: tuple[Px4Parameter, ...] = (
     # commander
     _int("COM_RC_IN_MODE", 3, 0, 4, "remote control; there is none", acts=False),
     _int("COM_RCL_EXCEPT", 0, 0, 31, "modes that need no remote control", acts=False),
-    _int("COM_ARM_WO_GPS", 1, 0, 2, "1: arming without GPS is allowed", acts=False),
     _float("COM_OF_LOSS_T", 1.0, 0.0, 60.0, "s", "set points missing this long: offboard is lost"),
     _int(
         "COM_OBL_RC_ACT",
@@ -98,7 +91,6 @@ PARAMETERS: tuple[Px4Parameter, ...] = (
     _float("COM_DISARM_PRFLT", 10.0, -1.0, 60.0, "s", "disarms if not taken off; -1: never"),
     _float("COM_SPOOLUP_TIME", 1.0, 0.0, 5.0, "s", "rotors idle so long after arming"),
     _float("COM_LKDOWN_TKO", 3.0, -1.0, 5.0, "s", "tilt beyond FD_FAIL_* so soon after: disarm"),
-    _int("COM_TAKEOFF_ACT", 0, 0, 1, "after take-off: 0 hold, 1 mission", acts=False),
     _int("COM_LOW_BAT_ACT", 0, 0, 3, "battery critical: 0 warn, 2 land, 3 return, then land"),
     _int("CBRK_FLIGHTTERM", 121212, 0, 121212, "121212: tilt beyond FD_FAIL_* only warns"),
     _int("FD_FAIL_R", 60, 0, 180, "roll that is a failure; 0: none is", "deg"),
@@ -112,12 +104,9 @@ PARAMETERS: tuple[Px4Parameter, ...] = (
     _float("BAT_CRIT_THR", 0.07, 0.05, 0.5, "1", "charge that is critical"),
     _float("BAT_EMERGEN_THR", 0.05, 0.03, 0.5, "1", "charge that is an emergency"),
     _float("BAT1_CAPACITY", 5000.0, -1.0, 100000.0, "mAh", "charge of the full battery"),
-    _int("BAT1_N_CELLS", 3, 0, 16, "cells in series", acts=False),
     # navigator
     _float("MIS_TAKEOFF_ALT", 2.5, 0.0, 80.0, "m", "height of a take-off above home"),
     _float("RTL_RETURN_ALT", 60.0, 0.0, 150.0, "m", "height of the way home"),
-    _float("RTL_DESCEND_ALT", 2.0, 0.0, 100.0, "m", "height above home to pause at (PX4: 30)"),
-    _float("RTL_LAND_DELAY", 0.0, -1.0, 300.0, "s", "pause before it lands; -1: it stays there"),
     _float("NAV_ACC_RAD", 10.0, 0.05, 200.0, "m", "so close a point is reached"),
     # multicopter
     _float("MPC_XY_VEL_MAX", 12.0, 0.0, 20.0, "m/s", "highest horizontal speed"),
@@ -125,7 +114,6 @@ PARAMETERS: tuple[Px4Parameter, ...] = (
     _float("MPC_Z_VEL_MAX_UP", 3.0, 0.5, 8.0, "m/s", "highest climb rate"),
     _float("MPC_Z_VEL_MAX_DN", 1.5, 0.5, 4.0, "m/s", "highest sink rate"),
     _float("MPC_Z_V_AUTO_UP", 3.0, 0.2, 8.0, "m/s", "climb rate of AUTO modes"),
-    _float("MPC_Z_V_AUTO_DN", 1.0, 0.2, 4.0, "m/s", "sink rate of AUTO modes (PX4: 1.5)"),
     _float("MPC_LAND_SPEED", 0.7, 0.2, 4.0, "m/s", "sink rate of landing"),
     _float("MPC_TKO_SPEED", 1.5, 0.2, 5.0, "m/s", "climb rate of take-off"),
     _float("MPC_TKO_RAMP_T", 3.0, 0.0, 5.0, "s", "the climb rate is let rise so long"),
@@ -139,9 +127,6 @@ PARAMETERS: tuple[Px4Parameter, ...] = (
         "thrust that hovers; set to this vehicle's own",
         acts=False,
     ),
-    _float("MPC_THR_MIN", 0.12, 0.05, 0.5, "1", "lowest thrust of position control", acts=False),
-    _float("MPC_THR_MAX", 1.0, 0.0, 1.0, "1", "highest thrust of position control", acts=False),
-    _int("MPC_USE_HTE", 1, 0, 1, "hover thrust is estimated", acts=False),
     _float("MPC_XY_P", 0.95, 0.0, 2.0, "1/s", "velocity asked for per position error, height too"),
     _float("MPC_YAWRAUTO_MAX", 60.0, 5.0, 360.0, "deg/s", "yaw rate of position control"),
     _float("LNDMC_Z_VEL_MAX", 0.25, 0.0, 2.0, "m/s", "landed: vertical speed below this"),

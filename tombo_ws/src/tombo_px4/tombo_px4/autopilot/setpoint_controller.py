@@ -14,13 +14,11 @@ import numpy as np
 
 from tombo_control.autopilot import Autopilot
 from tombo_control.loops.cascade import stop_rotors
-from tombo_control.loops.inner_loops import attitude_control
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
 from tombo_control.tick_calls import run_control_loops
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import yaw_of
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
-from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.parameters import ParameterTable
 
@@ -53,21 +51,17 @@ class OffboardSetpoint:
     position: Array | None = None
     """(3) map [m]."""
     velocity: Array | None = None
-    """(3) [m/s], in `frame`."""
+    """(3) map [m/s]."""
     acceleration: Array | None = None
-    """(3) without gravity [m/s^2], in `frame`."""
+    """(3) map, without gravity [m/s^2]."""
     yaw: float = math.nan
     """Counter-clockwise from east [rad]."""
-    yaw_rate: float = math.nan
-    """Counter-clockwise [rad/s]."""
     attitude: Array | None = None
     """(4) xyzw, map from base_link."""
     rates: Array | None = None
     """(3) base_link [rad/s]."""
     thrust: float | None = None
     """Share of the highest collective thrust, 0 to 1."""
-    frame: str = "map"
-    """`map`, or `body`: x ahead, y left, z up, level; a position is left out then."""
 
 
 @dataclass(frozen=True)
@@ -83,44 +77,29 @@ class ResolvedSetpoint:
     """(3) [m/s^2]."""
     yaw: float = math.nan
     """Counter-clockwise from east [rad]."""
-    yaw_rate: float = math.nan
-    """Counter-clockwise [rad/s]."""
     attitude: Array = field(default_factory=lambda: _LEVEL)
     """(4) xyzw, map from base_link, for ATTITUDE."""
     rates: Array = field(default_factory=lambda: np.zeros(3))
-    """(3) base_link [rad/s], for RATES; for ATTITUDE only the yaw rate's feed-forward."""
+    """(3) base_link [rad/s], for RATES."""
     thrust: float = math.nan
     """Share of the highest collective thrust."""
 
 
-def resolve_setpoint(target: OffboardSetpoint, attitude: Array) -> ResolvedSetpoint | str:
-    """Return a set point after all checks, or why it is refused.
-
-    Args:
-        target: as it came.
-        attitude: (4) xyzw estimate at its arrival, which turns `body` into map.
-    """
-    position = _axes(target.position)
-    velocity = _axes(target.velocity)
-    acceleration = _axes(target.acceleration)
-    if position is None or velocity is None or acceleration is None:
-        return "set point has a wrong shape"
-    if max(_most(position), _most(velocity), _most(acceleration)) > _LARGEST:
+def resolve_setpoint(target: OffboardSetpoint) -> ResolvedSetpoint | str:
+    """Return a set point after all checks, or why it is refused."""
+    motion = _axes(target.position), _axes(target.velocity), _axes(target.acceleration)
+    if _most(np.array(motion)) > _LARGEST:
         return "set point is out of range"
-    if np.isfinite([position, velocity, acceleration]).any():
-        return _resolve_motion(target, position, velocity, acceleration, attitude)
+    if np.isfinite(motion).any():
+        return _resolve_motion(target, *motion)
     return _resolve_attitude(target)
 
 
-def _axes(values: Array | None) -> Array | None:
-    """Return three axes, infinities as not commanded; None for another shape."""
+def _axes(values: Array | None) -> Array:
+    """Return three axes, infinities as not commanded."""
     if values is None:
         return _NONE
-    axes = np.array(values, dtype=float)
-    if axes.shape != (3,):
-        return None
-    axes[~np.isfinite(axes)] = math.nan
-    return axes
+    return np.where(np.isfinite(values), values, math.nan)
 
 
 def _most(axes: Array) -> float:
@@ -134,19 +113,8 @@ def finite_or_nan(value: float | None) -> float:
 
 
 def _resolve_motion(
-    target: OffboardSetpoint,
-    position: Array,
-    velocity: Array,
-    acceleration: Array,
-    attitude: Array,
+    target: OffboardSetpoint, position: Array, velocity: Array, acceleration: Array
 ) -> ResolvedSetpoint | str:
-    if target.frame == "body":
-        heading = yaw_of(attitude)
-        position = _NONE
-        velocity = _turned(velocity, heading)
-        acceleration = _turned(acceleration, heading)
-    elif target.frame != "map":
-        return f"coordinate frame {target.frame} unsupported"
     commanded = [np.isfinite(axes) for axes in (position, velocity, acceleration)]
     if not (commanded[0] | commanded[1] | commanded[2]).all():
         return "invalid set point: an axis is not commanded"
@@ -157,17 +125,15 @@ def _resolve_motion(
         kind = ControlLevel.POSITION
     elif commanded[1].any():
         kind = ControlLevel.VELOCITY
-    yaw, yaw_rate = finite_or_nan(target.yaw), finite_or_nan(target.yaw_rate)
-    if abs(yaw) > _LARGEST or abs(yaw_rate) > _FASTEST:
+    yaw = finite_or_nan(target.yaw)
+    if abs(yaw) > _LARGEST:
         return "set point is out of range"
-    return ResolvedSetpoint(kind, position, velocity, acceleration, yaw, yaw_rate)
+    return ResolvedSetpoint(kind, position, velocity, acceleration, yaw)
 
 
 def _resolve_attitude(target: OffboardSetpoint) -> ResolvedSetpoint | str:
     thrust = finite_or_nan(target.thrust)
     rates = _axes(target.rates)
-    if rates is None:
-        return "set point has a wrong shape"
     if _most(rates) > _FASTEST:
         return "set point is out of range"
     kind, attitude = ControlLevel.RATES, _LEVEL
@@ -176,7 +142,7 @@ def _resolve_attitude(target: OffboardSetpoint) -> ResolvedSetpoint | str:
             return "set point commands nothing"
     else:
         kind, attitude = ControlLevel.ATTITUDE, np.array(target.attitude, dtype=float)
-        if attitude.shape != (4,) or not np.isfinite(attitude).all():
+        if not np.isfinite(attitude).all():
             return "invalid set point: attitude is not finite"
         length = float(np.linalg.norm(attitude))
         if not 0.5 < length < 2.0:
@@ -186,14 +152,6 @@ def _resolve_attitude(target: OffboardSetpoint) -> ResolvedSetpoint | str:
         return "invalid set point: no thrust"
     rates, thrust = np.nan_to_num(rates), min(max(thrust, 0.0), 1.0)
     return ResolvedSetpoint(kind, attitude=attitude, rates=rates, thrust=thrust)
-
-
-def _turned(v: Array, yaw: float) -> Array:
-    c, s = math.cos(yaw), math.sin(yaw)
-    return np.array([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]])
-
-
-_PERIOD = POSITION_TICKS * TICK_S
 
 
 class SetpointController:
@@ -211,7 +169,6 @@ class SetpointController:
         """Highest rotor speed [rad/s]."""
         self.weight = float(autopilot.nominal.mass) * GRAVITY
         """[N], as the autopilot knows it."""
-        self._yaw_rate = 0.0
         self.loops = (False, False, False)
         """Whether position, attitude and rate loop are in use."""
 
@@ -225,7 +182,6 @@ class SetpointController:
         autopilot = self._autopilot
         self._stop_rotors()
         autopilot.setpoint.yaw = yaw_of(autopilot.state.attitude)
-        self._yaw_rate = 0.0
 
     def idle(self, speed: float) -> None:
         """Rotors at a fixed speed [rad/s], 0: off; nothing controlled."""
@@ -255,7 +211,6 @@ class SetpointController:
         by_attitude = resolved.kind == ControlLevel.ATTITUDE
         if by_attitude:
             setpoint.attitude = resolved.attitude
-            self._yaw_rate = float(resolved.rates[2])
         else:
             setpoint.rates = resolved.rates
         setpoint.thrust = resolved.thrust * self.thrust_max
@@ -264,7 +219,6 @@ class SetpointController:
 
     def blind(self) -> None:
         """Level and descend, at the next runs of the loops."""
-        self._yaw_rate = 0.0
         self.loops = (True, True, True)
 
     def reduce_thrust_on_ground(self) -> None:
@@ -274,25 +228,11 @@ class SetpointController:
 
     def run(self, tick: int, blind: bool) -> None:
         """Run the loops that are due in `tick`."""
-        autopilot = self._autopilot
         position, attitude, rate = self.loops
-        if not rate:
-            return
-        position = position and tick % POSITION_TICKS == 0
-        attitude = attitude and tick % ATTITUDE_TICKS == 0
-        if self._yaw_rate == 0.0:
+        if rate:
+            position = position and tick % POSITION_TICKS == 0
+            attitude = attitude and tick % ATTITUDE_TICKS == 0
             run_control_loops(self._autopilots, self._maps, position, attitude, blind)
-            return
-        if position:  # the yaw rate is fed forward between the loops
-            run_control_loops(self._autopilots, self._maps, True, False, blind)
-        if attitude:
-            setpoint, gains = autopilot.setpoint, autopilot.gains
-            attitude_control(autopilot.state, setpoint, gains)
-            limit = gains.yaw_rate_max
-            total = setpoint.rates[2] + self._yaw_rate
-            setpoint.rates[2] = min(max(total, -limit), limit)
-        if not position:
-            run_control_loops(self._autopilots, self._maps, False, False, blind)
 
     def _limits(self) -> None:
         """Take limits from the parameters when they have changed."""
@@ -324,13 +264,6 @@ class SetpointController:
         free = ~known & ~moving
         setpoint.velocity = np.where(moving, resolved.velocity, np.where(free, velocity, 0.0))
         setpoint.acceleration = np.where(pushed, resolved.acceleration, 0.0)
-        if math.isfinite(resolved.yaw_rate):
-            self._yaw_rate = resolved.yaw_rate
-            if not math.isfinite(resolved.yaw):
-                yaw = float(setpoint.yaw) + resolved.yaw_rate * _PERIOD
-                setpoint.yaw = math.remainder(yaw, 2.0 * math.pi)
-        else:
-            self._yaw_rate = 0.0
         if math.isfinite(resolved.yaw):
             setpoint.yaw = resolved.yaw
         get = self._parameters.get

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -206,12 +205,6 @@ class Px4Vehicle:
         return float(self._autopilot.setpoint.thrust) / self._setpoint_controller.thrust_max
 
     @property
-    def normalized_rotor_speeds(self) -> Array:
-        """(4) rotor speeds asked for, shares of the highest."""
-        speed: Array = self._autopilot.setpoint.rotor_speed
-        return speed / self._setpoint_controller.speed_max
-
-    @property
     def attitude_setpoint(self) -> tuple[Array, Array, float]:
         """What attitude and rate loop follow.
 
@@ -220,14 +213,6 @@ class Px4Vehicle:
         """
         setpoint = self._autopilot.setpoint
         return setpoint.attitude.copy(), setpoint.rates.copy(), self.thrust
-
-    @property
-    def position_setpoint(self) -> ResolvedSetpoint | None:
-        """What the position loop follows; None while it is not in use."""
-        flown = self._flown
-        if flown is None or flown.kind >= ControlLevel.ATTITUDE:
-            return None
-        return replace(flown, yaw=float(self._autopilot.setpoint.yaw))
 
     def take_status_texts(self) -> list[tuple[Severity, str]]:
         """Return severity and words of the messages to the operator since the last call."""
@@ -245,8 +230,8 @@ class Px4Vehicle:
             attitude: (4) xyzw, map from base_link.
 
         Returns:
-            "" if it will be looked at, else why not: wrong_shape, not_finite, not_unit,
-            out_of_range, future, out_of_order, late, not_fused.
+            "" if it will be looked at, else why not: not_finite, out_of_range, future,
+            out_of_order, late, not_fused.
         """
         return self.ekf2_model.vision(self.tick, boot_us, position, attitude)
 
@@ -256,7 +241,7 @@ class Px4Vehicle:
         Returns:
             "" or why it is refused.
         """
-        resolved = resolve_setpoint(target, self._state.attitude)
+        resolved = resolve_setpoint(target)
         if isinstance(resolved, str):
             if resolved != self._refused:
                 self._say(Severity.CRITICAL, resolved)
@@ -329,10 +314,6 @@ class Px4Vehicle:
             self._navigator.go_to(goal, finite_or_nan(yaw))
         return result
 
-    def terminate(self) -> Result:
-        """Stop the rotors for good, wherever it is."""
-        return self._commander.terminate(self._commander_input())
-
     # --- what it does
 
     def step(self) -> None:
@@ -373,7 +354,6 @@ class Px4Vehicle:
             ekf2_model.attitude_ok,
             ekf2_model.local_ok(tick),
             ekf2_model.global_ok(tick),
-            self._home is not None or ekf2_model.local_ok(tick),
             self._ground.landed,
             self._ground.maybe_landed,
             self._taken_off,

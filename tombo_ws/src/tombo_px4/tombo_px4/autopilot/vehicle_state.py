@@ -18,7 +18,6 @@ class ArmingHealth(NamedTuple):
     attitude: bool
     local_position: bool
     global_position: bool
-    home: bool
 
     @property
     def armable(self) -> bool:

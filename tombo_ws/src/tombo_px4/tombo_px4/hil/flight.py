@@ -22,12 +22,11 @@ from tombo_px4.hil.link import COMPONENT, SYSTEM
 from tombo_px4.hil.params import HilParams
 from tombo_px4.link.link_params import ODOMETRY
 from tombo_px4.link.message_encoder import pose_message
-from tombo_px4.protocol.telemetry_snapshot import (
+from tombo_px4.protocol.telemetry import (
     INT16,
     altitude_at,
     fitted,
     globe_fields,
-    ground_truth,
     pressure_at,
     temperature_at,
 )
@@ -42,32 +41,20 @@ class MotorMapping:
     """Controls of PX4's motors 1 to 4 to speeds of our rotors.
 
     PX4 takes thrust for linear in control (THR_MDL_FAC 0) and starts from hovering at 0.5
-    (MPC_THR_HOVER). With `thrust` it is linear here too, from the idle thrust at 0 to the highest
-    at 1, as in jMAVSim: the default propeller (13) hovers at 0.460. With `speed`, rotor speed is
-    linear from idle to the highest, as in Gazebo: hover is at 0.573. The rigid propeller is
-    stronger: 0.314 and 0.510. A roll control of 1 gives 236 rad/s^2 with `thrust`, 277 with
-    `speed`; PX4's iris has about 200, so the gains of its airframe fit.
+    (MPC_THR_HOVER). It is linear here too, from the idle thrust at 0 to the highest at 1, as in
+    jMAVSim: the default propeller (13) hovers at 0.460, the rigid one, which is stronger, at
+    0.314. A roll control of 1 gives 236 rad/s^2; PX4's iris has about 200, so the gains of its
+    airframe fit.
     """
 
-    def __init__(self, vehicle: VehicleParams, maps: RotorMaps, mapping: str) -> None:
+    def __init__(self, vehicle: VehicleParams, maps: RotorMaps) -> None:
         self._maps = maps
-        self._by_thrust = mapping == "thrust"
         self._lowest = float(maps.thrust_lowest)
         self._range = float(maps.thrust_highest) - self._lowest
-        self._idle = vehicle.rotor_speed_min
-        top = float(speed_for_thrust(maps, float(maps.thrust_highest)))
-        self._span = top - self._idle
-        self._hover_thrust = vehicle.hover_thrust()
+        self.hover = (vehicle.hover_thrust() - self._lowest) / self._range
+        """Control in hover: what MPC_THR_HOVER should be."""
         self.refused = 0
         """Controls that were no number from 0 to 1; each is taken for 0."""
-
-    @property
-    def hover(self) -> float:
-        """Control in hover: what MPC_THR_HOVER should be."""
-        if self._by_thrust:
-            return (self._hover_thrust - self._lowest) / self._range
-        speed = float(speed_for_thrust(self._maps, self._hover_thrust))
-        return (speed - self._idle) / self._span
 
     def speeds(self, controls: Sequence[float], armed: bool) -> Array:
         """Return rotor speeds (4) [rad/s] in our order; an unarmed rotor stands still."""
@@ -77,13 +64,9 @@ class MotorMapping:
                 self.refused += 1
                 value = 0.0
             if armed:
-                out[rotor] = self._speed(min(max(value, 0.0), 1.0))
+                thrust = self._lowest + min(max(value, 0.0), 1.0) * self._range
+                out[rotor] = speed_for_thrust(self._maps, thrust)
         return out
-
-    def _speed(self, control: float) -> float:
-        if not self._by_thrust:
-            return self._idle + control * self._span
-        return float(speed_for_thrust(self._maps, self._lowest + control * self._range))
 
 
 _STREAM = 4560
@@ -93,6 +76,17 @@ _SEA_LEVEL_KG_M3 = 1.225
 _FULL_SCALE = np.array([[16.0 * GRAVITY], [math.radians(2000.0)]]) * (1.0 - 2.0**-16)
 """PX4 keeps accelerometer and gyro in 16 bits, and beyond them the sign turns round. Here both
 reach into the last step, which PX4 takes for clipped."""
+_FORCE_NOISE, _RATE_NOISE = 0.02, 0.002
+"""[m/s^2], [rad/s]: standard deviations of a message, besides those of `effects.imu_noise`. PX4
+calls a sensor that repeats a value a hundred times broken. Estimated, because twice the step of
+PX4's own reading never stands still; the same holds for the next two."""
+_FIELD_NOISE, _PRESSURE_NOISE = 0.002, 0.5
+"""[gauss], [Pa]: 0.2 degrees, 4 cm of height."""
+_GPS_NOISE, _GPS_SPEED_NOISE = 0.1, 0.05
+"""[m], [m/s] of each axis; estimated, because that is the noise under an open sky."""
+_FIELD = 0.48, math.radians(63.1), math.radians(3.3)
+"""Strength [gauss], inclination (down) and declination (east) [rad] of the earth's field. From
+PX4's table of the world magnetic model, at the place of PX4's SITL."""
 _FIX_3D, _SATELLITES = 3, 14
 _EPH_CM, _EPV_CM = 70, 110
 _SLOW = 0.1
@@ -102,15 +96,14 @@ _SLOW = 0.1
 class HilSensors:
     """Reads the plant. `observe` in every tick; the others when a message is due."""
 
-    def __init__(self, params: HilParams, seed: int) -> None:
-        self._p = params
+    def __init__(self, seed: int) -> None:
         self._rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
-        self.origin = GeoOrigin(params.latitude, params.longitude, params.altitude)
-        down, east = math.radians(params.inclination), math.radians(params.declination)
+        self.origin = GeoOrigin()
+        strength, down, east = _FIELD
         level = math.cos(down)
         direction = (level * math.cos(east), level * math.sin(east), math.sin(down))
-        self._field = params.field_strength * enu_from_ned(direction)
-        self._spread = np.array([[params.accel_noise], [params.gyro_noise]])
+        self._field = strength * enu_from_ned(direction)
+        self._spread = np.array([[_FORCE_NOISE], [_RATE_NOISE]])
         self._sum = np.zeros(6)
         self._ticks = 0
 
@@ -140,10 +133,10 @@ class HilSensors:
         n = self._rng.standard_normal(4)
         body = frd_from_flu(plant.rotation.T @ self._field)
         height = self.origin.altitude_m + float(plant.state.position[2])
-        pressure = pressure_at(height) + self._p.pressure_noise * float(n[3])
+        pressure = pressure_at(height) + _PRESSURE_NOISE * float(n[3])
         forward = float(plant.airspeed[0])
         return (
-            *(body + self._p.mag_noise * n[:3]).tolist(),
+            *(body + _FIELD_NOISE * n[:3]).tolist(),
             0.01 * pressure,
             0.01 * 0.5 * _SEA_LEVEL_KG_M3 * forward * abs(forward),
             altitude_at(pressure),
@@ -153,8 +146,8 @@ class HilSensors:
     def gps(self, mav: Any, time_us: int, plant: Plant) -> Any:
         """Return HIL_GPS, a fix with noise."""
         n = self._rng.standard_normal(6)
-        position = plant.state.position + self._p.gps_position_noise * n[:3]
-        velocity = ned_from_enu(plant.state.velocity + self._p.gps_velocity_noise * n[3:])
+        position = plant.state.position + _GPS_NOISE * n[:3]
+        velocity = ned_from_enu(plant.state.velocity + _GPS_SPEED_NOISE * n[3:])
         north, east, down = velocity.tolist()
         speed = math.hypot(north, east)
         course = round(math.degrees(math.atan2(east, north)) * 100.0) % 36_000
@@ -217,27 +210,19 @@ class HilFlight:
         self._hand = hand
         self.params = params
         self.simulator = Simulator(world, seed)
-        self.sensors = HilSensors(params, seed)
-        self.controls = MotorMapping(world.vehicle, self.simulator.setup.maps, params.mapping)
+        self.sensors = HilSensors(seed)
+        self.controls = MotorMapping(world.vehicle, self.simulator.setup.maps)
         self.poses: list[PoseSample] = []
         self.rotors: Array = np.zeros(4)
         self.steps = 0
         self._mav = common.MAVLink(None, SYSTEM, COMPONENT)
         self._slow: tuple[float, ...] = ()
         self._gps_due = _RateTimer(params.gps_rate if params.gps else 0.0)
-        self._truth_due = _RateTimer(params.truth_rate)
 
     @property
     def time_us(self) -> int:
         """Time of the present tick: PX4's clock."""
         return self.simulator.tick * TICK_US
-
-    def set_truth_interval(self, interval_us: float) -> None:
-        """Set the interval of HIL_STATE_QUATERNION: -1 none, 0 the default; a set rate stays."""
-        if self.params.truth_rate > 0.0:
-            return
-        rate = 0.0 if interval_us < 0.0 else 1e6 / interval_us if interval_us > 0.0 else 200.0
-        self._truth_due = _RateTimer(rate, self.time_us)
 
     def step(self, motors: MotorCommands) -> bytes:
         """Fly one interval with the motors as wanted; return the frames for PX4, in one piece.
@@ -260,14 +245,9 @@ class HilFlight:
                 self._watch(simulator)
         self.steps += 1
         messages = []
-        now = (self._mav, self.time_us, simulator.plant)
         if self.steps > 1:
             if self._gps_due.is_due(self.time_us):
-                messages.append(sensors.gps(*now))
-            if self._truth_due.is_due(self.time_us):
-                messages.append(
-                    ground_truth(self._mav, self.time_us, sensors.origin, simulator.plant)
-                )
+                messages.append(sensors.gps(self._mav, self.time_us, simulator.plant))
             if self.params.mocap:
                 messages += [odometry(pose) for pose in self.poses]
         messages.append(self._sensor())
@@ -290,9 +270,9 @@ def odometry(pose: PoseSample) -> Any:
 class _RateTimer:
     """Timer for a rate that need not divide the rate of the steps."""
 
-    def __init__(self, rate: float, now_us: int = 0) -> None:
+    def __init__(self, rate: float) -> None:
         self._period_us = 1e6 / rate if rate > 0.0 else 0.0
-        self._next_us = float(now_us)
+        self._next_us = 0.0
 
     def is_due(self, now_us: int) -> bool:
         if self._period_us == 0.0 or now_us < self._next_us:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import math
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common as mav
@@ -24,7 +23,6 @@ class ActuatorControls(NamedTuple):
     controls: tuple[float, ...]
     """Of PX4's motors 1 to 4, unchecked."""
     armed: bool
-    lockstep: bool
 
 
 class HilLink:
@@ -34,8 +32,6 @@ class HilLink:
         port: the one listened on.
         heartbeats: how many have come.
         others: how many messages of other kinds have come.
-        interval_us: what PX4 asked for by SET_MESSAGE_INTERVAL for HIL_STATE_QUATERNION; None: it
-            did not, or `take_interval` has returned it.
     """
 
     def __init__(self, port: int = PX4_PORT) -> None:
@@ -57,7 +53,6 @@ class HilLink:
             ) from error
         self.port = self._link.address[1] if self._link.address else port
         self.heartbeats = self.others = 0
-        self.interval_us: float | None = None
 
     @property
     def connected(self) -> bool:
@@ -93,29 +88,15 @@ class HilLink:
             kind = message.get_msgId()
             if kind == mav.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
                 armed = bool(message.mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
-                lockstep = bool(message.flags & mav.HIL_ACTUATOR_CONTROLS_FLAGS_LOCKSTEP)
                 controls = tuple(message.controls[:4])
-                answers.append(ActuatorControls(int(message.time_usec), controls, armed, lockstep))
+                answers.append(ActuatorControls(int(message.time_usec), controls, armed))
             elif kind == mav.MAVLINK_MSG_ID_HEARTBEAT:
                 self.heartbeats += 1
-            elif (
-                kind == mav.MAVLINK_MSG_ID_COMMAND_LONG
-                and message.command == mav.MAV_CMD_SET_MESSAGE_INTERVAL
-                and message.param1 == mav.MAVLINK_MSG_ID_HIL_STATE_QUATERNION
-                and math.isfinite(message.param2)
-            ):
-                self.interval_us = message.param2
             else:
                 self.others += 1
         if self.connections != connections:  # another client: nothing of the one before counts
-            self.interval_us = None
             return []
         return answers
-
-    def take_interval(self) -> float | None:
-        """Return once the interval [us] that PX4 requested for HIL_STATE_QUATERNION."""
-        interval_us, self.interval_us = self.interval_us, None
-        return interval_us
 
     def send(self, data: bytes) -> None:
         """Send frames to PX4, later if the socket is full; too many of them end the connection."""

@@ -106,7 +106,6 @@ class HilSimulator:
         boot_steps: steps unanswered before the first answer.
         missed: steps unanswered after it.
         wrong_time: answers with another time than the last HIL_SENSOR's.
-        repeated: answers beyond the first to a step.
         slips: how often the machine was too slow for `speed`.
         flights: how many have begun.
     """
@@ -153,11 +152,11 @@ class HilSimulator:
         self.flight = HilFlight(self._world, self._seed, self._params, self._watch, self._hand)
         self.motors = MotorCommands()
         self.steps = self.answered = self.boot_steps = self.missed = 0
-        self.wrong_time = self.repeated = self.slips = 0
+        self.wrong_time = self.slips = 0
         self._connection = 0
         self._sent_ns = self._due_ns = 0
         self._has_answer = True  # to the step before the first one
-        self._heard = self._silent = self._free_running = False
+        self._heard = self._silent = False
         self._runs_unanswered = False  # silent and disarmed; over with any answer, a late one too
 
     @property
@@ -196,9 +195,6 @@ class HilSimulator:
             self._due_ns = now_ns
             begins = f"flight {self.flights} begins, at time 0, on the ground"
             self._notify(f"PX4 has connected: {begins}")
-        interval_us = self._link.take_interval()
-        if interval_us is not None:
-            self.flight.set_truth_interval(interval_us)
         for answer in answers:
             self._take(answer)
         if now_ns < self._next_ns(now_ns):
@@ -231,13 +227,6 @@ class HilSimulator:
         self._reset_vehicle()
 
     def _take(self, answer: ActuatorControls) -> None:
-        if not answer.lockstep and not self._free_running:
-            self._free_running = True
-            self._notify(
-                "PX4 was built without lockstep: its answers are taken as they come, and it flies "
-                "well in real time only",
-                severe=True,
-            )
         if self.steps == 0:  # to a step of a flight that is over
             self.wrong_time += 1
             return
@@ -247,14 +236,13 @@ class HilSimulator:
             self._notify(
                 f"PX4 answers, after {self.boot_steps} steps without; in lockstep from now"
             )
-        if answer.lockstep and answer.time_us != self.flight.time_us:
+        if answer.time_us != self.flight.time_us:
             self.wrong_time += 1
             return
         if answer.armed != self.motors.armed:
             self._notify("armed" if answer.armed else "disarmed")
         self.motors = MotorCommands(answer.controls, answer.armed)
         if self._has_answer:
-            self.repeated += 1
             return
         self._has_answer = True
         self.answered += 1

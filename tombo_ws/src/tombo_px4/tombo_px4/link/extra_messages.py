@@ -10,7 +10,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common
 
-PROTOCOL_VERSION, COMPONENT_METADATA, EVENT = 300, 397, 410
+COMPONENT_METADATA, EVENT = 397, 410
 
 
 def _define(number: int, name: str, extra: int, **wire: str) -> Any:
@@ -72,14 +72,4 @@ EventMessage = _define(
 )
 ComponentMetadata = _define(
     COMPONENT_METADATA, "COMPONENT_METADATA", 182, time_boot_ms="I", file_crc="I", uri="100s"
-)
-ProtocolVersion = _define(
-    PROTOCOL_VERSION,
-    "PROTOCOL_VERSION",
-    217,
-    version="H",
-    min_version="H",
-    max_version="H",
-    spec_version_hash="8B",
-    library_version_hash="8B",
 )

@@ -1,4 +1,4 @@
-"""Commands that come in (COMMAND_LONG, COMMAND_INT, SET_MODE) and PX4's answers to them."""
+"""Commands that come in (COMMAND_LONG, COMMAND_INT) and PX4's answers to them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from tombo_dynamics.arrays import Array
 from tombo_px4 import modes
 from tombo_px4.frames import GeoOrigin, ros_yaw
 from tombo_px4.link.decoded_messages import FORCE_ARMING, Result
-from tombo_px4.link.extra_messages import PROTOCOL_VERSION
 from tombo_px4.modes import Mode
 
 if TYPE_CHECKING:
@@ -29,14 +28,12 @@ _LARGEST_ID = 0xFFFFFF
 
 
 class ReceivedCommand(NamedTuple):
-    """A command, whichever of the three messages carried it."""
+    """A command, whichever of the two messages carried it."""
 
     number: int
     params: tuple[float, ...]
     """Seven; 5 and 6 are degrees where they are a place."""
     frame: int = mavlink.MAV_FRAME_GLOBAL
-    from_module: bool = True
-    """False: of SET_MODE, which the MAVLink module does not acknowledge itself."""
 
 
 class CommandReply(NamedTuple):
@@ -48,8 +45,6 @@ class CommandReply(NamedTuple):
     """An ACCEPTED comes before: the MAVLink module says that it has passed the command on."""
     message: int | None = None
     """Number of a message that was asked for."""
-    interval_of: int | None = None
-    """MESSAGE_INTERVAL of this message was asked for."""
     text: str = ""
     """STATUSTEXT sent as a warning."""
 
@@ -59,14 +54,9 @@ Answer = Result | CommandReply
 
 
 def command_of(message: Any) -> ReceivedCommand:
-    """Return the command in a COMMAND_LONG, COMMAND_INT or SET_MODE."""
-    kind = message.get_type()
-    if kind == "SET_MODE":
-        mode = modes.mode_of(message.custom_mode)
-        wanted = (float(message.base_mode), float(mode.main), float(mode.sub), 0.0, 0.0, 0.0, 0.0)
-        return ReceivedCommand(mavlink.MAV_CMD_DO_SET_MODE, wanted, from_module=False)
+    """Return the command in a COMMAND_LONG or COMMAND_INT."""
     first = (message.param1, message.param2, message.param3, message.param4)
-    if kind == "COMMAND_LONG":
+    if message.get_type() == "COMMAND_LONG":
         return ReceivedCommand(
             message.command, (*first, message.param5, message.param6, message.param7)
         )
@@ -93,19 +83,9 @@ class CommandServer:
             mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
             mavlink.MAV_CMD_NAV_LAND: lambda c: vehicle.land(),
             mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda c: vehicle.return_home(),
-            mavlink.MAV_CMD_NAV_LOITER_UNLIM: lambda c: vehicle.hold(),
             mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
-            mavlink.MAV_CMD_DO_FLIGHTTERMINATION: self._terminate,
             mavlink.MAV_CMD_RUN_PREARM_CHECKS: self._check,
-            mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
             mavlink.MAV_CMD_REQUEST_MESSAGE: self._request_message,
-            mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda c: _send(
-                mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
-            ),
-            mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION: lambda c: _send(PROTOCOL_VERSION),
-            mavlink.MAV_CMD_GET_HOME_POSITION: lambda c: _send(
-                mavlink.MAVLINK_MSG_ID_HOME_POSITION
-            ),
         }
 
     def execute(self, command: ReceivedCommand, streams: StreamTable) -> CommandReply:
@@ -132,7 +112,7 @@ class CommandServer:
         if base is not None and base & custom and main in _MAIN_MODES:
             sub = sub if sub is not None and 0 <= sub < 256 else 0
             result = self._vehicle.set_mode(Mode(main, sub if main == modes.AUTO_HOLD.main else 0))
-        return CommandReply(result, passed_on=command.from_module)
+        return CommandReply(result, passed_on=True)
 
     def _take_off(self, command: ReceivedCommand) -> Answer:
         if command.frame not in _GLOBAL_FRAMES:
@@ -163,9 +143,6 @@ class CommandServer:
         place = self._origin.local_of(latitude, longitude, self._origin.altitude_m)
         return np.array([place[0], place[1], height])
 
-    def _terminate(self, command: ReceivedCommand) -> Answer:
-        return self._vehicle.terminate() if command.params[0] > 0.5 else Result.DENIED
-
     def _check(self, command: ReceivedCommand) -> Answer:
         if self._vehicle.armed:
             return Result.TEMPORARILY_REJECTED
@@ -180,16 +157,8 @@ class CommandServer:
         )
         return Result.ACCEPTED if done else Result.FAILED
 
-    def _get_interval(self, command: ReceivedCommand) -> Answer:
-        number = whole(command.params[0])
-        if number is None or not 0 <= number <= 65535:
-            return Result.DENIED
-        return CommandReply(Result.ACCEPTED, interval_of=number)
-
     def _request_message(self, command: ReceivedCommand) -> Answer:
         number = whole(command.params[0])
-        return Result.DENIED if number is None else _send(number)
-
-
-def _send(number: int) -> CommandReply:
-    return CommandReply(Result.ACCEPTED, message=number)
+        if number is None:
+            return Result.DENIED
+        return CommandReply(Result.ACCEPTED, message=number)

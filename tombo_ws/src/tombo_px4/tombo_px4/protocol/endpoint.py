@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import select
 from collections.abc import Callable, Sequence
-from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 from tombo_dynamics.time_base import SECOND_NS, TICK_NS
@@ -34,27 +33,18 @@ _MOST_MESSAGES = 100
 class Endpoint:
     """Serves all links of one vehicle."""
 
-    def __init__(
-        self,
-        vehicle: Px4Vehicle,
-        links: Sequence[tuple[Link, str]],
-        homes: Sequence[tuple[str, int] | None] = (),
-    ) -> None:
+    def __init__(self, vehicle: Px4Vehicle, links: Sequence[tuple[Link, str]]) -> None:
         """Serve links, each with the set of streams it carries by default.
 
         Args:
             vehicle: at its present tick.
             links: with `onboard` or `ground`.
-            homes: where each link sends to while nobody has spoken; none: as the link does.
         """
         self.vehicle = vehicle
         self.origin = origin = GeoOrigin()
         self.telemetry = Telemetry(vehicle, origin)
         offered, now = self.telemetry.offered, vehicle.boot_us
-        self.channels = [
-            MavlinkChannel(link, streams, offered, now, home)
-            for (link, streams), home in zip_longest(links, homes[: len(links)])
-        ]
+        self.channels = [MavlinkChannel(link, streams, offered, now) for link, streams in links]
         self.statustext = StatusTextSender(self.channels)
         parameters = ParameterServer(vehicle.parameters)
         self.message_router = MessageRouter(
@@ -74,10 +64,8 @@ class Endpoint:
             wall_ns: time now, of the links' arrival stamps.
         """
         self._boot_ns = boot_ns
-        self.telemetry.unix_us = wall_ns // 1000
         received = self._receive(boot_ns, wall_ns)
         for port in self.channels:
-            port.maintain(self.vehicle.boot_us)
             port.request_timesync(boot_ns)
         self._fly(boot_ns)
         for routed in received:
@@ -105,7 +93,6 @@ class Endpoint:
         for port in self.channels:
             for received in port.link.receive(_MOST_MESSAGES):
                 arrival_ns = received.arrival_ns + boot_ns - wall_ns
-                port.heard(received.peer, self.vehicle.boot_us)
                 if received.message.get_type() == "TIMESYNC":
                     port.time(received.message, received.peer, arrival_ns, boot_ns)
                 else:
@@ -127,7 +114,7 @@ class Endpoint:
             for number in port.streams.take_due(self.vehicle.boot_us):
                 message = self.telemetry.message(number, port.mav)
                 if message is not None:
-                    port.send(message)
+                    port.link.send(message)
 
     def _report_changes(self) -> None:
         """Send the vehicle's texts. A new mode waits for the next HEARTBEAT, as in PX4."""

@@ -18,10 +18,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from tombo_dynamics.arrays import Array
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint, finite_or_nan
 from tombo_px4.frames import (
-    GeoOrigin,
     enu_from_ned,
     flu_from_frd,
-    px4_yaw_rate,
     quaternion_of_angles,
     ros_quaternion,
     ros_yaw,
@@ -29,55 +27,29 @@ from tombo_px4.frames import (
 
 _POSITION, _VELOCITY, _ACCELERATION = 0, 3, 6
 """First bit of each in the type mask of a position target: 1 means ignore."""
-_FORCE = mavlink.POSITION_TARGET_TYPEMASK_FORCE_SET
 _NO_YAW = mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
-_NO_YAW_RATE = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
 _NO_THRUST = mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE
 _NO_ATTITUDE = mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
-_GLOBAL_FRAMES = {
-    mavlink.MAV_FRAME_GLOBAL: False,
-    mavlink.MAV_FRAME_GLOBAL_INT: False,
-    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT: True,
-    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: True,
-}
-"""Whether the altitude of a frame counts from home."""
 
 
-def decode_setpoint(message: Any, origin: GeoOrigin, home: Array) -> OffboardSetpoint | str:
+def decode_setpoint(message: Any) -> OffboardSetpoint | str:
     """Return the set point of a message, its values unchecked, or why it is refused.
 
     Args:
-        message: SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT or
-            SET_ATTITUDE_TARGET.
-        origin: where map is on the globe.
-        home: (3) home position in map [m].
+        message: SET_POSITION_TARGET_LOCAL_NED or SET_ATTITUDE_TARGET.
     """
-    kind = message.get_type()
-    if kind == "SET_ATTITUDE_TARGET":
+    if message.get_type() == "SET_ATTITUDE_TARGET":
         return _attitude(message)
     frame, mask = message.coordinate_frame, message.type_mask
-    body = kind == "SET_POSITION_TARGET_LOCAL_NED" and frame == mavlink.MAV_FRAME_BODY_NED
-    if kind == "SET_POSITION_TARGET_GLOBAL_INT":
-        if frame not in _GLOBAL_FRAMES:
-            return f"coordinate frame {frame} unsupported"
-        position = _global(message, origin, float(home[2]) if _GLOBAL_FRAMES[frame] else None)
-    elif body or frame == mavlink.MAV_FRAME_LOCAL_NED:
-        position = enu_from_ned(_masked((message.x, message.y, message.z), mask, _POSITION))
-    else:
+    if frame != mavlink.MAV_FRAME_LOCAL_NED:
         return f"coordinate frame {frame} unsupported"
-    velocity = _masked((message.vx, message.vy, message.vz), mask, _VELOCITY)
-    push = _masked((message.afx, message.afy, message.afz), mask, _ACCELERATION)
-    if mask & _FORCE and not np.isnan(push).all():
-        return "force not supported"
-    yaw = math.nan if mask & _NO_YAW else finite_or_nan(message.yaw)
-    turned = flu_from_frd if body else enu_from_ned
     return OffboardSetpoint(
-        position=None if body else position,
-        velocity=turned(velocity),
-        acceleration=turned(push),
-        yaw=ros_yaw(yaw),
-        yaw_rate=px4_yaw_rate(math.nan if mask & _NO_YAW_RATE else message.yaw_rate),
-        frame="body" if body else "map",
+        position=enu_from_ned(_masked((message.x, message.y, message.z), mask, _POSITION)),
+        velocity=enu_from_ned(_masked((message.vx, message.vy, message.vz), mask, _VELOCITY)),
+        acceleration=enu_from_ned(
+            _masked((message.afx, message.afy, message.afz), mask, _ACCELERATION)
+        ),
+        yaw=ros_yaw(math.nan if mask & _NO_YAW else finite_or_nan(message.yaw)),
     )
 
 
@@ -85,14 +57,6 @@ def _masked(values: Sequence[float], mask: int, bit: int) -> Array:
     """Return three axes, NaN where the mask says ignore."""
     ignored = mask >> bit
     return np.array([math.nan if ignored & 1 << i else float(v) for i, v in enumerate(values)])
-
-
-def _global(message: Any, origin: GeoOrigin, home_height: float | None) -> Array:
-    """Return the place (3) in map of a message; its altitude counts from home, or from sea."""
-    north, east, up = _masked((0.0, 0.0, message.alt), message.type_mask, _POSITION)
-    place = origin.local_of(1e-7 * message.lat_int, 1e-7 * message.lon_int, origin.altitude_m)
-    height = up - origin.altitude_m if home_height is None else up + home_height
-    return np.array([place[0] + east, place[1] + north, height])
 
 
 def _attitude(message: Any) -> OffboardSetpoint:
@@ -113,12 +77,6 @@ _BODY_FRAMES = (
     mavlink.MAV_FRAME_LOCAL_NED,
 )
 """Only the velocity is given in the child frame, and it is not used."""
-_TYPES = (
-    mavlink.MAV_ESTIMATOR_TYPE_UNKNOWN,
-    mavlink.MAV_ESTIMATOR_TYPE_NAIVE,
-    mavlink.MAV_ESTIMATOR_TYPE_VISION,
-    mavlink.MAV_ESTIMATOR_TYPE_VIO,
-)
 
 
 class VisionPose(NamedTuple):
@@ -152,8 +110,6 @@ def _refuse_odometry(message: Any) -> str:
     """Return why PX4 does not fuse an ODOMETRY; "" if it does."""
     if message.estimator_type == mavlink.MAV_ESTIMATOR_TYPE_MOCAP:
         return f"with the type MOCAP {NOT_FUSED}"
-    if message.estimator_type not in _TYPES:
-        return f"estimator type {message.estimator_type} unsupported"
     if message.frame_id not in _WORLD_FRAMES:
         return f"frame {message.frame_id} unsupported, LOCAL_NED and LOCAL_FRD are"
     if message.child_frame_id not in _BODY_FRAMES:

@@ -1,4 +1,4 @@
-"""One link of the endpoint and its state: partner, clock, and which messages are due when."""
+"""One link of the endpoint and its state: clock, and which messages are due when."""
 
 from __future__ import annotations
 
@@ -22,16 +22,11 @@ _DEFAULT_HZ: dict[str, dict[str, float]] = {
         "ODOMETRY": 30.0,
         "GLOBAL_POSITION_INT": 50.0,
         "ATTITUDE_TARGET": 10.0,
-        "POSITION_TARGET_LOCAL_NED": 10.0,
-        "ALTITUDE": 10.0,
-        "SERVO_OUTPUT_RAW": 10.0,
         "VFR_HUD": 10.0,
         "SYS_STATUS": 5.0,
         "EXTENDED_SYS_STATE": 5.0,
         "GPS_RAW_INT": 5.0,
         "ESTIMATOR_STATUS": 1.0,
-        "SYSTEM_TIME": 1.0,
-        "VIBRATION": 0.5,
         "HOME_POSITION": 0.4,
         "BATTERY_STATUS": 0.4,
     },
@@ -43,34 +38,16 @@ _DEFAULT_HZ: dict[str, dict[str, float]] = {
         "GLOBAL_POSITION_INT": 5.0,
         "VFR_HUD": 4.0,
         "ATTITUDE_TARGET": 2.0,
-        "POSITION_TARGET_LOCAL_NED": 2.0,
         "SYS_STATUS": 1.0,
         "EXTENDED_SYS_STATE": 1.0,
-        "ALTITUDE": 1.0,
         "GPS_RAW_INT": 1.0,
-        "SERVO_OUTPUT_RAW": 1.0,
-        "SYSTEM_TIME": 1.0,
         "ESTIMATOR_STATUS": 0.5,
         "HOME_POSITION": 0.5,
         "BATTERY_STATUS": 0.5,
-        "VIBRATION": 0.1,
     },
-}
-_FAST = {
-    "ATTITUDE",
-    "ATTITUDE_QUATERNION",
-    "HIGHRES_IMU",
-    "LOCAL_POSITION_NED",
-    "ODOMETRY",
-    "HIL_STATE_QUATERNION",
-    "ATTITUDE_TARGET",
-    "POSITION_TARGET_LOCAL_NED",
-    "GLOBAL_POSITION_INT",
-    "SERVO_OUTPUT_RAW",
 }
 _SHORTEST_US = 4_000
 """As fast as PX4 publishes its state: 250 Hz."""
-_SHORTEST_SLOW_US = 20_000
 _NEVER = 2**63
 _STAGGER_US = 1_000
 
@@ -128,9 +105,7 @@ class StreamTable:
         elif interval_us < 0.0:
             wanted = 0
         else:
-            fast = self._offered[number] in _FAST
-            shortest = _SHORTEST_US if fast else _SHORTEST_SLOW_US
-            wanted = round(min(max(interval_us, shortest), 1e12))
+            wanted = round(min(max(interval_us, _SHORTEST_US), 1e12))
         if wanted:
             self._interval[number] = wanted
             self._due[number] = min(self._due.get(number, boot_us), boot_us + wanted)
@@ -140,12 +115,6 @@ class StreamTable:
         self._find_next()
         return True
 
-    def interval(self, number: int) -> int:
-        """Return the interval [us]; -1: never sent, 0: there is no such message."""
-        if number not in self._offered:
-            return 0
-        return self._interval.get(number, -1)
-
     def _find_next(self) -> None:
         self.next_us = min(self._due.values(), default=_NEVER)
 
@@ -153,28 +122,15 @@ class StreamTable:
 _TIMESYNC_NS = 100_000_000
 _LIST_US = 5_000
 """Between two batches of parameters."""
-_SILENCE_US = 5_000_000
-"""A partner that has been silent for so long has gone."""
-
-
 _STATION_US = 2_500_000
 """A ground station that has been silent for so long has gone."""
 
 
 class MavlinkChannel:
-    """A link, its streams, the list of parameters under way, the partner and its clock.
-
-    The partner, which gets the streams, is the first sender, until it is silent for 5 s: another
-    client can't take the telemetry of the one that flies. PX4 keeps its partner for ever.
-    """
+    """A link, its streams, the list of parameters under way, and the clock of the other side."""
 
     def __init__(
-        self,
-        link: Link,
-        stream_set: str,
-        offered: Mapping[int, str],
-        boot_us: int,
-        home: tuple[str, int] | None = None,
+        self, link: Link, stream_set: str, offered: Mapping[int, str], boot_us: int
     ) -> None:
         """Begin with the streams of a set.
 
@@ -183,13 +139,8 @@ class MavlinkChannel:
             stream_set: `onboard` or `ground`.
             offered: number and name of every message that can be sent.
             boot_us: time now.
-            home: where to send while there is no partner; None: as the link does.
         """
         self.link = link
-        self._home = home
-        self._partner: Any = home
-        self._has_partner = False
-        self._heard_us = 0
         self._station_us = -_STATION_US
         self.mav = link.mav
         self.streams = StreamTable(stream_set, offered, boot_us)
@@ -200,13 +151,6 @@ class MavlinkChannel:
         self.requests_timesync = stream_set == "onboard"
         self._next_request_ns = 0
 
-    def heard(self, peer: Any, boot_us: int) -> None:
-        """Record the sender of a message."""
-        if not self._has_partner:
-            self._partner, self._has_partner = peer, True
-        if peer == self._partner:
-            self._heard_us = boot_us
-
     def hear_station(self, boot_us: int) -> None:
         """Record the heartbeat of a ground station."""
         self._station_us = boot_us
@@ -215,22 +159,9 @@ class MavlinkChannel:
         """Return whether a ground station is there: without one PX4 sends no texts."""
         return boot_us - self._station_us < _STATION_US
 
-    def maintain(self, boot_us: int) -> None:
-        """Drop a partner that has gone."""
-        if self._has_partner and boot_us - self._heard_us > _SILENCE_US:
-            self._partner, self._has_partner = self._home, False
-
-    def send(self, message: Any) -> None:
-        """Send to the partner."""
-        self.link.send(message, self._partner)
-
     def begin_list(self, parameters: ParameterServer) -> None:
-        """Send all parameters, the hash first; asked again meanwhile, begin without it."""
-        self._list = parameters.batches(self.mav, self._list is None)
-
-    def stop_list(self) -> None:
-        """Send no more: the ground station knows the values by their hash."""
-        self._list = None
+        """Send all parameters; asked again meanwhile, begin again."""
+        self._list = parameters.batches(self.mav)
 
     def send_list(self, boot_us: int) -> None:
         """Send the next batch of the parameters if it is due."""
@@ -241,14 +172,14 @@ class MavlinkChannel:
         if batch is None:
             self._list = None
         for message in batch or ():
-            self.send(message)
+            self.link.send(message)
 
     def request_timesync(self, boot_ns: int) -> None:
         """Send a TIMESYNC request if it is time."""
         if not self.requests_timesync or boot_ns < self._next_request_ns:
             return
         self._next_request_ns = boot_ns + _TIMESYNC_NS
-        self.send(self.mav.timesync_encode(*self.timesync.request(boot_ns)))
+        self.link.send(self.mav.timesync_encode(*self.timesync.request(boot_ns)))
 
     def time(self, message: Any, peer: Any, arrival_ns: int, boot_ns: int) -> None:
         """Take a TIMESYNC; answer it if it is a request.

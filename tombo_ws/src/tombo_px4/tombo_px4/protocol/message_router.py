@@ -1,4 +1,4 @@
-"""Routes received messages to their handlers, and answers those that need no state."""
+"""Routes received messages to their handlers."""
 
 from __future__ import annotations
 
@@ -9,87 +9,18 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.frames import GeoOrigin
 from tombo_px4.link.decoded_messages import Result, Severity
-from tombo_px4.link.file_transfer import HEADER, PAYLOAD
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.protocol.commands import CommandReply, CommandServer, command_of
 from tombo_px4.protocol.input_decoder import decode_setpoint, decode_vision
 from tombo_px4.protocol.mavlink_channel import MavlinkChannel
-from tombo_px4.protocol.parameter_protocol import HASH, ParameterServer, name_of
+from tombo_px4.protocol.parameter_protocol import ParameterServer
 from tombo_px4.protocol.statustext import StatusTextSender
 from tombo_px4.protocol.telemetry import Telemetry
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
 
-_FTP_KNOWN = range(16)
-
-
-MISSION_MESSAGES = (
-    "MISSION_REQUEST_LIST",
-    "MISSION_COUNT",
-    "MISSION_CLEAR_ALL",
-    "MISSION_REQUEST",
-    "MISSION_REQUEST_INT",
-    "MISSION_WRITE_PARTIAL_LIST",
-)
-"""Those that `mission_answer` knows; items of an upload that was refused are not answered."""
-
-
-def mission_answer(mav: Any, message: Any, system: int, component: int) -> Any:
-    """Return the answer to a mission, fence or rally message: there are none, none are taken."""
-    name = message.get_type()
-    kind = getattr(message, "mission_type", 0)
-    if name == "MISSION_REQUEST_LIST":
-        return mav.mission_count_encode(system, component, 0, kind)
-    if name == "MISSION_CLEAR_ALL" or (name == "MISSION_COUNT" and message.count == 0):
-        result = mavlink.MAV_MISSION_ACCEPTED
-    elif name in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
-        result = mavlink.MAV_MISSION_INVALID_SEQUENCE
-    else:
-        result = mavlink.MAV_MISSION_ERROR
-    return mav.mission_ack_encode(system, component, result, kind)
-
-
-def ping_answer(mav: Any, message: Any, system: int, component: int) -> Any | None:
-    """Return the answer to PING; None: it is an answer itself, or for another."""
-    if (message.target_system, message.target_component) != (0, 0):
-        return None
-    return mav.ping_encode(message.time_usec, message.seq, system, component)
-
-
-def no_logs(mav: Any, message: Any, system: int, component: int) -> Any:
-    """Return the answer to LOG_REQUEST_LIST: there are none."""
-    return mav.log_entry_encode(0, 0, 0, 0, 0)
-
-
-def no_files(mav: Any, message: Any, system: int, component: int) -> Any | None:
-    """Return the answer to FILE_TRANSFER_PROTOCOL: no such file; None: not a request."""
-    asked = bytes(message.payload)
-    sequence, session, operation, _, _, _, _, offset = HEADER.unpack_from(asked)
-    if operation >= mavlink.MAV_FTP_OPCODE_ACK:
-        return None
-    if operation in (mavlink.MAV_FTP_OPCODE_TERMINATESESSION, mavlink.MAV_FTP_OPCODE_RESETSESSION):
-        answer, data = mavlink.MAV_FTP_OPCODE_ACK, b""
-    else:
-        error = (
-            mavlink.MAV_FTP_ERR_FILENOTFOUND
-            if operation in _FTP_KNOWN
-            else mavlink.MAV_FTP_ERR_UNKNOWNCOMMAND
-        )
-        answer, data = mavlink.MAV_FTP_OPCODE_NAK, bytes([error])
-    sequence = (sequence + 1) % 65536
-    head = HEADER.pack(sequence, session, answer, len(data), operation, 0, 0, offset)
-    payload = (head + data).ljust(PAYLOAD, b"\x00")
-    return mav.file_transfer_protocol_encode(0, system, component, list(payload))
-
-
 _EVERYBODY = 0
-_BROADCAST = (
-    mavlink.MAV_CMD_REQUEST_MESSAGE,
-    mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION,
-    mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
-)
-"""Commands that may be meant for all systems."""
 _METADATA = (395, 396, 397)
 """COMPONENT_INFORMATION, _BASIC, COMPONENT_METADATA: not there at all."""
 _NO_PROGRESS = 255
@@ -132,21 +63,15 @@ class MessageRouter:
             "HEARTBEAT": (self._heartbeat, False),
             "COMMAND_LONG": (self._command, False),
             "COMMAND_INT": (self._command, False),
-            "SET_MODE": (self._command, False),
             "PARAM_REQUEST_LIST": (lambda routed: routed.port.begin_list(parameters), True),
-            "PARAM_REQUEST_READ": (self._reply_with(parameters.answer_read), True),
+            "PARAM_REQUEST_READ": (self._parameter_read, True),
             "PARAM_SET": (self._parameter_set, True),
             "VISION_POSITION_ESTIMATE": (self._vision, False),
             "ODOMETRY": (self._vision, False),
             "ATT_POS_MOCAP": (self._vision, False),
             "SET_POSITION_TARGET_LOCAL_NED": (self._target, False),
-            "SET_POSITION_TARGET_GLOBAL_INT": (self._target, False),
             "SET_ATTITUDE_TARGET": (self._target, False),
-            "SET_GPS_GLOBAL_ORIGIN": (self._set_origin, True),
-            "LOG_REQUEST_LIST": (self._reply_with(no_logs), True),
-            "FILE_TRANSFER_PROTOCOL": (self._reply_with(no_files), True),
-            "PING": (self._reply_with(ping_answer), False),
-            **dict.fromkeys(MISSION_MESSAGES, (self._reply_with(mission_answer), True)),
+            "MISSION_REQUEST_LIST": (self._mission_count, True),
         }
 
     def take(self, routed: RoutedMessage) -> None:
@@ -157,15 +82,9 @@ class MessageRouter:
         kind = received.message.get_type()
         handler, only_ours = self._handlers.get(kind, (None, False))
         if handler is None:
-            self._note(f"{kind} is not used")
+            self._statustext.note(f"{kind} is not used")
         elif not only_ours or self._for_us(received.message):
             handler(routed)
-
-    def _report_refusal(self, reason: str, detail: str = "") -> None:
-        self._statustext.report_refusal(reason, self._vehicle.boot_us, detail)
-
-    def _note(self, reason: str) -> None:
-        self._statustext.note(reason, self._vehicle.boot_us)
 
     def _for_us(self, message: Any, or_all: bool = False) -> bool:
         """Return whether it is for this vehicle: its system, and its component or all of them."""
@@ -173,7 +92,7 @@ class MessageRouter:
         component = getattr(message, "target_component", _EVERYBODY)
         if message.target_system in systems and component in (_EVERYBODY, self.component):
             return True
-        self._note("addressed to another")
+        self._statustext.note("addressed to another")
         return False
 
     def _heartbeat(self, routed: RoutedMessage) -> None:
@@ -186,8 +105,7 @@ class MessageRouter:
         port, received = routed.port, routed.received
         message = received.message
         command = command_of(message)
-        to_all = command.number in _BROADCAST and message.target_system == _EVERYBODY
-        if not to_all and not self._for_us(message):
+        if not self._for_us(message):
             return
         answer = self._commands.execute(command, port.streams)
         self._telemetry.reset()
@@ -206,7 +124,7 @@ class MessageRouter:
             severity = Severity.INFO if result == Result.ACCEPTED else Severity.WARNING
             self._statustext.say(severity, answer.text, self._vehicle.boot_us)
         if result == Result.UNSUPPORTED:
-            self._note(f"command {command.number} is not supported")
+            self._statustext.note(f"command {command.number} is not supported")
 
     def _send_requested(self, routed: RoutedMessage, answer: CommandReply) -> Result:
         """Send what was asked for; return the result, denied where there is no such message."""
@@ -216,26 +134,32 @@ class MessageRouter:
             if message is None:
                 return Result.UNSUPPORTED if answer.message in _METADATA else Result.DENIED
             port.link.send(message, peer)
-        if answer.interval_of is not None:
-            interval = port.streams.interval(answer.interval_of)
-            port.link.send(port.mav.message_interval_encode(answer.interval_of, interval), peer)
         return answer.result
+
+    def _mission_count(self, routed: RoutedMessage) -> None:
+        """Say that there is no mission, fence or rally point, as a ground station asks."""
+        port, received = routed.port, routed.received
+        kind = received.message.mission_type
+        count = port.mav.mission_count_encode(received.system, received.component, 0, kind)
+        port.link.send(count, received.peer)
 
     # --- parameters
 
+    def _parameter_read(self, routed: RoutedMessage) -> None:
+        value = self._parameters.answer_read(routed.port.mav, routed.received.message)
+        if value is not None:
+            routed.port.link.send(value, routed.received.peer)
+
     def _parameter_set(self, routed: RoutedMessage) -> None:
         port, received = routed.port, routed.received
-        if name_of(received.message.param_id) == HASH:
-            port.stop_list()
-            return
         value, ignored = self._parameters.answer_set(port.mav, received.message)
         if ignored:
-            self._note(f"PARAM_SET not answered: {ignored}")
+            self._statustext.note(f"PARAM_SET not answered: {ignored}")
         if value is not None:
             port.link.send(value, received.peer)
             for other in self._channels:  # everybody's copy has to stay right
                 if other is not port:
-                    other.send(value)
+                    other.link.send(value)
 
     # --- poses and set points
 
@@ -244,7 +168,7 @@ class MessageRouter:
         kind = message.get_type()
         pose = decode_vision(message)
         if isinstance(pose, str):
-            self._report_refusal(f"{kind} {pose}")
+            self._statustext.note(f"{kind} {pose}")
             return
         stamp_us = min(routed.arrival_us, self._vehicle.boot_us)
         stamped = pose.stamp_us != 0 and routed.port.timesync.converged
@@ -252,9 +176,9 @@ class MessageRouter:
             stamp_us = routed.port.timesync.to_local_time(pose.stamp_us * 1000) // 1000
         refusal = self._vehicle.vision(stamp_us, pose.position, pose.attitude)
         if refusal == "out_of_order" and not stamped:  # two came at once: no fault of theirs
-            self._note(f"{kind} before the clocks agreed")
+            self._statustext.note(f"{kind} before the clocks agreed")
         elif refusal:
-            self._report_refusal(f"{kind} refused", refusal.replace("_", " "))
+            self._statustext.note(f"{kind} refused: {refusal.replace('_', ' ')}")
 
     def _target(self, routed: RoutedMessage) -> None:
         message = routed.received.message
@@ -262,32 +186,10 @@ class MessageRouter:
         if not self._for_us(message, or_all=True):
             return
         vehicle = self._vehicle
-        target = decode_setpoint(message, self._origin, vehicle.home)
+        target = decode_setpoint(message)
         if isinstance(target, str):
-            self._report_refusal(f"{kind} {target}")
+            self._statustext.note(f"{kind} {target}")
             return
         refusal = vehicle.target(target)
         if refusal:
-            self._note(f"{kind} {refusal}")
-
-    def _set_origin(self, routed: RoutedMessage) -> None:
-        """The map stays where it is on the globe; from now on it is known to be there."""
-        self._vehicle.ekf2_model.origin_known = True
-        self._telemetry.reset()
-        number = mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN
-        message = self._telemetry.message(number, routed.port.mav)
-        if message is not None:
-            routed.port.link.send(message, routed.received.peer)
-
-    def _reply_with(
-        self, make: Callable[[Any, Any, int, int], Any]
-    ) -> Callable[[RoutedMessage], None]:
-        """Return the handler that sends what `make` returns, if anything, back to the sender."""
-
-        def reply(routed: RoutedMessage) -> None:
-            received = routed.received
-            message = make(routed.port.mav, received.message, received.system, received.component)
-            if message is not None:
-                routed.port.link.send(message, received.peer)
-
-        return reply
+            self._statustext.note(f"{kind} {refusal}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import zlib
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -14,9 +13,6 @@ from tombo_px4.link.message_encoder import float_of_int
 if TYPE_CHECKING:
     from tombo_px4.autopilot.parameters import ParameterTable
 
-HASH = "_HASH_CHECK"
-"""Stands before the list: a ground station that knows these values needs no list."""
-_NO_INDEX = 65535
 _NAME_LENGTH = 16
 _TYPES = {"int32": mavlink.MAV_PARAM_TYPE_INT32, "float": mavlink.MAV_PARAM_TYPE_REAL32}
 _BATCH = 5
@@ -47,15 +43,7 @@ class ParameterServer:
         return len(self._names)
 
     def value(self, mav: Any, name: str) -> Any | None:
-        """Return PARAM_VALUE of a parameter, or of the hash; None: there is no such one."""
-        if name == HASH:
-            return mav.param_value_encode(
-                name.encode(),
-                float_of_int(struct.unpack("<i", struct.pack("<I", self.hash()))[0]),
-                mavlink.MAV_PARAM_TYPE_UINT32,
-                len(self),
-                _NO_INDEX,
-            )
+        """Return PARAM_VALUE of a parameter; None: there is no such one."""
         index = self._index.get(name)
         if index is None:
             return None
@@ -70,7 +58,7 @@ class ParameterServer:
             return None
         return self.value(mav, self._names[index])
 
-    def answer_read(self, mav: Any, message: Any, system: int, component: int) -> Any | None:
+    def answer_read(self, mav: Any, message: Any) -> Any | None:
         """Return PARAM_VALUE for PARAM_REQUEST_READ; None: to an unknown name PX4 is silent."""
         name, index = name_of(message.param_id), message.param_index
         return self.value(mav, name) if index < 0 else self.value_at(mav, index)
@@ -91,20 +79,8 @@ class ParameterServer:
         self.table.store(name, int_of_float(sent) if kind == "int32" else sent)
         return self.value(mav, name), ""
 
-    def batches(self, mav: Any, with_hash: bool) -> Iterator[list[Any]]:
+    def batches(self, mav: Any) -> Iterator[list[Any]]:
         """Yield the PARAM_VALUE messages of the whole list, as many as leave at once."""
-        if with_hash:
-            yield [self.value(mav, HASH)]
         for first in range(0, len(self), _BATCH):
             last = min(first + _BATCH, len(self))
             yield [self.value_at(mav, index) for index in range(first, last)]
-
-    def hash(self) -> int:
-        """Return PX4's checksum over names and values: CRC-32 that starts from 0, not inverted."""
-        crc = 0
-        for name in self._names:
-            value = self.table.stored(name)
-            whole = self.table.type_of(name) == "int32"
-            content = struct.pack("<i", int(value)) if whole else struct.pack("<f", value)
-            crc = zlib.crc32(name.encode() + content, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
-        return crc

@@ -56,7 +56,6 @@ PROBLEMS = {
     "No offboard signal": Px4Event(0x012F1DC7, _CHECK, 1 << 14),
     "No manual control input": Px4Event(0x0106ED29, _CHECK, _STICKS),
     "No valid mission available": Px4Event(0x0105C2D9, _CHECK, 1 << 3),
-    "Home position not set": Px4Event(0x01013630, _CHECK, 1 << 5),
     "Mode not suitable for arming": Px4Event(0x011C8F61, _CHECK, _ALL_MODES),
     "Critical battery": Px4Event(0x0128180B, _CHECK, _ALL_MODES),
     "Emergency battery level": Px4Event(0x01AD1B07, _CHECK, _ALL_MODES),
@@ -88,8 +87,6 @@ PIECE = 50
 """Bytes of text that a message carries."""
 _MOST_PIECES = 6
 _MOST_UNREAD = 256
-_AGAIN_US = 30_000_000
-"""A refusal for the same reason is sent again after this time."""
 
 
 class StatusTextSender:
@@ -104,7 +101,6 @@ class StatusTextSender:
         """Of the last text. PX4 counts from 0."""
         self.counts: dict[str, int] = {}
         """How often something was refused, by reason."""
-        self._refusal_sent_us: dict[str, int] = {}
         self.sent_texts: list[tuple[int, str]] = []
         """Severity and text of what was sent; the reader empties the list."""
 
@@ -120,7 +116,7 @@ class StatusTextSender:
         for port in self._channels:
             if port.hears_station(boot_us):
                 for message in self.messages(port.mav, severity, text + mark):
-                    port.send(message)
+                    port.link.send(message)
 
     def messages(self, mav: Any, severity: int, text: str) -> list[Any]:
         """Return the STATUSTEXT messages of a text; what is not ASCII becomes `?`."""
@@ -150,19 +146,8 @@ class StatusTextSender:
         self._event_sequence = (self._event_sequence + 1) % 65536
         content = (event.number, boot_us // 1000 % 2**32, self._event_sequence)
         for port in self._channels:
-            port.send(EventMessage(*content, 0, 0, severity << 4 | severity, arguments))
+            port.link.send(EventMessage(*content, 0, 0, severity << 4 | severity, arguments))
 
-    def report_refusal(self, reason: str, boot_us: int, detail: str = "") -> None:
-        """Count a refusal, and send it as a text, at most every 30 s for each reason."""
-        if self.note(reason, boot_us):
-            text = f"{reason}: {detail}" if detail else reason
-            self.say(Severity.WARNING, text, boot_us)
-
-    def note(self, reason: str, boot_us: int) -> bool:
-        """Count a refusal; return whether a text may be sent about it now."""
+    def note(self, reason: str) -> None:
+        """Count a refusal."""
         self.counts[reason] = self.counts.get(reason, 0) + 1
-        last_us = self._refusal_sent_us.get(reason)
-        if last_us is not None and boot_us - last_us < _AGAIN_US:
-            return False
-        self._refusal_sent_us[reason] = boot_us
-        return True

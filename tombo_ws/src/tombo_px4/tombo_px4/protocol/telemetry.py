@@ -1,43 +1,196 @@
-"""Telemetry messages of the vehicle, each stamped with its tick."""
+"""Telemetry messages of the vehicle, each stamped with its tick, in NED and FRD.
+
+Also who the vehicle is (a PX4 1.17 quadrotor), and numbers scaled into MAVLink's integer fields.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_px4 import modes
 from tombo_px4.frames import (
     UPPER_DIAGONAL,
     GeoOrigin,
     enu_from_ned,
+    euler,
     frd_from_flu,
     ned_from_enu,
     px4_quaternion,
-    px4_yaw,
-    px4_yaw_rate,
 )
 from tombo_px4.link.decoded_messages import MavLandedState
-from tombo_px4.protocol.telemetry_snapshot import (
-    TelemetrySnapshot,
-    autopilot_version,
-    centi,
-    fitted,
-    globe_fields,
-    ground_truth,
-    heading,
-    millimetres,
-    numbers,
-    pressure_at,
-    protocol_version,
-)
 
 if TYPE_CHECKING:
+    from tombo_control.estimate import StampedEstimate
     from tombo_px4.autopilot.vehicle import Px4Vehicle
     from tombo_px4.autopilot.vehicle_state import ArmingHealth
+
+INT16 = (-32767, 32767)
+INT32 = (-(2**31) + 1, 2**31 - 1)
+
+
+def fitted(value: float, bounds: tuple[int, int], unknown: int = 0) -> int:
+    """Return the nearest whole number within bounds; `unknown` for NaN."""
+    if math.isnan(value):
+        return unknown
+    low, high = bounds
+    return round(min(max(value, low), high))
+
+
+def globe_fields(place: tuple[float, float, float]) -> tuple[int, int, int]:
+    """Return latitude, longitude [1e-7 deg] and altitude [mm] of degrees and metres."""
+    latitude, longitude, altitude = place
+    return fitted(1e7 * latitude, INT32), fitted(1e7 * longitude, INT32), millimetres(altitude)
+
+
+def millimetres(value: float) -> int:
+    """Return metres in millimetres."""
+    return fitted(1e3 * value, INT32)
+
+
+def centi(value: float) -> int:
+    """Return a value in hundredths, in 16 bits: cm/s of m/s, cA of A."""
+    return fitted(1e2 * value, INT16)
+
+
+def heading(degrees: float) -> int:
+    """Return an angle in hundredths of a degree, 0 to 35999."""
+    return fitted(100.0 * degrees, (0, 36000)) % 36000
+
+
+_SEA_LEVEL_PA, _SEA_LEVEL_K, _LAPSE_K_M, _EXPONENT = 101_325.0, 288.15, 0.0065, 5.25588
+"""International standard atmosphere, up to 11 km."""
+
+
+def temperature_at(altitude: float) -> float:
+    """Return the temperature [deg C] of the standard atmosphere at an altitude [m]."""
+    return 15.0 - _LAPSE_K_M * altitude
+
+
+def pressure_at(altitude: float) -> float:
+    """Return the pressure [Pa] of the standard atmosphere at an altitude [m]."""
+    return float(_SEA_LEVEL_PA * (1.0 - _LAPSE_K_M * altitude / _SEA_LEVEL_K) ** _EXPONENT)
+
+
+def altitude_at(pressure: float) -> float:
+    """Return the altitude [m] of a pressure [Pa] in the standard atmosphere."""
+    cooler = 1.0 - (pressure / _SEA_LEVEL_PA) ** (1.0 / _EXPONENT)
+    return float(cooler * _SEA_LEVEL_K / _LAPSE_K_M)
+
+
+_VERSION = 1 << 24 | 17 << 16 | 0 << 8 | 255
+"""1.17.0; 255: a release, `FIRMWARE_VERSION_TYPE_OFFICIAL`."""
+CAPABILITIES = (
+    mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+    | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
+    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+)
+"""No missions, no file transfer: what is not simulated is not claimed."""
+_CUSTOM = list(b"tombosim")
+_UID = 0x544F4D424F
+"""Any number but 0, which clients take for "has none"."""
+
+
+def autopilot_version(mav: Any) -> Any:
+    """Return AUTOPILOT_VERSION."""
+    uid = list(_UID.to_bytes(18, "big"))
+    return mav.autopilot_version_encode(
+        CAPABILITIES, _VERSION, _VERSION, 0, 0, _CUSTOM, _CUSTOM, 8 * [0], 0, 0, _UID, uid
+    )
+
+
+Vector = list[float]
+
+
+class TelemetrySnapshot:
+    """A view of the vehicle, valid for the tick it was taken at."""
+
+    def __init__(self, vehicle: Px4Vehicle, origin: GeoOrigin) -> None:
+        self.vehicle = vehicle
+        self.origin = origin
+        self.boot_us = vehicle.boot_us
+        self.boot_ms = self.boot_us // 1000 % 2**32
+        self.load = 0.0
+        """As in `Telemetry`."""
+
+    @cached_property
+    def estimate(self) -> StampedEstimate:
+        """Estimate of the autopilot."""
+        return self.vehicle.estimate
+
+    @cached_property
+    def health(self) -> ArmingHealth:
+        """Reasons that deny arming, and what is known."""
+        return self.vehicle.health
+
+    @cached_property
+    def position(self) -> Vector:
+        """NED [m]."""
+        return numbers(ned_from_enu(self.estimate.position))
+
+    @cached_property
+    def velocity(self) -> Vector:
+        """NED [m/s]."""
+        return numbers(ned_from_enu(self.estimate.velocity))
+
+    @cached_property
+    def attitude(self) -> Vector:
+        """Quaternion wxyz, NED from FRD."""
+        return numbers(px4_quaternion(self.estimate.attitude))
+
+    @cached_property
+    def angles(self) -> tuple[float, float, float]:
+        """Roll, pitch, yaw [rad]."""
+        return euler(self.attitude)
+
+    @cached_property
+    def rates(self) -> Vector:
+        """FRD [rad/s], bias removed."""
+        return numbers(frd_from_flu(self.estimate.rates))
+
+    @cached_property
+    def variances(self) -> tuple[Vector, Vector]:
+        """Of pose and motion, as `Ekf2Model.variances`, with the position in axes of NED."""
+        (east, north, up, *angles), motion = self.vehicle.ekf2_model.variances(self.vehicle.tick)
+        return [north, east, up, *angles], [*motion]
+
+    @cached_property
+    def heading_deg(self) -> float:
+        """Clockwise from north, 0 to 360."""
+        return math.degrees(self.angles[2]) % 360.0
+
+    @cached_property
+    def height(self) -> float:
+        """Estimated height in map [m]."""
+        return float(self.estimate.position[2])
+
+    @cached_property
+    def height_above_home(self) -> float:
+        """Estimated height above home [m]."""
+        return self.height - float(self.vehicle.home[2])
+
+    @cached_property
+    def globe(self) -> tuple[float, float, float]:
+        """Latitude [deg], longitude [deg], altitude [m]."""
+        return self.origin.global_of(self.estimate.position)
+
+
+def numbers(values: Array) -> Vector:
+    """Return plain numbers, which MAVLink's encoder takes faster."""
+    plain: Vector = values.tolist()
+    return plain
+
 
 Builder = Callable[[Any, TelemetrySnapshot], Any]
 _NAN = math.nan
@@ -63,8 +216,6 @@ _SATELLITES = 16
 _EPH = 25
 """Dilution of precision, 1e-2."""
 _CELLS_UNUSED = 65535
-_NO_AXIS = 0b110111111111
-"""POSITION_TARGET_LOCAL_NED.type_mask of a set point without any axis."""
 
 
 class Telemetry:
@@ -77,8 +228,6 @@ class Telemetry:
         self._tick = -1
         self.load = 0.0
         """Share of the time that the simulation needs, for SYS_STATUS."""
-        self.unix_us = 0
-        """Time of day, for SYSTEM_TIME; 0: not known."""
         self.offered = {number: name for number, (name, _) in _BUILDERS.items()}
         """Number and name of every message that can be built."""
 
@@ -93,7 +242,7 @@ class Telemetry:
         if self._tick != self._vehicle.tick:
             self._tick = self._vehicle.tick
             self._snapshot = TelemetrySnapshot(self._vehicle, self._origin)
-        self._snapshot.load, self._snapshot.unix_us = self.load, self.unix_us
+        self._snapshot.load = self.load
         return builder[1](mav, self._snapshot)
 
     def reset(self) -> None:
@@ -224,33 +373,16 @@ def _diagonal(variances: Sequence[float]) -> list[float]:
     return upper
 
 
-def _altitude(mav: Any, p: TelemetrySnapshot) -> Any:
-    if not p.health.local_position:
-        return None
-    amsl = p.origin.altitude_m + p.height
-    return mav.altitude_encode(p.boot_us, amsl, amsl, p.height, p.height_above_home, _NAN, _NAN)
-
-
 def _vfr_hud(mav: Any, p: TelemetrySnapshot) -> Any:
     north, east, down = p.velocity
-    shares = p.normalized_rotor_speeds
-    throttle = sum(shares) / len(shares) if p.vehicle.armed else 0.0
     return mav.vfr_hud_encode(
         0.0,
         math.hypot(north, east),
         fitted(p.heading_deg, (0, 360)) % 360,
-        fitted(100.0 * throttle, (0, 100)),
+        fitted(100.0 * p.vehicle.thrust, (0, 100)),
         p.origin.altitude_m + p.height,
         -down,
     )
-
-
-def _servo_output(mav: Any, p: TelemetrySnapshot) -> Any:
-    shares = p.normalized_rotor_speeds
-    pulses = [fitted(1000.0 + 1000.0 * share, (1000, 2000)) for share in shares]
-    if not p.vehicle.armed:
-        pulses = 4 * [900]
-    return mav.servo_output_raw_encode(p.boot_us % 2**32, 0, *pulses, 0, 0, 0, 0)
 
 
 def _extended_state(mav: Any, p: TelemetrySnapshot) -> Any:
@@ -278,7 +410,7 @@ def _battery_status(mav: Any, p: TelemetrySnapshot) -> Any:
 
 
 def _home_position(mav: Any, p: TelemetrySnapshot) -> Any:
-    if not p.health.home:
+    if not p.health.local_position:
         return None
     home = p.vehicle.home
     place = globe_fields(p.origin.global_of(home))
@@ -287,37 +419,11 @@ def _home_position(mav: Any, p: TelemetrySnapshot) -> Any:
     return mav.home_position_encode(*place, *local, *unknown, p.boot_us)
 
 
-def _origin_message(mav: Any, p: TelemetrySnapshot) -> Any:
-    if not p.health.global_position:
-        return None
-    place = globe_fields(p.origin.global_of((0.0, 0.0, 0.0)))
-    return mav.gps_global_origin_encode(*place, p.boot_us)
-
-
 def _attitude_target(mav: Any, p: TelemetrySnapshot) -> Any:
     attitude, rates, thrust = p.vehicle.attitude_setpoint
     return mav.attitude_target_encode(
         p.boot_ms, 0, px4_quaternion(attitude).tolist(), *frd_from_flu(rates).tolist(), thrust
     )
-
-
-def _position_target(mav: Any, p: TelemetrySnapshot) -> Any:
-    wanted = p.vehicle.position_setpoint
-    frame = mavlink.MAV_FRAME_LOCAL_NED
-    if wanted is None and not p.vehicle.armed:  # PX4 goes on, with nothing in it
-        nothing = 11 * [math.nan]
-        return mav.position_target_local_ned_encode(p.boot_ms, frame, _NO_AXIS, *nothing)
-    if wanted is None:
-        return None
-    vectors = (wanted.position, wanted.velocity, wanted.acceleration)
-    axes = [
-        *(v for vector in vectors for v in numbers(ned_from_enu(vector))),
-        math.nan if math.isnan(wanted.yaw) else px4_yaw(wanted.yaw),
-        px4_yaw_rate(wanted.yaw_rate),
-    ]
-    bits = (*range(9), 10, 11)
-    mask = sum(1 << bit for bit, v in zip(bits, axes, strict=True) if math.isnan(v))
-    return mav.position_target_local_ned_encode(p.boot_ms, frame, mask, *axes)
 
 
 def _estimator_status(mav: Any, p: TelemetrySnapshot) -> Any:
@@ -344,13 +450,13 @@ def _estimator_status(mav: Any, p: TelemetrySnapshot) -> Any:
 
 def _highres_imu(mav: Any, p: TelemetrySnapshot) -> Any:
     """Return HIGHRES_IMU: the IMU sample of the tick; field and air without noise."""
-    gyro, force = p.imu[:3], p.imu[3:]
+    measured = p.vehicle.simulator.imu
     state = p.vehicle.simulator.plant.state
     height = p.origin.altitude_m + float(state.position[2])
     return mav.highres_imu_encode(
         p.boot_us,
-        *force,
-        *gyro,
+        *numbers(frd_from_flu(measured[3:])),
+        *numbers(frd_from_flu(measured[:3])),
         *numbers(frd_from_flu(rotate_vector(conjugate(state.attitude), _EARTH_FIELD))),
         0.01 * pressure_at(height),
         0.0,
@@ -380,33 +486,21 @@ def _gps_raw(mav: Any, p: TelemetrySnapshot) -> Any:
     )
 
 
-def _ground_truth(mav: Any, p: TelemetrySnapshot) -> Any:
-    return ground_truth(mav, p.boot_us, p.origin, p.vehicle.simulator.plant)
-
-
 _BUILDERS: dict[int, tuple[str, Builder]] = {
     0: ("HEARTBEAT", _heartbeat),
     1: ("SYS_STATUS", _system_status),
-    2: ("SYSTEM_TIME", lambda mav, p: mav.system_time_encode(p.unix_us, p.boot_ms)),
     24: ("GPS_RAW_INT", _gps_raw),
     30: ("ATTITUDE", _attitude),
     31: ("ATTITUDE_QUATERNION", _attitude_quaternion),
     32: ("LOCAL_POSITION_NED", _local_position),
     33: ("GLOBAL_POSITION_INT", _global_position),
-    36: ("SERVO_OUTPUT_RAW", _servo_output),
-    49: ("GPS_GLOBAL_ORIGIN", _origin_message),
     74: ("VFR_HUD", _vfr_hud),
     83: ("ATTITUDE_TARGET", _attitude_target),
-    85: ("POSITION_TARGET_LOCAL_NED", _position_target),
     105: ("HIGHRES_IMU", _highres_imu),
-    115: ("HIL_STATE_QUATERNION", _ground_truth),
-    141: ("ALTITUDE", _altitude),
     147: ("BATTERY_STATUS", _battery_status),
     148: ("AUTOPILOT_VERSION", lambda mav, p: autopilot_version(mav)),
     230: ("ESTIMATOR_STATUS", _estimator_status),
-    241: ("VIBRATION", lambda mav, p: mav.vibration_encode(p.boot_us, 0.0, 0.0, 0.0, 0, 0, 0)),
     242: ("HOME_POSITION", _home_position),
     245: ("EXTENDED_SYS_STATE", _extended_state),
-    300: ("PROTOCOL_VERSION", lambda mav, p: protocol_version()),
     331: ("ODOMETRY", _odometry),
 }

@@ -33,11 +33,6 @@ _SYSTEM, _COMPONENT = 1, 197
 class _Hil:
     port: int = option("--port N", "TCP port for PX4: 4560 plus its instance.", 4560)
     rate: float = option("--rate HZ", "HIL_SENSOR: 250, 333, 500 or 1000.", 250.0)
-    mapping: str = option(
-        "--mapping M",
-        "What a motor's control is linear in: thrust (hovers near 0.5) or speed.",
-        "thrust",
-    )
     no_gps: bool = option("--no-gps", "Send no HIL_GPS.", False)
     mocap: str | None = option(
         "--mocap URL",
@@ -72,7 +67,7 @@ def hil(
     if not 0.0 <= speed <= 100.0:
         raise InputError(f"--speed {speed:g}: out of bounds; accepted: a number from 0 to 100")
     gps, by_link = not given.no_gps, mocap == ON_LINK
-    params = HilParams(rate=given.rate, mapping=given.mapping, gps=gps, mocap=by_link).check()
+    params = HilParams(rate=given.rate, gps=gps, mocap=by_link).check()
     scenario = scene.name
     world = world_of(load_scenario(scenario, settings.settings or []))
     link = HilLink(given.port)

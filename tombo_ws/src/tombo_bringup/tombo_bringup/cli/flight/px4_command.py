@@ -78,7 +78,6 @@ def px4(
     from tombo_bringup.cli.flight.px4_screen import where_to_connect
     from tombo_flight.scenario import load_scenario
     from tombo_px4.autopilot.parameters import ParameterTable
-    from tombo_px4.link.transport import parse_peer
     from tombo_px4.protocol.endpoint import Endpoint
 
     table = ParameterTable()
@@ -92,8 +91,7 @@ def px4(
         ]
         vehicle = _vehicle(chosen, draw.seed or 0, table)
         host, ports = given.host, (given.port, given.ground_port)
-        homes = [parse_peer(f"{host}:{number}", given.allow_remote) for number in ports]
-        endpoint = Endpoint(vehicle, links, homes=homes)
+        endpoint = Endpoint(vehicle, links)
         _serve(endpoint, duration.duration, where_to_connect(host, *ports))
 
 
