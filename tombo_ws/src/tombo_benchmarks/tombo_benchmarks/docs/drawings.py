@@ -1,16 +1,15 @@
-"""Drawings of the documentation: propeller, frames and rotors, the lab's wiring, safety states."""
+"""Drawings of the documentation: the propeller, and frames and rotors."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Arc, Circle, FancyArrowPatch, FancyBboxPatch, Rectangle
+from matplotlib.patches import Arc, Circle, FancyArrowPatch
 
-from tombo_control.safety.state_machine import TABLE, Condition, SafetyState
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import Blade
 from tombo_dynamics.propeller.blade import shape
@@ -23,7 +22,6 @@ _DPI: Final = 120
 _FOLDED_DEG: Final = 40.0
 _NODUS_M: Final = 0.012
 """Length of the nodus of the paper's configurations, from 23 to 35 mm."""
-_FROM_EVERY_STATE: Final = (Condition.KILL, Condition.NEW_FLIGHT)
 
 
 def draw_propeller(blade: Blade) -> Figure:
@@ -125,85 +123,3 @@ def _axes_of(
                 ha="right" if dx < 0 else "left" if dx > 0 else "center",
                 va="bottom" if dy > 0 else "center")  # fmt: skip
     ax.text(x, y - below, f"{name}, z up", color=style.MUTED, ha="center", va="top")
-
-
-def draw_lab() -> Figure:
-    """Draw what is connected with what in a lab with PX4."""
-    boxes: Mapping[str, tuple[float, float, str]] = {
-        "cameras": (0.0, 1.0, "cameras"),
-        "tracker": (2.4, 1.0, "motion-capture PC\n(stamps of capture)"),
-        "suite": (
-            5.2,
-            1.0,
-            "computer with the suite\ndriver, detector, reaction,\nmission, PX4 bridge",
-        ),
-        "px4": (8.4, 1.0, "vehicle\nPX4"),
-        "pilot": (8.4, -0.6, "pilot: remote control\nwith kill switch"),
-        "operator": (5.2, -0.6, "operator: tombo up,\ntombo live"),
-    }
-    links = (
-        ("cameras", "tracker", "images"),
-        ("tracker", "suite", "poses, ≥ 30 Hz"),
-        ("suite", "px4", "MAVLink: poses, set points"),
-        ("operator", "suite", "hold, land, kill"),
-        ("pilot", "px4", "any mode, kill"),
-    )
-    with new_figure(9.6, 3.4, _DPI) as figure:
-        ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        ax.set_axis_off()
-        for x, y, text in boxes.values():
-            _box(ax, x, y, text, 2.0 if x != 5.2 else 2.4, 0.9)
-        for start, end, text in links:
-            (xa, ya, _), (xb, yb, _) = boxes[start], boxes[end]
-            upwards = xa == xb
-            a = (xa, ya + 0.5) if upwards else (xa + (1.2 if xa == 5.2 else 1.0), ya)
-            b = (xb, yb - 0.5) if upwards else (xb - (1.2 if xb == 5.2 else 1.0), yb)
-            _arrow(ax, a, b)
-            middle = ((a[0] + b[0]) / 2, (a[1] + b[1]) / 2)
-            shift = (0.08, 0.0) if upwards else (0.0, 0.55)
-            ax.text(middle[0] + shift[0], middle[1] + shift[1], text, size=7.5,
-                    ha="left" if upwards else "center", va="center")  # fmt: skip
-        ax.set(xlim=(-1.2, 9.7), ylim=(-1.3, 1.9))
-    return figure
-
-
-def draw_states() -> Figure:
-    """Draw which condition leads from a safety state (row) to which other (column), of `TABLE`."""
-    states = list(SafetyState)
-    with new_figure(10.0, 5.4, _DPI) as figure:
-        ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        ax.set_axis_off()
-        for i, state in enumerate(states):
-            ax.text(-0.08, i + 0.5, state.name.lower(), ha="right", va="center", weight="bold")
-            ax.text(i + 0.5, -0.08, state.name.lower(), ha="center", va="bottom", weight="bold")
-            for k, then in enumerate(states):
-                words = [
-                    row.condition.name.lower().replace("_", " ")
-                    for row in TABLE
-                    if (row.state, row.then) == (state, then)
-                    and state != then
-                    and row.condition not in _FROM_EVERY_STATE
-                ]
-                colour = style.FAINT if i == k else "#DCEBF5" if words else "white"
-                ax.add_patch(Rectangle((k, i), 1, 1, facecolor=colour, edgecolor=style.FAINT))
-                ax.text(k + 0.5, i + 0.5, "\n".join(words), size=7.5, ha="center", va="center")
-        ax.text(-0.08, -0.08, "from \\ to", ha="right", va="bottom", color=style.MUTED)
-        ax.text(0.0, len(states) + 0.1, "Besides, from every state: kill leads to latched, a new "
-                "flight of a simulated clock to off.", va="top", size=8)  # fmt: skip
-        ax.set(xlim=(-0.95, len(states) + 0.05), ylim=(len(states) + 0.4, -0.4))
-    return figure
-
-
-def _box(ax: Axes, x: float, y: float, text: str, width: float, height: float) -> None:
-    corner = (x - width / 2, y - height / 2)
-    ax.add_patch(
-        FancyBboxPatch(corner, width, height, boxstyle="round,pad=0.02", facecolor="#EEF2F5",
-                       edgecolor=style.BLUE, zorder=3)
-    )  # fmt: skip
-    ax.text(x, y, text, ha="center", va="center", size=8.5, zorder=4)
-
-
-def _arrow(ax: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
-    ax.add_patch(
-        FancyArrowPatch(start, end, arrowstyle="-|>", mutation_scale=11, color=style.INK, lw=1.0)
-    )
