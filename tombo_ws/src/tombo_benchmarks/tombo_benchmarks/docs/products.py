@@ -61,18 +61,6 @@ def _reproduction(root: Path, data: Path) -> None:
     overview(found).savefig(root / "docs" / "reproduction.png", dpi=110)
 
 
-def _drawings(root: Path, data: Path) -> None:
-    from tombo_benchmarks.docs.drawings import draw_frames, draw_propeller
-    from tombo_dynamics.propeller import configuration
-    from tombo_flight.report.flight_plot import figure_bytes
-
-    for name, figure in (
-        ("propeller", draw_propeller(configuration(13).blade)),
-        ("frames", draw_frames()),
-    ):
-        (root / "docs" / f"{name}.png").write_bytes(figure_bytes(figure))
-
-
 def _flight(root: Path, data: Path) -> None:
     from tombo_benchmarks.docs.flight_animation import animation
     from tombo_flight.flight import fly_scenario
@@ -296,7 +284,6 @@ PRODUCTS: Final = {
         ),
         _tables,
     ),
-    "drawings": Product(("docs/propeller.png", "docs/frames.png"), _drawings),
     "flight": Product(("docs/flight.gif",), _flight),
     "campaign": Product((CAMPAIGN, "README.md#campaign"), _campaign),
     "reproduction": Product(
