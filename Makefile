@@ -11,7 +11,6 @@
 # make bench    measure the speed on this machine
 # make docs     regenerate pictures, tables and figures of the documentation (ARGS=campaign for one)
 # make site     the documentation as pages that are searched offline, into build/site
-# make messages write the dataclasses of the messages from their .msg files
 # make setup    only make .venv; every other target does it first when needed
 # make clean    remove .venv, builds and caches; flights in runs/ stay
 
@@ -27,7 +26,7 @@ unexport PYTHONDONTWRITEBYTECODE
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly live workbench check fast-tests test test-px4 lint format bench docs site messages clean
+.PHONY: help setup fly live workbench check fast-tests test test-px4 lint format bench docs site clean
 
 help:
 	@sed -n 's/^# make /make /p' Makefile
@@ -94,10 +93,6 @@ docs:
 site:
 	$(SETUP)
 	@./scripts/site.sh
-
-messages:
-	$(SETUP) --no-kernels
-	@$(BIN)/python -m tombo_benchmarks.docs.message_module
 
 clean:
 	rm -rf .venv .venv-site build install log .mypy_cache .ruff_cache .pytest_cache .hypothesis

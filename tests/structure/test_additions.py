@@ -86,6 +86,7 @@ class GoOn(Reaction):
     def begin(self, event, estimate, last):
         return None
 '''
+MESSAGES = "tombo_dynamics/tombo_dynamics/messages.py"
 MESSAGE = """# A greeting.
 
 uint8 KIND_LOUD=5    # for all to hear
@@ -95,6 +96,19 @@ geometry_msgs/Vector3 wave    # [m/s] of the hand in map
 uint8 kind                    # [-] no frame; one of the KIND_ constants
 string text                   # [-] no frame; in words
 """
+GREETING = '''
+@dataclass(frozen=True)
+class Greeting:
+    """A greeting."""
+
+    frame: ClassVar[str] = FRAME_MAP
+    stamp_ns: int = field(metadata={"unit": "ns"})
+    wave: Array = field(metadata={"unit": "m/s", "length": 3})
+    kind: int
+    text: str
+
+
+'''
 TOPIC = """
 GREETING = TopicSpec("/greeting", "tombo_msgs/msg/Greeting", STATE, 0.0, "for the test")
 TOPICS[GREETING.name] = GREETING
@@ -176,6 +190,8 @@ ADDITIONS = {
         (
             Edit("tombo_msgs/msg/Greeting.msg", MESSAGE),
             Edit("tombo_msgs/CMakeLists.txt", "  msg/Greeting.msg\n", "  DEPENDENCIES"),
+            Edit(MESSAGES, GREETING, "MESSAGES: tuple"),
+            Edit(MESSAGES, "    Greeting,\n", "    AttitudeSetpoint,\n"),
             Edit("tombo_bag/tombo_bag/topics.py", TOPIC),
         ),
         "sent_and_recorded('/greeting', 'Greeting', 7, [1.0, 2.0, 3.0], 5, 'hello')",
@@ -305,8 +321,6 @@ def used(tmp_path_factory):
         "TOMBO_CACHE_DIR": str(folder / "cache"),
         "NUMBA_DISABLE_JIT": "1",
     }
-    written = [sys.executable, "-m", "tombo_benchmarks.docs.message_module"]
-    subprocess.run(written, env=environment, check=True, cwd=folder)  # `make messages`
     done = subprocess.run(
         [sys.executable, "-c", USE, str(BAG)],
         input=json.dumps({name: addition.use for name, addition in ADDITIONS.items()}),

@@ -1,7 +1,7 @@
 """What travels between the cores: one frozen dataclass for each message, and its constants.
 
-Those of `tombo_msgs` are written from its `.msg` files by `make messages`; the three
-standard ones follow first. Stamps are capture times [ns]. World `map` is ENU, body `base_link`
+The three standard ones are first, then those of `tombo_msgs`: one for each `.msg` file whose fields
+have a fixed number of values. Stamps are capture times [ns]. World `map` is ENU, body `base_link`
 FLU, SI units, quaternions xyzw.
 
 The metadata of a field are its `unit` (none: it has no unit), the `length` of an array, and the
@@ -101,9 +101,6 @@ class Odometry:
         metadata={"unit": "m^2/s^2, rad^2/s^2", "length": 36, "path": "twist.covariance"},
     )
     """6 x 6 by rows: velocity, 0 on the ground, and rates, in base_link; 0: not known."""
-
-
-# <!-- messages -->
 
 
 class Trigger(IntEnum):
@@ -375,7 +372,6 @@ MESSAGES: tuple[type[Any], ...] = (
     RotorState,
 )
 """Those of `tombo_msgs`."""
-# <!-- /messages -->
 
 STANDARD_MESSAGES: tuple[type[Any], ...] = (Pose, Imu, Odometry)
 PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)

@@ -24,11 +24,22 @@ def test_tables_of_the_pages_are_what_the_code_gives(tmp_path):
     assert changed == set(), "run: make docs ARGS=tables"
 
 
+DRAWN_ONCE = {"docs/frames.png", "docs/propeller.png"}
+"""Drawings of conventions: no result of the code."""
+
+
 def test_every_picture_of_the_docs_is_a_product():
-    pictures = {f"docs/{path.name}" for path in (ROOT / "docs").glob("*.png")}
+    pictures = {f"docs/{path.name}" for path in (ROOT / "docs").glob("*.png")} - DRAWN_ONCE
     assert pictures == {
         p for product in PRODUCTS.values() for p in product.written if p.endswith(".png")
     }
+
+
+def test_every_page_is_in_the_index_of_the_site():
+    index = (ROOT / "scripts" / "site" / "index.md").read_text().splitlines()
+    assert [
+        page.stem for page in (ROOT / "docs").glob("*.md") if f"docs/{page.stem}" not in index
+    ] == []
 
 
 def test_readme_has_the_figures_of_the_campaign():

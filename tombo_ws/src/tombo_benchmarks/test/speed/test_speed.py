@@ -1,4 +1,4 @@
-"""The benchmark measures what it says: the kernel's flight collides, NumPy flies it too."""
+"""The benchmark measures what it says: the kernel's flight collides."""
 
 from __future__ import annotations
 
@@ -8,64 +8,11 @@ import numpy as np
 import pytest
 
 from tombo_benchmarks.speed import __main__ as command
-from tombo_benchmarks.speed.kernel_flight import (
-    contact_time,
-    fly_whole,
-    fly_with_true_state,
-    new_flight,
-    stretches,
-)
-from tombo_benchmarks.speed.numpy_step import hovering
-from tombo_benchmarks.speed.speed_measurements import (
-    batch_steps,
-    kernel_steps,
-    numpy_steps,
-    training_ticks,
-)
-from tombo_control.planning.leg import store_leg, straight_leg
-from tombo_dynamics.messages import Phase
-from tombo_dynamics.plant import set_state
+from tombo_benchmarks.speed.kernel_flight import contact_time, fly_whole, new_flight, stretches
+from tombo_benchmarks.speed.speed_measurements import batch_steps, kernel_steps, training_ticks
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import tilt
 from tombo_flight.scenario import load_scenario
-
-
-@pytest.mark.slow
-def test_numpy_and_kernel_fly_the_same_approach():
-    scenario = load_scenario(
-        "no_obstacle",
-        [
-            "effects.ground_effect.strength=0",
-            "effects.gusts.deviation=0",
-            "effects.thrust_scatter.deviation=0",
-        ],
-    )
-    plain = hovering(scenario, np.array([0.0, 0.0, 2.0]))
-    flight = new_flight(scenario, 0)
-    set_state(flight.plant.state, plain.body)
-    flight.plant.rotor_speed = plain.speed
-    flight.plant.rotor_command = plain.speed
-    leg = straight_leg((0.0, 0.0, 2.0), (1.0, 0.5, 2.3), scenario.mission.approach_speed, 0.0)
-    store_leg(flight.autopilot.leg, leg)
-    flight.autopilot.mode_asked = Phase.APPROACH
-
-    furthest = 0.0
-    for tick in range(3000):
-        plain.step(leg, tick)
-        fly_with_true_state(
-            flight.plant,
-            flight.autopilot,
-            flight.maps,
-            flight.theta,
-            flight.zero_noise,
-            tick,
-            tick + 1,
-        )
-        body = numbers(flight.plant.state)
-        assert np.abs(body - plain.body).max() < 1e-3, tick
-        furthest = max(furthest, float(body[0]))
-
-    assert furthest > 0.9
 
 
 def test_the_kernels_flight_is_the_papers_experiment():
@@ -93,8 +40,8 @@ def test_the_kernels_flight_is_the_papers_experiment():
 
 
 @pytest.mark.slow
-def test_rates_are_positive_and_numpy_is_the_slow_one():
-    assert kernel_steps(runs=1) > numpy_steps(runs=1, ticks=50) > 0.0
+def test_rates_are_positive():
+    assert kernel_steps(runs=1) > 0.0
     assert batch_steps(2, vehicles=2, runs=1) > 0.0
     assert training_ticks(2, vehicles=2, runs=1, steps=20) > 0.0
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from tombo_benchmarks.docs.markdown import updated
+from tombo_benchmarks.docs.markdown import table_markdown, updated
 from tombo_dynamics.errors import InputError
 
 CONFIG: Final = "tombo_ws/src/tombo_bringup/config"
@@ -61,68 +61,50 @@ def _reproduction(root: Path, data: Path) -> None:
     overview(found).savefig(root / "docs" / "reproduction.png", dpi=110)
 
 
-def _drawings(root: Path, data: Path) -> None:
-    from tombo_benchmarks.docs.drawings import draw_frames, draw_lab, draw_propeller, draw_states
-    from tombo_dynamics.propeller import configuration
-    from tombo_flight.report.flight_plot import figure_bytes
-
-    for name, figure in (
-        ("propeller", draw_propeller(configuration(13).blade)),
-        ("frames", draw_frames()),
-        ("lab", draw_lab()),
-        ("safety", draw_states()),
-    ):
-        (root / "docs" / f"{name}.png").write_bytes(figure_bytes(figure))
-
-
 def _flight(root: Path, data: Path) -> None:
     from tombo_benchmarks.docs.flight_animation import animation
-    from tombo_benchmarks.docs.flight_overview import draw_overview
     from tombo_flight.flight import fly_scenario
-    from tombo_flight.report.flight_plot import figure_bytes
     from tombo_flight.scenario import load_scenario
 
-    flown = fly_scenario(load_scenario(), 0)
-    (root / "docs" / "flight.png").write_bytes(figure_bytes(draw_overview(flown)))
-    (root / "docs" / "flight.gif").write_bytes(animation(flown))
+    (root / "docs" / "flight.gif").write_bytes(animation(fly_scenario(load_scenario(), 0)))
 
 
 def _campaign(root: Path, data: Path) -> None:
     """Fly the campaigns of the README's table."""
-    paper, unaided, rigid, reflex = (
-        _fly_many("paper_collision", settings, range(100))
-        for settings in (
-            (),
-            ("reaction.name=none",),
-            ("propeller.conf=0",),
-            ("reaction.name=reflex",),
+    flown = {
+        name: _fly_many("paper_collision", settings, range(100))
+        for name, settings in (
+            ("", ()),
+            ("unaided", ("reaction.name=none",)),
+            ("rigid", ("propeller.conf=0",)),
+            ("reflex_", ("reaction.name=reflex",)),
         )
-    )
-    alarms = _fly_many("aggressive", (), range(100))["aggregate"]["false_alarms"]
-    total = paper["aggregate"]
-    values: dict[str, str] = {
-        "flights": str(total["flights"]),
-        "recovered": str(total["recovered"]),
-        "crashed_without_reaction": str(unaided["aggregate"]["crashed"]),
-        "crashed_rigid": str(rigid["aggregate"]["crashed"]),
     }
-    values["reflex_recovered"] = str(reflex["aggregate"]["recovered"])
+    total = {name: flights["aggregate"] for name, flights in flown.items()}
+    values: dict[str, str] = {
+        "flights": str(total[""]["flights"]),
+        "recovered": str(total[""]["recovered"]),
+        "crashed_without_reaction": str(total["unaided"]["crashed"]),
+        "crashed_rigid": str(total["rigid"]["crashed"]),
+        "reflex_recovered": str(total["reflex_"]["recovered"]),
+    }
     for name, key, digits, factor in (
         ("falls_m", "max_falling_distance_m", 2, 1.0),
         ("unstable_s", "unstable_phase_s", 1, 1.0),
         ("whole_recovery_s", "recovery_time_s", 1, 1.0),
         ("latency_ms", "contact_known_s", 0, 1e3),
     ):
-        for prefix, flown in (("", total), ("reflex_", reflex["aggregate"])):
+        for prefix in ("", "reflex_"):
             low, median, high = (
-                f"{factor * flown[key][share]:.{digits}f}" for share in ("p05", "median", "p95")
+                f"{factor * total[prefix][key][share]:.{digits}f}"
+                for share in ("p05", "median", "p95")
             )
             values |= {prefix + name: median, f"{prefix}{name}_range": f"{low} to {high}"}
-    values["false_alarms"] = str(alarms)
-    falls = sorted(f["max_falling_distance_m"] for f in paper["flights"])
-    modes = two_modes(falls)
+    aggressive = _fly_many("aggressive", (), range(100))["aggregate"]
+    values["false_alarms"] = str(aggressive["false_alarms"])
+    falls = sorted(f["max_falling_distance_m"] for f in flown[""]["flights"])
     values["falls_modes_m"] = "; ".join(
-        f"{len(mode)} flights {mode[0]:.2f} to {mode[-1]:.2f}" for mode in modes
+        f"{len(mode)} flights {mode[0]:.2f} to {mode[-1]:.2f}" for mode in two_modes(falls)
     )
     head = (
         "# This suite's simulated flights of the paper's experiment, for comparison only. Written "
@@ -141,60 +123,34 @@ def two_modes(values: Sequence[float]) -> tuple[Sequence[float], ...]:
     return values[:cut], values[cut:]
 
 
-def campaign_table(v: Mapping[str, str]) -> str:
+_CAMPAIGN_TABLE: Final = """\
+| | paper | its reaction, simulated, seeds 0–99: median (5 to 95 %) | `reflex`, the same |
+|---|---|---|---|
+| recovers with the reaction | yes | {recovered} of {flights} | {reflex_recovered} of {flights} |
+| crashes without it | yes | {crashed_without_reaction} of {flights} |  |
+| crashes with rigid propellers (Conf. 0), even with the reaction | – | {crashed_rigid} of \
+{flights} |  |
+| largest falling distance | 0.5 m (mean) | {falls_m} m ({falls_m_range}) | \
+{reflex_falls_m} m ({reflex_falls_m_range}) |
+{modes}\
+| unstable phase | 1.5 s | {unstable_s} s ({unstable_s_range}) | \
+{reflex_unstable_s} s ({reflex_unstable_s_range}) |
+| recovery, from contact to settled at x_r | 5 s | \
+{whole_recovery_s} s ({whole_recovery_s_range}) | \
+{reflex_whole_recovery_s} s ({reflex_whole_recovery_s_range}) |
+| contact known, mocap at 30 Hz | – | {latency_ms} ms ({latency_ms_range}) | \
+{reflex_latency_ms} ms ({reflex_latency_ms_range}) |
+| false alarms in 100 flights of jumps, gusts and dropouts | – | {false_alarms} |  |
+"""
+
+
+def campaign_table(values: Mapping[str, str]) -> str:
     """Return the README's table of the campaign's figures."""
-    flights = v["flights"]
+    modes = (mode.split(" ", 2) for mode in values["falls_modes_m"].split("; "))
     rows = (
-        (
-            "recovers with the reaction",
-            "yes",
-            f"{v['recovered']} of {flights}",
-            f"{v['reflex_recovered']} of {flights}",
-        ),
-        ("crashes without it", "yes", f"{v['crashed_without_reaction']} of {flights}", ""),
-        (
-            "crashes with rigid propellers (Conf. 0), even with the reaction",
-            "–",
-            f"{v['crashed_rigid']} of {flights}",
-            "",
-        ),
-        (
-            "largest falling distance",
-            "0.5 m (mean)",
-            f"{v['falls_m']} m ({v['falls_m_range']})",
-            f"{v['reflex_falls_m']} m ({v['reflex_falls_m_range']})",
-        ),
-        *(
-            (f"falling distance, {count} of the flights", "–", f"{fallen} m", "")
-            for mode in v["falls_modes_m"].split("; ")
-            for count, _, fallen in [mode.split(" ", 2)]
-        ),
-        (
-            "unstable phase",
-            "1.5 s",
-            f"{v['unstable_s']} s ({v['unstable_s_range']})",
-            f"{v['reflex_unstable_s']} s ({v['reflex_unstable_s_range']})",
-        ),
-        (
-            "recovery, from contact to settled at x_r",
-            "5 s",
-            f"{v['whole_recovery_s']} s ({v['whole_recovery_s_range']})",
-            f"{v['reflex_whole_recovery_s']} s ({v['reflex_whole_recovery_s_range']})",
-        ),
-        (
-            "contact known, mocap at 30 Hz",
-            "–",
-            f"{v['latency_ms']} ms ({v['latency_ms_range']})",
-            f"{v['reflex_latency_ms']} ms ({v['reflex_latency_ms_range']})",
-        ),
-        ("false alarms in 100 flights of jumps, gusts and dropouts", "–", v["false_alarms"], ""),
+        f"| falling distance, {count} of the flights | – | {m} m |  |\n" for count, _, m in modes
     )
-    head = (
-        "| | paper | its reaction, simulated, seeds 0–99: median (5 to 95 %) | "
-        "`reflex`, the same |\n"
-        "|---|---|---|---|\n"
-    )
-    return head + "".join(f"| {' | '.join(row)} |\n" for row in rows)
+    return _CAMPAIGN_TABLE.format(**values, modes="".join(rows))
 
 
 _VARIATIONS: Final[tuple[tuple[str, tuple[str, ...]], ...]] = (
@@ -221,23 +177,16 @@ _VARIATIONS: Final[tuple[tuple[str, tuple[str, ...]], ...]] = (
 
 
 def _calibration(root: Path, data: Path) -> None:
-    rows = [
-        "| changed | crashed | crashed without | falls m | unstable s | recovery s |",
-        "|---|---|---|---|---|---|",
-    ]
-    seeds = range(1000, 1050)
+    figures, rows = ("max_falling_distance_m", "unstable_phase_s", "recovery_time_s"), []
     for name, settings in _VARIATIONS:
-        total = _fly_many("paper_collision", settings, seeds)["aggregate"]
-        unaided = _fly_many("paper_collision", (*settings, "reaction.name=none"), seeds)[
-            "aggregate"
-        ]
-        cells = [
-            _spread(total[key])
-            for key in ("max_falling_distance_m", "unstable_phase_s", "recovery_time_s")
-        ]
-        row = (name, str(total["crashed"]), str(unaided["crashed"]), *cells)
-        rows.append(f"| {' | '.join(row)} |")
-    _fill(root / "docs" / "calibration.md", {"variations": "\n".join(rows) + "\n"})
+        total, unaided = (
+            _fly_many("paper_collision", (*settings, *more), range(1000, 1050))["aggregate"]
+            for more in ((), ("reaction.name=none",))
+        )
+        crashed = str(total["crashed"]), str(unaided["crashed"])
+        rows.append((name, *crashed, *(_spread(total[key]) for key in figures)))
+    head = ("changed", "crashed", "crashed without", "falls m", "unstable s", "recovery s")
+    _fill(root / "docs" / "calibration.md", {"variations": table_markdown(head, rows)})
 
 
 def _spread(values: Mapping[str, Any]) -> str:
@@ -295,29 +244,23 @@ def _certainty_text(found: Mapping[str, Any]) -> str:
 
 def crazyflie_text(found: Mapping[str, Any]) -> str:
     """Return the paragraph about the five Crazyflie flights from `diagnosis.json`."""
-    lines = [
-        f"The Crazyflie flights of the picture in the README: verdict *{found['verdict']}*.",
-        "",
-    ]
-    lines += ["| cause | parameter | value | 95 % interval |", "|---|---|---|---|"]
-    for cause in found["causes"]:
-        for name, theta in cause["theta"].items():
-            value, low, high = (f"{theta[key]:.3g}" for key in ("value", "low", "high"))
-            lines.append(
-                f"| `{cause['effect']}` | {name} | {value} {theta['unit']} | {low} to {high} |"
-            )
+    rows = [
+        (f"`{cause['effect']}`", name, f"{t['value']:.3g} {t['unit']}",
+         f"{t['low']:.3g} to {t['high']:.3g}")
+        for cause in found["causes"]
+        for name, t in cause["theta"].items()
+    ]  # fmt: skip
+    table = table_markdown(("cause", "parameter", "value", "95 % interval"), rows)
     evidence = {c["effect"]: c["evidence"] for c in found["candidates"]}
     apart = evidence["linear_rotor_drag"] - evidence["quadratic_body_drag"]
     gain = {g["channel"]: g for g in found["gain"] if g["horizon"] == "one step"}
     x, y = (gain[f"force {axis}"]["reduction"] for axis in "xy")
-    lines += [
-        "",
-        f"Linear drag has a log evidence {apart:.0f} higher than quadratic drag. With the causes "
-        f"in the model, the\nforce error on held-out flights falls by {100 * x:.0f} % in x and "
-        f"{100 * y:.0f} % in y.",
-        "",
-    ]
-    return "\n".join(lines)
+    return (
+        f"The Crazyflie flights of the picture in the README: verdict *{found['verdict']}*.\n\n"
+        f"{table}\nLinear drag has a log evidence {apart:.0f} higher than quadratic drag. With "
+        f"the causes in the model, the\nforce error on held-out flights falls by {100 * x:.0f} % "
+        f"in x and {100 * y:.0f} % in y.\n"
+    )
 
 
 def _picture(name: str, target: str, *command: str) -> Make:
@@ -341,10 +284,7 @@ PRODUCTS: Final = {
         ),
         _tables,
     ),
-    "drawings": Product(
-        ("docs/propeller.png", "docs/frames.png", "docs/lab.png", "docs/safety.png"), _drawings
-    ),
-    "flight": Product(("docs/flight.png", "docs/flight.gif"), _flight),
+    "flight": Product(("docs/flight.gif",), _flight),
     "campaign": Product((CAMPAIGN, "README.md#campaign"), _campaign),
     "reproduction": Product(
         ("docs/reproduction.png", "docs/reproduction.md#claims"), _reproduction

@@ -1,8 +1,8 @@
 """Write the sources of the documentation site: `python -m tombo_benchmarks.docs.site_source DIR`.
 
-The pages of `docs/` as they are, with what they link to, and the reference that is generated:
-commands from the command line's own help, parameters from the records, Python from docstrings.
-`make site` builds them with Sphinx, in an environment of its own.
+The pages of `docs/` as they are, with what they link to, and the reference: commands from the
+command line's own help, parameters from the records. `make site` builds them with Sphinx, in an
+environment of its own.
 """
 
 from __future__ import annotations
@@ -19,43 +19,7 @@ import typer
 from tombo_bringup.cli.main import application
 
 ROOT: Final = Path(__file__).resolve().parents[5]
-SECTIONS: Final = {
-    "Tutorials": (
-        "first_flight",
-        "first_diagnosis",
-        "first_real_flight",
-        "own_vehicle",
-        "own_collision",
-    ),
-    "How to": (
-        *(
-            "live",
-            "report",
-            "nodes",
-            "px4",
-            "safety",
-            "recording",
-            "replay",
-            "logs",
-            "diagnosis",
-            "changed",
-        ),
-        *("reactions", "python", "sweep", "gym", "propeller", "design", "stand", "beta"),
-    ),
-    "Reference": ("faults", "figures", "effects", "conventions", "glossary"),
-    "Explanation": (
-        *("architecture", "model", "control", "collision", "diagnosis_method"),
-        *("diagnosis_benchmarks", "calibration", "reproduction"),
-    ),
-}
-"""Heading → pages of `docs/`, in the order in which they are offered; others are of *How to*."""
 PROJECT: Final = ("README", "CONTRIBUTING", "CHANGELOG")
-GENERATED: Final = ("commands", "parameters", "python_api")
-MODULES: Final = (
-    *("tombo", "tombo.gym", "tombo_dynamics.core", "tombo_dynamics.effects.registry"),
-    *("tombo_collision.reactions", "tombo_bag.flight", "tombo_flight.report.page"),
-)
-"""Modules of the API: the public interface, and what an addition subclasses or returns."""
 
 
 def write_source(folder: Path) -> None:
@@ -68,8 +32,8 @@ def write_source(folder: Path) -> None:
     reference.mkdir()
     (reference / "commands.md").write_text(commands_page(), encoding="utf-8")
     (reference / "parameters.md").write_text(parameters_page(), encoding="utf-8")
-    (reference / "python_api.rst").write_text(api_page(), encoding="utf-8")
-    (folder / "index.md").write_text(index_page(), encoding="utf-8")
+    shutil.copy(ROOT / "scripts" / "site" / "python_api.rst", reference)
+    shutil.copy(ROOT / "scripts" / "site" / "index.md", folder)
 
 
 def _copy_page(page: Path, folder: Path) -> None:
@@ -92,27 +56,6 @@ def _copy(file: Path, folder: Path) -> None:
     place = folder / file.relative_to(ROOT)
     place.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(file, place)
-
-
-def index_page() -> str:
-    """Return the first page: what there is, in the order of what a reader wants."""
-    text = [
-        "# Tombo",
-        "",
-        "A ROS 2 suite for a quadrotor with folding propellers: simulation, flight through a "
-        "collision, and diagnosis of measured flights. Begin with the "
-        "[first flight](docs/first_flight.md).",
-        "",
-    ]
-    listed = {name for names in SECTIONS.values() for name in names}
-    others = sorted({page.stem for page in (ROOT / "docs").glob("*.md")} - listed)
-    for heading, names in SECTIONS.items():
-        entries = [f"docs/{name}" for name in (*names, *(others if heading == "How to" else ()))]
-        if heading == "Reference":
-            entries = [f"reference/{name}" for name in GENERATED] + entries
-        text += ["```{toctree}", f":caption: {heading}", ":maxdepth: 1", "", *entries, "```", ""]
-    text += ["```{toctree}", ":caption: The project", ":maxdepth: 1", "", *PROJECT, "```", ""]
-    return "\n".join(text)
 
 
 def commands_page() -> str:
@@ -157,22 +100,10 @@ def parameters_page() -> str:
     """Return the file of all parameters, with unit, bounds and meaning of each."""
     from tombo_benchmarks.docs.parameter_file import parameter_file
 
-    head = (
+    return (
         "# Parameters\n\nAll parameters of the nodes, in the form of `--params-file`. Scenario "
-        "files and `--set` have the same names.\n\n```yaml\n"
+        f"files and `--set` have the same names.\n\n```yaml\n{parameter_file()}```\n"
     )
-    return f"{head}{parameter_file()}```\n"
-
-
-def api_page() -> str:
-    """Return the directives by which Sphinx reads signatures and docstrings."""
-    text = (
-        "Python API\n==========\n\n"
-        "Signatures and docstrings. What is public: :doc:`/docs/python`.\n"
-    )
-    for name in MODULES:
-        text += f"\n{name}\n{'-' * len(name)}\n\n.. automodule:: {name}\n   :members:\n"
-    return text
 
 
 def main() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -185,11 +185,10 @@ def fly_wrong_axes(
         "as_wanted": bool(summary.get("landed"))
         if good
         else word in text and away <= FARTHEST_M and height <= HIGHEST_M and aloft_s <= LONGEST_S,
-        "real_time_factor": summary.get("real_time_factor"),
     }
 
 
-def table(rows: list[dict[str, Any]]) -> str:
+def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the table of the flights."""
     head = ("set-up", "armed", "away [m]", "height [m]", "aloft [s]", "at the end", "message")
     cells = []

@@ -18,8 +18,6 @@ _ROWS: Final = (
     ("batch_steps_per_s", "batch of vehicles", "M steps/s", 1e-6, 2, "at least 6"),
     ("training_ticks_per_s", "training, 64 vehicles", "M ticks/s", 1e-6, 2, "at least 3"),
     ("batch_threads", "  both on threads", "", 1.0, 0, "2"),
-    ("numpy_steps_per_s", "plain NumPy step", "steps/s", 1.0, 0, ""),
-    ("kernel_over_numpy", "  kernel over NumPy", "times", 1.0, 0, ""),
     ("flight_real_time_factor", "whole flight", "times real time", 1.0, 0, "at least 500"),
     ("recorded_flight_real_time_factor", "  with flight.mcap", "times real time", 1.0, 0,
      "at least 60"),

@@ -24,10 +24,8 @@ from tombo_benchmarks.speed.kernel_flight import (
     new_flight,
     stretches,
 )
-from tombo_benchmarks.speed.numpy_step import hovering
 from tombo_collision.reactions.policy import Policy
 from tombo_collision.steering import ACTIONS
-from tombo_control.planning.leg import straight_leg
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import write_mcap
 from tombo_flight.scenario import Scenario, load_scenario
@@ -136,20 +134,6 @@ def _fly_share(share: Share) -> None:
         fly_whole(flight, legs)
 
 
-def numpy_steps(runs: int = 3, ticks: int = 1000) -> float:
-    """Return steps per second of the plain NumPy step on the same approach, one core."""
-    scenario = load_scenario()
-    rates = []
-    for _ in range(runs):
-        vehicle = hovering(scenario, np.array([0.0, 0.0, 2.0]))
-        leg = straight_leg((0.0, 0.0, 2.0), (3.4, 0.0, 2.0), scenario.mission.approach_speed, 0.0)
-        began = time.perf_counter()
-        for tick in range(ticks):
-            vehicle.step(leg, tick)
-        rates.append(ticks / (time.perf_counter() - began))
-    return median(rates)
-
-
 def flight_speed(scenario: Scenario, runs: int = 9) -> tuple[float, float]:
     """Return how many times faster than real time whole flights are: alone, and recorded."""
     workspace = Workspace()
@@ -184,8 +168,8 @@ def measure(said: ProgressText = lambda text: None) -> dict[str, float | int | N
 
     Returns:
         steps per second of the kernel, of the batch (with its number of threads), of the training
-        environment (64 vehicles, whole flights) and of NumPy, their ratios, the real-time factors,
-        and the times of the first calls [s].
+        environment (64 vehicles, whole flights), the real-time factors, and the times of the first
+        calls [s].
     """
     said("bare kernel")
     kernel = kernel_steps()
@@ -194,8 +178,6 @@ def measure(said: ProgressText = lambda text: None) -> dict[str, float | int | N
     batch = batch_steps(threads)
     said(f"training environment on {threads} threads")
     training = training_ticks(threads)
-    said("plain NumPy")
-    plain = numpy_steps()
     said("whole flights")
     alone, recorded = flight_speed(load_scenario())
     said("first calls")
@@ -205,9 +187,6 @@ def measure(said: ProgressText = lambda text: None) -> dict[str, float | int | N
         "batch_steps_per_s": batch,
         "batch_threads": threads,
         "training_ticks_per_s": training,
-        "numpy_steps_per_s": plain,
-        "kernel_over_numpy": kernel / plain,
-        "batch_over_numpy": batch / plain,
         "flight_real_time_factor": alone,
         "recorded_flight_real_time_factor": recorded,
         "imports_s": imports_s,
