@@ -16,7 +16,6 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 SCRIPTS = ROOT / "docker" / "scripts"
-STEPS = sorted(path.name for path in SCRIPTS.glob("*.sh") if path.name != "common.sh")
 TEST_ONLY = {"python3-hypothesis", "python3-pytest"}
 PIP_NAME = {"python3-pil": "pillow", "python3-yaml": "pyyaml", "mcap-ros2-support": "mcap"}
 
@@ -71,21 +70,6 @@ def test_shellcheck_has_nothing_to_say():
     assert run.returncode == 0, run.stdout + run.stderr
 
 
-@pytest.mark.parametrize("name", STEPS)
-def test_a_script_stops_at_an_error_and_says_what_it_is_for(name: str):
-    lines = (SCRIPTS / name).read_text().splitlines()
-    assert lines[0] == "#!/usr/bin/env bash"
-    assert re.match(r"# [A-Z].{30,}", lines[1])
-    assert '. "$(dirname "${BASH_SOURCE[0]}")/common.sh"' in lines
-    assert "set -euo pipefail" in (SCRIPTS / "common.sh").read_text()
-
-
-def test_every_step_is_of_use():
-    dockerfile = (ROOT / "docker" / "Dockerfile").read_text()
-    for name in STEPS:
-        assert f"scripts/{name}" in dockerfile
-
-
 # --- Debian packages --------------------------------------------------------------------------
 
 
@@ -111,14 +95,6 @@ def test_what_rosdep_leaves_out_is_pinned(box: Box):
     for key in set(skipped(box)) - TEST_ONLY:
         name = PIP_NAME.get(key, key.removeprefix("python3-").removesuffix("-pip"))
         assert name in pins
-
-
-def test_a_step_that_fails_ends_the_build(box: Box):
-    box.tool("apt-get")
-    box.tool("rosdep", "exit 1")
-    assert box.run("10_system.sh", ROOT / "tombo_ws" / "src").returncode == 1
-    box.tool("rosdep")
-    assert box.run("10_system.sh", box.folder).returncode == 1, "no manifests there"
 
 
 # --- Python libraries -------------------------------------------------------------------------
@@ -243,28 +219,7 @@ def test_smoke_tells_good_nodes_from_bad(
         assert words in run.stderr
 
 
-def test_smoke_wants_a_node(box: Box):
-    prefix = box.folder / "install"
-    prefix.mkdir()
-    (prefix / "setup.bash").touch()
-    run = box.run("smoke.sh", TOMBO_PREFIX=str(prefix))
-    assert run.returncode == 1 and "no node" in run.stderr
-
-
 # --- The user ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("owner", ["ubuntu", ""])
-def test_a_user_id_that_is_taken_is_freed(box: Box, owner: str):
-    box.tool("getent", f"echo {owner}:x:1000:" if owner else "exit 2")
-    for name in ("userdel", "useradd", "install"):
-        box.tool(name)
-    run = box.run("40_user.sh", "tombo", "1000", "cache", "runs")
-    assert run.returncode == 0, run.stderr
-    gone = [line for line in box.calls() if line.startswith("userdel")]
-    assert gone == ([f"userdel --remove {owner}"] if owner else [])
-    assert "useradd --uid 1000 --create-home --shell /bin/bash tombo" in box.calls()
-    assert "install --directory --owner tombo cache runs" in box.calls()
 
 
 # --- The running container --------------------------------------------------------------------
@@ -291,11 +246,6 @@ def test_the_entrypoint_sources_and_becomes_the_command(sourced: Box):
     assert told == "ros  too"
     assert path.endswith(f":{prefix}/lib/tombo_bringup")
     assert process.returncode == 7
-
-
-def test_the_entrypoint_stops_without_a_workspace(box: Box):
-    run = box.run("entrypoint.sh", "echo", "started", TOMBO_PREFIX=str(box.folder / "nowhere"))
-    assert run.returncode != 0 and "started" not in run.stdout
 
 
 def test_health_is_that_every_node_runs(box: Box):

@@ -37,29 +37,3 @@ def test_every_field_has_a_unit_and_a_frame(path: Path):
 def test_cmake_generates_every_message():
     listed = re.findall(r"msg/(\w+)\.msg", (MSG.parent / "CMakeLists.txt").read_text())
     assert listed == sorted(path.stem for path in MSG.glob("*.msg"))
-
-
-def test_phases_are_numbered_as_the_flight_modes():
-    constants = re.findall(r"uint8 (\w+)=(\d+)", (MSG / "MissionStatus.msg").read_text())
-    assert [(name.lower(), int(number)) for name, number in constants] == [
-        ("idle", 0),
-        ("takeoff", 1),
-        ("hover", 2),
-        ("approach", 3),
-        ("react", 4),
-        ("hold", 5),
-        ("land", 6),
-        ("landed", 7),
-        ("descend_blind", 8),
-    ]
-
-
-def test_a_message_survives_serialization():
-    from rclpy.serialization import deserialize_message, serialize_message
-
-    from tombo_msgs.msg import CollisionEvent
-
-    sent = CollisionEvent(trigger=CollisionEvent.TRIGGER_INNOVATION, confidence=0.9, count=2)
-    sent.header.frame_id = "map"
-    sent.flight_direction.x = 1.0
-    assert deserialize_message(serialize_message(sent), CollisionEvent) == sent

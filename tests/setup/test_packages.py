@@ -67,11 +67,6 @@ def by_name(package: Path) -> str:
     return package.name
 
 
-def test_the_workspace_has_its_packages():
-    parts = ("msgs", "dynamics", "control", "collision", "sim", "diagnosis", "bag", "bringup")
-    assert {package.name for package in PACKAGES} >= {f"tombo_{part}" for part in parts}
-
-
 @pytest.mark.parametrize("package", PACKAGES, ids=by_name)
 def test_package_xml_is_complete(package: Path):
     root = manifest(package)
@@ -173,19 +168,6 @@ def test_the_messages_of_every_node_are_declared():
         types = {TOPICS[topic].typename.partition("/")[0] for topic in names}
         declared = {element.text for element in manifest(SRC / name).findall("exec_depend")}
         assert types <= declared, f"add to {name}/package.xml: {sorted(types - declared)}"
-
-
-@pytest.mark.parametrize("package", PYTHON_PACKAGES, ids=by_name)
-def test_no_empty_folder_is_installed(package: Path):
-    found = setup_cfg(package)
-    patterns = [p for value in found["options.data_files"].values() for p in value.split()]
-    folder = package / package.name
-    patterns += [
-        f"{package.name}/{p}" for p in found["options.package_data"][package.name].split()
-    ]
-    assert [p for p in patterns if not any(package.glob(p))] == []
-    inside = [path for path in folder.rglob("*") if path.is_dir() and path.name != "__pycache__"]
-    assert [path for path in inside if not any(p.is_file() for p in path.iterdir())] == []
 
 
 @pytest.mark.parametrize("package", PYTHON_PACKAGES, ids=by_name)

@@ -11,7 +11,6 @@ import pytest
 from suite_bench import FAKES, names
 
 from tombo_bag.columnar_cdr import encode
-from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.flight_topics import write_flight
 from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.formats.rolling_sink import NOTES
@@ -115,18 +114,6 @@ def test_a_flight_that_lands_leaves_the_files_of_a_headless_one(fly, bag, tmp_pa
     assert not summary["interrupted"]
     assert summary["recorder"] == {"messages": 12345, "lost": 6, "lost_on": {"/imu/data_raw": 6}}
     assert summary["too_slow"][-1] == "6 messages lost in the recording"
-
-
-@pytest.mark.slow
-def test_the_recorder_is_told_scenario_and_seed(fly, tmp_path):
-    fly("--seed", "5", "--set", "vehicle.mass=1.25", "--set", "duration=30")
-
-    told = json.loads((tmp_path / "told.json").read_text())[FLIGHT_METADATA]
-    assert told["seed"] == "5"
-    assert told["mode"] == "nodes"
-    scenario = json.loads(told["scenario"])
-    headless = fly_scenario(load_scenario("hover", ["duration=30", "vehicle.mass=1.25"]), 5)
-    assert scenario == json.loads(json.dumps(headless.scenario))
 
 
 def test_loops_and_latency_are_the_last_that_each_node_told(bag):

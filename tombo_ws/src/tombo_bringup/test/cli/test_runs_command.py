@@ -78,16 +78,6 @@ def test_runs_are_listed_with_their_outcome(tombo, tmp_path):
     assert "crashed" in tombo("runs").out
 
 
-def test_a_long_name_stays_on_one_line(tombo, tmp_path):
-    name = "paper_collision-0-effects.hanging_load.mass_0.09-reaction.name_none"
-    (tmp_path / "runs" / name).mkdir(parents=True)
-    (tmp_path / "runs" / name / "summary.json").write_text('{"scenario": "torn')
-
-    (row,) = [line for line in tombo("runs").out.splitlines() if name in line]
-
-    assert row.rstrip().endswith("can't be read")
-
-
 def test_a_folder_that_is_not_there_is_refused(refused):
     refused(("runs", "nowhere"), "nowhere", "accepted")
 
