@@ -1,4 +1,3 @@
-import os
 import signal
 import socket
 import subprocess
@@ -8,10 +7,9 @@ import pytest
 from endpoint_bench import bench
 from px4_process import TOMBO, free_ports, px4_process, read_until
 from pymavlink.dialects.v20 import common as mavlink
-from suite_bench import read_terminal
 
 from in_time import in_time
-from tombo_bringup.cli.flight.px4_screen import state_line, where_to_connect
+from tombo_bringup.cli.flight.px4_screen import state_line
 
 
 def run(*options, timeout=120.0):
@@ -103,12 +101,6 @@ def test_bad_input_is_one_line_and_exit_code_2(refused, options, words):
     refused(("px4", *options, *more), words)
 
 
-def test_it_says_where_to_connect():
-    text = "\n".join(where_to_connect("127.0.0.1", 14540, 14550))
-    for words in ("udpin://127.0.0.1:14540", "--master=udpin:127.0.0.1:14550", "QGroundControl"):
-        assert words in text
-
-
 def test_the_state_is_one_line():
     with bench() as b:
         b.run(0.2)
@@ -120,26 +112,6 @@ def test_the_state_is_one_line():
     for words in ("disarmed, hold, on ground", "z 0.1", "12.6 V", "heard 245/191", "1.5 s behind"):
         assert words in line
     assert "\n" not in line
-
-
-@pytest.mark.real_time
-def test_on_a_terminal_the_state_is_live(tmp_path):
-    pty = pytest.importorskip("pty")
-    master, slave = pty.openpty()
-    process = subprocess.Popen(
-        [*TOMBO, *ports(), "--duration", "1.0"], stdout=slave, stderr=slave, close_fds=True,
-        env={**os.environ, "TERM": "xterm", "COLUMNS": "200"},
-    )  # fmt: skip
-    os.close(slave)
-    try:
-        shown = read_terminal(master)
-        assert process.wait(timeout=60.0) == 0
-    finally:
-        process.kill()
-        process.wait()
-    assert b"disarmed, hold" in shown
-    assert b"no client connected" in shown
-    assert b"stopped after" in shown
 
 
 @pytest.mark.slow

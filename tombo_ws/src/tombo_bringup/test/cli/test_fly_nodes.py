@@ -144,19 +144,6 @@ def test_the_recorder_is_judged_by_what_it_loses():
     assert too_slow({"sim": Loop("loop", late)}, "0") != []
 
 
-def test_without_reports_nothing_is_made_up(tmp_path):
-    path = tmp_path / "flight.mcap"
-    with McapSink(path) as sink:
-        write_flight(sink, fly_scenario(load_scenario("hover", ["duration=0.1"]), 0))
-    with Recording(path) as recording:
-        assert node_metrics(recording) == {
-            "loops": {},
-            "latency_gyro_to_command_us": {"p50": None, "p99": None},
-            "recorder": {"messages": None, "lost": None, "lost_on": {}},
-            "too_slow": [],
-        }
-
-
 @pytest.mark.parametrize(
     ("change", "lost", "said"),
     [

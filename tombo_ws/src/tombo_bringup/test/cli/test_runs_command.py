@@ -51,11 +51,6 @@ def test_a_source_file_outside_of_the_commit_makes_the_tree_dirty(tmp_path):
         (tmp_path / source).unlink()
 
 
-def test_without_git_there_is_the_version_alone(tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert commit_of(tmp_path / "a.py") == ""
-
-
 @pytest.mark.slow
 def test_runs_are_listed_with_their_outcome(tombo, tmp_path):
     assert tombo("fly", "rigid_propeller", "--no-record").code == 0
