@@ -200,12 +200,3 @@ def test_unknown_topic_is_refused_with_the_nearest_name(tmp_path):
     one = write(tmp_path / "a.mcap", {"/pose": (POSE, poses())})
     with pytest.raises(InputError, match=r"'/pos' \(did you mean '/pose'\?\)"):
         compare_recordings(one, one, ["/pos"])
-
-
-def test_number_that_differs_first_is_kept_for_the_picture(tmp_path):
-    other = poses()
-    other[7][1]["pose"]["position"]["x"] += 0.25
-    (topic,) = compared(tmp_path, poses(), other).topics
-    assert topic.trace is not None and topic.trace.name == "pose.position.x"
-    assert topic.trace.a.shape == topic.trace.b.shape == topic.trace.difference.shape == (20, 2)
-    assert topic.trace.difference[:, 1].max() == 0.25
