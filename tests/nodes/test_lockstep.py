@@ -87,12 +87,3 @@ def test_node_that_dies_ends_the_flight_with_its_name(start, tmp_path):
     assert "no answer to the tick at" in nodes["sim"].output
     assert "from detector within 2 s: has it ended?" in nodes["sim"].output
     assert nodes["recorder"].end() == 0
-
-
-def test_node_that_does_not_come_is_named(start):
-    sim = start(
-        SUITE["sim"], "-p", "use_sim_time:=true", "-p", "lockstep:=true",
-        "-p", "lockstep_nodes:=[nobody]", "-p", "start_patience:=1.0",
-    )  # fmt: skip
-    assert sim.process.wait(60.0) == 2
-    assert "nobody not ready after 1 s" in sim.output

@@ -2,7 +2,6 @@
 
 import contextlib
 import signal
-import socket
 import threading
 import time
 
@@ -239,26 +238,6 @@ def test_another_vehicle_on_this_port_is_named(lab, world):
     lab = lab(system=7)
     text = told(world, "px4_bridge", "wrong_system", meanwhile=lab.publish)
     assert "system 7 speaks here, waiting for 1" in text
-
-
-@pytest.mark.parametrize(
-    ("parameter", "words"),
-    [
-        ("link.url:=udpin://127.0.0.1:{busy}", "127.0.0.1:{busy}"),
-        ("link.key_file:=/nowhere/key", "/nowhere/key"),
-        ("px4.mocap:=optitrack", "accepted: mocap, odometry, vision"),
-        ("px4_parameters:=[EKF2_EV_CTRL]", "NAME=VALUE"),
-        ("use_sim_time:=true", "accepted: false"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_code_2(start, parameter, words):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        busy = taken.getsockname()[1]
-        node = start(NODE, "-p", parameter.format(busy=busy))
-        assert node.process.wait(120.0) == 2
-    (line,) = node.output.strip().splitlines()
-    assert line.startswith("Error: ") and words.format(busy=busy) in line
 
 
 @pytest.mark.real_time

@@ -105,20 +105,3 @@ def test_poses_go_on_in_step_with_the_systems_clock(world, start, link):
         assert len(stamps) - seen == pytest.approx(100 * passed_s, abs=25)
         assert time.time_ns() - stamps[-1] < 200 * MS
     assert node.end() == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (("-p", "use_sim_time:=true"), "use_sim_time true: a link to PX4 is in real time"),
-        (("-p", "onboard_url:=''"), "both empty; accepted: at least one link"),
-        (("-p", "onboard_url:=udpout://192.0.2.1:9"), "not to this machine"),
-        (("-p", "px4.EKF2_EV_CTRL:=99"), "px4.EKF2_EV_CTRL: 99 is out of bounds"),
-        (("-p", "key_file:=/no/such/key"), "key '/no/such/key' can't be read"),
-    ],
-)
-def test_what_it_can_not_do_it_refuses_in_a_line(start, link, arguments, complaint):
-    node = start(NODE, *urls(link), *arguments)
-    assert node.process.wait(_COMPILES_S) == 2
-    lines = [line for line in node.output.splitlines() if line.startswith("Error: ")]
-    assert len(lines) == 1 and complaint in lines[0]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from tombo_dynamics.errors import InputError
     from tombo_dynamics.messages import CollisionEvent
     from tombo_dynamics.params import param
-    from tombo_flight.own_files import import_files, import_reactions
+    from tombo_flight.own_files import import_files
 
 __all__ = [
     "CollisionEvent",
@@ -38,7 +38,6 @@ __all__ = [
     "diagnose",
     "fly",
     "import_files",
-    "import_reactions",
     "param",
     "propeller",
     "read",
@@ -62,10 +61,7 @@ _WHERE = {
     "tombo_dynamics.errors": {"InputError": "InputError"},
     "tombo_dynamics.messages": {"CollisionEvent": "CollisionEvent"},
     "tombo_dynamics.params": {"param": "param"},
-    "tombo_flight.own_files": {
-        "import_files": "import_files",
-        "import_reactions": "import_reactions",
-    },
+    "tombo_flight.own_files": {"import_files": "import_files"},
 }
 """Module → public name → its name there. A module is imported when a name of it is asked for."""
 _REMOVED = {
@@ -73,6 +69,7 @@ _REMOVED = {
     'settings={"disturbances": True})',
     "risk": 'tombo.sweep("paper_collision", {"vehicle.mass": "norm(1.3,0.02)"}, design="lhs", '
     "samples=4000)",
+    "import_reactions": "tombo.import_files",
 }
 """Former name → what to use in its place."""
 

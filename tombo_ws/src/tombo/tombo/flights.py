@@ -100,11 +100,11 @@ class FlightTables:
         columns = {name: series.values for name, series in messages.items()}
         return frame_of(columns, messages.arrival)
 
-    def plot(self, *, column: bool = False) -> Figure:
-        """Return the figure of `flight.png`, or one as wide as a column of print, 88 mm."""
-        from tombo_flight.report.flight_plot import draw_column, draw_flight
+    def plot(self) -> Figure:
+        """Return the figure of `flight.png`."""
+        from tombo_flight.report.flight_plot import draw_flight
 
-        return draw_column(self.record) if column else draw_flight(self.record)
+        return draw_flight(self.record)
 
     def report(self, path: str | Path, *, replace: bool = False) -> Path:
         """Write `report.html`, which needs nothing but a browser.

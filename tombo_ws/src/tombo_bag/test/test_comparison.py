@@ -221,12 +221,3 @@ def test_topic_that_can_not_be_read_is_reported_and_the_others_are_compared(tmp_
     assert any("/measured is not compared" in line for line in found.damage)
     with pytest.raises(InputError, match="lab_tools/msg/Encoder"):
         compare_recordings(path, path, ["/measured"])
-
-
-def test_number_that_differs_first_is_kept_for_the_picture(tmp_path):
-    other = poses()
-    other[7][1]["pose"]["position"]["x"] += 0.25
-    (topic,) = compared(tmp_path, poses(), other).topics
-    assert topic.trace is not None and topic.trace.name == "pose.position.x"
-    assert topic.trace.a.shape == topic.trace.b.shape == topic.trace.difference.shape == (20, 2)
-    assert topic.trace.difference[:, 1].max() == 0.25

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from tombo_bag.columns import ColumnTable
 from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.recording import Recording
-from tombo_dynamics.arrays import Array, Times
+from tombo_dynamics.arrays import Times
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.time_base import SECOND_NS
 
@@ -52,23 +52,6 @@ class FieldDifference:
 
 
 @dataclass(frozen=True)
-class Trace:
-    """One number of a topic in both recordings, against its stamps [ns].
-
-    Attributes:
-        name: path of the number.
-        a: (N, 2) stamps and values in A.
-        b: (M, 2) the same in B.
-        difference: (K, 2) stamps and B - A of the paired messages.
-    """
-
-    name: str
-    a: Array
-    b: Array
-    difference: Array
-
-
-@dataclass(frozen=True)
 class TopicComparison:
     """What differs on one topic.
 
@@ -80,7 +63,6 @@ class TopicComparison:
         only_a_ns: stamps of messages without a partner in B.
         only_b_ns: stamps of messages without a partner in A.
         fields: fields that differ, in the order of the message.
-        trace: the number that differs first, to be drawn; None if no number differs.
     """
 
     topic: str
@@ -90,7 +72,6 @@ class TopicComparison:
     only_a_ns: Times
     only_b_ns: Times
     fields: tuple[FieldDifference, ...] = ()
-    trace: Trace | None = None
 
     @property
     def equal(self) -> bool:
@@ -244,8 +225,6 @@ def _compare(first: Recording, second: Recording, topic: str) -> TopicComparison
     (rows_a, rows_b), (left_a, left_b) = _pair(tables, stamps)
     at = stamps[0][rows_a]
     fields: list[FieldDifference] = []
-    trace: Trace | None = None
-    first_ns = np.iinfo(np.int64).max
     for path in dict.fromkeys(name for table in tables for name in table):
         if path in _NO_FIELDS:
             continue
@@ -257,19 +236,13 @@ def _compare(first: Recording, second: Recording, topic: str) -> TopicComparison
         differs = _differs(*values)
         if not differs.any():
             continue
-        field = FieldDifference(
-            path, int(differs.sum()), int(at[differs].min()), _largest(values, differs)
+        fields.append(
+            FieldDifference(
+                path, int(differs.sum()), int(at[differs].min()), _largest(values, differs)
+            )
         )
-        fields.append(field)
-        if field.first_ns < first_ns and all(_plain(column) for column in whole):
-            first_ns = field.first_ns
-            trace = _trace(path, whole, stamps, values, at)
     return replace(
-        result,
-        only_a_ns=stamps[0][left_a],
-        only_b_ns=stamps[1][left_b],
-        fields=tuple(fields),
-        trace=trace,
+        result, only_a_ns=stamps[0][left_a], only_b_ns=stamps[1][left_b], fields=tuple(fields)
     )
 
 
@@ -359,30 +332,3 @@ def _largest(values: tuple[NDArray[Any], NDArray[Any]], differs: NDArray[Any]) -
         size = np.abs(b.astype(np.float64) - a.astype(np.float64))
     finite = size[np.isfinite(size)]
     return float(finite.max()) if finite.size else None
-
-
-def _trace(
-    path: str,
-    whole: Sequence[NDArray[Any]],
-    stamps: Sequence[Times],
-    values: Sequence[NDArray[Any]],
-    at: Times,
-) -> Trace | None:
-    """Return the element of a field that differs most, against time."""
-    a, b = (column.reshape(len(column), -1).astype(np.float64) for column in values)
-    if a.shape != b.shape:
-        return None
-    with np.errstate(invalid="ignore", over="ignore"):
-        difference = b - a
-    i = int(np.nan_to_num(np.abs(difference)).max(axis=0).argmax())
-    first, second = (
-        _against_time(stamp, column.reshape(len(column), -1)[:, i])
-        for column, stamp in zip(whole, stamps, strict=True)
-    )
-    name = path if values[0].ndim == 1 else f"{path}[{i}]"
-    return Trace(name, first, second, _against_time(at, difference[:, i]))
-
-
-def _against_time(stamps: Times, values: NDArray[Any]) -> Array:
-    pairs = np.stack([stamps, values.astype(np.float64)], axis=1)
-    return np.asarray(pairs[np.argsort(stamps, kind="stable")])

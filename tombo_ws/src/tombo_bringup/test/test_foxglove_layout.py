@@ -13,7 +13,6 @@ import pytest
 
 from tombo_bag.schemas import type_store
 from tombo_bag.topics import TOPICS
-from tombo_flight.suite.nodes import SUITE
 
 SRC = Path(__file__).parents[4] / "tombo_ws/src"
 LAYOUT: dict[str, Any] = json.loads((SRC / "tombo_bringup/foxglove/tombo.json").read_text())
@@ -30,12 +29,6 @@ NEEDS: dict[str, set[str]] = {
     "StateTransitions": {"paths", "isSynced"},
     "Tab": {"activeTabIdx", "tabs"},
 }
-DRAWN = {
-    "foxglove_msgs/msg/PoseInFrame",
-    "geometry_msgs/msg/PoseStamped",
-    "visualization_msgs/msg/MarkerArray",
-}
-"""Types of ours that the 3D panel draws; it takes /tf by itself."""
 NUMBERS = {"bool", *(f"{kind}{bits}" for kind in ("int", "uint") for bits in (8, 16, 32, 64))}
 NUMBERS |= {"float32", "float64"}
 
@@ -146,64 +139,4 @@ def test_a_raw_message_is_of_a_topic(path: str):
     assert value_type(path)
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        "/odometry.pose.position.z",
-        "/rotor_command.speed",
-        "/odometry.pose[0].pose",
-        "/odometry[2]",
-        "/odom.pose",
-    ],
-)
-def test_a_wrong_path_is_found(path: str):
-    with pytest.raises((AssertionError, KeyError)):
-        value_type(path)
-
-
-@pytest.mark.parametrize("path", [p for p in paths("Plot") if p.startswith("/diagnostics")])
-def test_a_figure_of_the_diagnostics_is_one_that_the_node_gives(path: str):
-    name, key = re.findall(r'\{(?:name|key)=="([^"]*)"\}', path)
-    node, _, loop = name.partition(": ")
-    package = SUITE[node].partition(".")[0]
-    text = (SRC / package / (SUITE[node].replace(".", "/") + ".py")).read_text()
-    common = "".join((SRC / "tombo_ros/tombo_ros" / f).read_text() for f in COMMON)
-    if loop:
-        assert f'"{loop}"' in text + common and "LoopStatistics()" in text + common
-        assert f'"{key}":' in common
-    else:
-        share = re.sub(r"p\d\d", "p{share}", key)
-        assert f'value("{key}"' in text or f'value(f"{share}"' in text, f"{node} gives no {key}"
-
-
-COMMON = ("node_loop.py", "loop_statistics.py", "health.py")
-
-
 # --- The scene --------------------------------------------------------------------------------
-
-
-def test_the_scene_draws_what_there_is():
-    scene = PANELS["3D!scene"]
-    assert scene["followTf"] == "map"
-    assert {TOPICS[topic].typename for topic in scene["topics"]} <= DRAWN
-    assert {"/markers", "/mocap/pose"} <= set(scene["topics"])
-    assert set(scene["transforms"]) == {"frame:map", "frame:base_link"}
-    (grid,) = scene["layers"].values()
-    assert grid["layerId"] == "foxglove.Grid" and grid["frameId"] == "map"
-
-
-def test_diagnostics_and_log_are_those_of_ros():
-    for panel, settings in PANELS.items():
-        if kind(panel).startswith("Diagnostic"):
-            assert settings["topicToRender"] == "/diagnostics"
-        if kind(panel) == "RosOut":
-            assert settings["topicToRender"] == "/rosout"
-    health = (SRC / "tombo_ros/tombo_ros/health.py").read_text()
-    assert f'_HARDWARE = "{PANELS["DiagnosticStatusPanel!node"]["selectedHardwareId"]}"' in health
-    assert PANELS["DiagnosticStatusPanel!node"]["selectedName"] in SUITE
-
-
-def test_detector_and_loops_are_there():
-    plotted = " ".join(paths("Plot"))
-    for needed in ("statistic", "threshold", "/rotor_command.speed[3]", "jitter_p99_us"):
-        assert needed in plotted

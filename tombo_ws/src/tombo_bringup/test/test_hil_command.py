@@ -10,15 +10,12 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import yaml
 
-from tombo_bringup.cli.flight.hil_command import HilScreen
 from tombo_bringup.cli.tables import Scroll
 from tombo_px4.hil.link import HilLink
-from tombo_px4.hil.lockstep import Px4Phase
 
 COMPOSE = Path(__file__).parents[4] / "docker" / "compose.yaml"
 PEER = Path(__file__).parents[4] / "tombo_ws/src/tombo_px4/test/autopilot" / "hil_peer.py"
@@ -144,21 +141,6 @@ def test_it_prints_how_px4_is_started_for_this_vehicle(introduction):
     assert "PX4_PARAM_IMU_INTEG_RATE" not in given
 
 
-def test_without_mocap_it_prints_what_a_flight_by_mocap_needs_besides(introduction):
-    text = introduction()
-    more = text.split("export ")[2].split("\nwaiting")[0].replace("\\\n", " ")
-    given = dict(word.split("=") for word in shlex.split(more))
-    assert given["PX4_PARAM_EKF2_EV_CTRL"] == "11" and given["PX4_PARAM_EKF2_GPS_CTRL"] == "0"
-    assert "PX4_PARAM_EKF2_EV_DELAY" not in given
-
-
-@pytest.mark.parametrize("rate", ["333", "500", "1000"])
-def test_another_hil_rate_comes_with_the_px4_parameter_it_needs(rate, introduction):
-    given = settings(introduction("--rate", rate))
-    assert given["PX4_PARAM_IMU_INTEG_RATE"] == rate
-    assert given["PX4_PARAM_IMU_GYRO_RATEMAX"] == rate
-
-
 def test_the_compose_services_have_the_printed_parameters(introduction):
     services = yaml.safe_load(COMPOSE.read_text(encoding="utf-8"))["services"]
     px4 = services["px4"]
@@ -178,11 +160,6 @@ def test_with_mocap_it_prints_what_px4_needs_to_fly_by_it_alone(mocap, introduct
     assert given.get("PX4_PARAM_EKF2_EV_DELAY") == ("10" if mocap == "link" else None)
 
 
-def test_the_hover_control_is_that_of_the_scenario(introduction):
-    text = introduction("rigid_propeller")
-    assert float(settings(text)["PX4_PARAM_MPC_THR_HOVER"]) == pytest.approx(0.314, abs=0.001)
-
-
 def test_a_state_is_shown_at_once_and_then_each_5_s(monkeypatch):
     now_s = [7.0]
     monkeypatch.setattr("time.monotonic", lambda: now_s[0])
@@ -192,19 +169,3 @@ def test_a_state_is_shown_at_once_and_then_each_5_s(monkeypatch):
             shown.append(now_s[0])
         now_s[0] += 0.25
     assert shown == [7.0, 12.0, 17.0]
-
-
-def test_its_speed_is_never_negative_after_px4_has_left():
-    one = SimpleNamespace(
-        flight=SimpleNamespace(
-            time_us=20_000_000,
-            controls=SimpleNamespace(refused=0),
-            simulator=SimpleNamespace(height=0.2),
-        ),
-        phase=Px4Phase.WAITING, flights=1, steps=0, missed=0, wrong_time=0,
-        motors=SimpleNamespace(armed=False),
-    )  # fmt: skip
-    screen = HilScreen(Scroll(None), 0.0)
-    assert "20.0 times real time" in screen._status(one, 1.0)
-    one.flight.time_us = 0  # the vehicle that waits for the next PX4
-    assert ", 0.0 times real time" in screen._status(one, 2.0)

@@ -1,4 +1,3 @@
-import os
 import signal
 import socket
 import subprocess
@@ -8,13 +7,9 @@ import pytest
 from endpoint_bench import bench
 from px4_process import TOMBO, free_ports, px4_process, read_until
 from pymavlink.dialects.v20 import common as mavlink
-from suite_bench import read_terminal
 
 from in_time import in_time
-from tombo_bringup.cli.flight.px4_command import set_parameter
-from tombo_bringup.cli.flight.px4_screen import state_line, where_to_connect
-from tombo_dynamics.errors import InputError
-from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_bringup.cli.flight.px4_screen import state_line
 
 
 def run(*options, timeout=120.0):
@@ -95,10 +90,6 @@ def test_a_busy_port_is_one_line_and_exit_code_2(refused):
         (["--duration", "nan"], "--duration nan"),
         (["no_such"], "no_such"),
         (["--set", "vehicle.mass=-1"], "vehicle.mass"),
-        (["--param", "NO_SUCH=1"], "NO_SUCH"),
-        (["--param", "COM_OF_LOSS_T"], "NAME=VALUE"),
-        (["--param", "COM_OF_LOSS_T=soon"], "'soon' is no number"),
-        (["--param", "COM_OF_LOSS_T=-3"], "out of bounds"),
         (["--key", "/no/such/key"], "/no/such/key"),
         (["--host", "192.0.2.1"], "192.0.2.1"),
         (["--seed", "-1"], "--seed -1"),
@@ -108,22 +99,6 @@ def test_bad_input_is_one_line_and_exit_code_2(refused, options, words):
     free = zip(("--port", "--ground-port"), map(str, free_ports()), strict=True)
     more = [word for pair in free if pair[0] not in options for word in pair]
     refused(("px4", *options, *more), words)
-
-
-def test_parameters_of_the_command_line_are_set():
-    table = ParameterTable()
-    set_parameter(table, "COM_OF_LOSS_T = 0.5")
-    set_parameter(table, "EKF2_EV_CTRL=11")
-    assert table.get("COM_OF_LOSS_T") == 0.5
-    assert table.get("EKF2_EV_CTRL") == 11
-    with pytest.raises(InputError, match="did you mean 'EKF2_EV_CTRL'"):
-        set_parameter(table, "EKF2_EV_CTL=1")
-
-
-def test_it_says_where_to_connect():
-    text = "\n".join(where_to_connect("127.0.0.1", 14540, 14550))
-    for words in ("udpin://127.0.0.1:14540", "--master=udpin:127.0.0.1:14550", "QGroundControl"):
-        assert words in text
 
 
 def test_the_state_is_one_line():
@@ -137,26 +112,6 @@ def test_the_state_is_one_line():
     for words in ("disarmed, hold, on ground", "z 0.1", "12.6 V", "heard 245/191", "1.5 s behind"):
         assert words in line
     assert "\n" not in line
-
-
-@pytest.mark.real_time
-def test_on_a_terminal_the_state_is_live(tmp_path):
-    pty = pytest.importorskip("pty")
-    master, slave = pty.openpty()
-    process = subprocess.Popen(
-        [*TOMBO, *ports(), "--duration", "1.0"], stdout=slave, stderr=slave, close_fds=True,
-        env={**os.environ, "TERM": "xterm", "COLUMNS": "200"},
-    )  # fmt: skip
-    os.close(slave)
-    try:
-        shown = read_terminal(master)
-        assert process.wait(timeout=60.0) == 0
-    finally:
-        process.kill()
-        process.wait()
-    assert b"disarmed, hold" in shown
-    assert b"no client connected" in shown
-    assert b"stopped after" in shown
 
 
 @pytest.mark.slow

@@ -24,7 +24,6 @@ from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import write_mcap
 from tombo_flight.recorded_flight import measured_track, read_flight
 from tombo_flight.report.flight_plot import draw_flight, figure_bytes
-from tombo_flight.report.flight_report import write_report
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.node_diagnostics import NodeStatus
 from tombo_flight.suite.node_flight import over_mavlink
@@ -172,17 +171,6 @@ def test_what_only_the_truth_tells_is_not_made_up(flown, real):
 
 
 @pytest.mark.slow
-def test_a_flight_without_truth_is_drawn_and_reported(real, tmp_path):
-    record = read_flight(real)
-    figure = draw_flight(record)
-    assert figure_bytes(figure).startswith(b"\x89PNG")
-    write_report(record, tmp_path / "report.html", figure)
-    assert "contact, as the detector has it" in (tmp_path / "report.html").read_text()
-    contact = next(event for event in record.events if event["kind"] == "contact")
-    assert contact["text"] == "contact, as the detector has it"
-
-
-@pytest.mark.slow
 def test_with_neither_truth_nor_poses_there_is_no_flight(real, tmp_path):
     path = without(real, tmp_path / "blind.mcap", "/mocap")
     with pytest.raises(InputError, match="no poses on /mocap/pose"):
@@ -301,12 +289,6 @@ def test_only_what_nobody_has_asked_for_is_a_loss(counted, why):
     assert (found.loss, found.refusal) == (why, "")
 
 
-def test_what_lands_after_a_flight_is_no_refusal():
-    found = watched((0.0, {"armed": True}, 1, False))
-    found.see(READY, 7, 5.0, over=False, airborne=True)
-    assert found.refusal == ""
-
-
 def test_the_bridges_own_fault_says_why_nothing_is_armed():
     found = watched((0.0, {}, 1, False))
     bridge = NodeStatus(1, "not_engaged: the mission wants to fly")
@@ -358,14 +340,6 @@ def test_a_px4_that_signs_wants_a_key_on_this_side(tmp_path):
         with pytest.raises(InputError, match="PX4 signs its messages and this side has no key"):
             find_vehicle(LinkParams(url=url), patience_s=60.0)
         assert find_vehicle(LinkParams(url=url, key_file=str(key)), patience_s=60.0) is not None
-
-
-def test_what_happens_after_arming_is_no_refusal():
-    disarmed = {"stage": "given up", "why": "disarmed in flight"}
-    found = watched((0.0, {"armed": True}, 1, False))
-    found.see({**READY, **disarmed}, 2, 5.0, over=False, airborne=True)
-    found.see(None, 7, 100.0, over=False, airborne=True)
-    assert found.refusal == ""
 
 
 @pytest.mark.slow

@@ -27,7 +27,6 @@ from tombo_dynamics.message_records import record_of
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import phase_event, with_figures
-from tombo_flight.kept_start import KeptStarts, begin_in_flight
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import core_of
 from tombo_sim.flight_loop import (
@@ -39,7 +38,7 @@ from tombo_sim.flight_loop import (
     shared_by,
     step_in_python,
 )
-from tombo_sim.flight_setup import NOISE, FlightSetup, begin, capture_ticks, check_free, noise_of
+from tombo_sim.flight_setup import NOISE, FlightSetup, begin, capture_ticks
 from tombo_sim.kernel import FIGURE_COLUMNS, Flights, Log, new_log, part_of
 from tombo_sim.normals import draw_normals, stream_of
 from tombo_sim.sensing import in_order_of_arrival
@@ -72,7 +71,6 @@ class Workspace:
     scenario."""
     log: Any = field(default_factory=lambda: new_log(0))
     published: tuple[Any, ...] = field(default_factory=lambda: new_published(1, 0))
-    starts: KeptStarts = field(default_factory=KeptStarts)
     _ticks: int = 0
     _unused: list[int] = field(default_factory=list)
     """`references` when it was made."""
@@ -146,31 +144,25 @@ def fly_scenario(
             obstacle, parameters are so stiff that the simulation diverges, or the reaction fails
             or decides what can't be flown.
     """
-    start = scenario.start
-    setup = begin(world_of(scenario, in_flight=True), seed % start.states if start.time else seed)
+    setup = begin(world_of(scenario), seed)
     if prepare is not None:
         prepare(setup.plant)
     ticks = round(scenario.duration / TICK_S)
     memory = workspace or _spare_or_new()
     log, published = memory.for_flight(ticks)
     running = _Running(scenario, setup, log, published)
-    if start.time:
-        kept = memory.starts.get(scenario, seed % start.states, _flown_until_start)
-        begin_in_flight(running.flights, kept)
-        check_free(scenario.vehicle, setup.plant, "start.time")
-        running.draw(**noise_of(seed))
     began = time.perf_counter()
     running.fly(ticks, progress, stop)
     wall = time.perf_counter() - began
     if finish is not None:
         finish(running.cores)
 
-    first, last = round(start.time / TICK_S), int(running.progress["tick"])
-    rows = part_of(log, slice(first, last))._asdict()
+    flown_ticks = int(running.progress["tick"])
+    rows = part_of(log, slice(flown_ticks))._asdict()
     if workspace is None:
         _keep_spare(memory, ticks)
     columns = {name: rows[name] for name in memory.columns}
-    t: Array = np.arange(first, last, dtype=np.float64) * TICK_S
+    t: Array = np.arange(flown_ticks, dtype=np.float64) * TICK_S
     flight = Flight({}, name=scenario.name, t=t, log=columns, epoch_ns=EPOCH_NS)
     said = published_by(running.flights, 0)
     if memory.figures_only:
@@ -198,34 +190,29 @@ class _Running:
         self._state = setup.plant.state
         self.progress = self.flights.progress[0]
         self.progress.over.ground = scenario.vehicle.leg_height
-        self.draw(setup.tick_noise, setup.mocap_noise)
-
-    def draw(self, tick_noise: np.random.Generator, mocap_noise: np.random.Generator) -> None:
-        """Take what is random from these generators, from the tick to fly next."""
         normals = self.flights.mocap_noise[0]
-        normals[:] = mocap_noise.standard_normal(normals.shape)
-        self._stream = stream_of(tick_noise)
-        self._drawn = int(self.progress.tick)
+        normals[:] = setup.mocap_noise.standard_normal(normals.shape)
+        self._stream = stream_of(setup.tick_noise)
+        self._drawn = 0
 
     def fly(
         self,
         end: int,
         progress: Callable[[float], None] | None = None,
         stop: Callable[[], bool] | None = None,
-    ) -> bool:
-        """Fly to tick `end`, or until `stop`; return whether Python has made steps.
+    ) -> None:
+        """Fly to tick `end`, or until `stop`.
 
         Raises:
             InputError: as `fly_scenario`.
         """
-        flights, flight, stepped = self.flights, self.progress, False
+        flights, flight = self.flights, self.progress
         flight.end = end
         while (k := int(flight.tick)) < flight.end:  # the end of a flight that is over is earlier
             if k == self._drawn:
                 flights.base[0], self._drawn = k, k + _BLOCK
                 draw_normals(self._stream, flights.noise[0])
             if fly(flights, self._shared, 0, self._drawn):
-                stepped = True
                 for core in step_in_python(flights, 0, self.cores):
                     if isinstance(core, ReactionCore) and core.failure:
                         raise InputError(core.failure)
@@ -240,24 +227,6 @@ class _Running:
                 break
             if progress is not None:
                 progress(now_s)
-        return stepped
-
-
-def _flown_until_start(scenario: Scenario, seed: int) -> Flights:
-    """Return the state after a flight that is to go on.
-
-    Raises:
-        InputError: as `fly_scenario`, or it reacts before its end.
-    """
-    ticks = round(scenario.duration / TICK_S)
-    setup = begin(world_of(scenario), seed)
-    running = _Running(scenario, setup, new_log(0), new_published(1, ticks))
-    if running.fly(ticks) or running.progress.tick < ticks:
-        raise InputError(
-            f"start.time {scenario.duration:g}: the flight from the ground, seed {seed}, has "
-            "reacted to something, or is over, by then; accepted: an earlier time"
-        )
-    return running.flights
 
 
 def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any]:

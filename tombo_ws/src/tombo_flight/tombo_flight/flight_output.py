@@ -7,7 +7,6 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tombo_collision.reactions import DEFAULT, REGISTRY
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.json_text import as_json, plain
 from tombo_flight.process.stop_signals import Stopped, StopSignals
@@ -25,8 +24,6 @@ WALL_KEYS = ("wall_time_s", "real_time_factor")
 """What differs between two flights of the same scenario and seed; all other bytes agree."""
 
 _REHEARSAL_S = 0.1
-_SHOWN_BESIDE = "reflex"
-"""Reaction whose flight the report of the default one shows beside it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,8 +34,6 @@ class FlightResult:
     summary: dict[str, Any]
     recording_s: float | None
     """Wall time of writing `flight.mcap` [s]; None: not recorded."""
-    beside: Flight | None = None
-    """The same flight with another reaction, to compare it with."""
 
     @property
     def real_time_factor_with_recording(self) -> float | None:
@@ -65,7 +60,7 @@ class FlightResult:
             )
         cut = f"Interrupted after {summary['duration_s']:.3f} s of flight."
         remarks = [cut] if summary["interrupted"] else []
-        page = flight_page(self.record, self.beside, remarks=[*remarks, f"{line}."])
+        page = flight_page(self.record, remarks=[*remarks, f"{line}."])
         return dataclasses.replace(page, data=summary)
 
 
@@ -75,8 +70,7 @@ def warm_up_flight(scenario: Scenario) -> None:
     Raises:
         InputError: as `fly_scenario`.
     """
-    end_s = scenario.start.time + _REHEARSAL_S
-    fly_scenario(dataclasses.replace(scenario, duration=end_s), 0)
+    fly_scenario(dataclasses.replace(scenario, duration=_REHEARSAL_S), 0)
 
 
 def flight_summary(
@@ -108,7 +102,6 @@ def fly_into(
     stop: StopSignals,
     *,
     record: bool = True,
-    column: str | None = None,
     on_progress: ProgressCallback = no_progress,
 ) -> FlightResult:
     """Fly a scenario and write its files into an output folder, which the caller publishes.
@@ -122,7 +115,6 @@ def fly_into(
         seed: all randomness derives from it.
         stop: watched between samples of the motion capture.
         record: write `flight.mcap`.
-        column: write `flight_column` too, as wide as a column of print: "pdf" or "svg".
         on_progress: told the progress.
 
     Raises:
@@ -153,20 +145,9 @@ def fly_into(
     flown = dataclasses.replace(flown, summary=summary)
     write_scenario(folder / SCENARIO_FILE, scenario, f"--seed {seed}")
     (folder / "summary.json").write_text(as_json(summary), encoding="utf-8", newline="\n")
-    beside = None
     if not interrupted:
-        beside = _fly_beside(scenario, seed, flown, stop)
-        draw_pictures(flown, folder, stop, on_progress, beside, column)
-    return FlightResult(flown, summary, seconds, beside)
-
-
-def _fly_beside(scenario: Scenario, seed: int, flown: Flight, stop: StopSignals) -> Flight | None:
-    """Fly a collision of the paper's reaction once more, with `reflex`, to be shown beside it."""
-    if scenario.reaction.name != DEFAULT or not flown.summary["collided"]:
-        return None
-    other = dataclasses.replace(scenario, reaction=REGISTRY[_SHOWN_BESIDE]())
-    record = fly_scenario(other, seed, Workspace(), stop=stop.asked)
-    return None if stop.asked() else record
+        draw_pictures(flown, folder, stop, on_progress)
+    return FlightResult(flown, summary, seconds)
 
 
 def write_mcap(flight: Flight, path: Path) -> tuple[int, float]:
@@ -191,29 +172,20 @@ def draw_pictures(
     folder: OutputFolder,
     stop: StopSignals,
     on_progress: ProgressCallback = no_progress,
-    beside: Flight | None = None,
-    column: str | None = None,
 ) -> None:
-    """Write the pictures and `report.html`, or none of them if a stop comes meanwhile.
-
-    `beside` is the same flight with another reaction, to compare it with; `column` the format of
-    `flight_column`, None: it is not drawn.
-    """
+    """Write the picture and `report.html`, or neither if a stop comes meanwhile."""
     pictures = [folder / "flight.png", folder / "report.html"]
     try:
         with stop.at_once():
             on_progress("drawing flight.png", 0.0)
-            from tombo_flight.report.flight_plot import draw_column, draw_flight, figure_bytes
+            from tombo_flight.report.flight_plot import draw_flight, figure_bytes
 
-            figure = draw_flight(flight, beside)
+            figure = draw_flight(flight)
             pictures[0].write_bytes(figure_bytes(figure))
-            if column is not None:
-                pictures.append(folder / f"flight_column.{column}")
-                pictures[-1].write_bytes(figure_bytes(draw_column(flight, beside), column))
             on_progress("writing report.html", 0.0)
             from tombo_flight.report.flight_report import write_report
 
-            write_report(flight, pictures[1], figure, beside)
+            write_report(flight, pictures[1], figure)
     except Stopped:
         for path in pictures:
             path.unlink(missing_ok=True)

@@ -12,7 +12,6 @@ import importlib.util
 import inspect
 import runpy
 import sys
-import warnings
 from collections.abc import Iterable, Sequence
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
@@ -58,13 +57,6 @@ def import_files(paths: Iterable[str | Path]) -> None:
     """
     for path in paths:
         _import(str(path))
-
-
-def import_reactions(paths: Iterable[str | Path]) -> None:
-    """Import files under the former name of `import_files`."""
-    text = "tombo.import_reactions is deprecated: use tombo.import_files"
-    warnings.warn(text, DeprecationWarning, stacklevel=2)
-    import_files(paths)
 
 
 def with_imports(module: str) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ class Run:
 
     folder: str
     kind: str
-    """flight, sweep, diagnosis, change, recovery, beta, suite; unfinished: nothing is in it."""
+    """flight, sweep, diagnosis, change, recovery, suite; unfinished: nothing is in it."""
     what: str
     """Scenario and seeds of flights, files of measurements."""
     when: str
@@ -106,16 +106,15 @@ def _diagnosis(values: Mapping[str, Any]) -> _Described:
     return "diagnosis", ", ".join(names), str(values.get("verdict", ""))
 
 
-def _of_kind(kind: str) -> Callable[[Mapping[str, Any]], _Described]:
-    return lambda values: (kind, str(values.get("source", "")), "")
+def _recovery(values: Mapping[str, Any]) -> _Described:
+    return "recovery", str(values.get("source", "")), ""
 
 
 _HEADS: Mapping[str, Callable[[Mapping[str, Any]], _Described]] = {
     "summary.json": _flight,
     "sweep.json": _sweep,
     "diagnosis.json": _diagnosis,
-    "recovery.json": _of_kind("recovery"),
-    "beta.json": _of_kind("beta"),
+    "recovery.json": _recovery,
 }
 """The file that says what a run was, and how it says so."""
 

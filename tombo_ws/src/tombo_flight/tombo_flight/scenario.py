@@ -40,7 +40,7 @@ from tombo_flight.model_file import read_model
 from tombo_flight.scenario_catalogue import builtin_scenarios
 from tombo_flight.vehicle_file import VehicleFile, is_builtin_vehicle, vehicle_named
 from tombo_sim.propeller_effects import vehicle_effects
-from tombo_sim.world import ObstacleParams, SpreadParams, StartParams, World
+from tombo_sim.world import ObstacleParams, SpreadParams, World
 
 DEFAULT_SCENARIO = "paper_collision"
 
@@ -67,7 +67,6 @@ class Scenario:
     reaction: Reaction = field(default_factory=Bounce)
     obstacle: ObstacleParams = field(default_factory=ObstacleParams)
     spread: SpreadParams = field(default_factory=SpreadParams)
-    start: StartParams = field(default_factory=StartParams)
     safety: SafetyParams = field(default_factory=SafetyParams)
     volume: FlightVolume = field(default_factory=FlightVolume)
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -337,11 +336,6 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
         raise unknown_name("detector.trigger", scenario.detector.trigger, TRIGGERS)
     check_volume(scenario.volume)
     check_course(scenario.mission, scenario.control, scenario.volume)
-    if scenario.start.time >= scenario.duration:
-        raise InputError(
-            f"start.time {scenario.start.time:g}: accepted: less than duration, "
-            f"{scenario.duration:g}"
-        )
     return dataclasses.replace(scenario, vehicle=fitted)
 
 
@@ -376,7 +370,7 @@ def as_mapping(scenario: Scenario) -> dict[str, Any]:
     }
     unspread = dataclasses.asdict(SpreadParams())
     plain["spread"] = {k: v for k, v in plain["spread"].items() if v != 0.0 or unspread[k] != 0.0}
-    for section in ("safety", "volume", "recovery", "contact", "start"):
+    for section in ("safety", "volume", "recovery", "contact"):
         record = getattr(scenario, section)
         defaults = dataclasses.asdict(type(record)())
         said = {key: value for key, value in plain.pop(section).items() if value != defaults[key]}
@@ -405,21 +399,8 @@ def scenario_warnings(scenario: Scenario) -> list[str]:
     return found
 
 
-def world_of(scenario: Scenario, *, in_flight: bool = False) -> World:
-    """Return the part of a scenario that is simulated, without autopilot and mission.
-
-    Args:
-        scenario: of a flight.
-        in_flight: the flight may begin in flight.
-
-    Raises:
-        InputError: it does, and may not.
-    """
-    if scenario.start.time > 0.0 and not in_flight:
-        raise InputError(
-            f"start.time {scenario.start.time:g}: accepted: 0; only flights in one process, those "
-            "of `tombo fly` without nodes and of studies, begin in flight"
-        )
+def world_of(scenario: Scenario) -> World:
+    """Return the part of a scenario that is simulated, without autopilot and mission."""
     return World(
         scenario.vehicle,
         scenario.propeller,

@@ -51,12 +51,6 @@ def test_nothing_feasible_says_what_must_give(tombo, few_candidates):
     assert not result.err
 
 
-def test_a_broken_library_is_one_line_and_leaves_no_folder(refused, tmp_path):
-    (tmp_path / "own").mkdir()
-    (tmp_path / "own" / "materials.yaml").write_text("matrices: {A: {poisson_ratio: 2}}")
-    refused(("propeller", "design", "--mass", "1.3", "--library", "own", "-o", "out"))
-
-
 def test_what_cannot_take_off_is_told_so_and_no_option_that_cannot_help(tombo, few_candidates):
     text = design(tombo, "--mass", "9", "--flights", "0").out
     assert "below 1 it can't take off" in text
@@ -67,9 +61,3 @@ def test_what_cannot_take_off_is_told_so_and_no_option_that_cannot_help(tombo, f
     helps = ("--min-thrust-margin", "2.125", "--max-collision-force", "190", "--flights", "0")
     assert "--extrapolate" in design(tombo, "--mass", "1.3", *helps).out
     assert design(tombo, "--mass", "1.3", *helps, "--extrapolate").code == 0
-
-
-def test_what_was_not_flown_is_marked(tombo, few_candidates):
-    text = design(tombo, *EASY, "--flights", "1").out
-    assert "not flown" in text
-    assert not [x for x in text.splitlines() if x.rstrip().endswith("fits")]

@@ -92,7 +92,7 @@ def test_what_is_given_is_handed_on(tombo, found):
     tombo(
         "diagnose", "a.bag", "b.bag", "--model", "m.yaml", "--mapping", "lab", "--json",
         "--vehicle", "v.yaml",
-        "--map", "/vrpn/quad/pose=/mocap/pose", "--topic", "/imu:=/imu/data_raw",
+        "--map", "/vrpn/quad/pose=/mocap/pose", "--map", "/imu:=/imu/data_raw",
     )  # fmt: skip
     assert found["asked"] == (
         [Path("a.bag"), Path("b.bag")],
@@ -101,18 +101,6 @@ def test_what_is_given_is_handed_on(tombo, found):
         {"/vrpn/quad/pose": "/mocap/pose", "/imu": "/imu/data_raw"},
         "v.yaml",
     )
-
-
-@pytest.mark.slow
-def test_an_earlier_result_is_kept_unless_forced(tombo, found, tmp_path):
-    assert tombo("diagnose", "a.mcap", "-o", "d", "--no-report").code == 0
-    before = (tmp_path / "d" / "diagnosis.json").read_bytes()
-    refused = tombo("diagnose", "a.mcap", "-o", "d")
-    assert (refused.code, refused.err.count("\n")) == (2, 1)
-    assert "--force" in refused.err
-    assert (tmp_path / "d" / "diagnosis.json").read_bytes() == before
-    assert tombo("diagnose", "a.mcap", "-o", "d", "--force").code == 0
-    assert "report.html" in names(tmp_path / "d")
 
 
 def test_ctrl_c_leaves_nothing_and_130(tombo, monkeypatch, tmp_path):

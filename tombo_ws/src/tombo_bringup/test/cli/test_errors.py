@@ -20,34 +20,24 @@ def raising(error: BaseException):
     return command
 
 
-def test_bad_input_is_one_line_whatever_its_message(capsys):
-    assert exit_code_of(raising(InputError("mass: -1\n is\tbad\x07"))) == 2
-    assert capsys.readouterr().err == "Error: mass: -1 is bad\\x07\n"
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (InputError("mass: -1\n is\tbad\x07"), 2, "Error: mass: -1 is bad\\x07\n"),
+        (PermissionError(13, "denied", "/there"), 2, "Error: '/there': denied\n"),
+        (typer.BadParameter("no"), 2, "Error: Invalid value: no\n"),
+        (KeyboardInterrupt(), 130, "Error: interrupted\n"),
+        (typer.Abort(), 130, "Error: interrupted\n"),
+        (typer.Exit(143), 143, ""),
+    ],
+)
+def test_an_exception_is_a_code_and_one_line(error, code, said, capsys):
+    assert exit_code_of(raising(error)) == code
+    assert capsys.readouterr().err == said
 
 
-def test_output_that_fails_is_one_line_with_the_file(capsys):
-    assert exit_code_of(raising(PermissionError(13, "Permission denied", "/there"))) == 2
-    assert capsys.readouterr().err == "Error: '/there': Permission denied\n"
-
-
-def test_a_wrong_command_line_is_one_line(capsys):
-    assert exit_code_of(raising(typer.BadParameter("no"))) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-
-
-@pytest.mark.parametrize("error", [KeyboardInterrupt(), typer.Abort()])
-def test_an_interruption(error, capsys):
-    assert exit_code_of(raising(error)) == 130
-    assert "Traceback" not in capsys.readouterr().err
-
-
-def test_a_code_that_a_command_leaves_with():
-    assert exit_code_of(raising(typer.Exit(143))) == 143
-    assert exit_code_of(lambda: 7) == 7
-    assert exit_code_of(lambda: None) == 0
-
-
-def test_a_bug_is_not_hidden():
+def test_a_result_is_a_code_and_a_bug_is_not_hidden():
+    assert (exit_code_of(lambda: 7), exit_code_of(lambda: None)) == (7, 0)
     with pytest.raises(ZeroDivisionError):
         exit_code_of(raising(ZeroDivisionError()))
 

@@ -20,14 +20,3 @@ def test_from_a_foreign_table_to_a_verdict(tombo, tmp_path):
     assert verdict.code == 0, verdict.err
     assert verdict.json["verdict"] in VERDICTS
     assert verdict.json["vehicle"] == "Crazyflie 2.1"
-
-
-@pytest.mark.slow
-def test_a_file_is_replaced_only_if_asked(tombo, tmp_path):
-    (tmp_path / "cf.csv").write_text(foreign_tables.crazyflie())
-    (tmp_path / "m.yaml").write_text("mine")
-    kept = tombo("diagnose", "--explain-mapping", "cf.csv", "-o", "m.yaml")
-    assert (kept.code, kept.err.count("\n")) == (2, 1) and "--force" in kept.err
-    assert (tmp_path / "m.yaml").read_text() == "mine"
-    assert tombo("diagnose", "--explain-mapping", "cf.csv", "-o", "m.yaml", "--force").code == 0
-    assert "channels:" in (tmp_path / "m.yaml").read_text()

@@ -21,7 +21,6 @@ ASKED_FOR = {
     "max_tilt_rad", "unstable_phase_s", "recovery_time_s", "settled_error_m", "crashed",
     "wall_time_s", "real_time_factor",
 }  # fmt: skip
-SHORT = ("hover", "--set", "duration=0.5")
 
 
 def without_wall_times(path: Path) -> str:
@@ -73,19 +72,6 @@ def test_the_same_flight_again_gives_the_same_bytes(tombo, tmp_path):
         assert (first / name).read_bytes() == (second / name).read_bytes(), name
 
 
-def test_the_table_shows_the_papers_figures_and_where_the_files_are(tombo):
-    result = tombo("fly", "--no-record")
-
-    assert result.code == 0
-    text = re.sub(r"\s+", " ", result.out)
-    for name, printed in (
-        *(("Recovery time", "5.0 s"), ("Unstable phase", "1.5 s")),
-        ("Largest falling distance", "0.5 m"),
-    ):
-        assert re.search(rf"{name} [\d.]+ m?s? paper {printed}", text)
-    assert "runs/paper_collision-0: flight.png, report.html, scenario.yaml, summary.json" in text
-
-
 def test_options_reach_the_flight(tombo, tmp_path):
     summary = tombo(
         "fly", "--conf", "9", "--law", "published", "--no-reaction", "--no-record", "--json",
@@ -119,20 +105,3 @@ def test_a_name_in_a_scenario_cannot_lead_out_of_the_folder_of_runs(tombo, tmp_p
 
     assert names(tmp_path) == {"evil.yaml", "runs"}
     assert len(names(tmp_path / "runs")) == 1
-
-
-def test_a_built_in_name_wins_over_a_folder_of_that_name(tombo, tmp_path):
-    assert tombo("fly", *SHORT, "--no-record", "-o", "hover").code == 0
-    assert tombo("fly", *SHORT, "--no-record").code == 0
-
-
-@pytest.mark.parametrize("arguments", [("--figure", "svg"), ("--figure", "pdf")])
-def test_the_figure_for_print_is_the_same_each_time(tombo, tmp_path, arguments):
-    for folder in ("one", "two"):
-        assert tombo("fly", *SHORT, *arguments, "--no-record", "-o", folder).code == 0
-    name = f"flight_column.{arguments[1]}"
-    first, second = ((tmp_path / folder / name).read_bytes() for folder in ("one", "two"))
-    assert first == second
-    if name.endswith("svg"):
-        width_pt = float(re.search(rb'<svg[^>]* width="([0-9.]+)pt"', first)[1])
-        assert width_pt / 72.0 * 25.4 == pytest.approx(88.0, abs=0.5)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import pyarrow.parquet as pq
 import pytest
 
 from tombo_bag.flight_time import FLIGHT_METADATA
@@ -74,27 +73,9 @@ def test_what_is_set_wins_over_the_model_and_the_model_over_the_scenario(model, 
     assert scenario.effects["ground_effect"] == load_scenario("hover").effects["ground_effect"]
 
 
-def test_many_seeds_fly_the_model(tombo, model):
-    many = tombo("fly", *SHORT, "--model", model, "--seeds", "0:2", "-o", "a", "--json").json
-    one = tombo("fly", *SHORT, "--model", model, "--seed", "1", "-o", "b", "--json").json
-    assert many["model"] == model
-    row = pq.read_table("a/flights.parquet").to_pylist()[1]
-    assert row["hover_rms_m"] == one["hover_rms_m"]
-
-
 def test_a_model_is_not_laid_over_reality(refused, model):
     arguments = ("fly", "hover", "--model", model, "--px4", "udpin://127.0.0.1:1", "--yes")
     refused(arguments, "--model windy.yaml: accepted: without --px4 URL")
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [(None, "can't be read"), ("extends: hover", "is no model"), ("{", "is not valid YAML")],
-)
-def test_a_bad_model_is_one_line_and_nothing_is_written(refused, content, words):
-    if content is not None:
-        Path("bad.yaml").write_text(content)
-    refused(("fly", "hover", "--model", "bad.yaml"), "bad.yaml", words)
 
 
 def test_a_scenario_file_can_t_claim_a_model(tmp_path):

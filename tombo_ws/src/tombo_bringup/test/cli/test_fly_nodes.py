@@ -11,7 +11,6 @@ import pytest
 from suite_bench import FAKES, names
 
 from tombo_bag.columnar_cdr import encode
-from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.flight_topics import write_flight
 from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.formats.rolling_sink import NOTES
@@ -117,18 +116,6 @@ def test_a_flight_that_lands_leaves_the_files_of_a_headless_one(fly, bag, tmp_pa
     assert summary["too_slow"][-1] == "6 messages lost in the recording"
 
 
-@pytest.mark.slow
-def test_the_recorder_is_told_scenario_and_seed(fly, tmp_path):
-    fly("--seed", "5", "--set", "vehicle.mass=1.25", "--set", "duration=30")
-
-    told = json.loads((tmp_path / "told.json").read_text())[FLIGHT_METADATA]
-    assert told["seed"] == "5"
-    assert told["mode"] == "nodes"
-    scenario = json.loads(told["scenario"])
-    headless = fly_scenario(load_scenario("hover", ["duration=30", "vehicle.mass=1.25"]), 5)
-    assert scenario == json.loads(json.dumps(headless.scenario))
-
-
 def test_loops_and_latency_are_the_last_that_each_node_told(bag):
     with Recording(bag) as recording:
         found = node_metrics(recording)
@@ -155,19 +142,6 @@ def test_the_recorder_is_judged_by_what_it_loses():
     late = {"rate_hz": 200.0, "jitter_p99_us": 9e3, "runs": 1000, "missed": 30}
     assert too_slow({"recorder": Loop("loop", late)}, "0") == []
     assert too_slow({"sim": Loop("loop", late)}, "0") != []
-
-
-def test_without_reports_nothing_is_made_up(tmp_path):
-    path = tmp_path / "flight.mcap"
-    with McapSink(path) as sink:
-        write_flight(sink, fly_scenario(load_scenario("hover", ["duration=0.1"]), 0))
-    with Recording(path) as recording:
-        assert node_metrics(recording) == {
-            "loops": {},
-            "latency_gyro_to_command_us": {"p50": None, "p99": None},
-            "recorder": {"messages": None, "lost": None, "lost_on": {}},
-            "too_slow": [],
-        }
 
 
 @pytest.mark.parametrize(

@@ -49,14 +49,6 @@ def test_each_parameter_is_one_line_in_a_pipe(tombo, what):
         assert any(line.startswith(f"{p['name']} ") and line.endswith(p["doc"]) for line in lines)
 
 
-def test_an_effect_in_the_list_can_be_set_as_the_list_says(tombo):
-    for entry in tombo("list", "effects", "--json").json:
-        settings = [
-            f"effects.{entry['name']}.{p['name']}={p['null']}" for p in entry["parameters"]
-        ]
-        assert entry["name"] in load_scenario("hover", settings).effects
-
-
 def test_a_reaction_in_the_list_can_be_flown_as_the_list_says(tombo):
     entries = tombo("list", "reactions", "--json").json
     assert {entry["name"] for entry in entries} == set(REACTIONS)
@@ -79,12 +71,6 @@ def test_a_reaction_in_the_list_can_be_flown_as_the_list_says(tombo):
     assert "0.05 to 20" in tombo("list", "reactions").out
 
 
-def test_propeller_is_mounted(tombo):
-    rows = tombo("propeller", "--rpm", "2000", "--json").json
-    assert [row["rpm"] for row in rows] == [2000.0]
-    assert len(tombo("propeller", "moduli", "--json").json) == 13
-
-
 @pytest.mark.parametrize(
     "arguments", [(), ("-h",), ("--help",), ("fly", "-h"), ("propeller", "-h"), ("list", "-h")]
 )
@@ -93,17 +79,6 @@ def test_help(tombo, arguments):
     assert result.code == 0
     assert "Usage: tombo" in result.out
     assert result.err == ""
-
-
-def test_help_of_fly_says_what_the_exit_codes_mean(tombo):
-    text = " ".join(tombo("fly", "--help").out.split())
-    assert "a crash is a result" in text.replace("│", "")
-
-
-def test_version(tombo):
-    result = tombo("--version")
-    assert result.code == 0
-    assert result.out.startswith("tombo 0.")
 
 
 @pytest.mark.slow

@@ -96,29 +96,6 @@ def test_force_replaces_results_and_leaves_other_files(tombo, tmp_path):
     assert (folder / "summary.json").read_text() != "old"
 
 
-@pytest.mark.slow
-def test_an_empty_folder_is_filled_and_stays_the_same_folder(tombo, tmp_path):
-    (tmp_path / "empty").mkdir()
-    before = (tmp_path / "empty").stat().st_ino
-
-    assert tombo("fly", *SHORT, "-o", "empty").code == 0
-
-    assert (tmp_path / "empty").stat().st_ino == before
-    assert len(names(tmp_path / "empty")) == 4
-
-
-@pytest.mark.slow
-def test_parents_are_made_and_links_followed(tombo, tmp_path):
-    (tmp_path / "real").mkdir()
-    (tmp_path / "link").symlink_to("real")
-
-    assert tombo("fly", *SHORT, "-o", "link/a/b").code == 0
-
-    assert len(names(tmp_path / "real" / "a" / "b")) == 4
-    mode = (tmp_path / "real" / "a" / "b").stat().st_mode & 0o777
-    assert mode == (tmp_path / "real" / "a").stat().st_mode & 0o777
-
-
 @pytest.mark.parametrize(
     "where", ["file", "file/below", "/proc/nowhere/o", "/dev/null/o", "x" * 300, "loop/o"]
 )
@@ -132,11 +109,6 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_flight(
     refused(("fly", *SHORT, "-o", where), f"output folder '{where}'", "accepted")
 
     assert (tmp_path / "file").read_text() == "mine"
-
-
-def test_force_does_not_remove_a_folder_with_the_name_of_a_result(refused, tmp_path):
-    (tmp_path / "o" / "flight.mcap").mkdir(parents=True)
-    refused(("fly", *SHORT, "-o", "o", "--force"), "flight.mcap")
 
 
 def test_bad_input_that_shows_late_leaves_no_folder(refused):
@@ -189,17 +161,3 @@ def test_a_folder_that_somebody_else_fills_meanwhile_is_not_touched(tmp_path):
     assert names(tmp_path) == {"o", "o-2"}
     assert names(tmp_path / "o") == {"theirs"}
     assert (tmp_path / "o-2" / "summary.json").read_text() == "ours"
-
-
-def test_two_runs_that_may_replace_the_same_folder_both_end_well(tmp_path):
-    with open_output(tmp_path / "o", replace=True) as one:
-        (one / "summary.json").write_text("one")
-        (one / "flight.mcap").write_text("one")
-        with open_output(tmp_path / "o", replace=True) as other:
-            (other / "summary.json").write_text("other")
-            other.publish()
-        one.publish()
-
-    assert names(tmp_path / "o") == {"summary.json", "flight.mcap"}
-    assert (tmp_path / "o" / "summary.json").read_text() == "one"
-    assert names(tmp_path) == {"o"}

@@ -1,4 +1,3 @@
-import itertools
 import math
 from pathlib import Path
 
@@ -29,15 +28,6 @@ def test_a_table_alone_writes_nothing(tombo, tmp_path: Path) -> None:
     assert "0.614" in result.out
     assert "1.8952" in result.out
     assert not any(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_table_and_plot(tombo, tmp_path: Path) -> None:
-    result = tombo("propeller", "--conf", "13", "-o", "thrust.png")
-    assert result.code == 0
-    picture = tmp_path / "thrust.png"
-    assert str(picture) in result.out
-    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.slow
@@ -99,15 +89,3 @@ def test_own_library(tombo, refused, tmp_path: Path) -> None:
 )
 def test_an_option_before_a_sub_command_is_refused(refused, before: list[str], command: str):
     refused(("propeller", *before, command), before[0].replace("-o", "--output"), "after", command)
-
-
-@pytest.mark.slow
-def test_help_is_whole_lines_and_no_pictures(tombo, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    assert "A:B:STEP" in tombo("propeller", "--help").out
-    for command in ("reproduce", "diagnose", "beta", "recovery", "design"):
-        text = tombo("propeller", command, "--help").out.split("\u256d")[0]
-        lines = [line.strip() for line in text.splitlines()]
-        for line, following in itertools.pairwise(lines):
-            if following:  # a line that is followed by another one has no room for its first word
-                assert not line or len(line) + 1 + len(following.split()[0]) > 76, line

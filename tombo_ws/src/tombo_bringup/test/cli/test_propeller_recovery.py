@@ -67,17 +67,6 @@ def test_bad_traces_are_refused(refused, tmp_path, arguments, why):
 
 
 @pytest.mark.slow
-def test_thrust_is_named_in_its_unit(tombo, tmp_path):
-    write_trace(tmp_path / "t.csv", level=600.0, unit="thrust [gf]")
-    text = tombo("propeller", "recovery", "t.csv").out
-    assert "from 600 gf: recovered after 0." in text
-    assert "at least" not in text
-    values = tombo("propeller", "recovery", "t.csv", "--json").json
-    assert (values["kind"], values["unit"], values["lower_bound"]) == ("thrust", "gf", False)
-    assert values["collisions"][0]["level"] == pytest.approx(600.0, rel=0.01)
-
-
-@pytest.mark.slow
 def test_a_speed_trace_says_at_least(tombo, tmp_path):
     write_trace(tmp_path / "t.csv", level=4507.0, unit="rpm")
     text = tombo("propeller", "recovery", "t.csv", "-o", "out").out
@@ -90,10 +79,3 @@ def test_a_speed_trace_says_at_least(tombo, tmp_path):
     assert hit["words"].startswith("at least")
     (row,) = csv.DictReader((tmp_path / "out" / "recovery.csv").open())
     assert row["unit"] == "rpm" and row["words"].startswith("at least")
-
-
-def test_a_refused_trace_is_named(tombo, tmp_path):
-    write_flat(tmp_path)
-    assert tombo("propeller", "recovery", "flat.csv").err.startswith("Error: 'flat.csv': no coll")
-    share = tombo("propeller", "recovery", "flat.csv", "--share", "2").err
-    assert share == "Error: --share 2: out of bounds; accepted: 0.5 to 0.99\n"

@@ -38,17 +38,6 @@ def test_the_page_is_in_a_folder_as_the_results_of_other_commands(tombo, log, tm
     assert tombo("report", *log, "-o", "mine", "--force").code == 0
 
 
-@pytest.mark.parametrize("place", ["page.html", "log.csv/page", "mine"])
-def test_a_place_that_cannot_be_used_is_refused_by_its_name(tombo, log, tmp_path, place):
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "thesis.tex").write_text("my own")
-    before = names(tmp_path)
-    result = tombo("report", *log, "-o", place)
-    assert result.code == 2
-    assert place in result.err and "unfinished" not in result.err
-    assert names(tmp_path) == before
-
-
 @pytest.mark.parametrize(
     ("names", "files", "called"),
     [

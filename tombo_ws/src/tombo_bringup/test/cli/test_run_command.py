@@ -75,12 +75,6 @@ def test_a_signal_reaches_the_node(prefix):
         assert time.monotonic() - began < 2.0
 
 
-@pytest.mark.slow
-def test_what_is_not_python_runs_too(prefix):
-    process = start("lab", "other_node", "word")
-    assert process.communicate(timeout=60)[0] == "other word\n"
-
-
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [

@@ -51,11 +51,6 @@ def test_a_source_file_outside_of_the_commit_makes_the_tree_dirty(tmp_path):
         (tmp_path / source).unlink()
 
 
-def test_without_git_there_is_the_version_alone(tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert commit_of(tmp_path / "a.py") == ""
-
-
 @pytest.mark.slow
 def test_runs_are_listed_with_their_outcome(tombo, tmp_path):
     assert tombo("fly", "rigid_propeller", "--no-record").code == 0
@@ -76,16 +71,6 @@ def test_runs_are_listed_with_their_outcome(tombo, tmp_path):
     }
     assert found["rigid_propeller-0"]["version"] == tombo_version()
     assert "crashed" in tombo("runs").out
-
-
-def test_a_long_name_stays_on_one_line(tombo, tmp_path):
-    name = "paper_collision-0-effects.hanging_load.mass_0.09-reaction.name_none"
-    (tmp_path / "runs" / name).mkdir(parents=True)
-    (tmp_path / "runs" / name / "summary.json").write_text('{"scenario": "torn')
-
-    (row,) = [line for line in tombo("runs").out.splitlines() if name in line]
-
-    assert row.rstrip().endswith("can't be read")
 
 
 def test_a_folder_that_is_not_there_is_refused(refused):

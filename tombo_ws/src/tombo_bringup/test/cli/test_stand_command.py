@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import signal
 
 import numpy as np
 import pytest
@@ -127,23 +125,3 @@ def test_a_model_that_does_not_apply_is_the_headline(run, tmp_path):
     assert result.out.startswith("The model’s thrust tare 0.147 N is not in these runs (")
     assert "It is thrust tare" not in result.out
     assert not (tmp_path / "out/stand_model.yaml").exists()
-
-
-def test_a_stop_signal_ends_it_with_nothing_written(run, tmp_path, monkeypatch):
-    from tombo_bringup.cli.propeller import diagnose_command
-
-    def stopped(*arguments):
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    monkeypatch.setattr(diagnose_command, "run", stopped)
-    result = run(table(tmp_path / "a.csv"), "-o", tmp_path / "out")
-    assert result.code == 143
-    assert result.err.endswith("Error: interrupted\n")
-    assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
-
-
-def test_a_folder_with_other_things_is_left_alone(refused, tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out/thesis.txt").write_text("mine")
-    table(tmp_path / "a.csv")
-    refused(("propeller", "diagnose", "a.csv", "-o", "out"))

@@ -117,36 +117,6 @@ def test_ctrl_c_ends_a_sweep_with_all_its_processes(start, tmp_path):
     assert names(tmp_path) <= {"out"}
 
 
-@pytest.mark.real_time
-def test_processes_that_do_not_answer_are_ended_too(start):
-    process = start("--seeds", "0:5000", "-o", "out")
-    wait_for(lambda: workers(process.pid))
-    for worker in workers(process.pid):
-        os.kill(worker.pid, signal.SIGSTOP)
-    os.kill(process.pid, signal.SIGTERM)
-    process.communicate(timeout=60)
-
-    assert process.returncode == 143
-    with in_time():
-        wait_for(lambda: not alive_in_session(process.pid), 2.0)
-
-
-@pytest.mark.slow
-def test_idle_processes_of_a_sweep_end_when_the_parent_is_killed(start):
-    process = start("hover", "--seeds", "0:5000", "--set", "duration=0.1", "-o", "out")
-    wait_for(lambda: sum(worker.cpu for worker in workers(process.pid)) > 150)
-    os.kill(process.pid, signal.SIGSTOP)  # no new flights: they run out of work
-    before = -1
-    while (now := sum(worker.cpu for worker in workers(process.pid))) != before:
-        before = now
-        time.sleep(0.5)
-    assert workers(process.pid)
-    process.kill()
-
-    process.communicate(timeout=60)
-    wait_for(lambda: not alive_in_session(process.pid))
-
-
 def test_ctrl_c_while_drawing_keeps_flight_and_summary(tombo, tmp_path, monkeypatch):
     def draw(*records):
         os.kill(os.getpid(), signal.SIGINT)

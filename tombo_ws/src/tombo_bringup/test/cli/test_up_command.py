@@ -185,33 +185,6 @@ def test_nodes_get_parameters_domain_and_discovery(marked):
     assert written["/**/detector"]["ros__parameters"]["detector"]["threshold"] == 81.0
 
 
-@pytest.mark.real_time
-def test_on_a_terminal_it_draws_a_table(marked):
-    ours, theirs = pty.openpty()
-    process = subprocess.Popen(
-        [
-            *(sys.executable, "-c", UP.format(suite=GOOD, monitor="fake_monitor")),
-            *("up", "hover", "-o", "out", "--duration", "2"),
-        ],
-        cwd=marked.folder,
-        env={**marked.environment, "COLUMNS": "160", "TERM": "xterm"},
-        stdout=theirs,
-        stderr=theirs,
-        stdin=theirs,
-    )
-    os.close(theirs)
-    text = read_terminal(ours).decode()
-
-    assert process.wait(timeout=60) == 0
-    for part in (
-        "up, hover at 2.01 m, mocap: 1250 ms old",
-        "999.5 Hz",
-        "41 us",
-        "mocap_silent: no pose for 1 s",
-    ):
-        assert part in text
-
-
 @pytest.mark.slow
 def test_keys_ask_the_mission_and_a_kill_takes_two_strokes(marked):
     code = UP.format(suite=GOOD, monitor="fake_monitor")

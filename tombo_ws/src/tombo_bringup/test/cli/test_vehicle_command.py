@@ -1,15 +1,25 @@
 """`tombo vehicle`: what it lists, shows and writes, and a hand calculation that holds it."""
 
-import io
 import math
 from pathlib import Path
 
 import pytest
 
+from tombo_flight.flight import fly_scenario
+from tombo_flight.flight_output import write_mcap
+from tombo_flight.scenario import load_scenario
+
 ROOT = Path(__file__).parents[5]
 EXAMPLE = ROOT / "examples" / "s500_10_inch.yaml"
 NEW = ("--name", "Mine", "--mass", "1.5", "--arm-length", "0.24", "--k-thrust", "1.5e-5",
        "--k-torque", "2.4e-7", "--radius", "0.127")  # fmt: skip
+
+
+def surveyed(folder, seed, settings=(), vehicle=None):
+    """A recording of the flight that a diagnosis is made from."""
+    path = folder / f"{seed}.mcap"
+    write_mcap(fly_scenario(load_scenario("survey", settings, vehicle=vehicle), seed), path)
+    return str(path)
 
 
 @pytest.mark.slow
@@ -52,15 +62,6 @@ def test_a_new_vehicle_is_written_and_flies(tombo, tmp_path):
     assert not summary["crashed"] and summary["conf"] is None
 
 
-def test_what_is_not_given_is_asked(tombo, monkeypatch):
-    monkeypatch.setattr("sys.stdin", io.StringIO("Asked\n1.5\n0.24\nplain\n1.5e-5\n\n0.127\n\n"))
-    assert tombo("vehicle", "new", "asked.yaml").code == 0
-    shown = tombo("vehicle", "show", "asked.yaml", "--json").json
-    assert shown["name"] == "Asked" and shown["vehicle"]["mass"] == 1.5
-    assert shown["propeller"]["k_torque"] == pytest.approx(0.016 * 1.5e-5)
-    assert shown["propeller"]["on_impact"] == "breaks"
-
-
 def test_a_file_is_replaced_by_force_only(tombo, refused, tmp_path):
     (tmp_path / "mine.yaml").write_text("precious")
     refused(("vehicle", "new", "mine.yaml", *NEW), "exists", "--force")
@@ -78,12 +79,8 @@ def test_unknown_vehicles_are_refused(refused):
 @pytest.mark.slow
 def test_flights_are_held_against_the_vehicle_and_its_tolerances(tombo, tmp_path):
     """A load of 6 %: a finding where the vehicle was weighed, none where its mass is a guess."""
-    logs = []
-    for seed in range(3):
-        flown = tombo("fly", "survey", "--vehicle", str(EXAMPLE), "--seed", str(seed),
-                      "--set", "effects.mass_error.fraction=0.06", "-o", f"f{seed}")  # fmt: skip
-        assert flown.code == 0
-        logs.append(f"f{seed}/flight.mcap")
+    load = ["effects.mass_error.fraction=0.06"]
+    logs = [surveyed(tmp_path, seed, load, str(EXAMPLE)) for seed in range(3)]
     weighed = tombo("diagnose", *logs, "--vehicle", str(EXAMPLE), "--json").json
     assert weighed["verdict"] == "named"
     assert [cause["effect"] for cause in weighed["causes"]] == ["mass_error"]
@@ -96,9 +93,7 @@ def test_flights_are_held_against_the_vehicle_and_its_tolerances(tombo, tmp_path
 
 @pytest.mark.slow
 def test_a_vehicle_from_flights_is_a_file_that_shows_and_diagnoses(tombo, tmp_path):
-    for seed in ("0", "1"):
-        assert tombo("fly", "survey", "--seed", seed, "-o", str(tmp_path / seed)).code == 0
-    logs = [str(tmp_path / seed / "flight.mcap") for seed in ("0", "1")]
+    logs = [surveyed(tmp_path, seed) for seed in (0, 1)]
     file = str(tmp_path / "mine.yaml")
     said = tombo("vehicle", "from-flights", *logs, "-o", file)
     assert said.code == 0 and "motor time constant" in said.out

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
 from tombo_bringup.cli.options import Copies, Unpacking, argument, command, option, record
 from tombo_bringup.cli.tables import show_page
 
-if TYPE_CHECKING:
-    from tombo_bag.comparison import Comparison
-
 app = typer.Typer()
 
 COMPARE_EXIT_CODES = "Exit code: 0 when nothing differs, 1 when something does, 2 for bad input."
-FILES = ("compare.json", "compare.png")
+FILE = "compare.json"
 
 
 @record
@@ -36,7 +32,7 @@ def compare(given: _Recordings, unpacking: Unpacking, copies: Copies) -> None:
 
     With --topic each field that differs is listed, too. Messages are paired by the stamp of their
     header, without one by publish time. Times of receipt are not compared; NaN equals NaN. With
-    -o also compare.json and, if something differs, compare.png, over those of an earlier one.
+    -o also compare.json, over that of an earlier one.
     """
     from tombo_bag.comparison import compare_recordings
     from tombo_flight.json_text import as_json as to_json
@@ -48,24 +44,16 @@ def compare(given: _Recordings, unpacking: Unpacking, copies: Copies) -> None:
         typer.echo(f"Damage: {line}", err=True)
     place = None if copies.output is None else Path(copies.output)
     if place is not None:
-        _write(found, text, place, a, b)
+        from tombo_flight.process.output_folder import open_output
+
+        with open_output(place, replace=True, results=(FILE,)) as staged:
+            (staged / FILE).write_text(text, encoding="utf-8", newline="\n")
+            staged.publish()
     if copies.as_json:
         typer.echo(text, nl=False)
     else:
         from tombo_flight.report.comparison import comparison_page
 
         page = comparison_page(found, a, b, fields=bool(given.topics))
-        show_page(page, False, place, FILES[: 1 if found.equal else 2])
+        show_page(page, False, place, (FILE,))
     raise typer.Exit(0 if found.equal else 1)
-
-
-def _write(found: Comparison, text: str, folder: Path, a: str, b: str) -> None:
-    from tombo_flight.process.output_folder import open_output
-    from tombo_flight.report.comparison import draw_comparison
-    from tombo_flight.report.flight_plot import figure_bytes
-
-    with open_output(folder, replace=True, results=FILES) as staged:
-        (staged / FILES[0]).write_text(text, encoding="utf-8", newline="\n")
-        if not found.equal:
-            (staged / FILES[1]).write_bytes(figure_bytes(draw_comparison(found, a, b)))
-        staged.publish()

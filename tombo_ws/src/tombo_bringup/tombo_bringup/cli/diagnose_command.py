@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperCommand
 
 from tombo_bringup.cli import options
-from tombo_bringup.cli.options import argument, command, former_option, option, record
+from tombo_bringup.cli.options import argument, command, option, record
 from tombo_bringup.cli.result_files import publish, write_file
 from tombo_dynamics.errors import InputError
 
@@ -76,7 +76,6 @@ class _Diagnosed:
         "With --healthy: flights whose names fit the pattern are of this session, as "
         "monday='normal_[123]'. Default: their dates; without dates, demand that is alike.",
     )
-    topics: list[str] | None = former_option("--topic TOPIC=NAME", "--map")
     no_report: bool = option("--no-report", "Write no report.html and no plots.", False)
 
 
@@ -102,7 +101,7 @@ def diagnose(
     if given.explain:
         _explain_mapping(logs, results.output, results.force)
         return
-    names = options.topic_names([*(reading.maps or []), *(given.topics or [])])
+    names = reading.names
     name, pictures = f"diagnosis-{logs[0].name.split('.')[0]}", not given.no_report
     if given.healthy is not None:
         if model.model is not None:

@@ -78,18 +78,6 @@ def argument(metavar: str, text: str, default: Any = ..., **more: Any) -> Any:
     return _field(default, typer.Argument(metavar=metavar, help=text, **more))
 
 
-def former_option(declaration: str, now: str) -> Any:
-    """Declare an option that has another name now: it is not listed, but obeyed with a word."""
-    name = declaration.partition(" ")[0]
-
-    def say(value: Any) -> Any:
-        if value:
-            typer.echo(f"{name} is now {now}", err=True)
-        return value
-
-    return option(declaration, f"Now {now}.", hidden=True, check=say)
-
-
 def command(app: typer.Typer, name: str | None = None, **settings: Any) -> Callable[..., Any]:
     """Return what makes a function a command of `app`, under its own name or another.
 
@@ -282,18 +270,6 @@ class Scene:
         "SCENARIO", "A name of `tombo list scenarios`, or a YAML file.", "paper_collision",
         autocompletion=_scenarios,
     )  # fmt: skip
-
-
-@record
-class FormerScene(Scene):
-    """The scenario of a command that had it as an option."""
-
-    former: str | None = former_option("--scenario SCENARIO", "the argument SCENARIO")
-
-    @property
-    def name(self) -> str:
-        """The scenario, whichever way it was given."""
-        return self.former or self.scenario
 
 
 @record

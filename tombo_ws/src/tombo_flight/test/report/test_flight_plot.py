@@ -1,7 +1,5 @@
 import io
 import itertools
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -100,23 +98,6 @@ def test_a_flight_without_contact_has_one_column_and_no_marks(edge_flights):
     assert len(axes) == 1
     assert not axes[0].patches
     assert not upright_lines(axes[0])
-
-
-@pytest.mark.slow
-def test_a_name_with_dollars_is_not_read_as_mathematics(make_flight):
-    flight = make_flight(end_s=0.3, name="$\\frac{$ <b>")
-    assert figure_bytes(draw_flight(flight))
-
-
-@pytest.mark.slow
-def test_drawing_leaves_no_global_state():
-    code = f"""
-import sys
-sys.path[:0] = {[path for path in sys.path if path]!r}
-import tombo_flight.report.flight_plot
-assert "matplotlib.pyplot" not in sys.modules
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 @given(values=st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=400), buckets=st.integers(1, 40))

@@ -33,9 +33,9 @@ BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chr
 needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed")
 
 
-def blank_report(flight, beside=None):
+def blank_report(flight):
     """The report with a blank picture, read."""
-    return PageReader(blank_html(report_page(flight, None, beside)))
+    return PageReader(blank_html(report_page(flight)))
 
 
 @pytest.fixture(scope="module")
@@ -77,13 +77,8 @@ def test_every_element_the_scripts_look_for_is_there(page):
     assert {"scene", "play", "jump", "time"} <= wanted <= ids
 
 
-def test_the_figure_is_in_the_page(page):
-    figures = [a for tag, a in page.elements if tag == "svg" and "viewbox" in a]
-    assert "Position, height, attitude" in figures[-1]["aria-label"]
-
-
 def test_embedded_columns_are_the_records(flight, page):
-    table = columns(page.block("flight-0"))
+    table = columns(page.block("flight"))
     index = np.round(table["t"][:, 0] * 1000.0).astype(int)
     for name in COLUMNS:
         wanted = flight.log[name].reshape(len(flight.t), -1)[index]
@@ -104,13 +99,6 @@ def test_samples_are_dense_around_the_contact_and_span_the_flight(flight):
     assert np.diff(t).max() <= 0.0201
     assert np.diff(t[(t >= 22.5) & (t <= 29.5)]).max() <= 0.0051
     assert 23.0 in t
-
-
-def test_a_long_flight_stays_small(make_flight):
-    t = np.arange(0.0, 3600.0, 0.001)
-    index = kept_samples(t, 1800.0)
-    floats = 36
-    assert len(index) * floats * 4 * 4 / 3 < 2_000_000
 
 
 def test_a_blow_between_samples_is_not_lost(flight):
@@ -135,18 +123,7 @@ def test_text_from_outside_stays_text(make_flight):
     assert not any(key.startswith("on") for _, a in page.elements for key in a)
     assert evil in page.text_in("title")
     assert evil in page.text
-    assert page.block("milestones-0")["events"][-1]["text"] == evil
-
-
-def test_another_reaction_is_shown_beside(flight):
-    summary = {**flight.summary, "reaction": "reflex", "max_falling_distance_m": 0.0237}
-    page = blank_report(flight, replace(flight, summary=summary))
-    shown = [a["data-flight"] for t, a in page.elements if t == "button" and "data-flight" in a]
-    assert shown == ["0", "1"]
-    blocks = [page.block(f"milestones-{number}") for number in (0, 1)]
-    heights = [block["contact_height_m"] - block["lowest_m"] for block in blocks]
-    assert heights == pytest.approx([0.5, 0.0237], abs=0.02)
-    assert "0.02" in "".join(page.texts[("td", None)])
+    assert page.block("milestones")["events"][-1]["text"] == evil
 
 
 @pytest.mark.slow
@@ -155,8 +132,8 @@ def test_every_flight_has_a_report(edge_flights, tmp_path):
     for name, record in edge_flights.items():
         write_report(record, path)
         page = PageReader(path.read_text(encoding="utf-8"))
-        assert columns(page.block("flight-0"))["t"].size > 0, name
-        assert page.block("milestones-0")["verdict"] == find_milestones(record).verdict.value, name
+        assert columns(page.block("flight"))["t"].size > 0, name
+        assert page.block("milestones")["verdict"] == find_milestones(record).verdict.value, name
 
 
 @pytest.fixture
@@ -179,20 +156,6 @@ def test_a_flight_of_ones_own_is_not_held_against_the_paper(flight, other):
     assert not [text for text in page.words if text.startswith("paper ")]
 
 
-def test_the_buttons_of_flights_are_no_style_of_a_table_of_flights():
-    css = asset("report.css")
-    assert re.search(r"^\S*\.flights\b.*display: flex", css, re.MULTILINE)[0].startswith("div.")
-
-
-def test_a_crash_is_told_with_its_time(flight):
-    crashed = replace(
-        flight,
-        events=[*flight.events, {"time_s": 24.4, "kind": "crash", "text": "crashed"}],
-        summary={**flight.summary, "crashed": True},
-    )
-    assert "crashed at 24.4 s" in blank_report(crashed).text
-
-
 def test_the_latency_is_that_of_whatever_knew_of_the_contact_first(flight):
     summary = {**flight.summary, "detection_latency_s": 0.033, "contact_known_s": 0.004}
     knew = replace(flight, summary=summary)
@@ -200,14 +163,6 @@ def test_the_latency_is_that_of_whatever_knew_of_the_contact_first(flight):
     rows = {row.name: row for row in comparison_rows(find_milestones(knew), knew)}
 
     assert rows["Detection latency"].flight == pytest.approx(4.0)
-
-
-def test_who_settles_before_it_is_calm_has_no_recovery_phase(flight):
-    summary = {**flight.summary, "unstable_phase_s": 1.5, "recovery_time_s": 1.4}
-    milestones = find_milestones(replace(flight, summary=summary))
-
-    assert milestones.recovery_phase_s is None
-    assert milestones.recovery_time_s == pytest.approx(1.4)
 
 
 def test_the_table_holds_the_papers_figures_against_the_flights(of_paper):
@@ -276,7 +231,7 @@ const out = times.map((t) => ({
 }));
 console.log(JSON.stringify(out));
 """
-    head = f"const block = {json.dumps(page.block('flight-0'))}, times = {times};"
+    head = f"const block = {json.dumps(page.block('flight'))}, times = {times};"
     found = json.loads(run_node(tmp_path / "probe.js", asset("flight.js") + head + probe))
     for t, seen in zip(times, found, strict=True):
         true = [np.interp(t, flight.t, flight.log["position"][:, k]) for k in range(3)]
@@ -295,9 +250,9 @@ console.log(JSON.stringify(out));
 @needs_node
 def test_page_and_poster_draw_the_same_vehicle(flight, page, tmp_path):
     t = 23.15
-    shape = json.dumps(page.block("milestones-0")["shape"])
+    shape = json.dumps(page.block("milestones")["shape"])
     probe = f"""
-const flight = decodeFlight({json.dumps(page.block("flight-0"))});
+const flight = decodeFlight({json.dumps(page.block("flight"))});
 const parts = vehicleParts(flight, {shape}, {t}, [1.6, 0, 9]);
 console.log(JSON.stringify(parts));
 """

@@ -4,14 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tombo_flight.report.milestones import (
-    PHASE_NAMES,
-    FlightOutcome,
-    find_milestones,
-    nearest,
-    phase_spans,
-    roll_pitch_yaw_deg,
-)
+from tombo_flight.report.milestones import FlightOutcome, find_milestones, roll_pitch_yaw_deg
 
 
 def test_tells_the_recovery_in_the_papers_words(flight):
@@ -47,16 +40,6 @@ def test_verdict(edge_flights, name, verdict):
     assert find_milestones(edge_flights[name]).verdict is verdict
 
 
-def test_contact_without_settling_is_no_recovery(flight):
-    summary = dict(flight.summary, recovery_time_s=None)
-    assert find_milestones(replace(flight, summary=summary)).verdict is FlightOutcome.NOT_SETTLED
-
-
-def test_no_contact_is_no_success_even_if_the_summary_has_a_recovery_time(flight):
-    summary = dict(flight.summary, collided=False)
-    assert find_milestones(replace(flight, summary=summary)).verdict is FlightOutcome.NO_CONTACT
-
-
 def test_a_false_alarm_is_not_the_detection_of_the_contact(flight):
     alarm = {"time_s": 12.0, "kind": "detection", "text": "false"}
     switch = {"time_s": 12.02, "kind": "setpoint_switch", "text": "false"}
@@ -76,17 +59,6 @@ def test_phases_cover_the_flight_without_a_gap(flight):
     assert phases[-1].end_s == flight.t[-1]
     assert all(a.end_s == b.start_s for a, b in itertools.pairwise(phases))
     assert [m.name for m in phases[:4]] == ["idle", "takeoff", "hover", "approach"]
-
-
-def test_an_unknown_phase_shows_its_number():
-    span = phase_spans(np.array([0.0, 1.0]), np.array([77, 77]))[0]
-    assert "77" in span.name
-    assert "descend blind" in PHASE_NAMES
-
-
-def test_nearest_takes_the_closer_sample():
-    t = np.array([0.0, 1.0, 2.0])
-    assert [nearest(t, x) for x in (-1.0, 0.4, 0.6, 1.9, 9.0)] == [0, 0, 1, 2, 2]
 
 
 def test_angles_are_right_and_break_where_they_jump():

@@ -111,25 +111,3 @@ def test_a_page_loads_nothing_and_allows_no_script_unless_it_has_one():
     loads_nothing(html, PageReader(html))
     assert "script-src" not in html
     assert "script-src 'unsafe-inline'" in page_html(page(scripts="<script>1</script>"))
-
-
-def test_numbers_stand_right_on_a_terminal_and_names_left():
-    rows = [("short", "1.5"), ("a long name", "22.25")]
-    table = Section("", [Table(("name", "value"), rows)])
-    text = terminal_text(page(sections=[table], cards=()))
-    lines = text.splitlines()
-    places = [next(line for line in lines if v in line).index(v) + len(v) for _, v in rows]
-    assert len(set(places)) == 1
-
-
-def test_a_figure_is_drawn_only_where_it_is_shown():
-    drawn = []
-
-    def draw():
-        drawn.append(1)
-        return figure()
-
-    shown = page(sections=[Section("Figure", [Picture(draw, "Caption")])])
-    terminal_text(shown)
-    assert not drawn
-    assert "<svg" in page_html(shown) and drawn

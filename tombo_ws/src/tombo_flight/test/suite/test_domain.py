@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import socket
-import subprocess
-import sys
 
 import pytest
 
@@ -47,44 +44,3 @@ def test_what_the_user_has_chosen_stays_and_never_leaves_the_machine_by_mistake(
     assert local_discovery({RANGE: "OFF"}) == {}
     assert local_discovery({PROFILES: "/home/lab.xml"}) == {RANGE: "LOCALHOST"}
     assert local_discovery({"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}) == {RANGE: "LOCALHOST"}
-
-
-_TALKS = """
-import sys, time, rclpy
-from std_msgs.msg import String
-rclpy.init()
-node = rclpy.create_node(sys.argv[1])
-heard = set()
-publisher = node.create_publisher(String, "names", 10)
-node.create_subscription(String, "names", lambda message: heard.add(message.data), 10)
-end = time.monotonic() + 60.0
-while len(heard) < 2 and time.monotonic() < end:
-    publisher.publish(String(data=sys.argv[1]))
-    rclpy.spin_once(node, timeout_sec=0.05)
-for _ in range(20):
-    publisher.publish(String(data=sys.argv[1]))
-    rclpy.spin_once(node, timeout_sec=0.05)
-maps = open("/proc/self/maps").read()
-print(sorted(heard), "/dev/shm/fastrtps" in maps)
-"""
-
-
-@pytest.mark.slow
-def test_two_processes_meet_without_shared_memory():
-    pytest.importorskip("rclpy")
-    base = {"ROS_DOMAIN_ID": str(free_domain(os.getpid(), udp_ports()))}
-    environment = {**os.environ, **base, **local_discovery({})}
-    nodes = [
-        subprocess.Popen(
-            [sys.executable, "-c", _TALKS, name],
-            env=environment, stdout=subprocess.PIPE, text=True,
-        )
-        for name in ("first", "second")
-    ]  # fmt: skip
-    try:
-        said = [node.communicate(timeout=90.0)[0].strip() for node in nodes]
-    finally:
-        for node in nodes:
-            node.kill()
-            node.wait()
-    assert said == ["['first', 'second'] False"] * 2

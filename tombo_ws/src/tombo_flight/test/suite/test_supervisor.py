@@ -67,14 +67,6 @@ def test_a_node_that_dies_later_is_reported_with_its_traceback(supervise, tmp_pa
     assert "RuntimeError: a bug" in (tmp_path / "short.log").read_text()
 
 
-def test_a_node_that_is_killed_is_reported_by_the_signal(supervise):
-    with supervise(fake("good")) as supervisor:
-        os.kill(supervisor.running["good"], signal.SIGKILL)
-        (end,) = look_until_ended(supervisor)
-
-    assert (end.code, end.exit_text) == (-9, "killed by SIGKILL")
-
-
 @pytest.mark.real_time
 def test_who_obeys_is_asked_once_and_ends_at_once(supervise, tmp_path):
     counting = (
@@ -126,19 +118,6 @@ def test_a_process_that_ignores_signals_is_killed_within_three_seconds(supervise
 
     assert ends == {"deaf": -9, "good": 0}
     assert marked.alive() == []
-
-
-def test_who_answers_only_sigterm_gets_it_before_the_worst(supervise, tmp_path):
-    stubborn = (
-        "import signal, sys, time\n"
-        "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
-        "signal.signal(signal.SIGTERM, lambda n, f: sys.exit(7))\n"
-        "print('ready', flush=True)\n"
-        "while True: time.sleep(0.05)\n"
-    )
-    with supervise(code("node", stubborn)) as supervisor:
-        wait_for(lambda: ready(tmp_path / "node.log"))
-        assert [end.code for end in supervisor.stop()] == [7]
 
 
 def test_what_a_node_leaves_behind_ends_with_it(supervise, marked):
@@ -234,25 +213,6 @@ def test_a_guard_that_is_killed_changes_nothing_for_who_obeys(marked: Marked, su
     )
     os.kill(guard, signal.SIGKILL)
     killed(process, marked, 1.5)
-
-
-def test_a_flood_of_log_lines_neither_blocks_the_node_nor_fills_the_memory(supervise, tmp_path):
-    flood = (
-        "for i in range(200_000): print(f'[ERROR] [1.0] [node]: {i} is wrong')\n"
-        "print('the end', flush=True)\n"
-    )
-    shown: list[str] = []
-    with supervise(code("node", flood)) as supervisor:
-
-        def over() -> bool:
-            poll = supervisor.poll(0.05)
-            shown.extend(line for _, line in poll.warnings)
-            return bool(poll.ended)
-
-        wait_for(over)
-
-    assert 1 <= len(shown) < 60
-    assert (tmp_path / "node.log").read_text().endswith("the end\n")
 
 
 def test_words_on_a_pipe_come_whole_line_by_line(supervise):

@@ -19,8 +19,7 @@ from pathlib import Path
 from tombo_dynamics.errors import InputError
 
 RESULT_FILES = (
-    *("flight.mcap", "summary.json", "flight.png", "report.html", "nodes.log"),
-    *("scenario.yaml", "flight_column.pdf", "flight_column.svg"),
+    *("flight.mcap", "summary.json", "flight.png", "report.html", "nodes.log", "scenario.yaml"),
 )
 """All names that a flight writes; a new run replaces those of an earlier one."""
 

@@ -71,9 +71,6 @@ class Replay:
     """What is beyond the tolerances."""
     recorded: Outputs = field(default_factory=Outputs)
     replayed: Outputs = field(default_factory=Outputs)
-    contacts_ns: list[int] | None = None
-    """True contacts, their first ticks; None: the truth is not known."""
-    threshold: float = 0.0
     seconds: float = 0.0
 
     def as_mapping(self) -> dict[str, Any]:
@@ -113,15 +110,14 @@ def replay_bag(path: Path, request: ReplayRequest, feed: Feeder = through_cores)
         result = Replay(path)
         inputs = _prepare(recording, request, result)
         result.recorded = read_outputs(recording, outputs_of(inputs.nodes))
-        result.contacts_ns = _contacts(recording)
         result.replayed, reported = feed(inputs, result.recorded)
-        minutes = _minutes(inputs.poses)
+        minutes, contacts_ns = _minutes(inputs.poses), _contacts(recording)
         for node in inputs.nodes:
             metrics, differences = metrics_of(
                 node,
                 result.recorded,
                 result.replayed,
-                Context(result.begin_ns, minutes, result.contacts_ns, request.tolerances),
+                Context(result.begin_ns, minutes, contacts_ns, request.tolerances),
             )
             result.nodes[node] = {**metrics, **reported.get(node, {})}
             result.differences += [f"{node}: {text}" for text in differences]
@@ -136,7 +132,6 @@ def replay_bag(path: Path, request: ReplayRequest, feed: Feeder = through_cores)
 def _prepare(recording: Recording, request: ReplayRequest, result: Replay) -> Inputs:
     topics = recording.topics
     scenario, findings = scenario_of_bag(recording.metadata, request.scenario, request.settings)
-    result.threshold = scenario.detector.threshold
     findings += _losses(recording.metadata)
     pose_topic = find_pose_topic(topics)
     there = {name for name, stream in topics.items() if stream.count}

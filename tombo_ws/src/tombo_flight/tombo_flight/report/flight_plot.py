@@ -10,7 +10,6 @@ import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -175,11 +174,9 @@ def _mark_zoom(panel: Panel, mark_s: float) -> None:
 SIZE_IN: Final = (12.0, 8.0)
 DPI: Final = 150
 
-_DATED: Final = {"png": "Software", "pdf": "CreationDate", "svg": "Date"}
-"""What a file of a kind says of when or by what it was made."""
-
 _LEFT, _RIGHT = 0.055, 0.945
 _PANELS: Final = {
+    "timeline": 1.1,  # the strip of phases
     "horizontal": 2.0,  # x and y
     "height": 2.0,
     "attitude": 2.0,
@@ -191,27 +188,22 @@ _PANELS: Final = {
 
 @dataclass(frozen=True)
 class _PanelColumn:
-    """Where a column of panels is, in parts of the figure; its size in inches."""
+    """Where a column of panels is, in parts of the figure."""
 
     left: float
     right: float
-    size_in: tuple[float, float] = SIZE_IN
     top: float = 0.905
     bottom: float = 0.055
     gap: float = 0.042
-    strip: float = 1.1
-    """Height of the strip of phases, in the unit of _PANELS. 0: there is none."""
     label_in: float = 0.43
     """From the axis to its label [in]."""
 
     def stack(self, figure: Figure) -> dict[str, Axes]:
         """Make axes one below the other, by the names of the rows."""
-        heights = {"timeline": self.strip} if self.strip else {}
-        heights |= _PANELS
-        scale = (self.top - self.bottom - self.gap * (len(heights) - 1)) / sum(heights.values())
+        scale = (self.top - self.bottom - self.gap * (len(_PANELS) - 1)) / sum(_PANELS.values())
         stack: dict[str, Axes] = {}
         ceiling = self.top
-        for row, height in heights.items():
+        for row, height in _PANELS.items():
             floor = ceiling - height * scale
             stack[row] = figure.add_axes(
                 (self.left, floor, self.right - self.left, ceiling - floor)
@@ -225,10 +217,6 @@ _WHOLE, _ZOOMED, _WIDE = (
     _PanelColumn(0.505, _RIGHT),
     _PanelColumn(_LEFT, _RIGHT),
 )
-_IN_PRINT = _PanelColumn(
-    0.15, 0.985, (88.0 / 25.4, 4.6), top=0.965, bottom=0.075, gap=0.048, strip=0.0, label_in=0.38
-)
-"""As wide as a column of a journal, 88 mm."""
 _VERDICT_COLOURS: Final = {
     FlightOutcome.RECOVERED: style.GREEN,
     FlightOutcome.CRASHED: style.VERMILLION,
@@ -237,12 +225,11 @@ _VERDICT_COLOURS: Final = {
 }
 
 
-def draw_flight(flight: Flight, beside: Flight | None = None) -> Figure:
+def draw_flight(flight: Flight) -> Figure:
     """Draw position, attitude, rotor thrust and phase against time; 1800 x 1200 px.
 
     The left column shows the whole flight, the right one the seconds around the contact
     (or the crash); with neither there is one wide column. The flight has at least one sample.
-    Of `beside`, the same flight with another reaction, the height is drawn.
     """
     milestones = find_milestones(flight)
     angles_deg = roll_pitch_yaw_deg(flight.log["attitude"])
@@ -255,39 +242,20 @@ def draw_flight(flight: Flight, beside: Flight | None = None) -> Figure:
             zoom = TimeWindow(*zoom_around(milestones.mark_s), milestones.mark_s, 900, zoomed=True)
             columns = [(TimeWindow(0.0, end_s, 0.0, 700, zoomed=False), _WHOLE), (zoom, _ZOOMED)]
         for window, place in columns:
-            _column(figure, flight, beside, milestones, angles_deg, window, place)
+            _column(figure, flight, milestones, angles_deg, window, place)
     return figure
 
 
-def draw_column(flight: Flight, beside: Flight | None = None) -> Figure:
-    """Draw the same panels as wide as a column of print (88 mm), for a paper.
-
-    Time is that around the contact or the crash; with neither the whole flight.
-    """
-    milestones = find_milestones(flight)
-    mark_s = milestones.mark_s
-    start_s, end_s = 0.0, max(milestones.duration_s, 1e-3)
-    if mark_s is not None:
-        start_s, end_s = zoom_around(mark_s)
-    window = TimeWindow(start_s, end_s, mark_s or 0.0, 400, zoomed=False)
-    angles_deg = roll_pitch_yaw_deg(flight.log["attitude"])
-    with new_figure(*_IN_PRINT.size_in, 2 * DPI, font_size=6.2) as figure:
-        _column(figure, flight, beside, milestones, angles_deg, window, _IN_PRINT)
-    return figure
-
-
-def figure_bytes(figure: Figure, kind: str = "png") -> bytes:
-    """Return a figure as a file of a kind, png, pdf or svg, the same bytes each time."""
+def figure_bytes(figure: Figure) -> bytes:
+    """Return a figure as a PNG file, the same bytes each time."""
     buffer = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "tombo"}):
-        figure.savefig(buffer, format=kind, metadata={_DATED[kind]: None})
+    figure.savefig(buffer, format="png", metadata={"Software": None})
     return buffer.getvalue()
 
 
 def _column(
     figure: Figure,
     flight: Flight,
-    beside: Flight | None,
     milestones: FlightMilestones,
     angles_deg: Array,
     window: TimeWindow,
@@ -298,10 +266,9 @@ def _column(
         row: Panel(axes, flight, milestones, window, cut)
         for row, axes in place.stack(figure).items()
     }
-    if "timeline" in rows:
-        timeline(rows["timeline"])
+    timeline(rows["timeline"])
     panels.horizontal(rows["horizontal"])
-    panels.height(rows["height"], beside)
+    panels.height(rows["height"])
     panels.attitude(rows["attitude"], angles_deg)
     panels.thrust(rows["thrust"])
     panels.fold(rows["fold"])
@@ -310,7 +277,7 @@ def _column(
         panel.axes.tick_params(labelbottom=row == "fold")
         if row != "timeline":
             panel.shade()
-            width_in = place.size_in[0] * (place.right - place.left)
+            width_in = SIZE_IN[0] * (place.right - place.left)
             panel.axes.yaxis.set_label_coords(-place.label_in / width_in, 0.5)
     origin = "contact" if milestones.contact_s is not None else "the crash"
     words = f"time from {origin} [s]" if window.zero_s else "time [s]"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -40,9 +39,9 @@ if TYPE_CHECKING:
 
 SCRIPTS: Final = (
     *("flight.js", "camera.js", "vehicle.js", "scene.js", "charts.js", "player.js"),
-    "some_flights.js",
+    "recorded_flight.js",
 )
-"""Scripts that show flights, in the order in which they are joined."""
+"""Scripts that show a flight, in the order in which they are joined."""
 
 _STYLES: Final = {
     FlightOutcome.RECOVERED: "good",
@@ -69,68 +68,53 @@ _FOOTER: Final = (
     "unless it is called an estimate. The paper: “Tombo Propeller: Bio-Inspired Deformable "
     "Structure toward Collision-Accommodated Control for Drones”."
 )
-_COMPARED: Final = ("Difference", "0 – paper – 2 × paper")
 
 
-def write_report(
-    flight: Flight, path: Path, figure: Figure | None = None, beside: Flight | None = None
-) -> None:
+def write_report(flight: Flight, path: Path, figure: Figure | None = None) -> None:
     """Write the self-contained report of a flight.
 
     Args:
         flight: what was flown.
         path: the file to write; its folder exists.
         figure: the still figure (`flight_plot`) where it is drawn already.
-        beside: the same flight with another reaction, to compare it with.
     """
-    write_page(path, report_page(flight, figure, beside))
+    write_page(path, report_page(flight, figure))
 
 
-def report_html(flight: Flight, beside: Flight | None = None) -> str:
+def report_html(flight: Flight) -> str:
     """Return the report as text; it loads nothing from anywhere."""
-    return page_html(report_page(flight, None, beside))
+    return page_html(report_page(flight))
 
 
-def report_page(flight: Flight, figure: Figure | None, beside: Flight | None) -> Page:
+def report_page(flight: Flight, figure: Figure | None = None) -> Page:
     """Return the page of `report.html`: `flight_page` with the data of the 3-D replay."""
-    flights = [flight] if beside is None else [flight, beside]
-    return replace(flight_page(flight, beside, figure), scripts=replay_scripts(flights))
+    return replace(flight_page(flight, figure), scripts=replay_scripts(flight))
 
 
-def flight_page(
-    flight: Flight,
-    beside: Flight | None = None,
-    figure: Figure | None = None,
-    remarks: Sequence[str] = (),
-) -> Page:
+def flight_page(flight: Flight, figure: Figure | None = None, remarks: Sequence[str] = ()) -> Page:
     """Return the page of a flight, but for the data of the 3-D replay.
 
     Args:
         flight: what was flown.
-        beside: the same flight with another reaction, to compare it with.
         figure: the still figure where it is drawn already.
         remarks: further sentences on a terminal.
     """
     milestones = find_milestones(flight)
     paper = is_paper_flight(flight.scenario)
-    flights = [flight] if beside is None else [flight, beside]
-    names = ["This flight", *(f"With {flown.summary.get('reaction')}" for flown in flights[1:])]
-    columns = [comparison_rows(find_milestones(flown), flown) for flown in flights]
-    rows = [row for row in zip(*columns, strict=True) if paper or any(r.has_figure for r in row)]
-    cards = _key_figures(rows, names)
+    rows = [row for row in comparison_rows(milestones, flight) if paper or row.has_figure]
+    cards = _key_figures(rows)
     shown = {card.name for card in cards} | {"Outcome"}
-    short = [row for row in rows if row[0].name not in shown and _on_terminal(row, milestones)]
-    errors = zip(*(_errors(flown.summary) for flown in flights), strict=True)
-    short += [row for row in errors if row[0].flight is not None]
+    collided = milestones.contact_s is not None
+    short = [r for r in rows if r.name not in shown and (collided or r.flight is not None)]
+    short += [row for row in _errors(flight.summary) if row.flight is not None]
 
     def draw() -> Figure:
         from tombo_flight.report.flight_plot import draw_flight
 
-        return figure or draw_flight(flight, beside)
+        return figure or draw_flight(flight)
 
     plot = Picture(draw, "Position, height, attitude and rotor thrust against time")
-    stage = [*_flight_buttons(flight, beside), Markup(asset("stage.html"))]
-    figures: list[Item] = [_comparison_table(rows, names, paper, wide=True), _definitions(rows)]
+    figures: list[Item] = [_comparison_table(rows, paper, wide=True), _definitions(rows)]
     return Page(
         title=f"{milestones.name}: {milestones.verdict.value}",
         eyebrow="Tombo flight report",
@@ -140,9 +124,9 @@ def flight_page(
         summary="  ·  ".join(_facts(flight, milestones)),
         cards=cards,
         sections=[
-            Section("", stage, "page"),
+            Section("", [Markup(asset("stage.html"))], "page"),
             Section("The paper beside this flight" if paper else "The figures", figures, "page"),
-            Section("", [_comparison_table(short, names, paper, wide=False)], "terminal"),
+            Section("", [_comparison_table(short, paper, wide=False)], "terminal"),
             Section("The figure", [plot], "page"),
             Section("", [Folded("Events", [_events_table(flight.events)])], "page"),
             Section("", [Folded("Summary", [values_table(flight.summary)])], "page"),
@@ -155,36 +139,20 @@ def flight_page(
     )
 
 
-def replay_scripts(flights: Sequence[Flight]) -> str:
-    """Return data and scripts for the end of a page, which show some flights on its stage.
-
-    The first one is shown; a button with `data-flight="N"` shows the N-th, from 0.
-    """
-    parts = []
-    for place, flight in enumerate(flights):
-        milestones = find_milestones(flight)
-        blocks = {
-            "milestones": milestones_block(flight, milestones),
-            "flight": flight_block(flight, milestones),
-        }
-        parts += [
-            f'<script id="{name}-{place}" type="application/json">{script_json(block)}</script>'
-            for name, block in blocks.items()
-        ]
+def replay_scripts(flight: Flight) -> str:
+    """Return data and scripts for the end of a page, which show a flight on its stage."""
+    milestones = find_milestones(flight)
+    blocks = {
+        "milestones": milestones_block(flight, milestones),
+        "flight": flight_block(flight, milestones),
+    }
+    parts = [
+        f'<script id="{name}" type="application/json">{script_json(block)}</script>'
+        for name, block in blocks.items()
+    ]
     script = "\n".join(asset(name) for name in SCRIPTS)
     parts.append(f"<script>\n{script}\n</script>")
     return "\n".join(parts)
-
-
-RowOfFlights = Sequence[FigureRow]
-"""One figure, of the flight and of the one beside it."""
-
-
-def _on_terminal(row: RowOfFlights, milestones: FlightMilestones) -> bool:
-    """Return whether a terminal has room for a row; two places side by side are too wide."""
-    if milestones.contact_s is None:
-        return row[0].flight is not None
-    return row[0].flight_text is None or len(row) == 1
 
 
 def _errors(summary: Mapping[str, Any]) -> list[FigureRow]:
@@ -200,55 +168,44 @@ def _errors(summary: Mapping[str, Any]) -> list[FigureRow]:
     ]
 
 
-def _comparison_table(
-    rows: Iterable[RowOfFlights], names: Sequence[str], paper: bool, *, wide: bool
-) -> Table:
-    """Return figures beside the paper's and those of another flight.
+def _comparison_table(rows: Iterable[FigureRow], paper: bool, *, wide: bool) -> Table:
+    """Return figures beside the paper's.
 
     Args:
         rows: the figures.
-        names: of the flights.
         paper: with the paper's figures.
         wide: with differences, and definitions as tooltips.
     """
     lines = []
-    for compared in rows:
-        row = compared[0]
+    for row in rows:
         cells = [Cell(row.name, tooltip=row.definition if wide else "")]
         cells += [Cell(_value(row, row.paper, row.paper_text))] if paper else []
-        cells += [Cell(_value(row, each.flight, each.flight_text)) for each in compared]
+        cells.append(Cell(_value(row, row.flight, row.flight_text)))
         if paper and wide:
-            cells += [Cell(_difference(row)), Cell("", "wide", html=_bullet(row))]
+            cells.append(Cell(_difference(row)))
         lines.append(cells)
-    head = [
-        "Figure",
-        *(["Paper"] if paper else []),
-        *names,
-        *(_COMPARED if paper and wide else ()),
-    ]
+    head = ["Figure", *(["Paper"] if paper else []), "This flight"]
+    head += ["Difference"] if paper and wide else []
     return Table(head, lines, "compare")
 
 
-def _definitions(rows: Iterable[RowOfFlights]) -> Folded:
-    lines = [f"{row[0].name}. {row[0].definition}" for row in rows]
+def _definitions(rows: Iterable[FigureRow]) -> Folded:
+    lines = [f"{row.name}. {row.definition}" for row in rows]
     return Folded("What each figure means", [Text(lines, "list", "notes")])
 
 
-def _key_figures(rows: Sequence[RowOfFlights], names: Sequence[str]) -> list[Card]:
+def _key_figures(rows: Sequence[FigureRow]) -> list[Card]:
     """Return the key figures of the header; none if the flight has none of them."""
-    shown = [row for row in rows if row[0].name in _CARDS]
-    if all(row[0].flight is None for row in shown):
+    shown = [row for row in rows if row.name in _CARDS]
+    if all(row.flight is None for row in shown):
         return []
     cards = []
-    for row, *others in shown:
+    for row in shown:
         value, unit = "–", ""
         if row.flight is not None:
             value, unit = fixed(row.flight, row.digits), row.unit
-        beside = [] if row.paper is None else [f"paper {fixed(row.paper, 1)} {row.unit}"]
-        for name, other in zip(names[1:], others, strict=True):
-            if other.flight is not None:
-                beside.append(f"{name.lower()} {fixed(other.flight, row.digits)} {row.unit}")
-        cards.append(Card(row.name, value, unit, " · ".join(beside), tooltip=row.definition))
+        beside = "" if row.paper is None else f"paper {fixed(row.paper, 1)} {row.unit}"
+        cards.append(Card(row.name, value, unit, beside, tooltip=row.definition))
     return cards
 
 
@@ -312,33 +269,8 @@ def _difference(row: FigureRow) -> str:
     return f"{_signed(change, row.digits)} {row.unit}{share}"
 
 
-def _bullet(row: FigureRow) -> str:
-    """Return a small scale from nothing to twice the paper's figure, with this flight as a dot."""
-    if not row.paper or row.flight is None:
-        return ""
-    x = 100.0 * min(max(row.flight / (2.0 * row.paper), 0.0), 1.0)
-    return (
-        '<svg class="bullet" viewBox="0 0 120 16" role="img" '
-        f'aria-label="{row.flight / row.paper:.2f} of the paper\'s figure">'
-        '<line x1="10" y1="8" x2="110" y2="8"/><line class="tick" x1="60" y1="2" x2="60" y2="14"/>'
-        f'<circle cx="{10.0 + x:.1f}" cy="8" r="4.5"/></svg>'
-    )
-
-
 def _signed(value: float, digits: int) -> str:
     return f"{'+' if value > 0 else '−'}{abs(value):.{digits}f}"
-
-
-def _flight_buttons(flight: Flight, beside: Flight | None) -> list[Markup]:
-    """Return a button for each flight by the name of its reaction; one flight needs none."""
-    if beside is None:
-        return []
-    buttons = "".join(
-        f'<button data-flight="{place}">{escape(str(flown.summary.get("reaction")))}</button>'
-        for place, flown in enumerate((flight, beside))
-    )
-    group = f'<div class="flights" role="group" aria-label="Reaction">Reaction {buttons}</div>'
-    return [Markup(group)]
 
 
 def _facts(flight: Flight, milestones: FlightMilestones) -> list[str]:

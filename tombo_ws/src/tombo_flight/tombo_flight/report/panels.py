@@ -165,20 +165,14 @@ def horizontal(panel: Panel) -> None:
     panel.legend([east, north, *_common()])
 
 
-def height(panel: Panel, beside: Flight | None) -> None:
-    """Draw z with its set point and estimate, how far the vehicle falls, and z of another."""
+def height(panel: Panel) -> None:
+    """Draw z with its set point and estimate, and how far the vehicle falls."""
     log = panel.flight.log
-    handles = [key(style.PURPLE, 1.7, "z up"), *_common()]
-    if beside is not None:
-        inside = slice(*np.searchsorted(beside.t, panel.flight.t[panel.cut][[0, -1]]))
-        t, z = envelope(beside.t[inside], beside.log["position"][inside, 2], panel.window.buckets)
-        panel.axes.plot(t - panel.window.zero_s, z, color=style.ORANGE, lw=1.3, zorder=1.8)
-        handles.insert(1, key(style.ORANGE, 1.3, f"z with {beside.summary['reaction']}"))
     _with_set_point(panel, 2, style.PURPLE)
     parts = [log[name][panel.cut, 2] for name in ("position", "position_setpoint")]
     panel.fit(parts, headroom=0.22)
     panel.axes.set_ylabel("height z [m]")
-    panel.legend(handles)
+    panel.legend([key(style.PURPLE, 1.7, "z up"), *_common()])
     if panel.window.zoomed:
         _fall_arrow(panel)
 

@@ -36,6 +36,7 @@ from tombo_bag.topics import (
     TRUE_ODOMETRY,
     TopicSpec,
 )
+from tombo_flight.suite.node_diagnostics import plain_status
 from tombo_ros.conversion import to_ns
 from tombo_ros.operator_requests import OperatorRequests
 from tombo_ros.topic import PolledSubscription
@@ -64,7 +65,7 @@ class Monitor:
     def changes(self) -> list[dict[str, Any]]:
         """Return what has come since the last call."""
         found: list[dict[str, Any]] = [
-            {"diagnostics": [_plain(status) for status in taken.message.status]}
+            {"diagnostics": [plain_status(status) for status in taken.message.status]}
             for taken in self._diagnostics.take()
         ]
         if self._px4 is not None:
@@ -91,16 +92,6 @@ class Monitor:
 def _px4(status: Any) -> dict[str, Any]:
     names = ("connected", "armed", "mode", "stage", "why", "status_text")
     return {**{name: getattr(status, name) for name in names}, "findings": list(status.findings)}
-
-
-def _plain(status: Any) -> dict[str, Any]:
-    level = status.level
-    return {
-        "name": status.name,
-        "level": level[0] if isinstance(level, bytes) else int(level),
-        "message": status.message,
-        "values": {pair.key: pair.value for pair in status.values},
-    }
 
 
 def _known(words: Sequence[str]) -> TopicSpec | None:

@@ -64,6 +64,17 @@ def lateness_text(late_us: float) -> str:
     return f"{late_us:.0f} us"
 
 
+def plain_status(status: Any) -> dict[str, Any]:
+    """Return a diagnostic_msgs/DiagnosticStatus as plain values."""
+    level = status.level
+    return {
+        "name": status.name,
+        "level": level[0] if isinstance(level, bytes) else int(level),
+        "message": status.message,
+        "values": {pair.key: pair.value for pair in status.values},
+    }
+
+
 class NodeDiagnostics:
     """Collects reports; `nodes` has the last one of each node."""
 
@@ -134,16 +145,7 @@ def recorded_diagnostics(recording: Recording) -> NodeDiagnostics:
     store: Any = type_store()
     for data in recording.messages(DIAGNOSTICS.name).messages if there else ():
         report = store.deserialize_cdr(data, DIAGNOSTICS.typename)
-        statuses = [
-            {
-                "name": status.name,
-                "level": status.level,
-                "message": status.message,
-                "values": {pair.key: pair.value for pair in status.values},
-            }
-            for status in report.status
-        ]
-        node_diagnostics.take(statuses, 0.0)
+        node_diagnostics.take(map(plain_status, report.status), 0.0)
     return node_diagnostics
 
 

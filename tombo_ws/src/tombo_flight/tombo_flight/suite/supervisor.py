@@ -157,9 +157,8 @@ class Supervisor:
         """Wait for a while, or until a program that is listened to prints; return what is new."""
         lines = self._read_pipes(wait_s)
         ended = self._reap()
-        now = time.monotonic()
         children = [*self._alive.values(), *(child for child, _ in ended)]
-        warnings = [(c.program.name, line) for c in children for line in c.log.news(now)]
+        warnings = [(c.program.name, line) for c in children for line in c.log.news()]
         return ProcessUpdate(
             [_process_exit(child, code) for child, code in ended], warnings, lines
         )
@@ -197,9 +196,8 @@ class Supervisor:
         while self._alive:
             time.sleep(_LOOK_S)
             ended += self._reap()
-        now = time.monotonic()
         for child, _ in ended:
-            child.log.news(now)
+            child.log.news()
         return [_process_exit(child, code) for child, code in ended]
 
     def _start(self, program: Program) -> _Child:

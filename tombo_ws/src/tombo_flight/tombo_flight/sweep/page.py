@@ -97,7 +97,7 @@ def sweep_page(opened: SweepFolder) -> Page:
         ],
         data=results,
         css=_CSS,
-        scripts=replay_scripts([replayed]) if replayed else "",
+        scripts=replay_scripts(replayed) if replayed else "",
         footer=f"tombo {study.tombo_version}; all figures of all flights: flights.parquet",
     )
 

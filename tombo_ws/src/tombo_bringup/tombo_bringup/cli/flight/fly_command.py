@@ -22,7 +22,7 @@ from tombo_bringup.cli.flight.optional_url import (
 from tombo_bringup.cli.options import command, option, record
 from tombo_bringup.cli.result_files import Place, new_run
 from tombo_bringup.cli.tables import show_page
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import SEED_LIMIT
 
 if TYPE_CHECKING:
@@ -40,7 +40,6 @@ EXIT_CODES = (
     "after Ctrl-C, 143 after SIGTERM, with what was flown so far in the folder."
 )
 _MOST_FLIGHTS = 100_000
-_FIGURES = ("pdf", "svg")
 _RULES = (
     options.OptionRule("--seed {seed} and --seeds {seeds}", "seed", (), ("seeds",), "one of them"),
     PX4_SPEED,
@@ -50,7 +49,6 @@ _RULES = (
     options.OptionRule("--nodes", "nodes", (), ("seeds", "no_record")),
     options.OptionRule("--px4", "px4", (), ("nodes", "seeds", "no_record")),
     *PX4_RULES,
-    options.OptionRule("--figure", "figure", (), ("seeds", "nodes", "px4")),
 )
 
 
@@ -69,11 +67,6 @@ class _Fly:
         False,
     )
     no_record: bool = option("--no-record", "Write no flight.mcap.", False)
-    figure: str | None = option(
-        "--figure FORMAT",
-        "Write flight_column.FORMAT too, pdf or svg: the figure as wide as a column of print, "
-        "88 mm.",
-    )
 
 
 @command(app, epilog=EXIT_CODES, cls=OptionalUrlCommand)
@@ -102,8 +95,6 @@ def fly(
     options.check_options(
         _RULES, draw, several, variation, px4, pace, domain, more, px4_url=px4.url
     )
-    if more.figure not in (None, *_FIGURES):
-        raise unknown_name("--figure", str(more.figure), _FIGURES)
     if more.no_reaction:
         if variation.reaction not in (None, "none"):
             raise InputError(
@@ -135,7 +126,7 @@ def fly(
             yes=px4.yes,
         )
     elif many is None:
-        code = _fly_one(chosen, seed, folder, not more.no_record, more.figure, place.as_json)
+        code = _fly_one(chosen, seed, folder, not more.no_record, place.as_json)
     else:
         from tombo_bringup.cli.result_files import run_sweep
         from tombo_flight.sweep.design import SweepDesign
@@ -195,15 +186,11 @@ def _prepared(
             yield folder, stop, on_progress
 
 
-def _fly_one(
-    scenario: Scenario, seed: int, place: Place, record: bool, figure: str | None, as_json: bool
-) -> int:
+def _fly_one(scenario: Scenario, seed: int, place: Place, record: bool, as_json: bool) -> int:
     from tombo_flight.flight_output import fly_into
 
     with _prepared(scenario, place) as (folder, stop, on_progress):
-        flight = fly_into(
-            folder, scenario, seed, stop, record=record, column=figure, on_progress=on_progress
-        )
+        flight = fly_into(folder, scenario, seed, stop, record=record, on_progress=on_progress)
         names = sorted(p.name for p in folder.staging.iterdir())
         folder.publish()
     if not as_json and stop.asked() and not flight.summary["interrupted"]:

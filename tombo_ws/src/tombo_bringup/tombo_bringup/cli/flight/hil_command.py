@@ -44,7 +44,7 @@ class _Hil:
 
 @command(app, epilog=HIL_EXIT_CODES)
 def hil(
-    scene: options.FormerScene,
+    scene: options.Scene,
     given: _Hil,
     settings: options.Settings,
     draw: options.Draw,
@@ -68,7 +68,7 @@ def hil(
         raise InputError(f"--speed {speed:g}: out of bounds; accepted: a number from 0 to 100")
     gps, by_link = not given.no_gps, mocap == ON_LINK
     params = HilParams(rate=given.rate, gps=gps, mocap=by_link).check()
-    scenario = scene.name
+    scenario = scene.scenario
     world = world_of(load_scenario(scenario, settings.settings or []))
     link = HilLink(given.port)
     feed = None if mocap is None or by_link else _feed(mocap)
@@ -140,14 +140,13 @@ def _serve(one: HilSimulator, stop: StopSignals, duration_s: float | None) -> No
 
     began = time.monotonic()
     with scroll() as lines:
-        screen = HilScreen(lines, began)
+        screen = HilScreen(lines)
         while not stop.asked():
             now_ns = time.monotonic_ns()
             if not one.advance(now_ns):
                 one.wait(now_ns, _WAIT_S)
-            now = time.monotonic()
-            screen.show(one, now)
-            if duration_s is not None and now - began >= duration_s:
+            screen.show(one)
+            if duration_s is not None and time.monotonic() - began >= duration_s:
                 break
         screen.close(one)
 
@@ -155,35 +154,24 @@ def _serve(one: HilSimulator, stop: StopSignals, duration_s: float | None) -> No
 class HilScreen:
     """One line of how it is, renewed on a terminal, now and then elsewhere; news above it."""
 
-    def __init__(self, scroll: Scroll, now: float) -> None:
+    def __init__(self, scroll: Scroll) -> None:
         self._scroll = scroll
-        self._flight = 0
-        self._since = (now, 0)
 
-    def show(self, one: HilSimulator, now: float) -> None:
+    def show(self, one: HilSimulator) -> None:
         """Show what is new; called often."""
         self._tell_news(one)
-        if one.flights != self._flight:
-            self._flight = one.flights
-            self._since = (now, one.flight.time_us)
         if self._scroll.due():
-            self._scroll.show(self._status(one, now))
+            self._scroll.show(self._status(one))
 
     def close(self, one: HilSimulator) -> None:
         """Say how it ended."""
         self._tell_news(one)
         self._scroll.put(f"stopped after {one.flights} flights")
 
-    def _status(self, one: HilSimulator, now: float) -> str:
+    def _status(self, one: HilSimulator) -> str:
         flight = one.flight
-        before, time_us = self._since
-        if flight.time_us < time_us:  # PX4 has left: a new vehicle waits
-            before, time_us = now, flight.time_us
-        self._since = (now, flight.time_us)
-        factor = 1e-6 * (flight.time_us - time_us) / max(now - before, 1e-9)
         parts = [
             f"{one.phase.value}: flight {one.flights}, {1e-6 * flight.time_us:.1f} s",
-            f"{factor:.1f} times real time",
             f"{one.steps} steps",
             f"{one.missed} missed",
             "armed" if one.motors.armed else "not armed",

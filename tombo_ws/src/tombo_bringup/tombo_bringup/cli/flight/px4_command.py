@@ -46,10 +46,6 @@ class _Px4:
     ground_port: int = option(
         "--ground-port N", "UDP port of the ground station.", _GROUND_PORT, bounds=(1, _HIGHEST)
     )
-    parameters: list[str] | None = option(
-        "--param NAME=VALUE",
-        "Change a parameter of the autopilot, as in COM_OF_LOSS_T=0.5. May be given many times.",
-    )
     key: Path | None = option(
         "--key FILE", "Key of MAVLink's signatures: only who has it is heard."
     )
@@ -65,7 +61,7 @@ class _Px4:
 
 @command(app, epilog=PX4_EXIT_CODES)
 def px4(
-    scene: options.FormerScene,
+    scene: options.Scene,
     given: _Px4,
     draw: options.Draw,
     settings: options.Settings,
@@ -81,9 +77,7 @@ def px4(
     from tombo_px4.protocol.endpoint import Endpoint
 
     table = ParameterTable()
-    for text in given.parameters or []:
-        set_parameter(table, text)
-    chosen = load_scenario(scene.name, settings.settings or [])
+    chosen = load_scenario(scene.scenario, settings.settings or [])
     with ExitStack() as stack:
         links = [
             (stack.enter_context(closing(link)), streams)
@@ -93,28 +87,6 @@ def px4(
         host, ports = given.host, (given.port, given.ground_port)
         endpoint = Endpoint(vehicle, links)
         _serve(endpoint, duration.duration, where_to_connect(host, *ports))
-
-
-def set_parameter(table: ParameterTable, text: str) -> None:
-    """Set the parameter that a text NAME=VALUE means.
-
-    Raises:
-        InputError: not of this form, unknown, or a value that is refused.
-    """
-    from tombo_dynamics.errors import InputError, unknown_name
-
-    name, separator, value = (part.strip() for part in text.partition("="))
-    if not separator or not name:
-        raise InputError(f"--param '{text}': accepted: NAME=VALUE, as in COM_OF_LOSS_T=0.5")
-    if name not in table.names:
-        raise unknown_name("--param", name, table.names)
-    try:
-        number = float(value)
-    except ValueError:
-        raise InputError(f"--param '{text}': '{value}' is no number") from None
-    refusal = table.set(name, number)
-    if refusal:
-        raise InputError(f"--param {refusal}")
 
 
 def _open_links(given: _Px4, table: ParameterTable) -> list[tuple[Link, str]]:

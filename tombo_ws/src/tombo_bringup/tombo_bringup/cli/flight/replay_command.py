@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from tombo_bringup.cli import options
-from tombo_bringup.cli.options import argument, command, former_option, option, record
+from tombo_bringup.cli.options import argument, command, option, record
 from tombo_bringup.cli.tables import show_page
 from tombo_dynamics.errors import InputError
 
@@ -25,7 +25,7 @@ REPLAY_EXIT_CODES = (
     "Exit code: 0 also when recorded and replayed differ (that is a result); with --strict 1 "
     "when they differ by more than the tolerances; 2 for bad input."
 )
-FILES = ("replay.json", "replay.png")
+FILE = "replay.json"
 
 
 @record
@@ -39,7 +39,6 @@ class _Replay:
     scenario: str | None = option(
         "--scenario SCENARIO", "Its parameters over the bag's: YAML file or name."
     )
-    params: str | None = former_option("--params SCENARIO", "--scenario")
     frame_ok: str | None = option("--frame-ok NAME", "Take this frame_id of poses for map.")
     shift_stamps: float = option("--shift-stamps S", "Add S seconds to the poses' stamps.", 0.0)
     stamp_on_arrival: bool = option(
@@ -71,12 +70,11 @@ def replay(
     Inputs are fed in the order and at the times of their arrival, with the stamps of their
     headers. Parameters are those of the recorded flight if the bag has them; --set changes one
     over them, as detector.threshold=30. With --dds --speed is that of the recorded time.
-    With -o also replay.json and replay.png, over those of an earlier replay.
+    With -o also replay.json, over that of an earlier replay.
     """
     from tombo_flight.process.output_folder import open_output
-    from tombo_flight.replay.page import draw_replay, replay_page
+    from tombo_flight.replay.page import replay_page
     from tombo_flight.replay.run import ReplayRequest, replay_bag
-    from tombo_flight.report.flight_plot import figure_bytes
     from tombo_flight.report.page import page_json
 
     speed = 1.0 if pace.speed is None else pace.speed
@@ -86,7 +84,7 @@ def replay(
         frame_ok=given.frame_ok,
         shift_stamps_s=_finite("--shift-stamps", given.shift_stamps),
         stamp_on_arrival=given.stamp_on_arrival,
-        scenario=given.scenario or given.params,
+        scenario=given.scenario,
         settings=tuple(settings.settings or ()),
         tolerances=_tolerances(given.tolerances or []),
     )
@@ -95,15 +93,14 @@ def replay(
     with ExitStack() as stack:
         folder = None
         if place is not None:
-            folder = stack.enter_context(open_output(place, replace=True, results=FILES))
+            folder = stack.enter_context(open_output(place, replace=True, results=(FILE,)))
         bag = given.bag
         result = _through_nodes(bag, request, speed) if given.dds else replay_bag(bag, request)
         page = replay_page(result)
         if folder is not None:
-            (folder / FILES[0]).write_text(page_json(page), encoding="utf-8", newline="\n")
-            (folder / FILES[1]).write_bytes(figure_bytes(draw_replay(result)))
+            (folder / FILE).write_text(page_json(page), encoding="utf-8", newline="\n")
             folder.publish()
-    show_page(page, copies.as_json, None if copies.as_json else place, FILES)
+    show_page(page, copies.as_json, None if copies.as_json else place, (FILE,))
     raise typer.Exit(1 if given.strict and result.differences else 0)
 
 

@@ -15,99 +15,70 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def new_screen(as_json: bool) -> Iterator[JsonScreen | TextScreen]:
+def new_screen(as_json: bool) -> Iterator[Screen]:
     """Make the screen that fits where standard output leads to."""
     if as_json:
-        yield JsonScreen()
+        yield Screen(Scroll(None), as_json=True)
         return
     with scroll() as lines:
-        yield TextScreen(lines)
+        yield Screen(lines)
 
 
-class JsonScreen:
-    """An object a line: status, warning, ended, closed; with the methods of `TextScreen`."""
+class Screen:
+    """Lines of text, on a terminal a table below them; or a JSON object a line, by its event."""
 
-    def __init__(self) -> None:
-        self._scroll = Scroll(None)
-
-    def status(self, suite: SuiteState) -> None:
-        """Print the status now and then."""
-        from tombo_flight.suite.status_table import status_object
-
-        if self._scroll.due():
-            self._put(status_object(suite))
-
-    def warning(self, node: str, line: str) -> None:
-        """Print it."""
-        self._put({"event": "warning", "node": node, "text": line})
-
-    def notice(self, text: str) -> None:
-        """Print it."""
-        self._put({"event": "notice", "text": text})
-
-    def answer(self, answer: Mapping[str, Any]) -> None:
-        """Print it."""
-        self._put({"event": "answer", **answer})
-
-    def ended(self, end: ProcessExit, log: str) -> None:
-        """Print it."""
-        self._put({"event": "ended", **_plain(end), "log": log})
-
-    def closing(self, ends: Sequence[ProcessExit], folder: str) -> None:
-        """Print it."""
-        self._put({"event": "closed", "folder": folder, "not_well": [_plain(e) for e in ends]})
-
-    def _put(self, value: dict[str, Any]) -> None:
-        from tombo_flight.json_text import plain
-
-        print(json.dumps(plain(value), ensure_ascii=False), flush=True)
-
-
-class TextScreen:
-    """Lines of text; on a terminal a table below them."""
-
-    def __init__(self, scroll: Scroll) -> None:
+    def __init__(self, scroll: Scroll, *, as_json: bool = False) -> None:
         self._scroll = scroll
-        self._put = scroll.put
+        self._as_json = as_json
 
     def status(self, suite: SuiteState) -> None:
-        """Print a line now and then, or draw the table a few times a second; called often."""
-        from tombo_flight.suite.status_table import status_line, status_table
+        """Print the status now and then, or draw the table a few times a second; called often."""
+        from tombo_flight.suite.status_table import status_line, status_object, status_table
 
         if not self._scroll.due():
             return
-        if self._scroll.live is None:
-            self._put(status_line(suite))
-        else:
+        if self._scroll.live is not None:
             self._scroll.draw(status_table(suite))
+        else:
+            self._put(status_object(suite), status_line(suite))
 
     def warning(self, node: str, line: str) -> None:
         """Print a line of a node's log."""
         from tombo_flight.suite.node_log import without_stamp
 
-        self._put(f"{node}: {without_stamp(line)}", "yellow")
+        event = {"event": "warning", "node": node, "text": line}
+        self._put(event, f"{node}: {without_stamp(line)}", "yellow")
 
     def notice(self, text: str) -> None:
         """Print it."""
-        self._put(text, "bold")
+        self._put({"event": "notice", "text": text}, text, "bold")
 
     def answer(self, answer: Mapping[str, Any]) -> None:
         """Print what the nodes said to a request."""
-        done = "" if answer["success"] else " refused"
-        style = "bold" if answer["success"] else "bold red"
-        self._put(f"{answer['request']}{done}: {answer['message']}", style)
+        done, style = ("", "bold") if answer["success"] else (" refused", "bold red")
+        text = f"{answer['request']}{done}: {answer['message']}"
+        self._put({"event": "answer", **answer}, text, style)
 
     def ended(self, end: ProcessExit, log: str) -> None:
         """Print that a node has ended by itself, with the last lines of its log."""
-        self._put(f"{end.name} has ended, {end.exit_text}; its log: {log}", "bold red")
-        for line in end.last_log_lines:
-            self._put(f"  {line}")
+        words = "".join(f"\n  {line}" for line in end.last_log_lines)
+        text = f"{end.name} has ended, {end.exit_text}; its log: {log}{words}"
+        self._put({"event": "ended", **_plain(end), "log": log}, text, "bold red")
 
     def closing(self, ends: Sequence[ProcessExit], folder: str) -> None:
         """Print nodes that did not end as asked, and the folder of the files."""
-        for end in ends:
-            self._put(f"{end.name} did not stop when asked to: {end.exit_text}", "yellow")
-        self._put(f"stopped; files in {folder}")
+        lines = [f"{e.name} did not stop when asked to: {e.exit_text}" for e in ends]
+        event = {"event": "closed", "folder": folder, "not_well": [_plain(e) for e in ends]}
+        self._put(event, "\n".join([*lines, f"stopped; files in {folder}"]))
+
+    def _put(self, event: Mapping[str, Any], text: str, style: str = "") -> None:
+        from tombo_flight.json_text import plain
+
+        if self._as_json:
+            print(json.dumps(plain(event), ensure_ascii=False), flush=True)
+            return
+        for line in text.split("\n"):
+            self._scroll.put(line, style)
 
 
 def _plain(end: ProcessExit) -> dict[str, Any]:

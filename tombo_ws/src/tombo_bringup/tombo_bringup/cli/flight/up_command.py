@@ -17,7 +17,7 @@ from tombo_bringup.cli.flight.optional_url import (
     OptionalUrlCommand,
     Px4Options,
 )
-from tombo_bringup.cli.options import command, former_option, option, record
+from tombo_bringup.cli.options import command, option, record
 
 if TYPE_CHECKING:
     from tombo_flight.suite.running import SuiteConfig
@@ -41,7 +41,6 @@ class _Up:
         "--params FILE",
         "A ROS parameter file over those of the scenario. May be given many times.",
     )
-    record: str | None = former_option("--record DIR", "-o")
 
 
 @command(app, epilog=UP_EXIT_CODES, cls=OptionalUrlCommand)
@@ -84,8 +83,7 @@ def up(
     real = "sim" in (*without, *over.get("without", ()))
     if real:  # what really flies waits for ~/takeoff
         over["more"] = {**over.get("more", {}), "mission": {"auto_start": False}}
-    named = place.output if place.output is not None else more.record
-    folder = Path(named or time.strftime("runs/up-%Y%m%d-%H%M%S"))
+    folder = Path(place.output or time.strftime("runs/up-%Y%m%d-%H%M%S"))
     config = SuiteConfig(
         scenario=load_scenario(scene.scenario, changes, variation.model, variation.vehicle),
         seed=draw.seed or 0,
@@ -104,7 +102,7 @@ def up(
             allowed = may_arm(connection, config.scenario, stop, yes=px4.yes, flies=flies)
     except Stopped:
         allowed = False
-    if allowed and named is None:
+    if allowed and place.output is None:
         config = _in_new_folder(config)
     code = _watch(config, duration.duration, place.as_json) if allowed else 1
     raise typer.Exit(code)

@@ -16,8 +16,8 @@ class Player {
     this.wireKeys();
     this.readColours();
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.readColours());
-    this.resized = new ResizeObserver(() => { this.charts.draw(); this.ask(); });
-    this.resized.observe(document.querySelector(".stage"));
+    new ResizeObserver(() => { this.charts.draw(); this.ask(); })
+      .observe(document.querySelector(".stage"));
     if (milestones.mark_s !== null) this.aroundMark();
     this.ask();
   }
@@ -46,18 +46,12 @@ class Player {
 
   /** Ask for one picture; more follow by themselves while something moves. */
   ask() {
-    if (this.asked || this.closed) return;
+    if (this.asked) return;
     this.asked = true;
     requestAnimationFrame((now) => {
       this.asked = false;
-      if (!this.closed) this.tick(now / 1000);
+      this.tick(now / 1000);
     });
-  }
-
-  /** Leave the page to another player. */
-  close() {
-    this.closed = true;
-    this.resized.disconnect();
   }
 
   tick(now) {
