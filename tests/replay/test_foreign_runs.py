@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 
 import numpy as np
@@ -144,6 +145,16 @@ def test_poses_without_stamps_are_stamped_when_they_arrived(tmp_path, flight):
     assert found == pytest.approx(24.244, abs=0.002)
 
 
+def test_poses_that_are_not_numbers_are_refused_and_the_rest_is_used(tmp_path, flight):
+    track = copy.deepcopy(flight)
+    track.position[600, 0] = np.nan
+    track.attitude[601] = np.nan
+    result = replay_bag(write(tmp_path / "lab.mcap", track), ReplayRequest())
+    assert result.nodes["detector"]["poses_refused"] == {"not_finite": 2}
+    assert len(result.replayed.events) == 1
+    assert any("2 of 1198 poses are not finite" in finding for finding in result.findings)
+
+
 def test_a_flight_of_no_length_and_one_of_a_single_pose(tmp_path, flight):
     one = PoseTrack(*(column[:1] for column in vars(flight).values()))
     result = replay_bag(write(tmp_path / "one.mcap", one), ReplayRequest())
@@ -174,6 +185,19 @@ def test_a_mapped_topic_of_another_type_is_refused(chatter):
         replay_bag(chatter, ReplayRequest(names={"/chatter": "/mocap/pose"}))
     with pytest.raises(InputError, match="did you mean '/mocap/pose'"):
         replay_bag(chatter, ReplayRequest(names={"/chatter": "/mocap/poses"}))
+
+
+@pytest.mark.slow
+def test_messages_written_out_of_order_are_fed_in_order_of_arrival(tmp_path, flight):
+    path = write(tmp_path / "lab.mcap", flight)
+    with Recording(path) as recording:
+        raw = recording.messages("/mocap/pose")
+    shuffled = np.random.default_rng(3).permutation(len(raw.messages))
+    with McapSink(path) as sink:
+        channel = sink.add_channel("/mocap/pose", POSE)
+        for i in shuffled.tolist():
+            sink.write(channel, raw.messages[i], int(raw.log_times_ns[i]))
+    assert events(path) == [24.233]
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Frames, clocks, numbers: what is wrong with a recording's poses is said in one line each."""
+"""Frames, clocks, axes: what is wrong with a recording's poses is said in one line each."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def test_a_sound_flight_gives_no_finding(flight):
 
 
 @pytest.mark.parametrize("bag", ["aggressive_2", "no_obstacle_1", "soft_strike_3"])
-def test_no_clock_is_suspected_in_sound_flights(poses, bag):
+def test_no_axis_or_clock_is_suspected_in_sound_flights(poses, bag):
     findings = check_poses(poses(bag), 0.25)
     assert all("gap" in finding for finding in findings), findings
 
@@ -85,6 +85,27 @@ def test_stamps_of_zero(flight):
     assert check_poses(unstamped.with_arrival_stamps(), 0.25) == []
 
 
+def turned_up(track: PoseTrack, order: list[int], signs: list[float]) -> PoseTrack:
+    """The same flight in axes that a lab may stream."""
+    position = track.position[:, order] * signs
+    vector = track.attitude[:, :3][:, order] * signs
+    attitude = np.column_stack([vector, track.attitude[:, 3]])
+    return replace(track, position=position, attitude=attitude)
+
+
+@pytest.mark.parametrize("bag", ["paper_collision_7", "aggressive_2", "no_obstacle_1"])
+def test_y_up_as_motive_streams_it(poses, bag):
+    findings = check_poses(turned_up(poses(bag), [0, 2, 1], [1.0, 1.0, -1.0]), 0.25)
+    assert "axis y looks like up" in findings[-1]
+    assert "and tilt agrees" in findings[-1]
+
+
+def test_y_up_in_a_recording_that_begins_and_ends_in_flight(flight):
+    airborne = part(flight, slice(250, 980))
+    assert check_poses(airborne, 0.25) == []
+    assert "axis y looks like up" in only(turned_up(airborne, [0, 2, 1], [1.0, 1.0, -1.0]))
+
+
 def drifting(track: PoseTrack) -> PoseTrack:
     since = track.stamp_ns - track.stamp_ns[0]
     return replace(track, stamp_ns=track.stamp_ns - (since * 1e-3).astype(np.int64))
@@ -95,6 +116,21 @@ def restamped(track: PoseTrack, *order: int) -> PoseTrack:
     stamps = track.stamp_ns.copy()
     stamps[100 : 100 + len(order)] = stamps[list(order)]
     return replace(track, stamp_ns=stamps)
+
+
+def frozen(track: PoseTrack) -> PoseTrack:
+    position, attitude = track.position.copy(), track.attitude.copy()
+    position[400:420], attitude[400:420] = position[400], attitude[400]
+    return replace(track, position=position, attitude=attitude)
+
+
+def rolled_over(track: PoseTrack) -> PoseTrack:
+    x, y, z, w = track.attitude.T
+    return replace(track, attitude=np.stack([w, z, -y, -x], axis=1))
+
+
+def only_positions_turned(track: PoseTrack) -> PoseTrack:
+    return replace(turned_up(track, [0, 2, 1], [1.0, 1.0, -1.0]), attitude=track.attitude)
 
 
 @pytest.mark.parametrize(
@@ -108,6 +144,10 @@ def restamped(track: PoseTrack, *order: int) -> PoseTrack:
             lambda track: part(track, np.r_[0:500, 530:1198]),
             ("1 gap of more than 0.25 s", "1.03 s after 16.6 s"),
         ),
+        (frozen, ("stands still to the last bit once, for up to 19 poses",)),
+        (lambda track: turned_up(track, [2, 0, 1], [1.0, 1.0, 1.0]), ("axis x looks like up",)),
+        (only_positions_turned, ("axis y looks like up", "tilt does not agree")),
+        (rolled_over, ("base_link z points down",)),
     ],
 )
 def test_a_mistake_is_one_finding(flight, change, words):
