@@ -27,15 +27,11 @@ def _state(flight: Lockstep) -> SafetyState:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("wrong", "silent"), [*((name, "odometry_on") for name in WRONG), ("as_modelled", "mocap_on")]
-)
-def test_without_estimates_it_sinks_slowly_drifts_little_and_stays_down(
-    wrong: str, silent: str
-) -> None:
+@pytest.mark.parametrize("wrong", WRONG)
+def test_without_estimates_it_sinks_slowly_drifts_little_and_stays_down(wrong: str) -> None:
     flight = hovering(calm(*WRONG[wrong]), seed=11)
     begin = flight.position
-    setattr(flight, silent, False)
+    flight.odometry_on = False
     rows = flight.fly(14.0)
     down = int(np.argmax(rows[:, 2] < 0.185))
     assert 3000 < down < 10_000
@@ -45,7 +41,7 @@ def test_without_estimates_it_sinks_slowly_drifts_little_and_stays_down(
     assert flight.command is not None
     assert not flight.command.speed.any()
     assert np.linalg.norm(rows[-1, :2] - rows[down, :2]) < 0.4, "it slid"
-    setattr(flight, silent, True)
+    flight.odometry_on = True
     assert flight.fly(5.0)[:, 2].max() < 0.19, "no estimate starts the rotors again"
     assert _state(flight) == SafetyState.LATCHED
 
