@@ -134,7 +134,7 @@ class Ros1Reader(rosbag1.Reader):
         header = Header.read(self.bio)
         self.bio.seek(place)
         how, stated = header.get_string("compression"), header.get_uint32("size")
-        size = min(stated, Allowance(Path(self.path), self.path.stat().st_size).left)
+        size = min(stated, Allowance(Path(str(self.path)), self.path.stat().st_size).left)
         return super().read_chunk()._replace(decompressor=lambda data: unpack(how, data, size))
 
     def mend(self) -> list[str]:
