@@ -1,4 +1,4 @@
-"""`tombo vehicle`: vehicles that can be flown, what one is made of, a file for one's own."""
+"""`tombo vehicle`: list vehicles, show one, write a file for one's own."""
 
 from __future__ import annotations
 

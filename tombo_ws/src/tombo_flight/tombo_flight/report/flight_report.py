@@ -74,7 +74,7 @@ def write_report(flight: Flight, path: Path, figure: Figure | None = None) -> No
     """Write the self-contained report of a flight.
 
     Args:
-        flight: what was flown.
+        flight: the flight.
         path: the file to write; its folder exists.
         figure: the still figure (`flight_plot`) where it is drawn already.
     """
@@ -95,7 +95,7 @@ def flight_page(flight: Flight, figure: Figure | None = None, remarks: Sequence[
     """Return the page of a flight, but for the data of the 3-D replay.
 
     Args:
-        flight: what was flown.
+        flight: the flight.
         figure: the still figure where it is drawn already.
         remarks: further sentences on a terminal.
     """
@@ -156,7 +156,7 @@ def replay_scripts(flight: Flight) -> str:
 
 
 def _errors(summary: Mapping[str, Any]) -> list[FigureRow]:
-    """Return what a terminal shows besides."""
+    """Return figures for the terminal alone."""
     named = (
         ("RMS error in hover", "hover_rms_m", "m", 3),
         ("RMS error in the approach", "approach_rms_m", "m", 3),
@@ -169,7 +169,7 @@ def _errors(summary: Mapping[str, Any]) -> list[FigureRow]:
 
 
 def _comparison_table(rows: Iterable[FigureRow], paper: bool, *, wide: bool) -> Table:
-    """Return figures beside the paper's.
+    """Return a table of figures, with those of the paper.
 
     Args:
         rows: the figures.
