@@ -1,8 +1,8 @@
 """What travels between the cores: one frozen dataclass for each message, and its constants.
 
-The three standard ones are first, then those of `tombo_msgs`: one for each `.msg` file whose fields
-have a fixed number of values. Stamps are capture times [ns]. World `map` is ENU, body `base_link`
-FLU, SI units, quaternions xyzw.
+The three standard ones are first, then those of `tombo_msgs`: one for each `.msg` file whose
+fields have a fixed number of values. Stamps are capture times [ns]. World `map` is ENU, body
+`base_link` FLU, SI units, quaternions xyzw.
 
 The metadata of a field are its `unit` (none: it has no unit), the `length` of an array, and the
 `path` where the message calls it otherwise. A class says the `frame` of its header unless it
