@@ -45,6 +45,8 @@ def explain_mapping(path: Path) -> str:
     kind, read, why = kind_of(path), None, ""
     if kind == "table":
         table = open_table(path)
+        if table.mapping:
+            return f"# An export of motion-capture software, read as this says.\n{table.mapping}\n"
         names = table.number_columns()
         if not names:
             raise InputError(f"'{path}' has no column of numbers; accepted: a table of a flight")

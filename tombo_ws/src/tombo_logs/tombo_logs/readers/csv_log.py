@@ -16,7 +16,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.yaml_text import read_yaml
-from tombo_logs.readers.csv_mapping import ATTITUDES, LogMapping, shipped
+from tombo_logs.readers.csv_mapping import ATTITUDES, LogMapping, parse_mapping, shipped
 from tombo_logs.readers.csv_table import CsvTable, open_table
 from tombo_logs.readers.frames import axes_matrix, handedness, turn_attitude
 from tombo_logs.readers.mapping_file import ChannelMap, TimeColumn
@@ -102,6 +102,8 @@ def _spelled_as(mapping: LogMapping, there: Collection[str]) -> LogMapping:
 
 
 def _recognised(table: CsvTable) -> LogMapping:
+    if table.mapping:
+        return parse_mapping(table.mapping, "export")
     there, known = set(table.columns), shipped()
     fitting = [
         mapping
@@ -192,13 +194,18 @@ def _quaternions(channel: ChannelMap, values: Array) -> Array:
         return values
     if channel.order == "wxyz":
         return values[:, [1, 2, 3, 0]]
-    angles = values * factor(channel.unit, "rad", "attitude")
+    out = np.full((len(values), 4), np.nan)
+    usable = np.isfinite(values).all(axis=1)
+    if not usable.any():
+        return out
+    if channel.order == "matrix":
+        columns = values[usable].reshape(-1, 3, 3)
+        out[usable] = Rotation.from_matrix(columns.transpose(0, 2, 1)).as_quat()
+        return out
+    angles = values[usable] * factor(channel.unit, "rad", "attitude")
     if channel.order == "rpy":
         angles = angles[:, ::-1]
-    out = np.full((len(angles), 4), np.nan)
-    usable = np.isfinite(angles).all(axis=1)
-    if usable.any():
-        out[usable] = Rotation.from_euler("ZYX", angles[usable]).as_quat()
+    out[usable] = Rotation.from_euler("ZYX", angles).as_quat()
     return out
 
 

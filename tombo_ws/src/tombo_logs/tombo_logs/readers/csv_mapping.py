@@ -31,8 +31,11 @@ from tombo_logs.readers.mapping_file import (
 )
 from tombo_logs.readers.units import factor
 
-ORDERS = {"xyzw": 4, "wxyz": 4, "rpy": 3, "ypr": 3}
-"""How an attitude is written, and in how many columns: quaternion, or roll, pitch and yaw."""
+ORDERS = {"xyzw": 4, "wxyz": 4, "rpy": 3, "ypr": 3, "matrix": 9}
+"""How an attitude is written, and in how many columns.
+
+Quaternion; roll, pitch and yaw; rotation matrix, column by column.
+"""
 
 ATTITUDES = ("attitude", "estimated_attitude", "attitude_setpoint")
 """Channels that are one."""

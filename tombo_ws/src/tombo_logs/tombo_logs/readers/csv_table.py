@@ -12,7 +12,7 @@ import re
 from array import array
 from collections import Counter
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ import numpy as np
 from tombo_bag.formats.unpacking import GZIP_MAGIC, Allowance, ungzip
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
+from tombo_logs.readers.mocap_exports import as_table
 
 _BETWEEN_CELLS = rb"(?:^|[;\t])\s*[-+]?\d+%b\d+(?:[eE][-+]?\d+)?\s*(?=[;\t]|$)"
 _DECIMAL_COMMA = re.compile(_BETWEEN_CELLS % b",", re.MULTILINE)
@@ -40,6 +41,8 @@ class CsvTable:
     """What of the file is lost."""
     remarks: tuple[str, ...] = ()
     """How its numbers are understood, where that is not plain."""
+    mapping: str = ""
+    """Text of the mapping that belongs to an export of motion-capture software."""
 
     def numbers(self, wanted: Collection[str]) -> tuple[dict[str, Array], tuple[str, ...]]:
         """Read some columns; what is no number is NaN. Also returns what could not be read.
@@ -138,6 +141,14 @@ def open_table(path: Path) -> CsvTable:
         whole, _, rest = raw.rpartition(b"\n")
         if damage:
             raw, damage = whole, (*damage, f"its last row, '{_shown(rest)}', is not whole")
+    try:
+        raw, mapping = as_table(raw) or (raw, "")
+    except InputError as error:
+        raise InputError(f"'{path}': {error}") from error
+    return replace(_plain_table(path, raw, damage), mapping=mapping)
+
+
+def _plain_table(path: Path, raw: bytes, damage: tuple[str, ...]) -> CsvTable:
     remark, at = "", 0
     while at < len(raw):
         end = raw.find(b"\n", at) + 1 or len(raw)

@@ -27,7 +27,7 @@ from tombo_px4.telemetry_log import is_tlog
 
 READABLE = "MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, telemetry log (tlog), CSV, CSV.gz"
 _BAG_MAGIC = (MCAP_MAGIC, SQLITE_MAGIC, b"#ROSBAG", ZSTD_MAGIC)
-_LOG_SUFFIXES = (*SUFFIXES, ".ulg", ".tlog", ".csv", ".csv.gz")
+_LOG_SUFFIXES = (*SUFFIXES, ".ulg", ".tlog", ".csv", ".csv.gz", ".tsv")
 
 
 def read_logs(
