@@ -23,6 +23,7 @@ _AUTOPILOT = 1
 """Component that is the autopilot itself."""
 _EARLIEST_US, _LATEST_US = 946_684_800_000_000, 4_102_444_800_000_000
 """2000 to 2100."""
+_ODOMETRY = 331
 _ESC_STATUS = 291
 _ESC_STATUS_EXTRA = 10
 """Extra byte of its checksum; pymavlink leaves this message out."""
@@ -45,6 +46,7 @@ class _Message:
 
 _MESSAGES: Mapping[int, _Message] = {
     138: _Message("t u8, q f4 4, position f4 3"),  # ATT_POS_MOCAP
+    _ODOMETRY: _Message("t u8, position f4 3, q f4 4"),
     104: _Message("t u8, position f4 3, rpy f4 3"),  # VICON_POSITION_ESTIMATE
     102: _Message("t u8, position f4 3, rpy f4 3"),  # VISION_POSITION_ESTIMATE
     32: _Message("t u4, position f4 3", 1e3),  # LOCAL_POSITION_NED
@@ -60,7 +62,8 @@ _MESSAGES: Mapping[int, _Message] = {
     1: _Message("sensors u4 3, load u2, voltage u2, current i2", 0.0),  # SYS_STATUS
 }
 """By number, best first where several hold the same."""
-MOCAP = (138, 104, 102)
+MOCAP = (138, _ODOMETRY, 104, 102)
+"""Poses from outside; ODOMETRY where it is not the autopilot's."""
 
 
 @dataclass
@@ -95,7 +98,9 @@ def telemetry_messages(raw: bytes) -> tuple[dict[int, ColumnTable], list[str]]:
         fitting = [
             stream
             for key, stream in streams.items()
-            if key[0] == number and (number in MOCAP or key[1] == vehicle)
+            if key[0] == number
+            and (number in MOCAP or key[1] == vehicle)
+            and (number != _ODOMETRY or key[2] != _AUTOPILOT)
         ]
         if fitting:
             tables[number] = _table(message, max(fitting, key=lambda s: len(s.received)))

@@ -53,7 +53,12 @@ def written(path, dialect, mocap=True, escs="status"):
         gyro, accel = (FLIGHT.series[c].values[i] @ FRD for c in ("gyro", "accel"))
         if i % 25 == 0:
             log(t, ground.heartbeat_encode(6, 8, 0, 0, 0, 3).pack(ground))
-        if mocap:
+        if mocap == "odometry":
+            pose, rest = (*PLACE[i], [w, x, y, z]), (*[0.0] * 6, [0.0] * 21, [0.0] * 21)
+            log(t, companion.odometry_encode(us, 1, 8, *pose, *rest, 0, 2).pack(companion))
+            pose = (*(PLACE[i] + 1.0), [w, x, y, z])  # the autopilot's own estimate
+            log(t, link.odometry_encode(us, 1, 8, *pose, *rest, 0, 8).pack(link))
+        elif mocap:
             log(t, companion.vicon_position_estimate_encode(
                 us, *PLACE[i], roll, pitch, yaw).pack(companion))  # fmt: skip
         else:
@@ -113,3 +118,10 @@ def test_damage_is_survived_and_said(tmp_path):
     (tmp_path / "b.tlog").write_bytes(whole[:30])
     with pytest.raises(InputError, match="has no poses"):
         read_logs([tmp_path / "b.tlog"])
+
+
+def test_odometry_of_a_companion_is_the_pose_and_that_of_the_autopilot_is_not(tmp_path):
+    (log,) = read_logs([written(tmp_path / "a.tlog", v2, mocap="odometry")])
+    close(log.series["position"].values, P.values, 1e-6)
+    turns = Rotation.from_quat(log.series["attitude"].values).inv() * Rotation.from_quat(Q)
+    assert turns.magnitude().max() < 1e-6

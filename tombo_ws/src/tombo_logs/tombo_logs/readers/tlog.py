@@ -32,7 +32,8 @@ def read_tlog(path: Path, name: str) -> Flight:
     if not source:
         raise InputError(
             f"'{path}' has no poses; needed: position and attitude, as ATT_POS_MOCAP, "
-            "VICON_POSITION_ESTIMATE, VISION_POSITION_ESTIMATE or LOCAL_POSITION_NED with "
+            "ODOMETRY of a companion, VICON_POSITION_ESTIMATE, VISION_POSITION_ESTIMATE or "
+            "LOCAL_POSITION_NED with "
             f"ATTITUDE; of these it has {', '.join(sorted(topics)) or 'none'}"
         )
     findings = [*damage_findings(name, path, damage), *pose_findings(name, source)]
