@@ -80,7 +80,7 @@ def begin(world: World, seed: int) -> FlightSetup:
         float(pole.top),
     )
     plant.obstacle = obstacle
-    check_free(vehicle, plant, "obstacle")
+    _check_free(vehicle, plant)
     begin_flight(plant, np.zeros(NOISE), theta, TICK_S)
     return FlightSetup(
         plant,
@@ -129,23 +129,14 @@ def _spread_effects(
     return drawn
 
 
-def check_free(vehicle: VehicleParams, plant: SimulatedPlant, what: str) -> None:
-    """Refuse a flight that would begin in the obstacle.
-
-    Args:
-        vehicle: its size.
-        plant: at the start.
-        what: the setting that is named.
-
-    Raises:
-        InputError: the discs of the vehicle reach into the obstacle.
-    """
+def _check_free(vehicle: VehicleParams, plant: SimulatedPlant) -> None:
+    """Refuse a flight that would begin in the obstacle."""
     x, y, radius, _ = plant.obstacle.item()
     free = radius + vehicle.arm_length + vehicle.rotor_radius
     distance = math.hypot(x - plant.state.position[0], y - plant.state.position[1])
     if radius > 0.0 and distance < free:
         raise InputError(
-            f"{what}: the axis of the obstacle is {distance:.2f} m from the start, its radius "
+            f"obstacle: the axis of the obstacle is {distance:.2f} m from the start, its radius "
             f"{radius:g} m; accepted: at least {free:.2f} m, so that the vehicle does not start "
             "inside"
         )

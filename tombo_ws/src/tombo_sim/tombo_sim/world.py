@@ -44,19 +44,6 @@ class SpreadParams:
 
 
 @dataclass(frozen=True)
-class StartParams:
-    """Where a flight begins; in flight: in the state in which one from the ground was then."""
-
-    time: float = param(
-        0.0, "s", (0.0, 3600.0), "flight time at which the flight begins; 0: on the ground"
-    )
-    states: int = param(
-        1, "1", (1, 10_000), "flights from the ground, of seeds 0, 1, .., whose states are kept; "
-        "flight n begins in that of seed n modulo this"
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
 class World:
     """All that a simulation is made from, besides the seed."""
 
