@@ -30,7 +30,7 @@ def test_a_loss_ends_on_the_ground(loss: Loss, tmp_path: Path):
 def judged(height: np.ndarray, armed: np.ndarray) -> LossResult:
     seconds = np.arange(len(height)) * 1e-3
     zero = np.zeros(len(height))
-    track = np.column_stack((seconds, height, zero, armed))
+    track = np.column_stack((seconds, height, zero, zero, armed))
     return LossResult("x", 0, True, **judged_track(track))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Self
 
@@ -39,13 +39,14 @@ class LockstepPx4(ABC):
         link: the bridge's end of the link to it.
         system: its MAVLink system.
         watch: called with the simulator at every tick; a restarted PX4 has a new simulator.
-        missed: how many steps it has not answered.
+        steps: how many it was given.
+        missed: how many of them it has not answered.
     """
 
     link: Any
     system = 1
     watch: Watch
-    missed = 0
+    steps = missed = 0
 
     @property
     @abstractmethod
@@ -73,8 +74,10 @@ def lockstep_px4(
     folder: Path,
     world: World,
     seed: int,
+    parameters: Mapping[str, float],
     *,
     instance: int = 0,
+    speed: float = 0.0,
     hand: Watch | None = None,
 ) -> LockstepPx4:
     """Return a PX4 that flies by motion capture alone.
@@ -84,22 +87,32 @@ def lockstep_px4(
         folder: new; for the files of a real one.
         world: what is simulated.
         seed: of the simulation's random draws.
+        parameters: of PX4, over those that fit the vehicle.
         instance: of a real one.
+        speed: simulated time against real time, of a real one; 0: as fast as it answers.
         hand: moves the vehicle, before the samples of a tick are taken.
 
     Raises:
-        InputError: a port is taken.
+        InputError: a parameter is refused, or a port is taken.
     """
     if build is None:
-        return _SimulatedPx4(world, seed, hand)
-    return _RealPx4(build, folder, world, seed, instance, hand)
+        return _SimulatedPx4(world, seed, parameters, hand)
+    return _RealPx4(build, folder, world, seed, parameters, instance, speed, hand)
 
 
 class _RealPx4(LockstepPx4):
     """A PX4 SITL, over its simulator link and its on-board link."""
 
     def __init__(
-        self, build: Path, folder: Path, world: World, seed: int, instance: int, hand: Watch | None
+        self,
+        build: Path,
+        folder: Path,
+        world: World,
+        seed: int,
+        parameters: Mapping[str, float],
+        instance: int,
+        speed: float,
+        hand: Watch | None,
     ) -> None:
         self._build, self._folder, self._instance = build, folder, instance
         self._starts = 0
@@ -116,10 +129,10 @@ class _RealPx4(LockstepPx4):
         self._hil_link = HilLink(PX4_PORT + instance)
         params = HilParams(gps=False).check()
         self._hil = HilSimulator(
-            world, seed, params, self._hil_link, speed=0.0, watch=self._watch, hand=hand
+            world, seed, params, self._hil_link, speed=speed, watch=self._watch, hand=hand
         )
-        self._parameters = airframe_parameters(world, self._hil.flight)
-        self._parameters |= mocap_parameters(world, False)
+        vehicle = airframe_parameters(world, self._hil.flight) | mocap_parameters(world, False)
+        self._parameters = {**vehicle, **parameters}
 
     def _watch(self, simulator: Simulator) -> None:
         self.watch(simulator)
@@ -140,7 +153,7 @@ class _RealPx4(LockstepPx4):
                 now_ns = time.monotonic_ns()
                 if self._hil.advance(now_ns):
                     stepped_s = time.monotonic()
-                    self.missed = self._hil.missed
+                    self.steps, self.missed = self._hil.steps, self._hil.missed
                 elif not px4.running or time.monotonic() - stepped_s > _SILENT_S:
                     raise InputError("PX4 has ended or does not answer; accepted: one that flies")
                 else:
@@ -182,8 +195,11 @@ class _MemoryLink:
 class _SimulatedPx4(LockstepPx4):
     """The simulated PX4 and its vehicle: no socket, no clock, no chance but seeds."""
 
-    def __init__(self, world: World, seed: int, hand: Watch | None) -> None:
+    def __init__(
+        self, world: World, seed: int, parameters: Mapping[str, float], hand: Watch | None
+    ) -> None:
         self._world, self._seed, self._hand = world, seed, hand
+        self._parameters = {**MOCAP_ONLY, **SAFE_PARAMETERS, **parameters}
         own = LinkParams()
         self.link = _MemoryLink(own.own_system, own.own_component)
         self._link = _MemoryLink(1, 1)
@@ -193,7 +209,7 @@ class _SimulatedPx4(LockstepPx4):
     def _boot(self) -> None:
         """Set the vehicle on the ground, disarmed."""
         table = ParameterTable()
-        for name, value in {**MOCAP_ONLY, **SAFE_PARAMETERS}.items():
+        for name, value in self._parameters.items():
             if name in table.names and (refusal := table.set(name, value)):
                 raise InputError(refusal)
         self._vehicle = Px4Vehicle(self._world, self._seed, table)
@@ -214,6 +230,7 @@ class _SimulatedPx4(LockstepPx4):
             boot_ns = (self._vehicle.tick + 1) * TICK_NS
             self.link.now_ns = self._link.now_ns = epoch_ns + boot_ns
             self._endpoint.advance(boot_ns, epoch_ns + boot_ns)
+            self.steps = self._vehicle.tick
             self.watch(self._vehicle.simulator)
 
     def __exit__(self, *error: object) -> None:

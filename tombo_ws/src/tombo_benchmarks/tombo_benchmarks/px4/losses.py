@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +19,7 @@ from tombo_benchmarks.px4.lockstep_flight import LockstepRun
 from tombo_benchmarks.px4.lockstep_px4 import LockstepPx4, lockstep_px4
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase, Pose, PositionSetpoint
-from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS
+from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_S
 from tombo_flight.scenario import Scenario, load_scenario, world_of
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.bridge.bridge_records import BridgeOutput
@@ -78,7 +79,9 @@ class LossResult:
         down_s: when it touched the ground to stay there; None: it never did.
         off_s: when PX4 was disarmed; None: never.
         drift_m: how far it got from where it was, horizontally.
+        sink_m_s: vertical speed at touchdown.
         again: it has left the ground, or was armed, after that.
+        stages: time, stage and reason of the bridge.
     """
 
     loss: str
@@ -89,7 +92,10 @@ class LossResult:
     down_s: float | None = None
     off_s: float | None = None
     drift_m: float = 0.0
+    sink_m_s: float = 0.0
     again: bool = False
+    stages: tuple[tuple[float, str], ...] = ()
+    texts: tuple[tuple[float, str], ...] = ()
 
     @property
     def ended(self) -> bool:
@@ -103,7 +109,14 @@ def hover_scenario() -> Scenario:
 
 
 def fly_loss(
-    loss: Loss, seed: int, build: Path | None, folder: Path, *, instance: int = 0
+    loss: Loss,
+    seed: int,
+    build: Path | None,
+    folder: Path,
+    *,
+    instance: int = 0,
+    bridge: BridgeParams | None = None,
+    parameters: Mapping[str, float] | None = None,
 ) -> LossResult:
     """Fly one loss.
 
@@ -113,13 +126,17 @@ def fly_loss(
         build: of a real PX4 (`px4_build`); None: the simulated PX4.
         folder: new; for PX4's files.
         instance: of PX4.
+        bridge: parameters of the bridge.
+        parameters: of PX4, over those that are recommended.
 
     Raises:
         InputError: PX4 does not start, or stops answering.
     """
-    scenario = hover_scenario()
-    with lockstep_px4(build, folder, world_of(scenario), seed, instance=instance) as px4:
-        flight = _LossRun(loss, px4, scenario, seed)
+    scenario, bridge = hover_scenario(), bridge or BridgeParams(axes_evidence=SIMULATED)
+    with lockstep_px4(
+        build, folder, world_of(scenario), seed, parameters or {}, instance=instance
+    ) as px4:
+        flight = _LossRun(loss, px4, scenario, seed, bridge)
         flight.fly()
         return flight.loss_result()
 
@@ -127,8 +144,10 @@ def fly_loss(
 class _LossRun(LockstepRun):
     """A flight that loses something."""
 
-    def __init__(self, loss: Loss, px4: LockstepPx4, scenario: Scenario, seed: int) -> None:
-        super().__init__(px4, scenario, seed, BridgeParams(axes_evidence=SIMULATED))
+    def __init__(
+        self, loss: Loss, px4: LockstepPx4, scenario: Scenario, seed: int, bridge: BridgeParams
+    ) -> None:
+        super().__init__(px4, scenario, seed, bridge)
         self.loss = loss
         self._restart_due = False
         """PX4 is to be restarted now."""
@@ -138,8 +157,9 @@ class _LossRun(LockstepRun):
         self._late: deque[tuple[int, Pose]] = deque()
         self._frozen: Pose | None = None
         self._backlog: list[Received] = []
-        self._track: list[tuple[float, float, float, bool]] = []
+        self._track: list[tuple[float, float, float, float, bool]] = []
         self._modes: list[tuple[float, str]] = []
+        self._stages: list[tuple[float, str]] = []
         self._stand_m = 0.0
         self._off_since_s: float | None = None
 
@@ -214,6 +234,9 @@ class _LossRun(LockstepRun):
         if self._has_lost("link"):
             out.messages.clear()
         super()._take_output(out)
+        stage = f"{out.status.stage.value}: {out.status.why}"
+        if self._loss_s >= 0.0 and (not self._stages or self._stages[-1][1] != stage):
+            self._stages.append((self._loss_s, stage))
 
     def _hand_over(self, topic: str, message: Any) -> None:
         if not (self._has_lost("mission") and topic.startswith("/mission/")):
@@ -258,10 +281,10 @@ class _LossRun(LockstepRun):
             self._off_since_s = None
         elif self._off_since_s is None:
             self._off_since_s = self._loss_s
-        position = state.position
+        position, velocity = state.position, state.velocity
         drift = math.hypot(*(position[:2] - self._place[:2]))
         height = float(position[2]) - self._stand_m
-        self._track.append((self._loss_s, height, drift, armed))
+        self._track.append((self._loss_s, height, drift, float(velocity[2]), armed))
 
     def loss_result(self) -> LossResult:
         """Return what the loss has led to."""
@@ -269,16 +292,27 @@ class _LossRun(LockstepRun):
         if self._lost_ns is None:
             notes = dict.fromkeys(text for _, text in self._notes)
             return replace(result, why_not="; ".join(notes) or self._status_why)
-        return replace(result, modes=tuple(self._modes), **judged_track(np.array(self._track)))
+        track = np.array(self._track)
+        texts = tuple(
+            ((at - self._lost_ns) * 1e-9, text) for at, text in self._texts if at >= self._lost_ns
+        )
+        return replace(
+            result,
+            modes=tuple(self._modes),
+            stages=tuple(self._stages),
+            texts=texts,
+            **judged_track(track),
+        )
 
 
 def judged_track(track: Array) -> dict[str, Any]:
     """Return when it was down and off, how far it drifted, whether it flew again."""
-    seconds, height, drift, armed = track.T
+    seconds, height, drift, climb, armed = track.T
     on = np.flatnonzero(height < _DOWN_M)
     found: dict[str, Any] = {"drift_m": float(drift.max())}
     if on.size:
         first = int(on[0])
+        found["sink_m_s"] = float(-climb[max(first - round(0.05 / TICK_S), 0) : first + 1].min())
         later = np.flatnonzero(height[first:] > _UP_M)
         found["down_s"] = float(seconds[first]) if height[-1] < _DOWN_M else None
         found["again"] = bool(later.size)

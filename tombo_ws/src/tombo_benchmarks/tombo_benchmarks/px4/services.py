@@ -151,7 +151,7 @@ def fly_service(
         InputError: PX4 does not start, or stops answering.
     """
     scenario = hover_scenario()
-    with lockstep_px4(build, folder, world_of(scenario), seed, instance=instance) as px4:
+    with lockstep_px4(build, folder, world_of(scenario), seed, {}, instance=instance) as px4:
         run = _ServiceRun(service, STATES[state], px4, scenario, seed)
         run.fly()
     reply = run.reply
