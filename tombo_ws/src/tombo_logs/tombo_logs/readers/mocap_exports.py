@@ -13,6 +13,10 @@ from typing import Final
 
 from tombo_dynamics.errors import InputError
 
+_MOTIVE: Final = b"Format Version,"
+_QTM: Final = b"NO_OF_FRAMES\t"
+_VICON: Final = (b"Objects\r", b"Objects\n")
+"""How a file of each begins."""
 _Y_UP: Final = ["x", "-z", "y"]
 _Z_UP: Final = ["x", "y", "z"]
 _LENGTHS: Final = {"meters": "m", "centimeters": "cm", "millimeters": "mm"}
@@ -28,11 +32,11 @@ def as_table(text: bytes) -> tuple[bytes, str] | None:
     Raises:
         InputError: an export without poses as they are needed; says how to export it.
     """
-    if text.startswith(b"Format Version,"):
+    if text.startswith(_MOTIVE):
         return _motive(text)
-    if text.startswith(b"NO_OF_FRAMES\t"):
+    if text.startswith(_QTM):
         return _qtm(text)
-    if text.startswith((b"Objects\r", b"Objects\n")):
+    if text.startswith(_VICON):
         raise InputError(f"a table of Vicon Tracker, which has no column of times; {_ACCEPTED}")
     first = next((line for line in text.splitlines() if line.strip() and line[:1] != b"#"), b"")
     if _is_tum(first.split()):
