@@ -148,7 +148,7 @@ propeller: {conf: 13}
 """
 
 SCENARIO = "extends: hover\ndescription: Short.\nduration: 2.0\n"
-HELLO_LOG = """    if start.startswith(b"HELLO"):
+HELLO_LOG = """    if _first_bytes(path).startswith(b"HELLO"):
         from tombo_logs.readers.hello_log import read_hello
         return read_hello(path, name)
 """
@@ -181,7 +181,7 @@ ADDITIONS = {
     "a log format": Addition(
         (
             Edit(f"{LOGS}/hello_log.py", READER),
-            Edit(f"{LOGS}/log_reader.py", HELLO_LOG, "    if start.startswith(ULOG_MAGIC)"),
+            Edit(f"{LOGS}/log_reader.py", HELLO_LOG, "    kind = kind_of(path)"),
         ),
         "from_('tombo_logs.readers.log_reader').read_log(written('HELLO'), 'mine')",
         "read mine",
