@@ -26,6 +26,7 @@ from tombo_bag.formats.rosbags_files import (
     SqliteReader,
 )
 from tombo_bag.formats.unpacking import Allowance, unpack, unpack_file
+from tombo_bag.rigid_bodies import bodies_in
 from tombo_bag.schemas import Types
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.yaml_text import read_yaml
@@ -61,6 +62,7 @@ class Recording:
             if not self.files:
                 why = f" ({self._notes[0]})" if self._notes else ""
                 raise InputError(f"'{self.path}' holds no recording{why}; accepted: {READABLE}")
+            self.files.extend(self._bodies())
             self._recorded_name = self._rename(names or {})
         except BaseException:
             self.close()
@@ -85,7 +87,7 @@ class Recording:
     @property
     def damage(self) -> list[str]:
         """What could not be read so far, a line each; complete after all topics are read."""
-        several = len(self.files) > 1
+        several = len({file.path for file in self.files}) > 1
         lines = list(self._notes)
         for file in self.files:
             where = f"{file.path.name}: " if several else ""
@@ -233,6 +235,17 @@ class Recording:
                 if len(paths) == 1:
                     raise
                 self._note(str(error).partition("; accepted")[0])
+
+    def _bodies(self) -> list[BagFile]:
+        def read(file: BagFile, topic: str) -> RawMessages:
+            raw = file.messages([topic])[topic]
+            return _plain(raw, file.path) if raw.messages else raw
+
+        try:
+            return list(bodies_in(self.files, read))
+        except InputError as error:
+            self._note(str(error).partition("; accepted")[0])
+            return []
 
     def _files_of_folder(self) -> list[Path]:
         there = sorted(p for p in self.path.iterdir() if p.name.endswith(SUFFIXES))
