@@ -118,15 +118,20 @@ class Recording:
         return table
 
     def load(self, topics: Collection[str]) -> None:
-        """Read the messages of some topics at once, which is quicker than one by one."""
+        """Read the messages of some topics at once, which is quicker than one by one.
+
+        Raises:
+            InputError: one of them has a type that can't be read; then none is loaded.
+        """
         wanted = [name for name in topics if name in self._recorded_name]
         wanted = [name for name in wanted if name not in self._cache]
         recorded = {self._recorded_name[name]: name for name in wanted}
-        self._cache.update({name: [] for name in wanted})
+        parts: dict[str, list[tuple[BagFile, str, RawMessages]]] = {name: [] for name in wanted}
         for file in self.files:
             for topic, raw in file.messages(list(recorded)).items():
                 if len(raw.messages):
-                    self._cache[recorded[topic]].append((file, topic, _plain(raw, file.path)))
+                    parts[recorded[topic]].append((file, topic, _plain(raw, file.path)))
+        self._cache.update(parts)
 
     def set_clock(self, log_ns: NDArray[np.int64], now_ns: NDArray[np.int64]) -> None:
         """Let another clock than the recorder's give the log times of all columns.
