@@ -219,6 +219,23 @@ def test_a_ros_1_bag(tmp_path, compression):
     check_whole(write_ros1(tmp_path / "old.bag", compression))
 
 
+def test_ros_1_messages_in_an_mcap_file(tmp_path):
+    from mcap.writer import Writer
+    from rosbags.rosbag1 import Reader
+
+    path = tmp_path / "converted.mcap"
+    with path.open("wb") as file, Reader(write_ros1(tmp_path / "old.bag")) as bag:
+        writer = Writer(file)
+        writer.start("ros1")
+        definition = bag.connections[0].msgdef.data.encode()
+        schema = writer.register_schema("geometry_msgs/PoseStamped", "ros1msg", definition)
+        channel = writer.register_channel("/mocap/pose", "ros1", schema)
+        for _, time, message in bag.messages():
+            writer.add_message(channel, time, message, time)
+        writer.finish()
+    check_whole(path)
+
+
 def test_a_ros_1_bag_that_was_never_closed(tmp_path):
     data = write_ros1(tmp_path / "old.bag").read_bytes()
     position = data.index(b"index_pos=") + len(b"index_pos=")

@@ -10,6 +10,7 @@ files, are not compared. NaN equals NaN, 0.0 does not equal -0.0.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -168,8 +169,9 @@ def compare_recordings(a: str | Path, b: str | Path, topics: Sequence[str] = ())
             if name not in recorded:
                 raise unknown_name(f"topic in '{a}' and '{b}'", name, recorded)
         chosen = [n for n in recorded if n in topics or (not topics and n not in PROCESS_TOPICS)]
-        first.load(chosen)
-        second.load(chosen)
+        for recording in (first, second):
+            with suppress(InputError):  # of one topic: the others are loaded one by one
+                recording.load(chosen)
         unread = {**_unread(a, first, chosen), **_unread(b, second, chosen)}
         if unread and topics:
             raise InputError(next(iter(unread.values())))

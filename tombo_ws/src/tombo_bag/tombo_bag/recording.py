@@ -26,6 +26,7 @@ from tombo_bag.formats.rosbags_files import (
     SqliteReader,
 )
 from tombo_bag.formats.unpacking import Allowance, unpack, unpack_file
+from tombo_bag.rigid_bodies import bodies_in
 from tombo_bag.schemas import Types
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.yaml_text import read_yaml
@@ -61,6 +62,7 @@ class Recording:
             if not self.files:
                 why = f" ({self._notes[0]})" if self._notes else ""
                 raise InputError(f"'{self.path}' holds no recording{why}; accepted: {READABLE}")
+            self.files.extend(self._bodies())
             self._recorded_name = self._rename(names or {})
         except BaseException:
             self.close()
@@ -85,7 +87,7 @@ class Recording:
     @property
     def damage(self) -> list[str]:
         """What could not be read so far, a line each; complete after all topics are read."""
-        several = len(self.files) > 1
+        several = len({file.path for file in self.files}) > 1
         lines = list(self._notes)
         for file in self.files:
             where = f"{file.path.name}: " if several else ""
@@ -116,15 +118,20 @@ class Recording:
         return table
 
     def load(self, topics: Collection[str]) -> None:
-        """Read the messages of some topics at once, which is quicker than one by one."""
+        """Read the messages of some topics at once, which is quicker than one by one.
+
+        Raises:
+            InputError: one of them has a type that can't be read; then none is loaded.
+        """
         wanted = [name for name in topics if name in self._recorded_name]
         wanted = [name for name in wanted if name not in self._cache]
         recorded = {self._recorded_name[name]: name for name in wanted}
-        self._cache.update({name: [] for name in wanted})
+        parts: dict[str, list[tuple[BagFile, str, RawMessages]]] = {name: [] for name in wanted}
         for file in self.files:
             for topic, raw in file.messages(list(recorded)).items():
                 if len(raw.messages):
-                    self._cache[recorded[topic]].append((file, topic, _plain(raw, file.path)))
+                    parts[recorded[topic]].append((file, topic, _plain(raw, file.path)))
+        self._cache.update(parts)
 
     def set_clock(self, log_ns: NDArray[np.int64], now_ns: NDArray[np.int64]) -> None:
         """Let another clock than the recorder's give the log times of all columns.
@@ -233,6 +240,17 @@ class Recording:
                 if len(paths) == 1:
                     raise
                 self._note(str(error).partition("; accepted")[0])
+
+    def _bodies(self) -> list[BagFile]:
+        def read(file: BagFile, topic: str) -> RawMessages:
+            raw = file.messages([topic])[topic]
+            return _plain(raw, file.path) if raw.messages else raw
+
+        try:
+            return list(bodies_in(self.files, read))
+        except InputError as error:
+            self._note(str(error).partition("; accepted")[0])
+            return []
 
     def _files_of_folder(self) -> list[Path]:
         there = sorted(p for p in self.path.iterdir() if p.name.endswith(SUFFIXES))

@@ -200,6 +200,25 @@ def extended_store(typename: str, text: str) -> Typestore:
     return store
 
 
+def ros1_store(typename: str, text: str) -> Typestore:
+    """Return the types of ROS 2 Jazzy, with one of ROS 1 that they lack, as its definition says.
+
+    Raises:
+        InputError: the text is no message definition.
+    """
+    return (
+        type_store() if typename in known_types() or not text else extended_store(typename, text)
+    )
+
+
+def ros1_as_cdr(store: Typestore, typename: str, data: bytes) -> bytes | None:
+    """Return a message of ROS 1 as ROS 2 writes it; None if the bytes are no such message."""
+    try:
+        return bytes(store.ros1_to_cdr(data, typename))
+    except Exception:  # generated code fails in many ways on bytes that don't fit
+        return None
+
+
 def _not_readable(typename: str, error: Exception) -> InputError:
     # the library's error: "Could not parse:", the whole text, a position, what is left of it
     lines = str(error).splitlines()

@@ -6,8 +6,10 @@ import mmap
 import os
 from collections.abc import Collection, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from mcap.records import Channel
 from numpy.typing import NDArray
 
 from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, in_log_order
@@ -21,9 +23,14 @@ from tombo_bag.formats.scan import (
     walk,
 )
 from tombo_bag.formats.unpacking import Allowance
-from tombo_bag.schemas import Types, parse_schema
+from tombo_bag.schemas import Types, parse_schema, ros1_as_cdr, ros1_store
 from tombo_dynamics.errors import InputError
 
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+_ROS1 = "ros1"
+"""Encoding of messages that a ROS 1 bag, converted to MCAP, has."""
 MAPPED_FROM = 1 << 30
 """Files above this size [bytes] are mapped; below, read: a mapped file must not be rewritten."""
 
@@ -67,6 +74,13 @@ class Bag(BagFile):
             allowance.take(int(head["length"].sum()))
             heads[topic_of[number]].append(head)
             messages[topic_of[number]] += part
+        for topic in here:
+            if self._channel(topic).message_encoding == _ROS1:
+                store, typename = self._ros1_store(topic), self.topics[topic].typename
+                # empty fits no type, and is counted as damage there
+                messages[topic] = [
+                    ros1_as_cdr(store, typename, data) or b"" for data in messages[topic]
+                ]
         joined = {t: np.concatenate([np.empty(0, HEAD), *parts]) for t, parts in heads.items()}
         return {
             topic: in_log_order(of["log_time"], of["publish_time"], messages[topic])
@@ -85,16 +99,26 @@ class Bag(BagFile):
 
     def types(self, topic: str) -> Types:
         """Return a topic's type as the file itself describes it, else as ROS 2 Jazzy does."""
-        channel = self._map.channels[self._numbers[topic][0]]
+        channel = self._channel(topic)
+        if channel.message_encoding == _ROS1:
+            return self._ros1_store(topic).fielddefs
         schema = self._map.schemas.get(channel.schema_id)
         if channel.message_encoding != "cdr" or schema is None:
             raise InputError(
                 f"'{self.path}': topic {topic} has messages in '{channel.message_encoding}'; "
-                "accepted: 'cdr' with a schema"
+                "accepted: 'cdr' with a schema, 'ros1'"
             )
         if schema.encoding == "ros2msg":
             return parse_schema(schema.name, schema.data.decode("utf-8", "replace"))
         return super().types(topic)
+
+    def _channel(self, topic: str) -> Channel:
+        return self._map.channels[self._numbers[topic][0]]
+
+    def _ros1_store(self, topic: str) -> Typestore:
+        schema = self._map.schemas.get(self._channel(topic).schema_id)
+        text = schema.data.decode("utf-8", "replace") if schema else ""
+        return ros1_store(self.topics[topic].typename, text)
 
     def _streams(self) -> dict[str, TopicSummary]:
         table: dict[str, TopicSummary] = {}
@@ -105,9 +129,13 @@ class Bag(BagFile):
                     rows_of.setdefault(number, []).append(found[:, 0])
         for name, numbers in sorted(self._numbers.items()):
             rows = [times for number in numbers for times in rows_of.get(number, ())]
-            schema = self._map.schemas.get(self._map.channels[numbers[0]].schema_id)
+            channel = self._map.channels[numbers[0]]
+            schema = self._map.schemas.get(channel.schema_id)
+            typename = schema.name if schema else ""
+            if channel.message_encoding == _ROS1 and typename.count("/") == 1:
+                typename = typename.replace("/", "/msg/")
             table[name] = TopicSummary(
-                schema.name if schema else "",
+                typename,
                 sum(map(len, rows)),
                 min((int(times.min()) for times in rows), default=0),
                 max((int(times.max()) for times in rows), default=0),

@@ -25,7 +25,7 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, in_log_order
 from tombo_bag.formats.unpacking import Allowance, unpack
-from tombo_bag.schemas import Types, extended_store, known_types, parse_schema, type_store
+from tombo_bag.schemas import Types, parse_schema, ros1_as_cdr, ros1_store
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -287,11 +287,7 @@ class RosbagsFile(BagFile):
     def _as_cdr(self, connection: Connection, data: bytes) -> bytes | None:
         if isinstance(self._reader, SqliteReader):
             return data
-        store = self._store(connection.topic)
-        try:
-            return bytes(store.ros1_to_cdr(data, connection.msgtype))
-        except Exception:  # generated code fails in many ways on bytes that don't fit
-            return None
+        return ros1_as_cdr(self._store(connection.topic), connection.msgtype, data)
 
     def types(self, topic: str) -> Types:
         """Return a topic's type as the file describes it, else as ROS 2 Jazzy does.
@@ -310,10 +306,9 @@ class RosbagsFile(BagFile):
             InputError: the type is not known, nor is its definition in the file.
         """
         typename, text = self.topics[topic].typename, self._definition(topic)
-        if typename in known_types() or not text:
+        if not text:
             super().types(topic)
-            return type_store()
-        return extended_store(typename, text)
+        return ros1_store(typename, text)
 
     def _definition(self, topic: str) -> str:
         definitions = [c.msgdef for c in self._reader.connections if c.topic == topic]

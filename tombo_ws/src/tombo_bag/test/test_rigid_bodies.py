@@ -1,0 +1,124 @@
+"""Bodies that a driver publishes together are topics of their own, with their poses and stamps."""
+
+import numpy as np
+import pytest
+from mcap.writer import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from tombo_bag.message_codec import fields_of
+from tombo_bag.recording import Recording
+
+SEPARATOR = "=" * 80
+POSE = f"""{SEPARATOR}
+MSG: geometry_msgs/Pose
+geometry_msgs/Point position
+geometry_msgs/Quaternion orientation
+{SEPARATOR}
+MSG: geometry_msgs/Point
+float64 x
+float64 y
+float64 z
+{SEPARATOR}
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w
+"""
+HEADER = f"""{SEPARATOR}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{SEPARATOR}
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+NAMED = "motion_capture_tracking_interfaces/msg/NamedPoseArray"
+RIGID = "mocap4r2_msgs/msg/RigidBodies"
+TF = "tf2_msgs/msg/TFMessage"
+DEFINITIONS = {
+    NAMED: "std_msgs/Header header\nmotion_capture_tracking_interfaces/NamedPose[] poses\n"
+    f"{SEPARATOR}\nMSG: motion_capture_tracking_interfaces/NamedPose\nstring name\n"
+    f"geometry_msgs/Pose pose\n{HEADER}{POSE}",
+    RIGID: f"std_msgs/Header header\nuint32 frame_number\nmocap4r2_msgs/RigidBody[] rigidbodies\n"
+    f"{SEPARATOR}\nMSG: mocap4r2_msgs/RigidBody\nstring rigid_body_name\nint32[] markers\n"
+    f"geometry_msgs/Pose pose\n{HEADER}{POSE}",
+    TF: f"geometry_msgs/TransformStamped[] transforms\n{SEPARATOR}\n"
+    "MSG: geometry_msgs/TransformStamped\nstd_msgs/Header header\nstring child_frame_id\n"
+    f"geometry_msgs/Transform transform\n{SEPARATOR}\nMSG: geometry_msgs/Transform\n"
+    f"geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n{SEPARATOR}\n"
+    f"MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n{HEADER}{POSE}",
+}
+PLACES = {"drone": [0.1, 0.2, 0.3], "wand": [1.0, 2.0, 3.0]}
+TURN = [0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]
+
+
+def message(store, typename, k, bodies):
+    """Return CDR of message k: at k/100 s, drone moves along x by 1 cm a message."""
+    t = store.types
+    stamp = t["builtin_interfaces/msg/Time"](sec=5, nanosec=k * 10_000_000)
+    header = t["std_msgs/msg/Header"](stamp=stamp, frame_id="map")
+    turn = t["geometry_msgs/msg/Quaternion"](*TURN)
+    made = []
+    for name in bodies:
+        x, y, z = np.add(PLACES[name], [0.01 * k * (name == "drone"), 0.0, 0.0]).tolist()
+        if typename == TF:
+            moved = t["geometry_msgs/msg/Transform"](t["geometry_msgs/msg/Vector3"](x, y, z), turn)
+            made.append(t["geometry_msgs/msg/TransformStamped"](header, name, moved))
+            continue
+        pose = t["geometry_msgs/msg/Pose"](t["geometry_msgs/msg/Point"](x, y, z), turn)
+        if typename == NAMED:
+            made.append(t["motion_capture_tracking_interfaces/msg/NamedPose"](name, pose))
+        else:
+            none = np.zeros(0, np.int32)
+            made.append(t["mocap4r2_msgs/msg/RigidBody"](name, none, pose))
+    given = {NAMED: (header, made), RIGID: (header, k, made), TF: (made,)}[typename]
+    return bytes(store.serialize_cdr(t[typename](*given), typename))
+
+
+def recorded(path, typename, bodies=lambda k: PLACES):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    store.register(
+        {
+            name: fields
+            for name, fields in get_types_from_msg(DEFINITIONS[typename], typename).items()
+            if name not in store.types
+        }
+    )
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2")
+        schema = writer.register_schema(typename, "ros2msg", DEFINITIONS[typename].encode())
+        channel = writer.register_channel("/poses", "cdr", schema)
+        for k in range(20):
+            data = message(store, typename, k, bodies(k))
+            writer.add_message(channel, 6_000_000_000 + k, data, 7_000_000_000 + k)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("typename", DEFINITIONS)
+def test_each_body_is_a_topic_with_its_poses(tmp_path, typename):
+    with Recording(recorded(tmp_path / "a.mcap", typename)) as recording:
+        assert set(recording.topics) == {"/poses", "/poses/drone", "/poses/wand"}
+        table = recording.columns("/poses/drone")
+        fields = fields_of("geometry_msgs/msg/PoseStamped", table)
+    k = np.arange(20)
+    assert np.array_equal(fields["stamp_ns"], 5_000_000_000 + 10_000_000 * k)
+    assert np.array_equal(fields["log_time_ns"], 6_000_000_000 + k)
+    assert fields["position"] == pytest.approx(
+        np.add(PLACES["drone"], np.outer(0.01 * k, [1, 0, 0]))
+    )
+    assert fields["attitude"] == pytest.approx(np.tile(TURN, (20, 1)))
+    assert set(fields["frame_id"]) == {"map"}
+
+
+def test_a_body_that_is_lost_at_times_keeps_its_own_poses(tmp_path):
+    order = [["drone", "wand"], ["wand"], ["wand", "drone"], []]
+    path = recorded(tmp_path / "a.mcap", NAMED, lambda k: order[k % 4])
+    with Recording(path, {"/poses/drone": "/mocap/pose"}) as recording:
+        table = recording.columns("/mocap/pose")
+    seen = np.arange(20)[np.arange(20) % 2 == 0]
+    assert table["pose.position.x"] == pytest.approx(0.1 + 0.01 * seen)
+    assert np.array_equal(table["log_time_ns"], 6_000_000_000 + seen)

@@ -1,0 +1,129 @@
+"""Rigid bodies that a driver of motion capture publishes together, as a topic for each of them.
+
+`/poses`, a NamedPoseArray with bodies `drone` and `wand`, is read as `/poses/drone` and
+`/poses/wand`, PoseStamped. So a body is chosen as a topic is, wherever poses are read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_bag.columns import ColumnTable, columns_of
+from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, in_log_order
+from tombo_bag.message_codec import encoded
+from tombo_bag.topics import MOCAP_POSE, POSE_TYPES
+from tombo_dynamics.time_base import SECOND_NS
+
+
+class _Bodies(NamedTuple):
+    """Where a message has its bodies."""
+
+    sequence: str
+    name: str
+    position: str
+    attitude: str
+    header: str
+    """Path of the header; `{body}` stands for that of the body."""
+
+
+_TF = "tf2_msgs/msg/TFMessage"
+_TYPES = {
+    "motion_capture_tracking_interfaces/msg/NamedPoseArray": _Bodies(
+        "poses", "name", "pose.position", "pose.orientation", "header"
+    ),
+    "mocap4r2_msgs/msg/RigidBodies": _Bodies(
+        "rigidbodies", "rigid_body_name", "pose.position", "pose.orientation", "header"
+    ),
+    _TF: _Bodies(
+        "transforms", "child_frame_id", "transform.translation", "transform.rotation",
+        "{body}.header",
+    ),
+}  # fmt: skip
+"""Type of the driver's messages → where they have their bodies."""
+
+
+class RigidBodies(BagFile):
+    """The bodies of one topic of a file, as topics of a file of their own."""
+
+    def __init__(self, file: BagFile, topic: str, raw: RawMessages) -> None:
+        """Take the messages apart.
+
+        Raises:
+            InputError: they don't fit their type, or its definition is not known.
+        """
+        self.path, self.metadata, self.damage = file.path, {}, ()
+        typename = file.topics[topic].typename
+        table = columns_of(typename, raw.messages, file.types(topic))
+        self._messages = dict(_by_body(topic, _TYPES[typename], table, raw))
+        self.topics = {
+            name: TopicSummary(
+                MOCAP_POSE.typename, len(one.messages), *map(int, one.log_times_ns[[0, -1]])
+            )
+            for name, one in self._messages.items()
+        }
+
+    def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
+        """Return the poses of some bodies."""
+        return {name: one for name, one in self._messages.items() if name in topics}
+
+
+def _by_body(
+    topic: str, bodies: _Bodies, table: ColumnTable, raw: RawMessages
+) -> Iterator[tuple[str, RawMessages]]:
+    """Yield a topic for each body, and its poses in order of log time."""
+    columns: dict[str, list[tuple[NDArray[np.intp], ColumnTable]]] = {}
+    place = 0
+    while f"{bodies.sequence}[{place}].{bodies.name}" in table:
+        body = f"{bodies.sequence}[{place}]"
+        header = bodies.header.format(body=body)
+        names = table[f"{body}.{bodies.name}"]
+        for name in np.unique(names[names != ""]):
+            rows = np.flatnonzero(names == name)
+            stamps = [table[f"{header}.stamp.{part}"][rows] for part in ("sec", "nanosec")]
+            pose = {
+                key: np.column_stack([table[f"{body}.{path}.{axis}"][rows] for axis in axes])
+                for key, path, axes in (
+                    ("position", bodies.position, "xyz"),
+                    ("attitude", bodies.attitude, "xyzw"),
+                )
+            }
+            stamp_ns = stamps[0].astype(np.int64) * SECOND_NS + stamps[1].astype(np.int64)
+            frame_id = table[f"{header}.frame_id"][rows]
+            given = {"stamp_ns": stamp_ns, "frame_id": frame_id, **pose}
+            columns.setdefault(str(name).strip("/"), []).append((rows, given))
+        place += 1
+    for name, parts in columns.items():
+        rows = np.concatenate([part[0] for part in parts])
+        given = {key: np.concatenate([p[1][key] for p in parts]) for key in parts[0][1]}
+        messages = list(encoded(MOCAP_POSE.typename, given))
+        ordered = in_log_order(raw.log_times_ns[rows], raw.publish_times_ns[rows], messages)
+        yield f"{topic}/{name}", ordered
+
+
+def bodies_in(
+    files: Sequence[BagFile], read: Callable[[BagFile, str], RawMessages]
+) -> Iterator[RigidBodies]:
+    """Yield the rigid bodies of all topics that hold several.
+
+    Transforms count where no other topic has poses: they repeat those of a driver or a node.
+
+    Args:
+        files: of a recording.
+        read: returns the messages of a topic of a file.
+
+    Raises:
+        InputError: as `RigidBodies`.
+    """
+    there = {stream.typename for file in files for stream in file.topics.values() if stream.count}
+    others = there & {*POSE_TYPES, *_TYPES} - {_TF}
+    for file in files:
+        for topic, stream in file.topics.items():
+            wanted = stream.typename in _TYPES and (stream.typename != _TF or not others)
+            if wanted and stream.count:
+                raw = read(file, topic)
+                if raw.messages:
+                    yield RigidBodies(file, topic, raw)
