@@ -132,7 +132,12 @@ def test_a_flipped_bit_never_gives_wrong_messages(sample, place, bit):
         for chunk in summary.chunk_indexes
         if chunk.chunk_start_offset + 60 <= at < chunk.chunk_start_offset + chunk.chunk_length
     ]
-    table = Recording(bag.path).columns("/pose")
+    try:
+        table = Recording(bag.path).columns("/pose")
+        read = table["pose.position.x"]
+    except InputError:  # a definition: it stands unpacked in the summary alone
+        assert at >= int.from_bytes(content[-28:-20], "little")
+        return
     rows = table["log_time_ns"] // MS
     if hit and bag.damage:  # in a run of zeros, lz4 can say the same in two ways
         assert [d.kind for d in bag.damage] == ["corrupt"]
@@ -141,7 +146,7 @@ def test_a_flipped_bit_never_gives_wrong_messages(sample, place, bit):
         assert set(rows.tolist()) == set(range(LAST_MS)) - set(range(first, last + 1))
     elif not bag.damage:
         assert len(rows) == LAST_MS
-    np.testing.assert_array_equal(table["pose.position.x"], x[rows])
+    np.testing.assert_array_equal(read, x[rows])
 
 
 def test_several_damaged_chunks_are_counted_in_one_line(tmp_path):
