@@ -61,14 +61,14 @@ class RigidBodies(BagFile):
         self._messages = dict(_by_body(topic, _TYPES[typename], table, raw))
         self.topics = {
             name: TopicSummary(
-                MOCAP_POSE.typename, len(one.messages), *map(int, one.log_times_ns[[0, -1]])
+                MOCAP_POSE.typename, len(poses.messages), *map(int, poses.log_times_ns[[0, -1]])
             )
-            for name, one in self._messages.items()
+            for name, poses in self._messages.items()
         }
 
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
         """Return the poses of some bodies."""
-        return {name: one for name, one in self._messages.items() if name in topics}
+        return {name: poses for name, poses in self._messages.items() if name in topics}
 
 
 def _by_body(

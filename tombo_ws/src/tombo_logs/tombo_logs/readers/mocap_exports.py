@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from typing import Final
@@ -38,7 +39,8 @@ def as_table(text: bytes) -> tuple[bytes, str] | None:
         return _qtm(text)
     if text.startswith(_VICON):
         raise InputError(f"a table of Vicon Tracker, which has no column of times; {_ACCEPTED}")
-    first = next((line for line in text.splitlines() if line.strip() and line[:1] != b"#"), b"")
+    # lazily: most tables are none of these, and may be large
+    first = next((line for line in io.BytesIO(text) if line.strip() and line[:1] != b"#"), b"")
     if _is_tum(first.split()):
         rows = [b",".join(line.split()) for line in text.splitlines() if line[:1] != b"#"]
         mapping = _mapping("tum", "time", _Z_UP, "m", list(_TUM[1:4]), list(_TUM[4:]), "xyzw")

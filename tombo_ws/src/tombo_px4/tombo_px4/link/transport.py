@@ -12,6 +12,7 @@ import socket
 import struct
 import termios
 import tty
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -275,7 +276,7 @@ class _Udp:
         self._socket.close()
 
 
-class _Stream:
+class _Stream(ABC):
     """A stream of bytes over one file, opened again after it was lost; see the three kinds.
 
     Attributes:
@@ -306,8 +307,9 @@ class _Stream:
             self.close()
             raise _refused(url, doing, error, accepted) from error
 
+    @abstractmethod
     def _open(self) -> None:
-        raise NotImplementedError
+        """Open the file that the bytes go through."""
 
     @property
     def connected(self) -> bool:
@@ -345,7 +347,7 @@ class _Stream:
         self._flush()
         return "" if self.connected else "send_failed"
 
-    def answer(self, peer: Any) -> None:
+    def answer(self, peer: Any) -> None:  # noqa: B027 - a hook
         """Do nothing: the one peer is known."""
 
     def maintain(self) -> None:
