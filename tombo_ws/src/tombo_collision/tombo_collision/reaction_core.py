@@ -351,7 +351,6 @@ class ReactionCore(Core):
             "/mission/setpoint": take_mission_setpoint,
         },
         reaction_step,
-        decides_in_python,
     )
     period_ns = 5_000_000
     sections: ClassVar[Mapping[str, type]] = {

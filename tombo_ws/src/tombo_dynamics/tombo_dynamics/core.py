@@ -119,11 +119,9 @@ class Compiled:
     """Names of those that it only reads, records or arrays; dots are allowed."""
     takes: Mapping[str, Callable[..., Any]]
     """Topic → function (message, now_ns). A topic that is not in here is handed to the core in
-    Python, which is then stepped there; such topics are the last of `inputs`."""
+    Python, which is then stepped there."""
     step: Callable[..., Any] | None = None
     """Function (now_ns)."""
-    asks: Callable[..., bool] | None = None
-    """Function (now_ns): this step is to be made in Python."""
 
 
 def field_of(record: Any, path: str) -> Any:

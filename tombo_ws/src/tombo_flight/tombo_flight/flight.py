@@ -19,7 +19,6 @@ import numpy as np
 from tombo_bag.flight import Flight, Series, Topic
 from tombo_bag.flight_topics import FlownTopics
 from tombo_bag.topics import COLLISION_EVENT, CONTACT_EVENT, MISSION_STATUS, REACTION_STATUS
-from tombo_collision.reaction_core import ReactionCore
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core, Output, no_texts
 from tombo_dynamics.errors import InputError
@@ -30,6 +29,7 @@ from tombo_flight.flight_metrics import phase_event, with_figures
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import core_of
 from tombo_sim.flight_loop import (
+    REACTION,
     TABLES,
     fly,
     new_published,
@@ -183,6 +183,7 @@ class _Running:
         rate = setup.mocap_rate
         captures = np.append(capture_ticks(scenario.duration, rate), np.int64(2**62))
         self.cores = [core_of(kind, scenario) for kind in CORES]
+        self._reaction: Any = self.cores[REACTION]
         normals = np.empty((captures.size, NOISE))
         flights = one_flight(setup.plant, setup.theta, (captures, normals), self.cores, published)
         self.flights = flights._replace(noise=np.empty((1, _BLOCK, NOISE)))
@@ -213,9 +214,9 @@ class _Running:
                 flights.base[0], self._drawn = k, k + _BLOCK
                 draw_normals(self._stream, flights.noise[0])
             if fly(flights, self._shared, 0, self._drawn):
-                for core in step_in_python(flights, 0, self.cores):
-                    if isinstance(core, ReactionCore) and core.failure:
-                        raise InputError(core.failure)
+                step_in_python(flights, 0, self._reaction)
+                if self._reaction.failure:
+                    raise InputError(self._reaction.failure)
             now_s = float(flight["tick"]) * TICK_S
             if not math.isfinite(self._state.position[2] + self._state.rates[0]):
                 raise InputError(

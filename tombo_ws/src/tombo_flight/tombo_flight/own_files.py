@@ -1,4 +1,4 @@
-"""Effects, reactions and cores from files of the user, in this process and in those that fly.
+"""Effects and reactions from files of the user, in this process and in those that fly.
 
     python -m tombo_flight.own_files FILE... -- MODULE [ARGUMENT ...]
 
@@ -22,13 +22,11 @@ import numpy as np
 
 from tombo_collision import reactions
 from tombo_dynamics import effects, jit
-from tombo_dynamics.core import Core
 from tombo_dynamics.effects import Effect
 from tombo_dynamics.errors import InputError, problem_in
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import fill_record
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_sim import wiring
 
 _IMPORTED: dict[str, str] = {}
 """Absolute path → a hash of the content, of the files that are imported in this process."""
@@ -36,8 +34,7 @@ _NORMALS = 9
 """Numbers in a row of noise."""
 _COMPOSED = "tombo_dynamics.effects.compose"
 _ACCEPTED = (
-    "a file with a function that @effect decorates, a subclass of tombo.Reaction, or one of "
-    "tombo_dynamics.core.Core, each with its name"
+    "a file with a function that @effect decorates, or a subclass of tombo.Reaction with its name"
 )
 
 
@@ -47,10 +44,10 @@ def imported_files() -> tuple[tuple[str, str], ...]:
 
 
 def import_files(paths: Iterable[str | Path]) -> None:
-    """Import Python files, each with the effects, reactions and cores that it defines.
+    """Import Python files, each with the effects and reactions that it defines.
 
-    A file that was imported before stays. Effects and cores are compiled into the flight, so they
-    come before the first one of a process.
+    A file that was imported before stays. Effects are compiled into the flight, so they come
+    before the first one of a process.
 
     Raises:
         InputError: no such file, it fails, it defines nothing that can be flown, or it comes late.
@@ -81,7 +78,7 @@ def _import(given: str) -> None:
         raise InputError(f"{what}: no such file; accepted: {_ACCEPTED}")
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
     registries: tuple[dict[str, Any], ...] = (effects.REGISTRY, reactions.REGISTRY)
-    before, cores = [dict(registry) for registry in registries], wiring.CORES
+    before = [dict(registry) for registry in registries]
     # A name of its own, the same in each process, so that objects can be sent between them, and
     # in each folder, so that machine code is found again.
     name = f"{path.stem}_{digest}"
@@ -100,7 +97,6 @@ def _import(given: str) -> None:
         for registry, entries in zip(registries, before, strict=True):
             registry.clear()
             registry.update(entries)
-        wiring.CORES = cores
         if isinstance(error, Exception) and not isinstance(error, InputError):
             raise InputError(f"{what}: {problem_in(error, path)}; accepted: a file that "
                              "Python can import") from error  # fmt: skip
@@ -109,42 +105,24 @@ def _import(given: str) -> None:
 
 
 def _enter(module: ModuleType, what: str) -> bool:
-    """Check what a module defines, and enter its cores; return whether it is compiled code."""
+    """Check what a module defines; return whether it is compiled code."""
     name = module.__name__
     new_effects = [effect for effect in effects.REGISTRY.values() if effect.module == name]
     new_reactions = [kind for kind in reactions.REGISTRY.values() if kind.__module__ == name]
-    new_cores = [
-        kind
-        for kind in vars(module).values()
-        if inspect.isclass(kind) and issubclass(kind, Core) and kind.__module__ == name
-        and "name" in vars(kind)
-    ]  # fmt: skip
-    if not [*new_effects, *new_reactions, *new_cores]:
+    if not [*new_effects, *new_reactions]:
         raise InputError(f"{what}: nothing that can be flown; accepted: {_ACCEPTED}")
-    for kind in (*new_reactions, *new_cores):
+    for kind in new_reactions:
         if inspect.isabstract(kind):
             lacks = " and ".join(f"{method}()" for method in sorted(kind.__abstractmethods__))
             raise InputError(f"{what}: {kind.__name__} has no {lacks}; accepted: with it")
-    names = [core.name for core in (*wiring.CORES, *new_cores)]
-    for core in new_cores:
-        if names.count(core.name) > 1:
-            raise InputError(f"{what}: core '{core.name}' is there already; accepted: a new name")
-    late = (new_effects and _COMPOSED in sys.modules) or (new_cores and _wired())
-    if late:
+    if new_effects and _COMPOSED in sys.modules:
         raise InputError(
-            f"{what}: effects and cores are compiled into the flight, and this process has loaded "
-            "it; accepted: import the file first"
+            f"{what}: effects are compiled into the flight, and this process has loaded it; "
+            "accepted: import the file first"
         )
     for effect in new_effects:
         _try(effect, what)
-    wiring.CORES = (*wiring.CORES, *new_cores)
-    return bool(new_effects or new_cores)
-
-
-def _wired() -> bool:
-    """Return whether a module has read which cores there are."""
-    others = (module for name, module in list(sys.modules.items()) if name != wiring.__name__)
-    return any(getattr(m, "__dict__", {}).get("CORES") is wiring.CORES for m in others)
+    return bool(new_effects)
 
 
 def _try(effect: Effect, what: str) -> None:

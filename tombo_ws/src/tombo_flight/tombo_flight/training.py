@@ -34,12 +34,11 @@ from tombo_sim.batch import (
     FLIES,
     HANDED,
     OVER,
-    REACTION,
     Batch,
     fly_batch,
     new_batch,
 )
-from tombo_sim.flight_loop import hand_over, memories_of, shared_by
+from tombo_sim.flight_loop import REACTION, hand_over, memories_of, shared_by
 from tombo_sim.flight_setup import NOISE, begin, capture_ticks
 from tombo_sim.normals import stream_of
 from tombo_sim.wiring import CORES
@@ -244,8 +243,8 @@ class Episodes:
         normals = setup.mocap_noise.standard_normal((captures.size + 1, NOISE))
         flights.mocap_noise[i, : captures.size + 1] = normals
         for array in (
-            flights.entries, flights.captures, flights.progress, flights.counts, flights.read,
-            self.batch.steering,
+            flights.entries, flights.captures, flights.progress, flights.counts, flights.there,
+            flights.fresh, flights.waiting, self.batch.steering,
         ):  # fmt: skip
             array[i] = np.zeros((), array.dtype)
         flights.progress["end"][i] = self._ticks

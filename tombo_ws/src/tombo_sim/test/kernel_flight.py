@@ -27,6 +27,7 @@ from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_sim.flight_loop import (
+    REACTION,
     fly,
     new_published,
     one_flight,
@@ -145,7 +146,7 @@ def fly_kernel(effects=None, seconds=1.0, seed=0, chunk=10**9, block=10**9, tick
         base = flights.base[0] = k - k % block
         flights = flights._replace(noise=drawn[None, base : base + block].copy())
         if fly(flights, shared, 0, min(k + chunk, base + block, ticks)):
-            list(step_in_python(flights, 0, cores))
+            step_in_python(flights, 0, cores[REACTION])
     mocap = flights.entries[0]
     ticks = published_by(flights, 0)["/detector/status"]["tick"].tolist()
     delivered = list(zip(ticks, in_order_of_arrival(mocap).tolist(), strict=True))

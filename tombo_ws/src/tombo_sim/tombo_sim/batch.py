@@ -11,14 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tombo_collision.reaction_core import (
-    ReactionCore,
-    check_event,
-    has_come,
-    is_same_contact,
-    reference_due,
-)
-from tombo_collision.reactions import EVENT_TOPICS
+from tombo_collision.reaction_core import check_event, has_come, is_same_contact, reference_due
 from tombo_collision.steering import ACTIONS, HIGH, Steering, observe, steer, steering_over
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core
@@ -27,20 +20,23 @@ from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
-from tombo_sim.flight_loop import fly, forget_messages, new_flights, place_of, step_reaction
+from tombo_sim.flight_loop import (
+    COLLISION,
+    CONTACT,
+    REACTION,
+    fly,
+    forget_messages,
+    new_flights,
+    step_reaction,
+)
 from tombo_sim.kernel import Flights, Shared
 from tombo_sim.normals import draw_normals
-from tombo_sim.wiring import CORES
 
-REACTION = CORES.index(ReactionCore)
-"""Of the cores."""
 FLIES, WAITS, ACTS, COLLIDED, HANDED, OVER, ENDED = range(7)
 """What a vehicle of a batch does: flies; waits for an action; has one; waits for its collision to
 be handed to the reaction; it has been; its decision is over; its flight has ended."""
 BLOCK = 64
 """Ticks between two drawings of random numbers."""
-_SEEN, _SEEN_TABLE = place_of(ReactionCore, EVENT_TOPICS["mocap"])
-_FELT, _FELT_TABLE = place_of(ReactionCore, EVENT_TOPICS["imu"])
 
 
 class Batch(NamedTuple):
@@ -114,7 +110,7 @@ def fly_batch(batch: Batch, shared: Shared, first: int, last: int) -> None:
                 draw_normals(batch.streams[i], flights.noise[i])
                 forget_messages(flights, i)
             if fly(flights, shared, i, flights.base[i] + BLOCK):
-                known = flight.to_hand == 0 or _all_known(flights, shared, i, reaction)
+                known = not flight.python_input or _all_known(flights, shared, i, reaction)
                 if reaction.pending > 0 or not known:
                     status = COLLIDED
                 else:
@@ -127,25 +123,28 @@ def fly_batch(batch: Batch, shared: Shared, first: int, last: int) -> None:
 @compiled(inline=False, counted=False)
 def _all_known(flights: Flights, shared: Shared, i: int, reaction: Any) -> bool:
     """Take the collisions that came; False: of one the reaction does not know, in Python."""
-    counts, read, tick = flights.counts[i], flights.read[i], flights.progress[i].tick - 1
-    limits = shared.params[REACTION][0][0]
-    seen, felt = flights.published[_SEEN_TABLE][i], flights.published[_FELT_TABLE][i]
-    return _take_known(
-        reaction, limits, seen, counts[_SEEN_TABLE], read, _SEEN, tick
-    ) and _take_known(reaction, limits, felt, counts[_FELT_TABLE], read, _FELT, tick)
+    limits, now = (
+        shared.params[REACTION][0][0],
+        EPOCH_NS + (flights.progress[i].tick - 1) * TICK_NS,
+    )
+    fresh, there = flights.fresh[i], flights.there[i]
+    seen, felt = flights.published[COLLISION][i], flights.published[CONTACT][i]
+    return _take_known(reaction, limits, seen, fresh, there, COLLISION, now) and _take_known(
+        reaction, limits, felt, fresh, there, CONTACT, now
+    )
 
 
 @compiled(inline=False, counted=False)
 def _take_known(
-    reaction: Any, limits: Any, table: Any, count: int, read: Any, reader: int, tick: int
+    reaction: Any, limits: Any, table: Any, fresh: Any, there: Any, k: int, now: int
 ) -> bool:
-    """Take collisions from a table up to one that the reaction does not know: then False."""
-    while read[reader] < count and table[read[reader]].tick < tick:
-        event = table[read[reader]].message
+    """Take collisions from table k up to one that the reaction does not know: then False."""
+    while fresh[k] < there[k]:
+        event = table[fresh[k]].message
         if not (has_come(reaction, event) or is_same_contact(reaction, event)):
             return False
-        check_event(reaction, limits, event, EPOCH_NS + tick * TICK_NS)
-        read[reader] += 1
+        check_event(reaction, limits, event, now)
+        fresh[k] += 1
     return True
 
 

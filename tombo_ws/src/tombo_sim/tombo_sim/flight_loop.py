@@ -1,77 +1,357 @@
-"""The compiled flight: plant, sensors and all cores, tick by tick, written out from the wiring.
+"""The compiled flight: plant, sensors and the five cores, tick by tick.
 
-The same functions that the cores' shells call. `tombo_flight.run_wiring` flies the same flight in
-plain Python, nodes in lockstep do over DDS; a test holds the three to the last bit.
+In each tick the simulator senses. Each core takes what was published in the tick before, in the
+order of its `inputs`, and is stepped if its period is due or a message has come. The rotor command
+acts in the tick. Decisions of the reaction that are Python are left to it: the tick is then
+complete but for the reaction's step.
 
-In each tick the simulator senses, every core takes what was published in the tick before, in the
-order of its `inputs`, and is stepped if its period is due or a message has come; the rotor command
-acts in the tick. What is to be done in Python is left to it: the tick is then complete but for the
-steps of these cores.
+The functions are those that the cores' shells call. `tombo_flight.run_wiring` flies the same
+flight in plain Python, nodes in lockstep do over DDS; a test holds the three to the last bit.
 """
 
 from __future__ import annotations
 
-import hashlib
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import literal_unroll
 
+from tombo_collision.detector_core import take_pose as detect
+from tombo_collision.reaction_core import (
+    decides_in_python,
+    reaction_step,
+    take_detector_status,
+    take_mission_setpoint,
+)
+from tombo_collision.reaction_core import take_odometry as react_to_odometry
+from tombo_collision.reaction_core import take_pose as react_to_pose
+from tombo_control.controller_core import take_biases, take_setpoint
+from tombo_control.controller_core import take_imu as control
+from tombo_control.controller_core import take_odometry as control_odometry
+from tombo_control.estimator_core import fill_odometry, fill_status, take_phase
+from tombo_control.estimator_core import take_imu as predict
+from tombo_control.estimator_core import take_pose as correct
+from tombo_control.mission_core import step_mission, take_answer, take_reaction
+from tombo_control.mission_core import take_odometry as plan_odometry
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Compiled, Core, Output, as_row, field_of
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.jit import load_generated
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.records import Record, field
+from tombo_dynamics.rigid_body import finish_tick
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
-from tombo_sim.kernel import FlightProgress, Flights, Shared, new_log
-from tombo_sim.sensing import Captures, MocapEntry
-from tombo_sim.wiring import COMMAND, CORES, IMU, PHASE, POSE, SENSORS
+from tombo_sim.kernel import (
+    FlightProgress,
+    Flights,
+    ImuReading,
+    Shared,
+    new_log,
+    publish_pose,
+    watch_flight,
+    write_row,
+)
+from tombo_sim.sensing import Captures, MocapEntry, capture_pose, next_arrival, read_imu
+from tombo_sim.wiring import CORES, POSE, SENSORS
 
+ESTIMATOR, DETECTOR, REACTION, MISSION, CONTROLLER = range(5)
+"""Places in `CORES`."""
+TABLES: dict[str, Output] = {POSE: SENSORS[POSE]} | {
+    topic: output for core in CORES for topic, output in core.outputs.items() if not output.logged
+}
+"""Topics of which a flight keeps the messages, in the order of `Flights.published`."""
+_INDEX = {topic: k for k, topic in enumerate(TABLES)}
+_POSE, _ODOMETRY, _BIASES = (_INDEX[t] for t in (POSE, "/odometry", "/estimator/status"))
+COLLISION, _DETECTOR = (_INDEX[t] for t in ("/collision_event", "/detector/status"))
+_ANSWER, _REACTION = (_INDEX[t] for t in ("/setpoint", "/reaction/status"))
+_PLANNED, _PHASE = (_INDEX[t] for t in ("/mission/setpoint", "/mission/status"))
+CONTACT = _INDEX["/contact_event"]
+_REACTION_NS, _MISSION_NS = CORES[REACTION].period_ns, CORES[MISSION].period_ns
 _SPARE = 64
 """Rows that a table has besides."""
-_SIMULATOR = "simulator"
 
 
-def _reads_table(core: type[Core], topic: str) -> bool:
-    """Return whether a core takes a topic from its table; the IMU's sample is at hand."""
-    at_hand = core.compiled is not None and core.steps_on_messages
-    return topic != IMU or not (at_hand and core.compiled and IMU in core.compiled.takes)
+# --- The tick ----------------------------------------------------------------------------------
 
 
-def _tables(cores: Sequence[type[Core]]) -> dict[str, Output]:
-    """Return the topics of which a flight keeps the messages."""
-    needed = {t for core in cores for t in core.inputs if _reads_table(core, t)}
-    outputs = {t: output for core in cores for t, output in core.outputs.items()}
-    return {
-        topic: output
-        for topic, output in {**SENSORS, **outputs}.items()
-        if topic in needed or not (output.logged or topic in SENSORS)
-    }
+class Mail(NamedTuple):
+    """The messages of one flight. Arrays but `tables` have an element a table."""
+
+    tables: Any
+    """Of N flights, as `Flights.published`."""
+    i: int
+    """The flight."""
+    counts: Any
+    """Rows in use."""
+    there: Any
+    """Rows that are there in the tick: those of the ticks before."""
+    fresh: Any
+    """The first row that was not there in the tick before."""
+    waiting: Any
+    """The first row that waits for the mission's next step."""
 
 
-def _readers(cores: Sequence[type[Core]], tables: Mapping[str, Output]) -> list[tuple[str, str]]:
-    """Return who takes from which table: name of the core, topic."""
-    simulator = [(_SIMULATOR, PHASE)] if PHASE in tables else []
-    return simulator + [
-        (core.name, topic)
-        for core in cores
-        for topic in core.inputs
-        if topic in tables and _reads_table(core, topic)
-    ]
+@compiled(counted=False)
+def fly(flights: Flights, shared: Shared, i: int, stop: int) -> bool:
+    """Fly `flights` i until tick `stop`, its end, or a step to make in Python: then True."""
+    # records are handed over: of a row of an array each field's address would be worked out apart
+    estimator, estimator_autopilot = flights.memories[ESTIMATOR]
+    controller, autopilot = flights.memories[CONTROLLER]
+    mission_params, waypoints, mission_limits = shared.params[MISSION]
+    maps, controller_limits = shared.params[CONTROLLER]
+    mail = Mail(
+        flights.published, i, flights.counts[i], flights.there[i], flights.fresh[i],
+        flights.waiting[i],
+    )  # fmt: skip
+    return fly_ticks(
+        flights.plant[i], shared.maps[0], flights.theta[i], flights.noise[i], flights.base[i],
+        flights.capture_ticks[i], flights.mocap_noise[i], flights.entries[i], flights.captures[i],
+        flights.progress[i], shared.log,
+        mail,
+        estimator[i], estimator_autopilot[i],
+        flights.memories[DETECTOR][0][i], shared.params[DETECTOR][0][0],
+        flights.memories[REACTION][0][i], shared.params[REACTION][0][0],
+        flights.memories[MISSION][0][i], mission_params[0], waypoints[0], mission_limits[0],
+        controller[i], autopilot[i], maps[0], controller_limits[0],
+        stop,
+    )  # fmt: skip
 
 
-TABLES = _tables(CORES)
-"""Topics in the order of `Flights.published`."""
-READERS = _readers(CORES, TABLES)
-"""Core and topic in the order of `Flights.read`."""
-_INDEX = {topic: i for i, topic in enumerate(TABLES)}
+@compiled(inline=False, counted=False)
+def fly_ticks(
+    plant: Any, rotor: Any, theta: Array, tick_noise: Array, base: int,
+    capture_ticks: Any, mocap_noise: Array, entries: Any, captures: Any,
+    flight: Any, log: Any,
+    mail: Mail,
+    estimator: Any, estimator_autopilot: Any,
+    detector: Any, detector_params: Any,
+    reaction: Any, reaction_limits: Any,
+    mission: Any, mission_params: Any, waypoints: Any, mission_limits: Any,
+    controller: Any, autopilot: Any, maps: Any, controller_limits: Any,
+    stop: int,
+) -> bool:  # fmt: skip
+    """Fly one flight; the arguments are rows of `Flights` and `Shared`."""
+    flight.python_step = False
+    flight.python_input = False
+    counts, there, fresh = mail.counts, mail.there, mail.fresh
+    while flight.tick < min(stop, flight.end):
+        tick = flight.tick
+        now = EPOCH_NS + tick * TICK_NS
+        noise = tick_noise[tick - base]
+        for k in range(counts.size):
+            fresh[k] = there[k]
+            there[k] = counts[k]
+
+        read_imu(plant, rotor, noise, theta)
+        imu = ImuReading(now, plant.gyro, plant.accel)
+        if tick == capture_ticks[captures.next]:
+            capture_pose(plant, mocap_noise, theta, entries, captures, tick)
+        arrived = next_arrival(entries, captures, tick)
+        while arrived >= 0:
+            publish_pose(entries[arrived], mail.tables[_POSE][mail.i], counts, _POSE, tick)
+            arrived = next_arrival(entries, captures, tick)
+        there[_POSE] = counts[_POSE]  # a measurement is there in its tick
+        for row in range(fresh[_PHASE], there[_PHASE]):
+            flight.phase = mail.tables[_PHASE][mail.i, row].message.phase
+        watch_flight(plant, flight)
+
+        _step_estimator(estimator, estimator_autopilot, imu, mail, tick, now)
+        _step_detector(detector, detector_params, mail, tick, now)
+        _step_reaction(reaction, reaction_limits, flight, mail, tick, now)
+        if now % _MISSION_NS == 0:
+            _step_mission(mission, mission_params, waypoints, mission_limits, mail, tick, now)
+        _step_controller(controller, autopilot, maps, controller_limits, imu, mail, tick, now)
+
+        plant.rotor_command = controller.command.speed
+        if 0 <= tick < log.position.shape[0]:  # 0: no index is counted from the end
+            write_row(plant, estimator, controller, autopilot, log, tick)
+        finish_tick(plant, noise, theta)
+        flight.tick = tick + 1
+        if flight.python_step:
+            return True
+    return False
 
 
-def place_of(core: type[Core], topic: str) -> tuple[int, int]:
-    """Return where a core reads a topic: indices of `READERS` and of `TABLES`."""
-    return READERS.index((core.name, topic)), _INDEX[topic]
+@compiled(counted=False)
+def _news(mail: Mail, k: int) -> int:
+    """Return how many messages of table k have come."""
+    return int(mail.there[k] - mail.fresh[k])
+
+
+@compiled(counted=False)
+def _step_estimator(
+    memory: Any, autopilot: Any, imu: Any, mail: Mail, tick: int, now: int
+) -> None:
+    tables, i = mail.tables, mail.i
+    for row in range(mail.fresh[_PHASE], mail.there[_PHASE]):
+        take_phase(memory, autopilot, tables[_PHASE][i, row].message, now)
+    for row in range(mail.fresh[_POSE], mail.there[_POSE]):
+        correct(memory, autopilot, tables[_POSE][i, row].message, now)
+        _publish_estimate(memory, mail, tick)
+    predict(memory, autopilot, imu, now)
+    _publish_estimate(memory, mail, tick)
+
+
+@compiled(counted=False)
+def _publish_estimate(memory: Any, mail: Mail, tick: int) -> None:
+    tables, i = mail.tables, mail.i
+    if memory.odometry_due:
+        row = _new_row(tables[_ODOMETRY], mail, _ODOMETRY, tick)
+        if row >= 0:
+            fill_odometry(memory, tables[_ODOMETRY][i, row].message)
+        memory.odometry_due = False
+    if memory.status_due:
+        row = _new_row(tables[_BIASES], mail, _BIASES, tick)
+        if row >= 0:
+            fill_status(memory, tables[_BIASES][i, row].message)
+        memory.status_due = False
+
+
+@compiled(counted=False)
+def _step_detector(memory: Any, params: Any, mail: Mail, tick: int, now: int) -> None:
+    tables, i = mail.tables, mail.i
+    for row in range(mail.fresh[_POSE], mail.there[_POSE]):
+        detect(memory, params, tables[_POSE][i, row].message, now)
+        if memory.event_due:
+            publish(memory.event, tables[COLLISION], mail, COLLISION, tick)
+            memory.event_due = False
+        if memory.status_due:
+            publish(memory.status, tables[_DETECTOR], mail, _DETECTOR, tick)
+            memory.status_due = False
+
+
+@compiled(counted=False)
+def _step_reaction(memory: Any, limits: Any, flight: Any, mail: Mail, tick: int, now: int) -> None:
+    tables, i = mail.tables, mail.i
+    for row in range(mail.fresh[_POSE], mail.there[_POSE]):
+        react_to_pose(memory, limits, tables[_POSE][i, row].message, now)
+    for row in range(mail.fresh[_DETECTOR], mail.there[_DETECTOR]):
+        take_detector_status(memory, limits, tables[_DETECTOR][i, row].message, now)
+    for row in range(mail.fresh[_ODOMETRY], mail.there[_ODOMETRY]):
+        react_to_odometry(memory, limits, tables[_ODOMETRY][i, row].message, now)
+    for row in range(mail.fresh[_PLANNED], mail.there[_PLANNED]):
+        take_mission_setpoint(memory, limits, tables[_PLANNED][i, row].message, now)
+    messages = (
+        _news(mail, _POSE)
+        + _news(mail, _DETECTOR)
+        + _news(mail, _ODOMETRY)
+        + _news(mail, _PLANNED)
+    )
+    events = _news(mail, COLLISION) + _news(mail, CONTACT)
+    if events > 0:
+        flight.python_input = True
+        flight.python_step = True
+    elif messages > 0 or now % _REACTION_NS == 0:
+        if decides_in_python(memory, limits, now):
+            flight.python_step = True
+        else:
+            reaction_step(memory, limits, now)
+            _publish_reaction(memory, mail, tick)
+
+
+@compiled(counted=False)
+def _publish_reaction(memory: Any, mail: Mail, tick: int) -> None:
+    tables = mail.tables
+    if memory.publishes:
+        publish(memory.setpoint, tables[_ANSWER], mail, _ANSWER, tick)
+        memory.publishes = False
+    if memory.status_due:
+        publish(memory.status, tables[_REACTION], mail, _REACTION, tick)
+        memory.status_due = False
+
+
+@compiled(counted=False)
+def _step_mission(
+    memory: Any, params: Any, waypoints: Any, limits: Any, mail: Mail, tick: int, now: int
+) -> None:
+    tables, i = mail.tables, mail.i
+    for row in range(mail.waiting[_ODOMETRY], mail.there[_ODOMETRY]):
+        plan_odometry(memory, params, waypoints, limits, tables[_ODOMETRY][i, row].message, now)
+    for row in range(mail.waiting[_REACTION], mail.there[_REACTION]):
+        take_reaction(memory, params, waypoints, limits, tables[_REACTION][i, row].message, now)
+    for row in range(mail.waiting[_ANSWER], mail.there[_ANSWER]):
+        take_answer(memory, params, waypoints, limits, tables[_ANSWER][i, row].message, now)
+    for k in range(mail.waiting.size):
+        mail.waiting[k] = mail.there[k]
+    step_mission(memory, params, waypoints, limits, now)
+    if memory.setpoint_due:
+        publish(memory.setpoint, tables[_PLANNED], mail, _PLANNED, tick)
+        memory.setpoint_due = False
+    if memory.status_due:
+        publish(memory.status, tables[_PHASE], mail, _PHASE, tick)
+        memory.status_due = False
+
+
+@compiled(counted=False)
+def _step_controller(
+    memory: Any, autopilot: Any, maps: Any, limits: Any, imu: Any, mail: Mail, tick: int,
+    now: int,
+) -> None:  # fmt: skip
+    tables, i = mail.tables, mail.i
+    for row in range(mail.fresh[_ODOMETRY], mail.there[_ODOMETRY]):
+        control_odometry(memory, autopilot, maps, limits, tables[_ODOMETRY][i, row].message, now)
+    for row in range(mail.fresh[_BIASES], mail.there[_BIASES]):
+        take_biases(memory, autopilot, maps, limits, tables[_BIASES][i, row].message, now)
+    for row in range(mail.fresh[_ANSWER], mail.there[_ANSWER]):
+        take_setpoint(memory, autopilot, maps, limits, tables[_ANSWER][i, row].message, now)
+    control(memory, autopilot, maps, limits, imu, now)
+    if memory.contact.due:
+        publish(memory.event, tables[CONTACT], mail, CONTACT, tick)
+        memory.contact.due = False
+
+
+@compiled(inline=False, counted=False)
+def publish(message: Any, table: Any, mail: Mail, k: int, tick: int) -> None:
+    """Publish a message in table k; a full table takes none."""
+    row = _new_row(table, mail, k, tick)
+    if row >= 0:
+        entry = table[mail.i, row]
+        entry.message = message
+
+
+@compiled(inline=False, counted=False)
+def _new_row(table: Any, mail: Mail, k: int, tick: int) -> int:
+    """Return the row of table k for a new message; -1: the table is full."""
+    row = int(mail.counts[k])
+    if row == table.shape[1]:
+        return -1
+    entry = table[mail.i, row]
+    entry.tick = tick
+    mail.counts[k] = row + 1
+    return row
+
+
+@compiled(inline=False, counted=False)
+def step_reaction(flights: Flights, shared: Shared, i: int) -> None:
+    """Step the reaction of flight i, which was left to Python in the last tick."""
+    tick = flights.progress[i].tick - 1
+    memory, limits = flights.memories[REACTION][0][i], shared.params[REACTION][0][0]
+    mail = Mail(
+        flights.published, i, flights.counts[i], flights.there[i], flights.fresh[i],
+        flights.waiting[i],
+    )  # fmt: skip
+    reaction_step(memory, limits, EPOCH_NS + tick * TICK_NS)
+    _publish_reaction(memory, mail, tick)
+
+
+@compiled(inline=False, counted=False)
+def forget_messages(flights: Flights, i: int) -> None:
+    """Drop the messages of flight i that all have taken: the mission takes them last."""
+    counts, there, waiting = flights.counts[i], flights.there[i], flights.waiting[i]
+    k = 0
+    for table in literal_unroll(flights.published):
+        rows, gone = table[i], waiting[k]
+        if gone > 0:
+            for row in range(counts[k] - gone):
+                rows[row] = rows[gone + row]
+        k += 1  # noqa: SIM113 - compiled code unrolls the loop
+    for j in range(waiting.size):
+        counts[j] -= waiting[j]
+        there[j] -= waiting[j]
+        waiting[j] = 0
+
+
+# --- Flights in Python -------------------------------------------------------------------------
 
 
 def _entry(output: Output) -> type[Record]:
@@ -80,344 +360,6 @@ def _entry(output: Output) -> type[Record]:
 
 
 _ENTRIES = [_entry(output) for output in TABLES.values()]
-
-
-# --- The source --------------------------------------------------------------------------------
-
-
-class _Source:
-    """The text of the loop."""
-
-    def __init__(self, cores: Sequence[type[Core]]) -> None:
-        self.cores = cores
-        self.imports: dict[str, str] = {}
-        self.publishers: list[str] = []
-
-    def imported(self, function: Callable[..., Any], name: str) -> str:
-        """Import a compiled function under a name."""
-        plain = getattr(function, "py_func", function)
-        self.imports[name] = f"from {plain.__module__} import {plain.__name__} as {name}"
-        return name
-
-    @staticmethod
-    def memory(core: type[Core]) -> str:
-        """Return the name of a core's first memory."""
-        assert core.compiled is not None
-        return _name(core, core.compiled.memories[0])
-
-    @staticmethod
-    def views(c: int, core: type[Core]) -> dict[str, str]:
-        """Return memories and parameters of a core: name → where it is."""
-        compiled = core.compiled
-        if compiled is None:
-            return {}
-        memories = {
-            _name(core, path): f"flights.memories[{c}][{k}][i]"
-            for k, path in enumerate(compiled.memories)
-        }
-        return memories | {
-            _name(core, path): f"shared.params[{c}][{k}][0]"
-            for k, path in enumerate(compiled.params)
-        }
-
-    def call(self, core: type[Core], function: Callable[..., Any], what: str, *more: str) -> str:
-        """Return a call of one of a core's functions."""
-        assert core.compiled is not None
-        name = self.imported(function, f"{core.name}_{what}")
-        names = [_name(core, path) for path in (*core.compiled.memories, *core.compiled.params)]
-        return f"{name}({', '.join([*names, *more, 'now'])})"
-
-    def publish(self, core: type[Core]) -> list[str]:
-        """Return lines that publish what is due."""
-        lines = []
-        for topic, output in core.outputs.items():
-            if topic in TABLES:
-                name = f"publish_{_INDEX[topic]}"
-                memory = self.memory(core)
-                lines.append(f"if {memory}.{output.due}:")
-                lines.append(f"    {name}({memory}, table_{_INDEX[topic]}, counts, tick)")
-                lines.append("    published = True")
-                if f'def {name}(memory, table, counts, tick) -> "None":' not in self.publishers:
-                    message = output.message
-                    if not isinstance(message, str):
-                        message = self.imported(message, f"fill_{_INDEX[topic]}")
-                        write = f"{message}(memory, entry.message)"
-                    else:
-                        write = f"entry.message = memory.{message}"
-                    self.publishers += _publisher(name, topic, output.due, write)
-        return lines
-
-    def take(self, core: type[Core], topic: str, then: list[str]) -> list[str]:
-        """Return lines that hand a core all there is of a topic."""
-        assert core.compiled is not None
-        what = f"take_{list(core.inputs).index(topic)}"
-        function = core.compiled.takes[topic]
-        if topic not in TABLES or (core.name, topic) not in READERS:
-            return [self.call(core, function, what, "imu"), *then]
-        row = f"read[{READERS.index((core.name, topic))}]"
-        call = self.call(core, function, what, f"table_{_INDEX[topic]}[{row}].message")
-        unread = f"{'news and ' if core.steps_on_messages else ''}{_unread(core.name, topic)}"
-        return [f"while {unread}:", *_indented([call, f"{row} += 1", *then])]
-
-    def turn(self, c: int, core: type[Core]) -> list[str]:
-        """Return a core's turn in a tick."""
-        compiled = core.compiled
-        period = f"now % {core.period_ns} == 0"
-        inputs = [t for t in core.inputs if t in SENSORS or t in TABLES]
-        in_python = [t for t in inputs if compiled is None or t not in compiled.takes]
-        unread = " or ".join(_unread(core.name, topic) for topic in in_python)
-        if compiled is None:
-            messages = core.steps_on_messages and in_python
-            return [
-                f"if {period} or {unread}:" if messages else f"if {period}:",
-                f"    flight.to_step |= {1 << c}",
-            ]
-        takes = [t for t in inputs if t in compiled.takes]
-        if [*takes, *in_python] != inputs:
-            raise TypeError(f"{core.__name__}: topics without a function are the last of inputs")
-        if compiled.step is None:
-            published = self.publish(core)
-            lines = [line for topic in takes for line in self.take(core, topic, published)]
-            return lines + self._to_python(c, unread, [])
-        step = [self.call(core, compiled.step, "step"), *self.publish(core)]
-        if compiled.asks is not None:
-            asks = self.call(core, compiled.asks, "asks")
-            step = [f"if {asks}:", f"    flight.to_step |= {1 << c}", "else:", *_indented(step)]
-        step = self._to_python(c, unread, step)
-        if not core.steps_on_messages:
-            hand = [line for topic in takes for line in self.take(core, topic, [])]
-            return [f"if {period}:", *_indented([*hand, *step])]
-        has_messages = f"{core.name}_has_messages"
-        hand = [
-            line for topic in takes for line in self.take(core, topic, [f"{has_messages} = True"])
-        ]
-        due = " or ".join([has_messages, period, *([unread] if unread else [])])
-        return [f"{has_messages} = False", *hand, f"if {due}:", *_indented(step)]
-
-    @staticmethod
-    def _to_python(c: int, unread: str, otherwise: list[str]) -> list[str]:
-        if not unread:
-            return otherwise
-        lines = [
-            f"if {unread}:",
-            f"    flight.to_step |= {1 << c}",
-            f"    flight.to_hand |= {1 << c}",
-        ]
-        return lines + (["else:", *_indented(otherwise)] if otherwise else [])
-
-    def text(self) -> str:
-        """Return the whole module."""
-        views = dict(_VIEWS)
-        for c, core in enumerate(self.cores):
-            views |= self.views(c, core)
-        views |= {f"table_{k}": f"flights.published[{k}][i]" for k in range(len(TABLES))}
-        names = ", ".join(views)
-        turns = [
-            line
-            for c, core in enumerate(self.cores)
-            for line in (f"# {core.name}", *self.turn(c, core))
-        ]
-        by_name = {core.name: core for core in self.cores}
-        commands = next(core for core in self.cores if COMMAND in core.outputs)
-        if commands.compiled is None:
-            raise TypeError(
-                f"{commands.__name__}: publishes {COMMAND}, which acts in its tick; accepted: a "
-                "compiled core"
-            )
-        command = f"{self.memory(commands)}.{commands.outputs[COMMAND].message}.speed"
-        estimator, controller = by_name["estimator"], by_name["controller"]
-        row = ", ".join([
-            self.memory(estimator), self.memory(controller), _name(controller, "autopilot"),
-        ])  # fmt: skip
-        loop = [
-            "tick = flight.tick",
-            "now = EPOCH_NS + tick * TICK_NS",
-            "noise = tick_noise[tick - base]",
-            "read_imu(plant, maps, noise, theta)",
-            "imu = ImuReading(now, plant.gyro, plant.accel)",
-            *_published_sample(),
-            "if tick == capture_ticks[captures.next]:",
-            "    capture_pose(plant, mocap_noise, theta, entries, captures, tick)",
-            "arrived = next_arrival(entries, captures, tick)",
-            "while arrived >= 0:",
-            "    news = True",
-            *_indented(_published_pose()),
-            "    arrived = next_arrival(entries, captures, tick)",
-            *_phase(),
-            "watch_flight(plant, flight)",
-            *turns,
-            f"plant.rotor_command = {command}",
-            "if 0 <= tick < log.position.shape[0]:",  # 0: no index is counted from the end
-            f"    write_row(plant, {row}, log, tick)",
-            "finish_tick(plant, noise, theta)",
-            "news = published",
-            "published = False",
-            "flight.tick = tick + 1",
-            "if flight.to_step != 0:",
-            "    return True",
-        ]
-        steps = [line for c, core in enumerate(self.cores) for line in self.step(c, core)]
-        head = ['"""Generated from the wiring. Do not edit."""', *_stamps(self.cores), ""]
-        return "\n".join([
-            *head, *_IMPORTS, *self.imports.values(), *self.publishers,
-            "", "", "@compiled(inline=False, counted=False)",
-            f'def fly_ticks({names}, stop) -> "bool":',
-            *_indented([*_BEGIN, "while flight.tick < min(stop, flight.end):"]),
-            *_indented(_indented(loop)), "    return False",
-            "", "", "@compiled(counted=False)", 'def fly(flights, shared, i, stop) -> "bool":',
-            *_indented([*_assigned(views), f"return fly_ticks({names}, stop)"]),
-            *steps, *_forget(), "",
-        ])  # fmt: skip
-
-    def step(self, c: int, core: type[Core]) -> list[str]:
-        """Return the function that makes a step that was left to Python."""
-        compiled = core.compiled
-        if compiled is None or compiled.step is None:
-            return []
-        tables = [
-            f"table_{_INDEX[t]} = flights.published[{_INDEX[t]}][i]"
-            for t in core.outputs
-            if t in TABLES
-        ]
-        body = [
-            "counts = flights.counts[i]",
-            "tick = flights.progress[i].tick - 1",
-            "now = EPOCH_NS + tick * TICK_NS",
-            *_assigned(self.views(c, core)),
-            *tables,
-            self.call(core, compiled.step, "step"),
-            *self.publish(core),
-        ]
-        return _function(f"step_{core.name}(flights, shared, i)", body)
-
-
-def _name(core: type[Core], path: str) -> str:
-    return f"{core.name}_{path.replace('.', '_')}"
-
-
-def _assigned(values: Mapping[str, str]) -> list[str]:
-    return [f"{name} = {value}" for name, value in values.items()]
-
-
-def _indented(lines: Sequence[str]) -> list[str]:
-    return [f"    {line}" for line in lines]
-
-
-def _function(head: str, body: Sequence[str]) -> list[str]:
-    head = f'def {head} -> "None":'
-    return ["", "", "@compiled(inline=False, counted=False)", head, *_indented(body)]
-
-
-def _unread(name: str, topic: str) -> str:
-    """Return the condition that there is a message to take: of a sensor that of this tick, too."""
-    row, k = f"read[{READERS.index((name, topic))}]", _INDEX[topic]
-    when = "<=" if topic in SENSORS else "<"
-    return f"({row} < counts[{k}] and table_{k}[{row}].tick {when} tick)"
-
-
-def _publisher(name: str, topic: str, due: str, write: str) -> list[str]:
-    k = _INDEX[topic]
-    return _function(f"{name}(memory, table, counts, tick)", [
-        f"row = counts[{k}]",
-        "if row < table.shape[0]:",
-        "    entry = table[row]",
-        "    entry.tick = tick",
-        f"    {write}",
-        f"    counts[{k}] = row + 1",
-        f"memory.{due} = False",
-    ])  # fmt: skip
-
-
-def _published_sample() -> list[str]:
-    k = _INDEX.get(IMU)
-    return [] if k is None else [f"publish_sample(imu, table_{k}, counts, {k}, tick)"]
-
-
-def _published_pose() -> list[str]:
-    k = _INDEX.get(POSE)
-    if k is None:
-        return []
-    return [f"publish_pose(entries[arrived], table_{k}, counts, {k}, tick)"]
-
-
-def _phase() -> list[str]:
-    if PHASE not in TABLES:
-        return []
-    row, k = f"read[{READERS.index((_SIMULATOR, PHASE))}]", _INDEX[PHASE]
-    return [
-        f"while news and {_unread(_SIMULATOR, PHASE)}:",
-        f"    flight.phase = table_{k}[{row}].message.phase",
-        f"    {row} += 1",
-    ]
-
-
-def _forget() -> list[str]:
-    """Return the function that drops the messages that all have taken."""
-    body = ["counts, read = flights.counts[i], flights.read[i]"]
-    for topic, k in _INDEX.items():
-        rows = [f"read[{r}]" for r, (_, read_topic) in enumerate(READERS) if read_topic == topic]
-        first = f"min({', '.join([f'counts[{k}]', *rows])})" if rows else f"counts[{k}]"
-        body += [f"gone = {first}", f"drop_rows(flights.published[{k}][i], counts, {k}, gone)"]
-        body += [f"{row} -= gone" for row in rows]
-    return _function("forget_messages(flights, i)", body)
-
-
-def _stamps(cores: Sequence[type[Core]]) -> Iterator[str]:
-    """Return a line for each file of a core: its machine code is of this content."""
-    for module in dict.fromkeys(core.__module__ for core in cores):
-        path = getattr(sys.modules[module], "__file__", None)
-        if path is not None:
-            digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()[:16]
-            yield f"# {module} {digest}"
-
-
-_IMPORTS = [
-    "from tombo_dynamics.jit import compiled",
-    "from tombo_dynamics.rigid_body import finish_tick",
-    "from tombo_dynamics.time_base import EPOCH_NS, TICK_NS",
-    "from tombo_sim.kernel import ImuReading, drop_rows, publish_pose, publish_sample",
-    "from tombo_sim.kernel import watch_flight, write_row",
-    "from tombo_sim.sensing import capture_pose, next_arrival, read_imu",
-]
-_VIEWS = {
-    "plant": "flights.plant[i]",
-    "maps": "shared.maps[0]",
-    "theta": "flights.theta[i]",
-    "tick_noise": "flights.noise[i]",
-    "base": "flights.base[i]",
-    "capture_ticks": "flights.capture_ticks[i]",
-    "mocap_noise": "flights.mocap_noise[i]",
-    "entries": "flights.entries[i]",
-    "captures": "flights.captures[i]",
-    "counts": "flights.counts[i]",
-    "read": "flights.read[i]",
-    "flight": "flights.progress[i]",
-    "log": "shared.log",
-}
-_BEGIN = [
-    "flight.to_step = 0",
-    "flight.to_hand = 0",
-    "published = False",
-    "news = True  # what Python has published, too",
-]
-
-
-def _load() -> Any:
-    text = _Source(CORES).text()
-    name = f"tombo_flight_loop_{hashlib.sha256(text.encode()).hexdigest()[:12]}"
-    return load_generated(name, text)
-
-
-_generated = _load()
-fly = _generated.fly
-"""Fly `flights` i until tick `stop`, its end, or steps to make in Python: then True."""
-forget_messages = _generated.forget_messages
-"""Drop the messages of flight i that all have taken."""
-step_reaction = _generated.step_reaction
-"""Step the reaction of flight i, which was left to Python in the last tick."""
-
-
-# --- Flights in Python -------------------------------------------------------------------------
 
 
 def new_published(count: int, ticks: int) -> tuple[Any, ...]:
@@ -464,6 +406,7 @@ def one_flight(
         published: of `new_published`, for one flight.
     """
     ticks, normals = captures
+    counts, there, fresh, waiting = np.zeros((4, 1, len(TABLES)), np.int64)
     return Flights(
         plant.as_array(),
         theta[None],
@@ -475,8 +418,10 @@ def one_flight(
         np.zeros(1, Captures.layout),
         memories_of(cores),
         published,
-        np.zeros((1, len(TABLES)), np.int64),
-        np.zeros((1, len(READERS)), np.int64),
+        counts,
+        there,
+        fresh,
+        waiting,
         np.zeros(1, FlightProgress.layout),
     )
 
@@ -507,37 +452,29 @@ def shared_by(maps: Record, cores: Sequence[Core], log: Any = None) -> Shared:
     return Shared(maps.as_array(), params_of(cores), new_log(0) if log is None else log)
 
 
-def hand_over(flights: Flights, i: int, core: Core) -> None:
-    """Hand a core what is there for it in Python, in the last tick of flight i."""
-    tick = int(flights.progress["tick"][i]) - 1
-    for topic in core.inputs:
-        if (core.name, topic) not in READERS or topic in _compiled(core).takes:
+def hand_over(flights: Flights, i: int, reaction: Core) -> None:
+    """Hand the reaction the events of flight i that are there in its last tick."""
+    now_ns = EPOCH_NS + (int(flights.progress["tick"][i]) - 1) * TICK_NS
+    fresh, there = flights.fresh[i], flights.there[i]
+    for topic in reaction.inputs:
+        if topic in _compiled(reaction).takes:
             continue
-        r, k = place_of(type(core), topic)
-        table, last = flights.published[k][i], tick if topic in SENSORS else tick - 1
-        while flights.read[i, r] < flights.counts[i, k]:
-            entry = table[flights.read[i, r]]
-            if entry["tick"] > last:
-                break
-            flights.read[i, r] += 1
-            core.on(topic, TABLES[topic].message_of(entry["message"]), EPOCH_NS + tick * TICK_NS)
+        k = _INDEX[topic]
+        for row in range(int(fresh[k]), int(there[k])):
+            event = flights.published[k][i, row]["message"]
+            reaction.on(topic, TABLES[topic].message_of(event), now_ns)
+        fresh[k] = there[k]
 
 
-def step_in_python(flights: Flights, i: int, cores: Sequence[Core]) -> Iterator[Core]:
-    """Step the cores of flight i that are to be, in its last tick; yield each, then publish."""
-    steps, tick = int(flights.progress["to_step"][i]), int(flights.progress["tick"][i]) - 1
-    for c, core in enumerate(cores):
-        if steps >> c & 1:
-            hand_over(flights, i, core)
-            published = core.step(EPOCH_NS + tick * TICK_NS)
-            yield core
-            for topic, message in published:
-                _publish(flights, i, topic, message, tick)
+def step_in_python(flights: Flights, i: int, reaction: Core) -> None:
+    """Make the step of flight i that was left to Python in its last tick."""
+    tick = int(flights.progress["tick"][i]) - 1
+    hand_over(flights, i, reaction)
+    for topic, message in reaction.step(EPOCH_NS + tick * TICK_NS):
+        _publish(flights, i, topic, message, tick)
 
 
 def _publish(flights: Flights, i: int, topic: str, message: Any, tick: int) -> None:
-    if topic not in TABLES:
-        return
     k = _INDEX[topic]
     row, table = int(flights.counts[i, k]), flights.published[k][i]
     if row >= table.size:
@@ -567,6 +504,6 @@ def published_by(flights: Flights, i: int) -> dict[str, Any]:
             raise InputError(
                 f"{topic}: more than {rows} messages; accepted: one in {output.every} ticks"
             )
-        if topic not in SENSORS and not output.logged:
+        if topic != POSE:
             published[topic] = table[:rows]
     return published

@@ -1,4 +1,4 @@
-"""The parts of the compiled flight that are not written out from the wiring.
+"""The records of the compiled flight, and its parts besides the cores.
 
 `tombo_sim.flight_loop` has the loop over them and all cores.
 """
@@ -103,8 +103,10 @@ class FlightProgress(Record):
     end = field("1", "first tick not to fly", kind=int)
     phase = field("1", "the mission's, as published", kind=int)
     over = field("", "whether it is over", kind=FlightEnd)
-    to_step = field("1", "bits of the cores to step in Python, in the last tick", kind=int)
-    to_hand = field("1", "those of them that get messages there", kind=int)
+    python_step = field(
+        "1", "the reaction is to be stepped in Python, in the last tick", kind=bool
+    )
+    python_input = field("1", "events are to be handed to it there", kind=bool)
 
 
 class ImuReading(NamedTuple):
@@ -141,8 +143,12 @@ class Flights(NamedTuple):
     """A table a topic, `flight_loop.TABLES`: (N, rows) of tick and message."""
     counts: Any
     """(N, tables) rows in use."""
-    read: Any
-    """(N, `flight_loop.READERS`) rows that a core has taken."""
+    there: Any
+    """(N, tables) rows that are there in the tick."""
+    fresh: Any
+    """(N, tables) the first of them that were not in the tick before."""
+    waiting: Any
+    """(N, tables) the first that wait for the mission's next step."""
     progress: Any
     """(N) `FlightProgress`."""
 
@@ -171,19 +177,6 @@ def publish_pose(sample: MocapEntry, table: Any, counts: Any, topic: int, tick: 
         counts[topic] = row + 1
 
 
-@compiled(inline=False)
-def publish_sample(sample: ImuReading, table: Any, counts: Any, topic: int, tick: int) -> None:
-    """Publish the IMU's sample of a tick, for cores that take it from a table."""
-    row = counts[topic]
-    if row < table.shape[0]:
-        entry = table[row]
-        entry.tick = tick
-        entry.message.stamp_ns = sample.stamp_ns
-        entry.message.gyro = sample.gyro
-        entry.message.accel = sample.accel
-        counts[topic] = row + 1
-
-
 @compiled(counted=False)
 def watch_flight(plant: Plant, flight: FlightProgress) -> None:
     """Decide whether the flight is to end."""
@@ -191,15 +184,6 @@ def watch_flight(plant: Plant, flight: FlightProgress) -> None:
     after = watch_end(flight.over, state.position[2], upright(state.attitude), flight.phase)
     if after != UNDECIDED:
         flight.end = min(flight.end, flight.tick + int(after / TICK_S + 0.5))
-
-
-@compiled(counted=False)
-def drop_rows(table: Any, counts: Any, topic: int, gone: int) -> None:
-    """Forget the first rows of a table."""
-    if gone > 0:
-        counts[topic] -= gone
-        for row in range(counts[topic]):
-            table[row] = table[gone + row]
 
 
 @compiled(counted=False)

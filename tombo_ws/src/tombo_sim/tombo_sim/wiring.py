@@ -1,7 +1,7 @@
 """The wiring of a flight, as data: which cores there are and what each gets.
 
-Who publishes a topic and who takes it follows from the cores' `inputs` and `outputs`. The compiled
-flight, the batch, the nodes, the replay and the documentation all read this.
+Who publishes a topic and who takes it follows from the cores' `inputs` and `outputs`. The nodes,
+the replay, the Python reference and the documentation read this; `flight_loop` has their tick.
 """
 
 from __future__ import annotations
