@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.motion import RATE, Motion, motion_of
+from tombo_logs.checks.motion import RATE, motion_of
+from tombo_logs.checks.spans import Mask
 from tombo_logs.readers.frames import BODIES, WORLDS, axes_matrix, is_usable
 
 _WIDTH: Final = 0.1 * RATE
@@ -29,6 +30,7 @@ AGREES: Final = 0.5
 """Correlation from which on a test says something."""
 CLOSE: Final = 0.1
 """Difference of two scores that says nothing."""
+_NOT_TOLD: Final = (float("nan"),) * 3
 _USUAL: Final = [("ENU", "FLU"), ("NED", "FRD")]
 """Axes, unless the motion speaks for others."""
 WORLD_AXES: Final = {"ENU": WORLDS["ENU"], "NED": WORLDS["NED"], "y up": ("x", "-z", "y")}
@@ -82,7 +84,9 @@ def readings(
         motion = motion_of(position, attitude, gyro, None, [])
         if np.count_nonzero(motion.good) < _LEAST_SAMPLES:
             continue
-        agreement = _compare_rates(motion)
+        rates = _NOT_TOLD
+        if motion.gyro.size:
+            rates = _agreement(motion.gyro, motion.rates, motion.good)
         turn = Rotation.from_quat(motion.attitude)
         for world, axes in WORLD_AXES.items():
             in_world = axes_matrix(axes, world)
@@ -91,8 +95,10 @@ def readings(
                 thrust = turn.apply(up) @ in_world.T
                 if np.median(thrust[:, 2]) < 0.5 or not _points_up(accel, up):
                     continue
-                tilt = _compare_tilt(thrust, motion.acceleration @ in_world.T, motion)
-                allowed.append(Reading(form, world, body, *tilt, *agreement))
+                lean = GRAVITY * thrust[:, :2] / np.maximum(thrust[:, 2:], 0.3)
+                flat = (motion.acceleration @ in_world.T)[:, :2]
+                tilt = _agreement(lean, flat, motion.good)
+                allowed.append(Reading(form, world, body, *tilt[:2], rates[0], rates[2]))
     ranked = sorted(allowed, key=lambda r: (-round(r.score, 2), _rank(r)))
     usual = next((r for r in ranked if _rank(r) < len(_USUAL)), None)
     if usual is None:
@@ -107,44 +113,25 @@ def _rank(reading: Reading) -> int:
     return _USUAL.index(axes) if axes in _USUAL else len(_USUAL)
 
 
-def _compare_tilt(thrust: Array, acceleration: Array, motion: Motion) -> tuple[float, float]:
-    """Return correlation and slope of tilt and horizontal acceleration.
+def _agreement(given: Array, seen: Array, good: Mask) -> tuple[float, float, float]:
+    """Return correlation of two signals (N, k), slope of `given` by `seen`, and ratio of sizes.
 
-    The axes count alike: a quaternion in the wrong order agrees in one axis, with heading 0.
+    The axes that move count alike: a quaternion in the wrong order agrees in one axis, with
+    heading 0.
     """
-    tilt = GRAVITY * thrust[:, :2] / np.maximum(thrust[:, 2:], 0.3)
-    tilt, acceleration = _smooth(tilt), _smooth(acceleration)
-    size = np.linalg.norm(acceleration, axis=1)
-    calm = motion.good & (size < 8.0 * np.median(size) + _MOVES)  # without jumps of the track
-    tilt, flat = tilt[calm], acceleration[calm, :2]
-    moves = flat.std(axis=0) > _MOVES if len(flat) else np.zeros(2, np.bool_)
-    if len(flat) < _LEAST_SAMPLES or not moves.any():
-        return float("nan"), float("nan")
-    slope = float(np.sum(tilt * flat) / np.sum(flat * flat))
-    both = [_correlation(tilt[:, k], flat[:, k]) for k in np.flatnonzero(moves)]
-    return float(np.mean(both)), slope
-
-
-def _compare_rates(motion: Motion) -> tuple[float, float]:
-    """Return correlation of the attitude's rates and the gyro, and the gyro's size over them."""
-    if not motion.gyro.size:
-        return float("nan"), float("nan")
-    rates, gyro = _smooth(motion.rates), _smooth(motion.gyro)
-    speed = np.linalg.norm(rates, axis=1)
-    calm = motion.good & (speed > 0.0) & (speed < 10.0)
-    if calm.sum() < _LEAST_SAMPLES or rates[calm].std() < _MOVES:
-        return float("nan"), float("nan")
-    scale = float(np.median(np.linalg.norm(gyro[calm], axis=1) / speed[calm]))
-    return _correlation(rates[calm], gyro[calm]), scale
-
-
-def _smooth(values: Array) -> Array:
-    return np.asarray(gaussian_filter1d(values, _WIDTH, axis=0))
-
-
-def _correlation(a: Array, b: Array) -> float:
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-    return float(np.sum(a * b) / max(np.sqrt(np.sum(a**2) * np.sum(b**2)), 1e-12))
+    given, seen = (gaussian_filter1d(signal, _WIDTH, axis=0) for signal in (given, seen))
+    strength = np.linalg.norm(seen, axis=1)
+    calm = good & (strength < 8.0 * np.median(strength) + _MOVES)  # without jumps of the track
+    given, seen = given[calm], seen[calm]
+    moves = seen.std(axis=0) > _MOVES if len(seen) else np.zeros(0, np.bool_)
+    if len(seen) < _LEAST_SAMPLES or not moves.any():
+        return _NOT_TOLD
+    g, s = (signal[:, moves] - signal[:, moves].mean(axis=0) for signal in (given, seen))
+    norms = np.sqrt(np.sum(g**2, axis=0) * np.sum(s**2, axis=0))
+    both = np.sum(g * s, axis=0) / np.maximum(norms, 1e-12)
+    slope = np.sum(given * seen) / np.sum(seen**2)
+    size = np.linalg.norm(given, axis=1) / np.maximum(np.linalg.norm(seen, axis=1), 1e-9)
+    return float(np.mean(both)), float(slope), float(np.median(size))
 
 
 def _points_up(accel: Series | None, up: Array) -> bool:
