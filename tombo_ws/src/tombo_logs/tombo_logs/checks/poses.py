@@ -16,6 +16,7 @@ from tombo_logs.checks.pose_imu_consistency import (
     tilt_response,
     vertical_response,
 )
+from tombo_logs.checks.spans import white_noise
 from tombo_logs.checks.unit_mistakes import guess
 
 _SIZES = (0.4, 2.5)
@@ -220,7 +221,7 @@ def check_height(flight: str, position: Series, drive: Array) -> None:
     begin = t < t[0] + 0.6
     if np.count_nonzero(begin) < 6 or not np.median(drive[begin]) < _STANDS:
         return
-    noise = 1.4826 * np.median(np.abs(np.diff(z[begin], 2))) / np.sqrt(6.0)
+    noise = white_noise(z[begin])
     level = float(np.median(z[begin]))
     still = np.ptp(z[begin]) < max(8.0 * noise, 0.004)
     if still and np.median(z) < level - 0.3 and np.percentile(z, 98.0) < level + 0.05:

@@ -11,14 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, SPIN
-from tombo_logs.checks.spans import (
-    Span,
-    block_means,
-    check_extent,
-    inside,
-    interpolated,
-    sample_interval,
-)
+from tombo_logs.checks.spans import Span, check_extent, inside, interpolated, thinned
 
 _RATE = 100.0
 _WIDTH = 0.03
@@ -123,5 +116,4 @@ def _scores(thrust: Array, turning: Array, orders: Sequence[tuple[int, ...]]) ->
 
 def _sampled(series: Series, t: Array) -> Array:
     """Return values at `t`, means over 10 ms where there are many."""
-    every = max(round(1.0 / _RATE / max(sample_interval(series.t), 1e-6)), 1)
-    return interpolated(t, block_means(series.t, every), block_means(series.values, every))
+    return interpolated(t, *thinned(series.t, series.values, 1.0 / _RATE))
