@@ -291,18 +291,17 @@ def _rotors(usable: Usable, proposal: Proposal) -> None:
 
 
 def _command_range(values: Array) -> tuple[float, float] | None:
-    """Return the values of no and full power; None: these are no motor commands.
-
-    Nearly all values lie between them, or at least most: the end of a log may be damaged.
-    """
+    """Return the values of no and full power; None: these are no motor commands."""
     running = values[values > 1e-3 * values.max(initial=0.0)]
-    middle = float(np.median(running)) if running.size else 0.0
-    for share in (0.985, 0.7):
-        for low, high in _COMMAND_RANGES:
-            level = (values - low) / (high - low)
-            inside = float(np.mean((level > -0.12) & (level < 1.05)))
-            if inside >= share and 0.1 < (middle - low) / (high - low) <= 1.0:
-                return low, high
+    if not running.size:
+        return None
+    middle = float(np.median(running))
+    few, most = np.percentile(values, [30.0, 85.0])  # off for a while; the end may be damaged
+    for low, full in _COMMAND_RANGES:
+        size = full - low
+        usual = 0.1 < (middle - low) / size <= 1.0
+        if usual and few > low - 0.12 * size and most < full + 0.05 * size:
+            return low, full
     return None
 
 
