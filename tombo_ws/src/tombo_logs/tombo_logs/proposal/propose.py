@@ -149,7 +149,7 @@ def _time(
 def _attitude_forms(quaternions: Usable, angles: Usable, proposal: Proposal) -> dict[str, Form]:
     """Return the forms in which the best columns of an attitude may be read."""
     for candidate, series in quaternions:
-        content = {"columns": list(candidate.columns)}
+        content: dict[str, object] = {"columns": list(candidate.columns)}
         share = float(np.mean(np.abs(np.linalg.norm(series.values, axis=1) - 1.0) < 0.02))
         if share < 0.95:
             continue
@@ -174,7 +174,8 @@ def _attitude_forms(quaternions: Usable, angles: Usable, proposal: Proposal) -> 
                 names = [columns[0], "-" * (sign < 0.0) + columns[1], columns[2]]
                 content = {"columns": names, "order": "rpy", "unit": unit}
                 why = f"values up to {high:.3g}; unit and the sign of pitch by the motion"
-                forms[f"{unit} {sign:+.0f}"] = Form(content, Series(series.t, turn.as_quat()), why)
+                form = Form(content, Series(series.t, turn.as_quat()), why)
+                forms[f"{unit} {sign:+.0f}"] = form
         return forms
     seen = [f"{', '.join(c.columns)}: {' and '.join(lacking)} not there" for c, _ in angles[:1]]
     needed = "an attitude needs roll, pitch and yaw, or a quaternion"
@@ -268,6 +269,7 @@ def _rotors(usable: Usable, proposal: Proposal) -> None:
         columns, unit = candidate.columns, candidate.group.unit
         low, high = float(series.values.min()), float(series.values.max())
         span, doubt = _command_range(series.values), ""
+        content: dict[str, object]
         if is_speed(candidate.group):
             if unit not in UNITS["rad/s"]:
                 unit = "rpm" if high > 3000.0 else "rad/s"
