@@ -27,37 +27,47 @@ def proposed(path, content):
     return text, read_log(path, "a", parse_mapping(text, "m"))
 
 
-def same(log, channel, expected, tolerance):
-    found = log.series[channel].values
-    np.testing.assert_allclose(found, expected[:: round(len(expected) / len(found))],
-                               atol=tolerance)  # fmt: skip
-
-
-def same_turns(log, tolerance):
-    found = Rotation.from_quat(log.series["attitude"].values)
-    assert (found.inv() * tables.TURN).magnitude().max() < tolerance
-
-
 def doubts(text):
     """Keys of the lines that are marked as doubtful."""
     return re.findall(r"DOUBTFUL:(?:.*\n)(?:\s*#.*\n)*\s*(\w+):", text)
 
 
+FLOWN = {
+    "position": (tables.P, 1e-9),
+    "gyro": (tables.GYRO, 1e-9),
+    "accel": (tables.ACCEL, 1e-9),
+    "motor_command": (tables.SHARE, 1e-3),  # in our order
+    "rotor_speed": (tables.SPEED, 0.06),
+    "voltage": (4.1 - 0.02 * tables.T[:, None], 1e-9),
+    "current": (9.0 + 0.0 * tables.T[:, None], 1e-9),
+}
+"""Channel → its values, and how far they may be off."""
+FORWARD = "which axis is forward is a guess"
+
+
 @pytest.mark.slow
-def test_a_crazyflies_log(tmp_path):
-    text, log = proposed(tmp_path / "cf.csv", tables.crazyflie())
-    same(log, "position", tables.P, 1e-9)
-    same_turns(log, 1e-6)
-    same(log, "gyro", tables.GYRO, 1e-9)
-    same(log, "accel", tables.ACCEL, 1e-9)
-    same(log, "motor_command", tables.SHARE, 1e-4)  # our order
-    same(log, "voltage", 4.1 - 0.02 * tables.T[:, None], 1e-9)
-    assert log.airframe.name == "Crazyflie 2.1"
-    assert log.series["gyro"].t[-1] - log.series["gyro"].t[0] == pytest.approx(
-        tables.T[-1] - tables.T[0], abs=1e-3
-    )
-    # its own estimate is no motion capture; its weight is not in the file
-    assert doubts(text) == ["position", "airframe"]
+@pytest.mark.parametrize(
+    ("table", "channels", "doubtful", "said"),
+    [
+        # its own estimate is no motion capture; its weight is not in the file
+        (tables.crazyflie, "gyro accel motor_command voltage", ["position", "airframe"], "FLU"),
+        (tables.px4, "gyro accel motor_command rotor_speed current",
+         ["position", "rotor_speed", "motor_command"], "world: NED"),
+        (tables.euroc, "accel", ["world", "body"], FORWARD),
+        (tables.motive, "motor_command", ["world", "body", "motor_command"], FORWARD),
+    ],
+)  # fmt: skip
+def test_a_table_of_others_gives_back_its_flight(tmp_path, table, channels, doubtful, said):
+    text, log = proposed(tmp_path / "a.csv", table())
+    for channel in ["position", *channels.split()]:
+        values, tolerance = FLOWN[channel]
+        found = log.series[channel].values
+        every = round(len(values) / len(found))
+        np.testing.assert_allclose(found, values[::every], atol=tolerance)
+    turns = Rotation.from_quat(log.series["attitude"].values).inv() * tables.TURN
+    assert turns.magnitude().max() < 1e-6
+    assert doubts(text) == doubtful and said in text
+    assert np.ptp(log.series["position"].t) == pytest.approx(np.ptp(tables.T), abs=0.02)
 
 
 @pytest.mark.parametrize("beside", ["state.p", "payload.pos_", "cable_pos_"])
@@ -97,43 +107,13 @@ def test_little_lean_leaves_the_usual_axes():
 
 
 @pytest.mark.slow
-def test_topics_of_px4_side_by_side(tmp_path):
-    text, log = proposed(tmp_path / "px4.csv", tables.px4())
-    same(log, "position", tables.P, 1e-9)
-    same_turns(log, 1e-6)
-    same(log, "gyro", tables.GYRO, 1e-9)
-    same(log, "accel", tables.ACCEL, 1e-9)
-    same(log, "motor_command", tables.SHARE, 1e-9)
-    same(log, "rotor_speed", tables.SPEED, 0.06)
-    same(log, "current", 9.0 + 0.0 * tables.T[:, None], 1e-9)
-    assert "world: NED" in text and "body: FRD" in text
-
-
-@pytest.mark.slow
-def test_columns_of_euroc(tmp_path):
-    """Up is seen; which of the axes across is forward, is not, and is said to be a guess."""
-    text, log = proposed(tmp_path / "data.csv", tables.euroc())
-    same(log, "position", tables.P, 1e-9)
-    same(log, "accel", tables.ACCEL, 1e-9)
-    same_turns(log, 1e-6)
-    assert "forward is a guess" in text
-
-
-@pytest.mark.slow
-def test_a_motion_capture_with_y_up_in_millimetres(tmp_path):
-    _, log = proposed(tmp_path / "take.csv", tables.motive())
-    same(log, "position", tables.P, 1e-9)
-    same_turns(log, 1e-6)
-    same(log, "motor_command", tables.SHARE, 1e-3)
-
-
-@pytest.mark.slow
 def test_the_flight_is_sound_under_the_checks_and_a_wrong_one_is_said(tmp_path):
     text, log = proposed(tmp_path / "px4.csv", tables.px4())
     assert not [f for f in check_log(log).findings if f.severity == "fault"]
     lines = tables.px4().replace("sensor_combined.gyro_rad", "sensor_combined.gyro_deg")
     text, log = proposed(tmp_path / "px4.csv", lines)
-    same(log, "gyro", tables.GYRO, 1e-9)  # the name lies, the attitude does not
+    # the name lies, the attitude does not
+    np.testing.assert_allclose(log.series["gyro"].values, tables.GYRO, atol=1e-9)
     assert "gyro" in doubts(text) and "the name says deg" in text
 
 
