@@ -60,7 +60,8 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
         findings += more
     for name in tuple(series):
         findings += drop_faulty(series, sensor_range.resolution(log.name, name, series[name]))
-    _check_poses(log.name, series, findings, needed)
+    _check_there(log.name, series, findings, needed)
+    poses.check_values(log.name, series)
     flown = _extent(series["position"])
     stood_still = _frozen(log.name, series)
     lost = _spans(f for f in stood_still if f.channel in POSE)
@@ -137,15 +138,6 @@ def _check_there(
                 f"{name}: {series[name].t.size} samples; needed: at least "
                 f"{_LEAST}, and seconds of flight for a diagnosis",
             )
-
-
-def _check_poses(
-    flight: str, series: dict[str, Series], findings: list[Finding], needed: Sequence[str]
-) -> None:
-    _check_there(flight, series, findings, needed)
-    if "attitude" in series:
-        poses.check_attitude(flight, series["attitude"])
-    poses.check_position(flight, series["position"])
 
 
 def _limit_spans(
