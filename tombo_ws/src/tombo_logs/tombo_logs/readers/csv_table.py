@@ -7,6 +7,7 @@ no number has a point, decimal commas are read, and it is said.
 
 from __future__ import annotations
 
+import csv
 import io
 import re
 from collections import Counter
@@ -55,7 +56,8 @@ class CsvTable:
         import pandas  # slow to load, and most logs are no tables
 
         marks = len(self.columns) - 1
-        rows = [r for r in self.body.splitlines() if r.strip() and not r.lstrip().startswith(b"#")]
+        lines = self.body.replace(b'"', b"").splitlines()
+        rows = [r for r in lines if r.strip() and not r.lstrip().startswith(b"#")]
         whole = [row for row in rows if row.count(self.delimiter.encode()) == marks]
         if not whole:
             raise InputError(f"'{self.path}' holds a header and no row of numbers")
@@ -66,6 +68,7 @@ class CsvTable:
             usecols=[self.columns.index(name) for name in wanted],
             na_values=sorted(_NOTHING),
             skipinitialspace=True,
+            quoting=csv.QUOTE_NONE,
             encoding_errors="replace",
             low_memory=False,
         )
