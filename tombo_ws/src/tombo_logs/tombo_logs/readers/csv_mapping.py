@@ -56,13 +56,6 @@ class LogMapping:
     airframe: Airframe | None = None
 
     @property
-    def columns(self) -> set[str]:
-        """All columns that it names."""
-        times = [self.time] + [t for c in self.channels.values() for t in (c.time, c.arrival)]
-        named = {t.column for t in times if t is not None}
-        return named | {name for c in self.channels.values() for name in c.columns}
-
-    @property
     def by_topic(self) -> dict[str, dict[str, ChannelMap]]:
         """Topic → its channels, of those that name one."""
         topics: dict[str, dict[str, ChannelMap]] = {}
