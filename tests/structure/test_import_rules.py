@@ -49,7 +49,7 @@ LIBRARIES = {
     "tombo_control": {"numpy", "scipy", "numba"},
     "tombo_collision": {"numpy", "scipy", "numba", "filterpy", "daqp"},
     "tombo_sim": {"numpy", "scipy", "numba"},
-    "tombo_logs": {"numpy", "scipy", "yaml", "pyulog", "ruptures", "filterpy"},
+    "tombo_logs": {"numpy", "scipy", "yaml", "pandas", "pyulog", "ruptures", "filterpy"},
     "tombo_diagnosis": {"numpy", "scipy", "yaml", "ruptures"},
 }
 COMPILED = {*MATHS, "tombo_sim"}

@@ -2,24 +2,17 @@
 
 import numpy as np
 import pytest
-from made_flight import (
-    CLIMB,
-    STAND,
-    made_flight,
-    poses_only,
-    smooth_step,
-    unwound,
-    with_values,
-    wrote,
-)
+from made_flight import CLIMB, STAND, made_flight, poses_only, smooth_step, with_values, wrote
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from tombo_bag.flight import Flight, Series
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks import check_log, imu
 from tombo_logs.checks.motion import in_body, motion_of
+from tombo_px4.frames import ned_from_enu, px4_quaternion
 
 FLIGHT = made_flight()
 IMU = {"gyro", "accel"}
@@ -42,13 +35,10 @@ def turned(*angles):
 
 
 def ned(log):
-    world = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1.0]])
-
-    def attitude(q):
-        matrices = world @ Rotation.from_quat(q).as_matrix() @ np.diag(FRD)
-        return unwound(Rotation.from_matrix(matrices).as_quat())
-
-    return with_values(with_values(log, "position", lambda p: p @ world.T), "attitude", attitude)
+    places = with_values(log, "position", ned_from_enu)
+    return with_values(
+        places, "attitude", lambda q: unwrap_quaternions(px4_quaternion(q)[:, [1, 2, 3, 0]])
+    )
 
 
 @pytest.mark.parametrize(
@@ -223,12 +213,12 @@ def test_rates_about_the_axes_of_map_are_turned_into_the_body(lean):
     (said,) = imu.gyro_about_map("made", moving(leaning, about_map))
     assert said.channel == "gyro" and "axes of map" in said.message
     assert not imu.gyro_about_map("made", moving(leaning, body))
-    turned_back = in_body(Series(gyro.t, about_map), Series(q.t, unwound(leaning)))
+    turned_back = in_body(Series(gyro.t, about_map), Series(q.t, unwrap_quaternions(leaning)))
     assert np.abs(turned_back.values - body).max() < 0.01
 
 
 def moving(attitude, rates):
     """The motion of the flight with other attitudes and rates."""
     s = FLIGHT.series
-    poses = s["position"], Series(s["attitude"].t, unwound(attitude))
+    poses = s["position"], Series(s["attitude"].t, unwrap_quaternions(attitude))
     return motion_of(*poses, Series(s["gyro"].t, rates), None, [(0.0, 4.0), (16.0, 20.0)])

@@ -153,21 +153,25 @@ def test_a_flight_that_begins_and_ends_in_the_air_has_no_ground():
     assert not check_log(air).exclude and not check_log(poses_only(air)).exclude
 
 
+def hover(place, seed):
+    """Poses at (N, 3) places, one in 10 ms, level but for noise."""
+    rng = np.random.default_rng(seed)
+    t = 0.01 * np.arange(len(place))
+    p = place + 2e-4 * rng.standard_normal(place.shape)
+    q = np.column_stack([1e-3 * rng.standard_normal(place.shape), np.ones(t.size)])
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    return FLIGHT.with_series({"position": Series(t, p), "attitude": Series(t, q)})
+
+
 def low_hover(commands):
     """Hover at 0.35 m, so quiet that it seems to stand, then at 0.6 m; takes off and lands."""
     t = np.arange(0.0, 20.0, 0.01)
     height = 0.05 + np.interp(
         t, [1.5, 2.5, 11.0, 12.0, 17.0, 18.5], [0.0, 0.3, 0.3, 0.55, 0.55, 0.0]
     )
-    rng = np.random.default_rng(6)
-    p = np.column_stack([0 * t, 0 * t, height]) + 2e-4 * rng.standard_normal((t.size, 3))
-    q = np.column_stack([1e-3 * rng.standard_normal((t.size, 3)), np.ones(t.size)])
-    q /= np.linalg.norm(q, axis=1, keepdims=True)
-    on = np.where((t > 1.4) & (t < 18.5), 400.0, 40.0)[:, None] * np.ones(4)
-    series = {"position": Series(t, p), "attitude": Series(t, q)}
-    if commands:
-        series["rotor_command"] = Series(t, on + rng.standard_normal(on.shape))
-    return FLIGHT.with_series(series)
+    log = hover(np.column_stack([0 * t, 0 * t, height]), 6)
+    on = np.where((t > 1.4) & (t < 18.5), 400.0, 40.0)[:, None] + np.sin(np.outer(t, range(4)))
+    return with_series(log, rotor_command=Series(t, on)) if commands else log
 
 
 @pytest.mark.parametrize("commands", [True, False])
@@ -212,14 +216,10 @@ def test_a_log_cut_before_take_off_does_not_fly(idle):
 def test_hovering_at_two_heights_is_not_standing():
     """Hovering wanders by more than the noise of the poses."""
     t = np.arange(0.0, 30.0, 0.01)
-    rng = np.random.default_rng(5)
     wander = 0.01 * np.column_stack([np.sin((0.7 + 0.3 * i) * t + i) for i in range(3)])
     climb = 1.0 + 0.8 / (1.0 + np.exp(-(t - 15.0) * 3.0))
-    p = wander + np.column_stack([0 * t, 0 * t, climb]) + 2e-4 * rng.standard_normal((t.size, 3))
-    q = np.column_stack([1e-3 * rng.standard_normal((t.size, 3)), np.ones(t.size)])
-    q /= np.linalg.norm(q, axis=1, keepdims=True)
-    log = with_series(poses_only(FLIGHT), position=Series(t, p), attitude=Series(t, q))
-    assert not check_log(log).exclude
+    wander[:, 2] += climb
+    assert not check_log(hover(wander, 5)).exclude
 
 
 def test_a_load_that_drops_is_a_change_point():

@@ -39,16 +39,58 @@ def test_late_stamps_are_said_and_small_lags_are_not():
     assert not wrote(check_log(made_flight(late=0.002)), "than the gyro's")
 
 
-def test_stamps_of_arrival_are_recognised_by_their_jitter():
-    late = np.random.default_rng(2).gamma(2.0, 0.0015, FLIGHT.series["position"].t.size)
-    shaken = with_poses(lambda t, values: (t + late, values))
-    assert wrote(check_log(shaken), "position: stamps jitter")
+def shaken(t):
+    """Stamps that are late by another time each."""
+    return t + np.random.default_rng(2).gamma(2.0, 0.0015, t.size)
 
 
-def test_stamps_that_are_the_times_of_recording_are_said():
-    position = FLIGHT.series["position"]
-    same = Series(position.t, position.values, position.t + 1e-5)
-    assert wrote(check_log(with_series(FLIGHT, position=same)), "are the times of recording")
+def part(channel, begin, end):
+    """The flight with a channel from one time to another only."""
+    s = FLIGHT.series[channel]
+    rows = (s.t > begin) & (s.t < end)
+    return with_series(FLIGHT, **{channel: Series(s.t[rows], s.values[rows])})
+
+
+def thinned(channel, share):
+    """The flight with a share of a channel's samples lost one by one."""
+    s = FLIGHT.series[channel]
+    kept = np.random.default_rng(3).random(s.t.size) > share
+    return with_series(FLIGHT, **{channel: Series(s.t[kept], s.values[kept])})
+
+
+def stamped(channel, change, arrival=None):
+    """The flight with other stamps on a channel."""
+    s = FLIGHT.series[channel]
+    return with_series(FLIGHT, **{channel: Series(change(s.t), s.values, arrival)})
+
+
+ARRIVAL = FLIGHT.series["position"].t + 1e-5
+
+
+@pytest.mark.parametrize(
+    ("log", "texts"),
+    [
+        (with_poses(lambda t, values: (shaken(t), values)), ["position: stamps jitter"]),
+        (stamped("position", np.copy, ARRIVAL), ["position: stamps are the times of recording"]),
+        (stamped("gyro", lambda t: t - np.where(t > 12.0, 0.1, 0.0)),
+         ["gyro: stamps jump back by 0.09", "the clock was set"]),
+        (stamped("rotor_command", lambda t: t + 0.12), ["rotor_command: the vehicle", "before"]),
+        (stamped("rotor_command", lambda t: t - 0.25), ["rotor_command: the vehicle", "after"]),
+        (thinned("gyro", 0.15), ["gyro: 1", "% of the samples are lost"]),
+        (part("rotor_speed", 14.0, 99.0), ["rotor_speed: covers 14.0 to 20.0 s", "left out"]),
+        (part("gyro", -1.0, 12.0), ["gyro: covers 0.0 to 12.0 s", "the rest is set apart"]),
+        (with_values(FLIGHT, "gyro", lambda w: np.where(np.arange(len(w))[:, None] // 200 == 5,
+                                                        np.nan, w)), ["gyro: 200 of"]),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_channel_is_said(log, texts):
+    checked = check_log(log)
+    (said,) = wrote(checked, *texts)
+    assert "left out" not in texts or said.channel not in checked.series
+    assert said.channel == texts[0].partition(":")[0] and not wrote(checked, "gyro", "backwards")
+    assert all(np.isfinite(s.values).all() for s in checked.series.values())
+    if "set apart" in texts[-1]:
+        assert any(b <= said.start_s and e >= said.end_s for b, e in checked.exclude)
 
 
 def test_backwards_and_double_stamps_are_put_right():
@@ -126,22 +168,6 @@ def test_stamps_in_another_unit_are_named(factor, unit):
         check_log(clock(FLIGHT, factor, FLIGHT.series))
 
 
-def test_a_small_step_back_is_a_clock_that_was_set_and_not_disorder():
-    gyro = FLIGHT.series["gyro"]
-    stepped = Series(gyro.t - np.where(gyro.t > 12.0, 0.1, 0.0), gyro.values)
-    checked = check_log(with_series(FLIGHT, gyro=stepped))
-    assert wrote(checked, "gyro: stamps jump back by 0.09", "the clock was set")
-    assert not wrote(checked, "go backwards")
-
-
-def test_a_channel_of_little_of_the_flight_is_left_out():
-    speed = FLIGHT.series["rotor_speed"]
-    late = speed.t > 14.0
-    checked = check_log(with_series(FLIGHT, rotor_speed=Series(speed.t[late], speed.values[late])))
-    assert wrote(checked, "rotor_speed: covers 14.0 to 20.0 s", "left out")
-    assert "rotor_speed" not in checked.series and len(checked.exclude) == 2
-
-
 def test_saturated_and_coarse_readings_are_said():
     checked = check_log(with_values(FLIGHT, "gyro", lambda w: np.clip(w, -0.9, 0.9)))
     assert wrote(checked, "gyro: reads exactly its limit of 0.9")
@@ -159,14 +185,6 @@ def test_gaps_are_counted_and_the_longest_is_dated():
     (gap,) = wrote(check_log(holed), "position: 2 gaps")
     assert gap.severity == "warning"
     assert (gap.start_s, gap.end_s) == pytest.approx((8.6, 9.4), abs=0.021)
-
-
-def test_a_channel_that_ends_early_is_said():
-    gyro = FLIGHT.series["gyro"]
-    early = gyro.t < 12.0
-    checked = check_log(with_series(FLIGHT, gyro=Series(gyro.t[early], gyro.values[early])))
-    assert wrote(checked, "gyro: covers 0.0 to 12.0 s", "the rest is set apart")
-    assert any(b <= 12.01 and e >= 17.9 for b, e in checked.exclude)
 
 
 def test_frozen_poses_are_set_apart():
@@ -209,16 +227,6 @@ def test_poses_held_on_a_faster_clock_are_thinned():
     assert wrote(checked, "position: 67 % of the samples repeat")
     assert np.median(np.diff(checked.series["position"].t)) == pytest.approx(0.03, abs=1e-6)
     assert not [f for f in checked.findings if f.severity == "fault"]
-
-
-def test_values_that_are_no_numbers_are_gaps():
-    def lost(values):
-        values[1000:1200, 1] = np.nan
-        return values
-
-    checked = check_log(with_values(FLIGHT, "gyro", lost))
-    assert np.isfinite(checked.series["gyro"].values).all()
-    assert wrote(checked, "gyro: 200 of") and wrote(checked, "gyro: 1 gaps")
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300])

@@ -4,10 +4,12 @@ What they hold is turned here by hand into their axes, units and names.
 """
 
 import numpy as np
+from log_writers import px4_poses
 from made_flight import made_flight
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.vehicle import GRAVITY
+from tombo_px4.frames import frd_from_flu
 
 FLIGHT = made_flight(duration=14.0, mocap_hz=100.0, imu_hz=100.0, seed=3)
 T = FLIGHT.series["gyro"].t
@@ -55,18 +57,18 @@ def crazyflie():
 
 def px4():
     """Topics of a ULog side by side: us, NED, FRD, wxyz, each at its own rate."""
-    ned, frd = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1.0]]), np.diag([1.0, -1.0, -1.0])
-    turn = Rotation.from_matrix(ned @ TURN.as_matrix() @ frd)
-    x, y, z, w = turn.as_quat().T
+    place, turn = px4_poses(FLIGHT)
     rpm = SPEED * [1.0, 1.0, -1.0, -1.0] * 30.0 / np.pi  # signed by the direction of rotation
     columns = {
         "timestamp": np.round(1e6 * T) + 5e6,
-        **named([f"vehicle_local_position.{a}" for a in "xyz"], P @ ned.T),
+        **named([f"vehicle_local_position.{a}" for a in "xyz"], place[: T.size]),
         **named([f"vehicle_local_position.v{a}" for a in "xyz"], 0.1 * P),
         "vehicle_local_position.ref_alt": 0.0 * T,
-        **{f"vehicle_attitude.q[{i}]": q for i, q in enumerate((w, x, y, z))},
-        **named([f"sensor_combined.gyro_rad[{i}]" for i in range(3)], GYRO @ frd),
-        **named([f"sensor_combined.accelerometer_m_s2[{i}]" for i in range(3)], ACCEL @ frd),
+        **named([f"vehicle_attitude.q[{i}]" for i in range(4)], turn[: T.size]),
+        **named([f"sensor_combined.gyro_rad[{i}]" for i in range(3)], frd_from_flu(GYRO)),
+        **named(
+            [f"sensor_combined.accelerometer_m_s2[{i}]" for i in range(3)], frd_from_flu(ACCEL)
+        ),
         **named([f"actuator_motors.control[{i}]" for i in range(4)], SHARE),
         **{f"actuator_motors.control[{i}]": np.nan * T for i in range(4, 12)},
         **named([f"esc_status.esc[{i}].esc_rpm" for i in range(4)], np.round(rpm)),

@@ -5,7 +5,6 @@ import re
 import foreign_tables as tables
 import numpy as np
 import pytest
-from foreign_bags import pose, write_foreign
 from log_writers import write_ulog
 from scipy.spatial.transform import Rotation
 
@@ -28,37 +27,47 @@ def proposed(path, content):
     return text, read_log(path, "a", parse_mapping(text, "m"))
 
 
-def same(log, channel, expected, tolerance):
-    found = log.series[channel].values
-    np.testing.assert_allclose(found, expected[:: round(len(expected) / len(found))],
-                               atol=tolerance)  # fmt: skip
-
-
-def same_turns(log, tolerance):
-    found = Rotation.from_quat(log.series["attitude"].values)
-    assert (found.inv() * tables.TURN).magnitude().max() < tolerance
-
-
 def doubts(text):
     """Keys of the lines that are marked as doubtful."""
     return re.findall(r"DOUBTFUL:(?:.*\n)(?:\s*#.*\n)*\s*(\w+):", text)
 
 
+FLOWN = {
+    "position": (tables.P, 1e-9),
+    "gyro": (tables.GYRO, 1e-9),
+    "accel": (tables.ACCEL, 1e-9),
+    "motor_command": (tables.SHARE, 1e-3),  # in our order
+    "rotor_speed": (tables.SPEED, 0.06),
+    "voltage": (4.1 - 0.02 * tables.T[:, None], 1e-9),
+    "current": (9.0 + 0.0 * tables.T[:, None], 1e-9),
+}
+"""Channel → its values, and how far they may be off."""
+FORWARD = "which axis is forward is a guess"
+
+
 @pytest.mark.slow
-def test_a_crazyflies_log(tmp_path):
-    text, log = proposed(tmp_path / "cf.csv", tables.crazyflie())
-    same(log, "position", tables.P, 1e-9)
-    same_turns(log, 1e-6)
-    same(log, "gyro", tables.GYRO, 1e-9)
-    same(log, "accel", tables.ACCEL, 1e-9)
-    same(log, "motor_command", tables.SHARE, 1e-4)  # our order
-    same(log, "voltage", 4.1 - 0.02 * tables.T[:, None], 1e-9)
-    assert log.airframe.name == "Crazyflie 2.1"
-    assert log.series["gyro"].t[-1] - log.series["gyro"].t[0] == pytest.approx(
-        tables.T[-1] - tables.T[0], abs=1e-3
-    )
-    # its own estimate is no motion capture; its weight is not in the file
-    assert doubts(text) == ["position", "airframe"]
+@pytest.mark.parametrize(
+    ("table", "channels", "doubtful", "said"),
+    [
+        # its own estimate is no motion capture; its weight is not in the file
+        (tables.crazyflie, "gyro accel motor_command voltage", ["position", "airframe"], "FLU"),
+        (tables.px4, "gyro accel motor_command rotor_speed current",
+         ["position", "rotor_speed", "motor_command"], "world: NED"),
+        (tables.euroc, "accel", ["world", "body"], FORWARD),
+        (tables.motive, "motor_command", ["world", "body", "motor_command"], FORWARD),
+    ],
+)  # fmt: skip
+def test_a_table_of_others_gives_back_its_flight(tmp_path, table, channels, doubtful, said):
+    text, log = proposed(tmp_path / "a.csv", table())
+    for channel in ["position", *channels.split()]:
+        values, tolerance = FLOWN[channel]
+        found = log.series[channel].values
+        every = round(len(values) / len(found))
+        np.testing.assert_allclose(found, values[::every], atol=tolerance)
+    turns = Rotation.from_quat(log.series["attitude"].values).inv() * tables.TURN
+    assert turns.magnitude().max() < 1e-6
+    assert doubts(text) == doubtful and said in text
+    assert np.ptp(log.series["position"].t) == pytest.approx(np.ptp(tables.T), abs=0.02)
 
 
 @pytest.mark.parametrize("beside", ["state.p", "payload.pos_", "cable_pos_"])
@@ -98,125 +107,56 @@ def test_little_lean_leaves_the_usual_axes():
 
 
 @pytest.mark.slow
-def test_topics_of_px4_side_by_side(tmp_path):
-    text, log = proposed(tmp_path / "px4.csv", tables.px4())
-    same(log, "position", tables.P, 1e-9)
-    same_turns(log, 1e-6)
-    same(log, "gyro", tables.GYRO, 1e-9)
-    same(log, "accel", tables.ACCEL, 1e-9)
-    same(log, "motor_command", tables.SHARE, 1e-9)
-    same(log, "rotor_speed", tables.SPEED, 0.06)
-    same(log, "current", 9.0 + 0.0 * tables.T[:, None], 1e-9)
-    assert "world: NED" in text and "body: FRD" in text
-
-
-@pytest.mark.slow
-def test_columns_of_euroc(tmp_path):
-    """Up is seen; which of the axes across is forward, is not, and is said to be a guess."""
-    text, log = proposed(tmp_path / "data.csv", tables.euroc())
-    same(log, "position", tables.P, 1e-9)
-    same(log, "accel", tables.ACCEL, 1e-9)
-    same_turns(log, 1e-6)
-    assert "forward is a guess" in text
-
-
-@pytest.mark.slow
-def test_a_motion_capture_with_y_up_in_millimetres(tmp_path):
-    text, log = proposed(tmp_path / "take.csv", tables.motive())
-    same(log, "position", tables.P, 1e-9)
-    same_turns(log, 1e-6)
-    same(log, "motor_command", tables.SHARE, 1e-3)
-    assert "motor_command" not in doubts(text)  # the rates of the poses show the order
-
-
-@pytest.mark.slow
-def test_rotors_in_another_order_than_their_maker_has_are_seen_in_the_motion(tmp_path):
-    shuffled = tables.px4().replace("control[0]", "control[9999]")
-    shuffled = shuffled.replace("control[2]", "control[0]").replace("control[9999]", "control[2]")
-    text, log = proposed(tmp_path / "px4.csv", shuffled)
-    same(log, "motor_command", tables.SHARE, 1e-9)
-    assert "motor_command" in doubts(text) and "not that of PX4" in text
-
-
-@pytest.mark.slow
 def test_the_flight_is_sound_under_the_checks_and_a_wrong_one_is_said(tmp_path):
     text, log = proposed(tmp_path / "px4.csv", tables.px4())
     assert not [f for f in check_log(log).findings if f.severity == "fault"]
     lines = tables.px4().replace("sensor_combined.gyro_rad", "sensor_combined.gyro_deg")
     text, log = proposed(tmp_path / "px4.csv", lines)
-    same(log, "gyro", tables.GYRO, 1e-9)  # the name lies, the attitude does not
+    # the name lies, the attitude does not
+    np.testing.assert_allclose(log.series["gyro"].values, tables.GYRO, atol=1e-9)
     assert "gyro" in doubts(text) and "the name says deg" in text
 
 
 def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
-    """Pitch was not logged; one acceleration is that of the track in g, another is neither."""
-    n = tables.T.size
+    """Pitch was not logged, and the acceleration is without gravity."""
     acceleration = tables.TURN.apply(tables.ACCEL) / GRAVITY - [0.0, 0.0, 1.0]
     columns = {
         "t_s": tables.T,
         **tables.named(["x_m", "y_m", "z_m"], tables.P),
         **tables.named(["ax_g", "ay_g", "az_g"], acceleration),
-        **tables.named(["acc_x", "acc_y", "acc_z"], np.sin(np.arange(3.0 * n)).reshape(n, 3)),
         "roll_deg": np.sin(tables.T), "yaw_deg": 20.0 + np.cos(tables.T),
         **tables.named([f"command_m{i}" for i in range(1, 5)], np.round(65535.0 * tables.SHARE)),
     }  # fmt: skip
     path = tmp_path / "pad.csv"
     path.write_text(tables.rows(columns))
     text = explain_mapping(path)
-    mapping = parse_mapping(text, "m")
-    assert set(mapping.channels) == {"position", "acceleration", "motor_command"}
-    assert mapping.channels["acceleration"].unit == "g"
-    assert "pitch not there" in text and "acc_x, acc_y, acc_z: median size" in text
+    assert set(parse_mapping(text, "m").channels) == {"position", "motor_command"}
+    assert "pitch not there" in text and "ax_g, ay_g, az_g: median size" in text
 
 
 @pytest.mark.parametrize(
-    ("raw", "words", "axis", "number", "unit"),
+    ("raw", "parts"),
     [
-        ("a_RS_S_x [m s^-2]", ("a", "rs", "s"), "x", None, "m/s^2"),
-        ("imu_gyro_y", ("imu", "gyro"), "y", None, ""),
-        ("esc_status.esc[2].esc_rpm", ("esc", "status", "esc", "esc"), "", 2, "rpm"),
-        ("sensor.accelerometer_m_s2[1]", ("sensor", "accelerometer"), "", 1, "m/s^2"),
-        ("/vehicle_attitude/q.03", ("vehicle", "attitude", "q"), "", 3, ""),
-        ("stateEstimate.qw", ("state", "estimate", "q"), "w", None, ""),
-        ("battery_mV", ("battery",), "", None, "mV"),
-        ("motor.m4", ("motor", "m"), "", 4, ""),
-        ("GyrX", ("gyr",), "x", None, ""),
-        ("w1", ("w",), "", 1, ""),
-        ("heading (deg)", (), "yaw", None, "deg"),
+        ("a_RS_S_x [m s^-2]", (("a", "rs", "s"), "x", None, "m/s^2")),
+        ("imu_gyro_y", (("imu", "gyro"), "y", None, "")),
+        ("esc_status.esc[2].esc_rpm", (("esc", "status", "esc", "esc"), "", 2, "rpm")),
+        ("sensor.accelerometer_m_s2[1]", (("sensor", "accelerometer"), "", 1, "m/s^2")),
+        ("/vehicle_attitude/q.03", (("vehicle", "attitude", "q"), "", 3, "")),
+        ("stateEstimate.qw", (("state", "estimate", "q"), "w", None, "")),
+        ("battery_mV", (("battery",), "", None, "mV")),
+        ("motor.m4", (("motor", "m"), "", 4, "")),
+        ("GyrX", (("gyr",), "x", None, "")),
+        ("w1", (("w",), "", 1, "")),
+        ("heading (deg)", ((), "yaw", None, "deg")),
     ],
 )
-def test_names_are_taken_apart(raw, words, axis, number, unit):
-    name = parsed(raw)
-    assert (name.words, name.axis, name.number, name.unit) == (words, axis, number, unit)
+def test_names_are_taken_apart(raw, parts):
+    assert parsed(raw) == parts
 
 
 def test_what_is_asked_for_and_biases_are_kept_apart():
     groups = grouped(["x", "y", "z", "sp_x", "sp_y", "sp_z", "b_w_x", "vx", "vy", "vz"])
     assert [g.words for g in groups] == [(), ("sp",), ("b", "w"), ("v",)]
-
-
-@pytest.mark.slow
-def test_topics_of_a_recording(tmp_path):
-    """Poses under another name, and an array that says only by its topic that it is rpm."""
-    rpm = tables.SPEED * 30.0 / np.pi
-    gyro, accel = tables.GYRO, tables.ACCEL
-
-    def imu(i):
-        return {
-            "angular_velocity": dict(zip("xyz", gyro[i], strict=True)),
-            "linear_acceleration": dict(zip("xyz", accel[i], strict=True)),
-        }
-
-    path = write_foreign(tmp_path / "a", [
-        pose(tables.FLIGHT, "/vicon/quad"),
-        ("/quad/imu", "sensor_msgs/msg/Imu", tables.T, imu),
-        ("/quad/motor_rpm", "std_msgs/msg/Float32MultiArray", tables.T,
-         lambda i: {"data": rpm[i, tables.M1_TO_M4]}),
-    ])  # fmt: skip
-    text = explain_mapping(path)
-    log = read_log(path, "a", parse_mapping(text, "m"))
-    assert {"position", "attitude", "gyro", "accel", "rotor_speed"} <= set(log.series)
-    same(log, "rotor_speed", tables.SPEED, 1e-3)  # the motion has told the order
 
 
 @pytest.mark.slow

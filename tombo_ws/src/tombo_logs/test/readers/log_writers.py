@@ -8,6 +8,7 @@ from tombo_bag.columnar_cdr import layout
 from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.qos import SENSOR
 from tombo_dynamics.time_base import EPOCH_NS
+from tombo_px4.frames import ned_from_enu, px4_quaternion
 
 SIZES = {
     "position": ("position_x", "position_y", "position_z"),
@@ -140,15 +141,17 @@ def microseconds(t):
     return np.round((t + 2.0) * 1e6).astype(np.int64)
 
 
+def px4_poses(log):
+    """Places (N, 3) in NED and attitudes (N, 4) wxyz, NED from FRD."""
+    place, turn = (log.series[name].values for name in ("position", "attitude"))
+    return ned_from_enu(place), px4_quaternion(turn)
+
+
 def write_ulog(path, log, mocap=True, estimate=False, age_us=20_000):
     """A PX4 log of a made flight: everything in NED and FRD, angles of poses as wxyz."""
-    p, q = log.series["position"], log.series["attitude"].values
-    x, y, z, w = q.T
-    half = np.sqrt(0.5)
-    turn = half * np.column_stack([w + z, x + y, x - y, w - z])
-    place = np.column_stack([p.values[:, 1], p.values[:, 0], -p.values[:, 2]])
+    place, turn = px4_poses(log)
     out = ULogWriter()
-    stamps = microseconds(p.t)
+    stamps = microseconds(log.series["position"].t)
     if mocap:
         out.topic(
             "vehicle_visual_odometry",

@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from tombo_bag.flight import Flight, Series
+from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN
 from tombo_logs.readers.log_reader import read_logs
 
@@ -72,7 +73,9 @@ def made_flight(
 
     pose_t = np.arange(0.0, duration - 0.01, 1.0 / mocap_hz)
     shake = Rotation.from_rotvec(white(pose_t.size, 3, 1e-3))
-    quaternion = (Rotation.from_quat(at(pose_t, unwound(turn.as_quat()))) * shake).as_quat()
+    quaternion = (
+        Rotation.from_quat(at(pose_t, unwrap_quaternions(turn.as_quat()))) * shake
+    ).as_quat()
     position = spline(pose_t) + white(pose_t.size, 3, 2e-4)
     imu_t = np.arange(0.0, duration - 0.01, 1.0 / imu_hz)
     gyro = at(imu_t, rates) + white(imu_t.size, 3, 0.01)
@@ -84,7 +87,7 @@ def made_flight(
     volts = (12.4 - 0.02 * pose_t[::10])[:, None]
     series = {
         "position": Series(pose_t + late, position),
-        "attitude": Series(pose_t + late, unwound(quaternion)),
+        "attitude": Series(pose_t + late, unwrap_quaternions(quaternion)),
         "gyro": Series(imu_t, gyro),
         "accel": Series(imu_t, accel),
         "rotor_speed": Series(imu_t, commands + white(imu_t.size, 4, 1.0)),
@@ -98,11 +101,6 @@ def drives(turning, force):
     """(N, 4) square of each rotor's speed over that in hover, for a rather nimble vehicle."""
     arms = np.array([ARM_Y, -ARM_X, -SPIN]) * np.array([[0.01], [0.01], [0.03]])
     return force[:, None] / GRAVITY + turning @ arms
-
-
-def unwound(q):
-    flips = np.where(np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0, -1.0, 1.0)
-    return q * np.concatenate([[1.0], np.cumprod(flips)])[:, None]
 
 
 def with_series(log, **changed):

@@ -5,8 +5,9 @@ import gzip
 import numpy as np
 import pytest
 from log_writers import write_ulog
+from made_flight import made_flight, poses_only, with_series
 
-from tombo_bag.flight import Flight, Series
+from tombo_bag.flight import Series
 from tombo_bag.formats.ulog_messages import whole_messages
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks.pipeline import check_log
@@ -18,12 +19,7 @@ SYNC = b"\x08\x00S\x2f\x73\x13\x20\x25\x0c\xbb\x12"
 
 @pytest.fixture
 def log():
-    t = np.arange(0.0, 1.0, 0.01)
-    place = np.column_stack([np.sin(t), np.zeros_like(t), np.ones_like(t)])
-    turn = np.column_stack([0.1 * t, 0.0 * t, 0.0 * t, np.sqrt(1.0 - 0.01 * t**2)])
-    return Flight.measured(
-        "made", "made", {"position": Series(t, place), "attitude": Series(t, turn)}
-    )
+    return poses_only(made_flight(duration=4.0, mocap_hz=25.0))
 
 
 def test_a_whole_ulog_is_left_as_it_is(tmp_path, log):
@@ -56,12 +52,6 @@ def test_a_packed_table_that_unpacks_to_a_hundred_times_its_size_is_refused(tmp_
 
 
 def test_stamps_that_reach_over_years_are_refused(log):
-    position = log.series["position"]
-    late = Series(np.append(position.t[:-1], 2e9), position.values)
-    series = {
-        **log.series,
-        "position": late,
-        "attitude": Series(late.t, log.series["attitude"].values),
-    }
+    late = {name: Series(np.append(s.t[:-1], 2e9), s.values) for name, s in log.series.items()}
     with pytest.raises(InputError, match="stamps reach over"):
-        check_log(Flight.measured("made", "made", series))
+        check_log(with_series(log, **late))

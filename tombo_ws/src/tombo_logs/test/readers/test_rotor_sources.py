@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from foreign_bags import pose, write_foreign
-from log_writers import close, microseconds, write_ulog
+from log_writers import close, microseconds, px4_poses, write_ulog
 from made_flight import made_flight
 
 from tombo_dynamics.errors import InputError
@@ -67,10 +67,8 @@ def test_two_topics_that_could_be_it_are_left_out_and_said(tmp_path):
 
 def px4_streams():
     """Poses, commands and speeds as PX4 sends them: NED and FRD, its own clock in us."""
-    p, q = FLIGHT.series["position"], FLIGHT.series["attitude"].values
-    x, y, z, w = q.T
-    turn = np.sqrt(0.5) * np.column_stack([w + z, x + y, x - y, w - z])
-    place = np.column_stack([p.values[:, 1], p.values[:, 0], -p.values[:, 2]])
+    p = FLIGHT.series["position"]
+    place, turn = px4_poses(FLIGHT)
 
     def posed(i):
         us = round((p.t[i] + 7.0) * 1e6)

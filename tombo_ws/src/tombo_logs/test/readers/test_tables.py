@@ -276,6 +276,7 @@ def test_rows_that_are_not_whole_are_left_out_and_counted(tmp_path):
     lines = table_text(FLIGHT, POSE).splitlines()
     lines[5] = lines[5].rpartition(",")[0]
     lines[9] = lines[9].replace(lines[9].split(",")[1], "oops")
+    lines[12] = '"' + lines[12]  # a mark that never ends
     log = read_csv(written(tmp_path / "a.csv", "\n".join(lines)), "a")
     texts = " ".join(f.message for f in log.findings)
     assert "1 of" in texts and "1 cells are no numbers" in texts

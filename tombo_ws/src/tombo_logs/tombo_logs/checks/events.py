@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d, median_filter
 from scipy.spatial.transform import Rotation
 
@@ -55,7 +56,7 @@ def accel_events(accel: Series, p_t: Array, p_acceleration: Array) -> list[Event
     every = max(round(0.01 / step), 1)
     t, a = block_means(accel.t, every), block_means(accel.values, every)
     width = 2 * round(0.2 / (step * every)) + 1
-    usual = np.column_stack([median_filter(column, width, mode="nearest") for column in a.T])
+    usual = median_filter(a, (width, 1), mode="nearest")
     spike = np.linalg.norm(a - usual, axis=1)
     # smoothed as the track is: a short push is in both, but not at the same height
     size = np.linalg.norm(gaussian_filter1d(a, WIDTH / (step * every), axis=0), axis=1)
@@ -105,7 +106,8 @@ def pose_events(position: Series, attitude: Series | None) -> list[Event]:
 def gyro_events(gyro: Series) -> list[Event]:
     """Return when the gyro jumps."""
     every = max(round(0.01 / max(sample_interval(gyro.t), 1e-6)), 1)
-    t, change, noise = _slope_changes(gyro.t[::every], _integrated(gyro)[::every])
+    angle = cumulative_trapezoid(gyro.values, gyro.t, axis=0, initial=0.0)
+    t, change, noise = _slope_changes(gyro.t[::every], angle[::every])
     return [
         Event(at, f"the gyro jumps by {size:.1f} rad/s", "gyro", "gyro")
         for at, size in _peaks(t, change, max(_TURN, 8.0 * noise))
@@ -116,11 +118,6 @@ def _peaks(t: Array, change: Array, limit: float) -> list[tuple[float, float]]:
     """Return time and size of the largest change in each run above a limit."""
     peaks = [b + int(np.argmax(change[b:e])) for b, e in runs(change > limit)]
     return [(float(t[k]), float(change[k])) for k in peaks]
-
-
-def _integrated(series: Series) -> Array:
-    steps = 0.5 * (series.values[1:] + series.values[:-1]) * np.diff(series.t)[:, None]
-    return np.vstack([np.zeros(series.values.shape[1]), np.cumsum(steps, axis=0)])
 
 
 def tilt_events(attitude: Series) -> list[Event]:
@@ -173,7 +170,7 @@ def _slope_changes(t: Array, values: Array) -> tuple[Array, Array, float]:
     ahead = _slopes(t, values, index[:, None] + window[None, :])
     change = ahead - behind
     width = 2 * round(0.25 / step) + 1
-    change -= np.column_stack([median_filter(c, width, mode="nearest") for c in change.T])
+    change -= median_filter(change, (width, 1), mode="nearest")
     # next to a gap the slopes are of different times
     near = (t[index + count] - t[index - count]) < 2.6 * count * step
     size = np.where(near, np.linalg.norm(change, axis=1), 0.0)

@@ -9,7 +9,7 @@ import numpy as np
 from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Finding, RefusedLog, Series
 from tombo_dynamics.arrays import Array
-from tombo_logs.checks.spans import Mask, Span, merged, runs, sample_interval
+from tombo_logs.checks.spans import Mask, Span, merged, runs, sample_interval, white_noise
 
 _RISE = 0.12
 """m that a flight goes above the ground, at least."""
@@ -116,22 +116,15 @@ def ground(flight: str, position: Series, series: Mapping[str, Series]) -> list[
         for b, e in ground_spans(position, series)
     ]
     z = position.values[:, 2]
-    if z.size > 100 and _noise(z[:, None])[0] > _NOISE_FREE:
+    if z.size > 100 and white_noise(z) > _NOISE_FREE:
         spread = 1.4826 * float(np.median(np.abs(z - np.median(z))))
-        if spread < 1.5 * _noise(z[:, None])[0] and np.ptp(z) < _RISE:
+        if spread < 1.5 * white_noise(z) and np.ptp(z) < _RISE:
             text = (
                 f"position: z stays at {np.median(z):.2f} m to within its noise of "
                 f"{1e3 * spread:.1f} mm for the whole log; expected: a flight; does it stand?"
             )
             findings.append(Finding("ground", "warning", flight, text, channel="position"))
     return findings
-
-
-def _noise(values: Array) -> Array:
-    """Return the standard deviation of white noise on each column."""
-    return np.asarray(
-        1.4826 * np.median(np.abs(np.diff(values, 2, axis=0)), axis=0) / np.sqrt(6.0)
-    )
 
 
 def _still(t: Array, position: Array) -> Mask:
@@ -148,7 +141,7 @@ def _is_still(t: Array, position: Array) -> bool:
     """Return whether it moves no more than white noise does: a hovering vehicle wanders."""
     if t.size < 6 or t[-1] - t[0] < _WINDOW_S:
         return False
-    noise = _noise(position)
+    noise = white_noise(position)
     wander = 1.4826 * np.median(np.abs(position - np.median(position, axis=0)), axis=0)
     return bool((wander <= np.maximum(2.5 * noise, 1.5e-3)).all())
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
@@ -63,19 +64,16 @@ def motion_of(
         if series is not None:
             invalid |= inside(t, gap_spans(series.t))
             invalid |= (t < series.t[0]) | (t > series.t[-1])
-    usable = is_usable(attitude.values)
-    q = _sampled(Series(attitude.t[usable], unwrap_quaternions(attitude.values[usable])), t)
-    q /= np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9)
+    q = unit_rows(_sampled(turns_of(attitude), t))
     sigma = WIDTH * RATE
-    smooth = gaussian_filter1d(q, sigma, axis=0)
-    smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-9)
+    smooth = unit_rows(gaussian_filter1d(q, sigma, axis=0))
     slope = gaussian_filter1d(q, sigma, axis=0, order=1) * RATE
     turn = Rotation.from_quat(smooth)
     near = gaussian_filter1d(invalid.astype(np.float64), sigma, truncate=4.0) > 1e-9
     near |= (t < t[0] + _REACH) | (t > t[-1] - _REACH)
     return Motion(
         t,
-        2.0 * quaternion_multiply(conjugate(smooth), slope)[:, :3],
+        body_rates(smooth, slope),
         accelerations(position, t),
         turn.apply([0.0, 0.0, 1.0]),
         smooth,
@@ -83,6 +81,22 @@ def motion_of(
         empty if gyro is None else resampled(gyro, t),
         empty if accel is None else resampled(accel, t),
     )
+
+
+def turns_of(attitude: Series) -> Series:
+    """Return the attitudes that can be used, with the sign of the one before."""
+    usable = is_usable(attitude.values)
+    return Series(attitude.t[usable], unwrap_quaternions(attitude.values[usable]))
+
+
+def body_rates(q: Array, slope: Array) -> Array:
+    """Return (N, 3) [rad/s] of attitudes (N, 4) and their derivative."""
+    return np.asarray(2.0 * quaternion_multiply(conjugate(q), slope)[:, :3])
+
+
+def unit_rows(q: Array) -> Array:
+    """Return rows of norm 1."""
+    return np.asarray(q / np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9))
 
 
 def accelerations(position: Series, t: Array) -> Array:
@@ -97,13 +111,10 @@ def _sampled(series: Series, t: Array) -> Array:
     if stamps.size < 2 or np.median(np.diff(stamps)) > 0.5 / RATE:
         return interpolated(t, stamps, values)
     edges = np.concatenate([t - 0.5 / RATE, t[-1:] + 0.5 / RATE])
-    areas = []
-    for column in values.T:
-        pieces = 0.5 * (column[1:] + column[:-1]) * np.diff(stamps)
-        area = np.concatenate([[0.0], np.cumsum(pieces)])
-        areas.append(np.interp(edges, stamps, area))
+    area = cumulative_trapezoid(values, stamps, axis=0, initial=0.0)
     held = np.diff(np.clip(edges, stamps[0], stamps[-1]))
-    return np.asarray(np.diff(np.column_stack(areas), axis=0) / np.maximum(held, 1e-9)[:, None])
+    means = np.diff(interpolated(edges, stamps, area), axis=0)
+    return np.asarray(means / np.maximum(held, 1e-9)[:, None])
 
 
 def resampled(series: Series, t: Array) -> Array:
@@ -113,9 +124,7 @@ def resampled(series: Series, t: Array) -> Array:
 
 def in_body(rates: Series, attitude: Series) -> Series:
     """Return rates about the axes of map (N, 3) about those of the body."""
-    usable = is_usable(attitude.values)
-    turns = Series(attitude.t[usable], unwrap_quaternions(attitude.values[usable]))
-    q = interpolated(rates.t, turns.t, turns.values)
-    q /= np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9)
+    turns = turns_of(attitude)
+    q = unit_rows(interpolated(rates.t, turns.t, turns.values))
     values = np.asarray(Rotation.from_quat(q).inv().apply(rates.values))
     return Series(rates.t, values, rates.arrival)

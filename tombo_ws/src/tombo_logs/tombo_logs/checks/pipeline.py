@@ -24,7 +24,7 @@ from tombo_logs.checks.rotors.hover import Hover, check_vehicle
 from tombo_logs.checks.rotors.rotor_sensors import sensor_faults
 from tombo_logs.checks.scales import accel_offsets, rotor_scales, track_scales
 from tombo_logs.checks.series_cleaning import without_wrong_poses
-from tombo_logs.checks.spans import Mask, Span, block_means, inside, merged, sample_interval
+from tombo_logs.checks.spans import Mask, Span, inside, merged, thinned
 from tombo_logs.checks.wind import wind
 
 POSE = ("position", "attitude")
@@ -60,7 +60,8 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
         findings += more
     for name in tuple(series):
         findings += drop_faulty(series, sensor_range.resolution(log.name, name, series[name]))
-    _check_poses(log.name, series, findings, needed)
+    _check_there(log.name, series, findings, needed)
+    poses.check_values(log.name, series)
     flown = _extent(series["position"])
     stood_still = _frozen(log.name, series)
     lost = _spans(f for f in stood_still if f.channel in POSE)
@@ -137,15 +138,6 @@ def _check_there(
                 f"{name}: {series[name].t.size} samples; needed: at least "
                 f"{_LEAST}, and seconds of flight for a diagnosis",
             )
-
-
-def _check_poses(
-    flight: str, series: dict[str, Series], findings: list[Finding], needed: Sequence[str]
-) -> None:
-    _check_there(flight, series, findings, needed)
-    if "attitude" in series:
-        poses.check_attitude(flight, series["attitude"])
-    poses.check_position(flight, series["position"])
 
 
 def _limit_spans(
@@ -333,8 +325,7 @@ def _changes(flight: str, series: dict[str, Series], apart: list[Span]) -> list[
     if "accel" not in series or not drivers:
         return []
     accel, drive = series["accel"], series[drivers[0]]
-    every = max(round(0.02 / max(sample_interval(accel.t), 1e-6)), 1)  # 20 ms
-    t, force = block_means(accel.t, every), block_means(accel.values[:, 2], every)
+    t, force = thinned(accel.t, accel.values[:, 2], 0.02)
     asked = np.interp(t, drive.t, np.mean(drive.values**2, axis=1))
     rows = ~inside(t, apart) & (t >= drive.t[0]) & (t <= drive.t[-1])
     return changes(flight, t[rows], force[rows], asked[rows])

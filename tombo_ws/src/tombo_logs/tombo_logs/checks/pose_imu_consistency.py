@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.motion import INDEPENDENT, RATE, Motion
-from tombo_logs.checks.spans import Mask, interpolated
+from tombo_logs.checks.spans import Mask, interpolated, peak_offset
 
 _EXCITED = 0.04
 """rad/s: root mean square of a rate that tells anything."""
@@ -68,9 +68,7 @@ def time_offset(motion: Motion) -> TimeOffset | None:
     best = int(np.argmax(match))
     if best in (0, match.size - 1) or match[best] < 0.5:
         return None
-    left, top, right = match[best - 1 : best + 2]
-    offset = 0.5 * (left - right) / min(left - 2.0 * top + right, -1e-12)
-    lag = (shifts[best] + offset) / RATE
+    lag = (shifts[best] + peak_offset(match, best)) / RATE
     # how sharply a shift shows, against what no shift explains
     fitted = _fit(np.roll(rates, -int(shifts[best]), axis=0)[usable], gyro[usable])
     slope = np.gradient(gyro, 1.0 / RATE, axis=0)[usable]

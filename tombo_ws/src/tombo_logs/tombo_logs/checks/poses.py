@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import product
 
 import numpy as np
@@ -16,6 +17,7 @@ from tombo_logs.checks.pose_imu_consistency import (
     tilt_response,
     vertical_response,
 )
+from tombo_logs.checks.spans import white_noise
 from tombo_logs.checks.unit_mistakes import guess
 
 _SIZES = (0.4, 2.5)
@@ -35,21 +37,17 @@ _STANDS = 0.5
 """Speed or command of the motors over that in flight below which they can't carry the vehicle."""
 
 
-def check_attitude(flight: str, attitude: Series) -> None:
-    """Refuse quaternions whose usual norm is not 1, or that never change."""
-    if len(attitude.values) > 20 and not np.ptp(attitude.values, axis=0).any():
-        raise RefusedLog(flight, "attitude", "attitude: one value throughout; expected: a flight")
-    norm = np.linalg.norm(attitude.values, axis=1)
-    usual = float(np.median(norm))
-    if abs(usual - 1.0) > 0.02:
-        text = f"quaternions have norm {usual:.3g}; expected: 1"
-        raise RefusedLog(flight, "attitude", f"attitude: {text}")
-
-
-def check_position(flight: str, position: Series) -> None:
-    """Refuse positions that never change."""
-    if len(position.values) > 20 and not np.ptp(position.values, axis=0).any():
-        raise RefusedLog(flight, "position", "position: one value throughout; expected: a flight")
+def check_values(flight: str, series: Mapping[str, Series]) -> None:
+    """Refuse poses that never change, and quaternions whose usual norm is not 1."""
+    for name in sorted({"attitude", "position"} & series.keys()):
+        values = series[name].values
+        if len(values) > 20 and not np.ptp(values, axis=0).any():
+            raise RefusedLog(flight, name, f"{name}: one value throughout; expected: a flight")
+    if "attitude" in series:
+        usual = float(np.median(np.linalg.norm(series["attitude"].values, axis=1)))
+        if abs(usual - 1.0) > 0.02:
+            text = f"attitude: quaternions have norm {usual:.3g}; expected: 1"
+            raise RefusedLog(flight, "attitude", text)
 
 
 def check_tilt(flight: str, motion: Motion) -> None:
@@ -220,7 +218,7 @@ def check_height(flight: str, position: Series, drive: Array) -> None:
     begin = t < t[0] + 0.6
     if np.count_nonzero(begin) < 6 or not np.median(drive[begin]) < _STANDS:
         return
-    noise = 1.4826 * np.median(np.abs(np.diff(z[begin], 2))) / np.sqrt(6.0)
+    noise = white_noise(z[begin])
     level = float(np.median(z[begin]))
     still = np.ptp(z[begin]) < max(8.0 * noise, 0.004)
     if still and np.median(z) < level - 0.3 and np.percentile(z, 98.0) < level + 0.05:

@@ -66,6 +66,24 @@ def block_means(values: Array, length: int) -> Array:
     return np.asarray(blocks.mean(axis=1))
 
 
+def thinned(t: Array, values: Array, step: float) -> tuple[Array, Array]:
+    """Return times and values of samples: means over `step` [s] where they are faster."""
+    every = max(round(step / max(sample_interval(t), 1e-6)), 1)
+    return block_means(t, every), block_means(values, every)
+
+
+def peak_offset(values: Array, at: int) -> float:
+    """Return how far the top of a parabola through a largest value and its neighbours is off."""
+    left, top, right = values[at - 1 : at + 2]
+    return float(0.5 * (left - right) / min(left - 2.0 * top + right, -1e-12))
+
+
+def white_noise(values: Array) -> Array:
+    """Return the standard deviation of white noise on each column of (N, k)."""
+    second = np.abs(np.diff(values, 2, axis=0))
+    return np.asarray(1.4826 * np.median(second, axis=0) / np.sqrt(6.0))
+
+
 def sample_interval(t: Array) -> float:
     """Return the usual distance of stamps [s]; 0 with fewer than two."""
     steps = np.diff(t)

@@ -15,7 +15,7 @@ from filterpy.kalman import KalmanFilter
 
 from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
-from tombo_logs.checks.spans import block_means, interpolated, sample_interval
+from tombo_logs.checks.spans import interpolated, thinned
 
 _STEP_S: Final = 0.01
 """Faster positions are averaged to this step: the filter takes 0.1 ms a sample."""
@@ -68,8 +68,7 @@ def position_noise(position: Array) -> float:
 
 def smooth_track(position: Series) -> SmoothTrack:
     """Smooth a cleaned track of at least two positions with rising stamps."""
-    every = max(round(_STEP_S / max(sample_interval(position.t), 1e-6)), 1)
-    t, places = block_means(position.t, every), block_means(position.values, every)
+    t, places = thinned(position.t, position.values, _STEP_S)
     if t.size < 2:
         t, places = position.t, position.values
     noise = position_noise(places)

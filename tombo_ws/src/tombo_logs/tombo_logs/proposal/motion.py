@@ -7,9 +7,8 @@ each reading of the columns; the best reading is taken.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Mapping
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -18,12 +17,12 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.spans import Mask, check_extent, interpolated
+from tombo_logs.checks.motion import RATE, motion_of
+from tombo_logs.checks.spans import Mask
 from tombo_logs.readers.frames import BODIES, WORLDS, axes_matrix, is_usable
 
-RATE_HZ: Final = 50.0
-_WIDTH: Final = 0.12 * RATE_HZ
-"""Samples: standard deviation of the Gaussian that all signals pass through."""
+_WIDTH: Final = 0.1 * RATE
+"""Samples: standard deviation of the Gaussian that all signals pass through besides."""
 _LEAST_SAMPLES: Final = 100
 _MOVES: Final = 0.1
 """m/s^2 and rad/s, standard deviation: horizontal acceleration and rates that show anything."""
@@ -31,6 +30,7 @@ AGREES: Final = 0.5
 """Correlation from which on a test says something."""
 CLOSE: Final = 0.1
 """Difference of two scores that says nothing."""
+_NOT_TOLD: Final = (float("nan"),) * 3
 _USUAL: Final = [("ENU", "FLU"), ("NED", "FRD")]
 """Axes, unless the motion speaks for others."""
 WORLD_AXES: Final = {"ENU": WORLDS["ENU"], "NED": WORLDS["NED"], "y up": ("x", "-z", "y")}
@@ -44,8 +44,7 @@ BODY_AXES: Final = {
 """Right-handed axes by what points up; where it is not z, forward is a guess."""
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """One way to read the columns, and how well the motion agrees with it."""
 
     form: str
@@ -80,12 +79,15 @@ def readings(
     """
     allowed = []
     for form, attitude in attitudes.items():
-        t = even_clock([s for s in (position, attitude, gyro) if s is not None])
-        if t.size < _LEAST_SAMPLES or is_usable(attitude.values).sum() < 2:
+        if np.count_nonzero(is_usable(attitude.values)) < 2:
             continue
-        turn = _attitude_at(attitude, t)
-        agreement = _compare_rates(turn, None if gyro is None else _values_at(gyro, t))
-        acceleration = _acceleration_at(position, t)
+        motion = motion_of(position, attitude, gyro, None, [])
+        if np.count_nonzero(motion.good) < _LEAST_SAMPLES:
+            continue
+        rates = _NOT_TOLD
+        if motion.gyro.size:
+            rates = _agreement(motion.gyro, motion.rates, motion.good)
+        turn = Rotation.from_quat(motion.attitude)
         for world, axes in WORLD_AXES.items():
             in_world = axes_matrix(axes, world)
             for body, body_axes in BODY_AXES.items():
@@ -93,14 +95,17 @@ def readings(
                 thrust = turn.apply(up) @ in_world.T
                 if np.median(thrust[:, 2]) < 0.5 or not _points_up(accel, up):
                     continue
-                tilt = _compare_tilt(thrust, acceleration @ in_world.T)
-                allowed.append(Reading(form, world, body, *tilt, *agreement))
+                lean = GRAVITY * thrust[:, :2] / np.maximum(thrust[:, 2:], 0.3)
+                flat = (motion.acceleration @ in_world.T)[:, :2]
+                tilt = _agreement(lean, flat, motion.good)
+                allowed.append(Reading(form, world, body, *tilt[:2], rates[0], rates[2]))
     ranked = sorted(allowed, key=lambda r: (-round(r.score, 2), _rank(r)))
     usual = next((r for r in ranked if _rank(r) < len(_USUAL)), None)
-    if usual and not (ranked[0].tilt > AGREES and ranked[0].score > usual.score + CLOSE):
-        ranked.remove(usual)
-        ranked.insert(0, usual)
-    return ranked
+    if usual is None:
+        return ranked
+    first = ranked[0]
+    clear = first.tilt > AGREES and first.slope > 0.0 and first.score > usual.score + CLOSE
+    return ranked if clear else [usual, *(r for r in ranked if r is not usual)]
 
 
 def _rank(reading: Reading) -> int:
@@ -108,81 +113,25 @@ def _rank(reading: Reading) -> int:
     return _USUAL.index(axes) if axes in _USUAL else len(_USUAL)
 
 
-def _compare_tilt(thrust: Array, acceleration: Array) -> tuple[float, float]:
-    """Return correlation and slope of tilt and horizontal acceleration.
+def _agreement(given: Array, seen: Array, good: Mask) -> tuple[float, float, float]:
+    """Return correlation of two signals (N, k), slope of `given` by `seen`, and ratio of sizes.
 
-    The axes count alike: a quaternion in the wrong order agrees in one axis, with heading 0.
+    The axes that move count alike: a quaternion in the wrong order agrees in one axis, with
+    heading 0.
     """
-    smooth = gaussian_filter1d(thrust, _WIDTH, axis=0)
-    tilt = GRAVITY * smooth[:, :2] / np.maximum(smooth[:, 2:], 0.3)
-    size = np.linalg.norm(acceleration, axis=1)
-    calm = size < 8.0 * np.median(size) + _MOVES  # without jumps of the track
-    tilt, flat = tilt[calm], acceleration[calm, :2]
-    moves = flat.std(axis=0) > _MOVES if len(flat) else np.zeros(2, np.bool_)
-    if len(flat) < _LEAST_SAMPLES or not moves.any():
-        return float("nan"), float("nan")
-    slope = float(np.sum(tilt * flat) / np.sum(flat * flat))
-    both = [_correlation(tilt[:, k], flat[:, k]) for k in np.flatnonzero(moves)]
-    return float(np.mean(both)), slope
-
-
-def _compare_rates(turn: Rotation, gyro: Array | None) -> tuple[float, float]:
-    """Return correlation of the attitude's rates and the gyro, and the gyro's size over them."""
-    if gyro is None:
-        return float("nan"), float("nan")
-    rates = gaussian_filter1d(rates_of(turn), _WIDTH, axis=0)
-    other = gaussian_filter1d(0.5 * (gyro[1:] + gyro[:-1]), _WIDTH, axis=0)
-    speed = np.linalg.norm(rates, axis=1)
-    calm: Mask = (speed > 0.0) & (speed < 10.0)
-    if calm.sum() < _LEAST_SAMPLES or rates[calm].std() < _MOVES:
-        return float("nan"), float("nan")
-    scale = float(np.median(np.linalg.norm(other[calm], axis=1) / speed[calm]))
-    return _correlation(rates[calm], other[calm]), scale
-
-
-def compare_acceleration(position: Series, other: Series) -> tuple[float, float]:
-    """Return correlation of a series (N, 3) with a track's acceleration, and its size over it.
-
-    Both in the same axes; `position` in m.
-    """
-    t = even_clock([position, other])
-    if t.size < _LEAST_SAMPLES:
-        return float("nan"), float("nan")
-    track = _acceleration_at(position, t)
-    given = gaussian_filter1d(_values_at(other, t), _WIDTH, axis=0)
-    moving = np.linalg.norm(track, axis=1) > _MOVES
-    if moving.sum() < _LEAST_SAMPLES / 2:
-        return float("nan"), float("nan")
-    sizes = np.linalg.norm(given[moving], axis=1) / np.linalg.norm(track[moving], axis=1)
-    return _correlation(track[moving], given[moving]), float(np.median(sizes))
-
-
-def even_clock(series: Sequence[Series]) -> Array:
-    """Return times [s] at `RATE_HZ` over what all series have."""
-    begin, end = max(s.t[0] for s in series), min(s.t[-1] for s in series)
-    check_extent(begin, end, RATE_HZ)
-    return np.arange(begin, end, 1.0 / RATE_HZ)
-
-
-def attitude_rates(attitude: Series) -> Series:
-    """Return body rates [rad/s] of (N, 4) attitudes, in the axes of their body."""
-    t = even_clock([attitude])
-    return Series(0.5 * (t[1:] + t[:-1]), rates_of(_attitude_at(attitude, t)))
-
-
-def rates_of(turn: Rotation) -> Array:
-    """Return the rates [rad/s] between attitudes at `RATE_HZ`."""
-    return np.asarray((turn[:-1].inv() * turn[1:]).as_rotvec() * RATE_HZ)
-
-
-def _acceleration_at(position: Series, t: Array) -> Array:
-    place = _values_at(position, t)
-    return np.asarray(gaussian_filter1d(place, _WIDTH, axis=0, order=2) * RATE_HZ**2)
-
-
-def _correlation(a: Array, b: Array) -> float:
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-    return float(np.sum(a * b) / max(np.sqrt(np.sum(a**2) * np.sum(b**2)), 1e-12))
+    given, seen = (gaussian_filter1d(signal, _WIDTH, axis=0) for signal in (given, seen))
+    strength = np.linalg.norm(seen, axis=1)
+    calm = good & (strength < 8.0 * np.median(strength) + _MOVES)  # without jumps of the track
+    given, seen = given[calm], seen[calm]
+    moves = seen.std(axis=0) > _MOVES if len(seen) else np.zeros(0, np.bool_)
+    if len(seen) < _LEAST_SAMPLES or not moves.any():
+        return _NOT_TOLD
+    g, s = (signal[:, moves] - signal[:, moves].mean(axis=0) for signal in (given, seen))
+    norms = np.sqrt(np.sum(g**2, axis=0) * np.sum(s**2, axis=0))
+    both = np.sum(g * s, axis=0) / np.maximum(norms, 1e-12)
+    slope = np.sum(given * seen) / np.sum(seen**2)
+    size = np.linalg.norm(given, axis=1) / np.maximum(np.linalg.norm(seen, axis=1), 1e-9)
+    return float(np.mean(both)), float(slope), float(np.median(size))
 
 
 def _points_up(accel: Series | None, up: Array) -> bool:
@@ -191,17 +140,3 @@ def _points_up(accel: Series | None, up: Array) -> bool:
         return True
     norm = np.nanmedian(np.linalg.norm(accel.values, axis=1))
     return bool(np.nanmedian(accel.values @ up) > 0.7 * norm)
-
-
-def _values_at(series: Series, t: Array) -> Array:
-    usable = np.isfinite(series.values).all(axis=1)
-    return interpolated(t, series.t[usable], series.values[usable])
-
-
-def _attitude_at(attitude: Series, t: Array) -> Rotation:
-    """Return the attitudes nearest in time."""
-    usable = is_usable(attitude.values)
-    stamps, values = attitude.t[usable], attitude.values[usable]
-    right = np.clip(np.searchsorted(stamps, t), 1, stamps.size - 1)
-    left_is_nearer = t - stamps[right - 1] < stamps[right] - t
-    return Rotation.from_quat(values[np.where(left_is_nearer, right - 1, right)])

@@ -1,27 +1,24 @@
-"""Which columns could hold which channel: names, axes, numbers and units in the names."""
+"""What the names of columns say: quantity, axis, number and unit; which could hold a channel."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
+from tombo_logs.readers.units import SPELLINGS, UNITS
+
+_QUANTITIES: Final = ("m", "rad", "rad/s", "m/s", "m/s^2", "V", "A", "s")
+_KNOWN: Final = {unit for quantity in _QUANTITIES for unit in UNITS[quantity]} - {"min"} | {"%"}
 _UNITS: Final = {
-    "m": "m", "cm": "cm", "mm": "mm",
-    "rad": "rad", "deg": "deg", "degrees": "deg",
-    "rad/s": "rad/s", "rad s^-1": "rad/s", "rad_s": "rad/s", "rads": "rad/s", "radps": "rad/s",
-    "deg/s": "deg/s", "deg_s": "deg/s", "dps": "deg/s", "degps": "deg/s", "deg s^-1": "deg/s",
-    "m/s^2": "m/s^2", "m s^-2": "m/s^2", "m_s2": "m/s^2", "m_s_2": "m/s^2", "mps2": "m/s^2",
-    "m/s2": "m/s^2", "g": "g", "mg": "mg",
-    "m/s": "m/s", "m s^-1": "m/s", "m_s": "m/s", "mps": "m/s",
-    "rpm": "rpm", "v": "V", "mv": "mV", "a": "A", "ma": "mA",
-    "s": "s", "sec": "s", "secs": "s", "ms": "ms", "us": "us", "usec": "us", "ns": "ns",
-    "%": "%", "pct": "%",
-}  # fmt: skip
+    spelled.lower(): unit
+    for spelled, unit in (*zip(_KNOWN, _KNOWN, strict=True), *SPELLINGS.items())
+    if unit in _KNOWN
+}
 """Unit as written, in small letters → unit."""
 _ENDINGS: Final = sorted((u for u in _UNITS if re.fullmatch(r"\w+", u)), key=len, reverse=True)
-_BRACKETED: Final = re.compile(r"\s*[\[(]([^\[\]()]*[A-Za-z%][^\[\]()]*|)[\])]\s*$")
+_BRACKETED: Final = re.compile(r"\s*[\[(]([^\[\]()]*[A-Za-z%°][^\[\]()]*|)[\])]\s*$")
 _ELEMENT: Final = re.compile(r"(\[\d+\]|\.\d+)$")
 _WORD: Final = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 _ANGLES: Final = {"roll": "roll", "pitch": "pitch", "yaw": "yaw", "heading": "yaw",
@@ -33,18 +30,16 @@ _ANGLE_OF: Final = {"x": "roll", "y": "pitch", "z": "yaw"}
 """Axis of a column whose name begins with rpy → angle."""
 
 
-@dataclass(frozen=True)
-class ColumnName:
+class ColumnName(NamedTuple):
     """The parts of a column's name."""
 
-    raw: str
     words: tuple[str, ...]
     """In small letters, without axis, number and unit."""
-    axis: str = ""
-    """w, x, y, z, roll, pitch or yaw."""
-    number: int | None = None
+    axis: str
+    """w, x, y, z, roll, pitch or yaw; empty: none."""
+    number: int | None
     """Of an element or a motor, as written."""
-    unit: str = ""
+    unit: str
 
 
 def parsed(raw: str) -> ColumnName:
@@ -59,8 +54,7 @@ def parsed(raw: str) -> ColumnName:
     tokens = [word.lower() for word in _WORD.findall(text)]
     axis = _take_axis(tokens)
     number = next((int(word) for word in reversed(tokens) if word.isdigit()), None)
-    words = tuple(word for word in tokens if not word.isdigit())
-    return ColumnName(raw, words, axis, number, unit)
+    return ColumnName(tuple(w for w in tokens if not w.isdigit()), axis, number, unit)
 
 
 def _without_unit(text: str) -> tuple[str, str]:
@@ -88,31 +82,35 @@ def _take_axis(tokens: list[str]) -> str:
     return ""
 
 
-@dataclass(frozen=True)
-class ColumnGroup:
+class ColumnGroup(NamedTuple):
     """Columns whose names differ in axis or number alone."""
 
     words: tuple[str, ...]
     unit: str
-    by_axis: dict[str, str]
-    """Axis → column."""
-    by_number: dict[int, str]
-    """Number → column, of those without an axis; -1: no number."""
+    columns: dict[str | int, str]
+    """Axis, or number (-1: none) → column."""
 
 
 def grouped(names: Iterable[str]) -> list[ColumnGroup]:
     """Group columns that differ in axis or number only, in order of appearance."""
     groups: dict[tuple[object, ...], ColumnGroup] = {}
     for raw in names:
-        name = parsed(raw)
-        kind = "angle" if len(name.axis) > 1 else "axis" if name.axis else "number"
-        key = (name.words, name.unit, kind, name.number if name.axis else None)
-        group = groups.setdefault(key, ColumnGroup(name.words, name.unit, {}, {}))
-        if name.axis:
-            group.by_axis.setdefault(name.axis, raw)
-        else:
-            group.by_number.setdefault(-1 if name.number is None else name.number, raw)
+        words, axis, number, unit = parsed(raw)
+        kind = "angle" if len(axis) > 1 else "axis" if axis else "number"
+        key = (words, unit, kind, number if axis else None)
+        group = groups.setdefault(key, ColumnGroup(words, unit, {}))
+        group.columns.setdefault(axis or (-1 if number is None else number), raw)
     return list(groups.values())
+
+
+_FORMS: Final[dict[str, Sequence[Sequence[str | int]]]] = {
+    "vector": ["xyz", range(3)],
+    "quaternion": ["xyzw", range(4)],
+    "angles": [("roll", "pitch", "yaw")],
+    "rotors": [range(4), range(1, 5)],
+    "single": [(-1,)],
+}
+"""Form → axes or numbers of its columns, in order."""
 
 
 @dataclass(frozen=True)
@@ -120,9 +118,8 @@ class Role:
     """How the columns of a channel are named."""
 
     form: str
-    """vector, quaternion, angles, rotors or single."""
     words: frozenset[str]
-    """Names; columns without any of them are no candidates, but for a position's plain axes."""
+    """Names; columns without any of them are no candidates, but for plain axes and angles."""
     refused: frozenset[str] = frozenset()
     preferred: frozenset[str] = frozenset()
     mocap: float = 2.0
@@ -179,8 +176,7 @@ ROLES: Final = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Candidate:
+class Candidate(NamedTuple):
     """Columns that could hold a channel."""
 
     columns: tuple[str, ...]
@@ -191,20 +187,18 @@ class Candidate:
 def candidates(role: str, groups: Sequence[ColumnGroup]) -> list[Candidate]:
     """Return the columns that could hold what a role names, best first."""
     ranked = []
+    rule = ROLES[role]
     for group in groups:
-        words, columns = set(group.words), _columns(ROLES[role], group)
-        if not columns or words & (ROLES[role].refused | (_NOT_MEASURED - ROLES[role].words)):
+        words, columns = set(group.words), _columns(rule, group)
+        if not columns or words & (rule.refused | (_NOT_MEASURED - rule.words)):
             continue
         if role == "position" and group.unit not in ("", "m", "cm", "mm"):
             continue
-        score = 3.0 * bool(words & ROLES[role].preferred) + ROLES[role].mocap * bool(
-            words & _MOCAP
-        )
+        score = 3.0 * bool(words & rule.preferred) + rule.mocap * bool(words & _MOCAP)
         score -= 2.0 * bool(words & _ESTIMATE) + bool(words & _TRUTH)
         if role == "position" and group.words[-1:] == ("p",):
             # X.px beside X.x is the place of something else: of a payload in a Crazyflie's log
-            beside = any(g.words == group.words[:-1] and "x" in g.by_axis for g in groups)
-            score -= 5.0 * beside
+            score -= 5.0 * any(g.words == group.words[:-1] and "x" in g.columns for g in groups)
         ranked.append(Candidate(columns, group, score + 10.0 * (role == "angles") * len(columns)))
     return sorted(ranked, key=lambda c: -c.score)
 
@@ -216,31 +210,20 @@ def is_estimate(group: ColumnGroup) -> bool:
 
 def is_speed(group: ColumnGroup) -> bool:
     """Return whether the name of rotors' columns says that they are speeds."""
-    return group.unit in ("rpm", "rad/s") or bool(_SPEED & set(group.words))
+    return group.unit in UNITS["rad/s"] or bool(_SPEED & set(group.words))
 
 
 def _columns(role: Role, group: ColumnGroup) -> tuple[str, ...]:
     """Return the columns of a group in the order of its form; (): it has another form."""
-    axes, numbers, said = group.by_axis, group.by_number, bool(role.words & set(group.words))
+    there, said = group.columns, bool(role.words & set(group.words))
     if role.form == "angles":
-        return tuple(axes[a] for a in ("roll", "pitch", "yaw") if a in axes)
-    if role.form == "quaternion":
-        if {*"wxyz"} <= set(axes):
-            return tuple(axes[a] for a in "xyzw")
-        return _numbered(numbers, 4) if said and set(numbers) == {0, 1, 2, 3} else ()
-    if role.form == "vector":
-        if {*"xyz"} <= set(axes) and "w" not in axes:
-            return tuple(axes[a] for a in "xyz") if said or role is ROLES["position"] else ()
-        return _numbered(numbers, 3) if said and set(numbers) == {0, 1, 2} else ()
-    if role.form == "rotors":
-        return _numbered(numbers, 4) if said else ()
-    said |= any(group.words[-1].endswith(w) for w in role.words if group.words and len(w) > 3)
-    return (numbers[-1],) if set(numbers) == {-1} and said else ()
-
-
-def _numbered(numbers: dict[int, str], count: int) -> tuple[str, ...]:
-    """Return the first `count` elements, from 0 or 1; (): they are not there."""
-    first = min(numbers, default=-1)
-    if first not in (0, 1) or any(first + i not in numbers for i in range(count)):
-        return ()
-    return tuple(numbers[first + i] for i in range(count))
+        return tuple(there[a] for a in _FORMS["angles"][0] if a in there)
+    if role.form == "single":
+        said |= any(group.words[-1].endswith(w) for w in role.words if group.words and len(w) > 3)
+    said |= role.form == "quaternion" and "w" in there
+    said |= role is ROLES["position"] and "x" in there
+    for keys in _FORMS[role.form] if said else ():
+        rest = there.keys() - set(keys)
+        if set(keys) <= there.keys() and (not rest or role.form == "rotors"):
+            return tuple(there[key] for key in keys)
+    return ()

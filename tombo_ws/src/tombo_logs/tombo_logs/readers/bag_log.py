@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tombo_bag.channels import CHANNELS, CONTROL_CHANNELS, ROTOR_SPEED
+from tombo_bag.channels import ALL_CHANNELS, ROTOR_SPEED
 from tombo_bag.columns import ColumnTable
 from tombo_bag.flight import Finding, Flight, Series, damage_findings
 from tombo_bag.message_codec import fields_of
@@ -31,7 +31,7 @@ from tombo_bag.topics import (
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
-from tombo_logs.readers.csv_mapping import LogMapping
+from tombo_logs.readers.csv_mapping import ATTITUDES, LogMapping
 from tombo_logs.readers.foreign_topics import PX4, ForeignTopics
 
 _TYPES = {
@@ -96,7 +96,7 @@ def read_bag(
     every = (*findings, *foreign.findings, *clock.findings)
     said = _Clock(name, start_ns, asked)
     for key, table in asked.items():
-        for channel, values in _control_values(key, table).items():
+        for channel, values in _values(key, table, _CONTROL[key]).items():
             series.setdefault(channel, said.series(key, table, values))
     return Flight.measured(
         name, f"{path} (recording)", series, findings=every, metadata=metadata, epoch_ns=start_ns
@@ -185,26 +185,15 @@ def _values(key: str, table: ColumnTable, typename: str) -> dict[str, Array]:
     fields = fields_of(typename, table)
     values: dict[str, Array] = {
         name: np.asarray(fields[channel.field], np.float64).reshape(-1, channel.width)
-        for name, channel in CHANNELS.items()
-        if channel.topic == key
+        for name, channel in ALL_CHANNELS.items()
+        if channel.topic == key and channel.field in fields
     }
-    if key == MOCAP_POSE.name:
-        values["attitude"] = unwrap_quaternions(values["attitude"])
+    for name in set(ATTITUDES) & set(values):
+        values[name] = unwrap_quaternions(values[name])
     if key == BATTERY.name:
         values["current"] = -values["current"]  # sensor_msgs: drawn is negative
         return {name: v for name, v in values.items() if np.isfinite(v).any()}
     return values
-
-
-def _control_values(key: str, table: ColumnTable) -> dict[str, Array]:
-    """Return control channel → values of one of the suite's topics."""
-    fields = fields_of(_CONTROL[key], table)
-    values: dict[str, Array] = {
-        name: np.asarray(fields[channel.field], np.float64).reshape(-1, channel.width)
-        for name, channel in CONTROL_CHANNELS.items()
-        if channel.topic == key and channel.field in fields
-    }
-    return {n: unwrap_quaternions(v) if v.shape[1] == 4 else v for n, v in values.items()}
 
 
 def _scenario_name(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, str]:

@@ -15,7 +15,6 @@ from tombo_bag.flight import Finding, Flight, Series, damage_findings
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
-from tombo_dynamics.yaml_text import read_yaml
 from tombo_logs.readers.csv_mapping import ATTITUDES, LogMapping, parse_mapping, shipped
 from tombo_logs.readers.csv_table import CsvTable, open_table
 from tombo_logs.readers.frames import axes_matrix, handedness, turn_attitude
@@ -76,7 +75,6 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
         series={key: s for key, s in series.items() if s.t.size},
         airframe=mapping.airframe,
         findings=tuple(findings),
-        metadata={**_sidecar(path, mapping), **mapping.metadata},
         epoch_ns=round(zero * 1e9),
     )
 
@@ -207,17 +205,3 @@ def _quaternions(channel: ChannelMap, values: Array) -> Array:
         angles = angles[:, ::-1]
     out[usable] = Rotation.from_euler("ZYX", angles).as_quat()
     return out
-
-
-def _sidecar(path: Path, mapping: LogMapping) -> dict[str, str]:
-    """Return the plain values of the YAML file beside the log, if there is one."""
-    if not mapping.sidecar:
-        return {}
-    stem = path.name.removesuffix(".gz").removesuffix(".csv")
-    try:
-        content = read_yaml(path.with_name(stem + mapping.sidecar), "sidecar")
-    except InputError:
-        return {}
-    if not isinstance(content, dict):
-        return {}
-    return {str(k): str(v) for k, v in content.items() if isinstance(v, str | int | float)}

@@ -54,16 +54,6 @@ class LogMapping:
     """Roll, pitch, yaw from base_link to the body that the motion capture has."""
     channels: Mapping[str, ChannelMap] = field(default_factory=dict)
     airframe: Airframe | None = None
-    metadata: Mapping[str, str] = field(default_factory=dict)
-    sidecar: str = ""
-    """What follows the log's name in the name of a YAML file with more metadata."""
-
-    @property
-    def columns(self) -> set[str]:
-        """All columns that it names."""
-        times = [self.time] + [t for c in self.channels.values() for t in (c.time, c.arrival)]
-        named = {t.column for t in times if t is not None}
-        return named | {name for c in self.channels.values() for name in c.columns}
 
     @property
     def by_topic(self) -> dict[str, dict[str, ChannelMap]]:
@@ -125,15 +115,7 @@ def parse_mapping(text: str, name: str) -> LogMapping:
         turn_deg=numbers_of(values.get("turn_deg", (0.0, 0.0, 0.0)), 3, f"{what}: turn_deg"),
         channels={key: _channel(key, value, what) for key, value in channels.items()},
         airframe=_airframe(values.get("airframe"), f"{what}: airframe"),
-        metadata=_metadata(values.get("metadata"), f"{what}: metadata"),
-        sidecar=str(values.get("sidecar", "")),
     )
-
-
-def _metadata(content: object, what: str) -> dict[str, str]:
-    if not isinstance(content, Mapping | None):
-        raise InputError(f"{what}: {shown(content)}; accepted: names with their values")
-    return {str(key): str(value) for key, value in (content or {}).items()}
 
 
 def _channel(key: str, content: object, what: str) -> ChannelMap:

@@ -7,9 +7,9 @@ no number has a point, decimal commas are read, and it is said.
 
 from __future__ import annotations
 
+import csv
 import io
 import re
-from array import array
 from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -53,22 +53,36 @@ class CsvTable:
         for name in sorted(wanted):
             if self.columns.count(name) > 1:
                 raise InputError(f"'{self.path}' has column '{name}' twice; accepted: once")
-        indices = {name: self.columns.index(name) for name in wanted}
-        order = sorted(indices.values())
-        if not self.body.strip():
+        import pandas  # slow to load, and most logs are no tables
+
+        marks = len(self.columns) - 1
+        lines = self.body.replace(b'"', b"").splitlines()
+        rows = [r for r in lines if r.strip() and not r.lstrip().startswith(b"#")]
+        whole = [row for row in rows if row.count(self.delimiter.encode()) == marks]
+        if not whole:
             raise InputError(f"'{self.path}' holds a header and no row of numbers")
-        try:
-            values = np.loadtxt(
-                io.BytesIO(self.body), delimiter=self.delimiter, usecols=order, ndmin=2,
-                encoding="utf-8",
-            )  # fmt: skip
-            damage: tuple[str, ...] = ()
-        except (ValueError, UnicodeDecodeError):
-            values, damage = self._row_by_row(order)
-        if not values.size:
-            raise InputError(f"'{self.path}' holds a header and no row of numbers")
-        values[np.isinf(values)] = np.nan
-        return {name: values[:, order.index(i)] for name, i in indices.items()}, damage
+        cells = pandas.read_csv(
+            io.BytesIO(b"\n".join(whole)),
+            sep=self.delimiter,
+            names=range(len(self.columns)),
+            usecols=[self.columns.index(name) for name in wanted],
+            na_values=sorted(_NOTHING),
+            skipinitialspace=True,
+            quoting=csv.QUOTE_NONE,
+            encoding_errors="replace",
+            low_memory=False,
+        )
+        numbers = cells.apply(pandas.to_numeric, errors="coerce").astype(np.float64)
+        text = int((numbers.isna() & cells.notna()).to_numpy().sum())
+        damage = []
+        if len(whole) < len(rows):
+            short = len(rows) - len(whole)
+            damage.append(f"{short} of {len(rows)} rows have too few or too many cells")
+        if text:
+            damage.append(f"{text} cells are no numbers")
+        values = numbers.where(np.isfinite(numbers))
+        read = {name: values[self.columns.index(name)].to_numpy() for name in wanted}
+        return read, tuple(damage)
 
     def number_columns(self) -> tuple[str, ...]:
         """Return columns that begin with numbers or empty cells and whose name is there once."""
@@ -83,26 +97,6 @@ class CsvTable:
             for i, name in enumerate(self.columns)
             if i not in text and name and names[name] == 1
         )
-
-    def _row_by_row(self, order: list[int]) -> tuple[Array, tuple[str, ...]]:
-        values, rows, short, text = array("d"), 0, 0, 0
-        for line in io.TextIOWrapper(io.BytesIO(self.body), "utf-8", "replace"):
-            if not line.strip() or line.lstrip().startswith("#"):
-                continue
-            cells = line.split(self.delimiter)
-            if len(cells) != len(self.columns):
-                short += 1
-                continue
-            row = [_number(cells[i]) for i in order]
-            text += sum(value is None for value in row)
-            values.extend(np.nan if value is None else value for value in row)
-            rows += 1
-        damage = []
-        if short:
-            damage.append(f"{short} of {rows + short} rows have too few or too many cells")
-        if text:
-            damage.append(f"{text} cells are no numbers")
-        return np.array(values, np.float64).reshape(rows, len(order)), tuple(damage)
 
 
 def _number(cell: str) -> float | None:

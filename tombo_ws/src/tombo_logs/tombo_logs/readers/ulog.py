@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import io
-import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_logs.readers.csv_log import converted
 from tombo_logs.readers.csv_mapping import LogMapping
+from tombo_px4.frames import enu_from_ned, flu_from_frd, ros_quaternion
 
 Columns = Mapping[str, NDArray[Any]]
 Topics = Mapping[str, Columns]
@@ -57,8 +57,7 @@ _MOVING = {
 """Topics with an instance for each driver or battery → fields by which the right one is told."""
 _LATER_S = 1e-3
 """s by which a sample may be later than its message: two stamps of one clock are so close."""
-_HALF = math.sqrt(0.5)
-_RPM = math.pi / 30.0
+_RPM = np.pi / 30.0
 _MOTOR_1 = 101
 """actuator_function of the first motor."""
 _MODES = {
@@ -258,7 +257,7 @@ def _columns(table: Mapping[str, NDArray[Any]], *names: str) -> Array | None:
 
 
 def _array(table: Mapping[str, NDArray[Any]], name: str, width: int) -> Array | None:
-    return _columns(table, *(f"{name}[{i}]" for i in range(width)))
+    return _columns(table, *_indexed(name, width))
 
 
 def _poses(topics: Topics, series: dict[str, Series], start: float) -> str:
@@ -275,14 +274,14 @@ def _poses(topics: Topics, series: dict[str, Series], start: float) -> str:
         # an estimate does not arrive; what the motion capture sent came at `timestamp`
         arrival = None if name == "vehicle_odometry" else _seconds(table, start)
         series["position"] = Series(t, enu_from_ned(position), arrival)
-        series["attitude"] = Series(t, ros_quaternion(attitude), arrival)
+        series["attitude"] = Series(t, _attitudes(attitude), arrival)
         return "vehicle_odometry (its estimate)" if name == "vehicle_odometry" else name
     local, turn = topics.get("vehicle_local_position", {}), topics.get("vehicle_attitude", {})
     position, attitude = _columns(local, "x", "y", "z"), _array(turn, "q", 4)
     if position is None or attitude is None:
         return ""
     series["position"] = Series(_captured(local, start), enu_from_ned(position))
-    series["attitude"] = Series(_captured(turn, start), ros_quaternion(attitude))
+    series["attitude"] = Series(_captured(turn, start), _attitudes(attitude))
     return "vehicle_local_position and vehicle_attitude (its estimate)"
 
 
@@ -304,39 +303,41 @@ def _imu(topics: Topics, series: dict[str, Series], start: float) -> None:
             series[channel] = Series(_captured(topics[name], start), flu_from_frd(values))
 
 
-def _control_topics(topics: Topics, start: float) -> dict[str, Topic]:
-    """Return what PX4 estimated and asked for, as the suite's topics; map ENU, base_link FLU."""
-    position = topics.get("vehicle_local_position", {})
-    wanted = topics.get("vehicle_local_position_setpoint", {})
-    attitude = topics.get("vehicle_attitude_setpoint", {})
-    rates = topics.get("vehicle_rates_setpoint", {})
-    ratios = topics.get("estimator_innovation_test_ratios", {})
-    fields = (
-        (ODOMETRY.name, "position", position, _columns(position, "x", "y", "z"), enu_from_ned),
-        (SETPOINT.name, "position", wanted, _columns(wanted, "x", "y", "z"), enu_from_ned),
-        (
-            *(ATTITUDE_SETPOINT.name, "orientation", attitude),
-            *(_array(attitude, "q_d", 4), ros_quaternion),
-        ),
-        (
-            *(RATES_SETPOINT.name, "rates", rates),
-            *(_columns(rates, "roll", "pitch", "yaw"), flu_from_frd),
-        ),
-        (
-            *("/estimator/innovation", "ratio", ratios),
-            *(_columns(ratios, "ev_hpos[0]", "ev_hpos[1]", "ev_vpos"), _largest),
-        ),
-    )
-    return {
-        topic: Topic.of(_seconds(table, start), {field: turn(values)})
-        for topic, field, table, values, turn in fields
-        if values is not None
-    }
+def _attitudes(wxyz: Array) -> Array:
+    """Return (N, 4) xyzw, map from base_link, that change sign nowhere."""
+    return unwrap_quaternions(ros_quaternion(wxyz))
 
 
 def _largest(values: Array) -> Array:
     """Return (N, 1), the largest of each row."""
     return np.asarray(values.max(axis=1, keepdims=True))
+
+
+def _indexed(name: str, width: int) -> tuple[str, ...]:
+    """Return the names of the columns of an array."""
+    return tuple(f"{name}[{i}]" for i in range(width))
+
+
+_XYZ, _RATES = ("x", "y", "z"), ("roll", "pitch", "yaw")
+_WANTED = _indexed("q_d", 4)
+_RATIOS = ("ev_hpos[0]", "ev_hpos[1]", "ev_vpos")
+_CONTROL: tuple[tuple[str, str, str, tuple[str, ...], Callable[[Array], Array]], ...] = (
+    (ODOMETRY.name, "position", "vehicle_local_position", _XYZ, enu_from_ned),
+    (SETPOINT.name, "position", "vehicle_local_position_setpoint", _XYZ, enu_from_ned),
+    (ATTITUDE_SETPOINT.name, "orientation", "vehicle_attitude_setpoint", _WANTED, _attitudes),
+    (RATES_SETPOINT.name, "rates", "vehicle_rates_setpoint", _RATES, flu_from_frd),
+    ("/estimator/innovation", "ratio", "estimator_innovation_test_ratios", _RATIOS, _largest),
+)
+"""What PX4 estimated and asked for: topic and field here, topic and fields there, and the turn."""
+
+
+def _control_topics(topics: Topics, start: float) -> dict[str, Topic]:
+    """Return what PX4 estimated and asked for, as the suite's topics; map ENU, base_link FLU."""
+    return {
+        topic: Topic.of(_seconds(topics[source], start), {field: turn(values)})
+        for topic, field, source, names, turn in _CONTROL
+        if (values := _columns(topics.get(source, {}), *names)) is not None
+    }
 
 
 def _mode_changes(table: Mapping[str, NDArray[Any]], start: float) -> list[dict[str, Any]]:
@@ -401,19 +402,3 @@ def _battery(topics: Topics, series: dict[str, Series], start: float) -> None:
                 values = np.where(usable, values, np.nan)
                 series[channel] = Series(_seconds(table, start), values)
                 break
-
-
-def enu_from_ned(vectors: Array) -> Array:
-    """Turn (N, 3): x and y change places, z its sign."""
-    return np.column_stack([vectors[:, 1], vectors[:, 0], -vectors[:, 2]])
-
-
-def flu_from_frd(vectors: Array) -> Array:
-    """Turn (N, 3): half a turn about forward."""
-    return np.asarray(vectors * np.array([1.0, -1.0, -1.0]))
-
-
-def ros_quaternion(quaternions: Array) -> Array:
-    """Turn (N, 4) wxyz, NED from FRD, into xyzw, map from base_link."""
-    w, x, y, z = quaternions.T
-    return unwrap_quaternions(_HALF * np.column_stack([x + y, x - y, w - z, w + z]))

@@ -16,13 +16,18 @@ from scipy.signal import correlate
 from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.rotation import conjugate, quaternion_multiply, unwrap_quaternions
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY
 from tombo_logs.checks.clocks.gaps import gap_spans
 from tombo_logs.checks.frozen_values import interpolated_spans
-from tombo_logs.checks.motion import RATE, accelerations, resampled
+from tombo_logs.checks.motion import (
+    RATE,
+    accelerations,
+    body_rates,
+    resampled,
+    turns_of,
+    unit_rows,
+)
 from tombo_logs.checks.spans import Mask, inside
-from tombo_logs.readers.frames import is_usable
 
 DELAY_S: Final = 0.25
 """s that a latency or the answer of a rotor may last: more is another clock."""
@@ -165,7 +170,7 @@ def _signal(t: Array, values: Array, *channels: Series) -> Signal | None:
 
 def _even(series: Series) -> Array:
     """Return even times [s] over a channel; none over one that is no flight."""
-    compared = _SHORTEST_S <= float(series.t[-1] - series.t[0]) < _LONGEST_S
+    compared = series.t.size and _SHORTEST_S <= float(series.t[-1] - series.t[0]) < _LONGEST_S
     return np.arange(series.t[0], series.t[-1], 1.0 / RATE) if compared else np.zeros(0)
 
 
@@ -176,17 +181,12 @@ def _channel(series: Series) -> Signal | None:
 
 def _rates(attitude: Series) -> Signal | None:
     """Return the body rates of an attitude (N, 3)."""
-    usable = is_usable(attitude.values)
-    if np.count_nonzero(usable) < 2:
-        return None
-    turns = Series(attitude.t[usable], unwrap_quaternions(attitude.values[usable]))
+    turns = turns_of(attitude)
     t = _even(turns)
     if not t.size:
         return None
-    q = resampled(turns, t)
-    q /= np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9)
-    slope = np.gradient(q, 1.0 / RATE, axis=0)
-    return _signal(t, 2.0 * quaternion_multiply(conjugate(q), slope)[:, :3], turns)
+    q = unit_rows(resampled(turns, t))
+    return _signal(t, body_rates(q, np.gradient(q, 1.0 / RATE, axis=0)), turns)
 
 
 def _force(series: Mapping[str, Series], name: str) -> Signal | None:

@@ -17,7 +17,7 @@ from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.motion import INDEPENDENT, RATE, Motion, resampled
-from tombo_logs.checks.spans import Mask
+from tombo_logs.checks.spans import Mask, peak_offset
 
 _WINDOW = round(5.0 * RATE)
 _HOP = _WINDOW // 2
@@ -136,15 +136,13 @@ def _window_lag(
     best = int(np.argmax(match))
     if best in (0, match.size - 1) or match[best] < _MATCH:
         return None
-    left, top, right = match[best - 1 : best + 2]
-    offset = 0.5 * (left - right) / min(left - 2.0 * top + right, -1e-12)
-    noise = np.sqrt(size_b * (1.0 - top**2) / b.size)
+    noise = np.sqrt(size_b * (1.0 - match[best] ** 2) / b.size)
     slope = np.gradient(b, 1.0 / RATE, axis=0)
     sharp = np.sqrt(np.sum(slope**2) / INDEPENDENT)
     # Beside an acceleration of this frequency, what goes with the velocity shifts its phase.
     shift = drag * size_b / max(float(np.sum(slope**2)), 1e-9)
     sigma = max(float(np.hypot(noise / max(sharp, 1e-9), shift)), 2e-4)
-    return (best - _REACH + offset) / RATE, sigma, float(top)
+    return (best - _REACH + peak_offset(match, best)) / RATE, sigma, float(match[best])
 
 
 def common_clock(

@@ -11,14 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES, SPIN
-from tombo_logs.checks.spans import (
-    Span,
-    block_means,
-    check_extent,
-    inside,
-    interpolated,
-    sample_interval,
-)
+from tombo_logs.checks.spans import Span, check_extent, inside, interpolated, thinned
 
 _RATE = 100.0
 _WIDTH = 0.03
@@ -41,9 +34,12 @@ def rotor_order(
     flight: str, channel: str, drive: Series, gyro: Series, exclude: list[Span]
 ) -> list[Finding]:
     """Report when another order of the rotors explains the gyro, and ours does not."""
-    scores = _best_scores(drive, gyro, exclude)
-    best = max(scores, key=lambda order: scores[order], default=_ORDERS[0])
-    if not scores or scores[best] < _CLEAR or scores[best] < scores[_ORDERS[0]] + _BETTER:
+    by_lag = order_scores(drive, gyro, exclude, _LAGS, _ORDERS)
+    if not len(by_lag):
+        return []
+    scores = dict(zip(_ORDERS, np.max(by_lag, axis=0).tolist(), strict=True))
+    best = max(scores, key=lambda order: scores[order])
+    if scores[best] < max(_CLEAR, scores[_ORDERS[0]] + _BETTER):
         return []
     order = ", ".join(ROTOR_NAMES[best.index(i)] for i in range(4))
     text = (
@@ -71,20 +67,6 @@ def command_delay(
         f"{1e3 * max(_SOONEST_S, 0.0):.0f} to {1e3 * _LATEST_S:.0f} ms after"
     )
     return [Finding("stamps", "warning", flight, text, channel=channel)]
-
-
-def clear_order(drive: Series, gyro: Series) -> tuple[int, ...] | None:
-    """Return which column of `drive` each of our rotors is, where the motion tells it clearly."""
-    scores = _best_scores(drive, gyro, [])
-    best, *others = sorted(scores, key=lambda order: -scores[order]) or [_ORDERS[0]]
-    clear = others and scores[best] >= max(_CLEAR, scores[others[0]] + 0.5 * _BETTER)
-    return best if clear else None
-
-
-def _best_scores(drive: Series, gyro: Series, exclude: list[Span]) -> dict[tuple[int, ...], float]:
-    """Return for each order how well torque and rotation agree, at most 3; too short: nothing."""
-    scores = order_scores(drive, gyro, exclude, _LAGS, _ORDERS)
-    return dict(zip(_ORDERS, np.max(scores, axis=0).tolist(), strict=True)) if len(scores) else {}
 
 
 def order_scores(
@@ -134,5 +116,4 @@ def _scores(thrust: Array, turning: Array, orders: Sequence[tuple[int, ...]]) ->
 
 def _sampled(series: Series, t: Array) -> Array:
     """Return values at `t`, means over 10 ms where there are many."""
-    every = max(round(1.0 / _RATE / max(sample_interval(series.t), 1e-6)), 1)
-    return interpolated(t, block_means(series.t, every), block_means(series.values, every))
+    return interpolated(t, *thinned(series.t, series.values, 1.0 / _RATE))
