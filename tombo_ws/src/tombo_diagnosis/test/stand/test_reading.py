@@ -322,3 +322,25 @@ def test_a_dead_tachometer_gives_way_in_a_table_of_rcbenchmark(tmp_path, unit):
     table = read_stand(write(tmp_path / "a.csv", header, *columns))
     assert np.allclose(table.channels["speed"], RPM * math.pi / 30.0)
     assert np.allclose(table.channels["torque"], POINT.torque_Nm)
+
+
+def test_coefficients_of_a_table_parted_by_spaces_are_loads(tmp_path):
+    """As UIUC publishes static runs: the diameter in inches is in the name."""
+    rows = "\n".join(f"{rpm:9.2f}   0.110000   0.045000 " for rpm in RPM)
+    (tmp_path / "apcsf_10x4.7_static.txt").write_text(f"RPM     CT       CP     \n{rows}\n")
+    table = read_stand(tmp_path / "apcsf_10x4.7_static.txt")
+    n, d = RPM / 60.0, 0.254
+    assert np.allclose(table.channels["thrust"], 0.11 * 1.225 * n**2 * d**4)
+    power = 0.045 * 1.225 * n**3 * d**5
+    assert np.allclose(table.channels["torque"] * 2.0 * math.pi * n, power)
+
+
+def test_coefficients_need_a_diameter(tmp_path):
+    with pytest.raises(InputError, match="diameter_mm"):
+        read_stand(write(tmp_path / "a.csv", "rpm,ct", RPM, 0.0 * RPM + 0.11))
+
+
+def test_lines_may_end_with_a_carriage_return_alone(tmp_path):
+    path = write(tmp_path / "a.csv", "rpm,thrust_N", RPM, POINT.thrust_N)
+    path.write_bytes(path.read_bytes().replace(b"\r\n", b"\n").replace(b"\n", b"\r"))
+    assert np.allclose(read_stand(path).channels["thrust"], POINT.thrust_N)

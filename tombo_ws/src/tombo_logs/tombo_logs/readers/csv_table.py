@@ -25,6 +25,9 @@ from tombo_logs.readers.mocap_exports import as_table
 _BETWEEN_CELLS = rb"(?:^|[;\t])\s*[-+]?\d+%b\d+(?:[eE][-+]?\d+)?\s*(?=[;\t]|$)"
 _DECIMAL_COMMA = re.compile(_BETWEEN_CELLS % b",", re.MULTILINE)
 _DECIMAL_POINT = re.compile(_BETWEEN_CELLS % rb"\.", re.MULTILINE)
+_SPACED = re.compile(
+    rb"\s*(?:[^\s,;\d]+ +)+[^\s,;\d]+[ \t]*\n[ \t]*(?:[-+.\deE]+ +)+[-+.\deE]+[ \t]*\n"
+)
 _NOTHING = {"", "nan", "none", "null", "na", "n/a", "-nan", "nil"}
 
 
@@ -127,7 +130,7 @@ def open_table(path: Path) -> CsvTable:
         damage = (wrong,) if wrong else ()
     if not raw.strip():
         raise InputError(f"'{path}' is empty; accepted: a table of numbers with a header")
-    raw = raw.removeprefix(b"\xef\xbb\xbf")
+    raw = raw.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if b"\0" in raw[:4096]:
         raise InputError(f"'{path}' starts with bytes {raw[:8].hex(' ')}: no table of text")
     if not raw.endswith(b"\n"):
@@ -143,6 +146,8 @@ def open_table(path: Path) -> CsvTable:
 
 
 def _plain_table(path: Path, raw: bytes, damage: tuple[str, ...]) -> CsvTable:
+    if _SPACED.match(raw):  # columns parted by spaces alone
+        raw = re.sub(rb"(?<=\S)[ \t]+(?=\S)", b",", raw)
     remark, at = "", 0
     while at < len(raw):
         end = raw.find(b"\n", at) + 1 or len(raw)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +51,8 @@ CHANNELS: Mapping[str, str] = {
     "conf": "1",
     "run": "1",
     "propeller": "1",
+    "thrust_coefficient": "1",
+    "power_coefficient": "1",
 }
 """Channel -> its unit here."""
 MULTI_COLUMN_CHANNELS = ("speed", "reference_speed")
@@ -76,6 +78,8 @@ _NAMES = {
     "conf": ("conf", "configuration"),
     "run": ("run", "repeat"),
     "propeller": ("propeller", "specimen"),
+    "thrust_coefficient": ("ct",),
+    "power_coefficient": ("cp",),
 }  # fmt: skip
 _HEADING = re.compile(r"^\s*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
 _OTHERS = ("rpm", "rad_s", "Hz", "deg", "rad", "V", "A", "W", "mW", "s", "ms")
@@ -194,7 +198,7 @@ def infer_mapping(columns: Sequence[str], path: Path) -> StandMapping:
                 )
         factor(unit, CHANNELS[channel], f"column '{column}' of '{path}'")
         channels[channel] = ChannelMap((column,), unit)
-    if "speed" not in channels or not {"thrust", "torque"} & set(channels):
+    if "speed" not in channels or not {"thrust", "torque", *_COEFFICIENTS} & set(channels):
         lacking = "speed" if "speed" not in channels else "thrust or torque"
         raise InputError(
             f"'{path}': no column for {lacking} among {', '.join(columns)[:200]}; accepted: names "
@@ -221,6 +225,46 @@ def _split(column: str) -> tuple[str, str]:
     if unit.lower() == "rpm" and name == "":
         name = "rpm"
     return name, SPELLINGS.get(unit, unit)
+
+
+_COEFFICIENTS = ("thrust_coefficient", "power_coefficient")
+_AIR_DENSITY = 1.225
+"""kg/m^3, of the standard atmosphere: coefficients have the density of their day taken out."""
+_SIZE = re.compile(r"(?<![\d.])(\d{1,2}(?:\.\d+)?)x\d")
+"""A propeller in a file's name, as 10x4.7: diameter and pitch in inches."""
+_INCH = 0.0254
+
+
+def _loads_of_coefficients(
+    channels: dict[str, Array], diameter_mm: float, path: Path
+) -> tuple[dict[str, Array], list[Finding]]:
+    """Return channels with the loads that coefficients of thrust and power stand for.
+
+    T = C_T rho n^2 D^4 and Q = C_P rho n^2 D^5 / (2 pi), with n in turns per second.
+
+    Raises:
+        InputError: the diameter is not known.
+    """
+    if not set(_COEFFICIENTS) & set(channels):
+        return channels, []
+    named = _SIZE.search(path.name)
+    d = 1e-3 * diameter_mm or (_INCH * float(named[1]) if named else 0.0)
+    if not d:
+        raise InputError(
+            f"'{path}': coefficients C_T and C_P, and no diameter; accepted: diameter_mm in "
+            "--mapping, or a name with diameter and pitch in inches, as apcsf_10x4.7.txt"
+        )
+    loads = dict(channels)
+    pressure = _AIR_DENSITY * (channels["speed"] / (2.0 * math.pi)) ** 2
+    if (c_t := loads.pop("thrust_coefficient", None)) is not None:
+        loads.setdefault("thrust", c_t * pressure * d**4)
+    if (c_p := loads.pop("power_coefficient", None)) is not None:
+        loads.setdefault("torque", c_p * pressure * d**5 / (2.0 * math.pi))
+    text = (
+        f"loads are of C_T and C_P, with a diameter of {1e3 * d:.4g} mm and air of "
+        f"{_AIR_DENSITY} kg/m3"
+    )
+    return loads, [Finding("coefficients", "info", path.name.split(".")[0], text)]
 
 
 _STILL = 0.002
@@ -301,6 +345,14 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
             channels[key] = np.sqrt(np.mean(columns**2, axis=1))
         else:
             channels[key] = columns[:, 0] / (chosen.rotors if key in _PER_ROTOR else 1)
+    channels, remarks = _loads_of_coefficients(channels, chosen.diameter_mm, path)
+    findings += remarks
+    columns_of_loads = {
+        load: chosen.channels[coefficient]
+        for load, coefficient in zip(("thrust", "torque"), _COEFFICIENTS, strict=True)
+        if coefficient in chosen.channels
+    }
+    chosen = replace(chosen, channels=columns_of_loads | dict(chosen.channels))
     rows = np.isfinite(channels["speed"])
     loads = [channels[c] for c in ("thrust", "torque") if c in channels]
     if not loads:
