@@ -99,9 +99,8 @@ class HilLink:
         return answers
 
     def send(self, data: bytes) -> None:
-        """Send frames to PX4, later if the socket is full; too many of them end the connection."""
-        if not self._link.send_frames(data):
-            self._link.disconnect()
+        """Send frames to PX4, later if the socket is full."""
+        self._link.send_frames(data)
 
     def close(self) -> None:
         """Close the port."""
