@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from endpoint_bench import Client
-from hil_bench import Bench, bench, hover_world
+from hil_bench import Bench, hover_world
 from hil_peer import MAVLINK
 
 from tombo_dynamics.records import numbers
@@ -111,34 +111,3 @@ def test_the_feed_lives_on_when_px4_starts_again(fed, onboard):
     stamps = [m.time_usec for m in poses(heard)]
     assert len(stamps) == pytest.approx(30, abs=2)
     assert max(stamps) <= 1_000_000
-
-
-@pytest.mark.slow
-def test_poses_on_the_simulator_link_precede_the_sensors_of_their_step():
-    with bench(mocap=True) as b:
-        truth = Truths(b)
-        b.peer.keep = True
-        b.fly(3.0)
-        heard = b.peer.heard
-        odometry = poses(heard)
-        assert len(odometry) == pytest.approx(90, abs=2)
-        for message in odometry[1:]:
-            assert_true(message, truth)
-        sensors = [i for i, m in enumerate(heard) if m.get_type() == "HIL_SENSOR"]
-        for i, message in enumerate(heard):
-            if message.get_type() == "ODOMETRY" and message.time_usec > 100_000:
-                after = next(heard[k] for k in sensors if k > i)
-                assert 7_000 <= after.time_usec - message.time_usec <= 18_000
-
-
-def test_a_wrong_stamp_goes_out_and_one_from_before_the_clock_does_not():
-    world = hover_world("effects.mocap_stamp_error.offset=-0.09")
-    with bench(world, mocap=True) as b:
-        b.peer.keep = True
-        truth = Truths(b)
-        b.fly(1.0)
-    sent = poses(b.peer.heard)
-    assert len(sent) == pytest.approx(27, abs=1)
-    late = [m.time_usec + 90_000 for m in sent]
-    assert all(stamp in truth for stamp in late)
-    assert min(m.time_usec for m in sent) >= 0

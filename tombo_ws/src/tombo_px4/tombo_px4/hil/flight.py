@@ -170,6 +170,8 @@ ALL_SENSORS = 0x1FFF
 """Also magnetometer, barometer, differential pressure, temperature: each group complete."""
 SLOW_SENSORS_EVERY = 5
 """Messages from one with all sensors to the next: 50 Hz of 250."""
+_GPS_US = 100_000
+"""Period of HIL_GPS, as in PX4's simulators."""
 TICK_US = TICK_NS // 1000
 Watch = Callable[[Simulator], None]
 
@@ -217,7 +219,6 @@ class HilFlight:
         self.steps = 0
         self._mav = common.MAVLink(None, SYSTEM, COMPONENT)
         self._slow: tuple[float, ...] = ()
-        self._gps_due = _RateTimer(params.gps_rate if params.gps else 0.0)
 
     @property
     def time_us(self) -> int:
@@ -245,11 +246,8 @@ class HilFlight:
                 self._watch(simulator)
         self.steps += 1
         messages = []
-        if self.steps > 1:
-            if self._gps_due.is_due(self.time_us):
-                messages.append(sensors.gps(self._mav, self.time_us, simulator.plant))
-            if self.params.mocap:
-                messages += [odometry(pose) for pose in self.poses]
+        if self.params.gps and self.time_us % _GPS_US < self.params.ticks * TICK_US:
+            messages.append(sensors.gps(self._mav, self.time_us, simulator.plant))
         messages.append(self._sensor())
         return b"".join(bytes(message.pack(self._mav)) for message in messages)
 
@@ -265,17 +263,3 @@ class HilFlight:
 def odometry(pose: PoseSample) -> Any:
     """Return a motion-capture pose as the message PX4 fuses, stamped in PX4's own clock."""
     return pose_message(ODOMETRY, pose.stamp_ns, pose.pose[:3], pose.pose[3:], None)
-
-
-class _RateTimer:
-    """Timer for a rate that need not divide the rate of the steps."""
-
-    def __init__(self, rate: float) -> None:
-        self._period_us = 1e6 / rate if rate > 0.0 else 0.0
-        self._next_us = 0.0
-
-    def is_due(self, now_us: int) -> bool:
-        if self._period_us == 0.0 or now_us < self._next_us:
-            return False
-        self._next_us += self._period_us
-        return True
