@@ -131,7 +131,7 @@ class _RealPx4(LockstepPx4):
         self._hil = HilSimulator(
             world, seed, params, self._hil_link, speed=speed, watch=self._watch, hand=hand
         )
-        vehicle = airframe_parameters(world, self._hil.flight) | MOCAP_ONLY
+        vehicle = {**airframe_parameters(world, self._hil.flight), **MOCAP_ONLY}
         self._parameters = {**vehicle, **parameters}
 
     def _watch(self, simulator: Simulator) -> None:

@@ -164,14 +164,7 @@ _ANCILLARY = socket.CMSG_SPACE(_STAMP.size) + socket.CMSG_SPACE(_COUNT.size)
 _UDP_OPTIONS = {_SO_TIMESTAMPNS: 1, _SO_RXQ_OVFL: 1, socket.SO_RCVBUF: 1 << 20}
 _FLAGS, _INPUT_SPEED, _OUTPUT_SPEED = 2, 4, 5
 """Places in the attributes of a terminal."""
-_NEEDED = {
-    "udpin": "a free port of this machine",
-    "udpout": "a host this machine can reach",
-    "tcpin": "a free port of this machine",
-    "tcpout": "a host this machine can reach",
-    "serial": "a serial device that this user may read and write",
-}
-"""Kind of a link → what it needs to be opened."""
+_NEEDED = "a free port of this machine, a host in reach, a serial device of this user"
 
 
 class _Packet(NamedTuple):
@@ -282,15 +275,21 @@ class _Stream:
             self._begin()
 
     def _begin(self) -> None:
-        self._take(_open_serial(self._url) if self._url.kind == "serial" else _connect(self._url))
+        if self._url.kind == "serial":
+            self._take(_open_serial(self._url))
+            return
+        client = _tcp_socket()
+        # It connects in the background: reading meets a refusal, what is written waits.
+        result = client.connect_ex(self._url.address)
+        if result in (0, errno.EINPROGRESS):
+            self._take(client)
+            return
+        client.close()
+        if result != errno.ECONNREFUSED:
+            raise OSError(result, "connect")
 
     @property
     def connected(self) -> bool:
-        try:
-            if isinstance(self._file, socket.socket):
-                self._file.getpeername()  # it connects in the background
-        except OSError:
-            return False
         return self._file is not None
 
     def fileno(self) -> int:
@@ -323,7 +322,7 @@ class _Stream:
             return "send_failed"
         self._unsent += data
         self._flush()
-        return "" if self._file is not None else "send_failed"
+        return "" if self.connected else "send_failed"
 
     def lose(self) -> None:
         """Close the file."""
@@ -437,16 +436,6 @@ def _tcp_socket() -> socket.socket:
     return sock
 
 
-def _connect(url: Url) -> socket.socket:
-    """Return a TCP socket that connects in the background; reading meets a refusal."""
-    sock = _tcp_socket()
-    with closed_on_error(sock):
-        result = sock.connect_ex(url.address)
-        if result not in (0, errno.EINPROGRESS, errno.ECONNREFUSED):
-            raise OSError(result, "connect")
-    return sock
-
-
 def open_transport(
     text: str, clock: Clock, counters: Counters, allow_remote: bool
 ) -> _Udp | _Stream:
@@ -465,9 +454,7 @@ def open_transport(
     except (OSError, termios.error) as error:
         number = error.args[0] if error.args else None  # termios.error has no errno
         why = os.strerror(number).lower() if isinstance(number, int) else str(error)
-        raise InputError(
-            f"link '{text}': can't be opened ({why}); accepted: {_NEEDED[url.kind]}"
-        ) from error
+        raise InputError(f"link '{text}': can't be opened ({why}); accepted: {_NEEDED}") from error
 
 
 # --- Frames ---------------------------------------------------------------------------------
