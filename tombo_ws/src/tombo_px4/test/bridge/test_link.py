@@ -604,17 +604,6 @@ def test_with_a_key_the_rest_is_refused_and_counted(links, sender):
     assert link._transport.peer == peer
 
 
-def test_two_links_of_one_component_are_told_apart_by_their_link_id(links):
-    receiver = links("udpin://127.0.0.1:0", COMPUTER, key=KEY)
-    url = f"udpout://127.0.0.1:{receiver.address[1]}"
-    ahead = links(url, key=KEY, link_id=1, clock=lambda: time.time_ns() + 3600 * 10**9)
-    exact = links(url, key=KEY, link_id=2)
-    for mode in range(3):
-        ahead.send(beat(ahead, mode))
-        exact.send(beat(exact, mode))
-    assert len(collect(receiver, 6)) == 6
-
-
 @pytest.mark.parametrize("url", ["udpin://127.0.0.1:0", "tcpin://127.0.0.1:0"])
 @pytest.mark.parametrize(
     ("wrong", "message_part"),
