@@ -118,15 +118,16 @@ def introduction(tombo) -> Callable[..., str]:
     return told
 
 
-def settings(text: str) -> dict[str, str]:
-    """The environment that the printed commands make."""
-    block = text.split("export ")[1].split("\n./build")[0].replace("\\\n", " ")
-    return dict(word.split("=") for word in shlex.split(block))
+def settings(text: str) -> list[dict[str, str]]:
+    """The environments that the printed commands make: of the vehicle, of motion capture."""
+    blocks = [block.split("\n./build")[0] for block in text.split("export ")[1:]]
+    words = [shlex.split(block.replace("\\\n", " ").split("\n")[0]) for block in blocks]
+    return [dict(word.split("=") for word in found) for found in words]
 
 
 def test_it_prints_how_px4_is_started_for_this_vehicle(introduction):
     text = introduction()
-    given = settings(text)
+    given, _ = settings(text)
     assert given["PX4_SIM_MODEL"] == "none_iris"
     assert given["PX4_SYS_AUTOSTART"] == "10016"
     assert float(given["PX4_PARAM_MPC_THR_HOVER"]) == pytest.approx(0.46, abs=0.001)
@@ -144,14 +145,15 @@ def test_it_prints_how_px4_is_started_for_this_vehicle(introduction):
 def test_the_compose_services_have_the_printed_parameters(introduction):
     services = yaml.safe_load(COMPOSE.read_text(encoding="utf-8"))["services"]
     px4 = services["px4"]
-    text = introduction("--mocap", "udpout://127.0.0.1:14280")
-    assert px4["environment"] == settings(text)
+    text = introduction()
+    vehicle, mocap = settings(text)
+    assert px4["environment"] == vehicle | mocap
     assert px4["image"] in text
     assert px4["command"] == ["-d"]  # its shell takes a core when there is no terminal
 
 
-def test_with_mocap_it_prints_what_px4_needs_to_fly_by_it_alone(introduction):
-    given = settings(introduction("--mocap", "udpout://127.0.0.1:14280"))
+def test_it_prints_what_px4_needs_to_fly_by_motion_capture_alone(introduction):
+    _, given = settings(introduction())
     assert given["PX4_PARAM_EKF2_EV_CTRL"] == "11"
     assert given["PX4_PARAM_EKF2_GPS_CTRL"] == "0"
     assert given["PX4_PARAM_SYS_HAS_GPS"] == "0"

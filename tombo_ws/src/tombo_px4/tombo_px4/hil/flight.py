@@ -20,8 +20,6 @@ from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 from tombo_px4.frames import PX4_ROTORS, GeoOrigin, enu_from_ned, frd_from_flu, ned_from_enu
 from tombo_px4.hil.link import COMPONENT, SYSTEM
 from tombo_px4.hil.params import HilParams
-from tombo_px4.link.link_params import ODOMETRY
-from tombo_px4.link.message_encoder import pose_message
 from tombo_px4.protocol.telemetry import (
     INT16,
     altitude_at,
@@ -30,7 +28,7 @@ from tombo_px4.protocol.telemetry import (
     pressure_at,
     temperature_at,
 )
-from tombo_sim.simulator import PoseSample, Simulator
+from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 
 _ROUNDING = 1e-3
@@ -188,8 +186,6 @@ class HilFlight:
 
     Attributes:
         simulator: the plant, with the ground truth.
-        poses: motion-capture poses that arrived during the last step; `captured` and `arrives` are
-            ticks, `TICK_US` times a tick is PX4's clock.
         rotors: commanded rotor speeds of the last step [rad/s].
     """
 
@@ -214,7 +210,6 @@ class HilFlight:
         self.simulator = Simulator(world, seed)
         self.sensors = HilSensors(seed)
         self.controls = MotorMapping(world.vehicle, self.simulator.setup.maps)
-        self.poses: list[PoseSample] = []
         self.rotors: Array = np.zeros(4)
         self.steps = 0
         self._mav = common.MAVLink(None, SYSTEM, COMPONENT)
@@ -233,15 +228,11 @@ class HilFlight:
         """
         self.rotors = self.controls.speeds(motors.controls, motors.armed)
         simulator, sensors = self.simulator, self.sensors
-        self.poses = []
         for _ in range(self.params.ticks):
             simulator.advance(self.rotors)
             if self._hand is not None:
                 self._hand(simulator)
             sensors.observe(simulator.imu)
-            if simulator.arrived:
-                # a wrong stamp may lie before PX4's clock began, for which it has no number
-                self.poses += [pose for pose in simulator.arrived if pose.stamp_ns >= 0]
             if self._watch is not None:
                 self._watch(simulator)
         self.steps += 1
@@ -258,8 +249,3 @@ class HilFlight:
             fields = ALL_SENSORS
         inertial = self.sensors.inertial()
         return self._mav.hil_sensor_encode(self.time_us, *inertial, *self._slow, fields, 0)
-
-
-def odometry(pose: PoseSample) -> Any:
-    """Return a motion-capture pose as the message PX4 fuses, stamped in PX4's own clock."""
-    return pose_message(ODOMETRY, pose.stamp_ns, pose.pose[:3], pose.pose[3:], None)

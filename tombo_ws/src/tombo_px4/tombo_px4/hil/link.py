@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common as mav
 
+from tombo_dynamics.errors import InputError
 from tombo_px4.link.mavlink_link import Link
 
 PX4_PORT = 4560
@@ -36,6 +37,8 @@ class HilLink:
         Raises:
             InputError: the port is taken or not allowed.
         """
+        if not 0 <= port <= 65535:
+            raise InputError(f"port {port} is out of bounds; accepted: 0 to 65535")
         # PX4's messages carry the simulation's time: their arrival is not read.
         self._link = Link(
             f"tcpin://127.0.0.1:{port}", system=SYSTEM, component=COMPONENT, clock=lambda: 0

@@ -164,7 +164,12 @@ _ANCILLARY = socket.CMSG_SPACE(_STAMP.size) + socket.CMSG_SPACE(_COUNT.size)
 _UDP_OPTIONS = {_SO_TIMESTAMPNS: 1, _SO_RXQ_OVFL: 1, socket.SO_RCVBUF: 1 << 20}
 _FLAGS, _INPUT_SPEED, _OUTPUT_SPEED = 2, 4, 5
 """Places in the attributes of a terminal."""
-_NEEDED = "a free port of this machine, a host in reach, a serial device of this user"
+_NEEDED = {
+    "udpin": "a free port of this machine",
+    "tcpin": "a free port of this machine",
+    "serial": "a serial device that this user may read and write",
+}
+"""Kind of a link → what it needs to be opened; else a host."""
 
 
 class _Packet(NamedTuple):
@@ -454,7 +459,8 @@ def open_transport(
     except (OSError, termios.error) as error:
         number = error.args[0] if error.args else None  # termios.error has no errno
         why = os.strerror(number).lower() if isinstance(number, int) else str(error)
-        raise InputError(f"link '{text}': can't be opened ({why}); accepted: {_NEEDED}") from error
+        needed = _NEEDED.get(url.kind, "a host this machine can reach")
+        raise InputError(f"link '{text}': can't be opened ({why}); accepted: {needed}") from error
 
 
 # --- Frames ---------------------------------------------------------------------------------
