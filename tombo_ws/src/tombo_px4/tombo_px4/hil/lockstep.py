@@ -136,15 +136,15 @@ class HilSimulator:
         Returns:
             whether a step was flown: there may be another one to fly at once.
         """
-        answers = self._link.receive()
-        same = self._link.connected and self._link.connections == self._connection
+        answers = self._link.receive_controls()
+        same = self._link.connected and self._link.opened == self._connection
         if self._connection and not same:
             self._on_disconnect()
         if not self._link.connected:
             return False
         if not self._connection:
             self.flights += 1
-            self._connection = self._link.connections
+            self._connection = self._link.opened
             self._due_ns = now_ns
             begins = f"flight {self.flights} begins, at time 0, on the ground"
             self._notify(f"PX4 has connected: {begins}")
@@ -208,7 +208,7 @@ class HilSimulator:
         if not self._has_answer:
             self._handle_missing_answer()
         self._pace(now_ns)
-        self._link.send(self.flight.step(self.motors))
+        self._link.send_frames(self.flight.step(self.motors))
         self._sent_ns = now_ns
         self._has_answer = False
         self.steps += 1
