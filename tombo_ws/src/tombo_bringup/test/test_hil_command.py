@@ -102,7 +102,7 @@ def test_a_duration_ends_it_with_0(tombo):
 
 def test_a_busy_port_is_one_line_and_2(refused):
     with contextlib.closing(HilLink(0)) as link:
-        taken = f"Error: port {link.port} of 127.0.0.1 is taken by another program"
+        taken = f"Error: link 'tcpin://127.0.0.1:{link.port}': can't be opened (address already in"
         refused(("hil", "--port", str(link.port)), taken)
 
 
@@ -118,15 +118,16 @@ def introduction(tombo) -> Callable[..., str]:
     return told
 
 
-def settings(text: str) -> dict[str, str]:
-    """The environment that the printed commands make."""
-    block = text.split("export ")[1].split("\n./build")[0].replace("\\\n", " ")
-    return dict(word.split("=") for word in shlex.split(block))
+def settings(text: str) -> list[dict[str, str]]:
+    """The environments that the printed commands make: of the vehicle, of motion capture."""
+    blocks = [block.split("\n./build")[0] for block in text.split("export ")[1:]]
+    words = [shlex.split(block.replace("\\\n", " ").split("\n")[0]) for block in blocks]
+    return [dict(word.split("=") for word in found) for found in words]
 
 
 def test_it_prints_how_px4_is_started_for_this_vehicle(introduction):
     text = introduction()
-    given = settings(text)
+    given, _ = settings(text)
     assert given["PX4_SIM_MODEL"] == "none_iris"
     assert given["PX4_SYS_AUTOSTART"] == "10016"
     assert float(given["PX4_PARAM_MPC_THR_HOVER"]) == pytest.approx(0.46, abs=0.001)
@@ -144,20 +145,20 @@ def test_it_prints_how_px4_is_started_for_this_vehicle(introduction):
 def test_the_compose_services_have_the_printed_parameters(introduction):
     services = yaml.safe_load(COMPOSE.read_text(encoding="utf-8"))["services"]
     px4 = services["px4"]
-    text = introduction("--mocap", "udpout://127.0.0.1:14280")
-    assert px4["environment"] == settings(text)
+    text = introduction()
+    vehicle, mocap = settings(text)
+    assert px4["environment"] == vehicle | mocap
     assert px4["image"] in text
     assert px4["command"] == ["-d"]  # its shell takes a core when there is no terminal
 
 
-@pytest.mark.parametrize("mocap", ["link", "udpout://127.0.0.1:14280"])
-def test_with_mocap_it_prints_what_px4_needs_to_fly_by_it_alone(mocap, introduction):
-    given = settings(introduction("--mocap", mocap))
+def test_it_prints_what_px4_needs_to_fly_by_motion_capture_alone(introduction):
+    _, given = settings(introduction())
     assert given["PX4_PARAM_EKF2_EV_CTRL"] == "11"
     assert given["PX4_PARAM_EKF2_GPS_CTRL"] == "0"
     assert given["PX4_PARAM_SYS_HAS_GPS"] == "0"
     assert given["PX4_PARAM_EKF2_HGT_REF"] == "3"
-    assert given.get("PX4_PARAM_EKF2_EV_DELAY") == ("10" if mocap == "link" else None)
+    assert "PX4_PARAM_EKF2_EV_DELAY" not in given
 
 
 def test_a_state_is_shown_at_once_and_then_each_5_s(monkeypatch):

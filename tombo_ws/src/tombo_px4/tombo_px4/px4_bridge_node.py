@@ -10,6 +10,7 @@ import re
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -50,7 +51,7 @@ from tombo_dynamics.vehicle import VehicleParams
 from tombo_msgs.msg import Px4Status
 from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import ATTITUDE, RATES, BridgeParams
-from tombo_px4.bridge.bridge_records import BridgeOutput, BridgeStatus
+from tombo_px4.bridge.bridge_records import BridgeOutput, BridgeStatus, SessionStage
 from tombo_px4.bridge.pose_axes import AxesEvidence, AxesFile
 from tombo_px4.bridge.setpoint_stream import FlightLimits
 from tombo_px4.bridge.vehicle_parameters import parse_assignments
@@ -75,8 +76,6 @@ _RATE_HZ = 250.0
 _TF_NS = 20_000_000
 _STATUS_REPEAT_NS = SECOND_NS
 """Shortest time between two reports of a finding whose numbers change."""
-_SHUTDOWN_NS = 1_500_000_000
-"""Time for the last command; the supervisor gives a node 2 s to end."""
 _LANDING_NS = 20 * SECOND_NS
 """Longest wait for a vehicle that lands, unless it gets a second signal."""
 _LANDING_STEP_S = 0.004
@@ -149,40 +148,28 @@ class Px4BridgeNode(LoopNode):
         rotations = {ATTITUDE: ATTITUDE_SETPOINT, RATES: RATES_SETPOINT}
         topic = rotations.get(self.records["px4"].setpoint)
         self._attitude_or_rates_in = None if topic is None else self.subscribe(topic, depth=20)
-        self._make_outputs()
+        self._odometry_out, self._imu_out = self.advertise(ODOMETRY), self.advertise(IMU)
+        # the controller behind those set points asks for it
+        self._estimator_out = None if topic is None else self.advertise(ESTIMATOR_STATUS)
+        self._battery_out, self._status_out = self.advertise(BATTERY), self.advertise(PX4_STATUS)
+        self._seldom_ns = 0
+        """Stamp of the last estimate that went out as a transform, too."""
+        self._tf_out: TopicPublisher | None = None
+        with suppress(ImportError):  # tf2_msgs is not installed
+            self._tf_out = self.advertise(TF)
+            frames = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
+            self._tf = MessageTemplate(TF.typename, {"transforms": [frames]})
         self._waiting: deque[tuple[str, Any]] = deque()  # filled by the services' thread
         self._pending_requests: dict[int, Any] = {}
-        self._serve_requests()
-        self._active: set[str] = set()
-        self._published_status: tuple[Any, ...] = ()
-        self._published_status_ns = 0
-
-    def _make_outputs(self) -> None:
-        self._odometry_out, self._imu_out = self.advertise(ODOMETRY), self.advertise(IMU)
-        self._estimator_out: TopicPublisher | None = None
-        self._estimator_ns = 0
-        # the controller behind those set points asks for it
-        if self._attitude_or_rates_in is not None:
-            self._estimator_out = self.advertise(ESTIMATOR_STATUS)
-        self._battery_out = self.advertise(BATTERY)
-        self._status_out = self.advertise(PX4_STATUS)
-        self._tf_ns = 0
-        self._tf_out = self._tf = None
-        try:
-            message_class(TF.typename)
-        except ImportError:
-            return
-        self._tf_out = self.advertise(TF)
-        frames = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
-        self._tf = MessageTemplate(TF.typename, {"transforms": [frames]})
-
-    # --- Services: called in their own thread, answered by the loop --------------------------
-
-    def _serve_requests(self) -> None:
         self._offer(SetBool, "arm", lambda request: "arm" if request.data else "disarm")
         for kind in ("takeoff", "land", "hold", "offboard", "kill"):
             self._offer(Trigger, kind, lambda request, kind=kind: kind)
         self._offer(Trigger, "abort", lambda request: "land")
+        self._active: set[str] = set()
+        self._published: tuple[BridgeStatus, ...] = ()
+        self._published_ns = 0
+
+    # --- Services: called in their own thread, answered by the loop --------------------------
 
     def _offer(self, service: Any, name: str, kind_of: Callable[[Any], str]) -> None:
         """Pass requests to the loop; it answers within some seconds, other calls go on."""
@@ -195,17 +182,6 @@ class Px4BridgeNode(LoopNode):
 
         self.ros.create_service(service, f"px4/{name}", call)
 
-    def _take_requests(self) -> None:
-        while self._waiting:
-            kind, future = self._waiting.popleft()
-            self._pending_requests[self._bridge.request(kind)] = future
-
-    def _reply(self, bridge_output: BridgeOutput) -> None:
-        for reply in bridge_output.replies:
-            self._pending_requests.pop(reply.number).set_result((reply.success, reply.text))
-        if bridge_output.replies:
-            self._executor.wake()
-
     # --- The loop -----------------------------------------------------------------------------
 
     def step(self, now_ns: int) -> None:
@@ -216,7 +192,9 @@ class Px4BridgeNode(LoopNode):
         now_ns = time.time_ns()
         self._take_poses(now_ns)
         self._take_setpoints(now_ns)
-        self._take_requests()
+        while self._waiting:
+            kind, future = self._waiting.popleft()
+            self._pending_requests[bridge.request(kind)] = future
         bridge_output = bridge.tick(time.time_ns())
         for message in bridge_output.messages:
             self._link.send(message)
@@ -229,7 +207,9 @@ class Px4BridgeNode(LoopNode):
             self._battery_out.publish(_battery(battery))
         if bridge_output.evidence is not None:
             self._keep(bridge_output.evidence)
-        self._reply(bridge_output)
+        for reply in bridge_output.replies:
+            self._pending_requests.pop(reply.number).set_result((reply.success, reply.text))
+            self._executor.wake()
         self._status = bridge_output.status
         self._report(bridge_output, now_ns)
 
@@ -288,20 +268,19 @@ class Px4BridgeNode(LoopNode):
         """Log texts, keep the faults, publish the status."""
         logger = self.ros.get_logger()
         for text in bridge_output.texts:
-            if text.severity <= Severity.ERROR:
-                logger.error(f"PX4: {text.text}")
+            said = f"PX4: {text.text}"
+            if text.severity <= Severity.ERROR:  # rclpy: one severity for each line of code
+                logger.error(said)
             elif text.severity == Severity.WARNING:
-                logger.warning(f"PX4: {text.text}")
+                logger.warning(said)
             else:
-                logger.info(f"PX4: {text.text}")
+                logger.info(said)
         for key, text in bridge_output.events:
             self.health.report_event(key, text)
         for text in bridge_output.texts[:-1]:  # a status carries one text
-            status = replace(bridge_output.status, text=text.text)
-            self._publish_status(status, now_ns)
-        faults = dict(bridge_output.faults)
+            self._publish_status(replace(bridge_output.status, text=text.text), now_ns)
         connected = bridge_output.status.connected
-        faults |= link_faults(self._link, self.records["link"], connected)
+        faults = bridge_output.faults | link_faults(self._link, self.records["link"], connected)
         for key in self._active - faults.keys():
             self.health.fault(key, False)
         for key, text in faults.items():
@@ -319,12 +298,16 @@ class Px4BridgeNode(LoopNode):
         moving = rotate_vector(conjugate(attitude), odometry.velocity)
         content = (stamp_ns, odometry.position, attitude, moving, odometry.rates, known)
         self._odometry_out.send(Odometry(*content))
-        if self._estimator_out is not None and stamp_ns - self._estimator_ns >= _TF_NS:
-            self._estimator_ns = stamp_ns
+        if stamp_ns - self._seldom_ns < _TF_NS:
+            return
+        self._seldom_ns = stamp_ns
+        if self._estimator_out is not None:
             self._estimator_out.send(self._estimator_status(stamp_ns))
-        if self._tf_out is not None and stamp_ns - self._tf_ns >= _TF_NS:
-            self._tf_ns = stamp_ns
-            self._publish_transform(odometry)
+        if self._tf_out is not None:
+            self._tf.time("transforms[0].header.stamp").put(stamp_ns)
+            self._tf.set("transforms[0].transform.translation.x", *odometry.position)
+            self._tf.set("transforms[0].transform.rotation.x", *attitude)
+            self._tf_out.publish(self._tf.data())
 
     def _estimator_status(self, stamp_ns: int) -> EstimatorStatus:
         """Return the last pose's stamp; PX4 sends no biases, its gyro is corrected for them."""
@@ -333,36 +316,24 @@ class Px4BridgeNode(LoopNode):
         poses = (bridge.pose_stamp_ns, bridge.poses_sent, rejected)
         return EstimatorStatus(stamp_ns, True, no_bias, no_bias, *poses)
 
-    def _publish_transform(self, odometry: VehicleOdometry) -> None:
-        path = "transforms[0]"
-        self._tf.time(f"{path}.header.stamp").put(int(odometry.stamp_ns or 0))
-        self._tf.set(f"{path}.transform.translation.x", *odometry.position)
-        self._tf.set(f"{path}.transform.rotation.x", *odometry.attitude)
-        self._tf_out.publish(self._tf.data())
-
     def _publish_imu(self, sample: VehicleImu) -> None:
         assert sample.stamp_ns is not None
         self._imu_out.send(Imu(sample.stamp_ns, sample.gyro, sample.accel))
 
     def _publish_status(self, status: BridgeStatus, now_ns: int) -> None:
-        plain = tuple(_NUMBER.sub("#", text) for text in status.findings)
-        state = (status.connected, status.armed, status.mode, status.landed, status.stage)
-        state = (*state, status.offboard, status.ready, status.firmware, status.text, plain)
-        current = (*state, status.why, status.findings)
-        same = self._published_status == current
-        alike = self._published_status[: len(state)] == state
-        if same or (alike and now_ns - self._published_status_ns < _STATUS_REPEAT_NS):
+        """Publish a status that is new; where only numbers have changed, once a second."""
+        findings = tuple(_NUMBER.sub("#", text) for text in status.findings)
+        current = (replace(status, why="", findings=findings), status)
+        recent = now_ns - self._published_ns < _STATUS_REPEAT_NS
+        if self._published[1:] == current[1:] or (recent and self._published[:1] == current[:1]):
             return
-        self._published_status, self._published_status_ns = current, now_ns
+        self._published, self._published_ns = current, now_ns
         message: Any = Px4Status()
         message.header.stamp, message.header.frame_id = to_time(now_ns), FRAME_MAP
-        message.connected, message.armed = status.connected, status.armed
-        message.mode = status.mode
-        message.landed_state = int(status.landed)
-        message.stage, message.why = status.stage.value, status.why
-        message.offboard, message.ready = status.offboard, status.ready
-        message.findings = list(status.findings)
-        message.status_text, message.firmware = status.text, status.firmware
+        for name in ("connected", "armed", "mode", "why", "offboard", "ready", "firmware"):
+            setattr(message, name, getattr(status, name))
+        message.landed_state, message.stage = int(status.landed), status.stage.value
+        message.findings, message.status_text = list(status.findings), status.text
         self._status_out.publish(message)
 
     def report(self, now_ns: int) -> None:
@@ -385,56 +356,40 @@ class Px4BridgeNode(LoopNode):
         super().stop()
 
     def close(self) -> None:
-        """Land a vehicle that flies by our set points, and close the link."""
-        if self._status.armed and self._status.connected:
-            self._land_before_exit()
-        self._send_shutdown_command()
+        """Bring down a vehicle that flies by our set points, and close the link."""
+        if self._status.connected and (self._status.armed or self._bridge.shutdown_command()):
+            self._come_down()
+        last = self._bridge.shutdown_command()
+        if last is not None:
+            self._link.send(last)
+            time.sleep(_FLUSH_S)
         self._link.close()
 
-    def _land_before_exit(self) -> None:
-        """Ask for a landing if it is in OFFBOARD; poses go on until it is disarmed."""
-        mode = self._status.mode
+    def _come_down(self) -> None:
+        """Land or disarm what follows our set points; poses go on until it is disarmed."""
         self.ros.get_logger().warning(
-            f"ending in flight, mode {mode}: poses go on until the vehicle is disarmed, "
-            f"{_LANDING_NS // 10**9} s at most, or until told again to end"
+            f"ending in flight, mode {self._status.mode}: poses go on until the vehicle is "
+            f"disarmed, {_LANDING_NS // 10**9} s at most, or until told again to end"
         )
-        before = self._stops
-        asked_ns = 0
+        before, asked_ns = self._stops, 0
         end_ns = time.monotonic_ns() + _LANDING_NS
-        while self._status.armed and self._status.connected:
-            now_ns = time.monotonic_ns()
-            if self._stops > before or now_ns > end_ns:
-                return
+        while self._status.connected and self._stops == before and time.monotonic_ns() < end_ns:
+            status = self._status
+            arming = not status.armed and self._bridge.shutdown_command() is not None
+            if not (status.armed or arming):
+                break
             # any mode but OFFBOARD was chosen by another station and is kept
-            ours = self._status.mode == mode_name(OFFBOARD)
-            if ours and now_ns - asked_ns > _ASK_AGAIN_NS and not self._pending_requests:
-                asked_ns = now_ns
-                grounded = self._status.landed == MavLandedState.ON_GROUND
+            flies = status.mode == mode_name(OFFBOARD) and status.stage != SessionStage.LANDING
+            waited = time.monotonic_ns() - asked_ns > _ASK_AGAIN_NS and not self._pending_requests
+            if waited and (arming or flies):
+                asked_ns = time.monotonic_ns()
+                grounded = arming or status.landed == MavLandedState.ON_GROUND
                 number = self._bridge.request("disarm" if grounded else "land")
                 self._pending_requests[number] = Future()
             self._link.wait(_LANDING_STEP_S)
             wall_ns = time.time_ns()
             self.step(wall_ns)
             self.periodic_tasks(wall_ns, wall_ns)
-        time.sleep(_FLUSH_S)
-
-    def _send_shutdown_command(self) -> None:
-        """Send a last command, so that nothing arms late or is left to the fail-safe."""
-        end_ns = time.monotonic_ns() + _SHUTDOWN_NS
-        sent_ns = 0
-        while time.monotonic_ns() < end_ns:
-            message = self._bridge.shutdown_command()
-            if message is None:
-                break
-            if time.monotonic_ns() - sent_ns > _SHUTDOWN_NS // 6:
-                sent_ns = time.monotonic_ns()
-                self.ros.get_logger().warning("ending in flight: PX4 is asked to come down")
-                self._link.send(message)
-            self._link.wait(0.02)
-            for received in self._link.receive():
-                self._bridge.take(received)
-            if self._stops > 1:  # no more patience: it was said once
-                break
 
 
 def _battery(battery: BatteryReading) -> Any:

@@ -16,7 +16,7 @@ from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY, SAFE_PARAMETERS
 from tombo_px4.hil.flight import Watch
-from tombo_px4.hil.hil_start_help import airframe_parameters, mocap_parameters
+from tombo_px4.hil.hil_start_help import airframe_parameters
 from tombo_px4.hil.link import PX4_PORT, HilLink
 from tombo_px4.hil.lockstep import HilSimulator
 from tombo_px4.hil.params import HilParams
@@ -131,7 +131,7 @@ class _RealPx4(LockstepPx4):
         self._hil = HilSimulator(
             world, seed, params, self._hil_link, speed=speed, watch=self._watch, hand=hand
         )
-        vehicle = airframe_parameters(world, self._hil.flight) | mocap_parameters(world, False)
+        vehicle = {**airframe_parameters(world, self._hil.flight), **MOCAP_ONLY}
         self._parameters = {**vehicle, **parameters}
 
     def _watch(self, simulator: Simulator) -> None:

@@ -16,8 +16,9 @@ from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.suite.node_flight import NotFlown, fly_nodes_and_save
 from tombo_flight.suite.px4_connection import px4_connection
 from tombo_px4.bridge.bridge_params import SIMULATED
+from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY
 from tombo_px4.hil.flight import HilFlight
-from tombo_px4.hil.hil_start_help import airframe_parameters, mocap_parameters
+from tombo_px4.hil.hil_start_help import airframe_parameters
 from tombo_px4.hil.link import PX4_PORT
 from tombo_px4.hil.params import HilParams
 
@@ -51,7 +52,7 @@ def fly_nodes_with(
     warm_up_nodes(scenario)
     world = world_of(scenario)
     parameters = airframe_parameters(world, HilFlight(world, 0, HilParams().check()))
-    parameters |= mocap_parameters(world, False)
+    parameters |= MOCAP_ONLY
     settings = [f"link.system={instance + 1}"]
     px4 = px4_connection(f"udpin://127.0.0.1:{_ONBOARD_PORT + instance}", settings)
     # vehicle and motion capture are the simulator that this command starts

@@ -229,8 +229,8 @@ def test_the_pace_is_the_speed(speed):
 
 
 def test_a_busy_port_is_one_line():
-    taken = "is taken by another program"
-    with closing(HilLink(0)) as link, pytest.raises(InputError, match=f"{link.port} .* {taken}"):
+    taken = "address already in use"
+    with closing(HilLink(0)) as link, pytest.raises(InputError, match=f"{link.port}.*{taken}"):
         HilLink(link.port)
 
 

@@ -113,7 +113,7 @@ def test_pressure_falls_with_height_as_in_the_standard_atmosphere():
 def test_gps_speaks_of_motion_in_centimetres_a_second_north_east_down():
     shown = Shown()
     fixes = []
-    for _ in range(80):
+    for _ in range(400):
         shown.plant.state.position[2] = 50.0
         shown.plant.state.velocity = [1.0, 2.0, 0.5]
         fixes += [m for kind, m in shown.step().items() if kind == "HIL_GPS"]

@@ -13,9 +13,16 @@ import pytest
 from mavlink_packets import encoder, heartbeat
 
 from tombo_dynamics.errors import InputError
-from tombo_px4.link import transport
-from tombo_px4.link.mavlink_link import COUNTED, Codec, Link, check_key, read_key, timestamp_of
-from tombo_px4.link.transport import open_transport, parse_peer, parse_url
+from tombo_px4.link.mavlink_link import (
+    COUNTED,
+    Codec,
+    Link,
+    check_key,
+    open_transport,
+    parse_url,
+    read_key,
+    timestamp_of,
+)
 
 KEY = bytes(range(1, 33))
 OTHER_KEY = bytes(range(2, 34))
@@ -56,25 +63,17 @@ def unknown(size=9, number=54321, signed=False):
             for size in (0, 9, 255)
             for signed in (False, True)
         ),
-        (unknown(60)[:10] + heartbeat(1) + bytes(90), [1], {"garbage_bytes": 100}),
-        *(
-            (
-                lie + b"".join(heartbeat(k) for k in range(1, 40)),
-                list(range(1, 40)),
-                {"garbage_bytes": len(lie), "bad_checksum": 1},
-            )
-            for lie in (b"\xfd\xff\x00\x00\x00\x01\x01\x00\x00\x00", b"\xfe\xff\x00\x01\x01\x00")
-        ),
     ],
 )
 def test_frames_are_found_behind_what_is_none(data, delivered, counts):
-    """A false length swallows nothing, and a message of another dialect is passed over."""
+    """A message of another dialect is passed over."""
     codec = Codec(1, 1)
     assert modes(codec.feed(data, whole=True)) == delivered
     assert {name: n for name, n in codec.counters.items() if n} == counts
 
 
-def test_a_flipped_bit_costs_its_own_frame_only():
+def test_a_flipped_bit_lets_no_wrong_message_in():
+    """Where it changes the length, it also costs what the damaged header claims."""
     good = heartbeat(1)
     for position in range(len(good)):
         for bit in range(8):
@@ -82,7 +81,8 @@ def test_a_flipped_bit_costs_its_own_frame_only():
             bad[position] ^= 1 << bit
             codec = Codec(1, 1)
             delivered = modes(codec.feed(good + bytes(bad) + heartbeat(3), whole=True))
-            assert delivered == [1, 3], (position, bit)
+            changes_length = position in (0, 1, 2)
+            assert delivered in ([[1], [1, 3]] if changes_length else [[1, 3]]), (position, bit)
             assert codec.counters["garbage_bytes"] + codec.counters["unknown_message"] > 0
 
 
@@ -193,22 +193,18 @@ def test_what_is_no_key_is_refused_in_one_line(tmp_path, content):
 
 
 @pytest.mark.parametrize(
-    ("text", "kind", "host", "port", "local"),
+    ("text", "url"),
     [
-        ("udpin://127.0.0.1:14540", "udpin", "127.0.0.1", 14540, 0),
-        ("udp://:14540", "udpin", "127.0.0.1", 14540, 0),
-        ("udpin://localhost:0", "udpin", "127.0.0.1", 0, 0),
-        ("udpout://127.0.0.1:14580?local=14540", "udpout", "127.0.0.1", 14580, 14540),
-        ("udpout://[::1]:14580", "udpout", "::1", 14580, 0),
-        ("tcpin://127.0.0.1:4560", "tcpin", "127.0.0.1", 4560, 0),
-        ("tcp://localhost:5760", "tcpout", "127.0.0.1", 5760, 0),
-        ("tcpout://127.0.0.1:5760", "tcpout", "127.0.0.1", 5760, 0),
-        ("serial:///dev/ttyACM0:57600", "serial", "/dev/ttyACM0", 57600, 0),
+        ("udpin://127.0.0.1:14540", ("udpin", "127.0.0.1", 14540, 0)),
+        ("udpin://localhost:0", ("udpin", "127.0.0.1", 0, 0)),
+        ("udpout://127.0.0.1:14580?local=14540", ("udpout", "127.0.0.1", 14580, 14540)),
+        ("tcpin://127.0.0.1:4560", ("tcpin", "127.0.0.1", 4560, 0)),
+        ("tcpout://127.0.0.2:5760", ("tcpout", "127.0.0.2", 5760, 0)),
+        ("serial:///dev/ttyACM0:57600", ("serial", "/dev/ttyACM0", 57600, 0)),
     ],
 )
-def test_urls(text, kind, host, port, local):
-    url = parse_url(text, False)
-    assert (url.kind, url.host, url.port, url.local) == (kind, host, port, local)
+def test_urls(text, url):
+    assert parse_url(text, False) == url
 
 
 @pytest.mark.parametrize(
@@ -216,7 +212,8 @@ def test_urls(text, kind, host, port, local):
     [
         "",
         "14540",
-        "udp",
+        "udp://127.0.0.1:14540",
+        "udpin://:14540",
         "udpin:127.0.0.1:14540",
         "udpin://127.0.0.1",
         "udpin://127.0.0.1:",
@@ -233,6 +230,7 @@ def test_urls(text, kind, host, port, local):
         "serial://ttyACM0:57600",
         "serial:///dev/ttyACM0",
         "serial:///dev/ttyACM0:fast",
+        "serial:///dev/ttyACM0:12345",
     ],
 )
 def test_what_is_no_url_is_refused_in_one_line(text):
@@ -241,7 +239,9 @@ def test_what_is_no_url_is_refused_in_one_line(text):
     assert repr(text)[1:-1] in repr(str(refusal.value))
 
 
-@pytest.mark.parametrize("host", ["192.168.1.5", "0.0.0.0", "8.8.8.8", "[::]", "drone.local"])
+@pytest.mark.parametrize(
+    "host", ["192.168.1.5", "0.0.0.0", "8.8.8.8", "127.example.org", "drone.local"]
+)
 @pytest.mark.parametrize("kind", ["udpin", "udpout", "tcpin", "tcpout"])
 def test_other_machines_are_refused_unless_allowed(kind, host):
     with pytest.raises(InputError, match="not to this machine; accepted: localhost, 127"):
@@ -249,18 +249,9 @@ def test_other_machines_are_refused_unless_allowed(kind, host):
 
 
 def test_other_machines_are_allowed_when_asked_for():
-    assert parse_url("udpout://192.168.1.5:14540", True).host == "192.168.1.5"
-    assert parse_url("udp://:14540", True).host == "0.0.0.0"
+    assert parse_url("udpout://192.168.1.5:14540", True).place == "192.168.1.5"
     with pytest.raises(InputError, match=r"host 'no\.such\.host\.invalid' is not known"):
         parse_url("udpout://no.such.host.invalid:14540", True)
-
-
-def test_a_peer_is_host_and_port():
-    assert parse_peer("localhost:14540", False) == ("127.0.0.1", 14540)
-    assert parse_peer("[::1]:14540", False) == ("::1", 14540)
-    for text in ("14540", ":14540", "127.0.0.1:0", "127.0.0.1:x", "8.8.8.8:14540"):
-        with pytest.raises(InputError, match=f"'{text}'"):
-            parse_peer(text, False)
 
 
 # ---- transports
@@ -269,17 +260,15 @@ def test_a_peer_is_host_and_port():
 class Way:
     """A transport of a test, with what it counted."""
 
-    def __init__(self, url, allow_remote=False, peer=None, clock=time.time_ns):
+    def __init__(self, url, clock=time.time_ns):
         self.counters = dict.fromkeys(COUNTED, 0)
-        parsed = parse_url(url, allow_remote)
-        self.transport = open_transport(parsed, clock, self.counters, allow_remote, peer)
+        self.transport = open_transport(url, clock, self.counters, False)
 
     def read(self, seconds=20.0, number=1):
         """Wait for packets that are not empty; return their bytes joined."""
         data = b""
         end = time.monotonic() + seconds
         while len(data) < number and time.monotonic() < end:
-            self.transport.maintain()
             packet = self.transport.read()
             if packet is None:
                 time.sleep(0.001)
@@ -290,7 +279,6 @@ class Way:
     def tend_until(self, condition, seconds=30.0):
         end = time.monotonic() + seconds
         while not condition() and time.monotonic() < end:
-            self.transport.maintain()
             self.transport.read()
             time.sleep(0.001)
         assert condition()
@@ -356,23 +344,11 @@ def test_a_datagram_has_the_stamp_of_the_kernel(way, sockets):
     raise AssertionError("no stamp of the kernel")
 
 
-def test_datagrams_of_another_machine_are_counted_not_read(way, sockets, monkeypatch):
-    monkeypatch.setattr(transport, "is_loopback", lambda host: host != "127.0.0.2")
-    receiver = way("udpin://127.0.0.1:0")
-    foreign = sockets(socket.SOCK_DGRAM)
-    foreign.bind(("127.0.0.2", 0))
-    foreign.sendto(b"foreign", receiver.transport.address)
-    sockets(socket.SOCK_DGRAM).sendto(b"own", receiver.transport.address)
-    assert receiver.read() == b"own"
-    assert receiver.counters["foreign_address"] == 1
-
-
 @pytest.mark.slow
 def test_a_tcp_client_keeps_trying_and_comes_back(way):
     port = free_port()
     client = way(f"tcpout://127.0.0.1:{port}")
-    assert not client.transport.connected
-    client.read(0.05)
+    client.tend_until(lambda: not client.transport.connected)
     descriptor = client.transport.fileno()
     for _ in range(2):
         server = way(f"tcpin://127.0.0.1:{port}")
@@ -384,20 +360,14 @@ def test_a_tcp_client_keeps_trying_and_comes_back(way):
         server.transport.close()
         client.tend_until(lambda: not client.transport.connected)
         assert client.transport.write(b"x", None) == "no_peer"
-        assert 0 < client.transport.due_ns() <= 500_000_000
     assert client.transport.fileno() == descriptor
 
 
-def test_a_silent_tcp_client_makes_room_for_the_next_and_a_partner_does_not(way, sockets):
+def test_a_tcp_server_has_one_client_and_turns_others_away(way, sockets):
     server = way("tcpin://127.0.0.1:0")
     assert server.transport.write(b"x", None) == "no_peer"
-    silent = sockets(server=server)
-    server.tend_until(lambda: server.transport.connected)
     partner = sockets(server=server)
-    partner.sendall(b"?")
-    assert server.read() == b"?"
-    assert silent.recv(9) == b""
-    server.transport.answer(partner.getsockname())
+    server.tend_until(lambda: server.transport.connected)
     late = sockets(server=server)
     server.tend_until(lambda: server.counters["dropped"] == 1)
     assert late.recv(9) == b""
@@ -409,7 +379,7 @@ def test_a_silent_tcp_client_makes_room_for_the_next_and_a_partner_does_not(way,
     again = sockets(server=server)  # of a partner that was restarted
     again.sendall(b"again")
     assert server.read(number=5) == b"again"
-    assert server.transport.opened == 3
+    assert server.transport.opened == 2
 
 
 @pytest.mark.slow
@@ -442,7 +412,7 @@ def test_a_lost_client_is_no_error(way, sockets):
     client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
     client.close()  # a reset, as of a process that was killed
     end = time.monotonic() + 60.0
-    while server.transport.write(b"x", None) != "send_failed":  # until the reset has come
+    while not server.transport.write(b"x", None):  # until the reset has come
         assert time.monotonic() < end
     assert not server.transport.connected
     assert server.transport.write(b"x", None) == "no_peer"
@@ -478,7 +448,6 @@ def test_a_serial_port_that_is_unplugged_is_tried_again(way, pty, monkeypatch):
     os.close(radio)
     serial.tend_until(lambda: not serial.transport.connected)
     assert serial.transport.write(b"x", None) == "no_peer"
-    assert 0 < serial.transport.due_ns() <= 500_000_000
     other_radio, other_port = os.openpty()
     try:
         serial.transport._url = parse_url(f"serial://{os.ttyname(other_port)}:57600", False)
@@ -492,13 +461,11 @@ def test_a_serial_port_that_is_unplugged_is_tried_again(way, pty, monkeypatch):
 
 
 def test_a_serial_port_that_is_none_is_refused(way, tmp_path):
-    with pytest.raises(InputError, match=r"no such file.*; accepted: a serial device"):
+    with pytest.raises(InputError, match=r"no such file.*; accepted: .*a serial device"):
         way("serial:///dev/ttyNone:57600")
-    with pytest.raises(InputError, match=r"no baud rate 12345; accepted: 9600, .*57600, 115200"):
-        way("serial:///dev/ttyNone:12345")
     file = tmp_path / "file"
     file.write_bytes(b"")
-    with pytest.raises(InputError, match="can't open it"):
+    with pytest.raises(InputError, match="can't be opened"):
         way(f"serial://{file}:57600")
 
 
@@ -637,17 +604,6 @@ def test_with_a_key_the_rest_is_refused_and_counted(links, sender):
     assert link._transport.peer == peer
 
 
-def test_two_links_of_one_component_are_told_apart_by_their_link_id(links):
-    receiver = links("udpin://127.0.0.1:0", COMPUTER, key=KEY)
-    url = f"udpout://127.0.0.1:{receiver.address[1]}"
-    ahead = links(url, key=KEY, link_id=1, clock=lambda: time.time_ns() + 3600 * 10**9)
-    exact = links(url, key=KEY, link_id=2)
-    for mode in range(3):
-        ahead.send(beat(ahead, mode))
-        exact.send(beat(exact, mode))
-    assert len(collect(receiver, 6)) == 6
-
-
 @pytest.mark.parametrize("url", ["udpin://127.0.0.1:0", "tcpin://127.0.0.1:0"])
 @pytest.mark.parametrize(
     ("wrong", "message_part"),
@@ -657,7 +613,8 @@ def test_two_links_of_one_component_are_told_apart_by_their_link_id(links):
         ({"accept_system": -1}, "accept_system -1"),
         ({"link_id": 256}, "link_id 256"),
         ({"key": b"short"}, "key is no key; accepted: a file of 32 bytes"),
-        ({"default_peer": "nowhere"}, "'nowhere'"),
+        ({"default_peer": "nowhere"}, "nowhere"),
+        ({"default_peer": "8.8.8.8:14540"}, "not to this machine"),
     ],
 )
 def test_wrong_arguments_are_reported_in_one_line(url, wrong, message_part):

@@ -20,8 +20,6 @@ from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 from tombo_px4.frames import PX4_ROTORS, GeoOrigin, enu_from_ned, frd_from_flu, ned_from_enu
 from tombo_px4.hil.link import COMPONENT, SYSTEM
 from tombo_px4.hil.params import HilParams
-from tombo_px4.link.link_params import ODOMETRY
-from tombo_px4.link.message_encoder import pose_message
 from tombo_px4.protocol.telemetry import (
     INT16,
     altitude_at,
@@ -30,7 +28,7 @@ from tombo_px4.protocol.telemetry import (
     pressure_at,
     temperature_at,
 )
-from tombo_sim.simulator import PoseSample, Simulator
+from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 
 _ROUNDING = 1e-3
@@ -170,6 +168,8 @@ ALL_SENSORS = 0x1FFF
 """Also magnetometer, barometer, differential pressure, temperature: each group complete."""
 SLOW_SENSORS_EVERY = 5
 """Messages from one with all sensors to the next: 50 Hz of 250."""
+_GPS_US = 100_000
+"""Period of HIL_GPS, as in PX4's simulators."""
 TICK_US = TICK_NS // 1000
 Watch = Callable[[Simulator], None]
 
@@ -186,8 +186,6 @@ class HilFlight:
 
     Attributes:
         simulator: the plant, with the ground truth.
-        poses: motion-capture poses that arrived during the last step; `captured` and `arrives` are
-            ticks, `TICK_US` times a tick is PX4's clock.
         rotors: commanded rotor speeds of the last step [rad/s].
     """
 
@@ -212,12 +210,10 @@ class HilFlight:
         self.simulator = Simulator(world, seed)
         self.sensors = HilSensors(seed)
         self.controls = MotorMapping(world.vehicle, self.simulator.setup.maps)
-        self.poses: list[PoseSample] = []
         self.rotors: Array = np.zeros(4)
         self.steps = 0
         self._mav = common.MAVLink(None, SYSTEM, COMPONENT)
         self._slow: tuple[float, ...] = ()
-        self._gps_due = _RateTimer(params.gps_rate if params.gps else 0.0)
 
     @property
     def time_us(self) -> int:
@@ -232,24 +228,17 @@ class HilFlight:
         """
         self.rotors = self.controls.speeds(motors.controls, motors.armed)
         simulator, sensors = self.simulator, self.sensors
-        self.poses = []
         for _ in range(self.params.ticks):
             simulator.advance(self.rotors)
             if self._hand is not None:
                 self._hand(simulator)
             sensors.observe(simulator.imu)
-            if simulator.arrived:
-                # a wrong stamp may lie before PX4's clock began, for which it has no number
-                self.poses += [pose for pose in simulator.arrived if pose.stamp_ns >= 0]
             if self._watch is not None:
                 self._watch(simulator)
         self.steps += 1
         messages = []
-        if self.steps > 1:
-            if self._gps_due.is_due(self.time_us):
-                messages.append(sensors.gps(self._mav, self.time_us, simulator.plant))
-            if self.params.mocap:
-                messages += [odometry(pose) for pose in self.poses]
+        if self.params.gps and self.time_us % _GPS_US < self.params.ticks * TICK_US:
+            messages.append(sensors.gps(self._mav, self.time_us, simulator.plant))
         messages.append(self._sensor())
         return b"".join(bytes(message.pack(self._mav)) for message in messages)
 
@@ -260,22 +249,3 @@ class HilFlight:
             fields = ALL_SENSORS
         inertial = self.sensors.inertial()
         return self._mav.hil_sensor_encode(self.time_us, *inertial, *self._slow, fields, 0)
-
-
-def odometry(pose: PoseSample) -> Any:
-    """Return a motion-capture pose as the message PX4 fuses, stamped in PX4's own clock."""
-    return pose_message(ODOMETRY, pose.stamp_ns, pose.pose[:3], pose.pose[3:], None)
-
-
-class _RateTimer:
-    """Timer for a rate that need not divide the rate of the steps."""
-
-    def __init__(self, rate: float) -> None:
-        self._period_us = 1e6 / rate if rate > 0.0 else 0.0
-        self._next_us = 0.0
-
-    def is_due(self, now_us: int) -> bool:
-        if self._period_us == 0.0 or now_us < self._next_us:
-            return False
-        self._next_us += self._period_us
-        return True

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from tombo_dynamics.vehicle import SPIN
-from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY, SAFE_PARAMETERS
+from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
 from tombo_px4.frames import PX4_ROTORS, frd_from_flu
 from tombo_px4.hil.flight import HilFlight
 from tombo_px4.hil.link import PX4_PORT
@@ -35,19 +35,6 @@ def airframe_parameters(world: World, flight: HilFlight) -> dict[str, float]:
         parameters[name + "PX"] = round(float(positions[rotor, 0]), 3)
         parameters[name + "PY"] = round(float(positions[rotor, 1]), 3)
         parameters[name + "KM"] = round(ratio * float(SPIN[rotor]), 3)
-    return parameters
-
-
-def mocap_parameters(world: World, on_link: bool) -> dict[str, float]:
-    """Return the PX4 parameters for flying by motion capture alone.
-
-    On the simulator link PX4 takes the time of arrival for that of capture: it must be told the
-    delay.
-    """
-    parameters = dict(MOCAP_ONLY)
-    if on_link:
-        delay = float(world.effects.get("mocap_latency", {}).get("delay", 0.0))
-        parameters["EKF2_EV_DELAY"] = round(1e3 * delay, 1)
     return parameters
 
 

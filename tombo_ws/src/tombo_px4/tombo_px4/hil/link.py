@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common as mav
@@ -25,13 +24,11 @@ class ActuatorControls(NamedTuple):
     armed: bool
 
 
-class HilLink:
-    """The server's side of PX4's TCP connection. Polled; only `wait` blocks.
+class HilLink(Link):
+    """The server's side of PX4's TCP connection.
 
     Attributes:
         port: the one listened on.
-        heartbeats: how many have come.
-        others: how many messages of other kinds have come.
     """
 
     def __init__(self, port: int = PX4_PORT) -> None:
@@ -40,69 +37,22 @@ class HilLink:
         Raises:
             InputError: the port is taken or not allowed.
         """
+        if not 0 <= port <= 65535:
+            raise InputError(f"port {port} is out of bounds; accepted: 0 to 65535")
         url = f"tcpin://127.0.0.1:{port}"
-        try:
-            # PX4's messages carry the simulation's time: their arrival is not read.
-            self._link = Link(url, system=SYSTEM, component=COMPONENT, clock=lambda: 0)
-        except InputError as error:
-            busy = getattr(error.__cause__, "errno", None) == errno.EADDRINUSE
-            why = "is taken by another program" if busy else f"can't be listened on ({error})"
-            raise InputError(
-                f"port {port} of 127.0.0.1 {why}; accepted: a free port (PX4 instance N asks for "
-                f"{PX4_PORT} + N)"
-            ) from error
-        self.port = self._link.address[1] if self._link.address else port
-        self.heartbeats = self.others = 0
+        # PX4's messages carry the simulation's time: their arrival is not read.
+        super().__init__(url, system=SYSTEM, component=COMPONENT, clock=lambda: 0)
+        self.port = self.address[1] if self.address else port
 
-    @property
-    def connected(self) -> bool:
-        """Whether PX4 is there."""
-        return self._link.connected
-
-    @property
-    def connections(self) -> int:
-        """How many connections there have been."""
-        return self._link.opened
-
-    @property
-    def counters(self) -> dict[str, int]:
-        """Counts of received data other than actuator controls."""
-        link = self._link.counters
-        names = ("garbage_bytes", "bad_checksum", "unknown_message")
-        return {
-            "heartbeats": self.heartbeats,
-            **{name: link[name] for name in names},
-            "other_message": self.others,
-            "refused_connections": link["dropped"],
-        }
-
-    def wait(self, timeout_s: float) -> None:
-        """Sleep until something comes or the time is over."""
-        self._link.wait(timeout_s)
-
-    def receive(self) -> list[ActuatorControls]:
+    def receive_controls(self) -> list[ActuatorControls]:
         """Return the received actuator controls."""
-        connections = self.connections
+        connections = self.opened
         answers = []
-        for message in (received.message for received in self._link.receive()):
-            kind = message.get_msgId()
-            if kind == mav.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
+        for message in (received.message for received in self.receive()):
+            if message.get_msgId() == mav.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
                 armed = bool(message.mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
                 controls = tuple(message.controls[:4])
                 answers.append(ActuatorControls(int(message.time_usec), controls, armed))
-            elif kind == mav.MAVLINK_MSG_ID_HEARTBEAT:
-                self.heartbeats += 1
-            else:
-                self.others += 1
-        if self.connections != connections:  # another client: nothing of the one before counts
+        if self.opened != connections:  # another client: nothing of the one before counts
             return []
         return answers
-
-    def send(self, data: bytes) -> None:
-        """Send frames to PX4, later if the socket is full; too many of them end the connection."""
-        if not self._link.send_frames(data):
-            self._link.disconnect()
-
-    def close(self) -> None:
-        """Close the port."""
-        self._link.close()

@@ -5,7 +5,7 @@ Each HIL_SENSOR waits for the HIL_ACTUATOR_CONTROLS with the same time; `time_us
     hil = HilSimulator(world, seed=0, params=HilParams(), link=HilLink(4560))
     while True:
         if hil.advance(time.monotonic_ns()):        # one step was flown
-            for pose in hil.flight.poses: ...       # arrived now; pose.stamp_ns [ns]
+            ...
         else:
             hil.wait(time.monotonic_ns(), 0.1)      # or come back within a millisecond
         for notice in hil.take_notices(): ...
@@ -16,57 +16,13 @@ Each HIL_SENSOR waits for the HIL_ACTUATOR_CONTROLS with the same time; `time_us
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from enum import Enum
 from typing import NamedTuple
 
-from tombo_px4.hil.flight import HilFlight, MotorCommands, Watch, odometry
+from tombo_px4.hil.flight import HilFlight, MotorCommands, Watch
 from tombo_px4.hil.link import ActuatorControls, HilLink
 from tombo_px4.hil.params import HilParams
-from tombo_px4.link.link_params import ONBOARD
-from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.message_encoder import heartbeat, timesync
-from tombo_px4.link.timesync import TimeSync
-from tombo_sim.simulator import PoseSample
 from tombo_sim.world import World
-
-_HEARTBEAT_US = 1_000_000
-
-
-class MocapFeed:
-    """The simulated motion capture as PX4's on-board link gets it, without the ROS bridge.
-
-    It sends poses, and answers TIMESYNC with the clock of their stamps: PX4's own, by lockstep.
-    """
-
-    def __init__(self, link: Link) -> None:
-        self._link = link
-        self._timesync = TimeSync()
-        self._beat_us = -_HEARTBEAT_US
-        self.sent = 0
-        self.answered = 0
-        """TIMESYNC requests."""
-
-    def advance(self, poses: Sequence[PoseSample], time_us: int) -> None:
-        """Send poses that have arrived, and answer what has come; `time_us` is PX4's clock."""
-        for received in self._link.receive():
-            message = received.message
-            if message.get_type() != "TIMESYNC":
-                continue
-            now_ns = 1000 * time_us
-            times = self._timesync.answer(message.tc1, message.ts1, now_ns, now_ns)
-            if times is not None:
-                self.answered += self._link.send(timesync(times), received.peer)
-        if not 0 <= time_us - self._beat_us < _HEARTBEAT_US:  # below 0: a new flight
-            self._beat_us = time_us
-            self._link.send(heartbeat(ONBOARD))
-        for pose in poses:
-            self.sent += self._link.send(odometry(pose))
-
-    def close(self) -> None:
-        """Close the link."""
-        self._link.close()
-
 
 BOOT_PATIENCE_NS = 5_000_000
 """Wait for an answer while PX4 boots; it answered from the tenth step on."""
@@ -118,7 +74,6 @@ class HilSimulator:
         link: HilLink,
         *,
         speed: float = 1.0,
-        mocap: MocapFeed | None = None,
         watch: Watch | None = None,
         hand: Watch | None = None,
     ) -> None:
@@ -130,7 +85,6 @@ class HilSimulator:
             params: checked (`HilParams.check`).
             link: where PX4 connects; closing it is up to the caller.
             speed: simulated time against that of `advance`; 0: as fast as possible.
-            mocap: poses go there too, besides `flight.poses`.
             watch: called with the simulator at every tick of 1 ms; a new flight has a new one.
             hand: the same, before the samples of the tick are taken: `HandMotion`.
 
@@ -139,7 +93,6 @@ class HilSimulator:
         """
         self._world, self._seed, self._params = world, seed, params
         self._link = link
-        self._mocap = mocap
         self._watch = watch
         self._hand = hand
         self._period_ns = round(1e6 * params.ticks / speed) if speed > 0.0 else 0
@@ -183,15 +136,15 @@ class HilSimulator:
         Returns:
             whether a step was flown: there may be another one to fly at once.
         """
-        answers = self._link.receive()
-        same = self._link.connected and self._link.connections == self._connection
+        answers = self._link.receive_controls()
+        same = self._link.connected and self._link.opened == self._connection
         if self._connection and not same:
             self._on_disconnect()
         if not self._link.connected:
             return False
         if not self._connection:
             self.flights += 1
-            self._connection = self._link.connections
+            self._connection = self._link.opened
             self._due_ns = now_ns
             begins = f"flight {self.flights} begins, at time 0, on the ground"
             self._notify(f"PX4 has connected: {begins}")
@@ -255,12 +208,10 @@ class HilSimulator:
         if not self._has_answer:
             self._handle_missing_answer()
         self._pace(now_ns)
-        self._link.send(self.flight.step(self.motors))
+        self._link.send_frames(self.flight.step(self.motors))
         self._sent_ns = now_ns
         self._has_answer = False
         self.steps += 1
-        if self._mocap is not None:
-            self._mocap.advance(self.flight.poses, self.flight.time_us)
 
     def _handle_missing_answer(self) -> None:
         """Count a step without an answer.

@@ -22,12 +22,6 @@ class HilParams:
         "PX4's: 250",
     )
     gps: bool = plain(True, "send HIL_GPS")
-    gps_rate: float = param(10.0, "Hz", (1.0, 50.0), "HIL_GPS messages", "PX4's simulators")
-    mocap: bool = plain(
-        False,
-        "send the motion capture's poses as ODOMETRY on this link; PX4 takes the time of arrival "
-        "for that of capture (EKF2_EV_DELAY)",
-    )
 
     @property
     def ticks(self) -> int:

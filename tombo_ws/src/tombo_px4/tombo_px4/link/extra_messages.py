@@ -5,12 +5,13 @@ PX4 sends its words as one of them, EVENT. Importing this module adds them to py
 
 from __future__ import annotations
 
+import re
 import struct
 from typing import Any
 
 from pymavlink.dialects.v20 import common
 
-COMPONENT_METADATA, EVENT = 397, 410
+COMPONENT_METADATA, EVENT, ESC_STATUS = 397, 410, 291
 
 
 def _define(number: int, name: str, extra: int, **wire: str) -> Any:
@@ -23,7 +24,7 @@ def _define(number: int, name: str, extra: int, **wire: str) -> Any:
         wire: kind of each field for `struct`, in the order on the wire and of the constructor.
     """
     content = struct.Struct("<" + "".join(wire.values()))
-    lengths = [int(kind[:-1] or 1) if kind[-1] == "B" else 1 for kind in wire.values()]
+    lengths = [int(re.sub("[a-zA-Z]|.*s", "", kind) or 1) for kind in wire.values()]
 
     def begin(self: Any, *values: Any) -> None:
         common.MAVLink_message.__init__(self, number, name)
@@ -39,22 +40,14 @@ def _define(number: int, name: str, extra: int, **wire: str) -> Any:
         frame: bytes = self._pack(mav, extra, content.pack(*values), force_mavlink1=force_mavlink1)
         return frame
 
-    message = type(
-        f"MAVLink_{name.lower()}_message",
-        (common.MAVLink_message,),
-        {
-            "id": number,
-            "msgname": name,
-            "fieldnames": list(wire),
-            "ordered_fieldnames": list(wire),
-            "orders": list(range(len(wire))),
-            "lengths": lengths,
-            "crc_extra": extra,
-            "unpacker": content,
-            "__init__": begin,
-            "pack": pack,
-        },
-    )
+    content_of = {"id": number, "msgname": name, "crc_extra": extra, "unpacker": content}
+    order = {
+        "orders": list(range(len(wire))),
+        "lengths": lengths,
+        "ordered_fieldnames": list(wire),
+    }
+    made = {**content_of, **order, "fieldnames": list(wire), "__init__": begin, "pack": pack}
+    message = type(f"MAVLink_{name.lower()}_message", (common.MAVLink_message,), made)
     return common.mavlink_map.setdefault(number, message)
 
 
@@ -72,4 +65,7 @@ EventMessage = _define(
 )
 ComponentMetadata = _define(
     COMPONENT_METADATA, "COMPONENT_METADATA", 182, time_boot_ms="I", file_crc="I", uri="100s"
+)
+EscStatus = _define(
+    ESC_STATUS, "ESC_STATUS", 10, time_usec="Q", rpm="4i", voltage="4f", current="4f", index="B"
 )

@@ -3,47 +3,32 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
+from pymavlink.mavftp_op import FTP_OP, OP_Ack, OP_Nack, OP_OpenFileRO, OP_ReadFile
 
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.link.message_encoder import MessageTarget
 
-HEADER = struct.Struct("<HBBBBBBI")
-"""Sequence, session, operation, size, operation asked for, burst complete, padding, offset."""
-PAYLOAD, DATA = 251, 239
+FileAnswer = FTP_OP
+"""An answer of the vehicle."""
+_HEADER = struct.Struct("<HBBBBBxI")
+_PAYLOAD, _DATA = 251, 239
 """Bytes of a message, and of its data."""
-LARGEST_FILE = 1 << 20
+_LARGEST_FILE = 1 << 20
 """Bytes of a file that is read; the files of PX4 1.17 have 16 kB."""
 _AGAIN_NS = SECOND_NS // 2
 _TRIES = 6
 
 
-@dataclass(frozen=True)
-class FileAnswer:
-    """An answer of the vehicle."""
-
-    sequence: int
-    session: int
-    operation: int
-    """ACK or NAK."""
-    asked: int
-    """The operation that is answered."""
-    offset: int
-    data: bytes
-
-
-def file_answer(payload: bytes) -> FileAnswer | None:
+def file_answer(payload: bytes) -> FTP_OP | None:
     """Return the answer in a payload of FILE_TRANSFER_PROTOCOL; None: it is none."""
-    if len(payload) < HEADER.size:
+    if len(payload) < _HEADER.size:
         return None
-    sequence, session, operation, size, asked, _, _, offset = HEADER.unpack_from(payload)
-    if operation not in (mav.MAV_FTP_OPCODE_ACK, mav.MAV_FTP_OPCODE_NAK) or size > DATA:
-        return None
-    data = payload[HEADER.size : HEADER.size + size]
-    return FileAnswer(sequence, session, operation, asked, offset, data)
+    fields = _HEADER.unpack_from(payload)
+    answer = FTP_OP(*fields, payload[_HEADER.size : _HEADER.size + fields[3]])
+    return answer if answer.opcode in (OP_Ack, OP_Nack) else None
 
 
 class FileReader:
@@ -58,49 +43,34 @@ class FileReader:
         self.content: bytes | None = None
         self.failed = ""
         self._path, self._to = path, to
-        self._operation = mav.MAV_FTP_OPCODE_OPENFILERO
-        self._session = 0
-        self._size = 0
-        self._read = bytearray()
-        self._sequence = 0
+        self._session = self._sequence = self._tries = 0
+        self._size: int | None = None
+        self._read = b""
         self._sent_ns: int | None = None
-        self._tries = 0
 
     @property
     def over(self) -> bool:
         """Nothing more is read."""
         return self.content is not None or bool(self.failed)
 
-    def take(self, answer: FileAnswer) -> None:
+    def take(self, answer: FTP_OP) -> None:
         """Take an answer; one to another request changes nothing."""
-        if self.over or (answer.sequence, answer.asked) != (
-            (self._sequence + 1) % 65536,
-            self._operation,
-        ):
+        asked = OP_OpenFileRO if self._size is None else OP_ReadFile
+        if self.over or (answer.seq, answer.req_opcode) != ((self._sequence + 1) % 65536, asked):
             return
         self._sequence = (self._sequence + 2) % 65536
         self._sent_ns, self._tries = None, 0
-        refused = answer.operation == mav.MAV_FTP_OPCODE_NAK
-        error = answer.data[0] if answer.data else 0
-        if refused and (
-            self._operation == mav.MAV_FTP_OPCODE_OPENFILERO or error != mav.MAV_FTP_ERR_EOF
-        ):
-            self.failed = f"{self._path}: the vehicle refuses it (error {error})"
-        elif self._operation == mav.MAV_FTP_OPCODE_OPENFILERO:
-            self._opened(answer)
-        elif refused or not answer.data:
-            self.content = bytes(self._read)
+        data = bytes(answer.payload)
+        if answer.opcode == OP_Nack or not data:
+            self.failed = f"{self._path}: the vehicle refuses it (error {data[:1].hex() or '-'})"
+        elif self._size is None:
+            self._session, self._size = answer.session, int.from_bytes(data[:4], "little")
+            if not 0 < self._size <= _LARGEST_FILE:
+                self.failed = f"{self._path}: {self._size} bytes; accepted: 1 to {_LARGEST_FILE}"
         elif answer.offset == len(self._read):
-            self._read += answer.data
+            self._read += data
             if len(self._read) >= self._size:
-                self.content = bytes(self._read[: self._size])
-
-    def _opened(self, answer: FileAnswer) -> None:
-        size = int.from_bytes(answer.data[:4], "little")
-        if not 0 < size <= LARGEST_FILE:
-            self.failed = f"{self._path}: {size} bytes; accepted: 1 to {LARGEST_FILE}"
-        self._session, self._size = answer.session, size
-        self._operation = mav.MAV_FTP_OPCODE_READFILE
+                self.content = self._read[: self._size]
 
     def tick(self, now_ns: int) -> list[Any]:
         """Return what to send now."""
@@ -111,21 +81,19 @@ class FileReader:
             return []
         self._tries += 1
         self._sent_ns = now_ns
-        if self._operation == mav.MAV_FTP_OPCODE_OPENFILERO:
-            return [self._message(mav.MAV_FTP_OPCODE_OPENFILERO, self._path.encode()[:DATA])]
-        rest = min(self._size - len(self._read), DATA)
-        return [self._message(mav.MAV_FTP_OPCODE_READFILE, b"", size=rest, offset=len(self._read))]
+        if self._size is None:
+            path = self._path.encode()[:_DATA]
+            return [self._message(OP_OpenFileRO, len(path), 0, path)]
+        at = len(self._read)
+        return [self._message(OP_ReadFile, min(self._size - at, _DATA), at)]
 
     def close(self) -> list[Any]:
         """Return the message that frees the vehicle's session; none where there is none."""
-        if self._operation == mav.MAV_FTP_OPCODE_OPENFILERO:
+        if self._size is None:
             return []
-        return [self._message(mav.MAV_FTP_OPCODE_TERMINATESESSION, b"")]
+        return [self._message(mav.MAV_FTP_OPCODE_TERMINATESESSION, 0, 0)]
 
-    def _message(
-        self, operation: int, data: bytes, *, size: int | None = None, offset: int = 0
-    ) -> Any:
-        size = len(data) if size is None else size
-        head = HEADER.pack(self._sequence, self._session, operation, size, 0, 0, 0, offset)
-        payload = list((head + data).ljust(PAYLOAD, b"\x00"))
+    def _message(self, operation: int, size: int, offset: int, data: bytes = b"") -> Any:
+        request = FTP_OP(self._sequence, self._session, operation, size, 0, 0, offset, data)
+        payload = list(request.pack().ljust(_PAYLOAD, b"\0"))
         return mav.MAVLink_file_transfer_protocol_message(0, *self._to, payload)

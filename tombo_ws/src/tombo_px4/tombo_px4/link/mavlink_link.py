@@ -1,4 +1,4 @@
-"""A link to a MAVLink partner: pymavlink's parser and signing over a transport.
+"""A link to a MAVLink partner: pymavlink's parser and signing over UDP, TCP or a serial port.
 
 Calls do not block, and no received bytes raise an exception: refused frames are counted. A link
 has one peer at a time, and is for one thread.
@@ -6,11 +6,19 @@ has one peer at a time, and is for one thread.
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import hashlib
 import hmac
 import os
+import re
 import select
-from collections.abc import Callable
+import socket
+import struct
+import termios
+import time
+import tty
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import common
@@ -19,9 +27,14 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.link import extra_messages  # noqa: F401  for the parser
 from tombo_px4.link.link_params import LinkParams
-from tombo_px4.link.transport import Clock, open_transport, parse_peer, parse_url
 
 common.MAVLINK_IGNORE_CRC = None  # pymavlink takes it from the environment
+
+Clock = Callable[[], int]
+"""Time now, CLOCK_REALTIME [ns]."""
+Counters = dict[str, int]
+
+# --- Signing keys ---------------------------------------------------------------------------
 
 KEY_SIZE = 32
 _ACCEPTED_KEY = (
@@ -67,34 +80,410 @@ def check_key(key: bytes, what: str = "key") -> bytes:
     return key
 
 
+# --- URLs -----------------------------------------------------------------------------------
+
+_FORMS = (
+    re.compile(r"(udpin|tcpin|tcpout)://([^\s:?/]+):(\d{1,5})()"),
+    re.compile(r"(udpout)://([^\s:?/]+):(\d{1,5})(?:\?local=(\d{1,5}))?"),
+    re.compile(r"(serial)://(/[^\s:?]+):(\d{1,8})()"),
+)
+_ACCEPTED = (
+    "udpin://HOST:PORT, udpout://HOST:PORT[?local=PORT], tcpin://HOST:PORT, tcpout://HOST:PORT, "
+    "serial:///dev/tty…:BAUD"
+)
+_LOOPBACK = re.compile(r"127(\.\d{1,3}){3}")
+
+Address = tuple[str, int]
+"""Numeric host and port."""
+
+
+class Url(NamedTuple):
+    """A link's URL."""
+
+    kind: str
+    """`udpin`, `udpout`, `tcpin`, `tcpout` or `serial`."""
+    place: str
+    """Numeric IPv4 address, or the device of a serial port."""
+    number: int
+    """Port of the network, or baud rate of a serial port."""
+    local: int
+    """Port to send from (udpout); 0: any."""
+
+    @property
+    def address(self) -> Address:
+        """Host and port."""
+        return self.place, self.number
+
+
+def parse_url(text: str, allow_remote: bool) -> Url:
+    """Parse a URL and resolve its host; an `…in` listens there, an `…out` sends there.
+
+    Raises:
+        InputError: it is no URL of a link, or leads away from this machine without `allow_remote`.
+    """
+    found = next((form.fullmatch(text) for form in _FORMS if form.fullmatch(text)), None)
+    if found is None:
+        raise InputError(f"link '{text}' is no URL of a link; accepted: {_ACCEPTED}")
+    kind, place, number, local = found[1], found[2], int(found[3]), int(found[4] or 0)
+    if kind == "serial":
+        if number == 0 or not hasattr(termios, f"B{number}"):
+            known = "those of this system, as 57600, 115200, 921600"
+            raise InputError(f"link '{text}': no baud rate {number}; accepted: {known}")
+        return Url(kind, place, number, 0)
+    lowest = 0 if kind in ("udpin", "tcpin") else 1
+    if not lowest <= number <= 65535 or local > 65535:
+        raise InputError(f"link '{text}': port out of bounds; accepted: {lowest} to 65535")
+    if place == "localhost":
+        place = "127.0.0.1"
+    elif not allow_remote and not _LOOPBACK.fullmatch(place):
+        raise InputError(
+            f"link '{text}' leads to '{place}', not to this machine; accepted: localhost, "
+            "127.0.0.1, any host when remote links are allowed (with --px4: --bridge "
+            "link.allow_remote=true)"
+        )
+    try:
+        return Url(kind, socket.gethostbyname(place), number, local)
+    except (OSError, UnicodeError) as error:
+        raise InputError(
+            f"link '{text}': host '{place}' is not known; accepted: a name or an IPv4 address"
+        ) from error
+
+
+# --- Transport of bytes ---------------------------------------------------------------------
+
+_MAX_DATAGRAM = 2048
+"""Longest datagram that is taken whole; MAVLink's fit into a packet of the network."""
+_CHUNK = 4096
+"""Most bytes of a stream that are read at once."""
+_ROOM = 1 << 18
+"""Most bytes of a stream that wait to be sent."""
+_RETRY_NS = SECOND_NS // 2
+_SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40
+_STAMP, _COUNT = struct.Struct("@qq"), struct.Struct("@I")
+_ANCILLARY = socket.CMSG_SPACE(_STAMP.size) + socket.CMSG_SPACE(_COUNT.size)
+_UDP_OPTIONS = {_SO_TIMESTAMPNS: 1, _SO_RXQ_OVFL: 1, socket.SO_RCVBUF: 1 << 20}
+_FLAGS, _INPUT_SPEED, _OUTPUT_SPEED = 2, 4, 5
+"""Places in the attributes of a terminal."""
+_NEEDED = {
+    "udpin": "a free port of this machine",
+    "tcpin": "a free port of this machine",
+    "serial": "a serial device that this user may read and write",
+}
+"""Kind of a link → what it needs to be opened; else a host."""
+
+
+class _Packet(NamedTuple):
+    """Received bytes: a datagram (empty: it is refused), or a piece of a stream."""
+
+    data: bytes
+    arrival_ns: int
+    peer: Any
+
+
+class _Udp:
+    """Datagrams with the kernel's arrival stamps, and the count of those it had no room for.
+
+    A listener answers the last accepted sender. A sender is connected to its address: the kernel
+    drops the datagrams of others.
+    """
+
+    whole = True
+    """A packet begins and ends with frames."""
+    opened = 0
+
+    def __init__(self, url: Url, clock: Clock, counters: Counters) -> None:
+        self._clock, self._counters = clock, counters
+        self._overflowed = 0
+        self._listens = url.kind == "udpin"
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        for option, value in _UDP_OPTIONS.items():
+            with contextlib.suppress(OSError):
+                self._socket.setsockopt(socket.SOL_SOCKET, option, value)
+        with closed_on_error(self._socket):
+            if self._listens:
+                self._socket.bind(url.address)
+            else:
+                if url.local:
+                    here = "127.0.0.1" if _LOOPBACK.fullmatch(url.place) else ""
+                    self._socket.bind((here, url.local))
+                self._socket.connect(url.address)
+        self.peer: Any = None if self._listens else url.address
+        self.address: Address | None = self._socket.getsockname()
+
+    @property
+    def connected(self) -> bool:
+        return self.peer is not None
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def read(self) -> _Packet | None:
+        """Return the next datagram; None: nothing more for now."""
+        try:
+            data, ancillary, flags, sender = self._socket.recvmsg(_MAX_DATAGRAM, _ANCILLARY)
+        except BlockingIOError:
+            return None
+        except OSError:  # told by the network that nobody listens there: the next read goes on
+            return _Packet(b"", 0, None)
+        arrival_ns = 0
+        for _, kind, value in ancillary:
+            if kind == _SO_TIMESTAMPNS and len(value) == _STAMP.size:
+                seconds, rest = _STAMP.unpack(value)
+                arrival_ns = seconds * SECOND_NS + rest
+            elif kind == _SO_RXQ_OVFL and len(value) == _COUNT.size:
+                (total,) = _COUNT.unpack(value)
+                self._counters["dropped"] += (total - self._overflowed) & 0xFFFFFFFF
+                self._overflowed = total
+        if flags & socket.MSG_TRUNC:
+            self._counters["oversized"] += 1
+            data = b""
+        return _Packet(data, arrival_ns or self._clock(), sender)
+
+    def write(self, data: bytes, peer: Any) -> str:
+        """Send one frame; return "" or the counter of what went wrong."""
+        peer = peer or self.peer
+        if peer is None:
+            return "no_peer"
+        try:
+            if self._listens:
+                self._socket.sendto(data, peer)
+            else:
+                self._socket.send(data)
+        except (OSError, TypeError, ValueError):
+            return "send_failed"
+        return ""
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class _Stream:
+    """Bytes of a serial port or of a TCP connection; a lost one is opened again while it is read.
+
+    Attributes:
+        opened: how often a file was opened, or a client has come.
+    """
+
+    whole = False
+    address: Address | None = None
+
+    def __init__(self, url: Url, clock: Clock) -> None:
+        self.opened = 0
+        self.peer: Any = url.address
+        self._url, self._clock = url, clock
+        self._watch = select.epoll()  # one descriptor, whichever file is open
+        self._file: Any = None
+        self._unsent = bytearray()
+        self._tried_ns = time.monotonic_ns()
+        with closed_on_error(self._watch):
+            self._begin()
+
+    def _begin(self) -> None:
+        if self._url.kind == "serial":
+            self._take(_open_serial(self._url))
+            return
+        client = _tcp_socket()
+        # It connects in the background: reading meets a refusal, what is written waits.
+        result = client.connect_ex(self._url.address)
+        if result in (0, errno.EINPROGRESS):
+            self._take(client)
+            return
+        client.close()
+        if result != errno.ECONNREFUSED:
+            raise OSError(result, "connect")
+
+    @property
+    def connected(self) -> bool:
+        return self._file is not None
+
+    def fileno(self) -> int:
+        return self._watch.fileno()
+
+    def read(self) -> _Packet | None:
+        """Return some bytes; None: nothing more for now."""
+        if self._file is None:
+            self._open_again()
+        self._flush()
+        if self._file is None:
+            return None
+        try:
+            data = os.read(self._file.fileno(), _CHUNK)
+        except BlockingIOError:
+            return None
+        except OSError:
+            data = b""
+        if not data:
+            self.lose()
+            return None
+        return _Packet(data, self._clock(), self.peer)
+
+    def write(self, data: bytes, peer: Any) -> str:
+        """Send one frame, whole or not at all; return "" or the counter of what went wrong."""
+        if not self.connected or peer not in (None, self.peer):
+            return "no_peer"
+        self._flush()
+        if len(self._unsent) + len(data) > _ROOM:
+            return "send_failed"
+        self._unsent += data
+        self._flush()
+        return "" if self.connected else "send_failed"
+
+    def lose(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+        self._unsent.clear()
+
+    def close(self) -> None:
+        self.lose()
+        self._watch.close()
+
+    def _open_again(self) -> None:
+        now_ns = time.monotonic_ns()
+        if now_ns - self._tried_ns >= _RETRY_NS:
+            self._tried_ns = now_ns
+            with contextlib.suppress(OSError, termios.error):
+                self._begin()
+
+    def _take(self, file: Any) -> None:
+        self._watch.register(file.fileno(), select.EPOLLIN)
+        self._file = file
+        self.opened += 1
+
+    def _flush(self) -> None:
+        """Write what waits, as far as there is room."""
+        try:
+            while self._unsent:
+                del self._unsent[: os.write(self._file.fileno(), self._unsent[:65536])]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self.lose()
+
+
+class _TcpServer(_Stream):
+    """A TCP server with one client; others are turned away as long as it is there."""
+
+    def __init__(self, url: Url, clock: Clock, counters: Counters) -> None:
+        self._counters = counters
+        self._listener = _tcp_socket()
+        with closed_on_error(self._listener):
+            # A server that comes back finds its port although old connections still linger.
+            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self._listener.bind(url.address)
+            self._listener.listen()
+        super().__init__(url, clock)
+        self.address = self._listener.getsockname()
+
+    def _begin(self) -> None:
+        self._watch.register(self._listener.fileno(), select.EPOLLIN)
+
+    def read(self) -> _Packet | None:
+        """Return some bytes; None: nothing more for now. Then a client may have come."""
+        packet = super().read()
+        if packet is None:
+            self._accept()
+        return packet
+
+    def close(self) -> None:
+        self._listener.close()
+        super().close()
+
+    def _open_again(self) -> None:
+        """Clients come by themselves."""
+
+    def _accept(self) -> None:
+        try:
+            client, peer = self._listener.accept()
+        except OSError:
+            return
+        if self._file is not None:
+            self._counters["dropped"] += 1
+            client.close()
+            return
+        client.setblocking(False)
+        self.peer = peer
+        self._take(client)
+
+
+@contextlib.contextmanager
+def closed_on_error(file: Any) -> Iterator[None]:
+    """Close a file if what is done with it fails."""
+    try:
+        yield
+    except BaseException:
+        file.close()
+        raise
+
+
+def _open_serial(url: Url) -> Any:
+    """Return the file of a serial port: raw, 8 bits, no parity, no flow control."""
+    flags = os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC
+    port = open(os.open(url.place, flags), "r+b", buffering=0)  # noqa: SIM115 - kept open
+    with closed_on_error(port):
+        tty.setraw(port.fileno(), termios.TCSANOW)
+        mode = termios.tcgetattr(port)
+        mode[_FLAGS] |= termios.CLOCAL | termios.CREAD
+        mode[_FLAGS] &= ~(termios.CRTSCTS | termios.CSTOPB | termios.PARENB)
+        mode[_INPUT_SPEED] = mode[_OUTPUT_SPEED] = getattr(termios, f"B{url.number}")
+        termios.tcsetattr(port, termios.TCSANOW, mode)
+        termios.tcflush(port, termios.TCIOFLUSH)
+    return port
+
+
+def _tcp_socket() -> socket.socket:
+    """Return a socket that neither blocks nor gathers bytes; accepted ones inherit the latter."""
+    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    sock.setblocking(False)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return sock
+
+
+def open_transport(
+    text: str, clock: Clock, counters: Counters, allow_remote: bool
+) -> _Udp | _Stream:
+    """Open what a URL names; without `allow_remote` an address of this machine alone.
+
+    Raises:
+        InputError: no URL, busy port, no such device, no such host.
+    """
+    url = parse_url(text, allow_remote)
+    try:
+        if url.kind in ("udpin", "udpout"):
+            return _Udp(url, clock, counters)
+        if url.kind == "tcpin":
+            return _TcpServer(url, clock, counters)
+        return _Stream(url, clock)
+    except (OSError, termios.error) as error:
+        number = error.args[0] if error.args else None  # termios.error has no errno
+        why = os.strerror(number).lower() if isinstance(number, int) else str(error)
+        needed = _NEEDED.get(url.kind, "a host this machine can reach")
+        raise InputError(f"link '{text}': can't be opened ({why}); accepted: {needed}") from error
+
+
+# --- Frames ---------------------------------------------------------------------------------
+
 _EPOCH_S = 1_420_070_400
 """1 January 2015, where the timestamps of signatures begin."""
 _UNIT_NS = 10_000
 _LAST = (1 << 48) - 1
 _SIGNATURE = 6
 _MAGIC = (common.PROTOCOL_MARKER_V1, common.PROTOCOL_MARKER_V2)
-_TRIES = 64
-"""Failed candidates in one piece of bytes after which pymavlink goes on behind each."""
-
-
-def timestamp_of(time_ns: int) -> int:
-    """Return a CLOCK_REALTIME as a signature has it: 10 µs since the begin of 2015."""
-    return min(max((time_ns - _EPOCH_S * SECOND_NS) // _UNIT_NS, 0), _LAST)
-
 
 COUNTED = {
     "received": "messages let in",
     "sent": "messages sent",
-    "garbage_bytes": "bytes in no frame",
-    "bad_checksum": "candidates for a frame with a wrong checksum, or with flags nobody knows",
+    "garbage_bytes": "bytes of no frame, or of a damaged one",
+    "bad_checksum": "frames with a wrong checksum, or with flags nobody knows",
     "unknown_message": "frames of messages that the dialect does not know",
     "wrong_system": "frames of another system than the accepted one",
     "wrong_component": "frames of another component than the accepted one",
     "unsigned": "frames without a signature, where there is a key",
     "bad_signature": "frames signed with another key",
     "replayed": "signed frames with a timestamp that is not newer",
-    "dropped": "datagrams the kernel had no room for, TCP clients beside the one that speaks",
-    "foreign_address": "datagrams and TCP clients from another machine, where none is allowed",
+    "dropped": "datagrams the kernel had no room for, TCP clients beside the first",
     "oversized": "datagrams longer than MAVLink's can be",
     "no_peer": "messages not sent: nobody is there yet",
     "send_failed": "messages not sent: no room, no way, or a value that does not fit its field",
@@ -102,11 +491,13 @@ COUNTED = {
 """The counters of a link."""
 
 
+def timestamp_of(time_ns: int) -> int:
+    """Return a CLOCK_REALTIME as a signature has it: 10 µs since the begin of 2015."""
+    return min(max((time_ns - _EPOCH_S * SECOND_NS) // _UNIT_NS, 0), _LAST)
+
+
 class Codec(common.MAVLink):  # type: ignore[misc]
     """pymavlink's encoder, parser and signing of one link.
-
-    A frame that fails costs one byte and hides nothing behind it: pymavlink alone goes on behind
-    the length that a damaged header promises.
 
     Attributes:
         counters: see `COUNTED`.
@@ -146,38 +537,22 @@ class Codec(common.MAVLink):  # type: ignore[misc]
         """Return the messages that are complete; the rest is kept, or garbage if it is `whole`."""
         messages = []
         self.buf, self.buf_index = self.buf[self.buf_index :] + data, 0
-        tries = _TRIES
-        while tries:
+        while True:
             self._refusal = ""
             message = self.parse_char(b"")
-            rest = self.buf[self.buf_index :]
             if message is None:
-                if not (whole and rest):
-                    break
-                frame, rest, kind = rest, rest[:0], common.MAVLINK_MSG_ID_BAD_DATA
-            else:
-                frame, kind = message.get_msgbuf(), message.get_msgId()
-            if kind == common.MAVLINK_MSG_ID_BAD_DATA and not self._refusal:
-                if frame[0] not in _MAGIC:
-                    self.counters["garbage_bytes"] += len(frame)
-                    continue
-                self.counters["bad_checksum"] += message is not None
+                break
+            frame, kind = message.get_msgbuf(), message.get_msgId()
+            if self._refusal:
+                self.counters[self._refusal] += 1
             elif kind == common.MAVLINK_MSG_ID_UNKNOWN:
-                # its checksum can't be known: it is a frame where the next one begins behind it
-                if not (rest or whole):
-                    self.buf, self.buf_index = frame, 0
-                    break
-                if not rest or rest[0] in _MAGIC:
-                    self.counters["unknown_message"] += 1
-                    continue
-            else:
-                if self._lets_in(frame):
-                    messages.append(message)
-                continue
-            tries -= 1
-            self.counters["garbage_bytes"] += 1
-            self.buf, self.buf_index = frame[1:] + rest, 0
-        if whole or not tries:
+                self.counters["unknown_message"] += 1
+            elif kind == common.MAVLINK_MSG_ID_BAD_DATA:
+                self.counters["bad_checksum"] += frame[0] in _MAGIC
+                self.counters["garbage_bytes"] += len(frame)
+            elif self._is_accepted(message.get_srcSystem(), message.get_srcComponent()):
+                messages.append(message)
+        if whole:
             self.forget()
         return messages
 
@@ -202,21 +577,20 @@ class Codec(common.MAVLink):  # type: ignore[misc]
         self._refusal = self._refusal or "unsigned"
         return False
 
-    def _lets_in(self, frame: bytearray) -> bool:
-        """Return whether a frame is of the accepted sender, and signed if it must be; count it."""
-        at = 5 if frame[0] == common.PROTOCOL_MARKER_V2 else 3
-        sender = (frame[at], frame[at + 1])
-        refusal = self._refusal
-        for accepted, number, counter in zip(
-            self._accept, sender, ("wrong_system", "wrong_component"), strict=True
-        ):
-            if accepted not in (0, number):
-                self.rejected_sender, refusal = sender, counter
-                break
-        if refusal:
-            self.counters[refusal] += 1
-        return not refusal
+    def _is_accepted(self, system: int, component: int) -> bool:
+        """Return whether messages of a sender are let in; count those that are not."""
+        if self._accept[0] not in (0, system):
+            counter = "wrong_system"
+        elif self._accept[1] not in (0, component):
+            counter = "wrong_component"
+        else:
+            return True
+        self.counters[counter] += 1
+        self.rejected_sender = system, component
+        return False
 
+
+# --- The link -------------------------------------------------------------------------------
 
 _READS_PER_MESSAGE = 4
 """Reads that one call may spend for each message it may return."""
@@ -261,7 +635,7 @@ class Link:
         """Open the link.
 
         Args:
-            url: see `ACCEPTED`; port 0 of a listener: any that is free, see `address`.
+            url: see `parse_url`; port 0 of a listener: any that is free, see `address`.
             system: our system, 1 to 255.
             component: our component, 1 to 255.
             clock: time now, CLOCK_REALTIME [ns]: `time.time_ns`.
@@ -281,12 +655,6 @@ class Link:
             lowest = 1 if name in ours else 0
             if not lowest <= number <= 255:
                 raise InputError(f"{name} {number} is out of bounds; accepted: {lowest} to 255")
-        parsed = parse_url(url, allow_remote)
-        if default_peer and parsed.kind != "udpin":
-            raise InputError(
-                f"link '{url}': peer '{default_peer}' belongs to a listener; accepted: udpin"
-            )
-        peer = parse_peer(default_peer, allow_remote) if default_peer else None
         self.url = url
         self.pack_error = ""
         self.mav = Codec(**ours, **others)
@@ -295,7 +663,11 @@ class Link:
         if key is not None:
             self.mav.set_key(key, link_id, clock())
         self._closed = False
-        self._transport = open_transport(parsed, clock, self.counters, allow_remote, peer)
+        peer = parse_url(f"udpout://{default_peer}", allow_remote) if default_peer else None
+        self._transport = open_transport(url, clock, self.counters, allow_remote)
+        self._opened = 0
+        if peer is not None:
+            self._transport.peer = peer.address
 
     @property
     def connected(self) -> bool:
@@ -303,13 +675,13 @@ class Link:
         return not self._closed and self._transport.connected
 
     @property
-    def address(self) -> tuple[str, int] | None:
+    def address(self) -> Address | None:
         """Host and port where it listens or sends from; None: it has no address."""
         return self._transport.address
 
     @property
     def opened(self) -> int:
-        """How often there was a connection (TCP and serial)."""
+        """How often a client has come (TCP server), or the port was opened."""
         return self._transport.opened
 
     def fileno(self) -> int:
@@ -324,15 +696,15 @@ class Link:
         received: list[Received] = []
         if self._closed:
             return received
-        self._transport.maintain()
         for _ in range(_READS_PER_MESSAGE * limit):
             packet = self._transport.read() if len(received) < limit else None
             if packet is None:
                 break
-            if not packet.data:
+            if self._opened != self._transport.opened:  # another stream has begun
+                self._opened = self._transport.opened
                 self.mav.forget()
-            for message in self.mav.feed(packet.data, whole=not self._transport.stream):
-                self._transport.answer(packet.peer)  # only accepted peers are answered
+            for message in self.mav.feed(packet.data, self._transport.whole):
+                self._transport.peer = packet.peer  # only accepted peers are answered
                 sender = (message.get_srcSystem(), message.get_srcComponent())
                 received.append(Received(message, packet.arrival_ns, *sender, packet.peer))
         self.counters["received"] += len(received)
@@ -357,18 +729,10 @@ class Link:
         self.counters[wrong or "sent"] += 1
         return not wrong
 
-    def disconnect(self) -> None:
-        """Close the connection (TCP and serial); another one may follow."""
-        self._transport.lose()
-
     def wait(self, timeout_s: float) -> bool:
         """Sleep until something comes, `timeout_s` at most; return whether something has."""
         if self._closed:
             return False
-        self._transport.maintain()
-        due_ns = self._transport.due_ns()
-        if due_ns is not None:  # to connect again may be due before
-            timeout_s = min(timeout_s, 1e-9 * due_ns)
         # Unlike poll and epoll it counts in microseconds.
         return bool(select.select([self.fileno()], (), (), max(0.0, timeout_s))[0])
 
@@ -377,6 +741,15 @@ class Link:
         if not self._closed:
             self._closed = True
             self._transport.close()
+
+
+_REFUSED = {
+    "unsigned": "messages without a signature were left out: link.key_file is set here, but the "
+    "other side does not sign",
+    "bad_signature": "messages are signed with another key: compare link.key_file with the "
+    "vehicle's key",
+}
+"""Counter → fault."""
 
 
 def link_faults(link: Link, params: LinkParams, linked: bool) -> dict[str, str]:
@@ -393,31 +766,21 @@ def link_faults(link: Link, params: LinkParams, linked: bool) -> dict[str, str]:
         faults["unsendable"] = link.pack_error
     if linked:
         return faults
-    if rejected_sender is not None and rejected_sender[0] != params.system:
-        faults["wrong_system"] = (
-            f"system {rejected_sender[0]} speaks here, waiting for {params.system}: set "
-            "link.system, or the vehicle's MAV_SYS_ID"
-        )
-    elif rejected_sender is not None:
-        faults["wrong_component"] = (
-            f"component {rejected_sender[1]} of system {rejected_sender[0]} speaks here, "
-            f"waiting for {params.component}: set link.component"
-        )
-    if counters["unsigned"]:
-        faults["unsigned"] = (
-            f"{counters['unsigned']} messages without a signature were left out: link.key_file is"
-            " set here, but the other side does not sign"
-        )
-    if counters["bad_signature"]:
-        faults["bad_signature"] = (
-            f"{counters['bad_signature']} messages are signed with another key: compare"
-            " link.key_file with the vehicle's key"
-        )
-    if counters["foreign_address"]:
-        faults["foreign_address"] = (
-            f"{counters['foreign_address']} datagrams came from another machine: set"
-            " link.allow_remote if that is the vehicle"
-        )
+    if rejected_sender is not None:
+        system, component = rejected_sender
+        if system != params.system:
+            faults["wrong_system"] = (
+                f"system {system} speaks here, waiting for {params.system}: set "
+                "link.system, or the vehicle's MAV_SYS_ID"
+            )
+        else:
+            faults["wrong_component"] = (
+                f"component {component} of system {system} speaks here, "
+                f"waiting for {params.component}: set link.component"
+            )
+    for key, text in _REFUSED.items():
+        if counters[key]:
+            faults[key] = f"{counters[key]} {text}"
     if not counters["received"] and counters["garbage_bytes"] > 1000:
         faults["garbage"] = (
             f"{counters['garbage_bytes']} bytes came that are no MAVLink: baud rate, or another"

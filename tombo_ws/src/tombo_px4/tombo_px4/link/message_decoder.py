@@ -46,13 +46,12 @@ class _PartialText:
     severity: int
     arrival_ns: int
     chunks: dict[int, str] = field(default_factory=dict)
-    last: int | None = None
+    count: int | None = None
+    """Number of its pieces, once the last one has come."""
 
-    def text(self, number: int) -> StatusText:
-        end = self.last if self.last is not None else max(self.chunks, default=0)
-        words = "".join(self.chunks.get(k, _GAP) for k in range(end + 1))
-        if self.last is None and (number or end):
-            words += _GAP
+    def text(self) -> StatusText:
+        count = self.count or max(self.chunks) + 2
+        words = "".join(self.chunks.get(k, _GAP) for k in range(count))
         return _status_text(self.arrival_ns, self.severity, words)
 
 
@@ -77,43 +76,31 @@ class StatusTextAssembler:
         Raises:
             RefusedMessage: out of bounds, or too many texts are incomplete.
         """
-        if not 0 <= severity <= 7:
+        if not 0 <= severity <= 7 or chunk >= _MOST_CHUNKS:
             raise RefusedMessage("range")
         if number == 0 and chunk == 0 and len(text) < _FULL:
             return _status_text(arrival_ns, severity, text)
-        if chunk >= _MOST_CHUNKS:
-            raise RefusedMessage("range")
         if number not in self._growing and len(self._growing) >= _MOST_TEXTS:
             raise RefusedMessage("too_many")
-        if number == 0 and chunk == 0 and 0 in self._growing:  # a sender without numbers
-            before = self._growing.pop(0).text(0)
-            self._growing[0] = _PartialText(severity, arrival_ns, {0: text})
-            return before
         growing = self._growing.setdefault(number, _PartialText(severity, arrival_ns))
         growing.chunks[chunk] = text
         if len(text) < _FULL:
-            growing.last = chunk
-            for k in [k for k in growing.chunks if k > chunk]:
-                del growing.chunks[k]
-        if growing.last is None or len(growing.chunks) <= growing.last:
+            growing.count = chunk + 1
+        if growing.count is None or len(growing.chunks) < growing.count:
             return None
-        del self._growing[number]
-        return growing.text(number)
+        return self._growing.pop(number).text()
 
     def take_expired(self, now_ns: int) -> list[StatusText]:
         """Return incomplete texts that have waited for a second."""
         texts = self._growing.items()
         late = [number for number, text in texts if now_ns - text.arrival_ns > _PATIENCE_NS]
-        return [self._growing.pop(number).text(number) for number in late]
+        return [self._growing.pop(number).text() for number in late]
 
 
 def _status_text(arrival_ns: int, severity: int, text: str) -> StatusText:
     """Return a text; PX4 ends those with a tabulator that it sends as an EVENT, too."""
-    return StatusText(arrival_ns, severity, _printable(text), text.endswith("\t"))
-
-
-def _printable(text: str) -> str:
-    return "".join(c if c.isprintable() else " " for c in text).strip()
+    printable = "".join(c if c.isprintable() else " " for c in text).strip()
+    return StatusText(arrival_ns, severity, printable, text.endswith("\t"))
 
 
 _MICRO_NS, _MILLI_NS = 1_000, 1_000_000
@@ -252,10 +239,6 @@ class MessageDecoder:
         altitude = float(m.pressure_alt) if measures_height else math.nan
         return decoded.VehicleImu(*times, flu_from_frd(gyro), flu_from_frd(accel), altitude)
 
-    def _thrust(self, m: Any, arrival_ns: int) -> object:
-        (throttle,) = _bounded(1.0, m.thrust)
-        return decoded.ThrustSetpoint(arrival_ns, float(throttle))
-
     def _battery(self, m: Any, arrival_ns: int) -> object:
         if m.id != 0:  # a second one: PX4 counts on the first
             return None
@@ -274,26 +257,16 @@ class MessageDecoder:
             bool(m.onboard_control_sensors_health & bit),
         )
 
-    def _landed(self, m: Any, arrival_ns: int) -> object:
-        return decoded.MavLandedState(m.landed_state)
-
     def _text(self, m: Any, arrival_ns: int) -> object:
         return self._chunks.take(m.severity, m.text, m.id, m.chunk_seq, arrival_ns)
-
-    def _event(self, m: Any, arrival_ns: int) -> object:
-        return decoded.VehicleEvent(arrival_ns, m.id, m.log_levels & 0xF, bytes(m.arguments))
-
-    def _metadata(self, m: Any, arrival_ns: int) -> object:
-        uri = m.uri.decode("ascii", "replace") if isinstance(m.uri, bytes) else str(m.uri)
-        return decoded.MetadataUri(uri.split("\0")[0])
-
-    def _file(self, m: Any, arrival_ns: int) -> object:
-        self._check_target(m)
-        return file_answer(bytes(m.payload))
 
     def _check_target(self, m: Any) -> None:
         if m.target_system not in (0, self._own[0]) or m.target_component not in (0, self._own[1]):
             raise RefusedMessage("not_for_us")
+
+    def _file(self, m: Any, arrival_ns: int) -> object:
+        self._check_target(m)
+        return file_answer(bytes(m.payload))
 
     def _ack(self, m: Any, arrival_ns: int) -> object:
         self._check_target(m)
@@ -310,25 +283,21 @@ class MessageDecoder:
             raise RefusedMessage("range")
         return decoded.ParameterValue(name, value, m.param_type)
 
-    def _estimator(self, m: Any, arrival_ns: int) -> object:
-        flags = m.flags
-        horizontal = mav.ESTIMATOR_POS_HORIZ_REL | mav.ESTIMATOR_POS_HORIZ_ABS
-        return decoded.EstimatorStatusFlags(
-            arrival_ns,
-            bool(flags & horizontal),
-            bool(flags & mav.ESTIMATOR_PRED_POS_HORIZ_REL),
-            float(m.pos_horiz_ratio),
-            float(m.pos_vert_ratio),
-        )
-
-    def _time(self, m: Any, arrival_ns: int) -> object:
-        return decoded.TimesyncMessage(arrival_ns, int(m.tc1), int(m.ts1))
-
     def _version(self, m: Any, arrival_ns: int) -> object:
         major, minor, patch, _ = m.flight_sw_version.to_bytes(4, "big")
         number = bytes(m.uid2) if any(m.uid2) else int(m.uid).to_bytes(8, "big")
         hardware_id = number.hex().lstrip("0")
         return decoded.AutopilotVersion(f"{major}.{minor}.{patch}", hardware_id)
+
+
+def _estimator(m: Any, arrival_ns: int) -> object:
+    return decoded.EstimatorStatusFlags(
+        arrival_ns,
+        bool(m.flags & (mav.ESTIMATOR_POS_HORIZ_REL | mav.ESTIMATOR_POS_HORIZ_ABS)),
+        bool(m.flags & mav.ESTIMATOR_PRED_POS_HORIZ_REL),
+        float(m.pos_horiz_ratio),
+        float(m.pos_vert_ratio),
+    )
 
 
 _Reader = Callable[[MessageDecoder, Any, int], object]
@@ -338,20 +307,23 @@ _READERS: dict[str, _Reader] = {
     "LOCAL_POSITION_NED": MessageDecoder._local_position,
     "ATTITUDE_QUATERNION": MessageDecoder._attitude,
     "HIGHRES_IMU": MessageDecoder._imu,
-    "ATTITUDE_TARGET": MessageDecoder._thrust,
     "BATTERY_STATUS": MessageDecoder._battery,
     "SYS_STATUS": MessageDecoder._system,
-    "EXTENDED_SYS_STATE": MessageDecoder._landed,
     "STATUSTEXT": MessageDecoder._text,
     "COMMAND_ACK": MessageDecoder._ack,
     "PARAM_VALUE": MessageDecoder._parameter,
-    "ESTIMATOR_STATUS": MessageDecoder._estimator,
-    "TIMESYNC": MessageDecoder._time,
     "AUTOPILOT_VERSION": MessageDecoder._version,
-    "EVENT": MessageDecoder._event,
-    "COMPONENT_METADATA": MessageDecoder._metadata,
     "FILE_TRANSFER_PROTOCOL": MessageDecoder._file,
+    "ATTITUDE_TARGET": lambda _, m, t: decoded.ThrustSetpoint(t, float(*_bounded(1.0, m.thrust))),
+    "EXTENDED_SYS_STATE": lambda _, m, t: decoded.MavLandedState(m.landed_state),
+    "ESTIMATOR_STATUS": lambda _, m, t: _estimator(m, t),
+    "TIMESYNC": lambda _, m, t: decoded.TimesyncMessage(t, int(m.tc1), int(m.ts1)),
+    "EVENT": lambda _, m, t: decoded.VehicleEvent(t, m.id, m.log_levels & 0xF, bytes(m.arguments)),
+    "COMPONENT_METADATA": lambda _, m, t: decoded.MetadataUri(
+        bytes(m.uri).split(b"\0")[0].decode("ascii", "replace")
+    ),
 }
+"""Message → its record, from the message and its arrival."""
 
 
 def _bounded(limit: float, *values: float) -> Array:

@@ -8,17 +8,13 @@ departure and the answer's arrival, so the offset lies within half a round trip 
 
 How likely it is near the edge depends on how much longer than the quickest round trip it took: so
 much may have been spent in one direction alone. That excess is the standard deviation in a Kalman
-filter of one state; the bound catches what the model does not know.
-
-The clock of a simulated vehicle may run slower or faster than time by whole percents. That the
-bound is left again and again to the same side proves it; only then is a rate used.
+filter of one state; the bound catches what the model does not know, as a clock that runs some
+percent faster.
 """
 
 from __future__ import annotations
 
 from collections import deque
-
-from tombo_dynamics.time_base import SECOND_NS
 
 CONVERGED = 10
 """Answers after which stamps may be converted."""
@@ -35,12 +31,6 @@ _NOISE_NS = 50_000.0
 _WANDER_NS2_PER_S = 6.25e7
 """A clock's own wandering: with it the filter follows within about 2 s at 10 Hz."""
 _LONGEST_S = 10.0
-_DRIFT_PROOF_NS = 200_000.0
-"""Left by more than this, three times in a row to one side: the clocks run at different rates."""
-_FASTEST = 0.9
-_DRIFT_DECAY, _SMALL_DRIFT, _NO_DRIFT = 0.98, 5e-3, 1e-5
-_AHEAD_NS = SECOND_NS
-"""Without an answer a rate is used for no longer than this."""
 
 
 class TimeSync:
@@ -71,9 +61,7 @@ class TimeSync:
         self._variance = 0.0
         self._last_ns = 0
         self._slow_in_a_row = 0
-        self._impossible: list[tuple[int, int, int]] = []  # arrival, sample, round trip
-        self._drift = 0.0  # of the offset, per time of ours
-        self._drift_votes = 0  # how often in a row the bound was left; negative: downwards
+        self._impossible = 0  # answers in a row that prove a jump
 
     def request(self, now_ns: int) -> tuple[int, int]:
         """Return (tc1, ts1) of a request that leaves now."""
@@ -111,17 +99,15 @@ class TimeSync:
         if self.offset_ns is None:
             self._begin(sample, rtt, received_ns)
             return
-        error = float(sample - self._base) - self._offset - self._drifted(received_ns)
+        error = float(sample - self._base) - self._offset
         beyond = abs(error) - 0.5 * rtt
         if beyond > _JUMP_NS:
-            self._impossible.append((received_ns, sample, rtt))
-            if len(self._impossible) >= _PROOFS:
+            self._impossible += 1
+            if self._impossible >= _PROOFS:
                 self.jumps += 1
-                drift = _slope(self._impossible)
                 self._begin(sample, rtt, received_ns)
-                self._drift = drift
             return
-        self._impossible.clear()
+        self._impossible = 0
         self._round_trips.append(rtt)
         excess = rtt - min(self._round_trips)
         if excess > _SLOW_NS and self._samples >= CONVERGED:
@@ -139,14 +125,7 @@ class TimeSync:
 
     def to_local_time(self, theirs_ns: int) -> int:
         """Convert their time to ours; unchanged before the first answer."""
-        ours_ns = theirs_ns + (self.offset_ns or 0)
-        return ours_ns + round(self._drifted(ours_ns) / (1.0 - self._drift))
-
-    def _drifted(self, ours_ns: int) -> float:
-        """Return by how much the offset has changed since the last answer that counted [ns]."""
-        if self._drift == 0.0:
-            return 0.0
-        return self._drift * min(max(ours_ns - self._last_ns, -_AHEAD_NS), _AHEAD_NS)
+        return theirs_ns + (self.offset_ns or 0)
 
     def _begin(self, sample: int, rtt: int, now_ns: int) -> None:
         self.offset_ns = self._base = sample
@@ -157,15 +136,11 @@ class TimeSync:
         self._offset = 0.0
         self._variance = (0.5 * rtt + _NOISE_NS) ** 2
         self._last_ns = now_ns
-        self._slow_in_a_row = self._drift_votes = 0
-        self._impossible.clear()
-        self._drift = 0.0
+        self._slow_in_a_row = self._impossible = 0
 
     def _correct(self, error: float, beyond: float, excess: float, now_ns: int) -> None:
         """Take a sample that differs by `error`, `beyond` more than half its round trip [ns]."""
         passed_s = min(max(1e-9 * (now_ns - self._last_ns), 0.0), _LONGEST_S)
-        self._offset += self._drifted(now_ns)
-        self._learn_drift(error, beyond, passed_s)
         self._last_ns = now_ns
         self._variance += _WANDER_NS2_PER_S * passed_s
         gain = self._variance / (self._variance + (excess + _NOISE_NS) ** 2)
@@ -175,26 +150,3 @@ class TimeSync:
             step = beyond if error > 0.0 else -beyond
             self._variance = max(self._variance, beyond * beyond)
         self._offset += step
-
-    def _learn_drift(self, error: float, beyond: float, passed_s: float) -> None:
-        """Use a rate once it is proven; drop a small one that is not proven again."""
-        if beyond <= _DRIFT_PROOF_NS or passed_s <= 0.0:
-            self._drift_votes = 0
-            if abs(self._drift) < _SMALL_DRIFT:
-                self._drift = self._drift * _DRIFT_DECAY if abs(self._drift) > _NO_DRIFT else 0.0
-            return
-        side = 1 if error > 0.0 else -1
-        self._drift_votes = self._drift_votes + side if self._drift_votes * side >= 0 else side
-        if abs(self._drift_votes) >= _PROOFS:
-            self._drift_votes = 0
-            drift = self._drift + side * beyond / (SECOND_NS * passed_s)
-            self._drift = min(max(drift, -_FASTEST), _FASTEST)
-
-
-def _slope(samples: list[tuple[int, int, int]]) -> float:
-    """Return the rate that samples (arrival, offset, round trip) [ns] prove; 0: none."""
-    (begin, first, rtt), (end, last, back) = samples[0], samples[-1]
-    passed, changed = end - begin, last - first
-    if passed <= 0 or abs(changed) <= 0.5 * (rtt + back) + _DRIFT_PROOF_NS:
-        return 0.0
-    return min(max(changed / passed, -_FASTEST), _FASTEST)

@@ -14,7 +14,7 @@ from tombo_bringup.cli.options import command, option, record
 if TYPE_CHECKING:
     from tombo_bringup.cli.tables import Scroll
     from tombo_flight.process.stop_signals import StopSignals
-    from tombo_px4.hil.lockstep import HilSimulator, MocapFeed
+    from tombo_px4.hil.lockstep import HilSimulator
     from tombo_sim.world import World
 
 app = typer.Typer()
@@ -23,10 +23,7 @@ HIL_EXIT_CODES = (
     "Exit code: 0 when it was stopped (Ctrl-C, SIGTERM, --duration), 2 for bad input or a port "
     "that is taken."
 )
-ON_LINK = "link"
 _WAIT_S = 0.1
-_SYSTEM, _COMPONENT = 1, 197
-"""Of the motion capture's messages: PX4's own system, a source of visual odometry."""
 
 
 @record
@@ -34,12 +31,6 @@ class _Hil:
     port: int = option("--port N", "TCP port for PX4: 4560 plus its instance.", 4560)
     rate: float = option("--rate HZ", "HIL_SENSOR: 250, 333, 500 or 1000.", 250.0)
     no_gps: bool = option("--no-gps", "Send no HIL_GPS.", False)
-    mocap: str | None = option(
-        "--mocap URL",
-        "Send the motion capture's poses too: 'link' for this connection, or "
-        "udpout://127.0.0.1:14280, PX4's payload port (14580 would take PX4's on-board link away "
-        "from MAVSDK and others).",
-    )
 
 
 @command(app, epilog=HIL_EXIT_CODES)
@@ -63,49 +54,28 @@ def hil(
     from tombo_px4.hil.lockstep import HilSimulator
     from tombo_px4.hil.params import HilParams
 
-    speed, seed, mocap = 1.0 if pace.speed is None else pace.speed, draw.seed or 0, given.mocap
+    speed, seed = 1.0 if pace.speed is None else pace.speed, draw.seed or 0
     if not 0.0 <= speed <= 100.0:
         raise InputError(f"--speed {speed:g}: out of bounds; accepted: a number from 0 to 100")
-    gps, by_link = not given.no_gps, mocap == ON_LINK
-    params = HilParams(rate=given.rate, gps=gps, mocap=by_link).check()
+    params = HilParams(rate=given.rate, gps=not given.no_gps).check()
     scenario = scene.scenario
     world = world_of(load_scenario(scenario, settings.settings or []))
     link = HilLink(given.port)
-    feed = None if mocap is None or by_link else _feed(mocap)
     try:
         with StopSignals(signal.SIGHUP) as stop:
-            one = HilSimulator(world, seed, params, link, speed=speed, mocap=feed)
-            print(_introduction(one, world, link.port, mocap, scenario, seed), flush=True)
+            one = HilSimulator(world, seed, params, link, speed=speed)
+            print(_introduction(one, world, link.port, scenario, seed), flush=True)
             _serve(one, stop, duration.duration)
     finally:
         link.close()
-        if feed is not None:
-            feed.close()
 
 
-def _feed(url: str) -> MocapFeed:
-    from tombo_px4.hil.lockstep import MocapFeed
-    from tombo_px4.link.mavlink_link import Link
-
-    return MocapFeed(Link(url, system=_SYSTEM, component=_COMPONENT, clock=time.time_ns))
-
-
-def _introduction(
-    one: HilSimulator, world: World, port: int, mocap: str | None, scenario: str, seed: int
-) -> str:
+def _introduction(one: HilSimulator, world: World, port: int, scenario: str, seed: int) -> str:
     """Return the text at the start: the simulator, and the commands that start PX4."""
-    from tombo_px4.hil.hil_start_help import (
-        airframe_parameters,
-        exported,
-        mocap_parameters,
-        start_commands,
-    )
+    from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY
+    from tombo_px4.hil.hil_start_help import airframe_parameters, exported, start_commands
 
-    parameters = airframe_parameters(world, one.flight)
-    by_mocap = mocap_parameters(world, mocap == ON_LINK)
-    if mocap is not None:
-        parameters |= by_mocap
-    settings, built, container = start_commands(port, parameters)
+    settings, built, container = start_commands(port, airframe_parameters(world, one.flight))
     lines = [
         f"{scenario}, seed {seed}: waiting for PX4 on TCP port {port} of 127.0.0.1. Start it with",
         "",
@@ -118,19 +88,11 @@ def _introduction(
         "",
         "PX4 connects once: start it again after this. Built, it keeps these parameters; without "
         "parameters*.bson of build/px4_sitl_default/rootfs it begins with its own again.",
+        "",
+        "To fly by motion capture alone, as `tombo fly --px4` does, PX4 needs these, too:",
+        "",
+        exported(MOCAP_ONLY),
     ]
-    if mocap == ON_LINK:
-        lines.append(
-            "EKF2_EV_DELAY is for poses by this link, which PX4 stamps at their arrival. Poses of "
-            "`tombo fly --px4` carry their time of capture: for them it is 0."
-        )
-    if mocap is None:
-        lines += [
-            "",
-            "To fly by motion capture alone, as `tombo fly --px4` does, PX4 needs these, too:",
-            "",
-            exported(by_mocap),
-        ]
     return "\n".join(lines)
 
 
