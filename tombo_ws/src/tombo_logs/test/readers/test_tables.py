@@ -329,3 +329,16 @@ channels:
     close(log.series["acceleration"].values, np.column_stack([y, -x, z]))
     with pytest.raises(InputError, match="no usable attitude"):
         check_log(log)
+
+
+def test_rows_without_a_column_of_times_have_a_stated_rate(tmp_path):
+    path = posed(tmp_path / "a.csv", P, Q)
+    log = read(path, f"time: {{rate: 50}}\nchannels:{COLUMNS}")
+    close(log.series["position"].t, np.arange(len(P)) / 50.0, 1e-12)
+    close(log.series["position"].values, P)
+
+
+@pytest.mark.parametrize("time", ["{rate: 0}", "{rate: many}", "{rate: 50, column: t}"])
+def test_a_rate_is_a_number_in_place_of_a_column(time):
+    with pytest.raises(InputError, match="rate"):
+        parse_mapping(f"time: {time}\nchannels:{COLUMNS}", "lab")

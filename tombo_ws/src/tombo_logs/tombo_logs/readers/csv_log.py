@@ -67,6 +67,10 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
     wanted = {c for channel in channels.values() for c in _columns(channel, mapping, there)}
     columns, damage = table.numbers(wanted)
     findings += damage_findings(name, path, damage)
+    if mapping.time is not None and mapping.time.rate:
+        columns[mapping.time.column] = (
+            np.arange(len(next(iter(columns.values())))) / mapping.time.rate
+        )
     zero = _zero(columns, channels, mapping)
     series = {key: _series(key, c, columns, mapping, zero) for key, c in channels.items()}
     return Flight.measured(
@@ -123,7 +127,7 @@ def _recognised(table: CsvTable) -> LogMapping:
 def _columns(channel: ChannelMap, mapping: LogMapping, there: Collection[str]) -> tuple[str, ...]:
     """Return the columns that a channel needs of those that are there; a minus is a sign."""
     times = (channel.time or mapping.time, channel.arrival)
-    names = (*channel.columns, *(t.column for t in times if t is not None))
+    names = (*channel.columns, *(t.column for t in times if t is not None and t.column))
     return tuple(n if n in there or not n.startswith("-") else n[1:] for n in names)
 
 

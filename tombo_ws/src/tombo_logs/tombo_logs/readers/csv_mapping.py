@@ -23,6 +23,7 @@ from tombo_logs.readers.mapping_file import (
     ChannelMap,
     TimeColumn,
     columns_of,
+    number_of,
     numbers_of,
     read_mapping,
     shipped_mappings,
@@ -159,9 +160,11 @@ def _time(content: object, what: str) -> TimeColumn | None:
         return None
     if isinstance(content, str):
         content = {"column": content}
-    values = table_of(content, what, ("column", "unit"))
-    if "column" not in values:
-        raise InputError(f"{what}: no column; accepted: column and unit")
+    values = table_of(content, what, ("column", "unit", "rate"))
+    if ("column" in values) == ("rate" in values):
+        raise InputError(f"{what}: no column, or rate besides; accepted: column, or rate in Hz")
+    if "rate" in values:
+        return TimeColumn("", rate=number_of(values["rate"], 0.1, 1e5, f"{what}: rate"))
     time = TimeColumn(str(values["column"]), str(values.get("unit", "s")))
     factor(time.unit, "s", what)
     return time

@@ -22,10 +22,12 @@ _LARGEST = 200_000
 
 @dataclass(frozen=True)
 class TimeColumn:
-    """A column of times."""
+    """A column of times, or the rate at which rows were written."""
 
     column: str
     unit: str = "s"
+    rate: float = 0.0
+    """[Hz] of rows without a column of times, which is then empty."""
 
 
 @dataclass(frozen=True)
