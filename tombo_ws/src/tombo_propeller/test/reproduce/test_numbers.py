@@ -21,8 +21,7 @@ from tombo_dynamics.propeller import (
 )
 from tombo_dynamics.propeller.laws.equilibrium import twisted
 from tombo_dynamics.propeller.laws.parameters import SCALARS, unpack
-from tombo_propeller.reproduce.claims.model_claims import draws, weighted_slope
-from tombo_propeller.reproduce.claims.printed_claims import reading_deg
+from tombo_propeller.reproduce.claims.model_claims import draws, reading_deg, weighted_slope
 from tombo_propeller.reproduce.computed_values import collapse, maximum
 from tombo_propeller.reproduce.paper_values import PrintedNumber, read_paper
 from tombo_propeller.reproduce.reproduction import reproduce
