@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 
@@ -34,48 +33,18 @@ REFERENCE_LENGTH_M = 0.012
 _LEAST_WING_M = 0.02
 
 
-@dataclass(frozen=True)
-class TestedRange:
-    """Ranges that soft propellers were measured in (Table III), lowest and highest."""
-
-    E_N_MPa: tuple[float, float]
-    G_N_MPa: tuple[float, float]
-    fibre_share: tuple[float, float]
-    length_mm: tuple[float, float]
-    outer_radius_mm: tuple[float, float]
-
-    def outside(self, configuration: Configuration) -> tuple[str, ...]:
-        """Return in what a nodus is outside of what was tested, in words."""
-        beyond = []
-        for name, value in properties(configuration).items():
-            low, high = getattr(self, name)
-            slack = 1e-9 * abs(high)
-            if not low - slack <= value <= high + slack:
-                span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
-                beyond.append(f"{_WORDS[name]} {value:.4g}, tested {span}")
-        return tuple(beyond)
-
-    def distance(self, configuration: Configuration) -> float:
-        """Return how far outside a nodus is: shares beyond the nearer end, summed; 0 inside."""
-        total = 0.0
-        for name, value in properties(configuration).items():
-            low, high = getattr(self, name)
-            beyond = max(low - value, value - high)
-            total += beyond / high if beyond > 1e-9 * abs(high) else 0.0
-        return total
-
-
-_WORDS = {
+PROPERTIES = {
     "E_N_MPa": "E_N [MPa]",
     "G_N_MPa": "G_N [MPa]",
     "fibre_share": "share of fibres in the section",
     "length_mm": "length [mm]",
     "outer_radius_mm": "outer end [mm]",
 }
+"""What a nodus is compared by with those that were tested, in words."""
 
 
 def properties(configuration: Configuration) -> dict[str, float]:
-    """Return the properties of a nodus, by the names of `TestedRange`."""
+    """Return the properties of a nodus, by the names of `PROPERTIES`."""
     nodus = configuration.nodus
     assert nodus is not None
     moduli = nodus_moduli(configuration)
@@ -113,14 +82,6 @@ def measured_soft(
             "which takes the readings of other blades"
         )
     return tuple(measured)
-
-
-def tested(measured: Iterable[Configuration]) -> TestedRange:
-    """Return the ranges that measured propellers span."""
-    rows = [properties(c) for c in measured]
-    return TestedRange(
-        **{name: (min(r[name] for r in rows), max(r[name] for r in rows)) for name in _WORDS}
-    )
 
 
 def candidates(library: Library, blade: Blade) -> list[Configuration]:

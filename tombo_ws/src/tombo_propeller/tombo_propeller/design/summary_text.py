@@ -59,9 +59,7 @@ def reasons(design: Design, recommendation: Recommendation) -> list[str]:
             if not c.held
         ]
         broken = "; ".join(reasons[:2])
-        more = ""
-        if check.falls_m is not None and check.falls_m > 1.0:
-            more = f", falls up to {check.falls_m:.1f} m"
+        more = f", falls up to {check.falls_m:.1f} m" if check.falls_m > 1.0 else ""
         lines.append(f"Passed over: {name_of(design, index)}, fails in flight ({broken}{more}).")
     if recommendation.unflown and recommendation.index is None:
         lines.append(
@@ -155,8 +153,8 @@ def _of_the_recommended(design: Design, index: int) -> list[str]:
     hover = judged.operating.hover_speed[index] / RPM
     top = judged.operating.usable_speed[index] / RPM
     lines = []
-    if judged.outside[index]:
-        lines.append(f"Outside of what was tested: {'; '.join(judged.outside[index])}.")
+    if outside := judged.outside(index):
+        lines.append(f"Outside of what was tested: {'; '.join(outside)}.")
     lines.append(
         f"Hover at {hover:.0f} rpm and the thrust margin at {top:.0f} rpm are the model's: nobody "
         "measured beyond 3200 rpm."
@@ -205,7 +203,7 @@ def figure(value: float, quantity: Criterion) -> str:
 def known(design: Design, index: int, column: int) -> str:
     """Return how a figure is known, with the interval of a prediction."""
     judged = design.judged
-    label = judged.labels[index][column]
+    label = judged.labels[index, column]
     low, high = float(judged.low[index, column]), float(judged.high[index, column])
     if not math.isfinite(low) or not high > low:
         return f"{label}{' in speed' if QUANTITIES[column].name not in MEASURED else ''}"
@@ -217,11 +215,11 @@ def cell(design: Design, index: int, column: int) -> str:
     """Return a figure for a table: `*` where it is measured, the upper end where predicted."""
     judged, quantity = design.judged, QUANTITIES[column]
     text = figure(float(judged.value[index, column]), quantity)
-    if judged.labels[index][column] == "measured":
+    if judged.labels[index, column] == "measured":
         return f"{text}*"
     high = float(judged.high[index, column])
     if high > judged.low[index, column]:
-        doubt = "?" if judged.labels[index][column] == "extrapolated" else ""
+        doubt = "?" if judged.labels[index, column] == "extrapolated" else ""
         return f"≤{figure(high, quantity)}{doubt}"
     return text
 
