@@ -133,10 +133,3 @@ def test_a_reaction_ends_a_course_and_what_follows_is_the_plan_s(hovering):
     assert world.course.course_progress is None
     world.until(Phase.LANDED)
     assert world.place[:2] == pytest.approx([0.5, 0.1], abs=0.05)
-
-
-def test_other_parameters_leave_the_course(hovering):
-    hovering.course.fly_course("waypoints", [pose(1.0, 0.0, 2.0)])
-    hovering.course.set_params("mission", MissionParams(land_time=50.0))
-    hovering.run(8.0)
-    assert hovering.place == pytest.approx([1.0, 0.0, 2.0], abs=0.02)

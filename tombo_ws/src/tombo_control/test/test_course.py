@@ -71,15 +71,6 @@ def test_what_a_waypoint_leaves_out_is_as_before():
     assert resolved[2] == (3.0, *HOVERING[1:], 1.0, 2.0, 0.8, 1.0, 0.0)
 
 
-@pytest.mark.slow
-def test_lasts_as_long_whether_looked_at_30_or_50_times_a_second():
-    ends = []
-    for step in (1.0 / 30.0, 0.02, 0.0311):
-        flight = Follower(plan_of([{"x": 1.0}, {"x": 0.0}] * 20), step).run()
-        ends.append(flight.column(0)[flight.column(1) == Phase.LAND][0])
-    assert np.ptp(ends) < 0.04
-
-
 def test_a_late_look_begins_the_next_leg_then_and_nothing_jumps():
     plan = plan_of([{"x": 1.0}, {"x": 0.0}])
     flight = Follower(plan).run(5.1)

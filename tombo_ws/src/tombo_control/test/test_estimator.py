@@ -170,14 +170,6 @@ def test_converges_from_a_wrong_start_and_finds_the_biases():
     assert np.allclose(a.state.accel_bias, bias[1], atol=0.1)
 
 
-def test_bridges_a_gap_of_mocap():
-    begin, end = 4000, 4300
-    _, out = estimate(CURVES, gap=(begin, end), **REAL)
-    distance = np.linalg.norm(out[:, :3] - CURVES.position, axis=1)
-    assert distance[begin : end + 50].max() < 0.01
-    assert distance[end + 1000 :].max() < 0.005
-
-
 @pytest.mark.slow
 def test_what_it_lets_through_of_mocap_noise_is_as_computed():
     """The covariance of the linear observer, from its gains, against the running estimator."""
@@ -293,11 +285,3 @@ def test_on_the_ground_it_learns_no_velocity_and_no_accelerometer_bias():
     assert (a.state.velocity == 0.0).all()
     assert (a.state.accel_bias == 0.0).all()
     assert np.linalg.norm(a.state.position - POSE[:3]) < 1e-2
-
-
-def test_a_lost_imu_sample_is_ridden_out():
-    spoilt = motion(8.0)
-    spoilt.imu[2000:7000:100] = math.nan
-    _, out = estimate(spoilt)
-    assert np.isfinite(out).all()
-    assert error(spoilt, out)[0] < 0.02

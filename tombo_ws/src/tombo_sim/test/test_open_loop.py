@@ -56,11 +56,6 @@ def test_a_vehicle_taken_for_too_heavy_sinks(flight):
     assert off[:, 2] == pytest.approx(-fall, rel=0.2)
 
 
-def test_unknown_delay_is_refused(flight):
-    late = {**EFFECTS, "command_delay": {"delay": 0.025}}
-    assert np.abs(let_go(flight, late)).max() > 20.0 * np.abs(let_go(flight, EFFECTS)).max()
-
-
 @pytest.mark.slow
 def test_a_load_on_a_thread_swings_on_in_every_window():
     """Its memory is that of the flight, not of the window before or of a load at rest."""

@@ -68,20 +68,6 @@ def test_a_nodus_like_iron_makes_the_rigid_propeller_wherever_it_is():
         assert both.usable_thrust[0] == pytest.approx(both.usable_thrust[1], rel=1e-3)
 
 
-def test_a_longer_nodus_twists_more_and_lifts_less():
-    lengths = (0.008, 0.012, 0.016, 0.020)
-    row = [
-        dataclasses.replace(
-            configuration(10),
-            blade=with_nodus_at(BLADE, 0.035, length),
-            nodus=dataclasses.replace(configuration(10).nodus, length_mm=1e3 * length),
-        )
-        for length in lengths
-    ]
-    thrust = flight_performance(row, VEHICLE, "repaired").usable_thrust
-    assert (np.diff(thrust) < 0.0).all()
-
-
 @pytest.mark.parametrize(("radius", "length"), [(0.035, 0.021), (0.02, 0.012), (0.1, 0.012)])
 def test_a_nodus_off_the_blade_is_refused(radius, length):
     with pytest.raises(InputError, match="accepted: between 15 and 90 mm"):
