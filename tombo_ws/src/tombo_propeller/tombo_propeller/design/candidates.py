@@ -157,17 +157,8 @@ def _nodi(
             yield Nodus(matrix, fibre, count, diameter, length_mm)
 
 
-def _key(configuration: Configuration) -> tuple[object, ...]:
-    nodus = configuration.nodus
-    assert nodus is not None
-    return (
-        nodus.matrix.name,
-        nodus.fibre.name,
-        nodus.fibres,
-        nodus.fibre_diameter_mm,
-        nodus.length_mm,
-        round(configuration.blade.joint.outer_radius_m, 9),
-    )
+def _key(configuration: Configuration) -> tuple[Nodus | None, float]:
+    return configuration.nodus, round(configuration.blade.joint.outer_radius_m, 9)
 
 
 @lru_cache(maxsize=256)

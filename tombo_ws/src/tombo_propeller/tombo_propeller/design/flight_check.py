@@ -52,19 +52,19 @@ class FigureCheck:
 
 @dataclass(frozen=True)
 class Check:
-    """The collision flown with several seeds."""
+    """The collision flown with several seeds; the fields are those of `design.json`."""
 
-    seeds: tuple[int, ...]
-    claims: tuple[FigureCheck, ...]
-    force_N: float
+    flights: int
+    collision_force_N: float
     """Collision force and recovery time that were flown with."""
     recovery_s: float
-    falls_m: float
-    """Largest falling distance of all flights; NaN if none touches."""
-    settles_s: float
-    """Longest time from touch to rest at x_r; NaN if none comes to rest."""
+    largest_fall_m: float
+    """Of all flights; NaN if none touches."""
+    longest_settling_s: float
+    """From touch to rest at x_r; NaN if none comes to rest."""
     limits: tuple[FigureCheck, ...]
     """The limits that flights can show, with what they show."""
+    claims: tuple[FigureCheck, ...]
 
     @property
     def flies(self) -> bool:
@@ -151,7 +151,7 @@ def check_design(
     claims = _claims(design, index, flown, margin, scatter)
     simulated = {name: claim.simulated for name, claim in zip(_SHOWN, claims, strict=True)}
     worst = (float(np.fmax.reduce(flown[name])) for name in ("falls_m", "settles_s"))
-    return Check(tuple(seeds), claims, force, recovery, *worst, _limits(design, simulated))
+    return Check(len(seeds), force, recovery, *worst, _limits(design, simulated), claims)
 
 
 def _fly(

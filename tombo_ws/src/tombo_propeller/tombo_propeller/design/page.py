@@ -131,8 +131,9 @@ def _check_table(check: Check | None) -> list[Item]:
         )
         for c in (*check.claims, *check.limits)
     ]
-    falls = f" Falls {check.falls_m:.2f} m at most." if math.isfinite(check.falls_m) else ""
-    note = f"{len(check.seeds)} flights into the pillar.{falls}"
+    fall = check.largest_fall_m
+    falls = f" Falls {fall:.2f} m at most." if math.isfinite(fall) else ""
+    note = f"{check.flights} flights into the pillar.{falls}"
     return [Table(("", "claimed", "simulated", ""), rows, note=note)]
 
 
@@ -243,15 +244,4 @@ def _candidate(design: Design, index: int) -> dict[str, Any]:
 
 
 def _check(check: Check | None) -> dict[str, Any] | None:
-    if check is None:
-        return None
-    return {
-        "held": check.held,
-        "flights": len(check.seeds),
-        "collision_force_N": check.force_N,
-        "recovery_s": check.recovery_s,
-        "largest_fall_m": check.falls_m,
-        "longest_settling_s": check.settles_s,
-        "limits": [dataclasses.asdict(limit) for limit in check.limits],
-        "claims": [dataclasses.asdict(claim) for claim in check.claims],
-    }
+    return None if check is None else {"held": check.held, **dataclasses.asdict(check)}

@@ -59,7 +59,8 @@ def reasons(design: Design, recommendation: Recommendation) -> list[str]:
             if not c.held
         ]
         broken = "; ".join(reasons[:2])
-        more = f", falls up to {check.falls_m:.1f} m" if check.falls_m > 1.0 else ""
+        fall = check.largest_fall_m
+        more = f", falls up to {fall:.1f} m" if fall > 1.0 else ""
         lines.append(f"Passed over: {name_of(design, index)}, fails in flight ({broken}{more}).")
     if recommendation.unflown and recommendation.index is None:
         lines.append(
