@@ -380,16 +380,6 @@ def test_a_phase_or_an_estimate_that_is_none_is_refused():
     assert bench.published[-1][1].position == pytest.approx(HERE)
 
 
-def test_the_status_is_published_only_when_something_has_changed():
-    bench = Bench()
-    published = len(bench.statuses)
-    bench.run(0.8)
-    assert len(bench.statuses) == published
-    bench.hit()
-    bench.tick()
-    assert len(bench.statuses) == published + 1
-
-
 def test_a_clock_set_back_begins_again_and_nobody_seems_alive():
     bench = Bench()
     bench.hit()

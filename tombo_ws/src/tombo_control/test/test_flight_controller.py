@@ -254,19 +254,6 @@ def test_the_bias_is_taken_from_the_gyro(bench: _Bench) -> None:
     assert np.allclose(command.speed, bench.hover, rtol=0.02)
 
 
-def test_a_late_estimate_of_a_turning_vehicle_is_brought_up_to_date(bench: _Bench) -> None:
-    turning = np.array([0.0, 0.0, 5.0])
-    bench.setpoint(yaw=0.05)
-    captured = bench.now_ns + TICK_NS  # level then; it turns from there on
-    for _ in range(11):
-        bench.tick += 1
-        bench.controller.tick(bench.now_ns, bench.now_ns, turning)
-    assert bench.estimate(stamp_ns=captured)
-    bench.run(30, estimate=False, setpoint=False)
-    rates = bench.controller.autopilot.setpoint.rates
-    assert abs(rates[2]) < 0.02  # 2.5 1/s times the 0.05 rad it has turned since, if forgotten
-
-
 @pytest.mark.slow
 def test_old_poses_behind_fresh_odometry_are_not_flown_on(flight: Lockstep) -> None:
     flight.mocap_on = False

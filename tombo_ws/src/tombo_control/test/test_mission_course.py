@@ -289,15 +289,6 @@ def test_a_vehicle_that_does_not_lift_off_is_given_up():
     world.until(Phase.LANDED, 0.3)
 
 
-def test_held_on_the_ground_it_is_not_given_up():
-    world = World().until(Phase.TAKEOFF)
-    world.reaction(ReactionPhase.HOLDING)
-    world.run(10.0)
-    assert world.course.mode == Phase.TAKEOFF
-    world.reaction(ReactionPhase.IDLE)
-    world.until(Phase.HOVER, 8.0)
-
-
 def test_passing_low_is_not_standing():
     world = World().until(Phase.APPROACH)
     world.reaction(ReactionPhase.REACTING, X_R, 1)

@@ -138,18 +138,6 @@ def test_gusts_forget_within_their_time(time):
     assert abs(np.mean(wind[far:] * wind[:-far]) / np.mean(wind**2)) < 0.12
 
 
-def test_gusts_add_to_the_steady_wind():
-    v = Vehicle({"gusts": {"deviation": 1.0}, "steady_wind": {"east": 3.0, "north": 1.0}})
-    noise = np.zeros(NOISE)
-    noise[:3] = [1.0, -2.0, 0.5]
-    v.begin(noise)
-    assert v.plant.wind - v.plant.memories.gusts.velocity == pytest.approx([3.0, 1.0, 0.0])
-    assert v.plant.memories.gusts.velocity == pytest.approx(
-        v.plant.memories.gusts.velocity[0] * noise[:3]
-    )
-    assert v.plant.memories.gusts.velocity[0] > 0.0
-
-
 def test_wind_swings_about_its_mean():
     wind = {"east": 3.0, "swing_north": 2.0, "frequency": 5.0, "phase": 0.3}
     v = Vehicle({"steady_wind": wind})

@@ -276,15 +276,6 @@ def test_a_disc_above_the_top_passes():
     assert not untouched(v)
 
 
-def test_a_thin_pole_inside_the_disc_is_struck_with_its_lever():
-    v = struck(pole=0.01, depth=0.05, slant=0.5 * math.pi)
-    v.begin()
-    lever = RADIUS + 0.01 - 0.05
-    push = np.linalg.norm(v.plant.strike_force)
-    lost = v.params.rotor_inertia * (HOVER - v.plant.rotor_speed[2])
-    assert lost == pytest.approx(push * lever * 1e-3)
-
-
 def test_a_disc_that_rises_above_the_obstacle_during_a_strike_is_free():
     """There is nothing left to push against, least of all in a direction made up."""
     v = struck()

@@ -64,20 +64,6 @@ def test_invalid_disturbance_is_refused_and_nothing_is_set(name, values, words):
 # --- one by one -----------------------------------------------------------------------------
 
 
-def test_a_tether_keeps_energy(no_air):
-    v = disturbed(
-        "tether", 0.0, 0.0, 20.0, 1.0, 30.0, maps=no_air, position=(2.0, 0.0, 20.0),
-        velocity=(0.0, 2.0, 0.0),
-    )  # fmt: skip
-
-    def energy(v):
-        stretch = max(np.linalg.norm(v.position - [0.0, 0.0, 20.0]) - 1.0, 0.0)
-        return v.energy() + 0.5 * 30.0 * stretch**2
-
-    energies = v.fly(5.0, watch=energy)
-    assert np.ptp(energies) < 1e-6 * energies[0]
-
-
 @given(SEEDS)
 def test_dry_drag_is_as_large_at_any_speed_and_always_brakes(seed):
     rng = np.random.default_rng(seed)

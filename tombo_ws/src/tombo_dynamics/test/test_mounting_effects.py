@@ -73,31 +73,6 @@ def test_misaligned_imu_reads_the_same_vectors_in_its_axes(roll, pitch, yaw):
 # --- the rigid body of the motion capture ---------------------------------------------------
 
 
-@pytest.mark.slow
-@given(st.floats(-3.2, 3.2), SEEDS)
-def test_a_world_turned_in_yaw_equals_a_flight_with_another_heading(yaw, seed):
-    """Its samples are those of the flight that began turned: nothing in them tells."""
-    rng = np.random.default_rng(seed)
-    turn = Rotation.from_euler("z", yaw)
-    start, attitude = rng.normal([0.0, 0.0, 10.0], 1.0), random_attitude(rng)
-    velocity, rates = rng.normal(0.0, 2.0, 3), rng.normal(0.0, 1.0, 3)
-    drag = {"linear_rotor_drag": {"d_xy": 0.4, "d_z": 0.2}}
-    straight = Vehicle(
-        drag, position=start, attitude=attitude, velocity=velocity, rates=rates, speed=450.0
-    )
-    turned = Vehicle(
-        drag, position=turn.apply(start), velocity=turn.apply(velocity), rates=rates, speed=450.0,
-        attitude=(turn * Rotation.from_quat(attitude)).as_quat(),
-    )  # fmt: skip
-    straight.fly(0.1)
-    turned.fly(0.1)
-    seen = measured_pose(
-        {"mocap_misalignment": {"yaw": yaw}}, straight.position, straight.plant.state.attitude
-    )
-    assert seen.position == pytest.approx(turned.position, abs=1e-9)
-    assert (Rotation.from_quat(seen.attitude).inv() * turned.rotation).magnitude() < 1e-7
-
-
 @given(SEEDS)
 def test_the_marker_offset_turns_with_the_true_attitude_and_the_world(seed):
     rng = np.random.default_rng(seed)

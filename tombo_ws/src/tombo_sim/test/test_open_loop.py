@@ -73,11 +73,3 @@ def test_an_attitude_that_is_held_stays_the_measured_one(flight):
     free, held = let_go(flight, odd), let_go(flight, odd, hold=True)
     assert np.abs(held[:, :3]).max() < 2e-3
     assert np.abs(free[:, 6:10]).max() > 0.05
-
-
-def test_rotor_speeds_that_were_measured_are_imposed(flight):
-    true = flight["rotor_speed"]
-    speed = np.hstack([true, np.gradient(true, TICK, axis=0)])
-    lame = {**EFFECTS, "motor_lag": {"extra_tau": 0.1}}
-    told = np.abs(let_go(flight, lame, speed=speed)[:, :3]).max()
-    assert told < 1e-3 and np.abs(let_go(flight, lame)[:, :3]).max() > 5e-3

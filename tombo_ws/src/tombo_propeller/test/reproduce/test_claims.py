@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
 from collections.abc import Callable
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tombo_propeller.reproduce.claims.claim import DATA, FAILS, HOLDS, JUDGES, OPEN, Claim
+from tombo_propeller.reproduce.claims.claim import DATA, FAILS, HOLDS, JUDGES, OPEN
 from tombo_propeller.reproduce.claims.model_claims import weighted_slope
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper, PrintedNumber, Row3
@@ -245,10 +244,3 @@ def test_a_claim_about_the_model_is_judged_by_the_law_that_was_asked_for() -> No
     for name in ("omega_mtf_order", "gamma_mtf", "gamma_mld", "eps_mld_same"):
         assert none.claim(name).verdict == FAILS
         assert none.claim(name).computed == {"consistent": None}
-
-
-def test_a_claim_is_plain_values(whole: Reproduction) -> None:
-    for c in whole.claims:
-        mapping = c.mapping()
-        assert isinstance(c, Claim) and mapping["verdict"] == c.verdict
-        assert {f.name for f in dataclasses.fields(c)} - {"judge"} <= set(mapping)

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tombo_dynamics.propeller import (
-    LAWS,
     RPM,
     configuration,
     evaluate,
@@ -46,15 +45,6 @@ def test_maximum_of_thrust_is_where_the_library_has_it(conf: int, law: str) -> N
     assert computed.inside
     expected, _ = speed_of_maximum_thrust(configuration(conf), law)
     assert computed.speed_rpm == pytest.approx(expected / RPM, rel=1e-6)
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_no_speed_has_more_lift_over_drag(law: str) -> None:
-    best = maximum(configuration(3), law, "lift_over_drag")
-    speeds = np.linspace(0.02, 1.0, 2000) * best.speed_rpm * RPM
-    ratio = evaluate(configuration(3), speeds, law).lift_over_drag
-    assert ratio.max() <= best.value * (1.0 + 1e-12)
-    assert best.inside == (law != "consistent")
 
 
 def test_drags_mirrored_weight_makes_most_of_the_largest_lift_over_drag() -> None:
