@@ -64,7 +64,6 @@ def estimate(
     bias=(0.0, 0.0),
     gap=(0, 0),
     stamped=True,
-    swap=False,
     a=None,
 ):
     """Run the estimator along a motion; return it and its position and velocity at each tick.
@@ -78,7 +77,6 @@ def estimate(
         bias: of the same.
         gap: first and last tick without mocap.
         stamped: False tells the estimator that a sample was captured when it arrived.
-        swap: every second sample overtakes the one before it.
         a: a memory to begin with.
     """
     rng = np.random.default_rng(seed)
@@ -88,10 +86,9 @@ def estimate(
         a = fresh_autopilot(position=truth.position[0], attitude=truth.attitude[0])
         a.state.velocity[:] = truth.velocity[0]
     due: dict[int, list[int]] = {}
-    for i, captured in enumerate(range(0, n, PERIOD)):
-        late = latency + (PERIOD + 5 if swap and i % 2 == 0 else 0)
+    for captured in range(0, n, PERIOD):
         if not gap[0] <= captured < gap[1]:
-            due.setdefault(captured + late, []).append(captured)
+            due.setdefault(captured + latency, []).append(captured)
     shake = rng.standard_normal((n, 6)) * np.repeat(mocap, 3)
     out = np.zeros((n, 6))
     last = 0

@@ -96,25 +96,19 @@ def candidates(library: Library, blade: Blade) -> list[Configuration]:
     number = free_number(library)
     nodi = [c.nodus for c in known if c.nodus]
     size = blade.tip_radius_m / _GRID_TIP_RADIUS_M
-    lengths = sorted(
-        {*(round(x * size, 1) for x in LENGTHS_MM), *(nodus.length_mm for nodus in nodi)}
-    )
+    lengths = {*(round(x * size, 1) for x in LENGTHS_MM), *(nodus.length_mm for nodus in nodi)}
     diameters = sorted({*DIAMETERS_MM, *(nodus.fibre_diameter_mm for nodus in nodi)})
-    own_mm = 1e3 * blade.joint.outer_radius_m
-    radii = sorted({*(round(x * size, 1) for x in OUTER_RADII_MM), own_mm})
-    own_radius = blade.joint.outer_radius_m
-    for radius in radii:
-        outer = own_radius if abs(1e-3 * radius - own_radius) < 1e-9 else 1e-3 * radius
-        for length in lengths:
-            try:
-                placed = with_nodus_at(blade, outer, 1e-3 * length)
-            except InputError:
-                continue
-            room = 1e3 * chord_m(blade, outer - 0.5e-3 * length)
-            for nodus in _nodi(library, length, room, diameters):
-                candidate = Configuration(number, placed, nodus)
-                if _key(candidate) not in seen:
-                    known.append(candidate)
+    own_m = blade.joint.outer_radius_m
+    radii = {*(round(x * size, 1) for x in OUTER_RADII_MM), 1e3 * own_m}
+    for radius, length in product(sorted(radii), sorted(lengths)):
+        outer = own_m if abs(1e-3 * radius - own_m) < 1e-9 else 1e-3 * radius
+        try:
+            placed = with_nodus_at(blade, outer, 1e-3 * length)
+        except InputError:
+            continue
+        room = 1e3 * chord_m(blade, outer - 0.5e-3 * length)
+        made = (Configuration(number, placed, n) for n in _nodi(library, length, room, diameters))
+        known += [candidate for candidate in made if _key(candidate) not in seen]
     return known
 
 

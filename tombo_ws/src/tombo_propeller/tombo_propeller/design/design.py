@@ -211,36 +211,15 @@ def choose(judged: CandidateTable, limits: Sequence[DesignLimit], gain: float) -
     left = slack(judged.counted, limits)
     worst = left.min(axis=1)
     feasible = worst >= 0.0
-    return Choice(
-        tuple(limits),
-        left,
-        feasible,
-        _order(judged, worst, feasible, gain),
-        tuple(_relief(judged, left, k, limits) for k in range(len(limits))),
-        tuple(int(i) for i in _by_slack(worst, ~feasible, judged.tier)[:_NEAREST]),
-    )
-
-
-def _order(
-    judged: CandidateTable, worst: Array, feasible: NDArray[np.bool_], gain: float
-) -> tuple[int, ...]:
-    indices = np.flatnonzero(feasible)
-    if not indices.size:
-        return ()
-    keys = (-judged.counted[indices, 0], -worst[indices], judged.distance[indices],
-            judged.tier[indices])  # fmt: skip
-    ordered = [int(i) for i in indices[np.lexsort(keys)]]
-    first = ordered[0]
-    within = [i for i in ordered if judged.tier[i] == 1]
-    if within and judged.tier[first] == 0 and worst[within[0]] > worst[first] + gain:
-        first = within[0]
-    ordered.remove(first)
-    return (first, *ordered)
-
-
-def _by_slack(worst: Array, among: NDArray[np.bool_], tier: NDArray[np.int64]) -> Array:
-    indices = np.flatnonzero(among & np.isfinite(worst))
-    return np.asarray(indices[np.lexsort((tier[indices], -worst[indices]))])
+    keys = (-judged.counted[:, 0], -worst, judged.distance, judged.tier)
+    order = [int(i) for i in np.lexsort(keys) if feasible[i]]
+    overtake = [i for i in order if judged.tier[i] == 1 and worst[i] > worst[order[0]] + gain]
+    if overtake and judged.tier[order[0]] == 0:
+        order.remove(overtake[0])
+        order.insert(0, overtake[0])
+    misses = [int(i) for i in np.lexsort((judged.tier, -worst)) if -np.inf < worst[i] < 0.0]
+    relief = tuple(_relief(judged, left, k, limits) for k in range(len(limits)))
+    return Choice(tuple(limits), left, feasible, tuple(order), relief, tuple(misses[:_NEAREST]))
 
 
 def _relief(

@@ -150,8 +150,9 @@ def check_design(
         margin, scatter = _table(scenario)
     claims = _claims(design, index, flown, margin, scatter)
     simulated = {name: claim.simulated for name, claim in zip(_SHOWN, claims, strict=True)}
-    worst = (float(np.fmax.reduce(flown[name])) for name in ("falls_m", "settles_s"))
-    return Check(len(seeds), force, recovery, *worst, _limits(design, simulated), claims)
+    fall, settling = (float(np.fmax.reduce(flown[name])) for name in ("falls_m", "settles_s"))
+    limits = _limits(design, simulated)
+    return Check(len(seeds), force, recovery, fall, settling, limits, claims)
 
 
 def _fly(

@@ -32,7 +32,7 @@ from tombo_propeller.design.design import (
     strike_share,
     thrust_error,
 )
-from tombo_propeller.design.readings import MeanReading, read
+from tombo_propeller.design.readings import read
 from tombo_propeller.workbench.propeller_choice import PAPER, ChosenPropeller
 
 BENCH_RPM: Final = 2000.0
@@ -168,23 +168,13 @@ def bench_force(choice: ChosenPropeller, library: Library) -> tuple[float, float
             for c in library.configurations.values()
             if c.nodus is None and c.measured is not None
         )
-    reading = force_model(library)
+    reading = read(_FORCE, measured_soft(library, library.blades[PAPER]))
     reach = reading.reach(_CONFIDENCE)
     if taken is not None:
         known = MEASURED_HERE if choice.on_paper_blade else EXTRAPOLATED
         return taken, max(taken - reach, 0.0), taken + reach, known
     known = MODELLED if choice.on_paper_blade else EXTRAPOLATED
     return reading.mean, max(reading.mean - reach, 0.0), reading.mean + reach, known
-
-
-def force_model(library: Library) -> MeanReading:
-    """Return what predicts the collision force of a nodus that was not measured."""
-    return _force_model(measured_soft(library, library.blades[PAPER]))
-
-
-@lru_cache(maxsize=4)
-def _force_model(measured: tuple[Configuration, ...]) -> MeanReading:
-    return read(_FORCE, measured)
 
 
 @lru_cache(maxsize=16)

@@ -109,10 +109,10 @@ def endurance(paper: Paper) -> Judged:
     low = float(stats.beta.ppf(0.025, replaced, trials - replaced + 1.0))
     high = float(stats.beta.ppf(0.975, replaced + 1.0, trials - replaced))
     right = paper.number("measured", "collisions_a_propeller").agrees(mean)
-    texts = {"replaced": replaced, "trials": trials, "mean": mean}
+    texts: dict[str, object] = {"replaced": replaced, "trials": trials, "mean": mean}
     texts |= {"least": 1.0 / high, "most": 1.0 / low}
-    said = {"right": "is right" if right else "is wrong"}
-    return Judged(mean, OPEN if right else FAILS, texts | said)
+    texts["right"] = "is right" if right else "is wrong"
+    return Judged(mean, OPEN if right else FAILS, texts)
 
 
 @judges
