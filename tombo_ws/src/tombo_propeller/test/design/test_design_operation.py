@@ -38,10 +38,6 @@ def test_what_cannot_lift_has_no_hover():
     assert np.array_equal(np.isnan(performance.hover_lift_over_drag), too_soft)
 
 
-def test_the_blades_own_place_changes_nothing():
-    assert with_nodus_at(BLADE, 0.035, 0.012) is BLADE
-
-
 def test_a_nodus_further_out_has_a_lighter_wing_and_another_chord():
     inner, outer = with_nodus_at(BLADE, 0.035, 0.010), with_nodus_at(BLADE, 0.055, 0.010)
     assert outer.joint.wing_mass_kg < inner.joint.wing_mass_kg == BLADE.joint.wing_mass_kg

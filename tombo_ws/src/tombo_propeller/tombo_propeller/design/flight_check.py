@@ -230,28 +230,18 @@ def _claims(
     claimed = float(design.judged.value[index, NAMES.index("thrust_margin")])
     push, back = (float(np.fmax.reduce(flown[name])) for name in ("force_N", "recovery_s"))
     rpm = 30.0 / math.pi
-    return (
-        FigureCheck(
-            "flights that touch the pillar", count, collided, "", collided == count
-        ),
-        FigureCheck(
-            "flights that recover after it", count, recovered, "", recovered == count
-        ),
-        FigureCheck(
-            "thrust margin", claimed, margin, "", abs(margin - claimed) <= _CLOSE * abs(claimed)
-        ),
-        FigureCheck(
-            "rotor speed in hover", hover * rpm, speed * rpm, "rpm",
-            abs(speed - hover) <= drift * hover,
-        ),
-        FigureCheck(
-            "first strike's highest force", force, push, "N", push <= force * (1.0 + _CLOSE)
-        ),
-        FigureCheck(
-            "blade's recovery time", recovery, back, "s",
-            abs(back - recovery) <= _CLOSE * recovery + 2.0 * TICK_S,
-        ),
+    in_margin = abs(margin - claimed) <= _CLOSE * abs(claimed)
+    in_time = abs(back - recovery) <= _CLOSE * recovery + 2.0 * TICK_S
+    rows = (
+        ("flights that touch the pillar", count, collided, "", collided == count),
+        ("flights that recover after it", count, recovered, "", recovered == count),
+        ("thrust margin", claimed, margin, "", in_margin),
+        ("rotor speed in hover", hover * rpm, speed * rpm, "rpm",
+         abs(speed - hover) <= drift * hover),
+        ("first strike's highest force", force, push, "N", push <= force * (1.0 + _CLOSE)),
+        ("blade's recovery time", recovery, back, "s", in_time),
     )  # fmt: skip
+    return tuple(FigureCheck(*row) for row in rows)
 
 
 _SHOWN = ("", "", "thrust_margin", "", "collision_force_N", "recovery_s")
