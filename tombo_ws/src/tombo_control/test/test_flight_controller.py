@@ -254,6 +254,16 @@ def test_the_bias_is_taken_from_the_gyro(bench: _Bench) -> None:
     assert np.allclose(command.speed, bench.hover, rtol=0.02)
 
 
+def test_refused_estimates_leave_it_blind(bench: _Bench) -> None:
+    for _ in range(150):
+        bench.tick += 1
+        bench.estimate(position=np.full(3, np.nan))
+        bench.controller.biases(_ZERO, bench.now_ns)
+        bench.setpoint()
+        command = bench.controller.tick(bench.now_ns, bench.now_ns, _ZERO)
+    assert command.blind
+
+
 @pytest.mark.slow
 def test_old_poses_behind_fresh_odometry_are_not_flown_on(flight: Lockstep) -> None:
     flight.mocap_on = False

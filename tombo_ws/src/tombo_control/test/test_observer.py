@@ -209,6 +209,24 @@ def test_a_jump_that_persists_begins_the_estimate_again(ride: _Ride) -> None:
     assert ride.error < 1e-6
 
 
+def test_jumps_that_do_not_agree_change_nothing(ride: _Ride) -> None:
+    for k in range(8):
+        ride.run(20, poses=False)
+        apart = np.array([0.0, 5.0 * (-1.0) ** k, 2.0])
+        assert ride.pose(position=apart) == PoseRefusal.JUMP
+    assert ride.error < 1e-3
+    assert ride.pose(stamp_ns=ride.ns(ride.tick)) == PoseRefusal.NONE
+
+
+def test_wrong_poses_with_good_ones_between_are_never_believed(ride: _Ride) -> None:
+    for _ in range(7):
+        ride.run(_MOCAP_TICKS)
+        ride.late = 20
+        assert ride.pose(position=np.array([0.0, 4.0, 2.0])) == PoseRefusal.JUMP
+        ride.late = 10
+    assert ride.error < 1e-6
+
+
 def test_after_a_gap_of_poses_a_larger_step_is_believed(ride: _Ride) -> None:
     ride.run(400, poses=False)
     off = np.add(ride.place(ride.tick - ride.late), [0.0, 0.9, 0.0])  # 0.25 m + 2 m/s * 0.43 s
