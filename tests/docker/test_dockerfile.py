@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
-import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -52,20 +50,6 @@ def test_hadolint_has_nothing_to_say():
     assert run.returncode == 0, run.stdout + run.stderr
 
 
-def commands() -> list[str]:
-    """The steps without their --mount flags."""
-    return [re.sub(r"--mount=\S+ ", "", rest) for rest in values("RUN")]
-
-
-@pytest.mark.parametrize("command", commands())
-def test_a_step_is_a_script_of_ours(command: str):
-    script = shlex.split(command)[0]
-    assert re.fullmatch(r"scripts/[\w.]+\.sh", script)
-    assert not re.search(r"[;&|<>$(`]", command.replace('"${UID}"', ""))
-    path = ROOT / "docker" / script
-    assert path.stat().st_mode & 0o111
-
-
 def copied() -> list[str]:
     plain = [rest for rest in values("COPY") if not rest.startswith("--from")]
     return [source for rest in plain for source in rest.split()[:-1]]
@@ -81,12 +65,6 @@ def test_what_is_copied_is_there_and_not_ignored(source: str):
     assert any(part in kept for part in parts)
     dropped = [line.removeprefix("**/") for line in lines if line.startswith("**/")]
     assert not any(fnmatch(Path(source).name, pattern) for pattern in dropped)
-
-
-def test_the_context_holds_no_more_than_what_is_copied():
-    lines = (ROOT / ".dockerignore").read_text().splitlines()
-    for kept in (line[1:] for line in lines if line.startswith("!")):
-        assert any(source.rstrip("/").startswith(kept) for source in copied()), kept
 
 
 def test_every_manifest_is_there_before_the_sources():

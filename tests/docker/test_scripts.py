@@ -96,14 +96,6 @@ def test_rosdep_is_asked_for_all_but_the_python_libraries_which_are_pinned(box: 
     assert not {n for n in pins if n.startswith("ros-")} | {"empy", "lark-parser"} & pins
 
 
-def test_a_step_that_fails_ends_the_build(box: Box):
-    box.tool("apt-get")
-    box.tool("rosdep", "exit 1")
-    assert box.run("10_system.sh", ROOT / "tombo_ws" / "src").returncode == 1
-    box.tool("rosdep")
-    assert box.run("10_system.sh", box.folder).returncode == 1, "no manifests there"
-
-
 # --- Python libraries -------------------------------------------------------------------------
 
 VENV_MAKER = """
@@ -180,42 +172,6 @@ def test_packages_are_built_start_and_list_scenarios(box: Box):
     assert {"suite.launch.py", "suite.yaml", "tombo.rviz", "tombo.json"} <= {
         path.name for path in share.rglob("*")
     }
-
-
-NODE = """#!{python}
-import signal, sys, time
-signal.signal(signal.SIGINT, lambda *_: sys.exit({code}))
-print("{words}", file=sys.stderr, flush=True)
-time.sleep({life})
-sys.exit({late})
-"""
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "life", "late", "complaint"),
-    [
-        ("running", 0, 60, 0, ""),
-        ("running", 3, 60, 0, "ended with code 3"),
-        ("no parameters", 0, 0, 2, "ended with code 2"),
-        ("thinking", 0, 60, 0, "ended with code 0"),
-    ],
-)
-def test_smoke_tells_good_nodes_from_bad(
-    box: Box, words: str, code: int, life: int, late: int, complaint: str
-):
-    prefix = box.folder / "install"
-    path = prefix / "lib/tombo_zebra/zebra_node"
-    path.parent.mkdir(parents=True)
-    (prefix / "setup.bash").touch()
-    path.write_text(
-        NODE.format(python=sys.executable, words=words, code=code, life=life, late=late)
-    )
-    path.chmod(0o755)
-    run = box.run("smoke.sh", TOMBO_PREFIX=str(prefix), TOMBO_PATIENCE="2")
-    assert run.returncode == (1 if complaint else 0), run.stderr
-    assert complaint in run.stderr
-    if complaint:
-        assert words in run.stderr
 
 
 # --- The running container --------------------------------------------------------------------

@@ -8,7 +8,7 @@ import pytest
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
-from parameter_calls import call_trigger, set_parameters
+from parameter_calls import call_trigger
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from reports import heard, told
@@ -206,14 +206,6 @@ def test_begun_in_flight_after_a_collision_it_goes_to_x_r(world, start):
     assert array(said.position) == pytest.approx(X_R)
     flight.until(MissionStatus.LAND, patience_s=12.0)
     assert MissionStatus.TAKEOFF not in flight.phases()
-
-
-def test_waits_for_auto_start(world, start):
-    flight = Flight(world, start, more=["auto_start:=false"])
-    for _ in range(30):
-        assert flight.step().phase == MissionStatus.IDLE
-    assert set_parameters(world, "mission", auto_start=True) == [(True, "")]
-    flight.until(MissionStatus.TAKEOFF)
 
 
 def test_an_operator_takes_off_and_lands_by_services(world, start):

@@ -234,12 +234,6 @@ def test_a_refusal_is_answered_with_px4s_own_words(lab, world):
     assert not answer.success and "no heartbeat" in answer.message
 
 
-def test_another_vehicle_on_this_port_is_named(lab, world):
-    lab = lab(system=7)
-    text = told(world, "px4_bridge", "wrong_system", meanwhile=lab.publish)
-    assert "system 7 speaks here, waiting for 1" in text
-
-
 @pytest.mark.real_time
 def test_the_estimate_is_handed_on_once_the_checks_pass(lab, world):
     """The mission begins with the first estimate: PX4's must be good by then."""

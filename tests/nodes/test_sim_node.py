@@ -211,20 +211,6 @@ def test_each_tick_waits_for_its_command_if_asked_to(world, start):
 
 
 @pytest.mark.real_time
-def test_time_keeps_its_own_speed_before_the_first_command(world, start):
-    """A plan would else be through with waiting for its take-off before all nodes have met."""
-    world.subscribe(IMU)
-    node = start("tombo_sim.sim_node", *_WORLD, "-p", "wait_for_command:=true")
-    world.meet(IMU)
-    heard(world, IMU, lambda m: True)
-    began, begin = time.monotonic(), _stamps(world, IMU)[-1]
-    heard(world, IMU, lambda m: to_ns(m.header.stamp) > begin + 500 * _MS)
-    with in_time():
-        assert time.monotonic() - began > 0.4
-    assert node.end() == 0
-
-
-@pytest.mark.real_time
 def test_nobody_stops_time_by_commands_of_the_past(world, start):
     world.subscribe(IMU, DIAGNOSTICS)
     node = start("tombo_sim.sim_node", *_WORLD, "-p", "wait_for_command:=true")

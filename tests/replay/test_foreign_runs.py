@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from pathlib import Path
 
 import numpy as np
@@ -143,16 +142,6 @@ def test_poses_without_stamps_are_stamped_when_they_arrived(tmp_path, flight):
     assert events(path) == []
     (found,) = events(path, stamp_on_arrival=True)
     assert found == pytest.approx(24.244, abs=0.002)
-
-
-def test_poses_that_are_not_numbers_are_refused_and_the_rest_is_used(tmp_path, flight):
-    track = copy.deepcopy(flight)
-    track.position[600, 0] = np.nan
-    track.attitude[601] = np.nan
-    result = replay_bag(write(tmp_path / "lab.mcap", track), ReplayRequest())
-    assert result.nodes["detector"]["poses_refused"] == {"not_finite": 2}
-    assert len(result.replayed.events) == 1
-    assert any("2 of 1198 poses are not finite" in finding for finding in result.findings)
 
 
 def test_a_flight_of_no_length_and_one_of_a_single_pose(tmp_path, flight):

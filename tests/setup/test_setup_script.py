@@ -240,27 +240,6 @@ def test_a_failed_build_keeps_the_requirements(clone: Clone):
     assert not (clone.root / "build/colcon/left_over").exists()
 
 
-@pytest.mark.parametrize("bad", [False, True])
-def test_kernels_are_compiled_while_the_workspace_is_built(clone: Clone, bad: bool):
-    warmup = clone.root / "tombo_ws/src/tombo_bringup/tombo_bringup/warmup.py"
-    warmup.parent.mkdir(parents=True)
-    warmup.touch()
-    warmed = f"[[ $(<{clone.root}/calls) == *warmup* ]]"
-    waits = f"for i in {{1..100}}; do {warmed} && break; sleep 0.05; done; {warmed} || exit 1"
-    clone.write_python("*) mkdir -p $root/build", f"*) {waits}; mkdir -p $root/build")
-    python = clone.bin / "python3"
-    warm = f'"-m tombo_bringup.warmup"*) {"echo no compiler; false" if bad else "true"} ;;\nesac'
-    python.write_text(python.read_text().replace("esac", warm))
-
-    run = clone.setup()
-
-    steps = clone.steps()
-    assert "colcon" in steps, "here it ends when the kernels have begun"
-    assert steps[-1] == "tombo_bringup.warmup", "once more, to be seen"
-    assert run.returncode == bad
-    assert ("no compiler" in run.stderr) == bad
-
-
 def test_a_sourced_ros_does_not_leak_in(clone: Clone):
     seen = clone.root / "seen"
     clone.write_python(new=f'echo "$PYTHONPATH$AMENT_PREFIX_PATH" >> {seen}\n')

@@ -6,14 +6,13 @@
 - A package imports only what `MAY_IMPORT` lists for it, and nobody's node.
 - Names with `ned` or `frd` as a part live in tombo_px4 and where PX4's logs are read: everywhere
   else the world is ENU and the body FLU.
-- The pure packages know no clock and no unseeded randomness.
+- The pure packages know no clock and no unseeded randomness (ruff refuses numpy's own).
 """
 
 from __future__ import annotations
 
 import ast
 import re
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -64,7 +63,6 @@ NED_FRD = {("tombo_px4",), ("tombo_logs", "readers", "ulog.py")}
 CLOCKLESS = {*LIBRARIES, "tombo_px4"}
 SHELLS = {("tombo_diagnosis", "report")}
 """Folders of pure packages that are no maths: they start processes, draw and write files."""
-SEEDED = {"BitGenerator", "Generator", "PCG64", "Philox", "SeedSequence", "default_rng"}
 SECOND_SIMULATOR = ("tombo_benchmarks", "diagnosis", "second_simulator")
 """Judges the diagnosis, so it shares nothing with the model that is fitted."""
 SECOND = "diagnosis/second_simulator/a.py"
@@ -154,19 +152,11 @@ def violations(package: str, path: Path, source: str) -> list[str]:
         nodes = [part for part in parts if part.endswith("_node")]
         if root in MAY_IMPORT and nodes and not is_node(path):  # a node may be made from another
             complain(line, f"imports the node {nodes[0]}: nodes are started, never imported")
-        if package in CLOCKLESS and not shell:
-            if root in {"time", "datetime", "random"}:
-                complain(line, f"imports {root}: time is an argument, randomness a Generator")
-            if module.startswith("numpy.random.") and parts[2] not in SEEDED:
-                complain(line, f"imports {module}: randomness comes from a Generator")
+        if package in CLOCKLESS and not shell and root in {"time", "datetime", "random"}:
+            complain(line, f"imports {root}: time is an argument, randomness a Generator")
 
     if package in CLOCKLESS and not shell:
         for node in ast.walk(tree):
-            if isinstance(node, ast.Attribute):
-                name = dotted(node)
-                drawn = re.fullmatch(r"(np|numpy)\.random\.(\w+)", name)
-                if drawn and drawn[2] not in SEEDED:
-                    complain(node.lineno, f"{name}: randomness comes from a Generator")
             if isinstance(node, ast.Call) and re.fullmatch(
                 r"(.*\.)?default_rng\(\)", ast.unparse(node)
             ):
@@ -202,14 +192,6 @@ def test_package_keeps_the_import_rules(package: str):
     assert not found, "\n".join(["import rules broken:", *found])
 
 
-def test_the_graph_of_packages_has_no_cycle():
-    done: set[str] = set()
-    while len(done) < len(MAY_IMPORT):
-        ready = {p for p, needs in MAY_IMPORT.items() if p not in done and needs <= done}
-        assert ready, f"these import each other: {sorted(set(MAY_IMPORT) - done)}"
-        done |= ready
-
-
 def imports_of_files() -> dict[str, set[str]]:
     """Dotted name of each file -> those of the files that it imports."""
     sources = {}
@@ -242,13 +224,6 @@ def loops(imports: dict[str, set[str]]) -> list[str]:
 def test_no_files_import_each_other_in_a_loop():
     imports = imports_of_files()
     assert not loops(imports)
-    folders: dict[str, set[str]] = {}  # of the package that has a protocol stack
-    for name, taken in imports.items():
-        for folder in [name.rpartition(".")[0]] if name.startswith("tombo_px4.") else []:
-            folders.setdefault(folder, set()).update(other.rpartition(".")[0] for other in taken)
-    below = {f: {o for o in taken if o in folders and o != f} for f, taken in folders.items()}
-    del below["tombo_px4"]  # nodes at the top, frames at the ground
-    assert not loops(below)
 
 
 @pytest.mark.parametrize(
@@ -273,7 +248,6 @@ def test_no_files_import_each_other_in_a_loop():
         ("tombo_control", "a.py", "planned = learned = 1", ""),
         ("tombo_sim", "a.py", "import time", "time is an argument"),
         ("tombo_sim", "sim_node.py", "import time\nimport rclpy", ""),
-        ("tombo_sim", "a.py", "import numpy as np\nnp.random.normal()", "from a Generator"),
         ("tombo_sim", "a.py", "import numpy as np\nnp.random.default_rng()", "without a seed"),
         ("tombo_sim", "a.py", "import numpy as np\nr = np.random.default_rng(3)", ""),
         ("tombo_benchmarks", SECOND, "from tombo_dynamics import rotation", "shares nothing"),
@@ -283,22 +257,3 @@ def test_no_files_import_each_other_in_a_loop():
 def test_the_rules_catch_what_they_should(package: str, file: str, source: str, complaint: str):
     found = "\n".join(violations(package, Path(file), source))
     assert complaint in found if complaint else not found
-
-
-@pytest.mark.slow
-def test_importing_every_pure_module_loads_no_ros():
-    modules = [
-        ".".join(path.relative_to(SRC / package).with_suffix("").parts).removesuffix(".__init__")
-        for package in python_packages()
-        if package != "tombo_ros"
-        for path in files_of(package)
-        # launching.py is the launch files' own: it needs the `launch` of a ROS install.
-        if not is_node(path) and path.stem not in {"__main__", "launching"}
-    ]
-    code = (
-        "import importlib, sys\n"
-        f"for name in {modules!r}: importlib.import_module(name)\n"
-        "sys.exit(str({'rclpy', 'tombo_msgs', 'tombo_ros'} & set(sys.modules) or '') or None)"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert run.returncode == 0, run.stderr

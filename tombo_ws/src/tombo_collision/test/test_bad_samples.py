@@ -39,11 +39,3 @@ def test_short_dropouts_raise_no_alarm():
     rng = np.random.default_rng(3)
     poses = flight(60.0, (0.4, 0.0, 0.0))
     assert not watch(poses.without(rng.random(len(poses)) > 0.4))[0]
-
-
-@pytest.mark.parametrize("jump", [-100.0, 100.0])
-def test_a_clock_that_is_set_does_not_deafen_it(jump):
-    poses = flight(12.0, (0.7, 0.0, 0.0)).pushed(10.0, (-1.0, 0.0, 0.0))
-    stamps = np.where(poses.t < 5.0, poses.t, poses.t + jump)
-    events, _ = watch(Poses(stamps, poses.position, poses.attitude))
-    assert [e.stamp_s for e in events] == [pytest.approx(10.0 + jump, abs=0.07)]

@@ -101,15 +101,6 @@ def test_a_kick_in_attitude_is_found(rates):
     assert AT < events[0].stamp_s < AT + 3.0 * STEP
 
 
-@pytest.mark.slow
-@given(st.floats(0.1, 3.0))
-def test_a_harder_push_gives_a_larger_statistic(size):
-    def largest(push):
-        return watch(flight().pushed(AT, (push, 0.0, 0.0)), trigger="none")[1].max()
-
-    assert largest(1.2 * size) > largest(size)
-
-
 def test_confidence_is_a_share_that_rises_with_the_statistic():
     pairs = []
     for size in np.geomspace(0.3, 4.0, 60):

@@ -135,13 +135,6 @@ def test_without_a_collision_the_mission_s_set_point_goes_on_unchanged(phase):
     assert bench.state == IDLE
 
 
-def test_nothing_is_published_before_the_mission_s_first_set_point():
-    bench = Bench()
-    bench.restart()
-    bench.mission = False
-    assert not bench.run(0.4)
-
-
 @pytest.mark.parametrize("phase", [TAKEOFF, HOVER, APPROACH])
 def test_a_collision_is_answered_in_the_same_run(phase):
     bench = Bench(phase)
@@ -326,14 +319,6 @@ def test_flying_blind_is_said_and_x_r_is_kept(missing):
     assert bench.state == REACTING
 
 
-@pytest.mark.parametrize("phase", [PHASE_IDLE, LANDED])
-def test_on_the_ground_a_silent_mission_means_nothing(phase):
-    bench = Bench(phase)
-    bench.mission = False
-    assert not bench.run(1.0)
-    assert bench.state == IDLE
-
-
 @pytest.mark.parametrize("fails", [mission_is_silent, two_missions_speak])
 @pytest.mark.parametrize("phase", [APPROACH, REACT, HOLD])
 def test_a_mission_that_fails_after_a_collision_leaves_it_at_x_r(phase, fails):
@@ -393,26 +378,6 @@ def test_a_phase_or_an_estimate_that_is_none_is_refused():
     bench.odometry = bench.mission = False
     bench.run(0.5)
     assert bench.published[-1][1].position == pytest.approx(HERE)
-
-
-def test_without_any_estimate_it_holds_what_was_said_last():
-    bench = Bench()
-    bench.restart()
-    bench.odometry = False
-    bench.run(0.1)
-    bench.mission = False
-    place, _ = only(bench.run(0.8)[2:])
-    assert place == pytest.approx(bench.mission_setpoint.position)
-
-
-def test_the_status_is_published_only_when_something_has_changed():
-    bench = Bench()
-    published = len(bench.statuses)
-    bench.run(0.8)
-    assert len(bench.statuses) == published
-    bench.hit()
-    bench.tick()
-    assert len(bench.statuses) == published + 1
 
 
 def test_a_clock_set_back_begins_again_and_nobody_seems_alive():

@@ -70,12 +70,6 @@ def test_region_fires_once_and_inside(heading, beside, speed, seed):
         assert not events
 
 
-def test_region_does_not_fire_again_while_it_stays_inside():
-    poses = flight(20.0, (0.0, 0.0, 0.0), start=X_C)
-    events, _ = watch(poses, trigger="region")
-    assert len(events) == 1
-
-
 def test_region_fires_again_when_it_is_left_and_reentered():
     poses = flight(20.0, (SPEED, 0.0, 0.0))
     there = 1.0 + (P.region_x + 1.5) / SPEED

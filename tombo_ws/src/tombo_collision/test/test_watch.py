@@ -116,13 +116,6 @@ def test_a_bad_pose_is_refused_and_leaves_no_trace(reason, bad):
     assert sum(s.event is not None for s in rest_of_flight) == 1
 
 
-def test_a_sample_before_the_others_is_not_used_for_the_start():
-    core = DetectorCore(DetectorParams())
-    ahead = hand_over(core, EPOCH + 9 * MS, EPOCH, "map", [0, 0, 2.0], [0, 0, 0, 1.0])
-    assert ahead.refused == "future"
-    assert sum(s.event is not None for s in feed(core)) == 1
-
-
 @pytest.mark.parametrize(("norm", "ahead"), [(0.91, 0), (1.09, 0), (1.0, 5 * MS)])
 def test_what_is_only_a_little_off_is_used(norm, ahead):
     core = DetectorCore(DetectorParams())

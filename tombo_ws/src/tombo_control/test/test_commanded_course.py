@@ -42,17 +42,6 @@ def test_a_goal_is_flown_to_at_the_plan_s_speed_and_held_in_place_of_the_plan(ho
     assert world.place[:2] == pytest.approx([1.5, -1.0], abs=0.05)
 
 
-def test_a_turn_is_the_shorter_one(hovering):
-    yaw = 0.0
-    for goal_yaw in (3.0, -3.0, 2.0):
-        hovering.course.on("/goal_pose", pose(1.0, 0.0, yaw=goal_yaw), hovering.now)
-        hovering.run(6.0)
-        flown = hovering.setpoints[-1].yaw
-        assert math.remainder(flown - goal_yaw, math.tau) == pytest.approx(0.0, abs=1e-9)
-        assert abs(flown - yaw) <= math.pi
-        yaw = flown
-
-
 @pytest.mark.parametrize(
     ("goal", "text"),
     [
@@ -133,10 +122,3 @@ def test_a_reaction_ends_a_course_and_what_follows_is_the_plan_s(hovering):
     assert world.course.course_progress is None
     world.until(Phase.LANDED)
     assert world.place[:2] == pytest.approx([0.5, 0.1], abs=0.05)
-
-
-def test_other_parameters_leave_the_course(hovering):
-    hovering.course.fly_course("waypoints", [pose(1.0, 0.0, 2.0)])
-    hovering.course.set_params("mission", MissionParams(land_time=50.0))
-    hovering.run(8.0)
-    assert hovering.place == pytest.approx([1.0, 0.0, 2.0], abs=0.02)

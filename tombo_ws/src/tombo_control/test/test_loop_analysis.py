@@ -13,7 +13,6 @@ from control_bench import VEHICLE, bench, rotor_table
 from tombo_control.loops.loop_analysis import (
     Margins,
     cascade_margins,
-    driven_rate,
     margins,
     open_loops,
     yaw_drive,
@@ -137,21 +136,6 @@ def test_a_yaw_torque_step_of_the_plant_follows_the_yaw_drive():
     scale = rate[-1] / shape[-1]
     assert np.abs(rate - scale * shape).max() < 0.01 * rate[-1]
     assert drive.lead > 3.0 * tau
-
-
-def test_response_of_the_drive_is_that_of_its_difference_equation():
-    w = 20.0
-    z = np.exp(1j * w * 1e-3)
-    speed, rate, command, rows = 0.0 + 0.0j, 0.0 + 0.0j, 0.0 + 0.0j, []
-    left = math.exp(-1e-3 / 0.035)
-    for k in range(4000):  # exact step of the lag, the command of the tick before
-        rows.append(rate * np.exp(-1j * w * 1e-3 * k))
-        rate += 1e-3 * command + (speed - command) * 0.035 * (1.0 - left)
-        speed = command + (speed - command) * left
-        command = np.exp(1j * w * 1e-3 * k)
-    mean = np.mean(rows[-2 * 314 :])
-    # the integrator keeps a constant from the start; a whole number of periods averages it out
-    assert mean == pytest.approx(complex(driven_rate(np.array(z), 0.035)), rel=0.02)
 
 
 def test_margins_of_a_loop_known_by_hand():

@@ -16,13 +16,6 @@ DRAG = {"linear_rotor_drag": {"d_xy": 0.5, "d_z": 0.3}, "quadratic_body_drag": {
 HIGH = (0.0, 0.0, 2000.0)
 
 
-@pytest.mark.slow
-def test_wind_carries_a_falling_body_along(no_air):
-    v = Vehicle(DRAG | {"steady_wind": {"east": 4.0, "north": -3.0}}, maps=no_air, position=HIGH)
-    v.fly(20.0)
-    assert v.velocity[:2] == pytest.approx([4.0, -3.0], abs=0.02)
-
-
 @given(st.integers(0, 10_000))
 def test_only_the_motion_through_the_air_counts(seed):
     """Galilei: moving with the wind is standing still in calm air."""
@@ -80,13 +73,6 @@ def flapping(velocity, **more):
     change = moments[0] - moments[1]
     assert not change[:3].any()
     return change[3:]
-
-
-def test_flying_forward_lifts_the_nose_and_flying_left_the_left_side():
-    """About +y a positive moment lowers the nose, about +x it lowers the right side."""
-    assert flapping((2.0, 0.0, 0.0)) == pytest.approx([0.0, -0.04, 0.0])
-    assert flapping((0.0, 2.0, 0.0)) == pytest.approx([0.04, 0.0, 0.0])
-    assert flapping((0.0, 0.0, 2.0)) == pytest.approx([0.0, 0.0, 0.0], abs=1e-15)
 
 
 @given(st.integers(0, 10_000))
@@ -150,18 +136,6 @@ def test_gusts_forget_within_their_time(time):
     assert correlation == pytest.approx(math.exp(-1.0), abs=0.1)
     far = 6 * lag
     assert abs(np.mean(wind[far:] * wind[:-far]) / np.mean(wind**2)) < 0.12
-
-
-def test_gusts_add_to_the_steady_wind():
-    v = Vehicle({"gusts": {"deviation": 1.0}, "steady_wind": {"east": 3.0, "north": 1.0}})
-    noise = np.zeros(NOISE)
-    noise[:3] = [1.0, -2.0, 0.5]
-    v.begin(noise)
-    assert v.plant.wind - v.plant.memories.gusts.velocity == pytest.approx([3.0, 1.0, 0.0])
-    assert v.plant.memories.gusts.velocity == pytest.approx(
-        v.plant.memories.gusts.velocity[0] * noise[:3]
-    )
-    assert v.plant.memories.gusts.velocity[0] > 0.0
 
 
 def test_wind_swings_about_its_mean():

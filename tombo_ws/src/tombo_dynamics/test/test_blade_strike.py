@@ -142,16 +142,6 @@ def test_a_stopped_rotor_is_not_turned_backwards():
         v.finish()
 
 
-def test_a_rotor_that_does_not_turn_is_not_struck():
-    v = struck(speed=10.0)
-    v.begin()
-    assert (
-        not v.plant.strike_force.any()
-        and not v.plant.memories.blade_strike.folding.any()
-        and not v.plant.contact.touching
-    )
-
-
 # --- the course of a strike -----------------------------------------------------------------
 
 
@@ -259,14 +249,6 @@ def test_the_third_full_strike_tears_a_blade_off():
     assert not v.plant.damage[[0, 1, 3]].any()
 
 
-def test_a_lighter_strike_wears_by_its_energy():
-    full, light = struck(wear=3.0), struck(wear=3.0, speed=0.5 * HOVER)
-    strike_and_recover(full)
-    strike_and_recover(light)
-    ratio = light.plant.damage[2] / full.plant.damage[2]
-    assert ratio == pytest.approx(0.25, abs=0.05)
-
-
 # --- where nothing happens ------------------------------------------------------------------
 
 
@@ -286,27 +268,12 @@ def test_the_disc_ends_at_the_tip(rotor, bearing):
     assert not untouched(struck(rotor, bearing, depth=1e-6))
 
 
-def test_without_an_obstacle_nothing_is_struck():
-    v = struck()
-    v.plant.obstacle.radius = 0.0
-    assert untouched(v)
-
-
 def test_a_disc_above_the_top_passes():
     v = struck()
     v.plant.obstacle.top = 2.03 - 1e-6
     assert untouched(v)
     v.plant.obstacle.top = 2.03 + 1e-6
     assert not untouched(v)
-
-
-def test_a_thin_pole_inside_the_disc_is_struck_with_its_lever():
-    v = struck(pole=0.01, depth=0.05, slant=0.5 * math.pi)
-    v.begin()
-    lever = RADIUS + 0.01 - 0.05
-    push = np.linalg.norm(v.plant.strike_force)
-    lost = v.params.rotor_inertia * (HOVER - v.plant.rotor_speed[2])
-    assert lost == pytest.approx(push * lever * 1e-3)
 
 
 def test_a_disc_that_rises_above_the_obstacle_during_a_strike_is_free():

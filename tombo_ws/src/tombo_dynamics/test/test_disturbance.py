@@ -64,40 +64,6 @@ def test_invalid_disturbance_is_refused_and_nothing_is_set(name, values, words):
 # --- one by one -----------------------------------------------------------------------------
 
 
-def test_a_tether_is_slack_up_to_its_length_and_then_pulls():
-    anchor = (1.0, 2.0, 0.0)
-    slack = added("tether", *anchor, 5.0, 10.0, position=(1.0, 2.0, 4.9))
-    assert not slack.any()
-    attitude = Rotation.from_euler("xyz", [0.3, -0.2, 1.0])
-    taut = added(
-        "tether", *anchor, 1.0, 10.0, position=(4.0, 6.0, 12.0), attitude=attitude.as_quat()
-    )
-    towards = np.array([-3.0, -4.0, -12.0]) / 13.0
-    assert attitude.apply(taut[:3]) == pytest.approx(10.0 * 12.0 * towards)
-    assert not taut[3:].any()
-
-
-def test_a_tether_keeps_energy(no_air):
-    v = disturbed(
-        "tether", 0.0, 0.0, 20.0, 1.0, 30.0, maps=no_air, position=(2.0, 0.0, 20.0),
-        velocity=(0.0, 2.0, 0.0),
-    )  # fmt: skip
-
-    def energy(v):
-        stretch = max(np.linalg.norm(v.position - [0.0, 0.0, 20.0]) - 1.0, 0.0)
-        return v.energy() + 0.5 * 30.0 * stretch**2
-
-    energies = v.fly(5.0, watch=energy)
-    assert np.ptp(energies) < 1e-6 * energies[0]
-
-
-def test_a_periodic_push_over_whole_periods_gives_no_momentum(no_air):
-    v = disturbed("periodic_push", 3.0, 5.0, 0.0, maps=no_air)
-    v.fly(1.0)
-    assert v.velocity[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
-    assert v.position[0] == pytest.approx(3.0 / v.mass / (2.0 * math.pi * 5.0) * 1.0, rel=1e-3)
-
-
 @given(SEEDS)
 def test_dry_drag_is_as_large_at_any_speed_and_always_brakes(seed):
     rng = np.random.default_rng(seed)

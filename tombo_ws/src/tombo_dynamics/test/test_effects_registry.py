@@ -9,7 +9,6 @@ from one_vehicle import NOISE
 from scipy.optimize import least_squares
 
 from tombo_dynamics.effects import REGISTRY, Param, Stage, check_theta, effect
-from tombo_dynamics.effects.compose import layout, null_theta, pack_theta
 from tombo_dynamics.errors import InputError
 
 every_effect = pytest.mark.parametrize("name", REGISTRY)
@@ -53,15 +52,6 @@ def test_a_spread_between_healthy_vehicles_is_far_below_what_matters():
         assert all(entry.size(p) > 0.0 for p in entry.theta), entry.name
     for name in ("hanging_load", "steady_wind", "mocap_dropouts"):  # added to a healthy vehicle
         assert not any(REGISTRY[name].tolerance(p) for p in REGISTRY[name].theta), name
-
-
-@every_effect
-def test_values_by_name_reach_their_place(name):
-    values = typical(name)
-    theta = pack_theta({name: values})
-    changed = np.flatnonzero(theta != null_theta())
-    assert sorted(changed) == sorted(layout()[name].values())
-    assert {key: theta[layout()[name][key]] for key in values} == values
 
 
 # --- at null, nothing -----------------------------------------------------------------------

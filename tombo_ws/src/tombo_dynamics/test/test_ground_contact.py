@@ -30,25 +30,6 @@ def test_legs_carry_the_weight(vehicle):
     assert sag == pytest.approx(weight / (4.0 * vehicle.ground_stiffness), rel=1e-6)
 
 
-@pytest.mark.slow
-def test_a_standing_vehicle_stays_where_it_is():
-    v = standing(attitude=Rotation.from_euler("z", 0.7).as_quat())
-    v.fly(1.0)
-    before = v.body.copy()
-    v.fly(10.0)
-    assert v.body == pytest.approx(before, abs=1e-9)
-
-
-def test_half_the_weight_stands_on_the_floor_while_rotors_carry_the_rest():
-    v = standing(speed=360.0)
-    v.fly(2.0)
-    v.begin()
-    lift = v.plant.rotor_thrust.sum()
-    assert 0.3 < lift / (v.mass * GRAVITY) < 0.7
-    sag = v.params.leg_height - v.position[2]
-    assert 4.0 * v.params.ground_stiffness * sag + lift == pytest.approx(v.mass * GRAVITY)
-
-
 def test_a_vehicle_on_its_back_lies_on_its_motors(vehicle):
     v = Vehicle(position=(0.0, 0.0, 0.05), attitude=(1.0, 0.0, 0.0, 0.0))
     v.fly(3.0)
@@ -93,13 +74,6 @@ def test_the_floor_only_pushes():
     v.velocity[2] = -3.0
     v.begin()
     assert v.plant.force[2] > 4 * 0.003 * v.params.ground_stiffness
-
-
-def test_floor_does_not_push_above_contact():
-    v = standing()
-    v.position[2] += 1e-6
-    v.begin()
-    assert v.wrench == pytest.approx(np.zeros(6), abs=0.0)
 
 
 @pytest.mark.slow

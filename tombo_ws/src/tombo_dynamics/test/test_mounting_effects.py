@@ -1,7 +1,5 @@
 """Sensors that sit or point elsewhere than is believed: lever arms, frames, scales, stamps."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -51,12 +49,6 @@ def test_imu_off_centre_measures_the_acceleration_of_its_place():
     assert np.abs(readings[1] - v.plant.force / v.mass).max() > 0.5
 
 
-def test_the_gyro_reads_the_same_anywhere():
-    v = Vehicle({"imu_lever_arm": ARM}, rates=(2.0, -3.0, 1.0), speed=450.0)
-    v.begin()
-    assert (read_imu(v)[:3] == [2.0, -3.0, 1.0]).all()
-
-
 def test_scale_multiplies_the_force_and_not_the_bias():
     effects = {
         "accel_scale": {"x": 0.1, "y": -0.2, "z": 0.05},
@@ -78,54 +70,7 @@ def test_misaligned_imu_reads_the_same_vectors_in_its_axes(roll, pitch, yaw):
     assert v.imu == pytest.approx([*(axes.T @ rates), *(axes.T @ force)], abs=1e-12)
 
 
-def test_pitched_imu_reads_hover_forward_and_scales_its_axis():
-    """Its x axis then has a part of the thrust's reading, downwards: -sin(pitch)."""
-    effects = {"imu_misalignment": {"pitch": 0.1}, "accel_scale": {"x": 0.2}}
-    v = Vehicle(effects)
-    v.imu = [0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY]
-    apply_imu(v.plant, QUIET, v.theta)
-    expected = [-1.2 * GRAVITY * math.sin(0.1), 0.0, GRAVITY * math.cos(0.1)]
-    assert v.imu[3:] == pytest.approx(expected, abs=1e-12)
-
-
 # --- the rigid body of the motion capture ---------------------------------------------------
-
-
-@given(st.floats(-3.2, 3.2), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), SEEDS)
-def test_a_turned_rigid_body_turns_the_attitude_from_the_right(yaw, roll, pitch, seed):
-    rng = np.random.default_rng(seed)
-    position, attitude = rng.normal(0.0, 3.0, 3), random_attitude(rng)
-    angles = {"yaw": yaw, "roll": roll, "pitch": pitch}
-    seen = measured_pose({"mocap_body_misalignment": angles}, position, attitude)
-    assert (seen.position == position).all()
-    expected = Rotation.from_quat(attitude) * as_rotation(**angles)
-    assert (Rotation.from_quat(seen.attitude).inv() * expected).magnitude() < 1e-7
-    assert np.linalg.norm(seen.attitude) == pytest.approx(1.0, abs=1e-14)
-
-
-@pytest.mark.slow
-@given(st.floats(-3.2, 3.2), SEEDS)
-def test_a_world_turned_in_yaw_equals_a_flight_with_another_heading(yaw, seed):
-    """Its samples are those of the flight that began turned: nothing in them tells."""
-    rng = np.random.default_rng(seed)
-    turn = Rotation.from_euler("z", yaw)
-    start, attitude = rng.normal([0.0, 0.0, 10.0], 1.0), random_attitude(rng)
-    velocity, rates = rng.normal(0.0, 2.0, 3), rng.normal(0.0, 1.0, 3)
-    drag = {"linear_rotor_drag": {"d_xy": 0.4, "d_z": 0.2}}
-    straight = Vehicle(
-        drag, position=start, attitude=attitude, velocity=velocity, rates=rates, speed=450.0
-    )
-    turned = Vehicle(
-        drag, position=turn.apply(start), velocity=turn.apply(velocity), rates=rates, speed=450.0,
-        attitude=(turn * Rotation.from_quat(attitude)).as_quat(),
-    )  # fmt: skip
-    straight.fly(0.1)
-    turned.fly(0.1)
-    seen = measured_pose(
-        {"mocap_misalignment": {"yaw": yaw}}, straight.position, straight.plant.state.attitude
-    )
-    assert seen.position == pytest.approx(turned.position, abs=1e-9)
-    assert (Rotation.from_quat(seen.attitude).inv() * turned.rotation).magnitude() < 1e-7
 
 
 @given(SEEDS)

@@ -47,14 +47,6 @@ def test_product_of_quaternions_is_product_of_matrices(a, b):
     assert matrix(quaternion_multiply(a, b)) == pytest.approx(matrix(a) @ matrix(b), abs=1e-14)
 
 
-def test_product_works_on_stacks():
-    rng = np.random.default_rng(1)
-    a, b = rng.standard_normal((2, 5, 3, 4))
-    stacked = quaternion_multiply(a, b)
-    assert stacked.shape == (5, 3, 4)
-    assert stacked[4, 2] == pytest.approx(quaternion_multiply(a[4, 2], b[4, 2]))
-
-
 @given(quaternions())
 def test_matrix_is_a_proper_rotation_and_scipys(q):
     r = matrix(q)
@@ -109,12 +101,3 @@ def test_angles_build_the_quaternion_they_were_read_from(yaw, pitch, roll):
     assert yaw_pitch_roll(q) == pytest.approx([yaw, pitch, roll], abs=1e-7)
     upright = math.cos(pitch) * math.cos(roll)
     assert math.cos(tilt(q)) == pytest.approx(upright, abs=1e-12)
-
-
-def test_tilt_of_stacks_does_not_see_yaw():
-    yaws = Rotation.from_euler("z", np.linspace(0.0, 6.0, 7)).as_quat()
-    assert tilt(yaws) == pytest.approx(np.zeros(7), abs=1e-7)
-    tilted = (
-        Rotation.from_euler("z", np.linspace(0.0, 6.0, 7)) * Rotation.from_euler("y", 0.7)
-    ).as_quat()
-    assert tilt(tilted) == pytest.approx(np.full(7, 0.7))

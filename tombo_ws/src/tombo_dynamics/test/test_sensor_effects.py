@@ -4,14 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from one_vehicle import NOISE, Vehicle, as_rotation, measured_pose, random_attitude
+from one_vehicle import NOISE, Vehicle, measured_pose, random_attitude
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.effects.compose import apply_imu, apply_mocap, pack_theta
-
-ANGLE = st.floats(-0.5, 0.5)
 
 
 def imu_readings(effects, noise):
@@ -82,20 +78,6 @@ def test_imu_vibration_has_the_frequency_and_amplitude_of_each_rotor():
 # --- the frame ------------------------------------------------------------------------------
 
 
-@given(st.floats(-3.2, 3.2), ANGLE, ANGLE, st.integers(0, 1000))
-def test_misalignment_turns_the_world_about_z_then_y_then_x(yaw, roll, pitch, seed):
-    rng = np.random.default_rng(seed)
-    position, attitude = rng.normal(0.0, 3.0, 3), random_attitude(rng)
-    angles = {"yaw": yaw, "roll": roll, "pitch": pitch}
-    seen = measured_pose({"mocap_misalignment": angles}, position, attitude)
-    turn = as_rotation(**angles)
-    assert seen.position == pytest.approx(turn.apply(position), abs=1e-12)
-    error = Rotation.from_quat(seen.attitude).inv() * turn * Rotation.from_quat(attitude)
-    assert error.magnitude() < 1e-7
-    assert np.linalg.norm(seen.position) == pytest.approx(np.linalg.norm(position))
-    assert np.linalg.norm(seen.attitude) == pytest.approx(1.0, abs=1e-14)
-
-
 # --- noise ----------------------------------------------------------------------------------
 
 
@@ -162,8 +144,3 @@ def test_dropouts_are_as_frequent_and_as_long_as_asked_for(probability, duration
     assert missing.mean() == pytest.approx(share, rel=0.2)
     begins = np.count_nonzero(missing[1:] & ~missing[:-1])
     assert missing.sum() / begins == pytest.approx(length / (1.0 - probability), rel=0.2)
-
-
-def test_without_chance_nothing_drops_and_with_certainty_everything():
-    assert not dropped(0.0, 1.0, samples=500).any()
-    assert dropped(1.0, 0.0, samples=500).all()

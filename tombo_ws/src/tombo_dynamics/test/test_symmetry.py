@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from one_vehicle import Vehicle, random_attitude
+from one_vehicle import Vehicle
 from scipy.spatial.transform import Rotation
 
 EVERYTHING = {
@@ -109,17 +109,3 @@ def test_a_moved_world_moves_alike(seed):
     assert touched
     assert there.position - here.position == pytest.approx([7.0, -4.0, 0.0], abs=1e-6)
     assert there.body[3:] == pytest.approx(here.body[3:], abs=1e-5)
-
-
-def test_the_sign_of_the_quaternion_means_nothing():
-    rng = np.random.default_rng(11)
-    q = random_attitude(rng)
-    ends = []
-    for sign in (1.0, -1.0):
-        v = Vehicle({"linear_rotor_drag": {"d_xy": 0.4}}, attitude=sign * q, speed=500.0)
-        v.velocity[:] = [1.0, 2.0, 3.0]
-        v.rates[:] = [1.0, -2.0, 0.5]
-        v.fly(0.3)
-        ends.append(v.body.copy())
-    assert ends[1][6:10] == pytest.approx(-ends[0][6:10], abs=1e-15)
-    assert np.delete(ends[1], range(6, 10)) == pytest.approx(np.delete(ends[0], range(6, 10)))

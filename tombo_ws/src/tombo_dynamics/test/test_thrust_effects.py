@@ -118,14 +118,6 @@ def test_the_heavy_side_goes_down(vehicle, offset, axis, sign):
     assert sign * v.rotation.as_rotvec()[axis] > 0.0
 
 
-def test_a_torque_free_body_does_not_feel_its_centre_of_gravity(no_air):
-    v = Vehicle({"cog_offset": {"x": 0.05, "y": 0.02}}, maps=no_air, rates=(1.0, 2.0, 3.0))
-    plain = Vehicle({}, maps=no_air, rates=(1.0, 2.0, 3.0))
-    v.fly(0.3)
-    plain.fly(0.3)
-    assert v.body == pytest.approx(plain.body, abs=1e-12)
-
-
 def test_effects_on_one_rotor_multiply():
     v = hovering(
         {"thrust_coefficient_error": {"fraction": -0.1}, "weak_propeller": {"rear_left": 0.5}}

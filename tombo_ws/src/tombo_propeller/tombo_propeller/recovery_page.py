@@ -1,8 +1,7 @@
-"""The collisions in a trace as a page of results, and its files: JSON, table, picture."""
+"""The collisions in a trace as a page of results, and its files: JSON, picture."""
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,8 +16,7 @@ from tombo_flight.report.style import GREEN, MUTED, RC, VERMILLION
 from tombo_propeller.recovery import ThrustRecovery
 from tombo_propeller.rotor_trace import RotorTrace
 
-RECOVERY_FILES = ("recovery.json", "recovery.csv", "recovery.png")
-_COLUMNS = ("time_s", "level", "lowest", "unit", "recovery_s", "low_s", "high_s", "words")
+RECOVERY_FILES = ("recovery.json", "recovery.png")
 
 
 def recovery_page(trace: RotorTrace, recoveries: Sequence[ThrustRecovery], share: float) -> Page:
@@ -65,15 +63,8 @@ def recovery_page(trace: RotorTrace, recoveries: Sequence[ThrustRecovery], share
 def write_recovery(
     folder: Path, trace: RotorTrace, recoveries: Sequence[ThrustRecovery], page: Page
 ) -> None:
-    """Write all files of a result into a folder that exists; levels in the trace's own unit."""
+    """Write all files of a result into a folder that exists."""
     (folder / "recovery.json").write_text(page_json(page), encoding="utf-8")
-    with (folder / "recovery.csv").open("w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(_COLUMNS)
-        for r in recoveries:
-            times = [round(x, 5) if math.isfinite(x) else "" for x in (r.recovered, r.low, r.high)]
-            words = r.as_text(lower_bound=trace.is_speed)
-            table.writerow([round(r.time, 6), r.level, r.lowest, trace.unit, *times, words])
     share = page.data["recovered_at_share"]
     with mpl.rc_context(RC):  # the number of ticks is chosen when a figure is saved
         draw_recovery(trace, recoveries, share).savefig(folder / "recovery.png", dpi=130)

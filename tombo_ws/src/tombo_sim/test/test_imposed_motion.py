@@ -141,17 +141,6 @@ def test_the_floor_does_not_push_on_a_motion_that_noise_carries_into_it(flight):
     assert np.array_equal(*outs)
 
 
-def test_imu_noise_rows_are_used_in_turn(flight):
-    """Noise of the IMU, a row a tick, in turn."""
-    noise = np.random.default_rng(1).standard_normal((50, NOISE))
-    quiet = along(flight, {})
-    loud = along(flight, {"imu_noise": {"gyro": 0.1, "accel": 0.5}}, noise=noise)
-    shaken = loud["gyro_error"] - quiet["gyro_error"]
-    assert shaken.std() == pytest.approx(0.1, rel=0.2)
-    assert shaken[:50] == pytest.approx(shaken[50:100], abs=1e-9)
-    assert np.array_equal(loud["force"], quiet["force"])
-
-
 CAPTURE = {
     "mocap_marker_offset": {"x": 0.03, "z": -0.02},
     "mocap_misalignment": {"yaw": 0.2, "pitch": 0.03},

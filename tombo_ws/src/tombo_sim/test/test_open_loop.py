@@ -56,11 +56,6 @@ def test_a_vehicle_taken_for_too_heavy_sinks(flight):
     assert off[:, 2] == pytest.approx(-fall, rel=0.2)
 
 
-def test_unknown_delay_is_refused(flight):
-    late = {**EFFECTS, "command_delay": {"delay": 0.025}}
-    assert np.abs(let_go(flight, late)).max() > 20.0 * np.abs(let_go(flight, EFFECTS)).max()
-
-
 @pytest.mark.slow
 def test_a_load_on_a_thread_swings_on_in_every_window():
     """Its memory is that of the flight, not of the window before or of a load at rest."""
@@ -78,11 +73,3 @@ def test_an_attitude_that_is_held_stays_the_measured_one(flight):
     free, held = let_go(flight, odd), let_go(flight, odd, hold=True)
     assert np.abs(held[:, :3]).max() < 2e-3
     assert np.abs(free[:, 6:10]).max() > 0.05
-
-
-def test_rotor_speeds_that_were_measured_are_imposed(flight):
-    true = flight["rotor_speed"]
-    speed = np.hstack([true, np.gradient(true, TICK, axis=0)])
-    lame = {**EFFECTS, "motor_lag": {"extra_tau": 0.1}}
-    told = np.abs(let_go(flight, lame, speed=speed)[:, :3]).max()
-    assert told < 1e-3 and np.abs(let_go(flight, lame)[:, :3]).max() > 5e-3

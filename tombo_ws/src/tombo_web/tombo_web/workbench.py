@@ -88,8 +88,8 @@ class Workbench:
         return alone
 
     def _curves(self, values: Mapping[str, Any]) -> Answer:
-        curves = propeller_curves(self._choice(values), self._library, values.get("top_rpm"))
-        return Answer(curves.mapping())
+        top_rpm = values.get("top_rpm")
+        return Answer(propeller_curves(self._choice(values), self._library, top_rpm))
 
     def _design(self, values: Mapping[str, Any]) -> Answer:
         choice, request = self._both(values)

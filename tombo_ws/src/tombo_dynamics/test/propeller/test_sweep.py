@@ -150,8 +150,3 @@ def test_derived_configurations_leave_measurements_behind() -> None:
     nodus = {"matrix": "DragonSkin30", "fibre": "tendon", "fibres": 5, "fibre_diameter_mm": 0.9}
     soft = with_nodus(configuration(0), **nodus, length_mm=12.0)
     assert evaluate(soft, 300.0).thrust_N == evaluate(13, 300.0).thrust_N
-
-
-def test_fewer_fibres_give_less_thrust_under_the_law_published() -> None:
-    five = evaluate(13, 2000 * RPM, "published", fibre_count=5)
-    assert five.thrust_N < evaluate(13, 2000 * RPM, "published").thrust_N

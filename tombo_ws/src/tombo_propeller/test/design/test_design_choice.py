@@ -4,12 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, nodus_moduli
-from tombo_propeller.design.design import choose, slack
+from tombo_propeller.design.candidates import PROPERTIES
+from tombo_propeller.design.design import choose
 from tombo_propeller.design.request import NAMES, QUANTITIES, DesignLimit, DesignRequest, arm_of
 from tombo_propeller.design.summary_text import relief_lines
 
@@ -59,49 +58,19 @@ def test_a_heavier_vehicle_gets_a_stiffer_nodus_or_none(made):
     assert not made(mass_kg=2.5, min_thrust_margin=1.5, max_collision_force_N=130.0).feasible
 
 
-@pytest.mark.slow
-@given(
-    st.floats(1.1, 3.0), st.floats(60.0, 200.0), st.floats(0.25, 0.7),
-    st.floats(1.0, 1.3), st.floats(0.6, 1.0), st.floats(0.6, 1.0),
-)  # fmt: skip
-def test_tighter_limits_never_let_more_pass(made, margin, force, recovery, up, down, quicker):
-    judged = made(mass_kg=1.3).judged
-    loose = limits(thrust_margin=margin, collision_force_N=force, recovery_s=recovery)
-    tight = limits(
-        thrust_margin=margin * up, collision_force_N=force * down, recovery_s=recovery * quicker
-    )
-    wide = (slack(judged.counted, loose) >= 0.0).all(axis=1)
-    narrow = (slack(judged.counted, tight) >= 0.0).all(axis=1)
-    assert not (narrow & ~wide).any()
-
-
-@pytest.mark.slow
-def test_the_recommended_one_is_not_beaten_by_another_of_as_good_evidence(made):
-    for force in (100.0, 150.0, 185.0):
-        design = made(mass_kg=1.0, min_thrust_margin=1.7, max_collision_force_N=force)
-        judged, first = design.judged, best(design)
-        others = np.flatnonzero(design.choice.feasible & (judged.tier == judged.tier[first]))
-        gains = judged.counted[others] - judged.counted[first]
-        gains *= [1.0 if q.more_is_better else -1.0 for q in QUANTITIES]
-        limited = gains[
-            :, [q in {lim.quantity for lim in design.choice.limits} for q in QUANTITIES]
-        ]
-        assert not (limited > 1e-9).all(axis=1).any()
-
-
 def test_what_was_not_measured_counts_at_the_worse_end(made):
     design = made(mass_kg=1.3, min_thrust_margin=1.5)
     column = NAMES.index("collision_force_N")
     conf_3 = next(i for i, c in enumerate(design.judged.configurations) if c.number == 3)
     conf_13 = next(i for i, c in enumerate(design.judged.configurations) if c.number == 13)
     assert design.judged.counted[conf_13, column] == 145.5
-    assert design.judged.labels[conf_13][column] == "measured"
+    assert design.judged.labels[conf_13, column] == "measured"
     within = np.flatnonzero(design.judged.tier == 1)
     assert within.size
     assert (
         design.judged.counted[within, column] > design.judged.value[within, column] + 40.0
     ).all()
-    assert design.judged.labels[conf_3][column] == "extrapolated"  # more fibre than any measured
+    assert design.judged.labels[conf_3, column] == "extrapolated"  # more fibre than any measured
     assert np.isnan(design.judged.counted[conf_3, column])
 
 
@@ -114,7 +83,7 @@ def test_outside_of_the_tests_only_what_is_asked_for_counts(made):
     assert not closed.feasible
     assert any("--extrapolate" in line for line in relief_lines(closed))
     assert opened.feasible
-    assert opened.judged.outside[best(opened)]
+    assert opened.judged.outside(best(opened))
 
 
 def test_the_least_extrapolated_one_goes_first(made):
@@ -168,8 +137,8 @@ def test_a_users_measured_propeller_is_recommended_for_what_it_measured(made, me
         library=measured_library, mass_kg=1.3, min_thrust_margin=2.2, max_collision_force_N=130.0
     )
     assert design.judged.configurations[best(design)].number == 20
-    assert design.readings["recovery_s"].count == 10
-    assert design.tested.G_N_MPa[1] > 0.4
+    assert design.judged.readings["recovery_s"].count == 10
+    assert design.judged.tested[1, list(PROPERTIES).index("G_N_MPa")] > 0.4
 
 
 def test_a_prediction_must_gain_more_than_the_model_is_wrong_by(made):

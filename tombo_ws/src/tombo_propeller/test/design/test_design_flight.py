@@ -56,7 +56,7 @@ def test_blades_with_too_weak_a_push_let_it_fall_and_are_rejected(made):
     ((failed, check),) = recommendation.failed
     assert design.judged.configurations[failed].number == 8
     assert not check.held
-    assert check.falls_m > 1.0
+    assert check.largest_fall_m > 1.0
 
 
 def test_a_false_claim_is_seen(made):

@@ -38,10 +38,6 @@ def test_what_cannot_lift_has_no_hover():
     assert np.array_equal(np.isnan(performance.hover_lift_over_drag), too_soft)
 
 
-def test_the_blades_own_place_changes_nothing():
-    assert with_nodus_at(BLADE, 0.035, 0.012) is BLADE
-
-
 def test_a_nodus_further_out_has_a_lighter_wing_and_another_chord():
     inner, outer = with_nodus_at(BLADE, 0.035, 0.010), with_nodus_at(BLADE, 0.055, 0.010)
     assert outer.joint.wing_mass_kg < inner.joint.wing_mass_kg == BLADE.joint.wing_mass_kg
@@ -66,20 +62,6 @@ def test_a_nodus_like_iron_makes_the_rigid_propeller_wherever_it_is():
         )
         both = flight_performance([stiff, configuration(0)], VEHICLE, "repaired")
         assert both.usable_thrust[0] == pytest.approx(both.usable_thrust[1], rel=1e-3)
-
-
-def test_a_longer_nodus_twists_more_and_lifts_less():
-    lengths = (0.008, 0.012, 0.016, 0.020)
-    row = [
-        dataclasses.replace(
-            configuration(10),
-            blade=with_nodus_at(BLADE, 0.035, length),
-            nodus=dataclasses.replace(configuration(10).nodus, length_mm=1e3 * length),
-        )
-        for length in lengths
-    ]
-    thrust = flight_performance(row, VEHICLE, "repaired").usable_thrust
-    assert (np.diff(thrust) < 0.0).all()
 
 
 @pytest.mark.parametrize(("radius", "length"), [(0.035, 0.021), (0.02, 0.012), (0.1, 0.012)])

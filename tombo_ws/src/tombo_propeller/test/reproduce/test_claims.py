@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
 from collections.abc import Callable
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tombo_propeller.reproduce.claims.claim import DATA, FAILS, HOLDS, JUDGES, OPEN, Claim
+from tombo_propeller.reproduce.claims.claim import DATA, FAILS, HOLDS, JUDGES, OPEN
 from tombo_propeller.reproduce.claims.model_claims import weighted_slope
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper, PrintedNumber, Row3
@@ -25,44 +24,21 @@ def whole() -> Reproduction:
 
 
 EXPECTED = {
-    "table_1": (HOLDS, "repaired, consistent"),
-    "table_3_lift_over_drag": (HOLDS, "published"),
-    "table_3_fibres": (FAILS, "published, repaired, consistent"),
-    "soft_lift_over_drag": (HOLDS, "published, repaired, consistent"),
-    "eps_mld": (HOLDS, "published"),
-    "eps_mld_same": (HOLDS, "published, repaired"),
-    "gamma_mld": (HOLDS, "published, repaired"),
-    "rigid_lift_over_drag": (HOLDS, "published, repaired, consistent"),
-    "omega_mtf_order": (HOLDS, "published, repaired"),
-    "gamma_mtf": (HOLDS, "published, repaired"),
-    "hover": (FAILS, "published, repaired"),
-    "universal_curve": (HOLDS, "published, repaired, consistent"),
-    "curves": (OPEN, "published, repaired, consistent"),
-    "thrust_error": (OPEN, "published, repaired, consistent"),
-    "thrust_error_table_3": (FAILS, "published, repaired, consistent"),
-    "centrifugal_stiffening": (OPEN, "published, repaired, consistent"),
-    "thrust_within_deviation": (FAILS, "published, repaired"),
-    "better_than_mean": (FAILS, "published, repaired, consistent"),
-    "thrust_follows_stiffness": (OPEN, "published, repaired, consistent"),
-    "beta_reading": (FAILS, "published, repaired, consistent"),
-    "collision_force": (FAILS, None),
-    "collision_force_over_radius": (FAILS, None),
-    "collision_force_tables": (OPEN, None),
-    "mean_recovery_time": (HOLDS, None),
-    "endurance": (OPEN, None),
-    "noise": (OPEN, None),
-    "response_point": (HOLDS, None),
-    "response_equation": (FAILS, None),
-    "recovery_phases": (HOLDS, None),
-    "falling_distance": (HOLDS, None),
-    "recovers": (OPEN, None),
-    "crashes_without_reaction": (OPEN, None),
+    HOLDS: """table_1 table_3_lift_over_drag soft_lift_over_drag eps_mld eps_mld_same gamma_mld
+        rigid_lift_over_drag omega_mtf_order gamma_mtf universal_curve mean_recovery_time
+        response_point recovery_phases falling_distance""",
+    FAILS: """table_3_fibres hover thrust_error_table_3 thrust_within_deviation better_than_mean
+        beta_reading collision_force collision_force_over_radius response_equation""",
+    OPEN: """curves thrust_error centrifugal_stiffening thrust_follows_stiffness
+        collision_force_tables endurance noise recovers crashes_without_reaction""",
 }
+"""The laws under which they stand are in docs/reproduction.md."""
 
 
 def test_verdict_of_every_claim(whole: Reproduction) -> None:
-    assert set(JUDGES) == set(EXPECTED)
-    assert {c.name: (c.verdict, c.law) for c in whole.claims} == EXPECTED
+    for verdict, names in EXPECTED.items():
+        assert {c.name for c in whole.claims if c.verdict == verdict} == set(names.split())
+    assert set(JUDGES) == {c.name for c in whole.claims}
 
 
 def test_the_papers_tables_to_the_last_digit(whole: Reproduction) -> None:
@@ -73,10 +49,6 @@ def test_the_papers_tables_to_the_last_digit(whole: Reproduction) -> None:
     assert whole.claim("mean_recovery_time").computed[DATA] == pytest.approx(4.14 / 9)
     assert whole.claim("response_point").computed[DATA] == pytest.approx(math.hypot(0.8, 0.2))
     assert whole.claim("collision_force").computed[DATA] == pytest.approx(189.9 / 269.3)
-
-
-def test_shear_modulus_of_the_fibres_decides_table_1(whole: Reproduction) -> None:
-    assert "E_f / 2.7 of the authors' program 5;" in whole.claim("table_1").evidence
 
 
 def test_scatter_that_would_decide_does(whole: Reproduction) -> None:
@@ -143,9 +115,7 @@ def computed(edit: Callable[[LawNumbers], dict[str, Any]]) -> Change:
 
 
 def first_modulus(paper: Paper, numbers: Numbers) -> tuple[Paper, Numbers]:
-    young, shear = paper.table_1[1]
-    changed = {**paper.table_1, 1: (PrintedNumber("0.1543"), shear)}
-    assert young.text == "0.1542"
+    changed = {**paper.table_1, 1: (PrintedNumber("0.1543"), paper.table_1[1][1])}
     return replace(paper, table_1=changed), numbers
 
 
@@ -258,7 +228,7 @@ def test_a_changed_number_changes_the_verdict(
 
 def test_only_two_verdicts_do_not_depend_on_numbers() -> None:
     never = {"curves", "centrifugal_stiffening"}
-    assert set(EXPECTED) - {name for name, *_ in MUTATIONS} == never
+    assert set(JUDGES) - {name for name, *_ in MUTATIONS} == never
 
 
 def test_a_claim_about_the_model_is_judged_by_the_law_that_was_asked_for() -> None:
@@ -272,10 +242,3 @@ def test_a_claim_about_the_model_is_judged_by_the_law_that_was_asked_for() -> No
     for name in ("omega_mtf_order", "gamma_mtf", "gamma_mld", "eps_mld_same"):
         assert none.claim(name).verdict == FAILS
         assert none.claim(name).computed == {"consistent": None}
-
-
-def test_a_claim_is_plain_values(whole: Reproduction) -> None:
-    for c in whole.claims:
-        mapping = c.mapping()
-        assert isinstance(c, Claim) and mapping["verdict"] == c.verdict
-        assert {f.name for f in dataclasses.fields(c)} - {"judge"} <= set(mapping)

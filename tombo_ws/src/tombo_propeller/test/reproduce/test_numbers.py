@@ -10,20 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tombo_dynamics.propeller import (
-    LAWS,
     RPM,
     configuration,
     evaluate,
-    evaluate_rows,
-    nodus_moduli,
     parameter_row,
     speed_of_maximum_thrust,
 )
 from tombo_dynamics.propeller.laws.equilibrium import twisted
 from tombo_dynamics.propeller.laws.parameters import SCALARS, unpack
-from tombo_propeller.reproduce.claims.model_claims import draws, weighted_slope
-from tombo_propeller.reproduce.claims.printed_claims import reading_deg
-from tombo_propeller.reproduce.computed_values import collapse, maximum
+from tombo_propeller.reproduce.claims.model_claims import draws, reading_deg, weighted_slope
+from tombo_propeller.reproduce.computed_values import maximum
 from tombo_propeller.reproduce.paper_values import PrintedNumber, read_paper
 from tombo_propeller.reproduce.reproduction import reproduce
 
@@ -49,35 +45,6 @@ def test_maximum_of_thrust_is_where_the_library_has_it(conf: int, law: str) -> N
     assert computed.inside
     expected, _ = speed_of_maximum_thrust(configuration(conf), law)
     assert computed.speed_rpm == pytest.approx(expected / RPM, rel=1e-6)
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_no_speed_has_more_lift_over_drag(law: str) -> None:
-    best = maximum(configuration(3), law, "lift_over_drag")
-    speeds = np.linspace(0.02, 1.0, 2000) * best.speed_rpm * RPM
-    ratio = evaluate(configuration(3), speeds, law).lift_over_drag
-    assert ratio.max() <= best.value * (1.0 + 1e-12)
-    assert best.inside == (law != "consistent")
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_without_gravity_all_configurations_are_one_curve(law: str) -> None:
-    s, curves = collapse(law)
-    assert curves.shape == (13, 3, s.size)
-    assert np.isfinite(curves).all()
-    np.testing.assert_allclose(curves, np.broadcast_to(curves[:1], curves.shape), rtol=1e-12)
-    assert np.ptp(curves[0, 1]) > 0.01  # a curve, no constant
-
-
-def test_gravity_breaks_the_collapse() -> None:
-    speeds = math.sqrt(0.5) * np.sqrt(
-        [1e6 * nodus_moduli(configuration(c)).G_N_MPa for c in (1, 3)]
-    )
-    twist = [
-        float(evaluate_rows(parameter_row(configuration(c), "repaired"), w).gamma_rad)
-        for c, w in zip((1, 3), speeds, strict=True)
-    ]
-    assert abs(twist[0] / twist[1] - 1.0) > 0.01
 
 
 def test_drags_mirrored_weight_makes_most_of_the_largest_lift_over_drag() -> None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 
@@ -34,48 +33,18 @@ REFERENCE_LENGTH_M = 0.012
 _LEAST_WING_M = 0.02
 
 
-@dataclass(frozen=True)
-class TestedRange:
-    """Ranges that soft propellers were measured in (Table III), lowest and highest."""
-
-    E_N_MPa: tuple[float, float]
-    G_N_MPa: tuple[float, float]
-    fibre_share: tuple[float, float]
-    length_mm: tuple[float, float]
-    outer_radius_mm: tuple[float, float]
-
-    def outside(self, configuration: Configuration) -> tuple[str, ...]:
-        """Return in what a nodus is outside of what was tested, in words."""
-        beyond = []
-        for name, value in properties(configuration).items():
-            low, high = getattr(self, name)
-            slack = 1e-9 * abs(high)
-            if not low - slack <= value <= high + slack:
-                span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
-                beyond.append(f"{_WORDS[name]} {value:.4g}, tested {span}")
-        return tuple(beyond)
-
-    def distance(self, configuration: Configuration) -> float:
-        """Return how far outside a nodus is: shares beyond the nearer end, summed; 0 inside."""
-        total = 0.0
-        for name, value in properties(configuration).items():
-            low, high = getattr(self, name)
-            beyond = max(low - value, value - high)
-            total += beyond / high if beyond > 1e-9 * abs(high) else 0.0
-        return total
-
-
-_WORDS = {
+PROPERTIES = {
     "E_N_MPa": "E_N [MPa]",
     "G_N_MPa": "G_N [MPa]",
     "fibre_share": "share of fibres in the section",
     "length_mm": "length [mm]",
     "outer_radius_mm": "outer end [mm]",
 }
+"""What a nodus is compared by with those that were tested, in words."""
 
 
 def properties(configuration: Configuration) -> dict[str, float]:
-    """Return the properties of a nodus, by the names of `TestedRange`."""
+    """Return the properties of a nodus, by the names of `PROPERTIES`."""
     nodus = configuration.nodus
     assert nodus is not None
     moduli = nodus_moduli(configuration)
@@ -115,14 +84,6 @@ def measured_soft(
     return tuple(measured)
 
 
-def tested(measured: Iterable[Configuration]) -> TestedRange:
-    """Return the ranges that measured propellers span."""
-    rows = [properties(c) for c in measured]
-    return TestedRange(
-        **{name: (min(r[name] for r in rows), max(r[name] for r in rows)) for name in _WORDS}
-    )
-
-
 def candidates(library: Library, blade: Blade) -> list[Configuration]:
     """Return the library's soft propellers with a blade, then the grid without those.
 
@@ -135,25 +96,19 @@ def candidates(library: Library, blade: Blade) -> list[Configuration]:
     number = free_number(library)
     nodi = [c.nodus for c in known if c.nodus]
     size = blade.tip_radius_m / _GRID_TIP_RADIUS_M
-    lengths = sorted(
-        {*(round(x * size, 1) for x in LENGTHS_MM), *(nodus.length_mm for nodus in nodi)}
-    )
+    lengths = {*(round(x * size, 1) for x in LENGTHS_MM), *(nodus.length_mm for nodus in nodi)}
     diameters = sorted({*DIAMETERS_MM, *(nodus.fibre_diameter_mm for nodus in nodi)})
-    own_mm = 1e3 * blade.joint.outer_radius_m
-    radii = sorted({*(round(x * size, 1) for x in OUTER_RADII_MM), own_mm})
-    own_radius = blade.joint.outer_radius_m
-    for radius in radii:
-        outer = own_radius if abs(1e-3 * radius - own_radius) < 1e-9 else 1e-3 * radius
-        for length in lengths:
-            try:
-                placed = with_nodus_at(blade, outer, 1e-3 * length)
-            except InputError:
-                continue
-            room = 1e3 * chord_m(blade, outer - 0.5e-3 * length)
-            for nodus in _nodi(library, length, room, diameters):
-                candidate = Configuration(number, placed, nodus)
-                if _key(candidate) not in seen:
-                    known.append(candidate)
+    own_m = blade.joint.outer_radius_m
+    radii = {*(round(x * size, 1) for x in OUTER_RADII_MM), 1e3 * own_m}
+    for radius, length in product(sorted(radii), sorted(lengths)):
+        outer = own_m if abs(1e-3 * radius - own_m) < 1e-9 else 1e-3 * radius
+        try:
+            placed = with_nodus_at(blade, outer, 1e-3 * length)
+        except InputError:
+            continue
+        room = 1e3 * chord_m(blade, outer - 0.5e-3 * length)
+        made = (Configuration(number, placed, n) for n in _nodi(library, length, room, diameters))
+        known += [candidate for candidate in made if _key(candidate) not in seen]
     return known
 
 
@@ -196,17 +151,8 @@ def _nodi(
             yield Nodus(matrix, fibre, count, diameter, length_mm)
 
 
-def _key(configuration: Configuration) -> tuple[object, ...]:
-    nodus = configuration.nodus
-    assert nodus is not None
-    return (
-        nodus.matrix.name,
-        nodus.fibre.name,
-        nodus.fibres,
-        nodus.fibre_diameter_mm,
-        nodus.length_mm,
-        round(configuration.blade.joint.outer_radius_m, 9),
-    )
+def _key(configuration: Configuration) -> tuple[Nodus | None, float]:
+    return configuration.nodus, round(configuration.blade.joint.outer_radius_m, 9)
 
 
 @lru_cache(maxsize=256)

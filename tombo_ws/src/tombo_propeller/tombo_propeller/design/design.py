@@ -1,11 +1,11 @@
-"""From a request and a library to a design: all candidates, evaluated and ranked."""
+"""From a request and a library to a design: the table of all candidates, and their order."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.propeller import RPM, Blade, Configuration, Library, evaluate, rotor_inertia
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.progress import ProgressCallback, no_progress
-from tombo_propeller.design.candidates import TestedRange, candidates, measured_soft, tested
+from tombo_propeller.design.candidates import PROPERTIES, candidates, measured_soft, properties
 from tombo_propeller.design.operating_points import FlightPerformance, flight_performance
 from tombo_propeller.design.readings import MeanReading, read
 from tombo_propeller.design.request import MEASURED, NAMES, DesignLimit, DesignRequest, vehicle_for
@@ -29,11 +29,19 @@ _NEAREST = 3
 
 
 @dataclass(frozen=True, eq=False)
-class CandidateEvaluation:
-    """All candidates with their figures; columns as in QUANTITIES."""
+class CandidateTable:
+    """All candidates, a row each; columns of figures as in QUANTITIES."""
 
     configurations: Sequence[Configuration]
     operating: FlightPerformance
+    readings: Mapping[str, MeanReading]
+    """What predicts each of MEASURED."""
+    properties: Array
+    """(n, 5) of each nodus, columns as in PROPERTIES."""
+    tested: Array
+    """(2, 5) lowest and highest of them that were measured (Table III)."""
+    other_blade: str | None
+    """The blade of the readings where the candidates have another one."""
     value: Array
     """(n, 5) what is measured or the best prediction."""
     low: Array
@@ -43,40 +51,63 @@ class CandidateEvaluation:
     counted: Array
     """(n, 5) what is compared with the limits: measured values, the worse end of predictions, NaN
     for predictions that may not be used."""
-    labels: Sequence[tuple[str, ...]]
-    """For each candidate, how each figure is known: measured, modelled or extrapolated."""
-    outside: Sequence[tuple[str, ...]]
-    """For each candidate, its properties outside of the tested range, in words."""
+    labels: NDArray[Any]
+    """(n, 5) how each figure is known: measured, modelled or extrapolated."""
     tier: NDArray[np.int64]
     """0: measured in all three; 1: within what was tested; 2: outside."""
     distance: Array
-    """(n,) how far outside of what was tested, see `TestedRange.distance`."""
+    """(n,) how far outside: shares beyond the nearer end, summed; 0 inside."""
+
+    def outside(self, index: int) -> tuple[str, ...]:
+        """Return in what a candidate is outside of what was tested, in words."""
+        words = [] if self.other_blade is None else [f"blade, tested {self.other_blade}"]
+        beyond = _beyond(self.properties[index], self.tested) > 0.0
+        for name, value, (low, high), out in zip(
+            PROPERTIES.values(), self.properties[index], self.tested.T, beyond, strict=True
+        ):
+            span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+            words += [f"{name} {value:.4g}, tested {span}"] if out else []
+        return tuple(words)
 
 
-def judge(
+def _beyond(rows: Array, tested: Array) -> Array:
+    """Return how far properties (.., 5) are beyond the nearer end, as a share of the highest."""
+    low, high = tested
+    beyond = np.maximum(low - rows, rows - high)
+    return np.asarray(np.where(beyond > 1e-9 * np.abs(high), beyond / high, 0.0))
+
+
+def candidate_table(
     configurations: Sequence[Configuration],
-    operating: FlightPerformance,
-    readings: Mapping[str, MeanReading],
-    tested: TestedRange,
+    measured: Sequence[Configuration],
+    blade: Blade,
     request: DesignRequest,
     vehicle: VehicleParams,
-    blade: Blade,
-    measured_blade: Blade | None = None,
-) -> CandidateEvaluation:
+) -> CandidateTable:
     """Return the figures of all candidates.
-
-    `measured_blade` is the blade of the readings where the candidates have another one: then
-    nothing is within what was tested, and force goes with `strike_share`.
 
     Thrust margin and lift over drag are the model's: extrapolated in speed, as nobody measured
     beyond 3200 rpm, so their interval is not known and stands at the value. The other three are
-    readings, or predictions with an interval.
+    readings, or predictions with an interval. Where the readings are of another blade, nothing is
+    within what was tested, and force goes with `strike_share`.
+
+    Args:
+        configurations: the candidates.
+        measured: soft propellers with readings.
+        blade: of the candidates, before the nodus was put elsewhere.
+        request: the law, and what counts.
+        vehicle: that they fly.
     """
+    operating = flight_performance(configurations, vehicle, request.law)
+    readings = {name: read(name, measured) for name in MEASURED}
+    bench = measured[0].blade
+    other = None if bench.name == blade.name else bench.name
+    rows = _rows(configurations)
+    known = _rows(measured)
+    tested = np.array([known.min(axis=0), known.max(axis=0)])
+    beyond = _beyond(rows, tested)
+    outside = (beyond > 0.0).any(axis=1) | (other is not None)
     margin = operating.usable_thrust / vehicle.hover_thrust()
-    beyond = [tested.outside(c) for c in configurations]
-    if measured_blade is not None:
-        beyond = [(f"blade, tested {measured_blade.name}", *words) for words in beyond]
-    outside = np.array([bool(words) for words in beyond])
     value = np.empty((len(configurations), len(NAMES)))
     value[:, 0] = np.where(np.isfinite(margin), margin, 0.0)
     value[:, 4] = operating.hover_lift_over_drag
@@ -86,9 +117,8 @@ def judge(
         k = NAMES.index(name)
         taken = np.array([getattr(c.measured, name, None) for c in configurations], dtype=float)
         has = np.isfinite(taken)
-        share = 1.0
-        if name == "collision_force_N" and measured_blade is not None:
-            share = strike_share(blade, measured_blade)
+        struck = name == "collision_force_N" and other is not None
+        share = strike_share(blade, bench) if struck else 1.0
         mean, reach = share * readings[name].mean, share * readings[name].reach(request.confidence)
         value[:, k] = np.where(has, taken, mean)
         low[:, k] = np.where(has, taken, max(mean - reach, 0.0))
@@ -98,11 +128,15 @@ def judge(
         labels[:, k] = np.where(has, MEASURED_HERE, np.where(outside, EXTRAPOLATED, MODELLED))
     whole = (labels[:, [NAMES.index(name) for name in MEASURED]] == MEASURED_HERE).all(axis=1)
     tier = np.where(whole, 0, np.where(outside, 2, 1))
-    distance = np.array([tested.distance(c) for c in configurations]) * outside
-    rows = [tuple(row) for row in labels]
-    return CandidateEvaluation(
-        configurations, operating, value, low, high, counted, rows, beyond, tier, distance
-    )
+    return CandidateTable(
+        configurations, operating, readings, rows, tested, other,
+        value, low, high, counted, labels, tier, beyond.sum(axis=1),
+    )  # fmt: skip
+
+
+def _rows(configurations: Sequence[Configuration]) -> Array:
+    """Return the properties of nodi, (n, 5)."""
+    return np.array([list(properties(c).values()) for c in configurations])
 
 
 def strike_share(blade: Blade, measured_blade: Blade) -> float:
@@ -161,7 +195,7 @@ class Choice:
     """Candidates that break the limits least."""
 
 
-def choose(judged: CandidateEvaluation, limits: Sequence[DesignLimit], gain: float) -> Choice:
+def choose(judged: CandidateTable, limits: Sequence[DesignLimit], gain: float) -> Choice:
     """Order the candidates that keep the limits, and find how far the others are from them.
 
     Evidence comes first: what was measured before what is predicted within the tested range, that
@@ -177,40 +211,19 @@ def choose(judged: CandidateEvaluation, limits: Sequence[DesignLimit], gain: flo
     left = slack(judged.counted, limits)
     worst = left.min(axis=1)
     feasible = worst >= 0.0
-    return Choice(
-        tuple(limits),
-        left,
-        feasible,
-        _order(judged, worst, feasible, gain),
-        tuple(_relief(judged, left, k, limits) for k in range(len(limits))),
-        tuple(int(i) for i in _by_slack(worst, ~feasible, judged.tier)[:_NEAREST]),
-    )
-
-
-def _order(
-    judged: CandidateEvaluation, worst: Array, feasible: NDArray[np.bool_], gain: float
-) -> tuple[int, ...]:
-    indices = np.flatnonzero(feasible)
-    if not indices.size:
-        return ()
-    keys = (-judged.counted[indices, 0], -worst[indices], judged.distance[indices],
-            judged.tier[indices])  # fmt: skip
-    ordered = [int(i) for i in indices[np.lexsort(keys)]]
-    first = ordered[0]
-    within = [i for i in ordered if judged.tier[i] == 1]
-    if within and judged.tier[first] == 0 and worst[within[0]] > worst[first] + gain:
-        first = within[0]
-    ordered.remove(first)
-    return (first, *ordered)
-
-
-def _by_slack(worst: Array, among: NDArray[np.bool_], tier: NDArray[np.int64]) -> Array:
-    indices = np.flatnonzero(among & np.isfinite(worst))
-    return np.asarray(indices[np.lexsort((tier[indices], -worst[indices]))])
+    keys = (-judged.counted[:, 0], -worst, judged.distance, judged.tier)
+    order = [int(i) for i in np.lexsort(keys) if feasible[i]]
+    overtake = [i for i in order if judged.tier[i] == 1 and worst[i] > worst[order[0]] + gain]
+    if overtake and judged.tier[order[0]] == 0:
+        order.remove(overtake[0])
+        order.insert(0, overtake[0])
+    misses = [int(i) for i in np.lexsort((judged.tier, -worst)) if -np.inf < worst[i] < 0.0]
+    relief = tuple(_relief(judged, left, k, limits) for k in range(len(limits)))
+    return Choice(tuple(limits), left, feasible, tuple(order), relief, tuple(misses[:_NEAREST]))
 
 
 def _relief(
-    judged: CandidateEvaluation, left: Array, k: int, limits: Sequence[DesignLimit]
+    judged: CandidateTable, left: Array, k: int, limits: Sequence[DesignLimit]
 ) -> float | None:
     others = np.delete(left, k, axis=1)
     able = (others >= 0.0).all(axis=1)
@@ -228,13 +241,9 @@ class Design:
     request: DesignRequest
     vehicle: VehicleParams
     """As it flies with the blade's own nodus."""
-    blade: Blade
-    measured: tuple[Configuration, ...]
-    tested: TestedRange
-    readings: Mapping[str, MeanReading]
     thrust_error: float
     """RMS error of the model's thrust at 2000 rpm, as a share."""
-    judged: CandidateEvaluation
+    judged: CandidateTable
     choice: Choice
 
     @property
@@ -274,17 +283,11 @@ def design(
     """
     vehicle = vehicle_for(request, blade)
     measured = measured_soft(library, blade, request.extrapolate)
-    other_blade = None if measured[0].blade.name == blade.name else measured[0].blade
-    readings = {name: read(name, measured) for name in MEASURED}
-    span = tested(measured)
     on_progress("candidates", 0.0)
     every = candidates(library, blade)
     on_progress(f"{len(every)} candidates", 0.1)
-    operating = flight_performance(every, vehicle, request.law)
-    on_progress("judging", 0.9)
-    judged = judge(every, operating, readings, span, request, vehicle, blade, other_blade)
-    error = thrust_error(measured, request.law)
+    judged = candidate_table(every, measured, blade, request, vehicle)
     if not judged.value[:, 0].max() > 0.0:
         raise InputError(f"blade {blade.name}: no nodus gives thrust; accepted: another blade")
-    choice = choose(judged, request.limits, error)
-    return Design(request, vehicle, blade, measured, span, readings, error, judged, choice)
+    error = thrust_error(measured, request.law)
+    return Design(request, vehicle, error, judged, choose(judged, request.limits, error))

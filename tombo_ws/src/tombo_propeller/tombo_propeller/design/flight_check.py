@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -52,20 +52,19 @@ class FigureCheck:
 
 @dataclass(frozen=True)
 class Check:
-    """The collision flown with several seeds."""
+    """The collision flown with several seeds; the fields are those of `design.json`."""
 
-    seeds: tuple[int, ...]
-    claims: tuple[FigureCheck, ...]
-    force_N: float
+    flights: int
+    collision_force_N: float
     """Collision force and recovery time that were flown with."""
     recovery_s: float
-    falls_m: float | None
-    """Largest falling distance of all flights."""
-    settles_s: float | None
-    """Longest time from touch to rest at x_r."""
-
+    largest_fall_m: float
+    """Of all flights; NaN if none touches."""
+    longest_settling_s: float
+    """From touch to rest at x_r; NaN if none comes to rest."""
     limits: tuple[FigureCheck, ...]
     """The limits that flights can show, with what they show."""
+    claims: tuple[FigureCheck, ...]
 
     @property
     def flies(self) -> bool:
@@ -147,26 +146,19 @@ def check_design(
     values = scenario_of(design.request, configuration, force, recovery)
     with tempfile.TemporaryDirectory(prefix="tombo-design-") as folder:
         scenario = load_scenario(str(write_flyable(Path(folder), values, configuration)))
-        flights = _fly(scenario, seeds, on_progress)
+        flown = _fly(scenario, seeds, on_progress)
         margin, scatter = _table(scenario)
-    claims = _claims(design, index, flights, margin, scatter, force, recovery)
-    return Check(
-        tuple(seeds),
-        claims,
-        force,
-        recovery,
-        _largest([f.falls_m for f in flights]),
-        _largest([f.settles_s for f in flights]),
-        _limits(
-            design, {name: claim.simulated for name, claim in zip(_SHOWN, claims, strict=True)}
-        ),
-    )
+    claims = _claims(design, index, flown, margin, scatter)
+    simulated = {name: claim.simulated for name, claim in zip(_SHOWN, claims, strict=True)}
+    fall, settling = (float(np.fmax.reduce(flown[name])) for name in ("falls_m", "settles_s"))
+    limits = _limits(design, simulated)
+    return Check(len(seeds), force, recovery, fall, settling, limits, claims)
 
 
 def _fly(
     scenario: Scenario, seeds: Sequence[int], on_progress: ProgressCallback
-) -> list[_CollisionFigures]:
-    """Fly with each of the seeds.
+) -> dict[str, Array]:
+    """Return the figures of flights with each of the seeds, (n,) each, NaN where there is none.
 
     Raises:
         InputError: one can't be flown.
@@ -180,42 +172,27 @@ def _fly(
     for row in rows.values():
         if "error" in row:
             raise InputError(row["error"])
-    return [_CollisionFigures(**row) for row in rows.values()]
+    names = next(iter(rows.values()))
+    return {name: np.array([row[name] for row in rows.values()], dtype=float) for name in names}
 
 
 def _figures(flight: Flight) -> dict[str, Any]:
-    return asdict(_CollisionFigures.of(flight.summary, flight.log))
-
-
-@dataclass(frozen=True)
-class _CollisionFigures:
-    """What a flight shows of the claims."""
-
-    collided: bool
-    recovered: bool
-    hover_speed: float
-    force_N: float
-    recovery_s: float
-    falls_m: float | None
-    settles_s: float | None
-
-    @staticmethod
-    def of(summary: Mapping[str, Any], log: Mapping[str, Array]) -> _CollisionFigures:
-        hovering = log["mode"][:, 0] == Phase.HOVER
-        speed = float(log["rotor_speed"][hovering].mean()) if hovering.any() else math.nan
-        blade = (log["contact"][:, 0] > 0.0) & (log["contact"][:, 1] >= 0.0)
-        first = int(blade.argmax())  # later two blades may be struck at once
-        push = np.linalg.norm(log["contact_force"][first : first + _STRIKE_TICKS], axis=1)
-        settles = summary["recovery_time_s"]
-        return _CollisionFigures(
-            bool(summary["collided"]),
-            not summary["crashed"] and settles is not None,
-            speed,
-            float(push.max()) if blade.any() else math.nan,
-            blade_recovery(log["fold"]),
-            summary["max_falling_distance_m"],
-            settles,
-        )
+    """Return what a flight shows of the claims."""
+    log, summary = flight.log, flight.summary
+    hovering = log["mode"][:, 0] == Phase.HOVER
+    blade = (log["contact"][:, 0] > 0.0) & (log["contact"][:, 1] >= 0.0)
+    first = int(blade.argmax())  # later two blades may be struck at once
+    push = np.linalg.norm(log["contact_force"][first : first + _STRIKE_TICKS], axis=1)
+    settles = summary["recovery_time_s"]
+    return {
+        "collided": bool(summary["collided"]),
+        "recovered": not summary["crashed"] and settles is not None,
+        "hover_speed": float(log["rotor_speed"][hovering].mean()) if hovering.any() else math.nan,
+        "force_N": float(push.max()) if blade.any() else math.nan,
+        "recovery_s": blade_recovery(log["fold"]),
+        "falls_m": summary["max_falling_distance_m"],
+        "settles_s": settles,
+    }
 
 
 def blade_recovery(fold: Array) -> float:
@@ -240,45 +217,31 @@ def blade_recovery(fold: Array) -> float:
 
 
 def _claims(
-    design: Design,
-    index: int,
-    flights: Sequence[_CollisionFigures],
-    margin: float,
-    scatter: float,
-    force: float,
-    recovery: float,
+    design: Design, index: int, flown: dict[str, Array], margin: float, scatter: float
 ) -> tuple[FigureCheck, ...]:
-    count = len(flights)
+    count = len(flown["collided"])
+    collided, recovered = (int(flown[name].sum()) for name in ("collided", "recovered"))
+    force, recovery = strike_of(design, index)
     hover = float(design.judged.operating.hover_speed[index])
-    flown = _mean([f.hover_speed for f in flights])
+    speeds = flown["hover_speed"][np.isfinite(flown["hover_speed"])].tolist()
+    speed = sum(speeds) / len(speeds) if speeds else math.nan
     # Speed goes with the root of thrust; every flight draws four rotors.
     drift = _CLOSE + _LEFT_OUT * 0.5 * scatter / math.sqrt(4.0 * count)
     claimed = float(design.judged.value[index, NAMES.index("thrust_margin")])
-    push = _most([f.force_N for f in flights])
-    back = _most([f.recovery_s for f in flights])
+    push, back = (float(np.fmax.reduce(flown[name])) for name in ("force_N", "recovery_s"))
     rpm = 30.0 / math.pi
-    return (
-        FigureCheck(
-            "flights that touch the pillar", count, sum(f.collided for f in flights), "",
-            all(f.collided for f in flights),
-        ),
-        FigureCheck(
-            "flights that recover after it", count, sum(f.recovered for f in flights), "",
-            all(f.recovered for f in flights),
-        ),
-        FigureCheck("thrust margin", claimed, margin, "", _near(margin, claimed)),
-        FigureCheck(
-            "rotor speed in hover", hover * rpm, flown * rpm, "rpm",
-            abs(flown - hover) <= drift * hover,
-        ),
-        FigureCheck(
-            "first strike's highest force", force, push, "N", push <= force * (1.0 + _CLOSE)
-        ),
-        FigureCheck(
-            "blade's recovery time", recovery, back, "s",
-            abs(back - recovery) <= _CLOSE * recovery + 2.0 * TICK_S,
-        ),
+    in_margin = abs(margin - claimed) <= _CLOSE * abs(claimed)
+    in_time = abs(back - recovery) <= _CLOSE * recovery + 2.0 * TICK_S
+    rows = (
+        ("flights that touch the pillar", count, collided, "", collided == count),
+        ("flights that recover after it", count, recovered, "", recovered == count),
+        ("thrust margin", claimed, margin, "", in_margin),
+        ("rotor speed in hover", hover * rpm, speed * rpm, "rpm",
+         abs(speed - hover) <= drift * hover),
+        ("first strike's highest force", force, push, "N", push <= force * (1.0 + _CLOSE)),
+        ("blade's recovery time", recovery, back, "s", in_time),
     )  # fmt: skip
+    return tuple(FigureCheck(*row) for row in rows)
 
 
 _SHOWN = ("", "", "thrust_margin", "", "collision_force_N", "recovery_s")
@@ -307,23 +270,3 @@ def _table(scenario: Scenario) -> tuple[float, float]:
     setup = begin(world_of(scenario), FIRST_SEED)
     margin = float(setup.maps.thrust_highest) / scenario.vehicle.hover_thrust()
     return margin, setup.effects["thrust_scatter"]["deviation"]
-
-
-def _near(a: float, b: float) -> bool:
-    return abs(a - b) <= _CLOSE * abs(b)
-
-
-def _mean(values: Sequence[float]) -> float:
-    """Return the mean of those that are known, NaN without any."""
-    known = [value for value in values if math.isfinite(value)]
-    return sum(known) / len(known) if known else math.nan
-
-
-def _most(values: Sequence[float]) -> float:
-    """Return the largest of those that are known, NaN without any."""
-    return max((value for value in values if math.isfinite(value)), default=math.nan)
-
-
-def _largest(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return max(known) if known else None

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from tombo_dynamics.propeller import Blade, Configuration, read_library
+from tombo_dynamics.propeller import Configuration, read_library
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_propeller.design.request import DesignRequest, vehicle_for
 
@@ -93,7 +93,7 @@ def library_texts(configuration: Configuration) -> dict[str, str]:
             "matrices": {nodus.matrix.name: _values(nodus.matrix)},
             "fibres": {nodus.fibre.name: _values(nodus.fibre)},
         },
-        "blades.yaml": {configuration.blade.name: _blade(configuration.blade)},
+        "blades.yaml": {configuration.blade.name: _values(configuration.blade)},
         "configurations.yaml": [row],
     }
     if configuration.measured is not None:
@@ -126,19 +126,9 @@ def write_flyable(folder: Path, scenario: dict[str, Any], configuration: Configu
     return path
 
 
-def _values(record: Any) -> dict[str, Any]:
+def _values(value: Any) -> Any:
     """Return a record as its data file has it: lists, no name, nothing that is None."""
-    return {
-        key: list(value) if isinstance(value, tuple) else value
-        for key, value in dataclasses.asdict(record).items()
-        if key != "name" and value is not None
-    }
-
-
-def _blade(blade: Blade) -> dict[str, Any]:
-    values = _values(blade)
-    values["pieces"] = [_values(piece) for piece in blade.pieces]
-    values["section"], values["joint"] = _values(blade.section), _values(blade.joint)
-    if blade.published is not None:
-        values["published"] = _values(blade.published)
-    return values
+    if dataclasses.is_dataclass(value):
+        fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        return {k: _values(v) for k, v in fields.items() if k != "name" and v is not None}
+    return [_values(item) for item in value] if isinstance(value, tuple) else value

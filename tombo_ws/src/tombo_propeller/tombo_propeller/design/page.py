@@ -26,7 +26,7 @@ from tombo_flight.report.page import (
 )
 from tombo_flight.version import tombo_version
 from tombo_propeller.design import summary_text as words
-from tombo_propeller.design.candidates import describe, properties
+from tombo_propeller.design.candidates import PROPERTIES, describe
 from tombo_propeller.design.design import Design
 from tombo_propeller.design.flight_check import Check, Recommendation, strike_of
 from tombo_propeller.design.flight_files import (
@@ -131,8 +131,9 @@ def _check_table(check: Check | None) -> list[Item]:
         )
         for c in (*check.claims, *check.limits)
     ]
-    falls = "" if check.falls_m is None else f" Falls {check.falls_m:.2f} m at most."
-    note = f"{len(check.seeds)} flights into the pillar.{falls}"
+    fall = check.largest_fall_m
+    falls = f" Falls {fall:.2f} m at most." if math.isfinite(fall) else ""
+    note = f"{check.flights} flights into the pillar.{falls}"
     return [Table(("", "claimed", "simulated", ""), rows, note=note)]
 
 
@@ -194,8 +195,8 @@ def design_mapping(design: Design, recommendation: Recommendation) -> dict[str, 
             "request": dataclasses.asdict(design.request),
             "limits": [limit.text for limit in choice.limits],
             "vehicle": dataclasses.asdict(design.vehicle),
-            "tested": dataclasses.asdict(design.tested),
-            "predictions": {name: dataclasses.asdict(r) for name, r in design.readings.items()},
+            "tested": dict(zip(PROPERTIES, judged.tested.T, strict=True)),
+            "predictions": {name: dataclasses.asdict(r) for name, r in judged.readings.items()},
             "thrust_error": design.thrust_error,
             "caveats": words.caveats(design, recommendation),
             "version": tombo_version(),
@@ -218,11 +219,11 @@ def _candidate(design: Design, index: int) -> dict[str, Any]:
         "nodus": describe(configuration),
         "matrix": nodus.matrix.name,
         "fibre": nodus.fibre.name,
-        **properties(configuration),
+        **dict(zip(PROPERTIES, judged.properties[index], strict=True)),
         "fibres": nodus.fibres,
         "fibre_diameter_mm": nodus.fibre_diameter_mm,
         "evidence": words.EVIDENCE[int(judged.tier[index])],
-        "outside_of_tests": list(judged.outside[index]),
+        "outside_of_tests": judged.outside(index),
         "hover_rpm": float(operating.hover_speed[index]) / RPM,
         "usable_rpm": float(operating.usable_speed[index]) / RPM,
         "usable_thrust_N": float(operating.usable_thrust[index]),
@@ -234,7 +235,7 @@ def _candidate(design: Design, index: int) -> dict[str, Any]:
                 "low": float(judged.low[index, k]),
                 "high": float(judged.high[index, k]),
                 "counted": float(judged.counted[index, k]),
-                "known": judged.labels[index][k],
+                "known": judged.labels[index, k],
             }
             for k, q in enumerate(QUANTITIES)
         },
@@ -243,15 +244,4 @@ def _candidate(design: Design, index: int) -> dict[str, Any]:
 
 
 def _check(check: Check | None) -> dict[str, Any] | None:
-    if check is None:
-        return None
-    return {
-        "held": check.held,
-        "flights": len(check.seeds),
-        "collision_force_N": check.force_N,
-        "recovery_s": check.recovery_s,
-        "largest_fall_m": check.falls_m,
-        "longest_settling_s": check.settles_s,
-        "limits": [dataclasses.asdict(limit) for limit in check.limits],
-        "claims": [dataclasses.asdict(claim) for claim in check.claims],
-    }
+    return None if check is None else {"held": check.held, **dataclasses.asdict(check)}

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
 from tombo_propeller.design.design import Design
 from tombo_propeller.design.flight_check import Recommendation
 from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES, Criterion
 from tombo_propeller.design.summary_text import asked, headline
 
-_DPI: Final = 150
 _TIERS: Final = (  # label, marker, size, opacity, colour; those drawn last lie on top
     (2, "outside of what was tested", ".", 2.6, 0.35, style.SKY),
     (1, "within what was tested", ".", 5.0, 0.9, style.BLUE),
@@ -26,9 +24,7 @@ _TIERS: Final = (  # label, marker, size, opacity, colour; those drawn last lie 
 
 def draw_candidates(design: Design, recommendation: Recommendation) -> Figure:
     """Draw each figure against the thrust margin, with the limits."""
-    with mpl.rc_context(style.RC):
-        sheet = Figure(figsize=(11.0, 8.0), dpi=_DPI, layout="constrained")
-        FigureCanvasAgg(sheet)
+    with new_figure(11.0, 8.0, 150, layout="constrained") as sheet:
         grid = sheet.subplots(2, 2, sharex=True)
         for axes, quantity in zip(grid.flat, QUANTITIES[1:], strict=True):
             _draw_figure(axes, design, recommendation, quantity)

@@ -30,6 +30,11 @@ class Criterion(NamedTuple):
     unit: str
     more_is_better: bool
 
+    @property
+    def limit(self) -> str:
+        """The field of `DesignLimits` that limits it."""
+        return f"{'min' if self.more_is_better else 'max'}_{self.name}"
+
 
 QUANTITIES = (
     Criterion("thrust_margin", "thrust margin", "", True),
@@ -87,21 +92,10 @@ class DesignRequest(DesignLimits):
             raise unknown_name("--law", self.law, LAWS)
 
     @property
-    def _asked(self) -> tuple[float | None, ...]:
-        """The limit on each of QUANTITIES, None where there is none."""
-        return (
-            self.min_thrust_margin,
-            self.max_collision_force_N,
-            self.max_recovery_s,
-            self.max_noise_dB,
-            self.min_lift_over_drag,
-        )
-
-    @property
     def limits(self) -> tuple[DesignLimit, ...]:
         """The limits that are asked for, the thrust margin first."""
-        pairs = zip(QUANTITIES, self._asked, strict=True)
-        return tuple(DesignLimit(q, float(value)) for q, value in pairs if value is not None)
+        asked = ((q, getattr(self, q.limit)) for q in QUANTITIES)
+        return tuple(DesignLimit(q, float(value)) for q, value in asked if value is not None)
 
 
 def arm_of(frame: str, blade: Blade) -> float:

@@ -24,12 +24,9 @@ _UNFLOWN = "keeps to all limits, not flown"
 
 def headline(design: Design, recommendation: Recommendation) -> str:
     """Return the outcome in a line."""
-    if recommendation.index is not None:
-        name, nodus = (
-            name_of(design, recommendation.index),
-            design.judged.configurations[recommendation.index],
-        )
-        whole = describe(nodus)
+    index = recommendation.index
+    if index is not None:
+        name, whole = name_of(design, index), describe(design.judged.configurations[index])
         return whole if name == whole else f"{name}: {whole}"
     if design.feasible:
         return "Some candidates keep to all limits, but none of those flown recovers as claimed"
@@ -52,38 +49,32 @@ def reasons(design: Design, recommendation: Recommendation) -> list[str]:
         f"{int(choice.feasible.sum())} of {len(judged.configurations)} candidates keep to all "
         f"limits ({split})."
     ]
-    for index, check in recommendation.failed:
-        reasons = [
+    for failed, check in recommendation.failed:
+        broken = "; ".join(
             f"{c.text} {c.simulated:.3g} of {c.claimed:.3g}"
-            for c in (*check.claims, *check.limits)
-            if not c.held
-        ]
-        broken = "; ".join(reasons[:2])
-        more = ""
-        if check.falls_m is not None and check.falls_m > 1.0:
-            more = f", falls up to {check.falls_m:.1f} m"
-        lines.append(f"Passed over: {name_of(design, index)}, fails in flight ({broken}{more}).")
+            for c in [c for c in (*check.claims, *check.limits) if not c.held][:2]
+        )
+        fall = check.largest_fall_m
+        more = f", falls up to {fall:.1f} m" if fall > 1.0 else ""
+        lines.append(f"Passed over: {name_of(design, failed)}, fails in flight ({broken}{more}).")
     if recommendation.unflown and recommendation.index is None:
         lines.append(
             f"{recommendation.unflown} more keep to the limits and were not flown: like those, or "
             "after too many failures."
         )
-    if recommendation.index is None:
+    index = recommendation.index
+    if index is None:
         return lines
-    lines.append(
-        f"It is {EVIDENCE[int(judged.tier[recommendation.index])]}; measured ones go first."
-    )
-    k = int(choice.slack[recommendation.index].argmin())
+    lines.append(f"It is {EVIDENCE[int(judged.tier[index])]}; measured ones go first.")
+    k = int(choice.slack[index].argmin())
     limit = choice.limits[k]
-    value = judged.counted[recommendation.index, NAMES.index(limit.quantity.name)]
-    spare = choice.slack[recommendation.index, k]
-    lines.append(
-        f"What binds: {limit.text}; it has {figure(value, limit.quantity)}, {spare:.0%} to spare."
-    )
-    if judged.operating.motor_limits[recommendation.index]:
+    value = figure(judged.counted[index, NAMES.index(limit.quantity.name)], limit.quantity)
+    spare = choice.slack[index, k]
+    lines.append(f"What binds: {limit.text}; it has {value}, {spare:.0%} to spare.")
+    if judged.operating.motor_limits[index]:
         lines.append("The motor limits its thrust, not the nodus: a stiffer one gains little.")
     else:
-        usable = judged.operating.usable_speed[recommendation.index] / RPM
+        usable = judged.operating.usable_speed[index] / RPM
         lines.append(
             f"The nodus limits its thrust: 0.9 of the speed of maximum thrust is {usable:.0f} rpm."
         )
@@ -133,21 +124,16 @@ def _predictions_would_do(design: Design) -> bool:
 
 def caveats(design: Design, recommendation: Recommendation) -> list[str]:
     """Return what is extrapolated or not known, most important first."""
-    lines = []
     index = recommendation.index
-    if index is not None:
-        lines += _of_the_recommended(design, index)
-    lines.append(
+    return [
+        *([] if index is None else _of_the_recommended(design, index)),
         f"The model's thrust is off by {design.thrust_error:.1%} (RMS) at 2000 rpm, where it was "
-        "measured; measured thrust does not follow stiffness."
-    )
-    lines.append(
+        "measured; measured thrust does not follow stiffness.",
         "Collision force is Table III's, one reading each at 2000 rpm. Where the blade is struck "
         "matters as much as which nodus it is: Table II has 136 to 337 N along one blade, at 2500 "
-        "rpm."
-    )
-    lines.append("Noise is at 2000 rpm and 5 m; nobody measured it at the speed of hover.")
-    return lines
+        "rpm.",
+        "Noise is at 2000 rpm and 5 m; nobody measured it at the speed of hover.",
+    ]
 
 
 def _of_the_recommended(design: Design, index: int) -> list[str]:
@@ -155,8 +141,8 @@ def _of_the_recommended(design: Design, index: int) -> list[str]:
     hover = judged.operating.hover_speed[index] / RPM
     top = judged.operating.usable_speed[index] / RPM
     lines = []
-    if judged.outside[index]:
-        lines.append(f"Outside of what was tested: {'; '.join(judged.outside[index])}.")
+    if outside := judged.outside(index):
+        lines.append(f"Outside of what was tested: {'; '.join(outside)}.")
     lines.append(
         f"Hover at {hover:.0f} rpm and the thrust margin at {top:.0f} rpm are the model's: nobody "
         "measured beyond 3200 rpm."
@@ -205,7 +191,7 @@ def figure(value: float, quantity: Criterion) -> str:
 def known(design: Design, index: int, column: int) -> str:
     """Return how a figure is known, with the interval of a prediction."""
     judged = design.judged
-    label = judged.labels[index][column]
+    label = judged.labels[index, column]
     low, high = float(judged.low[index, column]), float(judged.high[index, column])
     if not math.isfinite(low) or not high > low:
         return f"{label}{' in speed' if QUANTITIES[column].name not in MEASURED else ''}"
@@ -217,11 +203,11 @@ def cell(design: Design, index: int, column: int) -> str:
     """Return a figure for a table: `*` where it is measured, the upper end where predicted."""
     judged, quantity = design.judged, QUANTITIES[column]
     text = figure(float(judged.value[index, column]), quantity)
-    if judged.labels[index][column] == "measured":
+    if judged.labels[index, column] == "measured":
         return f"{text}*"
     high = float(judged.high[index, column])
     if high > judged.low[index, column]:
-        doubt = "?" if judged.labels[index][column] == "extrapolated" else ""
+        doubt = "?" if judged.labels[index, column] == "extrapolated" else ""
         return f"≤{figure(high, quantity)}{doubt}"
     return text
 
@@ -252,12 +238,8 @@ def alternatives(
 
 def broken_by(design: Design, index: int) -> str:
     """Return which limits a candidate breaks, and which are unknown."""
-    pairs = [
-        (limit.quantity.words, slack)
-        for limit, slack in zip(design.choice.limits, design.choice.slack[index], strict=True)
-        if slack < 0.0
-    ]
-    broken = " and ".join(name for name, slack in pairs if math.isfinite(slack))
-    unknown = " and ".join(name for name, slack in pairs if not math.isfinite(slack))
+    slacks = dict(zip(design.choice.limits, design.choice.slack[index], strict=True))
+    broken = " and ".join(k.quantity.words for k, s in slacks.items() if -math.inf < s < 0.0)
+    unknown = " and ".join(k.quantity.words for k, s in slacks.items() if s == -math.inf)
     parts = [f"breaks {broken}" if broken else "", f"{unknown} unknown" if unknown else ""]
     return "; ".join(part for part in parts if part)

@@ -134,7 +134,7 @@ def collapse(law: str, top_rpm: float = 15000.0) -> tuple[Array, Array]:
     twist = rows[:, SCALARS["twist_compliance"]]
     for name in ("flap_compliance", "lag_compliance"):
         rows[:, SCALARS[name]] = rows[0, SCALARS[name]] / twist[0] * twist
-    shear = 1e6 * np.array([law_moduli(c, law)[1] for c in soft])
+    shear = 1e6 * np.array([nodus_moduli(c, law).G_N_MPa for c in soft])
     scale = shear[0] * twist[0] / twist  # what the law's own compliance says of G_N
     s = np.linspace(0.05, 1.0, 40) * (top_rpm * RPM) ** 2 / scale.max()
     points = evaluate_rows(rows[:, None], np.sqrt(s * scale[:, None]), law, "mask")
@@ -143,22 +143,17 @@ def collapse(law: str, top_rpm: float = 15000.0) -> tuple[Array, Array]:
     )
 
 
-def law_moduli(configuration: Configuration, law: str) -> tuple[float, float]:
-    """Return E_N and G_N [MPa] that a law computes with: the authors' program has its own."""
-    moduli = nodus_moduli(configuration, law)
-    return moduli.E_N_MPa, moduli.G_N_MPa
-
-
 def _law(law: str, speeds_rpm: tuple[float, float]) -> LawNumbers:
     every = configurations()
     soft = [c for c in every if not c.rigid]
+    moduli = {c.number: nodus_moduli(c, law) for c in soft}
     rigid = evaluate(every[0], np.linspace(100.0, 18000.0, 180) * RPM, law).lift_over_drag
     _, curves = collapse(law)
     with np.errstate(invalid="ignore"):
         apart = np.abs(curves / curves[:1] - 1.0)
     return LawNumbers(
         law=law,
-        moduli={c.number: law_moduli(c, law) for c in soft},
+        moduli={number: (m.E_N_MPa, m.G_N_MPa) for number, m in moduli.items()},
         low={c.number: _point(c, law, speeds_rpm[0]) for c in every},
         high={c.number: _point(c, law, speeds_rpm[1]) for c in every},
         table_1_ratio={

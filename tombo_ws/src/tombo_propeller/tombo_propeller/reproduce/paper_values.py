@@ -70,6 +70,11 @@ class Paper:
     texts: Mapping[str, Mapping[str, Any]]
     """`paper.yaml`: sections of numbers, as text; `campaign` is this suite's, `campaign.yaml`."""
 
+    @property
+    def soft(self) -> tuple[int, ...]:
+        """Numbers of the soft propellers of Table III."""
+        return tuple(conf for conf in self.table_3 if conf)
+
     def number(self, section: str, name: str) -> PrintedNumber:
         """Return a single number of `paper.yaml`."""
         return PrintedNumber(self.text(section, name))

@@ -93,7 +93,6 @@ def overview(r: Reproduction) -> Figure:
     laws = r.laws("table_3_lift_over_drag")
     _heading(panels[0], f"Simulated lift over drag: {_under(laws)}")
     _table_3_thrust(panels[1], r)
-    panels[1].set_ylim(0.3, 1.08)
     panels[1].legend(ncols=2, loc="upper right")
     order = {HOLDS: "grows with stiffness", FAILS: "does not grow with stiffness"}
     verdict = r.claim("thrust_follows_stiffness").verdict
@@ -105,10 +104,6 @@ def overview(r: Reproduction) -> Figure:
     _heading(panels[3], f"A maximum of thrust: {_under(r.laws('omega_mtf_order'))}")
     law = "published" if "published" in r.numbers.laws else next(iter(r.numbers.laws))
     _ratio_over_speed(panels[4], r, law)
-    panels[4].set_ylabel("lift over drag")
-    low, high = panels[4].get_ylim()
-    panels[4].set_ylim(low, high + 0.45 * (high - low))  # room for the legend above the curves
-    panels[4].legend(loc="upper right", ncols=2)
     _heading(panels[4], f"The printed ε_mld: {_under(r.laws('eps_mld'))} (shown: {law})")
     for name in r.numbers.laws:
         _universal(panels[5], name)
@@ -123,7 +118,8 @@ def _under(laws: list[str]) -> str:
 
 def _table_3_ratio(axes: Axes, r: Reproduction) -> None:
     """Draw Table III's lift over drag, printed as rings, computed as dots."""
-    confs, at = _places(r)
+    confs = list(r.paper.table_3)
+    at = range(len(confs))
     for law, numbers in r.numbers.laws.items():
         axes.plot(at, [numbers.low[c].ratio for c in confs], _LAW_MARKS[law], ms=5,
                   color=_LAW_COLOURS[law], label=law, zorder=4)  # fmt: skip
@@ -135,7 +131,8 @@ def _table_3_ratio(axes: Axes, r: Reproduction) -> None:
 
 def _table_3_thrust(axes: Axes, r: Reproduction) -> None:
     """Draw Table III's thrusts with their deviations, and what each law computes."""
-    confs, at = _places(r)
+    confs = list(r.paper.table_3)
+    at = range(len(confs))
     rows = [r.paper.table_3[c] for c in confs]
     soft = [row.thrust_N.value for row, c in zip(rows, confs, strict=True) if c]
     bound = 0.01 * r.paper.number("model", "thrust_error_percent").value
@@ -156,15 +153,16 @@ def _table_3_thrust(axes: Axes, r: Reproduction) -> None:
     for dx, (law, numbers) in zip(shift, r.numbers.laws.items(), strict=False):
         axes.plot([x + dx for x in at], [numbers.low[c].thrust_N for c in confs], _LAW_MARKS[law],
                   ms=5.5, color=_LAW_COLOURS[law], label=law, zorder=4)  # fmt: skip
-    axes.set(ylabel="thrust [N]", ylim=(0.3, 0.95))
+    axes.set(ylabel="thrust [N]", ylim=(0.3, 1.08))
     _configurations(axes, confs)
 
 
 def _force_shares(axes: Axes, r: Reproduction) -> None:
     """Draw each configuration's collision force over the rigid propeller's."""
-    confs = [c for c in r.paper.table_3 if c]
+    confs = list(r.paper.soft)
     bound = 2.0 / 3.0
-    shares = [_share(r, c) for c in confs]
+    rigid = r.paper.table_3[0].force_N.value
+    shares = [r.paper.table_3[c].force_N.value / rigid for c in confs]
     colours = [style.VERMILLION if s >= bound else "#9DB4C8" for s in shares]
     axes.bar(range(len(confs)), shares, width=0.72, color=colours, lw=0)
     for k, s in enumerate(shares):
@@ -173,15 +171,6 @@ def _force_shares(axes: Axes, r: Reproduction) -> None:
     axes.text(-0.45, bound + 0.012, "two-thirds", size=8.5, va="bottom")
     axes.set(ylabel="force / force of Conf. 0", ylim=(0.0, 0.82))
     _configurations(axes, confs)
-
-
-def _share(r: Reproduction, conf: int) -> float:
-    return r.paper.table_3[conf].force_N.value / r.paper.table_3[0].force_N.value
-
-
-def _places(r: Reproduction) -> tuple[list[int], list[int]]:
-    confs = list(r.paper.table_3)
-    return confs, list(range(len(confs)))
 
 
 def _configurations(axes: Axes, confs: list[int]) -> None:
@@ -213,7 +202,8 @@ def _ratio_over_speed(axes: Axes, r: Reproduction, law: str) -> None:
         rpm, points = _curve(conf, law, 50.0)
         axes.plot(rpm, points.lift_over_drag, color=colour,
                   label="Conf. 0, rigid" if conf == 0 else f"Conf. {conf}")  # fmt: skip
-    axes.set_ylim(1.2, 2.3)
+    axes.set(ylabel="lift over drag", ylim=(1.2, 2.795))  # room for the legend above the curves
+    axes.legend(loc="upper right", ncols=2)
     _over_speed(axes)
 
 

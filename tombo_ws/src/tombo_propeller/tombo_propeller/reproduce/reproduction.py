@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Any, Final
 
 from tombo_dynamics.propeller import LAWS
-from tombo_propeller.reproduce.claims import experiment_claims, model_claims, printed_claims  # noqa: F401  each registers the judges of its claims
+from tombo_propeller.reproduce.claims import experiment_claims, model_claims  # noqa: F401  each registers the judges of its claims
 from tombo_propeller.reproduce.claims.claim import (
     FAILS,
     HOLDS,

@@ -24,14 +24,11 @@ from tombo_propeller.design.flight_files import (
 )
 from tombo_propeller.design.operating_points import flight_performance
 from tombo_propeller.design.readings import read
-from tombo_propeller.design.request import DesignRequest, arm_of, vehicle_for
+from tombo_propeller.design.request import QUANTITIES, DesignRequest, arm_of, vehicle_for
 from tombo_propeller.workbench.curves import bench_force
 from tombo_propeller.workbench.propeller_choice import PAPER, ChosenPropeller
 
-LIMITS: Final = (
-    *("min_thrust_margin", "max_collision_force_N", "max_recovery_s", "max_noise_dB"),
-    "min_lift_over_drag",
-)
+LIMITS: Final = tuple(q.limit for q in QUANTITIES)
 _KEYS: Final = ("mass_kg", "arm_mm", "law", "extrapolate", *LIMITS)
 _HOVER_SPEED: Final = 512.0
 """rad/s: the paper's vehicle hovers at it, and is flown with the force of 2000 rpm."""

@@ -38,7 +38,7 @@ def recovery(given: _Trace, unpacking: Unpacking, results: Results) -> None:
 
     Each comes with a 95 % interval; one that does not recover in the trace comes out as "more
     than". A speed trace gives a lower bound, "at least": a folded blade has less thrust than its
-    speed says. Writes recovery.json, recovery.csv and recovery.png. See docs/beta.md.
+    speed says. Writes recovery.json and recovery.png. See docs/beta.md.
     """
     from tombo_bringup.cli.result_files import publish
     from tombo_dynamics.errors import InputError

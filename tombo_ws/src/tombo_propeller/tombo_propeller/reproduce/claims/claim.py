@@ -1,20 +1,21 @@
 """A claim of the paper, what the laws make of it, and how its verdict follows.
 
-The texts of all claims are in `claims.yaml`. For each of them a function of the same name, marked
-with `judges`, draws the outcome from what is printed and what is computed, and from nothing else.
+`claims.yaml` is the table of all claims. For each row a function of the same name, marked with
+`judges`, draws value and verdict from what is printed and what is computed, and from nothing else.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final, Literal
 
 from tombo_dynamics.yaml_text import read_yaml
-from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
+from tombo_propeller.reproduce.computed_values import Numbers
 from tombo_propeller.reproduce.paper_values import Paper
 
 Verdict = Literal["holds", "fails", "can't be checked"]
@@ -28,21 +29,20 @@ DATA: Final = "data"
 
 
 @dataclass(frozen=True)
-class ClaimOutcome:
-    """What a claim comes to."""
+class Judged:
+    """What a claim comes to, under one law or of measurements alone."""
 
-    computed: Mapping[str, float | None]
-    """By law, or under "data"; None where a law has no such number."""
-    verdicts: Mapping[str, Verdict]
-    """By law, or under "data"."""
-    judge: str
-    """The law, or "data", whose verdict is the claim's."""
-    evidence: str
-    texts: Mapping[str, object]
-    """What the claim's texts have in braces."""
+    value: float | None
+    """None where the law has no such number."""
+    verdict: Verdict
+    texts: Mapping[str, object] = field(default_factory=dict)
+    """What the claim's texts have in braces; those of the judging law count."""
+    each: Mapping[str, object] = field(default_factory=dict)
+    """The same, told law by law."""
 
 
-Judge = Callable[[Paper, Numbers], ClaimOutcome]
+Judge = Callable[..., Judged]
+"""Takes the paper and, where a claim is about the laws, a law's numbers and those of all laws."""
 JUDGES: Final[dict[str, Judge]] = {}
 """Name of a claim -> the function that judges it."""
 
@@ -51,6 +51,34 @@ def judges(function: Judge) -> Judge:
     """Mark a function as the judge of the claim of its name."""
     JUDGES[function.__name__] = function
     return function
+
+
+def holds_if(condition: bool) -> Verdict:
+    """Return "holds" or "fails"."""
+    return HOLDS if condition else FAILS
+
+
+class PerLaw(dict[str, Any]):
+    """A number or text of each law, told by a format such as `{gain:.1f %}` or `{gain.joined}`."""
+
+    def __format__(self, form: str) -> str:
+        """Return the numbers in words, once if they are all the same; text about them is kept."""
+        found = re.fullmatch(r"(.*?)([+.\d]+[a-z])(.*)", form)
+        before, number, after = found.groups() if found else ("", ".3g", "")
+        texts = ["none" if v is None else f"{before}{v:{number}}{after}" for v in self.values()]
+        if len(set(texts)) == 1:
+            return texts[0] + (" in every law" if len(texts) > 1 else "")
+        return ", ".join(f"{law} {text}" for law, text in zip(self, texts, strict=True))
+
+    @property
+    def listed(self) -> str:
+        """The texts of all laws, with commas."""
+        return ", ".join(f"{law} {text}" for law, text in self.items())
+
+    @property
+    def joined(self) -> str:
+        """The texts of all laws, with semicolons."""
+        return "; ".join(f"{law} {text}" for law, text in self.items())
 
 
 @dataclass(frozen=True)
@@ -69,9 +97,11 @@ class Claim:
     """What `computed` is."""
     unit: str
     computed: Mapping[str, float | None]
+    """By law, or under "data"; None where a law has no such number."""
     tolerance: str
     verdicts: Mapping[str, Verdict]
     judge: str
+    """The law, or "data", whose verdict is the claim's."""
     evidence: str
 
     @property
@@ -109,99 +139,37 @@ def claim_texts() -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
 def judged_claims(paper: Paper, numbers: Numbers) -> tuple[Claim, ...]:
     """Return every claim with its verdict, in the order of `claims.yaml`."""
     return tuple(
-        _judged(name, group, texts, paper, numbers)
-        for group, claims in claim_texts().items()
-        for name, texts in claims.items()
+        _claim(name, group, row, paper, numbers)
+        for group, rows in claim_texts().items()
+        for name, row in rows.items()
     )
 
 
-def _judged(
-    name: str, group: str, texts: Mapping[str, Any], paper: Paper, numbers: Numbers
-) -> Claim:
-    outcome = JUDGES[name](paper, numbers)
-    values = dict(outcome.texts)
-    source = texts.get("source", "")
-    if "printed" in texts:
-        section, key = texts["printed"]
-        source = source or paper.source(section, key)
-        printed = paper.texts[section][key]["printed"]
-        values["printed"] = printed
-    filled = {
-        key: texts[key].format(**values) for key in ("claim", "paper", "quantity", "tolerance")
-    }
+def _claim(name: str, group: str, row: Mapping[str, Any], paper: Paper, numbers: Numbers) -> Claim:
+    """Judge a row of the table; a law that is not computed gives way to the first that is."""
+    judge, wanted = JUDGES[name], row.get("judge", "published")
+    if wanted == DATA:
+        found = {DATA: judge(paper)}
+    else:
+        found = {law: judge(paper, values, numbers) for law, values in numbers.laws.items()}
+    wanted = wanted if wanted in found else next(iter(found))
+    computed = PerLaw({law: one.value for law, one in found.items()})
+    texts: dict[str, Any] = {"law": wanted, "computed": computed, **found[wanted].texts}
+    for key in found[wanted].each:
+        texts[key] = PerLaw({law: one.each[key] for law, one in found.items()})
+    source = row.get("source", "")
+    if "printed" in row:
+        source = source or paper.source(*row["printed"])
+        texts["printed"] = paper.text(*row["printed"])
+    filled = ("claim", "paper", "quantity", "tolerance", "evidence")
     return Claim(
         name=name,
         group=group,
-        kind=texts["kind"],
-        source=source.format(**values),
-        unit=texts.get("unit", "1"),
-        computed=outcome.computed,
-        verdicts=outcome.verdicts,
-        judge=outcome.judge,
-        evidence=outcome.evidence,
-        **filled,
+        kind=row["kind"],
+        source=source.format(**texts),
+        unit=row.get("unit", "1"),
+        computed=dict(computed),
+        verdicts={law: one.verdict for law, one in found.items()},
+        judge=wanted,
+        **{key: row[key].format(**texts) for key in filled},
     )
-
-
-def of_data(value: float, verdict: Verdict, evidence: str, **texts: object) -> ClaimOutcome:
-    """Return the outcome of a claim about measurements alone."""
-    return ClaimOutcome({DATA: value}, {DATA: verdict}, DATA, evidence, texts)
-
-
-def of_laws(
-    numbers: Numbers,
-    computed: Mapping[str, float | None],
-    accept: Callable[[float], bool] | Mapping[str, Verdict],
-    evidence: str,
-    *,
-    law: str = "published",
-    **texts: object,
-) -> ClaimOutcome:
-    """Return the outcome of a claim about the laws.
-
-    Args:
-        numbers: all that is computed.
-        computed: by law; one that has no such number does not fulfil the claim.
-        accept: says of a number whether the claim holds; or the verdict of each law.
-        evidence: in words.
-        law: whose verdict is the claim's, where it is computed.
-        texts: what the claim's texts have in braces.
-    """
-    if isinstance(accept, Mapping):
-        verdicts = accept
-    else:
-        verdicts = {name: holds_if(v is not None and accept(v)) for name, v in computed.items()}
-    return ClaimOutcome(computed, verdicts, judge_of(numbers, law), evidence, texts)
-
-
-def holds_if(condition: bool) -> Verdict:
-    """Return "holds" or "fails"."""
-    return HOLDS if condition else FAILS
-
-
-def by_law(
-    numbers: Numbers, value: Callable[[LawNumbers], float | None]
-) -> dict[str, float | None]:
-    """Return a number of each law."""
-    return {name: value(law) for name, law in numbers.laws.items()}
-
-
-def judge_of(numbers: Numbers, preferred: str = "published") -> str:
-    """Return the law that a claim is about, or the first computed where that is left out.
-
-    The paper's numbers come from its program, which is the law `published`.
-    """
-    return preferred if preferred in numbers.laws else next(iter(numbers.laws))
-
-
-def per_law(computed: Mapping[str, float | None], form: str = "{:.3g}") -> str:
-    """Return the numbers of the laws in words, once if they are all the same."""
-    texts = ["none" if v is None else form.format(v) for v in computed.values()]
-    if len(set(texts)) == 1:
-        return texts[0] + (" in every law" if len(texts) > 1 else "")
-    return ", ".join(f"{law} {text}" for law, text in zip(computed, texts, strict=True))
-
-
-def joined(texts: Mapping[str, str]) -> str:
-    """Return a text of each law as one."""
-    return "; ".join(f"{law} {text}" for law, text in texts.items())
