@@ -102,6 +102,35 @@ def _tilt(setpoint) -> float:
     return 2.0 * float(np.arcsin(np.hypot(setpoint.orientation.x, setpoint.orientation.y)))
 
 
+@pytest.mark.slow
+def test_a_controller_that_stands_by_misses_no_run_of_its_loops(world, start):
+    world.subscribe(ROTOR_COMMAND, DIAGNOSTICS)
+    node = start("tombo_control.controller_node", "-p", "use_sim_time:=true")
+    world.meet(IMU, ODOMETRY, ESTIMATOR_STATUS, SETPOINT, CLOCK, ROTOR_COMMAND)
+    inputs = _Inputs(world)
+    world.now_ns = 10_000 * _MS
+    end = time.monotonic() + 60.0
+    while not world.heard[ROTOR_COMMAND.name]:
+        inputs.tick(setpoint=False)
+        assert time.monotonic() < end
+    stood_ns = world.now_ns
+    inputs.patience_s = 0.01  # it does not answer: it was started in flight, for all it knows
+    while True:  # until it has stood there for 1.5 s
+        answers = world.heard[ROTOR_COMMAND.name]
+        answers[:] = [a for a in answers if to_ns(a.header.stamp) > stood_ns]  # not late ones
+        if answers:
+            break
+        inputs.tick()
+        assert time.monotonic() < end + 120.0
+
+    def rate_loop(report):
+        return [s for s in report.status if s.name == "controller: rate loop"]
+
+    (status,) = rate_loop(world.wait_for(DIAGNOSTICS, rate_loop))
+    assert int({pair.key: pair.value for pair in status.values}["missed"]) < 100
+    assert node.end() == 0
+
+
 @pytest.mark.real_time
 def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
     world.subscribe(ROTOR_COMMAND, RATES_SETPOINT, ATTITUDE_SETPOINT, DIAGNOSTICS)

@@ -86,3 +86,22 @@ def test_mavlink_on_one_side_and_mocap_on_the_other(world, start, link):
     assert answer.message.result == _DENIED
     node.wait_for_words("PX4 says: Arming denied")
     assert node.end() == 0
+
+
+@pytest.mark.real_time
+def test_poses_go_on_in_step_with_the_systems_clock(world, start, link):
+    world.subscribe(MOCAP_POSE)
+    node = start(NODE, *urls(link), "-p", "mocap_rate:=100.0")
+    world.meet(MOCAP_POSE, patience_s=_COMPILES_S)
+    world.wait_for(MOCAP_POSE, meanwhile=link.receive)
+    began_s = time.monotonic()
+    seen = len(world.heard[MOCAP_POSE.name])
+    time.sleep(1.0)
+    world.hear()
+    passed_s = time.monotonic() - began_s
+    stamps = [to_ns(m.header.stamp) for m in world.heard[MOCAP_POSE.name]]
+    assert np.median(np.diff(stamps)) == pytest.approx(10 * MS, abs=1000)
+    with in_time():
+        assert len(stamps) - seen == pytest.approx(100 * passed_s, abs=25)
+        assert time.time_ns() - stamps[-1] < 200 * MS
+    assert node.end() == 0

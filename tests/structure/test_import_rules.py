@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -257,3 +258,22 @@ def test_no_files_import_each_other_in_a_loop():
 def test_the_rules_catch_what_they_should(package: str, file: str, source: str, complaint: str):
     found = "\n".join(violations(package, Path(file), source))
     assert complaint in found if complaint else not found
+
+
+@pytest.mark.slow
+def test_importing_every_pure_module_loads_no_ros():
+    modules = [
+        ".".join(path.relative_to(SRC / package).with_suffix("").parts).removesuffix(".__init__")
+        for package in python_packages()
+        if package != "tombo_ros"
+        for path in files_of(package)
+        # launching.py is the launch files' own: it needs the `launch` of a ROS install.
+        if not is_node(path) and path.stem not in {"__main__", "launching"}
+    ]
+    code = (
+        "import importlib, sys\n"
+        f"for name in {modules!r}: importlib.import_module(name)\n"
+        "sys.exit(str({'rclpy', 'tombo_msgs', 'tombo_ros'} & set(sys.modules) or '') or None)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr

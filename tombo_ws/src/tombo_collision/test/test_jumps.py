@@ -104,6 +104,15 @@ def test_three_places_that_do_not_agree_are_no_new_place():
     assert statistic[SWAPPED + 5] > 0.0  # the filter went on
 
 
+def test_back_and_forth_between_two_bodies_raises_no_alarm():
+    poses = flight(20.0)
+    rng = np.random.default_rng(4)
+    swapped = rng.random(len(poses)) < 0.3
+    swapped[:40] = False
+    there = poses.position + np.outer(swapped, [0.3, 0.2, 0.0])
+    assert not watch(Poses(poses.t, there, poses.attitude))[0]
+
+
 def test_places_at_random_raise_no_alarm_and_it_recovers():
     poses = flight(12.0)
     rng = np.random.default_rng(4)
@@ -131,11 +140,25 @@ def test_what_a_strike_can_do_is_no_jump(way, speed, rate):
     assert len(events) == 1
 
 
+@pytest.mark.parametrize("speed", [0.0, 2.0, 4.0, 8.0])
+def test_a_head_on_crash_is_no_jump(speed):
+    poses = flight(velocity=(speed, 0.0, 0.0)).pushed(4.0, (-speed - 2.9, 0.0, 0.0))
+    reasons, events = refusals(poses)
+    assert not any(reasons)
+    assert len(events) == 1
+
+
 def test_a_swap_into_the_known_region_is_no_entry():
     p = DetectorParams(trigger="region")
     centre = np.array([p.region_x, p.region_y, p.region_z])
     poses = displaced(flight(start=(0.5, 0.0, 2.0)), SWAPPED, None, centre - [0.5, 0.0, 2.0])
     assert not watch(poses, trigger="region")[0]
+
+
+def test_a_fast_flight_is_no_jump_right_after_the_filter_has_started():
+    reasons, events = refusals(flight(velocity=(8.0, 0.0, 0.0)))
+    assert not any(reasons)
+    assert not events
 
 
 def test_started_in_flight_it_watches_at_once():

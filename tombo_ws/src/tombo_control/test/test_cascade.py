@@ -4,14 +4,43 @@ import math
 
 import numpy as np
 import pytest
-from control_bench import bench, fresh_autopilot, quaternion, rotor_table
+from control_bench import FOREVER, bench, fresh_autopilot, quaternion, rotor_table
 
 from tombo_control.loops.cascade import cascade
+from tombo_control.loops.position_control import BLIND_SPEED
 from tombo_control.params import ControlParams
 from tombo_dynamics.messages import Phase
-from tombo_dynamics.rotation import tilt
+from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 
 C = ControlParams()
+
+
+def swing(control, seconds=20.0):
+    """Displace by 0.2 m, fly with a controller; the energy of the swing (n,) per mass [J/kg]."""
+    b = bench()
+    b.plant.state.position[0] = 0.2
+    body = b.fly_ticks(seconds, control)
+    k = C.velocity_p * C.position_p
+    return 0.5 * (body[:, 3] ** 2 + k * body[:, 0] ** 2)
+
+
+def cascade_on(a, tick):
+    a.mocap_time = FOREVER
+    cascade(a, rotor_table(), tick)
+
+
+def position_alone(a, tick):
+    """P on position with the same stiffness; the velocity is not looked at."""
+    a.state.velocity[:] = 0.0
+    a.loops.velocity_integral[:] = 0.0
+    cascade_on(a, tick)
+
+
+@pytest.mark.slow
+def test_p_alone_on_a_double_integrator_cannot_damp_and_the_cascade_can():
+    alone, whole = swing(position_alone), swing(cascade_on)
+    assert alone[-4000:].max() > alone[:4000].max()
+    assert whole[-4000:].max() < 1e-3 * whole[:4000].max()
 
 
 @pytest.mark.parametrize("mode", [Phase.IDLE, Phase.LANDED])
@@ -32,6 +61,34 @@ def test_stands_by_with_rotors_off_and_integrals_forgotten(mode):
     assert a.mode_flown == mode
     # so the derivative of the first tick in the air starts from the present rate
     assert (a.loops.rate_filtered == a.state.rates).all()
+
+
+@pytest.mark.slow
+def test_levels_and_sinks_without_mocap_and_comes_back():
+    b = bench()
+    b.plant.state.velocity = [1.0, 0.5, 0.0]
+    b.plant.state.attitude = quaternion((0.6, -0.8, 0.0), 0.4)
+    heading = yaw_pitch_roll(b.plant.state.attitude)[0]
+
+    def stale(a, tick):
+        a.mocap_time = tick * 1e-3 - (C.blind_timeout + 0.001)
+        cascade(a, rotor_table(), tick)
+
+    body = b.fly_ticks(3.0, stale)
+    assert b.a.mode_flown == Phase.DESCEND_BLIND
+    assert tilt(body[2500:, 6:10]).max() < 0.02
+    assert np.allclose(body[1500:, 5], -BLIND_SPEED, atol=0.05)
+    assert np.abs(body[2500:, 3:5]).max() < 0.1, "the speed it had is braked"
+    assert abs(yaw_pitch_roll(body[-1, 6:10])[0] - heading) < 0.05
+
+    def fresh(a, tick):
+        a.mocap_time = tick * 1e-3 - (C.blind_timeout - 0.001)
+        cascade(a, rotor_table(), tick)
+
+    body = b.fly_ticks(20.0, fresh)
+    assert b.a.mode_flown == Phase.HOVER
+    assert tilt(body[:, 6:10]).max() < C.tilt_max + 0.1
+    assert np.linalg.norm(body[-1, :3] - [0.0, 0.0, 10.0]) < 0.05
 
 
 def test_saturated_command_brings_it_back_from_a_tumble():

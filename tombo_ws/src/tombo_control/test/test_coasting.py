@@ -112,6 +112,16 @@ def test_an_estimate_ahead_of_the_gyro_is_carried_back(
     assert _angle(a.state.attitude, truth.attitude(_BEFORE + ahead)) < 1e-7
 
 
+@given(_rates, _late)
+def test_the_sign_of_the_quaternion_does_not_matter(rates: Array, late: int) -> None:
+    truth = _Truth(rates, np.zeros(3))
+    a = _coasting(truth, np.array([0.0, 0.1, 0.0]))
+    b = a.copy()
+    truth.correct(a, _BEFORE - late, _BEFORE)
+    truth.correct(b, _BEFORE - late, _BEFORE, sign=-1.0)
+    assert _angle(a.state.attitude, b.state.attitude) < 1e-7
+
+
 def test_an_estimate_older_than_the_history_is_taken_as_it_is() -> None:
     truth = _Truth(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))
     a = _coasting(truth, np.zeros(3), ticks=700)

@@ -64,6 +64,7 @@ def estimate(
     bias=(0.0, 0.0),
     gap=(0, 0),
     stamped=True,
+    swap=False,
     a=None,
 ):
     """Run the estimator along a motion; return it and its position and velocity at each tick.
@@ -77,6 +78,7 @@ def estimate(
         bias: of the same.
         gap: first and last tick without mocap.
         stamped: False tells the estimator that a sample was captured when it arrived.
+        swap: every second sample overtakes the one before it.
         a: a memory to begin with.
     """
     rng = np.random.default_rng(seed)
@@ -86,9 +88,10 @@ def estimate(
         a = fresh_autopilot(position=truth.position[0], attitude=truth.attitude[0])
         a.state.velocity[:] = truth.velocity[0]
     due: dict[int, list[int]] = {}
-    for captured in range(0, n, PERIOD):
+    for i, captured in enumerate(range(0, n, PERIOD)):
+        late = latency + (PERIOD + 5 if swap and i % 2 == 0 else 0)
         if not gap[0] <= captured < gap[1]:
-            due.setdefault(captured + latency, []).append(captured)
+            due.setdefault(captured + late, []).append(captured)
     shake = rng.standard_normal((n, 6)) * np.repeat(mocap, 3)
     out = np.zeros((n, 6))
     last = 0
@@ -142,6 +145,13 @@ def test_a_perfect_imu_is_followed_exactly_at_any_latency():
         assert error(CURVES, out, since=0.0)[0] < 1e-3
 
 
+def test_order_of_arrival_does_not_matter():
+    in_order = error(CURVES, estimate(CURVES, latency=45, **REAL)[1])
+    overtaken = error(CURVES, estimate(CURVES, latency=10, swap=True, **REAL)[1])
+    assert overtaken[0] < 1.5 * in_order[0]
+    assert overtaken[1] < 1.5 * in_order[1]
+
+
 def test_sign_of_the_measured_quaternion_does_not_matter():
     flipped = motion(2.0)
     flipped.attitude[::2] *= -1.0  # every second tick of capture is even
@@ -158,6 +168,14 @@ def test_converges_from_a_wrong_start_and_finds_the_biases():
     assert error(truth, out, since=10.0)[0] < 5e-3
     assert np.allclose(a.state.gyro_bias, bias[0], atol=0.01)
     assert np.allclose(a.state.accel_bias, bias[1], atol=0.1)
+
+
+def test_bridges_a_gap_of_mocap():
+    begin, end = 4000, 4300
+    _, out = estimate(CURVES, gap=(begin, end), **REAL)
+    distance = np.linalg.norm(out[:, :3] - CURVES.position, axis=1)
+    assert distance[begin : end + 50].max() < 0.01
+    assert distance[end + 1000 :].max() < 0.005
 
 
 @pytest.mark.slow
@@ -275,3 +293,11 @@ def test_on_the_ground_it_learns_no_velocity_and_no_accelerometer_bias():
     assert (a.state.velocity == 0.0).all()
     assert (a.state.accel_bias == 0.0).all()
     assert np.linalg.norm(a.state.position - POSE[:3]) < 1e-2
+
+
+def test_a_lost_imu_sample_is_ridden_out():
+    spoilt = motion(8.0)
+    spoilt.imu[2000:7000:100] = math.nan
+    _, out = estimate(spoilt)
+    assert np.isfinite(out).all()
+    assert error(spoilt, out)[0] < 0.02

@@ -17,7 +17,7 @@ from tombo_control.controller_core import reset_inputs
 from tombo_control.estimate import StampedEstimate
 from tombo_control.params import ControlParams, InputLimits
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.messages import Phase
+from tombo_dynamics.messages import Imu, Phase
 from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.time_base import TICK_NS
 
@@ -254,6 +254,19 @@ def test_the_bias_is_taken_from_the_gyro(bench: _Bench) -> None:
     assert np.allclose(command.speed, bench.hover, rtol=0.02)
 
 
+def test_a_late_estimate_of_a_turning_vehicle_is_brought_up_to_date(bench: _Bench) -> None:
+    turning = np.array([0.0, 0.0, 5.0])
+    bench.setpoint(yaw=0.05)
+    captured = bench.now_ns + TICK_NS  # level then; it turns from there on
+    for _ in range(11):
+        bench.tick += 1
+        bench.controller.tick(bench.now_ns, bench.now_ns, turning)
+    assert bench.estimate(stamp_ns=captured)
+    bench.run(30, estimate=False, setpoint=False)
+    rates = bench.controller.autopilot.setpoint.rates
+    assert abs(rates[2]) < 0.02  # 2.5 1/s times the 0.05 rad it has turned since, if forgotten
+
+
 def test_refused_estimates_leave_it_blind(bench: _Bench) -> None:
     for _ in range(150):
         bench.tick += 1
@@ -262,6 +275,21 @@ def test_refused_estimates_leave_it_blind(bench: _Bench) -> None:
         bench.setpoint()
         command = bench.controller.tick(bench.now_ns, bench.now_ns, _ZERO)
     assert command.blind
+
+
+@pytest.mark.slow
+def test_without_poses_it_comes_down_gently_and_stays_down(flight: Lockstep) -> None:
+    flight.mocap_on = False
+    rows = flight.fly(12.0)
+    down = int(np.argmax(rows[:, 2] < 0.185))
+    assert 3000 < down < 8000
+    assert -rows[:down, 5].min() <= 0.5
+    assert np.linalg.norm(rows[:5000, :2], axis=1).max() < 1.5
+    assert not flight.command.speed.any(), "down, the rotors stop"
+    assert np.linalg.norm(rows[-1, :2] - rows[down, :2]) < 0.3, "it does not slide"
+    flight.mocap_on = True
+    flight.fly(5.0)
+    assert not flight.command.speed.any(), "and no estimate starts them again"
 
 
 @pytest.mark.slow
@@ -348,6 +376,16 @@ def test_what_is_forgotten_lifts_no_vehicle_off(bench: _Bench) -> None:
 
 
 @pytest.mark.slow
+def test_other_gains_in_flight_keep_integrals_and_attitude(flight: Lockstep) -> None:
+    before = flight.fly(0.1)[-1]
+    softer = replace(flight.scenario.control, position_p=0.6, rate_p=18.0)
+    flight.controller.set_params("control", softer)
+    rows = flight.fly(3.0)
+    assert np.linalg.norm(rows[:, :3] - before[:3], axis=1).max() < 0.08
+    assert np.abs(rows[:100, 10:12]).max() < 0.3
+
+
+@pytest.mark.slow
 def test_other_gains_in_flight_do_count(flight: Lockstep) -> None:
     speeds = []
     for p in (0.3, 1.5):
@@ -357,3 +395,17 @@ def test_other_gains_in_flight_do_count(flight: Lockstep) -> None:
         other.steer = lambda _: hover_at(0.5, 0.0, 2.0)
         speeds.append(float(other.fly(1.5)[:, 3].max()))
     assert speeds[1] > 2.0 * speeds[0]
+
+
+def test_set_points_of_the_slower_loops_are_told(bench: _Bench) -> None:
+    bench.run(40)
+    bench.tick += 19 - bench.tick % 20
+    bench.controller.step(bench.now_ns)
+    bench.tick += 1
+    imu = Imu(bench.now_ns, _ZERO, _ZERO)
+    bench.controller.on("/imu/data_raw", imu, bench.now_ns)
+    published = dict(bench.controller.step(bench.now_ns))
+    attitude, rates = published["/attitude_setpoint"], published["/rates_setpoint"]
+    assert np.allclose(attitude.orientation, _LEVEL, atol=1e-3)
+    assert attitude.thrust == rates.thrust == pytest.approx(4.0 * VEHICLE.hover_thrust(), rel=0.02)
+    assert np.abs(rates.rates).max() < 0.01

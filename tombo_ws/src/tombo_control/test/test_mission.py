@@ -42,6 +42,15 @@ def test_goes_on_only_when_the_climb_has_come_to_rest():
     assert advanced(flight.state, late, top).mode == Phase.HOVER
 
 
+def test_lands_at_the_latest_even_if_it_never_settles():
+    flight = collided()
+    away = flight.position + np.array([1.0, 0.0, 0.0])
+    state = flight.state
+    for now in np.arange(flight.now, PLAN.land_time + 1.0, STEP):
+        state = advanced(state, now, away)
+        assert state.mode == (Phase.REACT if now < PLAN.land_time else Phase.LAND)
+
+
 @pytest.mark.parametrize(
     ("offset", "velocity"),
     [((0.11, 0.0, 0.0), (0.0, 0.0, 0.0)), ((0.0, 0.0, 0.0), (0.0, 0.11, 0.0))],

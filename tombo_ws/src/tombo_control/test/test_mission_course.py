@@ -75,6 +75,18 @@ def test_set_points_carry_the_reference_s_own_velocity_and_acceleration():
     assert all(s.stamp_ns for s in world.setpoints)
 
 
+def test_no_setpoint_before_the_first_estimate_which_starts_the_clock():
+    world = World()
+    world.odometry = False
+    world.run(5.0)
+    assert not world.setpoints
+    world.odometry = True
+    world.run(0.9)
+    assert world.course.mode == Phase.IDLE
+    world.run(0.2)
+    assert world.course.mode == Phase.TAKEOFF
+
+
 def test_home_is_where_it_stands_when_it_takes_off():
     world = World()
     world.run(0.5)
@@ -194,6 +206,12 @@ def test_does_not_take_off_while_the_reaction_holds():
     assert world.largest_step() < 0.02
 
 
+def test_a_reaction_that_has_sent_nothing_is_not_waited_for():
+    world = World()
+    world.answers = False
+    world.until(Phase.HOVER)
+
+
 @pytest.mark.parametrize(
     ("mode", "why"),
     [
@@ -225,12 +243,32 @@ def test_without_one_source_of_estimates_reference_and_clock_stand_still(mode, w
     assert world.largest_step(begin) < 0.1
 
 
+def test_after_drift_without_estimates_it_resumes_from_the_vehicle():
+    world = World().until(Phase.APPROACH).run(1.0)
+    world.odometry = False
+    world.run(1.0)
+    world.place = world.place + np.array([0.0, 1.0, -0.5])
+    world.odometry = True
+    world.follows = False
+    world.run(0.02)
+    assert math.dist(world.setpoints[-1].position, world.place) < 0.01
+    assert world.course.mode == Phase.APPROACH
+
+
 def test_a_vehicle_left_behind_is_not_left_behind_for_ever():
     world = World().until(Phase.APPROACH)
     world.follows = False
     world.run(6.0)
     assert math.dist(world.setpoints[-1].position, world.place) < LIMITS.lag_max + 0.02
     assert max(math.dist(s.position, world.place) for s in world.setpoints[-300:]) > 0.3
+
+
+def test_hovering_off_the_spot_is_no_lag():
+    world = World().until(Phase.HOVER)
+    world.follows = False
+    world.place = world.place + np.array([0.8, 0.0, 0.0])
+    world.run(1.0)
+    assert world.setpoints[-1].position == pytest.approx([*HOME[:2], PLAN.height])
 
 
 def test_begun_in_flight_it_holds_and_lands():
@@ -289,6 +327,15 @@ def test_a_vehicle_that_does_not_lift_off_is_given_up():
     world.until(Phase.LANDED, 0.3)
 
 
+def test_held_on_the_ground_it_is_not_given_up():
+    world = World().until(Phase.TAKEOFF)
+    world.reaction(ReactionPhase.HOLDING)
+    world.run(10.0)
+    assert world.course.mode == Phase.TAKEOFF
+    world.reaction(ReactionPhase.IDLE)
+    world.until(Phase.HOVER, 8.0)
+
+
 def test_passing_low_is_not_standing():
     world = World().until(Phase.APPROACH)
     world.reaction(ReactionPhase.REACTING, X_R, 1)
@@ -308,6 +355,14 @@ def test_an_estimate_that_is_no_number_is_refused(value):
     assert not world.course.estimate(np.zeros(3), np.array([0.0, 0.0, value]), world.now)
     world.run(1.0)
     assert world.course.mode == Phase.HOVER
+
+
+def test_a_node_that_was_stopped_goes_on_without_a_jump():
+    world = World().until(Phase.APPROACH).run(1.0)
+    begin = len(world.setpoints) - 1
+    world.now += 3000 * MS
+    world.run(2.0)
+    assert world.largest_step(begin) < 0.1
 
 
 def test_a_clock_set_back_begins_a_new_flight():

@@ -154,6 +154,17 @@ def test_failsafe_without_mocap_lands_level_and_stops_the_rotors(seed: int) -> N
     assert landing.body[-1, 2] < _GROUND + 0.005
 
 
+def test_mocap_that_comes_back_is_landed_on(flight: _Flight) -> None:
+    flight.mocap_on = False
+    flight.failsafe.engage(flight.simulator.tick)
+    for _ in range(1200):
+        flight.command(flight.failsafe.command)
+    flight.mocap_on = True
+    landing = flight.land()
+    assert landing.touch_speed < _UNHURT
+    assert landing.rotors_off_s < landing.time_s + 0.2
+
+
 @pytest.mark.slow
 def test_handed_back_in_the_air_the_flight_goes_on(flight: _Flight) -> None:
     flight.failsafe.engage(flight.simulator.tick)
