@@ -137,8 +137,6 @@ REFUSED = [
     ("replay strike.mcap --tolerance x_c_m=far", "x_c_m=far", "no number"),
     ("replay strike.mcap --tolerance x_c_m=nan", "x_c_m=nan", "0 and above"),
     ("replay strike.mcap --shift-stamps inf", "--shift-stamps inf"),
-    ("replay strike.mcap --speed 2", "--speed 2", "--dds"),
-    ("replay strike.mcap --dds --speed nan", "--speed nan", "0.05 to 20"),
     ("replay strike.mcap -o strike.mcap", "it is a file"),
     ("propeller diagnose", "STAND.csv or --table3"),
     ("propeller diagnose absent.csv", "can't read"),
