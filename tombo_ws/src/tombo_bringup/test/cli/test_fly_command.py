@@ -74,7 +74,7 @@ def test_the_same_flight_again_gives_the_same_bytes(tombo, tmp_path):
 
 def test_options_reach_the_flight(tombo, tmp_path):
     summary = tombo(
-        "fly", "--conf", "9", "--law", "published", "--no-reaction", "--no-record", "--json",
+        "fly", "--conf", "9", "--law", "published", "--reaction", "none", "--no-record", "--json",
         "--set", "propeller.conf=10", "--set", "duration=2", "--set", "vehicle.mass=0.9",
     ).json  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""`tombo propeller recovery`: files and words out, refusals in; and what replaces `beta`."""
+"""`tombo propeller recovery`: files and words out, refusals in."""
 
 from __future__ import annotations
 
@@ -8,10 +8,6 @@ import math
 import numpy as np
 import pytest
 from suite_bench import names
-
-
-def test_the_removed_command_names_what_replaces_it(refused):
-    refused(("propeller", "beta", "film.mp4", "--scale", "1"), "examples/flap_angle")
 
 
 def write_trace(path, tau=0.15, level=6.0, unit="thrust_N"):

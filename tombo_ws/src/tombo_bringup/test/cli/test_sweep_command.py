@@ -70,20 +70,6 @@ def test_many_seeds_of_fly_go_into_a_named_run_and_replace_what_may_be_replaced(
     assert names(tmp_path / "one") == FILES
 
 
-@pytest.mark.parametrize(
-    ("command", "words"),
-    [
-        ("arena", ("tombo sweep", "docs/sweep.md")),
-        ("risk", ("tombo sweep", "docs/sweep.md")),
-        ("scenarios", ("tombo list scenarios",)),
-        ("effects", ("tombo list effects",)),
-        ("reactions", ("tombo list reactions",)),
-    ],
-)
-def test_a_former_command_names_what_replaces_it(refused, command, words):
-    refused((command, "--json"), f"tombo {command} was removed", "accepted", *words)
-
-
 @pytest.mark.parametrize("given", ["vehicle={mass: 1,4}", "mission={height: 2,5}"])
 def test_a_decimal_comma_in_a_mapping_gets_a_hint(refused, given):
     refused(("fly", "hover", "--set", given), given.partition("=")[0], "decimal point")

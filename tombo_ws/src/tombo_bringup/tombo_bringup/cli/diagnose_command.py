@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperCommand
 
 from tombo_bringup.cli import options
-from tombo_bringup.cli.options import argument, command, option, record
+from tombo_bringup.cli.options import command, option, record
 from tombo_bringup.cli.result_files import publish, write_file
 from tombo_dynamics.errors import InputError
 
@@ -56,10 +56,7 @@ def spread_paths(args: list[str]) -> list[str]:
 
 
 @record
-class _Diagnosed:
-    logs: list[Path] = argument(
-        "LOG...", "Flights of one vehicle: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV."
-    )
+class _Diagnosed(options.Logs):
     explain: bool = option(
         "--explain-mapping",
         "Propose a mapping file for one log and leave: YAML with a reason for each line, on "

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import signal
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import typer
 
 from tombo_bringup.cli import options
 from tombo_bringup.cli.options import command, option, record
+from tombo_px4.hil.params import HilParams
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.tables import Scroll
@@ -32,8 +34,6 @@ _SYSTEM, _COMPONENT = 1, 197
 @record
 class _Hil:
     port: int = option("--port N", "TCP port for PX4: 4560 plus its instance.", 4560)
-    rate: float = option("--rate HZ", "HIL_SENSOR: 250, 333, 500 or 1000.", 250.0)
-    no_gps: bool = option("--no-gps", "Send no HIL_GPS.", False)
     mocap: str | None = option(
         "--mocap URL",
         "Send the motion capture's poses too: 'link' for this connection, or "
@@ -46,6 +46,7 @@ class _Hil:
 def hil(
     scene: options.Scene,
     given: _Hil,
+    messages: HilParams,
     settings: options.Settings,
     draw: options.Draw,
     pace: options.Pace,
@@ -61,13 +62,12 @@ def hil(
     from tombo_flight.scenario import load_scenario, world_of
     from tombo_px4.hil.link import HilLink
     from tombo_px4.hil.lockstep import HilSimulator
-    from tombo_px4.hil.params import HilParams
 
     speed, seed, mocap = 1.0 if pace.speed is None else pace.speed, draw.seed or 0, given.mocap
     if not 0.0 <= speed <= 100.0:
         raise InputError(f"--speed {speed:g}: out of bounds; accepted: a number from 0 to 100")
-    gps, by_link = not given.no_gps, mocap == ON_LINK
-    params = HilParams(rate=given.rate, gps=gps, mocap=by_link).check()
+    by_link = mocap == ON_LINK
+    params = replace(messages, mocap=by_link).check()
     scenario = scene.scenario
     world = world_of(load_scenario(scenario, settings.settings or []))
     link = HilLink(given.port)
