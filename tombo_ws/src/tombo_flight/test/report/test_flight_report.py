@@ -20,13 +20,7 @@ from tombo_flight.report.flight_report import (
 from tombo_flight.report.html import asset
 from tombo_flight.report.milestones import find_milestones
 from tombo_flight.report.paper_comparison import comparison_rows
-from tombo_flight.report.replay_data import (
-    COLUMNS,
-    DrawnAirframe,
-    flight_block,
-    kept_samples,
-    script_json,
-)
+from tombo_flight.report.replay_data import COLUMNS, flight_block, kept_samples, script_json
 
 NODE = shutil.which("node")
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chrome"))), None)
@@ -244,32 +238,6 @@ console.log(JSON.stringify(out));
         roll_deg = attitude.as_euler("xyz", degrees=True)[0]
         assert seen["angles"][0] == pytest.approx(roll_deg, abs=1.5)
     assert [seen["mode"] for seen in found][3:6] == [4.0, 4.0, 4.0]
-
-
-@pytest.mark.slow
-@needs_node
-def test_page_and_poster_draw_the_same_vehicle(flight, page, tmp_path):
-    t = 23.15
-    shape = json.dumps(page.block("milestones")["shape"])
-    probe = f"""
-const flight = decodeFlight({json.dumps(page.block("flight"))});
-const parts = vehicleParts(flight, {shape}, {t}, [1.6, 0, 9]);
-console.log(JSON.stringify(parts));
-"""
-    source = asset("flight.js") + asset("vehicle.js") + probe
-    found = json.loads(run_node(tmp_path / "probe.js", source))
-    i = round(t * 1000)
-    log = flight.log
-    wanted = DrawnAirframe.of(flight.scenario).parts(
-        log["position"][i], log["attitude"][i], log["fold"][i]
-    )
-    seen = [part for part in found if part["kind"] not in ("blade", "thrust")]
-    assert sorted(p["kind"] for p in seen) == sorted(p.kind for p in wanted)
-    for kind in ("leg", "arm", "motor", "ghost", "disc"):
-        ours = [p.points_m for p in wanted if p.kind == kind]
-        theirs = [p["points"] for p in seen if p["kind"] == kind]
-        for a, b in zip(ours, theirs, strict=True):
-            np.testing.assert_allclose(a, b, atol=2e-3, err_msg=kind)
 
 
 @pytest.mark.slow

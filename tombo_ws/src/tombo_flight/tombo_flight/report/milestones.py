@@ -13,16 +13,15 @@ from numpy.typing import NDArray
 
 from tombo_collision.reactions import DEFAULT
 from tombo_collision.reactions.none import NoReaction
-from tombo_dynamics import messages, vehicle
+from tombo_dynamics import vehicle
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.messages import Phase
+from tombo_dynamics.messages import PHASE_NAMES, Phase
 from tombo_dynamics.rotation import yaw_pitch_roll
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight
 
 
-PHASE_NAMES: Final = tuple(name.replace("_", " ") for name in messages.PHASE_NAMES)
 ROTOR_NAMES: Final = tuple(name.replace("_", " ") for name in vehicle.ROTOR_NAMES)
 FRONT_LEFT: Final = vehicle.ROTOR_NAMES.index("front_left")
 """The rotor that meets the obstacle in the paper's experiment."""
@@ -62,7 +61,7 @@ class Span:
     def name(self) -> str:
         """Name of the phase; an unknown number is shown as it is."""
         known = 0 <= self.phase < len(PHASE_NAMES)
-        return PHASE_NAMES[self.phase] if known else f"phase {self.phase}"
+        return PHASE_NAMES[self.phase].replace("_", " ") if known else f"phase {self.phase}"
 
 
 @dataclass(frozen=True)
