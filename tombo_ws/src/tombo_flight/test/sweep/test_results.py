@@ -150,8 +150,8 @@ def test_a_histogram_shows_tilt_in_degrees_and_latency_in_milliseconds(results_o
     flights = results_of([row(max_tilt_rad=np.pi / 6, contact_known_s=0.036)] * 2)
     panels = draw_distributions(flights.columns, of_paper=False).axes
     legends = {axes.get_xlabel(): str(axes.get_legend().texts) for axes in panels if axes.patches}
-    assert "median 30'" in legends["largest tilt [°]"]
-    assert "median 36'" in legends["detection latency [ms]"]
+    assert "median 30'" in legends["Largest tilt [°]"]
+    assert "median 36'" in legends["Detection latency [ms]"]
 
 
 def test_a_map_shows_the_crash_rate_of_each_cell_at_its_place(results_of):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
@@ -12,26 +11,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from tombo_dynamics.arrays import Array
-from tombo_flight.report import paper_values as paper
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
+from tombo_flight.report.figures import BY_KEY, Value
 from tombo_flight.sweep.results import SettingCells
 from tombo_flight.sweep.statistics import Columns
 
 PANELS: Final = (
-    (
-        "max_falling_distance_m",
-        "largest falling distance [m]",
-        1.0,
-        paper.MEAN_MAX_FALLING_DISTANCE_M,
-    ),
-    ("unstable_phase_s", "unstable phase [s]", 1.0, paper.UNSTABLE_PHASE_S),
-    ("recovery_time_s", "recovery time [s]", 1.0, paper.MEAN_RECOVERY_TIME_S),
-    ("contact_known_s", "detection latency [ms]", 1e3, None),
-    ("max_tilt_rad", "largest tilt [°]", 180.0 / math.pi, None),
-    ("approach_rms_m", "RMS error in the approach [m]", 1.0, None),
+    *("max_falling_distance_m", "unstable_phase_s", "recovery_time_s"),
+    *("contact_known_s", "max_tilt_rad", "approach_rms_m"),
 )
-"""Figure, label of its axis, factor to the unit shown, the paper's value."""
+"""Figures of the histograms."""
 _SHOWN: Final = (
     ("crashed", "crashed [%]", "mean"),
     ("recovery_time_s", "recovery time, median [s]", "median"),
@@ -51,13 +41,15 @@ def draw_distributions(flights: Columns, *, of_paper: bool) -> Figure:
     places = {"left": 0.045, "right": 0.99, "bottom": 0.065, "top": 0.95, "hspace": 0.26}
     with new_figure(12.0, 7.0, 110) as figure:
         panels = figure.subplots(2, 3, gridspec_kw={**places, "wspace": 0.15}).flat
-        for axes, (key, label, scale, printed) in zip(panels, PANELS, strict=True):
-            values = scale * flights[key]
-            _histogram(axes, values[~np.isnan(values)], label, printed if of_paper else None)
+        for axes, key in zip(panels, PANELS, strict=True):
+            figure_of = BY_KEY[key]
+            values = figure_of.factor * flights[key]
+            printed = figure_of.paper if of_paper else None
+            _histogram(axes, values[~np.isnan(values)], figure_of.label, printed)
     return figure
 
 
-def _histogram(axes: Axes, values: Array, label: str, printed: float | None) -> None:
+def _histogram(axes: Axes, values: Array, label: str, printed: Value) -> None:
     axes.set_xlabel(label)
     axes.set_ylabel("flights")
     if not values.size:
@@ -70,7 +62,7 @@ def _histogram(axes: Axes, values: Array, label: str, printed: float | None) -> 
     counts, edges = np.histogram(values, bins)
     axes.stairs(counts, edges, fill=True, color=style.SKY)
     axes.axvline(median, color=style.INK, lw=1.4, label=f"median {median:.3g}")
-    if printed is not None:
+    if isinstance(printed, float):
         axes.axvline(printed, color=style.VERMILLION, lw=1.8, ls="--", label=f"paper {printed:g}")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylim(0.0, 1.05 * counts.max())

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_flight.report.paper_comparison import is_paper_flight
+from tombo_flight.report.figures import is_paper_flight
 from tombo_flight.scenario import as_mapping
 from tombo_flight.sweep.design import Axis
 from tombo_flight.sweep.folder import KEY, OUTCOME, SweepFolder
