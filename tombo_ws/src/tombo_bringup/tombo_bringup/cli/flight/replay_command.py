@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -105,22 +104,14 @@ def _nodes(names: list[str]) -> tuple[str, ...]:
 
 
 def _tolerances(texts: list[str]) -> Tolerances:
-    from tombo_dynamics.errors import unknown_name
+    from tombo_dynamics.params import from_mapping
     from tombo_flight.replay.metrics import Tolerances
+    from tombo_flight.scenario import override
 
-    names = [field.name for field in dataclasses.fields(Tolerances)]
-    found: dict[str, float] = {}
+    values: dict[str, Any] = {}
     for text in texts:
-        name, _, value = text.partition("=")
-        if name not in names:
-            raise unknown_name("--tolerance", name, names)
-        try:
-            found[name] = float(value)
-        except ValueError:
-            raise InputError(f"--tolerance {text}: no number; accepted: {name}=NUMBER") from None
-        if not found[name] >= 0.0:
-            raise InputError(f"--tolerance {text}: out of bounds; accepted: 0 and above")
-    return Tolerances(**found)
+        values = override(values, text, "--tolerance", "x_c_m=0.002")
+    return from_mapping(Tolerances, values, "--tolerance")
 
 
 def _finite(option: str, value: float) -> float:
