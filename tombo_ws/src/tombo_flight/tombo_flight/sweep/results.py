@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Any, Final
 
@@ -208,24 +208,6 @@ def point_rows(results: Result) -> Iterator[tuple[str, list[list[str]]]]:
         group = "" if name is None else setting_words(varied)
         groups.setdefault(group, []).append([name or setting_words(varied), *_cells(point)])
     yield from groups.items()
-
-
-def markdown(results: Result, command: str, left_out: Sequence[str] = ()) -> str:
-    """Return the table of reactions as Markdown, below the command that it comes from.
-
-    Args:
-        results: of `SweepFlights`.
-        command: shown above.
-        left_out: columns of `HEAD` that are not shown.
-    """
-    shown = [name not in left_out for name in ("reaction", *HEAD)]
-    head = ["collision", "reaction", *(name for name in HEAD if name not in left_out)]
-    lines = [f"`{command}`:", "", f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
-    for group, rows in point_rows(results):
-        for n, row in enumerate(rows):
-            cells = [cell for cell, is_shown in zip(row, shown, strict=True) if is_shown]
-            lines.append(f"| {'' if n else group} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
 
 
 def _cells(result: Result) -> list[str]:

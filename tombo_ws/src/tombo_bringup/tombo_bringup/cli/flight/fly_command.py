@@ -85,7 +85,6 @@ def fly(
     seeds. Killed, the same command with -o DIR goes on.
     """
     from tombo_flight.scenario import load_scenario, scenario_warnings
-    from tombo_flight.scenario_file import changes
 
     many = None if several.seeds is None else parse_seeds(several.seeds)
     options.check_options(
@@ -100,7 +99,7 @@ def fly(
     if place.output is not None:
         folder = Place(Path(place.output), replace=force.force)
     else:
-        folder = new_run(chosen.name, rest, changes(scenario, chosen, variation.vehicle))
+        folder = new_run(chosen.name, rest, fixed, variation.vehicle)
     if more.nodes or px4.px4 is not None:
         from tombo_bringup.cli.flight.fly_nodes import fly_nodes
 
