@@ -13,7 +13,7 @@ from tombo_flight.sweep.design import SweepDesign, parse_axis
 from tombo_flight.sweep.flying import fly_sweep
 from tombo_flight.sweep.folder import open_sweep
 from tombo_flight.sweep.page import sweep_page
-from tombo_flight.sweep.pictures import draw_distributions, draw_maps
+from tombo_flight.sweep.pictures import draw_distributions
 from tombo_flight.sweep.results import HEAD, SweepFlights, point_rows
 from tombo_flight.sweep.statistics import COUNTED, SPREAD_METRICS
 from tombo_flight.sweep.study import figure_columns, new_sweep
@@ -148,18 +148,6 @@ def test_a_histogram_shows_tilt_in_degrees_and_latency_in_milliseconds(results_o
     assert "median 36'" in legends["Detection latency [ms]"]
 
 
-def test_a_map_shows_the_crash_rate_of_each_cell_at_its_place(results_of):
-    axes = ("mission.approach_speed=0.5,0.7,0.9", "obstacle.y=0.2,0.3")
-    rows = [row(crashed=n in (0, 1, 10)) for n in range(12)]
-    flights = results_of(rows, axes, 2)
-    speed, y = flights.cells
-    panel = draw_maps(speed, y, flights.columns).axes[0]
-    (image,) = panel.images
-    assert image.get_array().tolist() == [[100.0, 0.0, 0.0], [0.0, 0.0, 50.0]]
-    shown = [[t.get_text() for t in axis.get_ticklabels()] for axis in (panel.xaxis, panel.yaxis)]
-    assert shown == [["0.5", "0.7", "0.9"], ["0.2", "0.3"]]
-
-
 @pytest.mark.slow
 def test_a_page_has_the_same_figures_as_its_file(tmp_path):
     study = new_sweep(
@@ -174,7 +162,7 @@ def test_a_page_has_the_same_figures_as_its_file(tmp_path):
     titles = [section.title for section in page.shown_by("page")]
     assert titles == [
         "All flights", "Crash rate for each setting", "Points",
-        "How it depends on what was varied", "Distributions", "Worst flight",
+        "Distributions", "Worst flight",
         "Failures, and how to fly them again",
     ]  # fmt: skip
     (table,) = next(s.items for s in page.shown_by("terminal") if s.title == "Points")

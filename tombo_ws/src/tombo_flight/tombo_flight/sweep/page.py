@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from itertools import combinations, groupby, islice
+from itertools import groupby
 from operator import itemgetter
 from typing import Any, Final
 
@@ -24,7 +24,7 @@ from tombo_flight.report.page import (
     Text,
 )
 from tombo_flight.sweep.folder import OUTCOME, SweepFolder
-from tombo_flight.sweep.pictures import draw_curves, draw_distributions, draw_maps
+from tombo_flight.sweep.pictures import draw_distributions
 from tombo_flight.sweep.results import (
     HEAD,
     MEANING,
@@ -38,7 +38,6 @@ from tombo_flight.sweep.study import SweepStudy
 
 MOST_FAILURES: Final = 200
 """Failures that are listed; the table has all of them."""
-_MOST_MAPS: Final = 3
 _MOST_ON_TERMINAL: Final = 60
 """Points that a terminal shows."""
 _FEW_COLUMNS: Final = (0, 1, 3, 5)
@@ -81,7 +80,6 @@ def sweep_page(opened: SweepFolder) -> Page:
             Section("What decides", _decides(results)),
             Section("Points", _points(results, range(len(HEAD) + 1)), "page"),
             Section("Points", _points_on_terminal(results), "terminal"),
-            Section("How it depends on what was varied", _dependence(flights)),
             Section("Distributions", _distributions(flights, results)),
             Section("Worst flight", _worst(results)),
             Section("Failures, and how to fly them again", _failures(flights), "page"),
@@ -193,21 +191,6 @@ def _points(results: Result, columns: range | tuple[int, ...]) -> list[Item]:
 
 def _points_on_terminal(results: Result) -> list[Item]:
     return _points(results, _FEW_COLUMNS) if len(results["points"]) <= _MOST_ON_TERMINAL else []
-
-
-def _dependence(flights: SweepFlights) -> list[Item]:
-    """Return maps over each pair of settings, or curves over the only one."""
-    cells = flights.cells
-    if len(cells) == 1:
-        words = f"Over {cells[0].key}; band: 5 to 95 %"
-        return [Picture(partial(draw_curves, cells[0], flights.columns), words)]
-    return [
-        Picture(
-            partial(draw_maps, across, up, flights.columns),
-            f"Over {across.key} and {up.key}, all else together",
-        )
-        for up, across in islice(combinations(cells, 2), _MOST_MAPS)
-    ]
 
 
 def _distributions(flights: SweepFlights, results: Result) -> list[Item]:
