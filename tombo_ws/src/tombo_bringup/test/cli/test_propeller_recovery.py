@@ -51,7 +51,6 @@ def test_speed_recovers_at_the_root_of_the_share(tombo, tmp_path):
         (["t.csv", "--column", "thurst_N"], "thrust_N"),
         (["t.csv", "--unit", "stone"], "unit"),
         (["t.csv", "--time-unit", "h"], "unit of time"),
-        (["t.csv", "--share", "2"], "share"),
         (["t.csv", "--tare", "7"], "tare too large"),
         (["flat.csv"], "no collision"),
     ],

@@ -33,7 +33,9 @@ _RANKED = ("crashed", "max_falling_distance_m", "recovery_time_s")
 Result = Mapping[str, Any]
 
 
-def cells_of(axis: Axis | None, values: np.ndarray[Any, Any]) -> tuple[list[str], Array]:
+def cells_of(
+    axis: Axis | None, values: np.ndarray[Any, Any]
+) -> tuple[list[str], np.ndarray[Any, Any]]:
     """Sort (N,) values of a setting into its levels, or bins of equal width or probability.
 
     Returns:
