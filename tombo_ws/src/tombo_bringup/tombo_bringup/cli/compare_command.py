@@ -17,7 +17,7 @@ FILE = "compare.json"
 
 @record
 class _Recordings:
-    pair: tuple[str, str] = argument(
+    recordings: tuple[str, str] = argument(
         "A B", "Two of: MCAP file, bag folder, a flight's results folder."
     )
     topics: list[str] | None = option(
@@ -38,7 +38,7 @@ def compare(given: _Recordings, unpacking: Unpacking, copies: Copies) -> None:
     from tombo_bag.comparison import compare_recordings
     from tombo_flight.json_text import as_json as to_json
 
-    a, b = given.pair
+    a, b = given.recordings
     found = compare_recordings(a, b, given.topics or ())
     text = to_json(found.as_list())
     for line in found.damage:
