@@ -136,7 +136,7 @@ class FlightTables:
         return Path(path)
 
     def __repr__(self) -> str:
-        from tombo_flight.run_list import flight_outcome
+        from tombo_flight.flight_output import flight_outcome
 
         what = f"{self.summary['scenario']!r}, seed={self.summary['seed']}"
         outcome = flight_outcome(self.summary)

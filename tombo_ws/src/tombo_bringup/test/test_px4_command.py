@@ -91,7 +91,6 @@ def test_a_busy_port_is_one_line_and_exit_code_2(refused):
         (["no_such"], "no_such"),
         (["--set", "vehicle.mass=-1"], "vehicle.mass"),
         (["--key", "/no/such/key"], "/no/such/key"),
-        (["--host", "192.0.2.1"], "192.0.2.1"),
         (["--seed", "-1"], "--seed -1"),
     ],
 )

@@ -15,7 +15,6 @@ from tombo_dynamics.messages import CollisionEvent, Phase, Trigger
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_metrics import (
-    FIGURE_COLUMNS,
     MetricsInput,
     detection_of,
     first_sustained,
@@ -24,6 +23,7 @@ from tombo_flight.flight_metrics import (
 )
 from tombo_flight.flight_output import flight_summary
 from tombo_flight.scenario import Scenario, load_scenario
+from tombo_sim.kernel import FIGURE_COLUMNS
 
 CONTACT = 4.0
 EPOCH_NS = 1_790_000_000 * 10**9

@@ -48,11 +48,6 @@ _LANDS_WITHIN = 3.0
 _LANDS_BELOW = 0.5
 _IMU = Trigger.IMU.name.lower()
 _NAME_OF_TRIGGER = {int(trigger): trigger.name.lower() for trigger in Trigger}
-FIGURE_COLUMNS = (
-    *("position", "attitude", "velocity", "rates", "fold", "damage"),
-    *("contact", "contact_force", "position_setpoint", "mode"),
-)
-"""Columns of the log, as in `tombo_sim.kernel`, that `summarize` reads."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +73,7 @@ class MetricsInput:
     seed: int
     t: Array
     log: Mapping[str, Array]
-    """At least the `FIGURE_COLUMNS`."""
+    """At least the `FIGURE_COLUMNS` of `tombo_sim.kernel`."""
     detections: list[Detection]
     reactions: list[Decision]
     wall_time_s: float

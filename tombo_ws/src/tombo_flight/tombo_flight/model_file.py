@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError, shown, unknown_name
@@ -30,6 +30,7 @@ from tombo_flight.yaml_file import (
     yaml_of,
 )
 
+_Record = TypeVar("_Record")
 FORMAT = 1
 _HEAD = (
     "# A model extended by what measured flights called for. Fly it: tombo fly --model THIS_FILE\n"
@@ -111,7 +112,7 @@ def model_from_text(text: str, what: str) -> Model:
         ),
         origin=_read_origin(values.get("origin"), f"{what}: origin"),
         gain=tuple(
-            _read_gain(given, f"{what}: gain[{i}]")
+            _read_record(Gain, given, f"{what}: gain[{i}]")
             for i, given in enumerate(list_of(values.get("gain"), f"{what}: gain"))
         ),
         notes=tuple(str(note) for note in list_of(values.get("notes"), f"{what}: notes")),
@@ -157,37 +158,34 @@ def _read_addition(name: str, given: Any, where: str) -> FittedEffect:
 
 
 def _read_origin(given: Any, where: str) -> Origin:
-    values = dict(mapping_of({} if given is None else given, where))
-    check_keys(values, [f.name for f in dataclasses.fields(Origin)], where)
-    flights = [
-        mapping_of(flight, f"{where}.flights[{i}]")
-        for i, flight in enumerate(list_of(values.get("flights"), f"{where}.flights"))
+    values = mapping_of({} if given is None else given, where)
+    flights = list_of(values.get("flights"), f"{where}.flights")
+    origin = _read_record(Origin, values, where, ("flights",))
+    sources = [
+        _read_record(ModelSource, f, f"{where}.flights[{i}]") for i, f in enumerate(flights)
     ]
-    names = ("tool", "date", "verdict", "summary", "scenario", "extends", "vehicle")
-    texts = {name: str(values.get(name) or "") for name in names}
-    return Origin(
-        **texts,
-        confidence=_number(values, "confidence", where, "1", _SHARE),
-        flights=tuple(
-            ModelSource(
-                str(flight.get("name", "")),
-                str(flight.get("source", "")),
-                _number(flight, "used_s", where, "s"),
-                str(flight.get("formulation", "")),
-            )
-            for flight in flights
-        ),
-    )
+    confidence = _number(values, "confidence", where, "1", _SHARE)
+    return dataclasses.replace(origin, confidence=confidence, flights=tuple(sources))
 
 
-def _read_gain(given: Any, where: str) -> Gain:
+def _read_record(
+    kind: type[_Record], given: Any, where: str, more: tuple[str, ...] = ()
+) -> _Record:
+    """Return a record of texts and numbers; `more` are keys that are read elsewhere."""
     values = mapping_of(given, where)
-    check_keys(values, [f.name for f in dataclasses.fields(Gain)], where)
-    flights = check_number(f"{where}.flights", values.get("flights", 0), "1", (0.0, 1e6), True)
-    fields: dict[str, Any] = {k: str(values.get(k, "")) for k in ("channel", "unit", "horizon")}
-    for key in ("before", "after", "reduction", "low", "high"):
-        fields[key] = _number(values, key, where)
-    return Gain(**fields, flights=int(flights))
+    fields = {f.name: f.type for f in dataclasses.fields(kind) if f.name not in more}  # type: ignore[arg-type]
+    check_keys(values, (*fields, *more), where)
+    read: dict[str, Any] = {}
+    for name, wanted in fields.items():
+        if wanted == "str":
+            read[name] = str(values.get(name) or "")
+        elif wanted == "int":
+            read[name] = int(
+                check_number(f"{where}.{name}", values.get(name, 0), "1", (0.0, 1e6), True)
+            )
+        else:
+            read[name] = _number(values, name, where)
+    return kind(**read)
 
 
 def _number(

@@ -13,6 +13,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from PIL import Image
 
+from tombo_benchmarks.docs.drawn_vehicle import Camera, VehiclePart, circle, vehicle_parts
 from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
@@ -23,7 +24,7 @@ from tombo_flight.report.milestones import (
     find_milestones,
     nearest,
 )
-from tombo_flight.report.replay_data import Camera, DrawnAirframe, VehiclePart, circle
+from tombo_flight.report.replay_data import DrawnAirframe
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight
@@ -75,7 +76,8 @@ def animation(flight: Flight) -> bytes:
             k, after_s = nearest(flight.t, time_s), time_s - contact_s
             clock.set_text(f"{'−' if after_s < 0 else '+'}{abs(after_s):.2f} s")
             stage.set_text(_stage(milestones, time_s))
-            parts = airframe.parts(*(log[name][k] for name in ("position", "attitude", "fold")))
+            pose = (log[name][k] for name in ("position", "attitude", "fold"))
+            parts = vehicle_parts(airframe, *pose)
             drawn = _draw_vehicle(axes, camera, parts)
             figure.canvas.draw()
             picture = np.asarray(figure.canvas.buffer_rgba())  # type: ignore[attr-defined]

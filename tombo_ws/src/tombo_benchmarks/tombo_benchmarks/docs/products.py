@@ -8,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import compress, pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -197,7 +197,7 @@ def _spread(values: Mapping[str, Any]) -> str:
 
 def _arena(root: Path, data: Path) -> None:
     from tombo_flight.sweep.folder import RESULT, read_head
-    from tombo_flight.sweep.results import markdown
+    from tombo_flight.sweep.results import HEAD, point_rows
 
     reactions = "reaction.name=admittance,bounce,mpc,none,reflex"
     asked = ("sweep", "collisions", reactions, "--disturbances", "--seeds", "5000:5030")
@@ -205,7 +205,14 @@ def _arena(root: Path, data: Path) -> None:
         _tombo(*asked, "-o", folder)
         results = read_head(Path(folder))[RESULT]
     left_out = ("unstable [s]", "peak force [N]", "rotor right", "false alarms/h")
-    table = markdown(results, f"tombo {' '.join(asked)}", left_out)
+    shown = [name not in left_out for name in ("reaction", *HEAD)]
+    rows = [
+        ("" if n else group, *compress(row, shown))
+        for group, lines in point_rows(results)
+        for n, row in enumerate(lines)
+    ]
+    head = ("collision", *compress(("reaction", *HEAD), shown))
+    table = f"`tombo {' '.join(asked)}`:\n\n{table_markdown(head, rows)}"
     _fill(root / "docs" / "sweep.md", {"arena": table})
 
 

@@ -34,7 +34,7 @@ from tombo_dynamics.messages import (
 )
 from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
-from tombo_flight.flight_metrics import FIGURE_COLUMNS, MetricsInput, detection_of, summarize
+from tombo_flight.flight_metrics import MetricsInput, detection_of, summarize
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import core_of
 from tombo_px4.bridge.bridge import Bridge
@@ -44,6 +44,7 @@ from tombo_px4.hil.hand_motion import HandMotion
 from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Received
 from tombo_sim.ground_truth import FlightEndDetector, contact_force
+from tombo_sim.kernel import FIGURE_COLUMNS
 from tombo_sim.simulator import Simulator
 from tombo_sim.wiring import CORES, PX4_REPLACES
 

@@ -83,15 +83,7 @@ def test_help(tombo, arguments):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "arguments",
-    [
-        ["--help"],
-        ["list", "scenarios"],
-        ["--version"],
-        ["fly", "-h"],
-        ["sweep", "-h"],
-        ["runs", "."],
-    ],
+    "arguments", [["--help"], ["list", "scenarios"], ["--version"], ["fly", "-h"], ["sweep", "-h"]]
 )
 def test_what_only_lists_loads_no_model(arguments):
     code = (

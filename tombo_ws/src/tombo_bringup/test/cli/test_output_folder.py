@@ -24,7 +24,7 @@ UNRECORDED = {"summary.json", "scenario.yaml", "flight.png", "report.html"}
 def test_no_run_replaces_another_one_by_default(tombo, tmp_path):
     for _ in range(2):
         assert tombo("fly", *SHORT).code == 0
-    assert tombo("fly", *SHORT, "--conf", "0", "--no-reaction").code == 0
+    assert tombo("fly", *SHORT, "--conf", "0", "--reaction", "none").code == 0
 
     base, third = "hover-0-duration_0.3", "hover-0-reaction_none-duration_0.3-conf_0"
     assert names(tmp_path / "runs") == {base, f"{base}-2", third}

@@ -48,17 +48,6 @@ def test_rows_beyond_validity_are_empty(tombo) -> None:
         assert (row["thrust_N"] is None) == (not row["valid"])
 
 
-def test_moduli(tombo) -> None:
-    result = tombo("propeller", "moduli", "--json")
-    assert result.code == 0
-    rows = result.json
-    assert [row["conf"] for row in rows] == list(range(1, 14))
-    assert all(list(row) == ["conf", "E_N_MPa", "G_N_MPa"] for row in rows)
-    assert f"{rows[12]['E_N_MPa']:.4f}" == "0.7552"
-    table = tombo("propeller", "moduli")
-    assert "26 of 26" in table.out
-
-
 def test_own_library(tombo, refused, tmp_path: Path) -> None:
     row = "conf: 20, name: mine, blade: nine_inch, matrix: DragonSkin30, fibre: tendon, fibres: 5"
     own = tmp_path / "own"
@@ -70,8 +59,6 @@ def test_own_library(tombo, refused, tmp_path: Path) -> None:
     stiff = tombo("propeller", *asked).json[0]
     assert stiff["conf"] == 20
     assert stiff["thrust_N"] > float(evaluate(configuration(13), 4000 * math.pi / 30).thrust_N)
-    moduli = tombo("propeller", "moduli", "--library", "own").out
-    assert "26 of 26" in moduli
     for bad, message in (("nowhere", "no such folder"), (".", "holds no data files")):
         refused(("propeller", "--library", bad, "--json"), message)
 
@@ -79,11 +66,10 @@ def test_own_library(tombo, refused, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("before", "command"),
     [
-        (["--library", "lib"], "moduli"),
+        (["--library", "lib"], "design"),
         (["--law", "consistent"], "reproduce"),
         (["--json"], "reproduce"),
         (["--conf", "13"], "design"),
-        (["--rpm", "2000"], "beta"),
         (["-o", "x"], "recovery"),
     ],
 )

@@ -1,4 +1,4 @@
-"""`tombo propeller recovery`: files and words out, refusals in; and what replaces `beta`."""
+"""`tombo propeller recovery`: files and words out, refusals in."""
 
 from __future__ import annotations
 
@@ -7,10 +7,6 @@ import math
 import numpy as np
 import pytest
 from suite_bench import names
-
-
-def test_the_removed_command_names_what_replaces_it(refused):
-    refused(("propeller", "beta", "film.mp4", "--scale", "1"), "examples/flap_angle")
 
 
 def write_trace(path, tau=0.15, level=6.0, unit="thrust_N"):
@@ -54,7 +50,6 @@ def test_speed_recovers_at_the_root_of_the_share(tombo, tmp_path):
         (["t.csv", "--column", "thurst_N"], "thrust_N"),
         (["t.csv", "--unit", "stone"], "unit"),
         (["t.csv", "--time-unit", "h"], "unit of time"),
-        (["t.csv", "--share", "2"], "share"),
         (["t.csv", "--tare", "7"], "tare too large"),
         (["flat.csv"], "no collision"),
     ],

@@ -28,8 +28,6 @@ def test_a_sweep_leaves_table_page_and_what_was_flown(tombo, tmp_path):
     table = pq.read_table(folder / "flights.parquet")
     assert table.column("seed").to_pylist() == [2, 3] * 6
     assert table.column("vehicle.mass").to_pylist() == [1.1] * 4 + [1.2] * 4 + [1.3] * 4
-    (run, _) = tombo("runs", "--json").json
-    assert (run["kind"], run["outcome"]) == ("sweep", "0 of 12 crashed")
     again = tombo(*words, "-o", str(folder), "--json").json
     assert (again["flights"], again["flown"]) == (12, 0)
     assert json.loads((folder / "sweep.json").read_text())["outcome"] == "0 of 12 crashed"
@@ -68,20 +66,6 @@ def test_many_seeds_of_fly_go_into_a_named_run_and_replace_what_may_be_replaced(
     assert tombo(*words, "--seeds", "0:2", "-o", "one").code == 2
     assert tombo(*words, "--seeds", "0:2", "-o", "one", "--force").code == 0
     assert names(tmp_path / "one") == FILES
-
-
-@pytest.mark.parametrize(
-    ("command", "words"),
-    [
-        ("arena", ("tombo sweep", "docs/sweep.md")),
-        ("risk", ("tombo sweep", "docs/sweep.md")),
-        ("scenarios", ("tombo list scenarios",)),
-        ("effects", ("tombo list effects",)),
-        ("reactions", ("tombo list reactions",)),
-    ],
-)
-def test_a_former_command_names_what_replaces_it(refused, command, words):
-    refused((command, "--json"), f"tombo {command} was removed", "accepted", *words)
 
 
 @pytest.mark.parametrize("given", ["vehicle={mass: 1,4}", "mission={height: 2,5}"])

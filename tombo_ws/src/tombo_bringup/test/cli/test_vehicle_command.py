@@ -11,8 +11,9 @@ from tombo_flight.scenario import load_scenario
 
 ROOT = Path(__file__).parents[5]
 EXAMPLE = ROOT / "examples" / "s500_10_inch.yaml"
-NEW = ("--name", "Mine", "--mass", "1.5", "--arm-length", "0.24", "--k-thrust", "1.5e-5",
-       "--k-torque", "2.4e-7", "--radius", "0.127")  # fmt: skip
+VALUES = ("name=Mine", "vehicle.mass=1.5", "vehicle.arm_length=0.24", "propeller.k_thrust=1.5e-5",
+          "propeller.k_torque=2.4e-7", "propeller.radius=0.127")  # fmt: skip
+NEW = tuple(word for value in VALUES for word in ("--set", value))
 
 
 def surveyed(folder, seed, settings=(), vehicle=None):

@@ -1,11 +1,9 @@
-"""`tombo runs` and `tombo list`: what there is."""
+"""`tombo list`: what there is."""
 
 from __future__ import annotations
 
 import dataclasses
 import inspect
-import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
@@ -18,35 +16,6 @@ if TYPE_CHECKING:
     from tombo_dynamics.effects import Effect
 
 app = typer.Typer()
-
-
-@record
-class _Folder:
-    folder: Path = argument("[FOLDER]", "Folder of the runs.", Path("runs"))
-
-
-@command(app)
-def runs(folder: _Folder, shown: Shown) -> None:
-    """List the runs in a folder, the newest last: what, when, version with commit, outcome."""
-    from tombo_flight.run_list import list_runs
-
-    listed = list_runs(folder.folder)
-    if shown.as_json:
-        typer.echo(json.dumps([run.as_mapping() for run in listed], indent=1, ensure_ascii=False))
-        return
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Column, Table
-    from rich.text import Text
-
-    from tombo_bringup.cli.tables import console
-
-    names = Column(str(folder.folder), no_wrap=True)
-    table = Table(names, "what", "when (UTC)", "version", "outcome", box=SIMPLE_HEAD)
-    for run in listed:
-        when = run.when[:16].replace("T", " ")
-        cells = (Path(run.folder).name, run.what or run.kind, when, run.version, run.outcome)
-        table.add_row(*(Text(cell, overflow="fold") for cell in cells))
-    console().print(table)
 
 
 def _begun(begun: str) -> list[str]:

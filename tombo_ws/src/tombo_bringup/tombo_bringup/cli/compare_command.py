@@ -17,8 +17,9 @@ FILE = "compare.json"
 
 @record
 class _Recordings:
-    a: str = argument("A", "MCAP file, bag folder, or a flight's results folder.")
-    b: str = argument("B", "The other one.")
+    recordings: tuple[str, str] = argument(
+        "A B", "Two of: MCAP file, bag folder, a flight's results folder."
+    )
     topics: list[str] | None = option(
         "--topic T",
         "Compare this topic only. May be given many times. Default: all but those about the "
@@ -37,7 +38,7 @@ def compare(given: _Recordings, unpacking: Unpacking, copies: Copies) -> None:
     from tombo_bag.comparison import compare_recordings
     from tombo_flight.json_text import as_json as to_json
 
-    a, b = given.a, given.b
+    a, b = given.recordings
     found = compare_recordings(a, b, given.topics or ())
     text = to_json(found.as_list())
     for line in found.damage:

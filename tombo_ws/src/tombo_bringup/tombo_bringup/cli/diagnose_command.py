@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime
 import os
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -13,7 +12,7 @@ import typer
 from typer.core import TyperCommand
 
 from tombo_bringup.cli import options
-from tombo_bringup.cli.options import argument, command, option, record
+from tombo_bringup.cli.options import command, option, record
 from tombo_bringup.cli.result_files import publish, write_file
 from tombo_dynamics.errors import InputError
 
@@ -56,10 +55,7 @@ def spread_paths(args: list[str]) -> list[str]:
 
 
 @record
-class _Diagnosed:
-    logs: list[Path] = argument(
-        "LOG...", "Flights of one vehicle: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV."
-    )
+class _Diagnosed(options.Logs):
     explain: bool = option(
         "--explain-mapping",
         "Propose a mapping file for one log and leave: YAML with a reason for each line, on "
@@ -109,12 +105,14 @@ def diagnose(
         from tombo_diagnosis.report.change_page import CHANGE_FILES, change_page, write_change
 
         sessions = _sessions(given.sessions or [])
-        read = _Read(logs, given.healthy, reading.mapping, names, sessions)
+        healthy = given.healthy
         publish(
             results,
             name,
             CHANGE_FILES,
-            lambda on_progress: run_change(read, on_progress),
+            lambda on_progress: run_change(
+                logs, healthy, reading.mapping, names, sessions, on_progress
+            ),
             lambda folder, both, on_progress: write_change(
                 folder, *both, pictures=pictures, on_progress=on_progress
             ),
@@ -164,18 +162,6 @@ def run(
     return diagnosis, NominalReference(label, today, base, vehicle or "")
 
 
-@dataclass(frozen=True)
-class _Read:
-    """What a comparison is asked about; arguments of `diagnose`."""
-
-    new: list[Path]
-    healthy: list[Path]
-    mapping: str | None
-    names: dict[str, str]
-    sessions: dict[str, str]
-    """Pattern of flights' names -> session."""
-
-
 def _sessions(given: list[str]) -> dict[str, str]:
     """Return pattern -> session of `--session NAME=PATTERN`.
 
@@ -191,8 +177,15 @@ def _sessions(given: list[str]) -> dict[str, str]:
     return sessions
 
 
-def run_change(read: _Read, on_progress: ProgressCallback) -> tuple[Diagnosis, ChangeData]:
-    """Read the flights, all of them once, check, and compare.
+def run_change(
+    new: list[Path],
+    healthy: list[Path],
+    mapping: str | None,
+    names: dict[str, str],
+    sessions: dict[str, str],
+    on_progress: ProgressCallback,
+) -> tuple[Diagnosis, ChangeData]:
+    """Read the flights, all of them once, check, and compare; `sessions`: pattern -> name.
 
     Raises:
         InputError: a log or the mapping can't be used, no flight of one side can, a flight is on
@@ -200,9 +193,9 @@ def run_change(read: _Read, on_progress: ProgressCallback) -> tuple[Diagnosis, C
     """
     from tombo_logs.readers.log_reader import logs_in, read_logs
 
-    on_progress(f"reading {read.new[0].name} and others", 0.0)
-    count = sum(len(logs_in(path)) for path in read.new)
-    flights = read_logs([*read.new, *read.healthy], mapping=read.mapping, names=read.names)
+    on_progress(f"reading {new[0].name} and others", 0.0)
+    count = sum(len(logs_in(path)) for path in new)
+    flights = read_logs([*new, *healthy], mapping=mapping, names=names)
 
     on_progress("loading the model", 0.5)  # imports compiled code
     from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
@@ -216,7 +209,7 @@ def run_change(read: _Read, on_progress: ProgressCallback) -> tuple[Diagnosis, C
     )
     on_progress("comparing", 0.9)
     left_out = [*faults, *more]
-    return diagnose_change(after, before, nominal, time.perf_counter, left_out, read.sessions)
+    return diagnose_change(after, before, nominal, time.perf_counter, left_out, sessions)
 
 
 def _explain_mapping(logs: list[Path], output: str | None, force: bool) -> None:

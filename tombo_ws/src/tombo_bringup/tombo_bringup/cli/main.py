@@ -13,7 +13,6 @@ import typer
 
 from tombo_bringup.cli.errors import exit_code_of
 from tombo_bringup.cli.options import HELP_OPTIONS, option, record, spelt_out
-from tombo_dynamics.errors import InputError
 
 _COMMANDS: Final = (
     "flight.fly_command",
@@ -35,14 +34,6 @@ _COMMANDS: Final = (
     "vehicle_command",
 )
 """Modules of this package; each has a Typer application `app` with its commands."""
-_REMOVED: Final = {
-    "arena": "tombo sweep, as in tombo sweep collisions reaction.name=bounce,reflex "
-    "--disturbances --seeds 0:30 (docs/sweep.md)",
-    "risk": "tombo sweep, as in tombo sweep paper_collision 'vehicle.mass=norm(1.3,0.02)' "
-    "--design lhs --samples 4000 (docs/sweep.md)",
-    **{name: f"tombo list {name}" for name in ("scenarios", "effects", "reactions")},
-}
-"""Former command → what to use in its place."""
 
 
 def _print_version(wanted: bool) -> None:
@@ -107,8 +98,6 @@ def run(arguments: Sequence[str] | None = None) -> None:
 def _command(args: list[str]) -> object:
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # as `tombo_bringup.start` leaves it
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    if args and args[0] in _REMOVED:
-        raise InputError(f"tombo {args[0]} was removed; accepted: {_REMOVED[args[0]]}")
     return application(_modules_of(args))(args, prog_name="tombo", standalone_mode=False)
 
 

@@ -309,17 +309,6 @@ class VehicleName:
 
 
 @record
-class Mass:
-    """The vehicle's mass."""
-
-    mass: float | None = option(
-        "--mass KG",
-        "Mass at take-off, as weighed: flights show thrust over mass only.",
-        accepted="a number [kg]",
-    )
-
-
-@record
 class ModelFile:
     """The model that an earlier diagnosis found."""
 
@@ -408,13 +397,19 @@ class Domain:
 
 
 @record
-class Propeller:
+class Law:
+    """The law of a nodus."""
+
+    law: str | None = option("--law L", "Law of the nodus: published, repaired or consistent.")
+
+
+@record
+class Propeller(Law):
     """A propeller of the paper."""
 
     conf: int | None = option(
         "--conf N", "Configuration of the paper's Table I, 0 (rigid) to 13, or of a --library."
     )
-    law: str | None = option("--law L", "Law of the nodus: published, repaired or consistent.")
 
 
 @record
@@ -442,6 +437,15 @@ class OwnLibrary:
                     "materials.yaml, blades.yaml, configurations.yaml, measurements.yaml"
                 )
         return read_library(*(self.library or ()))
+
+
+@record
+class Logs:
+    """Measured flights."""
+
+    logs: list[Path] = argument(
+        "LOG...", "Flights of one vehicle: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV."
+    )
 
 
 @record
@@ -526,35 +530,20 @@ class Shown:
 
 
 @record
-class FlightFolder(Shown):
-    """Where the files of flights go."""
-
-    output: str | None = option(
-        "-o/--output DIR",
-        "Folder of the results, new or empty; with that of a sweep which was stopped, it goes on. "
-        "Default: a new one in runs/, with a number where its name is taken.",
-        check=_output,
-    )
-
-
-@record
-class Results(Force, Shown):
+class Copies(Shown):
     """Where results go."""
 
     output: str | None = option(
         "-o/--output DIR",
-        "Folder of the results, new or empty. Default: a new one in runs/; with --json none.",
+        "Folder of the results, new or empty; in its own, a stopped sweep goes on. Default: a new "
+        "one in runs/; none where it is said that -o writes, or with --json.",
         check=_output,
     )
 
 
 @record
-class Copies(Shown):
-    """Where results go that are printed, and written on demand only."""
-
-    output: str | None = option(
-        "-o/--output DIR", "Write the results into this folder, too.", check=_output
-    )
+class Results(Force, Copies):
+    """Where results go, and whether they may be replaced."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from tombo_bringup.cli.options import Reading, Results, argument, command, record
+from tombo_bringup.cli.options import Logs, Reading, Results, command
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -24,19 +24,12 @@ NAMELESS = "recording"
 """Name of a flight whose recording says none."""
 
 
-@record
-class _Logs:
-    logs: list[Path] = argument(
-        "LOG...", "One to six flights: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV."
-    )
-
-
 @command(
     app,
     epilog="Exit code: 0 when the page is made, whatever it says; 2 for bad input or output that "
     "can't be written; 130 after Ctrl-C.",
 )
-def report(logs: _Logs, reading: Reading, results: Results) -> None:
+def report(logs: Logs, reading: Reading, results: Results) -> None:
     """Show what was asked for and flown, vibration, rotors, battery, motion capture, events.
 
     Set points against estimates, spectra, saturation, health of the motion capture and a first

@@ -41,10 +41,15 @@ class Place:
         return open_output(self.path, replace=self.replace, numbered=self.numbered)
 
 
-def new_run(name: str, seeds: str, changed: Sequence[str] = ()) -> Place:
-    """Return a new folder under runs/: the scenario's name, its seeds, and what was changed."""
+def new_run(name: str, seeds: str, settings: Sequence[str], vehicle: str | None) -> Place:
+    """Return a new folder under runs/: the scenario's name, its seeds, vehicle and settings."""
+    changed = {} if vehicle is None else {"vehicle": Path(vehicle).stem}
+    for key, _, value in (text.partition("=") for text in settings):
+        changed[key.removesuffix(".name").rpartition(".")[2]] = value
     label = "-".join([plain_name(name, "scenario"), seeds])
-    more = "".join(f"-{plain_name(text, '_')[:_LONGEST_CHANGE]}" for text in changed)
+    more = "".join(
+        f"-{plain_name(f'{key}_{value}')[:_LONGEST_CHANGE]}" for key, value in changed.items()
+    )
     return Place(Path("runs") / (label + more)[:_LONGEST_NAME], numbered=True)
 
 

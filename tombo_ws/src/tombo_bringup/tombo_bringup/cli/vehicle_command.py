@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from tombo_bringup.cli import options
-from tombo_bringup.cli.options import argument, command, option, record
+from tombo_bringup.cli.options import argument, command, record
 from tombo_bringup.cli.result_files import check_new_yaml
 from tombo_bringup.cli.vehicle_fit_command import from_flights
 from tombo_dynamics.errors import InputError
@@ -51,32 +51,19 @@ def show(which: _Name, shown: options.Shown) -> None:
 
 
 @record
-class _NewVehicle:
+class _NewFile:
     file: Path = argument("FILE", "What to write, a .yaml.")
-    name: str | None = option("--name TEXT", "Name of the vehicle. Default: that of the file.")
-    arm_length: float = option(
-        "--arm-length M", "Centre to rotor axis.", ..., accepted="a number [m]"
-    )
-    conf: int | None = option("--conf N", "Tombo propellers, a configuration of Table I.")
-    k_thrust: float | None = option("--k-thrust K", "Plain propellers: N s^2/rad^2.")
-    k_torque: float | None = option("--k-torque K", "Plain propellers: N m s^2/rad^2.")
-    radius: float | None = option(
-        "--radius M", "Plain propellers: tip radius.", accepted="a number [m]"
-    )
-    on_impact: str | None = option(
-        "--on-impact WHAT", "Plain propellers: rigid, breaks (default) or folds."
-    )
 
 
 @command(app)
-def new(
-    given: _NewVehicle, mass: options.Mass, more: options.Settings, force: options.Force
-) -> None:
-    """Write a vehicle file that flies, from mass, arm length and propeller.
+def new(given: _NewFile, values: options.Settings, force: options.Force) -> None:
+    """Write a vehicle file that flies, from mass, arm length and propeller, each by --set.
 
-    Tombo propellers: --conf; plain ones: --k-thrust, --k-torque and --radius. Everything else is
-    taken from these and can be changed in the file, or by --set, as in vehicle.inertia_xx=0.012
-    or vehicle.mass={value: 1.5, tolerance: 0.005, source: weighed}.
+    vehicle.mass [kg], vehicle.arm_length [m], from the centre to a rotor's axis, and of Tombo
+    propellers propeller.conf; of plain ones propeller.k_thrust [N s^2/rad^2], propeller.k_torque
+    [N m s^2/rad^2] and propeller.radius [m]. Everything else is taken from these and can be set in
+    the same way, or changed in the file: name=Mine,
+    vehicle.mass={value: 1.5, tolerance: 0.005, source: weighed}.
     """
     from tombo_flight.command_line import command_line
     from tombo_flight.scenario import override
@@ -84,19 +71,17 @@ def new(
 
     file = given.file
     check_new_yaml(file, force.force)
-    content: dict[str, Any] = {"vehicle": {"arm_length": given.arm_length}, "propeller": {}}
-    if mass.mass is not None:
-        content["vehicle"]["mass"] = mass.mass
-    for name in ("conf", "k_thrust", "k_torque", "radius", "on_impact"):
-        if (value := getattr(given, name)) is not None:
-            content["propeller"][name] = value
-    if given.k_thrust is not None:
-        if given.conf is not None and given.on_impact != "folds":
-            raise InputError("--conf and --k-thrust: accepted: one, or with --on-impact folds")
-        content["propeller"].setdefault("on_impact", "breaks")
-    for setting in more.settings or []:
+    content: dict[str, Any] = {"tombo_vehicle": FORMAT, "name": file.stem}
+    for setting in values.settings or []:
         content = override(content, setting, example="vehicle.mass=1.4")
-    content |= {"tombo_vehicle": FORMAT, "name": given.name or file.stem}
+    propeller = content.get("propeller")
+    if isinstance(propeller, dict) and "k_thrust" in propeller:
+        if "conf" in propeller and propeller.get("on_impact") != "folds":
+            raise InputError(
+                "propeller.conf and propeller.k_thrust: accepted: one, or with "
+                "propeller.on_impact=folds"
+            )
+        propeller.setdefault("on_impact", "breaks")
     vehicle = vehicle_from_mapping(content, f"'{file}'")
     write_vehicle(file, vehicle)
     hover = _hover(vehicle)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tombo_bringup.cli import options
-from tombo_bringup.cli.options import argument, option, record
+from tombo_bringup.cli.options import option, record
 from tombo_bringup.cli.progress import progress_bar
 from tombo_bringup.cli.result_files import check_new_yaml
 from tombo_dynamics.errors import InputError
@@ -21,17 +21,18 @@ if TYPE_CHECKING:
 
 
 @record
-class _Flights:
-    logs: list[Path] = argument(
-        "LOG...", "Healthy flights of one vehicle: recordings, PX4 logs, CSV."
-    )
+class _Flights(options.Logs):
     output: Path = option("-o/--output FILE", "What to write, a .yaml.", ...)
+    mass: float | None = option(
+        "--mass KG",
+        "Mass at take-off, as weighed: flights show thrust over mass only.",
+        accepted="a number [kg]",
+    )
 
 
 def from_flights(
     flights: _Flights,
     known: options.VehicleName,
-    weighed: options.Mass,
     reading: options.LogMapping,
     force: options.Force,
     unpacking: options.Unpacking,
@@ -51,7 +52,7 @@ def from_flights(
     from tombo_dynamics.vehicle import VehicleParams
 
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    output, vehicle, mass = flights.output, known.vehicle, weighed.mass
+    output, vehicle, mass = flights.output, known.vehicle, flights.mass
     check_new_yaml(output, force.force)
     if mass is not None:
         from_mapping(VehicleParams, {"mass": mass}, "--mass: vehicle")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from tombo_bringup.cli.options import Reading, Results, argument, command, record
+from tombo_bringup.cli.options import Logs, Reading, Results, command
 from tombo_bringup.cli.result_files import publish
 from tombo_dynamics.errors import InputError
 
@@ -20,17 +20,12 @@ app = typer.Typer()
 WHY_FILES = ("why.json", "report.html")
 
 
-@record
-class _Log:
-    log: Path = argument("LOG", "A flight: MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, CSV.")
-
-
 @command(
     app,
     epilog="Exit code: 0 whatever the answer; 2 for bad input or output that can't be written; "
     "130 after Ctrl-C.",
 )
-def why(log: _Log, reading: Reading, results: Results) -> None:
+def why(logs: Logs, reading: Reading, results: Results) -> None:
     """Say when a flight first went wrong, why, and what shows it.
 
     From one log of a crash or a bad flight, and no other: the first deviation, the most probable
@@ -38,12 +33,14 @@ def why(log: _Log, reading: Reading, results: Results) -> None:
     """
     from tombo_diagnosis.report.why_page import why_page
 
-    names = reading.names
+    if len(logs.logs) > 1:
+        raise InputError(f"{len(logs.logs)} logs; accepted: one")
+    (log,), names = logs.logs, reading.names
     publish(
         results,
-        f"why-{log.log.name.split('.')[0]}",
+        f"why-{log.name.split('.')[0]}",
         WHY_FILES,
-        lambda on_progress: run(log.log, reading.mapping, names, on_progress),
+        lambda on_progress: run(log, reading.mapping, names, on_progress),
         lambda folder, found, on_progress: write(folder, found),
         lambda found, folder: why_page(found),
     )

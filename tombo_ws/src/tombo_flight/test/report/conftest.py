@@ -77,6 +77,7 @@ def build_flight(
             "contact_point_m": [1.98, 0.17, 2.0],
             "detected": True,
             "detection_latency_s": LATENCY_S,
+            "contact_known_s": LATENCY_S,
             "x_c_m": [1.7, 0.0, 2.0],
             "n_r": [-1.0, 0.0, 0.0],
             "x_r_m": [0.9, 0.0, 2.0],
@@ -201,6 +202,6 @@ def edge_flights(flight: Flight) -> dict[str, Flight]:
         "nothing but the log": replace(flight, events=[], summary={}, scenario={}),
         "summary of NaN": replace(flight, summary=dict.fromkeys(flight.summary, float("nan"))),
         "detected before contact": replace(
-            flight, summary=dict(flight.summary, detection_latency_s=-0.15)
+            flight, summary=dict(flight.summary, contact_known_s=-0.15)
         ),
     }

@@ -10,6 +10,7 @@ import pytest
 from page_reader import PageReader, blank_html, loads_nothing
 from scipy.spatial.transform import Rotation
 
+from tombo_flight.report.figures import figure_rows
 from tombo_flight.report.flight_report import (
     SCRIPTS,
     report_html,
@@ -19,14 +20,7 @@ from tombo_flight.report.flight_report import (
 )
 from tombo_flight.report.html import asset
 from tombo_flight.report.milestones import find_milestones
-from tombo_flight.report.paper_comparison import comparison_rows
-from tombo_flight.report.replay_data import (
-    COLUMNS,
-    DrawnAirframe,
-    flight_block,
-    kept_samples,
-    script_json,
-)
+from tombo_flight.report.replay_data import COLUMNS, flight_block, kept_samples, script_json
 
 NODE = shutil.which("node")
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chrome"))), None)
@@ -148,7 +142,7 @@ def of_paper(flight):
 def test_a_flight_of_ones_own_is_not_held_against_the_paper(flight, other):
     own = replace(flight, scenario={**flight.scenario, **other})
 
-    rows = comparison_rows(find_milestones(own), own)
+    rows = figure_rows(own, find_milestones(own))
 
     assert all(row.paper is None for row in rows)
     page = blank_report(own)
@@ -157,17 +151,17 @@ def test_a_flight_of_ones_own_is_not_held_against_the_paper(flight, other):
 
 
 def test_the_latency_is_that_of_whatever_knew_of_the_contact_first(flight):
-    summary = {**flight.summary, "detection_latency_s": 0.033, "contact_known_s": 0.004}
+    summary = {**flight.summary, "contact_known_s": 0.004}
     knew = replace(flight, summary=summary)
 
-    rows = {row.name: row for row in comparison_rows(find_milestones(knew), knew)}
+    rows = {row.figure.name: row for row in figure_rows(knew, find_milestones(knew))}
 
     assert rows["Detection latency"].flight == pytest.approx(4.0)
 
 
 def test_the_table_holds_the_papers_figures_against_the_flights(of_paper):
     flight = of_paper
-    rows = {row.name: row for row in comparison_rows(find_milestones(flight), flight)}
+    rows = {row.figure.name: row for row in figure_rows(flight, find_milestones(flight))}
     assert rows["Unstable phase"].paper == 1.5
     assert rows["Recovery phase"].paper == 3.5
     assert rows["Recovery time"].paper == 5.0
@@ -176,16 +170,16 @@ def test_the_table_holds_the_papers_figures_against_the_flights(of_paper):
     assert rows["Recovery phase"].flight == pytest.approx(3.5)
     assert rows["Detection latency"].flight == pytest.approx(70.0)
     assert rows["Distance from x_c to x_r"].flight == pytest.approx(0.8)
-    assert "0.825 m" in rows["Distance from x_c to x_r"].definition
+    assert "0.825 m" in rows["Distance from x_c to x_r"].figure.definition
     assert rows["Falling rate"].flight == pytest.approx(0.5 / 1.15, rel=0.02)
 
 
 def test_without_the_reaction_the_paper_expects_a_crash(of_paper):
     flight = of_paper
     milestones = find_milestones(replace(flight, summary={**flight.summary, "reaction": "none"}))
-    outcome = comparison_rows(milestones, flight)[0]
-    assert outcome.paper_text == "falls and crashes"
-    assert outcome.flight_text == "recovered"
+    outcome = figure_rows(flight, milestones)[0]
+    assert outcome.paper == "falls and crashes"
+    assert outcome.flight == "recovered"
 
 
 @pytest.mark.parametrize(
@@ -244,32 +238,6 @@ console.log(JSON.stringify(out));
         roll_deg = attitude.as_euler("xyz", degrees=True)[0]
         assert seen["angles"][0] == pytest.approx(roll_deg, abs=1.5)
     assert [seen["mode"] for seen in found][3:6] == [4.0, 4.0, 4.0]
-
-
-@pytest.mark.slow
-@needs_node
-def test_page_and_poster_draw_the_same_vehicle(flight, page, tmp_path):
-    t = 23.15
-    shape = json.dumps(page.block("milestones")["shape"])
-    probe = f"""
-const flight = decodeFlight({json.dumps(page.block("flight"))});
-const parts = vehicleParts(flight, {shape}, {t}, [1.6, 0, 9]);
-console.log(JSON.stringify(parts));
-"""
-    source = asset("flight.js") + asset("vehicle.js") + probe
-    found = json.loads(run_node(tmp_path / "probe.js", source))
-    i = round(t * 1000)
-    log = flight.log
-    wanted = DrawnAirframe.of(flight.scenario).parts(
-        log["position"][i], log["attitude"][i], log["fold"][i]
-    )
-    seen = [part for part in found if part["kind"] not in ("blade", "thrust")]
-    assert sorted(p["kind"] for p in seen) == sorted(p.kind for p in wanted)
-    for kind in ("leg", "arm", "motor", "ghost", "disc"):
-        ours = [p.points_m for p in wanted if p.kind == kind]
-        theirs = [p["points"] for p in seen if p["kind"] == kind]
-        for a, b in zip(ours, theirs, strict=True):
-            np.testing.assert_allclose(a, b, atol=2e-3, err_msg=kind)
 
 
 @pytest.mark.slow

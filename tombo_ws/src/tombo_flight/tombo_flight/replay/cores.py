@@ -97,7 +97,7 @@ class Inputs:
         return table["log_time_ns"], messages_of(wanted, table)
 
 
-def through_cores(inputs: Inputs, recorded: Outputs) -> tuple[Outputs, dict[str, dict[str, Any]]]:
+def through_cores(inputs: Inputs) -> tuple[Outputs, dict[str, dict[str, Any]]]:
     """Return what the cores publish, and figures by node."""
     outputs = Outputs()
     figures: dict[str, dict[str, Any]] = {}

@@ -11,25 +11,26 @@ import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import PHASE_NAMES
+from tombo_dynamics.params import param
 from tombo_flight.replay.outputs import DetectedEvent, Outputs, OutputSeries
 
 STEP_NS = 25_000_000
 """A set point may change this much earlier or later: a period of the mission, and a bit."""
 MATCH_NS = 500_000_000
 """Events further apart than this are two events."""
+_ANY = (0.0, 1e12)
 
 
 @dataclass(frozen=True)
 class Tolerances:
     """Largest differences that `--strict` accepts."""
 
-    time_ms: float = 0.0
-    """Capture time of the pose that triggered."""
-    x_c_m: float = 1e-3
-    statistic: float = 0.1
-    setpoint_m: float = 0.01
-    odometry_m: float = 5e-3
-    command_rad_s: float = 5.0
+    time_ms: float = param(0.0, "ms", _ANY, "capture time of the pose that triggered")
+    x_c_m: float = param(1e-3, "m", _ANY, "estimated place of the collision")
+    statistic: float = param(0.1, "1", _ANY, "of the detector, RMS")
+    setpoint_m: float = param(0.01, "m", _ANY, "set points, RMS")
+    odometry_m: float = param(5e-3, "m", _ANY, "estimated position, RMS")
+    command_rad_s: float = param(5.0, "rad/s", _ANY, "commands of rotors, RMS")
 
 
 def pairs(

@@ -91,10 +91,6 @@ class SeriesField:
     field: str
     width: int
 
-    def empty(self) -> OutputSeries:
-        """Return a series without samples."""
-        return OutputSeries(np.zeros(0, np.int64), np.zeros((0, self.width)))
-
 
 SERIES: dict[str, SeriesField] = {
     "statistic": SeriesField("/detector/status", "statistic", 1),

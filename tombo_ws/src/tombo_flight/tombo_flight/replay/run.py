@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -87,17 +87,8 @@ class Replay:
         }
 
 
-Feeder = Callable[[Inputs, Outputs], tuple[Outputs, dict[str, dict[str, Any]]]]
-"""Feeds the nodes of the inputs; returns what they say, and figures by node."""
-
-
-def replay_bag(path: Path, request: ReplayRequest, feed: Feeder = through_cores) -> Replay:
-    """Replay a recording and compare.
-
-    Args:
-        path: file or folder.
-        request: what to replay.
-        feed: feeds the nodes.
+def replay_bag(path: Path, request: ReplayRequest) -> Replay:
+    """Replay a recording, a file or a folder, and compare.
 
     Raises:
         InputError: the recording can't be read, no node can be replayed, or the request is bad.
@@ -110,7 +101,7 @@ def replay_bag(path: Path, request: ReplayRequest, feed: Feeder = through_cores)
         result = Replay(path)
         inputs = _prepare(recording, request, result)
         result.recorded = read_outputs(recording, outputs_of(inputs.nodes))
-        result.replayed, reported = feed(inputs, result.recorded)
+        result.replayed, reported = through_cores(inputs)
         minutes, contacts_ns = _minutes(inputs.poses), _contacts(recording)
         for node in inputs.nodes:
             metrics, differences = metrics_of(

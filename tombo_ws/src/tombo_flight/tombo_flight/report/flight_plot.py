@@ -7,6 +7,7 @@ second strip, PX4's modes.
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,6 +18,7 @@ from matplotlib.figure import Figure
 from tombo_dynamics.arrays import Array
 from tombo_flight.report import panels, style
 from tombo_flight.report.figure import new_figure
+from tombo_flight.report.figures import BY_KEY
 from tombo_flight.report.milestones import (
     FlightMilestones,
     FlightOutcome,
@@ -217,6 +219,12 @@ _WHOLE, _ZOOMED, _WIDE = (
     _PanelColumn(0.505, _RIGHT),
     _PanelColumn(_LEFT, _RIGHT),
 )
+_LENGTHS: Final = {
+    "max_falling_distance_m": "falls",
+    "unstable_phase_s": "unstable",
+    "recovery_time_s": "recovered after",
+}
+"""Figure of the summary → words before it in the title."""
 _VERDICT_COLOURS: Final = {
     FlightOutcome.RECOVERED: style.GREEN,
     FlightOutcome.CRASHED: style.VERMILLION,
@@ -235,7 +243,7 @@ def draw_flight(flight: Flight) -> Figure:
     angles_deg = roll_pitch_yaw_deg(flight.log["attitude"])
     end_s = max(milestones.duration_s, 1e-3)
     with new_figure(*SIZE_IN, DPI) as figure:
-        _title(figure, milestones)
+        _title(figure, flight.summary, milestones)
         if milestones.mark_s is None:
             columns = [(TimeWindow(0.0, end_s, 0.0, 1500, zoomed=False), _WIDE)]
         else:
@@ -292,7 +300,7 @@ def _samples(t: Array, window: TimeWindow) -> slice:
     return slice(first, max(last, first + 1))
 
 
-def _title(figure: Figure, milestones: FlightMilestones) -> None:
+def _title(figure: Figure, summary: Mapping[str, Any], milestones: FlightMilestones) -> None:
     name = milestones.name if len(milestones.name) <= 60 else milestones.name[:59] + "…"
     figure.text(_LEFT, 0.965, name, size=14, weight="bold", va="center", parse_math=False)
     details = [
@@ -301,12 +309,11 @@ def _title(figure: Figure, milestones: FlightMilestones) -> None:
         reaction_words(milestones.reaction),
         f"{milestones.duration_s:.1f} s",
     ]
-    lengths = [
-        ("falls", milestones.falling_distance_m, "m"),
-        ("unstable", milestones.unstable_phase_s, "s"),
-        ("recovered after", milestones.recovery_time_s, "s"),
+    figures = [
+        f"{words} {BY_KEY[key].text(value)}"
+        for key, words in _LENGTHS.items()
+        if (value := BY_KEY[key].of(summary, milestones)) is not None
     ]
-    figures = [f"{name} {value:.2f} {unit}" for name, value, unit in lengths if value is not None]
     for x, side, words in ((_LEFT, "left", details), (_RIGHT, "right", figures)):
         line = "  ·  ".join(word for word in words if word)
         figure.text(x, 0.936, line, color=style.MUTED, va="center", ha=side)

@@ -9,6 +9,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from tombo_flight.report.figures import (
+    CARDS,
+    FIGURES,
+    MORE,
+    FigureRow,
+    figure_rows,
+    fixed,
+    is_paper_flight,
+)
 from tombo_flight.report.html import asset, page_html, write_page
 from tombo_flight.report.milestones import (
     FlightMilestones,
@@ -29,7 +38,6 @@ from tombo_flight.report.page import (
     Table,
     Text,
 )
-from tombo_flight.report.paper_comparison import FigureRow, comparison_rows, fixed, is_paper_flight
 from tombo_flight.report.replay_data import flight_block, milestones_block, script_json
 
 if TYPE_CHECKING:
@@ -49,14 +57,6 @@ _STYLES: Final = {
     FlightOutcome.NO_CONTACT: "plain",
     FlightOutcome.NOT_SETTLED: "warn",
 }
-_CARDS: Final = (
-    "Largest falling distance",
-    "Unstable phase",
-    "Recovery time",
-    "Detection latency",
-    "Largest tilt",
-    "Settled error",
-)
 _CSS: Final = """
 header, main, footer { max-width: 1440px; }
 .panel:has(> .stage) { padding: 0; border: 0; background: none; }
@@ -101,12 +101,12 @@ def flight_page(flight: Flight, figure: Figure | None = None, remarks: Sequence[
     """
     milestones = find_milestones(flight)
     paper = is_paper_flight(flight.scenario)
-    rows = [row for row in comparison_rows(milestones, flight) if paper or row.has_figure]
+    rows = [r for r in figure_rows(flight, milestones) if paper or r.flight is not None]
     cards = _key_figures(rows)
-    shown = {card.name for card in cards} | {"Outcome"}
+    shown = {card.name for card in cards} | {FIGURES[0].name}
     collided = milestones.contact_s is not None
-    short = [r for r in rows if r.name not in shown and (collided or r.flight is not None)]
-    short += [row for row in _errors(flight.summary) if row.flight is not None]
+    short = [r for r in rows if r.figure.name not in shown and (collided or r.flight is not None)]
+    short += [r for r in figure_rows(flight, milestones, MORE[:3]) if r.flight is not None]
 
     def draw() -> Figure:
         from tombo_flight.report.flight_plot import draw_flight
@@ -155,19 +155,6 @@ def replay_scripts(flight: Flight) -> str:
     return "\n".join(parts)
 
 
-def _errors(summary: Mapping[str, Any]) -> list[FigureRow]:
-    """Return figures for the terminal alone."""
-    named = (
-        ("RMS error in hover", "hover_rms_m", "m", 3),
-        ("RMS error in the approach", "approach_rms_m", "m", 3),
-        ("False alarms", "false_alarms", "", 0),
-    )
-    return [
-        FigureRow(name, unit, None, number(summary, key), digits)
-        for name, key, unit, digits in named
-    ]
-
-
 def _comparison_table(rows: Iterable[FigureRow], paper: bool, *, wide: bool) -> Table:
     """Return a table of figures, with those of the paper.
 
@@ -178,9 +165,10 @@ def _comparison_table(rows: Iterable[FigureRow], paper: bool, *, wide: bool) -> 
     """
     lines = []
     for row in rows:
-        cells = [Cell(row.name, tooltip=row.definition if wide else "")]
-        cells += [Cell(_value(row, row.paper, row.paper_text))] if paper else []
-        cells.append(Cell(_value(row, row.flight, row.flight_text)))
+        figure = row.figure
+        cells = [Cell(figure.name, tooltip=figure.definition if wide else "")]
+        cells += [Cell(figure.text(row.paper))] if paper else []
+        cells.append(Cell(figure.text(row.flight)))
         if paper and wide:
             cells.append(Cell(_difference(row)))
         lines.append(cells)
@@ -190,22 +178,22 @@ def _comparison_table(rows: Iterable[FigureRow], paper: bool, *, wide: bool) -> 
 
 
 def _definitions(rows: Iterable[FigureRow]) -> Folded:
-    lines = [f"{row.name}. {row.definition}" for row in rows]
+    lines = [f"{row.figure.name}. {row.figure.definition}" for row in rows]
     return Folded("What each figure means", [Text(lines, "list", "notes")])
 
 
 def _key_figures(rows: Sequence[FigureRow]) -> list[Card]:
     """Return the key figures of the header; none if the flight has none of them."""
-    shown = [row for row in rows if row.name in _CARDS]
+    shown = [row for row in rows if row.figure.source in CARDS]
     if all(row.flight is None for row in shown):
         return []
     cards = []
     for row in shown:
-        value, unit = "–", ""
-        if row.flight is not None:
-            value, unit = fixed(row.flight, row.digits), row.unit
-        beside = "" if row.paper is None else f"paper {fixed(row.paper, 1)} {row.unit}"
-        cards.append(Card(row.name, value, unit, beside, tooltip=row.definition))
+        value, _, unit = row.figure.text(row.flight).partition(" ")
+        beside = ""
+        if isinstance(row.paper, float):
+            beside = f"paper {fixed(row.paper, 1)} {row.figure.unit}"
+        cards.append(Card(row.figure.name, value, unit, beside, tooltip=row.figure.definition))
     return cards
 
 
@@ -252,21 +240,16 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def _value(row: FigureRow, value: float | None, text: str | None) -> str:
-    if text is not None:
-        return text
-    return "–" if value is None else f"{fixed(value, row.digits)} {row.unit}".rstrip()
-
-
 def _difference(row: FigureRow) -> str:
-    if not row.paper or row.flight is None:
+    if not isinstance(row.paper, float) or not isinstance(row.flight, float):
         return ""
-    change = round(row.flight - row.paper, row.digits)
+    digits = row.figure.digits
+    change = round(row.flight - row.paper, digits)
     if change == 0.0:
         return "none"
     percent = round(100.0 * (row.flight / row.paper - 1.0))
     share = f" ({_signed(percent, 0)} %)" if percent else ""
-    return f"{_signed(change, row.digits)} {row.unit}{share}"
+    return f"{_signed(change, digits)} {row.figure.unit}{share}"
 
 
 def _signed(value: float, digits: int) -> str:

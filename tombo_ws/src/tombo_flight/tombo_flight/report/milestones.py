@@ -13,16 +13,15 @@ from numpy.typing import NDArray
 
 from tombo_collision.reactions import DEFAULT
 from tombo_collision.reactions.none import NoReaction
-from tombo_dynamics import messages, vehicle
+from tombo_dynamics import vehicle
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.messages import Phase
+from tombo_dynamics.messages import PHASE_NAMES, Phase
 from tombo_dynamics.rotation import yaw_pitch_roll
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight
 
 
-PHASE_NAMES: Final = tuple(name.replace("_", " ") for name in messages.PHASE_NAMES)
 ROTOR_NAMES: Final = tuple(name.replace("_", " ") for name in vehicle.ROTOR_NAMES)
 FRONT_LEFT: Final = vehicle.ROTOR_NAMES.index("front_left")
 """The rotor that meets the obstacle in the paper's experiment."""
@@ -62,7 +61,7 @@ class Span:
     def name(self) -> str:
         """Name of the phase; an unknown number is shown as it is."""
         known = 0 <= self.phase < len(PHASE_NAMES)
-        return PHASE_NAMES[self.phase] if known else f"phase {self.phase}"
+        return PHASE_NAMES[self.phase].replace("_", " ") if known else f"phase {self.phase}"
 
 
 @dataclass(frozen=True)
@@ -102,20 +101,18 @@ class FlightMilestones:
         return self.contact_height_m - self.lowest_m
 
     @property
-    def unstable_phase_s(self) -> float | None:
-        """From contact until the vehicle stays upright and calm."""
-        return _between(self.contact_s, self.unstable_end_s)
-
-    @property
-    def recovery_time_s(self) -> float | None:
-        """From contact until the vehicle has settled at x_r."""
-        return _between(self.contact_s, self.recovery_end_s)
-
-    @property
     def recovery_phase_s(self) -> float | None:
         """The paper's second phase: from the end of the unstable one until settled; else None."""
-        length_s = _between(self.unstable_end_s, self.recovery_end_s)
-        return length_s or None  # it had settled before
+        if self.unstable_end_s is None or self.recovery_end_s is None:
+            return None
+        return max(0.0, self.recovery_end_s - self.unstable_end_s) or None  # settled before
+
+    @property
+    def bounce_m(self) -> float | None:
+        """Distance from x_c to x_r."""
+        if self.x_c_m is None or self.x_r_m is None:
+            return None
+        return math.dist(self.x_c_m, self.x_r_m)
 
     @property
     def falling_rate_m_s(self) -> float | None:
@@ -258,8 +255,6 @@ def roll_pitch_yaw_deg(attitude: Array) -> Array:
 def _detection_s(flight: Flight, contact_s: float | None) -> float | None:
     """The detection that belongs to the contact; a false alarm long before it does not."""
     latency_s = number(flight.summary, "contact_known_s")
-    if latency_s is None:
-        latency_s = number(flight.summary, "detection_latency_s")
     if contact_s is not None and latency_s is not None:
         return contact_s + latency_s
     return first_event_s(flight, "detection")
@@ -292,10 +287,6 @@ def drawn_obstacle(scenario: Mapping[str, Any]) -> DrawnObstacle | None:
     if x_m is None or y_m is None or not radius_m or not top_m:
         return None
     return DrawnObstacle(x_m, y_m, radius_m, top_m)
-
-
-def _between(start_s: float | None, end_s: float | None) -> float | None:
-    return None if start_s is None or end_s is None else max(0.0, end_s - start_s)
 
 
 def _after(start_s: float | None, length_s: float | None) -> float | None:

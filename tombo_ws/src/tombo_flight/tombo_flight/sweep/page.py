@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
-from itertools import combinations, groupby, islice
+from itertools import groupby
 from operator import itemgetter
 from typing import Any, Final
 
 from tombo_flight.flight import fly_scenario
-from tombo_flight.report import paper_values as paper
+from tombo_flight.report.figures import BY_KEY, fixed
 from tombo_flight.report.flight_report import replay_scripts
 from tombo_flight.report.html import asset
 from tombo_flight.report.page import (
@@ -24,9 +23,8 @@ from tombo_flight.report.page import (
     TableRow,
     Text,
 )
-from tombo_flight.report.paper_comparison import fixed
 from tombo_flight.sweep.folder import OUTCOME, SweepFolder
-from tombo_flight.sweep.pictures import draw_curves, draw_distributions, draw_maps
+from tombo_flight.sweep.pictures import draw_distributions
 from tombo_flight.sweep.results import (
     HEAD,
     MEANING,
@@ -40,7 +38,6 @@ from tombo_flight.sweep.study import SweepStudy
 
 MOST_FAILURES: Final = 200
 """Failures that are listed; the table has all of them."""
-_MOST_MAPS: Final = 3
 _MOST_ON_TERMINAL: Final = 60
 """Points that a terminal shows."""
 _FEW_COLUMNS: Final = (0, 1, 3, 5)
@@ -55,18 +52,11 @@ header, main, footer { max-width: 1400px; }
 .points .group th { color: var(--muted); font-weight: 650; padding-top: 0.6rem; }
 .stage .view .key { display: none; }
 """
-_FIGURES: Final = (
-    ("max_falling_distance_m", "fall [m]", 1.0, 2, paper.MEAN_MAX_FALLING_DISTANCE_M),
-    ("unstable_phase_s", "unstable [s]", 1.0, 2, paper.UNSTABLE_PHASE_S),
-    ("recovery_time_s", "recovery [s]", 1.0, 2, paper.MEAN_RECOVERY_TIME_S),
-    ("strikes", "strikes", 1.0, 1, None),
-    ("contact_known_s", "latency [ms]", 1e3, 0, None),
-    ("settled_error_m", "settled [m]", 1.0, 3, None),
-    ("max_tilt_rad", "tilt [°]", 180.0 / math.pi, 1, None),
-    ("hover_rms_m", "hover RMS [m]", 1.0, 3, None),
-    ("approach_rms_m", "approach RMS [m]", 1.0, 3, None),
+_SHOWN: Final = (
+    *("max_falling_distance_m", "unstable_phase_s", "recovery_time_s", "strikes"),
+    *("contact_known_s", "settled_error_m", "max_tilt_rad", "hover_rms_m", "approach_rms_m"),
 )
-"""Key of the aggregate, words, factor to the unit shown, decimals, the paper's value."""
+"""Figures of the table of all flights."""
 
 
 def sweep_page(opened: SweepFolder) -> Page:
@@ -90,7 +80,6 @@ def sweep_page(opened: SweepFolder) -> Page:
             Section("What decides", _decides(results)),
             Section("Points", _points(results, range(len(HEAD) + 1)), "page"),
             Section("Points", _points_on_terminal(results), "terminal"),
-            Section("How it depends on what was varied", _dependence(flights)),
             Section("Distributions", _distributions(flights, results)),
             Section("Worst flight", _worst(results)),
             Section("Failures, and how to fly them again", _failures(flights), "page"),
@@ -140,13 +129,13 @@ def _cards(total: Result) -> list[Card]:
 
 def _all_flights(results: Result) -> list[Item]:
     of_paper, rows = results["of_paper"], []
-    for key, name, scale, digits, printed in _FIGURES:
-        values = results["aggregate"][key]
+    for key in _SHOWN:
+        values, figure = results["aggregate"][key], BY_KEY[key]
         if values["count"]:  # none of the figures of a collision where there is no obstacle
-            cells = [name, "–" if printed is None else f"{printed:g}"] if of_paper else [name]
+            printed = ["–" if figure.paper is None else f"{figure.paper:g}"] if of_paper else []
             parts = (values[part] for part in ("median", "p05", "p95", "max"))
-            cells += [fixed(scale * value, digits) for value in parts]
-            rows.append([*cells, str(values["count"])])
+            cells = [fixed(figure.factor * value, figure.digits) for value in parts]
+            rows.append([figure.label, *printed, *cells, str(values["count"])])
     head = ["", *(["paper"] if of_paper else []), "median", "5 %", "95 %", "max", "of"]
     not_flown = results["not_flown"]
     items: list[Item] = [Table(head, rows)] if rows else []
@@ -202,21 +191,6 @@ def _points(results: Result, columns: range | tuple[int, ...]) -> list[Item]:
 
 def _points_on_terminal(results: Result) -> list[Item]:
     return _points(results, _FEW_COLUMNS) if len(results["points"]) <= _MOST_ON_TERMINAL else []
-
-
-def _dependence(flights: SweepFlights) -> list[Item]:
-    """Return maps over each pair of settings, or curves over the only one."""
-    cells = flights.cells
-    if len(cells) == 1:
-        words = f"Over {cells[0].key}; band: 5 to 95 %"
-        return [Picture(partial(draw_curves, cells[0], flights.columns), words)]
-    return [
-        Picture(
-            partial(draw_maps, across, up, flights.columns),
-            f"Over {across.key} and {up.key}, all else together",
-        )
-        for up, across in islice(combinations(cells, 2), _MOST_MAPS)
-    ]
 
 
 def _distributions(flights: SweepFlights, results: Result) -> list[Item]:

@@ -1,10 +1,8 @@
-"""The pictures of a sweep: distributions of figures, and how they depend on what was varied."""
+"""The picture of a sweep: distributions of figures."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,33 +10,16 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from tombo_dynamics.arrays import Array
-from tombo_flight.report import paper_values as paper
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
-from tombo_flight.sweep.results import SettingCells
+from tombo_flight.report.figures import BY_KEY, Value
 from tombo_flight.sweep.statistics import Columns
 
 PANELS: Final = (
-    (
-        "max_falling_distance_m",
-        "largest falling distance [m]",
-        1.0,
-        paper.MEAN_MAX_FALLING_DISTANCE_M,
-    ),
-    ("unstable_phase_s", "unstable phase [s]", 1.0, paper.UNSTABLE_PHASE_S),
-    ("recovery_time_s", "recovery time [s]", 1.0, paper.MEAN_RECOVERY_TIME_S),
-    ("contact_known_s", "detection latency [ms]", 1e3, None),
-    ("max_tilt_rad", "largest tilt [°]", 180.0 / math.pi, None),
-    ("approach_rms_m", "RMS error in the approach [m]", 1.0, None),
+    *("max_falling_distance_m", "unstable_phase_s", "recovery_time_s"),
+    *("contact_known_s", "max_tilt_rad", "approach_rms_m"),
 )
-"""Figure, label of its axis, factor to the unit shown, the paper's value."""
-_SHOWN: Final = (
-    ("crashed", "crashed [%]", "mean"),
-    ("recovery_time_s", "recovery time, median [s]", "median"),
-    ("max_falling_distance_m", "largest falling distance, median [m]", "median"),
-)
-"""Figure, label, what is made of it in a cell."""
-_MOST_TICKS: Final = 12
+"""Figures of the histograms."""
 
 
 def draw_distributions(flights: Columns, *, of_paper: bool) -> Figure:
@@ -51,13 +32,15 @@ def draw_distributions(flights: Columns, *, of_paper: bool) -> Figure:
     places = {"left": 0.045, "right": 0.99, "bottom": 0.065, "top": 0.95, "hspace": 0.26}
     with new_figure(12.0, 7.0, 110) as figure:
         panels = figure.subplots(2, 3, gridspec_kw={**places, "wspace": 0.15}).flat
-        for axes, (key, label, scale, printed) in zip(panels, PANELS, strict=True):
-            values = scale * flights[key]
-            _histogram(axes, values[~np.isnan(values)], label, printed if of_paper else None)
+        for axes, key in zip(panels, PANELS, strict=True):
+            figure_of = BY_KEY[key]
+            values = figure_of.factor * flights[key]
+            printed = figure_of.paper if of_paper else None
+            _histogram(axes, values[~np.isnan(values)], figure_of.label, printed)
     return figure
 
 
-def _histogram(axes: Axes, values: Array, label: str, printed: float | None) -> None:
+def _histogram(axes: Axes, values: Array, label: str, printed: Value) -> None:
     axes.set_xlabel(label)
     axes.set_ylabel("flights")
     if not values.size:
@@ -70,62 +53,9 @@ def _histogram(axes: Axes, values: Array, label: str, printed: float | None) -> 
     counts, edges = np.histogram(values, bins)
     axes.stairs(counts, edges, fill=True, color=style.SKY)
     axes.axvline(median, color=style.INK, lw=1.4, label=f"median {median:.3g}")
-    if printed is not None:
+    if isinstance(printed, float):
         axes.axvline(printed, color=style.VERMILLION, lw=1.8, ls="--", label=f"paper {printed:g}")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylim(0.0, 1.05 * counts.max())
     spacing = {"handlelength": 1.2, "handletextpad": 0.4, "columnspacing": 1.0}
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.1, ncols=3, **spacing)
-
-
-def draw_curves(cells: SettingCells, flights: Columns) -> Figure:
-    """Draw crash rate, recovery and fall over one setting; of the medians also 5 to 95 %."""
-    with new_figure(12.0, 3.6, 110, layout="constrained") as figure:
-        for axes, (key, label, kind) in zip(figure.subplots(1, 3), _SHOWN, strict=True):
-            values = [flights[key][inside] for inside in cells.flights()]
-            middle = [_value(of, kind) for of in values]
-            axes.plot(cells.centres, middle, color=style.BLUE, lw=1.8, marker=".")
-            if kind == "median":
-                low, high = ([_value(of, f"p{share}") for of in values] for share in (5, 95))
-                axes.fill_between(cells.centres, low, high, color=style.FAINT, lw=0.0)
-            axes.set(xlabel=cells.key, ylabel=label)
-            if len(cells.labels) <= _MOST_TICKS:
-                axes.set_xticks(cells.centres, cells.labels)
-    return figure
-
-
-def draw_maps(across: SettingCells, up: SettingCells, flights: Columns) -> Figure:
-    """Draw crash rate, recovery and fall over two settings."""
-    shape = (len(up.labels), len(across.labels))
-    with new_figure(12.0, 4.2, 110, layout="constrained") as figure:
-        for axes, (key, label, kind) in zip(figure.subplots(1, 3), _SHOWN, strict=True):
-            values = np.full(shape, np.nan)
-            for row, in_row in enumerate(up.flights()):
-                for column, in_column in enumerate(across.flights()):
-                    values[row, column] = _value(flights[key][in_row & in_column], kind)
-            limits = (0.0, 100.0) if kind == "mean" else (None, None)
-            shown = axes.imshow(
-                values, origin="lower", aspect="auto", cmap="viridis",
-                vmin=limits[0], vmax=limits[1],
-            )  # fmt: skip
-            figure.colorbar(shown, ax=axes)
-            axes.set(title=label, xlabel=across.key, ylabel=up.key)
-            axes.grid(visible=False)
-            _ticks(axes.set_xticks, across.labels)
-            _ticks(axes.set_yticks, up.labels)
-    return figure
-
-
-def _ticks(set_ticks: Callable[..., Any], labels: Sequence[str]) -> None:
-    every = -(-len(labels) // _MOST_TICKS)
-    set_ticks(range(0, len(labels), every), labels[::every])
-
-
-def _value(values: Array, kind: str) -> float:
-    """Return the mean in percent, or a percentile, of the flights that have the figure."""
-    there = values[~np.isnan(values)]
-    if not there.size:
-        return np.nan
-    if kind == "mean":
-        return 100.0 * float(there.mean())
-    return float(np.percentile(there, 50.0 if kind == "median" else float(kind[1:])))

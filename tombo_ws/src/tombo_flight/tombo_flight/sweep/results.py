@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_flight.report.paper_comparison import is_paper_flight
+from tombo_flight.report.figures import is_paper_flight
 from tombo_flight.scenario import as_mapping
 from tombo_flight.sweep.design import Axis
 from tombo_flight.sweep.folder import KEY, OUTCOME, SweepFolder
@@ -33,32 +33,25 @@ _RANKED = ("crashed", "max_falling_distance_m", "recovery_time_s")
 Result = Mapping[str, Any]
 
 
-class SettingCells:
-    """The cells of a setting: its values, or bins of equal width, or of equal probability."""
+def cells_of(
+    axis: Axis | None, values: np.ndarray[Any, Any]
+) -> tuple[list[str], np.ndarray[Any, Any]]:
+    """Sort (N,) values of a setting into its levels, or bins of equal width or probability.
 
-    def __init__(self, key: str, axis: Axis | None, values: np.ndarray[Any, Any]) -> None:
-        """Sort (N,) values of all flights into cells."""
-        self.key = key
-        levels = list(dict.fromkeys(values.tolist())) if axis is None else list(axis.levels)
-        if levels and len(levels) <= _MOST_LEVELS:
-            numbers = [float(v) for v in levels] if axis and axis.numeric else None
-            self.labels = [str(level) for level in levels]
-            self.centres = np.array(numbers or range(len(levels)), dtype=np.float64)
-            place = {v: n for n, v in enumerate(numbers or levels)}
-            self.cell = np.array([place[value] for value in values.tolist()], dtype=np.int64)
-            return
-        shares: Array = np.arange(_BINS + 1, dtype=np.float64) / _BINS
-        low, high = float(values.min()), float(values.max())
-        edges: Array = low + shares * (high - low)
-        if axis is not None and axis.distribution:
-            edges = np.quantile(values, shares)
-        self.cell = np.clip(np.searchsorted(edges, values, "right") - 1, 0, _BINS - 1)
-        self.centres = 0.5 * (edges[1:] + edges[:-1])
-        self.labels = [f"{a:.4g} to {b:.4g}" for a, b in pairwise(edges)]
-
-    def flights(self) -> list[np.ndarray[Any, np.dtype[np.bool_]]]:
-        """Return of each cell which of the flights (N,) are in it."""
-        return [self.cell == n for n in range(len(self.labels))]
+    Returns:
+        The names of the cells, and the cell (N,) of each value.
+    """
+    levels = list(dict.fromkeys(values.tolist())) if axis is None else list(axis.levels)
+    if levels and len(levels) <= _MOST_LEVELS:
+        keys = [float(v) for v in levels] if axis and axis.numeric else levels
+        place = {key: n for n, key in enumerate(keys)}
+        return [str(v) for v in levels], np.array([place[value] for value in values.tolist()])
+    shares: Array = np.arange(_BINS + 1, dtype=np.float64) / _BINS
+    edges: Array = values.min() + shares * np.ptp(values)
+    if axis is not None and axis.distribution:
+        edges = np.quantile(values, shares)
+    cell = np.clip(np.searchsorted(edges, values, "right") - 1, 0, _BINS - 1)
+    return [f"{a:.4g} to {b:.4g}" for a, b in pairwise(edges)], cell
 
 
 class SweepFlights:
@@ -75,11 +68,6 @@ class SweepFlights:
             zip(read[KEY][~flown].astype(int).tolist(), read["error"][~flown], strict=True)
         )
         """Number of a flight that could not be flown → the reason."""
-        axes = {axis.key: axis for axis in self.study.design.axes}
-        count = self.columns[KEY].size
-        self.cells = [
-            SettingCells(key, axes.get(key), self.columns[key]) for key in self.study.keys if count
-        ]
 
     @property
     def crashed(self) -> list[int]:
@@ -111,11 +99,7 @@ class SweepFlights:
             "of_paper": study.points == 1 and is_paper_flight(as_mapping(study.scenario_at(0))),
             "aggregate": aggregate,
             "points": self._points(),
-            "settings": [
-                {"key": cells.key, "value": label, **crash_rate(self.columns["crashed"][inside])}
-                for cells in self.cells
-                for label, inside in zip(cells.labels, cells.flights(), strict=True)
-            ],
+            "settings": self._settings(),
             "decides": self._decides(),
             "worst": self._worst(),
             "not_flown": {
@@ -124,6 +108,16 @@ class SweepFlights:
             },
             OUTCOME: f"{aggregate['crashed']} of {study.flights} crashed{not_flown}",
         }  # fmt: skip
+
+    def _settings(self) -> list[dict[str, Any]]:
+        """Return the crash rate for each value of each setting."""
+        axes = {axis.key: axis for axis in self.study.design.axes}
+        crashed, rows = self.columns["crashed"], []
+        for key in self.study.keys if crashed.size else ():
+            labels, cell = cells_of(axes.get(key), self.columns[key])
+            for n, label in enumerate(labels):
+                rows.append({"key": key, "value": label, **crash_rate(crashed[cell == n])})
+        return rows
 
     def _points(self) -> list[dict[str, Any]]:
         study = self.study
@@ -208,24 +202,6 @@ def point_rows(results: Result) -> Iterator[tuple[str, list[list[str]]]]:
         group = "" if name is None else setting_words(varied)
         groups.setdefault(group, []).append([name or setting_words(varied), *_cells(point)])
     yield from groups.items()
-
-
-def markdown(results: Result, command: str, left_out: Sequence[str] = ()) -> str:
-    """Return the table of reactions as Markdown, below the command that it comes from.
-
-    Args:
-        results: of `SweepFlights`.
-        command: shown above.
-        left_out: columns of `HEAD` that are not shown.
-    """
-    shown = [name not in left_out for name in ("reaction", *HEAD)]
-    head = ["collision", "reaction", *(name for name in HEAD if name not in left_out)]
-    lines = [f"`{command}`:", "", f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
-    for group, rows in point_rows(results):
-        for n, row in enumerate(rows):
-            cells = [cell for cell, is_shown in zip(row, shown, strict=True) if is_shown]
-            lines.append(f"| {'' if n else group} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
 
 
 def _cells(result: Result) -> list[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,9 +53,6 @@ _RULES = (
 
 @record
 class _Fly:
-    no_reaction: bool = option(
-        "--no-reaction", "The same as --reaction none: detect, but do nothing.", False
-    )
     nodes: bool = option(
         "--nodes", "Fly with the ROS 2 nodes, each a process, in real time.", False
     )
@@ -81,7 +77,7 @@ def fly(
     domain: options.Domain,
     more: _Fly,
     force: options.Force,
-    place: options.FlightFolder,
+    place: options.Copies,
 ) -> None:
     """Fly a scenario and write flight.mcap, summary.json, scenario.yaml, flight.png, report.html.
 
@@ -89,18 +85,11 @@ def fly(
     seeds. Killed, the same command with -o DIR goes on.
     """
     from tombo_flight.scenario import load_scenario, scenario_warnings
-    from tombo_flight.scenario_file import changes
 
     many = None if several.seeds is None else parse_seeds(several.seeds)
     options.check_options(
         _RULES, draw, several, variation, px4, pace, domain, more, px4_url=px4.url
     )
-    if more.no_reaction:
-        if variation.reaction not in (None, "none"):
-            raise InputError(
-                f"--reaction {variation.reaction} and --no-reaction: accepted: one of them"
-            )
-        variation = replace(variation, reaction="none")
     seed, scenario = draw.seed or 0, scene.scenario
     fixed = [*variation.changes, *_propeller(propeller)]
     chosen = load_scenario(scenario, fixed, variation.model, variation.vehicle)
@@ -110,7 +99,7 @@ def fly(
     if place.output is not None:
         folder = Place(Path(place.output), replace=force.force)
     else:
-        folder = new_run(chosen.name, rest, changes(scenario, chosen, variation.vehicle))
+        folder = new_run(chosen.name, rest, fixed, variation.vehicle)
     if more.nodes or px4.px4 is not None:
         from tombo_bringup.cli.flight.fly_nodes import fly_nodes
 

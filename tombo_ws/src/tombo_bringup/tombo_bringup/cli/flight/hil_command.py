@@ -10,6 +10,7 @@ import typer
 
 from tombo_bringup.cli import options
 from tombo_bringup.cli.options import command, option, record
+from tombo_px4.hil.params import HilParams
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.tables import Scroll
@@ -29,14 +30,13 @@ _WAIT_S = 0.1
 @record
 class _Hil:
     port: int = option("--port N", "TCP port for PX4: 4560 plus its instance.", 4560)
-    rate: float = option("--rate HZ", "HIL_SENSOR: 250, 333, 500 or 1000.", 250.0)
-    no_gps: bool = option("--no-gps", "Send no HIL_GPS.", False)
 
 
 @command(app, epilog=HIL_EXIT_CODES)
 def hil(
     scene: options.Scene,
     given: _Hil,
+    messages: HilParams,
     settings: options.Settings,
     draw: options.Draw,
     pace: options.Pace,
@@ -52,12 +52,11 @@ def hil(
     from tombo_flight.scenario import load_scenario, world_of
     from tombo_px4.hil.link import HilLink
     from tombo_px4.hil.lockstep import HilSimulator
-    from tombo_px4.hil.params import HilParams
 
     speed, seed = 1.0 if pace.speed is None else pace.speed, draw.seed or 0
     if not 0.0 <= speed <= 100.0:
         raise InputError(f"--speed {speed:g}: out of bounds; accepted: a number from 0 to 100")
-    params = HilParams(rate=given.rate, gps=not given.no_gps).check()
+    params = messages.check()
     scenario = scene.scenario
     world = world_of(load_scenario(scenario, settings.settings or []))
     link = HilLink(given.port)

@@ -31,6 +31,7 @@ _OWN, _OWN_GROUND = 40, 4030
 """From the client's port to the vehicle's own, as with PX4's instances: 14580 and 18570 for
 14540, 14581 and 18571 for 14541."""
 _HIGHEST = 65535
+_HERE = "127.0.0.1"
 _WARM_UP_TICKS = 60
 
 
@@ -49,14 +50,6 @@ class _Px4:
     key: Path | None = option(
         "--key FILE", "Key of MAVLink's signatures: only who has it is heard."
     )
-    host: str = option(
-        "--host HOST", "Where the clients are; others with --allow-remote.", "127.0.0.1"
-    )
-    allow_remote: bool = option(
-        "--allow-remote",
-        "Listen to other machines too: whoever reaches the ports can fly the vehicle.",
-        False,
-    )
 
 
 @command(app, epilog=PX4_EXIT_CODES)
@@ -69,7 +62,8 @@ def px4(
 ) -> None:
     """Simulate a vehicle with a PX4 autopilot and serve MAVLink, as PX4's own simulation does.
 
-    MAVSDK, MAVProxy, QGroundControl and the bridge of `tombo fly --px4` can fly it.
+    MAVSDK, MAVProxy, QGroundControl and the bridge of `tombo fly --px4` can fly it, on this
+    machine; from other ones with px4_sim_node and its parameter allow_remote (docs/px4.md).
     """
     from tombo_bringup.cli.flight.px4_screen import where_to_connect
     from tombo_flight.scenario import load_scenario
@@ -84,9 +78,8 @@ def px4(
             for link, streams in _open_links(given, table)
         ]
         vehicle = _vehicle(chosen, draw.seed or 0, table)
-        host, ports = given.host, (given.port, given.ground_port)
-        endpoint = Endpoint(vehicle, links)
-        _serve(endpoint, duration.duration, where_to_connect(host, *ports))
+        lines = where_to_connect(_HERE, given.port, given.ground_port)
+        _serve(Endpoint(vehicle, links), duration.duration, lines)
 
 
 def _open_links(given: _Px4, table: ParameterTable) -> list[tuple[Link, str]]:
@@ -102,14 +95,13 @@ def _open_links(given: _Px4, table: ParameterTable) -> list[tuple[Link, str]]:
             ((port + _OWN, port, "onboard"), (port + _OWN_GROUND, ground_port, "ground"))
         ):
             link = Link(
-                f"udpin://{'0.0.0.0' if given.allow_remote else '127.0.0.1'}:{own}",
+                f"udpin://{_HERE}:{own}",
                 system=int(table.get("MAV_SYS_ID")),
                 component=int(table.get("MAV_COMP_ID")),
                 clock=time.time_ns,
                 key=secret,
                 link_id=number,
-                allow_remote=given.allow_remote,
-                default_peer=f"{given.host}:{client}",
+                default_peer=f"{_HERE}:{client}",
             )
             links.append((link, streams))
     except InputError:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
-import signal
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -17,7 +15,6 @@ from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
     from tombo_flight.replay.metrics import Tolerances
-    from tombo_flight.replay.run import Replay, ReplayRequest
 
 app = typer.Typer()
 
@@ -44,9 +41,6 @@ class _Replay:
     stamp_on_arrival: bool = option(
         "--stamp-on-arrival", "Stamp poses when they arrived, not by header.", False
     )
-    dds: bool = option(
-        "--dds", "Through the real nodes over DDS, as stamped, not the cores.", False
-    )
     strict: bool = option("--strict", "Exit with 1 if there is a difference.", False)
     tolerances: list[str] | None = option(
         "--tolerance KEY=VALUE",
@@ -61,7 +55,6 @@ def replay(
     imports: options.Imports,
     topics: options.Topics,
     settings: options.Settings,
-    pace: options.Pace,
     unpacking: options.Unpacking,
     copies: options.Copies,
 ) -> None:
@@ -69,15 +62,13 @@ def replay(
 
     Inputs are fed in the order and at the times of their arrival, with the stamps of their
     headers. Parameters are those of the recorded flight if the bag has them; --set changes one
-    over them, as detector.threshold=30. With --dds --speed is that of the recorded time.
-    With -o also replay.json, over that of an earlier replay.
+    over them, as detector.threshold=30. With -o also replay.json, over that of an earlier replay.
     """
     from tombo_flight.process.output_folder import open_output
     from tombo_flight.replay.page import replay_page
     from tombo_flight.replay.run import ReplayRequest, replay_bag
     from tombo_flight.report.page import page_json
 
-    speed = 1.0 if pace.speed is None else pace.speed
     request = ReplayRequest(
         nodes=_nodes(given.nodes or []),
         names=topics.names,
@@ -88,42 +79,18 @@ def replay(
         settings=tuple(settings.settings or ()),
         tolerances=_tolerances(given.tolerances or []),
     )
-    _check_speed(given.dds, speed)
     place = None if copies.output is None else Path(copies.output)
     with ExitStack() as stack:
         folder = None
         if place is not None:
             folder = stack.enter_context(open_output(place, replace=True, results=(FILE,)))
-        bag = given.bag
-        result = _through_nodes(bag, request, speed) if given.dds else replay_bag(bag, request)
+        result = replay_bag(given.bag, request)
         page = replay_page(result)
         if folder is not None:
             (folder / FILE).write_text(page_json(page), encoding="utf-8", newline="\n")
             folder.publish()
     show_page(page, copies.as_json, None if copies.as_json else place, (FILE,))
     raise typer.Exit(1 if given.strict and result.differences else 0)
-
-
-def _check_speed(dds: bool, speed: float) -> None:
-    if not dds and speed != 1.0:
-        raise InputError(f"--speed {speed:g}: without --dds it is always as fast as possible")
-    if not 0.05 <= speed <= 20.0:
-        raise InputError(f"--speed {speed:g}: out of bounds; accepted: 0.05 to 20")
-
-
-def _through_nodes(bag: Path, request: ReplayRequest, speed: float) -> Replay:
-    """Replay through live nodes; a signal ends them before this process."""
-    from tombo_bringup.cli.progress import progress_bar
-    from tombo_flight.process.stop_signals import StopSignals
-    from tombo_flight.replay.run import replay_bag
-    from tombo_flight.replay.through_nodes import Interrupted, ThroughNodes
-
-    with StopSignals(signal.SIGHUP) as stop, progress_bar() as on_progress:
-        try:
-            return replay_bag(bag, request, ThroughNodes(speed, on_progress, stop.asked))
-        except Interrupted:
-            typer.echo("Error: interrupted", err=True)
-            raise typer.Exit(stop.exit_code) from None
 
 
 def _nodes(names: list[str]) -> tuple[str, ...]:
@@ -137,22 +104,14 @@ def _nodes(names: list[str]) -> tuple[str, ...]:
 
 
 def _tolerances(texts: list[str]) -> Tolerances:
-    from tombo_dynamics.errors import unknown_name
+    from tombo_dynamics.params import from_mapping
     from tombo_flight.replay.metrics import Tolerances
+    from tombo_flight.scenario import override
 
-    names = [field.name for field in dataclasses.fields(Tolerances)]
-    found: dict[str, float] = {}
+    values: dict[str, Any] = {}
     for text in texts:
-        name, _, value = text.partition("=")
-        if name not in names:
-            raise unknown_name("--tolerance", name, names)
-        try:
-            found[name] = float(value)
-        except ValueError:
-            raise InputError(f"--tolerance {text}: no number; accepted: {name}=NUMBER") from None
-        if not found[name] >= 0.0:
-            raise InputError(f"--tolerance {text}: out of bounds; accepted: 0 and above")
-    return Tolerances(**found)
+        values = override(values, text, "--tolerance", "x_c_m=0.002")
+    return from_mapping(Tolerances, values, "--tolerance")
 
 
 def _finite(option: str, value: float) -> float:

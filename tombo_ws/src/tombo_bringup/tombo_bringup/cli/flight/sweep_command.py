@@ -53,7 +53,7 @@ def sweep(
     several: options.Seeds,
     variation: options.Variation,
     workers: options.Workers,
-    place: options.FlightFolder,
+    place: options.Copies,
 ) -> None:
     """Fly scenarios over settings and seeds: crash rates, what decides them, and a table.
 

@@ -53,7 +53,7 @@ def up(
     pace: options.Pace,
     domain: options.Domain,
     duration: options.Duration,
-    place: options.FlightFolder,
+    place: options.Copies,
 ) -> None:
     """Start simulator, estimator, detector, reaction, mission, controller and recorder.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from tombo_bringup.cli.options import Copies, Force, OwnLibrary, option, record
+from tombo_bringup.cli.options import Copies, Force, Law, OwnLibrary, option, record
 from tombo_bringup.cli.result_files import compute_into
 from tombo_propeller.design.limits import DesignLimits
 
@@ -25,7 +25,6 @@ class _Design:
     frame: str = option(
         "--frame s500|MM", "Frame, or centre to rotor axis in millimetres.", "s500"
     )
-    law: str = option("--law L", "repaired or consistent.", "repaired")
     blade: str = option("--blade NAME", "Of the library.", "nine_inch")
     extrapolate: bool = option(
         "--extrapolate",
@@ -38,7 +37,7 @@ class _Design:
 
 
 def design(
-    limits: DesignLimits, given: _Design, own: OwnLibrary, force: Force, copies: Copies
+    limits: DesignLimits, law: Law, given: _Design, own: OwnLibrary, force: Force, copies: Copies
 ) -> None:
     """Recommend a nodus for a vehicle: matrix, fibres, length and place on the blade.
 
@@ -61,7 +60,7 @@ def design(
     request = DesignRequest(
         **vars(limits),
         arm_m=arm_of(given.frame, chosen),
-        law=given.law,
+        law=law.law or "repaired",
         extrapolate=given.extrapolate,
     )
 

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from tombo_diagnosis.stand.table3 import Table3
 
 _CONF, _LAW = 13, "repaired"
+_RULES = (
+    options.OptionRule("--table3", "table3", (), ("tables", "plain", "conf", "mapping")),
+    options.OptionRule("--plain", "plain", (), ("conf", "law")),
+)
 
 
 @record
@@ -47,10 +51,9 @@ def diagnose(
     from tombo_dynamics.errors import InputError
 
     paths = given.tables or []
-    if bool(paths) == given.table3:
-        named = "both" if given.table3 else "neither"
-        raise InputError(f"STAND.csv or --table3: {named}; accepted: one of them")
-    _refuse_without_effect(given.table3, given.plain, propeller, reading.mapping)
+    if not paths and not given.table3:
+        raise InputError("STAND.csv or --table3: neither; accepted: one of them")
+    options.check_options(_RULES, given, propeller, reading)
     publish(
         results,
         f"stand-{'table3' if given.table3 else paths[0].name.split('.')[0]}",
@@ -96,32 +99,7 @@ def run(
         on_progress(f"reading {path.name}", k / len(paths))
         read.append(read_stand(path, mapping))
     if all(t.mapping.model == "plain" for t in read):
-        _refuse_without_effect(False, True, propeller, None, "a plain propeller (--mapping)")
+        options.check_options(_RULES, propeller, plain=True, table3=False)
     return diagnose_stand(
         read, number, formulas, stand.plain, on_progress, time.perf_counter, given
     ), None
-
-
-def _refuse_without_effect(
-    table3: bool,
-    plain: bool,
-    propeller: options.Propeller,
-    mapping: str | None,
-    of_plain: str = "--plain",
-) -> None:
-    """Refuse options that would change nothing.
-
-    Raises:
-        InputError: there is one.
-    """
-    from tombo_dynamics.errors import InputError
-
-    conf, law = propeller.conf, propeller.law
-    by_table3 = {"--plain": plain, "--conf": conf is not None, "--mapping": mapping is not None}
-    by_plain = {"--conf": conf is not None, "--law": law is not None}
-    for given, flags in (("--table3", by_table3), (of_plain, by_plain)):
-        idle = [flag for flag, there in flags.items() if there]
-        if idle and (table3 if given == "--table3" else plain):
-            raise InputError(
-                f"{' and '.join(idle)} has no effect with {given}; accepted: one of them"
-            )

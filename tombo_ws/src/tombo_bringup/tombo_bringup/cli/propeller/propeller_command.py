@@ -104,47 +104,6 @@ def _refuse_options_before(ctx: typer.Context, command: str) -> None:
         raise InputError(f"{option} before {command} has no effect; accepted: {accepted}")
 
 
-@command(app)
-def moduli(output: options.Shown, own: options.OwnLibrary) -> None:
-    """Print the moduli of every nodus beside those that the paper's Table I prints."""
-    from tombo_dynamics.propeller import nodus_moduli
-
-    known = own.read().configurations
-    soft = [c for c in known.values() if not c.rigid]
-    computed = [(c, nodus_moduli(c)) for c in soft]
-    if output.as_json:
-        values = [
-            {"conf": c.number, "E_N_MPa": m.E_N_MPa, "G_N_MPa": m.G_N_MPa} for c, m in computed
-        ]
-        typer.echo(json.dumps(values, indent=1))
-        return
-    from tombo_bringup.cli.tables import show_page
-    from tombo_flight.report.page import Cell, Page, Section, Table
-
-    rows = []
-    same: list[bool] = []
-    for c, m in computed:
-        cells: list[str | Cell] = [str(c.number)]
-        for value, printed in ((m.E_N_MPa, c.printed_E_N_MPa), (m.G_N_MPa, c.printed_G_N_MPa)):
-            shown, tick = "-", Cell("")
-            if printed is not None:
-                shown = f"{printed:.4f}"
-                same.append(f"{value:.4f}" == shown)
-                tick = Cell("✓", "good") if same[-1] else Cell("✗", "bad")
-            cells += [f"{value:.6f}", shown, tick]
-        rows.append(cells)
-    page = Page(
-        title="Moduli of the nodus",
-        eyebrow="Tombo propeller",
-        headline="Moduli of the nodus [MPa], paper's Table I",
-        summary=f"{sum(same)} of {len(same)} values agree with the paper to the last digit.",
-        sections=[
-            Section("", [Table(("conf", "E_N", "printed", "", "G_N", "printed", ""), rows)])
-        ],
-    )
-    show_page(page, False)
-
-
 def parse_rpm(text: str) -> list[float]:
     """Return the speeds [rpm] that `A:B:STEP`, `A:B` (step 500) or `A` means, ends included.
 
@@ -295,17 +254,3 @@ def _plot(path: Path, chosen: Configuration, law: str, limit: float) -> None:
 app.callback(invoke_without_command=True)(options.spelt_out(propeller))
 for _command in (design, reproduce, diagnose, recovery):
     command(app)(_command)
-
-
-@app.command(
-    "beta",
-    hidden=True,
-    context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
-)
-def beta() -> None:
-    """Say what has taken the place of the removed command."""
-    from tombo_dynamics.errors import InputError
-
-    raise InputError(
-        "tombo propeller beta was removed; accepted: python examples/flap_angle/flap_angle.py FILM"
-    )

@@ -25,12 +25,6 @@ class _Trace:
         0.0,
         accepted="a number, in the column's unit",
     )
-    share: float | None = option(
-        "--share X",
-        "Of the level before that counts as recovered. Default: 0.9 of thrust; of speed its root, "
-        "0.949, as thrust goes with speed squared.",
-        bounds=(0.5, 0.99),
-    )
 
 
 def recovery(given: _Trace, unpacking: Unpacking, results: Results) -> None:
@@ -50,8 +44,7 @@ def recovery(given: _Trace, unpacking: Unpacking, results: Results) -> None:
     read = read_trace(
         trace, given.column, given.unit, given.time_column, given.time_unit, given.tare
     )
-    usual = math.sqrt(SHARE) if read.is_speed else SHARE
-    goal = usual if given.share is None else given.share
+    goal = math.sqrt(SHARE) if read.is_speed else SHARE  # thrust goes with speed squared
     try:
         collisions = recoveries(read.time, read.value, goal)
     except InputError as error:

@@ -1,4 +1,4 @@
-"""`tombo runs`, and what a run says of itself: version with commit, and the complete scenario."""
+"""What a run says of itself: version with commit, and the complete scenario."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ import subprocess
 
 import pytest
 
-from tombo_flight.version import commit_of, tombo_version
-
-SHORT = ("hover", "--set", "duration=0.3", "--no-record")
+from tombo_flight.version import commit_of
 
 
 def git(folder, *arguments):
@@ -49,32 +47,6 @@ def test_a_source_file_outside_of_the_commit_makes_the_tree_dirty(tmp_path):
         (tmp_path / source).write_text("")
         assert commit_of(folder / "a.py") == f"{clean}.dirty"
         (tmp_path / source).unlink()
-
-
-@pytest.mark.slow
-def test_runs_are_listed_with_their_outcome(tombo, tmp_path):
-    assert tombo("fly", "rigid_propeller", "--no-record").code == 0
-    assert tombo("fly", *SHORT).code == 0
-    assert tombo("fly", *SHORT, "--seeds", "0:2").code == 0
-    (tmp_path / "runs" / "mine").mkdir()
-    (tmp_path / "runs" / "mine" / "notes.txt").write_text("no run")
-    (tmp_path / "runs" / "torn").mkdir()
-    (tmp_path / "runs" / "torn" / "summary.json").write_text('{"scenario": "ho')
-
-    found = {run["folder"].removeprefix("runs/"): run for run in tombo("runs", "--json").json}
-
-    assert {name: (run["what"], run["outcome"]) for name, run in found.items()} == {
-        "rigid_propeller-0": ("rigid_propeller seed 0", "crashed"),
-        "hover-0-duration_0.3": ("hover seed 0", "not landed"),
-        "hover-0-2-duration_0.3": ("hover seeds 0 to 1", "0 of 2 crashed"),
-        "torn": ("summary.json", "can't be read"),
-    }
-    assert found["rigid_propeller-0"]["version"] == tombo_version()
-    assert "crashed" in tombo("runs").out
-
-
-def test_a_folder_that_is_not_there_is_refused(refused):
-    refused(("runs", "nowhere"), "nowhere", "accepted")
 
 
 @pytest.mark.slow
