@@ -211,7 +211,7 @@ class _PlayedTopics:
     def write_inputs(self, path: Path) -> None:
         """Write what is played: log times by the nodes' clock, poses as PoseStamped."""
         recording, poses = self.inputs.recording, self.inputs.poses
-        with McapSink(path, compression="none") as sink:
+        with McapSink(path) as sink:
             parts = []
             for topic in self.listeners:
                 spec = TOPICS[topic]
