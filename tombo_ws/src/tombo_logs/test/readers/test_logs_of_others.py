@@ -7,7 +7,6 @@ import pytest
 from log_writers import write_ulog
 
 from tombo_bag.flight import Flight, Series
-from tombo_bag.formats.ulog_messages import whole_messages
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks.pipeline import check_log
 from tombo_logs.readers.csv_table import open_table
@@ -24,17 +23,6 @@ def log():
     return Flight.measured(
         "made", "made", {"position": Series(t, place), "attitude": Series(t, turn)}
     )
-
-
-def test_a_whole_ulog_is_left_as_it_is(tmp_path, log):
-    write_ulog(tmp_path / "x.ulg", log)
-    raw = (tmp_path / "x.ulg").read_bytes()
-    same, found = whole_messages(raw)
-    assert same is raw
-    assert not found.damaged and not found.cut
-    same, found = whole_messages(raw[:-3])
-    assert same == raw[:-3]
-    assert found.cut and not found.damaged
 
 
 def test_a_damaged_ulog_is_read_before_and_behind_the_damage(tmp_path, log):
