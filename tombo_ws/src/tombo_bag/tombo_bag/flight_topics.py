@@ -9,16 +9,17 @@ capture: its capture); the log time is the time at which it was known (its arriv
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.columnar_cdr import encode, lay_in, lay_in_times, layout
+from tombo_bag.columnar_cdr import lay_in, lay_in_times, layout
 from tombo_bag.flight import Flight, Topic
-from tombo_bag.flight_time import FLIGHT_METADATA, nanoseconds, stamp
+from tombo_bag.flight_time import FLIGHT_METADATA, nanoseconds
 from tombo_bag.formats.mcap_sink import Columns, McapSink
+from tombo_bag.markers import GREEN, RED, obstacle_marker, point_marker
 from tombo_bag.message_codec import FORMS, encoded
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
@@ -56,9 +57,6 @@ _TEMPLATES: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     ),
 }
 """Of the types without a dataclass: path of the stamp, and what always stands in a message."""
-_SPHERE, _CYLINDER = 2, 3
-_POINT_DIAMETER_M = 0.12
-"""How large x_c and x_r are drawn."""
 
 Log = Mapping[str, Array]
 """Columns (N, k) of `tombo_sim.kernel` by name."""
@@ -241,46 +239,16 @@ def _messages(name: str, topic: Topic) -> tuple[NDArray[np.int64], Any]:
 def _markers(flight: Flight) -> tuple[NDArray[np.int64], list[bytes]]:
     """Return times and messages: the obstacle, x_c of each detection, x_r after it."""
     obstacle = flight.scenario["obstacle"]
-    height, diameter = obstacle["top_m"], 2.0 * obstacle["radius_m"]
-    place = (obstacle["x_m"], obstacle["y_m"], 0.5 * height)
-    size, grey = (diameter, diameter, height), (0.6, 0.6, 0.65, 0.8)
-    times = [EPOCH_NS]
-    markers = [_marker(EPOCH_NS, "obstacle", _CYLINDER, place, size, grey)]
-    kinds = {
-        "detection": ("x_c", (0.9, 0.2, 0.15, 1.0)),
-        "setpoint_switch": ("x_r", (0.1, 0.6, 0.3, 1.0)),
-    }
+    cylinder = [obstacle[name] for name in ("x_m", "y_m", "radius_m", "top_m")]
+    times, messages = [EPOCH_NS], [obstacle_marker(EPOCH_NS, cylinder)]
+    kinds = {"detection": ("x_c", RED), "setpoint_switch": ("x_r", GREEN)}
     for event in flight.events:
-        if event["kind"] not in kinds:
-            continue
-        name, colour = kinds[event["kind"]]
-        point = event[f"{name}_m"]
-        if np.isfinite(point).all():
+        name, colour = kinds.get(event["kind"], ("", RED))
+        point = event.get(f"{name}_m", np.nan)
+        if name and np.isfinite(point).all():
             times.append(int(nanoseconds(event["time_s"])))
-            size = (_POINT_DIAMETER_M,) * 3
-            markers.append(_marker(times[-1], name, _SPHERE, point, size, colour))
-    messages = [encode(MARKERS.typename, {"markers": [marker]}) for marker in markers]
-    return np.array(times), messages
-
-
-def _marker(
-    time_ns: int,
-    name: str,
-    shape: int,
-    position: Sequence[float],
-    scale: Sequence[float],
-    colour: Sequence[float],
-) -> dict[str, Any]:
-    return {
-        "header": {"stamp": stamp(time_ns), "frame_id": FRAME_MAP},
-        "ns": name,
-        "type": shape,
-        "pose": {"position": dict(zip("xyz", position, strict=True)), "orientation": {"w": 1.0}},
-        "scale": dict(zip("xyz", scale, strict=True)),
-        "color": dict(zip("rgba", colour, strict=True)),
-        "frame_locked": True,
-        "text": name,
-    }
+            messages.append(point_marker(times[-1], name, point, colour))
+    return np.array(times, np.int64), messages
 
 
 def _plain(value: Any) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from tombo_bag.markers import disc_markers
 from tombo_bag.message_template import MessageTemplate
 from tombo_bag.topics import MARKERS, ODOMETRY, TF
 from tombo_control.estimate import nearest_tick
@@ -12,7 +13,6 @@ from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.messages import Odometry
 from tombo_dynamics.rotation import rotate_vector
 from tombo_ros.core_node import CoreNode, main_of
-from tombo_ros.markers import disc_markers
 from tombo_ros.pacing import ESTIMATOR
 from tombo_ros.topic import message_class
 
