@@ -86,8 +86,7 @@ def test_a_file_cut_anywhere_gives_all_that_is_whole(sample, share, tail):
         np.testing.assert_array_equal(table["pose.position.x"], x[: len(table["log_time_ns"])])
         words = Recording(bag.path).columns("/word")["data"]
         assert list(words) == [f"word {i}" for i in range(len(words))]
-    assert bag.damage[0].kind in ("cut off", "not finished")
-    assert bag.damage[0].offset <= size
+    assert len(bag.damage) == 1 and "\n" not in bag.damage[0]
 
 
 def test_the_part_of_a_chunk_that_is_there_is_read(tmp_path):
@@ -101,8 +100,7 @@ def test_the_part_of_a_chunk_that_is_there_is_read(tmp_path):
     assert 230 < len(table["log_time_ns"]) < 270
     np.testing.assert_array_equal(table["log_time_ns"] // 10**7, 500 - table["publish_time_ns"])
     (damage,) = bag.damage
-    assert damage.offset == chunk.chunk_start_offset
-    assert "cut off at byte" in damage.text
+    assert f"inside chunk at byte {chunk.chunk_start_offset}" in damage
 
 
 def test_a_file_without_its_summary_has_all_messages(tmp_path):
@@ -111,7 +109,7 @@ def test_a_file_without_its_summary_has_all_messages(tmp_path):
     path.write_bytes(content[:-20])
     bag = Bag(path)
     assert bag.topics["/pose"].count == LAST_MS
-    assert "all messages are there" in bag.damage[0].text
+    assert "all messages are there" in bag.damage[0]
 
 
 @pytest.mark.slow
@@ -141,28 +139,13 @@ def test_a_flipped_bit_never_gives_wrong_messages(sample, place, bit):
         return
     rows = table["log_time_ns"] // MS
     if hit and bag.damage:
-        assert [d.kind for d in bag.damage] == ["corrupt"]
-        assert bag.damage[0].offset == hit[0].chunk_start_offset
+        (damage,) = bag.damage
+        assert f"byte {hit[0].chunk_start_offset} " in damage and "is corrupt" in damage
         first, last = hit[0].message_start_time // MS, hit[0].message_end_time // MS
         assert set(rows.tolist()) == set(range(LAST_MS)) - set(range(first, last + 1))
     elif not bag.damage:
         assert len(rows) == LAST_MS
     np.testing.assert_array_equal(read, x[rows])
-
-
-def test_several_damaged_chunks_are_counted_in_one_line(tmp_path):
-    content, _ = write_sample(tmp_path / "whole.mcap")
-    chunks = summary_of(tmp_path / "whole.mcap").chunk_indexes
-    broken = bytearray(content)
-    for chunk in chunks[1:4]:
-        broken[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 255
-    path = tmp_path / "broken.mcap"
-    path.write_bytes(broken)
-    bag = Bag(path, check=True)
-    (line,) = bag.damage_lines()
-    assert f"3 of {len(chunks)} chunks damaged" in line
-    assert f"byte {chunks[1].chunk_start_offset} " in line and "is corrupt" in line
-    assert len(bag.damage) == 3
 
 
 def test_zeros_at_the_end_are_noticed(tmp_path):
@@ -173,7 +156,7 @@ def test_zeros_at_the_end_are_noticed(tmp_path):
     path.write_bytes(content[: chunk.chunk_start_offset] + bytes(5000))
     bag = Bag(path)
     assert bag.topics["/pose"].count == 3000
-    assert [d.kind for d in bag.damage] == ["corrupt"]
+    assert f"cut off at byte {chunk.chunk_start_offset}: the 5000 bytes" in bag.damage[0]
 
 
 def library_file(path, **options):

@@ -91,7 +91,7 @@ class Recording:
         lines = list(self._notes)
         for file in self.files:
             where = f"{file.path.name}: " if several else ""
-            lines += [f"{where}{line}" for line in file.damage_lines()]
+            lines += [f"{where}{line}" for line in file.damage]
         return list(dict.fromkeys(lines))
 
     @property

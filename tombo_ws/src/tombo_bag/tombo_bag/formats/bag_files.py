@@ -50,17 +50,13 @@ class BagFile(ABC):
         path: the file.
         topics: its topics by name.
         metadata: named text values that stand beside the messages.
-        damage: what could not be read so far.
+        damage: what could not be read so far, a line each.
     """
 
     path: Path
     topics: Mapping[str, TopicSummary]
     metadata: Mapping[str, Mapping[str, str]]
-    damage: Sequence[object]
-
-    def damage_lines(self) -> list[str]:
-        """Say what could not be read so far, a line each."""
-        return [str(damage) for damage in self.damage]
+    damage: Sequence[str]
 
     @abstractmethod
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
