@@ -36,7 +36,7 @@ from mcap.records import (
 )
 from numpy.typing import NDArray
 
-from tombo_bag.formats.chunks import MAGIC, assemble, slices, source_of, write_message_index
+from tombo_bag.formats.chunks import MAGIC, chunk_bodies, message_records, write_message_index
 from tombo_bag.qos import STATE, Qos
 from tombo_bag.schemas import schema_text, type_hash
 from tombo_dynamics.errors import InputError, unknown_name
@@ -207,15 +207,14 @@ class McapSink:
         self._write_columns(columns)
 
     def _write_columns(self, columns: Sequence[Columns]) -> None:
-        sources = []
+        records = []
         for column in columns:
             self._check(column.channel)
             times, sent = column.log_times_ns, column.publish_times_ns
             number = self._taken[column.channel]
-            sources.append(source_of(column.channel, times, column.messages, sent, number))
+            records.append(message_records(column.channel, times, column.messages, sent, number))
             self._taken[column.channel] += len(column.messages)
-        for part in slices(sources, self._span_ns):
-            body = assemble(_bytes(*self._unwritten), part)
+        for body in chunk_bodies(records, self._span_ns, _bytes(*self._unwritten)):
             data = self._compressor.compress(body.data)
             start, end, size = body.start_ns, body.end_ns, len(body.data)
             chunk = _bytes(Chunk(COMPRESSION, data, end, start, zlib.crc32(body.data), size))
