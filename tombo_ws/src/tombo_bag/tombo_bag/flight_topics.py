@@ -21,6 +21,7 @@ from tombo_bag.flight_time import FLIGHT_METADATA, nanoseconds
 from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.markers import GREEN, RED, obstacle_marker, point_marker
 from tombo_bag.message_codec import FORMS, encoded
+from tombo_bag.message_template import CONSTANTS
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
     BATTERY,
@@ -36,27 +37,9 @@ from tombo_bag.topics import (
     TRUE_ROTORS,
 )
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import rotated_back_rows
 from tombo_dynamics.time_base import EPOCH_NS, TICK_HZ
-
-_BODY_IN_MAP = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
-_UNKNOWN = ("temperature", "charge", "capacity", "design_capacity", "percentage")
-_TEMPLATES: Mapping[str, tuple[str, Mapping[str, Any]]] = {
-    TF.typename: ("transforms[0].header.stamp", {"transforms": [_BODY_IN_MAP]}),
-    BATTERY.typename: (
-        "header.stamp",
-        {
-            "header": {"frame_id": FRAME_BODY},
-            "present": True,
-            "power_supply_status": 2,  # discharging
-            "power_supply_technology": 3,  # lithium polymer
-            **dict.fromkeys(_UNKNOWN, float("nan")),
-        },
-    ),
-}
-"""Of the types without a dataclass: path of the stamp, and what always stands in a message."""
 
 Log = Mapping[str, Array]
 """Columns (N, k) of `tombo_sim.kernel` by name."""
@@ -228,9 +211,9 @@ def _messages(name: str, topic: Topic) -> tuple[NDArray[np.int64], Any]:
         stamps_ns = times_ns if topic.arrival is topic.t else nanoseconds(topic.t)
     if typename in FORMS:
         return times_ns, encoded(typename, {"stamp_ns": stamps_ns, **columns})
-    stamp_path, template = _TEMPLATES[typename]
-    records = layout(typename, template).records(len(times_ns))
-    lay_in_times(records, stamp_path, stamps_ns)
+    records = layout(typename, CONSTANTS[typename]).records(len(times_ns))
+    path = "transforms[0].header.stamp" if typename == TF.typename else "header.stamp"
+    lay_in_times(records, path, stamps_ns)
     for path, column in columns.items():
         lay_in(records, path, column)
     return times_ns, records

@@ -13,10 +13,26 @@ from typing import Any
 
 from tombo_bag.columnar_cdr import Layout, layout, layout_of
 from tombo_bag.schemas import known_types
+from tombo_bag.topics import BATTERY, TF
+from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.time_base import SECOND_NS
 
 _FORMATS = {"f8": "d", "f4": "f", "u1": "B", "i1": "b", "?": "?", "b1": "?", "i4": "i", "u4": "I"}
 _TIME = struct.Struct("<iI")
+_UNKNOWN = ("temperature", "charge", "capacity", "design_capacity", "percentage")
+CONSTANTS: Mapping[str, Mapping[str, Any]] = {
+    TF.typename: {
+        "transforms": [{"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}]
+    },
+    BATTERY.typename: {
+        "header": {"frame_id": FRAME_BODY},
+        "present": True,
+        "power_supply_status": 2,  # discharging
+        "power_supply_technology": 3,  # lithium polymer
+        **dict.fromkeys(_UNKNOWN, float("nan")),
+    },
+}
+"""Of the suite's types without a dataclass: what always stands in a message."""
 
 
 class MessageTemplate:

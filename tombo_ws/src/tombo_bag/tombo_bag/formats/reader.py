@@ -43,7 +43,7 @@ class Bag(BagFile):
         self.path = Path(path)
         contents = _contents(self.path)
         self._map = walk(contents)
-        self.damage = self._map.damage
+        self.damage: list[str] = self._map.damage
         self._size = len(contents)
         unannounced = not self._map.finished or not self._map.channels
         for place in self._map.chunks:

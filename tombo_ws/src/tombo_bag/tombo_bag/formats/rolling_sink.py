@@ -87,6 +87,7 @@ class RollingSink:
         self._done_counts: Counter[str] = Counter()
         self._unfinished = False
         self._received = 0
+        self._end_ns = math.inf
         target = options.target
         if target.is_symlink() or target.exists():
             raise InputError(f"'{target}' is there already; accepted: a new name")
