@@ -7,7 +7,7 @@ without one (a recorder that was killed writes none) whole. Topics can be given 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -108,13 +108,8 @@ class Recording:
         table: dict[str, TopicSummary] = {}
         for name, recorded in sorted(self._recorded_name.items()):
             streams = [f.topics[recorded] for f in self.files if recorded in f.topics]
-            filled = [s for s in streams if s.count]
-            table[name] = TopicSummary(
-                streams[0].typename,
-                sum(s.count for s in streams),
-                min((s.first_ns for s in filled), default=0),
-                max((s.last_ns for s in filled), default=0),
-            )
+            extents = ((s.count, s.first_ns, s.last_ns) for s in streams)
+            table[name] = TopicSummary.of(streams[0].typename, extents)
         return table
 
     def load(self, topics: Collection[str]) -> None:
@@ -160,8 +155,8 @@ class Recording:
         if len(parts) == 1:
             return parts[0]
         return in_log_order(
-            _joined([raw.log_times_ns for raw in parts]),
-            _joined([raw.publish_times_ns for raw in parts]),
+            np.concatenate([np.zeros(0, np.int64), *(raw.log_times_ns for raw in parts)]),
+            np.concatenate([np.zeros(0, np.int64), *(raw.publish_times_ns for raw in parts)]),
             [message for raw in parts for message in raw.messages],
         )
 
@@ -355,7 +350,3 @@ def _unpacked(message: bytes, allowance: Allowance) -> bytes:
         return b""  # fits no type, and is counted as damage there
     allowance.take(len(plain))
     return plain
-
-
-def _joined(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    return np.concatenate([np.zeros(0, np.int64), *columns])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,17 @@ class TopicSummary:
     count: int
     first_ns: int
     last_ns: int
+
+    @classmethod
+    def of(cls, typename: str, extents: Iterable[tuple[int, int, int]]) -> TopicSummary:
+        """Join parts of a topic: number of messages, first and last log time [ns] of each."""
+        filled = [extent for extent in extents if extent[0]]
+        return cls(
+            typename,
+            sum(count for count, _, _ in filled),
+            min((first for _, first, _ in filled), default=0),
+            max((last for _, _, last in filled), default=0),
+        )
 
 
 @dataclass(frozen=True)

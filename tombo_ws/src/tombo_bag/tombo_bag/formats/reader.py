@@ -103,25 +103,21 @@ class Bag(BagFile):
         return ros1_store(self.topics[topic].typename, text)
 
     def _streams(self) -> dict[str, TopicSummary]:
-        table: dict[str, TopicSummary] = {}
-        rows_of: dict[int, list[NDArray[np.uint64]]] = {}
+        extents: dict[int, list[tuple[int, int, int]]] = {}
         for place in self._map.chunks:
-            for number, found in (place.index or {}).items():
-                if len(found):
-                    rows_of.setdefault(number, []).append(found[:, 0])
+            for number, rows in (place.index or {}).items():
+                if len(rows):
+                    extent = len(rows), int(rows[:, 0].min()), int(rows[:, 0].max())
+                    extents.setdefault(number, []).append(extent)
+        table: dict[str, TopicSummary] = {}
         for name, numbers in sorted(self._numbers.items()):
-            rows = [times for number in numbers for times in rows_of.get(number, ())]
             channel = self._map.channels[numbers[0]]
             schema = self._map.schemas.get(channel.schema_id)
             typename = schema.name if schema else ""
             if channel.message_encoding == _ROS1 and typename.count("/") == 1:
                 typename = typename.replace("/", "/msg/")
-            table[name] = TopicSummary(
-                typename,
-                sum(map(len, rows)),
-                min((int(times.min()) for times in rows), default=0),
-                max((int(times.max()) for times in rows), default=0),
-            )
+            parts = (extent for number in numbers for extent in extents.get(number, ()))
+            table[name] = TopicSummary.of(typename, parts)
         return table
 
     def _pieces(
