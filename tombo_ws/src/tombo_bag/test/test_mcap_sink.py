@@ -170,28 +170,6 @@ def test_message_indexes_lead_to_the_messages(mixed):
     assert found == number
 
 
-def test_messages_are_numbered_per_channel_without_gap(mixed):
-    path, _ = mixed
-    with path.open("rb") as file:
-        numbers = {}
-        for _, channel, message in make_reader(file).iter_messages():
-            numbers.setdefault(channel.topic, []).append(message.sequence)
-    assert numbers["/pose"] == list(range(3500))
-    assert numbers["/word"] == list(range(41))
-    assert sorted(numbers["/slow"]) == list(range(35))
-
-
-def test_single_messages_and_columns_give_equal_messages(tmp_path):
-    records, times = poses(2500), np.arange(2500) * MS
-    with McapSink(tmp_path / "a.mcap") as sink:
-        sink.write_columns(Columns(sink.add_channel("/pose", POSE), times, records))
-    with McapSink(tmp_path / "b.mcap") as sink:
-        channel = sink.add_channel("/pose", POSE)
-        for time, record in zip(times.tolist(), records, strict=True):
-            sink.write(channel, record.tobytes(), time)
-    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
-
-
 def test_a_slice_of_messages_keeps_its_texts(tmp_path):
     with McapSink(tmp_path / "a.mcap") as sink:
         channel = sink.add_channel("/pose", POSE)
