@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.columns import ColumnTable, TopicColumns, columns_of, rows_that_fit
+from tombo_bag.columns import ColumnTable, TopicColumns, columns_of
 from tombo_bag.formats.bag_files import READABLE, BagFile, RawMessages, TopicSummary, in_log_order
 from tombo_bag.formats.chunks import MAGIC
 from tombo_bag.formats.reader import Bag
@@ -190,17 +190,15 @@ class Recording:
         return {key: np.concatenate([table[key] for table in tables])[order] for key in shared}
 
     def _table(self, topic: str, raw: RawMessages, typename: str, types: Types) -> dict[str, Any]:
+        lost: list[int] = []
+        table = columns_of(typename, raw.messages, types, lost)
+        number = len(raw.messages)
+        if len(lost) == number:
+            columns_of(typename, raw.messages[:1], types)  # says why
+        if lost:
+            self._note(f"{len(lost)} of {number} messages of {topic} don't fit {typename}")
         times = {"log_time_ns": raw.log_times_ns, "publish_time_ns": raw.publish_times_ns}
-        try:
-            return {**times, **columns_of(typename, raw.messages, types)}
-        except InputError:
-            fitting = rows_that_fit(typename, raw.messages, types)
-            if not fitting:
-                raise
-        lost = len(raw.messages) - len(fitting)
-        self._note(f"{lost} of {len(raw.messages)} messages of {topic} don't fit {typename}")
-        table = columns_of(typename, [raw.messages[i] for i in fitting], types)
-        return {**{key: column[fitting] for key, column in times.items()}, **table}
+        return {**{key: np.delete(times_ns, lost) for key, times_ns in times.items()}, **table}
 
     def _parts(self, topic: str) -> list[tuple[BagFile, str, RawMessages]]:
         if topic not in self._recorded_name:
@@ -301,9 +299,6 @@ class Recording:
                 return kind(path)
         if MAGIC.startswith(start):
             return Bag(path)
-        if start.startswith(b"#ROSBAG"):
-            version = start[9:12].decode("ascii", "replace")
-            raise InputError(f"'{path}' is a ROS 1 bag of version {version}; accepted: 2.0")
         raise InputError(f"'{path}' starts with bytes {start[:8].hex(' ')}; accepted: {READABLE}")
 
     def _unpack(self, path: Path) -> Path:
