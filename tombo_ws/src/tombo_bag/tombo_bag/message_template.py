@@ -75,8 +75,6 @@ class MessageTemplate:
             for text in shape.texts
         }
         """Path of each string → the string."""
-        has_stamp = "header.stamp.sec" in self._leaves
-        self._stamp = self.time("header.stamp") if has_stamp else None
 
     def field(self, path: str, count: int = 1) -> Field:
         """Return a field of `count` numbers that begins at a path, for use in a loop."""
@@ -91,11 +89,6 @@ class MessageTemplate:
     def set(self, path: str, *values: Any) -> None:
         """Write numbers, one after the other, from a path on."""
         self.field(path, len(values)).put(values)
-
-    def stamp(self, time_ns: int) -> None:
-        """Write the header's stamp."""
-        assert self._stamp is not None
-        self._stamp.put(time_ns)
 
     def data(self) -> bytes:
         """Return the message as it stands."""

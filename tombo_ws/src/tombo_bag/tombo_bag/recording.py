@@ -299,6 +299,9 @@ class Recording:
                 return kind(path)
         if MAGIC.startswith(start):
             return Bag(path)
+        if start.startswith(b"#ROSBAG"):
+            version = start[9:12].decode("ascii", "replace")
+            raise InputError(f"'{path}' is a ROS 1 bag of version {version}; accepted: 2.0")
         raise InputError(f"'{path}' starts with bytes {start[:8].hex(' ')}; accepted: {READABLE}")
 
     def _unpack(self, path: Path) -> Path:

@@ -331,7 +331,7 @@ class SimNode(VehicleNode):
             self._imu_out.send(Imu(stamp, plant.gyro, plant.accel))
         self.publish_tick(self._began_ns)
         if tick % _BATTERY_TICKS == 0:
-            self._battery.stamp(stamp)
+            self._battery.time("header.stamp").put(stamp)
             self._battery.set("voltage", plant.supply.voltage)
             self._battery.set("current", -plant.supply.current)
             self._battery_out.publish(self._battery.data())
