@@ -323,6 +323,8 @@ def test_every_topic_of_the_suite_but_the_clock_is_recorded_by_default(start, wo
     assert recorder.end() == 0
     with AnyReader([tmp_path / "bag"]) as reader:
         entries = {c.topic: c for c in reader.connections}
+        for connection, _, data in reader.messages():
+            reader.deserialize(data, connection.msgtype)
     assert set(entries) == {spec.name for spec in specs} - {"/clock"}
     assert all(entries[name].msgcount == 1 for name in entries if name != "/diagnostics")
     for spec in specs:
