@@ -4,10 +4,10 @@ from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from tombo_bag.columnar_cdr import encode
-from tombo_bag.formats.bag_metadata import BagMetadata, FileEntry, TopicEntry
+from tombo_bag.formats.bag_metadata import FileEntry, TopicEntry, write_metadata
 from tombo_bag.formats.mcap_sink import McapSink
 from tombo_bag.qos import EVENT, SENSOR
-from tombo_bag.schemas import type_hash, type_store
+from tombo_bag.schemas import type_store
 from tombo_dynamics.time_base import SECOND_NS
 
 STRING = "std_msgs/msg/String"
@@ -20,11 +20,8 @@ def sample():
         FileEntry("my bag: 1_1.mcap", START + 3 * SECOND_NS, START + 5 * SECOND_NS, 4),
         FileEntry("my bag: 1_2.mcap", 0, 0, 0),
     )
-    topics = (
-        TopicEntry("/event", STRING, type_hash(STRING), EVENT, 2),
-        TopicEntry("/größe", STRING, type_hash(STRING), SENSOR, 5),
-    )
-    return BagMetadata(files, topics, {"lost:/event": "0", "#note": "a: b\nc"})
+    topics = (TopicEntry("/event", STRING, EVENT, 2), TopicEntry("/größe", STRING, SENSOR, 5))
+    return files, topics, {"lost:/event": "0", "#note": "a: b\nc"}
 
 
 def shape(value):
@@ -53,7 +50,7 @@ def test_the_file_looks_like_that_of_another_writer(tmp_path):
         )
         writer.write(connection, 5, encode(STRING, {}))
     theirs = yaml.safe_load((tmp_path / "theirs" / "metadata.yaml").read_text())
-    sample().write(tmp_path)
+    write_metadata(tmp_path, *sample())
     ours = yaml.safe_load((tmp_path / "metadata.yaml").read_text())
     wanted, found = (bag["rosbag2_bagfile_information"] for bag in (theirs, ours))
     found["custom_data"] = None
@@ -62,11 +59,11 @@ def test_the_file_looks_like_that_of_another_writer(tmp_path):
 
 
 def test_rosbags_reads_counts_times_and_qos(tmp_path):
-    bag = sample()
-    for file in bag.files:
+    files, topics, custom = sample()
+    for file in files:
         with McapSink(tmp_path / file.name):
             pass
-    bag.write(tmp_path)
+    write_metadata(tmp_path, files, topics, custom)
     with Reader(tmp_path) as reader:
         assert reader.message_count == 7
         assert (reader.start_time, reader.end_time) == (START, START + 5 * SECOND_NS + 1)
@@ -79,12 +76,12 @@ def test_rosbags_reads_counts_times_and_qos(tmp_path):
         assert qos.durability == QosDurability.TRANSIENT_LOCAL
         (qos,) = other.ext.offered_qos_profiles
         assert qos.reliability == QosReliability.BEST_EFFORT and qos.depth == 5
-        assert reader.storage.metadata.custom == bag.custom
+        assert reader.storage.metadata.custom == custom
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
 
 
 def test_metadata_that_cannot_be_written_leaves_nothing(tmp_path):
     (tmp_path / "metadata.yaml").mkdir()
     with pytest.raises(OSError):
-        sample().write(tmp_path)
+        write_metadata(tmp_path, *sample())
     assert [path.name for path in tmp_path.iterdir()] == ["metadata.yaml"]

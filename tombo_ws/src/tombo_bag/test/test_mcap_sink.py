@@ -44,11 +44,11 @@ def summary_of(path):
         return make_reader(file, validate_crcs=True).get_summary()
 
 
-def write_mixed(path, compression="zstd"):
+def write_mixed(path):
     """3.5 s of two channels in bulk, one of them out of order, then single messages."""
     times = np.arange(3500) * MS + 7
     late = np.arange(35) * 100 * MS + (np.arange(35) % 3) * 150 * MS
-    with McapSink(path, compression=compression) as sink:
+    with McapSink(path) as sink:
         pose = sink.add_channel("/pose", POSE)
         slow = sink.add_channel("/slow", POSE)
         word = sink.add_channel("/word", STRING, EVENT)
@@ -70,10 +70,8 @@ def mixed(tmp_path):
     return path, write_mixed(path)
 
 
-@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
-def test_library_reads_all_in_order_with_checksums(tmp_path, compression):
-    path = tmp_path / "mixed.mcap"
-    number = write_mixed(path, compression)
+def test_library_reads_all_in_order_with_checksums(mixed):
+    path, number = mixed
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         decoded = list(reader.iter_decoded_messages())
@@ -172,28 +170,6 @@ def test_message_indexes_lead_to_the_messages(mixed):
     assert found == number
 
 
-def test_messages_are_numbered_per_channel_without_gap(mixed):
-    path, _ = mixed
-    with path.open("rb") as file:
-        numbers = {}
-        for _, channel, message in make_reader(file).iter_messages():
-            numbers.setdefault(channel.topic, []).append(message.sequence)
-    assert numbers["/pose"] == list(range(3500))
-    assert numbers["/word"] == list(range(41))
-    assert sorted(numbers["/slow"]) == list(range(35))
-
-
-def test_single_messages_and_columns_give_equal_messages(tmp_path):
-    records, times = poses(2500), np.arange(2500) * MS
-    with McapSink(tmp_path / "a.mcap") as sink:
-        sink.write_columns(Columns(sink.add_channel("/pose", POSE), times, records))
-    with McapSink(tmp_path / "b.mcap") as sink:
-        channel = sink.add_channel("/pose", POSE)
-        for time, record in zip(times.tolist(), records, strict=True):
-            sink.write(channel, record.tobytes(), time)
-    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
-
-
 def test_a_slice_of_messages_keeps_its_texts(tmp_path):
     with McapSink(tmp_path / "a.mcap") as sink:
         channel = sink.add_channel("/pose", POSE)
@@ -237,17 +213,6 @@ def test_a_clock_that_jumps_back_still_closes_chunks(tmp_path):
     assert summary.statistics.message_count == 6000
 
 
-def test_large_messages_close_a_chunk_early(tmp_path):
-    path = tmp_path / "large.mcap"
-    with McapSink(path, compression="none", chunk_bytes=10_000) as sink:
-        channel = sink.add_channel("/word", STRING)
-        for i in range(20):
-            sink.write(channel, text("x" * 5000), i)
-    chunks = summary_of(path).chunk_indexes
-    assert len(chunks) >= 9
-    assert max(c.uncompressed_size for c in chunks) < 20_000
-
-
 def test_close_can_be_called_twice_and_ends_writing(tmp_path):
     sink = McapSink(tmp_path / "a.mcap")
     channel = sink.add_channel("/word", STRING)
@@ -272,7 +237,7 @@ def test_an_exception_leaves_a_finished_file(tmp_path, error):
 def test_a_full_disk_loses_no_whole_chunk(tmp_path):
     """The write that fails half-way is taken back, and the file is finished when there is room."""
     path = tmp_path / "a.mcap"
-    sink = McapSink(path, compression="none")
+    sink = McapSink(path)
     channel = sink.add_channel("/pose", POSE)
     sink.write_columns(Columns(channel, np.arange(100) * MS, poses(100)))
     file = sink._file
@@ -316,14 +281,12 @@ def test_a_killed_process_leaves_all_but_the_last_second(tmp_path):
     assert len(words) >= 12_345 - 1000
     assert list(words) == [str(i) for i in range(len(words))]
     (damage,) = bag.damage
-    assert damage.kind == "not finished"
+    assert "the writer was not closed" in damage
 
 
 def test_bad_input_is_named(tmp_path):
     with pytest.raises(InputError, match="nowhere"):
         McapSink(tmp_path / "nowhere" / "a.mcap")
-    with pytest.raises(InputError, match=r"compression 'gzip'.*lz4, none, zstd"):
-        McapSink(tmp_path / "a.mcap", compression="gzip")
     none, one = np.zeros(0, int), np.zeros(1, int)
     with McapSink(tmp_path / "a.mcap") as sink:
         channel = sink.add_channel("/pose", POSE)

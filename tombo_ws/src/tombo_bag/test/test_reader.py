@@ -24,10 +24,10 @@ MS = 1_000_000
 LAST_MS = 5200
 
 
-def write_sample(path, compression):
+def write_sample(path):
     records = layout(POSE, {"header": {"frame_id": "map"}}).records(LAST_MS)
     records["pose.position.x"] = np.random.default_rng(0).normal(size=LAST_MS)
-    with McapSink(path, compression=compression) as sink:
+    with McapSink(path) as sink:
         pose, word = sink.add_channel("/pose", POSE), sink.add_channel("/word", STRING)
         words = [encode(STRING, {"data": f"word {i}"}) for i in range(LAST_MS // 10)]
         sink.write_columns(
@@ -50,10 +50,10 @@ class Sample:
     summary: Summary
 
 
-@pytest.fixture(scope="module", params=["zstd", "lz4", "none"])
-def sample(request, tmp_path_factory):
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sample")
-    content, x = write_sample(folder / "whole.mcap", request.param)
+    content, x = write_sample(folder / "whole.mcap")
     return Sample(folder, content, x, summary_of(folder / "whole.mcap"))
 
 
@@ -86,31 +86,30 @@ def test_a_file_cut_anywhere_gives_all_that_is_whole(sample, share, tail):
         np.testing.assert_array_equal(table["pose.position.x"], x[: len(table["log_time_ns"])])
         words = Recording(bag.path).columns("/word")["data"]
         assert list(words) == [f"word {i}" for i in range(len(words))]
-    assert bag.damage[0].kind in ("cut off", "not finished")
-    assert bag.damage[0].offset <= size
+    assert len(bag.damage) == 1 and "\n" not in bag.damage[0]
 
 
 def test_the_part_of_a_chunk_that_is_there_is_read(tmp_path):
-    content, x = write_sample(tmp_path / "whole.mcap", "none")
-    chunk = summary_of(tmp_path / "whole.mcap").chunk_indexes[2]
     path = tmp_path / "cut.mcap"
+    library_file(path, compression=CompressionType.NONE)
+    (chunk,) = summary_of(path).chunk_indexes
+    content = path.read_bytes()
     path.write_bytes(content[: chunk.chunk_start_offset + chunk.chunk_length // 2])
     bag = Bag(path)
-    read = Recording(bag.path).columns("/pose")["pose.position.x"]
-    assert 2400 < len(read) < 2600
-    np.testing.assert_array_equal(read, x[: len(read)])
+    table = Recording(path).columns("/joints")
+    assert 230 < len(table["log_time_ns"]) < 270
+    np.testing.assert_array_equal(table["log_time_ns"] // 10**7, 500 - table["publish_time_ns"])
     (damage,) = bag.damage
-    assert damage.offset == chunk.chunk_start_offset
-    assert "cut off at byte" in damage.text
+    assert f"inside chunk at byte {chunk.chunk_start_offset}" in damage
 
 
 def test_a_file_without_its_summary_has_all_messages(tmp_path):
-    content, _ = write_sample(tmp_path / "whole.mcap", "zstd")
+    content, _ = write_sample(tmp_path / "whole.mcap")
     path = tmp_path / "cut.mcap"
     path.write_bytes(content[:-20])
     bag = Bag(path)
     assert bag.topics["/pose"].count == LAST_MS
-    assert "all messages are there" in bag.damage[0].text
+    assert "all messages are there" in bag.damage[0]
 
 
 @pytest.mark.slow
@@ -139,9 +138,9 @@ def test_a_flipped_bit_never_gives_wrong_messages(sample, place, bit):
         assert at >= int.from_bytes(content[-28:-20], "little")
         return
     rows = table["log_time_ns"] // MS
-    if hit and bag.damage:  # in a run of zeros, lz4 can say the same in two ways
-        assert [d.kind for d in bag.damage] == ["corrupt"]
-        assert bag.damage[0].offset == hit[0].chunk_start_offset
+    if hit and bag.damage:
+        (damage,) = bag.damage
+        assert f"byte {hit[0].chunk_start_offset} " in damage and "is corrupt" in damage
         first, last = hit[0].message_start_time // MS, hit[0].message_end_time // MS
         assert set(rows.tolist()) == set(range(LAST_MS)) - set(range(first, last + 1))
     elif not bag.damage:
@@ -149,30 +148,15 @@ def test_a_flipped_bit_never_gives_wrong_messages(sample, place, bit):
     np.testing.assert_array_equal(read, x[rows])
 
 
-def test_several_damaged_chunks_are_counted_in_one_line(tmp_path):
-    content, _ = write_sample(tmp_path / "whole.mcap", "zstd")
-    chunks = summary_of(tmp_path / "whole.mcap").chunk_indexes
-    broken = bytearray(content)
-    for chunk in chunks[1:4]:
-        broken[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 255
-    path = tmp_path / "broken.mcap"
-    path.write_bytes(broken)
-    bag = Bag(path, check=True)
-    (line,) = bag.damage_lines()
-    assert f"3 of {len(chunks)} chunks damaged" in line
-    assert f"byte {chunks[1].chunk_start_offset} " in line and "is corrupt" in line
-    assert len(bag.damage) == 3
-
-
 def test_zeros_at_the_end_are_noticed(tmp_path):
     """What a power failure leaves."""
-    content, _ = write_sample(tmp_path / "whole.mcap", "zstd")
+    content, _ = write_sample(tmp_path / "whole.mcap")
     chunk = summary_of(tmp_path / "whole.mcap").chunk_indexes[3]
     path = tmp_path / "zeros.mcap"
     path.write_bytes(content[: chunk.chunk_start_offset] + bytes(5000))
     bag = Bag(path)
     assert bag.topics["/pose"].count == 3000
-    assert [d.kind for d in bag.damage] == ["corrupt"]
+    assert f"cut off at byte {chunk.chunk_start_offset}: the 5000 bytes" in bag.damage[0]
 
 
 def library_file(path, **options):

@@ -55,17 +55,24 @@ class ShapeGroup:
         return self.block.view(self.layout.dtype).ravel()
 
 
-def columns_of(typename: str, messages: list[bytes], types: Types) -> ColumnTable:
+def columns_of(
+    typename: str, messages: list[bytes], types: Types, lost: list[int] | None = None
+) -> ColumnTable:
     """Take messages apart: path (as `pose.position.x`) → array with one row per message.
 
     Messages of different shape (texts or sequences of different length) stand together all the
     same. Where a message lacks a path that others have, its number is NaN and its text is empty.
     An array or sequence of numbers is one column (N, k); if the lengths differ, an object array.
 
+    Places of messages that don't fit their type go to `lost`; these have no row.
+
     Raises:
-        InputError: a message doesn't fit its type.
+        InputError: without `lost`, a message doesn't fit its type.
     """
-    groups = grouped_by_shape(typename, messages, types)
+    groups = grouped_by_shape(typename, messages, types, lost)
+    if lost:
+        there = np.delete(np.arange(len(messages)), lost)
+        return columns_of(typename, [messages[i] for i in there], types)
     table: ColumnTable = {}
     leaves: dict[str, dict[int, Leaf]] = {}
     texts: dict[str, dict[int, TextPlace]] = {}
@@ -82,13 +89,6 @@ def columns_of(typename: str, messages: list[bytes], types: Types) -> ColumnTabl
         seconds = table["header.stamp.sec"].astype(np.int64)
         table["stamp_ns"] = seconds * SECOND_NS + table["header.stamp.nanosec"]
     return table
-
-
-def rows_that_fit(typename: str, messages: list[bytes], types: Types) -> list[int]:
-    """Return which messages fit their type."""
-    lost: list[int] = []
-    grouped_by_shape(typename, messages, types, lost)
-    return np.delete(np.arange(len(messages)), lost).tolist()  # type: ignore[no-any-return]
 
 
 def grouped_by_shape(

@@ -9,17 +9,19 @@ capture: its capture); the log time is the time at which it was known (its arriv
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.columnar_cdr import encode, lay_in, lay_in_times, layout
+from tombo_bag.columnar_cdr import lay_in, lay_in_times, layout
 from tombo_bag.flight import Flight, Topic
-from tombo_bag.flight_time import FLIGHT_METADATA, nanoseconds, stamp
+from tombo_bag.flight_time import FLIGHT_METADATA, nanoseconds
 from tombo_bag.formats.mcap_sink import Columns, McapSink
+from tombo_bag.markers import GREEN, RED, obstacle_marker, point_marker
 from tombo_bag.message_codec import FORMS, encoded
+from tombo_bag.message_template import CONSTANTS
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
     BATTERY,
@@ -35,30 +37,9 @@ from tombo_bag.topics import (
     TRUE_ROTORS,
 )
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import rotated_back_rows
 from tombo_dynamics.time_base import EPOCH_NS, TICK_HZ
-
-_BODY_IN_MAP = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
-_UNKNOWN = ("temperature", "charge", "capacity", "design_capacity", "percentage")
-_TEMPLATES: Mapping[str, tuple[str, Mapping[str, Any]]] = {
-    TF.typename: ("transforms[0].header.stamp", {"transforms": [_BODY_IN_MAP]}),
-    BATTERY.typename: (
-        "header.stamp",
-        {
-            "header": {"frame_id": FRAME_BODY},
-            "present": True,
-            "power_supply_status": 2,  # discharging
-            "power_supply_technology": 3,  # lithium polymer
-            **dict.fromkeys(_UNKNOWN, float("nan")),
-        },
-    ),
-}
-"""Of the types without a dataclass: path of the stamp, and what always stands in a message."""
-_SPHERE, _CYLINDER = 2, 3
-_POINT_DIAMETER_M = 0.12
-"""How large x_c and x_r are drawn."""
 
 Log = Mapping[str, Array]
 """Columns (N, k) of `tombo_sim.kernel` by name."""
@@ -230,9 +211,9 @@ def _messages(name: str, topic: Topic) -> tuple[NDArray[np.int64], Any]:
         stamps_ns = times_ns if topic.arrival is topic.t else nanoseconds(topic.t)
     if typename in FORMS:
         return times_ns, encoded(typename, {"stamp_ns": stamps_ns, **columns})
-    stamp_path, template = _TEMPLATES[typename]
-    records = layout(typename, template).records(len(times_ns))
-    lay_in_times(records, stamp_path, stamps_ns)
+    records = layout(typename, CONSTANTS[typename]).records(len(times_ns))
+    path = "transforms[0].header.stamp" if typename == TF.typename else "header.stamp"
+    lay_in_times(records, path, stamps_ns)
     for path, column in columns.items():
         lay_in(records, path, column)
     return times_ns, records
@@ -241,46 +222,16 @@ def _messages(name: str, topic: Topic) -> tuple[NDArray[np.int64], Any]:
 def _markers(flight: Flight) -> tuple[NDArray[np.int64], list[bytes]]:
     """Return times and messages: the obstacle, x_c of each detection, x_r after it."""
     obstacle = flight.scenario["obstacle"]
-    height, diameter = obstacle["top_m"], 2.0 * obstacle["radius_m"]
-    place = (obstacle["x_m"], obstacle["y_m"], 0.5 * height)
-    size, grey = (diameter, diameter, height), (0.6, 0.6, 0.65, 0.8)
-    times = [EPOCH_NS]
-    markers = [_marker(EPOCH_NS, "obstacle", _CYLINDER, place, size, grey)]
-    kinds = {
-        "detection": ("x_c", (0.9, 0.2, 0.15, 1.0)),
-        "setpoint_switch": ("x_r", (0.1, 0.6, 0.3, 1.0)),
-    }
+    cylinder = [obstacle[name] for name in ("x_m", "y_m", "radius_m", "top_m")]
+    times, messages = [EPOCH_NS], [obstacle_marker(EPOCH_NS, cylinder)]
+    kinds = {"detection": ("x_c", RED), "setpoint_switch": ("x_r", GREEN)}
     for event in flight.events:
-        if event["kind"] not in kinds:
-            continue
-        name, colour = kinds[event["kind"]]
-        point = event[f"{name}_m"]
-        if np.isfinite(point).all():
+        name, colour = kinds.get(event["kind"], ("", RED))
+        point = event.get(f"{name}_m", np.nan)
+        if name and np.isfinite(point).all():
             times.append(int(nanoseconds(event["time_s"])))
-            size = (_POINT_DIAMETER_M,) * 3
-            markers.append(_marker(times[-1], name, _SPHERE, point, size, colour))
-    messages = [encode(MARKERS.typename, {"markers": [marker]}) for marker in markers]
-    return np.array(times), messages
-
-
-def _marker(
-    time_ns: int,
-    name: str,
-    shape: int,
-    position: Sequence[float],
-    scale: Sequence[float],
-    colour: Sequence[float],
-) -> dict[str, Any]:
-    return {
-        "header": {"stamp": stamp(time_ns), "frame_id": FRAME_MAP},
-        "ns": name,
-        "type": shape,
-        "pose": {"position": dict(zip("xyz", position, strict=True)), "orientation": {"w": 1.0}},
-        "scale": dict(zip("xyz", scale, strict=True)),
-        "color": dict(zip("rgba", colour, strict=True)),
-        "frame_locked": True,
-        "text": name,
-    }
+            messages.append(point_marker(times[-1], name, point, colour))
+    return np.array(times, np.int64), messages
 
 
 def _plain(value: Any) -> Any:

@@ -13,10 +13,26 @@ from typing import Any
 
 from tombo_bag.columnar_cdr import Layout, layout, layout_of
 from tombo_bag.schemas import known_types
+from tombo_bag.topics import BATTERY, TF
+from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.time_base import SECOND_NS
 
 _FORMATS = {"f8": "d", "f4": "f", "u1": "B", "i1": "b", "?": "?", "b1": "?", "i4": "i", "u4": "I"}
 _TIME = struct.Struct("<iI")
+_UNKNOWN = ("temperature", "charge", "capacity", "design_capacity", "percentage")
+CONSTANTS: Mapping[str, Mapping[str, Any]] = {
+    TF.typename: {
+        "transforms": [{"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}]
+    },
+    BATTERY.typename: {
+        "header": {"frame_id": FRAME_BODY},
+        "present": True,
+        "power_supply_status": 2,  # discharging
+        "power_supply_technology": 3,  # lithium polymer
+        **dict.fromkeys(_UNKNOWN, float("nan")),
+    },
+}
+"""Of the suite's types without a dataclass: what always stands in a message."""
 
 
 class MessageTemplate:
@@ -59,8 +75,6 @@ class MessageTemplate:
             for text in shape.texts
         }
         """Path of each string → the string."""
-        has_stamp = "header.stamp.sec" in self._leaves
-        self._stamp = self.time("header.stamp") if has_stamp else None
 
     def field(self, path: str, count: int = 1) -> Field:
         """Return a field of `count` numbers that begins at a path, for use in a loop."""
@@ -75,11 +89,6 @@ class MessageTemplate:
     def set(self, path: str, *values: Any) -> None:
         """Write numbers, one after the other, from a path on."""
         self.field(path, len(values)).put(values)
-
-    def stamp(self, time_ns: int) -> None:
-        """Write the header's stamp."""
-        assert self._stamp is not None
-        self._stamp.put(time_ns)
 
     def data(self) -> bytes:
         """Return the message as it stands."""

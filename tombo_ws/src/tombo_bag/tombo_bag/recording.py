@@ -7,14 +7,14 @@ without one (a recorder that was killed writes none) whole. Topics can be given 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.columns import ColumnTable, TopicColumns, columns_of, rows_that_fit
+from tombo_bag.columns import ColumnTable, TopicColumns, columns_of
 from tombo_bag.formats.bag_files import READABLE, BagFile, RawMessages, TopicSummary, in_log_order
 from tombo_bag.formats.chunks import MAGIC
 from tombo_bag.formats.reader import Bag
@@ -91,7 +91,7 @@ class Recording:
         lines = list(self._notes)
         for file in self.files:
             where = f"{file.path.name}: " if several else ""
-            lines += [f"{where}{line}" for line in file.damage_lines()]
+            lines += [f"{where}{line}" for line in file.damage]
         return list(dict.fromkeys(lines))
 
     @property
@@ -108,13 +108,8 @@ class Recording:
         table: dict[str, TopicSummary] = {}
         for name, recorded in sorted(self._recorded_name.items()):
             streams = [f.topics[recorded] for f in self.files if recorded in f.topics]
-            filled = [s for s in streams if s.count]
-            table[name] = TopicSummary(
-                streams[0].typename,
-                sum(s.count for s in streams),
-                min((s.first_ns for s in filled), default=0),
-                max((s.last_ns for s in filled), default=0),
-            )
+            extents = ((s.count, s.first_ns, s.last_ns) for s in streams)
+            table[name] = TopicSummary.of(streams[0].typename, extents)
         return table
 
     def load(self, topics: Collection[str]) -> None:
@@ -160,8 +155,8 @@ class Recording:
         if len(parts) == 1:
             return parts[0]
         return in_log_order(
-            _joined([raw.log_times_ns for raw in parts]),
-            _joined([raw.publish_times_ns for raw in parts]),
+            np.concatenate([np.zeros(0, np.int64), *(raw.log_times_ns for raw in parts)]),
+            np.concatenate([np.zeros(0, np.int64), *(raw.publish_times_ns for raw in parts)]),
             [message for raw in parts for message in raw.messages],
         )
 
@@ -195,17 +190,15 @@ class Recording:
         return {key: np.concatenate([table[key] for table in tables])[order] for key in shared}
 
     def _table(self, topic: str, raw: RawMessages, typename: str, types: Types) -> dict[str, Any]:
+        lost: list[int] = []
+        table = columns_of(typename, raw.messages, types, lost)
+        number = len(raw.messages)
+        if len(lost) == number:
+            columns_of(typename, raw.messages[:1], types)  # says why
+        if lost:
+            self._note(f"{len(lost)} of {number} messages of {topic} don't fit {typename}")
         times = {"log_time_ns": raw.log_times_ns, "publish_time_ns": raw.publish_times_ns}
-        try:
-            return {**times, **columns_of(typename, raw.messages, types)}
-        except InputError:
-            fitting = rows_that_fit(typename, raw.messages, types)
-            if not fitting:
-                raise
-        lost = len(raw.messages) - len(fitting)
-        self._note(f"{lost} of {len(raw.messages)} messages of {topic} don't fit {typename}")
-        table = columns_of(typename, [raw.messages[i] for i in fitting], types)
-        return {**{key: column[fitting] for key, column in times.items()}, **table}
+        return {**{key: np.delete(times_ns, lost) for key, times_ns in times.items()}, **table}
 
     def _parts(self, topic: str) -> list[tuple[BagFile, str, RawMessages]]:
         if topic not in self._recorded_name:
@@ -355,7 +348,3 @@ def _unpacked(message: bytes, allowance: Allowance) -> bytes:
         return b""  # fits no type, and is counted as damage there
     allowance.take(len(plain))
     return plain
-
-
-def _joined(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    return np.concatenate([np.zeros(0, np.int64), *columns])

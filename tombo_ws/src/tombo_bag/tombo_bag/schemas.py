@@ -179,8 +179,8 @@ def parse_schema(typename: str, text: str) -> Types:
 
 
 @cache
-def extended_store(typename: str, text: str) -> Typestore:
-    """Return a type store of its own with a type as it stands in a file, and all it depends on.
+def ros1_store(typename: str, text: str) -> Typestore:
+    """Return the types of ROS 2 Jazzy, with one of ROS 1 that they lack, as its definition says.
 
     Types that ROS 2 Jazzy knows are as there: a ROS 1 header has lost its count.
 
@@ -189,26 +189,15 @@ def extended_store(typename: str, text: str) -> Typestore:
     """
     from rosbags.typesys import Stores, get_typestore
 
+    if typename in known_types() or not text:
+        return type_store()
     store = get_typestore(Stores.ROS2_JAZZY)
-    definitions = parse_schema(typename, text)
+    lacking = {n: of for n, of in parse_schema(typename, text).items() if n not in store.types}
     try:
-        store.register(
-            {name: fields for name, fields in definitions.items() if name not in store.types}
-        )
+        store.register(lacking)
     except Exception as error:  # on other texts rosbags fails in many ways
         raise _not_readable(typename, error) from error
     return store
-
-
-def ros1_store(typename: str, text: str) -> Typestore:
-    """Return the types of ROS 2 Jazzy, with one of ROS 1 that they lack, as its definition says.
-
-    Raises:
-        InputError: the text is no message definition.
-    """
-    return (
-        type_store() if typename in known_types() or not text else extended_store(typename, text)
-    )
 
 
 def ros1_as_cdr(store: Typestore, typename: str, data: bytes) -> bytes | None:

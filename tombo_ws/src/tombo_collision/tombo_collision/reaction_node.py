@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from tombo_bag.markers import GREEN, RED, point_marker
 from tombo_bag.topics import MARKERS, REACTION_STATUS
 from tombo_collision.reaction_core import ReactionCore
 from tombo_ros.core_node import CoreNode, main_of
-from tombo_ros.markers import GREEN, RED, point_marker
 from tombo_ros.pacing import COLLISION
 
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from tombo_bag.message_template import MessageTemplate
+from tombo_bag.markers import disc_markers
+from tombo_bag.message_template import CONSTANTS, MessageTemplate
 from tombo_bag.topics import MARKERS, ODOMETRY, TF
 from tombo_control.estimate import nearest_tick
 from tombo_control.estimator_core import EstimatorCore
-from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.messages import Odometry
 from tombo_dynamics.rotation import rotate_vector
 from tombo_ros.core_node import CoreNode, main_of
-from tombo_ros.markers import disc_markers
 from tombo_ros.pacing import ESTIMATOR
 from tombo_ros.topic import message_class
 
@@ -40,8 +39,7 @@ class EstimatorNode(CoreNode):
         except ImportError:
             self.ros.get_logger().info("tf2_msgs is not installed: no /tf; poses are on /odometry")
             return None, None
-        transform = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
-        return self.advertise(TF), MessageTemplate(TF.typename, {"transforms": [transform]})
+        return self.advertise(TF), MessageTemplate(TF.typename, CONSTANTS[TF.typename])
 
     def on_published(self, topic: str, message: Any) -> None:
         """Publish the transform and the discs of an estimate now and then."""

@@ -155,7 +155,6 @@ class RecorderNode(LoopNode):
         duration_max = self.declare(
             "file_duration_max", 0.0, "a longer file ends [s]; 0: no limit"
         )
-        compression = self.declare("compression", "zstd", "of the file: zstd, lz4 or none")
         if output and file:
             raise InputError(
                 f"parameters output '{output}' and single_file '{file}'; accepted: one of them"
@@ -165,7 +164,6 @@ class RecorderNode(LoopNode):
             single_file=bool(file),
             file_size_max=size_max,
             file_duration_max=duration_max,
-            compression=compression,
         )
 
     def _records(self) -> dict[str, dict[str, str]]:
@@ -295,7 +293,6 @@ class RecorderNode(LoopNode):
             return
         theirs = str(offer.topic_type_hash)
         if theirs.startswith("RIHS01_") and theirs != type_hash(source.typename):
-            self.sink.keep_padding(source.name)
             if offer.node_name == _NAME_NOT_YET_KNOWN:  # it will be at the next look
                 return
             text = f"{offer.node_name} publishes another version of {source.typename}"

@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 
 from tombo_bag.message_codec import MessageCodec
-from tombo_bag.message_template import MessageTemplate
+from tombo_bag.message_template import CONSTANTS, MessageTemplate
 from tombo_bag.topics import BATTERY, CLOCK, IMU, MISSION_STATUS, ROTOR_COMMAND, TopicSpec
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.frames import FRAME_BODY
 from tombo_dynamics.input_check import is_future
 from tombo_dynamics.messages import Imu, Phase, RotorSpeeds
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_HZ, TICK_NS
@@ -123,22 +122,9 @@ class SimNode(VehicleNode):
             failsafe.observe(spare)
 
     def _make_outputs(self) -> None:
-        nan = float("nan")
         self._imu_out = self.advertise(IMU)
-        unknown = ("temperature", "charge", "capacity", "design_capacity", "percentage")
-        self._battery_out, self._battery = (
-            self.advertise(BATTERY),
-            MessageTemplate(
-                BATTERY.typename,
-                {
-                    "header": {"frame_id": FRAME_BODY},
-                    "present": True,
-                    "power_supply_status": 2,
-                    "power_supply_technology": 3,
-                    **dict.fromkeys(unknown, nan),
-                },
-            ),
-        )
+        self._battery_out = self.advertise(BATTERY)
+        self._battery = MessageTemplate(BATTERY.typename, CONSTANTS[BATTERY.typename])
         self._clock_out = self.advertise(CLOCK) if self.sim_time else None
         self._clock_message = MessageTemplate(CLOCK.typename, {})
         self._codecs = {s.name: MessageCodec(s.typename) for s in (MISSION_STATUS, ROTOR_COMMAND)}
@@ -345,7 +331,7 @@ class SimNode(VehicleNode):
             self._imu_out.send(Imu(stamp, plant.gyro, plant.accel))
         self.publish_tick(self._began_ns)
         if tick % _BATTERY_TICKS == 0:
-            self._battery.stamp(stamp)
+            self._battery.time("header.stamp").put(stamp)
             self._battery.set("voltage", plant.supply.voltage)
             self._battery.set("current", -plant.supply.current)
             self._battery_out.publish(self._battery.data())

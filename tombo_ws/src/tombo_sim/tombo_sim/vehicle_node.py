@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from tombo_bag.markers import obstacle_marker
 from tombo_bag.topics import MARKERS, MOCAP_POSE, TRUE_CONTACT, TRUE_ODOMETRY, TRUE_ROTORS
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.frames import FRAME_MAP
@@ -20,7 +21,6 @@ from tombo_dynamics.plant import Plant
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
 from tombo_dynamics.time_base import SECOND_NS, TICK_HZ, TICK_NS
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_ros.markers import obstacle_marker
 from tombo_ros.node_loop import LoopNode
 from tombo_ros.pacing import SIMULATOR
 from tombo_sim.ground_truth import contact_force, true_state
@@ -135,9 +135,9 @@ class VehicleNode(LoopNode):
 
     def publish_obstacle(self, stamp_ns: int) -> None:
         """Publish the obstacle's marker, if there is an obstacle."""
-        marker = obstacle_marker(stamp_ns, self.simulator.setup.obstacle)
-        if marker is not None:
-            self._markers.publish(marker)
+        obstacle = self.simulator.setup.obstacle
+        if obstacle[2] > 0.0:  # its radius
+            self._markers.publish(obstacle_marker(stamp_ns, obstacle))
 
     def publish_tick(self, began_ns: int) -> None:
         """Publish what a lab sees of the present tick, and the ground truth.

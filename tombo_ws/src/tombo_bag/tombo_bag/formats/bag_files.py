@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,17 @@ class TopicSummary:
     first_ns: int
     last_ns: int
 
+    @classmethod
+    def of(cls, typename: str, extents: Iterable[tuple[int, int, int]]) -> TopicSummary:
+        """Join parts of a topic: number of messages, first and last log time [ns] of each."""
+        filled = [extent for extent in extents if extent[0]]
+        return cls(
+            typename,
+            sum(count for count, _, _ in filled),
+            min((first for _, first, _ in filled), default=0),
+            max((last for _, _, last in filled), default=0),
+        )
+
 
 @dataclass(frozen=True)
 class RawMessages:
@@ -50,17 +61,13 @@ class BagFile(ABC):
         path: the file.
         topics: its topics by name.
         metadata: named text values that stand beside the messages.
-        damage: what could not be read so far.
+        damage: what could not be read so far, a line each.
     """
 
     path: Path
     topics: Mapping[str, TopicSummary]
     metadata: Mapping[str, Mapping[str, str]]
-    damage: Sequence[object]
-
-    def damage_lines(self) -> list[str]:
-        """Say what could not be read so far, a line each."""
-        return [str(damage) for damage in self.damage]
+    damage: Sequence[str]
 
     @abstractmethod
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:

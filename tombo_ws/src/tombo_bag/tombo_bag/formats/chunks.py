@@ -6,7 +6,7 @@ columns are turned into message records by numpy, cut apart, sorted and joined: 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,31 +35,6 @@ PREFIX_SIZE = 9
 
 
 @dataclass(frozen=True)
-class Source:
-    """Messages of one channel, sorted by log time.
-
-    Attributes:
-        heads: (N,) of HEAD.
-        messages: N messages as bytes, or (N,) items of plain bytes of one length.
-    """
-
-    heads: NDArray[np.void]
-    messages: NDArray[np.void] | list[bytes]
-
-    def records(self, first: int, last: int) -> list[bytes]:
-        """Return the MCAP message records from one up to, not including, another."""
-        heads, messages = self.heads[first:last], self.messages[first:last]
-        if isinstance(messages, list):
-            plain = heads.view(f"V{HEAD.itemsize}").tolist()
-            return [head + message for head, message in zip(plain, messages, strict=True)]
-        block = np.hstack(
-            [part.view(np.uint8).reshape(last - first, -1) for part in (heads, messages)]
-        )
-        cut: list[bytes] = block.view(f"V{block.shape[1]}").ravel().tolist()
-        return cut
-
-
-@dataclass(frozen=True)
 class ChunkBody:
     """A chunk's records before compression, and where each channel's messages stand in it.
 
@@ -76,33 +51,35 @@ class ChunkBody:
     index: dict[int, NDArray[np.uint64]]
 
 
-def slices(sources: list[Source], span_ns: int) -> Iterator[list[tuple[Source, int, int]]]:
-    """Cut sources into slices of at most `span_ns` of log time, each (source, first, last)."""
-    times = [source.heads["log_time"] for source in sources]
-    position = [0] * len(sources)
-    while ahead := [of[at] for of, at in zip(times, position, strict=True) if at < len(of)]:
-        end = np.uint64(int(min(ahead)) + span_ns)
-        before, position = position, [int(np.searchsorted(of, end)) for of in times]
-        rows = zip(sources, before, position, strict=True)
-        yield [(source, first, last) for source, first, last in rows if last > first]
+def chunk_bodies(
+    columns: Iterable[tuple[NDArray[np.void], list[bytes]]], span_ns: int, prefix: bytes
+) -> Iterator[ChunkBody]:
+    """Merge records by log time; among equal times the earlier column comes first.
 
-
-def assemble(prefix: bytes, part: list[tuple[Source, int, int]]) -> ChunkBody:
-    """Merge a slice of messages by log time; among equal times the earlier source comes first."""
-    records = [record for source, a, b in part for record in source.records(a, b)]
-    heads = np.concatenate([source.heads[["channel", "log_time"]][a:b] for source, a, b in part])
+    Args:
+        columns: heads (N,) of HEAD and message records of each channel, see `message_records`.
+        span_ns: log time after which a chunk ends.
+        prefix: schema and channel records, for the first chunk.
+    """
+    parts = list(columns)
+    heads = np.concatenate([np.empty(0, HEAD), *(of for of, _ in parts)])
+    records = [record for _, of in parts for record in of]
     order = np.argsort(heads["log_time"], kind="stable")
-    ordered = [records[i] for i in order.tolist()]
-    sizes = np.fromiter(map(len, ordered), np.uint64, len(ordered))
-    offsets = np.cumsum(sizes) - sizes + np.uint64(len(prefix))
-    rows = np.stack([heads["log_time"][order], offsets], axis=1)
-    owner = heads["channel"][order]
-    return ChunkBody(
-        data=b"".join((prefix, *ordered)),
-        start_ns=int(rows[0, 0]),
-        end_ns=int(rows[-1, 0]),
-        index={int(channel): rows[owner == channel] for channel in np.unique(owner)},
-    )
+    times, owners = heads["log_time"][order], heads["channel"][order]
+    first = 0
+    while first < len(order):
+        last = int(np.searchsorted(times, times[first] + np.uint64(span_ns)))
+        ordered = [records[i] for i in order[first:last].tolist()]
+        sizes = np.fromiter(map(len, ordered), np.uint64, len(ordered))
+        offsets = np.cumsum(sizes) - sizes + np.uint64(len(prefix))
+        rows, owner = np.stack([times[first:last], offsets], axis=1), owners[first:last]
+        yield ChunkBody(
+            data=b"".join((prefix, *ordered)),
+            start_ns=int(times[first]),
+            end_ns=int(times[last - 1]),
+            index={int(channel): rows[owner == channel] for channel in np.unique(owner)},
+        )
+        first, prefix = last, b""
 
 
 def write_message_index(stream: RecordBuilder, channel: int, rows: NDArray[np.uint64]) -> None:
@@ -114,14 +91,14 @@ def write_message_index(stream: RecordBuilder, channel: int, rows: NDArray[np.ui
     stream.finish_record()
 
 
-def source_of(
+def message_records(
     channel: int,
     log_times_ns: NDArray[Any],
     messages: NDArray[np.void] | Sequence[bytes],
     publish_times_ns: NDArray[Any] | None,
     first_sequence: int,
-) -> Source:
-    """Check one channel's messages and sort them by log time where they are not.
+) -> tuple[NDArray[np.void], list[bytes]]:
+    """Return one channel's messages as MCAP records, in order of log time, and their heads.
 
     Raises:
         InputError: lengths differ, or a time is negative or no integer.
@@ -135,23 +112,23 @@ def source_of(
     heads: NDArray[np.void] = np.empty(len(messages), HEAD)
     heads["opcode"] = Opcode.MESSAGE
     heads["channel"] = channel
-    heads["log_time"], heads["publish_time"] = (
-        _times(log_times_ns, channel),
-        _times(publish, channel),
-    )
+    heads["log_time"] = _times(log_times_ns, channel)
+    heads["publish_time"] = _times(publish, channel)
     order = np.argsort(heads["log_time"], kind="stable")
     heads = heads[order]
     heads["sequence"] = np.arange(len(heads)) + first_sequence
-    in_order: NDArray[np.void] | list[bytes]
     if isinstance(messages, np.ndarray):
         # numpy copies only the named fields of a structured array; as plain bytes, it copies all
-        in_order = np.ascontiguousarray(messages.view(f"V{messages.dtype.itemsize}")[order])
-        sizes: Any = in_order.dtype.itemsize
-    else:
-        in_order = [messages[i] for i in order.tolist()]
-        sizes = np.fromiter(map(len, in_order), np.uint64, len(in_order))
-    heads["length"] = HEAD.itemsize - PREFIX_SIZE + sizes
-    return Source(heads, in_order)
+        plain = np.ascontiguousarray(messages.view(f"V{messages.dtype.itemsize}")[order])
+        heads["length"] = HEAD.itemsize - PREFIX_SIZE + plain.dtype.itemsize
+        parts = [part.view(np.uint8).reshape(len(heads), part.itemsize) for part in (heads, plain)]
+        block = np.hstack(parts)
+        return heads, block.view(f"V{block.shape[1]}").ravel().tolist()
+    in_order = [messages[i] for i in order.tolist()]
+    sizes = np.fromiter(map(len, in_order), np.uint64, len(in_order))
+    heads["length"] = np.uint64(HEAD.itemsize - PREFIX_SIZE) + sizes
+    pairs = zip(heads.view(f"V{HEAD.itemsize}").tolist(), in_order, strict=True)
+    return heads, [head + message for head, message in pairs]
 
 
 def _times(times: NDArray[Any], channel: int) -> NDArray[np.uint64]:

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
+import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -35,20 +36,15 @@ from mcap.records import (
 )
 from numpy.typing import NDArray
 
-from tombo_bag.formats.chunks import (
-    MAGIC,
-    Source,
-    assemble,
-    slices,
-    source_of,
-    write_message_index,
-)
+from tombo_bag.formats.chunks import MAGIC, chunk_bodies, message_records, write_message_index
 from tombo_bag.qos import STATE, Qos
 from tombo_bag.schemas import schema_text, type_hash
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.time_base import SECOND_NS
 
-FinalRecords: TypeAlias = Callable[[], Mapping[str, dict[str, str]]]
+COMPRESSION = "zstd"
+_LEVEL = 1
+"""Of zstd: more takes longer for little."""
 
 
 @dataclass(frozen=True)
@@ -69,59 +65,38 @@ class Columns:
     publish_times_ns: NDArray[Any] | None = None
 
 
-@dataclass(frozen=True)
-class _Written:
-    """A chunk in the file: its index, messages per channel, checksum of all before it."""
-
-    entry: ChunkIndex
-    counts: dict[int, int]
-    crc_before: int
-
-
 class McapSink:
     """An open MCAP file. Use as a context manager: leaving it, by error or not, finishes the file.
 
     Not for use by several threads at once.
     """
 
-    def __init__(
-        self,
-        path: str | Path,
-        *,
-        compression: str = "zstd",
-        chunk_span_ns: int = SECOND_NS,
-        chunk_bytes: int = 4 << 20,
-    ) -> None:
+    def __init__(self, path: str | Path, *, chunk_span_ns: int = SECOND_NS) -> None:
         """Create the file, or empty it if it is there.
 
         Args:
             path: file to write.
-            compression: `zstd`, `lz4` or `none`.
             chunk_span_ns: log time after which a chunk is closed and handed to the system.
-            chunk_bytes: size after which a chunk of single messages is closed earlier.
 
         Raises:
-            InputError: unknown compression, or the file can't be created.
+            InputError: the file can't be created.
         """
         self.path = Path(path)
-        self._compression = "" if compression == "none" else compression
-        self._compress = _compressor(compression)
-        self._span_ns = chunk_span_ns
-        self._chunk_bytes = chunk_bytes
-        self._offset = 0
-        self._crc = 0
-        self._schemas: dict[str, Schema] = {}
-        self._channels: list[Channel] = []
-        self._topics: dict[str, tuple[str, int]] = {}
-        self._unwritten: list[McapRecord] = []
-        self._sequence: dict[int, int] = {}
-        self._chunks: list[_Written] = []
+        self.closed = False
+        self.size = 0
+        """Bytes handed to the system so far."""
         self.message_counts: Counter[int] = Counter()
         """Messages of each channel handed to the system so far."""
+        self._span_ns = chunk_span_ns
+        self._compressor = zstandard.ZstdCompressor(level=_LEVEL)
+        self._crc = 0
+        self._schemas: dict[str, Schema] = {}
+        self._channels: dict[str, Channel] = {}
+        self._unwritten: list[McapRecord] = []
+        self._taken: dict[int, int] = {}
+        self._chunks: list[ChunkIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._waiting: list[tuple[int, int, int, bytes]] = []
-        self._waiting_bytes = 0
-        self.closed = False
         try:
             self._file = FileIO(self.path, "wb")
             try:
@@ -134,17 +109,11 @@ class McapSink:
             raise InputError(f"can't write '{self.path}': {error.strerror}") from error
 
     @property
-    def size(self) -> int:
-        """Bytes handed to the system so far."""
-        return self._offset
-
-    @property
     def span_ns(self) -> tuple[int, int]:
-        """Log times of the first and the last of these messages; zeros if there is none."""
-        entries = [chunk.entry for chunk in self._chunks]
+        """Log times of the first and the last message written; zeros if there is none."""
         return (
-            min((entry.message_start_time for entry in entries), default=0),
-            max((entry.message_end_time for entry in entries), default=0),
+            min((chunk.message_start_time for chunk in self._chunks), default=0),
+            max((chunk.message_end_time for chunk in self._chunks), default=0),
         )
 
     def add_channel(self, topic: str, typename: str, qos: Qos = STATE) -> int:
@@ -158,14 +127,14 @@ class McapSink:
         Raises:
             InputError: unknown type, or the topic is there already with another type.
         """
-        known = self._topics.get(topic)
+        known = self._channels.get(topic)
         if known is not None:
-            there, number = known
-            if there != typename:
+            if known.schema_id != getattr(self._schemas.get(typename), "id", None):
+                there = next(n for n, s in self._schemas.items() if s.id == known.schema_id)
                 raise InputError(f"topic '{topic}' has type {typename}; it is {there} already")
-            return number
-        metadata = {"offered_qos_profiles": qos.as_yaml(), "topic_type_hash": type_hash(typename)}
+            return known.id
         self._check_open()
+        metadata = {"offered_qos_profiles": qos.as_yaml(), "topic_type_hash": type_hash(typename)}
         schema = self._schemas.get(typename)
         if schema is None:
             text = schema_text(typename).encode()
@@ -173,9 +142,8 @@ class McapSink:
             self._schemas[typename] = schema
             self._unwritten.append(schema)
         channel = Channel(len(self._channels) + 1, topic, "cdr", metadata, schema.id)
-        self._channels.append(channel)
-        self._topics[topic] = (typename, channel.id)
-        self._sequence[channel.id] = 0
+        self._channels[topic] = channel
+        self._taken[channel.id] = 0
         self._unwritten.append(channel)
         return channel.id
 
@@ -183,34 +151,48 @@ class McapSink:
         """Write named text values beside the messages."""
         self._check_open()
         record = _bytes(Metadata(name=name, metadata=values))
-        offset = self._offset
+        index = MetadataIndex(self.size, len(record), name)
         self._put(record)
-        self._metadata.append(MetadataIndex(offset, len(record), name))
+        self._metadata.append(index)
 
     def write(
         self, channel: int, message: bytes, log_time_ns: int, publish_time_ns: int | None = None
     ) -> None:
-        """Write one message.
+        """Take one message; it is written within a second of log time, or by `flush`.
 
         Args:
             channel: number that `add_channel` returned.
             message: its bytes, CDR with the four bytes of encapsulation.
             log_time_ns: when it was recorded.
             publish_time_ns: when it was published; the log time if None.
+
+        Raises:
+            InputError: unknown channel, or a time that is no integer of 64 bits.
         """
-        self._next_sequence(channel)
+        self._check(channel)
         sent = log_time_ns if publish_time_ns is None else publish_time_ns
         if not 0 <= min(log_time_ns, sent) <= max(log_time_ns, sent) < 1 << 64:
             raise InputError(
                 f"channel {channel}: log time {log_time_ns}, publish time {sent}; "
                 "accepted: integers from 0 to 2^64 - 1, in ns"
             )
-        if self._waiting:
-            span = abs(log_time_ns - self._waiting[0][1])
-            if span >= self._span_ns or self._waiting_bytes >= self._chunk_bytes:
-                self.flush()
+        if self._waiting and abs(log_time_ns - self._waiting[0][1]) >= self._span_ns:
+            self.flush()
         self._waiting.append((channel, log_time_ns, sent, message))
-        self._waiting_bytes += len(message)
+
+    def flush(self) -> None:
+        """Hand waiting single messages to the system as a chunk of their own.
+
+        Raises:
+            OSError: the disk is full or failed. The messages are given up; what was written
+                before is whole.
+        """
+        self._check_open()
+        waiting, self._waiting = self._waiting, []
+        by_channel: dict[int, list[tuple[int, int, bytes]]] = {}
+        for channel, log, sent, message in waiting:
+            by_channel.setdefault(channel, []).append((log, sent, message))
+        self._write_columns([_columns(channel, rows) for channel, rows in by_channel.items()])
 
     def write_columns(self, *columns: Columns) -> None:
         """Write whole columns, merged by log time.
@@ -225,34 +207,44 @@ class McapSink:
         self._write_columns(columns)
 
     def _write_columns(self, columns: Sequence[Columns]) -> None:
-        sources: list[Source] = []
+        records = []
         for column in columns:
-            sequence = self._next_sequence(column.channel)
+            self._check(column.channel)
             times, sent = column.log_times_ns, column.publish_times_ns
-            sources.append(source_of(column.channel, times, column.messages, sent, sequence))
-            self._sequence[column.channel] += len(column.messages)
-        self._write_chunks(sources)
+            number = self._taken[column.channel]
+            records.append(message_records(column.channel, times, column.messages, sent, number))
+            self._taken[column.channel] += len(column.messages)
+        for body in chunk_bodies(records, self._span_ns, _bytes(*self._unwritten)):
+            data = self._compressor.compress(body.data)
+            start, end, size = body.start_ns, body.end_ns, len(body.data)
+            chunk = _bytes(Chunk(COMPRESSION, data, end, start, zlib.crc32(body.data), size))
+            index = RecordBuilder()
+            places: dict[int, int] = {}
+            for channel, rows in body.index.items():
+                places[channel] = self.size + len(chunk) + index.count
+                write_message_index(index, channel, rows)
+            entry = ChunkIndex(
+                chunk_length=len(chunk),
+                chunk_start_offset=self.size,
+                compression=COMPRESSION,
+                compressed_size=len(data),
+                message_end_time=end,
+                message_index_length=index.count,
+                message_index_offsets=places,
+                message_start_time=start,
+                uncompressed_size=size,
+            )
+            self._put(chunk + index.end())
+            self._chunks.append(entry)
+            self.message_counts.update({c: len(rows) for c, rows in body.index.items()})
+            self._unwritten = []
 
-    def flush(self) -> None:
-        """Hand waiting single messages to the system as a chunk of their own.
-
-        A recorder calls this when no message has come for a while.
-        """
-        self._check_open()
-        by_channel: dict[int, list[tuple[int, int, bytes]]] = {}
-        for channel, log, sent, message in self._waiting:
-            by_channel.setdefault(channel, []).append((log, sent, message))
-        self._write_columns([_columns(channel, rows) for channel, rows in by_channel.items()])
-        self._waiting, self._waiting_bytes = [], 0
-
-    def close(self, final_records: FinalRecords | None = None) -> None:
+    def close(self) -> None:
         """Finish the file: last chunk, indexes, statistics, footer. A second call does nothing.
 
-        If there is no space for these, the newest chunks give way to them.
-
-        Args:
-            final_records: returns metadata to write, name → values. Called when all messages are
-                written, and again when messages had to be removed.
+        Raises:
+            OSError: the disk is full or failed. What was written is whole and can be read, also
+                where there was no room for indexes and footer.
         """
         if self.closed:
             return
@@ -260,7 +252,7 @@ class McapSink:
             try:
                 self.flush()
             finally:
-                self._finish_on_full_disk(final_records)
+                self._finish()
         finally:
             self.closed = True
             self._file.close()
@@ -273,87 +265,25 @@ class McapSink:
         """Finish the file, whatever happened."""
         self.close()
 
-    def _next_sequence(self, channel: int) -> int:
-        """Return the number of a channel's next message; refuse an unknown channel."""
+    def _check(self, channel: int) -> None:
         self._check_open()
-        if channel not in self._sequence:
-            raise unknown_name("channel", channel, map(str, self._sequence))
-        return self._sequence[channel]
+        if channel not in self._taken:
+            raise unknown_name("channel", channel, map(str, self._taken))
 
     def _check_open(self) -> None:
         if self.closed:
             raise ValueError(f"'{self.path}' is closed")
 
-    def _write_chunks(self, sources: list[Source]) -> None:
-        for part in slices(sources, self._span_ns):
-            prefix = _bytes(*self._unwritten)
-            body = assemble(prefix, part)
-            data = self._compress(body.data)
-            chunk = _bytes(
-                Chunk(
-                    compression=self._compression,
-                    data=data,
-                    message_start_time=body.start_ns,
-                    message_end_time=body.end_ns,
-                    uncompressed_crc=zlib.crc32(body.data),
-                    uncompressed_size=len(body.data),
-                )
-            )
-            index = RecordBuilder()
-            places: dict[int, int] = {}
-            for channel, rows in body.index.items():
-                places[channel] = self._offset + len(chunk) + index.count
-                write_message_index(index, channel, rows)
-            entry = ChunkIndex(
-                chunk_length=len(chunk),
-                chunk_start_offset=self._offset,
-                compression=self._compression,
-                compressed_size=len(data),
-                message_end_time=body.end_ns,
-                message_index_length=index.count,
-                message_index_offsets=places,
-                message_start_time=body.start_ns,
-                uncompressed_size=len(body.data),
-            )
-            counts = {c: len(rows) for c, rows in body.index.items()}
-            written = _Written(entry, counts, self._crc)
-            self._put(chunk + index.end())
-            self._chunks.append(written)
-            self.message_counts.update(counts)
-            self._unwritten = []
-
-    def _finish_on_full_disk(self, final_records: FinalRecords | None) -> None:
-        metadata = list(self._metadata)
-        too_many = 1
-        while True:
-            try:
-                for name, values in (final_records() if final_records else {}).items():
-                    self.add_metadata(name, values)
-                self._finish()
-                return
-            except OSError:
-                if not self._chunks:
-                    raise
-                given_up = self._chunks[-too_many:]
-                end = given_up[0].entry.chunk_start_offset
-                for chunk in given_up:
-                    self.message_counts.subtract(chunk.counts)
-                del self._chunks[-too_many:]
-                too_many *= 2
-                self._offset, self._crc = end, given_up[0].crc_before
-                self._metadata = [record for record in metadata if record.offset < end]
-
     def _finish(self) -> None:
         """Write what the `mcap` library's writer writes last, in its order."""
         self._put(_bytes(*self._unwritten))
-        self._unwritten = []
         self._put(_bytes(DataEnd(self._crc)))
-        start = self._offset
+        start = self.size
         groups: list[tuple[int, list[McapRecord]]] = [
             (Opcode.SCHEMA, list(self._schemas.values())),
-            (Opcode.CHANNEL, list(self._channels)),
+            (Opcode.CHANNEL, list(self._channels.values())),
             (Opcode.STATISTICS, [self._statistics()]),
-            (Opcode.CHUNK_INDEX, [chunk.entry for chunk in self._chunks]),
+            (Opcode.CHUNK_INDEX, list(self._chunks)),
             (Opcode.METADATA_INDEX, list(self._metadata)),
         ]
         summary = bytearray()
@@ -370,29 +300,31 @@ class McapSink:
         self._put(summary + _bytes(Footer(start, offset_start, checksum)) + MAGIC)
 
     def _statistics(self) -> Statistics:
-        counts = +self.message_counts
+        first_ns, last_ns = self.span_ns
         return Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
-            channel_message_counts=dict(sorted(counts.items())),
+            channel_message_counts=dict(sorted(self.message_counts.items())),
             chunk_count=len(self._chunks),
-            message_count=counts.total(),
-            message_end_time=self.span_ns[1],
-            message_start_time=self.span_ns[0],
+            message_count=self.message_counts.total(),
+            message_end_time=last_ns,
+            message_start_time=first_ns,
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )
 
     def _put(self, data: bytes | bytearray) -> None:
         """Append to the file, whole or not at all: a write that fails leaves no half record."""
-        if self._file.tell() != self._offset:
-            self._file.seek(self._offset)
-            self._file.truncate()
         view = memoryview(data)
-        while view:
-            view = view[self._file.write(view) :]
+        try:
+            while view:
+                view = view[self._file.write(view) :]
+        except OSError:
+            self._file.seek(self.size)
+            self._file.truncate()
+            raise
         self._crc = zlib.crc32(data, self._crc)
-        self._offset += len(data)
+        self.size += len(data)
 
 
 def _columns(channel: int, rows: Sequence[tuple[int, int, bytes]]) -> Columns:
@@ -406,20 +338,3 @@ def _bytes(*records: McapRecord) -> bytes:
         record.write(builder)
     data: bytes = builder.end()
     return data
-
-
-def _compressor(name: str) -> Callable[[bytes], bytes]:
-    """Return the function for a compression. Level 1 of zstd: more takes longer for little."""
-    if name == "zstd":
-        import zstandard
-
-        pack = zstandard.ZstdCompressor(level=1)
-        return lambda data: bytes(pack.compress(data))
-    if name == "lz4":
-        import lz4.frame
-
-        compress: Callable[[bytes], bytes] = lz4.frame.compress
-        return compress
-    if name == "none":
-        return bytes
-    raise unknown_name("compression", name, ["zstd", "lz4", "none"])

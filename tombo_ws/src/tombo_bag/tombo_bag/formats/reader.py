@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import mmap
-import os
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,14 +13,7 @@ from numpy.typing import NDArray
 
 from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, in_log_order
 from tombo_bag.formats.chunks import HEAD, MAGIC
-from tombo_bag.formats.scan import (
-    ChunkPlace,
-    Damage,
-    extract_messages,
-    index_chunk,
-    open_chunk,
-    walk,
-)
+from tombo_bag.formats.scan import ChunkPlace, extract_messages, index_chunk, open_chunk, walk
 from tombo_bag.formats.unpacking import Allowance
 from tombo_bag.schemas import Types, parse_schema, ros1_as_cdr, ros1_store
 from tombo_dynamics.errors import InputError
@@ -51,12 +43,12 @@ class Bag(BagFile):
         self.path = Path(path)
         contents = _contents(self.path)
         self._map = walk(contents)
+        self.damage: list[str] = self._map.damage
         self._size = len(contents)
         unannounced = not self._map.finished or not self._map.channels
         for place in self._map.chunks:
             if place.offset and (check or unannounced or place.index is None):
                 place.index = index_chunk(self._open(place), self._map)
-        self.damage: list[Damage] = self._map.damage
         self.metadata = {record.name: record.metadata for record in self._map.metadata}
         self._numbers: dict[str, list[int]] = {}
         for number, channel in self._map.channels.items():
@@ -87,16 +79,6 @@ class Bag(BagFile):
             for topic, of in joined.items()
         }
 
-    def damage_lines(self) -> list[str]:
-        """Say what could not be read so far; of several damaged chunks how many, and the first."""
-        chunks = {place.offset for place in self._map.chunks} - {0}
-        broken = [d for d in self.damage if d.kind == "corrupt" and d.offset in chunks]
-        if len(broken) < 2:
-            return super().damage_lines()
-        first = min(broken, key=lambda damage: damage.offset)
-        lines = [str(damage) for damage in self.damage if damage not in broken]
-        return [f"{len(broken)} of {len(chunks)} chunks damaged, first the {first}", *lines]
-
     def types(self, topic: str) -> Types:
         """Return a topic's type as the file itself describes it, else as ROS 2 Jazzy does."""
         channel = self._channel(topic)
@@ -121,25 +103,21 @@ class Bag(BagFile):
         return ros1_store(self.topics[topic].typename, text)
 
     def _streams(self) -> dict[str, TopicSummary]:
-        table: dict[str, TopicSummary] = {}
-        rows_of: dict[int, list[NDArray[np.uint64]]] = {}
+        extents: dict[int, list[tuple[int, int, int]]] = {}
         for place in self._map.chunks:
-            for number, found in (place.index or {}).items():
-                if len(found):
-                    rows_of.setdefault(number, []).append(found[:, 0])
+            for number, rows in (place.index or {}).items():
+                if len(rows):
+                    extent = len(rows), int(rows[:, 0].min()), int(rows[:, 0].max())
+                    extents.setdefault(number, []).append(extent)
+        table: dict[str, TopicSummary] = {}
         for name, numbers in sorted(self._numbers.items()):
-            rows = [times for number in numbers for times in rows_of.get(number, ())]
             channel = self._map.channels[numbers[0]]
             schema = self._map.schemas.get(channel.schema_id)
             typename = schema.name if schema else ""
             if channel.message_encoding == _ROS1 and typename.count("/") == 1:
                 typename = typename.replace("/", "/msg/")
-            table[name] = TopicSummary(
-                typename,
-                sum(map(len, rows)),
-                min((int(times.min()) for times in rows), default=0),
-                max((int(times.max()) for times in rows), default=0),
-            )
+            parts = (extent for number in numbers for extent in extents.get(number, ()))
+            table[name] = TopicSummary.of(typename, parts)
         return table
 
     def _pieces(
@@ -160,35 +138,28 @@ class Bag(BagFile):
                     yield number, *piece
 
     def _open(self, place: ChunkPlace) -> bytes | memoryview:
-        data, damage = open_chunk(place, Allowance(self.path, self._size).left)
-        if damage is not None:
+        try:
+            return open_chunk(place, Allowance(self.path, self._size).left)
+        except ValueError as error:
             place.index = {}
-            if all(known.offset != damage.offset for known in self._map.damage):
-                self._map.damage.append(damage)
-        return data
+            if str(error) not in self.damage:
+                self.damage.append(str(error))
+            return b""
 
 
 def _contents(path: Path) -> memoryview:
-    """Map a file into memory and check that it is an MCAP file.
+    """Read or map a file and check that it is an MCAP file.
 
     Raises:
-        InputError: it is missing, a folder, not readable, empty, or begins like no MCAP file.
+        InputError: it can't be read, or begins like no MCAP file.
     """
     try:
         with path.open("rb") as file:
-            start = file.read(len(MAGIC))
-            if not start:
-                raise InputError(f"'{path}' is empty; accepted: an MCAP file")
-            if start != MAGIC[: len(start)]:
-                first_bytes = start.hex(" ")
-                raise InputError(
-                    f"'{path}' starts with bytes {first_bytes}; accepted: an MCAP file"
-                )
-            file.seek(0, os.SEEK_END)
-            if file.tell() > MAPPED_FROM:
-                return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
-            return memoryview(path.read_bytes())
-    except IsADirectoryError as error:
-        raise InputError(f"'{path}' is a folder; accepted: an MCAP file") from error
+            large = path.stat().st_size > MAPPED_FROM
+            data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if large else file.read()
     except OSError as error:
         raise InputError(f"can't read '{path}': {error.strerror}") from error
+    start = data[: len(MAGIC)]
+    if not start or start != MAGIC[: len(start)]:
+        raise InputError(f"'{path}' starts with bytes {start.hex(' ')}; accepted: an MCAP file")
+    return memoryview(data)

@@ -245,15 +245,7 @@ class RosbagsFile(BagFile):
             there = parts.setdefault(name, [])
             if connection.id in extents:
                 there.append(extents[connection.id])
-        return {
-            name: TopicSummary(
-                typenames[name],
-                sum(count for count, _, _ in of),
-                min((first for _, first, _ in of), default=0),
-                max((last for _, _, last in of), default=0),
-            )
-            for name, of in parts.items()
-        }
+        return {name: TopicSummary.of(typenames[name], of) for name, of in parts.items()}
 
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
         """Read the messages of some topics."""

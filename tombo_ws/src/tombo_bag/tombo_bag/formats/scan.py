@@ -25,29 +25,9 @@ from tombo_bag.formats.unpacking import unpack
 _RECORD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQII")
 _MESSAGE = struct.Struct("<HIQQ")
-FIRST_PRIVATE_OPCODE = 0x80
+_FIRST_PRIVATE = 0x80
 _DAMAGE = (struct.error, ValueError, IndexError, EndOfFile)
 """What reading the fields of a record that is none raises."""
-
-
-@dataclass(frozen=True)
-class Damage:
-    """Something in a file that can't be read.
-
-    Attributes:
-        kind: `cut off` (the file ends too early), `not finished` (whole, but never closed) or
-            `corrupt` (bytes are not what was written).
-        offset: first byte of the file that is affected.
-        text: the same in one line, for a person.
-    """
-
-    kind: str
-    offset: int
-    text: str
-
-    def __str__(self) -> str:
-        """Return the line for a person."""
-        return self.text
 
 
 @dataclass
@@ -80,7 +60,8 @@ class FileMap:
     channels: dict[int, Channel] = field(default_factory=dict)
     chunks: list[ChunkPlace] = field(default_factory=list)
     metadata: list[Metadata] = field(default_factory=list)
-    damage: list[Damage] = field(default_factory=list)
+    damage: list[str] = field(default_factory=list)
+    """What can't be read, a line each."""
     data_ended: bool = False
     finished: bool = False
 
@@ -92,7 +73,7 @@ def walk(file: memoryview) -> FileMap:
     indexed: dict[int, NDArray[np.uint64]] = {}
     try:
         for opcode, at, body in _records(file, len(MAGIC)):
-            if opcode == 0 or Opcode.DATA_END < opcode < FIRST_PRIVATE_OPCODE:
+            if opcode == 0 or Opcode.DATA_END < opcode < _FIRST_PRIVATE:
                 break
             if opcode == Opcode.CHUNK:
                 indexed = {}
@@ -161,47 +142,35 @@ def _chunk(file_map: FileMap, at: int, body: memoryview, *, whole: bool) -> None
         file_map.chunks.append(place)
 
 
-def _stopped(file_map: FileMap, file: memoryview, at: int) -> Damage:
+def _stopped(file_map: FileMap, file: memoryview, at: int) -> str:
     """Describe why the walk did not end with footer and magic."""
-    lost = max(len(file) - at, 0)
     last = file_map.chunks[-1] if file_map.chunks else None
-    opcode, length = _RECORD.unpack_from(file, at) if lost >= PREFIX_SIZE else (None, 0)
-    kind = "cut off"
     if file_map.data_ended:
-        text = f"all messages are there, but the summary is damaged from byte {at}"
-    elif last is not None and not last.whole:
-        text = f"file cut off at byte {len(file)}, inside {last}"
-    elif lost == 0:
-        kind = "not finished"
-        text = f"file ends at byte {at} without its summary: the writer was not closed"
-    elif opcode is None or (
-        0 < opcode <= Opcode.DATA_END and at + PREFIX_SIZE + length > len(file)
-    ):
-        text = f"file cut off at byte {len(file)}, inside the record that starts at byte {at}"
-    else:
-        kind = "corrupt"
-        text = f"no MCAP record at byte {at}: the {lost} bytes from there can't be read"
-    return Damage(kind, at, text)
+        return f"all messages are there, but the summary is damaged from byte {at}"
+    if last is not None and not last.whole:
+        return f"file cut off at byte {len(file)}, inside {last}"
+    if at >= len(file):
+        return f"file ends at byte {at} without its summary: the writer was not closed"
+    return f"file cut off at byte {at}: the {len(file) - at} bytes from there are no whole record"
 
 
-def open_chunk(place: ChunkPlace, largest: int) -> tuple[bytes | memoryview, Damage | None]:
-    """Decompress a chunk of at most `largest` bytes, as far as it is there, and check it."""
-    why = ""
+def open_chunk(place: ChunkPlace, largest: int) -> bytes | memoryview:
+    """Decompress a chunk of at most `largest` bytes, as far as it is there, and check it.
+
+    Raises:
+        ValueError: it can't be read, and why.
+    """
     try:
         if place.size > largest:
             raise ValueError(f"it states {place.size} bytes; more only with --unpack-limit")
-        data = unpack(place.compression, place.data, place.size)
-        if not place.whole:
-            return data, None
-        if len(data) != place.size:
-            why = f"{len(data)} bytes instead of {place.size}"
-        elif place.checksum and zlib.crc32(data) != place.checksum:
-            why = "its checksum is wrong"
+        data: bytes | memoryview = unpack(place.compression, place.data, place.size)
+        if place.whole and len(data) != place.size:
+            raise ValueError(f"{len(data)} bytes instead of {place.size}")
+        if place.whole and place.checksum and zlib.crc32(data) != place.checksum:
+            raise ValueError("its checksum is wrong")
     except ValueError as error:
-        why = str(error)
-    if not why:
-        return data, None
-    return b"", Damage("corrupt", place.offset, f"{place} is corrupt: {why}")
+        raise ValueError(f"{place} is corrupt: {error}") from error
+    return data
 
 
 def index_chunk(data: bytes | memoryview, file_map: FileMap) -> dict[int, NDArray[np.uint64]]:

@@ -8,7 +8,6 @@ from log_writers import write_ulog
 from made_flight import made_flight, poses_only, with_series
 
 from tombo_bag.flight import Series
-from tombo_bag.formats.ulog_messages import whole_messages
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks.pipeline import check_log
 from tombo_logs.readers.csv_table import open_table
@@ -20,17 +19,6 @@ SYNC = b"\x08\x00S\x2f\x73\x13\x20\x25\x0c\xbb\x12"
 @pytest.fixture
 def log():
     return poses_only(made_flight(duration=4.0, mocap_hz=25.0))
-
-
-def test_a_whole_ulog_is_left_as_it_is(tmp_path, log):
-    write_ulog(tmp_path / "x.ulg", log)
-    raw = (tmp_path / "x.ulg").read_bytes()
-    same, found = whole_messages(raw)
-    assert same is raw
-    assert not found.damaged and not found.cut
-    same, found = whole_messages(raw[:-3])
-    assert same == raw[:-3]
-    assert found.cut and not found.damaged
 
 
 def test_a_damaged_ulog_is_read_before_and_behind_the_damage(tmp_path, log):

@@ -17,7 +17,6 @@ from pyulog.exceptions import ULogException
 
 from tombo_bag.columns import stacked_columns
 from tombo_bag.flight import Finding, Flight, Series, Topic, damage_findings
-from tombo_bag.formats.ulog_messages import UlogMessages, whole_messages
 from tombo_bag.rotor_topics import moving, share_of_pulse
 from tombo_bag.topics import ATTITUDE_SETPOINT, ODOMETRY, RATES_SETPOINT, SETPOINT
 from tombo_dynamics.arrays import Array
@@ -81,9 +80,9 @@ def read_ulog(path: Path, name: str, mapping: LogMapping | None = None) -> Fligh
         InputError: no ULog, one without position and attitude, or without a topic of the mapping.
     """
     mapped = {} if mapping is None else mapping.by_topic
-    log, messages = _opened(path, [*PX4_TOPICS, *(topic.strip("/") for topic in mapped)])
+    log, cut = _opened(path, [*PX4_TOPICS, *(topic.strip("/") for topic in mapped)])
     topics, findings = _instances(name, log)
-    findings += damage_findings(name, path, _damage(log, messages))
+    findings += damage_findings(name, path, _damage(log, cut))
     topics, more = possible_stamps(name, topics)
     findings += more
     start = float(log.start_timestamp)
@@ -165,11 +164,12 @@ def _number(value: object) -> float:
     return float(value) if isinstance(value, int | float) else 0.0
 
 
-def _opened(path: Path, topics: list[str]) -> tuple[Any, UlogMessages]:
+def _opened(path: Path, topics: list[str]) -> tuple[Any, bool]:
+    """Return what `pyulog` reads of a log, and whether it ends within a message."""
     try:
-        raw, messages = whole_messages(path.read_bytes())
+        raw = path.read_bytes()
         with contextlib.redirect_stdout(io.StringIO()):
-            return ULog(io.BytesIO(raw), message_name_filter_list=topics), messages
+            return ULog(io.BytesIO(raw), message_name_filter_list=topics), _is_cut(raw)
     except OSError as error:
         raise InputError(f"can't read '{path}': {error.strerror}") from error
     except InputError:
@@ -179,11 +179,19 @@ def _opened(path: Path, topics: list[str]) -> tuple[Any, UlogMessages]:
         raise InputError(f"'{path}' is no whole ULog ({why}); accepted: a PX4 log") from error
 
 
-def _damage(log: Any, messages: UlogMessages) -> list[str]:
+def _is_cut(raw: bytes) -> bool:
+    """Return whether a log ends within a message: head of 16 bytes, then size, kind, content."""
+    at = 16
+    while at + 3 <= len(raw):
+        at += 3 + (raw[at] | raw[at + 1] << 8)
+    return at != len(raw)
+
+
+def _damage(log: Any, cut: bool) -> list[str]:
     lines = []
-    if log.file_corruption or messages.damaged:
+    if log.file_corruption:
         lines.append("damaged; what is whole is read")
-    elif messages.cut:
+    elif cut:
         lines.append("cut off within a message; read up to there")
     lost = sum(d.duration for d in log.dropouts)
     if lost:
