@@ -31,11 +31,6 @@ def test_a_proof_without_the_name_of_body_or_vehicle_is_not_kept(tmp_path, key):
     assert not path.exists() and AxesFile(str(path)).of_body("") == ()
 
 
-def test_a_proof_that_names_the_mavlink_system_alone_counts_for_no_vehicle(tmp_path):
-    (tmp_path / "axes.yaml").write_text("- {date: a, body: s500, system: 1, tilt_rad: [0, 0]}")
-    assert AxesFile(str(tmp_path / "axes.yaml")).of_body("s500") == ()
-
-
 def test_where_nothing_is_named_it_is_in_the_users_configuration(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     AxesFile("").add(RIGHT)

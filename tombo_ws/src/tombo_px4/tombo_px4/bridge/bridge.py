@@ -31,6 +31,7 @@ from tombo_px4.bridge.bridge_records import (
     SetpointSource,
     VehicleCommand,
 )
+from tombo_px4.bridge.checklist import PreflightFinding
 from tombo_px4.bridge.flight_watch import FlightWatch, RepeatedPose
 from tombo_px4.bridge.level_descent import LevelDescent
 from tombo_px4.bridge.message_rates import MessageRates
@@ -38,13 +39,7 @@ from tombo_px4.bridge.offboard_session import Session
 from tombo_px4.bridge.pose_axes import AxesEvidence
 from tombo_px4.bridge.preflight import Preflight
 from tombo_px4.bridge.setpoint_stream import FlightLimits, SetpointStream
-from tombo_px4.bridge.vehicle_parameters import (
-    HOVER,
-    READ,
-    FindingSeverity,
-    ParameterReader,
-    PreflightFinding,
-)
+from tombo_px4.bridge.vehicle_parameters import HOVER, READ, FindingSeverity, ParameterReader
 from tombo_px4.bridge.vehicle_words import VehicleWords
 from tombo_px4.link import decoded_messages as decoded
 from tombo_px4.link import message_encoder
@@ -109,7 +104,7 @@ class Bridge:
         self.answered = 0
         """TIMESYNC requests of the vehicle that were answered."""
         self.message_decoder = MessageDecoder(self.sync, link.own_system, link.own_component)
-        self.preflight = Preflight(params, link.system, proofs)
+        self.preflight = Preflight(params, proofs)
         self.limits = limits or FlightLimits()
         self.watch = FlightWatch(params, self.limits)
         self.descent = LevelDescent(mass, self.limits.safety)
@@ -545,20 +540,15 @@ class Bridge:
     def _check(self, now_ns: int, linked: bool) -> list[PreflightFinding]:
         if not linked or self._linked_ns is None:
             return []
-        assert self._heartbeat is not None
-        findings = self.preflight.findings(
+        return self.preflight.findings(
             now_ns,
             self.sync,
             self.parameters.values,
             linked_ns=self._linked_ns,
             answered=self.answered,
-            flying=self._heartbeat.armed and self._landed != MavLandedState.ON_GROUND,
+            flying=self._flying,
+            unwritten=self.parameters.unwritten,
         )
-        if self.parameters.unwritten:
-            pairs = ", ".join(f"{n}={v:g}" for n, v in self.parameters.unwritten.items())
-            text = f"PX4 did not take: {pairs}; is the name right, the value within its bounds?"
-            findings.insert(0, PreflightFinding("parameters_not_set", text))
-        return findings
 
     def _faults(self, now_ns: int, linked: bool, out: BridgeOutput) -> None:
         """Return the faults of a link that seems to work."""

@@ -20,6 +20,7 @@ from tombo_dynamics.rotation import rotate_vector
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import BridgeParams
+from tombo_px4.bridge.checklist import PreflightFinding
 from tombo_px4.bridge.pose_motion import (
     GRID_S,
     LONG_HALF,
@@ -31,7 +32,6 @@ from tombo_px4.bridge.pose_motion import (
     second_differences,
 )
 from tombo_px4.bridge.setpoint_stream import FlightLimits
-from tombo_px4.bridge.vehicle_parameters import PreflightFinding
 from tombo_px4.link.decoded_messages import VehicleImu, VehicleOdometry
 
 _UP = np.array([0.0, 0.0, GRAVITY])

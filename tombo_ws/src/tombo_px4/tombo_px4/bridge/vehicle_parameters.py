@@ -1,10 +1,10 @@
-"""PX4's parameters: which the bridge reads and writes, and findings on their values."""
+"""PX4's parameters: what a flight on poses asks of them, which the bridge reads and writes."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -16,85 +16,11 @@ from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.link.decoded_messages import ParameterValue
 from tombo_px4.link.message_encoder import MessageTarget, float_of_int, read_parameter
 
-EV_CTRL, EV_DELAY, HGT_REF = "EKF2_EV_CTRL", "EKF2_EV_DELAY", "EKF2_HGT_REF"
+EV_CTRL, EV_DELAY, SYS_HAS_GPS = "EKF2_EV_CTRL", "EKF2_EV_DELAY", "SYS_HAS_GPS"
 DELAY_MAX, HOVER = "EKF2_DELAY_MAX", "MPC_THR_HOVER"
-
-
-@dataclass(frozen=True)
-class LossParameter:
-    """A parameter that decides how a flight ends when something is lost."""
-
-    name: str
-    value: float
-    """The value that is recommended."""
-    low: float
-    high: float
-    """The bridge arms with values from `low` to `high`."""
-    why: str
-    """What PX4 1.17 does with another value."""
-
-
-LOSS_PARAMETERS = (
-    LossParameter(
-        "COM_OBL_RC_ACT", 4, 4, 4,
-        "set points or position lost: 4 lands; at 0, 1 and 2 it flies on in altitude and"
-        " stabilized mode that nobody steers, at 3 it may climb to 60 m, at 6 and 7 it falls",
-    ),
-    LossParameter(
-        "COM_OF_LOSS_T", 1.0, 0.25, 2.0,
-        "so long without set points it flies on; below 0.25 s one late set point ends a flight",
-    ),
-    LossParameter(
-        "EKF2_BARO_CTRL", 1, 1, 1,
-        "the height while poses are lost; at 0 it does not notice the ground and stays armed",
-    ),
-    LossParameter(
-        "COM_DISARM_LAND", 2.0, 0.1, 10.0, "so long after landing it disarms; below 0 never"
-    ),
-)  # fmt: skip
-"""With these a real PX4 1.17 ends on the ground, disarmed, also without the bridge."""
-SAFE_PARAMETERS: Mapping[str, float] = {
-    **{parameter.name: parameter.value for parameter in LOSS_PARAMETERS},
-    "COM_LOW_BAT_ACT": 2,
-    "COM_RCL_EXCEPT": 4,
-    "NAV_DLL_ACT": 0,
-}
-"""What `px4_parameters=safe` sets; a critical battery lands, and OFFBOARD needs neither remote
-control nor ground station."""
-MOCAP_ONLY: Mapping[str, float] = {
-    "SYS_HAS_GPS": 0,
-    "SYS_HAS_MAG": 0,
-    "EKF2_GPS_CTRL": 0,
-    "EKF2_RNG_CTRL": 0,
-    "EKF2_MAG_TYPE": 5,
-    "EKF2_EV_CTRL": 11,
-    "EKF2_HGT_REF": 3,
-}
-"""What `px4_parameters=mocap` sets. With these PX4 1.17 flew by external poses alone: position,
-height and yaw."""
-READ = (
-    EV_CTRL,
-    EV_DELAY,
-    HGT_REF,
-    DELAY_MAX,
-    HOVER,
-    "EKF2_GPS_CTRL",
-    "EKF2_RNG_CTRL",
-    "EKF2_MAG_TYPE",
-    "SYS_HAS_GPS",
-    "MAV_SYS_ID",
-    "COM_RCL_EXCEPT",
-    "NAV_DLL_ACT",
-    *(parameter.name for parameter in LOSS_PARAMETERS),
-)
-"""Parameters read from the vehicle."""
-_POSITION, _HEIGHT, _YAW = 1, 2, 8
-_VISION_HEIGHT = 3
-_NO_MAG = 5
-_HIGHEST_DELAY_MS = 30.0
+FUSED = 11
+"""EKF2_EV_CTRL: position (1), height (2) and yaw (8)."""
 _OFFBOARD_EXCEPTED = 4
-
-Values = Mapping[str, float | int]
 
 
 class FindingSeverity(IntEnum):
@@ -106,104 +32,106 @@ class FindingSeverity(IntEnum):
     """The bridge does not arm while it exists."""
 
 
+_ADVICE, _WARNING, _BLOCKS = FindingSeverity
+
+
 @dataclass(frozen=True)
-class PreflightFinding:
-    """What is wrong, why, and the remedy."""
+class FlightParameter:
+    """A parameter on which a flight on poses depends."""
 
-    key: str
-    text: str
-    weight: FindingSeverity = FindingSeverity.BLOCKS
+    name: str
+    value: float
+    """The value that is recommended."""
+    accepts: Callable[[float], bool]
+    why: str
+    """What PX4 1.17 does with another value."""
+    weight: FindingSeverity
 
 
-_WARNING = FindingSeverity.WARNING
+FLIGHT_PARAMETERS = (
+    FlightParameter(
+        "COM_OBL_RC_ACT", 4, lambda action: action == 4,
+        "set points or position lost: 4 lands; at 0, 1 and 2 it flies on in altitude and"
+        " stabilized mode that nobody steers, at 3 it may climb to 60 m, at 6 and 7 it falls",
+        _BLOCKS,
+    ),
+    FlightParameter(
+        "COM_OF_LOSS_T", 1.0, lambda seconds: 0.25 <= seconds <= 2.0,
+        "so long without set points it flies on; below 0.25 s one late set point ends a flight",
+        _BLOCKS,
+    ),
+    FlightParameter(
+        "EKF2_BARO_CTRL", 1, lambda used: used == 1,
+        "the height while poses are lost; at 0 it does not notice the ground and stays armed",
+        _BLOCKS,
+    ),
+    FlightParameter(
+        "COM_DISARM_LAND", 2.0, lambda seconds: 0.1 <= seconds <= 10.0,
+        "so long after landing it disarms; below 0 never", _BLOCKS,
+    ),
+    FlightParameter(
+        EV_CTRL, FUSED, lambda bits: int(bits) & FUSED == FUSED,
+        "without bit 0 it fuses no position, without bit 1 no height, without bit 3 no yaw: its"
+        " heading is the magnetometer's, which is wrong indoors", _WARNING,
+    ),
+    FlightParameter(
+        "EKF2_HGT_REF", 3, lambda sensor: sensor == 3,
+        "height refers to another sensor than the poses: 0 the barometer, 1 GPS, 2 the range"
+        " finder", _WARNING,
+    ),
+    FlightParameter(
+        "EKF2_GPS_CTRL", 0, lambda used: used == 0, "GPS pulls the estimate off indoors", _WARNING
+    ),
+    FlightParameter(
+        "EKF2_RNG_CTRL", 0, lambda used: used == 0,
+        "the range finder pulls the estimate off", _WARNING,
+    ),
+    FlightParameter(
+        "EKF2_MAG_TYPE", 5, lambda kind: kind == 5,
+        "the magnetometer pulls the yaw off indoors", _WARNING,
+    ),
+    FlightParameter(
+        EV_DELAY, 0.0, lambda ms: ms <= 30.0,
+        "it counts on top of stamps that already say when a pose was captured", _WARNING,
+    ),
+    FlightParameter(
+        "NAV_DLL_ACT", 0, lambda action: action <= 0,
+        "as in Gazebo's airframes: it arms only with a ground station connected", _ADVICE,
+    ),
+    FlightParameter(
+        "COM_RCL_EXCEPT", 4, lambda modes: bool(int(modes) & _OFFBOARD_EXCEPTED),
+        "without bit 2 it leaves OFFBOARD when no remote control is heard; or have one on",
+        _ADVICE,
+    ),
+)  # fmt: skip
+"""With those that block, a real PX4 1.17 ends on the ground, disarmed, also without the bridge."""
+SAFE_PARAMETERS: Mapping[str, float] = {
+    **{p.name: p.value for p in FLIGHT_PARAMETERS if p.weight != _WARNING},
+    "COM_LOW_BAT_ACT": 2,
+}
+"""What `px4_parameters=safe` sets; a critical battery lands, and OFFBOARD needs neither remote
+control nor ground station."""
+MOCAP_ONLY: Mapping[str, float] = {
+    **{p.name: p.value for p in FLIGHT_PARAMETERS if p.weight == _WARNING and p.name != EV_DELAY},
+    SYS_HAS_GPS: 0,
+    "SYS_HAS_MAG": 0,
+}
+"""What `px4_parameters=mocap` sets. With these PX4 1.17 flew by external poses alone: position,
+height and yaw."""
+READ = (*(p.name for p in FLIGHT_PARAMETERS), SYS_HAS_GPS, DELAY_MAX, HOVER)
+"""Parameters read from the vehicle."""
 
 
-def parameter_findings(values: Values, system: int) -> Iterator[PreflightFinding]:
-    """Yield what in the vehicle's parameters is not right for flight on poses.
-
-    Args:
-        values: as far as they are known.
-        system: the one we speak to.
-    """
-    if EV_CTRL in values:
-        yield from _fusion(int(values[EV_CTRL]), int(values.get(HGT_REF, _VISION_HEIGHT)))
-    others = _competing_sensors(values)
-    if others:
-        text = (
-            f"EKF2 also uses {others}: indoors they pull the estimate off; switch them off, as"
-            " --bridge px4_parameters=mocap does"
-        )
-        yield PreflightFinding("other_sensors", text, _WARNING)
-    delay = values.get(EV_DELAY, 0.0)
-    if delay > _HIGHEST_DELAY_MS:
-        text = (
-            f"EKF2_EV_DELAY is {delay:.0f} ms, on top of stamps that already say when a pose was"
-            " captured: set it to 0, or to what the stamps leave out"
-        )
-        yield PreflightFinding("ev_delay", text, _WARNING)
-    if values.get("MAV_SYS_ID", system) != system:
-        text = f"MAV_SYS_ID is {values['MAV_SYS_ID']}, not {system}: set link.system"
-        yield PreflightFinding("system_id", text, _WARNING)
-    wrong = [
+def explain_parameters(values: Mapping[str, float | int], weight: FindingSeverity) -> str:
+    """Return in words which parameters of a severity are not accepted; "" if none is known."""
+    no_gps = values.get(SYS_HAS_GPS, 1) == 0
+    return "; ".join(
         f"{p.name} is {values[p.name]:g}, set it to {p.value:g} ({p.why})"
-        for p in LOSS_PARAMETERS
-        if not p.low <= values.get(p.name, p.value) <= p.high
-    ]
-    if wrong:
-        text = (
-            f"a loss in flight would not end on the ground: {'; '.join(wrong)}. With your consent"
-            " the bridge sets them: --bridge px4_parameters=safe"
-        )
-        yield PreflightFinding("loss_parameters", text)
-    # links that PX4 requires before it arms
-    if values.get("NAV_DLL_ACT", 0) > 0:
-        text = (
-            f"NAV_DLL_ACT is {values['NAV_DLL_ACT']} (as in Gazebo's airframes): PX4 arms only"
-            " with a ground station connected; connect one, or set it to 0"
-        )
-        yield PreflightFinding("ground_station", text, FindingSeverity.ADVICE)
-    if not int(values.get("COM_RCL_EXCEPT", _OFFBOARD_EXCEPTED)) & _OFFBOARD_EXCEPTED:
-        text = (
-            f"COM_RCL_EXCEPT is {values['COM_RCL_EXCEPT']}, without bit 2: PX4 leaves OFFBOARD"
-            " when no remote control is heard; have one on, or set it to 4"
-        )
-        yield PreflightFinding("remote_control", text, FindingSeverity.ADVICE)
-
-
-def _fusion(control: int, reference: int) -> Iterator[PreflightFinding]:
-    """Yield findings on how EKF2 uses the poses: EKF2_EV_CTRL and EKF2_HGT_REF."""
-    if control == 0:
-        text = "nothing is fused: EKF2_EV_CTRL is 0; set it to 11 (position, height, yaw)"
-        yield PreflightFinding("not_fused", text)
-        return
-    if not control & _POSITION:
-        text = f"position is not fused: EKF2_EV_CTRL is {control}, without bit 0; set it to 11"
-        yield PreflightFinding("not_fused", text)
-    if not control & _HEIGHT:
-        text = f"height is not fused: EKF2_EV_CTRL is {control}, without bit 1; set it to 11"
-        yield PreflightFinding("height_not_fused", text, _WARNING)
-    if not control & _YAW:
-        text = (
-            f"yaw is not fused: EKF2_EV_CTRL is {control}, without bit 3: PX4 takes its heading"
-            " from the magnetometer, which is wrong indoors; set it to 11"
-        )
-        yield PreflightFinding("yaw_not_fused", text, _WARNING)
-    if reference != _VISION_HEIGHT:
-        sensor = {0: "the barometer", 1: "GPS", 2: "the range finder"}.get(reference, "?")
-        text = f"height refers to {sensor}: EKF2_HGT_REF is {reference}; set it to 3 (vision)"
-        yield PreflightFinding("height_reference", text, _WARNING)
-
-
-def _competing_sensors(values: Values) -> str:
-    """Return the other sensors that correct position, height and yaw, as words."""
-    yaw_fused = int(values.get(EV_CTRL, 0)) & _YAW
-    used = {
-        "GPS (EKF2_GPS_CTRL)": values.get("EKF2_GPS_CTRL", 0) and values.get("SYS_HAS_GPS", 1),
-        "range finder (EKF2_RNG_CTRL)": values.get("EKF2_RNG_CTRL", 0),
-        "magnetometer (EKF2_MAG_TYPE, off: 5)": yaw_fused
-        and values.get("EKF2_MAG_TYPE", _NO_MAG) != _NO_MAG,
-    }
-    return ", ".join(sensor for sensor, on in used.items() if on)
+        for p in FLIGHT_PARAMETERS
+        if p.weight == weight
+        and not p.accepts(values.get(p.name, p.value))
+        and not (no_gps and p.name == "EKF2_GPS_CTRL")
+    )
 
 
 SETS: Mapping[str, Mapping[str, float]] = {"safe": SAFE_PARAMETERS, "mocap": MOCAP_ONLY}
