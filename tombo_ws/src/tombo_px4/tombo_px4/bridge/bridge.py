@@ -415,11 +415,11 @@ class Bridge:
         follows = self.session.stage == SessionStage.FLYING
         takes_off = follows and self.stream.phase == Phase.TAKEOFF
         mistake = self.watch.follow(now_ns, armed, takes_off, self._beside_setpoint())
-        if mistake and self.watch.motion.voids_proof:
-            self.preflight.refute(mistake, now_ns)
+        if mistake and mistake.voids_proof:
+            self.preflight.refute(mistake.text, now_ns)
         if mistake:
-            key = "axes_wrong" if self.watch.motion.voids_proof else "poses_wrong"
-            out.events.append((key, mistake))
+            key = "axes_wrong" if mistake.voids_proof else "poses_wrong"
+            out.events.append((key, mistake.text))
 
     def _beside_setpoint(self) -> float:
         """Return the horizontal distance of the newest pose from the set point [m]; 0: none."""

@@ -150,7 +150,7 @@ class MotionCheck:
         fits: list[tuple[str, AxesFit]] = []
         for mistake, meant in _QUATERNIONS:
             spans = rotation_spans(stamps, meant(attitudes), begin_ns)
-            fit = fit_axes(times, gyro, *spans, complete)
+            fit = fit_axes(times, gyro, spans, complete)
             if not len(fit.felt):
                 return None
             if fit.left <= _AGREES:
