@@ -42,7 +42,10 @@ def test_simulated_poses_have_no_file():
     assert file.add(RIGHT) == "" and file.of_body("s500") == ()
 
 
-@pytest.mark.parametrize("text", ["{", "3", "- {date: now}", "- {date: a, body: b, x: 1}"])
+@pytest.mark.parametrize(
+    "text",
+    ["{", "3", "- {date: now}", "- {date: a, body: b, x: 1}", "- {date: a, body: b, vehicle: c}"],
+)
 def test_another_file_is_refused(tmp_path, text):
     (tmp_path / "axes.yaml").write_text(text)
     with pytest.raises(InputError, match="no list of proofs of axes"):

@@ -34,20 +34,6 @@ class BridgeParams:
     tracked_body: str = plain(
         "", "name of the rigid body in the motion capture; a new name asks for a new proof"
     )
-    position_std: float = param(
-        0.0,
-        "m",
-        (0.0, 1.0),
-        "standard deviation of the poses told to PX4; 0: unknown, PX4 takes EKF2_EVP_NOISE",
-        "unknown: PX4's own parameter decides",
-    )
-    attitude_std: float = param(
-        0.0,
-        "rad",
-        (0.0, 0.5),
-        "the same of their attitude; 0: unknown, PX4 takes EKF2_EVA_NOISE",
-        "unknown: PX4's own parameter decides",
-    )
     hover_thrust: float = param(
         0.0,
         "1",

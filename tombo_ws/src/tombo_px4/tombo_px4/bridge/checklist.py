@@ -222,7 +222,8 @@ def findings_of(state: CheckState) -> list[PreflightFinding]:
 
 def latency_s(poses: Sequence[SentPose]) -> float:
     """Return the usual time from a pose's capture to its arrival here [s]; NaN: no poses."""
-    return float(np.median([p.arrival_ns - p.stamp_ns for p in poses] or [math.nan])) * 1e-9
+    ages_s = [(p.arrival_ns - p.stamp_ns) * 1e-9 for p in poses]
+    return float(np.median(ages_s)) if ages_s else math.nan
 
 
 def _show_refusal(why: PoseRefusal, state: CheckState) -> str:

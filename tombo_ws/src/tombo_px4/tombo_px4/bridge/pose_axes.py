@@ -80,8 +80,15 @@ class AxesEvidence:
 
         Raises:
             TypeError: a key is unknown or missing.
+            ValueError: it proves axes without a tilt, or numbers are none.
         """
-        return cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+        made: dict[str, Any] = {
+            key: tuple(map(float, value)) if isinstance(value, list) else value
+            for key, value in values.items()
+        }
+        if not made.get("mistake") and len(made.get("tilt_rad", ())) != 2:
+            raise ValueError("tilt_rad")
+        return cls(**made)
 
 
 def valid_proof(proofs: Iterable[AxesEvidence], vehicle: str) -> AxesEvidence | None:

@@ -145,7 +145,7 @@ def fit_axes(times: Array, turned: Array, spans: TurnSpans, any_angle: bool) -> 
             only signed exchanges, and the plain reading holds unless another explains much more.
     """
     best = _NO_FIT
-    delays = np.arange(_EARLIEST_S, _LATEST_S, _COARSE_S)
+    delays: Array = np.arange(_EARLIEST_S, _LATEST_S, _COARSE_S)
     for step in (_COARSE_S, _FINE_S):
         fits = [_fit_at(times, turned, spans, any_angle, float(delay)) for delay in delays]
         best = min([best, *fits], key=lambda fit: fit.left)

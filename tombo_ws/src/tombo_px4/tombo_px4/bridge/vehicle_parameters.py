@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -181,97 +180,104 @@ def parse_assignments(texts: Sequence[str]) -> dict[str, float]:
     return wanted
 
 
+@dataclass
+class _Parameter:
+    """What is known of a parameter of the vehicle, and how often it was asked for and written."""
+
+    wanted: float | None = None
+    """To be written; None: nothing, or it is."""
+    value: float | int | None = None
+    kind: int = 0
+    changed: bool = False
+    asked_ns: int = 0
+    tries: int = 0
+    writes: int = 0
+
+    @property
+    def silent(self) -> bool:
+        """The vehicle does not answer to it."""
+        return self.value is None and self.tries >= _TRIES
+
+
 class ParameterReader:
     """Asks for a few parameters at a time until each is known or has not answered four times."""
 
     def __init__(
         self, names: Iterable[str], to: MessageTarget, writes: Mapping[str, float] | None = None
     ) -> None:
-        self.values: dict[str, float | int] = {}
-        """Newest values from the vehicle."""
-        self._changed: set[str] = set()
-        self._names = list(dict.fromkeys([*names, *(writes or {})]))
-        self._writes = dict(writes or {})
-        self._kinds: dict[str, int] = {}
         self._to = to
-        self._tries: Counter[str] = Counter()
-        self._asked_ns: dict[str, int] = {}
-        self._write_tries: Counter[str] = Counter()
+        self._all = {name: _Parameter() for name in names}
+        self._all |= {name: _Parameter(wanted=value) for name, value in (writes or {}).items()}
         self._begun_ns: int | None = None
+
+    @property
+    def values(self) -> dict[str, float | int]:
+        """Newest values from the vehicle."""
+        return {name: p.value for name, p in self._all.items() if p.value is not None}
 
     @property
     def missing(self) -> list[str]:
         """Names the vehicle did not answer to."""
-        return [n for n in self._names if n not in self.values and self._tries[n] >= _TRIES]
+        return [name for name, p in self._all.items() if p.silent]
 
     @property
     def unwritten(self) -> dict[str, float]:
         """Names that the vehicle did not accept."""
         return {
-            name: value
-            for name, value in self._writes.items()
-            if name in self.missing or self._write_tries[name] >= _TRIES
+            name: p.wanted
+            for name, p in self._all.items()
+            if p.wanted is not None and (p.silent or p.writes >= _TRIES)
         }
 
     @property
     def await_restart(self) -> list[str]:
         """Names of changed parameters that PX4 uses after its next start only."""
-        return [name for name in _AT_START if name in self._changed]
+        return [name for name in _AT_START if name in self._all and self._all[name].changed]
 
     @property
     def complete(self) -> bool:
         """Nothing is asked for any more."""
-        return all(n in self.values or self._tries[n] >= _TRIES for n in self._names)
+        return all(p.value is not None or p.silent for p in self._all.values())
 
     def reset(self) -> None:
         """Forget all values: another vehicle, or a restart of it."""
-        self.values.clear()
-        self._tries.clear()
-        self._asked_ns.clear()
-        self._write_tries.clear()
-        self._changed.clear()
+        self._all = {name: _Parameter(p.wanted) for name, p in self._all.items()}
         self._begun_ns = None
 
     def take(self, parameter: ParameterValue) -> None:
         """Take a value, asked for or not: PX4 tells when one is changed."""
-        if parameter.name not in self._names:
+        known = self._all.get(parameter.name)
+        if known is None:
             return
-        self.values[parameter.name] = parameter.value
-        self._kinds[parameter.name] = parameter.kind
-        wanted = self._writes.get(parameter.name)
-        if wanted is not None and math.isclose(
-            parameter.value, wanted, rel_tol=1e-5, abs_tol=1e-5
+        known.value, known.kind = parameter.value, parameter.kind
+        if known.wanted is not None and math.isclose(
+            parameter.value, known.wanted, rel_tol=1e-5, abs_tol=1e-5
         ):
-            if self._write_tries[parameter.name]:
-                self._changed.add(parameter.name)
-            del self._writes[parameter.name]
+            known.changed |= known.writes > 0
+            known.wanted = None
 
     def tick(self, now_ns: int, on_ground: bool) -> list[Any]:
         """Return what to send now."""
-        if self._begun_ns is None or (
-            on_ground and self.complete and now_ns - self._begun_ns > _AFRESH_NS
-        ):
-            again = self._begun_ns is not None
-            self._begun_ns = now_ns
-            self._tries = Counter(dict.fromkeys(self._names, _TRIES - 1) if again else {})
-            self._asked_ns.clear()
+        begun_ns = self._begun_ns
+        if begun_ns is None or (on_ground and self.complete and now_ns - begun_ns > _AFRESH_NS):
+            for parameter in self._all.values():
+                parameter.tries = 0 if begun_ns is None else _TRIES - 1
+                parameter.asked_ns = 0
+            self._begun_ns = begun_ns = now_ns
         messages: list[Any] = []
-        for name in self._names:
-            asked_ns = self._asked_ns.get(name, 0)
-            if now_ns - asked_ns <= _AGAIN_NS or len(messages) >= _AT_ONCE:
+        for name, parameter in self._all.items():
+            if now_ns - parameter.asked_ns <= _AGAIN_NS or len(messages) >= _AT_ONCE:
                 continue
-            writes = name in self._writes and name in self._kinds and on_ground
-            fresh = name in self.values and asked_ns >= self._begun_ns
-            tries = self._write_tries if writes else self._tries
-            if tries[name] >= _TRIES or (fresh and not writes):
-                continue
-            tries[name] += 1
-            self._asked_ns[name] = now_ns
-            messages.append(self._write(name) if writes else read_parameter(self._to, name))
+            fresh = parameter.value is not None and parameter.asked_ns >= begun_ns
+            if parameter.wanted is not None and parameter.value is not None and on_ground:
+                if parameter.writes < _TRIES:
+                    parameter.writes, parameter.asked_ns = parameter.writes + 1, now_ns
+                    messages.append(self._write(name, parameter.wanted, parameter.kind))
+            elif parameter.tries < _TRIES and not fresh:
+                parameter.tries, parameter.asked_ns = parameter.tries + 1, now_ns
+                messages.append(read_parameter(self._to, name))
         return messages
 
-    def _write(self, name: str) -> Any:
-        value, kind = self._writes[name], self._kinds[name]
-        if kind == _INT32:
-            value = float_of_int(round(value))
+    def _write(self, name: str, value: float, kind: int) -> Any:
+        value = float_of_int(round(value)) if kind == _INT32 else value
         return mav.MAVLink_param_set_message(*self._to, name.encode(), value, kind)
