@@ -145,11 +145,11 @@ def fit_axes(times: Array, turned: Array, spans: TurnSpans, any_angle: bool) -> 
             only signed exchanges, and the plain reading holds unless another explains much more.
     """
     best = _NO_FIT
-    delays: Array = np.arange(_EARLIEST_S, _LATEST_S, _COARSE_S)
+    delays: list[float] = np.arange(_EARLIEST_S, _LATEST_S, _COARSE_S).tolist()
     for step in (_COARSE_S, _FINE_S):
-        fits = [_fit_at(times, turned, spans, any_angle, float(delay)) for delay in delays]
+        fits = [_fit_at(times, turned, spans, any_angle, delay) for delay in delays]
         best = min([best, *fits], key=lambda fit: fit.left)
-        delays = best.delay_s + np.arange(-step, step, _FINE_S)
+        delays = (best.delay_s + np.arange(-step, step, _FINE_S)).tolist()
     return best
 
 
