@@ -129,7 +129,7 @@ def test_a_silent_mission_is_held_without_feed_forward():
     assert (last.vx, last.vy, last.vz, last.afz) == (0.0, 0.0, 0.0, 0.0)
     assert flight.px4.place == pytest.approx([0, 0, 1.5], abs=0.02)
     assert flight.px4.mode == OFFBOARD
-    flight.run(flight.bridge.params.hold_time)
+    flight.run(flight.bridge.limits.safety.hold_time)
     assert flight.px4.mode == AUTO_LAND, "nobody says where to: it does not hover for ever"
     flight.mission_on = True
     flight.run(2.0)

@@ -383,7 +383,7 @@ class Bridge:
     def _must_land(self, now_ns: int) -> str:
         """Return why the flight must end, "" if it may go on."""
         silent_s = self.stream.silent_s(now_ns)
-        if self.session.stage == SessionStage.FLYING and silent_s > self.params.hold_time:
+        if self.session.stage == SessionStage.FLYING and silent_s > self.limits.safety.hold_time:
             return f"no set point for {silent_s:.0f} s"
         if not self._flying:
             self.watch.rest()

@@ -68,23 +68,6 @@ class BridgeParams:
         "no heartbeat for so long: the link is lost",
         "PX4 sends 1 Hz and lets nobody change it: one may miss",
     )
-    setpoint_timeout: float = param(
-        0.5,
-        "s",
-        (0.05, 10.0),
-        "no set point for so long: the last position is held",
-        "inputs.setpoint_timeout of the controller",
-    )
-    hold_time: float = param(
-        10.0,
-        "s",
-        (0.0, 600.0),
-        "without set points the last position is held for so long, then PX4 lands",
-        "safety.hold_time of the controller",
-    )
-    pose_timeout: float = param(
-        0.2, "s", (0.02, 2.0), "no pose for so long: stale", "control.blind_timeout"
-    )
     pose_loss_time: float = param(
         1.0,
         "s",
