@@ -55,9 +55,6 @@ class AxesEvidence:
         body: name of the tracked body, as the bridge's parameter says.
         vehicle: hardware id of its autopilot.
         mistake: what is wrong with the axes; empty: they are right.
-        turned_rad: about x, y and z of the vehicle.
-        carried_m: along x, y and z of map.
-        delay_ms: of the poses against the gyro.
         tilt_rad: of the body's z against gravity at rest, about the vehicle's y and x.
     """
 
@@ -65,30 +62,24 @@ class AxesEvidence:
     body: str
     vehicle: str
     mistake: str = ""
-    turned_rad: tuple[float, ...] = ()
-    carried_m: tuple[float, ...] = ()
-    delay_ms: float = 0.0
     tilt_rad: tuple[float, ...] = ()
 
     def as_mapping(self) -> dict[str, Any]:
         """Return it as plain values."""
-        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+        return asdict(self) | {"tilt_rad": list(self.tilt_rad)}
 
     @classmethod
     def of_mapping(cls, values: Mapping[str, Any]) -> AxesEvidence:
-        """Return the record of plain values.
+        """Return the record of plain values; others that are kept beside them count for nothing.
 
         Raises:
-            TypeError: a key is unknown or missing.
-            ValueError: it proves axes without a tilt, or numbers are none.
+            KeyError: a value is missing.
+            ValueError: it proves axes without a tilt.
         """
-        made: dict[str, Any] = {
-            key: tuple(map(float, value)) if isinstance(value, list) else value
-            for key, value in values.items()
-        }
-        if not made.get("mistake") and len(made.get("tilt_rad", ())) != 2:
+        tilt, mistake = tuple(map(float, values["tilt_rad"])), values.get("mistake", "")
+        if not mistake and len(tilt) != 2:
             raise ValueError("tilt_rad")
-        return cls(**made)
+        return cls(values["date"], values["body"], values["vehicle"], mistake, tilt)
 
 
 def valid_proof(proofs: Iterable[AxesEvidence], vehicle: str) -> AxesEvidence | None:
@@ -144,7 +135,7 @@ class AxesFile:
         try:
             entries = yaml.safe_load(self._path.read_text(encoding="utf-8")) or []
             return [AxesEvidence.of_mapping(v) for v in entries]
-        except (OSError, ValueError, yaml.YAMLError, TypeError, AttributeError):
+        except (OSError, ValueError, yaml.YAMLError, TypeError, AttributeError, KeyError):
             raise InputError(
                 f"px4.axes_evidence '{self._path}': no list of proofs of axes; accepted: the file"
                 " that the bridge writes"

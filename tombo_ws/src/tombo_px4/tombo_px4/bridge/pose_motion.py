@@ -76,18 +76,8 @@ def _cell_means(grid: Array, times: Array, values: Array) -> Array:
     return mean
 
 
-class TurnSpans(NamedTuple):
-    """Rotations of the poses over short spans.
-
-    Attributes:
-        first: (M) begin [s].
-        last: (M) end [s].
-        turn: (M, 3) [rad, body].
-    """
-
-    first: Array
-    last: Array
-    turn: Array
+TurnSpans = tuple[Array, Array, Array]
+"""Begin (M) and end (M) [s] of short spans, and how far the poses turn in them (M, 3) [rad]."""
 
 
 def rotation_spans(stamps: Array, attitude: Array, begin_ns: int) -> TurnSpans:
@@ -109,7 +99,7 @@ def rotation_spans(stamps: Array, attitude: Array, begin_ns: int) -> TurnSpans:
     angle = 2.0 * np.arctan2(sine, turn[:, 3:])
     vector = turn[:, :3] * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 2.0)
     seconds = (stamps - begin_ns) * 1e-9
-    return TurnSpans(seconds[early], seconds[late], vector)
+    return seconds[early], seconds[late], vector
 
 
 def integrate(times: Array, rates: Array) -> Array:
@@ -156,11 +146,11 @@ def fit_axes(times: Array, turned: Array, spans: TurnSpans, any_angle: bool) -> 
 def _fit_at(
     times: Array, turned: Array, spans: TurnSpans, any_angle: bool, delay: float
 ) -> AxesFit:
-    first, last = spans.first - delay, spans.last - delay
+    first, last, turn = spans[0] - delay, spans[1] - delay, spans[2]
     inside = (first >= times[0]) & (last <= times[-1])
     if inside.sum() < _MIN_SPANS:
         return _NO_FIT
-    first, last, seen = first[inside], last[inside], spans.turn[inside]
+    first, last, seen = first[inside], last[inside], turn[inside]
     felt = np.stack([np.interp(last, times, w) - np.interp(first, times, w) for w in turned.T], 1)
     total = float((felt**2).sum())
     if total <= 0.0:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from itertools import takewhile
@@ -170,17 +169,8 @@ class Preflight:
         self, now_ns: int, mistake: str = "", tilt: tuple[float, ...] = ()
     ) -> AxesEvidence:
         date = str(np.datetime_as_string(np.datetime64(now_ns, "ns"), unit="s", timezone="UTC"))
-        shown = self.motion.verdict or HandVerdict(math.nan, "")
-        return AxesEvidence(
-            date,
-            self._params.tracked_body,
-            self.vehicle,
-            mistake,
-            tuple(round(v, 2) for v in shown.turned),
-            tuple(round(v, 2) for v in shown.carried),
-            round(1e3 * shown.delay_s, 1) if math.isfinite(shown.delay_s) else 0.0,
-            tuple(round(v, 4) for v in tilt),
-        )
+        kept = tuple(round(v, 4) for v in tilt)
+        return AxesEvidence(date, self._params.tracked_body, self.vehicle, mistake, kept)
 
 
 def _lately(samples: deque[_Arrived], now_ns: int) -> list[_Arrived]:
