@@ -31,11 +31,6 @@ def test_a_proof_without_the_name_of_body_or_vehicle_is_not_kept(tmp_path, key):
     assert not path.exists() and AxesFile(str(path)).of_body("") == ()
 
 
-def test_a_proof_that_names_the_mavlink_system_alone_counts_for_no_vehicle(tmp_path):
-    (tmp_path / "axes.yaml").write_text("- {date: a, body: s500, system: 1, tilt_rad: [0, 0]}")
-    assert AxesFile(str(tmp_path / "axes.yaml")).of_body("s500") == ()
-
-
 def test_where_nothing_is_named_it_is_in_the_users_configuration(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     AxesFile("").add(RIGHT)
@@ -47,7 +42,10 @@ def test_simulated_poses_have_no_file():
     assert file.add(RIGHT) == "" and file.of_body("s500") == ()
 
 
-@pytest.mark.parametrize("text", ["{", "3", "- {date: now}", "- {date: a, body: b, x: 1}"])
+@pytest.mark.parametrize(
+    "text",
+    ["{", "3", "- {date: now}", "- {date: a, body: b, x: 1}", "- {date: a, body: b, vehicle: c}"],
+)
 def test_another_file_is_refused(tmp_path, text):
     (tmp_path / "axes.yaml").write_text(text)
     with pytest.raises(InputError, match="no list of proofs of axes"):

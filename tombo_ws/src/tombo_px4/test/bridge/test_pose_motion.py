@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tombo_px4.bridge.flight_watch import PoseMotionWatch, RepeatedPose
-from tombo_px4.bridge.pose_motion import MotionSlope
+from tombo_px4.bridge.pose_motion import MotionSums
 from tombo_px4.link.decoded_messages import VehicleImu, VehicleOdometry
 
 MS = 1_000_000
@@ -96,27 +96,27 @@ class Flight:
 @pytest.mark.parametrize("degrees", [0.0, 8.0, -8.0])
 def test_right_axes_are_confirmed(degrees, rate_hz):
     watch = Flight(turned(degrees), rate_hz=rate_hz).run(8.0).watch
-    assert watch.mistake == "" and watch.confirmed
+    assert watch.mistake is None and watch.confirmed
 
 
 @pytest.mark.parametrize("degrees", [60, 90, -90, 135, 180])
 def test_a_turned_body_is_named_within_the_first_metre(degrees):
     flight = Flight(turned(degrees)).run()
-    assert "is not the nose" in flight.watch.mistake
-    named_degrees = int(re.search(r"move ([+-]\d+) deg", flight.watch.mistake)[1])
+    assert "is not the nose" in flight.watch.mistake.text
+    named_degrees = int(re.search(r"move ([+-]\d+) deg", flight.watch.mistake.text)[1])
     assert abs((named_degrees - degrees + 180) % 360 - 180) < 25
     assert flight.farthest < 0.3 and flight.highest < 1.2
 
 
 def test_heights_that_are_upside_down_are_named_while_it_climbs():
     flight = Flight(np.diag([1.0, 1.0, -1.0])).run()
-    assert "z is upside down" in flight.watch.mistake and flight.highest < 0.6
+    assert "z is upside down" in flight.watch.mistake.text and flight.highest < 0.6
 
 
 @pytest.mark.parametrize("rate_hz", [30, 100])
 def test_a_body_that_does_not_move_is_named_before_the_vehicle_is_half_a_metre_high(rate_hz):
     flight = Flight(still, rate_hz=rate_hz).run(6.0)
-    assert "does not move" in flight.watch.mistake and flight.highest < 0.68
+    assert "does not move" in flight.watch.mistake.text and flight.highest < 0.68
 
 
 def test_a_body_that_stays_behind_in_flight_is_named_soon():
@@ -127,17 +127,17 @@ def test_a_body_that_stays_behind_in_flight_is_named_soon():
 @pytest.mark.parametrize("scale", [0.6, 1.5])
 def test_positions_of_another_scale_are_named(scale):
     flight = Flight(lambda place: scale * place).run()
-    assert "times as far" in flight.watch.mistake and flight.highest < 1.0
+    assert "times as far" in flight.watch.mistake.text and flight.highest < 1.0
 
 
 def test_a_vehicle_that_turns_while_its_poses_do_not_is_named():
     watch = Flight(np.eye(3), lean=0.0, wobble=0.5).run(4.0, goal_m=0.5).watch
-    assert "do not turn as PX4's gyro" in watch.mistake
+    assert "do not turn as PX4's gyro" in watch.mistake.text
 
 
 def test_a_vehicle_that_stands_with_rotors_on_is_not_judged():
     watch = Flight(still).run(6.0, lifts_off=False).watch
-    assert watch.mistake == "" and not watch.confirmed
+    assert watch.mistake is None and not watch.confirmed
 
 
 def test_the_velocity_of_the_accelerometer_is_that_of_the_vehicle():
@@ -148,7 +148,7 @@ def test_the_velocity_of_the_accelerometer_is_that_of_the_vehicle():
 def test_axes_that_show_late_are_confirmed_though_the_tilt_is_wrong():
     """0.5 deg: after 20 s the velocity by the accelerometer alone would be 1.6 m/s off."""
     watch = Flight(np.eye(3), leans_s=20.0, tilt_error_m_s2=0.08).run(24.0).watch
-    assert watch.mistake == "" and watch.confirmed
+    assert watch.mistake is None and watch.confirmed
 
 
 def test_a_body_that_stays_behind_leaves_the_velocity_of_the_vehicle():
@@ -176,7 +176,7 @@ def test_poses_that_repeat_count_only_while_the_vehicle_moves():
 
 def test_noise_of_the_poses_widens_the_slope_and_does_not_move_it():
     rng = np.random.default_rng(0)
-    quiet, noisy = MotionSlope(0.1), MotionSlope(0.1)
+    quiet, noisy = MotionSums(0.1), MotionSums(0.1)
     for _ in range(400):
         felt = rng.normal(0.0, 0.1, 3)
         quiet.add(felt, felt, 0.02)

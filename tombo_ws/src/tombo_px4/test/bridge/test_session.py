@@ -9,10 +9,10 @@ from pymavlink.dialects.v20.common import MAV_CMD_COMPONENT_ARM_DISARM, MAV_CMD_
 
 from tombo_dynamics.messages import Phase
 from tombo_px4.bridge.bridge_records import (
+    BridgeOutput,
     CommandTransaction,
     RecentStatusTexts,
     SessionInput,
-    SessionOutput,
     SessionStage,
     SetpointSource,
     VehicleCommand,
@@ -107,7 +107,7 @@ class Flight:
             poses_wrong=self.poses_wrong,
             touched=self.touched,
         )
-        out = SessionOutput()
+        out = BridgeOutput()
         self.session.tick(view, out)
         for order in out.vehicle_commands:
             self.vehicle.command(order, self.now, self.session)

@@ -31,6 +31,7 @@ from tombo_px4.bridge.bridge_records import (
     SetpointSource,
     VehicleCommand,
 )
+from tombo_px4.bridge.checklist import PreflightFinding
 from tombo_px4.bridge.flight_watch import FlightWatch, RepeatedPose
 from tombo_px4.bridge.level_descent import LevelDescent
 from tombo_px4.bridge.message_rates import MessageRates
@@ -38,13 +39,7 @@ from tombo_px4.bridge.offboard_session import Session
 from tombo_px4.bridge.pose_axes import AxesEvidence
 from tombo_px4.bridge.preflight import Preflight
 from tombo_px4.bridge.setpoint_stream import FlightLimits, SetpointStream
-from tombo_px4.bridge.vehicle_parameters import (
-    HOVER,
-    READ,
-    FindingSeverity,
-    ParameterReader,
-    PreflightFinding,
-)
+from tombo_px4.bridge.vehicle_parameters import HOVER, READ, FindingSeverity, ParameterReader
 from tombo_px4.bridge.vehicle_words import VehicleWords
 from tombo_px4.link import decoded_messages as decoded
 from tombo_px4.link import message_encoder
@@ -109,7 +104,7 @@ class Bridge:
         self.answered = 0
         """TIMESYNC requests of the vehicle that were answered."""
         self.message_decoder = MessageDecoder(self.sync, link.own_system, link.own_component)
-        self.preflight = Preflight(params, link.system, proofs)
+        self.preflight = Preflight(params, proofs)
         self.limits = limits or FlightLimits()
         self.watch = FlightWatch(params, self.limits)
         self.descent = LevelDescent(mass, self.limits.safety)
@@ -118,6 +113,7 @@ class Bridge:
         self.poses_sent = 0
         self.poses_refused: Counter[str] = Counter()
         self.findings: list[PreflightFinding] = []
+        self.status = BridgeStatus()
         self.estimate_trusted = False
         """PX4's estimate may be relied on: the checks have passed, or it flies."""
         self._ready_ns: int | None = None
@@ -130,21 +126,18 @@ class Bridge:
         self._answers: list[decoded.TimesyncMessage] = []
         self._heartbeat: decoded.Heartbeat | None = None
         self._odometry: decoded.VehicleOdometry | None = None
-        self._attitude: decoded.VehicleAttitude | None = None
         self._imu: decoded.VehicleImu | None = None
         self._landed = MavLandedState.UNDEFINED
         self._version = ""
-        self._system: decoded.SystemStatus | None = None
         self._battery_ns = 0
         self._last_text = ""
         self._boot_ns = 0
         self._linked_ns: int | None = None
         self.pose_stamp_ns = 0
         """Capture of the last pose that was sent."""
-        self._now_ns = self._checked_ns = self._asked_ns = 0
-        self._heartbeat_sent_ns = self._timesync_request_ns = self._heartbeat_request_ns = 0
-        spread = (params.position_std, params.attitude_std)
-        self._covariance = message_encoder.diagonal_covariance(*spread)
+        self._now_ns = 0
+        self._done_ns: dict[str, int] = {}
+        """When what is done again and again was done last."""
 
     # --- What comes in ------------------------------------------------------------------------
 
@@ -171,8 +164,6 @@ class Bridge:
             decoded.ParameterValue: self.parameters.take,
             decoded.BatteryReading: self._take_battery,
             decoded.SystemStatus: self._take_system_status,
-            decoded.VehicleAttitude: partial(setattr, self, "_attitude"),
-            decoded.LocalPosition: self._take_local_position,
             decoded.ThrustSetpoint: self._take_thrust,
             decoded.AutopilotVersion: self._take_version,
             decoded.VehicleEvent: self.words.take,
@@ -214,7 +205,6 @@ class Bridge:
         self._out.battery.append(message)
 
     def _take_system_status(self, message: decoded.SystemStatus) -> None:
-        self._system = message
         if message.battery.arrival_ns - self._battery_ns > 2 * SECOND_NS:
             self._out.battery.append(message.battery)
 
@@ -238,27 +228,12 @@ class Bridge:
         if message.stamp_ns is not None:
             self._out.odometry.append(message)
 
-    def _take_local_position(self, message: decoded.LocalPosition) -> None:
-        """Make odometry of position and attitude where PX4 sends no ODOMETRY."""
-        last, attitude = self._odometry, self._attitude
-        # once made so, it stays so until ODOMETRY comes
-        late = last is not None and message.arrival_ns - last.arrival_ns > SECOND_NS
-        needed = last is None or last.resets < 0 or late
-        if not needed or attitude is None or abs(message.boot_ns - attitude.boot_ns) > _CHECK_NS:
-            return
-        q, rates = attitude.attitude, attitude.rates
-        self._take_odometry(
-            decoded.VehicleOdometry(
-                **vars(message), attitude=q, rates=rates, pose_covariance=None, resets=-1
-            )
-        )
-
     def _rebooted(self, now_ns: int) -> None:
         self._out.events.append(("vehicle_rebooted", "PX4 was restarted: its clock went back"))
         self.preflight.reset()
         self.parameters.reset()
         self.words.reset()
-        self._asked_ns = 0
+        self._done_ns.pop("ask", None)
         self._linked_ns = now_ns
 
     def pose(
@@ -288,8 +263,8 @@ class Bridge:
         unit = attitude / np.linalg.norm(attitude)
         self.preflight.pose(stamp_ns, now_ns, position, unit)
         self.watch.motion.pose(stamp_ns, position, unit)
-        pose = (self.params.mocap, stamp_ns, position, unit, self._covariance)
-        self._out.messages.append(message_encoder.pose_message(*pose))
+        pose = message_encoder.pose_message(self.params.mocap, stamp_ns, position, unit, None)
+        self._out.messages.append(pose)
         self.poses_sent += 1
         return why
 
@@ -323,9 +298,12 @@ class Bridge:
         return math.dist(expected, position) > self.params.pose_jump_max
 
     @property
+    def _armed(self) -> bool:
+        return self._heartbeat is not None and self._heartbeat.armed
+
+    @property
     def _flying(self) -> bool:
-        beat = self._heartbeat
-        return beat is not None and beat.armed and self._landed != MavLandedState.ON_GROUND
+        return self._armed and self._landed != MavLandedState.ON_GROUND
 
     def request(self, kind: str) -> int:
         """Take an operator's request: arm, disarm, offboard, land, hold; return its number.
@@ -338,68 +316,65 @@ class Bridge:
 
     def tick(self, now_ns: int) -> BridgeOutput:
         """Decide; return what is to be sent and published."""
-        for text in self.message_decoder.take_expired(now_ns):
-            self._take_status_text(text)
-        beat = self._heartbeat
-        flies = beat is not None and beat.armed
-        questions, texts = self.words.tick(now_ns, beat is not None and not flies, flies)
-        for text in texts:
-            self._say(text)
+        questions = self._explain_events(now_ns)
         out, self._out = self._out, BridgeOutput()
-        if now_ns < self._now_ns - _SET_BACK_NS:
-            self._clock_set_back(now_ns, out)
-        elif now_ns > self._now_ns + _SET_BACK_NS:
-            self.watch.pose_ns += (
-                now_ns - self._now_ns
-            )  # nobody looked, or the clock was set ahead
-        self._now_ns = now_ns
+        self._follow_clock(now_ns, out)
         self._answer_timesync(now_ns, out)
         linked = self._follow_link(now_ns)
+        if self._due("check", _CHECK_NS, now_ns):
+            self.findings = self._check(now_ns)
+        self._watch_motion(now_ns, out)
+        self.session.tick(self._view(now_ns), out)
         if linked:
             out.messages += questions
-        if now_ns - self._checked_ns >= _CHECK_NS:
-            self._checked_ns = now_ns
-            self.findings = self._check(now_ns, linked)
-        self._watch_takeoff(now_ns, flies, out)
-        out.evidence = self.preflight.take_evidence()
-        self.session.tick(
-            SessionInput(
-                now_ns,
-                self._heartbeat,
-                self._landed,
-                self.stream.phase,
-                self.stream.fresh(now_ns),
-                self._present(now_ns) is not None,
-                tuple(f.text for f in self._blocking),
-                self._must_land(now_ns),
-                self.stream.takeoff_commands,
-                bool(self.watch.motion.mistake),
-                self.descent.touched,
-            ),
-            out,
-        )
         out.messages += [order.message(self._target) for order in out.vehicle_commands]
         self._housekeeping(now_ns, linked, out)
-        message = self._setpoint_message(out.stream, now_ns)
-        if message is not None:
-            out.messages.append(message)
-        self._faults(now_ns, linked, out)
-        out.status = self._status(linked)
-        self._update_estimate_trusted(out.status, now_ns)
+        out.messages += self._setpoint_messages(out.stream, now_ns)
+        if linked:
+            self._report_faults(now_ns, out)
+        self.status = out.status = self._status(linked)
+        self._update_estimate_trusted(now_ns)
         return out
 
-    def _setpoint_message(self, stream: SetpointSource, now_ns: int) -> Any | None:
-        """Return the set point to send now; None: none is due."""
+    def _explain_events(self, now_ns: int) -> list[Any]:
+        """Say PX4's events and texts; return what to ask of it."""
+        for text in self.message_decoder.take_expired(now_ns):
+            self._take_status_text(text)
+        known = self._heartbeat is not None
+        questions, texts = self.words.tick(now_ns, known and not self._armed, self._armed)
+        for text in texts:
+            self._say(text)
+        return questions
+
+    def _view(self, now_ns: int) -> SessionInput:
+        """Return what the session decides by."""
+        return SessionInput(
+            now_ns,
+            self._heartbeat,
+            self._landed,
+            self.stream.phase,
+            self.stream.fresh(now_ns),
+            self._present(now_ns) is not None,
+            tuple(f.text for f in self._blocking),
+            self._must_land(now_ns),
+            self.stream.takeoff_commands,
+            bool(self.watch.motion.mistake),
+            self.descent.touched,
+        )
+
+    def _setpoint_messages(self, stream: SetpointSource, now_ns: int) -> list[Any]:
+        """Return the set point to send now, if one is due."""
         odometry = self._odometry
         if stream == SetpointSource.LEVEL_DESCENT and odometry is not None:
             velocity = self.watch.motion.velocity
             wanted = self.descent.step(now_ns, odometry.attitude, velocity, self.hover_thrust)
             if wanted is None:
-                return None
-            return message_encoder.rotation_target(*wanted, self._target, now_ns)
+                return []
+            return [message_encoder.rotation_target(*wanted, self._target, now_ns)]
         self.descent.end()
         self.stream.ceiling = self.watch.ceiling(now_ns, self.preflight.latest_position)
-        return self.stream.message(stream, self._present(now_ns), self.hover_thrust, now_ns)
+        message = self.stream.message(stream, self._present(now_ns), self.hover_thrust, now_ns)
+        return [] if message is None else [message]
 
     @property
     def _blocking(self) -> list[PreflightFinding]:
@@ -408,42 +383,45 @@ class Bridge:
     def _must_land(self, now_ns: int) -> str:
         """Return why the flight must end, "" if it may go on."""
         silent_s = self.stream.silent_s(now_ns)
-        if self.session.stage == SessionStage.FLYING and silent_s > self.params.hold_time:
+        if self.session.stage == SessionStage.FLYING and silent_s > self.limits.safety.hold_time:
             return f"no set point for {silent_s:.0f} s"
         if not self._flying:
             self.watch.rest()
             return ""
         return self.watch.must_land(now_ns, self._odometry, self._blocking)
 
-    def _watch_takeoff(self, now_ns: int, armed: bool, out: BridgeOutput) -> None:
+    def _watch_motion(self, now_ns: int, out: BridgeOutput) -> None:
         """Compare the motion of the poses since the arming with that of PX4's sensors."""
         follows = self.session.stage == SessionStage.FLYING
         takes_off = follows and self.stream.phase == Phase.TAKEOFF
-        mistake = self.watch.follow(now_ns, armed, takes_off, self._beside_setpoint())
-        if mistake and self.watch.motion.voids_proof:
-            self.preflight.refute(mistake, now_ns)
-        if mistake:
-            key = "axes_wrong" if self.watch.motion.voids_proof else "poses_wrong"
-            out.events.append((key, mistake))
-
-    def _beside_setpoint(self) -> float:
-        """Return the horizontal distance of the newest pose from the set point [m]; 0: none."""
         latest = self.preflight.latest_position
-        return 0.0 if latest is None else self.stream.beside(latest)
+        beside_m = 0.0 if latest is None else self.stream.beside(latest)
+        mistake = self.watch.follow(now_ns, self._armed, takes_off, beside_m)
+        if mistake is not None:
+            key = "axes_wrong" if mistake.voids_proof else "poses_wrong"
+            out.events.append((key, mistake.text))
+            if mistake.voids_proof:
+                self.preflight.refute(mistake.text, now_ns)
+        out.evidence = self.preflight.take_evidence()
 
-    def _update_estimate_trusted(self, status: BridgeStatus, now_ns: int) -> None:
-        self._ready_ns = (self._ready_ns or now_ns) if status.ready else None
+    def _update_estimate_trusted(self, now_ns: int) -> None:
+        self._ready_ns = (self._ready_ns or now_ns) if self.status.ready else None
         wait_ns = self.params.ready_time * SECOND_NS
         settled = self._ready_ns is not None and now_ns - self._ready_ns >= wait_ns
-        self.estimate_trusted = self.estimate_trusted or status.armed or settled
+        self.estimate_trusted = self.estimate_trusted or self.status.armed or settled
 
-    def _clock_set_back(self, now_ns: int, out: BridgeOutput) -> None:
-        """Forget all times of the past, because the clock was set back."""
-        back = (self._now_ns - now_ns) * 1e-9
+    def _follow_clock(self, now_ns: int, out: BridgeOutput) -> None:
+        """Take a clock that was set; where it was set back, forget all times of the past."""
+        before_ns, self._now_ns = self._now_ns, now_ns
+        if now_ns > before_ns + _SET_BACK_NS:
+            self.watch.pose_ns += now_ns - before_ns  # nobody looked, or the clock was set ahead
+        if now_ns >= before_ns - _SET_BACK_NS:
+            return
+        back = (before_ns - now_ns) * 1e-9
         text = f"the system's clock was set back by {back:.1f} s: all stamps begin again"
         out.events.append(("clock_set_back", text))
-        self._heartbeat_sent_ns = self._timesync_request_ns = self._heartbeat_request_ns = 0
-        self._checked_ns = self._asked_ns = self.pose_stamp_ns = self._battery_ns = 0
+        self._done_ns.clear()
+        self.pose_stamp_ns = self._battery_ns = 0
         self.stream.clock_set_back(now_ns)
         self._ready_ns = self.watch.jump_ns = None
         self.watch.rest()
@@ -464,9 +442,17 @@ class Bridge:
             self._linked_ns = None
             return False
         if self._linked_ns is None:
-            self._linked_ns, self._asked_ns, self._checked_ns = now_ns, 0, 0
+            self._linked_ns = now_ns
+            self._done_ns.clear()
             self.message_rates.clear()
         return True
+
+    def _due(self, what: str, period_ns: int, now_ns: int) -> bool:
+        """Return whether what is done every period is to be done now."""
+        due = now_ns - self._done_ns.get(what, 0) >= period_ns
+        if due:
+            self._done_ns[what] = now_ns
+        return due
 
     def _answer_timesync(self, now_ns: int, out: BridgeOutput) -> None:
         for request in self._answers:
@@ -477,30 +463,26 @@ class Bridge:
         self._answers.clear()
 
     def _housekeeping(self, now_ns: int, linked: bool, out: BridgeOutput) -> None:
-        if now_ns - self._heartbeat_sent_ns >= _HEARTBEAT_NS:
-            self._heartbeat_sent_ns = now_ns
+        if self._due("heartbeat", _HEARTBEAT_NS, now_ns):
             out.messages.append(message_encoder.heartbeat(self._heartbeat_type))
-        if not linked:
+        beat = self._heartbeat
+        if not linked or beat is None:
             return
-        if now_ns - self._timesync_request_ns >= _TIMESYNC_NS:
-            self._timesync_request_ns = now_ns
+        if self._due("timesync", _TIMESYNC_NS, now_ns):
             out.messages.append(message_encoder.timesync(self.sync.request(now_ns)))
-        if now_ns - self._asked_ns >= _ASK_NS:
-            begun = self._asked_ns == 0
-            self._asked_ns = now_ns
+        begun = "ask" not in self._done_ns
+        if self._due("ask", _ASK_NS, now_ns):
             out.messages += self.message_rates.requests(now_ns, begun)
             if not self._version:
-                number = mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION
-                out.messages.append(message_encoder.request_message(self._target, number))
-        beat = self._heartbeat
-        assert beat is not None
-        if (beat.armed or self.session.awaits_confirmation) and (
-            now_ns - max(beat.arrival_ns, self._heartbeat_request_ns) >= _HEARTBEAT_REQUEST_NS
-        ):
-            self._heartbeat_request_ns = now_ns
-            number = mav.MAVLINK_MSG_ID_HEARTBEAT
-            out.messages.append(message_encoder.request_message(self._target, number))
+                out.messages.append(self._request(mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION))
+        waits = beat.armed or self.session.awaits_confirmation
+        old = now_ns - beat.arrival_ns >= _HEARTBEAT_REQUEST_NS
+        if waits and old and self._due("heartbeat request", _HEARTBEAT_REQUEST_NS, now_ns):
+            out.messages.append(self._request(mav.MAVLINK_MSG_ID_HEARTBEAT))
         out.messages += self.parameters.tick(now_ns, not beat.armed)
+
+    def _request(self, number: int) -> Any:
+        return message_encoder.request_message(self._target, number)
 
     def shutdown_command(self) -> Any:
         """Return the command that lands a vehicle that flies by our set points; None: not needed.
@@ -508,21 +490,15 @@ class Bridge:
         For a bridge that is told to end: send it, and again until this is None.
         """
         beat, stage = self._heartbeat, self.session.stage
-        if beat is None:
+        ours = (SessionStage.ENTERING_OFFBOARD, SessionStage.ARMING, SessionStage.FLYING)
+        if beat is None or stage not in ours:
             return None
-        if stage == SessionStage.ARMING and not beat.armed:
-            return VehicleCommand(armed=False).message(self._target)  # arming may be under way
-        if not beat.armed or stage not in (
-            SessionStage.ENTERING_OFFBOARD,
-            SessionStage.ARMING,
-            SessionStage.FLYING,
-        ):
-            return None
-        if self._landed == MavLandedState.ON_GROUND:
+        # arming may be under way
+        disarms = stage == SessionStage.ARMING if not beat.armed else not self._flying
+        if disarms:
             return VehicleCommand(armed=False).message(self._target)
-        if beat.mode != OFFBOARD:
-            return None
-        return VehicleCommand(mode=AUTO_LAND).message(self._target)
+        lands = beat.armed and beat.mode == OFFBOARD
+        return VehicleCommand(mode=AUTO_LAND).message(self._target) if lands else None
 
     # --- Set points ---------------------------------------------------------------------------
 
@@ -542,29 +518,22 @@ class Bridge:
 
     # --- What is wrong ------------------------------------------------------------------------
 
-    def _check(self, now_ns: int, linked: bool) -> list[PreflightFinding]:
-        if not linked or self._linked_ns is None:
+    def _check(self, now_ns: int) -> list[PreflightFinding]:
+        if self._linked_ns is None:
             return []
-        assert self._heartbeat is not None
-        findings = self.preflight.findings(
+        return self.preflight.findings(
             now_ns,
             self.sync,
             self.parameters.values,
             linked_ns=self._linked_ns,
             answered=self.answered,
-            flying=self._heartbeat.armed and self._landed != MavLandedState.ON_GROUND,
+            flying=self._flying,
+            unwritten=self.parameters.unwritten,
         )
-        if self.parameters.unwritten:
-            pairs = ", ".join(f"{n}={v:g}" for n, v in self.parameters.unwritten.items())
-            text = f"PX4 did not take: {pairs}; is the name right, the value within its bounds?"
-            findings.insert(0, PreflightFinding("parameters_not_set", text))
-        return findings
 
-    def _faults(self, now_ns: int, linked: bool, out: BridgeOutput) -> None:
-        """Return the faults of a link that seems to work."""
-        if not linked or self._linked_ns is None:
-            return
-        settled = now_ns - self._linked_ns > _SETTLE_NS
+    def _report_faults(self, now_ns: int, out: BridgeOutput) -> None:
+        """Add the faults of a link that seems to work."""
+        settled = now_ns - (self._linked_ns or now_ns) > _SETTLE_NS
         flies = self.session.stage in (SessionStage.FLYING, SessionStage.LANDING)
         for finding in self.findings if settled or flies else ():
             if finding.weight != FindingSeverity.ADVICE:
@@ -584,7 +553,7 @@ class Bridge:
         beat = self._heartbeat
         return BridgeStatus(
             linked,
-            beat is not None and beat.armed,
+            self._armed,
             "" if beat is None else mode_name(beat.mode),
             self._landed,
             self.session.stage,
@@ -598,17 +567,14 @@ class Bridge:
 
     def metrics(self, now_ns: int) -> dict[str, Any]:
         """Return what `/diagnostics` shows beside the faults."""
-        sync, beat, last = self.sync, self._heartbeat, self._odometry
+        sync, last, status = self.sync, self._odometry, self.status
         metrics: dict[str, Any] = {
-            "mode": "" if beat is None else mode_name(beat.mode),
-            "armed": beat is not None and beat.armed,
-            "landed": self._landed.name.lower(),
-            "stage": self.session.stage.value,
-            "timesync_converged": sync.converged,
+            "mode": status.mode,
+            "armed": status.armed,
+            "landed": status.landed.name.lower(),
+            "stage": status.stage.value,
             "timesync_offset_ns": sync.offset_ns,
             "timesync_round_trip_us": None if sync.rtt_ns is None else round(sync.rtt_ns * 1e-3),
-            "timesync_jumps": sync.jumps,
-            "timesync_answered": self.answered,
             "mocap_rate_hz": self.preflight.pose_rate_hz(now_ns),
             "mocap_latency_ms": round(1e3 * self.preflight.latency_s(now_ns), 2),
             "poses_sent": self.poses_sent,
@@ -616,30 +582,14 @@ class Bridge:
             "odometry_latency_ms": None
             if last is None or last.stamp_ns is None
             else round((last.arrival_ns - last.stamp_ns) * 1e-6, 2),
+            "px4_checks": " | ".join(self.words.checks),
+            "findings": " | ".join(f"{f.weight.name.lower()}: {f.text}" for f in self.findings),
         }
-        for why, count in self.poses_refused.items():
-            metrics[f"poses_refused.{why}"] = count
-        for word, count in self.message_decoder.refused.items():
-            metrics[f"refused.{word}"] = count
-        for name, rate in self.message_rates.rates(now_ns).items():
-            metrics[f"rate_hz.{name}"] = rate
-        for name, value in self.parameters.values.items():
-            metrics[f"parameter.{name}"] = value
-        evidence, verdict = self.preflight.evidence, self.preflight.motion.verdict
-        metrics["axes_proven"] = self.params.axes_evidence if evidence is None else evidence.date
-        metrics["mocap_turned_by_hand"] = (
-            "not yet: axes and delay of the poses are proven by turning it for some seconds"
-            if verdict is None
-            else verdict.mistake or f"axes agree, stamps {1e3 * verdict.delay_s:.0f} ms late"
-        )
-        if self.words.metadata.failed:
-            metrics["events_unexplained"] = self.words.metadata.failed
-        if self.words.checks:
-            metrics["px4_checks"] = " | ".join(self.words.checks)
-        if self.parameters.missing:
-            metrics["parameters_unknown"] = " ".join(self.parameters.missing)
-        texts = (f"{f.weight.name.lower()}: {f.text}" for f in self.findings)
-        metrics["findings"] = " | ".join(texts)
-        if self._system is not None and self._system.checked:
-            metrics["px4_ready"] = self._system.ready
+        for prefix, values in (
+            ("poses_refused", self.poses_refused),
+            ("refused", self.message_decoder.refused),
+            ("rate_hz", self.message_rates.rates(now_ns)),
+            ("parameter", self.parameters.values),
+        ):
+            metrics |= {f"{prefix}.{name}": value for name, value in values.items()}
         return metrics

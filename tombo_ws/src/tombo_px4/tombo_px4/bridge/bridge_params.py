@@ -34,20 +34,6 @@ class BridgeParams:
     tracked_body: str = plain(
         "", "name of the rigid body in the motion capture; a new name asks for a new proof"
     )
-    position_std: float = param(
-        0.0,
-        "m",
-        (0.0, 1.0),
-        "standard deviation of the poses told to PX4; 0: unknown, PX4 takes EKF2_EVP_NOISE",
-        "unknown: PX4's own parameter decides",
-    )
-    attitude_std: float = param(
-        0.0,
-        "rad",
-        (0.0, 0.5),
-        "the same of their attitude; 0: unknown, PX4 takes EKF2_EVA_NOISE",
-        "unknown: PX4's own parameter decides",
-    )
     hover_thrust: float = param(
         0.0,
         "1",
@@ -81,23 +67,6 @@ class BridgeParams:
         (0.5, 30.0),
         "no heartbeat for so long: the link is lost",
         "PX4 sends 1 Hz and lets nobody change it: one may miss",
-    )
-    setpoint_timeout: float = param(
-        0.5,
-        "s",
-        (0.05, 10.0),
-        "no set point for so long: the last position is held",
-        "inputs.setpoint_timeout of the controller",
-    )
-    hold_time: float = param(
-        10.0,
-        "s",
-        (0.0, 600.0),
-        "without set points the last position is held for so long, then PX4 lands",
-        "safety.hold_time of the controller",
-    )
-    pose_timeout: float = param(
-        0.2, "s", (0.02, 2.0), "no pose for so long: stale", "control.blind_timeout"
     )
     pose_loss_time: float = param(
         1.0,

@@ -144,19 +144,6 @@ class SessionInput:
         return self.heartbeat
 
 
-@dataclass
-class SessionOutput:
-    """Outputs of one tick."""
-
-    stream: SetpointSource = SetpointSource.PRESENT
-    vehicle_commands: list[VehicleCommand] = field(default_factory=list)
-    faults: dict[str, str] = field(default_factory=dict)
-    """Key -> what is wrong, for as long as it is."""
-    events: list[tuple[str, str]] = field(default_factory=list)
-    """Key and text of what went wrong just now."""
-    replies: list[Reply] = field(default_factory=list)
-
-
 @dataclass(frozen=True)
 class BridgeStatus:
     """State of vehicle and bridge; published at each change."""
@@ -175,9 +162,16 @@ class BridgeStatus:
 
 
 @dataclass
-class BridgeOutput(SessionOutput):
-    """Outputs of one tick, besides those of the session."""
+class BridgeOutput:
+    """Outputs of one tick: of the session, and of the bridge around it."""
 
+    stream: SetpointSource = SetpointSource.PRESENT
+    vehicle_commands: list[VehicleCommand] = field(default_factory=list)
+    faults: dict[str, str] = field(default_factory=dict)
+    """Key -> what is wrong, for as long as it is."""
+    events: list[tuple[str, str]] = field(default_factory=list)
+    """Key and text of what went wrong just now."""
+    replies: list[Reply] = field(default_factory=list)
     messages: list[Any] = field(default_factory=list)
     """To be sent now."""
     odometry: list[decoded.VehicleOdometry] = field(default_factory=list)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,21 +20,22 @@ from tombo_dynamics.rotation import rotate_vector
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import BridgeParams
+from tombo_px4.bridge.checklist import PreflightFinding
 from tombo_px4.bridge.pose_motion import (
     GRID_S,
     LONG_HALF,
     SHORT_HALF,
-    MotionSlope,
+    MotionSums,
     fit_axes,
     integrate,
     rotation_spans,
     second_differences,
 )
 from tombo_px4.bridge.setpoint_stream import FlightLimits
-from tombo_px4.bridge.vehicle_parameters import PreflightFinding
 from tombo_px4.link.decoded_messages import VehicleImu, VehicleOdometry
 
-_UP = np.array([0.0, 0.0, GRAVITY])
+_LEVEL, _UPWARD = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+_UP = GRAVITY * _UPWARD
 _WINDOW_NS = 1_100_000_000
 """Poses and samples of this age are compared: a long span and a margin [ns]."""
 _SHORT_LEAST_M, _LONG_LEAST_M = 0.006, 0.03
@@ -124,67 +125,53 @@ class RepeatedPose:
         return self._moves and now_ns - self._since_ns > _REPEATED_NS
 
 
-@dataclass
-class _DirectionSums:
-    """Weighted sums over the spans: of the felt, the seen, and their products."""
+class Mistake(NamedTuple):
+    """What is wrong with the poses in flight.
 
-    least: float
-    """[m]: a smaller second difference is noise."""
-    time_s: float = 0.0
-    felt: float = 0.0
-    seen: float = 0.0
-    product: complex = 0.0
-    mirrored: complex = 0.0
+    Attributes:
+        text: to tell.
+        turned: the poses are turned or mirrored, but are this vehicle's: it brakes by them. Else
+            the velocity is as if they had not been followed lately.
+        voids_proof: it is one of axes, scale or body.
+    """
 
-    def add(self, felt: complex, seen: complex, weight_s: float) -> None:
-        if min(abs(felt), abs(seen)) < self.least:
-            return
-        self.time_s += weight_s
-        self.felt += weight_s * abs(felt) ** 2
-        self.seen += weight_s * abs(seen) ** 2
-        self.product += weight_s * felt.conjugate() * seen
-        self.mirrored += weight_s * felt * seen
-
-    def coherence(self, product: complex) -> float:
-        return abs(product) ** 2 / max(self.felt * self.seen, 1e-18)
-
-    @property
-    def turn(self) -> tuple[complex, bool] | None:
-        """Turn of a motion of the poses into the felt one, and whether it is mirrored first."""
-        mirrored = abs(self.mirrored) > abs(self.product)
-        product = self.mirrored if mirrored else self.product.conjugate()
-        if self.time_s < _SHOWS_S or self.coherence(product) < _SHOWS_COHERENT:
-            return None
-        return product / abs(product), mirrored
-
-    @property
-    def decides(self) -> bool:
-        """Both have moved for long enough: poses that jump alone are no matter of axes."""
-        return self.time_s >= _DECIDES_S
+    text: str
+    turned: bool = False
+    voids_proof: bool = False
 
 
 class _Span:
-    """Sums over spans of one length."""
+    """Sums over spans of one length: level motion, upward motion, and what is surely no noise."""
 
     def __init__(self, half: int, least_m: float) -> None:
         self.half = half
-        self.level, self.height = _DirectionSums(least_m), _DirectionSums(least_m)
-        self.weak = _DirectionSums(0.0)
-        """Of level motion, however small."""
-        self.slope = MotionSlope(2 * half * GRID_S)
+        span_s = 2 * half * GRID_S
+        self.level, self.height = MotionSums(span_s, least_m), MotionSums(span_s, least_m)
+        self.weak = MotionSums(span_s)
+        self.slope = MotionSums(span_s, memory_s=_MEMORY_S)
         scale = (half * GRID_S) ** 2
         self._least = scale * _LEVEL_LEAST_M_S2, scale * _VERTICAL_LEAST_M_S2
 
     def add(self, seen: Array, felt: Array, step_s: float) -> None:
         """Add the newest second difference (3) of the poses, and that of the accelerometer."""
-        (x, y, z), (u, v, w) = seen.tolist(), felt.tolist()
-        self.level.add(complex(u, v), complex(x, y), step_s)
-        self.weak.add(complex(u, v), complex(x, y), step_s)
-        self.height.add(complex(w), complex(z), step_s)
+        self.level.add(_LEVEL * felt, _LEVEL * seen, step_s)
+        self.weak.add(_LEVEL * felt, _LEVEL * seen, step_s)
+        self.height.add(_UPWARD * felt, _UPWARD * seen, step_s)
+        u, v, w = felt.tolist()
         level, vertical = math.hypot(u, v) > self._least[0], abs(w) > self._least[1]
-        use = np.array([level, level, vertical])
-        if use.any():
-            self.slope.add(use * felt, use * seen, step_s, _MEMORY_S)
+        if level or vertical:
+            use = level * _LEVEL + vertical * _UPWARD
+            self.slope.add(use * felt, use * seen, step_s)
+
+    @property
+    def turn(self) -> tuple[complex, bool] | None:
+        """Turn of a motion of the poses into the felt one, and whether it is mirrored first."""
+        weak = self.weak
+        mirrored = abs(weak.mirrored) > abs(weak.product)
+        product = weak.mirrored if mirrored else weak.product.conjugate()
+        if weak.time_s < _SHOWS_S or weak.coherence(product) < _SHOWS_COHERENT:
+            return None
+        return product / abs(product), mirrored
 
 
 class PoseMotionWatch:
@@ -196,8 +183,7 @@ class PoseMotionWatch:
 
     Attributes:
         confirmed: the motion has shown that the axes are right.
-        mistake: what is wrong with the poses; "" as long as no fault is known.
-        voids_proof: the mistake is one of axes, scale or body: the proof of axes is void.
+        mistake: what is wrong with the poses; None: no fault is known.
         velocity: (3) by the accelerometer since the arming, in PX4's map [m/s].
     """
 
@@ -205,13 +191,13 @@ class PoseMotionWatch:
         self._poses: deque[tuple[int, Array, Array]] = deque(maxlen=500)
         self._imu: deque[tuple[int, Array, Array]] = deque(maxlen=600)
         self._rest = _UP
-        self._heights: deque[tuple[int, float]] = deque()
         self._begun = False
         self._start()
 
     def _start(self) -> None:
         self._spans = _Span(SHORT_HALF, _SHORT_LEAST_M), _Span(LONG_HALF, _LONG_LEAST_M)
         self._ways: deque[tuple[int, Array]] = deque(maxlen=100)
+        self._heights: deque[tuple[int, float]] = deque()
         self._measured: Array = np.zeros(3)
         """Velocity by the accelerometer alone."""
         self._velocities: deque[tuple[int, Array, Array]] = deque()
@@ -219,11 +205,9 @@ class PoseMotionWatch:
         self._judged_ns = self._turned_ns = 0
         self._strike_ns = -_STRIKE_NS
         self._way_off_ns: int | None = None
-        self.confirmed, self.mistake, self.voids_proof = False, "", False
-        self._only_turned = False
-        self._turns_agree = False
+        self.confirmed = self._turns_agree = False
+        self.mistake: Mistake | None = None
         self.velocity: Array = np.zeros(3)
-        self._heights.clear()
 
     def begin(self) -> None:
         """Begin with the arming: the accelerometer at rest shows its bias and PX4's tilt."""
@@ -255,10 +239,10 @@ class PoseMotionWatch:
             return
         force = rotate_vector(estimate.attitude, sample.accel)
         step_s = min((stamp_ns - self._imu[-1][0]) * 1e-9, _LONGEST_STEP_S) if self._imu else 0.0
-        self._imu.append((stamp_ns, sample.gyro, force))
         strikes = abs(float(np.linalg.norm(sample.accel)) - GRAVITY) > _STRIKE_M_S2
-        if len(self._imu) > 1:
-            strikes |= float(np.abs(sample.gyro - self._imu[-2][1]).max()) > _STRIKE_RAD_S
+        if self._imu:
+            strikes |= float(np.abs(sample.gyro - self._imu[-1][1]).max()) > _STRIKE_RAD_S
+        self._imu.append((stamp_ns, sample.gyro, force))
         if strikes:
             self._strike_ns = stamp_ns
         way = self._ways[-1][1] if self._ways else np.zeros(3)
@@ -275,22 +259,22 @@ class PoseMotionWatch:
         self._velocities.append((stamp_ns, self.velocity, self._measured))
         while self._velocities[0][0] < max(stamp_ns - _BEFORE_NS, self._strike_ns):
             self._velocities.popleft()
-        self._compare_height(stamp_ns, sample.pressure_altitude, step_s, airborne)
+        if self._poses and math.isfinite(sample.pressure_altitude) and airborne:
+            self._follow_height(stamp_ns, sample.pressure_altitude, step_s)
 
     def _shown_velocity(self) -> Array | None:
         """Return the velocity (3) of the poses in PX4's map; None: their axes are not known."""
-        span = self._spans[1]
-        upward = span.height.decides and span.height.product.real > _COHERENT * span.height.felt
-        direction = (1.0, False) if self.confirmed else span.weak.turn
         seen = self._seen_velocity()
-        if seen is None or (self.mistake and not self._only_turned):
+        if seen is None or (self.mistake and not self.mistake.turned):
             return None
+        span, shown = self._spans[1], self.velocity.copy()
+        direction = (1.0, False) if self.confirmed else span.turn
         vx, vy, vz = seen.tolist()
-        shown = self.velocity.copy()
         if direction is not None:
             turn, mirrored = direction
             level = turn * (complex(vx, -vy) if mirrored else complex(vx, vy))
             shown[:2] = level.real, level.imag
+        upward = span.height.time_s >= _DECIDES_S and span.height.slope > _COHERENT
         if upward and not self.mistake:
             shown[2] = vz
         return shown
@@ -315,11 +299,10 @@ class PoseMotionWatch:
         speed = float(np.linalg.norm(self.velocity[:2]))
         if seen is not None and speed > 0.0:
             share = min(float(np.linalg.norm(seen[:2])) / speed, 1.0)
-            self.velocity = self.velocity * np.array([share, share, 1.0])
+            self.velocity = self.velocity * (share * _LEVEL + _UPWARD)
 
-    def _compare_height(self, now_ns: int, altitude: float, step_s: float, airborne: bool) -> None:
-        if not (self._poses and math.isfinite(altitude) and airborne):
-            return
+    def _follow_height(self, now_ns: int, altitude: float, step_s: float) -> None:
+        """Keep the height of the barometer above that of the poses, smoothed."""
         above = altitude - float(self._poses[-1][1][2])
         if self._heights:
             before = self._heights[-1][1]
@@ -327,12 +310,6 @@ class PoseMotionWatch:
         self._heights.append((now_ns, above))
         while now_ns - self._heights[0][0] > _HEIGHT_WINDOW_NS:
             self._heights.popleft()
-        climbed = above - self._heights[0][1]
-        if abs(climbed) > _HEIGHT_OFF_M and self._begun and not self.mistake:
-            self.accuse(
-                f"within 5 s PX4's barometer has moved {climbed:+.1f} m against the height of the"
-                " poses: the tracked body is not this vehicle"
-            )
 
     def drifts(self, now_ns: int, away_m: float) -> None:
         """Take a vehicle that does not hold its place while it takes off: its axes are wrong.
@@ -344,79 +321,38 @@ class PoseMotionWatch:
         fresh = bool(self._poses) and now_ns - self._poses[-1][0] < _FRESH_NS
         if fresh and not (self.confirmed or self.mistake):
             self.accuse(
-                f"the vehicle is {away_m:.2f} m beside its set point while it takes off: PX4 does"
-                " not hold it; axes of the poses, or a wind that is too strong",
-                turned=True,
+                Mistake(
+                    f"the vehicle is {away_m:.2f} m beside its set point while it takes off: PX4"
+                    " does not hold it; axes of the poses, or a wind that is too strong",
+                    turned=True,
+                )
             )
 
-    def judge(self) -> str:
-        """Compare the newest span; return the mistake, "" if no mistake is known.
+    def judge(self) -> Mistake | None:
+        """Compare the newest span; return the mistake, None if no mistake is known.
 
         After a mistake the motion goes on to show the direction to brake by.
         """
-        if not self._begun or not self._poses:
+        if not self._begun or not self._poses or self._poses[-1][0] == self._judged_ns:
             return self.mistake
         now_ns = self._poses[-1][0]
-        if now_ns == self._judged_ns:
-            return self.mistake
         step_s = min((now_ns - self._judged_ns) * 1e-9, _LONGEST_STEP_S)
         self._judged_ns = now_ns
-        if not self.mistake and now_ns - self._turned_ns >= _TURN_PERIOD_NS:
-            self._turned_ns = now_ns
-            self._judge_turns(now_ns)
-        self._judge_places(now_ns, step_s)
+        moved = self._add_spans(now_ns, step_s)
+        for compare in (
+            self._compare_height,
+            self._compare_turns,
+            *((self._compare_way, self._compare_direction, self._compare_scale) if moved else ()),
+        ):
+            mistake = None if self.mistake else compare(now_ns)
+            if mistake is not None:
+                self.accuse(mistake)
         return self.mistake
 
-    def _judge_places(self, now_ns: int, step_s: float) -> None:
-        poses = [p for p in self._poses if now_ns - p[0] < _WINDOW_NS]
-        imu = [s for s in self._imu if now_ns - s[0] < _WINDOW_NS and s[0] > self._strike_ns]
-        if len(poses) < 4 or len(imu) < 8:
-            return
-        motion = (
-            np.array([(p[0] - now_ns) * 1e-9 for p in poses]),
-            np.array([p[1] for p in poses]),
-            np.array([(s[0] - now_ns) * 1e-9 for s in imu]),
-            np.array([s[2] for s in imu]) - self._rest,
-        )
-        for span in self._spans:
-            seen, felt = second_differences(*motion, span.half)
-            if len(seen):
-                span.add(seen[-1], felt[-1], step_s)
-        self._judge_way(now_ns)
-        struck = self._turns_agree and now_ns - self._strike_ns < _STRIKE_NS
-        for span in self._spans:
-            if not (self.confirmed or self.mistake):
-                self._judge_direction(span.level, span.height)
-            if not (self.mistake or struck) and span.slope.time_s > _DECIDES_S:
-                self._judge_slope(span.slope)
-
-    def _judge_way(self, now_ns: int) -> None:
-        """Compare the way within 0.5 s: upwards, and each way once the axes are right."""
-        poses = [p for p in self._poses if now_ns - p[0] <= _WAY_NS]
-        ways = [w for w in self._ways if w[0] >= poses[0][0]]
-        if len(ways) < 8 or now_ns - ways[0][0] < 0.8 * _WAY_NS or self.mistake:
-            return
-        off = ways[-1][1] - ways[0][1] - (poses[-1][1] - poses[0][1])
-        off = off if self.confirmed else off[2:]
-        far = now_ns - self._strike_ns > _STRIKE_NS and np.linalg.norm(off) > _WAY_OFF_M
-        self._way_off_ns = (self._way_off_ns or now_ns) if far else None
-        if self._way_off_ns is not None and now_ns - self._way_off_ns > _WAY_LASTS_NS:
-            self.accuse(
-                f"within 0.5 s the poses moved {np.linalg.norm(off):.2f} m less or more than PX4's"
-                " accelerometer measures: is the tracked body this vehicle?"
-            )
-
-    def accuse(self, mistake: str, *, turned: bool = False, voids_proof: bool = False) -> None:
-        """Take a mistake.
-
-        Args:
-            mistake: to tell.
-            turned: the poses are turned or mirrored, but are this vehicle's: it brakes by them.
-                Else the velocity is as if they had not been followed lately.
-            voids_proof: it is one of axes, scale or body.
-        """
-        self.mistake, self.voids_proof, self._only_turned = mistake, voids_proof, turned
-        if turned:
+    def accuse(self, mistake: Mistake) -> None:
+        """Take a mistake: brake by the poses, or by the accelerometer alone."""
+        self.mistake = mistake
+        if mistake.turned:
             self._follow_poses()
         elif self._velocities:
             _, velocity, measured = self._velocities[0]
@@ -427,84 +363,145 @@ class PoseMotionWatch:
         shown = self._shown_velocity()
         self.velocity = self.velocity if shown is None else shown
 
-    def _judge_slope(self, slope: MotionSlope) -> None:
-        most = slope.slope + slope.error
-        wrong = most < _SLOPE_LOW or slope.slope - slope.error > _SLOPE_HIGH
-        if most < _SLOPE_STILL or (wrong and not self.confirmed and slope.slope < _STILL_SHARE):
-            still = slope.seen < _STILL_SHARE * slope.felt
-            self.accuse(
-                "poses do not show the motion that PX4's accelerometer measures: the tracked body"
-                f" {'does not move' if still else 'moves otherwise'}; is it this vehicle?",
-                voids_proof=True,
-            )
-        elif wrong and not self.confirmed:
-            self.accuse(
-                f"positions move {slope.slope:.1f} times as far as PX4's accelerometer measures:"
-                " wrong scale or unit of the motion capture",
-                voids_proof=True,
-            )
+    def _add_spans(self, now_ns: int, step_s: float) -> bool:
+        """Add the newest second differences; return whether there are samples enough."""
+        poses = [p for p in self._poses if now_ns - p[0] < _WINDOW_NS]
+        imu = [s for s in self._imu if now_ns - s[0] < _WINDOW_NS and s[0] > self._strike_ns]
+        if len(poses) < 4 or len(imu) < 8:
+            return False
+        motion = (
+            np.array([(p[0] - now_ns) * 1e-9 for p in poses]),
+            np.array([p[1] for p in poses]),
+            np.array([(s[0] - now_ns) * 1e-9 for s in imu]),
+            np.array([s[2] for s in imu]) - self._rest,
+        )
+        for span in self._spans:
+            seen, felt = second_differences(*motion, span.half)
+            if len(seen):
+                span.add(seen[-1], felt[-1], step_s)
+        return True
 
-    def _judge_turns(self, now_ns: int) -> None:
+    def _compare_height(self, now_ns: int) -> Mistake | None:
+        """Compare the height of the poses with the barometer's."""
+        climbed = self._heights[-1][1] - self._heights[0][1] if self._heights else 0.0
+        if abs(climbed) <= _HEIGHT_OFF_M:
+            return None
+        return Mistake(
+            f"within 5 s PX4's barometer has moved {climbed:+.1f} m against the height of the"
+            " poses: the tracked body is not this vehicle"
+        )
+
+    def _compare_turns(self, now_ns: int) -> Mistake | None:
         """Compare the rotations of the last 2 s with those of the gyro."""
+        if now_ns - self._turned_ns < _TURN_PERIOD_NS:
+            return None
+        self._turned_ns = now_ns
         poses = [p for p in self._poses if now_ns - p[0] < _TURN_WINDOW_NS]
         imu = [s for s in self._imu if now_ns - s[0] < _TURN_WINDOW_NS + _FRESH_NS]
         self._turns_agree = False
         if len(poses) < 20 or len(imu) < 20:
-            return
+            return None
         begin_ns = imu[0][0]
         stamps = np.array([p[0] for p in poses])
         times = np.array([(s[0] - begin_ns) * 1e-9 for s in imu])
         turned = integrate(times, np.array([s[1] for s in imu]))
         spans = rotation_spans(stamps, np.array([p[2] for p in poses]), begin_ns)
-        fit = fit_axes(times, turned, *spans, any_angle=False)
+        fit = fit_axes(times, turned, spans, any_angle=False)
         size = np.linalg.norm(fit.felt, axis=1)
         use = (size > _TURN_LEAST_RAD) & (size < _TURN_MOST_RAD)
-        slope = MotionSlope(_TURN_SPAN_S)
+        sums = MotionSums(_TURN_SPAN_S)
         step_s = float(stamps[-1] - stamps[0]) * 1e-9 / len(stamps)
         for felt, seen in zip(fit.felt[use], fit.seen[use], strict=True):
-            slope.add(felt, seen, step_s)
-        if slope.time_s < _TURN_LEAST_S:
-            return
-        self._turns_agree = slope.slope - slope.error > _SLOPE_STILL
-        if slope.slope + slope.error < _SLOPE_STILL:
-            still = slope.seen < _STILL_SHARE * slope.felt
-            self.accuse(
-                "poses do not turn as PX4's gyro does: the tracked body"
-                f" {'does not move' if still else 'turns otherwise'}; is it this vehicle, is x of"
-                " the rigid body the nose?",
-                voids_proof=True,
-            )
+            sums.add(felt, seen, step_s)
+        if sums.time_s < _TURN_LEAST_S:
+            return None
+        self._turns_agree = sums.slope - sums.error > _SLOPE_STILL
+        if sums.slope + sums.error >= _SLOPE_STILL:
+            return None
+        text = (
+            "poses do not turn as PX4's gyro does: the tracked body"
+            f" {_name_motion(sums, 'turns')}; is it this vehicle, is x of the rigid body the nose?"
+        )
+        return Mistake(text, voids_proof=True)
 
-    def _judge_direction(self, level: _DirectionSums, height: _DirectionSums) -> None:
-        falls = height.decides and height.product.real < 0.0
+    def _compare_way(self, now_ns: int) -> Mistake | None:
+        """Compare the way within 0.5 s: upwards, and each way once the axes are right."""
+        poses = [p for p in self._poses if now_ns - p[0] <= _WAY_NS]
+        ways = [w for w in self._ways if w[0] >= poses[0][0]]
+        if len(ways) < 8 or now_ns - ways[0][0] < 0.8 * _WAY_NS:
+            return None
+        off = ways[-1][1] - ways[0][1] - (poses[-1][1] - poses[0][1])
+        off_m = float(np.linalg.norm(off if self.confirmed else off[2:]))
+        far = now_ns - self._strike_ns > _STRIKE_NS and off_m > _WAY_OFF_M
+        self._way_off_ns = (self._way_off_ns or now_ns) if far else None
+        if self._way_off_ns is None or now_ns - self._way_off_ns <= _WAY_LASTS_NS:
+            return None
+        return Mistake(
+            f"within 0.5 s the poses moved {off_m:.2f} m less or more than PX4's accelerometer"
+            " measures: is the tracked body this vehicle?"
+        )
+
+    def _compare_direction(self, now_ns: int) -> Mistake | None:
+        """Compare the directions of the motion; confirm the axes if they agree."""
+        for span in self._spans:
+            mistake = None if self.confirmed else self._compare_span(span)
+            if mistake is not None:
+                return mistake
+        return None
+
+    def _compare_span(self, span: _Span) -> Mistake | None:
+        level, height = span.level, span.height
+        falls = height.time_s >= _DECIDES_S and height.slope < 0.0
         if falls and height.coherence(height.product) > _COHERENT:
-            self.accuse(
-                "poses sink where PX4 feels that it climbs: z is upside down", voids_proof=True
-            )
-            return
-        if not level.decides:
-            return
+            text = "poses sink where PX4 feels that it climbs: z is upside down"
+            return Mistake(text, voids_proof=True)
+        if level.time_s < _DECIDES_S:  # poses that jump alone are no matter of axes
+            return None
         turn = math.atan2(level.product.imag, level.product.real)
         along = level.coherence(level.product)
         if level.coherence(level.mirrored) > max(_COHERENT, 1.5 * along):
-            self.accuse(
+            text = (
                 "poses move mirrored to where PX4's tilt drives the vehicle: positions are"
-                " left-handed, or x and y are exchanged",
-                turned=True,
-                voids_proof=True,
+                " left-handed, or x and y are exchanged"
             )
-        elif along > _COHERENT and abs(turn) > _WRONG:
-            self.accuse(
+            return Mistake(text, turned=True, voids_proof=True)
+        if along > _COHERENT and abs(turn) > _WRONG:
+            text = (
                 f"poses move {math.degrees(turn):+.0f} deg beside where PX4's tilt drives the"
                 " vehicle: x of the rigid body is not the nose, or the axes of the positions are"
-                " not those of the attitude",
-                turned=True,
-                voids_proof=True,
+                " not those of the attitude"
             )
-        elif level.time_s > _CONFIRMS_S and along > _COHERENT and abs(turn) < _RIGHT:
+            return Mistake(text, turned=True, voids_proof=True)
+        if level.time_s > _CONFIRMS_S and along > _COHERENT and abs(turn) < _RIGHT:
             self.confirmed = True
             self._follow_poses()
             self._ways.clear()
+        return None
+
+    def _compare_scale(self, now_ns: int) -> Mistake | None:
+        """Compare how far the poses move; turns that agree excuse them after a strike."""
+        if self._turns_agree and now_ns - self._strike_ns < _STRIKE_NS:
+            return None
+        for slope in (span.slope for span in self._spans if span.slope.time_s > _DECIDES_S):
+            most, least = slope.slope + slope.error, slope.slope - slope.error
+            wrong = (most < _SLOPE_LOW or least > _SLOPE_HIGH) and not self.confirmed
+            if most < _SLOPE_STILL or (wrong and slope.slope < _STILL_SHARE):
+                text = (
+                    "poses do not show the motion that PX4's accelerometer measures: the tracked"
+                    f" body {_name_motion(slope, 'moves')}; is it this vehicle?"
+                )
+                return Mistake(text, voids_proof=True)
+            if wrong:
+                text = (
+                    f"positions move {slope.slope:.1f} times as far as PX4's accelerometer"
+                    " measures: wrong scale or unit of the motion capture"
+                )
+                return Mistake(text, voids_proof=True)
+        return None
+
+
+def _name_motion(sums: MotionSums, moves: str) -> str:
+    return "does not move" if sums.seen < _STILL_SHARE * sums.felt else f"{moves} otherwise"
 
 
 class FlightWatch:
@@ -562,7 +559,7 @@ class FlightWatch:
         """Forget since when something is wrong: the vehicle does not fly."""
         self._unfit_ns = self._limit_ns = None
 
-    def follow(self, now_ns: int, armed: bool, takes_off: bool, beside_m: float) -> str:
+    def follow(self, now_ns: int, armed: bool, takes_off: bool, beside_m: float) -> Mistake | None:
         """Compare the motion since the arming with that of PX4's sensors.
 
         Args:
@@ -572,7 +569,7 @@ class FlightWatch:
             beside_m: horizontal distance from the set point.
 
         Returns:
-            the mistake, in the tick in which it is detected; else "".
+            the mistake, in the tick in which it is detected.
         """
         motion = self.motion
         if armed != self._was_armed:
@@ -583,13 +580,13 @@ class FlightWatch:
             else:
                 motion.end()
         if not armed:
-            return ""
-        known = bool(motion.mistake)
+            return None
+        known = motion.mistake
         if takes_off and beside_m - self._beside_m > self._params.takeoff_drift_max:
             motion.drifts(now_ns, beside_m)
         mistake = motion.judge()
         self.distrusts = self.distrusts or bool(mistake)
-        return "" if known else mistake
+        return None if known else mistake
 
     def must_land(
         self, now_ns: int, odometry: VehicleOdometry | None, blocking: Sequence[PreflightFinding]
@@ -602,7 +599,7 @@ class FlightWatch:
             blocking: findings with which the bridge would not arm.
         """
         if self.motion.mistake:
-            return self.motion.mistake
+            return self.motion.mistake.text
         broken = "" if odometry is None else self._limits.broken(odometry)
         self._limit_ns = (self._limit_ns or now_ns) if broken else None
         limit_ns = self._limits.safety.limit_time * SECOND_NS
@@ -611,7 +608,7 @@ class FlightWatch:
         pose_s = (now_ns - self.pose_ns) * 1e-9
         repeats = next((f.text for f in blocking if f.key == "pose_repeated"), "")
         if repeats and self._checks_takeoff(now_ns) and pose_s > _TAKEOFF_REPEATS_S:
-            self.motion.accuse(repeats)
+            self.motion.accuse(Mistake(repeats))
             return repeats
         if pose_s > self._params.pose_loss_time:
             refused = next((f.text for f in blocking if f.key.startswith("pose_")), "")

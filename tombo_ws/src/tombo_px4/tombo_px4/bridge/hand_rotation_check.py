@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -61,22 +61,25 @@ _UNEXPLAINED = (
 
 @dataclass(frozen=True)
 class HandVerdict:
-    """Result of the check."""
+    """Result of the check.
+
+    Attributes:
+        delay_s: poses show the vehicle as it was so long before their stamps.
+        mistake: what is wrong with the axes, in words; "" if nothing is.
+        sure: False: they turn otherwise, and no known mistake explains how.
+        turned: about each axis of the autopilot, to and fro [rad].
+        carried: along each axis of map, to and fro [m].
+        moves: the positions were compared with the accelerometer along each axis.
+        least_carried: along the direction in which it was carried least, to and fro [m].
+    """
 
     delay_s: float
-    """Poses show the vehicle as it was so long before their stamps."""
     mistake: str
-    """What is wrong with the axes, in words; "" if nothing is."""
     sure: bool = True
-    """False: they turn otherwise, and no known mistake explains how."""
-    turned: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """About each axis of the autopilot, to and fro [rad]."""
-    carried: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Along each axis of map, to and fro [m]."""
+    turned: tuple[float, ...] = (0.0, 0.0, 0.0)
+    carried: tuple[float, ...] = (0.0, 0.0, 0.0)
     moves: bool = False
-    """The positions were compared with the accelerometer along each axis."""
     least_carried: float = 0.0
-    """Along the direction in which it was carried least, to and fro [m]."""
 
     @property
     def proven(self) -> bool:
@@ -85,7 +88,11 @@ class HandVerdict:
 
 
 class MotionCheck:
-    """Collects what gyro, accelerometer and poses say; `judge` compares it."""
+    """Collects what gyro, accelerometer and poses say; `judge` compares it.
+
+    Attributes:
+        verdict: the last one; None as long as the vehicle was not turned.
+    """
 
     def __init__(self, angle_max: float) -> None:
         """Make the check; the axes may be off by an angle [rad]."""
@@ -94,20 +101,17 @@ class MotionCheck:
         self._imu: deque[tuple[int, Array, Array]] = deque(maxlen=12000)
         self._moved = False
         self.verdict: HandVerdict | None = None
-        """The last one; None as long as the vehicle was not turned."""
 
     def pose(self, stamp_ns: int, position: Array, attitude: Array) -> None:
         """Take position (3) and attitude (4) xyzw of a pose."""
-        if self._poses and stamp_ns - self._poses[-1][0] < _POSE_NS:
-            return
-        self._poses.append((stamp_ns, position, attitude))
+        if not self._poses or stamp_ns - self._poses[-1][0] >= _POSE_NS:
+            self._poses.append((stamp_ns, position, attitude))
 
     def imu(self, stamp_ns: int, rates: Array, accel: Array) -> None:
         """Take body rates (3) [rad/s] and specific force (3); stamps of the poses' clock."""
-        if self._imu and stamp_ns <= self._imu[-1][0]:
-            return
-        self._moved |= float(rates @ rates) > _TURNING**2
-        self._imu.append((stamp_ns, rates, accel))
+        if not self._imu or stamp_ns > self._imu[-1][0]:
+            self._moved |= float(rates @ rates) > _TURNING**2
+            self._imu.append((stamp_ns, rates, accel))
 
     def forget(self) -> None:
         """Forget all samples: what was a flight is no motion by hand."""
@@ -124,75 +128,75 @@ class MotionCheck:
         """Compare the last seconds; return the newest verdict."""
         if self._moved:
             self._moved = False
-            self.verdict = self._compare(now_ns) or self.verdict
+            poses = [p for p in self._poses if now_ns - p[0] < _WINDOW_NS]
+            imu = [s for s in self._imu if now_ns - s[0] < _WINDOW_NS]
+            if len(imu) >= 50 and len(poses) >= 20:
+                self.verdict = _judge_motion(poses, imu, self._angle_max) or self.verdict
         return self.verdict
 
-    def _compare(self, now_ns: int) -> HandVerdict | None:
-        imu = [s for s in self._imu if now_ns - s[0] < _WINDOW_NS]
-        poses = [p for p in self._poses if now_ns - p[0] < _WINDOW_NS]
-        if len(imu) < 50 or len(poses) < 20:
+
+def _judge_motion(
+    poses: Sequence[tuple[int, Array, Array]],
+    imu: Sequence[tuple[int, Array, Array]],
+    angle_max: float,
+) -> HandVerdict | None:
+    """Return what the motion shows; None: the vehicle was not turned enough to tell."""
+    begin_ns = imu[0][0]
+    times = np.array([(t - begin_ns) * 1e-9 for t, _, _ in imu])
+    rates, force = np.array([g for _, g, _ in imu]), np.array([f for _, _, f in imu])
+    stamps = np.array([p[0] for p in poses])
+    positions, attitudes = np.array([p[1] for p in poses]), np.array([p[2] for p in poses])
+    steps, speed = np.diff(times), np.linalg.norm(rates[1:], axis=1)
+    fast = speed > _TURNING
+    turned = (np.abs(rates[1:]) * steps[:, None])[fast].sum(axis=0)
+    if float(speed[fast] @ steps[fast]) < _ENOUGH:
+        return None
+    gyro = integrate(times, rates)
+    complete = bool((turned >= TURN_RAD).all())
+    fits: list[tuple[str, AxesFit]] = []
+    for mistake, meant in _QUATERNIONS:
+        fit = fit_axes(times, gyro, rotation_spans(stamps, meant(attitudes), begin_ns), complete)
+        if not len(fit.felt):
             return None
-        begin_ns = imu[0][0]
-        times = np.array([(t - begin_ns) * 1e-9 for t, _, _ in imu])
-        rates = np.array([g for _, g, _ in imu])
-        steps = np.diff(times)
-        turns = np.abs(rates[1:]) * steps[:, None]
-        fast = np.linalg.norm(rates[1:], axis=1) > _TURNING
-        turned = turns[fast].sum(axis=0)
-        if float(np.linalg.norm(rates[1:], axis=1)[fast] @ steps[fast]) < _ENOUGH:
-            return None
-        gyro = integrate(times, rates)
-        stamps = np.array([p[0] for p in poses])
-        attitudes = np.array([p[2] for p in poses])
-        about: tuple[float, float, float] = tuple(turned.tolist())
-        complete = bool((turned >= TURN_RAD).all())
-        unsure = HandVerdict(math.nan, _UNEXPLAINED, sure=False, turned=about)
-        fits: list[tuple[str, AxesFit]] = []
-        for mistake, meant in _QUATERNIONS:
-            spans = rotation_spans(stamps, meant(attitudes), begin_ns)
-            fit = fit_axes(times, gyro, *spans, complete)
-            if not len(fit.felt):
-                return None
-            if fit.left <= _AGREES:
-                fits.append((mistake, fit))
-            if fits and not mistake:
-                break
-        if not fits:
-            return unsure
-        mistake, best = min(fits, key=lambda f: _angle(f[1].axes))
-        if mistake:
-            return HandVerdict(best.delay_s, mistake, turned=about)
-        axes = best.axes
-        if complete and _angle(axes) <= self._angle_max:
-            axes = np.eye(3)
-        seconds = (stamps - begin_ns) * 1e-9 - best.delay_s
-        force = np.array([f for _, _, f in imu]) @ axes.T
-        motion = _compare_motion(seconds, np.array([p[1] for p in poses]), attitudes, times, force)
-        carried: tuple[float, float, float] = tuple(motion.carried.tolist())
-        mistake = _explain(axes, motion, self._angle_max)
-        return HandVerdict(
-            best.delay_s, mistake, True, about, carried, motion.compared, motion.least_carried
-        )
+        if fit.left <= _AGREES:
+            fits.append((mistake, fit))
+        if fits and not mistake:
+            break
+    about = tuple(turned.tolist())
+    if not fits:
+        return HandVerdict(math.nan, _UNEXPLAINED, sure=False, turned=about)
+    mistake, best = min(fits, key=lambda f: _angle(f[1].axes))
+    if mistake:
+        return HandVerdict(best.delay_s, mistake, turned=about)
+    axes = np.eye(3) if complete and _angle(best.axes) <= angle_max else best.axes
+    seconds = (stamps - begin_ns) * 1e-9 - best.delay_s
+    motion = _compare_motion(seconds, positions, attitudes, times, force @ axes.T)
+    carried, least = tuple(motion.carried.tolist()), motion.least_carried
+    mistake = _explain(axes, motion, angle_max)
+    return HandVerdict(best.delay_s, mistake, True, about, carried, motion.compared, least)
 
 
 class _PositionMotion(NamedTuple):
-    """Motion of the positions against the accelerometer turned by the attitudes."""
+    """Motion of the positions against the accelerometer turned by the attitudes.
+
+    Attributes:
+        up: direction of up in the mocap's world.
+        carried: way to and fro along each axis [m].
+        least_carried: the same along the direction in which it was carried least [m].
+        reading: signed exchange of axes that turns accelerations into those of the positions;
+            None: the motion was too small to tell.
+        scale: motion of the positions over that of the accelerometer.
+        scale_error: three standard errors of it.
+        agrees: positions agree along each principal direction of the motion.
+    """
 
     up: Array
-    """Direction of up in the mocap's world."""
     carried: Array
-    """Way to and fro along each axis [m]."""
     least_carried: float
-    """The same along the direction in which it was carried least [m]."""
     reading: Array | None = None
-    """Signed exchange of axes that turns accelerations into those of the positions; None: the
-    motion was too small to tell."""
     scale: float = 1.0
-    """Motion of the positions over that of the accelerometer."""
     scale_error: float = math.inf
-    """Three standard errors of it."""
     agrees: bool = False
-    """Positions agree along each principal direction of the motion."""
 
     @property
     def wrong_scale(self) -> bool:

@@ -15,12 +15,12 @@ from collections import deque
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.bridge_records import (
+    BridgeOutput,
     CommandTransaction,
     OperatorRequest,
     RecentStatusTexts,
     Reply,
     SessionInput,
-    SessionOutput,
     SessionStage,
     SetpointSource,
     VehicleCommand,
@@ -98,7 +98,7 @@ class Session:
         self._landing_from: Mode | None = None
         """Mode that was flown when a landing was commanded, until that is confirmed."""
         self._ticked_ns: int | None = None
-        self._out = SessionOutput()
+        self._out = BridgeOutput()
         """Of the present tick."""
         self._requests = 0
         self._pending_requests: deque[OperatorRequest] = deque()
@@ -113,7 +113,7 @@ class Session:
         return self._transaction is not None or self._request_transaction is not None
 
     def request(self, kind: str) -> int:
-        """Take a request; the answer, with its number, is in a later `SessionOutput.replies`."""
+        """Take a request; the answer, with its number, is in a later `BridgeOutput.replies`."""
         self._requests += 1
         self._pending_requests.append(OperatorRequest(self._requests, kind))
         return self._requests
@@ -124,7 +124,7 @@ class Session:
             if transaction is not None:
                 transaction.handle_ack(ack)
 
-    def clock_set_back(self, out: SessionOutput) -> None:
+    def clock_set_back(self, out: BridgeOutput) -> None:
         """Restart all time-outs, because the clock was set back."""
         why = "the system's clock was set back meanwhile"
         self._out = out
@@ -136,7 +136,7 @@ class Session:
         elif self._transaction is not None:
             self._transaction = CommandTransaction(self._transaction.order, _MODE_TRIES)
 
-    def tick(self, view: SessionInput, out: SessionOutput) -> None:
+    def tick(self, view: SessionInput, out: BridgeOutput) -> None:
         """Decide; the result is added to `out`."""
         self._out = out
         self._stream_since_ns = (self._stream_since_ns or view.now_ns) if view.streaming else None

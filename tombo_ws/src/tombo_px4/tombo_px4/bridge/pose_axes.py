@@ -1,8 +1,8 @@
-"""Which mistake in axes explains a pose, found by gravity.
+"""The axes of the tracked body: gravity at rest, and the kept proof of a motion by hand.
 
 At rest the accelerometer points up. Turned by the pose's attitude it must point along +z of
-`map`. If it does only after one of the usual mistakes is undone, that mistake is named. What a
-motion by hand has proven is an `AxesEvidence`, kept in a YAML list that is never shortened.
+`map`. What a motion by hand has proven is an `AxesEvidence`, kept in a YAML list that is never
+shortened.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,8 @@ import yaml
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.rotation import conjugate, quaternion_multiply, rotate_vector
+from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_px4.bridge.bridge_params import SIMULATED
-
-_HALF = math.sqrt(0.5)
-_Y_UP = np.array([_HALF, 0.0, 0.0, _HALF])
-"""Turns axes with y up into axes with z up: (x, y, z) -> (x, -z, y)."""
-_UPSIDE_DOWN = -0.9
 
 
 def up_error(attitude: Array, accel: Array) -> float:
@@ -37,43 +32,6 @@ def up_error(attitude: Array, accel: Array) -> float:
     """
     up = rotate_vector(attitude, accel) / float(np.linalg.norm(accel))
     return math.acos(min(max(float(up[2]), -1.0), 1.0))
-
-
-def explain_up(attitude: Array, accel: Array, limit: float) -> str:
-    """Return which mistakes explain that the up axis is not +z; "" if it is.
-
-    At rest several may: a motion by hand tells which (`hand_rotation_check`).
-    """
-    error = up_error(attitude, accel)
-    if error <= limit:
-        return ""
-    degrees = math.degrees(error)
-    world = quaternion_multiply(_Y_UP, attitude)
-    both = quaternion_multiply(world, conjugate(_Y_UP))
-    first = np.roll(attitude, -1)
-    if math.cos(error) < _UPSIDE_DOWN:
-        return (
-            "mocap attitude hangs upside down: at rest gravity points along +z; it is one of a"
-            " z-down body (NED, FRD), or the body was defined upside down: send ENU and FLU"
-        )
-    fits = []
-    if up_error(first, accel) <= limit:
-        fits.append("quaternion is w first: let the driver fill x, y, z, w")
-    if min(up_error(both, accel), up_error(world, accel)) <= limit:
-        fits.append(
-            "pose is Y-up: set the streamed up axis to Z (OptiTrack Motive: Streaming, Up Axis)"
-        )
-    if not fits:
-        return (
-            f"mocap body is tilted by {degrees:.0f} deg against the autopilot: define the rigid"
-            " body again with the vehicle level and its nose along +x"
-        )
-    fits.append("body lies on its side: define it again with the vehicle level")
-    return (
-        f"the vehicle would lie {degrees:.0f} deg off level: mocap "
-        + "; or mocap ".join(fits)
-        + "; turn and carry it by hand, which tells them apart"
-    )
 
 
 def up_in_pose_body(attitude: Array, accel: Array) -> tuple[float, float]:
@@ -97,9 +55,6 @@ class AxesEvidence:
         body: name of the tracked body, as the bridge's parameter says.
         vehicle: hardware id of its autopilot.
         mistake: what is wrong with the axes; empty: they are right.
-        turned_rad: about x, y and z of the vehicle.
-        carried_m: along x, y and z of map.
-        delay_ms: of the poses against the gyro.
         tilt_rad: of the body's z against gravity at rest, about the vehicle's y and x.
     """
 
@@ -107,35 +62,24 @@ class AxesEvidence:
     body: str
     vehicle: str
     mistake: str = ""
-    turned_rad: tuple[float, ...] = ()
-    carried_m: tuple[float, ...] = ()
-    delay_ms: float = 0.0
     tilt_rad: tuple[float, ...] = ()
 
     def as_mapping(self) -> dict[str, Any]:
         """Return it as plain values."""
-        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+        return asdict(self) | {"tilt_rad": list(self.tilt_rad)}
 
     @classmethod
     def of_mapping(cls, values: Mapping[str, Any]) -> AxesEvidence:
-        """Return the record of plain values.
+        """Return the record of plain values; others that are kept beside them count for nothing.
 
         Raises:
-            InputError: a key is unknown or missing, or a value is of another type.
+            KeyError: a value is missing.
+            ValueError: it proves axes without a tilt.
         """
-        known = {f.name for f in fields(cls)}
-        wrong = sorted(set(values) - known)
-        missing = sorted({"date", "body", "vehicle", "tilt_rad"} - set(values))
-        if wrong or missing:
-            raise InputError(
-                f"proof of the axes: {', '.join([*wrong, *missing])} unknown or missing; accepted:"
-                f" {', '.join(sorted(known))}"
-            )
-        made: dict[str, Any] = {
-            key: tuple(map(float, value)) if isinstance(value, list) else value
-            for key, value in values.items()
-        }
-        return cls(**made)
+        tilt, mistake = tuple(map(float, values["tilt_rad"])), values.get("mistake", "")
+        if not mistake and len(tilt) != 2:
+            raise ValueError("tilt_rad")
+        return cls(values["date"], values["body"], values["vehicle"], mistake, tilt)
 
 
 def valid_proof(proofs: Iterable[AxesEvidence], vehicle: str) -> AxesEvidence | None:
@@ -145,8 +89,6 @@ def valid_proof(proofs: Iterable[AxesEvidence], vehicle: str) -> AxesEvidence | 
 
 
 _DEFAULT = Path("tombo/px4_axes.yaml")
-_SYSTEM = "system"
-"""Key of records before 0.2, which name the MAVLink system, the same for every vehicle."""
 
 
 class AxesFile:
@@ -192,8 +134,8 @@ class AxesFile:
             return []
         try:
             entries = yaml.safe_load(self._path.read_text(encoding="utf-8")) or []
-            return [AxesEvidence.of_mapping(v) for v in entries if _SYSTEM not in v]
-        except (OSError, UnicodeDecodeError, yaml.YAMLError, InputError, TypeError, ValueError):
+            return [AxesEvidence.of_mapping(v) for v in entries]
+        except (OSError, ValueError, yaml.YAMLError, TypeError, AttributeError, KeyError):
             raise InputError(
                 f"px4.axes_evidence '{self._path}': no list of proofs of axes; accepted: the file"
                 " that the bridge writes"

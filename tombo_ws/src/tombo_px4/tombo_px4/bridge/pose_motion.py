@@ -76,8 +76,12 @@ def _cell_means(grid: Array, times: Array, values: Array) -> Array:
     return mean
 
 
-def rotation_spans(stamps: Array, attitude: Array, begin_ns: int) -> tuple[Array, Array, Array]:
-    """Return begin, end [s] and turn (M, 3) [rad, body] between poses a span apart.
+TurnSpans = tuple[Array, Array, Array]
+"""Begin (M) and end (M) [s] of short spans, and how far the poses turn in them (M, 3) [rad]."""
+
+
+def rotation_spans(stamps: Array, attitude: Array, begin_ns: int) -> TurnSpans:
+    """Return the rotations between poses a span apart.
 
     Args:
         stamps: (N) of the poses [ns], growing.
@@ -120,45 +124,33 @@ class AxesFit(NamedTuple):
 _NO_FIT = AxesFit(math.inf, 0.0, np.eye(3), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
-def fit_axes(
-    times: Array, turned: Array, first: Array, last: Array, seen: Array, any_angle: bool
-) -> AxesFit:
+def fit_axes(times: Array, turned: Array, spans: TurnSpans, any_angle: bool) -> AxesFit:
     """Return the delay and the axes that explain most.
 
     Args:
         times: (N) of the gyro [s].
         turned: (N, 3) its integral [rad].
-        first: (M) begin of each rotation of the poses [s].
-        last: (M) its end.
-        seen: (M, 3) [rad].
+        spans: of the poses.
         any_angle: turned about each axis, so that any rotation between the axes can be told; else
             only signed exchanges, and the plain reading holds unless another explains much more.
     """
     best = _NO_FIT
-    delays = [*np.arange(_EARLIEST_S, _LATEST_S, _COARSE_S)]
+    delays: list[float] = np.arange(_EARLIEST_S, _LATEST_S, _COARSE_S).tolist()
     for step in (_COARSE_S, _FINE_S):
-        for delay in delays:
-            fit = _fit_at(times, turned, first, last, seen, any_angle, float(delay))
-            if fit.left < best.left:
-                best = fit
-        delays = [best.delay_s + d for d in np.arange(-step, step, _FINE_S)]
+        fits = [_fit_at(times, turned, spans, any_angle, delay) for delay in delays]
+        best = min([best, *fits], key=lambda fit: fit.left)
+        delays = (best.delay_s + np.arange(-step, step, _FINE_S)).tolist()
     return best
 
 
 def _fit_at(
-    times: Array,
-    turned: Array,
-    first: Array,
-    last: Array,
-    seen: Array,
-    any_angle: bool,
-    delay: float,
+    times: Array, turned: Array, spans: TurnSpans, any_angle: bool, delay: float
 ) -> AxesFit:
-    first, last = first - delay, last - delay
+    first, last, turn = spans[0] - delay, spans[1] - delay, spans[2]
     inside = (first >= times[0]) & (last <= times[-1])
     if inside.sum() < _MIN_SPANS:
         return _NO_FIT
-    first, last, seen = first[inside], last[inside], seen[inside]
+    first, last, seen = first[inside], last[inside], turn[inside]
     felt = np.stack([np.interp(last, times, w) - np.interp(first, times, w) for w in turned.T], 1)
     total = float((felt**2).sum())
     if total <= 0.0:
@@ -198,38 +190,58 @@ FLAT_READINGS = np.array([axes.ravel() for axes in READINGS])
 
 
 @dataclass
-class MotionSlope:
-    """Regression of the motion of the poses on the motion that the IMU implies, both vectors.
+class MotionSums:
+    """Regression of the motion of the poses on the motion that the IMU implies.
 
-    The slope is 1 for poses of this vehicle, 0 for a body that does not move with it, 1.5 for
-    positions that are 1.5 times too large. Noise of the poses widens its error, it does not move
-    the slope.
+    Level motion is a complex number, so that a product with the conjugate is a turn, and one
+    without it a turn after a mirror; heights add to both. The slope is 1 for poses of this
+    vehicle, 0 for a body that does not move with it, 1.5 for positions that are 1.5 times too
+    large. Noise of the poses widens its error, it does not move the slope.
+
+    Attributes:
+        span_s: length of a span [s]; samples within a span are not independent.
+        least: smaller motion is noise, and left out.
+        memory_s: time in which earlier spans fade [s].
+        time_s: time of motion so far [s].
+        felt, seen: sums of squares.
+        product, mirrored: sums of the products.
     """
 
     span_s: float
-    """Length of a span [s]; samples within a span are not independent."""
+    least: float = 0.0
+    memory_s: float = math.inf
     time_s: float = 0.0
     felt: float = 0.0
-    """Sum of squares."""
     seen: float = 0.0
-    product: float = 0.0
+    product: complex = 0.0
+    mirrored: complex = 0.0
 
-    def add(self, felt: Array, seen: Array, step_s: float, memory_s: float = math.inf) -> None:
-        """Add the newest span; earlier ones fade with the time `memory_s`."""
-        keep = math.exp(-step_s / memory_s)
+    def add(self, felt: Array, seen: Array, step_s: float) -> None:
+        """Add the newest span, both (3)."""
+        (u, v, w), (x, y, z) = felt.tolist(), seen.tolist()
+        felt2, seen2 = u * u + v * v + w * w, x * x + y * y + z * z
+        if min(felt2, seen2) < self.least**2:
+            return
+        keep = math.exp(-step_s / self.memory_s)
         self.time_s = keep * self.time_s + step_s
-        self.felt = keep * self.felt + step_s * float(felt @ felt)
-        self.seen = keep * self.seen + step_s * float(seen @ seen)
-        self.product = keep * self.product + step_s * float(felt @ seen)
+        self.felt = keep * self.felt + step_s * felt2
+        self.seen = keep * self.seen + step_s * seen2
+        turn, mirror = complex(u, -v) * complex(x, y), complex(u, v) * complex(x, y)
+        self.product = keep * self.product + step_s * (turn + w * z)
+        self.mirrored = keep * self.mirrored + step_s * (mirror + w * z)
+
+    def coherence(self, product: complex) -> float:
+        """Return the share of both motions that one of the products explains."""
+        return abs(product) ** 2 / max(self.felt * self.seen, 1e-18)
 
     @property
     def slope(self) -> float:
         """Motion of the poses over that of the IMU."""
-        return self.product / max(self.felt, 1e-18)
+        return self.product.real / max(self.felt, 1e-18)
 
     @property
     def error(self) -> float:
         """Three standard errors of the slope."""
-        rest = max(self.seen - self.slope * self.product, 0.0)
+        rest = max(self.seen - self.slope * self.product.real, 0.0)
         count = max(self.time_s / self.span_s, 1.0)
         return 3.0 * math.sqrt(rest / max(self.felt, 1e-18) / count)

@@ -62,6 +62,8 @@ class FlightLimits:
 
 
 _UNIT = 0.2
+_TIMEOUT_NS = SECOND_NS // 2
+"""Without a set point for so long the last position is held [ns]."""
 
 
 class SetpointStream:
@@ -75,7 +77,6 @@ class SetpointStream:
         self._mass = mass
         self._limits = limits
         self._moved_inside = False
-        self._timeout_ns = params.setpoint_timeout * SECOND_NS
         self._setpoint: PositionSetpoint | None = None
         self._setpoint_ns = -(10**18)
         self._attitude_or_rates: tuple[Array, float, int] | None = None
@@ -128,7 +129,7 @@ class SetpointStream:
 
     def fresh(self, now_ns: int) -> bool:
         """Return whether set points are coming."""
-        return now_ns - self._setpoint_ns <= self._timeout_ns
+        return now_ns - self._setpoint_ns <= _TIMEOUT_NS
 
     def silent_s(self, now_ns: int) -> float:
         """Return the time since the last set point [s]; 0 if none ever came."""
@@ -194,7 +195,7 @@ class SetpointStream:
         rotation = self._attitude_or_rates
         if self._params.setpoint != POSITION and rotation is not None and hover > 0.0:
             wanted, thrust, taken_ns = rotation
-            if now_ns - taken_ns <= self._timeout_ns:
+            if now_ns - taken_ns <= _TIMEOUT_NS:
                 if not self._attitude_or_rates_new and not due:
                     return None
                 throttle = message_encoder.throttle_of(thrust, self._mass, hover)
@@ -225,7 +226,7 @@ class SetpointStream:
                 "MPC_THR_HOVER is not known: position set points are flown; set px4.hover_thrust"
             )
         last = self._attitude_or_rates
-        if last is None or now_ns - last[2] > self._timeout_ns:
+        if last is None or now_ns - last[2] > _TIMEOUT_NS:
             faults["rotation_silent"] = (
                 f"no {self._params.setpoint} set points come: position set points are flown"
             )

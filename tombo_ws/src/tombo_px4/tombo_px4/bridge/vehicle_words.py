@@ -7,6 +7,7 @@ The file is read from the vehicle while it is on the ground.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Generator
 from typing import Any
 
 from tombo_dynamics.time_base import SECOND_NS
@@ -32,6 +33,10 @@ _AGAIN_NS = SECOND_NS
 _TRIES = 3
 
 
+_Steps = Generator[list[Any], int, Any]
+"""Steps of reading: each yields what to send, and gets the time of the next one [ns]."""
+
+
 class MetadataReader:
     """COMPONENT_METADATA names a general file, that one the file of events.
 
@@ -48,17 +53,15 @@ class MetadataReader:
     def reset(self) -> None:
         """Begin again, with another vehicle or after its restart."""
         self.events: dict[int, EventDefinition] = {}
-        self.failed = ""
-        self.over = False
+        self.failed, self.over = "", False
+        self._uri: str | None = None
         self._file: FileReader | None = None
-        self._in_general = True
-        self._asked_ns: int | None = None
-        self._tries = 0
+        self._steps = self._read()
+        next(self._steps)
 
     def take_uri(self, uri: str) -> None:
         """Take COMPONENT_METADATA."""
-        if self._file is None and not self.over:
-            self._begin(path_of(uri))
+        self._uri = uri
 
     def take_answer(self, answer: FileAnswer) -> None:
         """Take an answer of the vehicle's MAVLink FTP."""
@@ -69,54 +72,47 @@ class MetadataReader:
         """Return what to send now; off the ground nothing is read, and it begins again after."""
         if self.over:
             return []
-        if not on_ground:
-            closing = [] if self._file is None else self._file.close()
-            self.reset()
-            return closing
-        if self._file is None:
-            return self._ask(now_ns)
-        closing = self._finish(self._file)
-        return closing or ([] if self._file is None or self.over else self._file.tick(now_ns))
-
-    def _ask(self, now_ns: int) -> list[Any]:
-        if self._asked_ns is not None and 0 <= now_ns - self._asked_ns < _AGAIN_NS:
-            return []
-        if self._tries >= _TRIES:
-            self._give_up("it has no COMPONENT_METADATA")
-            return []
-        self._tries += 1
-        self._asked_ns = now_ns
-        return [request_message(self._to, COMPONENT_METADATA)]
-
-    def _finish(self, file: FileReader) -> list[Any]:
-        """Use a file that is read; return the message that closes it."""
-        if file.failed:
-            self._give_up(file.failed)
-        if not file.over:
-            return []
-        closing = file.close()
-        if file.content is None:
-            return closing
-        try:
-            content = unpacked(file.content)
-            if self._in_general:
-                self._in_general = False
-                self._begin(events_file(content))
-            else:
-                self.events = definitions(content)
-                self.over = True
-        except BadMetadata as error:
-            self._give_up(str(error))
+        if on_ground:
+            return self._steps.send(now_ns)
+        closing = [] if self._file is None else self._file.close()
+        self.reset()
         return closing
 
-    def _begin(self, path: str) -> None:
-        if path:
-            self._file = FileReader(path, self._to)
-        else:
-            self._give_up("its metadata are not on the vehicle")
+    def _read(self) -> _Steps:
+        try:
+            uri = yield from self._ask()
+            general = yield from self._read_file(path_of(uri))
+            self.events = definitions((yield from self._read_file(events_file(general))))
+        except BadMetadata as error:
+            self.failed = str(error)
+        self.over = True
+        yield []
 
-    def _give_up(self, why: str) -> None:
-        self.failed, self.over = why, True
+    def _ask(self) -> _Steps:
+        """Ask where the general file is."""
+        now_ns = yield []
+        for _ in range(_TRIES):
+            asked_ns = now_ns
+            now_ns = yield [request_message(self._to, COMPONENT_METADATA)]
+            while self._uri is None and 0 <= now_ns - asked_ns < _AGAIN_NS:
+                now_ns = yield []
+            if self._uri is not None:
+                return self._uri
+        raise BadMetadata("it has no COMPONENT_METADATA")
+
+    def _read_file(self, path: str) -> _Steps:
+        """Return what a file contains, unpacked."""
+        if not path:
+            raise BadMetadata("its metadata are not on the vehicle")
+        file = self._file = FileReader(path, self._to)
+        now_ns = yield []
+        while not file.over:
+            now_ns = yield file.tick(now_ns)
+        yield file.close()
+        self._file = None
+        if file.content is None:
+            raise BadMetadata(file.failed)
+        return unpacked(file.content)
 
 
 _BEGIN, _END = event_number(CHECKS_BEGIN), event_number(CHECKS_END)

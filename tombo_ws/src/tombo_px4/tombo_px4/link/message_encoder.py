@@ -92,13 +92,6 @@ def unknown(count: int) -> list[float]:
     return [_NAN] + (count - 1) * [0.0]
 
 
-def diagonal_covariance(position_std: float, attitude_std: float) -> Array | None:
-    """Return (6, 6) of two standard deviations [m], [rad]; None if both are 0: unknown."""
-    if position_std <= 0.0 and attitude_std <= 0.0:
-        return None
-    return np.diag(3 * [position_std**2] + 3 * [attitude_std**2])
-
-
 def position_target(setpoint: PositionSetpoint, to: MessageTarget, now_ns: int) -> Any:
     """Return a set point of position, velocity and acceleration fed forward, and yaw."""
     return mav.MAVLink_set_position_target_local_ned_message(

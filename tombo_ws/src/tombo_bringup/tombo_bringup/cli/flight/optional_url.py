@@ -46,7 +46,7 @@ class Px4Options:
     bridge: list[str] | None = option(
         "--bridge KEY=VALUE",
         "With --px4: set a parameter of the bridge, as in link.allow_remote=true, "
-        "px4.position_std=0.002 or, of PX4 itself, px4_parameters=[EKF2_EV_CTRL=11]; "
+        "px4.tracked_body=lab_1 or, of PX4 itself, px4_parameters=[EKF2_EV_CTRL=11]; "
         "px4_parameters=safe: those with which a loss ends on the ground. May be given many "
         "times.",
     )
