@@ -7,7 +7,7 @@ vehicle.yaml, and truth.json: {"condition": a name, "truth": {"effect.parameter"
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -112,7 +112,7 @@ def benchmark(cases: Sequence[Path], *options: Any) -> BenchmarkResult:
     return run_benchmark(partial(examine, cases), aggregate, *options)
 
 
-def score_table(found: dict[str, Any], cases: int) -> Table:
+def score_table(found: Mapping[str, Any], cases: int) -> Table:
     """Return the score of all flights and of each condition as a table."""
     rows = []
     for name, part in [("all", found), *found["conditions"].items()]:
