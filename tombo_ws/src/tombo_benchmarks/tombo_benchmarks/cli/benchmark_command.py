@@ -101,12 +101,6 @@ def foreign(given: _Foreign, scored: Scored) -> None:
 
 @record
 class _InFlight:
-    flights: int = option(
-        "--flights N",
-        "Fly each scenario N times: does the touchdown test fire?",
-        0,
-        bounds=(0, 10_000),
-    )
     nodes: float = option(
         "--nodes S",
         "Kill or stop each node in flight; look at S seconds behind.",
@@ -126,10 +120,10 @@ def faults(drawn: DrawnCases, in_flight: _InFlight) -> None:
     killed and started again, or stopped for 20 s: a quarter of an hour for S = 60.
     """
     from tombo_benchmarks.cli.scores import fault_lines
-    from tombo_benchmarks.faults.fault_benchmark import check_faults, touchdown_in_flight
+    from tombo_benchmarks.faults.fault_benchmark import check_faults
     from tombo_benchmarks.faults.fault_flights import fly_faults
 
-    flights, nodes = in_flight.flights, in_flight.nodes
+    nodes = in_flight.nodes
     if nodes and not _FEWEST_S <= nodes <= _MOST_S:
         accepted = f"0, or {_FEWEST_S:g} to {_MOST_S:g}"
         raise InputError(f"--nodes {nodes:g}: out of bounds; accepted: {accepted}")
@@ -138,13 +132,11 @@ def faults(drawn: DrawnCases, in_flight: _InFlight) -> None:
         cases: int, seed: int, workers: int, progress: Callable[..., Any],
         stop: Callable[[], bool], kept: Any,
     ) -> Any:  # fmt: skip
-        found = check_faults(cases, seed, workers, progress, stop)
-        more: dict[str, Any] = {}
-        if flights and not stop():
-            more["touchdown_in_flight"] = touchdown_in_flight(flights, workers, progress, stop)
-        if nodes and not stop():
-            more["nodes"] = fly_faults(nodes, seed, progress, stop)
-        return replace(found, aggregate={**found.aggregate, **more})
+        found = check_faults(cases, seed, workers, progress, stop, kept)
+        if not nodes or stop():
+            return found
+        flown = fly_faults(nodes, seed, progress, stop)
+        return replace(found, aggregate={**found.aggregate, "nodes": flown})
 
     drawn.score_drawn("faults", run, 1000, lambda found, cases: fault_lines(found))
 

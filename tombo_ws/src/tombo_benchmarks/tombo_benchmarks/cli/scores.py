@@ -138,11 +138,6 @@ def fault_lines(found: Mapping[str, Any]) -> list[str]:
         f"Transitions taken: {found['rows_used']}; not: "
         f"{', '.join(found['rows_unused']) or 'none'}",
     ]
-    for name, one in found.get("touchdown_in_flight", {}).items():
-        lines.append(
-            f"{name}: touchdown test fired in {one['fired']} of {one['flights']} flights; longest "
-            f"contact in the air {one['longest_contact_s']:.3f} s"
-        )
     return [*lines, *map(_behind, found.get("nodes", []))]
 
 
