@@ -61,14 +61,6 @@ def _reproduction(root: Path, data: Path) -> None:
     overview(found).savefig(root / "docs" / "reproduction.png", dpi=110)
 
 
-def _flight(root: Path, data: Path) -> None:
-    from tombo_benchmarks.docs.flight_animation import animation
-    from tombo_flight.flight import fly_scenario
-    from tombo_flight.scenario import load_scenario
-
-    (root / "docs" / "flight.gif").write_bytes(animation(fly_scenario(load_scenario(), 0)))
-
-
 def _campaign(root: Path, data: Path) -> None:
     """Fly the campaigns of the README's table."""
     flown = {
@@ -284,7 +276,6 @@ PRODUCTS: Final = {
         ),
         _tables,
     ),
-    "flight": Product(("docs/flight.gif",), _flight),
     "campaign": Product((CAMPAIGN, "README.md#campaign"), _campaign),
     "reproduction": Product(
         ("docs/reproduction.png", "docs/reproduction.md#claims"), _reproduction
