@@ -64,10 +64,6 @@ NED_FRD = {("tombo_px4",), ("tombo_logs", "readers", "ulog.py")}
 CLOCKLESS = {*LIBRARIES, "tombo_px4"}
 SHELLS = {("tombo_diagnosis", "report")}
 """Folders of pure packages that are no maths: they start processes, draw and write files."""
-SECOND_SIMULATOR = ("tombo_benchmarks", "diagnosis", "second_simulator")
-"""Judges the diagnosis, so it shares nothing with the model that is fitted."""
-SECOND = "diagnosis/second_simulator/a.py"
-ITS_LIBRARIES = {"numpy", "scipy", "rosbags"}
 DYNAMIC = {"import_module", "__import__"}
 JIT = "tombo_dynamics.jit.compiled"
 ROS = re.compile(r"rclpy|tombo_ros|\w+_msgs|\w+_interfaces|rosidl_\w+|rosgraph_\w+")
@@ -123,13 +119,6 @@ def violations(package: str, path: Path, source: str) -> list[str]:
     within = {here[:n] for n in range(1, len(here) + 1)}
     ros = is_node(path) or package == "tombo_ros"
     shell = ros or bool(SHELLS & within)
-
-    if SECOND_SIMULATOR in within:
-        own = ".".join(SECOND_SIMULATOR)
-        for line, module in imported_modules(tree, package, path):
-            free = module.split(".")[0] in {*ITS_LIBRARIES, *sys.stdlib_module_names}
-            if not free and not module.startswith(own):
-                complain(line, f"imports {module}: the second simulator shares nothing")
 
     for line, module in imported_modules(tree, package, path):
         parts = module.split(".")
@@ -251,8 +240,6 @@ def test_no_files_import_each_other_in_a_loop():
         ("tombo_sim", "sim_node.py", "import time\nimport rclpy", ""),
         ("tombo_sim", "a.py", "import numpy as np\nnp.random.default_rng()", "without a seed"),
         ("tombo_sim", "a.py", "import numpy as np\nr = np.random.default_rng(3)", ""),
-        ("tombo_benchmarks", SECOND, "from tombo_dynamics import rotation", "shares nothing"),
-        ("tombo_benchmarks", SECOND, f"from {'.'.join(SECOND_SIMULATOR)}.flight import fly", ""),
     ],
 )
 def test_the_rules_catch_what_they_should(package: str, file: str, source: str, complaint: str):

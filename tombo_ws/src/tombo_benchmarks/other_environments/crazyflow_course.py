@@ -27,16 +27,14 @@ from crazyflow.sim.integration import Integrator
 
 Order = dict[str, Any]
 _RPM = 60.0 / (2.0 * math.pi)
-_ROTORS = [0, 3, 1, 2]
-"""Crazyflow's front right, rear right, rear left, front left, as PX4 counts them."""
 _DRONE = "cf2x_L250"
 
 
-def simulation(order: Order, count: int, control: Control) -> Sim:
+def simulation(order: Order, count: int) -> Sim:
     """Return `count` worlds with a vehicle each, in hover at the course's begin."""
     rate = round(1.0 / order["step_s"])
     sim = Sim(
-        n_worlds=count, drone=_DRONE, dynamics=Dynamics.first_principles, control=control,
+        n_worlds=count, drone=_DRONE, dynamics=Dynamics.first_principles, control=Control.state,
         integrator=Integrator.rk4, freq=rate, state_freq=rate // order["set_point_ticks"],
         attitude_freq=rate, body_rate_freq=rate, force_torque_freq=rate,
     )  # fmt: skip
@@ -56,9 +54,8 @@ def simulation(order: Order, count: int, control: Control) -> Sim:
         pos=states.pos + jnp.asarray(order["set_points"][0][:3], states.pos.dtype),
         rotor_vel=jnp.full_like(states.rotor_vel, order["hover_speed"] * _RPM),
     )
-    sim.data = sim.data.replace(params=params, states=states)
-    if control == Control.state:
-        sim.data = sim.data.replace(controls=known_vehicle(order, sim.data.controls, thrust))
+    controls = known_vehicle(order, sim.data.controls, thrust)
+    sim.data = sim.data.replace(params=params, states=states, controls=controls)
     return sim
 
 
@@ -97,7 +94,7 @@ def course_call(order: Order, sim: Sim, ticks: int) -> tuple[Any, Any]:
 
 def fly(order: Order, count: int, ticks: int) -> tuple[list[float], list[float]]:
     """Return steps in a second of a processor core, a number a round, and where one ends [m]."""
-    sim = simulation(order, count, Control.state)
+    sim = simulation(order, count)
     places = jnp.asarray(np.array(order["starts"][:count])[:, None], sim.data.states.pos.dtype)
     data = sim.data.replace(states=sim.data.states.replace(pos=places))
     compiled, set_points = course_call(order, sim, ticks)
@@ -110,26 +107,12 @@ def fly(order: Order, count: int, ticks: int) -> tuple[list[float], list[float]]
     return rates[1:], np.asarray(flown.states.pos)[0, 0].tolist()
 
 
-def replay(order: Order) -> list[float]:
-    """Fly rotor commands [rad/s], one a step, without a controller; return where it ends [m]."""
-    sim = simulation(order, 1, Control.rotor_vel)
-    commands = np.array(order["commands"])[:, None, None, _ROTORS]
-    rows = jnp.asarray(commands * _RPM, jnp.float32)
-
-    def one_step(data: Any, row: Any) -> tuple[Any, None]:
-        return sim._step(F.rotor_vel_control(data, row), n_steps=1), None
-
-    data = jax.jit(lambda data, rows: jax.lax.scan(one_step, data, rows)[0])(sim.data, rows)
-    end: list[float] = np.asarray(data.states.pos)[0, 0].tolist()
-    return end
-
-
 if __name__ == "__main__":
     asked: Order = json.loads(Path(sys.argv[1]).read_text())
+    flown = {c: fly(asked, int(c), ticks) for c, ticks in asked["cases"].items()}
     answer = {
-        "rates": {c: fly(asked, int(c), ticks)[0] for c, ticks in asked["cases"].items()},
-        "end": fly({**asked, "rounds": 1}, 1, asked["ticks"])[1],
-        "replayed": replay(asked),
+        "rates": {count: rates for count, (rates, _) in flown.items()},
+        "end": flown["1"][1],
         "versions": {name: version(name) for name in ("crazyflow", "jax")},
     }
     Path(sys.argv[2]).write_text(json.dumps(answer))

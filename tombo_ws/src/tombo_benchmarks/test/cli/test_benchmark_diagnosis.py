@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tombo_benchmarks.cli.benchmark_run import THRESHOLDS, meets
+from tombo_benchmarks.cli.scores import FLIGHTS
 
 GOOD = {
     "top1_large": 0.98, "top1_medium": 0.9, "top1_small": 0.7, "right_if_named": 0.99,
@@ -50,11 +50,11 @@ def test_the_score_is_printed_beside_what_is_asked_for(tombo, blind):
     assert result.code == 0, result.err
     assert blind == [(1, 7, 1)]
     lines = {" ".join(line.split()) for line in result.out.splitlines()}
-    assert "right cause first, large effect 98.0 % >= 97.0 % yes" in lines
-    assert "parameter error, 90 % below 20.0 % <= 10.0 % no" in lines
-    assert "mean size of the set 1.20 <= 2.00 yes" in lines
-    assert "run time of a case [s] – <= 5.00 –" in lines
-    assert "mocap only" in lines
+    assert "asked for all mocap only" in lines
+    assert "right cause first, large effect >= 97.0 % 98.0 % –" in lines
+    assert "95 % intervals that cover the truth 90.0 % to 98.0 % 94.0 % 94.0 %" in lines
+    assert "mean size of the set <= 2.00 1.20 1.20" in lines
+    assert "run time of a case [s] <= 5.00 – –" in lines
 
 
 def test_the_score_as_json(tombo, blind, tmp_path):
@@ -66,14 +66,12 @@ def test_the_score_as_json(tombo, blind, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["b.json"]
 
 
-def test_figures_are_held_against_their_thresholds():
-    assert meets("top1_large", 0.97) is True
-    assert meets("top1_large", 0.969) is False
-    assert meets("false_alarm", 0.051) is False
-    assert meets("coverage_95", 0.99) is False
-    assert meets("coverage_95", 0.95) is True
-    assert meets("top1_small", float("nan")) is None
-    assert {key for key, *_ in THRESHOLDS} == set(GOOD)
+def test_figures_are_held_against_what_is_asked_for():
+    figures = {figure.key: figure for figure in FLIGHTS}
+    assert figures["top1_large"].meets(0.97) and not figures["top1_large"].meets(0.969)
+    assert not figures["false_alarm"].meets(0.051)
+    assert figures["coverage_95"].meets(0.95) and not figures["coverage_95"].meets(0.99)
+    assert set(figures) == set(GOOD)
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,6 @@ ROW = {
         (("--nodes", "0.5"), "--nodes 0.5: out of bounds; accepted: 0, or 1 to 3600"),
         (("--nodes", "nan"), "--nodes nan: out of bounds"),
         (("--nodes", "x"), "accepted: 0, or 1 to 3600"),
-        (("--flights", "-1"), "--flights -1: out of bounds"),
     ],
 )
 def test_what_is_out_of_bounds_is_refused(refused, arguments, complaint):

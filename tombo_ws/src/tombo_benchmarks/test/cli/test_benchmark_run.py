@@ -60,7 +60,7 @@ def test_what_was_done_is_not_done_again_and_the_score_is_the_same(tmp_path):
     assert sorted(Journal(path, RUN)) == list(range(CASES))
 
 
-@pytest.mark.parametrize("other", ["stand --seed 6", "foreign --seed 5"])
+@pytest.mark.parametrize("other", ["stand --seed 6", "why --seed 5"])
 def test_scores_of_another_run_are_refused(tmp_path, other):
     path = tmp_path / "score.json.part"
     Journal(path, RUN)[0] = {"value": 1.0}

@@ -8,6 +8,7 @@ import pytest
 
 from tombo_benchmarks.px4.__main__ import main, markdown_table
 from tombo_benchmarks.px4.lockstep_flight import fly_lockstep
+from tombo_benchmarks.px4.lockstep_px4 import Px4Setup
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.node_flight import over_mavlink
@@ -28,7 +29,7 @@ def test_a_folder_without_a_px4_is_refused(tmp_path, capsys):
 def test_over_px4_the_collision_is_recovered_from_as_in_the_headless_flight(tmp_path):
     scenario = load_scenario("paper_collision")
     headless = fly_scenario(scenario, 0).summary
-    flight = fly_lockstep(None, tmp_path / "px4", scenario, 0)
+    flight = fly_lockstep(Px4Setup(None, tmp_path / "px4"), scenario)
     flown = flight.summary
     assert flown["recovery_time_s"] == pytest.approx(headless["recovery_time_s"], abs=0.5)
     assert flown["max_falling_distance_m"] < 0.85

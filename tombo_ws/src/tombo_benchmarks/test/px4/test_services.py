@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tombo_benchmarks.px4.lockstep_px4 import Px4Setup
 from tombo_benchmarks.px4.services import SHOWS, fly_service
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("service", "answer"), [("hold", "done"), ("takeoff", "refused")])
 def test_a_request_while_it_lands_is_true_or_refused(tmp_path, service, answer):
-    row = fly_service(None, tmp_path / "px4", service, "landing", 0)
+    row = fly_service(Px4Setup(None, tmp_path / "px4"), service, "landing")
     assert row["wrong"] == "" and row["answer"].startswith(answer)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tombo_benchmarks.px4.lockstep_px4 import Px4Setup
 from tombo_benchmarks.px4.wrong_axes import FARTHEST_M, HIGHEST_M, WRONG_AXES, fly_wrong_axes
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vector
 from tombo_flight.scenario import load_scenario, world_of
@@ -78,7 +79,7 @@ def test_every_wrong_set_up_is_named_by_a_motion_by_hand(by_hand, name):
     "name", ["body yawed by 90 deg", "body yawed by 180 deg", "body on the floor"]
 )
 def test_with_the_proof_of_another_body_it_lands_near_where_it_took_off(tmp_path, name):
-    row = fly_wrong_axes(None, tmp_path / "px4", f"{name}, old proof", 0)
+    row = fly_wrong_axes(Px4Setup(None, tmp_path / "px4"), f"{name}, old proof")
     assert row["armed"] and row["disarmed"]
     assert row["away_m"] <= FARTHEST_M and row["height_m"] <= HIGHEST_M and row["text"]
 
@@ -88,5 +89,5 @@ def test_the_simulated_px4_flies_away_with_wrong_axes_where_nobody_watches(tmp_p
     """As a real one does: else the flights above would show nothing."""
     monkeypatch.setattr(PoseMotionWatch, "judge", lambda watch: None)
     monkeypatch.setattr(PoseMotionWatch, "drifts", lambda watch, now_ns, away_m: None)
-    row = fly_wrong_axes(None, tmp_path / "px4", "body yawed by 180 deg, old proof", 0)
+    row = fly_wrong_axes(Px4Setup(None, tmp_path / "px4"), "body yawed by 180 deg, old proof")
     assert row["armed"] and row["away_m"] > 2.0 and not row["landed"]

@@ -2,23 +2,38 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
 from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
 
 import typer
 
-from tombo_benchmarks.cli.benchmark_faults_command import benchmark_faults
-from tombo_benchmarks.cli.benchmark_foreign_command import benchmark_foreign
-from tombo_benchmarks.cli.benchmark_mutations_command import benchmark_mutations
-from tombo_benchmarks.cli.benchmark_nodes_command import benchmark_nodes
-from tombo_benchmarks.cli.benchmark_real_command import benchmark_real
-from tombo_benchmarks.cli.benchmark_run import EXIT_CODES, DrawnCases, print_benchmark
-from tombo_benchmarks.cli.benchmark_stand_command import benchmark_stand
-from tombo_benchmarks.cli.benchmark_why_command import benchmark_why
-from tombo_bringup.cli.options import command, option, record
+from tombo_benchmarks.cli.benchmark_run import EXIT_CODES, DrawnCases, Scored
+from tombo_bringup.cli.options import (
+    LogMapping,
+    Shown,
+    VehicleName,
+    argument,
+    command,
+    option,
+    record,
+)
 from tombo_dynamics.errors import InputError
 
 app = typer.Typer()
+_FEWEST_S, _MOST_S = 1.0, 3600.0
+
+
+@app.callback(invoke_without_command=True)
+def benchmark(ctx: typer.Context) -> None:
+    """Blind tests of the suite's own findings, scored."""
+    if ctx.invoked_subcommand is None:
+        typer.echo(ctx.get_help())
 
 
 @record
@@ -31,14 +46,6 @@ class _Hidden:
     )
 
 
-@app.callback(invoke_without_command=True)
-def benchmark(ctx: typer.Context) -> None:
-    """Blind tests of the suite's own findings, scored."""
-    if ctx.invoked_subcommand is None:
-        typer.echo(ctx.get_help())
-
-
-@command(app, "diagnosis", epilog=EXIT_CODES)
 def diagnosis(drawn: DrawnCases, hidden: _Hidden) -> None:
     """Hide effects in simulated flights, diagnose them, and count how often it is right.
 
@@ -48,6 +55,7 @@ def diagnosis(drawn: DrawnCases, hidden: _Hidden) -> None:
     With --scenario one effect at a time is hidden in that flight, in turn of
     medium, large and small size.
     """
+    from tombo_benchmarks.cli.scores import FLIGHTS, score_table
     from tombo_benchmarks.diagnosis.flight_evaluation import benchmark, scenario_benchmark
 
     name, scenario, effects = "diagnosis", hidden.scenario, hidden.effects
@@ -57,13 +65,231 @@ def diagnosis(drawn: DrawnCases, hidden: _Hidden) -> None:
         run = scenario_benchmark(scenario, effects)
     elif effects != "all":
         raise InputError(f"--effects {effects}: needs --scenario; accepted: all")
-    drawn.score_drawn(name, run, 100, print_benchmark)
+    drawn.score_drawn(name, run, 100, partial(score_table, FLIGHTS))
 
 
-command(app, "stand", epilog=EXIT_CODES)(benchmark_stand)
-command(app, "foreign", epilog=EXIT_CODES)(benchmark_foreign)
-command(app, "faults", epilog=EXIT_CODES)(benchmark_faults)
-command(app, "mutations")(benchmark_mutations)
-command(app, "nodes")(benchmark_nodes)
-command(app, "real", epilog=EXIT_CODES)(benchmark_real)
-command(app, "why", epilog=EXIT_CODES)(benchmark_why)
+def stand(drawn: DrawnCases) -> None:
+    """Hide what can be wrong in simulated thrust-stand runs, and count how often it is found.
+
+    The stands are richer than the candidates: everything off by tolerances, heavy
+    tails, unknown shapes such as stall, friction, Reynolds number, resonance, creep.
+    Four kinds of stand, from thrust alone to check loads and a second tachometer.
+    """
+    from tombo_benchmarks.cli.scores import STANDS, score_table
+    from tombo_benchmarks.diagnosis.stand_evaluation import benchmark
+
+    drawn.score_drawn("stand", benchmark, 200, partial(score_table, STANDS))
+
+
+@record
+class _Foreign:
+    folder: Path = argument("FOLDER", "Cases that rotorpy_flights.py has written.")
+
+
+def foreign(given: _Foreign, scored: Scored) -> None:
+    """Diagnose flights of rotorpy, a simulator by others, whose hidden cause is known.
+
+    `other_environments/rotorpy_flights.py FOLDER` of this package flies them, with the Python of
+    an environment that has rotorpy 3.0.0. Counted: right, in a set, wrong, withheld.
+    """
+    from tombo_benchmarks.diagnosis.foreign_flights import benchmark, cases_in, score_table
+
+    cases = cases_in(given.folder)
+    name = f"foreign {given.folder.resolve()}"
+    scored.score(name, partial(benchmark, cases), len(cases), 0, score_table)
+
+
+@record
+class _InFlight:
+    nodes: float = option(
+        "--nodes S",
+        "Kill or stop each node in flight; look at S seconds behind.",
+        0.0,
+        accepted=f"0, or {_FEWEST_S:g} to {_MOST_S:g}",
+    )
+
+
+def faults(drawn: DrawnCases, in_flight: _InFlight) -> None:
+    """Check every fault, every pair in every phase, and N (1000) random sequences of faults.
+
+    Mission, reaction and controller are those of the flight, around a point that flies
+    (docs/faults.md). Counted: thrust after touchdown, take-offs without a command, set points
+    that can't be followed or leave the flight volume, rotors that turn at the end.
+
+    With --nodes the running suite hovers in real time, once for each node that is killed,
+    killed and started again, or stopped for 20 s: a quarter of an hour for S = 60.
+    """
+    from tombo_benchmarks.cli.scores import fault_lines
+    from tombo_benchmarks.faults.fault_benchmark import check_faults
+    from tombo_benchmarks.faults.fault_flights import fly_faults
+
+    nodes = in_flight.nodes
+    if nodes and not _FEWEST_S <= nodes <= _MOST_S:
+        accepted = f"0, or {_FEWEST_S:g} to {_MOST_S:g}"
+        raise InputError(f"--nodes {nodes:g}: out of bounds; accepted: {accepted}")
+
+    def run(
+        cases: int, seed: int, workers: int, progress: Callable[..., Any],
+        stop: Callable[[], bool], kept: Any,
+    ) -> Any:  # fmt: skip
+        found = check_faults(cases, seed, workers, progress, stop, kept)
+        if not nodes or stop():
+            return found
+        flown = fly_faults(nodes, seed, progress, stop)
+        return replace(found, aggregate={**found.aggregate, "nodes": flown})
+
+    drawn.score_drawn("faults", run, 1000, lambda found, cases: fault_lines(found))
+
+
+@record
+class _Mutations:
+    log: Path = argument("LOG", "A sound flight.")
+    healthy: list[Path] | None = option(
+        "--healthy OLD",
+        "Another flight of the vehicle: what has changed since is asked, too. Once for each.",
+    )
+    way: str | None = option("--way NAME", "Ask in this way only: plain, vehicle or healthy.")
+
+
+def mutations(given: _Mutations, known: VehicleName, reading: LogMapping, shown: Shown) -> None:
+    """Damage a log in 22 ways, one at a time, and count how often `tombo diagnose` names it.
+
+    Axes swapped, reversed, scaled, offset; units; motors swapped; samples late, frozen,
+    dropped; a body defined turned; commands scaled. The log alone is asked, and with
+    --vehicle and --healthy in these ways as well.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from tombo_benchmarks.diagnosis.mutations import Reference, ask_all, mutation_page
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_bringup.cli.tables import show_page
+    from tombo_flight.vehicle_file import read_vehicle
+    from tombo_logs.readers.log_reader import read_logs
+
+    with progress_bar() as on_progress:
+        flight, *others = read_logs([given.log, *(given.healthy or [])], mapping=reading.mapping)
+        file = None if known.vehicle is None else read_vehicle(known.vehicle)
+        answers = ask_all(flight, Reference(file, others), given.way, on_progress)
+    show_page(mutation_page(flight.name, answers), shown.as_json)
+
+
+@record
+class _Load:
+    seconds: float = option("--seconds S", "Fly so long.", 60.0, bounds=(4.0, 3600.0))
+    busy: int = option("--busy N", "Beside N processes that never sleep.", 0, bounds=(0, 64))
+
+
+def nodes(load: _Load, shown: Shown) -> None:
+    """Fly with all nodes in real time, and print how late each loop began its runs.
+
+    An empty loop of 1 kHz, before and after the flight, tells how punctual the machine is.
+    """
+    from tombo_benchmarks.cli.scores import loop_table
+    from tombo_benchmarks.nodes.node_timing import fly_and_measure
+    from tombo_bringup.cli.tables import print_table
+
+    measured = fly_and_measure(load.seconds, load.busy)
+    if shown.as_json:
+        print(json.dumps(measured, indent=1))
+        return
+    print_table(loop_table(measured["loops"]))
+    latency, recorder = measured["latency_gyro_to_command_us"], measured["recorder"]
+    typer.echo(
+        f"Gyro to command, across processes: {latency['p50']} us, 99 % {latency['p99']} us\n"
+        f"Recorder: {recorder['messages']} messages, {recorder['lost']} lost\n"
+        f"Too slow: {'; '.join(measured['too_slow']) or 'no'}"
+    )
+
+
+@record
+class _Real:
+    data: Path | None = option(
+        "--data DIR",
+        "Folder with crazypad, crazyswarm2, air_garage, flights, nanobench_controllers; what is "
+        "not there is left out. Default: shared/data beside the repository.",
+    )
+    few: int | None = option("--few N", "At most N trials of each data set. Default: all.")
+    left_out: bool = option(
+        "--left-out",
+        "Only changes of a vehicle against its healthy flights, each with the constants that are "
+        "learnt from the others.",
+        False,
+    )
+
+
+def real(given: _Real, scored: Scored) -> None:
+    """Ask about real flights of known causes, and count right, wrong and withheld answers.
+
+    Flights against healthy ones of the vehicle, single logs of mishaps, and healthy flights.
+    With -o the page is written beside the JSON, as .html; a run that is stopped goes on with
+    the same command.
+    """
+    few, left_out, output = given.few, given.left_out, scored.output
+    if left_out and few is not None:
+        raise InputError(f"--few {few}: accepted: without --left-out")
+    if few is not None and few < 1:
+        raise InputError(f"--few {few}: out of bounds; accepted: 1 or more")
+    if output is not None and output.suffix == ".html":
+        raise InputError(
+            f"-o '{output}': the page has that name; accepted: another ending, of JSON"
+        )
+    from tombo_benchmarks.real.real_benchmark import benchmark
+    from tombo_benchmarks.real.real_page import real_page
+    from tombo_benchmarks.real.trials import ROOT, conditions, trials
+    from tombo_flight.report.html import write_page
+
+    folder = ROOT.parent / "shared" / "data" if given.data is None else given.data
+    asked = conditions(folder) if left_out else trials(folder, few)
+    rows: list[dict[str, Any]] = []
+
+    def run(cases: int, *options: Any) -> Any:
+        result = benchmark(asked, folder, left_out, cases, *options)
+        rows.extend(result.cases)
+        if output is not None and len(rows) == cases:  # before printing, which may be cut
+            write_page(output.with_suffix(".html"), real_page(rows, result.aggregate))
+        return result
+
+    name = "real --left-out" if left_out else "real" if few is None else f"real --few {few}"
+    scored.score(name, run, len(asked), 0, lambda found, cases: real_page(rows, found))
+
+
+@record
+class _Rotorpy:
+    rotorpy: Path = option(
+        "--rotorpy PYTHON",
+        "Python of an environment that has rotorpy 3.0.0 (`pip install rotorpy==3.0.0`).",
+        ...,
+    )
+
+    def python(self) -> str:
+        """Return the absolute path of a Python that has rotorpy.
+
+        Raises:
+            InputError: it does not run, or can't import rotorpy.
+        """
+        python = str(self.rotorpy.absolute())
+        try:
+            subprocess.run([python, "-c", "import rotorpy"], check=True, capture_output=True)
+        except (OSError, subprocess.CalledProcessError):
+            raise InputError(
+                f"--rotorpy '{self.rotorpy}' can't import rotorpy; accepted: the Python of an "
+                "environment that has it (`python -m venv ENV; ENV/bin/pip install "
+                "rotorpy==3.0.0`)"
+            ) from None
+        return python
+
+
+def why(by: _Rotorpy, drawn: DrawnCases) -> None:
+    """Crash flights of rotorpy by ten causes, and ask from one log each what and when it was.
+
+    Times and sizes are drawn; sensors and channels of the logs differ.
+    """
+    from tombo_benchmarks.cli.scores import crash_table
+    from tombo_benchmarks.why.crash_benchmark import benchmark
+
+    drawn.score_drawn("why", partial(benchmark, by.python()), 200, crash_table)
+
+
+BENCHMARKS: Final = (diagnosis, stand, foreign, faults, mutations, nodes, real, why)
+"""In the order of the help."""
+for _one in BENCHMARKS:
+    command(app, _one.__name__, epilog=EXIT_CODES)(_one)

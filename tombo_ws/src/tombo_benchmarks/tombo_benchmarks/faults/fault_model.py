@@ -89,16 +89,6 @@ FAULT_TEXTS = {
     Fault.TAKEOFF_COMMAND: "`~/takeoff`",
     Fault.COLLISION: "a collision is reacted to",
 }
-LASTING = (
-    Fault.MOCAP,
-    Fault.ESTIMATOR,
-    Fault.IMU,
-    Fault.CONTROLLER,
-    Fault.REACTION,
-    Fault.DETECTOR,
-    Fault.MISSION,
-)
-"""Faults that last; the others happen once, or as long as they are said to."""
 STEP_TICKS = 5
 """One step of the model."""
 _QUIET = 2000

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,7 +20,8 @@ from typing import Any, Final
 
 from tombo_benchmarks.docs.markdown import table_markdown, updated
 from tombo_benchmarks.px4.lockstep_flight import fly_lockstep
-from tombo_benchmarks.px4.losses import LOSSES, fly_loss
+from tombo_benchmarks.px4.lockstep_px4 import Px4Setup
+from tombo_benchmarks.px4.losses import LOSSES, fly_loss, loss_line, loss_table
 from tombo_benchmarks.px4.node_flight import fly_nodes_with
 from tombo_benchmarks.px4.px4_process import px4_build
 from tombo_benchmarks.px4.services import SHOWS, STATES, fly_service
@@ -53,6 +54,7 @@ _FIGURES: Final = (
 )
 """Figure of `summary.json`, its name, its unit, factor and digits."""
 Row = Mapping[str, Any]
+Cases = Iterator[tuple[str, int, Callable[[Px4Setup], Row]]]
 
 
 @dataclass(frozen=True)
@@ -60,14 +62,14 @@ class Study:
     """Flights of a kind, and what is printed of them.
 
     Attributes:
-        cases: name of a flight, and what flies it in a folder that is new and returns its row.
+        cases: name and seed of a flight, and what flies it and returns its row.
         line: what is said about a flight, behind its name.
         table: of all rows.
         good: whether a flight went as it must.
         page: page and marker of the table.
     """
 
-    cases: Iterator[tuple[str, Callable[[Path], Row]]]
+    cases: Cases
     line: Callable[[Row], str]
     table: Callable[[Sequence[Row]], str]
     good: Callable[[Row], bool]
@@ -90,12 +92,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 words = [str(build), str(folder), str(options.instance)]
                 command = [sys.executable, "-m", "tombo_benchmarks.px4.driver_node", *words]
                 return subprocess.run(command).returncode
-            study = _study(options, build, stop)
-            for name, fly in study.cases:
+            study = _study(options, build is not None, stop)
+            for name, seed, fly in study.cases:
                 if stop.asked():
                     break
                 if not options.row or any(word in name for word in options.row):
-                    rows.append(fly(Path(scratch) / str(len(rows))))
+                    folder = Path(scratch) / str(len(rows))
+                    rows.append(fly(Px4Setup(build, folder, seed, options.instance)))
                     print(f"{name}: {study.line(rows[-1])}", flush=True)
     except InputError as error:
         print_error(str(error))
@@ -145,69 +148,33 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def _study(options: argparse.Namespace, build: Path | None, stop: StopSignals) -> Study:
+def _study(options: argparse.Namespace, is_real: bool, stop: StopSignals) -> Study:
     """Return the flights that the options ask for."""
-    instance, first = options.instance, options.first
+    first = options.first
     if options.losses:
-        seeds = range(first, first + options.few)
-
-        def lose(loss: Any, seed: int, folder: Path) -> Row:
-            result = fly_loss(loss, seed, build, folder, instance=instance)
-            return asdict(result) | {"ended": result.ended}
-
-        losses = ((f"{x.name} {seed}", partial(lose, x, seed)) for x in LOSSES for seed in seeds)
-        marker = "px4_losses" if build is not None else "px4_losses_simulated"
+        losses = (
+            (f"{loss.name} {seed}", seed, partial(fly_loss, loss=loss))
+            for loss in LOSSES
+            for seed in range(first, first + options.few)
+        )
+        marker = "px4_losses" if is_real else "px4_losses_simulated"
         page = ("docs/faults.md", marker)
-        return Study(losses, _loss_line, loss_table, lambda row: row["ended"], page)
+        return Study(losses, loss_line, loss_table, lambda row: row["ended"], page)
     if options.wrong_axes:
-
-        def mistake(name: str, folder: Path) -> Row:
-            return fly_wrong_axes(build, folder, name, first, instance=instance)
-
-        axes = ((name, partial(mistake, name)) for name in wrong_axes_flights())
+        axes = ((name, first, partial(fly_wrong_axes, name=name)) for name in wrong_axes_flights())
         return Study(axes, _axes_line, wrong_axes_table, lambda row: row["as_wanted"])
     if options.services:
-
-        def ask(service: str, state: str, folder: Path) -> Row:
-            return fly_service(build, folder, service, state, first, instance=instance)
-
         asked = (
-            (f"{service} in {state}", partial(ask, service, state))
+            (f"{service} in {state}", first, partial(fly_service, service=service, state=state))
             for state in STATES
             for service in SHOWS
         )
         return Study(asked, _service_line, _service_summary, lambda row: not row["wrong"])
-    flights = _flights(options, build, stop)
+    flights = _flights(options, is_real, stop)
     page = ("docs/px4.md", "px4_flights")
     return Study(
         flights, _line, markdown_table, lambda row: row["armed"] and not row["crashed"], page
     )
-
-
-def _loss_line(row: Row) -> str:
-    if not row["armed"]:
-        return f"never armed: {row['why_not']}"
-    modes = ", ".join(f"{at:.1f} s {name}" for at, name in row["modes"])
-    return f"{'down, disarmed, stays so' if row['ended'] else 'NOT ENDED'}; {modes}"
-
-
-def loss_table(rows: Sequence[Row]) -> str:
-    """Return the table of the losses: of several flights the worst figure."""
-    head = ("loss", "PX4's modes", "down [s]", "disarmed [s]", "drift [m]", "flies again")
-    cells = []
-    for loss in dict.fromkeys(row["loss"] for row in rows):
-        flights = [row for row in rows if row["loss"] == loss]
-        orders = dict.fromkeys(" → ".join(name for _, name in f["modes"]) for f in flights)
-        again = sum(f["again"] or not f["armed"] for f in flights)
-        times = (_worst([f[key] for f in flights]) for key in ("down_s", "off_s"))
-        drift = f"{max(f['drift_m'] for f in flights):.2f}"
-        cells.append([loss, "; or ".join(orders), *times, drift, f"{again} of {len(flights)}"])
-    return table_markdown(head, cells)
-
-
-def _worst(times_s: Sequence[float | None]) -> str:
-    known = [at for at in times_s if at is not None]
-    return "never" if len(known) < len(times_s) else f"{max(known):.1f}"
 
 
 def _axes_line(row: Row) -> str:
@@ -226,23 +193,20 @@ def _service_summary(rows: Sequence[Row]) -> str:
     return f"{len(rows)} services and states, {sum(bool(row['wrong']) for row in rows)} wrong"
 
 
-def _flights(
-    options: argparse.Namespace, build: Path | None, stop: StopSignals
-) -> Iterator[tuple[str, Callable[[Path], Row]]]:
-    """Yield name and flight of each hover, square and collision."""
+def _flights(options: argparse.Namespace, is_real: bool, stop: StopSignals) -> Cases:
+    """Yield name, seed and flight of each hover, square and collision."""
 
-    def fly(name: str, scenario: Scenario, seed: int, folder: Path) -> Row:
-        began_s, instance = time.monotonic(), options.instance
-        if options.nodes and build is not None:
-            kept = (options.keep or folder.parent / "flights") / f"{name}-{seed}"
+    def fly(setup: Px4Setup, name: str, scenario: Scenario) -> Row:
+        began_s = time.monotonic()
+        if options.nodes and is_real:
+            kept = options.keep or setup.folder.parent / "flights"
+            kept = kept / f"{name}-{setup.seed}"
             kept.parent.mkdir(parents=True, exist_ok=True)
             with open_output(kept, replace=False, numbered=True) as output:
-                summary = fly_nodes_with(
-                    build, folder, output, scenario, seed, stop, instance=instance
-                )
+                summary = fly_nodes_with(setup, output, scenario, stop)
                 output.publish()
         else:
-            summary = fly_lockstep(build, folder, scenario, seed, instance=instance).summary
+            summary = fly_lockstep(setup, scenario).summary
         return {"flight": name, **summary, "took_s": time.monotonic() - began_s}
 
     for name, (scenario, settings) in FLIGHTS.items():
@@ -252,10 +216,8 @@ def _flights(
         if options.reaction and name == "collision":
             settings = (*settings, f"reaction.name={options.reaction}")
         for seed in range(options.first, options.first + count):
-            yield (
-                f"{name} {seed}",
-                partial(fly, name, load_scenario(scenario, list(settings)), seed),
-            )
+            flown = load_scenario(scenario, list(settings))
+            yield f"{name} {seed}", seed, partial(fly, name=name, scenario=flown)
 
 
 def _line(row: Row) -> str:

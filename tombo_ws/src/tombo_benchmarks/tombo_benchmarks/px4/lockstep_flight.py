@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import math
 import time
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tombo_benchmarks.px4.lockstep_px4 import LockstepPx4, lockstep_px4
+from tombo_benchmarks.px4.lockstep_px4 import LockstepPx4, Px4Setup
 from tombo_collision.decision import Decision
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CoreRunner
@@ -73,53 +71,37 @@ class LockstepFlight:
     Attributes:
         summary: the figures of `summary.json`, and those of PX4.
         columns: name to (N, k), per tick of 1 ms from the mission's first word.
-        estimates: (M, 4): flight time [s] and error of PX4's position [m].
         texts: flight time [s] and text of PX4's words.
     """
 
     summary: dict[str, Any]
     columns: dict[str, Array] = field(default_factory=dict)
-    estimates: Array = field(default_factory=lambda: np.zeros((0, 4)))
     texts: list[tuple[float, str]] = field(default_factory=list)
 
 
 def fly_lockstep(
-    build: Path | None,
-    folder: Path,
+    setup: Px4Setup,
     scenario: Scenario,
-    seed: int,
     *,
-    instance: int = 0,
-    speed: float = 0.0,
     bridge: BridgeParams | None = None,
-    parameters: dict[str, float] | None = None,
     as_mocap: AsMocap | None = None,
     hand: HandMotion | None = None,
 ) -> LockstepFlight:
     """Fly a scenario once, by motion capture alone.
 
     Args:
-        build: of PX4 (`px4_build`); None: the simulated one.
-        folder: new; for PX4's files.
+        setup: the PX4 that flies.
         scenario: what to fly.
-        seed: of the simulation's random draws.
-        instance: of PX4.
-        speed: simulated time against real time; 0: as fast as PX4 answers.
         bridge: parameters of the bridge; None: as for a simulated motion capture, whose axes need
             no proof.
-        parameters: of PX4, over those of the vehicle.
         as_mocap: what the motion capture sends in place of the true pose.
         hand: carries and turns the vehicle before the flight.
 
     Raises:
         InputError: PX4 does not start, or stops answering.
     """
-    params = bridge or BridgeParams(axes_evidence=SIMULATED)
-    with lockstep_px4(
-        build, folder, world_of(scenario), seed, parameters or {}, instance=instance,
-        speed=speed, hand=hand,
-    ) as px4:  # fmt: skip
-        flight = LockstepRun(px4, scenario, seed, params, as_mocap=as_mocap, hand=hand)
+    with setup.start(world_of(scenario), hand) as px4:
+        flight = LockstepRun(px4, scenario, setup.seed, bridge, as_mocap=as_mocap, hand=hand)
         flight.fly()
     return flight.result()
 
@@ -136,7 +118,7 @@ class LockstepRun:
         px4: LockstepPx4,
         scenario: Scenario,
         seed: int,
-        bridge: BridgeParams,
+        bridge: BridgeParams | None = None,
         *,
         as_mocap: AsMocap | None = None,
         hand: HandMotion | None = None,
@@ -148,7 +130,8 @@ class LockstepRun:
         self._epoch_ns = EPOCH_NS
         self._simulator: Simulator | None = None
         link = replace(LinkParams(), system=px4.system)
-        self._bridge = Bridge(bridge, link, scenario.vehicle.mass)
+        params = bridge or BridgeParams(axes_evidence=SIMULATED)
+        self._bridge = Bridge(params, link, scenario.vehicle.mass)
         kinds = [kind for kind in CORES if kind not in PX4_REPLACES]
         self._runners = [CoreRunner(core_of(kind, scenario)) for kind in kinds]
         self._end = FlightEndDetector(scenario.vehicle.leg_height)
@@ -162,7 +145,6 @@ class LockstepRun:
         self._rows: list[tuple[Any, ...]] = []
         self._estimates: list[tuple[int, Array]] = []
         self._texts: list[tuple[int, str]] = []
-        self._events: Counter[str] = Counter()
         self._notes: list[tuple[int, str]] = []
         self._decisions: list[Decision] = []
         self._detections: list[tuple[int, CollisionEvent]] = []
@@ -170,7 +152,6 @@ class LockstepRun:
         self._disarmed_s: float | None = None
         self._status_why = ""
         self._wall_s = 0.0
-        self._latency: list[float] = []
 
     @property
     def _flown_s(self) -> float:
@@ -254,13 +235,11 @@ class LockstepRun:
             self._disarmed_s = self._flown_s
         self._status_why = out.status.why or "; ".join(out.status.findings)
         self._texts += [(self._now_ns, text.text) for text in out.texts]
-        self._events.update(key for key, _ in out.events)
         self._notes += [(self._now_ns, text) for _, text in out.events]
         for found in out.odometry:
             if found.stamp_ns is None:
                 continue
             self._estimates.append((found.stamp_ns, found.position))
-            self._latency.append((found.arrival_ns - found.stamp_ns) * 1e-6)
             if self._bridge.estimate_trusted:
                 moving = rotate_vector(conjugate(found.attitude), found.velocity)
                 self._hand_over(
@@ -316,7 +295,6 @@ class LockstepRun:
             for i, name in enumerate(FIGURE_COLUMNS)
         }
         began = self._began_ns or self._now_ns
-        errors = self._estimate_errors(columns, began)
         texts = [((at - began) * 1e-9, text) for at, text in self._texts]
         summary: dict[str, Any] = {"armed": self._armed_once, "why_not": ""}
         if not self._armed_once or not self._rows:
@@ -328,31 +306,29 @@ class LockstepRun:
         ]
         known = (detections, self._decisions, self._wall_s)
         figures, _ = summarize(MetricsInput(self._scenario, self._seed, seconds, columns, *known))
-        distance = np.linalg.norm(errors[:, 1:], axis=1)
+        distance = self._estimate_errors(columns, began)
         summary |= figures
         summary |= {
             "estimate_error_mean_m": float(distance.mean()) if distance.size else None,
             "estimate_error_max_m": float(distance.max()) if distance.size else None,
-            "odometry_latency_ms": float(np.median(self._latency)) if self._latency else None,
             "contacts": contacts(columns["contact"][:, 0]),
             "steps": self._px4.steps,
             "missed": self._px4.missed,
-            "real_time_factor": (self._now_ns - EPOCH_NS) * 1e-9 / self._wall_s,
-            "events": dict(self._events),
             "notes": [((at - began) * 1e-9, text) for at, text in self._notes],
             "disarmed": not self._px4.armed,
             "disarmed_s": self._disarmed_s,
             "texts": texts,
         }
-        return LockstepFlight(summary, columns, errors, texts)
+        return LockstepFlight(summary, columns, texts)
 
     def _estimate_errors(self, columns: dict[str, Array], began_ns: int) -> Array:
-        rows = []
+        """Return how far PX4's positions are from the true ones [m]."""
+        errors = []
         for stamp_ns, position in self._estimates:
             at = round((stamp_ns - began_ns) / TICK_NS)
             if 0 <= at < len(self._rows):
-                rows.append((at * TICK_S, *(position - columns["position"][at])))
-        return np.array(rows).reshape(-1, 4)
+                errors.append(float(np.linalg.norm(position - columns["position"][at])))
+        return np.array(errors)
 
 
 def contacts(touching: Array) -> int:

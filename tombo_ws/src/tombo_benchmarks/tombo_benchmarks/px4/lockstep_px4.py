@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -69,70 +70,53 @@ class LockstepPx4(ABC):
         """Close the links."""
 
 
-def lockstep_px4(
-    build: Path | None,
-    folder: Path,
-    world: World,
-    seed: int,
-    parameters: Mapping[str, float],
-    *,
-    instance: int = 0,
-    speed: float = 0.0,
-    hand: Watch | None = None,
-) -> LockstepPx4:
-    """Return a PX4 that flies by motion capture alone.
+@dataclass(frozen=True)
+class Px4Setup:
+    """Which PX4 flies, by motion capture alone."""
 
-    Args:
-        build: of a real one (`px4_build`); None: the simulated one.
-        folder: new; for the files of a real one.
-        world: what is simulated.
-        seed: of the simulation's random draws.
-        parameters: of PX4, over those that fit the vehicle.
-        instance: of a real one.
-        speed: simulated time against real time, of a real one; 0: as fast as it answers.
-        hand: moves the vehicle, before the samples of a tick are taken.
+    build: Path | None
+    """Of a real one (`px4_build`); None: the simulated one."""
+    folder: Path
+    """New; for the files of a real one."""
+    seed: int = 0
+    """Of the simulation's random draws."""
+    instance: int = 0
+    """Of a real one: its ports and its id."""
 
-    Raises:
-        InputError: a parameter is refused, or a port is taken.
-    """
-    if build is None:
-        return _SimulatedPx4(world, seed, parameters, hand)
-    return _RealPx4(build, folder, world, seed, parameters, instance, speed, hand)
+    def start(self, world: World, hand: Watch | None = None) -> LockstepPx4:
+        """Return the PX4 with its vehicle; `hand` moves it before the samples of a tick.
+
+        Raises:
+            InputError: a port is taken.
+        """
+        if self.build is None:
+            return _SimulatedPx4(world, self.seed, hand)
+        return _RealPx4(self, self.build, world, hand)
 
 
 class _RealPx4(LockstepPx4):
     """A PX4 SITL, over its simulator link and its on-board link."""
 
-    def __init__(
-        self,
-        build: Path,
-        folder: Path,
-        world: World,
-        seed: int,
-        parameters: Mapping[str, float],
-        instance: int,
-        speed: float,
-        hand: Watch | None,
-    ) -> None:
-        self._build, self._folder, self._instance = build, folder, instance
+    def __init__(self, setup: Px4Setup, build: Path, world: World, hand: Watch | None) -> None:
+        self._build, self._folder, self._instance = build, setup.folder, setup.instance
         self._starts = 0
-        self.system = instance + 1
+        self.system = setup.instance + 1
         own = LinkParams()
         self.link = Link(
-            f"udpin://127.0.0.1:{ONBOARD_PORT + instance}",
+            f"udpin://127.0.0.1:{ONBOARD_PORT + setup.instance}",
             system=own.own_system,
             component=own.own_component,
             clock=time.time_ns,
             accept_system=self.system,
             accept_component=1,
         )
-        self._hil_link = HilLink(PX4_PORT + instance)
+        self._hil_link = HilLink(PX4_PORT + setup.instance)
         params = HilParams(gps=False).check()
         self._hil = HilSimulator(
-            world, seed, params, self._hil_link, speed=speed, watch=self._watch, hand=hand
+            world, setup.seed, params, self._hil_link, speed=0.0, watch=self._watch, hand=hand
         )
-        vehicle = {**airframe_parameters(world, self._hil.flight), **MOCAP_ONLY}
-        self._parameters = {**vehicle, **parameters}
+        airframe = airframe_parameters(world, self._hil.flight)
+        self._parameters = {**airframe, **MOCAP_ONLY}
 
     def _watch(self, simulator: Simulator) -> None:
         self.watch(simulator)
@@ -195,11 +179,8 @@ class _MemoryLink:
 class _SimulatedPx4(LockstepPx4):
     """The simulated PX4 and its vehicle: no socket, no clock, no chance but seeds."""
 
-    def __init__(
-        self, world: World, seed: int, parameters: Mapping[str, float], hand: Watch | None
-    ) -> None:
+    def __init__(self, world: World, seed: int, hand: Watch | None) -> None:
         self._world, self._seed, self._hand = world, seed, hand
-        self._parameters = {**MOCAP_ONLY, **SAFE_PARAMETERS, **parameters}
         own = LinkParams()
         self.link = _MemoryLink(own.own_system, own.own_component)
         self._link = _MemoryLink(1, 1)
@@ -209,7 +190,7 @@ class _SimulatedPx4(LockstepPx4):
     def _boot(self) -> None:
         """Set the vehicle on the ground, disarmed."""
         table = ParameterTable()
-        for name, value in self._parameters.items():
+        for name, value in {**MOCAP_ONLY, **SAFE_PARAMETERS}.items():
             if name in table.names and (refusal := table.set(name, value)):
                 raise InputError(refusal)
         self._vehicle = Px4Vehicle(self._world, self._seed, table)

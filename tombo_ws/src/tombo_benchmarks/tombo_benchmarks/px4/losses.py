@@ -8,20 +8,19 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from tombo_benchmarks.docs.markdown import table_markdown
 from tombo_benchmarks.px4.lockstep_flight import LockstepRun
-from tombo_benchmarks.px4.lockstep_px4 import LockstepPx4, lockstep_px4
+from tombo_benchmarks.px4.lockstep_px4 import LockstepPx4, Px4Setup
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase, Pose, PositionSetpoint
-from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_S
+from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS
 from tombo_flight.scenario import Scenario, load_scenario, world_of
-from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.bridge.bridge_records import BridgeOutput
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.modes import mode_name, mode_of
@@ -68,86 +67,33 @@ LOSSES: Final = (
 """The rows of the table."""
 
 
-@dataclass(frozen=True)
-class LossResult:
-    """What a loss led to; times [s] are from the loss.
-
-    Attributes:
-        armed: it has flown at all.
-        why_not: if not.
-        modes: time and name of each mode that PX4's heartbeats have shown.
-        down_s: when it touched the ground to stay there; None: it never did.
-        off_s: when PX4 was disarmed; None: never.
-        drift_m: how far it got from where it was, horizontally.
-        sink_m_s: vertical speed at touchdown.
-        again: it has left the ground, or was armed, after that.
-        stages: time, stage and reason of the bridge.
-    """
-
-    loss: str
-    seed: int
-    armed: bool
-    why_not: str = ""
-    modes: tuple[tuple[float, str], ...] = ()
-    down_s: float | None = None
-    off_s: float | None = None
-    drift_m: float = 0.0
-    sink_m_s: float = 0.0
-    again: bool = False
-    stages: tuple[tuple[float, str], ...] = ()
-    texts: tuple[tuple[float, str], ...] = ()
-
-    @property
-    def ended(self) -> bool:
-        """It is on the ground, disarmed, and has stayed so."""
-        return self.down_s is not None and self.off_s is not None and not self.again
-
-
 def hover_scenario() -> Scenario:
     """Return a hover that ends only by a loss."""
     return load_scenario("hover", ["mission.land_time=600", "duration=700"])
 
 
-def fly_loss(
-    loss: Loss,
-    seed: int,
-    build: Path | None,
-    folder: Path,
-    *,
-    instance: int = 0,
-    bridge: BridgeParams | None = None,
-    parameters: Mapping[str, float] | None = None,
-) -> LossResult:
-    """Fly one loss.
+def fly_loss(setup: Px4Setup, loss: Loss) -> dict[str, Any]:
+    """Fly one loss; return its row.
 
-    Args:
-        loss: what is lost.
-        seed: of the simulation's random draws.
-        build: of a real PX4 (`px4_build`); None: the simulated PX4.
-        folder: new; for PX4's files.
-        instance: of PX4.
-        bridge: parameters of the bridge.
-        parameters: of PX4, over those that are recommended.
+    Returns:
+        `loss`, `seed`; `armed`: it has flown at all; `why_not`, if not; `modes`: time and name of
+        each mode of PX4's heartbeats; and what `judged_track` says. Times [s] are from the loss.
 
     Raises:
         InputError: PX4 does not start, or stops answering.
     """
-    scenario, bridge = hover_scenario(), bridge or BridgeParams(axes_evidence=SIMULATED)
-    with lockstep_px4(
-        build, folder, world_of(scenario), seed, parameters or {}, instance=instance
-    ) as px4:
-        flight = _LossRun(loss, px4, scenario, seed, bridge)
+    scenario = hover_scenario()
+    with setup.start(world_of(scenario)) as px4:
+        flight = _LossRun(loss, px4, scenario, setup.seed)
         flight.fly()
-        return flight.loss_result()
+        return flight.row()
 
 
 class _LossRun(LockstepRun):
     """A flight that loses something."""
 
-    def __init__(
-        self, loss: Loss, px4: LockstepPx4, scenario: Scenario, seed: int, bridge: BridgeParams
-    ) -> None:
-        super().__init__(px4, scenario, seed, bridge)
+    def __init__(self, loss: Loss, px4: LockstepPx4, scenario: Scenario, seed: int) -> None:
+        super().__init__(px4, scenario, seed)
         self.loss = loss
         self._restart_due = False
         """PX4 is to be restarted now."""
@@ -157,9 +103,8 @@ class _LossRun(LockstepRun):
         self._late: deque[tuple[int, Pose]] = deque()
         self._frozen: Pose | None = None
         self._backlog: list[Received] = []
-        self._track: list[tuple[float, float, float, float, bool]] = []
+        self._track: list[tuple[float, float, float, bool]] = []
         self._modes: list[tuple[float, str]] = []
-        self._stages: list[tuple[float, str]] = []
         self._stand_m = 0.0
         self._off_since_s: float | None = None
 
@@ -234,9 +179,6 @@ class _LossRun(LockstepRun):
         if self._has_lost("link"):
             out.messages.clear()
         super()._take_output(out)
-        stage = f"{out.status.stage.value}: {out.status.why}"
-        if self._loss_s >= 0.0 and (not self._stages or self._stages[-1][1] != stage):
-            self._stages.append((self._loss_s, stage))
 
     def _hand_over(self, topic: str, message: Any) -> None:
         if not (self._has_lost("mission") and topic.startswith("/mission/")):
@@ -281,43 +223,66 @@ class _LossRun(LockstepRun):
             self._off_since_s = None
         elif self._off_since_s is None:
             self._off_since_s = self._loss_s
-        position, velocity = state.position, state.velocity
-        drift = math.hypot(*(position[:2] - self._place[:2]))
-        height = float(position[2]) - self._stand_m
-        self._track.append((self._loss_s, height, drift, float(velocity[2]), armed))
+        drift = math.hypot(*(state.position[:2] - self._place[:2]))
+        height = float(state.position[2]) - self._stand_m
+        self._track.append((self._loss_s, height, drift, armed))
 
-    def loss_result(self) -> LossResult:
+    def row(self) -> dict[str, Any]:
         """Return what the loss has led to."""
-        result = LossResult(self.loss.name, self._seed, self._lost_ns is not None)
+        row = {"loss": self.loss.name, "seed": self._seed, "armed": self._lost_ns is not None}
         if self._lost_ns is None:
             notes = dict.fromkeys(text for _, text in self._notes)
-            return replace(result, why_not="; ".join(notes) or self._status_why)
-        track = np.array(self._track)
-        texts = tuple(
-            ((at - self._lost_ns) * 1e-9, text) for at, text in self._texts if at >= self._lost_ns
-        )
-        return replace(
-            result,
-            modes=tuple(self._modes),
-            stages=tuple(self._stages),
-            texts=texts,
-            **judged_track(track),
-        )
+            why_not = "; ".join(notes) or self._status_why
+            return row | {"why_not": why_not, "modes": [], **judged_track(np.zeros((0, 4)))}
+        return row | {"modes": self._modes, **judged_track(np.array(self._track))}
 
 
 def judged_track(track: Array) -> dict[str, Any]:
-    """Return when it was down and off, how far it drifted, whether it flew again."""
-    seconds, height, drift, climb, armed = track.T
-    on = np.flatnonzero(height < _DOWN_M)
-    found: dict[str, Any] = {"drift_m": float(drift.max())}
+    """Return what a track shows: rows of time since the loss, height, drift, and armed.
+
+    Returns:
+        `down_s`, when it touched the ground to stay there, and `off_s`, when PX4 was disarmed;
+        None: never. `drift_m`, the farthest. `again`: it left the ground or was armed after that.
+        `ended`: it is on the ground, disarmed, and has stayed so.
+    """
+    seconds, height, drift, armed = track.T
+    down_s = off_s = None
+    again = False
+    on, off = np.flatnonzero(height < _DOWN_M), np.flatnonzero(armed < 0.5)
     if on.size:
-        first = int(on[0])
-        found["sink_m_s"] = float(-climb[max(first - round(0.05 / TICK_S), 0) : first + 1].min())
-        later = np.flatnonzero(height[first:] > _UP_M)
-        found["down_s"] = float(seconds[first]) if height[-1] < _DOWN_M else None
-        found["again"] = bool(later.size)
-    off = np.flatnonzero(armed < 0.5)
+        again = bool((height[on[0] :] > _UP_M).any())
+        down_s = float(seconds[on[0]]) if height[-1] < _DOWN_M else None
     if off.size:
-        found["again"] = bool(found.get("again")) or bool((armed[off[0] :] > 0.5).any())
-        found["off_s"] = float(seconds[off[0]]) if armed[-1] < 0.5 else None
-    return found
+        again = again or bool((armed[off[0] :] > 0.5).any())
+        off_s = float(seconds[off[0]]) if armed[-1] < 0.5 else None
+    return {
+        "down_s": down_s, "off_s": off_s, "drift_m": float(drift.max(initial=0.0)),
+        "again": again, "ended": down_s is not None and off_s is not None and not again,
+    }  # fmt: skip
+
+
+def loss_line(row: Mapping[str, Any]) -> str:
+    """Return what is said about a flight."""
+    if not row["armed"]:
+        return f"never armed: {row['why_not']}"
+    modes = ", ".join(f"{at:.1f} s {name}" for at, name in row["modes"])
+    return f"{'down, disarmed, stays so' if row['ended'] else 'NOT ENDED'}; {modes}"
+
+
+def loss_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the table of the losses: of several flights the worst figure."""
+    head = ("loss", "PX4's modes", "down [s]", "disarmed [s]", "drift [m]", "flies again")
+    cells = []
+    for loss in dict.fromkeys(row["loss"] for row in rows):
+        flights = [row for row in rows if row["loss"] == loss]
+        orders = dict.fromkeys(" → ".join(name for _, name in f["modes"]) for f in flights)
+        again = sum(f["again"] or not f["armed"] for f in flights)
+        times = (_worst([f[key] for f in flights]) for key in ("down_s", "off_s"))
+        drift = f"{max(f['drift_m'] for f in flights):.2f}"
+        cells.append([loss, "; or ".join(orders), *times, drift, f"{again} of {len(flights)}"])
+    return table_markdown(head, cells)
+
+
+def _worst(times_s: Sequence[float | None]) -> str:
+    known = [at for at in times_s if at is not None]
+    return "never" if len(known) < len(times_s) else f"{max(known):.1f}"

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from tombo_benchmarks.px4.lockstep_flight import contacts
+from tombo_benchmarks.px4.lockstep_px4 import ONBOARD_PORT, Px4Setup
 from tombo_benchmarks.px4.px4_process import Px4Process
 from tombo_flight.process.output_folder import OutputFolder
 from tombo_flight.process.stop_signals import StopSignals
@@ -22,49 +22,38 @@ from tombo_px4.hil.hil_start_help import airframe_parameters
 from tombo_px4.hil.link import PX4_PORT
 from tombo_px4.hil.params import HilParams
 
-_ONBOARD_PORT = 14540
-
 
 def fly_nodes_with(
-    build: Path,
-    folder: Path,
-    output: OutputFolder,
-    scenario: Scenario,
-    seed: int,
-    stop: StopSignals,
-    *,
-    instance: int = 0,
+    setup: Px4Setup, output: OutputFolder, scenario: Scenario, stop: StopSignals
 ) -> dict[str, Any]:
     """Fly a scenario once over the nodes; return its summary, with `armed` and `why_not`.
 
     Args:
-        build: of PX4 (`px4_build`).
-        folder: new; for PX4's files.
+        setup: a real PX4.
         output: for the files of the flight.
         scenario: what to fly.
-        seed: of the simulation's random draws.
         stop: a request to stop ends the flight.
-        instance: of PX4.
 
     Raises:
         InputError: PX4, simulator or recorder does not run.
     """
+    assert setup.build is not None
     warm_up_nodes(scenario)
     world = world_of(scenario)
     parameters = airframe_parameters(world, HilFlight(world, 0, HilParams().check()))
     parameters |= MOCAP_ONLY
-    settings = [f"link.system={instance + 1}"]
-    px4 = px4_connection(f"udpin://127.0.0.1:{_ONBOARD_PORT + instance}", settings)
+    settings = [f"link.system={setup.instance + 1}"]
+    px4 = px4_connection(f"udpin://127.0.0.1:{ONBOARD_PORT + setup.instance}", settings)
     # vehicle and motion capture are the simulator that this command starts
     bridge = replace(px4.bridge, axes_evidence=SIMULATED)
-    px4 = replace(px4, hil_port=PX4_PORT + instance, bridge=bridge)
+    px4 = replace(px4, hil_port=PX4_PORT + setup.instance, bridge=bridge)
     try:
-        with Px4Process(build, folder, parameters, instance):
+        with Px4Process(setup.build, setup.folder, parameters, setup.instance):
             flown = fly_nodes_and_save(
-                output, scenario, seed, stop, speed=1.0, domain=None, on_progress=no_progress,
-                px4=px4,
+                output, scenario, setup.seed, stop, speed=1.0, domain=None,
+                on_progress=no_progress, px4=px4,
             )  # fmt: skip
     except NotFlown as error:
-        return {"armed": False, "why_not": str(error), "crashed": False, "seed": seed}
+        return {"armed": False, "why_not": str(error), "crashed": False, "seed": setup.seed}
     more = {"contacts": contacts(flown.flight.record.log["contact"][:, 0])}
     return {**flown.flight.summary, **more, "armed": True, "why_not": ""}

@@ -9,19 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from tombo_benchmarks.px4.lockstep_flight import LockstepRun
-from tombo_benchmarks.px4.lockstep_px4 import LockstepPx4, lockstep_px4
+from tombo_benchmarks.px4.lockstep_px4 import LockstepPx4, Px4Setup
 from tombo_benchmarks.px4.losses import hover_scenario
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase, Pose
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS
 from tombo_flight.scenario import Scenario, world_of
-from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.bridge.bridge_records import BridgeOutput, Reply, SessionStage
 from tombo_px4.modes import OFFBOARD, mode_name
 from tombo_sim.simulator import Simulator
@@ -84,7 +82,7 @@ class _ServiceRun(LockstepRun):
     def __init__(
         self, service: str, state: State, px4: LockstepPx4, scenario: Scenario, seed: int
     ) -> None:
-        super().__init__(px4, scenario, seed, BridgeParams(axes_evidence=SIMULATED))
+        super().__init__(px4, scenario, seed)
         self._state = state
         self._requests = [*state.before, service]
         self._begun_ns = self._due_ns = self._asked_ns = self._answered_ns = 0
@@ -142,20 +140,18 @@ class _ServiceRun(LockstepRun):
             self.track.append((height, away, self._offboard, bool(self._px4.armed)))
 
 
-def fly_service(
-    build: Path | None, folder: Path, service: str, state: str, seed: int, *, instance: int = 0
-) -> dict[str, Any]:
+def fly_service(setup: Px4Setup, service: str, state: str) -> dict[str, Any]:
     """Ask for a service in a state of `STATES`; return a row; `wrong` is "" if all is right.
 
     Raises:
         InputError: PX4 does not start, or stops answering.
     """
     scenario = hover_scenario()
-    with lockstep_px4(build, folder, world_of(scenario), seed, {}, instance=instance) as px4:
-        run = _ServiceRun(service, STATES[state], px4, scenario, seed)
+    with setup.start(world_of(scenario)) as px4:
+        run = _ServiceRun(service, STATES[state], px4, scenario, setup.seed)
         run.fly()
     reply = run.reply
-    row = {"state": state, "service": service, "seed": seed}
+    row = {"state": state, "service": service, "seed": setup.seed}
     if reply is None or not run.track:
         return row | {"answer": "", "wrong": "no answer"}
     track = np.array(run.track)

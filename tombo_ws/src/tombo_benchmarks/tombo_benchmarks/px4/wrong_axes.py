@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from tombo_benchmarks.docs.markdown import table_markdown
 from tombo_benchmarks.px4.lockstep_flight import AsMocap, fly_lockstep
+from tombo_benchmarks.px4.lockstep_px4 import Px4Setup
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, quaternion_multiply, rotate_vector
 from tombo_dynamics.time_base import TICK_S
@@ -146,18 +146,13 @@ def wrong_axes_flights() -> Mapping[str, tuple[AsMocap | None, bool, str]]:
     return found
 
 
-def fly_wrong_axes(
-    build: Path | None, folder: Path, name: str, seed: int, *, instance: int = 0
-) -> dict[str, Any]:
+def fly_wrong_axes(setup: Px4Setup, name: str) -> dict[str, Any]:
     """Fly one of `wrong_axes_flights`; return its row of the table."""
     make, by_hand, word = wrong_axes_flights()[name]
     old = name.endswith(_OLD)
     flight = fly_lockstep(
-        build,
-        folder,
+        setup,
         load_scenario("hover", []),
-        seed,
-        instance=instance,
         bridge=BridgeParams(axes_evidence=SIMULATED if old else ""),
         as_mocap=make,
         hand=HandMotion(_HAND_S) if by_hand else None,
@@ -193,13 +188,8 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     head = ("set-up", "armed", "away [m]", "height [m]", "aloft [s]", "at the end", "message")
     cells = []
     for row in rows:
-        end = (
-            "landed"
-            if row["landed"]
-            else "on the ground, disarmed"
-            if row["disarmed"]
-            else "armed"
-        )
+        end = "on the ground, disarmed" if row["disarmed"] else "armed"
+        end = "landed" if row["landed"] else end
         armed = "yes" if row["armed"] else "no"
         figures = (f"{row['away_m']:.2f}", f"{row['height_m']:.2f}", f"{row['aloft_s']:.1f}")
         cells.append([row["set_up"], armed, *figures, end, row["text"]])

@@ -1,0 +1,153 @@
+"""What the commands of `tombo benchmark` print: figures beside what is asked for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+from tombo_flight.report.page import Cell, Table
+
+
+class Figure(NamedTuple):
+    """A figure of a score: its key, words, and the bounds that are asked for."""
+
+    key: str
+    words: str
+    least: float = -math.inf
+    most: float = math.inf
+    is_share: bool = True
+
+    def meets(self, value: float) -> bool:
+        """Return whether a value is as asked for."""
+        return self.least <= value <= self.most
+
+    def asked(self) -> str:
+        """Return what is asked for; empty: nothing."""
+        low, high = math.isfinite(self.least), math.isfinite(self.most)
+        if low and high:
+            return f"{self.text(self.least)} to {self.text(self.most)}"
+        return f">= {self.text(self.least)}" if low else f"<= {self.text(self.most)}" * high
+
+    def text(self, value: float) -> str:
+        """Return a value as it is printed."""
+        return f"{100.0 * value:.1f} %" if self.is_share else f"{value:.2f}"
+
+
+FLIGHTS: Final = (
+    Figure("top1_large", "right cause first, large effect", least=0.97),
+    Figure("top1_medium", "right cause first, medium effect", least=0.85),
+    Figure("top1_small", "right cause first, small effect", least=0.65),
+    Figure("another_named", "another cause named than the one that is there", most=0.05),
+    Figure("unseen_named", "something named where nothing can be seen", most=0.05),
+    Figure("right_if_named", "right if named", least=0.98),
+    Figure("truth_in_set", "truth in the answered set", least=0.99),
+    Figure("mean_set_size", "mean size of the set", most=2.0, is_share=False),
+    Figure("false_alarm", "false alarm without an effect", most=0.05),
+    Figure("unknown_wrongly_named", "unknown cause wrongly named", most=0.02),
+    Figure("parameter_error_median", "parameter error, median", most=0.02),
+    Figure("parameter_error_p90", "parameter error, 90 % below", most=0.10),
+    Figure("coverage_95", "95 % intervals that cover the truth", least=0.90, most=0.98),
+    Figure("seconds_per_case", "run time of a case [s]", most=5.0, is_share=False),
+)
+STANDS: Final = (
+    Figure("top1_large", "right cause first, large", least=0.95),
+    Figure("top1_medium", "... medium"),
+    Figure("top1_small", "... small"),
+    Figure("answer_large", "... or in a set of six at most, large"),
+    Figure("answer_medium", "... medium"),
+    Figure("answer_small", "... small"),
+    Figure("right_if_named", "right if named"),
+    Figure("truth_in_set", "truth in the answered set"),
+    Figure("mean_set_size", "mean size of the set", is_share=False),
+    Figure("false_alarm", "false alarm without an effect", most=0.05),
+    Figure("false_alarm_upper", "... upper bound, 95 %"),
+    Figure("unknown_wrongly_named", "unknown cause wrongly named", most=0.02),
+    Figure("unknown_partly_explained", "... called partly explained"),
+    Figure("unknown_missed", "... missed"),
+    Figure("pair_both", "two causes: both"),
+    Figure("pair_one", "... at least one"),
+    Figure("parameter_error_median", "parameter error, median"),
+    Figure("parameter_error_p90", "... 90 % below"),
+    Figure("coverage_95", "95 % intervals that cover"),
+    Figure("seconds_per_case", "seconds a case", is_share=False),
+)
+
+
+def score_table(figures: Sequence[Figure], found: Mapping[str, Any], cases: int) -> Table:
+    """Return figures of all cases and of each part that is scored on its own, as columns."""
+    parts = {"all": found} | {
+        name.replace("_", " "): part
+        for name, part in found.items()
+        if isinstance(part, Mapping) and "top1_large" in part
+    }
+    rows: list[Sequence[str | Cell]] = []
+    if all("cases" in part for part in parts.values()):
+        rows.append(("cases", "", *(str(part["cases"]) for part in parts.values())))
+    for figure in figures:
+        values = [part.get(figure.key) for part in parts.values()]
+        cells = [
+            Cell("–")
+            if value is None or value != value
+            else Cell(figure.text(value), "" if figure.meets(value) else "bad")
+            for value in values
+        ]
+        rows.append((figure.words, figure.asked(), *cells))
+    return Table(("", "asked for", *parts), rows, title=f"{cases} blind cases")
+
+
+def crash_table(found: Mapping[str, Any], cases: int) -> Table:
+    """Return the score of all crashes and of each kind."""
+    rows = [
+        (
+            kind.replace("_", " "),
+            str(part["cases"]),
+            *(f"{100 * part[key]:.0f} %" for key in ("right", "in_time")),
+            *(str(part[key]) for key in ("wrong", "abstained")),
+        )
+        for kind, part in [("all", found), *found["kinds"].items()]
+        if part["cases"]
+    ]
+    head = ("", "cases", "right", "within 0.1 s", "wrong", "abstained")
+    return Table(head, rows, title=f"{cases} simulated crashes")
+
+
+def loop_table(loops: Mapping[str, Mapping[str, Any]]) -> Table:
+    """Return how late the loops of the nodes began their runs."""
+    from tombo_flight.suite.node_diagnostics import lateness_text
+
+    rows = [
+        (
+            name,
+            f"{loop['rate_hz']:.3f}",
+            *(lateness_text(loop[f"jitter_{share}_us"]) for share in ("p50", "p99")),
+            str(loop["missed"]),
+        )
+        for name, loop in loops.items()
+    ]
+    return Table(("loop", "rate [Hz]", "late, median", "late, 99 %", "missed"), rows)
+
+
+def fault_lines(found: Mapping[str, Any]) -> list[str]:
+    """Return what sequences of faults, flights and nodes that fail have led to."""
+    lines = [
+        f"{found['enumerated']} single faults and pairs in every phase, "
+        f"{found['random']} random sequences: {found['violations']} with a violation",
+        *(f"  {kind}: {number}" for kind, number in found["by_kind"].items()),
+        f"Rotors on at the ground in a descent: at most {found['longest_ground_s']:.1f} s",
+        f"Transitions taken: {found['rows_used']}; not: "
+        f"{', '.join(found['rows_unused']) or 'none'}",
+    ]
+    return [*lines, *map(_behind, found.get("nodes", []))]
+
+
+def _behind(row: Mapping[str, Any]) -> str:
+    """Return what a vehicle did behind a fault of a node, as a line."""
+    text = f"{row['fault']}: {row['ends']}, drift {row['drift_m']:.2f} m"
+    if row["down_s"] is not None:
+        off = row["rotors_off_s"]
+        text += (
+            f", sinks at {row['sink_m_s']:.2f} m/s, down after {row['down_s']:.1f} s, rotors off "
+            f"{'never' if off is None else f'{off:.1f} s later'}, slides {row['slid_m']:.2f} m"
+        )
+    return text + (", FLIES AGAIN" if row["flew_again"] else "")
