@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from endpoint_bench import Client
 from hil_bench import Bench, bench, hover_world
-from hil_peer import MAVLINK
+from pymavlink.dialects.v20 import common as MAVLINK
 
 from tombo_dynamics.records import numbers
 from tombo_px4.frames import enu_from_ned, ros_quaternion
