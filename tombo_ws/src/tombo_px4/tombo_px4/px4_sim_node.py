@@ -30,6 +30,10 @@ _BEHIND_NS = 500_000_000
 nodes start, is caught up within a tenth of a second."""
 _LIFTED_M, _WARM_UP_TICKS, _TRY_TICKS = 0.02, 10_000, 50
 """Of the warm-up: a height, the most ticks, and how often it tries to begin."""
+_LINKS = (
+    ("onboard", "14540?local=14580", "link of an on-board computer"),
+    ("ground", "14550?local=18570", "link of a ground station"),
+)
 _MOST_TICKS = 20
 """Most ticks in one run of the loop; links are read between the runs."""
 
@@ -67,19 +71,13 @@ class Px4SimNode(VehicleNode):
         super().__init__()
         if self.sim_time:
             raise InputError("use_sim_time true: a link to PX4 is in real time; accepted: false")
-        onboard = self.declare(
-            "onboard_url",
-            "udpout://127.0.0.1:14540?local=14580",
-            "link of an on-board computer; empty: none",
-        )
-        ground = self.declare(
-            "ground_url",
-            "udpout://127.0.0.1:14550?local=18570",
-            "link of a ground station; empty: none",
-        )
+        urls = {
+            kind: self.declare(f"{kind}_url", f"udpout://127.0.0.1:{ports}", f"{doc}; empty: none")
+            for kind, ports, doc in _LINKS
+        }
         key_file = self.declare("key_file", "", "32 bytes of the signing key; empty: not signed")
         remote = self.declare("allow_remote", False, "true: speak to other machines too")
-        if not onboard and not ground:
+        if not any(urls.values()):
             raise InputError("onboard_url and ground_url: both empty; accepted: at least one link")
         table = self._table()
         key = read_key(key_file, partial(self.health.fault, "key_file", True))
@@ -92,7 +90,7 @@ class Px4SimNode(VehicleNode):
                 key=key,
                 allow_remote=remote,
             )
-            for kind, url in (("onboard", onboard), ("ground", ground))
+            for kind, url in urls.items()
             if url
         }
         warm_up(self.world)

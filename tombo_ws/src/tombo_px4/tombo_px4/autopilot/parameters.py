@@ -105,8 +105,6 @@ class ParameterTable:
     def __init__(self) -> None:
         self._table = {p.name: p for p in PARAMETERS}
         self._values = {p.name: p.rounded(p.default) for p in PARAMETERS}
-        self.version = 0
-        """Grows with every change."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -139,7 +137,6 @@ class ParameterTable:
             KeyError: there is no such parameter.
         """
         self._values[name] = self._table[name].rounded(value)
-        self.version += 1
 
     def type_of(self, name: str) -> Literal["int32", "float"]:
         """Return `int32` or `float`.

@@ -264,14 +264,6 @@ class Px4Vehicle:
             self._navigator.takeoff_height = finite_or_nan(height_m)
         return result
 
-    def land(self) -> Result:
-        """Land where it is."""
-        return self.set_mode(AUTO_LAND, "Landing at current position")
-
-    def return_home(self) -> Result:
-        """Return to where it was armed, and land."""
-        return self.set_mode(AUTO_RTL, "Returning to launch")
-
     def reposition(self, position: Array, yaw: float | None = None) -> Result:
         """Fly to a place (3) in map and hold it; axes that are NaN stay as they are."""
         goal = np.where(np.isfinite(position), position, self.estimate.position)

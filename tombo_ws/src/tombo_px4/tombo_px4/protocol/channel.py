@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -15,8 +14,6 @@ _SHORTEST_US = 4_000
 """As fast as PX4 publishes its state: 250 Hz."""
 _STAGGER_US = 1_000
 _TIMESYNC_NS = 100_000_000
-_LIST_US = 5_000
-"""Between two batches of parameters."""
 _STATION_US = 2_500_000
 """A ground station that has been silent for so long has gone."""
 
@@ -35,13 +32,11 @@ class MavlinkChannel:
         self.link = link
         self.onboard = stream_set == "onboard"
         self.timesync = TimeSync()
-        self.parameters: Iterator[list[Any]] | None = None
-        """Batches of PARAM_VALUE that are still to be sent; None: nobody asked."""
         rates = {n: s.onboard_hz if self.onboard else s.ground_hz for n, s in STREAMS.items()}
         self._default = {number: round(1e6 / rate) for number, rate in rates.items() if rate}
         self._interval = dict(self._default)
         self._due = {number: boot_us + i * _STAGGER_US for i, number in enumerate(self._interval)}
-        self._list_us = self._next_request_ns = 0
+        self._next_request_ns = 0
         self._station_us = -_STATION_US
 
     def take_due(self, boot_us: int) -> list[int]:
@@ -82,17 +77,6 @@ class MavlinkChannel:
     def hears_station(self, boot_us: int) -> bool:
         """Return whether a ground station is there: without one PX4 sends no texts."""
         return boot_us - self._station_us < _STATION_US
-
-    def send_parameters(self, boot_us: int) -> None:
-        """Send the next batch of the parameters if it is due."""
-        if self.parameters is None or boot_us < self._list_us:
-            return
-        self._list_us = boot_us + _LIST_US
-        batch = next(self.parameters, None)
-        if batch is None:
-            self.parameters = None
-        for message in batch or ():
-            self.link.send(message)
 
     def request_timesync(self, boot_ns: int) -> None:
         """Send a TIMESYNC request if it is time."""

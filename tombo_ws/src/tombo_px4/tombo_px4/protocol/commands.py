@@ -59,8 +59,8 @@ class CommandServer:
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             mavlink.MAV_CMD_DO_SET_MODE: self._set_mode,
             mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
-            mavlink.MAV_CMD_NAV_LAND: lambda command: vehicle.land(),
-            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda command: vehicle.return_home(),
+            mavlink.MAV_CMD_NAV_LAND: self._land,
+            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: self._return,
             mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
         }
 
@@ -89,6 +89,12 @@ class CommandServer:
             return Result.ACCEPTED  # as PX4 says, too, where it changes nothing
         sub = sub if sub is not None and 0 <= sub < 256 else 0
         return self._vehicle.set_mode(Mode(main, sub if main == modes.AUTO_HOLD.main else 0))
+
+    def _land(self, command: ReceivedCommand) -> Result:
+        return self._vehicle.set_mode(modes.AUTO_LAND, "Landing at current position")
+
+    def _return(self, command: ReceivedCommand) -> Result:
+        return self._vehicle.set_mode(modes.AUTO_RTL, "Returning to launch")
 
     def _take_off(self, command: ReceivedCommand) -> Result:
         if command.frame not in _GLOBAL_FRAMES:

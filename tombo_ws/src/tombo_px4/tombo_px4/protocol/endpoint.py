@@ -105,8 +105,6 @@ class Endpoint:
         for routed in received:
             self._take(routed)
         self._report_changes()
-        for channel in self.channels:
-            channel.send_parameters(self.vehicle.boot_us)
 
     def say(self, severity: int, text: str) -> None:
         """Send a text on all links that does not come from the vehicle."""
@@ -234,8 +232,8 @@ class Endpoint:
         routed.answer(mavlink.MAVLink_mission_count_message(*content))
 
     def _parameter_list(self, routed: RoutedMessage) -> None:
-        """Send all parameters; asked again meanwhile, begin again."""
-        routed.channel.parameters = self._parameters.batches()
+        for value in self._parameters.values():
+            routed.answer(value)
 
     def _parameter_read(self, routed: RoutedMessage) -> None:
         value = self._parameters.answer_read(routed.received.message)

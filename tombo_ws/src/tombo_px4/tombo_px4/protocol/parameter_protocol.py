@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -12,8 +11,6 @@ if TYPE_CHECKING:
     from tombo_px4.autopilot.parameters import ParameterTable
 
 _TYPES = {"int32": mavlink.MAV_PARAM_TYPE_INT32, "float": mavlink.MAV_PARAM_TYPE_REAL32}
-_BATCH = 5
-"""Values of a list that leave at once."""
 
 
 class ParameterServer:
@@ -58,7 +55,6 @@ class ParameterServer:
         self._table.store(name, value)
         return self.value(name), ""
 
-    def batches(self) -> Iterator[list[Any]]:
-        """Yield the PARAM_VALUE messages of the whole list, as many as leave at once."""
-        for first in range(0, len(self._names), _BATCH):
-            yield [self.value(name) for name in self._names[first : first + _BATCH]]
+    def values(self) -> list[Any]:
+        """Return PARAM_VALUE of all parameters."""
+        return [self.value(name) for name in self._names]
