@@ -110,11 +110,8 @@ class SetpointController:
         self._maps = maps.as_array()
         self._parameters = parameters
         gains = autopilot.gains
-        gains.tilt_max, gains.yaw_rate_max, gains.position_p = (
-            _TILT_MAX,
-            _YAW_RATE_MAX,
-            _POSITION_P,
-        )
+        gains.tilt_max, gains.yaw_rate_max = _TILT_MAX, _YAW_RATE_MAX
+        gains.position_p = _POSITION_P
         self.thrust_max = 4.0 * float(maps.thrust_highest)
         """Collective thrust [N] at full throttle."""
         self.weight = float(autopilot.nominal.mass) * GRAVITY
