@@ -20,7 +20,7 @@ from tombo_flight.suite.px4_connection import free_udp_port
 from tombo_msgs.msg import MissionStatus, PositionSetpoint
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.modes import AUTO_LAND, OFFBOARD
-from tombo_px4.protocol.parameter_protocol import ParameterServer
+from tombo_px4.protocol.requests import ParameterServer
 from tombo_ros.conversion import array, point, quaternion, to_ns, to_time
 
 MS, SECOND = 1_000_000, 1_000_000_000

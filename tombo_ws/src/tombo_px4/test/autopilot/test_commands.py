@@ -5,7 +5,7 @@ import pytest
 from endpoint_bench import ARM, OFFBOARD, SET_MODE, TAKEOFF, bench, of, texts
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_px4.protocol.commands import command_of
+from tombo_px4.protocol.requests import command_of
 
 NAN = math.nan
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)

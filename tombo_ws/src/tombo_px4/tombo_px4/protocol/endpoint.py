@@ -18,9 +18,14 @@ from tombo_px4.frames import GeoOrigin
 from tombo_px4.link.decoded_messages import Result, Severity
 from tombo_px4.link.mavlink_link import Link, Received
 from tombo_px4.protocol.channel import MavlinkChannel
-from tombo_px4.protocol.commands import CommandServer, ReceivedCommand, command_of, whole
 from tombo_px4.protocol.inputs import decode_setpoint, decode_vision
-from tombo_px4.protocol.parameter_protocol import ParameterServer
+from tombo_px4.protocol.requests import (
+    CommandServer,
+    ParameterServer,
+    ReceivedCommand,
+    command_of,
+    whole,
+)
 from tombo_px4.protocol.telemetry import STREAMS, VehicleView
 from tombo_px4.protocol.words import Announcer
 

@@ -69,7 +69,6 @@ _REASONS = {
     "external command": 4,
     "landing": 6,
     "auto preflight disarming": 7,
-    "lockdown": 9,
     "failsafe": 14,
     "flight termination": 14,
 }
