@@ -1,4 +1,4 @@
-"""The simulator link as a node, flown by a scripted PX4: what the lab sees of it."""
+"""The simulator link as a node, driven by a PX4 stand-in: what the lab sees of it."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def heights(world, seconds: float) -> list[float]:
 
 
 @pytest.mark.real_time
-def test_a_px4_flies_it_and_the_mocap_sees_it(world, start, port):
+def test_a_px4_lifts_it_and_the_mocap_sees_it(world, start, port):
     world.subscribe(MOCAP_POSE, TRUE_ODOMETRY)
     node = start(NODE, "-p", f"port:={port}", "-p", "hil.gps:=true")
     world.meet(MOCAP_POSE, TRUE_ODOMETRY)
@@ -62,7 +62,7 @@ def test_a_px4_flies_it_and_the_mocap_sees_it(world, start, port):
     with px4(port):
         first = world.wait_for(TRUE_ODOMETRY)
         assert first.pose.pose.position.z == pytest.approx(0.18, abs=0.05)
-        world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 1.5)
+        world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 0.5)
         stamps = [to_ns(m.header.stamp) for m in world.heard[MOCAP_POSE.name]]
         gaps = [(b - a) / MS for a, b in itertools.pairwise(stamps)]
         with in_time():

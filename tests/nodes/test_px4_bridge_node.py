@@ -1,4 +1,4 @@
-"""The bridge as a node: real DDS on one side, MAVLink over UDP with a scripted PX4 behind."""
+"""The bridge as a node: real DDS on one side, MAVLink over UDP with the simulated PX4 behind."""
 
 import contextlib
 import signal
@@ -14,27 +14,27 @@ from reports import heard, told
 from std_srvs.srv import SetBool, Trigger
 
 from in_time import in_time
-from scripted_px4 import GROUND, SECOND, ScriptedPx4
+from modified_px4 import ModifiedPx4
 from tombo_bag.topics import BATTERY, DIAGNOSTICS, IMU, MOCAP_POSE, ODOMETRY, PX4_STATUS, SETPOINT
 from tombo_flight.suite.px4_connection import free_udp_port
 from tombo_msgs.msg import MissionStatus, PositionSetpoint
 from tombo_px4.link.mavlink_link import Link
-from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, OFFBOARD
+from tombo_px4.modes import AUTO_LAND, OFFBOARD
+from tombo_px4.protocol.requests import ParameterServer
 from tombo_ros.conversion import array, point, quaternion, to_ns, to_time
 
-MS = 1_000_000
+MS, SECOND = 1_000_000, 1_000_000_000
 NODE = "tombo_px4.px4_bridge_node"
 
 
 class Px4Thread:
-    """A scripted PX4 at the other end of a UDP link, in a thread of its own."""
+    """The simulated PX4 at the other end of a UDP link, in a thread of its own."""
 
-    def __init__(self, port, system=1):
-        self.px4 = ScriptedPx4(time.time_ns(), system=system)
+    def __init__(self, port, system=1, **parameters):
+        url = f"udpout://127.0.0.1:{port}"
+        link = Link(url, system=system, component=1, clock=time.time_ns)
+        self.px4 = ModifiedPx4(time.time_ns(), link, MAV_SYS_ID=system, **parameters)
         self.lock = threading.Lock()
-        self._link = Link(
-            f"udpout://127.0.0.1:{port}", system=system, component=1, clock=time.time_ns
-        )
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -42,16 +42,13 @@ class Px4Thread:
     def _run(self):
         while not self._stop.is_set():
             with self.lock:
-                for received in self._link.receive():
-                    self.px4.take(received.message, received.arrival_ns)
-                for message in self.px4.tick(time.time_ns()):
-                    self._link.send(message)
-            self._link.wait(0.004)
+                self.px4.fly(time.time_ns())
+            self.px4.link.wait(0.002)
 
     def close(self):
         self._stop.set()
         self._thread.join(5.0)
-        self._link.close()
+        self.px4.link.close()
 
 
 class Lab:
@@ -60,9 +57,8 @@ class Lab:
     def __init__(self, world, start, *more, system=1, parameters=()):
         self.world = world
         port = free_udp_port()
-        self.vehicle = Px4Thread(port, system)
-        self.px4.parameters.update(parameters)
-        self.phase, self.goal = MissionStatus.IDLE, np.array([0.0, 0.0, GROUND])
+        self.vehicle = Px4Thread(port, system, **dict(parameters))
+        self.phase, self.goal = MissionStatus.IDLE, self.px4.place
         self.captures = []
         world.subscribe(PX4_STATUS, DIAGNOSTICS, ODOMETRY, IMU, BATTERY)
         url = f"link.url:=udpin://127.0.0.1:{port}"
@@ -75,6 +71,11 @@ class Lab:
     @property
     def px4(self):
         return self.vehicle.px4
+
+    def set_parameter(self, name, value):
+        """As a ground station does it: PX4 tells the others."""
+        assert self.px4.table.set(name, value) == ""
+        self.px4.send(ParameterServer(self.px4.table).value(name))
 
     def publish(self):
         """A pose captured 15 ms ago and a set point, if it is time for them."""
@@ -171,7 +172,7 @@ def test_a_flight_with_stamps_that_are_right_on_both_sides(lab, world):
         assert np.median(off) < 1 * MS
         assert max(off) < 2 * MS
         # our side: the clock of PX4
-        assert abs(int(lab.figure("timesync_offset_ns")) + lab.px4.ahead_ns) < 1 * MS
+        assert abs(int(lab.figure("timesync_offset_ns")) + lab.px4.ahead_ns) < 3 * MS
         assert len(found) > 60
         assert all(0 < age < 2 * SECOND for age in ages)
         assert np.median(stamps) == pytest.approx(20 * MS, rel=0.2)
@@ -184,14 +185,13 @@ def test_a_flight_with_stamps_that_are_right_on_both_sides(lab, world):
         meanwhile=lab.publish,
     )
     accel = array(heard(world, IMU).linear_acceleration)
-    assert accel == pytest.approx([0, 0, 9.81], abs=0.2)
+    assert accel == pytest.approx([0, 0, 9.81], abs=2.0)
     battery = heard(world, BATTERY)
-    assert (battery.voltage, battery.current) == pytest.approx((12.27, -9.0))
+    assert battery.voltage == pytest.approx(12.6, abs=0.4) and battery.current < -1.0
 
-    answer = lab.call("px4/hold")
-    assert answer.success, answer.message
-    assert lab.px4.mode == AUTO_HOLD
-    lab.until(lambda s: s.mode == "hold" and not s.offboard)
+    answer = lab.call("px4/hold")  # without a global position PX4 refuses its own
+    assert answer.success and "set points hold it" in answer.message
+    lab.until(lambda s: s.stage == "mode set by another station")
     answer = lab.call("px4/offboard")
     assert answer.success, answer.message
     lab.until(lambda s: s.offboard)
@@ -216,10 +216,9 @@ def test_a_refusal_is_answered_with_px4s_own_words(lab, world):
         lab.px4.refuses[mav.MAV_CMD_COMPONENT_ARM_DISARM] = 1
     answer = lab.call("px4/arm", SetBool, data=True)
     assert not answer.success
-    assert "temporarily rejected: 'Arming denied: Resolve system health" in answer.message
+    assert "temporarily rejected: 'arming denied: a check fails" in answer.message
     with lab.vehicle.lock:
-        lab.px4.parameters["EKF2_EV_CTRL"] = 0
-        lab.px4._parameter("EKF2_EV_CTRL")
+        lab.set_parameter("EKF2_EV_CTRL", 0)
     lab.until(lambda s: not s.ready)
     answer = lab.call("px4/arm", SetBool, data=True)
     assert (
@@ -244,8 +243,7 @@ def test_the_estimate_is_handed_on_once_the_checks_pass(lab, world):
     heard(world, IMU, meanwhile=lab.publish)
     assert not world.heard[ODOMETRY.name]
     with lab.vehicle.lock:
-        lab.px4.parameters["EKF2_EV_CTRL"] = 11
-        lab.px4._parameter("EKF2_EV_CTRL")
+        lab.set_parameter("EKF2_EV_CTRL", 11)
     lab.until(lambda s: s.ready)
     lab.run(1.0)
     with in_time():
@@ -257,9 +255,7 @@ def test_the_estimate_is_handed_on_once_the_checks_pass(lab, world):
 def test_ended_while_offboard_holds_it_lands_with_poses_to_the_end(lab, world):
     lab = lab()
     lab.take_off()
-    assert lab.call("px4/hold").success
-    with lab.vehicle.lock:
-        lab.px4.mode = OFFBOARD  # a ground station's doing: the bridge streams the place it is at
+    assert lab.call("px4/hold").success  # by set points of the place it is at
     lab.until(lambda s: s.mode == "offboard" and s.stage == "mode set by another station")
     lab.node.process.send_signal(signal.SIGINT)
     end = time.monotonic() + 60.0

@@ -1,9 +1,14 @@
-"""A flight of the bridge and a scripted PX4, without sockets, in made-up time."""
+"""A flight of the bridge and the simulated PX4, without sockets, in made-up time."""
+
+import copy
+import copyreg
+import struct
+from functools import lru_cache
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
-from scripted_px4 import GROUND, ScriptedPx4
+from modified_px4 import ModifiedPx4
 from tombo_dynamics.messages import Phase, PositionSetpoint
 from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
@@ -15,6 +20,7 @@ NOW = 1_763_700_000_000_000_000
 MS = 1_000_000
 STEP = 4 * MS
 ZERO = np.zeros(3)
+copyreg.pickle(struct.Struct, lambda packer: (struct.Struct, (packer.format,)))  # for `hovering`
 BOOT = 20_000 * MS
 
 
@@ -32,14 +38,14 @@ def synced(rtt_ns=300_000):
 class Flight:
     """Bridge and PX4 with a way of 0.3 to 1 ms between them, mocap at 50 Hz, a mission."""
 
-    def __init__(self, writes=None, mocap_late_ms=15, limits=None, proofs=(), **params):
+    def __init__(self, writes=None, mocap_late_ms=15, limits=None, proofs=(), px4=None, **params):
         params = {"axes_evidence": SIMULATED, **params}
         self.bridge = Bridge(
             BridgeParams(**params), LinkParams(), 1.3, writes, proofs=proofs, limits=limits
         )
         self.now = NOW
-        self.px4 = ScriptedPx4(NOW)
-        self.phase, self.goal = Phase.IDLE, np.array([0.0, 0.0, GROUND])
+        self.px4 = ModifiedPx4(NOW, **(px4 or {}))
+        self.phase, self.goal = Phase.IDLE, self.px4.place
         self.mocap_late = mocap_late_ms * MS
         self.mocap_shift = 0
         self.mocap_on = self.mission_on = True
@@ -49,8 +55,10 @@ class Flight:
         self._rng = np.random.default_rng(0)
         self._to_px4, self._to_us, self._poses = [], [], []
         self._k = 0
-        mav_out, self._back = mav.MAVLink(None, 1, 1), mav.MAVLink(None)
-        self._wire = lambda m: self._back.parse_buffer(bytearray(m.pack(mav_out)))[0]
+        self._packs, self._parses = mav.MAVLink(None, 1, 1), mav.MAVLink(None)
+
+    def _wire(self, message):
+        return self._parses.parse_buffer(bytearray(message.pack(self._packs)))[0]
 
     def _delay(self):
         return int(self._rng.uniform(0.3, 1.0) * MS)
@@ -62,7 +70,7 @@ class Flight:
         while self._to_px4 and self._to_px4[0][0] <= now:
             arrival, message = self._to_px4.pop(0)
             self.px4.take(message, arrival)
-        for message in self.px4.tick(now):
+        for message in self.px4.fly(now):
             self._to_us.append((now + self._delay(), message))
         for arrival, message in [x for x in self._to_us if x[0] <= now]:
             self.bridge.take(Received(self._wire(message), arrival, 1, 1, None))
@@ -89,7 +97,7 @@ class Flight:
     def set_clock(self, by):
         """Set the system's clock, of bridge and mocap, by some ns; PX4's own clock goes on."""
         self.now += by
-        self.px4.shift_time(by)
+        self.px4.ahead_ns -= by
         self._to_px4 = [(due + by, message) for due, message in self._to_px4]
         self._to_us = [(due + by, message) for due, message in self._to_us]
         self._poses = [(due + by, captured, *pose) for due, captured, *pose in self._poses]
@@ -110,13 +118,23 @@ class Flight:
         return self.until(lambda f: f.bridge.session.stage == stage, patience_s)
 
     def take_off(self):
-        self.run(3.0)
+        self.until(lambda f: f.out.status.ready)
         self.phase, self.goal = Phase.TAKEOFF, np.array([0.0, 0.0, 1.5])
-        self.until(lambda f: f.px4.place[2] > 1.4)
+        self.until(lambda f: f.px4.place[2] > 1.4, 25.0)
         self.phase = Phase.HOVER
-        return self.run(1.5)
+        return self.run(2.0)
 
     def ask(self, kind):
         number = self.bridge.request(kind)
         self.until(lambda f: any(r.number == number for r in f.seen["replies"]))
         return next(r for r in self.seen["replies"] if r.number == number)
+
+
+@lru_cache
+def _hovering(limits):
+    return Flight(limits=limits).take_off()
+
+
+def hovering(limits=None):
+    """A flight in hover at 1.5 m."""
+    return copy.deepcopy(_hovering(limits))

@@ -14,10 +14,9 @@ import numpy as np
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import TICK_NS
-from tombo_px4.autopilot.parameters import PARAMETERS, ParameterTable
+from tombo_px4.autopilot.parameters import FLOWN_BY_POSES, PARAMETERS, ParameterTable
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle import Px4Vehicle
-from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY, SAFE_PARAMETERS
 from tombo_px4.link.decoded_messages import Severity
 from tombo_px4.link.mavlink_link import Link, read_key
 from tombo_px4.modes import OFFBOARD, mode_name
@@ -31,6 +30,10 @@ _BEHIND_NS = 500_000_000
 nodes start, is caught up within a tenth of a second."""
 _LIFTED_M, _WARM_UP_TICKS, _TRY_TICKS = 0.02, 10_000, 50
 """Of the warm-up: a height, the most ticks, and how often it tries to begin."""
+_LINKS = (
+    ("onboard", "14540?local=14580", "link of an on-board computer"),
+    ("ground", "14550?local=18570", "link of a ground station"),
+)
 _MOST_TICKS = 20
 """Most ticks in one run of the loop; links are read between the runs."""
 
@@ -38,7 +41,7 @@ _MOST_TICKS = 20
 def warm_up(world: World) -> Px4Vehicle:
     """Load all compiled code before the flight: fly a spare vehicle until it has lifted off."""
     table = ParameterTable()
-    for name, value in {**MOCAP_ONLY, **SAFE_PARAMETERS}.items():
+    for name, value in FLOWN_BY_POSES.items():
         table.set(name, value)
     spare = Px4Vehicle(world, 0, table)
     up = OffboardSetpoint(position=spare.home + np.array([0.0, 0.0, 2.0]), yaw=0.0)
@@ -68,19 +71,13 @@ class Px4SimNode(VehicleNode):
         super().__init__()
         if self.sim_time:
             raise InputError("use_sim_time true: a link to PX4 is in real time; accepted: false")
-        onboard = self.declare(
-            "onboard_url",
-            "udpout://127.0.0.1:14540?local=14580",
-            "link of an on-board computer; empty: none",
-        )
-        ground = self.declare(
-            "ground_url",
-            "udpout://127.0.0.1:14550?local=18570",
-            "link of a ground station; empty: none",
-        )
+        urls = {
+            kind: self.declare(f"{kind}_url", f"udpout://127.0.0.1:{ports}", f"{doc}; empty: none")
+            for kind, ports, doc in _LINKS
+        }
         key_file = self.declare("key_file", "", "32 bytes of the signing key; empty: not signed")
         remote = self.declare("allow_remote", False, "true: speak to other machines too")
-        if not onboard and not ground:
+        if not any(urls.values()):
             raise InputError("onboard_url and ground_url: both empty; accepted: at least one link")
         table = self._table()
         key = read_key(key_file, partial(self.health.fault, "key_file", True))
@@ -93,7 +90,7 @@ class Px4SimNode(VehicleNode):
                 key=key,
                 allow_remote=remote,
             )
-            for kind, url in (("onboard", onboard), ("ground", ground))
+            for kind, url in urls.items()
             if url
         }
         warm_up(self.world)
@@ -110,7 +107,7 @@ class Px4SimNode(VehicleNode):
         table = ParameterTable()
         for p in PARAMETERS:
             kind: Any = int if p.kind == "int32" else float
-            default = kind({**MOCAP_ONLY, **SAFE_PARAMETERS}.get(p.name, p.default))
+            default = kind(FLOWN_BY_POSES.get(p.name, p.default))
             text = f"{p.doc} [{p.unit}]" if p.unit else p.doc
             text += "" if p.acts else "; without effect in this simulation"
             value = self.declare(f"px4.{p.name}", default, text, bounds=(p.low, p.high))
@@ -149,12 +146,12 @@ class Px4SimNode(VehicleNode):
     def _log_status_texts(self) -> None:
         """Put the autopilot's texts into the log."""
         logger = self.ros.get_logger()
-        for severity, text in self._endpoint.statustext.sent_texts:
+        for severity, text in self._endpoint.announcer.sent_texts:
             if severity <= Severity.WARNING:  # rclpy: one severity for each line of code
                 logger.warning(f"PX4 says: {text}")
             else:
                 logger.info(f"PX4 says: {text}")
-        self._endpoint.statustext.sent_texts.clear()
+        self._endpoint.announcer.sent_texts.clear()
 
     def report(self, now_ns: int) -> None:
         """Add the state of autopilot and links."""

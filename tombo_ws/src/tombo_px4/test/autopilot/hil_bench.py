@@ -1,4 +1,4 @@
-"""What the tests of the simulator link share: a world, a simulator and a scripted PX4, polled."""
+"""What the tests of the simulator link share: a world, a simulator and a PX4, polled."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from typing import Any
 
-import numpy as np
-from hil_peer import Peer, Pilot
+from hil_peer import ALIGN, Peer
 
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.hil.link import HilLink
@@ -29,9 +28,9 @@ class Bench:
     def __init__(
         self,
         world: World | None = None,
-        pilot: Pilot | None = None,
         *,
         silent: int = 9,
+        align: int = ALIGN,
         speed: float = 0.0,
         **params: Any,
     ) -> None:
@@ -41,19 +40,11 @@ class Bench:
         )
         self.now_ns = 10**15
         self.news: list[str] = []
-        self.peer = Peer(self.link.port, pilot, silent)
-        self.track: list[Any] = []
-        """Time [s], true position and yaw of each step, if `record`."""
-        self.record = False
+        self.peer = Peer(self.link.port, silent, align)
 
     @property
-    def position(self) -> Any:
-        return self.hil.flight.simulator.plant.state.position.copy()
-
-    @property
-    def rotation(self) -> Any:
-        """Map from base_link."""
-        return self.hil.flight.simulator.plant.rotation.reshape(3, 3).copy()
+    def height(self) -> float:
+        return float(self.hil.flight.simulator.plant.state.position[2])
 
     @property
     def seconds(self) -> float:
@@ -64,10 +55,6 @@ class Bench:
         stepped = self.hil.advance(self.now_ns)
         self.news += [news.text for news in self.hil.take_notices()]
         self.peer.pump()
-        if stepped and self.record:
-            forward = self.rotation[:, 0]
-            yaw = np.arctan2(forward[1], forward[0])
-            self.track.append([self.seconds, *self.position, yaw])
         return stepped
 
     def until(self, enough: Callable[[], bool], turns: int = 200_000) -> None:
@@ -83,13 +70,10 @@ class Bench:
             lambda: self.seconds >= seconds - 1e-9, turns=round(1e9 / TURN_NS * seconds) + 20_000
         )
 
-    def hush(self) -> Callable[[Any, list[float]], bytes | None]:
+    def hush(self) -> Callable[[Any], bytes | None]:
         """Let PX4 answer no more; return how it has answered."""
-        kept, self.peer.answer = self.peer.answer, lambda sensor, values: None
+        kept, self.peer.answer = self.peer.answer, lambda sensor: None
         return kept
-
-    def hovers(self) -> None:
-        assert abs(self.position[2] - 2.2) < 0.3, self.position
 
     def close(self) -> None:
         self.peer.close()

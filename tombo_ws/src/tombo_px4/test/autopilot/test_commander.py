@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import pytest
@@ -26,8 +25,6 @@ WELL = CommanderInput(
     signal_tick=10_000,
     kind=ControlLevel.POSITION,
     battery=FULL,
-    roll=0.0,
-    pitch=0.0,
 )
 MANUAL_MODES = (modes.MANUAL, modes.ALTCTL, modes.POSCTL, modes.ACRO, modes.STABILIZED)
 NO_GLOBAL = {"global_position": False}
@@ -211,35 +208,6 @@ def test_it_disarms_by_itself(parameter, taken_off, reason):
     desk.commander.arm(desk.now)
     desk.wait(30.0, taken_off=taken_off)
     assert desk.commander.armed
-
-
-FALLEN = {"roll": math.radians(65.0)}
-
-
-@pytest.mark.parametrize(("breaker", "stops"), [(121212, False), (0, True)])
-def test_overturned_in_flight_it_stops_only_if_termination_is_allowed(breaker, stops):
-    desk = Desk(CBRK_FLIGHTTERM=breaker).fly()
-    desk.wait(0.2, **FALLEN)
-    assert desk.commander.armed
-    desk.wait(0.8, **FALLEN)
-    assert desk.heard("Critical failure detected")
-    assert desk.commander.terminated == stops != desk.commander.armed
-
-
-def test_overturned_at_take_off_it_disarms():
-    desk = Desk()
-    desk.commander.arm(desk.now)
-    desk.wait(0.5, pitch=-math.radians(65.0))
-    assert not desk.commander.armed and desk.heard("lockdown")
-
-
-def test_the_tilt_of_a_recovery_is_no_failure():
-    desk = Desk(CBRK_FLIGHTTERM=0).fly()
-    desk.wait(5.0, roll=math.radians(40.0), pitch=math.radians(40.0))
-    desk.wait(0.25, **FALLEN)
-    desk.wait(0.1, roll=0.0)
-    desk.wait(0.25, **FALLEN)
-    assert desk.commander.armed and not desk.heard("Critical failure")
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ from endpoint_bench import ARM, bench, of
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.link import event_definitions
-from tombo_px4.protocol import statustext
-from tombo_px4.protocol.statustext import PROBLEMS, StatusTextSender
+from tombo_px4.protocol import words
+from tombo_px4.protocol.words import PROBLEMS, Announcer
 
 MAV = mavlink.MAVLink(None, 245, 191)
 REQUEST = 512
@@ -63,8 +63,8 @@ def test_the_opening_of_qgroundcontrol():
             "HEARTBEAT", "SYS_STATUS", "BATTERY_STATUS", "HOME_POSITION", "GPS_RAW_INT",
             "GLOBAL_POSITION_INT", "ATTITUDE", "VFR_HUD", "EXTENDED_SYS_STATE",
         }  # fmt: skip
-        assert b.endpoint.statustext.counts["REQUEST_DATA_STREAM is not used"] == 1
-        assert (255, 190) in b.endpoint.message_router.heard_systems
+        assert b.endpoint.announcer.refused["REQUEST_DATA_STREAM is not used"] == 1
+        assert (255, 190) in b.endpoint.heard_systems
 
 
 def test_texts_come_where_a_ground_station_is_heard_and_events_everywhere():
@@ -93,21 +93,21 @@ def test_texts_come_where_a_ground_station_is_heard_and_events_everywhere():
 
 def test_the_bridge_knows_every_event_by_the_number_and_the_arguments_of_px4():
     """Numbers recorded from PX4's build against hashes of the names that the bridge knows."""
-    tables = (statustext.TEXTS, statustext.BEGINNINGS, PROBLEMS)
+    tables = (words.TEXTS, words.BEGINNINGS, PROBLEMS)
     for text, event in ((t, e) for table in tables for t, e in table.items()):
         known = event_definitions.KNOWN_NUMBERS[event.number]
         assert known.format == f"<{event.kinds}", text
         assert known.names_modes == (text in PROBLEMS), text
     for event, name in (
-        (statustext.CHECKS_BEGIN, event_definitions.CHECKS_BEGIN),
-        (statustext.CHECKS_END, event_definitions.CHECKS_END),
+        (words.CHECKS_BEGIN, event_definitions.CHECKS_BEGIN),
+        (words.CHECKS_END, event_definitions.CHECKS_END),
     ):
         assert event.number == event_definitions.event_number(name)
 
 
 def test_a_check_of_hold_does_not_stand_in_the_way_of_offboard():
     sent = []
-    sender = StatusTextSender([SimpleNamespace(link=SimpleNamespace(send=sent.append))])
+    sender = Announcer([SimpleNamespace(link=SimpleNamespace(send=sent.append))])
     problem = "Navigation error: No valid global position estimate"
     sender.report_checks((problem,), 0)
     (modes,) = [

@@ -27,19 +27,18 @@ class FakeTime:
 def test_simulated_time_follows_the_clock_and_telemetry_comes():
     with bench("onboard", "ground") as b:
         end = time.monotonic() + 1.0
-        clock = serve(b.endpoint, time.monotonic_ns, time.time_ns, lambda: time.monotonic() > end)
+        slipped_ns = serve(
+            b.endpoint, time.monotonic_ns, time.time_ns, lambda: time.monotonic() > end
+        )
         simulated_s = b.vehicle.boot_us * 1e-6
         with in_time():
-            assert 1.0 - clock.slipped_ns * 1e-9 - 0.1 < simulated_s < 1.05
+            assert 1.0 - slipped_ns * 1e-9 - 0.1 < simulated_s < 1.05
         b.client.collect()
         assert of(b.client.seen, "HEARTBEAT") and of(b.client.seen, "ATTITUDE")
-        assert b.endpoint.telemetry.load >= 0.0
 
 
 def test_a_machine_that_is_too_slow_is_told_and_time_slips(fresh):
     fast = FakeTime(300 * MS)
-    clock = serve(fresh.endpoint, fast, time.time_ns, lambda: fast.reads > 40)
-    assert clock.slipped_ns > 1_000 * MS
-    assert any("too slow" in text for _, text in fresh.endpoint.statustext.sent_texts)
-    asked_for_ns = clock.boot_ns(fast.now_ns)
-    assert asked_for_ns - fresh.vehicle.tick * MS < 1_000 * MS
+    slipped_ns = serve(fresh.endpoint, fast, time.time_ns, lambda: fast.reads > 40)
+    assert slipped_ns > 1_000 * MS
+    assert any("too slow" in text for _, text in fresh.endpoint.announcer.sent_texts)

@@ -47,3 +47,13 @@ def test_rotors_stay_in_range_and_invalid_controls_are_counted(controls):
     for control, speed in zip(controls, speeds, strict=True):
         if math.isnan(control) or control > 1.001:
             assert speed == pytest.approx(100.0, abs=0.1)
+
+
+@pytest.mark.parametrize("motor", range(4))
+def test_each_control_turns_its_rotor(motor):
+    """PX4's motors: front right, rear left, front left, rear right."""
+    controls = [0.2] * 4
+    controls[motor] = 0.8
+    fastest = int(np.argmax(control_map().speeds(controls, True)))
+    x, y = WORLD.vehicle.rotor_positions()[fastest][:2]
+    assert (x > 0, y > 0) == [(True, False), (False, True), (True, True), (False, False)][motor]

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hil_peer import MAVLINK
+from pymavlink.dialects.v20 import common
 
 from tombo_px4.hil.flight import HilFlight, HilSensors, MotorCommands
 from tombo_px4.hil.params import HilParams
@@ -21,7 +21,7 @@ class Shown:
     def __init__(self, world: World | None = None, seed: int = 1, **params: Any) -> None:
         self.flight = HilFlight(world or World(spread=AT_ORIGIN), seed, HilParams(**params))
         self.plant = self.flight.simulator.plant
-        self.parser = MAVLINK.MAVLink(None)
+        self.parser = common.MAVLink(None)
 
     def step(self, *controls: float) -> dict[str, Any]:
         """The messages of one step, by name."""
@@ -84,6 +84,52 @@ def test_a_strike_stops_at_what_px4_can_hold_and_keeps_its_sign(sign):
     step = np.repeat(np.array([9.80665 / 2048, np.radians(2000 / 32768)], np.float32), 3)
     counts = (values / step).astype(np.int32)
     assert counts.tolist() == [sign * 32_767, -sign * 32_767, -sign * 32_767] * 2
+
+
+# ---- signs
+
+
+def test_gyro_and_accelerometer_are_front_right_down():
+    sensors = HilSensors(0)
+    sensors.observe(np.array([0.1, 0.2, 0.3, 1.0, 2.0, 9.0]))  # base_link: front, left, up
+    assert sensors.inertial() == pytest.approx([1.0, -2.0, -9.0, 0.1, -0.2, -0.3], abs=0.1)
+
+
+def test_at_rest_the_accelerometer_shows_gravity_upwards():
+    shown = Shown()
+    shown.settle()
+    message = shown.sensor()
+    force = (message.xacc, message.yacc, message.zacc)
+    assert force == pytest.approx((0.0, 0.0, -9.8), abs=0.3)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.2, -2.5])
+def test_the_magnetometer_shows_the_heading(yaw):
+    """Level, the field's horizontal part points 3.3 degrees east of north, the rest down."""
+    shown = Shown()
+
+    def turned():
+        shown.hang()
+        shown.attitude(yaw=yaw)
+
+    message = slow_message(shown, turned)
+    heading = math.radians(3.3) - math.atan2(message.ymag, message.xmag)
+    assert math.remainder(heading - (0.5 * math.pi - yaw), math.tau) == pytest.approx(0, abs=0.03)
+    assert message.zmag == pytest.approx(0.48 * math.sin(math.radians(63.1)), abs=0.02)
+
+
+def test_rolled_to_the_right_the_magnetometer_has_the_field_in_y():
+    level, rolled = Shown(), Shown()
+    seen = []
+    for shown, roll in ((level, 0.0), (rolled, 0.4)):
+
+        def turned(shown=shown, roll=roll):
+            shown.hang()
+            shown.attitude(yaw=0.5 * math.pi, roll=roll)  # nose north
+
+        seen.append(slow_message(shown, turned))
+    down = 0.48 * math.sin(math.radians(63.1))
+    assert seen[1].ymag - seen[0].ymag == pytest.approx(math.sin(0.4) * down, abs=0.03)
 
 
 # ---- barometer, thermometer, pitot tube

@@ -53,7 +53,7 @@ def test_takes_off_and_holds(height):
 def test_lands_and_disarms():
     flight = taken_off()
     place = flight.body[:2]
-    assert flight.vehicle.land() == Result.ACCEPTED
+    assert flight.vehicle.set_mode(AUTO_LAND) == Result.ACCEPTED
     flight.fly(1.0)
     assert flight.vehicle.mode == AUTO_LAND and flight.vehicle.landed == MavLandedState.LANDING
     touch = []

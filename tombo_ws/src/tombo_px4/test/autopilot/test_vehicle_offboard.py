@@ -10,7 +10,7 @@ from tombo_dynamics.rotation import quaternion_multiply, yaw_pitch_roll
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle_state import TakeoffState
 from tombo_px4.link.decoded_messages import MavLandedState, Result
-from tombo_px4.modes import OFFBOARD
+from tombo_px4.modes import AUTO_HOLD, OFFBOARD
 
 
 def tilted(pitch_deg: float = 0.0, roll_deg: float = 0.0) -> np.ndarray:
@@ -93,7 +93,7 @@ def test_the_takeoff_ramp_goes_on_without_setpoints():
 @pytest.mark.slow
 def test_set_points_are_followed_only_while_the_mode_is_flown():
     flight = hovering()
-    flight.vehicle.hold()
+    flight.vehicle.set_mode(AUTO_HOLD)
     flight.fly(3.0, motion([3.0, 0.0, 2.0]))
     assert abs(flight.body[0]) < 0.2
     flight.vehicle.reposition(np.array([-1.0, 0.0, NAN]))

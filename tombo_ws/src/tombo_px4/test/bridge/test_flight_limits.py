@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from bridge_flight import Flight
+from bridge_flight import hovering
 
 from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.messages import Phase, PositionSetpoint
+from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.bridge.setpoint_stream import FlightLimits
 from tombo_px4.modes import AUTO_LAND
 
@@ -27,7 +28,7 @@ def test_a_set_point_outside_is_moved_to_the_border_and_rests_there():
 
 @pytest.mark.slow
 def test_px4_gets_no_set_point_outside_and_the_fault_says_so():
-    flight = Flight(limits=LIMITS).take_off()
+    flight = hovering(LIMITS)
     flight.goal = np.array([4.0, 0.0, 1.5])
     flight.run(6.0)
     assert flight.px4.place[0] == pytest.approx(1.0, abs=0.05)
@@ -36,11 +37,14 @@ def test_px4_gets_no_set_point_outside_and_the_fault_says_so():
 
 @pytest.mark.slow
 def test_a_vehicle_outside_by_more_than_the_margin_lands():
-    flight = Flight(limits=LIMITS).take_off()
+    flight = hovering(LIMITS)
 
-    def blown_away(passed_s, now_ns):
-        flight.px4.place = np.array([min(flight.px4.place[0] + passed_s, 1.6), 0.0, 1.5])
+    flight.px4.deaf = lambda message: message.get_type().startswith("SET_")
+    away = OffboardSetpoint(velocity=np.array([0.8, 0.0, 0.0]), yaw=0.0)
 
-    flight.px4._move = blown_away
-    flight.until(lambda f: f.px4.mode == AUTO_LAND, 5.0)
+    def lands(flight):
+        flight.px4.vehicle.target(away)
+        return flight.px4.mode == AUTO_LAND
+
+    flight.until(lands, 8.0)
     assert any("outside of the flight volume" in text for _, text in flight.events)

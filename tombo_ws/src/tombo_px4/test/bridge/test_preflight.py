@@ -10,9 +10,10 @@ from bridge_flight import MS, NOW, synced
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scripted_px4 import PARAMETERS
 from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vector
+from tombo_px4.autopilot.parameters import FLOWN_BY_POSES
+from tombo_px4.autopilot.parameters import PARAMETERS as PX4_PARAMETERS
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.bridge.hand_rotation_check import HandVerdict
 from tombo_px4.bridge.pose_axes import AxesEvidence
@@ -22,6 +23,8 @@ from tombo_px4.link.decoded_messages import EstimatorStatusFlags, VehicleImu, Ve
 from tombo_px4.link.timesync import TimeSync
 
 SECOND = 1000 * MS
+PARAMETERS = {p.name: p.default for p in PX4_PARAMETERS} | FLOWN_BY_POSES
+"""Of a vehicle that flies by poses alone."""
 
 
 def spin(axis, angle):

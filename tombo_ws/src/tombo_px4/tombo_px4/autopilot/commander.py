@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 from tombo_dynamics.time_base import TICK_HZ
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.setpoint_controller import ControlLevel
-from tombo_px4.autopilot.vehicle_state import ArmingHealth, BatteryCharge
+from tombo_px4.autopilot.vehicle_state import BatteryCharge
 from tombo_px4.link.decoded_messages import Result, Severity
 from tombo_px4.modes import (
     ACRO,
@@ -36,33 +35,42 @@ _TITLES = {mode: name.capitalize() for mode, name in MODE_NAMES.items() if mode 
 _TITLES |= {DESCEND: "Descend", TERMINATE: "Termination"}
 _NOT_FOR_ARMING = (AUTO_LAND, AUTO_RTL)
 """Modes that end a flight; after it the mode before is back."""
-_OFFBOARD_LOST = {
-    1: ALTCTL,
-    2: STABILIZED,
-    3: AUTO_RTL,
-    4: AUTO_LAND,
-    5: AUTO_HOLD,
-    6: TERMINATE,
-    7: TERMINATE,
+_RETURNS = (AUTO_RTL, AUTO_LAND, DESCEND, DESCEND)
+_LANDS = (AUTO_LAND, AUTO_LAND, DESCEND, DESCEND)
+FAILSAFES = {
+    0: (AUTO_RTL, AUTO_LAND, ALTCTL, STABILIZED),
+    1: (AUTO_RTL, AUTO_LAND, DESCEND, STABILIZED),
+    2: _RETURNS,
+    3: _RETURNS,
+    4: _LANDS,
+    5: (AUTO_HOLD, AUTO_LAND, DESCEND, DESCEND),
+    6: 4 * (TERMINATE,),
+    7: 4 * (TERMINATE,),
 }
-"""COM_OBL_RC_ACT -> mode; 0 and others: position."""
-_REMOTE_CONTROL_LOST = {
-    1: AUTO_HOLD,
-    2: AUTO_RTL,
-    3: AUTO_LAND,
-    4: OFFBOARD,
-    5: TERMINATE,
-    6: TERMINATE,
-}
-"""NAV_RCL_ACT -> mode."""
-_FALLBACKS = (POSCTL, ALTCTL, STABILIZED, AUTO_HOLD, AUTO_RTL, AUTO_LAND, DESCEND)
-"""What cannot be flown is replaced by the next one that can."""
+"""COM_OBL_RC_ACT -> mode after OFFBOARD is lost while PX4 knows its place on earth, in map, its
+height alone, none of them. PX4 1.17 without a remote control and with NAV_RCL_ACT 2, its default:
+in altitude and stabilized mode nobody steers. Recorded: `test/autopilot/recorded_losses.yaml`."""
 _NO_SIGNAL = "No offboard signal"
 _NO_STICKS = "No manual control input"
 _NO_POSITION = "Navigation error: No valid position estimate"
 _BATTERY = ("", "Low battery", "Critical battery", "Emergency battery level")
 
 Say = Callable[[Severity, str], None]
+
+
+class ArmingHealth(NamedTuple):
+    """Reasons that deny arming, as texts for the operator, and what is known."""
+
+    problems: tuple[str, ...]
+    """Empty: it may be armed in the present mode."""
+    attitude: bool
+    local_position: bool
+    global_position: bool
+
+    @property
+    def armable(self) -> bool:
+        """Whether arming is allowed in the current mode."""
+        return not self.problems
 
 
 class CommanderInput(NamedTuple):
@@ -81,9 +89,6 @@ class CommanderInput(NamedTuple):
     kind: ControlLevel
     """Of that set point."""
     battery: BatteryCharge
-    roll: float
-    pitch: float
-    """[rad]."""
     altitude: bool = True
     """The height is known; without poses for longer than x and y, with a barometer always."""
 
@@ -101,12 +106,9 @@ class Commander:
         """Mode that is flown."""
         self.failsafe = False
         self.terminated = False
-        self._armed_tick = 0
         self._landed_tick = -1
-        self._tilted_tick = -1
-        self._tilt_reported = False
         self._battery_reported = 0
-        self._battery_action: Mode | None = None
+        self._battery_failsafe: tuple[Mode, ...] | None = None
         self._after_disarming: Mode = AUTO_HOLD
 
     # --- what is possible
@@ -169,9 +171,8 @@ class Commander:
                 self._say(Severity.CRITICAL, f"Preflight Fail: {problem}")
             return Result.TEMPORARILY_REJECTED
         self.armed = True
-        self._armed_tick = now.tick
         self._landed_tick = -1
-        self._battery_action = None
+        self._battery_failsafe = None
         self._say(Severity.INFO, "Armed by external command")
         return Result.ACCEPTED
 
@@ -184,7 +185,7 @@ class Commander:
             return Result.TEMPORARILY_REJECTED
         self.armed = False
         self.failsafe = False
-        self._battery_action = None
+        self._battery_failsafe = None
         self.user_intended_mode = self.mode = self._after_disarming
         self._say(Severity.INFO, f"Disarmed by {reason}")
         return Result.ACCEPTED
@@ -204,7 +205,7 @@ class Commander:
         self.user_intended_mode = mode
         if mode not in _NOT_FOR_ARMING:
             self._after_disarming = mode
-        self._battery_action = None
+        self._battery_failsafe = None
         self._select_mode(now)
         return Result.ACCEPTED
 
@@ -213,12 +214,8 @@ class Commander:
     def update(self, now: CommanderInput) -> None:
         """Apply fail-safes and automatic disarming."""
         self._watch_battery(now)
-        if not self.armed:
-            self.mode = self.user_intended_mode
-            return
-        self._watch_tilt(now)
+        self._select_mode(now)
         if self.armed:
-            self._select_mode(now)
             self._disarm_by_itself(now)
 
     def _select_mode(self, now: CommanderInput) -> None:
@@ -226,62 +223,32 @@ class Commander:
         if not self.armed:
             self.mode, self.failsafe = self.user_intended_mode, False
             return
-        if self.terminated:
-            self.mode, self.failsafe = TERMINATE, True
-            return
-        wanted = self._mode_fallback(self.user_intended_mode, now)
-        cause = self.missing(self.user_intended_mode, now)
-        if self._battery_action is not None and wanted not in (AUTO_LAND, DESCEND):
-            wanted, cause = self._battery_action, _BATTERY[now.battery.warning]
-        mode = self._available_mode(wanted, now)
+        mode = self.user_intended_mode
+        cause = self.missing(mode, now)
+        if cause:
+            act = int(self._parameters.get("COM_OBL_RC_ACT"))
+            mode = self._failsafe(FAILSAFES[act] if mode == OFFBOARD else _RETURNS, now)
+        if self._battery_failsafe is not None and mode not in (AUTO_LAND, DESCEND):
+            mode, cause = (
+                self._failsafe(self._battery_failsafe, now),
+                _BATTERY[now.battery.warning],
+            )
         failsafe = mode != self.user_intended_mode
         if failsafe and (not self.failsafe or mode != self.mode):
-            cause = cause or self.missing(wanted, now)
             self._say(Severity.CRITICAL, f"Failsafe activated: {cause}, {_TITLES[mode]}")
         elif self.failsafe and not failsafe:
             self._say(Severity.NOTICE, f"Failsafe cleared, {_TITLES[mode]}")
         self.mode, self.failsafe = mode, failsafe
 
-    def _can_run(self, mode: Mode, now: CommanderInput) -> bool:
-        """Return whether a mode has what it needs; sticks are none of it (`modeCanRun`)."""
-        if mode in (ALTCTL, POSCTL):
-            known = now.local_position or mode == ALTCTL
-            return now.attitude and now.altitude and known
-        if mode == AUTO_LAND and not now.altitude:
-            return False
-        return not self.missing(mode, now) or (mode in _MANUAL_MODES and now.attitude)
-
-    def _mode_fallback(self, mode: Mode, now: CommanderInput) -> Mode:
-        """Return what is to be flown in place of a mode, itself if it can be.
-
-        As `checkModeFallback` of PX4 1.17, without a remote control: NAV_RCL_ACT stands for the
-        position mode that COM_OBL_RC_ACT asks for, but only while that mode could be flown;
-        without a position PX4 goes on to altitude and stabilized mode, which nobody steers.
-        """
-        action = mode
-        if mode == OFFBOARD and self.missing(mode, now):
-            act = int(self._parameters.get("COM_OBL_RC_ACT"))
-            mode = action = _OFFBOARD_LOST.get(act, POSCTL)
-            if mode in _MANUAL_MODES:
-                action = _REMOTE_CONTROL_LOST[int(self._parameters.get("NAV_RCL_ACT"))]
-        if mode == POSCTL and not self._can_run(POSCTL, now):
-            mode = action = ALTCTL
-        if mode == ALTCTL and not self._can_run(ALTCTL, now):
-            mode = action = STABILIZED
-        return action if self._can_run(mode, now) else AUTO_RTL
-
-    def _available_mode(self, wanted: Mode, now: CommanderInput) -> Mode:
-        """Return the mode, or else the first behind it in PX4's order that can be flown."""
-        if wanted == TERMINATE or self._can_run(wanted, now):
-            return wanted
-        left = _FALLBACKS[_FALLBACKS.index(wanted) :] if wanted in _FALLBACKS else _FALLBACKS[3:]
-        return next((mode for mode in left if self._can_run(mode, now)), DESCEND)
+    def _failsafe(self, modes: tuple[Mode, ...], now: CommanderInput) -> Mode:
+        """Return the mode of a row of `FAILSAFES`."""
+        known = (now.global_position, now.local_position, now.altitude, True)
+        return modes[known.index(True)]
 
     def _disarm_by_itself(self, now: CommanderInput) -> None:
         get = self._parameters.get
         if self.mode == TERMINATE:
-            disarms = self.user_intended_mode == OFFBOARD and int(get("COM_OBL_RC_ACT")) == 7
-            self.terminated = self.terminated or not disarms
+            self.terminated = int(get("COM_OBL_RC_ACT")) == 6
             self.disarm(now, True, "flight termination" if self.terminated else "failsafe")
             return
         if not now.landed:
@@ -293,26 +260,6 @@ class Commander:
         reason = "landing" if now.taken_off else "auto preflight disarming"
         if wait > 0.0 and now.tick - self._landed_tick >= TICK_HZ * wait:
             self.disarm(now, False, reason)
-
-    def _watch_tilt(self, now: CommanderInput) -> None:
-        get = self._parameters.get
-        rolled = 0 < get("FD_FAIL_R") < math.degrees(abs(now.roll))
-        pitched = 0 < get("FD_FAIL_P") < math.degrees(abs(now.pitch))
-        if not (rolled or pitched):
-            self._tilted_tick, self._tilt_reported = -1, False
-            return
-        if self._tilted_tick < 0:
-            self._tilted_tick = now.tick
-        wait = get("FD_FAIL_R_TTRI") if rolled else get("FD_FAIL_P_TTRI")
-        if now.tick - self._tilted_tick < TICK_HZ * wait or self._tilt_reported:
-            return
-        self._tilt_reported = True
-        self._say(Severity.EMERGENCY, "Critical failure detected: attitude")
-        early = TICK_HZ * (get("COM_SPOOLUP_TIME") + get("COM_LKDOWN_TKO"))
-        if now.tick - self._armed_tick < early:
-            self.disarm(now, True, "lockdown")
-        elif int(get("CBRK_FLIGHTTERM")) != 121212:
-            self.terminated = True
 
     def _watch_battery(self, now: CommanderInput) -> None:
         warning = now.battery.warning
@@ -327,4 +274,4 @@ class Commander:
         if not self.armed or warning < 2 or action == 0:
             return
         land = action == 2 or (action == 3 and warning == 3)
-        self._battery_action = AUTO_LAND if land else AUTO_RTL
+        self._battery_failsafe = _LANDS if land else _RETURNS

@@ -18,7 +18,7 @@ from tombo_control.estimator import correct
 from tombo_control.tick_calls import predict, store_history, update_body_rates
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.records import numbers
-from tombo_dynamics.rotation import up_in_body, yaw_of
+from tombo_dynamics.rotation import quaternion_multiply, up_in_body, yaw_of
 from tombo_dynamics.time_base import TICK_HZ, TICK_S
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.parameters import ParameterTable
@@ -27,21 +27,25 @@ from tombo_sim.simulator import Simulator
 
 _ALIGN_TICKS = 200
 """Samples of the accelerometer that the first attitude is levelled with."""
-_GPS_TICKS = 50
-_GPS_FIRST = 10
-"""So many fixes are waited for before they are believed."""
-_COMPASS_NOISE = 0.01
-"""[rad]."""
+_SLOW_TICKS = 50
+"""Between two samples of barometer, compass and GPS."""
+_GPS_DELAY_TICKS = 110
+"""Age of a fix when it arrives."""
+_COMPASS_NOISE, _BARO_NOISE, _GPS_NOISE = 0.01, 0.03, 0.02
+"""[rad], [m], and [m] of an RTK receiver."""
 _UNIT = 1e-5
 """The length of a quaternion may differ from 1 by this."""
-_GPS_NOISE = 0.02
-"""[m], of an RTK receiver."""
-_BARO_NOISE = 0.03
-"""[m]."""
 _BARO_BANDWIDTH = 0.7
 """[rad/s], of the height where the poses are lost."""
 _GPS_BANDWIDTH = 3.0
 """[rad/s]: a fix is noisier than a pose of the motion capture."""
+_VISION, _GPS = "vision", "gps"
+_NOISE = {_VISION: 0.01, _GPS: 0.5}
+"""[m], deviation that a source is taken to have, once it is fused."""
+_GATE = {_VISION: (0.5, 0.5), _GPS: (2.8, math.inf)}
+"""[m], [rad]: samples further off are refused; five of EKF2's deviations, and a margin for GPS."""
+_FUSED = 1 | 2 | 8
+"""Bits of EKF2_EV_CTRL: position, height and yaw, which are fused together here."""
 _FUTURE_US = 5_000
 _FARTHEST = 1e5
 """[m]: a farther pose is a mistake."""
@@ -55,16 +59,17 @@ _HEIGHT_STAYS_TICKS = 500
 """So much later than the position PX4 1.17 gave up a height that no barometer supports."""
 _FLIGHT_TILT, _GROUND_TILT = 0.1, 0.5
 """Share of the tilt error seen by the accelerometer that goes into the correction."""
-_LEVEL_VARIANCE, _YAW_VARIANCE, _RATE_VARIANCE = 1e-4, 1e-4, 1e-4
 _SLOW_BIAS = 0.1
 """Share of the correction of the gyro's roll and pitch bias that is kept in flight."""
 
 
-class _Fix(NamedTuple):
+class _Sample(NamedTuple):
+    source: str
     captured: int
     arrives: int
     position: Array
     yaw: float
+    """NaN: unknown."""
 
 
 class Ekf2Model:
@@ -79,14 +84,14 @@ class Ekf2Model:
         self._rng = np.random.default_rng([seed, 0x6750])
         self._vision_bandwidth = float(autopilot.observer.position_bandwidth)
         self._level = np.zeros(3)
-        self._samples = 0
-        self._gps: deque[_Fix] = deque()
-        self._height = self._compass = math.nan
-        self._fixes = 0
-        self._vision: deque[_Fix] = deque(maxlen=64)
-        self._state_history: deque[_Fix] = deque(maxlen=8)
+        self._level_samples = 0
+        self._height = math.nan
+        """Of the barometer [m]."""
+        self._waiting: deque[_Sample] = deque(maxlen=64)
+        self._recent: deque[_Sample] = deque(maxlen=8)
+        """Poses, for the velocity where vision begins in flight."""
         self._newest_vision = -1
-        self._last_vision = -(10**9)
+        self._vision_tick = -(10**9)
         self.fused_tick = -(10**9)
         """When a sample was last used."""
         self._last_captured = -1
@@ -111,45 +116,35 @@ class Ekf2Model:
 
     def global_ok(self, tick: int) -> bool:
         """Return whether the position on earth is known."""
-        return self.local_ok(tick) and self.source == "gps"
+        return self.local_ok(tick) and self.source == _GPS
 
-    def variances(self, tick: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return those of the pose and of the motion.
-
-        (6) of x, y, z [m^2], roll, pitch, yaw [rad^2]; (6) of velocity [m^2/s^2] and rates
-        [rad^2/s^2].
-        """
+    def variances(self, tick: int) -> tuple[float, float]:
+        """Return those of an axis of the position [m^2] and of the velocity [m^2/s^2]."""
         drift = (0.1 * min(max(tick - self.fused_tick, 0) * TICK_S, 60.0)) ** 2
-        noise = 0.01 if self.source == "vision" else self._parameters.get("EKF2_GPS_P_NOISE")
-        place, speed = noise**2 + drift, 0.02**2 + drift
-        return (
-            (place, place, place, _LEVEL_VARIANCE, _LEVEL_VARIANCE, _YAW_VARIANCE),
-            (speed, speed, speed, _RATE_VARIANCE, _RATE_VARIANCE, _RATE_VARIANCE),
-        )
+        return _NOISE.get(self.source, _NOISE[_GPS]) ** 2 + drift, 0.02**2 + drift
 
     def vision(self, tick: int, boot_us: int, position: Array, attitude: Array) -> str:
         """Take a pose from outside; "" or why it is refused: see `Px4Vehicle.vision`."""
+        get = self._parameters.get
         if not (np.isfinite(position).all() and np.isfinite(attitude).all()):
             return "not_finite"
         if np.abs(position).max() > _FARTHEST:
             return "out_of_range"
         if boot_us > tick * 1000 + _FUTURE_US:
             return "future"
-        delay = self._parameters.get("EKF2_EV_DELAY")
-        captured = round(boot_us * 1e-3 - delay)
+        captured = round(boot_us * 1e-3 - get("EKF2_EV_DELAY"))
         if captured <= self._newest_vision:
             return "out_of_order"
-        oldest = min(self._parameters.get("EKF2_DELAY_MAX"), HISTORY_TICKS - 2)
-        if captured <= tick - oldest:
+        if captured <= tick - min(get("EKF2_DELAY_MAX"), HISTORY_TICKS - 2):
             return "late"
-        if not int(self._parameters.get("EKF2_EV_CTRL")):
+        if int(get("EKF2_EV_CTRL")) & _FUSED != _FUSED:
             return "not_fused"
         if captured - self._newest_vision > _GAP_TICKS:
-            self._state_history.clear()
+            self._recent.clear()
         self._newest_vision = captured
         unit = abs(math.sqrt(float(attitude @ attitude)) - 1.0) <= _UNIT
         yaw = yaw_of(attitude) if unit else math.nan  # PX4 drops the attitude, and says nothing
-        self._vision.append(_Fix(captured, captured, position.copy(), yaw))
+        self._waiting.append(_Sample(_VISION, captured, captured, position.copy(), yaw))
         return ""
 
     def sense(self, simulator: Simulator, airborne: bool) -> None:
@@ -158,17 +153,18 @@ class Ekf2Model:
         store_history(self._autopilots, tick)
         if not airborne or not self.attitude_ok:
             self._update_tilt_reference(simulator.accel)
-        if tick % _GPS_TICKS == 0:
-            self._receive(simulator)
-        while self._vision and self._vision[0].captured <= tick:
-            self._take(self._vision.popleft(), "vision", tick, airborne)
-        while self._gps and self._gps[0].arrives <= tick:
-            fix = self._gps.popleft()
-            if tick - self._last_vision > _STALE_TICKS:
-                self._take(fix, "gps", tick, airborne)
+        if tick % _SLOW_TICKS == 0:
+            self._read_slow_sensors(simulator)
+        for sample in [s for s in self._waiting if s.arrives <= tick]:
+            self._waiting.remove(sample)
+            self._take(sample, tick, airborne)
         if airborne and tick - self.fused_tick > _STALE_TICKS and math.isfinite(self._height):
             self._fuse_height()
         update_body_rates(self._autopilots, simulator.gyro)
+
+    def advance(self, simulator: Simulator, airborne: bool) -> None:
+        """Carry the estimate on to the next tick, after the control loops."""
+        predict(self._autopilots, simulator.accel, airborne and bool(self.source))
 
     def _fuse_height(self) -> None:
         """Correct height and climb by the barometer alone, a tick of 1 ms."""
@@ -177,165 +173,115 @@ class Ekf2Model:
         state.position[2] += 2.0 * _BARO_BANDWIDTH * gap * TICK_S
         state.velocity[2] += _BARO_BANDWIDTH**2 * gap * TICK_S
 
-    def advance(self, simulator: Simulator, airborne: bool) -> None:
-        """Carry the estimate on to the next tick, after the control loops."""
-        located = airborne and bool(self.source)
-        predict(self._autopilots, simulator.accel, located)
-
     def _update_tilt_reference(self, force: Array) -> None:
         """Low-pass the specific force of a vehicle at rest; level the first attitude with it."""
         if not math.isfinite(float(force.sum())):
             return
-        self._samples += 1
-        self._level += (force - self._level) / min(self._samples, _ALIGN_TICKS)
-        if self.attitude_ok or self._samples < _ALIGN_TICKS:
+        self._level_samples += 1
+        self._level += (force - self._level) / min(self._level_samples, _ALIGN_TICKS)
+        length = float(np.linalg.norm(self._level))
+        aligned = self._level_samples >= _ALIGN_TICKS and length >= 0.5 * GRAVITY
+        if self.attitude_ok or not aligned:
             return
-        x, y, z = (float(v) for v in self._level)
-        length = math.sqrt(x * x + y * y + z * z)
-        if length < 0.5 * GRAVITY:
-            return
-        self._autopilot.state.attitude = _upright(x / length, y / length, z / length)
-        self._clear_history()
+        x, y, z = (self._level / length).tolist()
+        w, *xyz = quaternion_of_angles(math.atan2(y, z), math.asin(min(max(-x, -1.0), 1.0)), 0.0)
+        self._autopilot.state.attitude = [*xyz, w]
+        self._autopilot.history["tick"] = -1
         self.attitude_ok = True
 
-    def _receive(self, simulator: Simulator) -> None:
-        """Read barometer, compass and GPS, each with its own noise of where it really is."""
+    def _read_slow_sensors(self, simulator: Simulator) -> None:
+        """Read barometer and GPS with compass, each with its own noise of where it really is."""
         get = self._parameters.get
         noise = self._rng.standard_normal(5)  # drawn in any case, for the same random sequence
         body = numbers(simulator.plant.state)
         baro = get("SYS_HAS_BARO") and get("EKF2_BARO_CTRL")
-        compass = get("SYS_HAS_MAG") and get("EKF2_MAG_TYPE") != 5
-        yaw = yaw_of(body[6:10]) + _COMPASS_NOISE * float(noise[3])
         self._height = float(body[2]) + _BARO_NOISE * float(noise[4]) if baro else math.nan
-        self._compass = yaw if compass else math.nan
-        if not (get("SYS_HAS_GPS") and int(get("EKF2_GPS_CTRL")) & 1 and compass):
-            self._gps.clear()
-            self._fixes = 0
-            return
-        position = body[:3] + _GPS_NOISE * noise[:3]
-        tick = simulator.tick
-        self._gps.append(_Fix(tick, tick + int(get("EKF2_GPS_DELAY")), position, yaw))
+        compass = get("SYS_HAS_MAG") and get("EKF2_MAG_TYPE") != 5
+        if get("SYS_HAS_GPS") and int(get("EKF2_GPS_CTRL")) & 1 and compass:
+            tick, position = simulator.tick, body[:3] + _GPS_NOISE * noise[:3]
+            yaw = yaw_of(body[6:10]) + _COMPASS_NOISE * float(noise[3])
+            sample = _Sample(_GPS, tick, tick + _GPS_DELAY_TICKS, position, yaw)
+            self._waiting.append(sample)
 
-    def _take(self, fix: _Fix, source: str, tick: int, airborne: bool) -> None:
-        if not self.attitude_ok:
+    def _take(self, sample: _Sample, tick: int, airborne: bool) -> None:
+        """Fuse a sample, or begin with its source; refuse what is far from the estimate."""
+        by_vision = sample.source == _VISION
+        stale = tick - self._vision_tick > _STALE_TICKS
+        if not self.attitude_ok or not (by_vision or stale):
             return
-        get = self._parameters.get
-        if source == "gps":
-            self._fixes += 1
-            if self._fixes < _GPS_FIRST:
-                return
-        control = int(get("EKF2_EV_CTRL")) if source == "vision" else 15
-        if source == "vision":
-            height = control & 2 or math.isfinite(self._height) or get("EKF2_HGT_REF") == 3
-            if not control & 1 or not height:
-                return
-            self._state_history.append(fix)
-        if source != self.source or not self.local_ok(tick):
-            self._change_source(fix, source, tick, airborne)
+        if by_vision:
+            self._recent.append(sample)
+        if sample.source != self.source or not self.local_ok(tick):  # or the source was lost
+            if not by_vision or len(self._recent) >= 3:
+                self._reset(sample, tick, airborne)
             return
-        past = self._past(fix.captured)
-        if past.tick != fix.captured:
+        past: PoseAtTick = self._autopilot.history[sample.captured % HISTORY_TICKS]
+        if past.tick != sample.captured:
             return
-        if self._is_far(fix, source, control, past, tick):
+        if self._is_far(sample, past, tick):
             if self._refused_since < 0:
                 self._refused_since = tick
             elif tick - self._refused_since >= _RESET_TICKS:
-                self._reset(fix, source, tick, airborne)
+                self._reset(sample, tick, airborne)
             return
         self._refused_since = -1
-        self._fuse(fix, control, tick, airborne)
-        if source == "vision":
-            self._last_vision = tick
+        self._fuse(sample, past, tick, airborne)
+        if by_vision:
+            self._vision_tick = tick
 
-    def _past(self, tick: int) -> PoseAtTick:
-        """Return the estimate of a tick, or of another that has its place in the history."""
-        past: PoseAtTick = self._autopilot.history[tick % HISTORY_TICKS]
-        return past
-
-    def _is_far(self, fix: _Fix, source: str, control: int, past: PoseAtTick, tick: int) -> bool:
+    def _is_far(self, sample: _Sample, past: PoseAtTick, tick: int) -> bool:
         """Return whether a sample is too far from the estimate of its time to be believed."""
-        gap = fix.position - past.position
-        if not control & 2 and self._parameters.get("EKF2_HGT_REF") != 3:
-            gap[2] = 0.0
         since = min((tick - self.fused_tick) * TICK_S, 5.0)
-        if float(np.abs(gap).max()) > self._innovation_gate(source) + 0.2 * since:
-            return True
-        if source != "vision" or not control & 8:
-            return False
-        turn = math.remainder(fix.yaw - yaw_of(past.attitude), 2.0 * math.pi)
-        get = self._parameters.get
-        return abs(turn) > get("EKF2_EVP_GATE") * get("EKF2_EVA_NOISE") + 0.1 * since
+        metres, radians = _GATE[sample.source]
+        gap = float(np.abs(sample.position - past.position).max())
+        turn = abs(math.remainder(sample.yaw - yaw_of(past.attitude), 2.0 * math.pi))
+        return gap > metres + 0.2 * since or turn > radians + 0.1 * since
 
-    def _innovation_gate(self, source: str) -> float:
-        get = self._parameters.get
-        if source == "gps":
-            return max(5.0 * get("EKF2_GPS_P_NOISE"), 0.1) + 0.3
-        return get("EKF2_EVP_GATE") * get("EKF2_EVP_NOISE")
-
-    def _change_source(self, fix: _Fix, source: str, tick: int, airborne: bool) -> None:
-        """Begin with a source: none is in use, or it was lost."""
-        if source == "vision" and len(self._state_history) < 3:
-            return
-        self._reset(fix, source, tick, airborne)
-
-    def _reset(self, fix: _Fix, source: str, tick: int, airborne: bool) -> None:
+    def _reset(self, sample: _Sample, tick: int, airborne: bool) -> None:
         """Let position and yaw jump to a sample."""
         autopilot = self._autopilot
         state = autopilot.state
-        control = int(self._parameters.get("EKF2_EV_CTRL")) if source == "vision" else 15
+        by_vision = sample.source == _VISION
         velocity: Array = np.zeros(3)
-        if airborne and source == "vision" and len(self._state_history) > 1:
-            first = self._state_history[0]
-            time = max(fix.captured - first.captured, 1) * TICK_S
-            velocity = np.clip((fix.position - first.position) / time, -10.0, 10.0)
+        if airborne and by_vision and len(self._recent) > 1:
+            first = self._recent[0]
+            time = max(sample.captured - first.captured, 1) * TICK_S
+            velocity = np.clip((sample.position - first.position) / time, -10.0, 10.0)
         elif airborne and self.source:
             velocity = state.velocity.copy()
-        late = (tick - fix.captured) * TICK_S
-        state.position = fix.position + late * velocity
+        state.position = sample.position + (tick - sample.captured) * TICK_S * velocity
         state.velocity = velocity
-        if not control & 2 and math.isfinite(self._height):
-            state.position[2] = self._height
-        yaw = fix.yaw if control & 8 and math.isfinite(fix.yaw) else self._compass
-        if math.isfinite(yaw):
-            _turn(state.attitude, yaw - yaw_of(state.attitude))
-        self._clear_history()
+        if math.isfinite(sample.yaw):
+            state.attitude = _turned(state.attitude, sample.yaw)
+        autopilot.history["tick"] = -1
         store_history(self._autopilots, tick)
-        self.source = source
+        self.source = sample.source
         self._refused_since = -1
         self.fused_tick = tick
-        self._last_captured = fix.captured
-        if source == "vision":
-            self._last_vision = tick
-        bandwidth = self._vision_bandwidth if source == "vision" else _GPS_BANDWIDTH
+        self._last_captured = sample.captured
+        if by_vision:
+            self._vision_tick = tick
+        bandwidth = self._vision_bandwidth if by_vision else _GPS_BANDWIDTH
         autopilot.observer.position_bandwidth = bandwidth
         self.resets += 1
 
-    def _clear_history(self) -> None:
-        self._autopilot.history["tick"] = -1
-
-    def _fuse(self, fix: _Fix, control: int, tick: int, airborne: bool) -> None:
+    def _fuse(self, sample: _Sample, past: PoseAtTick, tick: int, airborne: bool) -> None:
+        """Correct the estimate; the tilt is gravity's, not the sample's."""
         autopilot = self._autopilot
-        state, past = autopilot.state, self._past(fix.captured)
-        position, attitude = past.position.copy(), past.attitude.copy()
-        position[:2] = fix.position[:2]
-        if control & 2 or self._parameters.get("EKF2_HGT_REF") == 3:
-            position[2] = fix.position[2]
-        elif math.isfinite(self._height):
-            position[2] += self._height - state.position[2]
-        _lean(attitude, self._tilt_error(attitude, airborne))
-        if control & 8 and math.isfinite(fix.yaw):
-            _turn(attitude, fix.yaw - yaw_of(attitude))
-        elif math.isfinite(self._compass):
-            _turn(attitude, self._compass - yaw_of(state.attitude))
-        bias = state.gyro_bias
+        half = np.append(0.5 * self._tilt_error(past.attitude, airborne), 1.0)
+        attitude = quaternion_multiply(past.attitude, half / np.linalg.norm(half))
+        if math.isfinite(sample.yaw):
+            attitude = _turned(attitude, sample.yaw)
+        bias = autopilot.state.gyro_bias
         before = bias[:2].copy()
-        period = (fix.captured - self._last_captured) * TICK_S
-        if correct(autopilot, position, attitude, fix.captured, tick, period, airborne):
+        captured = sample.captured
+        period = (captured - self._last_captured) * TICK_S
+        if correct(autopilot, sample.position, attitude, captured, tick, period, airborne):
             if airborne:
                 bias[:2] = before + _SLOW_BIAS * (bias[:2] - before)
-            self._last_captured = fix.captured
+            self._last_captured = captured
             self.fused_tick = tick
-            autopilot.mocap_time = fix.captured * TICK_S
+            autopilot.mocap_time = captured * TICK_S
 
     def _tilt_error(self, attitude: Array, airborne: bool) -> Array:
         """Return the turn (3), body frame, by which gravity says that the attitude is off."""
@@ -346,28 +292,7 @@ class Ekf2Model:
         return np.asarray(_GROUND_TILT * np.cross(self._level / GRAVITY, up), float)
 
 
-def _upright(x: float, y: float, z: float) -> Array:
-    """Return the attitude of yaw 0 in which body (x, y, z), of unit length, points up."""
-    roll, pitch = math.atan2(y, z), math.asin(min(max(-x, -1.0), 1.0))
-    w, *xyz = quaternion_of_angles(roll, pitch, 0.0)
-    return np.array([*xyz, w])
-
-
-def _turn(q: Array, yaw: float) -> None:
-    """Turn a quaternion xyzw about map z, in place."""
-    s, c = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
-    x, y, z, w = (float(v) for v in q)
-    q[:] = (c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z)
-
-
-def _lean(q: Array, turn: Array) -> None:
-    """Turn a quaternion xyzw by a small rotation vector in its own frame, in place."""
-    x, y, z, w = (float(v) for v in q)
-    a, b, c = (0.5 * float(v) for v in turn)
-    q[:] = (
-        x + w * a + y * c - z * b,
-        y + w * b + z * a - x * c,
-        z + w * c + x * b - y * a,
-        w - x * a - y * b - z * c,
-    )
-    q /= math.sqrt(float(q @ q))
+def _turned(attitude: Array, yaw: float) -> Array:
+    """Return an attitude xyzw turned about map z to a yaw."""
+    half = 0.5 * (yaw - yaw_of(attitude))
+    return quaternion_multiply(np.array([0.0, 0.0, math.sin(half), math.cos(half)]), attitude)

@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, Literal
 
 import numpy as np
-
-Kind = Literal["int32", "float"]
 
 
 @dataclass(frozen=True)
 class Px4Parameter:
-    """One parameter."""
+    """One parameter. It is whole if its default is."""
 
     name: str
-    kind: Kind
     default: float
     low: float
     high: float
-    unit: str
     doc: str
-    acts: bool = True
+    unit: str = ""
+    _: KW_ONLY
+    acts: bool
     """False: the value is stored and reported, but has no effect in this simulation."""
+
+    @property
+    def kind(self) -> Literal["int32", "float"]:
+        """Type of the parameter in PX4."""
+        return "int32" if isinstance(self.default, int) else "float"
 
     def rounded(self, value: float) -> float:
         """Return a value as the autopilot stores it."""
@@ -33,105 +36,67 @@ class Px4Parameter:
             return float(np.float32(value))
 
 
-def _int(
-    name: str, default: int, low: int, high: int, doc: str, unit: str = "", acts: bool = True
-) -> Px4Parameter:
-    return Px4Parameter(name, "int32", default, low, high, unit, doc, acts)
-
-
-def _float(
-    name: str, default: float, low: float, high: float, unit: str, doc: str, acts: bool = True
-) -> Px4Parameter:
-    return Px4Parameter(name, "float", default, low, high, unit, doc, acts)
-
-
-PARAMETERS: tuple[Px4Parameter, ...] = (
-    # identity
-    _int("MAV_SYS_ID", 1, 1, 250, "system id on the link; taken at the start"),
-    _int("MAV_COMP_ID", 1, 1, 250, "component id on the link; taken at the start"),
-    # sensors and estimator
-    _int("SYS_HAS_GPS", 1, 0, 1, "1: there is a GPS receiver"),
-    _int("SYS_HAS_MAG", 1, 0, 1, "1: there is a magnetometer, which gives the heading with GPS"),
-    _int("SYS_HAS_BARO", 1, 0, 1, "1: there is a barometer"),
-    _int("EKF2_GPS_CTRL", 7, 0, 15, "bits 0 position, 1 height, 2 velocity, 3 heading of GPS"),
-    _int("EKF2_BARO_CTRL", 1, 0, 1, "1: barometer's height, where vision gives none, is fused"),
-    _int("EKF2_RNG_CTRL", 1, 0, 2, "range finder; there is none", acts=False),
-    _int("EKF2_MAG_TYPE", 0, 0, 6, "0 automatic, 5 none: no heading without vision"),
-    _int("EKF2_EV_CTRL", 0, 0, 15, "bits 0 x and y, 1 height, 2 velocity, 3 yaw of vision"),
-    _int("EKF2_HGT_REF", 1, 0, 3, "height from 0 barometer, 1 GPS, 2 range finder, 3 vision"),
-    _float("EKF2_EV_DELAY", 0.0, 0.0, 300.0, "ms", "age of a vision sample beyond its stamp"),
-    _float("EKF2_DELAY_MAX", 200.0, 0.0, 500.0, "ms", "older samples are dropped"),
-    _float("EKF2_EVP_NOISE", 0.1, 0.01, 10.0, "m", "noise of vision's position, for the gate"),
-    _float("EKF2_EVA_NOISE", 0.1, 0.05, 1.0, "rad", "noise of vision's yaw, for the gate"),
-    _float("EKF2_EVP_GATE", 5.0, 1.0, 50.0, "SD", "vision beyond so many deviations is refused"),
-    _float("EKF2_GPS_DELAY", 110.0, 0.0, 300.0, "ms", "age of a GPS fix when it arrives"),
-    _float("EKF2_GPS_P_NOISE", 0.5, 0.01, 10.0, "m", "noise that a GPS fix is taken to have"),
-    _int(
-        "EKF2_NOAID_TOUT",
-        5_000_000,
-        500_000,
-        10_000_000,
-        "time without aiding after which the position is not valid",
-        "us",
-    ),
-    # commander
-    _int("COM_RC_IN_MODE", 3, 0, 4, "remote control; there is none", acts=False),
-    _int("COM_RCL_EXCEPT", 0, 0, 31, "modes that need no remote control", acts=False),
-    _float("COM_OF_LOSS_T", 1.0, 0.0, 60.0, "s", "set points missing this long: offboard is lost"),
-    _int(
-        "COM_OBL_RC_ACT",
-        0,
-        0,
-        7,
-        "offboard lost: 0 position, 1 altitude, 2 stabilized (without a remote control "
-        "NAV_RCL_ACT, but altitude or stabilized where the position is lost too), 3 return, "
-        "4 land, 5 hold, 6 terminate, 7 disarm",
-    ),
-    _float("COM_DISARM_LAND", 2.0, -1.0, 20.0, "s", "disarms so long after landing; -1: never"),
-    _float("COM_DISARM_PRFLT", 10.0, -1.0, 60.0, "s", "disarms if not taken off; -1: never"),
-    _float("COM_SPOOLUP_TIME", 1.0, 0.0, 5.0, "s", "rotors idle so long after arming"),
-    _float("COM_LKDOWN_TKO", 3.0, -1.0, 5.0, "s", "tilt beyond FD_FAIL_* so soon after: disarm"),
-    _int("COM_LOW_BAT_ACT", 0, 0, 3, "battery critical: 0 warn, 2 land, 3 return, then land"),
-    _int("CBRK_FLIGHTTERM", 121212, 0, 121212, "121212: tilt beyond FD_FAIL_* only warns"),
-    _int("FD_FAIL_R", 60, 0, 180, "roll that is a failure; 0: none is", "deg"),
-    _int("FD_FAIL_P", 60, 0, 180, "pitch that is a failure; 0: none is", "deg"),
-    _float("FD_FAIL_R_TTRI", 0.3, 0.02, 5.0, "s", "roll for so long is a failure"),
-    _float("FD_FAIL_P_TTRI", 0.3, 0.02, 5.0, "s", "pitch for so long is a failure"),
-    _int("NAV_RCL_ACT", 2, 1, 6, "remote control lost: 1 hold, 2 return, 3 land, 5, 6 off"),
-    _int("NAV_DLL_ACT", 0, 0, 6, "ground station lost; nothing is done", acts=False),
-    # battery
-    _float("BAT_LOW_THR", 0.15, 0.12, 0.5, "1", "charge that is low"),
-    _float("BAT_CRIT_THR", 0.07, 0.05, 0.5, "1", "charge that is critical"),
-    _float("BAT_EMERGEN_THR", 0.05, 0.03, 0.5, "1", "charge that is an emergency"),
-    _float("BAT1_CAPACITY", 5000.0, -1.0, 100000.0, "mAh", "charge of the full battery"),
-    # navigator
-    _float("MIS_TAKEOFF_ALT", 2.5, 0.0, 80.0, "m", "height of a take-off above home"),
-    _float("RTL_RETURN_ALT", 60.0, 0.0, 150.0, "m", "height of the way home"),
-    _float("NAV_ACC_RAD", 10.0, 0.05, 200.0, "m", "so close a point is reached"),
-    # multicopter
-    _float("MPC_XY_VEL_MAX", 12.0, 0.0, 20.0, "m/s", "highest horizontal speed"),
-    _float("MPC_XY_CRUISE", 5.0, 0.1, 20.0, "m/s", "horizontal speed of AUTO modes"),
-    _float("MPC_Z_VEL_MAX_UP", 3.0, 0.5, 8.0, "m/s", "highest climb rate"),
-    _float("MPC_Z_VEL_MAX_DN", 1.5, 0.5, 4.0, "m/s", "highest sink rate"),
-    _float("MPC_Z_V_AUTO_UP", 3.0, 0.2, 8.0, "m/s", "climb rate of AUTO modes"),
-    _float("MPC_LAND_SPEED", 0.7, 0.2, 4.0, "m/s", "sink rate of landing"),
-    _float("MPC_TKO_SPEED", 1.5, 0.2, 5.0, "m/s", "climb rate of take-off"),
-    _float("MPC_TKO_RAMP_T", 3.0, 0.0, 5.0, "s", "the climb rate is let rise so long"),
-    _float("MPC_TILTMAX_AIR", 45.0, 20.0, 89.0, "deg", "highest tilt of position control"),
-    _float(
-        "MPC_THR_HOVER",
-        0.5,
-        0.1,
-        0.8,
-        "1",
-        "thrust that hovers; set to this vehicle's own",
-        acts=False,
-    ),
-    _float("MPC_XY_P", 0.95, 0.0, 2.0, "1/s", "velocity asked for per position error, height too"),
-    _float("MPC_YAWRAUTO_MAX", 60.0, 5.0, 360.0, "deg/s", "yaw rate of position control"),
-    _float("LNDMC_Z_VEL_MAX", 0.25, 0.0, 2.0, "m/s", "landed: vertical speed below this"),
-    _float("LNDMC_XY_VEL_MAX", 1.5, 0.0, 3.0, "m/s", "landed: horizontal speed below this"),
+_ROWS: tuple[tuple[Any, ...], ...] = (
+    ("MAV_SYS_ID", 1, 1, 250, "system id on the link; taken at the start"),
+    ("MAV_COMP_ID", 1, 1, 250, "component id on the link; taken at the start"),
+    ("SYS_HAS_GPS", 1, 0, 1, "1: there is a GPS receiver"),
+    ("SYS_HAS_MAG", 1, 0, 1, "1: there is a magnetometer, which gives the heading with GPS"),
+    ("SYS_HAS_BARO", 1, 0, 1, "1: there is a barometer"),
+    ("EKF2_GPS_CTRL", 7, 0, 15, "odd: GPS is fused, its heading by the magnetometer"),
+    ("EKF2_BARO_CTRL", 1, 0, 1, "1: barometer's height, where vision gives none, is fused"),
+    ("EKF2_RNG_CTRL", 1, 0, 2, "range finder; there is none"),
+    ("EKF2_MAG_TYPE", 0, 0, 6, "0 automatic, 5 none: no heading without vision"),
+    ("EKF2_EV_CTRL", 0, 0, 15, "11: poses are fused: position, height and yaw together"),
+    ("EKF2_HGT_REF", 1, 0, 3, "height of 0 barometer, 1 GPS, 3 vision"),
+    ("EKF2_EV_DELAY", 0.0, 0.0, 300.0, "age of a vision sample beyond its stamp", "ms"),
+    ("EKF2_DELAY_MAX", 200.0, 0.0, 500.0, "older samples are dropped", "ms"),
+    ("EKF2_NOAID_TOUT", 5_000_000, 500_000, 10_000_000, "longest time without a position", "us"),
+    ("COM_RC_IN_MODE", 3, 0, 4, "remote control; there is none"),
+    ("COM_RCL_EXCEPT", 0, 0, 31, "modes that need no remote control"),
+    ("COM_OF_LOSS_T", 1.0, 0.0, 60.0, "set points missing this long: offboard is lost", "s"),
+    ("COM_OBL_RC_ACT", 0, 0, 7, "offboard lost: 3 return, 4 land, 5 hold, 6 and 7 rotors off"),
+    ("COM_DISARM_LAND", 2.0, -1.0, 20.0, "disarms so long after landing; -1: never", "s"),
+    ("COM_DISARM_PRFLT", 10.0, -1.0, 60.0, "disarms if not taken off; -1: never", "s"),
+    ("COM_SPOOLUP_TIME", 1.0, 0.0, 5.0, "rotors idle so long after arming", "s"),
+    ("COM_LOW_BAT_ACT", 0, 0, 3, "battery critical: 0 warn, 2 land, 3 return, then land"),
+    ("NAV_DLL_ACT", 0, 0, 6, "ground station lost; nothing is done"),
+    ("BAT_LOW_THR", 0.15, 0.12, 0.5, "charge that is low", "1"),
+    ("BAT_CRIT_THR", 0.07, 0.05, 0.5, "charge that is critical", "1"),
+    ("BAT_EMERGEN_THR", 0.05, 0.03, 0.5, "charge that is an emergency", "1"),
+    ("BAT1_CAPACITY", 5000.0, -1.0, 100000.0, "charge of the full battery", "mAh"),
+    ("MIS_TAKEOFF_ALT", 2.5, 0.0, 80.0, "height of a take-off above home", "m"),
+    ("MPC_XY_VEL_MAX", 12.0, 0.0, 20.0, "highest horizontal speed", "m/s"),
+    ("MPC_XY_CRUISE", 5.0, 0.1, 20.0, "horizontal speed of AUTO modes", "m/s"),
+    ("MPC_Z_VEL_MAX_UP", 3.0, 0.5, 8.0, "highest climb rate", "m/s"),
+    ("MPC_Z_VEL_MAX_DN", 1.5, 0.5, 4.0, "highest sink rate", "m/s"),
+    ("MPC_LAND_SPEED", 0.7, 0.2, 4.0, "sink rate of landing", "m/s"),
+    ("MPC_TKO_SPEED", 1.5, 0.2, 5.0, "climb rate of take-off", "m/s"),
+    ("MPC_TKO_RAMP_T", 3.0, 0.0, 5.0, "the climb rate is let rise so long", "s"),
+    ("MPC_THR_HOVER", 0.5, 0.1, 0.8, "thrust that hovers: this vehicle's", "1"),
 )
+_WITHOUT_EFFECT = {
+    "EKF2_RNG_CTRL",
+    "EKF2_HGT_REF",
+    "COM_RC_IN_MODE",
+    "COM_RCL_EXCEPT",
+    "NAV_DLL_ACT",
+    "MPC_THR_HOVER",
+}
+PARAMETERS = tuple(Px4Parameter(*row, acts=row[0] not in _WITHOUT_EFFECT) for row in _ROWS)
+
+FLOWN_BY_POSES = {
+    "SYS_HAS_GPS": 0,
+    "SYS_HAS_MAG": 0,
+    "EKF2_GPS_CTRL": 0,
+    "EKF2_RNG_CTRL": 0,
+    "EKF2_MAG_TYPE": 5,
+    "EKF2_EV_CTRL": 11,
+    "EKF2_HGT_REF": 3,
+    "COM_RCL_EXCEPT": 4,
+    "COM_LOW_BAT_ACT": 2,
+    "COM_OBL_RC_ACT": 4,
+}
+"""What a lab sets, besides PX4's defaults, with which a real PX4 1.17 flew by poses alone."""
 
 
 class ParameterTable:
@@ -140,9 +105,6 @@ class ParameterTable:
     def __init__(self) -> None:
         self._table = {p.name: p for p in PARAMETERS}
         self._values = {p.name: p.rounded(p.default) for p in PARAMETERS}
-        self._set_by_user: set[str] = set()
-        self.version = 0
-        """Grows with every change."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -174,10 +136,9 @@ class ParameterTable:
         Raises:
             KeyError: there is no such parameter.
         """
-        self._set_by_user.add(name)
-        self._change(name, self._table[name].rounded(value))
+        self._values[name] = self._table[name].rounded(value)
 
-    def type_of(self, name: str) -> Kind:
+    def type_of(self, name: str) -> Literal["int32", "float"]:
         """Return `int32` or `float`.
 
         Raises:
@@ -194,20 +155,13 @@ class ParameterTable:
             return f"{name}: {value} is no number"
         if parameter.kind == "int32" and value != int(value):
             return f"{name}: {value:g} is not a whole number"
-        rounded = parameter.rounded(value)
-        if not parameter.rounded(parameter.low) <= rounded <= parameter.rounded(parameter.high):
+        if not parameter.low <= parameter.rounded(value) <= parameter.rounded(parameter.high):
             return f"{name}: {value:g} is out of bounds {parameter.low:g} to {parameter.high:g}"
-        self._set_by_user.add(name)
-        self._change(name, rounded)
+        self.store(name, value)
         return ""
 
     def set_vehicle_default(self, name: str, value: float) -> None:
         """Set the default of this vehicle, unless a client has set another value."""
-        if name not in self._set_by_user:
-            parameter = self._table[name]
-            self._change(name, parameter.rounded(min(max(value, parameter.low), parameter.high)))
-
-    def _change(self, name: str, value: float) -> None:
-        if value != self._values[name]:
-            self._values[name] = value
-            self.version += 1
+        parameter = self._table[name]
+        if self._values[name] == parameter.rounded(parameter.default):
+            self.store(name, min(max(value, parameter.low), parameter.high))

@@ -18,14 +18,15 @@ from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
 from tombo_control.tick_calls import run_control_loops
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import yaw_of
-from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
+from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.parameters import ParameterTable
 
 _NONE = np.full(3, math.nan)
-_LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 _LARGEST = 1e5
 """[m, m/s, m/s^2]: a larger value is refused as an error of the sender."""
+_TILT_MAX, _YAW_RATE_MAX, _POSITION_P = math.radians(45.0), math.radians(60.0), 0.95
+"""[rad], [rad/s], [1/s]: defaults of MPC_TILTMAX_AIR, MPC_YAWRAUTO_MAX and MPC_XY_P."""
 _FASTEST = 100.0
 """[rad/s], the same."""
 
@@ -42,116 +43,62 @@ class ControlLevel(IntEnum):
 
 @dataclass(frozen=True)
 class OffboardSetpoint:
-    """A set point of OFFBOARD: None or NaN means not commanded.
+    """A set point: None or NaN means not commanded.
 
-    Either motion (position, velocity, acceleration, yaw, yaw rate) or attitude (attitude, rates,
-    thrust); with both, attitude is left out.
+    Either motion (position, velocity, acceleration, yaw) or attitude (attitude or rates, thrust);
+    with both, attitude is left out.
     """
 
-    position: Array | None = None
+    position: Array = field(default_factory=lambda: _NONE)
     """(3) map [m]."""
-    velocity: Array | None = None
+    velocity: Array = field(default_factory=lambda: _NONE)
     """(3) map [m/s]."""
-    acceleration: Array | None = None
+    acceleration: Array = field(default_factory=lambda: _NONE)
     """(3) map, without gravity [m/s^2]."""
     yaw: float = math.nan
     """Counter-clockwise from east [rad]."""
     attitude: Array | None = None
     """(4) xyzw, map from base_link."""
-    rates: Array | None = None
+    rates: Array = field(default_factory=lambda: _NONE)
     """(3) base_link [rad/s]."""
-    thrust: float | None = None
+    thrust: float = math.nan
     """Share of the highest collective thrust, 0 to 1."""
 
-
-@dataclass(frozen=True)
-class ResolvedSetpoint:
-    """A set point after all checks: the reference of the cascade, each axis in map."""
-
-    kind: ControlLevel
-    position: Array = field(default_factory=lambda: _NONE)
-    """(3) [m], NaN: not commanded."""
-    velocity: Array = field(default_factory=lambda: _NONE)
-    """(3) [m/s]."""
-    acceleration: Array = field(default_factory=lambda: _NONE)
-    """(3) [m/s^2]."""
-    yaw: float = math.nan
-    """Counter-clockwise from east [rad]."""
-    attitude: Array = field(default_factory=lambda: _LEVEL)
-    """(4) xyzw, map from base_link, for ATTITUDE."""
-    rates: Array = field(default_factory=lambda: np.zeros(3))
-    """(3) base_link [rad/s], for RATES."""
-    thrust: float = math.nan
-    """Share of the highest collective thrust."""
+    @property
+    def kind(self) -> ControlLevel:
+        """Outermost loop that is commanded."""
+        for kind, axes in enumerate((self.position, self.velocity, self.acceleration)):
+            if np.isfinite(axes).any():
+                return ControlLevel(kind)
+        return ControlLevel.RATES if self.attitude is None else ControlLevel.ATTITUDE
 
 
-def resolve_setpoint(target: OffboardSetpoint) -> ResolvedSetpoint | str:
-    """Return a set point after all checks, or why it is refused."""
-    motion = _axes(target.position), _axes(target.velocity), _axes(target.acceleration)
-    if _most(np.array(motion)) > _LARGEST:
+def refusal_of(target: OffboardSetpoint) -> str:
+    """Return why PX4 refuses a set point; "" if it takes it."""
+    motion = np.array([target.position, target.velocity, target.acceleration])
+    commanded = np.isfinite(motion)
+    fastest = float(np.abs(target.rates[np.isfinite(target.rates)]).max(initial=0.0))
+    too_large = np.abs(motion[commanded]).max(initial=0.0) > _LARGEST
+    if too_large or abs(finite_or_nan(target.yaw)) > _LARGEST or fastest > _FASTEST:
         return "set point is out of range"
-    if np.isfinite(motion).any():
-        return _resolve_motion(target, *motion)
-    return _resolve_attitude(target)
-
-
-def _axes(values: Array | None) -> Array:
-    """Return three axes, infinities as not commanded."""
-    if values is None:
-        return _NONE
-    return np.where(np.isfinite(values), values, math.nan)
-
-
-def _most(axes: Array) -> float:
-    """Return the largest absolute value of the commanded axes; 0 if there are none."""
-    return float(np.nan_to_num(np.abs(axes)).max())
+    if commanded.any():
+        if not commanded.any(axis=0).all():
+            return "invalid set point: an axis is not commanded"
+        unlike = (commanded[:, 0] != commanded[:, 1]).any()
+        return "invalid set point: x and y differ in what is commanded" if unlike else ""
+    if target.attitude is None:
+        if not np.isfinite(target.rates).any():
+            return "set point commands nothing"
+    elif not np.isfinite(target.attitude).all():
+        return "invalid set point: attitude is not finite"
+    elif not 0.5 < float(np.linalg.norm(target.attitude)) < 2.0:
+        return "invalid set point: attitude is no unit quaternion"
+    return "" if math.isfinite(target.thrust) else "invalid set point: no thrust"
 
 
 def finite_or_nan(value: float | None) -> float:
     """Return a number; NaN for None and infinity."""
     return float(value) if value is not None and math.isfinite(value) else math.nan
-
-
-def _resolve_motion(
-    target: OffboardSetpoint, position: Array, velocity: Array, acceleration: Array
-) -> ResolvedSetpoint | str:
-    commanded = [np.isfinite(axes) for axes in (position, velocity, acceleration)]
-    if not (commanded[0] | commanded[1] | commanded[2]).all():
-        return "invalid set point: an axis is not commanded"
-    if any(axes[0] != axes[1] for axes in commanded):
-        return "invalid set point: x and y differ in what is commanded"
-    kind = ControlLevel.ACCELERATION
-    if commanded[0].any():
-        kind = ControlLevel.POSITION
-    elif commanded[1].any():
-        kind = ControlLevel.VELOCITY
-    yaw = finite_or_nan(target.yaw)
-    if abs(yaw) > _LARGEST:
-        return "set point is out of range"
-    return ResolvedSetpoint(kind, position, velocity, acceleration, yaw)
-
-
-def _resolve_attitude(target: OffboardSetpoint) -> ResolvedSetpoint | str:
-    thrust = finite_or_nan(target.thrust)
-    rates = _axes(target.rates)
-    if _most(rates) > _FASTEST:
-        return "set point is out of range"
-    kind, attitude = ControlLevel.RATES, _LEVEL
-    if target.attitude is None:
-        if not np.isfinite(rates).any():
-            return "set point commands nothing"
-    else:
-        kind, attitude = ControlLevel.ATTITUDE, np.array(target.attitude, dtype=float)
-        if not np.isfinite(attitude).all():
-            return "invalid set point: attitude is not finite"
-        length = float(np.linalg.norm(attitude))
-        if not 0.5 < length < 2.0:
-            return "invalid set point: attitude is no unit quaternion"
-        attitude = attitude / length
-    if not math.isfinite(thrust):
-        return "invalid set point: no thrust"
-    rates, thrust = np.nan_to_num(rates), min(max(thrust, 0.0), 1.0)
-    return ResolvedSetpoint(kind, attitude=attitude, rates=rates, thrust=thrust)
 
 
 class SetpointController:
@@ -162,11 +109,11 @@ class SetpointController:
         self._autopilots = autopilot.as_array()
         self._maps = maps.as_array()
         self._parameters = parameters
-        self._version = -1
+        gains = autopilot.gains
+        gains.tilt_max, gains.yaw_rate_max = _TILT_MAX, _YAW_RATE_MAX
+        gains.position_p = _POSITION_P
         self.thrust_max = 4.0 * float(maps.thrust_highest)
         """Collective thrust [N] at full throttle."""
-        self.speed_max = float(speed_for_thrust(maps, maps.thrust_highest))
-        """Highest rotor speed [rad/s]."""
         self.weight = float(autopilot.nominal.mass) * GRAVITY
         """[N], as the autopilot knows it."""
         self.loops = (False, False, False)
@@ -195,25 +142,27 @@ class SetpointController:
         autopilot = self._autopilot
         stop_rotors(autopilot.state, autopilot.setpoint, autopilot.loops)
 
-    def take(self, resolved: ResolvedSetpoint, climb_max: float) -> None:
+    def take(self, resolved: OffboardSetpoint, climb_max: float, speed_max: float) -> None:
         """Take a demand for the next period of the position loop, at its tick.
 
         Args:
             resolved: what to follow.
             climb_max: highest climb rate [m/s], besides MPC_Z_VEL_MAX_UP.
+            speed_max: highest horizontal speed [m/s], besides MPC_XY_VEL_MAX.
         """
-        self._limits()
+        gains = self._autopilot.gains
+        gains.velocity_max_xy = max(min(self._parameters.get("MPC_XY_VEL_MAX"), speed_max), 0.01)
         setpoint = self._autopilot.setpoint
         if resolved.kind < ControlLevel.ATTITUDE:
             self._apply_position_demand(resolved, climb_max)
             self.loops = (True, True, True)
             return
         by_attitude = resolved.kind == ControlLevel.ATTITUDE
-        if by_attitude:
-            setpoint.attitude = resolved.attitude
+        if by_attitude and resolved.attitude is not None:
+            setpoint.attitude = resolved.attitude / np.linalg.norm(resolved.attitude)
         else:
-            setpoint.rates = resolved.rates
-        setpoint.thrust = resolved.thrust * self.thrust_max
+            setpoint.rates = np.where(np.isfinite(resolved.rates), resolved.rates, 0.0)
+        setpoint.thrust = min(max(resolved.thrust, 0.0), 1.0) * self.thrust_max
         self._hold_position_loop()
         self.loops = (False, by_attitude, True)
 
@@ -234,17 +183,6 @@ class SetpointController:
             attitude = attitude and tick % ATTITUDE_TICKS == 0
             run_control_loops(self._autopilots, self._maps, position, attitude, blind)
 
-    def _limits(self) -> None:
-        """Take limits from the parameters when they have changed."""
-        if self._parameters.version == self._version:
-            return
-        self._version = self._parameters.version
-        get, gains = self._parameters.get, self._autopilot.gains
-        gains.velocity_max_xy = max(get("MPC_XY_VEL_MAX"), 0.01)
-        gains.tilt_max = math.radians(get("MPC_TILTMAX_AIR"))
-        gains.yaw_rate_max = math.radians(get("MPC_YAWRAUTO_MAX"))
-        gains.position_p = get("MPC_XY_P")
-
     def _hold_position_loop(self) -> None:
         """Keep what the position loop remembers at the present motion."""
         autopilot = self._autopilot
@@ -254,7 +192,7 @@ class SetpointController:
         setpoint.position = state.position
         setpoint.yaw = yaw_of(state.attitude)
 
-    def _apply_position_demand(self, resolved: ResolvedSetpoint, climb_max: float) -> None:
+    def _apply_position_demand(self, resolved: OffboardSetpoint, climb_max: float) -> None:
         setpoint, gains = self._autopilot.setpoint, self._autopilot.gains
         position, velocity = self._autopilot.state.position, self._autopilot.state.velocity
         known = np.isfinite(resolved.position)

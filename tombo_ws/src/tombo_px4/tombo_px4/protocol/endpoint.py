@@ -6,18 +6,28 @@ arrivals with.
 
 from __future__ import annotations
 
+import math
 import select
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from tombo_dynamics.time_base import SECOND_NS, TICK_NS
+from pymavlink.dialects.v20 import common as mavlink
+
+from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.frames import GeoOrigin
-from tombo_px4.link.mavlink_link import Link
-from tombo_px4.protocol.mavlink_channel import MavlinkChannel
-from tombo_px4.protocol.message_router import MessageRouter, RoutedMessage
-from tombo_px4.protocol.parameter_protocol import ParameterServer
-from tombo_px4.protocol.statustext import StatusTextSender
-from tombo_px4.protocol.telemetry import Telemetry
+from tombo_px4.link.decoded_messages import Result, Severity
+from tombo_px4.link.mavlink_link import Link, Received
+from tombo_px4.protocol.channel import MavlinkChannel
+from tombo_px4.protocol.inputs import decode_setpoint, decode_vision
+from tombo_px4.protocol.requests import (
+    CommandServer,
+    ParameterServer,
+    ReceivedCommand,
+    command_of,
+    whole,
+)
+from tombo_px4.protocol.telemetry import STREAMS, VehicleView
+from tombo_px4.protocol.words import Announcer
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
@@ -28,10 +38,26 @@ _CHECKED_US = 2_000_000
 """The checks of arming are reported at most so often, and only where they have changed."""
 _MOST_MESSAGES = 100
 """Messages of a link that one call takes; the rest waits its turn."""
+_METADATA = (395, 396, 397)
+"""COMPONENT_INFORMATION, _BASIC, COMPONENT_METADATA: not there at all."""
+_EVERYBODY, _NO_PROGRESS = 0, 255
+
+
+class RoutedMessage(NamedTuple):
+    """A message, and where and when it came."""
+
+    channel: MavlinkChannel
+    received: Received
+    arrival_us: int
+    """Since boot."""
+
+    def answer(self, message: Any) -> None:
+        """Send a message to the sender."""
+        self.channel.link.send(message, self.received.peer)
 
 
 class Endpoint:
-    """Serves all links of one vehicle."""
+    """Serves all links of one vehicle. Each message is answered, refused or counted."""
 
     def __init__(self, vehicle: Px4Vehicle, links: Sequence[tuple[Link, str]]) -> None:
         """Serve links, each with the set of streams it carries by default.
@@ -41,18 +67,32 @@ class Endpoint:
             links: with `onboard` or `ground`.
         """
         self.vehicle = vehicle
-        self.origin = origin = GeoOrigin()
-        self.telemetry = Telemetry(vehicle, origin)
-        offered, now = self.telemetry.offered, vehicle.boot_us
-        self.channels = [MavlinkChannel(link, streams, offered, now) for link, streams in links]
-        self.statustext = StatusTextSender(self.channels)
-        parameters = ParameterServer(vehicle.parameters)
-        self.message_router = MessageRouter(
-            vehicle, origin, self.telemetry, parameters, self.statustext, self.channels
+        self.origin = GeoOrigin()
+        self.channels = [MavlinkChannel(link, streams, vehicle.boot_us) for link, streams in links]
+        self.announcer = Announcer(self.channels)
+        self.heard_systems: dict[tuple[int, int], int] = {}
+        """System and component of all senders, and when the last message came [us since boot]."""
+        self._commands = CommandServer(vehicle, self.origin)
+        self._parameters = ParameterServer(vehicle.parameters)
+        self._ids = tuple(
+            int(vehicle.parameters.get(f"MAV_{name}_ID")) for name in ("SYS", "COMP")
         )
-        self._last_state: tuple[Any, ...] = ()
         self._checked_us = 0
-        self._boot_ns = 0
+        # By type: what answers, and whether a message for another vehicle is left to it.
+        self._handlers: dict[str, tuple[Callable[[RoutedMessage], None], bool]] = {
+            "HEARTBEAT": (self._heartbeat, False),
+            "COMMAND_LONG": (self._command, True),
+            "COMMAND_INT": (self._command, True),
+            "PARAM_REQUEST_LIST": (self._parameter_list, True),
+            "PARAM_REQUEST_READ": (self._parameter_read, True),
+            "PARAM_SET": (self._parameter_set, True),
+            "VISION_POSITION_ESTIMATE": (self._vision, False),
+            "ODOMETRY": (self._vision, False),
+            "ATT_POS_MOCAP": (self._vision, False),
+            "SET_POSITION_TARGET_LOCAL_NED": (self._target, True),
+            "SET_ATTITUDE_TARGET": (self._target, True),
+            "MISSION_REQUEST_LIST": (self._mission_count, True),
+        }
 
     def advance(self, boot_ns: int, wall_ns: int) -> None:
         """Handle received messages, fly up to now, send what is due.
@@ -63,99 +103,183 @@ class Endpoint:
             boot_ns: time now, since the vehicle's start.
             wall_ns: time now, of the links' arrival stamps.
         """
-        self._boot_ns = boot_ns
         received = self._receive(boot_ns, wall_ns)
-        for port in self.channels:
-            port.request_timesync(boot_ns)
+        for channel in self.channels:
+            channel.request_timesync(boot_ns)
         self._fly(boot_ns)
         for routed in received:
-            self.message_router.take(routed)
+            self._take(routed)
         self._report_changes()
-        for port in self.channels:
-            port.send_list(self.vehicle.boot_us)
-
-    @property
-    def behind_ns(self) -> int:
-        """How far the vehicle is behind the time of the last call."""
-        return self._boot_ns - self.vehicle.tick * TICK_NS
-
-    def next_ns(self) -> int:
-        """Return when something is due next [ns since boot], if nothing comes."""
-        return min(port.next_ns() for port in self.channels)
 
     def say(self, severity: int, text: str) -> None:
         """Send a text on all links that does not come from the vehicle."""
-        self.statustext.say(severity, text, self.vehicle.boot_us)
+        self.announcer.say(severity, text, self.vehicle.boot_us)
+
+    def message(self, number: int) -> Any | None:
+        """Return a message about the present tick; None: there is none, or no value."""
+        if number not in STREAMS:
+            return None
+        return STREAMS[number].message(VehicleView(self.vehicle, self.origin))
 
     def _receive(self, boot_ns: int, wall_ns: int) -> list[RoutedMessage]:
         """Return what has come; TIMESYNC is answered before anything else is done."""
         messages = []
-        for port in self.channels:
-            for received in port.link.receive(_MOST_MESSAGES):
+        for channel in self.channels:
+            for received in channel.link.receive(_MOST_MESSAGES):
                 arrival_ns = received.arrival_ns + boot_ns - wall_ns
                 if received.message.get_type() == "TIMESYNC":
-                    port.time(received.message, received.peer, arrival_ns, boot_ns)
+                    channel.take_timesync(received.message, received.peer, arrival_ns, boot_ns)
                 else:
-                    messages.append(RoutedMessage(port, received, arrival_ns // 1000))
+                    messages.append(RoutedMessage(channel, received, arrival_ns // 1000))
         return messages
 
     def _fly(self, boot_ns: int) -> None:
         """Fly up to now, sending at each tick what is due there."""
         vehicle = self.vehicle
         for _ in range(_MOST_TICKS):
-            self._send_due()
+            for channel in self.channels:
+                for message in map(self.message, channel.take_due(vehicle.boot_us)):
+                    if message is not None:
+                        channel.link.send(message)
             if (vehicle.tick + 1) * TICK_NS > boot_ns:
                 break
             vehicle.step()
-
-    def _send_due(self) -> None:
-        """Send what is due at this tick."""
-        for port in self.channels:
-            for number in port.streams.take_due(self.vehicle.boot_us):
-                message = self.telemetry.message(number, port.mav)
-                if message is not None:
-                    port.link.send(message)
 
     def _report_changes(self) -> None:
         """Send the vehicle's texts. A new mode waits for the next HEARTBEAT, as in PX4."""
         vehicle = self.vehicle
         for severity, text in vehicle.take_status_texts():
-            self.statustext.say(severity, text, vehicle.boot_us)
+            self.say(severity, text)
         if not vehicle.armed and vehicle.boot_us - self._checked_us >= _CHECKED_US:
             self._checked_us = vehicle.boot_us
-            self.statustext.report_checks(vehicle.health.problems, vehicle.boot_us)
-        state = (vehicle.armed, vehicle.mode, vehicle.failsafe, vehicle.landed)
-        if state != self._last_state:
-            self._last_state = state
-            self.telemetry.reset()
+            self.announcer.report_checks(vehicle.health.problems, vehicle.boot_us)
+
+    # --- what comes in
+
+    def _take(self, routed: RoutedMessage) -> None:
+        """Hand a message to what answers its type."""
+        message = routed.received.message
+        sender = (routed.received.system, routed.received.component)
+        self.heard_systems[sender] = routed.arrival_us
+        kind = message.get_type()
+        handler, only_ours = self._handlers.get(kind, (None, False))
+        if handler is None:
+            self._refuse(f"{kind} is not used")
+        elif only_ours and not self._for_us(message, kind.startswith("SET_")):
+            self._refuse("addressed to another")
+        else:
+            handler(routed)
+
+    def _for_us(self, message: Any, or_all: bool) -> bool:
+        """Return whether it is for this vehicle: its system, and its component or all of them."""
+        system, component = self._ids
+        systems = (system, _EVERYBODY) if or_all else (system,)
+        target = getattr(message, "target_component", _EVERYBODY)
+        return message.target_system in systems and target in (_EVERYBODY, component)
+
+    def _refuse(self, reason: str) -> None:
+        self.announcer.refused[reason] += 1
+
+    def _heartbeat(self, routed: RoutedMessage) -> None:
+        if routed.received.message.type == mavlink.MAV_TYPE_GCS:
+            routed.channel.hear_station(self.vehicle.boot_us)
+
+    def _command(self, routed: RoutedMessage) -> None:
+        command = command_of(routed.received.message)
+        number = command.number
+        if number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            results = [self._set_interval(command, routed.channel)]
+        elif number == mavlink.MAV_CMD_REQUEST_MESSAGE:
+            results = [self._request_message(command, routed)]
+        elif number == mavlink.MAV_CMD_RUN_PREARM_CHECKS:
+            results = [self._run_checks()]
+        else:
+            results = self._commands.execute(command)
+        for severity, text in self.vehicle.take_status_texts():
+            self.say(severity, text)
+        sender = (routed.received.system, routed.received.component)
+        for result in results:
+            content = (number, int(result), _NO_PROGRESS, 0)
+            routed.answer(mavlink.MAVLink_command_ack_message(*content, *sender))
+        if results[-1] == Result.UNSUPPORTED:
+            self._refuse(f"command {number} is not supported")
+
+    def _set_interval(self, command: ReceivedCommand, channel: MavlinkChannel) -> Result:
+        number, interval = whole(command.params[0]), command.params[1]
+        done = (
+            number is not None
+            and math.isfinite(interval)
+            and channel.set_interval(number, interval, self.vehicle.boot_us)
+        )
+        return Result.ACCEPTED if done else Result.FAILED
+
+    def _request_message(self, command: ReceivedCommand, routed: RoutedMessage) -> Result:
+        number = whole(command.params[0])
+        message = None if number is None else self.message(number)
+        if message is None:
+            return Result.UNSUPPORTED if number in _METADATA else Result.DENIED
+        routed.answer(message)
+        return Result.ACCEPTED
+
+    def _run_checks(self) -> Result:
+        problems = self.vehicle.health.problems
+        if self.vehicle.armed:
+            return Result.TEMPORARILY_REJECTED
+        self.announcer.report_checks(problems, self.vehicle.boot_us, asked=True)
+        for problem in problems:
+            self.say(Severity.INFO, f"Preflight Fail: {problem}")
+        return Result.ACCEPTED
+
+    def _mission_count(self, routed: RoutedMessage) -> None:
+        """Say that there is no mission, fence or rally point, as a ground station asks."""
+        received = routed.received
+        content = (received.system, received.component, 0, received.message.mission_type)
+        routed.answer(mavlink.MAVLink_mission_count_message(*content))
+
+    def _parameter_list(self, routed: RoutedMessage) -> None:
+        for value in self._parameters.values():
+            routed.answer(value)
+
+    def _parameter_read(self, routed: RoutedMessage) -> None:
+        value = self._parameters.answer_read(routed.received.message)
+        if value is not None:
+            routed.answer(value)
+
+    def _parameter_set(self, routed: RoutedMessage) -> None:
+        value, ignored = self._parameters.answer_set(routed.received.message)
+        if ignored:
+            self._refuse(f"PARAM_SET not answered: {ignored}")
+            return
+        routed.answer(value)
+        for other in self.channels:  # everybody's copy has to stay right
+            if other is not routed.channel:
+                other.link.send(value)
+
+    def _vision(self, routed: RoutedMessage) -> None:
+        message, timesync = routed.received.message, routed.channel.timesync
+        pose = decode_vision(message)
+        if isinstance(pose, str):
+            self._refuse(f"{message.get_type()} {pose}")
+            return
+        stamp_us = min(routed.arrival_us, self.vehicle.boot_us)
+        if pose.stamp_us != 0 and timesync.converged:
+            stamp_us = timesync.to_local_time(pose.stamp_us * 1000) // 1000
+        refusal = self.vehicle.vision(stamp_us, pose.position, pose.attitude)
+        if refusal:
+            self._refuse(f"{message.get_type()} refused: {refusal.replace('_', ' ')}")
+
+    def _target(self, routed: RoutedMessage) -> None:
+        message = routed.received.message
+        target = decode_setpoint(message)
+        refusal = target if isinstance(target, str) else self.vehicle.target(target)
+        if refusal:
+            self._refuse(f"{message.get_type()} {refusal}")
 
 
 Clock = Callable[[], int]
 _SLIP_NS = 200_000_000
-_LONGEST_NS = 4_000_000
+_PAUSE_S = 0.002
 """Longest time between two calls, so that commands meet a recent state."""
-_LOAD_NS = SECOND_NS
-
-
-class BootClock:
-    """Time since the vehicle's start; it is delayed when the machine is too slow."""
-
-    def __init__(self, now_ns: int) -> None:
-        self._began_ns = now_ns
-        self.slipped_ns = 0
-        """Total delay compared with a machine that is fast enough [ns]."""
-
-    def boot_ns(self, now_ns: int) -> int:
-        """Return the time since boot of a time of the monotonic clock."""
-        return now_ns - self._began_ns
-
-    def slip(self, behind_ns: int) -> bool:
-        """Delay the clock if the vehicle is too far behind; return whether it was delayed."""
-        if behind_ns <= _SLIP_NS:
-            return False
-        self._began_ns += behind_ns
-        self.slipped_ns += behind_ns
-        return True
 
 
 def serve(
@@ -163,50 +287,31 @@ def serve(
     monotonic_ns: Clock,
     wall_ns: Clock,
     stop: Callable[[], bool],
-    redraw: Callable[[int, BootClock], None] | None = None,
-) -> BootClock:
-    """Serve in real time until `stop` says so.
+    redraw: Callable[[int, int], None] = lambda boot_ns, slipped_ns: None,
+) -> int:
+    """Serve in real time until `stop` says so; on a machine that is too slow, time is delayed.
 
     Args:
         endpoint: at the vehicle's tick 0.
         monotonic_ns: paces the vehicle: a clock that never jumps.
         wall_ns: CLOCK_REALTIME, which stamps arrivals.
         stop: asked a few hundred times a second.
-        redraw: called after each round with the time since boot [ns], to show how it goes.
+        redraw: called after each round with the time since boot and the delay [ns].
 
     Returns:
-        the clock, with how much it has slipped.
+        the delay in all [ns].
     """
-    clock = BootClock(monotonic_ns() - endpoint.vehicle.tick * TICK_NS)
-    poll = select.poll()
-    watched: dict[int, int] = {}
-    busy_ns, since_ns = 0, monotonic_ns()
+    began_ns, slipped_ns = monotonic_ns() - endpoint.vehicle.tick * TICK_NS, 0
     while not stop():
-        began_ns = monotonic_ns()
-        endpoint.advance(clock.boot_ns(began_ns), wall_ns())
-        if clock.slip(endpoint.behind_ns):
-            endpoint.say(4, "the machine is too slow: simulated time stands still meanwhile")
-        if redraw is not None:
-            redraw(clock.boot_ns(began_ns), clock)
-        watched = _watch(poll, endpoint, watched)
-        now_ns = monotonic_ns()
-        busy_ns += now_ns - began_ns
-        if now_ns - since_ns >= _LOAD_NS:
-            endpoint.telemetry.load = busy_ns / (now_ns - since_ns)
-            busy_ns, since_ns = 0, now_ns
-        boot_ns = clock.boot_ns(now_ns)
-        until_ns = min(endpoint.next_ns(), boot_ns + _LONGEST_NS)
-        if endpoint.behind_ns < _LONGEST_NS and until_ns > boot_ns:
-            poll.poll(-(-(until_ns - boot_ns) // 1_000_000))
-    return clock
-
-
-def _watch(poll: select.poll, endpoint: Endpoint, watched: dict[int, int]) -> dict[int, int]:
-    """Watch the files that the links have now: those of TCP come and go."""
-    now = {port.link.fileno(): 1 for port in endpoint.channels}
-    if now.keys() != watched.keys():
-        for number in watched.keys() - now.keys():
-            poll.unregister(number)
-        for number in now.keys() - watched.keys():
-            poll.register(number, select.POLLIN)
-    return now
+        boot_ns = monotonic_ns() - began_ns
+        endpoint.advance(boot_ns, wall_ns())
+        behind_ns = boot_ns - endpoint.vehicle.tick * TICK_NS
+        if behind_ns > _SLIP_NS:
+            began_ns += behind_ns
+            slipped_ns += behind_ns
+            text = "the machine is too slow: simulated time stands still meanwhile"
+            endpoint.say(Severity.WARNING, text)
+        redraw(boot_ns, slipped_ns)
+        if behind_ns < TICK_NS:
+            select.select([c.link.fileno() for c in endpoint.channels], (), (), _PAUSE_S)
+    return slipped_ns

@@ -131,7 +131,7 @@ def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> No
     from tombo_bringup.cli.flight.px4_screen import Screen
     from tombo_bringup.cli.tables import scroll
     from tombo_flight.process.stop_signals import StopSignals
-    from tombo_px4.protocol.endpoint import BootClock, serve
+    from tombo_px4.protocol.endpoint import serve
 
     limit_ns = None if duration_s is None else round(1e9 * duration_s)
     with StopSignals(signal.SIGHUP) as stop, scroll() as lines_above:
@@ -139,12 +139,12 @@ def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> No
         screen.begin(lines)
         over = False
 
-        def redraw(boot_ns: int, clock: BootClock) -> None:
+        def redraw(boot_ns: int, slipped_ns: int) -> None:
             nonlocal over
-            screen.redraw(endpoint, boot_ns, clock.slipped_ns)
-            over = limit_ns is not None and boot_ns + clock.slipped_ns >= limit_ns
+            screen.redraw(endpoint, boot_ns, slipped_ns)
+            over = limit_ns is not None and boot_ns + slipped_ns >= limit_ns
 
-        clock = serve(
+        slipped_ns = serve(
             endpoint, time.monotonic_ns, time.time_ns, lambda: over or stop.asked(), redraw
         )
-        screen.end(endpoint, clock.slipped_ns)
+        screen.end(endpoint, slipped_ns)

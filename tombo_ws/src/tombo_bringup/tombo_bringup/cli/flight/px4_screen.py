@@ -33,7 +33,7 @@ def state_line(endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> str:
     x, y, z = (float(p) for p in v.estimate.position)
     clients = [
         f"{system}/{component}"
-        for (system, component), when in sorted(endpoint.message_router.heard_systems.items())
+        for (system, component), when in sorted(endpoint.heard_systems.items())
         if v.boot_us - when < _RECENTLY_HEARD_US
     ]
     words = [
@@ -42,7 +42,6 @@ def state_line(endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> str:
         f"{v.landed.name.lower().replace('_', ' ')}",
         f"x {x:.2f} y {y:.2f} z {z:.2f} m" if v.health.local_position else "no position",
         f"{v.battery.voltage:.1f} V {100.0 * v.battery.remaining:.0f} %",
-        f"load {100.0 * endpoint.telemetry.load:.0f} %",
         f"heard {', '.join(clients)}" if clients else "no client connected",
     ]
     if slipped_ns:
@@ -63,16 +62,16 @@ class Screen:
 
     def redraw(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
         """Print new texts, draw the state now and then; called hundreds of times a second."""
-        for severity, text in endpoint.statustext.sent_texts:
+        for severity, text in endpoint.announcer.sent_texts:
             style = "yellow" if severity <= _SEVERITY_COLOURED else ""
             self._scroll.put(f"{boot_ns * 1e-9:8.2f} s  {text}", style)
-        endpoint.statustext.sent_texts.clear()
+        endpoint.announcer.sent_texts.clear()
         if self._scroll.live is not None and self._scroll.due():
             self._scroll.show(state_line(endpoint, boot_ns, slipped_ns))
 
     def end(self, endpoint: Endpoint, slipped_ns: int) -> None:
         """Say how long it ran, and what was refused."""
-        for reason, count in sorted(endpoint.statustext.counts.items()):
+        for reason, count in sorted(endpoint.announcer.refused.items()):
             self._scroll.put(f"  {count} x {reason}")
         late = f", {slipped_ns * 1e-9:.1f} s behind real time" if slipped_ns else ""
         self._scroll.put(f"stopped after {endpoint.vehicle.boot_us * 1e-6:.1f} s{late}")

@@ -1,18 +1,20 @@
-"""STATUSTEXT where a ground station is heard, events on all links; refusals are counted.
+"""What the vehicle says: STATUSTEXT where a ground station is heard, events on all links.
 
-Texts come in pieces if they are long. Events say the same as the texts;
-no file explains them.
+Events say the same as the texts; their numbers are those of PX4 1.17, and no file explains them.
 """
 
 from __future__ import annotations
 
 import struct
+from collections import Counter
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.link.decoded_messages import Severity
 from tombo_px4.link.extra_messages import EventMessage
-from tombo_px4.protocol.mavlink_channel import MavlinkChannel
+from tombo_px4.protocol.channel import MavlinkChannel
 
 
 class Px4Event(NamedTuple):
@@ -67,11 +69,16 @@ _REASONS = {
     "external command": 4,
     "landing": 6,
     "auto preflight disarming": 7,
-    "lockdown": 9,
     "failsafe": 14,
     "flight termination": 14,
 }
 """Of arming and disarming, as PX4's `arm_disarm_reason_t`."""
+
+
+PIECE = 50
+"""Bytes of text that a message carries."""
+_MOST_PIECES = 6
+_MOST_UNREAD = 256
 
 
 def event_of(text: str) -> tuple[Px4Event, int] | None:
@@ -83,13 +90,7 @@ def event_of(text: str) -> tuple[Px4Event, int] | None:
     return None if named is None else (named, 0)
 
 
-PIECE = 50
-"""Bytes of text that a message carries."""
-_MOST_PIECES = 6
-_MOST_UNREAD = 256
-
-
-class StatusTextSender:
+class Announcer:
     """Sends texts, and events that say the same, and counts refusals."""
 
     def __init__(self, channels: Sequence[MavlinkChannel]) -> None:
@@ -99,34 +100,27 @@ class StatusTextSender:
         """Failed checks of arming."""
         self._number = -1
         """Of the last text. PX4 counts from 0."""
-        self.counts: dict[str, int] = {}
+        self.refused: Counter[str] = Counter()
         """How often something was refused, by reason."""
         self.sent_texts: list[tuple[int, str]] = []
         """Severity and text of what was sent; the reader empties the list."""
 
     def say(self, severity: int, text: str, boot_us: int) -> None:
-        """Send a text now."""
+        """Send a text now, in pieces if it is long; what is not ASCII becomes `?`."""
         if len(self.sent_texts) < _MOST_UNREAD:
             self.sent_texts.append((severity, text))
-        event, mark = event_of(text), ""
+        event = event_of(text)
         if event is not None:
-            mark = "\t"
+            text += "\t"
             self._send_event(event[0], severity, boot_us, event[1])
         self._number = (self._number + 1) % 65536
-        for port in self._channels:
-            if port.hears_station(boot_us):
-                for message in self.messages(port.mav, severity, text + mark):
-                    port.link.send(message)
-
-    def messages(self, mav: Any, severity: int, text: str) -> list[Any]:
-        """Return the STATUSTEXT messages of a text; what is not ASCII becomes `?`."""
         data = text.encode("ascii", "replace")[: _MOST_PIECES * PIECE]
         # like PX4's, a text that fills its last piece has no other one that would end it
-        pieces = [data[i : i + PIECE] for i in range(0, max(len(data), 1), PIECE)]
-        return [
-            mav.statustext_encode(severity, piece, max(self._number, 0), i)
-            for i, piece in enumerate(pieces)
-        ]
+        for i, first in enumerate(range(0, max(len(data), 1), PIECE)):
+            content = (severity, data[first : first + PIECE], self._number, i)
+            for channel in self._channels:
+                if channel.hears_station(boot_us):
+                    channel.link.send(mavlink.MAVLink_statustext_message(*content))
 
     def report_checks(
         self, problems: tuple[str, ...], boot_us: int, *, asked: bool = False
@@ -145,9 +139,5 @@ class StatusTextSender:
         arguments = list(struct.pack(f"<{event.kinds}", *values).ljust(40, b"\0"))
         self._event_sequence = (self._event_sequence + 1) % 65536
         content = (event.number, boot_us // 1000 % 2**32, self._event_sequence)
-        for port in self._channels:
-            port.link.send(EventMessage(*content, 0, 0, severity << 4 | severity, arguments))
-
-    def note(self, reason: str) -> None:
-        """Count a refusal."""
-        self.counts[reason] = self.counts.get(reason, 0) + 1
+        for channel in self._channels:
+            channel.link.send(EventMessage(*content, 0, 0, severity << 4 | severity, arguments))
