@@ -34,11 +34,13 @@ def motive(unit="Meters", scale=1.0, rotation="Quaternion", names=None):
     return head + "\n".join(",".join(f"{v:.6f}" for v in row) for row in rows) + "\n"
 
 
-def qtm():
+def qtm(times=True):
     matrices = TURN.as_matrix().transpose(0, 2, 1).reshape(-1, 9)
     rows = np.column_stack([np.arange(T.size), T, 1e3 * PLACE, np.zeros((T.size, 4)), matrices])
+    rows = rows[:, 0 if times else 2 :]
     head = "NO_OF_FRAMES\t200\r\nFREQUENCY\t100\r\nDATA_INCLUDED\t6D\r\nBODY_NAMES\tdrone\r\n"
     names = ["Frame", "Time", "drone X", "Y", "Z", "Roll", "Pitch", "Yaw", "Residual"]
+    names = names[0 if times else 2 :]
     head += "\t".join([*names, *(f"Rot[{k}]" for k in range(9))])
     return "\r\n".join([head, *("\t".join(f"{v:.6f}" for v in row) for row in rows), ""])
 
@@ -53,6 +55,7 @@ EXPORTS = {
     "motive": motive(),
     "motive in millimetres": motive("Millimeters", 1e3),
     "qtm": qtm(),
+    "qtm without times": qtm(times=False),
     "tum": tum(),
 }
 

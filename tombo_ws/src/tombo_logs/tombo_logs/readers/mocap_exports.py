@@ -81,18 +81,20 @@ def _motive(text: bytes) -> tuple[bytes, str]:
 def _qtm(text: bytes) -> tuple[bytes, str]:
     lines = text.splitlines()
     names: list[str] = []
+    rate = 0.0
     while lines:
-        line = lines.pop(0)
-        key, *values = line.decode("utf-8", "replace").split("\t")
-        if key == "BODY_NAMES":
-            names = [value for value in values if value]
-        if key == "Frame" and names:
+        cells = lines.pop(0).decode("utf-8", "replace").split("\t")
+        if cells[0] == "BODY_NAMES":
+            names = [value for value in cells[1:] if value]
+        if cells[0] == "FREQUENCY":
+            rate = float(cells[1])
+        if names and cells[0] in ("Frame", "Time", "X", f"{names[0]} X"):
             break
     else:
         raise InputError(f"an export of QTM without rigid bodies (6D); {_ACCEPTED}")
     columns: list[str] = []
     body = names[0]
-    for value in ("Frame", *values):
+    for value in cells:
         body = next((name for name in names if value == f"{name} X"), body)
         axis = value.removeprefix(f"{body} ")
         columns.append(value if value in ("Frame", "Time") else f"{body}.{axis}")
@@ -101,12 +103,13 @@ def _qtm(text: bytes) -> tuple[bytes, str]:
         return table, ""
     position = [f"{body}.{axis}" for axis in "XYZ"]
     attitude = [f"{body}.Rot[{k}]" for k in range(9)]
-    return table, _mapping("qtm", "Time", _Z_UP, "mm", position, attitude, "matrix")
+    time = "Time" if "Time" in columns else {"rate": rate}
+    return table, _mapping("qtm", time, _Z_UP, "mm", position, attitude, "matrix")
 
 
 def _mapping(
-    name: str, time: str, axes: list[str], unit: str, position: list[str], attitude: list[str],
-    order: str,
+    name: str, time: str | dict[str, float], axes: list[str], unit: str, position: list[str],
+    attitude: list[str], order: str,
 ) -> str:  # fmt: skip
     """Return the text of a mapping; JSON is YAML."""
     channels = {
