@@ -17,8 +17,6 @@ FROM_OUTSIDE = {
     # play the person who reads a page and a terminal
     "tombo_benchmarks/px4/first_flight.py",
     "tombo_benchmarks/px4/terminal.py",
-    # of the kernel
-    "tombo_benchmarks/peers/peers_benchmark.py",
     # the command line's own parser has no other sign
     "tombo_bringup/cli/errors.py",
 }

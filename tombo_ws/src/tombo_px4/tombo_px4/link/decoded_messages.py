@@ -95,22 +95,6 @@ class VehicleOdometry(StampedMessage):
 
 
 @dataclass(frozen=True)
-class LocalPosition(StampedMessage):
-    """PX4's position alone, used where ODOMETRY is not sent."""
-
-    position: Array
-    velocity: Array
-
-
-@dataclass(frozen=True)
-class VehicleAttitude(StampedMessage):
-    """PX4's attitude alone."""
-
-    attitude: Array
-    rates: Array
-
-
-@dataclass(frozen=True)
 class VehicleImu(StampedMessage):
     """PX4's gyro and accelerometer."""
 

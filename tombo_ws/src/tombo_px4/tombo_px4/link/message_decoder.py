@@ -216,17 +216,6 @@ class MessageDecoder:
             int(m.reset_counter),
         )
 
-    def _local_position(self, m: Any, arrival_ns: int) -> object:
-        place = _bounded(_FAR, m.x, m.y, m.z, m.vx, m.vy, m.vz)
-        times = self._times(m.time_boot_ms * _MILLI_NS, arrival_ns)
-        return decoded.LocalPosition(*times, enu_from_ned(place[:3]), enu_from_ned(place[3:]))
-
-    def _attitude(self, m: Any, arrival_ns: int) -> object:
-        rates = _bounded(_FASTEST_TURN, m.rollspeed, m.pitchspeed, m.yawspeed)
-        attitude = _attitude([m.q1, m.q2, m.q3, m.q4])
-        times = self._times(m.time_boot_ms * _MILLI_NS, arrival_ns)
-        return decoded.VehicleAttitude(*times, attitude, flu_from_frd(rates))
-
     def _imu(self, m: Any, arrival_ns: int) -> object:
         if m.fields_updated & _BOTH_SENSORS != _BOTH_SENSORS:
             raise RefusedMessage("incomplete")
@@ -304,8 +293,6 @@ _Reader = Callable[[MessageDecoder, Any, int], object]
 _READERS: dict[str, _Reader] = {
     "HEARTBEAT": MessageDecoder._heartbeat,
     "ODOMETRY": MessageDecoder._odometry,
-    "LOCAL_POSITION_NED": MessageDecoder._local_position,
-    "ATTITUDE_QUATERNION": MessageDecoder._attitude,
     "HIGHRES_IMU": MessageDecoder._imu,
     "BATTERY_STATUS": MessageDecoder._battery,
     "SYS_STATUS": MessageDecoder._system,
