@@ -48,7 +48,7 @@ def examine(cases: Sequence[Path], seed: int, number: int) -> Row:
     condition, truth = _truth_of(case / TRUTH)
     row = {"case": case.name, "condition": condition, "truth": truth}
     try:
-        flights = read_logs(sorted(case.glob("flight_*.csv")), mapping=case / "mapping.yaml")
+        flights = read_logs(sorted(case.glob("flight_*.csv*")), mapping=case / "mapping.yaml")
         vehicle = read_vehicle(str(case / "vehicle.yaml"))
         found = diagnosed(held_against(flights, vehicle), nominal_model(vehicle=vehicle))
     except InputError as error:
