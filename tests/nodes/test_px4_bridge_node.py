@@ -222,8 +222,7 @@ def test_a_refusal_is_answered_with_px4s_own_words(lab, world):
     lab.until(lambda s: not s.ready)
     answer = lab.call("px4/arm", SetBool, data=True)
     assert (
-        answer.message
-        == "nothing is fused: EKF2_EV_CTRL is 0; set it to 11 (position, height, yaw)"
+        answer.message == "position is not fused: EKF2_EV_CTRL is 0, without bit 0; set it to 11"
     )
     assert "EKF2_EV_CTRL" in told(world, "px4_bridge", "check.not_fused", meanwhile=lab.publish)
     with lab.vehicle.lock:
@@ -237,7 +236,7 @@ def test_a_refusal_is_answered_with_px4s_own_words(lab, world):
 def test_the_estimate_is_handed_on_once_the_checks_pass(lab, world):
     """The mission begins with the first estimate: PX4's must be good by then."""
     lab = lab(parameters={"EKF2_EV_CTRL": 0})
-    lab.until(lambda s: s.connected and any("nothing is fused" in f for f in s.findings))
+    lab.until(lambda s: s.connected and any("position is not fused" in f for f in s.findings))
     lab.run(1.0)
     assert not world.heard[PX4_STATUS.name][-1].ready
     heard(world, IMU, meanwhile=lab.publish)

@@ -58,17 +58,21 @@ class CsvTable:
                 raise InputError(f"'{self.path}' has column '{name}' twice; accepted: once")
         import pandas  # slow to load, and most logs are no tables
 
-        marks = len(self.columns) - 1
+        indices = {name: self.columns.index(name) for name in wanted}
         lines = self.body.replace(b'"', b"").splitlines()
         rows = [r for r in lines if r.strip() and not r.lstrip().startswith(b"#")]
-        whole = [row for row in rows if row.count(self.delimiter.encode()) == marks]
+        widths = [row.count(self.delimiter.encode()) + 1 for row in rows]
+        whole, width = rows, max(widths, default=0)
+        if min(widths, default=0) <= max(indices.values(), default=0):  # some lack the last one
+            width = len(self.columns)
+            whole = [row for row, n in zip(rows, widths, strict=True) if n == width]
         if not whole:
             raise InputError(f"'{self.path}' holds a header and no row of numbers")
         cells = pandas.read_csv(
             io.BytesIO(b"\n".join(whole)),
             sep=self.delimiter,
-            names=range(len(self.columns)),
-            usecols=[self.columns.index(name) for name in wanted],
+            names=range(width),
+            usecols=sorted(indices.values()),
             na_values=sorted(_NOTHING),
             skipinitialspace=True,
             quoting=csv.QUOTE_NONE,
@@ -84,7 +88,7 @@ class CsvTable:
         if text:
             damage.append(f"{text} cells are no numbers")
         values = numbers.where(np.isfinite(numbers))
-        read = {name: values[self.columns.index(name)].to_numpy() for name in wanted}
+        read = {name: values[i].to_numpy() for name, i in indices.items()}
         return read, tuple(damage)
 
     def number_columns(self) -> tuple[str, ...]:

@@ -16,7 +16,6 @@ import select
 import socket
 import struct
 import termios
-import time
 import tty
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -275,7 +274,7 @@ class _Stream:
         self._watch = select.epoll()  # one descriptor, whichever file is open
         self._file: Any = None
         self._unsent = bytearray()
-        self._tried_ns = time.monotonic_ns()
+        self._tried_ns = clock()
         with closed_on_error(self._watch):
             self._begin()
 
@@ -341,8 +340,8 @@ class _Stream:
         self._watch.close()
 
     def _open_again(self) -> None:
-        now_ns = time.monotonic_ns()
-        if now_ns - self._tried_ns >= _RETRY_NS:
+        now_ns = self._clock()
+        if not 0 <= now_ns - self._tried_ns < _RETRY_NS:  # the clock may be set back
             self._tried_ns = now_ns
             with contextlib.suppress(OSError, termios.error):
                 self._begin()
