@@ -175,7 +175,7 @@ def test_a_flight_with_stamps_that_are_right_on_both_sides(lab, world):
         assert abs(int(lab.figure("timesync_offset_ns")) + lab.px4.ahead_ns) < 3 * MS
         assert len(found) > 60
         assert all(0 < age < 2 * SECOND for age in ages)
-        assert np.median(stamps) == pytest.approx(20 * MS, rel=0.2)
+        assert np.median(stamps) == pytest.approx(10 * MS, rel=0.2)
     assert found[-1].header.frame_id == "map" and found[-1].child_frame_id == "base_link"
     # it stays low until the axes have shown, or the time for that is over
     there = np.array([0.0, 0.0, 1.0])
@@ -187,7 +187,7 @@ def test_a_flight_with_stamps_that_are_right_on_both_sides(lab, world):
     accel = array(heard(world, IMU).linear_acceleration)
     assert accel == pytest.approx([0, 0, 9.81], abs=2.0)
     battery = heard(world, BATTERY)
-    assert battery.voltage == pytest.approx(12.6, abs=0.4) and battery.current < -1.0
+    assert battery.voltage == pytest.approx(12.6, abs=0.4) and battery.current <= 0.0
 
     answer = lab.call("px4/hold")  # without a global position PX4 refuses its own
     assert answer.success and "set points hold it" in answer.message
