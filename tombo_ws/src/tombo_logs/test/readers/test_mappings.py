@@ -81,3 +81,15 @@ def test_a_name_or_a_file_is_loaded(tmp_path):
 )  # fmt: skip
 def test_units_in_their_usual_spellings(unit, wanted, value):
     assert factor(unit, wanted, "it") == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    ("unit", "wanted", "value"),
+    [
+        ("ozf", "N", 0.0283495231 * 9.80665), ("lbf", "N", 0.45359237 * 9.80665),
+        ("kg cm", "N m", 0.0980665), ("lbf in", "N m", 0.45359237 * 9.80665 * 0.0254),
+        ("ft", "m", 12 * 0.0254), ("krpm", "rad/s", 104.719755),
+    ],
+)  # fmt: skip
+def test_a_unit_is_worth_what_its_standard_says(unit, wanted, value):
+    assert factor(unit, wanted, "a column") == pytest.approx(value, rel=1e-3)
