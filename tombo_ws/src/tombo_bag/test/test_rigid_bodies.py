@@ -77,7 +77,7 @@ def message(store, typename, k, bodies):
     return bytes(store.serialize_cdr(t[typename](*given), typename))
 
 
-def recorded(path, typename, bodies=lambda k: PLACES):
+def recorded(path, typename, bodies=lambda k: PLACES, topic="/poses"):
     store = get_typestore(Stores.ROS2_JAZZY)
     store.register(
         {
@@ -90,7 +90,7 @@ def recorded(path, typename, bodies=lambda k: PLACES):
         writer = Writer(file)
         writer.start("ros2")
         schema = writer.register_schema(typename, "ros2msg", DEFINITIONS[typename].encode())
-        channel = writer.register_channel("/poses", "cdr", schema)
+        channel = writer.register_channel(topic, "cdr", schema)
         for k in range(20):
             data = message(store, typename, k, bodies(k))
             writer.add_message(channel, 6_000_000_000 + k, data, 7_000_000_000 + k)
@@ -122,3 +122,11 @@ def test_a_body_that_is_lost_at_times_keeps_its_own_poses(tmp_path):
     seen = np.arange(20)[np.arange(20) % 2 == 0]
     assert table["pose.position.x"] == pytest.approx(0.1 + 0.01 * seen)
     assert np.array_equal(table["log_time_ns"], 6_000_000_000 + seen)
+
+
+def test_transforms_count_where_nothing_else_has_poses(tmp_path):
+    """A driver with poses publishes them as /tf, too."""
+    recorded(tmp_path / "a_0.mcap", NAMED)
+    recorded(tmp_path / "a_1.mcap", TF, topic="/tf")
+    with Recording(tmp_path) as recording:
+        assert set(recording.topics) == {"/poses", "/poses/drone", "/poses/wand", "/tf"}
