@@ -81,13 +81,13 @@ def _motive(text: bytes) -> tuple[bytes, str]:
 def _qtm(text: bytes) -> tuple[bytes, str]:
     lines = text.splitlines()
     names: list[str] = []
-    rate = 0.0
+    rate = ""
     while lines:
         cells = lines.pop(0).decode("utf-8", "replace").split("\t")
         if cells[0] == "BODY_NAMES":
             names = [value for value in cells[1:] if value]
         if cells[0] == "FREQUENCY":
-            rate = float(cells[1])
+            rate = "".join(cells[1:2])
         if names and cells[0] in ("Frame", "Time", "X", f"{names[0]} X"):
             break
     else:
@@ -103,7 +103,12 @@ def _qtm(text: bytes) -> tuple[bytes, str]:
         return table, ""
     position = [f"{body}.{axis}" for axis in "XYZ"]
     attitude = [f"{body}.Rot[{k}]" for k in range(9)]
-    time = "Time" if "Time" in columns else {"rate": rate}
+    try:
+        time = "Time" if "Time" in columns else {"rate": float(rate)}
+    except ValueError as error:
+        raise InputError(
+            f"an export of QTM without times, and its FREQUENCY is '{rate}'; accepted: a number"
+        ) from error
     return table, _mapping("qtm", time, _Z_UP, "mm", position, attitude, "matrix")
 
 
