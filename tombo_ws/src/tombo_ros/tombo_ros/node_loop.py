@@ -43,6 +43,8 @@ _CHECK_PERIOD_NS = SECOND_NS // 2
 _SETTLE_NS = 2 * SECOND_NS
 """Discovery and first calls; the statistics of a loop begin after it."""
 _CLOCK_SILENT_S = 0.5
+_ACKNOWLEDGED_S = 1.0
+"""Longest wait for subscribers to acknowledge the last messages of a node that ends."""
 _SLACK_NS = 50_000_000
 _POLL_SHARE, _POLL_LEAST_NS, _POLL_MOST_NS = 0.1, 100_000, 1_000_000
 """How often a node in simulated time looks for clock and messages: a tenth of its period."""
@@ -305,8 +307,14 @@ class LoopNode(ABC):
             return
 
     def destroy(self) -> None:
-        """Take the node off the graph, so that nobody waits for it."""
+        """Take the node off the graph, so that nobody waits for it.
+
+        Its last messages arrive first: DDS forgets what a publisher has sent when it ends.
+        """
         self._stopping = True
+        end_s = time.monotonic() + _ACKNOWLEDGED_S
+        for publisher in self._publishers:
+            publisher.wait_for_all_acked(end_s - time.monotonic())
         if self._services.is_alive():
             self._executor.wake()
             self._services.join(timeout=1.0)

@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 from rclpy.callback_groups import CallbackGroup
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
@@ -193,6 +194,10 @@ class TopicPublisher:
         """Send a message given as a dataclass of `tombo_dynamics.messages`."""
         assert self._codec is not None
         self.publish(self._codec.encode(message))
+
+    def wait_for_all_acked(self, patience_s: float) -> bool:
+        """Return whether reliable subscribers have all messages; wait `patience_s` at most."""
+        return bool(self._publisher.wait_for_all_acked(Duration(seconds=max(patience_s, 0.0))))
 
 
 def _no_callback(message: Any) -> None:
