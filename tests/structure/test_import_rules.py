@@ -33,6 +33,7 @@ MAY_IMPORT = {
     # The fused kernel runs the physics and all cores in one compiled loop.
     "tombo_sim": MATHS,
     "tombo_ros": {"tombo_dynamics", "tombo_bag"},
+    "tombo_mocap": {"tombo_dynamics", "tombo_bag"},
     "tombo_px4": {"tombo_dynamics", "tombo_control", "tombo_bag", "tombo_sim"},
     "tombo_flight": FLOWN,
     # The functions that simulate an effect are the ones that the diagnosis fits.
@@ -41,7 +42,7 @@ MAY_IMPORT = {
     "tombo_propeller": {"tombo_dynamics", "tombo_bag", "tombo_control", "tombo_sim", *STUDIES},
     "tombo": {*FLOWN, *STUDIES},
     "tombo_web": {"tombo_dynamics", "tombo_bag", "tombo_flight", "tombo_propeller"},
-    "tombo_bringup": {*FLOWN, *STUDIES, "tombo_propeller", "tombo_web"},
+    "tombo_bringup": {*FLOWN, *STUDIES, "tombo_mocap", "tombo_propeller", "tombo_web"},
     "tombo_benchmarks": {*FLOWN, *STUDIES, "tombo_propeller", "tombo_bringup"},
 }
 LIBRARIES = {

@@ -19,7 +19,7 @@ from tombo_bag.topics import MOCAP_POSE, POSE_TYPES
 from tombo_dynamics.time_base import SECOND_NS
 
 
-class _Bodies(NamedTuple):
+class BodyList(NamedTuple):
     """Where a message has its bodies."""
 
     sequence: str
@@ -31,14 +31,14 @@ class _Bodies(NamedTuple):
 
 
 _TF = "tf2_msgs/msg/TFMessage"
-_TYPES = {
-    "motion_capture_tracking_interfaces/msg/NamedPoseArray": _Bodies(
+BODY_LISTS = {
+    "motion_capture_tracking_interfaces/msg/NamedPoseArray": BodyList(
         "poses", "name", "pose.position", "pose.orientation", "header"
     ),
-    "mocap4r2_msgs/msg/RigidBodies": _Bodies(
+    "mocap4r2_msgs/msg/RigidBodies": BodyList(
         "rigidbodies", "rigid_body_name", "pose.position", "pose.orientation", "header"
     ),
-    _TF: _Bodies(
+    _TF: BodyList(
         "transforms", "child_frame_id", "transform.translation", "transform.rotation",
         "{body}.header",
     ),
@@ -58,7 +58,7 @@ class RigidBodies(BagFile):
         self.path, self.metadata, self.damage = file.path, {}, ()
         typename = file.topics[topic].typename
         table = columns_of(typename, raw.messages, file.types(topic))
-        self._messages = dict(_by_body(topic, _TYPES[typename], table, raw))
+        self._messages = dict(_by_body(topic, BODY_LISTS[typename], table, raw))
         self.topics = {
             name: TopicSummary(
                 MOCAP_POSE.typename, len(poses.messages), *map(int, poses.log_times_ns[[0, -1]])
@@ -72,7 +72,7 @@ class RigidBodies(BagFile):
 
 
 def _by_body(
-    topic: str, bodies: _Bodies, table: ColumnTable, raw: RawMessages
+    topic: str, bodies: BodyList, table: ColumnTable, raw: RawMessages
 ) -> Iterator[tuple[str, RawMessages]]:
     """Yield a topic for each body, and its poses in order of log time."""
     columns: dict[str, list[tuple[NDArray[np.intp], ColumnTable]]] = {}
@@ -119,10 +119,10 @@ def bodies_in(
         InputError: as `RigidBodies`.
     """
     there = {stream.typename for file in files for stream in file.topics.values() if stream.count}
-    others = there & {*POSE_TYPES, *_TYPES} - {_TF}
+    others = there & {*POSE_TYPES, *BODY_LISTS} - {_TF}
     for file in files:
         for topic, stream in file.topics.items():
-            wanted = stream.typename in _TYPES and (stream.typename != _TF or not others)
+            wanted = stream.typename in BODY_LISTS and (stream.typename != _TF or not others)
             if wanted and stream.count:
                 raw = read(file, topic)
                 if raw.messages:

@@ -21,6 +21,7 @@ _COMMANDS: Final = (
     "flight.call_command",
     "flight.px4_command",
     "flight.hil_command",
+    "flight.mocap_command",
     "flight.replay_command",
     "live_command",
     "report_command",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NoReturn
 
 import typer
 
@@ -34,9 +35,18 @@ def run_executable(ctx: typer.Context, which: _Node) -> None:
     Arguments after NODE are passed on, as --ros-args -p detector.threshold:=80.0; the exit code
     is the node's.
     """
-    path = find_executable(which.package, which.node)
+    execute_node(which.package, which.node, ctx.args)
+
+
+def execute_node(package: str, node: str, arguments: Sequence[str]) -> NoReturn:
+    """Become a node, with arguments.
+
+    Raises:
+        InputError: as `find_executable`.
+    """
+    path = find_executable(package, node)
     sys.stdout.flush()
-    command = [str(path), *ctx.args]
+    command = [str(path), *arguments]
     if _is_python(path):  # not by its first line, which can't name a folder with a space
         command.insert(0, sys.executable)
     os.execv(command[0], command)

@@ -1,0 +1,141 @@
+"""The motion capture as a node: frames of a system or a driver become `/mocap/pose`."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from in_time import in_time
+from natnet_server import NatNetServer
+
+pytest.importorskip("rclpy")
+pytest.importorskip("motioncapture")
+
+from geometry_msgs.msg import TransformStamped
+
+from tombo_bag.qos import SENSOR
+from tombo_bag.topics import DIAGNOSTICS, MOCAP_POSE, TopicSpec
+from tombo_ros.conversion import to_ns, to_time
+
+_PATIENCE_S = 60.0
+_PERIOD_S = 0.01
+_TURNED = [0.0, 0.0, 0.6, 0.8]
+
+
+@pytest.fixture
+def motive():
+    server = NatNetServer(["wand", "tombo"])
+    yield server
+    server.close()
+
+
+def optitrack(server: NatNetServer, *more: str) -> tuple[str, ...]:
+    options = f"mocap.options:=port_command={server.command_port}"
+    settings = ("mocap.system:=optitrack", "mocap.host:=127.0.0.1", options, *more)
+    return tuple(word for setting in settings for word in ("-p", setting))
+
+
+def poses(world) -> list:
+    world.hear()
+    return world.heard[MOCAP_POSE.name]
+
+
+def send_until(send, condition) -> None:
+    """Send frames at 100 Hz until a condition holds."""
+    end = time.monotonic() + _PATIENCE_S
+    number = 0
+    while not condition():
+        assert time.monotonic() < end
+        number += 1
+        send(number)
+        time.sleep(_PERIOD_S)
+
+
+def test_frames_of_optitrack_become_poses(world, start, motive):
+    world.subscribe(MOCAP_POSE, DIAGNOSTICS)
+    start("tombo_mocap.mocap_node", *optitrack(motive, "mocap.body:=tombo", "mocap.up:=y_up"))
+    assert motive.asked.wait(_PATIENCE_S)
+
+    def send(number: int) -> None:
+        motive.send({"wand": (9.0, 9.0, 9.0, *_TURNED), "tombo": (1.0, 2.0, 3.0, 0, 0, 0, 1)})
+
+    send_until(send, lambda: len(poses(world)) > 50)
+    pose = world.heard[MOCAP_POSE.name][-1]
+    assert pose.header.frame_id == "map"
+    place = pose.pose.position
+    np.testing.assert_allclose([place.x, place.y, place.z], [1.0, -3.0, 2.0], atol=1e-6)
+    assert pose.pose.orientation.w == pytest.approx(1.0)
+    assert abs(time.time_ns() - to_ns(pose.header.stamp)) < 5e9
+
+    # no camera sees the vehicle: nothing is published, and the fault names those that are seen
+    world.wait_for_fault(
+        "mocap", "body_lost", "'tombo' is not seen; seen: wand",
+        meanwhile=lambda: motive.send({"wand": (9.0, 9.0, 9.0, *_TURNED)}, lost=["tombo"]),
+    )  # fmt: skip
+    count = len(poses(world))
+    for _ in range(20):
+        motive.send({"wand": (9.0, 9.0, 9.0, *_TURNED)}, lost=["tombo"])
+        time.sleep(_PERIOD_S)
+    assert len(poses(world)) == count
+    send_until(send, lambda: len(poses(world)) > count)
+
+
+def test_a_driver_s_topic_of_any_type_and_frame_becomes_poses(world, start):
+    driver = TopicSpec("/vicon/tombo", "geometry_msgs/msg/TransformStamped", SENSOR, 0.0, "")
+    world.subscribe(MOCAP_POSE, DIAGNOSTICS)
+    start(
+        "tombo_mocap.mocap_node", "-p", "mocap.system:=ros", "-p", "mocap.topic:=/vicon/tombo",
+        "-p", "mocap.frame:=world", "-p", "mocap.delay:=0.01",
+    )  # fmt: skip
+    world.wait_for_fault("mocap", "no_frames", "nobody publishes /vicon/tombo")
+
+    message = TransformStamped()
+    message.header.frame_id, message.child_frame_id = "world", "tombo"
+    message.transform.translation.z = 1.5
+    sent = []
+
+    def send(number: int) -> None:
+        sent.append(time.time_ns())
+        message.header.stamp = to_time(sent[-1])
+        world.publish(driver, message)
+
+    send_until(send, lambda: len(poses(world)) > 20)
+    for pose in world.heard[MOCAP_POSE.name]:
+        assert pose.pose.position.z == 1.5
+        assert to_ns(pose.header.stamp) + 10_000_000 in sent
+
+
+def test_a_library_that_ends_is_started_again_and_says_why(world, start):
+    world.subscribe(MOCAP_POSE, DIAGNOSTICS)
+    start(
+        "tombo_mocap.mocap_node", "-p", "mocap.system:=optitrack", "-p", "mocap.host:=nowhere",
+    )  # fmt: skip
+    world.wait_for_fault("mocap", "no_frames", "nothing from optitrack nowhere: ")
+
+
+@pytest.mark.real_time
+def test_a_pose_is_passed_on_within_three_milliseconds(world, start, motive):
+    world.subscribe(MOCAP_POSE)
+    start("tombo_mocap.mocap_node", *optitrack(motive, "mocap.body:=tombo"))
+    assert motive.asked.wait(_PATIENCE_S)
+    sent: list[int] = []
+
+    def send(number: int) -> None:
+        sent.append(time.time_ns())
+        motive.send({"tombo": (float(number), 0.0, 1.0, 0, 0, 0, 1)})
+
+    arrived = []
+
+    def enough() -> bool:
+        arrived.extend(world.inputs[MOCAP_POSE.name].take())
+        return len(arrived) > 1000
+
+    send_until(send, enough)
+    late_s = [
+        1e-9 * (pose.received_ns - sent[round(pose.message.pose.position.x) - 1])
+        for pose in arrived
+    ]
+    with in_time():
+        assert np.percentile(late_s[100:], 99.0) < 0.003

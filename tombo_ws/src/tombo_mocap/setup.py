@@ -1,0 +1,5 @@
+"""Installs the package as setup.cfg says."""
+
+from setuptools import setup
+
+setup()

@@ -1,0 +1,134 @@
+"""Motion capture as a node: `/mocap/pose` of the vehicle's rigid body, from any system."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from tombo_bag.qos import SENSOR
+from tombo_bag.topics import MOCAP_POSE, TopicSpec
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.time_base import SECOND_NS
+from tombo_mocap.params import ROS, MocapParams
+from tombo_mocap.sources import FrameSource, LibraryFrames, bodies_of_message
+from tombo_mocap.tracked_poses import TrackedBody, TrackedPoses
+from tombo_ros.conversion import to_ns
+from tombo_ros.core_node import main_of
+from tombo_ros.health import ERROR
+from tombo_ros.node_loop import LoopNode
+from tombo_ros.pacing import ESTIMATOR
+from tombo_ros.topic import PolledSubscription
+
+_RATE_HZ = 1000.0
+_SILENT_NS = SECOND_NS // 5
+"""Poses come at 30 Hz at least: six are missing."""
+_LOOK_NS = SECOND_NS // 2
+"""How often a topic is looked for whose type is not known yet."""
+
+
+class TopicFrames:
+    """Frames of a driver's topic, once its type is known."""
+
+    def __init__(self, node: LoopNode, params: MocapParams) -> None:
+        self.fault = ""
+        self._node, self._params = node, params
+        self._subscription: PolledSubscription | None = None
+        self._bodies: Any = None
+        self._looked_ns = 0
+
+    def frames(self) -> list[list[TrackedBody]]:
+        """Return the frames that have come since the last call, without waiting."""
+        if self._subscription is None:
+            self._look(time.monotonic_ns())
+            return []
+        return [self._bodies(taken.message) for taken in self._subscription.take()]
+
+    def _look(self, now_ns: int) -> None:
+        if now_ns - self._looked_ns < _LOOK_NS:
+            return
+        self._looked_ns = now_ns
+        topic = "/" + self._params.topic.lstrip("/")
+        types = dict(self._node.ros.get_topic_names_and_types()).get(topic, [])
+        if not types:
+            self.fault = f"nobody publishes {topic}"
+            return
+        try:
+            self._bodies = bodies_of_message(types[0], to_ns, self._params.frame)
+            spec = TopicSpec(topic, types[0], SENSOR, 0.0, "poses of a driver")
+            self._subscription = self._node.subscribe(spec)
+        except (InputError, ImportError) as error:
+            self.fault = str(error)
+            return
+        self.fault = ""
+
+    def close(self) -> None:
+        """End it: nothing is left to do."""
+
+
+class MocapNode(LoopNode):
+    """Passes on the poses of a system within 1 ms of their arrival."""
+
+    def __init__(self) -> None:
+        """Declare parameters, and connect.
+
+        Raises:
+            InputError: a parameter is refused.
+        """
+        records = {"mocap": MocapParams()}
+        super().__init__("mocap", _RATE_HZ, records, fixed=records, priority=ESTIMATOR)
+        try:
+            if self.sim_time:
+                raise InputError("use_sim_time: true; accepted: false, cameras see real time")
+            self._params: MocapParams = self.records["mocap"]
+            self._params.check()
+            self._source: FrameSource = (
+                TopicFrames(self, self._params)
+                if self._params.system == ROS
+                else LibraryFrames(self._params)
+            )
+        except InputError:
+            self.destroy()
+            raise
+        self._poses = TrackedPoses(self._params)
+        self._output = self.advertise(MOCAP_POSE)
+        self._began_ns = time.monotonic_ns()
+        self._frame_ns = self._pose_ns = 0
+
+    def step(self, now_ns: int) -> None:
+        """Pass on what has come."""
+        for bodies in self._source.frames():
+            self._frame_ns = time.monotonic_ns()
+            for pose in self._poses.poses(bodies):
+                self._output.send(pose)
+                self._pose_ns = self._frame_ns
+
+    def periodic_tasks(self, wall_ns: int, now_ns: int) -> None:
+        """Say what is wrong."""
+        mono_ns = time.monotonic_ns()
+        params, names = self._params, sorted(self._poses.names)
+        frames = mono_ns - max(self._frame_ns, self._began_ns) < _SILENT_NS
+        source = params.topic if params.system == ROS else f"{params.system} {params.host}".strip()
+        why = f": {self._source.fault}" if self._source.fault else ""
+        self.health.fault("no_frames", not frames, f"nothing from {source}{why}", ERROR)
+        lost = frames and mono_ns - max(self._pose_ns, self._began_ns) > _SILENT_NS
+        wanted = f"'{params.body}'" if params.body else "exactly one rigid body"
+        text = f"{wanted} is not seen; seen: {', '.join(names) or 'none'}"
+        self.health.fault("body_lost", lost, text, ERROR)
+        super().periodic_tasks(wall_ns, now_ns)
+
+    def report(self, now_ns: int) -> None:
+        """Add the counters of poses."""
+        for key, count in vars(self._poses.counters).items():
+            self.health.value(f"poses.{key}", count)
+        super().report(now_ns)
+
+    def close(self) -> None:
+        """End the library's process."""
+        self._source.close()
+
+
+main = main_of(MocapNode)
+
+
+if __name__ == "__main__":
+    main()

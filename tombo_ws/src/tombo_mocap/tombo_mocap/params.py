@@ -1,0 +1,70 @@
+"""Parameters of the motion capture: which system, which body, how its axes and stamps are read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.params import param, validate
+
+ROS = "ros"
+SYSTEMS = {
+    "optitrack": "Motive, over NatNet",
+    "vicon": "Vicon Tracker or Nexus, over the DataStream SDK",
+    "qualisys": "Qualisys Track Manager, over its real-time protocol",
+    "vrpn": "a VRPN server",
+    "mock": "poses that stand still, for trials without cameras",
+    ROS: "a topic of another driver",
+}
+"""Name of a system, as in the wheel of libmotioncapture → its software; others by VRPN or ROS."""
+UP_AXES = ("z_up", "y_up")
+NOSE_AXES = ("+x", "+y", "-x", "-y")
+"""With signs: YAML takes a bare y for true."""
+
+
+def _text(default: str, doc: str) -> Any:
+    return field(default=default, metadata={"doc": doc})
+
+
+@dataclass(frozen=True)
+class MocapParams:
+    """Where poses come from, and how they become poses of base_link in map."""
+
+    system: str = _text("", f"source of the poses: {', '.join(SYSTEMS)}")
+    host: str = _text("", "address of the motion-capture computer; of vrpn HOST:PORT")
+    options: str = _text("", "KEY=VALUE of libmotioncapture, with spaces between them")
+    topic: str = _text("", "of system ros: the driver's topic")
+    frame: str = _text("", "of system ros: frame_id that a pose must have; empty: any")
+    body: str = _text("", "name of the rigid body; empty: the only one there is")
+    up: str = _text(
+        "z_up", "axis of the system, and of its rigid bodies, that points up: z_up or y_up"
+    )
+    nose: str = _text(
+        "+x", "axis of the rigid body that points to the nose, with z up: +x, +y, -x or -y"
+    )
+    delay: float = param(
+        0.0,
+        "s",
+        (0.0, 0.2),
+        "from capture to arrival of a pose; a topic has stamps of its own, made earlier by this",
+        "0, because it differs: 5 to 10 ms is usual; `tombo check mocap` tells",
+    )
+
+    def check(self) -> None:
+        """Refuse what can't be used.
+
+        Raises:
+            InputError: names the parameter, its value and what is accepted.
+        """
+        validate(self, "mocap")
+        for name, accepted in (("system", SYSTEMS), ("up", UP_AXES), ("nose", NOSE_AXES)):
+            if getattr(self, name) not in accepted:
+                raise unknown_name(f"mocap.{name}", getattr(self, name), accepted)
+        if self.system == ROS and not self.topic:
+            raise InputError("mocap.topic: ''; accepted with system ros: the driver's topic")
+        if self.system not in (ROS, "mock") and not self.host:
+            raise InputError(
+                f"mocap.host: ''; accepted with system {self.system}: the address of the "
+                "motion-capture computer"
+            )
